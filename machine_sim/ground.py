@@ -1,0 +1,103 @@
+"""The terrain as machines feel it: a copy of the soil's surface that tracks and particles touch.
+
+The soil owns the heights; this copy follows its changed cells. Soil that is put down under a
+resting particle raises the surface under it, and a step up inside a stiff contact would fire the
+particle into the air. The *contact* surface therefore rises at a bounded speed toward the true
+one (and falls with it at once): the particle is lifted, not shot.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from msg_bridge.contract.errors import EarthmovingError
+from msg_bridge.contract.grid import Grid
+
+__all__ = ["RISE_SPEED", "Ground", "GroundError", "surface_at"]
+
+RISE_SPEED = 0.3
+"""Fastest rise of the contact surface [m/s]."""
+
+
+class GroundError(EarthmovingError):
+    """A terrain or a change of it that machines cannot stand on."""
+
+
+class Ground:
+    """Heights of the terrain in the grid's matrix order.
+
+    Attributes:
+        grid: where each height lies.
+        elevation: the soil's surface [m], shape (rows, cols), float64.
+        surface: the contact surface [m], same shape; `elevation` except where it still rises.
+    """
+
+    def __init__(self, grid: Grid, elevation: NDArray[np.floating]) -> None:
+        if elevation.shape != grid.shape or not np.isfinite(elevation).all():
+            raise GroundError(
+                f"terrain heights must be finite and of shape {grid.shape}, got {elevation.shape}"
+            )
+        self.grid = grid
+        self.elevation: NDArray[np.float64] = np.array(elevation, dtype=np.float64)
+        self.surface: NDArray[np.float64] = self.elevation.copy()
+        self._rising: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+
+    @property
+    def frame(self) -> tuple[float, float, float]:
+        """(x of row 0, y of column 0, 1/cell): what the kernels need to find a column."""
+        return (self.grid.x_first, self.grid.y_first, 1.0 / self.grid.cell)
+
+    def update(
+        self,
+        rows: NDArray[np.integer],
+        cols: NDArray[np.integer],
+        heights: NDArray[np.floating],
+    ) -> None:
+        """Take over changed cells: `elevation[rows, cols] = heights` [m]."""
+        if rows.size == 0:
+            return
+        if not np.isfinite(heights).all():
+            raise GroundError("a changed cell has no finite height; resync from the terrain map")
+        self.elevation[rows, cols] = heights
+        lower = heights < self.surface[rows, cols]
+        self.surface[rows[lower], cols[lower]] = heights[lower]
+        risen = np.ravel_multi_index((rows[~lower], cols[~lower]), self.grid.shape)
+        self._rising = np.union1d(self._rising, risen)
+
+    def advance(self, dt: float) -> None:
+        """Let the contact surface rise toward the soil's for `dt` [s]."""
+        if self._rising.size == 0:
+            return
+        surface, elevation = self.surface.reshape(-1), self.elevation.reshape(-1)
+        cells = self._rising
+        surface[cells] = np.minimum(surface[cells] + RISE_SPEED * dt, elevation[cells])
+        self._rising = cells[surface[cells] < elevation[cells]]
+
+    def height(self, x: float, y: float) -> float:
+        """Contact surface [m] at a point of the map frame; the outer column goes on beyond."""
+        return float(surface_at(self.surface, *self.frame, x, y)[0])
+
+
+@njit(cache=True, inline="always")
+def surface_at(surface, x_first, y_first, inverse_cell, x, y):  # type: ignore[no-untyped-def]
+    """Bilinear height [m] and its slopes dz/dx, dz/dy at (x, y) [m], map frame.
+
+    Beyond the outer grid points the edge goes on level.
+    """
+    rows, cols = surface.shape
+    u = min(max((x_first - x) * inverse_cell, 0.0), rows - 1.0)
+    v = min(max((y_first - y) * inverse_cell, 0.0), cols - 1.0)
+    i = min(int(math.floor(u)), rows - 2)
+    j = min(int(math.floor(v)), cols - 2)
+    u -= i
+    v -= j
+    a, b = surface[i, j], surface[i, j + 1]
+    c, d = surface[i + 1, j], surface[i + 1, j + 1]
+    height = (a * (1 - v) + b * v) * (1 - u) + (c * (1 - v) + d * v) * u
+    slope_x = -((c - a) * (1 - v) + (d - b) * v) * inverse_cell
+    slope_y = -((b - a) * (1 - u) + (d - c) * u) * inverse_cell
+    return height, slope_x, slope_y

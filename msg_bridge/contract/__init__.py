@@ -1,0 +1,1 @@
+"""What soil and machines agree on; no ROS, no physics."""

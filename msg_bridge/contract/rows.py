@@ -1,0 +1,141 @@
+"""The rows that cross between soil and machines, as NumPy structured arrays.
+
+Every row stream numbers its rows from 1 in `seq`; a gap is a lost row, a repeat is a duplicate.
+Lengths are in metres of the map frame, volumes in mm^3 of bank (undisturbed) soil.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "CHANGED",
+    "CONVERSION",
+    "FORCE",
+    "LANDED",
+    "MAX_ROW_VOLUME",
+    "SWEEP",
+    "Action",
+    "Kind",
+    "Rows",
+    "empty_rows",
+]
+
+Rows = NDArray[np.void]
+"""A one-dimensional structured array of one of the dtypes below."""
+
+MAX_ROW_VOLUME = 2**32 - 1
+"""Largest volume one row carries [mm^3]; more is split into several rows."""
+
+
+class Action(IntEnum):
+    """What a tool does to the soil it sweeps."""
+
+    CUT = 0
+    PRESS = 1
+    """Pushes soil down without taking it: a track shoe, the back of a bucket."""
+
+
+class Kind(IntEnum):
+    """What a conversion row says was moved."""
+
+    EXCAVATE = 0
+    """Out of a column, credited to the source's pending account."""
+    DEPOSIT = 1
+    """A landed particle became terrain."""
+    OUTSIDE = 2
+    """A landed particle had left the map."""
+    REFUSE = 3
+    """A landed row was malformed: the particle stays a particle."""
+
+
+SWEEP = np.dtype(
+    [
+        ("x0", "<f4"),  # the key point at the tick's start
+        ("y0", "<f4"),
+        ("z0", "<f4"),
+        ("x1", "<f4"),  # and at its end
+        ("y1", "<f4"),
+        ("z1", "<f4"),
+        ("seq", "<u4"),
+        ("pair", "<u2"),  # rows 2k and 2k+1 of a tool are the left and right end of pair k
+        ("tool", "<u2"),
+        ("source", "<u2"),
+        ("action", "u1"),  # Action
+    ]
+)
+"""A tool's key points over one tick, machine to soil; both ends of a pair, lip first."""
+
+LANDED = np.dtype(
+    [
+        ("x", "<f4"),
+        ("y", "<f4"),
+        ("z", "<f4"),
+        ("volume_mm3", "<u4"),
+        ("particle_id", "<u4"),
+        ("seq", "<u4"),
+        ("source", "<u2"),
+        ("soil", "u1"),
+        ("moisture", "u1"),
+    ]
+)
+"""A particle that came to rest, machine to soil. It stays the machine's until answered."""
+
+CONVERSION = np.dtype(
+    [
+        ("x", "<f4"),
+        ("y", "<f4"),
+        ("z", "<f4"),
+        ("seq", "<u4"),
+        ("tick", "<u4"),
+        ("row", "<u4"),
+        ("col", "<u4"),
+        ("particle_id", "<u4"),
+        ("volume_mm3", "<u4"),
+        ("source", "<u2"),
+        ("soil", "u1"),
+        ("kind", "u1"),  # Kind
+    ]
+)
+"""What was actually moved, soil to all. EXCAVATE: x, y, z is the centroid of the removed soil."""
+
+CHANGED = np.dtype(
+    [
+        ("x", "<f4"),
+        ("y", "<f4"),
+        ("z", "<f4"),  # elevation
+        ("loose_depth", "<f4"),
+        ("volume_mm3", "<f8"),  # exact: whole numbers below 2**53
+        ("row", "<u4"),
+        ("col", "<u4"),
+        ("revision", "<u4"),
+        ("seq", "<u4"),
+    ]
+)
+"""A column whose volume changed in a tick, slip included, soil to all."""
+
+FORCE = np.dtype(
+    [
+        ("x", "<f4"),  # where it acts
+        ("y", "<f4"),
+        ("z", "<f4"),
+        ("fx", "<f4"),  # force [N] of the soil on the tool
+        ("fy", "<f4"),
+        ("fz", "<f4"),
+        ("tx", "<f4"),  # torque [N m] about that point
+        ("ty", "<f4"),
+        ("tz", "<f4"),
+        ("seq", "<u4"),
+        ("tool", "<u2"),
+        ("source", "<u2"),
+    ]
+)
+"""The soil's wrench on a tool that swept, soil to machine; zero wrenches are sent too."""
+
+
+def empty_rows(dtype: np.dtype[np.void], count: int = 0) -> Rows:
+    """`count` zeroed rows of `dtype`."""
+    return np.zeros(count, dtype=dtype)
