@@ -1,0 +1,173 @@
+"""The messages that cross between soil and machines, whatever carries them.
+
+A tick is told by headers; rows travel beside them in chunks. A side is through with tick k when it
+holds the other's header k and every row that header counts. Rows are numbered from 1 in each
+stream, so what is missing can be named and asked for again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.rows import CHANGED, CONVERSION, FORCE, LANDED, SWEEP, Rows
+
+__all__ = [
+    "STREAM_DTYPE",
+    "Keyframe",
+    "MachineHeader",
+    "Message",
+    "Resend",
+    "RowChunk",
+    "RowRange",
+    "SoilHeader",
+    "SourceReceipt",
+    "Stream",
+    "Verb",
+]
+
+
+class Verb(IntEnum):
+    """What a machine header says."""
+
+    JOIN = 0
+    STEP = 1
+    LEAVE = 2
+
+
+class Stream(IntEnum):
+    """What is numbered on its own, and can be asked for again."""
+
+    HEADER = 0
+    SWEEP = 1
+    LANDED = 2
+    CONVERSION = 3
+    CHANGED = 4
+    FORCE = 5
+    KEYFRAME = 6
+
+
+STREAM_DTYPE: dict[Stream, np.dtype[np.void]] = {
+    Stream.SWEEP: SWEEP,
+    Stream.LANDED: LANDED,
+    Stream.CONVERSION: CONVERSION,
+    Stream.CHANGED: CHANGED,
+    Stream.FORCE: FORCE,
+}
+"""Row type of each stream of rows."""
+
+
+@dataclass(frozen=True)
+class RowRange:
+    """`count` rows of a stream from sequence number `first` on."""
+
+    first: int = 1
+    count: int = 0
+
+    @property
+    def last(self) -> int:
+        """Sequence number of the last row; first - 1 if there is none."""
+        return self.first + self.count - 1
+
+
+@dataclass(frozen=True)
+class MachineHeader:
+    """A machine's word on one tick.
+
+    Attributes:
+        epoch: raised by every reset; older messages are ignored.
+        source: the machine, from 1.
+        tick: the tick these rows belong to.
+        verb: join, step or leave.
+        sweeps, landed: rows sent for this tick.
+        conversions_received: last conversion row applied to the totals below.
+        conversions_durable: last conversion row the soil may forget.
+        pending_mm3: parcels received and not yet particles, at the end of the tick.
+        particles_mm3: live particles, frozen ones included, at the end of the tick.
+    """
+
+    epoch: int
+    source: int
+    tick: int
+    verb: Verb
+    sweeps: RowRange = RowRange()
+    landed: RowRange = RowRange()
+    conversions_received: int = 0
+    conversions_durable: int = 0
+    pending_mm3: int = 0
+    particles_mm3: int = 0
+
+
+@dataclass(frozen=True)
+class SourceReceipt:
+    """What the soil holds of one source: its last landed row received, and durable."""
+
+    source: int
+    landed_received: int
+    landed_durable: int
+
+
+@dataclass(frozen=True)
+class SoilHeader:
+    """The soil's word on one tick.
+
+    Attributes:
+        epoch: raised by every reset.
+        tick: the tick these rows answer.
+        revision: of the terrain after the tick.
+        conversions, changed, forces: rows sent for this tick.
+        receipts: one per joined source; a source listed here takes part from the next tick on.
+    """
+
+    epoch: int
+    tick: int
+    revision: int
+    conversions: RowRange
+    changed: RowRange
+    forces: RowRange
+    receipts: tuple[SourceReceipt, ...]
+
+
+@dataclass(frozen=True)
+class RowChunk:
+    """Rows of one stream; `source` is 0 for the soil's own streams."""
+
+    epoch: int
+    stream: Stream
+    source: int
+    rows: Rows
+
+
+@dataclass(frozen=True)
+class Resend:
+    """A request: rows [first, first + count) of a stream, or the header of tick `first`.
+
+    `source` is the machine that asks or is asked.
+    """
+
+    epoch: int
+    source: int
+    stream: Stream
+    first: int
+    count: int = 1
+
+
+@dataclass(frozen=True)
+class Keyframe:
+    """The whole terrain surface, so that changed cells have something to change.
+
+    Attributes:
+        elevation: [m], shape (rows, cols), grid_map matrix order.
+    """
+
+    epoch: int
+    revision: int
+    grid: Grid
+    elevation: NDArray[np.float64]
+
+
+Message = MachineHeader | SoilHeader | RowChunk | Resend | Keyframe

@@ -1,0 +1,19 @@
+"""Rows cut into messages of bounded size."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from msg_bridge.contract.messages import RowChunk, Stream
+from msg_bridge.contract.rows import Rows
+
+__all__ = ["CHUNK_ROWS", "chunked"]
+
+CHUNK_ROWS = 2048
+"""Rows in one message, at most: a lost one is then cheap to send again."""
+
+
+def chunked(epoch: int, stream: Stream, source: int, rows: Rows) -> Iterator[RowChunk]:
+    """Chunks of at most CHUNK_ROWS rows; none for no rows."""
+    for first in range(0, rows.size, CHUNK_ROWS):
+        yield RowChunk(epoch, stream, source, rows[first : first + CHUNK_ROWS])

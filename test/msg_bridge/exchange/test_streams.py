@@ -1,0 +1,67 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.messages import RowRange, Stream
+from msg_bridge.contract.rows import LANDED, empty_rows
+from msg_bridge.exchange.streams import Incoming, Outgoing
+
+
+def numbered(count: int) -> np.ndarray:
+    rows = empty_rows(LANDED, count)
+    rows["particle_id"] = np.arange(100, 100 + count)
+    return Outgoing(Stream.LANDED).append(rows)[0]
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.permutations(range(30)), st.integers(1, 7))
+def test_rows_in_any_order_come_out_once_and_in_order(order: list[int], size: int) -> None:
+    rows = numbered(30)
+    incoming = Incoming(Stream.LANDED)
+    new = 0
+    for k in range(0, 30, size):
+        chunk = rows[np.array(order[k : k + size])]
+        new += incoming.add(chunk)
+        incoming.add(chunk)
+    assert new == 30
+    assert np.array_equal(incoming.rows(RowRange(1, 30)), rows)
+
+
+def test_gaps_are_named() -> None:
+    rows = numbered(10)
+    incoming = Incoming(Stream.LANDED)
+    incoming.add(rows[[0, 1, 4, 8]])
+    assert incoming.received == 2
+    gaps = incoming.missing(RowRange(1, 10))
+    assert gaps == [RowRange(3, 2), RowRange(6, 3), RowRange(10, 1)]
+    with pytest.raises(ExchangeError, match="not here"):
+        incoming.rows(RowRange(1, 10))
+
+
+def test_forgotten_rows_count_as_duplicates() -> None:
+    rows = numbered(10)
+    incoming = Incoming(Stream.LANDED)
+    incoming.add(rows)
+    incoming.forget(6)
+    assert incoming.add(rows) == 0
+    assert np.array_equal(incoming.rows(RowRange(7, 4)), rows[6:])
+
+
+def test_rows_are_sent_again_until_forgotten() -> None:
+    outgoing = Outgoing(Stream.LANDED)
+    outgoing.append(empty_rows(LANDED, 5))
+    rows, span = outgoing.append(empty_rows(LANDED, 5))
+    assert span == RowRange(6, 5)
+    assert rows["seq"].tolist() == [6, 7, 8, 9, 10]
+    assert outgoing.again(4, 3)["seq"].tolist() == [4, 5, 6]
+    outgoing.forget(5)
+    assert outgoing.again(4, 3)["seq"].tolist() == [6]
+
+
+def test_a_number_far_ahead_is_refused() -> None:
+    rows = numbered(1)
+    rows["seq"] = 2**31
+    with pytest.raises(ExchangeError, match="rows ahead"):
+        Incoming(Stream.LANDED).add(rows)

@@ -1,0 +1,132 @@
+"""A soil and a machine reduced to their books, to test the exchange without any physics."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.rows import (
+    CHANGED,
+    CONVERSION,
+    FORCE,
+    LANDED,
+    SWEEP,
+    Kind,
+    Rows,
+    empty_rows,
+)
+from msg_bridge.exchange.machine_side import MachineExchange
+from msg_bridge.exchange.soil_side import SoilExchange, TickInput
+
+GRID = Grid(4, 4, 1.0)
+
+
+class BookSoil:
+    """Gives a random volume for each sweep row and takes back what lands."""
+
+    def __init__(self, rng: np.random.Generator, expected: tuple[int, ...] = (1,)) -> None:
+        self.rng = rng
+        self.terrain = 10**15
+        self.rows_seen: list[tuple[int, int]] = []
+        self.exchange = SoilExchange(GRID, lambda: np.zeros(GRID.shape), expected=expected)
+        self.ledgers: list[Ledger] = []
+
+    def step(self) -> bool:
+        tick = self.exchange.poll()
+        if tick is None:
+            return False
+        conversions = self.move(tick)
+        changed = empty_rows(CHANGED, 3)
+        changed["revision"] = tick.tick
+        forces = empty_rows(FORCE, 1)
+        self.ledgers.append(
+            self.exchange.answer(
+                conversions, forces, changed, revision=tick.tick, terrain_mm3=self.terrain
+            )
+        )
+        return True
+
+    def move(self, tick: TickInput) -> Rows:
+        self.rows_seen += [(int(r["source"]), int(r["seq"])) for r in tick.landed]
+        dug = empty_rows(CONVERSION, tick.sweeps.size)
+        dug["kind"], dug["source"] = Kind.EXCAVATE, tick.sweeps["source"]
+        dug["volume_mm3"] = self.rng.integers(1, 2**32 - 1, tick.sweeps.size)
+        back = empty_rows(CONVERSION, tick.landed.size)
+        for name in ("source", "particle_id", "volume_mm3"):
+            back[name] = tick.landed[name]
+        back["kind"] = self.rng.choice(
+            [Kind.DEPOSIT, Kind.OUTSIDE, Kind.REFUSE], tick.landed.size, p=[0.8, 0.1, 0.1]
+        )
+        onto = back["volume_mm3"][back["kind"] == Kind.DEPOSIT].astype(np.int64).sum()
+        self.terrain += int(onto) - int(dug["volume_mm3"].astype(np.int64).sum())
+        return np.concatenate([dug, back])
+
+
+class BookMachine:
+    """Turns what it gets into particles, and lands some of them each tick."""
+
+    def __init__(self, rng: np.random.Generator, source: int = 1) -> None:
+        self.rng = rng
+        self.exchange = MachineExchange(source)
+        self.pending: list[int] = []
+        self.particles: dict[int, int] = {}
+        self.frozen: set[int] = set()
+        self.born = 0
+        self.applied: list[int] = []
+        self.rows_per_tick = 8
+
+    @property
+    def totals(self) -> dict[str, int]:
+        return {"pending_mm3": sum(self.pending), "particles_mm3": sum(self.particles.values())}
+
+    def step(self, *, leave: bool = False) -> bool:
+        """Apply an answer if it has come, and send the next tick; False if still waiting."""
+        if not self.exchange.joined:
+            return False
+        if self.exchange.waiting:
+            answer = self.exchange.poll()
+            if answer is None:
+                return False
+            self.apply(answer.conversions)
+            if not self.exchange.joined:
+                return True
+        while self.pending:
+            self.born += 1
+            self.particles[self.born] = self.pending.pop()
+        free = [n for n in self.particles if n not in self.frozen]
+        landing = free[: int(self.rng.integers(0, self.rows_per_tick + 1))]
+        landed = empty_rows(LANDED, len(landing))
+        landed["particle_id"] = landing
+        landed["volume_mm3"] = [self.particles[n] for n in landing]
+        self.frozen |= set(landing)
+        sweeps = empty_rows(SWEEP, int(self.rng.integers(0, self.rows_per_tick + 1)))
+        self.exchange.send(sweeps, landed, **self.totals, leave=leave)
+        return True
+
+    def apply(self, conversions: Rows) -> None:
+        for row in conversions:
+            self.applied.append(int(row["seq"]))
+            particle = int(row["particle_id"])
+            if row["kind"] == Kind.EXCAVATE:
+                self.pending.append(int(row["volume_mm3"]))
+            elif row["kind"] == Kind.REFUSE:
+                self.frozen.remove(particle)
+            else:
+                assert self.particles.pop(particle) == row["volume_mm3"]
+                self.frozen.remove(particle)
+
+
+def run(soil: BookSoil, machines: list[BookMachine], transport: object, ticks: int) -> None:
+    """Drive all parties until the soil has answered `ticks` more ticks."""
+    goal = soil.exchange.tick + ticks
+    for _ in range(100 * ticks + 1000):
+        if soil.exchange.tick >= goal:
+            return
+        moved = transport.carry()  # type: ignore[attr-defined]
+        moved += soil.step()
+        moved += sum(machine.step() for machine in machines)
+        if not moved:
+            for end in (soil.exchange, *(machine.exchange for machine in machines)):
+                end.remind()
+    raise AssertionError(f"stuck at tick {soil.exchange.tick} of {goal}")
