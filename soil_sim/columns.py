@@ -1,0 +1,107 @@
+"""The terrain's state: how much soil stands in every column.
+
+A column holds *firm* soil (undisturbed, bank volume) and *loose* soil on top of it. Both are kept
+as whole mm^3 of bank volume, so that the account of the terrain is an integer; loose soil takes
+`1 + swell` times its bank volume of room, which shows in the height alone::
+
+    height = floor + (firm + loose * (1 + swell)) / cell area
+
+The floor lies `dig_depth` below the lowest point of the map and cannot be dug.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from msg_bridge.contract.grid import Grid
+from soil_sim.errors import SoilError
+
+__all__ = ["Columns", "raise_column", "take_from_column"]
+
+_LARGEST_COLUMN_MM3 = 2**52
+"""Above this a column's volume would not survive the float64 field of a message."""
+
+
+class Columns:
+    """Firm and loose soil of every column, and the height they reach.
+
+    Attributes:
+        grid: where each column stands.
+        floor: height of the undiggable floor [m].
+        swell: growth of soil when loosened, a fraction of its bank volume.
+        firm: undisturbed soil [mm^3 bank], shape (rows, cols), int64.
+        loose: disturbed soil [mm^3 bank], shape (rows, cols), int64.
+        height: surface [m], shape (rows, cols), float64; follows firm and loose.
+        changed: columns touched since `take_changed`, shape (rows, cols), uint8.
+    """
+
+    def __init__(
+        self, grid: Grid, heights: NDArray[np.floating], *, dig_depth: float, swell: float
+    ) -> None:
+        """All soil firm, its surface at `heights` [m], shape (rows, cols)."""
+        if heights.shape != grid.shape or not np.isfinite(heights).all():
+            raise SoilError(
+                f"heights must be finite and of shape {grid.shape}, not {heights.shape}"
+            )
+        self.grid = grid
+        self.swell = swell
+        self.floor = float(heights.min()) - dig_depth
+        bulk = (np.asarray(heights, dtype=np.float64) - self.floor) / self.metres_per_mm3
+        if bulk.max() > _LARGEST_COLUMN_MM3:
+            raise SoilError("a column holds more than 2**52 mm^3; use smaller cells or dig_depth")
+        self.firm: NDArray[np.int64] = np.rint(bulk).astype(np.int64)
+        self.loose: NDArray[np.int64] = np.zeros(grid.shape, dtype=np.int64)
+        self.height: NDArray[np.float64] = np.asarray(
+            self.floor + self.firm * self.metres_per_mm3, dtype=np.float64
+        )
+        self.changed: NDArray[np.uint8] = np.zeros(grid.shape, dtype=np.uint8)
+
+    @property
+    def metres_per_mm3(self) -> float:
+        """Rise of a column's surface for one mm^3 of bulk volume [m]."""
+        return 1e-3 / self.grid.cell_area_mm2
+
+    @property
+    def total_mm3(self) -> int:
+        """Bank volume of all columns above the floor [mm^3], counted anew."""
+        return int(self.firm.sum()) + int(self.loose.sum())
+
+    def volume(self, rows: NDArray[np.integer], cols: NDArray[np.integer]) -> NDArray[np.int64]:
+        """Bank volume of the given columns [mm^3]."""
+        volume: NDArray[np.int64] = self.firm[rows, cols] + self.loose[rows, cols]
+        return volume
+
+    def take_changed(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """(rows, cols) of the columns changed since the last call, in row-major order."""
+        rows, cols = np.nonzero(self.changed)
+        self.changed[rows, cols] = 0
+        return rows, cols
+
+
+@njit(cache=True, inline="always")
+def raise_column(firm, loose, height, changed, i, bank, metres_per_mm3, swell, floor):  # type: ignore[no-untyped-def]
+    """Add `bank` mm^3 of loose soil to the column with flat index i."""
+    loose[i] += bank
+    height[i] = floor + (firm[i] + loose[i] * (1.0 + swell)) * metres_per_mm3
+    changed[i] = 1
+
+
+@njit(cache=True, inline="always")
+def take_from_column(firm, loose, height, changed, i, bulk, metres_per_mm3, swell, floor):  # type: ignore[no-untyped-def]
+    """Lower the column with flat index i by `bulk` mm^3 of room, loose soil first.
+
+    Returns:
+        The bank volume taken [mm^3], a whole number; never more than the column holds.
+    """
+    from_loose = min(np.int64(bulk / (1.0 + swell) + 0.5), loose[i])
+    rest = bulk - from_loose * (1.0 + swell)
+    from_firm = np.int64(0)
+    if from_loose == loose[i] and rest > 0.5:
+        from_firm = min(np.int64(rest + 0.5), firm[i])
+    loose[i] -= from_loose
+    firm[i] -= from_firm
+    height[i] = floor + (firm[i] + loose[i] * (1.0 + swell)) * metres_per_mm3
+    changed[i] = 1
+    return from_loose + from_firm

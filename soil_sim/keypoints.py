@@ -1,0 +1,120 @@
+"""The reference's digging rule: collision points lower the grid points around them (3.3.1).
+
+Between the left and right key point of every pair, h points are interpolated. Each lowers the four
+grid points around it to its own height wherever they are higher. As in the reference, poses are
+sampled at the end of a tick and the cut is as wide as the grid makes it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from msg_bridge.contract.rows import Action, Rows
+from soil_sim.columns import Columns, take_from_column
+from soil_sim.cut import Removed
+
+__all__ = ["KeyPointCut", "collision_points"]
+
+
+def collision_points(sweeps: Rows, between: int) -> NDArray[np.float64]:
+    """The `between` points on each key-point pair at the end of a tick.
+
+    Args:
+        sweeps: SWEEP rows, left and right end of each pair in turn.
+        between: h, points interpolated between the ends, which are left out themselves.
+
+    Returns:
+        Shape (pairs * between, 3) [m], map frame; 7 pairs and h = 8 give the reference's 56.
+    """
+    cutting = sweeps[sweeps["action"] == Action.CUT]
+    ends = np.stack([cutting["x1"], cutting["y1"], cutting["z1"]], axis=-1).astype(np.float64)
+    left, right = ends[0::2], ends[1::2]
+    parts = (np.arange(1, between + 1) / (between + 1))[None, :, None]
+    points: NDArray[np.float64] = left[:, None] + parts * (right - left)[:, None]
+    return points.reshape(-1, 3)
+
+
+class KeyPointCut:
+    """Lowers the four grid points around each collision point."""
+
+    def __init__(self, columns: Columns, *, between: int = 8) -> None:
+        """
+        Args:
+            columns: the terrain this cuts.
+            between: h, points between the ends of a pair.
+        """
+        self._columns = columns
+        self._between = between
+
+    def sweep(self, sweeps: Rows) -> Removed:
+        """Cut at the end poses of one tick's SWEEP rows."""
+        c = self._columns
+        removed: Removed = _lower(
+            collision_points(sweeps, self._between),
+            c.firm.reshape(-1),
+            c.loose.reshape(-1),
+            c.height.reshape(-1),
+            c.changed.reshape(-1),
+            c.grid.rows,
+            c.grid.cols,
+            c.grid.x_first,
+            c.grid.y_first,
+            c.grid.cell,
+            c.metres_per_mm3,
+            c.swell,
+            c.floor,
+        )
+        return removed
+
+
+@njit(cache=True)
+def _lower(  # type: ignore[no-untyped-def]
+    points,
+    firm,
+    loose,
+    height,
+    changed,
+    rows,
+    cols,
+    x_first,
+    y_first,
+    cell,
+    metres_per_mm3,
+    swell,
+    floor,
+):
+    out = np.empty((4 * points.shape[0], 5))
+    n = 0
+    for p in range(points.shape[0]):
+        i0 = np.int64(np.floor((x_first - points[p, 0]) / cell))
+        j0 = np.int64(np.floor((y_first - points[p, 1]) / cell))
+        if i0 < 0 or j0 < 0 or i0 + 1 >= rows or j0 + 1 >= cols:
+            continue
+        z = max(points[p, 2], floor)
+        for i in range(i0, i0 + 2):
+            for j in range(j0, j0 + 2):
+                k = i * cols + j
+                if height[k] <= z:
+                    continue
+                top = height[k]
+                bank = take_from_column(
+                    firm,
+                    loose,
+                    height,
+                    changed,
+                    k,
+                    (top - z) / metres_per_mm3,
+                    metres_per_mm3,
+                    swell,
+                    floor,
+                )
+                if bank > 0:
+                    out[n, 0] = k
+                    out[n, 1] = bank
+                    out[n, 2] = x_first - i * cell
+                    out[n, 3] = y_first - j * cell
+                    out[n, 4] = 0.5 * (top + z)
+                    n += 1
+    return out[:n]

@@ -1,0 +1,184 @@
+"""The soil: one tick turns what tools swept and what landed into what was actually moved.
+
+    cut -> deposit -> slip
+
+This is the whole of the soil side's physics; it knows no messages, no clock and no accounts but
+the terrain's own. The exchange (`msg_bridge.exchange`) numbers the rows it returns.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.rows import (
+    CHANGED,
+    CONVERSION,
+    FORCE,
+    MAX_ROW_VOLUME,
+    Kind,
+    Rows,
+    empty_rows,
+)
+from soil_sim.columns import Columns
+from soil_sim.cut import Removed, SweptCut, strips_of
+from soil_sim.keypoints import KeyPointCut
+from soil_sim.landing import deposit
+from soil_sim.params import SoilParams
+from soil_sim.slip import Slip
+from soil_sim.tiles import Tiles
+
+__all__ = ["Soil", "SoilStep"]
+
+
+@dataclass(frozen=True)
+class SoilStep:
+    """What one tick moved; rows are not numbered yet (`seq` 0).
+
+    Attributes:
+        conversions: CONVERSION rows, answers to landed rows in the order they came.
+        forces: FORCE rows, one per tool that swept.
+        changed: CHANGED rows, one per column whose volume changed.
+    """
+
+    conversions: Rows
+    forces: Rows
+    changed: Rows
+
+
+class Soil:
+    """A terrain that is cut, filled and slips.
+
+    Attributes:
+        params: as given.
+        columns: the terrain's state.
+        slip: columns waiting to slip.
+        revision: number of ticks that changed the terrain.
+    """
+
+    def __init__(
+        self, grid: Grid, heights: NDArray[np.floating], params: SoilParams | None = None
+    ) -> None:
+        """
+        Args:
+            grid: where each column stands.
+            heights: surface of the undisturbed soil [m], shape (rows, cols).
+            params: defaults to the reference's soil.
+        """
+        self.params = params or SoilParams()
+        self.columns = Columns(
+            grid, heights, dig_depth=self.params.dig_depth, swell=self.params.swell
+        )
+        self.slip = Slip(
+            self.columns,
+            angle=math.radians(self.params.repose_angle),
+            radius=self.params.slip_radius,
+            tolerance=self.params.slip_tolerance,
+        )
+        self._swept = SweptCut(self.columns, self.slip.held, resolution=self.params.cut_resolution)
+        self._key_points = KeyPointCut(self.columns, between=self.params.key_points_between)
+        self._tiles = Tiles(self.columns)
+        self.revision = 0
+
+    @property
+    def grid(self) -> Grid:
+        """Where each column stands."""
+        return self.columns.grid
+
+    @property
+    def total_mm3(self) -> int:
+        """Bank volume of the terrain [mm^3]."""
+        return self._tiles.total_mm3
+
+    def verify(self) -> bool:
+        """Count every column anew and compare with the running count."""
+        return self.columns.total_mm3 == self.total_mm3
+
+    def state_hash(self) -> str:
+        """SHA-256 [hex] of the integer state of the terrain."""
+        return self._tiles.state_hash()
+
+    def step(self, tick: int, sweeps: Rows, landed: Rows) -> SoilStep:
+        """Advance one tick.
+
+        Args:
+            tick: number of the tick, written into the conversions.
+            sweeps: SWEEP rows of all sources, in the order of source and seq.
+            landed: LANDED rows likewise.
+        """
+        conversions = [self._cut(tick, sweeps), self._deposit(tick, landed)]
+        self.slip.relax(self.params.slip_budget)
+        return SoilStep(np.concatenate(conversions), _zero_forces(sweeps), self._changed())
+
+    def _cut(self, tick: int, sweeps: Rows) -> Rows:
+        parts = [empty_rows(CONVERSION)]
+        for source in np.unique(sweeps["source"]):
+            own = sweeps[sweeps["source"] == source]
+            if self.params.cut_mode == "reference":
+                removed = self._key_points.sweep(own)
+                self.slip.disturb(removed[:, 0].astype(np.int64), around=True)
+            else:
+                removed = self._swept.sweep(strips_of(own))
+            parts.append(self._excavated(tick, int(source), removed))
+        self.slip.disturb(self._swept.release(), around=True)
+        return np.concatenate(parts)
+
+    def _deposit(self, tick: int, landed: Rows) -> Rows:
+        """The answer to each landed row: on the map, beyond it, or not to be believed."""
+        rows = empty_rows(CONVERSION, landed.size)
+        for name in ("x", "y", "z", "volume_mm3", "particle_id", "source", "soil"):
+            rows[name] = landed[name]
+        rows["tick"] = tick
+        x, y = landed["x"].astype(np.float64), landed["y"].astype(np.float64)
+        sound = np.isfinite(x + y) & (landed["volume_mm3"] > 0)
+        on_map = sound & self.grid.contains(x, y)
+        rows["kind"] = np.where(on_map, Kind.DEPOSIT, np.where(sound, Kind.OUTSIDE, Kind.REFUSE))
+        last = (self.grid.rows - 1, self.grid.cols - 1)
+        rows["row"][on_map] = np.clip(np.rint(self.grid.row(x[on_map])), 0, last[0])
+        rows["col"][on_map] = np.clip(np.rint(self.grid.col(y[on_map])), 0, last[1])
+        touched = deposit(self.columns, x[on_map], y[on_map], landed["volume_mm3"][on_map])
+        self.slip.disturb(touched)
+        return rows
+
+    def _excavated(self, tick: int, source: int, removed: Removed) -> Rows:
+        """EXCAVATE rows of what was removed; volumes beyond a row's field are split."""
+        volume = removed[:, 1].astype(np.int64)
+        pieces = -(-volume // MAX_ROW_VOLUME)
+        index = np.repeat(np.arange(volume.size), pieces)
+        first = np.concatenate([[0], np.cumsum(pieces)[:-1]]) if pieces.size else pieces
+        nth = np.arange(index.size) - first[index]
+        rows = empty_rows(CONVERSION, index.size)
+        rows["volume_mm3"] = np.minimum(volume[index] - nth * MAX_ROW_VOLUME, MAX_ROW_VOLUME)
+        rows["x"], rows["y"], rows["z"] = removed[index, 2:5].T
+        cell = removed[index, 0].astype(np.int64)
+        rows["row"], rows["col"] = np.divmod(cell, self.grid.cols)
+        rows["tick"], rows["source"], rows["kind"] = tick, source, Kind.EXCAVATE
+        return rows
+
+    def _changed(self) -> Rows:
+        rows, cols = self.columns.take_changed()
+        self._tiles.recount(rows, cols)
+        self.revision += bool(rows.size)
+        changed = empty_rows(CHANGED, rows.size)
+        changed["row"], changed["col"] = rows, cols
+        changed["x"], changed["y"] = self.grid.x(rows), self.grid.y(cols)
+        changed["z"] = self.columns.height[rows, cols]
+        loose_bulk = self.columns.loose[rows, cols] * (1.0 + self.params.swell)
+        changed["loose_depth"] = loose_bulk * self.columns.metres_per_mm3
+        changed["volume_mm3"] = self.columns.volume(rows, cols)
+        changed["revision"] = self.revision
+        return changed
+
+
+def _zero_forces(sweeps: Rows) -> Rows:
+    """One FORCE row a tool: there is no cutting force yet, and no force is said to be zero."""
+    tools, first = np.unique(sweeps[["source", "tool"]], return_index=True)
+    forces = empty_rows(FORCE, tools.size)
+    forces["source"], forces["tool"] = tools["source"], tools["tool"]
+    for to, of in (("x", "x1"), ("y", "y1"), ("z", "z1")):
+        forces[to] = sweeps[of][first]
+    return forces

@@ -1,0 +1,69 @@
+"""Tiles of the map whose volume and digest are kept, so that a tick costs what it changed.
+
+The state hash is SHA-256 over the digests of all tiles; only tiles with changed columns are
+counted and hashed again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soil_sim.columns import Columns
+
+__all__ = ["TILE", "Tiles"]
+
+TILE = 64
+"""Side of a tile [cells]."""
+
+
+class Tiles:
+    """Volume and digest of each tile of a terrain.
+
+    Attributes:
+        volume_mm3: bank volume of each tile, shape (tile rows, tile cols), int64.
+    """
+
+    def __init__(self, columns: Columns) -> None:
+        self._columns = columns
+        rows, cols = columns.grid.shape
+        self._shape = (-(-rows // TILE), -(-cols // TILE))
+        self.volume_mm3: NDArray[np.int64] = np.zeros(self._shape, dtype=np.int64)
+        self._digests = [b""] * (self._shape[0] * self._shape[1])
+        self._stale: set[int] = set()
+        for tile in range(len(self._digests)):
+            self._count(tile)
+            self._stale.add(tile)
+
+    @property
+    def total_mm3(self) -> int:
+        """Bank volume of the terrain [mm^3]: the sum of the tiles as last counted."""
+        return int(self.volume_mm3.sum())
+
+    def recount(self, rows: NDArray[np.integer], cols: NDArray[np.integer]) -> None:
+        """Count the tiles of these columns anew and note that their digest is stale."""
+        for tile in np.unique(rows // TILE * self._shape[1] + cols // TILE).tolist():
+            self._count(tile)
+            self._stale.add(tile)
+
+    def state_hash(self) -> str:
+        """SHA-256 [hex] of firm and loose volumes of all columns, in tile order."""
+        for tile in sorted(self._stale):
+            window = self._window(tile)
+            digest = hashlib.sha256(self._columns.firm[window].tobytes())
+            digest.update(self._columns.loose[window].tobytes())
+            self._digests[tile] = digest.digest()
+        self._stale.clear()
+        return hashlib.sha256(b"".join(self._digests)).hexdigest()
+
+    def _window(self, tile: int) -> tuple[slice, slice]:
+        i, j = divmod(tile, self._shape[1])
+        return (slice(i * TILE, (i + 1) * TILE), slice(j * TILE, (j + 1) * TILE))
+
+    def _count(self, tile: int) -> None:
+        window = self._window(tile)
+        self.volume_mm3[divmod(tile, self._shape[1])] = (
+            self._columns.firm[window].sum() + self._columns.loose[window].sum()
+        )
