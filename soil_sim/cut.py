@@ -6,7 +6,8 @@ painted into them at its poses through the tick, and the column loses the mean o
 When the tool has left, the column is whole again, at the mean of its subcolumns. So a cut takes
 the same volume on a coarse grid as on a fine one, and however fast the tool moves.
 
-While they are refined, columns are *held*: soil does not slip into the room a tool fills.
+While any part of the tool is in it, below where its surface was, a column is *held*: soil does
+not slip into the room the tool fills.
 """
 
 from __future__ import annotations
@@ -22,9 +23,6 @@ __all__ = ["Removed", "SweptCut", "strips_of"]
 
 Removed = NDArray[np.float64]
 """Soil removed from columns, shape (n, 5): flat index, volume [mm^3 bank], centroid x, y, z [m]."""
-
-_TOUCHING = 1e-3
-"""A tool this close above a subcolumn [m] still holds it."""
 
 
 def strips_of(sweeps: Rows) -> NDArray[np.float64]:
@@ -75,6 +73,7 @@ class SweptCut:
         self._seen = np.zeros(0, dtype=np.int64)
         self._sub = np.zeros((0, self._per_side**2))
         self._mean = np.zeros(0)
+        self._top = np.zeros(0)  # the surface when the tool came
         self._count = 0
         self._tick = 0
 
@@ -104,6 +103,7 @@ class SweptCut:
             self._seen,
             self._sub,
             self._mean,
+            self._top,
             self._count,
             self._tick,
             self._removed,
@@ -139,6 +139,7 @@ class SweptCut:
             self._cells = np.resize(self._cells, size)
             self._seen = np.resize(self._seen, size)
             self._mean = np.resize(self._mean, size)
+            self._top = np.resize(self._top, size)
             sub = np.zeros((size, self._per_side**2))
             sub[: self._count] = self._sub[: self._count]
             self._sub = sub
@@ -156,7 +157,7 @@ class SweptCut:
         self._slot_of[cells] = -1
         self.held.reshape(-1)[cells] = 0
         self._count = keep.size
-        for array in (self._cells, self._seen, self._mean, self._sub):
+        for array in (self._cells, self._seen, self._mean, self._top, self._sub):
             array[: keep.size] = array[keep]
         self._slot_of[self._cells[: keep.size]] = np.arange(keep.size)
         self.held.reshape(-1)[self._cells[: keep.size]] = 1
@@ -180,6 +181,7 @@ def _paint(  # type: ignore[no-untyped-def]
     seen,
     sub,
     mean,
+    top,
     count,
     tick,
     removed,
@@ -247,10 +249,11 @@ def _paint(  # type: ignore[no-untyped-def]
                             slot_of[k] = slot
                             cells[slot] = k
                             mean[slot] = height[k]
+                            top[slot] = height[k]
                             for q in range(per_side * per_side):
                                 sub[slot, q] = height[k]
                         q = (fi - i * per_side) * per_side + fj - j * per_side
-                        if z <= sub[slot, q] + _TOUCHING:
+                        if z <= top[slot]:
                             seen[slot] = tick
                         lost = sub[slot, q] - z
                         if lost > 0.0:

@@ -1,0 +1,96 @@
+"""Sweeps, landings and measurements that tests of the soil share."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.rows import LANDED, SWEEP, Rows, empty_rows
+from soil_sim.params import SoilParams
+from soil_sim.soil import Soil
+
+BUCKET_PROFILE = ((0, 0), (-0.4, 0), (-0.7, 0.1), (-0.9, 0.3), (-1, 0.5), (-1, 0.8), (-0.9, 1.0))
+"""(x, z) of a bucket's seven key points behind and above its lip [m]."""
+
+NO_SWEEPS = empty_rows(SWEEP)
+NO_LANDED = empty_rows(LANDED)
+
+
+def flat_soil(size: float = 12.0, cell: float = 0.2, **params: object) -> Soil:
+    """Level soil at height 0, `size` metres wide."""
+    n = int(round(size / cell)) + 1
+    grid = Grid(n, n, cell)
+    return Soil(grid, np.zeros(grid.shape), SoilParams(**params))  # type: ignore[arg-type]
+
+
+def landings(x: object, y: object, volume_mm3: int) -> Rows:
+    """LANDED rows of one source, `volume_mm3` each."""
+    x, y = np.broadcast_arrays(np.atleast_1d(x), np.atleast_1d(y))  # type: ignore[arg-type]
+    rows = empty_rows(LANDED, x.size)
+    rows["x"], rows["y"], rows["volume_mm3"], rows["source"] = x, y, volume_mm3, 1
+    rows["particle_id"] = np.arange(1, x.size + 1)
+    return rows
+
+
+def bucket_sweep(
+    start: tuple[float, float, float], end: tuple[float, float, float], width: float = 1.2
+) -> Rows:
+    """A bucket whose lip's middle moves from `start` to `end` (x, y, z) [m], digging toward +x."""
+    rows = empty_rows(SWEEP, 14)
+    for pair, (x, z) in enumerate(BUCKET_PROFILE):
+        for side, y in ((0, width / 2), (1, -width / 2)):
+            row = rows[2 * pair + side]
+            row["pair"], row["source"] = pair, 1
+            for axis, offset, a, b in zip("xyz", (x, y, z), start, end, strict=True):
+                row[f"{axis}0"], row[f"{axis}1"] = a + offset, b + offset
+    return rows
+
+
+def scoop(soil: Soil, *, depth: float, length: float, speed: float = 1.0, y: float = 0.0) -> int:
+    """Push a bucket in, drag it and lift it out; returns the bank volume it took [mm^3]."""
+    step = speed * 0.01
+    x, z = -length / 2, 0.02
+    path = [(x, y, z)]
+    while path[-1][2] > -depth:
+        path.append((x, y, max(path[-1][2] - step, -depth)))
+    while path[-1][0] < length / 2:
+        path.append((min(path[-1][0] + step, length / 2), y, -depth))
+    while path[-1][2] < 0.3:
+        path.append((length / 2, y, path[-1][2] + step))
+    taken = 0
+    for tick, (a, b) in enumerate(pairwise(path)):
+        moved = soil.step(tick, bucket_sweep(a, b), NO_LANDED).conversions
+        taken += int(moved["volume_mm3"].astype(np.int64).sum())
+    return taken
+
+
+def pile(cell: float, angle: float, volume: float, radius: float = 4.0, parts: int = 4000) -> Soil:
+    """A pile of `volume` [m^3] landed at one point, a little at a time, at rest."""
+    reach = (3 * volume / math.pi / math.tan(math.radians(angle))) ** (1 / 3)
+    soil = flat_soil(3.2 * reach, cell, repose_angle=angle, slip_radius=radius)
+    for tick in range(parts):
+        soil.step(tick, NO_SWEEPS, landings(0.0, 0.0, round(volume * 1e9 / parts)))
+    while soil.slip.relax(10**7):
+        pass
+    return soil
+
+
+def contour_radii(soil: Soil, level: float, directions: int = 72) -> NDArray[np.float64]:
+    """Distance [m] from the middle to where the surface falls below `level`, per direction."""
+    grid, height = soil.grid, soil.columns.height
+    r = np.arange(0.0, 0.5 * grid.size[0], 0.02 * grid.cell)
+    radii = np.empty(directions)
+    for k, phi in enumerate(2 * math.pi * np.arange(directions) / directions):
+        row, col = grid.row(r * math.cos(phi)), grid.col(r * math.sin(phi))
+        i, j = row.astype(int), col.astype(int)
+        i, j = np.clip(i, 0, grid.rows - 2), np.clip(j, 0, grid.cols - 2)
+        u, v = row - i, col - j
+        z = (height[i, j] * (1 - v) + height[i, j + 1] * v) * (1 - u) + (
+            height[i + 1, j] * (1 - v) + height[i + 1, j + 1] * v
+        ) * u
+        radii[k] = r[np.argmax(z < level)]
+    return radii
