@@ -1,0 +1,59 @@
+"""Install `earthmoving_sim`, with colcon as an ament_python package or with pip as a plain one."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "earthmoving_sim"
+ROOT = Path(__file__).resolve().parent
+SHARE = f"share/{NAME}"
+
+
+def config_data_files() -> list[tuple[str, list[str]]]:
+    """Every file under config/, installed in the same subfolder of share/earthmoving_sim/config."""
+    folders: dict[str, list[str]] = {}
+    for path in sorted((ROOT / "config").rglob("*")):
+        if path.is_file() and not path.name.startswith("."):
+            relative = path.relative_to(ROOT)
+            folders.setdefault(f"{SHARE}/{relative.parent.as_posix()}", []).append(
+                relative.as_posix()
+            )
+    return list(folders.items())
+
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="ROS 2 nodes that simulate construction machines moving soil",
+    license="Apache-2.0",
+    python_requires=">=3.10",
+    packages=find_packages(
+        include=[
+            f"{package}{inside}"
+            for package in ("soil_sim", "machine_sim", "msg_bridge", "earthmoving_sim")
+            for inside in ("", ".*")
+        ]
+    ),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (SHARE, ["package.xml"]),
+        *config_data_files(),
+    ],
+    # rclpy and the message packages are not listed: they come from a sourced ROS, or else from the
+    # ros-jazzy-* wheels in requirements.txt. The second group is from pip only, so package.xml has
+    # no rosdep key for it. Exact versions of everything are in constraints.txt.
+    install_requires=[
+        "numpy",
+        "PyYAML",
+        "matplotlib",
+        "pillow",
+        # pip only:
+        "pybullet",
+        "numba",
+        "mcap",
+        "rosbags",
+        "rasterio",
+    ],
+    zip_safe=False,
+    entry_points={"console_scripts": ["earthmoving = earthmoving_sim.cli:main"]},
+)

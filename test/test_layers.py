@@ -1,0 +1,87 @@
+"""Who may import whom: soil and machines know neither ROS nor each other, the contract nobody."""
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+# Imports everything in the package that is argv[1] but its node, in a Python without rclpy.
+IMPORT_WITHOUT_ROS = """\
+import importlib, pkgutil, sys
+
+class NoRos:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] == "rclpy":
+            raise ImportError("rclpy is blocked by this test")
+
+sys.meta_path.insert(0, NoRos())
+package = importlib.import_module(sys.argv[1])
+
+def stop(name):
+    raise
+
+for module in pkgutil.walk_packages(package.__path__, package.__name__ + ".", onerror=stop):
+    if module.name.rsplit(".", 1)[-1] != "node":
+        importlib.import_module(module.name)
+"""
+
+MAY_NOT_IMPORT = {
+    "soil_sim": {"machine_sim", "earthmoving_sim"},
+    "machine_sim": {"soil_sim", "earthmoving_sim"},
+    "msg_bridge/contract": {"rclpy", "soil_sim", "machine_sim", "earthmoving_sim"},
+    "msg_bridge/exchange": {"rclpy", "soil_sim", "machine_sim", "earthmoving_sim"},
+}
+
+
+def imported(path: Path) -> Iterator[tuple[int, str]]:
+    """Line and top-level package of every absolute import in a file, inside functions too."""
+    for node in ast.walk(ast.parse(path.read_text(), str(path))):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name.split(".")[0]) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            yield node.lineno, node.module.split(".")[0]
+
+
+def offences(paths: list[Path], forbidden: set[str]) -> list[str]:
+    assert paths, "there are files to look at"
+    return [
+        f"{path.relative_to(ROOT)}:{line} imports {package}"
+        for path in paths
+        for line, package in imported(path)
+        if package in forbidden
+    ]
+
+
+@pytest.mark.parametrize("package", ["soil_sim", "machine_sim"])
+def test_pure_package_imports_where_there_is_no_ros(package):
+    command = [sys.executable, "-c", IMPORT_WITHOUT_ROS, package]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("folder", MAY_NOT_IMPORT)
+def test_layer_imports_only_what_is_below_it(folder):
+    assert offences(sorted((ROOT / folder).rglob("*.py")), MAY_NOT_IMPORT[folder]) == []
+
+
+@pytest.mark.parametrize("package", ["soil_sim", "machine_sim"])
+def test_only_the_node_of_a_pure_package_imports_rclpy(package):
+    paths = [path for path in (ROOT / package).rglob("*.py") if path.name != "node.py"]
+    assert offences(sorted(paths), {"rclpy"}) == []
+
+
+def test_imports_are_seen_wherever_they_stand(tmp_path):
+    source = tmp_path / "source.py"
+    source.write_text(
+        "import os.path as p, rclpy.node\n"
+        "from rclpy import node\n"
+        "from . import rclpy\n"
+        "def late():\n    from soil_sim.cut import cut\n"
+    )
+    found = [package for _, package in imported(source)]
+    assert sorted(found) == ["os", "rclpy", "rclpy", "soil_sim"]
