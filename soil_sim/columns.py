@@ -68,6 +68,12 @@ class Columns:
         """Bank volume of all columns above the floor [mm^3], counted anew."""
         return int(self.firm.sum()) + int(self.loose.sum())
 
+    @property
+    def loose_depth(self) -> NDArray[np.float64]:
+        """Depth of loose soil [m], shape (rows, cols)."""
+        depth = self.loose * ((1.0 + self.swell) * self.metres_per_mm3)
+        return np.asarray(depth, dtype=np.float64)
+
     def volume(self, rows: NDArray[np.integer], cols: NDArray[np.integer]) -> NDArray[np.int64]:
         """Bank volume of the given columns [mm^3]."""
         volume: NDArray[np.int64] = self.firm[rows, cols] + self.loose[rows, cols]

@@ -1,0 +1,260 @@
+"""A run: the scripted operator digs in a world of one process, and all is written down."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from earthmoving_sim.machine_shape import machine_faces, machine_outline
+from earthmoving_sim.site import jacksboro_site
+from earthmoving_sim.world import World
+from machine_sim.core import MachineSim
+from machine_sim.machine import load_description
+from machine_sim.machine.kinematics import rotation_matrix
+from machine_sim.operator import CycleReport, DigCycle, OperatorParams, View
+from machine_sim.params import MachineSimParams
+from machine_sim.particles import warm_up
+from msg_bridge.config_files import find_config
+from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.parameters import Parameters, parameter
+from soil_sim.params import SoilParams
+from soil_sim.soil import Soil
+from soil_sim.terrain import HeightMap
+
+__all__ = ["DigRun", "Outcome", "RunOptions"]
+
+_LOG_EVERY = 10
+"""Ticks between points of the recorded path of the lip."""
+
+_PROGRESS_EVERY = 100
+"""Ticks between lines of progress."""
+
+
+@dataclass(frozen=True)
+class RunOptions(Parameters):
+    """What the run does."""
+
+    cycles: int = parameter(5, "bucketfuls to move", low=1, high=1000)
+    seed: int = parameter(0, "of the scatter of released soil", low=0, high=2**31)
+    approach: float = parameter(2.0, "way driven before digging", unit="m", low=0.0, high=20.0)
+    longest: float = parameter(
+        600.0, "simulated time after which the run is given up", unit="s", low=1.0, high=1e6
+    )
+
+
+@dataclass
+class Outcome:
+    """What a run did.
+
+    Attributes:
+        site: the terrain before.
+        after, loose_depth: surface and depth of loose soil after [m], shape (rows, cols).
+        cycles: one report per cycle.
+        ledgers: the last ledger, and the largest absolute imbalance of all ticks.
+        moved: bank volume carried to the dump [m^3].
+        simulated, wall: how long it took [s]; wall time without compiling.
+        most_particles: largest number of live particles.
+        tunnelled: particles that passed through the bucket or the ground.
+        path: lip positions [m], shape (n, 3), with cycle (n,) and phase (n,).
+        state_hash: of the terrain at the end.
+    """
+
+    site: HeightMap
+    grid: Grid
+    after: NDArray[np.float64]
+    loose_depth: NDArray[np.float64]
+    cycles: list[CycleReport]
+    ledger: Ledger
+    worst_imbalance: int
+    moved: float
+    simulated: float
+    wall: float
+    most_particles: int
+    tunnelled: int
+    finished: bool
+    state_hash: str
+    path: NDArray[np.float64] = field(repr=False)
+    path_cycle: NDArray[np.int64] = field(repr=False)
+    path_phase: NDArray[np.str_] = field(repr=False)
+    machine_faces: list[tuple[str, NDArray[np.float64]]] = field(repr=False)
+    machine_outline: list[tuple[str, NDArray[np.float64]]] = field(repr=False)
+
+    @property
+    def balanced(self) -> bool:
+        """Whether no tick of a finished run lost or made soil."""
+        return self.finished and self.worst_imbalance == 0
+
+    @property
+    def rate(self) -> float:
+        """Bank volume carried in an hour [m^3/h]."""
+        return self.moved / self.simulated * 3600.0
+
+
+class DigRun:
+    """An excavator on the demo's site with an operator at its levers.
+
+    Attributes:
+        world: soil and machine.
+        operator: who works the levers.
+    """
+
+    def __init__(self, options: RunOptions | None = None, site: HeightMap | None = None) -> None:
+        """
+        Args:
+            options: what to do.
+            site: the terrain; the demo's own if not given.
+        """
+        self.options = options or RunOptions()
+        self.site = site or jacksboro_site()
+        description = load_description(find_config("machines/excavator.yaml"))
+        params = MachineSimParams()
+        self._dt = params.tick
+        self.machine = MachineSim(
+            description,
+            self.site.grid,
+            self.site.heights,
+            params=params,
+            position=(-4.0 - self.options.approach, 0.0),
+            seed=self.options.seed,
+        )
+        warm_up()
+        self.world = World(Soil(self.site.grid, self.site.heights, SoilParams()), {1: self.machine})
+        self.operator = DigCycle(description, OperatorParams(), dig_at=0.0, dump_at=0.5 * math.pi)
+        self._path: list[tuple[NDArray[np.float64], int, str]] = []
+        self._worst = 0
+        self._most = 0
+
+    def run(self, *, progress: bool = False) -> Outcome:
+        """Drive up, dig all cycles, and let what still falls come to rest.
+
+        Args:
+            progress: print how it goes.
+        """
+        began = time.perf_counter()
+        self._approach()
+        while len(self.operator.reports) < self.options.cycles and not self._too_long:
+            command = self.operator.command(self._view(), self._dt)
+            self.machine.command(command.joints, command.tracks)
+            self._step()
+            if progress and self.world.tick % _PROGRESS_EVERY == 0:
+                self._say(began)
+        finished = len(self.operator.reports) >= self.options.cycles
+        self._settle()
+        wall = time.perf_counter() - began
+        if progress:
+            self._say(began)
+            print()
+        return self._outcome(finished, wall)
+
+    def close(self) -> None:
+        """Free the world."""
+        self.world.close()
+
+    @property
+    def _too_long(self) -> bool:
+        return self.world.tick * self._dt > self.options.longest
+
+    def _approach(self) -> None:
+        """Drive forward on the tracks to where the dig is to be."""
+        start = self.machine.machine.base_pose[0][0]
+        self.machine.command(np.zeros(4), np.full(2, 0.8))
+        while self.machine.machine.base_pose[0][0] - start < self.options.approach:
+            self._step()
+            if self._too_long:
+                break
+        self.machine.command(np.zeros(4), np.zeros(2))
+        for _ in range(50):
+            self._step()
+
+    def _settle(self) -> None:
+        """Hold still until the soil outside the bucket has landed."""
+        self.machine.command(np.zeros(4), np.zeros(2))
+        for _ in range(300):
+            self._step()
+            if self.world.soil.slip.waiting == 0 and self.machine.particles.count == 0:
+                break
+
+    def _step(self) -> None:
+        ledger = self.world.step()
+        if abs(ledger.imbalance) > abs(self._worst):
+            self._worst = ledger.imbalance
+        self._most = max(self._most, self.machine.particles.count)
+        if self.world.tick % _LOG_EVERY == 0:
+            rotation, pin = self.machine.machine.tool_pose
+            lip = rotation[:, 0] * self.machine.machine.description.bucket.tip_length + pin
+            self._path.append((lip, self.operator.cycle, self.operator.phase))
+
+    def _view(self) -> View:
+        machine = self.machine.machine
+        position, quaternion = machine.base_pose
+        return View(
+            time=self.world.tick * self._dt,
+            joints=machine.joint_positions,
+            base_position=position,
+            base_rotation=rotation_matrix(quaternion),
+            fill=self.machine.payload.fill,
+            grid=self.machine.ground.grid,
+            elevation=self.machine.ground.elevation,
+        )
+
+    def _moved(self) -> float:
+        """Bank volume of what was dumped [m^3]."""
+        capacity = self.machine.machine.description.bucket.heaped_capacity
+        loose = sum(c.delivered - c.left for c in self.operator.reports) * capacity
+        return loose / (1.0 + self.world.soil.params.swell)
+
+    def _say(self, began: float) -> None:
+        simulated = self.world.tick * self._dt
+        wall = time.perf_counter() - began
+        ledger = self.world.ledger
+        line = (
+            f"cycle {min(self.operator.cycle, self.options.cycles)}/{self.options.cycles}"
+            f"  {self.operator.phase:<6}"
+            f" bucket {100 * self.machine.payload.fill:3.0f} %"
+            f"  particles {self.machine.particles.count:5d}"
+            f"  in hand {(ledger.pending + ledger.particles) / 1e9:5.2f} m3"
+            f"  imbalance {ledger.imbalance} mm3"
+            f"  {simulated:5.1f} s  {simulated / max(wall, 1e-9):4.1f} x real time"
+        )
+        if sys.stdout.isatty():
+            print("\r" + line.ljust(118), end="", flush=True)
+        else:
+            print(line, flush=True)
+
+    def _outcome(self, finished: bool, wall: float) -> Outcome:
+        columns = self.world.soil.columns
+        particles = self.machine.particles
+        view = self._view()
+        pose = (
+            self.machine.machine.description,
+            view.base_position,
+            view.base_rotation,
+            view.joints,
+        )
+        return Outcome(
+            site=self.site,
+            grid=self.site.grid,
+            after=columns.height.copy(),
+            loose_depth=columns.loose_depth,
+            cycles=list(self.operator.reports),
+            ledger=self.world.ledger,
+            worst_imbalance=self._worst,
+            moved=self._moved(),
+            simulated=self.world.tick * self._dt,
+            wall=wall,
+            most_particles=self._most,
+            tunnelled=particles.tunnelled_tool + particles.tunnelled_ground,
+            finished=finished,
+            state_hash=self.world.state_hash(),
+            path=np.array([lip for lip, _, _ in self._path]).reshape(-1, 3),
+            path_cycle=np.array([cycle for _, cycle, _ in self._path], dtype=np.int64),
+            path_phase=np.array([phase for _, _, phase in self._path], dtype=np.str_),
+            machine_faces=machine_faces(*pose),
+            machine_outline=machine_outline(*pose),
+        )

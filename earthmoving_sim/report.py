@@ -1,0 +1,58 @@
+"""What a run ends with: a summary in words and pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from earthmoving_sim.dig_run import Outcome
+from earthmoving_sim.pictures import SiteRecord, draw_bucket_path, draw_cut_fill, draw_site_3d
+
+__all__ = ["print_summary", "write_pictures"]
+
+
+def print_summary(outcome: Outcome) -> None:
+    """Print what was moved, how fast, and whether it adds up."""
+    print("cycle  passes  planned m3  carried %  dumped %  left %  time s")
+    for c in outcome.cycles:
+        print(
+            f"{c.number:5d}  {c.passes:6d}  {c.planned:10.2f}  {100 * c.carried:9.0f}"
+            f"  {100 * (c.delivered - c.left):8.0f}  {100 * c.left:6.1f}  {c.duration:6.1f}"
+        )
+    ledger = outcome.ledger
+    print(
+        f"\n  moved     {outcome.moved:.2f} bank m3 in {outcome.simulated:.1f} s of simulated time"
+    )
+    print(f"  rate      {outcome.rate:.0f} m3/h")
+    print(f"  speed     {outcome.simulated / outcome.wall:.1f} x real time, one process")
+    print(f"  particles {outcome.most_particles} at most, {outcome.tunnelled} tunnelled")
+    print(
+        f"  ledger    terrain {ledger.terrain - ledger.start:+d}, in flight {ledger.in_flight},"
+        f" pending {ledger.pending}, particles {ledger.particles}, absent {ledger.absent},"
+        f" outside {ledger.outside} mm3"
+    )
+    print(f"  imbalance {outcome.worst_imbalance} mm3 at worst, in any tick")
+    print(f"  state     {outcome.state_hash}")
+    if not outcome.finished:
+        print("  the run was given up before its last cycle: see the cycles above")
+
+
+def write_pictures(outcome: Outcome, folder: Path) -> list[Path]:
+    """Draw the terrain before and after, the bucket's path and the site; returns the files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    record = SiteRecord(
+        grid=outcome.grid,
+        before=outcome.site.heights,
+        after=outcome.after,
+        loose_depth=outcome.loose_depth,
+        lip_path=outcome.path,
+        lip_cycle=outcome.path_cycle,
+        lip_phase=outcome.path_phase,
+        machine_outline=outcome.machine_outline,
+        machine_faces=outcome.machine_faces,
+        title=f"{outcome.moved:.2f} bank m³ moved in {len(outcome.cycles)} cycles",
+    )
+    return [
+        draw_cut_fill(record, folder / "cut_fill.png"),
+        draw_bucket_path(record, folder / "bucket_path.png"),
+        draw_site_3d(record, folder / "site.png"),
+    ]

@@ -1,0 +1,38 @@
+"""The site of the demo: real ground, shrunk to the size of a building site."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from soil_sim.terrain import HeightMap, from_north_up
+
+__all__ = ["CELL", "POINTS", "jacksboro_site"]
+
+POINTS = 257
+CELL = 0.2
+"""The demo's grid: 257 x 257 points, 0.2 m apart, as fine as a bucket's teeth are far apart."""
+
+_CROP = 129
+_RELIEF = 2.5
+_STEEPEST = math.radians(12.0)
+
+
+def jacksboro_site(*, row: int = 150, col: int = 150) -> HeightMap:
+    """A piece of the Jacksboro fault, Tennessee, as a site of 51.4 m with 2.5 m of relief.
+
+    The elevation data (USGS SRTM, about 90 m a cell) comes with matplotlib. The piece keeps its
+    shape; its width and relief are scaled, and no slope is left steeper than 12 degrees.
+
+    Args:
+        row, col: first row and column of the piece of 129 x 129 points in the data.
+    """
+    from matplotlib.cbook import get_sample_data
+
+    path = str(get_sample_data("jacksboro_fault_dem.npz", asfileobj=False))
+    with np.load(path) as data:
+        elevation = data["elevation"].astype(np.float64)
+    piece = from_north_up(elevation, cell=2 * CELL).cropped(row, col, _CROP, _CROP)
+    site = piece.resampled(POINTS, POINTS, CELL).with_relief(_RELIEF)
+    return site.with_slope_limit(_STEEPEST).lowered(float(site.heights.mean()))

@@ -1,0 +1,165 @@
+"""The machine side: one tick moves the machine, its tool, and the soil that is particles.
+
+    release -> [drive -> carry, spill, fall] x steps -> settle
+
+`MachineSim` owns a machine and its particles and knows no messages and no clock; the exchange
+(`msg_bridge.exchange`) carries the rows it returns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pybullet
+from numpy.typing import NDArray
+from pybullet_utils.bullet_client import BulletClient
+
+from machine_sim.ground import Ground
+from machine_sim.machine import Excavator, MachineDescription
+from machine_sim.params import MachineSimParams
+from machine_sim.particles import ParticleEngine, ParticleParams
+from machine_sim.payload import Payload, payload_in
+from machine_sim.release import PendingSoil
+from machine_sim.sweep import sweep_rows
+from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.rows import LANDED, Kind, Rows, empty_rows
+
+__all__ = ["MachineSim", "MachineStep"]
+
+_TOOL = 0
+
+
+@dataclass(frozen=True)
+class MachineStep:
+    """What one tick sends to the soil; rows are not numbered yet.
+
+    Attributes:
+        sweeps: SWEEP rows of the tool's key points.
+        landed: LANDED rows; their particles are frozen until answered.
+        pending_mm3, particles_mm3: the machine's accounts at the end of the tick.
+    """
+
+    sweeps: Rows
+    landed: Rows
+    pending_mm3: int
+    particles_mm3: int
+
+
+class MachineSim:
+    """One excavator, the ground it feels, and the soil it moves.
+
+    Attributes:
+        params: how it steps.
+        ground: the copy of the terrain that tracks and particles touch.
+        machine: the excavator.
+        particles: the soil in the air, in the tool and at rest but not yet landed.
+        pending: soil excavated and not yet particles.
+        tick: number of ticks made.
+    """
+
+    def __init__(
+        self,
+        description: MachineDescription,
+        grid: Grid,
+        elevation: NDArray[np.floating],
+        *,
+        params: MachineSimParams | None = None,
+        particle_params: ParticleParams | None = None,
+        swell: float = 0.0,
+        position: tuple[float, float] = (0.0, 0.0),
+        yaw: float = 0.0,
+        seed: int = 0,
+    ) -> None:
+        """
+        Args:
+            description: dimensions, masses and limits of the machine.
+            grid, elevation: the terrain it starts on [m], shape (rows, cols).
+            params, particle_params: defaults as shipped.
+            swell: growth of loosened soil, a fraction of its bank volume.
+            position: where it starts (x, y) [m], map frame; it is set down on the ground.
+            yaw: where it faces [rad], from +x counter-clockwise.
+            seed: of the scatter of released particles.
+        """
+        self.params = params or MachineSimParams()
+        self.ground = Ground(grid, elevation)
+        self.tick = 0
+        self._client = BulletClient(pybullet.DIRECT)
+        self._client.setTimeStep(self.params.physics_step)
+        self._client.setGravity(0.0, 0.0, -9.81)
+        self.machine = Excavator(description, self._client, self.ground, position, yaw)
+        self.particles = ParticleEngine(
+            particle_params or ParticleParams(), self.ground, swell=swell
+        )
+        self._bucket = description.bucket
+        self.particles.add_tool(_TOOL, self._bucket.plates(), self.machine.tool_pose)
+        self.pending = PendingSoil(
+            self._bucket,
+            np.random.default_rng(seed),
+            nominal_mm3=self.particles.params.nominal_volume,
+            per_tick=self.params.release_per_tick,
+        )
+
+    @property
+    def payload(self) -> Payload:
+        """Soil in the bucket as it is now."""
+        return payload_in(self._bucket, self.particles, _TOOL)
+
+    def apply(self, conversions: Rows, changed: Rows) -> None:
+        """Take the soil's answer: parcels, landings made good, and the new surface.
+
+        Args:
+            conversions: CONVERSION rows of this source.
+            changed: CHANGED rows.
+        """
+        self.ground.update(changed["row"], changed["col"], changed["z"].astype(np.float64))
+        self.pending.receive(conversions, self.machine.tool_pose, self.tick)
+        kind = conversions["kind"]
+        gone = (kind == Kind.DEPOSIT) | (kind == Kind.OUTSIDE)
+        self.particles.remove(conversions["particle_id"][gone])
+        self.particles.unfreeze(conversions["particle_id"][kind == Kind.REFUSE])
+
+    def command(self, joints: NDArray[np.float64], tracks: NDArray[np.float64]) -> None:
+        """Set joint velocities [rad/s] (swing, boom, arm, bucket) and track speeds [m/s].
+
+        They hold until the next command; zero means hold the pose.
+        """
+        self.machine.command(joints, tracks)
+
+    def step(self) -> MachineStep:
+        """Advance one tick."""
+        self.tick += 1
+        dt = self.params.physics_step
+        start = self.machine.tool_pose
+        self.pending.release(self.particles, start, self.tick)
+        for _ in range(self.params.steps_per_tick):
+            before = self.machine.tool_pose
+            self.ground.advance(dt)
+            self.machine.before_step(dt)
+            self._client.stepSimulation()
+            self.machine.after_step()
+            self.particles.set_tool(_TOOL, before, self.machine.tool_pose)
+            self.particles.step(dt)
+            if self.params.load_acts:
+                self.machine.apply_tool_wrench(*self.particles.tool_wrench(_TOOL))
+        sweeps = sweep_rows(self._bucket, start, self.machine.tool_pose, tool=_TOOL)
+        landed = self._land()
+        return MachineStep(sweeps, landed, self.pending.total_mm3, self.particles.total_volume_mm3)
+
+    def close(self) -> None:
+        """Free the physics client."""
+        self._client.disconnect()
+
+    def _land(self) -> Rows:
+        """Freeze what came to rest and offer it to the soil."""
+        ids = self.particles.settled()[: self.params.landings_per_tick]
+        rows = empty_rows(LANDED, ids.size)
+        if ids.size:
+            store = self.particles.store
+            at = self.particles.index_of(ids)
+            rows["x"], rows["y"], rows["z"] = store.position[at].T
+            rows["volume_mm3"] = store.volume_mm3[at]
+            rows["particle_id"] = ids
+            rows["soil"], rows["moisture"] = store.soil[at], store.moisture[at]
+            self.particles.freeze(ids)
+        return rows

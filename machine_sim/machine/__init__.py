@@ -1,0 +1,55 @@
+"""One excavator, from a data file: description, kinematics, tracks, physics.
+
+- `description`: the machine as data, read from YAML (`load_description`)
+- `bucket`: plates, key points and capacities of its tool
+- `urdf`: the same machine as URDF text
+- `kinematics`: joint angles to tool pose and back, without a physics engine
+- `joints`: ramps and limits of commanded joint speeds
+- `tracks`, `track_contact`: belts and shoes on the ground
+- `excavator`: all of it in pybullet, stepped by its owner
+"""
+
+from machine_sim.machine.bucket import BucketShape
+from machine_sim.machine.description import (
+    JOINT_NAMES,
+    JointLimits,
+    LinkShape,
+    MachineDescription,
+    TrackShape,
+    load_description,
+)
+from machine_sim.machine.errors import MachineError, ReachError
+from machine_sim.machine.excavator import Excavator
+from machine_sim.machine.kinematics import (
+    arm_angles,
+    from_arm_plane,
+    rotation_matrix,
+    swing_toward,
+    to_arm_plane,
+    tool_point,
+    tool_pose,
+)
+from machine_sim.machine.tracks import FastTracks
+from machine_sim.machine.urdf import urdf_text
+
+__all__ = [
+    "JOINT_NAMES",
+    "BucketShape",
+    "Excavator",
+    "FastTracks",
+    "JointLimits",
+    "LinkShape",
+    "MachineDescription",
+    "MachineError",
+    "ReachError",
+    "TrackShape",
+    "arm_angles",
+    "from_arm_plane",
+    "load_description",
+    "rotation_matrix",
+    "swing_toward",
+    "to_arm_plane",
+    "tool_point",
+    "tool_pose",
+    "urdf_text",
+]

@@ -1,0 +1,120 @@
+"""Strict reading of a machine file: every key is asked for once, and none is left over."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from machine_sim.machine.errors import MachineError
+
+__all__ = ["Section"]
+
+
+class Section:
+    """A mapping of a YAML file that knows its own path, for messages a user can act on.
+
+    Call `done` after the last key: it refuses keys nobody asked for, which are typing errors.
+    """
+
+    def __init__(self, values: object, path: str) -> None:
+        """
+        Args:
+            values: what YAML gave for this section.
+            path: where it stands, as shown in messages ("excavator.yaml: joints.boom").
+
+        Raises:
+            MachineError: `values` is no mapping.
+        """
+        if not isinstance(values, Mapping):
+            raise MachineError(f"{path} is {values!r}; give a mapping of key: value")
+        self._values = values
+        self._path = path
+        self._asked: set[str] = set()
+
+    def number(self, key: str, *, low: float = -math.inf, positive: bool = False) -> float:
+        """A finite number, at least `low`, or above zero if `positive`."""
+        return self._number(key, self._take(key), low, positive)
+
+    def bound(self, key: str, default: float) -> float:
+        """A finite number, or `default` where the file says null."""
+        value = self._take(key)
+        return default if value is None else self._number(key, value, -math.inf, False)
+
+    def count(self, key: str, *, low: int) -> int:
+        """A whole number, at least `low`."""
+        value = self._take(key)
+        if isinstance(value, bool) or not isinstance(value, int) or value < low:
+            raise MachineError(f"{self._at(key)} is {value!r}; give a whole number from {low} up")
+        return value
+
+    def text(self, key: str) -> str:
+        """A text that is not empty."""
+        value = self._take(key)
+        if not isinstance(value, str) or not value:
+            raise MachineError(f"{self._at(key)} is {value!r}; give a text")
+        return value
+
+    def vector(self, key: str, length: int, *, positive: bool = False) -> tuple[float, ...]:
+        """A list of `length` finite numbers."""
+        return self._vector(key, self._take(key), length, positive)
+
+    def vectors(self, key: str, count: int, length: int) -> tuple[tuple[float, ...], ...]:
+        """A list of `count` lists of `length` finite numbers."""
+        value = self._list(key, count)
+        return tuple(
+            self._vector(f"{key}[{i}]", item, length, False) for i, item in enumerate(value)
+        )
+
+    def section(self, key: str) -> Section:
+        """A mapping inside this one."""
+        return Section(self._take(key), self._at(key))
+
+    def sections(self, key: str) -> list[Section]:
+        """A list of mappings, of any length."""
+        return [
+            Section(item, self._at(f"{key}[{i}]")) for i, item in enumerate(self._list(key, None))
+        ]
+
+    def done(self) -> None:
+        """Refuse keys that nobody asked for.
+
+        Raises:
+            MachineError: naming them and the known ones.
+        """
+        unknown = sorted(str(key) for key in self._values if key not in self._asked)
+        if unknown:
+            raise MachineError(
+                f"{self._path} has unknown key {', '.join(unknown)};"
+                f" remove it or use one of: {', '.join(sorted(self._asked))}"
+            )
+
+    def _at(self, key: str) -> str:
+        return f"{self._path}{'' if self._path.endswith(': ') else '.'}{key}"
+
+    def _take(self, key: str) -> Any:
+        self._asked.add(key)
+        if key not in self._values:
+            raise MachineError(f"{self._at(key)} is missing; add it")
+        return self._values[key]
+
+    def _list(self, key: str, count: int | None) -> list[Any]:
+        value = self._take(key)
+        if not isinstance(value, list) or (count is not None and len(value) != count):
+            wanted = "a list" if count is None else f"a list of {count} entries"
+            got = f"has {len(value)} entries" if isinstance(value, list) else f"is {value!r}"
+            raise MachineError(f"{self._at(key)} {got}; give {wanted}")
+        return value
+
+    def _vector(self, key: str, value: object, length: int, positive: bool) -> tuple[float, ...]:
+        if not isinstance(value, list) or len(value) != length:
+            raise MachineError(f"{self._at(key)} is {value!r}; give a list of {length} numbers")
+        return tuple(self._number(key, item, -math.inf, positive) for item in value)
+
+    def _number(self, key: str, value: object, low: float, positive: bool) -> float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise MachineError(f"{self._at(key)} is {value!r}; give a number")
+        if not math.isfinite(value) or value < low or (positive and value <= 0.0):
+            wanted = "above 0" if positive else f"from {low:g} up" if low > -math.inf else "finite"
+            raise MachineError(f"{self._at(key)} is {value}; give a number {wanted}")
+        return float(value)

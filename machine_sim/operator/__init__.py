@@ -1,0 +1,14 @@
+"""A scripted operator: digs, carries and dumps, knowing only what public topics carry.
+
+- `view`: what it sees and what it does.
+- `dig`: where the lip should go to fill the bucket.
+- `arm`: joints for a place of the bucket, and back.
+- `motion`: following way points with velocity commands.
+- `cycle`: dig, lift, swing, dump, return.
+"""
+
+from machine_sim.operator.cycle import CycleReport, DigCycle
+from machine_sim.operator.params import OperatorParams
+from machine_sim.operator.view import Command, View
+
+__all__ = ["Command", "CycleReport", "DigCycle", "OperatorParams", "View"]

@@ -1,0 +1,67 @@
+"""Habits of the scripted operator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from msg_bridge.contract.parameters import Parameters, parameter
+
+__all__ = ["OperatorParams"]
+
+
+@dataclass(frozen=True)
+class OperatorParams(Parameters):
+    """How the operator works; defaults suit a 20 t excavator in loose ground."""
+
+    near: float = parameter(4.6, "smallest radius of the lip", unit="m", low=1.0, high=30.0)
+    far: float = parameter(8.2, "largest radius of the lip", unit="m", low=1.0, high=30.0)
+    deepest: float = parameter(
+        3.0, "depth below the machine to which it digs", unit="m", low=0.1, high=20.0
+    )
+    deepest_cut: float = parameter(
+        0.45, "soil over the lip in one pass", unit="m", low=0.05, high=2.0
+    )
+    dig_sector: float = parameter(
+        0.22, "half width of the sector it digs in", unit="rad", low=0.0, high=1.5
+    )
+    dig_speed: float = parameter(
+        0.6, "speed of the lip in the soil", unit="m/s", low=0.05, high=3.0
+    )
+    entry_angle: float = parameter(
+        0.45, "angle of the lip below its way at entry", unit="rad", low=-0.5, high=1.2
+    )
+    exit_angle: float = parameter(
+        -0.35, "angle of the lip below its way at exit", unit="rad", low=-1.2, high=0.8
+    )
+    curl_lift: float = parameter(
+        0.6, "rise of the bucket while it curls", unit="m", low=0.0, high=3.0
+    )
+    clearance: float = parameter(
+        0.5, "distance kept from the ground when moving", unit="m", low=0.05, high=5.0
+    )
+    dump_radius: float = parameter(
+        6.0, "radius of the bucket pin over the dump", unit="m", low=2.0, high=20.0
+    )
+    appetite: float = parameter(
+        0.85, "soil it plans to sweep, in parts of the room in the bucket", low=0.1, high=2.0
+    )
+    full: float = parameter(
+        0.82, "fill it wants over the dump; with less after a pass it digs again", low=0.1, high=1.5
+    )
+    brimming: float = parameter(
+        1.1, "fill before the swing above which it plans less next time", low=0.5, high=2.0
+    )
+    empty: float = parameter(0.01, "fill with which it stops dumping", low=0.0, high=0.5)
+    most_passes: int = parameter(3, "drags before it carries what it has", low=1, high=10)
+    dump_wait: float = parameter(
+        3.0, "longest wait for the bucket to empty", unit="s", low=0.0, high=60.0
+    )
+    swing_speed: float = parameter(0.5, "of the swing joint", unit="rad/s", low=0.05, high=2.0)
+    boom_speed: float = parameter(0.3, "of the boom joint", unit="rad/s", low=0.05, high=2.0)
+    arm_speed: float = parameter(0.6, "of the arm joint", unit="rad/s", low=0.05, high=2.0)
+    bucket_speed: float = parameter(0.8, "of the bucket joint", unit="rad/s", low=0.05, high=2.0)
+
+    @property
+    def joint_speeds(self) -> tuple[float, float, float, float]:
+        """Swing, boom, arm, bucket [rad/s]."""
+        return (self.swing_speed, self.boom_speed, self.arm_speed, self.bucket_speed)

@@ -1,0 +1,79 @@
+"""What an operator sees and does: nothing that public topics do not carry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machine_sim.ground import surface_at
+from msg_bridge.contract.grid import Grid
+
+__all__ = ["Command", "View"]
+
+
+@dataclass(frozen=True)
+class View:
+    """What is seen at the beginning of a tick.
+
+    Attributes:
+        time: simulation time [s].
+        joints: swing, boom, arm, bucket [rad].
+        base_position: of base_link (3,) [m], map frame.
+        base_rotation: base_link to map (3, 3).
+        fill: soil in the bucket, in parts of its heaped capacity.
+        grid, elevation: the terrain as published [m], shape (rows, cols).
+    """
+
+    time: float
+    joints: NDArray[np.float64]
+    base_position: NDArray[np.float64]
+    base_rotation: NDArray[np.float64]
+    fill: float
+    grid: Grid
+    elevation: NDArray[np.float64]
+
+    @property
+    def yaw(self) -> float:
+        """Where the base faces [rad], from the map's +x counter-clockwise."""
+        return float(np.arctan2(self.base_rotation[1, 0], self.base_rotation[0, 0]))
+
+    def heights(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Surface [m] at points of the map frame, same shape as x and y."""
+        frame = (self.grid.x_first, self.grid.y_first, 1.0 / self.grid.cell)
+        z = [surface_at(self.elevation, *frame, *p)[0] for p in zip(x.flat, y.flat, strict=True)]
+        return np.array(z).reshape(x.shape)
+
+    def on_line(
+        self, azimuth: float, radius: NDArray[np.float64], width: float
+    ) -> NDArray[np.float64]:
+        """Mean surface [m] across a strip that runs out from the base.
+
+        Args:
+            azimuth: direction of the strip [rad], map frame.
+            radius: distances from the base's origin [m], shape (n,).
+            width: of the strip [m].
+
+        Returns:
+            Shape (n,).
+        """
+        across = np.linspace(-0.5 * width, 0.5 * width, 5)[:, None]
+        c, s = np.cos(azimuth), np.sin(azimuth)
+        x = self.base_position[0] + radius * c - across * s
+        y = self.base_position[1] + radius * s + across * c
+        mean: NDArray[np.float64] = self.heights(x, y).mean(axis=0)
+        return mean
+
+
+@dataclass(frozen=True)
+class Command:
+    """What is done in a tick.
+
+    Attributes:
+        joints: velocities of swing, boom, arm, bucket [rad/s].
+        tracks: speeds of the left and right track [m/s].
+    """
+
+    joints: NDArray[np.float64]
+    tracks: NDArray[np.float64]

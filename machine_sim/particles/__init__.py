@@ -1,0 +1,30 @@
+"""Soil as particles: soft spheres that touch each other, tools and terrain.
+
+- `params`: the physics, with units and ranges
+- `store`: the particles and the volume account
+- `law`: the contact law; `jit`: how kernels are compiled
+- `neighbours`, `pairs`: near pairs, and the forces between particles
+- `plates`, `tool`, `walls`: tool geometry, its motion, and the forces on it
+- `soil_contact`: forces of the terrain
+- `growth`: released particles grow to size
+- `motion`: the substeps; `landing`: who comes to rest
+- `engine`: all of it in one step; `warm`: compile it beforehand
+"""
+
+from machine_sim.particles.engine import ParticleEngine
+from machine_sim.particles.params import ParticleParams
+from machine_sim.particles.plates import Plates
+from machine_sim.particles.store import ParticleError, ParticleStore
+from machine_sim.particles.tool import Pose, RigidTool
+from machine_sim.particles.warm import warm_up
+
+__all__ = [
+    "ParticleEngine",
+    "ParticleError",
+    "ParticleParams",
+    "ParticleStore",
+    "Plates",
+    "Pose",
+    "RigidTool",
+    "warm_up",
+]

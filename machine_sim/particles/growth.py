@@ -1,0 +1,142 @@
+"""Released particles grow to size, so that a release into others is no explosion.
+
+Soil comes loose as overlapping parcels. Each starts with a contact radius that overlaps nothing,
+and grows in `growth_time` where it has room, slowly where it must push its neighbours away.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machine_sim.particles.jit import kernel
+from machine_sim.particles.plates import closest_in_polygon, plate_coordinates
+from machine_sim.particles.walls import to_tool
+
+__all__ = ["grow_radii", "start_radii"]
+
+_LEAST = np.float32(0.01)
+"""Smallest contact radius, in radii: one released on another must push it somewhere."""
+_SHIFT = 0.2
+"""How far particles of one place are parted, in radii."""
+_COINCIDENT = 0.01
+"""Centres nearer than this many radii are taken for one place."""
+_PUSH = 0.01
+"""Overlap, in sums of radii, up to which growth goes on at full speed."""
+_CREEP = 1.0 / 16.0
+"""Share of the full growth speed that goes on against any pressure, so that all grow up."""
+
+
+@kernel
+def start_radii(  # type: ignore[no-untyped-def]
+    share, first, second, pairs, position, radius, contact_radius,
+    walls, wall_row, wall_plate, frame, corner, corners, owner, pose,
+    grounds, ground_row, plane,
+):  # fmt: skip
+    """Give each particle with contact radius 0 one that touches neither particle, plate nor ground.
+
+    Args:
+        share: largest contact radius to start with, in radii.
+        first, second, pairs: the listed pairs.
+        position, radius, contact_radius: of the particles.
+        walls, wall_row, wall_plate, frame, corner, corners, owner, pose: plate contacts, tools.
+        grounds, ground_row, plane: ground contacts.
+
+    Returns:
+        How many were started.
+    """
+    n = radius.size
+    _part_coincident(first, second, pairs, position, radius, contact_radius)
+    room = np.empty(n, np.float64)
+    for i in range(n):
+        room[i] = share * radius[i]
+    for k in range(pairs):
+        i, j = first[k], second[k]
+        fresh_i, fresh_j = contact_radius[i] == 0.0, contact_radius[j] == 0.0
+        if fresh_i or fresh_j:
+            dx = position[j, 0] - position[i, 0]
+            dy = position[j, 1] - position[i, 1]
+            dz = position[j, 2] - position[i, 2]
+            d = np.sqrt(dx * dx + dy * dy + dz * dz)
+            if fresh_i and fresh_j:
+                room[i], room[j] = min(room[i], 0.5 * d), min(room[j], 0.5 * d)
+            elif fresh_i:
+                room[i] = min(room[i], d - contact_radius[j])
+            else:
+                room[j] = min(room[j], d - contact_radius[i])
+    for c in range(walls):
+        i, k = wall_row[c], wall_plate[c]
+        x, y, z = to_tool(pose[owner[k]], position[i, 0], position[i, 1], position[i, 2])
+        a, b, h = plate_coordinates(frame, k, x, y, z)
+        ca, cb, _inside = closest_in_polygon(corner, corners, k, a, b)
+        room[i] = min(room[i], np.sqrt((a - ca) ** 2 + (b - cb) ** 2 + h * h))
+    for c in range(grounds):
+        i = ground_row[c]
+        distance = plane[c, 0] * position[i, 0] + plane[c, 1] * position[i, 1]
+        distance += plane[c, 2] * position[i, 2] - plane[c, 3]
+        room[i] = min(room[i], distance)
+    started = 0
+    for i in range(n):
+        if contact_radius[i] == 0.0:
+            contact_radius[i] = max(np.float32(room[i]), _LEAST * radius[i])
+            started += 1
+    return started
+
+
+@kernel
+def _part_coincident(first, second, pairs, position, radius, contact_radius):  # type: ignore[no-untyped-def]
+    """Shift fresh particles that share one place, each its own way, so that they can part."""
+    shifted = np.zeros(radius.size, np.bool_)
+    for k in range(pairs):
+        i, j = first[k], second[k]
+        if contact_radius[j] != 0.0:
+            i, j = j, i
+        if contact_radius[j] != 0.0 or shifted[j]:
+            continue
+        d2 = 0.0
+        for axis in range(3):
+            d2 += (position[j, axis] - position[i, axis]) ** 2
+        if d2 > (_COINCIDENT * radius[j]) ** 2:
+            continue
+        shifted[j] = True
+        # Directions of a golden spiral over the sphere: never two alike.
+        z = 2.0 * ((j * 0.6180339887498949) % 1.0) - 1.0
+        turn, across = 2.399963229728653 * j, np.sqrt(1.0 - z * z)
+        step = _SHIFT * radius[j]
+        position[j, 0] += step * across * np.cos(turn)
+        position[j, 1] += step * across * np.sin(turn)
+        position[j, 2] += step * z
+
+
+@kernel
+def grow_radii(first, second, pairs, position, radius, contact_radius, share):  # type: ignore[no-untyped-def]
+    """Let contact radii grow by up to `share` of the full radius.
+
+    Returns:
+        How many are not full yet.
+    """
+    n = radius.size
+    room = np.empty(n, np.float64)
+    for i in range(n):
+        room[i] = share * radius[i]
+    for k in range(pairs):
+        i, j = first[k], second[k]
+        grows_i, grows_j = contact_radius[i] < radius[i], contact_radius[j] < radius[j]
+        if grows_i or grows_j:
+            dx = position[j, 0] - position[i, 0]
+            dy = position[j, 1] - position[i, 1]
+            dz = position[j, 2] - position[i, 2]
+            reach = contact_radius[i] + contact_radius[j]
+            gap = np.sqrt(dx * dx + dy * dy + dz * dz) - reach + _PUSH * reach
+            if grows_i and grows_j:
+                gap *= 0.5
+            if grows_i:
+                room[i] = min(room[i], gap)
+            if grows_j:
+                room[j] = min(room[j], gap)
+    growing = 0
+    for i in range(n):
+        if contact_radius[i] < radius[i]:
+            grown = contact_radius[i] + max(room[i], _CREEP * share * radius[i])
+            contact_radius[i] = min(np.float32(grown), radius[i])
+            growing += contact_radius[i] < radius[i]
+    return growing

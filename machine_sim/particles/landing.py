@@ -1,0 +1,59 @@
+"""Which particles are done being particles: at rest on the ground, or off the map."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machine_sim.ground import Ground
+from machine_sim.particles.jit import kernel
+from machine_sim.particles.params import ParticleParams
+from machine_sim.particles.plates import closest_in_polygon, plate_coordinates
+from machine_sim.particles.store import ParticleStore
+from machine_sim.particles.tool import RigidTool
+
+__all__ = ["settled_rows", "tool_gap"]
+
+
+def settled_rows(
+    store: ParticleStore, ground: Ground, tools: list[RigidTool], params: ParticleParams
+) -> NDArray[np.intp]:
+    """Rows that should land, in order of particle id.
+
+    A particle lands when it has been slow on the ground for `settle_time`, free of every tool:
+    farther than `tool_clearance` from its plates and outside its convex hull. One off the map
+    always does. A frozen one has landed already.
+    """
+    outside = ~ground.grid.contains(store.position[:, 0], store.position[:, 1])
+    rested = store.quiet_time >= np.float32(params.settle_time)
+    rows = np.flatnonzero((rested | outside) & ~store.frozen)
+    free = np.ones(rows.size, dtype=np.bool_)
+    for tool in tools:
+        if rows.size:
+            local = tool.local(store.position[rows])
+            near = np.linalg.norm(local - tool.centre, axis=1) <= (
+                tool.reach + params.tool_clearance + store.radius[rows]
+            )
+            for k in np.flatnonzero(near):
+                gap = tool_gap(local[k], tool) - float(store.radius[rows[k]])
+                free[k] &= gap > params.tool_clearance
+            free &= ~tool.contains(local)
+    rows = rows[free | outside[rows]]
+    return np.asarray(rows[np.argsort(store.particle_id[rows])], dtype=np.intp)
+
+
+def tool_gap(local: NDArray[np.float64], tool: RigidTool) -> float:
+    """Distance [m] of a point, tool frame, shape (3,), to the nearest plate."""
+    plates = tool.plates
+    return float(_gap(plates.frame, plates.corner, plates.corners, local[0], local[1], local[2]))
+
+
+@kernel
+def _gap(frame, corner, corners, x, y, z):  # type: ignore[no-untyped-def]
+    """Distance of a point of the tool frame to the nearest plate."""
+    nearest = 1e300
+    for k in range(corners.size):
+        a, b, h = plate_coordinates(frame, k, x, y, z)
+        ca, cb, _ = closest_in_polygon(corner, corners, k, a, b)
+        nearest = min(nearest, (a - ca) ** 2 + (b - cb) ** 2 + h * h)
+    return np.sqrt(nearest)

@@ -1,0 +1,69 @@
+"""Parameters of soil as particles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from msg_bridge.contract.parameters import Parameters, parameter
+
+__all__ = ["ParticleParams"]
+
+
+@dataclass(frozen=True)
+class ParticleParams(Parameters):
+    """How particles look, touch, and come to rest."""
+
+    capacity: int = parameter(
+        200_000, "Most particles alive at once; more are refused.", low=1, high=10_000_000
+    )
+    nominal_volume: int = parameter(
+        500_000, "Nominal bank volume of one particle.", unit="mm^3", low=100, high=2**32 - 1
+    )
+    bank_density: float = parameter(
+        1800.0, "Density of undisturbed soil.", unit="kg/m^3", low=100.0, high=10_000.0
+    )
+    packing: float = parameter(
+        0.6, "Sphere volume over the bulk volume a heap of them takes.", low=0.3, high=0.74
+    )
+    gravity: float = parameter(9.81, "Gravity, downward.", unit="m/s^2", low=0.0, high=30.0)
+    substeps: int = parameter(5, "Contact substeps per physics step.", low=1, high=100)
+    substeps_per_contact: float = parameter(
+        7.0, "Substeps a free collision lasts: sets the stiffness.", low=5.0, high=50.0
+    )
+    restitution: float = parameter(
+        0.4, "Rebound speed over impact speed of a free collision.", low=0.15, high=0.95
+    )
+    friction: float = parameter(
+        0.4,
+        "Coulomb friction between particles; 0.3, 0.4, 0.5 give 23, 30, 36 deg.",
+        high=2.0,
+        low=0.0,
+    )
+    tool_friction: float = parameter(
+        0.35, "Coulomb friction between particles and tool plates.", low=0.0, high=2.0
+    )
+    ground_friction: float = parameter(
+        0.7, "Coulomb friction between particles and the terrain.", low=0.0, high=2.0
+    )
+    skin: float = parameter(
+        0.15, "Reach of the neighbour list beyond touching, in mean diameters.", low=0.02, high=1.0
+    )
+    growth_time: float = parameter(
+        0.08,
+        "Time a released particle takes to full size where it has room.",
+        unit="s",
+        low=0.0,
+        high=2.0,
+    )
+    release_size: float = parameter(
+        0.5, "Contact radius of a released particle over its full radius.", low=0.1, high=1.0
+    )
+    settle_speed: float = parameter(
+        0.3, "A particle on the ground that is slower comes to rest.", unit="m/s", low=0.0, high=2.0
+    )
+    settle_time: float = parameter(
+        0.05, "How long it must be slower before it lands.", unit="s", low=0.0, high=10.0
+    )
+    tool_clearance: float = parameter(
+        0.05, "A particle closer to a tool plate does not land.", unit="m", low=0.0, high=2.0
+    )

@@ -1,0 +1,154 @@
+"""Tool plates: thin convex polygons, and the closest point of one to a particle centre.
+
+A plate has its own frame: origin at its first corner, u along its first edge, n its normal (the
+corners turn counter-clockwise about n), v = n x u. A point's plate coordinates are (a, b, h) along
+u, v, n; a corner's are (a, b, 0).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from machine_sim.particles.jit import inline_kernel
+from machine_sim.particles.store import ParticleError
+
+__all__ = ["MAX_CORNERS", "Plates", "closest_in_polygon", "hull_planes", "plate_coordinates"]
+
+MAX_CORNERS = 8
+
+
+@dataclass(frozen=True)
+class Plates:
+    """Plates of a tool, in its frame.
+
+    Attributes:
+        frame: origin, u, v, n of each plate [m], shape (plates, 12).
+        corner: (a, b) of each corner [m], shape (plates, MAX_CORNERS, 2).
+        corners: number of corners of each plate, shape (plates,), int64.
+    """
+
+    frame: NDArray[np.float64]
+    corner: NDArray[np.float64]
+    corners: NDArray[np.int64]
+
+    @classmethod
+    def from_polygons(cls, polygons: Sequence[ArrayLike]) -> Plates:
+        """Build from corner points, each polygon of shape (k, 3) [m], tool frame, in order around.
+
+        Raises:
+            ParticleError: fewer than 3 or more than 8 corners, or not planar, convex and finite.
+        """
+        count = len(polygons)
+        frame = np.zeros((count, 12))
+        corner = np.zeros((count, MAX_CORNERS, 2))
+        corners = np.zeros(count, dtype=np.int64)
+        for k, polygon in enumerate(polygons):
+            points = np.asarray(polygon, dtype=np.float64)
+            fault = _fault(points)
+            if fault:
+                raise ParticleError(f"tool plate {k} {fault}")
+            u, v, n = _axes(points)
+            frame[k] = np.concatenate([points[0], u, v, n])
+            corners[k] = len(points)
+            corner[k, : len(points)] = (points - points[0]) @ np.stack([u, v], axis=1)
+        return cls(frame, corner, corners)
+
+
+def _axes(
+    points: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """u, v, n of a polygon; n by Newell's sum over its edges."""
+    n = np.cross(points, np.roll(points, -1, axis=0)).sum(axis=0)
+    n = n / np.linalg.norm(n)
+    u = points[1] - points[0]
+    u = u - (u @ n) * n
+    u = u / np.linalg.norm(u)
+    return u, np.cross(n, u), n
+
+
+def _fault(points: NDArray[np.float64]) -> str:
+    """What is wrong with a polygon, empty if nothing."""
+    if points.ndim != 2 or points.shape[1] != 3 or not 3 <= len(points) <= MAX_CORNERS:
+        return f"has shape {points.shape}; give 3 to {MAX_CORNERS} corners of 3 coordinates"
+    if not np.isfinite(points).all():
+        return "has a corner that is not finite"
+    edges = np.roll(points, -1, axis=0) - points
+    size = float(np.ptp(points, axis=0).max())
+    doubled_area = np.linalg.norm(np.cross(points, np.roll(points, -1, axis=0)).sum(axis=0))
+    if doubled_area < 1e-6 * size**2 or np.linalg.norm(edges, axis=1).min() < 1e-6 * size:
+        return "has no area or a repeated corner"
+    n = _axes(points)[2]
+    if np.abs((points - points[0]) @ n).max() > 1e-4 * size:
+        return "is not planar; split it into triangles"
+    if (np.cross(edges, np.roll(edges, -1, axis=0)) @ n).min() < -1e-6 * size**2:
+        return "is not convex; split it"
+    return ""
+
+
+def hull_planes(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Half-spaces of the convex hull of a tool's corners, by trying all triples.
+
+    Args:
+        points: shape (k, 3) [m].
+
+    Returns:
+        Outward unit normals and offsets, shape (planes, 4): inside where n.x < offset for all.
+        Of shape (0, 4) for points of one plane, which enclose nothing.
+    """
+    points = np.unique(np.round(points, 9), axis=0)
+    size = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
+    triples = np.array(list(combinations(range(len(points)), 3)), dtype=np.intp).reshape(-1, 3)
+    a, b, c = (points[triples[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=1)
+    proper = lengths > 1e-9 * size**2
+    normals = normals[proper] / lengths[proper, None]
+    offsets = np.einsum("ij,ij->i", normals, a[proper])
+    heights = normals @ points.T - offsets[:, None]
+    tolerance = 1e-6 * size
+    above, below = heights.max(axis=1) > tolerance, heights.min(axis=1) < -tolerance
+    outward = np.where(above, -1.0, 1.0)
+    planes = np.column_stack([normals, offsets]) * outward[:, None]
+    return np.asarray(np.unique(np.round(planes[above ^ below], 9), axis=0), dtype=np.float64)
+
+
+@inline_kernel
+def plate_coordinates(frame, k, x, y, z):  # type: ignore[no-untyped-def]
+    """(a, b, h) of a point (x, y, z) [m] of the tool frame at plate k."""
+    x -= frame[k, 0]
+    y -= frame[k, 1]
+    z -= frame[k, 2]
+    a = x * frame[k, 3] + y * frame[k, 4] + z * frame[k, 5]
+    b = x * frame[k, 6] + y * frame[k, 7] + z * frame[k, 8]
+    h = x * frame[k, 9] + y * frame[k, 10] + z * frame[k, 11]
+    return a, b, h
+
+
+@inline_kernel
+def closest_in_polygon(corner, corners, k, a, b):  # type: ignore[no-untyped-def]
+    """Point of plate k closest to (a, b) in its plane, and whether that is (a, b) itself.
+
+    The closest point of a convex polygon lies on an edge that (a, b) is outside of.
+    """
+    inside = True
+    closest_a, closest_b = a, b
+    best = 1e300
+    n = corners[k]
+    for e in range(n):
+        f = e + 1 if e + 1 < n else 0
+        ea, eb = corner[k, f, 0] - corner[k, e, 0], corner[k, f, 1] - corner[k, e, 1]
+        pa, pb = a - corner[k, e, 0], b - corner[k, e, 1]
+        if ea * pb - eb * pa < 0.0:
+            inside = False
+            t = min(max((pa * ea + pb * eb) / (ea * ea + eb * eb), 0.0), 1.0)
+            ca, cb = corner[k, e, 0] + t * ea, corner[k, e, 1] + t * eb
+            d2 = (a - ca) ** 2 + (b - cb) ** 2
+            if d2 < best:
+                best = d2
+                closest_a, closest_b = ca, cb
+    return closest_a, closest_b, inside

@@ -1,0 +1,134 @@
+"""Particles on the terrain: a tangent plane per particle and step, forces, rest and rescue.
+
+Each particle near the ground feels, for one step, the plane that fits the terrain under it. The
+slope is taken across its own diameter: a bilinear surface has creases between columns, and a
+normal that jumps there would fire a particle off the foot of a cliff.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machine_sim.ground import surface_at
+from machine_sim.particles.jit import kernel
+from machine_sim.particles.law import contact_force
+
+__all__ = ["finish_on_ground", "ground_forces", "ground_planes"]
+
+_STEEP = 10.0
+"""Height over the ground, in radii, above which a centre is clear of any cliff beside it."""
+
+
+@kernel
+def _height(surface, ground, x, y):  # type: ignore[no-untyped-def]
+    """Terrain height [m] at (x, y)."""
+    return surface_at(surface, ground[0], ground[1], ground[2], x, y)[0]
+
+
+@kernel
+def ground_planes(surface, ground, dt, position, velocity, radius, frozen, spring, row, plane):  # type: ignore[no-untyped-def]
+    """List the particles that may touch the ground within `dt` [s] and the plane each feels.
+
+    Args:
+        surface, ground: contact surface [m] and `Ground.frame`.
+        position, velocity, radius, frozen, spring: of the particles; springs out of touch reset.
+        row: out, rows listed.
+        plane: out, normal and offset of each listed, shape (n, 4): distance = normal.x - offset.
+
+    Returns:
+        How many are listed.
+    """
+    count = 0
+    for i in range(position.shape[0]):
+        if frozen[i]:
+            continue
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        r = np.float64(radius[i])
+        speed2 = velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2
+        reach = 1.2 * r + 1.3 * dt * np.sqrt(speed2)
+        height, slope_x, slope_y = surface_at(surface, ground[0], ground[1], ground[2], x, y)
+        above = z - height
+        steep = np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
+        if above > max(_STEEP * r, reach) and above > reach * steep:
+            spring[i, 0] = spring[i, 1] = spring[i, 2] = np.float32(0.0)
+            continue
+        slope_x = (_height(surface, ground, x + r, y) - _height(surface, ground, x - r, y)) / (
+            2 * r
+        )
+        slope_y = (_height(surface, ground, x, y + r) - _height(surface, ground, x, y - r)) / (
+            2 * r
+        )
+        nz = 1.0 / np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
+        if above * nz > reach:
+            spring[i, 0] = spring[i, 1] = spring[i, 2] = np.float32(0.0)
+            continue
+        nx, ny = -slope_x * nz, -slope_y * nz
+        row[count] = i
+        plane[count, 0], plane[count, 1], plane[count, 2] = nx, ny, nz
+        plane[count, 3] = nx * x + ny * y + nz * height
+        count += 1
+    return count
+
+
+@kernel
+def ground_forces(  # type: ignore[no-untyped-def]
+    count, row, plane, position, velocity, mass, contact_radius, spring, force, law, friction
+):
+    """Add the ground's forces to `force` [N] and carry the tangential springs on."""
+    for c in range(count):
+        i = row[c]
+        nx, ny, nz = plane[c, 0], plane[c, 1], plane[c, 2]
+        distance = nx * position[i, 0] + ny * position[i, 1] + nz * position[i, 2] - plane[c, 3]
+        # One radius at most: deeper is for `finish_on_ground`.
+        overlap = min(contact_radius[i] - distance, np.float64(contact_radius[i]))
+        if overlap <= 0.0:
+            spring[i, 0] = spring[i, 1] = spring[i, 2] = np.float32(0.0)
+            continue
+        ax, ay, az, sx, sy, sz = contact_force(
+            law, friction, overlap, nx, ny, nz,
+            velocity[i, 0], velocity[i, 1], velocity[i, 2],
+            spring[i, 0], spring[i, 1], spring[i, 2],
+        )  # fmt: skip
+        spring[i, 0], spring[i, 1], spring[i, 2] = sx, sy, sz
+        force[i, 0] += np.float32(mass[i] * ax)
+        force[i, 1] += np.float32(mass[i] * ay)
+        force[i, 2] += np.float32(mass[i] * az)
+
+
+@kernel
+def finish_on_ground(  # type: ignore[no-untyped-def]
+    surface, ground, dt, settle_speed, count, row, plane,
+    position, velocity, radius, frozen, quiet_time,
+):  # fmt: skip
+    """Bring back who sank through the ground, and time who is slow on it.
+
+    A centre more than a radius under the surface is put back upon it at rest. A particle is on
+    the ground when its centre is within sqrt(3)/2 diameters of it (half the diagonal of a cube of
+    that size, the rule for cubes).
+
+    Returns:
+        How many were brought back.
+    """
+    rescued = 0
+    for i in range(position.shape[0]):
+        speed2 = velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2
+        quiet_time[i] = -quiet_time[i] - np.float32(dt) if speed2 < settle_speed**2 else 0.0
+    for c in range(count):
+        i = row[c]
+        if frozen[i]:
+            continue
+        r = np.float64(radius[i])
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        height = _height(surface, ground, x, y)
+        distance = (z - height) * plane[c, 2]
+        if distance < -r:
+            position[i, 2] = height + r / plane[c, 2]
+            velocity[i, 0] = velocity[i, 1] = velocity[i, 2] = 0.0
+            rescued += 1
+            distance = r
+        if distance <= np.sqrt(3.0) * r:
+            quiet_time[i] = -quiet_time[i]
+    # Whoever was not slow and on the ground has a negative or no time now.
+    for i in range(position.shape[0]):
+        quiet_time[i] = max(quiet_time[i], np.float32(0.0))
+    return rescued

@@ -1,0 +1,167 @@
+"""The particles themselves: one array per quantity, with room to grow.
+
+Rows keep the order of release unless `reorder` is called; `particle_id` is what lasts.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from msg_bridge.contract.errors import EarthmovingError
+
+__all__ = ["ParticleError", "ParticleStore"]
+
+_COLUMNS: dict[str, tuple[str, tuple[int, ...]]] = {
+    "position": ("f8", (3,)),
+    "velocity": ("f8", (3,)),
+    "radius": ("f4", ()),
+    "contact_radius": ("f4", ()),
+    "mass": ("f4", ()),
+    "inverse_mass": ("f4", ()),
+    "volume_mm3": ("i8", ()),
+    "soil": ("u1", ()),
+    "moisture": ("u1", ()),
+    "particle_id": ("u4", ()),
+    "frozen": ("?", ()),
+    "quiet_time": ("f4", ()),
+    "ground_spring": ("f4", (3,)),
+    "pair_row": ("i4", ()),
+    "wall_row": ("i4", ()),
+}
+
+
+class ParticleError(EarthmovingError):
+    """Particles that cannot be made, or ids that are not alive; nothing was changed."""
+
+
+class ParticleStore:
+    """Struct of arrays over the live particles; attributes are views of their rows.
+
+    Attributes:
+        position: centres [m], map frame, shape (n, 3), float64.
+        velocity: [m/s], map frame, shape (n, 3), float64.
+        radius: full radius [m], shape (n,), float32.
+        contact_radius: radius felt by contacts [m], grows to `radius`; 0 until the first step.
+        mass: [kg], shape (n,), float32.
+        inverse_mass: [1/kg], 0 while frozen.
+        volume_mm3: the account: bank volume [mm^3], shape (n,), int64.
+        soil, moisture: soil type and moisture code, uint8.
+        particle_id: unique, never used twice, from 1, uint32.
+        frozen: landed and not yet answered: does not move, supports others, still counts.
+        quiet_time: how long it has been slow on the ground [s].
+        ground_spring: tangential spring of its ground contact [m], shape (n, 3).
+        pair_row, wall_row: its row in the pair and plate list of the last step, -1 if it has none.
+        next_id: the id of the next particle.
+    """
+
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    radius: NDArray[np.float32]
+    contact_radius: NDArray[np.float32]
+    mass: NDArray[np.float32]
+    inverse_mass: NDArray[np.float32]
+    volume_mm3: NDArray[np.int64]
+    soil: NDArray[np.uint8]
+    moisture: NDArray[np.uint8]
+    particle_id: NDArray[np.uint32]
+    frozen: NDArray[np.bool_]
+    quiet_time: NDArray[np.float32]
+    ground_spring: NDArray[np.float32]
+    pair_row: NDArray[np.int32]
+    wall_row: NDArray[np.int32]
+
+    def __init__(self, capacity: int) -> None:
+        self.capacity = capacity
+        self.count = 0
+        self.next_id = 1
+        self._data = _allocate(min(capacity, 1024))
+        self._by_id: NDArray[np.intp] | None = None
+        self._bind()
+
+    @property
+    def total_volume_mm3(self) -> int:
+        """Bank volume of all particles [mm^3], frozen ones included, exact."""
+        return int(self.volume_mm3.sum())
+
+    def add(self, count: int, **columns: ArrayLike) -> NDArray[np.uint32]:
+        """Append particles; columns not given are zero.
+
+        Returns:
+            Their ids, ascending, shape (count,).
+
+        Raises:
+            ParticleError: more than `capacity`, or no ids left.
+        """
+        if self.count + count > self.capacity:
+            raise ParticleError(
+                f"{self.count} + {count} particles are more than the capacity of {self.capacity};"
+                " raise `capacity` or make larger particles"
+            )
+        if self.next_id + count > 2**32:
+            raise ParticleError("particle ids are used up; reset the simulation")
+        start, end = self.count, self.count + count
+        if end > len(self._data["frozen"]):
+            room = _allocate(min(self.capacity, max(end, 2 * start)))
+            for name, column in self._data.items():
+                room[name][:start] = column[:start]
+            self._data = room
+        for name, column in self._data.items():
+            column[start:end] = columns.get(name, 0)
+        ids = np.arange(self.next_id, self.next_id + count, dtype=np.uint32)
+        self._data["particle_id"][start:end] = ids
+        self._data["pair_row"][start:end] = -1
+        self._data["wall_row"][start:end] = -1
+        self.next_id += count
+        self.count = end
+        self._bind()
+        return ids
+
+    def rows(self, ids: ArrayLike) -> NDArray[np.intp]:
+        """Rows of particles, in the order of `ids`.
+
+        Raises:
+            ParticleError: an id that is not alive, or one given twice.
+        """
+        wanted = np.atleast_1d(np.asarray(ids)).astype(np.int64)
+        if wanted.size == 0:
+            return np.zeros(0, dtype=np.intp)
+        if np.unique(wanted).size != wanted.size:
+            raise ParticleError("a particle id is given twice; give each id once")
+        if self._by_id is None:
+            self._by_id = np.argsort(self.particle_id, kind="stable")
+        order = self._by_id
+        place = np.searchsorted(self.particle_id, wanted, sorter=order)
+        inside = place < self.count
+        rows = order[np.minimum(place, max(self.count - 1, 0))] if self.count else place
+        if not inside.all() or (self.particle_id[rows] != wanted).any():
+            raise ParticleError("no live particle has one of the ids given; ids are never reused")
+        return np.asarray(rows, dtype=np.intp)
+
+    def remove(self, rows: NDArray[np.intp]) -> None:
+        """Take particles out; the others keep their order."""
+        keep = np.ones(self.count, dtype=np.bool_)
+        keep[rows] = False
+        kept = np.flatnonzero(keep)
+        self.reorder(kept)
+
+    def reorder(self, order: NDArray[np.intp]) -> None:
+        """Make row `order[k]` row k; rows not named are dropped."""
+        for column in self._data.values():
+            column[: order.size] = column[: self.count][order]
+        self.count = order.size
+        self._bind()
+
+    def _bind(self) -> None:
+        """Let the attributes show the live rows."""
+        self._by_id = None
+        for name, column in self._data.items():
+            setattr(self, name, column[: self.count])
+
+
+def _allocate(capacity: int) -> dict[str, NDArray[Any]]:
+    return {
+        name: np.zeros((capacity, *shape), dtype=dtype) for name, (dtype, shape) in _COLUMNS.items()
+    }

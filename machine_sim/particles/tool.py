@@ -1,0 +1,207 @@
+"""Rigid tools made of plates, moved by the machine; particles push back on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from machine_sim.particles.jit import kernel
+from machine_sim.particles.plates import Plates, hull_planes
+from machine_sim.particles.store import ParticleError
+
+__all__ = ["Pose", "RigidTool", "ToolSet", "checked_pose", "pose_path"]
+
+
+Pose = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Where a tool frame is in the map frame: its axes as columns, (3, 3), and its origin [m], (3,)."""
+
+
+def checked_pose(pose: Pose) -> Pose:
+    """A copy of a pose, in float64.
+
+    Raises:
+        ParticleError: wrong shapes, not finite, or no rotation.
+    """
+    rotation = np.array(pose[0], dtype=np.float64)
+    position = np.array(pose[1], dtype=np.float64)
+    if rotation.shape != (3, 3) or position.shape != (3,):
+        raise ParticleError("a pose is a 3 x 3 rotation and a position of 3 coordinates")
+    if not (np.isfinite(position).all() and np.isfinite(rotation).all()):
+        raise ParticleError("a tool pose is not finite; hold the last one")
+    if np.abs(rotation.T @ rotation - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0.0:
+        raise ParticleError("a tool pose has no rotation; give unit axes as columns")
+    return rotation, position
+
+
+class RigidTool:
+    """A tool of thin two-sided plates: a bucket, a blade, a cutter drum's envelope.
+
+    Attributes:
+        plates: its plates, tool frame.
+        hull: half-spaces of the convex hull of its corners, shape (planes, 4).
+        centre, reach: bounding sphere [m], tool frame.
+        start, end: pose at the beginning and end of a step.
+    """
+
+    def __init__(self, polygons: Sequence[ArrayLike], pose: Pose) -> None:
+        """Build from plates, each (k, 3) corners [m] in the tool frame, in order around.
+
+        Raises:
+            ParticleError: no plate, or one that is not planar and convex.
+        """
+        if not polygons:
+            raise ParticleError("a tool needs at least one plate")
+        self.plates = Plates.from_polygons(polygons)
+        corners = np.concatenate([np.asarray(p, dtype=np.float64) for p in polygons])
+        self.hull = hull_planes(corners)
+        self.centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+        self.reach = float(np.linalg.norm(corners - self.centre, axis=1).max())
+        self.start = self.end = checked_pose(pose)
+
+    def move(self, start: Pose, end: Pose) -> None:
+        """Set the motion of the next step.
+
+        Raises:
+            ParticleError: no poses, or a turn by 90 degrees or more; nothing was set.
+        """
+        start, end = checked_pose(start), checked_pose(end)
+        if np.trace(start[0].T @ end[0]) <= 1.0:
+            raise ParticleError("a tool turns by 90 deg or more in one step; use shorter steps")
+        self.start, self.end = start, end
+
+    def local(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points [m] of the map frame, shape (n, 3), in the tool frame at the end pose."""
+        return np.asarray((position - self.end[1]) @ self.end[0], dtype=np.float64)
+
+    def contains(self, local: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which points [m], shape (n, 3), tool frame, lie inside the convex hull."""
+        if len(self.hull) == 0:
+            return np.zeros(len(local), dtype=np.bool_)
+        inside = local @ self.hull[:, :3].T < self.hull[:, 3]
+        return np.asarray(inside.all(axis=1), dtype=np.bool_)
+
+
+class ToolSet:
+    """All tools of an engine, their plates in one table for the kernels.
+
+    Attributes:
+        tools: in order of addition, which is their number in the arrays below.
+        number: of each tool id.
+        frame, corner, corners: as in `Plates`, all tools one after another.
+        owner: tool of each plate, shape (plates,), int64.
+        first: first plate of each tool, and the end, shape (tools + 1,), int64.
+        sphere: bounding spheres, tool frame, x y z r [m], shape (tools, 4).
+        path: poses before each substep and after the last, shape (substeps + 1, tools, 12).
+        twist: velocity of the frame origin and angular velocity, map axes, shape (tools, 6).
+        wrench: force [N] and torque about the frame origin [N m] on each tool, map axes, mean
+            over the last step, shape (tools, 6).
+    """
+
+    def __init__(self, substeps: int) -> None:
+        self.tools: list[RigidTool] = []
+        self.number: dict[int, int] = {}
+        self._substeps = substeps
+        self._collect()
+
+    def add(self, tool_id: int, tool: RigidTool) -> None:
+        """Take a tool in, behind the others: plates keep their numbers.
+
+        Raises:
+            ParticleError: the id is taken.
+        """
+        if tool_id in self.number:
+            raise ParticleError(f"there is a tool {tool_id} already; give each its own id")
+        self.number[tool_id] = len(self.tools)
+        self.tools.append(tool)
+        self._collect()
+
+    def __getitem__(self, tool_id: int) -> RigidTool:
+        """A tool by its id.
+
+        Raises:
+            ParticleError: there is none.
+        """
+        if tool_id not in self.number:
+            raise ParticleError(f"there is no tool {tool_id}; add it with add_tool")
+        return self.tools[self.number[tool_id]]
+
+    def begin(self, dt: float) -> None:
+        """Lay out the poses of a step of `dt` [s]."""
+        if not self.tools:
+            return
+        start = np.stack([_packed(tool.start) for tool in self.tools])
+        end = np.stack([_packed(tool.end) for tool in self.tools])
+        pose_path(start, end, dt, self.path, self.twist)
+        self.wrench[:] = 0.0
+
+    def end(self) -> None:
+        """Rest at the end pose until moved again."""
+        self.wrench /= self._substeps
+        for tool in self.tools:
+            tool.start = tool.end
+
+    def _collect(self) -> None:
+        count = len(self.tools)
+        plates = [tool.plates for tool in self.tools]
+        sizes = [len(p.corners) for p in plates]
+        empty = Plates.from_polygons([])
+        self.frame = np.concatenate([empty.frame, *(p.frame for p in plates)])
+        self.corner = np.concatenate([empty.corner, *(p.corner for p in plates)])
+        self.corners = np.concatenate([empty.corners, *(p.corners for p in plates)])
+        self.owner = np.repeat(np.arange(count, dtype=np.int64), np.asarray(sizes, dtype=np.int64))
+        self.first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+        self.sphere = np.array([[*t.centre, t.reach] for t in self.tools]).reshape(count, 4)
+        self.path = np.zeros((self._substeps + 1, count, 12))
+        self.twist = np.zeros((count, 6))
+        self.wrench = np.zeros((count, 6))
+
+
+def _packed(pose: Pose) -> NDArray[np.float64]:
+    """Rotation by rows, then position, shape (12,)."""
+    return np.concatenate([pose[0].reshape(-1), pose[1]])
+
+
+@kernel
+def pose_path(start, end, dt, path, twist):  # type: ignore[no-untyped-def]
+    """Poses on the way from `start` to `end` at constant velocity and angular velocity.
+
+    Args:
+        start, end: packed poses, shape (tools, 12).
+        dt: time from start to end [s].
+        path: out, shape (substeps + 1, tools, 12).
+        twist: out, velocity and angular velocity, map axes, shape (tools, 6).
+    """
+    substeps = path.shape[0] - 1
+    turn = np.zeros(9)
+    for t in range(start.shape[0]):
+        for i in range(3):
+            for j in range(3):
+                total = 0.0
+                for k in range(3):
+                    total += end[t, 3 * i + k] * start[t, 3 * j + k]
+                turn[3 * i + j] = total
+        # Axis times sine of the turn; its length and the trace give the angle.
+        ux, uy, uz = 0.5 * (turn[7] - turn[5]), 0.5 * (turn[2] - turn[6]), 0.5 * (turn[3] - turn[1])
+        sine = np.sqrt(ux * ux + uy * uy + uz * uz)
+        angle = np.arctan2(sine, 0.5 * (turn[0] + turn[4] + turn[8] - 1.0))
+        factor = angle / sine if sine > 1e-12 else 1.0
+        for k in range(3):
+            twist[t, k] = (end[t, 9 + k] - start[t, 9 + k]) / dt
+        twist[t, 3], twist[t, 4], twist[t, 5] = ux * factor / dt, uy * factor / dt, uz * factor / dt
+        if sine > 1e-12:
+            ux, uy, uz = ux / sine, uy / sine, uz / sine
+        for s in range(substeps + 1):
+            share = s / substeps
+            c, sn = np.cos(angle * share), np.sin(angle * share)
+            for j in range(3):
+                x, y, z = start[t, j], start[t, 3 + j], start[t, 6 + j]
+                along = (ux * x + uy * y + uz * z) * (1.0 - c)
+                path[s, t, j] = x * c + (uy * z - uz * y) * sn + ux * along
+                path[s, t, 3 + j] = y * c + (uz * x - ux * z) * sn + uy * along
+                path[s, t, 6 + j] = z * c + (ux * y - uy * x) * sn + uz * along
+                path[s, t, 9 + j] = start[t, 9 + j] + twist[t, j] * dt * share
+        # The end is the end as given, so that the next step starts without a seam.
+        for k in range(12):
+            path[substeps, t, k] = end[t, k]

@@ -1,0 +1,40 @@
+"""Payload: the soil that is in the tool, counted from the particles really in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from machine_sim.machine.bucket import BucketShape
+from machine_sim.particles import ParticleEngine
+
+__all__ = ["Payload", "payload_in"]
+
+
+@dataclass(frozen=True)
+class Payload:
+    """Soil in a tool.
+
+    Attributes:
+        bank: bank volume [m^3].
+        loose: volume as it lies in the tool [m^3].
+        mass: [kg].
+        fill: loose volume in parts of the tool's heaped capacity.
+    """
+
+    bank: float
+    loose: float
+    mass: float
+    fill: float
+
+
+def payload_in(bucket: BucketShape, particles: ParticleEngine, tool: int) -> Payload:
+    """Count the particles inside the bucket and in the heap on it."""
+    store = particles.store
+    inside = bucket.contains_heaped(particles.tool_local(tool))
+    bank = int(store.volume_mm3[inside].sum()) * 1e-9
+    # A particle's sphere is its bulk volume times the packing.
+    spheres = 4.0 / 3.0 * np.pi * float((store.radius[inside].astype(np.float64) ** 3).sum())
+    loose = spheres / particles.params.packing
+    return Payload(bank, loose, float(store.mass[inside].sum()), loose / bucket.heaped_capacity)

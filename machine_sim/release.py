@@ -1,0 +1,134 @@
+"""Release: excavated soil, credited column by column, becomes particles where it was cut.
+
+The pending account. A conversion row is a parcel at the place its soil stood; parcels of one
+column gather until they make a particle of the nominal volume, which then appears at the place of
+the newest of them, inside the tool. What is too little for a particle goes on with the next one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machine_sim.machine.bucket import BucketShape
+from machine_sim.particles import ParticleEngine, Pose
+from msg_bridge.contract.rows import Kind, Rows
+
+__all__ = ["PendingSoil"]
+
+_IDLE_TICKS = 5
+"""Ticks without a new parcel after which a column's remainder is released."""
+
+_SMALLEST_PART = 0.25
+"""Smallest particle worth making, in parts of the nominal volume."""
+
+_CLEARANCE = 0.02
+"""Distance from the tool's plates at which a particle may appear [m]."""
+
+Vector = NDArray[np.float64]
+
+
+@dataclass
+class _Parcel:
+    """Soil of one column, waiting; `place` is in the tool frame, so that it moves with it."""
+
+    volume: int
+    soil: int
+    place: Vector
+    tick: int
+
+
+class PendingSoil:
+    """Parcels received and not yet turned into particles."""
+
+    def __init__(
+        self, bucket: BucketShape, rng: np.random.Generator, *, nominal_mm3: int, per_tick: int
+    ) -> None:
+        """
+        Args:
+            bucket: the tool the soil is cut with.
+            rng: scatters particles that appear at one place.
+            nominal_mm3: bank volume of a particle [mm^3].
+            per_tick: particles released in one tick, at most; the rest waits.
+        """
+        self._bucket = bucket
+        self._rng = rng
+        self._nominal = nominal_mm3
+        self._per_tick = per_tick
+        self._parcels: dict[tuple[int, int], _Parcel] = {}
+        self._remainder = 0
+
+    @property
+    def total_mm3(self) -> int:
+        """Bank volume waiting [mm^3]."""
+        return self._remainder + sum(parcel.volume for parcel in self._parcels.values())
+
+    def receive(self, conversions: Rows, pose: Pose, tick: int) -> None:
+        """Credit the EXCAVATE rows among `conversions`; the tool stands at `pose`."""
+        rotation, origin = pose
+        for row in conversions[conversions["kind"] == Kind.EXCAVATE]:
+            key = (int(row["row"]), int(row["col"]))
+            place = rotation.T @ (np.array([row["x"], row["y"], row["z"]]) - origin)
+            parcel = self._parcels.setdefault(key, _Parcel(0, 0, place, tick))
+            parcel.volume += int(row["volume_mm3"])
+            parcel.soil, parcel.place, parcel.tick = int(row["soil"]), place, tick
+
+    def release(self, particles: ParticleEngine, pose: Pose, tick: int) -> int:
+        """Turn parcels into particles, at most as many as one tick may have.
+
+        Returns:
+            How many were made.
+        """
+        volumes: list[int] = []
+        places: list[Vector] = []
+        soils: list[int] = []
+        room = min(self._per_tick, particles.room)
+        for key in list(self._parcels):
+            parcel = self._parcels[key]
+            while parcel.volume >= self._nominal and len(volumes) < room:
+                parcel.volume -= self._nominal
+                volumes.append(self._nominal)
+                places.append(parcel.place)
+                soils.append(parcel.soil)
+            if parcel.volume < self._nominal and tick - parcel.tick > _IDLE_TICKS:
+                self._remainder += parcel.volume
+                del self._parcels[key]
+                if self._remainder >= _SMALLEST_PART * self._nominal and len(volumes) < room:
+                    volumes.append(self._remainder)
+                    places.append(parcel.place)
+                    soils.append(parcel.soil)
+                    self._remainder = 0
+        if volumes:
+            self._place(particles, pose, places, volumes, soils)
+        return len(volumes)
+
+    def _place(
+        self,
+        particles: ParticleEngine,
+        pose: Pose,
+        places: list[Vector],
+        volumes: list[int],
+        soils: list[int],
+    ) -> None:
+        rotation, origin = pose
+        volume = np.array(volumes, dtype=np.int64)
+        # Particles of one place scatter over the room their soil takes.
+        spread = 0.5 * np.cbrt(volume * 1e-9)[:, None]
+        local = np.array(places) + spread * self._rng.uniform(-1.0, 1.0, (len(places), 3))
+        local = self._bucket.clamped_inside(local, _CLEARANCE)
+        particles.add(
+            local @ rotation.T + origin,
+            np.zeros_like(local),
+            volume,
+            np.array(soils, dtype=np.uint8),
+            np.zeros(len(soils), dtype=np.uint8),
+        )
+
+    def drain(self) -> int:
+        """Give up everything that waits, for a last particle; returns its volume [mm^3]."""
+        total = self.total_mm3
+        self._parcels.clear()
+        self._remainder = 0
+        return total

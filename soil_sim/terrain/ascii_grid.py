@@ -1,0 +1,164 @@
+"""Terrain as an ESRI ASCII grid: a header of keys, then the rows from north to south.
+
+The format names no coordinate reference system, so a georeference comes back without its crs.
+Each row of the grid must be one line: a lost value is then found where it was lost. Only a file
+that ends within the digits of its very last value cannot be told from a whole one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soil_sim.errors import TerrainError
+from soil_sim.terrain.georeference import Georeference
+from soil_sim.terrain.heights import HeightMap
+from soil_sim.terrain.north_up import matrix_from_picture, to_north_up
+from soil_sim.terrain.reading import Reading
+
+__all__ = ["read_ascii_grid", "write_ascii_grid"]
+
+_KEYS = (
+    "ncols",
+    "nrows",
+    "xllcorner",
+    "xllcenter",
+    "yllcorner",
+    "yllcenter",
+    "cellsize",
+    "nodata_value",
+)
+_NODATA = -9999.0  # what a file means that names none
+
+_Lines = Iterator[tuple[int, list[str]]]  # line number from 1, words
+
+
+def read_ascii_grid(path: Path) -> Reading:
+    """Read a grid; its coordinates are taken for metres.
+
+    Raises:
+        TerrainError: the line and what is wrong in it, or the keys that are missing.
+    """
+    try:
+        text = path.read_text(encoding="ascii")
+    except UnicodeDecodeError as error:
+        raise TerrainError(f"byte {error.start} is no ASCII; save it as plain text") from error
+    lines = ((n, words) for n, line in enumerate(text.splitlines(), 1) if (words := line.split()))
+    header, first = _read_header(lines)
+    cols, rows = _count(header, "ncols"), _count(header, "nrows")
+    cell = header["cellsize"]
+    if not cell > 0.0:
+        raise TerrainError(f"cellsize is {cell:g}; give a positive spacing in metres")
+    picture = _read_rows(first, lines, rows, cols, header.get("nodata_value", _NODATA))
+    easting = _centre(header, "xll", cols * cell, cell)
+    northing = _centre(header, "yll", rows * cell, cell)
+    at_origin = abs(easting) < 1e-9 * cell and abs(northing) < 1e-9 * cell
+    place = None if at_origin else Georeference("", easting, northing)
+    return Reading(matrix_from_picture(picture), cell, place)
+
+
+def write_ascii_grid(path: Path, height_map: HeightMap) -> None:
+    """Write elevations with all their digits; ground without georeference is centred on (0, 0)."""
+    picture = to_north_up(height_map.elevations)
+    rows, cols = picture.shape
+    cell = height_map.grid.cell
+    place = height_map.georeference or Georeference("", 0.0, 0.0)
+    header = (
+        f"ncols {cols}\nnrows {rows}\n"
+        f"xllcorner {place.easting - 0.5 * cols * cell!r}\n"
+        f"yllcorner {place.northing - 0.5 * rows * cell!r}\n"
+        f"cellsize {float(cell)!r}\nNODATA_value {_NODATA:g}\n"
+    )
+    with path.open("w", encoding="ascii", newline="\n") as file:
+        file.write(header)
+        for row in picture:
+            file.write(" ".join(map(repr, row.tolist())) + "\n")
+
+
+def _read_header(lines: _Lines) -> tuple[dict[str, float], tuple[int, list[str]]]:
+    """The keys, and the first line that is no key."""
+    header: dict[str, float] = {}
+    first: tuple[int, list[str]] = (0, [])
+    for number, words in lines:
+        first = (number, words)
+        key = words[0].lower()
+        if not (key[0].isalpha() or key[0] == "_") or key in ("nan", "inf", "infinity"):
+            break
+        if key not in _KEYS:
+            raise TerrainError(
+                f"line {number} has the key {words[0]!r}; give one of {', '.join(_KEYS)}"
+                " (cells must be square)"
+            )
+        if key in header or len(words) != 2:
+            raise TerrainError(f"line {number} must be {key} and one number, given once")
+        header[key] = _number(words[1], f"line {number}, {key}")
+        first = (number, [])
+    missing = [key for key in ("ncols", "nrows", "cellsize") if key not in header]
+    missing += [
+        f"{axis}corner or {axis}center"
+        for axis in ("xll", "yll")
+        if f"{axis}corner" not in header and f"{axis}center" not in header
+    ]
+    if missing:
+        raise TerrainError(f"its header lacks {', '.join(missing)}; add it")
+    for axis in ("xll", "yll"):
+        if f"{axis}corner" in header and f"{axis}center" in header:
+            raise TerrainError(f"its header has {axis}corner and {axis}center; keep one of them")
+    return header, first
+
+
+def _read_rows(
+    first: tuple[int, list[str]], lines: _Lines, rows: int, cols: int, nodata: float
+) -> NDArray[np.float64]:
+    """The heights, shape (rows, cols), row 0 north."""
+    picture: list[NDArray[np.float64]] = []
+    number, words = first
+    while words:
+        if len(words) != cols:
+            raise TerrainError(
+                f"line {number} has {len(words)} values, not ncols = {cols}; write each row of"
+                " the grid on one line"
+            )
+        row = np.array([_number(word, f"line {number}") for word in words])
+        empty = np.flatnonzero(row == nodata)
+        if empty.size:
+            raise TerrainError(
+                f"line {number}, value {empty[0] + 1} is {nodata:g}, which means no height; fill"
+                " such gaps or crop them away"
+            )
+        picture.append(row)
+        number, words = next(lines, (0, []))
+    if len(picture) != rows:
+        raise TerrainError(
+            f"it has {len(picture)} rows of heights, not nrows = {rows}; if it was cut off, copy"
+            " it again"
+        )
+    return np.stack(picture)
+
+
+def _number(word: str, where: str) -> float:
+    try:
+        value = float(word) if "_" not in word else math.nan  # Python reads 1_0 as 10
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise TerrainError(f"{where} has {word!r}; give a finite number with a decimal point")
+    return value
+
+
+def _count(header: dict[str, float], key: str) -> int:
+    value = header[key]
+    if not (value.is_integer() and value >= 2):
+        raise TerrainError(f"{key} is {value:g}; give a whole number, at least 2")
+    return int(value)
+
+
+def _centre(header: dict[str, float], axis: str, extent: float, cell: float) -> float:
+    """Easting or northing of the grid's centre [m] from that of its south-west cell."""
+    if f"{axis}corner" in header:
+        return header[f"{axis}corner"] + 0.5 * extent
+    return header[f"{axis}center"] + 0.5 * (extent - cell)

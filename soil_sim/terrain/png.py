@@ -1,0 +1,141 @@
+"""Terrain as a 16-bit greyscale PNG, north-up: value 0 is the low and 65535 the high height.
+
+A PNG states no spacing or heights. Files written here carry them in a text chunk, so that they
+read back without arguments; heights are rounded to the 65535th part of their range.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, PngImagePlugin
+
+from soil_sim.errors import TerrainError
+from soil_sim.terrain.georeference import Georeference
+from soil_sim.terrain.heights import HeightMap
+from soil_sim.terrain.north_up import matrix_from_picture, to_north_up
+from soil_sim.terrain.reading import Reading
+
+__all__ = ["read_png", "write_png"]
+
+_KEY = "earthmoving_sim terrain"
+_LEVELS = 65535
+_SIXTEEN_BIT = ("I;16", "I;16L", "I;16B", "I")  # Pillow before 11 opens 16-bit grey as "I"
+
+
+def read_png(path: Path, height_range: tuple[float, float] | None) -> Reading:
+    """Read a picture of heights.
+
+    Args:
+        path: the file.
+        height_range: heights [m] of values 0 and 65535; None takes those the file carries.
+
+    Raises:
+        TerrainError: not a complete 16-bit greyscale PNG, or no heights are known for it.
+    """
+    values, text = _decode(path)
+    record = _record(text)
+    if height_range is None and record is None:
+        raise TerrainError(
+            "a PNG does not state its heights; give height_range=(low, high) in metres"
+        )
+    low, high = checked_range(height_range if height_range is not None else record["height_range"])
+    picture = low + values * ((high - low) / _LEVELS)
+    if record is None:
+        return Reading(matrix_from_picture(picture))
+    place = Georeference(**record["georeference"]) if record["georeference"] else None
+    return Reading(matrix_from_picture(picture), record["cell"], place)
+
+
+def write_png(path: Path, height_map: HeightMap, height_range: tuple[float, float] | None) -> None:
+    """Write heights as 16-bit values, and what they mean as text.
+
+    Args:
+        path: the file.
+        height_map: what to write.
+        height_range: heights [m] of values 0 and 65535; None takes the lowest and highest height.
+
+    Raises:
+        TerrainError: a range that is none, or heights beyond it.
+    """
+    heights = height_map.heights
+    lowest, highest = float(heights.min()), float(heights.max())
+    if height_range is None:
+        height_range = (lowest, highest if highest > lowest else lowest + 1.0)
+    low, high = checked_range(height_range)
+    if lowest < low or highest > high:
+        raise TerrainError(
+            f"heights reach from {lowest} to {highest} m, beyond the height_range of {low} to"
+            f" {high} m; give a range that holds them"
+        )
+    place = height_map.georeference
+    record = {
+        "cell": height_map.grid.cell,
+        "height_range": [low, high],
+        "georeference": vars(place) if place else None,
+    }
+    chunk = PngImagePlugin.PngInfo()
+    chunk.add_itxt(_KEY, json.dumps(record))
+    values = np.rint((to_north_up(heights) - low) * (_LEVELS / (high - low)))
+    picture = np.ascontiguousarray(values.clip(0, _LEVELS).astype(np.uint16))
+    Image.fromarray(picture).save(path, format="PNG", pnginfo=chunk)
+
+
+def checked_range(height_range: Any) -> tuple[float, float]:
+    """(low, high) [m] from what a caller or a file gives.
+
+    Raises:
+        TerrainError: not two finite numbers, low below high.
+    """
+    try:
+        low, high = (float(value) for value in height_range)
+    except (TypeError, ValueError):
+        low = high = math.nan
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise TerrainError(
+            f"height_range is {height_range!r}; give (low, high) in metres, low below high"
+        )
+    return low, high
+
+
+def _decode(path: Path) -> tuple[NDArray[np.float64], Any]:
+    """Values 0..65535, shape (height, width), and our text chunk if there is one."""
+    try:
+        with Image.open(path, formats=["PNG"]) as image:
+            image.verify()  # checksums to the last chunk; the image must be opened anew after it
+        with Image.open(path, formats=["PNG"]) as image:
+            mode = image.mode
+            if mode in _SIXTEEN_BIT:
+                values = np.asarray(image, dtype=np.float64)
+                return values, image.info.get(_KEY)
+    except Exception as error:  # Pillow names no base of all that broken bytes make it raise
+        raise TerrainError(f"it is no complete PNG ({error}); export it again") from error
+    raise TerrainError(
+        f"its pixels are {mode!r}, too coarse for heights or coloured; export a 16-bit greyscale"
+        " PNG without alpha"
+    )
+
+
+def _record(text: Any) -> Any:
+    """What a file of ours says about itself, None for another's."""
+    if text is None:
+        return None
+    try:
+        record = json.loads(text)
+        Georeference(**(record["georeference"] or {"crs": "", "easting": 0, "northing": 0}))
+        cell = record["cell"]
+        if isinstance(cell, bool) or not isinstance(cell, (int, float)):
+            raise TypeError("cell is no number")
+        record["cell"] = float(cell)
+        checked_range(record["height_range"])
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
+        raise TerrainError(
+            f"its text chunk {_KEY!r} is damaged ({error}); remove the chunk and give cell and"
+            " height_range"
+        ) from error
+    return record
