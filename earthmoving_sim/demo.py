@@ -14,20 +14,37 @@ SUMMARY = "an excavator digs, carries and dumps on real ground; draws what it di
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The demo's options."""
-    parser.add_argument("--cycles", type=int, default=5, help="bucketfuls to move (default 5)")
     parser.add_argument(
-        "--out", type=Path, default=Path("out/demo"), help="folder for results (default out/demo)"
+        "--config", default="demo.yaml", metavar="FILE", help="parameters (default: demo.yaml)"
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the scatter of soil (default 0)")
+    parser.add_argument("--cycles", type=int, help="bucketfuls to move (default: 5)")
+    parser.add_argument("--seed", type=int, help="of the scatter of released soil (default: 0)")
+    parser.add_argument(
+        "--terrain",
+        type=Path,
+        metavar="FILE",
+        help="dig there instead: .npy, .npz, 16-bit .png, .asc or .tif; the middle of the map"
+        " should be fairly level",
+    )
+    parser.add_argument("--cell", type=float, help="spacing of the terrain's points [m]")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/demo"), help="folder for pictures (out/demo)"
+    )
     parser.add_argument("--no-pictures", action="store_true", help="end with the summary")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run it; 0 if the ledger closed, 1 if not."""
-    from earthmoving_sim.dig_run import DigRun, RunOptions
+    """Run it; 0 if all cycles were done and the ledger closed at every tick, else 1."""
+    from earthmoving_sim.dig_run import DigRun
     from earthmoving_sim.report import print_summary, write_pictures
+    from earthmoving_sim.run_config import load_run_config
+    from soil_sim.terrain import load_terrain
 
-    dig = DigRun(RunOptions(cycles=args.cycles, seed=args.seed))
+    asked = {"cycles": args.cycles, "seed": args.seed}
+    config = load_run_config(args.config, {k: v for k, v in asked.items() if v is not None})
+    site = load_terrain(args.terrain, cell=args.cell) if args.terrain else None
+    print("Compiling kernels (some seconds the first time) and setting up the site ...", flush=True)
+    dig = DigRun(config, site)
     try:
         outcome = dig.run(progress=True)
     finally:

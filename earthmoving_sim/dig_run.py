@@ -11,41 +11,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from earthmoving_sim.machine_shape import machine_faces, machine_outline
+from earthmoving_sim.run_config import RunConfig
 from earthmoving_sim.site import jacksboro_site
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
-from machine_sim.machine import load_description
 from machine_sim.machine.kinematics import rotation_matrix
-from machine_sim.operator import CycleReport, DigCycle, OperatorParams, View
-from machine_sim.params import MachineSimParams
+from machine_sim.operator import CycleReport, DigCycle, View
 from machine_sim.particles import warm_up
-from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.ledger import Ledger
-from msg_bridge.contract.parameters import Parameters, parameter
-from soil_sim.params import SoilParams
 from soil_sim.soil import Soil
 from soil_sim.terrain import HeightMap
 
-__all__ = ["DigRun", "Outcome", "RunOptions"]
+__all__ = ["DigRun", "Outcome"]
 
 _LOG_EVERY = 10
 """Ticks between points of the recorded path of the lip."""
 
 _PROGRESS_EVERY = 100
 """Ticks between lines of progress."""
-
-
-@dataclass(frozen=True)
-class RunOptions(Parameters):
-    """What the run does."""
-
-    cycles: int = parameter(5, "bucketfuls to move", low=1, high=1000)
-    seed: int = parameter(0, "of the scatter of released soil", low=0, high=2**31)
-    approach: float = parameter(2.0, "way driven before digging", unit="m", low=0.0, high=20.0)
-    longest: float = parameter(
-        600.0, "simulated time after which the run is given up", unit="s", low=1.0, high=1e6
-    )
 
 
 @dataclass
@@ -104,28 +88,34 @@ class DigRun:
         operator: who works the levers.
     """
 
-    def __init__(self, options: RunOptions | None = None, site: HeightMap | None = None) -> None:
+    def __init__(self, config: RunConfig, site: HeightMap | None = None) -> None:
         """
         Args:
-            options: what to do.
+            config: parameters of all parts.
             site: the terrain; the demo's own if not given.
         """
-        self.options = options or RunOptions()
+        self.config = config
         self.site = site or jacksboro_site()
-        description = load_description(find_config("machines/excavator.yaml"))
-        params = MachineSimParams()
-        self._dt = params.tick
+        self._dt = config.stepping.tick
+        soil = Soil(self.site.grid, self.site.heights, config.soil)
         self.machine = MachineSim(
-            description,
+            config.machine,
             self.site.grid,
-            self.site.heights,
-            params=params,
-            position=(-4.0 - self.options.approach, 0.0),
-            seed=self.options.seed,
+            soil.columns.height,
+            params=config.stepping,
+            particle_params=config.particles,
+            swell=config.soil.swell,
+            position=(-4.0 - config.run.approach, 0.0),
+            seed=config.run.seed,
         )
         warm_up()
-        self.world = World(Soil(self.site.grid, self.site.heights, SoilParams()), {1: self.machine})
-        self.operator = DigCycle(description, OperatorParams(), dig_at=0.0, dump_at=0.5 * math.pi)
+        self.world = World(soil, {1: self.machine})
+        self.operator = DigCycle(
+            config.machine,
+            config.operator,
+            dig_at=0.0,
+            dump_at=math.radians(config.run.dump_angle),
+        )
         self._path: list[tuple[NDArray[np.float64], int, str]] = []
         self._worst = 0
         self._most = 0
@@ -138,13 +128,13 @@ class DigRun:
         """
         began = time.perf_counter()
         self._approach()
-        while len(self.operator.reports) < self.options.cycles and not self._too_long:
+        while len(self.operator.reports) < self.config.run.cycles and not self._too_long:
             command = self.operator.command(self._view(), self._dt)
             self.machine.command(command.joints, command.tracks)
             self._step()
             if progress and self.world.tick % _PROGRESS_EVERY == 0:
                 self._say(began)
-        finished = len(self.operator.reports) >= self.options.cycles
+        finished = len(self.operator.reports) >= self.config.run.cycles
         self._settle()
         wall = time.perf_counter() - began
         if progress:
@@ -158,13 +148,13 @@ class DigRun:
 
     @property
     def _too_long(self) -> bool:
-        return self.world.tick * self._dt > self.options.longest
+        return self.world.tick * self._dt > self.config.run.longest
 
     def _approach(self) -> None:
         """Drive forward on the tracks to where the dig is to be."""
         start = self.machine.machine.base_pose[0][0]
         self.machine.command(np.zeros(4), np.full(2, 0.8))
-        while self.machine.machine.base_pose[0][0] - start < self.options.approach:
+        while self.machine.machine.base_pose[0][0] - start < self.config.run.approach:
             self._step()
             if self._too_long:
                 break
@@ -214,7 +204,7 @@ class DigRun:
         wall = time.perf_counter() - began
         ledger = self.world.ledger
         line = (
-            f"cycle {min(self.operator.cycle, self.options.cycles)}/{self.options.cycles}"
+            f"cycle {min(self.operator.cycle, self.config.run.cycles)}/{self.config.run.cycles}"
             f"  {self.operator.phase:<6}"
             f" bucket {100 * self.machine.payload.fill:3.0f} %"
             f"  particles {self.machine.particles.count:5d}"

@@ -14,25 +14,28 @@ POINTS = 257
 CELL = 0.2
 """The demo's grid: 257 x 257 points, 0.2 m apart, as fine as a bucket's teeth are far apart."""
 
-_CROP = 129
+_CROP = 65
 _RELIEF = 2.5
-_STEEPEST = math.radians(12.0)
+_STEEPEST = math.radians(20.0)
 
 
-def jacksboro_site(*, row: int = 150, col: int = 150) -> HeightMap:
+def jacksboro_site(*, row: int = 128, col: int = 144) -> HeightMap:
     """A piece of the Jacksboro fault, Tennessee, as a site of 51.4 m with 2.5 m of relief.
 
     The elevation data (USGS SRTM, about 90 m a cell) comes with matplotlib. The piece keeps its
-    shape; its width and relief are scaled, and no slope is left steeper than 12 degrees.
+    shape; its width and relief are scaled, and no slope is left steeper than 20 degrees, well
+    below the angle at which soil slips.
 
     Args:
-        row, col: first row and column of the piece of 129 x 129 points in the data.
+        row, col: first row and column of the piece of 65 x 65 points in the data; the default
+            is level where the excavator stands.
     """
     from matplotlib.cbook import get_sample_data
 
     path = str(get_sample_data("jacksboro_fault_dem.npz", asfileobj=False))
     with np.load(path) as data:
         elevation = data["elevation"].astype(np.float64)
-    piece = from_north_up(elevation, cell=2 * CELL).cropped(row, col, _CROP, _CROP)
+    data_cell = (POINTS - 1) * CELL / (_CROP - 1)
+    piece = from_north_up(elevation, data_cell).cropped(row, col, _CROP, _CROP)
     site = piece.resampled(POINTS, POINTS, CELL).with_relief(_RELIEF)
     return site.with_slope_limit(_STEEPEST).lowered(float(site.heights.mean()))

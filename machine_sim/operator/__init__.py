@@ -1,8 +1,9 @@
 """A scripted operator: digs, carries and dumps, knowing only what public topics carry.
 
 - `view`: what it sees and what it does.
-- `dig`: where the lip should go to fill the bucket.
 - `arm`: joints for a place of the bucket, and back.
+- `survey`: what it takes from the terrain: where to dig, how high to swing.
+- `dig`: where the lip should go to fill the bucket.
 - `motion`: following way points with velocity commands.
 - `cycle`: dig, lift, swing, dump, return.
 """

@@ -7,17 +7,39 @@ map's zero. Slants are attitudes: the angle of the line from pin to lip below th
 from __future__ import annotations
 
 import math
+from contextlib import suppress
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.machine.description import MachineDescription
+from machine_sim.machine.errors import ReachError
 from machine_sim.machine.kinematics import pin_angles, rotation_about_z, to_arm_plane, tool_pose
 from machine_sim.operator.view import View
 
-__all__ = ["ArmPlane"]
+__all__ = ["ArmPlane", "Place"]
 
 Array = NDArray[np.float64]
+
+_PULL_IN = (0.0, 0.02, 0.05, 0.1, 0.2, 0.3)
+"""How much nearer a pin is tried that is out of reach [m]."""
+
+
+class Place(NamedTuple):
+    """Where a bucket's pin is over the map, and how the bucket slants.
+
+    Attributes:
+        azimuth: direction from the swing axis [rad], map frame.
+        radius: horizontal distance from the swing axis [m].
+        height: above the map's zero [m].
+        attitude: angle of the line from pin to lip below the horizontal [rad].
+    """
+
+    azimuth: float
+    radius: float
+    height: float
+    attitude: float
 
 
 class ArmPlane:
@@ -46,42 +68,49 @@ class ArmPlane:
         """
         return (self._lip_angle - math.pi - angle) % (2 * math.pi)
 
-    def pin(self, radius: float, height: float, attitude: float) -> tuple[float, float]:
-        """Radius and height of the pin [m] for the lip's."""
-        return (
+    def lip_at(self, azimuth: float, radius: float, height: float, attitude: float) -> Place:
+        """The place of the bucket that has its lip at a radius and height [m]."""
+        return Place(
+            azimuth,
             radius - self._length * math.cos(attitude),
             height + self._length * math.sin(attitude),
+            attitude,
         )
 
-    def pin_of(self, view: View) -> tuple[float, float]:
-        """Radius and height of the pin [m] as seen."""
-        _, pin = tool_pose(self._machine, view.base_position, view.base_rotation, view.joints)
+    def place(self, view: View) -> Place:
+        """Where the bucket is seen to be."""
+        rotation, pin = tool_pose(
+            self._machine, view.base_position, view.base_rotation, view.joints
+        )
         axis = self._axis(view)
-        return math.hypot(pin[0] - axis[0], pin[1] - axis[1]), float(pin[2])
-
-    def azimuth(self, view: View) -> float:
-        """Direction of the arm [rad], map frame."""
         forward = (view.base_rotation @ rotation_about_z(view.joints[0]))[:, 0]
-        return math.atan2(forward[1], forward[0])
+        azimuth = math.atan2(forward[1], forward[0])
+        lip = rotation[:, 0]
+        along = lip[0] * math.cos(azimuth) + lip[1] * math.sin(azimuth)
+        attitude = math.atan2(-lip[2], along)
+        if attitude < -0.5 * math.pi:
+            attitude += 2 * math.pi  # a bucket curled past level goes on beyond pi
+        radius = math.hypot(pin[0] - axis[0], pin[1] - axis[1])
+        return Place(azimuth, radius, float(pin[2]), attitude)
 
-    def joints(
-        self, view: View, azimuth: float, radius: float, height: float, attitude: float
-    ) -> Array:
-        """Joint angles [rad], shape (4,), that put the pin there with the bucket at that slant.
+    def joints(self, view: View, place: Place) -> Array:
+        """Joint angles [rad], shape (4,), that put the bucket at a place.
 
-        A bucket joint at its limit leaves the bucket at the nearest slant it can have.
+        A bucket joint at its limit leaves the bucket at the nearest slant it can have. A pin a
+        little too far out, as when the base rocks, is put as far out as it can be.
 
         Raises:
-            ReachError: the pin cannot be there.
+            ReachError: the pin cannot be anywhere near there.
         """
+        for nearer in _PULL_IN:
+            with suppress(ReachError):
+                return self._joints(view, place._replace(radius=place.radius - nearer))
+        return self._joints(view, place)
+
+    def _joints(self, view: View, place: Place) -> Array:
         axis = self._axis(view)
-        target = np.array(
-            [
-                axis[0] + radius * math.cos(azimuth),
-                axis[1] + radius * math.sin(azimuth),
-                height,
-            ]
-        )
+        x, y = math.cos(place.azimuth), math.sin(place.azimuth)
+        target = np.array([axis[0] + place.radius * x, axis[1] + place.radius * y, place.height])
         base = (self._machine, view.base_position, view.base_rotation)
         across = to_arm_plane(*base, 0.0, target)
         swing = math.atan2(across[1], across[0])
@@ -92,14 +121,8 @@ class ArmPlane:
         forward = (view.base_rotation @ rotation_about_z(swing))[:, 0]
         tilt = math.asin(max(-1.0, min(1.0, float(forward[2]))))
         limits = self._machine.joints["bucket"]
-        bucket = min(max(attitude + tilt - boom - arm, limits.lower), limits.upper)
+        bucket = min(max(place.attitude + tilt - boom - arm, limits.lower), limits.upper)
         return np.array([swing, boom, arm, bucket])
-
-    def opened(self, view: View) -> Array:
-        """Joints as they are, but the bucket open to pour."""
-        joints = view.joints.copy()
-        joints[3] = self._machine.joints["bucket"].lower
-        return joints
 
     def _axis(self, view: View) -> Array:
         origin = np.array(self._machine.swing_origin)

@@ -49,6 +49,11 @@ class DigPlan:
     height: NDArray[np.float64]
     volume: float
 
+    @classmethod
+    def nothing(cls) -> DigPlan:
+        """A plan without way points, before the first."""
+        return cls(np.zeros(0), np.zeros(0), 0.0)
+
 
 _SPACING = 0.1
 _DRAG = 3.0

@@ -1,7 +1,9 @@
-"""Moving the tool along way points, as a steady hand would.
+"""Moving the bucket along way points, as a steady hand would.
 
-A set point travels along the way, and the joints are driven after it by velocity commands, the
-only thing the machine takes. Where the machine cannot keep up, the set point waits.
+Way points are places of the bucket over the map. A set point travels along them; at every tick the
+joint angles that put the bucket there are found anew for the machine as it stands now, so that a
+base that tilts under its load does not dig deeper. Where the machine cannot keep up, the set point
+waits.
 """
 
 from __future__ import annotations
@@ -12,7 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Motion", "Target", "servo"]
+from machine_sim.operator.arm import ArmPlane, Place
+from machine_sim.operator.view import View
+
+__all__ = ["Motion", "Target"]
 
 _GAIN = 4.0
 """Joint velocity for a joint error [1/s]."""
@@ -20,63 +25,50 @@ _GAIN = 4.0
 _LAG = 0.12
 """Joint error at which the set point waits [rad]."""
 
+_EASE = 0.5
+"""Time over which a motion speeds up and slows down [s], where it is long enough."""
+
 
 @dataclass(frozen=True)
 class Target:
-    """Joints to be in, and how long to take from the one before.
+    """A place of the bucket, and how long to take to it from the one before [s]."""
 
-    Attributes:
-        joints: swing, boom, arm, bucket [rad], shape (4,).
-        duration: [s].
-    """
-
-    joints: NDArray[np.float64]
+    place: Place
     duration: float
 
 
 class Motion:
     """A set point on its way through targets; smooth at the ends, steady between."""
 
-    def __init__(self, start: NDArray[np.float64], targets: Sequence[Target]) -> None:
+    def __init__(self, start: Place, targets: Sequence[Target]) -> None:
         """
         Args:
-            start: joints now [rad], shape (4,).
+            start: where the bucket is.
             targets: in order, at least one.
         """
-        self._joints = np.vstack([start, *(target.joints for target in targets)])
+        self._places = np.array([start, *(target.place for target in targets)])
         self._times = np.cumsum([0.0, *(max(target.duration, 1e-3) for target in targets)])
         self._time = 0.0
 
     @property
     def done(self) -> bool:
         """Whether the set point has reached the last target."""
-        return self._time >= self._times[-1]
+        return bool(self._time >= self._times[-1])
 
-    def advance(self, joints: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
-        """Move the set point on by `dt` [s] and return the joint velocities to command [rad/s].
-
-        Args:
-            joints: as measured [rad], shape (4,).
-            dt: length of the tick [s].
-        """
-        now = self._at(self._time)
-        lag = float(np.abs(now - joints).max())
-        rate = max(0.0, 1.0 - max(0.0, lag - 0.5 * _LAG) / (0.5 * _LAG))
+    def advance(self, view: View, arm: ArmPlane, dt: float) -> NDArray[np.float64]:
+        """Move the set point on by `dt` [s] and return the joint velocities to command [rad/s]."""
+        now = arm.joints(view, self._at(self._time))
+        lag = float(np.abs(now - view.joints).max())
+        rate = min(1.0, max(0.0, 2.0 - 2.0 * lag / _LAG))
         self._time = min(self._time + rate * dt, float(self._times[-1]))
-        following = self._at(self._time)
-        return np.asarray((following - now) / dt + servo(joints, following), dtype=np.float64)
+        following = arm.joints(view, self._at(self._time))
+        velocity = (following - now) / dt + _GAIN * (following - view.joints)
+        return np.asarray(velocity, dtype=np.float64)
 
-    def _at(self, time: float) -> NDArray[np.float64]:
-        """Joints of the set point; the whole way is eased in and out."""
+    def _at(self, time: float) -> Place:
         total = float(self._times[-1])
-        ease = min(0.5, 0.25 * total)
-        t = _eased(time, total, ease)
-        return np.array([np.interp(t, self._times, column) for column in self._joints.T])
-
-
-def servo(joints: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Velocities that take the joints to where they are wanted [rad/s]."""
-    return np.asarray(_GAIN * (wanted - joints), dtype=np.float64)
+        t = _eased(time, total, min(_EASE, 0.25 * total))
+        return Place(*(float(np.interp(t, self._times, column)) for column in self._places.T))
 
 
 def _eased(time: float, total: float, ease: float) -> float:

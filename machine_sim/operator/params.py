@@ -13,8 +13,8 @@ __all__ = ["OperatorParams"]
 class OperatorParams(Parameters):
     """How the operator works; defaults suit a 20 t excavator in loose ground."""
 
-    near: float = parameter(4.6, "smallest radius of the lip", unit="m", low=1.0, high=30.0)
-    far: float = parameter(8.2, "largest radius of the lip", unit="m", low=1.0, high=30.0)
+    near: float = parameter(4.4, "smallest radius of the lip", unit="m", low=1.0, high=30.0)
+    far: float = parameter(7.3, "largest radius of the lip", unit="m", low=1.0, high=30.0)
     deepest: float = parameter(
         3.0, "depth below the machine to which it digs", unit="m", low=0.1, high=20.0
     )
@@ -43,25 +43,46 @@ class OperatorParams(Parameters):
         6.0, "radius of the bucket pin over the dump", unit="m", low=2.0, high=20.0
     )
     appetite: float = parameter(
-        0.85, "soil it plans to sweep, in parts of the room in the bucket", low=0.1, high=2.0
+        1.0, "soil it plans to sweep, in parts of the room in the bucket", low=0.1, high=2.0
     )
     full: float = parameter(
         0.82, "fill it wants over the dump; with less after a pass it digs again", low=0.1, high=1.5
     )
     brimming: float = parameter(
-        1.1, "fill before the swing above which it plans less next time", low=0.5, high=2.0
+        1.1, "fill at which it stops a drag early, and plans less next time", low=0.5, high=2.0
     )
     empty: float = parameter(0.01, "fill with which it stops dumping", low=0.0, high=0.5)
     most_passes: int = parameter(3, "drags before it carries what it has", low=1, high=10)
+    open_by: float = parameter(
+        2.3, "how far it opens the bucket from level", unit="rad", low=0.5, high=3.0
+    )
+    base_patience: float = parameter(
+        1.5, "time over which it averages how the base stands", unit="s", low=0.01, high=60.0
+    )
     dump_wait: float = parameter(
         3.0, "longest wait for the bucket to empty", unit="s", low=0.0, high=60.0
     )
     swing_speed: float = parameter(0.5, "of the swing joint", unit="rad/s", low=0.05, high=2.0)
-    boom_speed: float = parameter(0.3, "of the boom joint", unit="rad/s", low=0.05, high=2.0)
-    arm_speed: float = parameter(0.6, "of the arm joint", unit="rad/s", low=0.05, high=2.0)
-    bucket_speed: float = parameter(0.8, "of the bucket joint", unit="rad/s", low=0.05, high=2.0)
+    lip_speed: float = parameter(
+        1.0, "speed of the bucket in the air, outward and up", unit="m/s", low=0.1, high=5.0
+    )
+    curl_speed: float = parameter(
+        0.8, "at which the bucket turns", unit="rad/s", low=0.05, high=2.0
+    )
+    swing_rate: float = parameter(
+        0.6, "how fast it moves the swing lever", unit="rad/s^2", low=0.05, high=10.0
+    )
+    boom_rate: float = parameter(
+        0.6, "how fast it moves the boom lever", unit="rad/s^2", low=0.05, high=10.0
+    )
+    arm_rate: float = parameter(
+        1.2, "how fast it moves the arm lever", unit="rad/s^2", low=0.05, high=10.0
+    )
+    bucket_rate: float = parameter(
+        2.0, "how fast it moves the bucket lever", unit="rad/s^2", low=0.05, high=10.0
+    )
 
     @property
-    def joint_speeds(self) -> tuple[float, float, float, float]:
-        """Swing, boom, arm, bucket [rad/s]."""
-        return (self.swing_speed, self.boom_speed, self.arm_speed, self.bucket_speed)
+    def lever_rates(self) -> tuple[float, float, float, float]:
+        """Swing, boom, arm, bucket [rad/s^2]: a jerked lever rocks the machine."""
+        return (self.swing_rate, self.boom_rate, self.arm_rate, self.bucket_rate)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from machine_sim.ground import surface_at
 from msg_bridge.contract.grid import Grid
 
-__all__ = ["Command", "View"]
+__all__ = ["Command", "SteadyBase", "View"]
 
 
 @dataclass(frozen=True)
@@ -77,3 +77,25 @@ class Command:
 
     joints: NDArray[np.float64]
     tracks: NDArray[np.float64]
+
+
+class SteadyBase:
+    """A slow eye for the base: what rocks is not followed, what leans is.
+
+    An arm that answered every rocking of the base would rock it more.
+    """
+
+    def __init__(self, time_constant: float) -> None:
+        """`time_constant` is how long it looks before it believes a change [s]."""
+        self._time_constant = time_constant
+        self._pose: NDArray[np.float64] | None = None
+
+    def see(self, view: View, dt: float) -> View:
+        """The same view with the base as it stands on average, `dt` [s] after the last one."""
+        pose = np.column_stack([view.base_rotation, view.base_position])
+        if self._pose is None:
+            self._pose = pose
+        self._pose = self._pose + min(1.0, dt / self._time_constant) * (pose - self._pose)
+        # The mean of rotations near one another, made a rotation again.
+        u, _, v = np.linalg.svd(self._pose[:, :3])
+        return replace(view, base_rotation=u @ v, base_position=self._pose[:, 3])

@@ -226,19 +226,21 @@ class ParticleEngine:
             self._pairs.stale = True
             self._order_due = self._pairs.builds + _REORDER_EVERY
         self._pairs.refresh(store, dt)
+        held, soft = self._tools.surround(store.position, ground.grid.cell)
+        off_ground = store.frozen | held
         grounds = ground_planes(
             ground.surface, ground.frame, dt, store.position, store.velocity, store.radius,
-            store.frozen, store.ground_spring, self._ground_row, self._plane,
+            off_ground, store.ground_spring, self._ground_row, self._plane,
         )  # fmt: skip
         self._walls.refresh(store, self._tools, dt)
         if self._growing:
             self._grow(dt, grounds)
         before = store.position.copy()
-        self._move(dt, grounds)
+        self._move(dt, grounds, soft)
         self.tunnelled_tool += int(self._walls.crossed(store, self._tools, before).sum())
         self.tunnelled_ground += finish_on_ground(
             ground.surface, ground.frame, dt, params.settle_speed, grounds, self._ground_row,
-            self._plane, store.position, store.velocity, store.radius, store.frozen,
+            self._plane, store.position, store.velocity, store.radius, off_ground, soft,
             store.quiet_time,
         )  # fmt: skip
         self._tools.end()
@@ -266,7 +268,7 @@ class ParticleEngine:
             store.contact_radius, share,
         )  # fmt: skip
 
-    def _move(self, dt: float, grounds: int) -> None:
+    def _move(self, dt: float, grounds: int, soft: NDArray[np.bool_]) -> None:
         store, params, tools = self.store, self.params, self._tools
         pairs, walls = self._pairs.pairs, self._walls.table
         substep = dt / params.substeps
@@ -275,7 +277,7 @@ class ParticleEngine:
             params.substeps, params.gravity, law, np.float32(params.friction),
             np.float32(params.tool_friction), np.float32(params.ground_friction),
             store.position, store.velocity, store.mass, store.inverse_mass,
-            store.contact_radius, self._force[: store.count], store.ground_spring,
+            store.contact_radius, soft, self._force[: store.count], store.ground_spring,
             pairs.first, pairs.second, pairs.count, pairs.touching, pairs.spring,
             self._buffer, self._slots,
             walls.count, walls.row, walls.plate, walls.spring, walls.side,

@@ -98,9 +98,9 @@ def _part_coincident(first, second, pairs, position, radius, contact_radius):  #
         if d2 > (_COINCIDENT * radius[j]) ** 2:
             continue
         shifted[j] = True
-        # Directions of a golden spiral over the sphere: never two alike.
-        z = 2.0 * ((j * 0.6180339887498949) % 1.0) - 1.0
-        turn, across = 2.399963229728653 * j, np.sqrt(1.0 - z * z)
+        # The R2 sequence of the plastic number spreads directions evenly: never two alike.
+        z = 2.0 * ((0.7548776662466927 * j) % 1.0) - 1.0
+        turn, across = 2.0 * np.pi * ((0.5698402909980532 * j) % 1.0), np.sqrt(1.0 - z * z)
         step = _SHIFT * radius[j]
         position[j, 0] += step * across * np.cos(turn)
         position[j, 1] += step * across * np.sin(turn)

@@ -28,11 +28,11 @@ _TINY = np.float32(1e-20)
 def contact_law(substep: float, substeps_per_contact: float, restitution: float) -> Law:
     """Constants of the law for a contact of a given duration.
 
-    With b = g/2m the damping rate and w the frequency of the damped oscillator, half its period
-    is the contact duration pi/w. As the law never pulls, bodies part when the force is zero, not
-    when the spring is at rest, and with x = b/w the restitution is e = exp(-x (pi - 2 atan x)):
-    Schwager & Poeschel, Granular Matter 9 (2007) 465, doi:10.1007/s10035-007-0065-z.
-    Across, stiffness and damping are half of those along.
+    The contact duration is half a period of the undamped spring, pi/w0: a bound on stiffness and
+    damping alike, whatever the restitution. With b = g/2m the damping rate, w^2 = w0^2 - b^2 and
+    x = b/w, the restitution is e = exp(-x (pi - 2 atan x)): the law never pulls, so bodies part
+    when the force is zero, not when the spring is at rest (Schwager & Poeschel, Granular Matter 9
+    (2007) 465, doi:10.1007/s10035-007-0065-z). Across, stiffness and damping are half of these.
 
     Args:
         substep: time step of the integration [s].
@@ -47,8 +47,8 @@ def contact_law(substep: float, substeps_per_contact: float, restitution: float)
             low = ratio
         else:
             high = ratio
-    stiffness = frequency**2 * (1.0 + low**2)
-    damping = 2.0 * frequency * low
+    stiffness = frequency**2
+    damping = 2.0 * frequency * low / math.sqrt(1.0 + low**2)
     return (
         np.float32(stiffness),
         np.float32(damping),

@@ -15,7 +15,7 @@ __all__ = ["run_substeps"]
 @kernel
 def run_substeps(  # type: ignore[no-untyped-def]
     substeps, gravity, law, friction, tool_friction, ground_friction,
-    position, velocity, mass, inverse_mass, contact_radius, force, ground_spring,
+    position, velocity, mass, inverse_mass, contact_radius, soft, force, ground_spring,
     first, second, pairs, touching, pair_spring, buffer, slots,
     walls, wall_row, wall_plate, wall_spring, wall_side,
     frame, corner, corners, owner, path, twist, wrench,
@@ -27,6 +27,7 @@ def run_substeps(  # type: ignore[no-untyped-def]
         gravity: [m/s^2], downward.
         law, friction, tool_friction, ground_friction: contact law and Coulomb coefficients.
         position, velocity, mass, inverse_mass, contact_radius, ground_spring: of the particles.
+        soft: near a tool, see `soil_contact`.
         force: scratch, shape (n, 3), float32.
         first ... slots: pairs, see `pair_forces`.
         walls ... wrench: plate contacts, see `wall_forces`; path holds the poses by substep. The
@@ -46,8 +47,8 @@ def run_substeps(  # type: ignore[no-untyped-def]
             tool_friction,
         )  # fmt: skip
         ground_forces(
-            grounds, ground_row, plane, position, velocity, mass, contact_radius, ground_spring,
-            force, law, ground_friction,
+            grounds, ground_row, plane, position, velocity, mass, contact_radius, soft,
+            ground_spring, force, law, ground_friction,
         )  # fmt: skip
         for i in range(position.shape[0]):
             w = np.float64(inverse_mass[i])

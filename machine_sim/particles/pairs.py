@@ -22,7 +22,7 @@ _QUANTITIES = 12
 _ONE = np.float32(1.0)
 _TINY_MASS = np.float32(1e-12)
 _TINY_LENGTH2 = np.float32(1e-18)
-_OVERLAP_CAP = np.float32(0.3)  # of the smaller radius: bounds the force of a forced overlap
+_OVERLAP_CAP = np.float32(1.0)  # of the smaller radius: bounds the force of a forced overlap
 
 
 def pair_buffer() -> tuple[NDArray[np.float32], NDArray[np.uint32]]:

@@ -31,11 +31,11 @@ class ParticleParams(Parameters):
         7.0, "Substeps a free collision lasts: sets the stiffness.", low=5.0, high=50.0
     )
     restitution: float = parameter(
-        0.4, "Rebound speed over impact speed of a free collision.", low=0.15, high=0.95
+        0.4, "Rebound speed over impact speed of a free collision.", low=0.3, high=0.95
     )
     friction: float = parameter(
         0.4,
-        "Coulomb friction between particles; 0.3, 0.4, 0.5 give 23, 30, 36 deg.",
+        "Coulomb friction between particles; 0.3, 0.4, 0.5 give 20, 29, 35 deg.",
         high=2.0,
         low=0.0,
     )

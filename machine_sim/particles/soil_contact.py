@@ -3,6 +3,10 @@
 Each particle near the ground feels, for one step, the plane that fits the terrain under it. The
 slope is taken across its own diameter: a bilinear surface has creases between columns, and a
 normal that jumps there would fire a particle off the foot of a cliff.
+
+Beside a tool the surface is known only as the mean of columns that are partly cut: the face ahead
+of a bucket's lip is smeared over a column or two, and soil in the lip's way seems to lie deep
+under it. Particles there are *soft*: the ground pushes them out gently and never puts them back.
 """
 
 from __future__ import annotations
@@ -15,6 +19,8 @@ from machine_sim.particles.law import contact_force
 
 __all__ = ["finish_on_ground", "ground_forces", "ground_planes"]
 
+_SOFT_PUSH = 100.0
+"""Largest spring acceleration the ground gives a soft particle [m/s^2]."""
 _STEEP = 10.0
 """Height over the ground, in radii, above which a centre is clear of any cliff beside it."""
 
@@ -72,9 +78,10 @@ def ground_planes(surface, ground, dt, position, velocity, radius, frozen, sprin
 
 @kernel
 def ground_forces(  # type: ignore[no-untyped-def]
-    count, row, plane, position, velocity, mass, contact_radius, spring, force, law, friction
+    count, row, plane, position, velocity, mass, contact_radius, soft, spring, force, law, friction
 ):
     """Add the ground's forces to `force` [N] and carry the tangential springs on."""
+    soft_overlap = _SOFT_PUSH / np.float64(law[0])
     for c in range(count):
         i = row[c]
         nx, ny, nz = plane[c, 0], plane[c, 1], plane[c, 2]
@@ -84,6 +91,8 @@ def ground_forces(  # type: ignore[no-untyped-def]
         if overlap <= 0.0:
             spring[i, 0] = spring[i, 1] = spring[i, 2] = np.float32(0.0)
             continue
+        if soft[i]:
+            overlap = min(overlap, soft_overlap)
         ax, ay, az, sx, sy, sz = contact_force(
             law, friction, overlap, nx, ny, nz,
             velocity[i, 0], velocity[i, 1], velocity[i, 2],
@@ -98,7 +107,7 @@ def ground_forces(  # type: ignore[no-untyped-def]
 @kernel
 def finish_on_ground(  # type: ignore[no-untyped-def]
     surface, ground, dt, settle_speed, count, row, plane,
-    position, velocity, radius, frozen, quiet_time,
+    position, velocity, radius, frozen, soft, quiet_time,
 ):  # fmt: skip
     """Bring back who sank through the ground, and time who is slow on it.
 
@@ -121,7 +130,7 @@ def finish_on_ground(  # type: ignore[no-untyped-def]
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         height = _height(surface, ground, x, y)
         distance = (z - height) * plane[c, 2]
-        if distance < -r:
+        if distance < -r and not soft[i]:
             position[i, 2] = height + r / plane[c, 2]
             velocity[i, 0] = velocity[i, 1] = velocity[i, 2] = 0.0
             rescued += 1

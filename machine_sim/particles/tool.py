@@ -136,6 +136,31 @@ class ToolSet:
         pose_path(start, end, dt, self.path, self.twist)
         self.wrench[:] = 0.0
 
+    def surround(
+        self, position: NDArray[np.float64], margin: float
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which points [m], shape (n, 3), map frame, tools hold, and which are near one.
+
+        What a tool holds inside its hull, its plates keep the terrain from: a bucket half in the
+        ground lies below the surface of the columns it stands in.
+
+        Args:
+            position: points at the start of the step.
+            margin: distance from a tool's bounding sphere that still is near [m].
+
+        Returns:
+            (held, near), shape (n,) each.
+        """
+        held = np.zeros(len(position), dtype=np.bool_)
+        near = np.zeros(len(position), dtype=np.bool_)
+        for tool in self.tools:
+            offset = position - (tool.start[1] + tool.start[0] @ tool.centre)
+            close = np.einsum("ij,ij->i", offset, offset) <= (tool.reach + margin) ** 2
+            near |= close
+            rows = np.flatnonzero(close)
+            held[rows] |= tool.contains((position[rows] - tool.start[1]) @ tool.start[0])
+        return held, near
+
     def end(self) -> None:
         """Rest at the end pose until moved again."""
         self.wrench /= self._substeps

@@ -1,0 +1,187 @@
+"""The pit and the spoil heap in 3-D, at one scale along all axes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from earthmoving_sim.pictures.raster import Camera, rasterise
+from earthmoving_sim.pictures.record import WORKED_M, SiteRecord
+from earthmoving_sim.pictures.scene import Mesh, ground_mesh, joined, machine_mesh
+from earthmoving_sim.pictures.shading import render
+from earthmoving_sim.pictures.style import (
+    BOLD,
+    DPI,
+    GREY,
+    INK,
+    LABEL,
+    add_axes,
+    add_title,
+    halo,
+    new_figure,
+    nice_length,
+    save,
+)
+from earthmoving_sim.pictures.window import Window, window_around
+
+__all__ = ["best_camera", "draw_site_3d"]
+
+WIDTH, ABOVE, BORDER = 10.5, 1.0, 0.35  # [in]
+TALLEST = 8.0  # [in]
+ELEVATION = np.radians(36.0)  # high enough to see into a pit, low enough to see a heap stand up
+FACE_MACHINE = 0.4  # preference for a view of the machine across its work
+NEARLY_MOST = 0.95  # share of the greatest cut or fill that counts as its extreme too
+# Azimuths tried [deg], none along an edge of the block, where it would look flat; and the width of
+# the small picture that each is judged by.
+TRIALS = [quarter + within for quarter in (0, 90, 180, 270) for within in (25, 35, 45, 55, 65)]
+TRIAL_PX = 160
+
+
+def draw_site_3d(record: SiteRecord, path: Path) -> Path:
+    """Write a 3-D view of the worked ground, and of the machine if it has faces, as PNG.
+
+    Returns the path.
+    """
+    window = _window(record)
+    ground = ground_mesh(record, window)
+    machine = machine_mesh(record)
+    mesh = joined(ground, machine) if machine else ground
+    camera = best_camera(record, window, mesh)
+
+    view = camera.view(mesh.points)[:, :2]
+    low, size = view.min(axis=0), np.ptp(view, axis=0)
+    per_metre = min((WIDTH - 2 * BORDER) / size[0], TALLEST / size[1])  # [in]
+    wide, tall = size * per_metre
+    figure = new_figure(WIDTH, BORDER + tall + 0.35 + ABOVE)
+    left = 0.5 * (WIDTH - wide)
+    axes = add_axes(figure, left, BORDER + 0.35, wide, tall)
+    shape = (round(tall * DPI), round(wide * DPI))
+    picture = render(mesh, camera, low, per_metre * DPI, shape)
+    axes.imshow(
+        picture,
+        origin="lower",
+        extent=(low[0], low[0] + size[0], low[1], low[1] + size[1]),
+        interpolation="none",
+    )
+    axes.autoscale(False)
+    axes.set_axis_off()
+    draw_labels(axes, record, window, camera)
+    draw_edge_bar(axes, window, ground, camera)
+    wide_m, tall_m = window.size
+    about = (
+        f"{wide_m:.3g} \N{MULTIPLICATION SIGN} {tall_m:.3g} m of the site · heights not exaggerated"
+        f" · cut {record.cut_volume:.2f} m³, fill {record.fill_volume:.2f} m³"
+    )
+    add_title(figure, record.title, about, BORDER)
+    return save(figure, path)
+
+
+def _window(record: SiteRecord) -> Window:
+    """The part of the site that is drawn: worked ground, and the machine if it is drawn."""
+    machine = [polygon[:, :2] for _, polygon in record.machine_faces]
+    return window_around(record.grid, np.concatenate([record.worked_points, *machine]))
+
+
+def best_camera(record: SiteRecord, window: Window, mesh: Mesh) -> Camera:
+    """The camera, of some round the site, that sees the most of both cut and filled ground.
+
+    Each is tried with a small picture. The lesser of the two counts, so that neither hides; and
+    a camera that faces the machine across its work is liked better than one behind its back.
+    """
+    change = window.crop(record.change).ravel()
+    ground = len(change)  # ground comes first in the mesh
+    lowest = np.where(mesh.triangles.max(axis=1) < ground, mesh.triangles.min(axis=1), -1)
+    kind = np.where(lowest >= 0, np.sign(change[lowest]) * (np.abs(change[lowest]) > WORKED_M), 0)
+    cameras = [Camera(float(np.radians(trial)), float(ELEVATION)) for trial in TRIALS]
+    scale = TRIAL_PX / float(np.hypot(*window.size))
+
+    work = np.zeros(2)
+    if record.machine_faces and len(record.worked_points):
+        work = record.worked_points.mean(axis=0) - record.machine_base
+        work *= FACE_MACHINE / max(float(np.linalg.norm(work)), 1e-9)
+
+    def seen(camera: Camera) -> float:
+        view = camera.view(mesh.points) * scale
+        view -= view.min(axis=0)
+        wide, tall = np.ceil(view[:, :2].max(axis=0)).astype(int).tolist()
+        faces, _ = rasterise(view, mesh.triangles, (tall + 1, wide + 1))
+        kinds = kind[faces[faces >= 0]]
+        cut, fill = int((kinds < 0).sum()), int((kinds > 0).sum())
+        return (min(cut, fill) + 0.1 * max(cut, fill)) * (1.0 + float(camera.toward[:2] @ work))
+
+    return max(cameras, key=seen)
+
+
+def draw_labels(axes: Axes, record: SiteRecord, window: Window, camera: Camera) -> None:
+    """Name the deepest cut and the highest fill where there is one."""
+    change, after = window.crop(record.change), window.crop(record.after)
+    for name, sign in (("pit", -1.0), ("spoil heap", 1.0)):
+        most = float((sign * change).max())
+        if most <= WORKED_M:
+            continue
+        # Of a flat floor the far end is named: the near one may hide behind the pit's rim.
+        row, column = np.nonzero(sign * change >= NEARLY_MOST * most)
+        points = np.stack([window.x[column], window.y[row], after[row, column]], axis=1)
+        x, y, _ = max(camera.view(points).tolist(), key=lambda point: point[2])
+        extreme = f"{most:.2f} m deep" if sign < 0 else f"{most:.2f} m high"
+        axes.annotate(
+            f"{name}\n{extreme}",
+            (x, y),
+            xytext=(0, 62),
+            textcoords="offset points",
+            size=BOLD,
+            color=INK,
+            ha="center",
+            va="bottom",
+            linespacing=1.35,
+            path_effects=halo(3.0),
+            arrowprops={"arrowstyle": "-", "color": INK, "lw": 0.9, "shrinkA": 2, "shrinkB": 0},
+            annotation_clip=False,
+        )
+        axes.plot(x, y, "o", ms=3.5, mfc="white", mec=INK, mew=0.9)
+
+
+def draw_edge_bar(axes: Axes, window: Window, ground: Mesh, camera: Camera) -> None:
+    """A bar of a round length below the block's longer front edge, along that edge."""
+    floor = float(ground.points[:, 2].min())
+    front = _front_corner(window, camera)
+    along = _longest_front_edge(window, camera, front)
+    length = nice_length(0.3 * float(np.linalg.norm(along)))
+    unit = along / np.linalg.norm(along)
+    start = front + 0.06 * along
+    ends = np.array([[*start, floor], [*(start + length * unit), floor]])
+    (x0, y0), (x1, y1) = camera.view(ends)[:, :2] - [0.0, 0.25]
+    axes.plot([x0, x1], [y0, y1], color=INK, lw=2.2, solid_capstyle="butt", clip_on=False)
+    axes.annotate(
+        f"{length:g} m along {'x' if abs(unit[0]) > 0.5 else 'y'}",
+        (0.5 * (x0 + x1), 0.5 * (y0 + y1)),
+        xytext=(0, -6),
+        textcoords="offset points",
+        size=LABEL,
+        color=GREY,
+        ha="left" if (y1 - y0) * (x1 - x0) > 0 else "right",
+        va="top",
+        annotation_clip=False,
+    )
+
+
+def _front_corner(window: Window, camera: Camera) -> NDArray[np.float64]:
+    """x, y of the block's corner nearest to the camera [m], shape [2]."""
+    x_min, x_max, y_min, y_max = window.extent
+    toward = camera.toward
+    return np.array([x_max if toward[0] > 0 else x_min, y_max if toward[1] > 0 else y_min])
+
+
+def _longest_front_edge(
+    window: Window, camera: Camera, front: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The edge from the front corner that looks longest, x, y [m], shape [2]."""
+    x_min, x_max, y_min, y_max = window.extent
+    edges = (
+        np.array([x_min + x_max - 2 * front[0], 0.0]),
+        np.array([0.0, y_min + y_max - 2 * front[1]]),
+    )
+    return max(edges, key=lambda edge: abs(float(camera.view(np.append(edge, 0.0)[None])[0, 0])))

@@ -1,0 +1,159 @@
+"""How the pictures look: colours, type sizes, and figures laid out in inches.
+
+The colours of phases are those of Okabe and Ito, told apart by all common kinds of colour vision
+(https://jfly.uni-koeln.de/color/). Nothing here touches matplotlib's global state.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patheffects import AbstractPathEffect, withStroke
+
+__all__ = [
+    "BOLD",
+    "CHANGE_COLOURS",
+    "CUT",
+    "DPI",
+    "FILL",
+    "GREY",
+    "HEIGHT_COLOURS",
+    "INK",
+    "LABEL",
+    "SMALL",
+    "add_axes",
+    "add_colour_bar",
+    "add_title",
+    "halo",
+    "label_metres",
+    "new_figure",
+    "nice_length",
+    "nice_step",
+    "phase_colours",
+    "save",
+    "scale",
+]
+
+DPI = 150
+INK = "#22252a"
+GREY = "#6b7078"
+CUT, FILL = "#a3262e", "#1f5c99"  # the ends of CHANGE_COLOURS, as text
+
+SMALL, LABEL, BOLD, HEADING = 8.0, 9.5, 10.5, 15.0  # type sizes [pt]
+
+# Lightness rises with height and falls away from no change, so both read in grey as well.
+HEIGHT_COLOURS = LinearSegmentedColormap.from_list(
+    "height", ["#5f7480", "#8d9a93", "#b9b59a", "#dccfae", "#f6efdc"]
+)
+CHANGE_COLOURS = LinearSegmentedColormap.from_list(
+    "change",
+    ["#7f1420", "#c4473d", "#eda183", "#f3efe8", "#93bfdd", "#3f83bd", "#12406f"],
+)
+
+PHASE_COLOURS = {
+    "dig": "#d55e00",
+    "lift": "#e69f00",
+    "swing": "#0072b2",
+    "dump": "#009e73",
+    "return": "#cc79a7",
+}
+OTHER_COLOURS = ("#56b4e9", "#f0e442", "#000000", "#8c8c8c")
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure of this size [in] on an Agg canvas of its own."""
+    figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def add_axes(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
+    """Axes whose frame has this place and size in the figure [in]."""
+    full_width, full_height = figure.get_size_inches()
+    axes = figure.add_axes(
+        (left / full_width, bottom / full_height, width / full_width, height / full_height)
+    )
+    for spine in axes.spines.values():
+        spine.set_color(GREY)
+        spine.set_linewidth(0.6)
+    axes.tick_params(labelsize=SMALL, color=GREY, labelcolor=INK, width=0.6, length=3)
+    return axes
+
+
+def add_title(figure: Figure, title: str, subtitle: str, left: float) -> None:
+    """A heading and a line below it, flush with what begins `left` [in]."""
+    width, height = figure.get_size_inches()
+    figure.text(
+        left / width,
+        1 - 0.24 / height,
+        title,
+        size=HEADING,
+        weight="bold",
+        color=INK,
+        va="top",
+    )
+    figure.text(left / width, 1 - 0.58 / height, subtitle, size=LABEL, color=GREY, va="top")
+
+
+def add_colour_bar(axes: Axes, colours: ScalarMappable, label: str) -> None:
+    """Fill axes, wider than high, with the key to some colours."""
+    figure = axes.get_figure()
+    assert isinstance(figure, Figure)
+    bar = figure.colorbar(colours, cax=axes, orientation="horizontal")
+    bar.set_label(label, size=LABEL, color=INK)
+    bar.ax.tick_params(labelsize=SMALL, color=GREY, labelcolor=INK, width=0.6, length=3)
+    bar.outline.set_visible(False)
+
+
+def label_metres(axes: Axes, x: str, y: str) -> None:
+    """Name both axes' quantities, with their unit."""
+    axes.set_xlabel(f"{x} [m]", size=LABEL, color=INK)
+    axes.set_ylabel(f"{y} [m]", size=LABEL, color=INK)
+
+
+def halo(width: float = 2.5, colour: str = "white") -> list[AbstractPathEffect]:
+    """An outline that keeps text and lines readable on any ground."""
+    return [withStroke(linewidth=width, foreground=colour)]
+
+
+def nice_step(span: float, at_most: int) -> float:
+    """The least of 1, 2, 5 x 10^k that divides a span into at most that many steps."""
+    if not span > 0.0:
+        return 1.0
+    rough = span / at_most
+    decade = 10.0 ** np.floor(np.log10(rough))
+    return float(
+        next(f * decade for f in (1.0, 2.0, 5.0, 10.0) if f * decade >= rough * (1 - 1e-9))
+    )
+
+
+def nice_length(most: float) -> float:
+    """The greatest of 1, 2, 5 x 10^k that is no more than `most`."""
+    decade = 10.0 ** np.floor(np.log10(most))
+    return float(max(f * decade for f in (1.0, 2.0, 5.0) if f * decade <= most))
+
+
+def phase_colours(phases: list[str]) -> dict[str, str]:
+    """A colour for each phase: its own if it is a usual one, else one of the colours left."""
+    others = [phase for phase in phases if phase not in PHASE_COLOURS]
+    extra = {phase: OTHER_COLOURS[i % len(OTHER_COLOURS)] for i, phase in enumerate(others)}
+    return {phase: PHASE_COLOURS.get(phase) or extra[phase] for phase in phases}
+
+
+def scale(low: float, high: float) -> Normalize:
+    """Limits of a colour scale, kept apart where everything has one value."""
+    middle, half = 0.5 * (low + high), max(0.5 * (high - low), 0.05)
+    return Normalize(middle - half, middle + half)
+
+
+def save(figure: Figure, path: Path) -> Path:
+    """Write the figure as PNG, making its folder if there is none, and return the path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=DPI, format="png")
+    return path

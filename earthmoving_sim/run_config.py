@@ -1,0 +1,95 @@
+"""The parameters of a run, all parts together, from one YAML file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from machine_sim.machine import MachineDescription, load_description
+from machine_sim.operator import OperatorParams
+from machine_sim.params import MachineSimParams
+from machine_sim.particles import ParticleParams
+from msg_bridge.config_files import find_config
+from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.parameters import Parameters, parameter
+from soil_sim.params import SoilParams
+
+__all__ = ["RunConfig", "RunParams", "load_run_config"]
+
+
+@dataclass(frozen=True)
+class RunParams(Parameters):
+    """What a run of the scripted operator does."""
+
+    cycles: int = parameter(5, "bucketfuls to move", low=1, high=1000)
+    seed: int = parameter(0, "of the scatter of released soil", low=0, high=2**31)
+    approach: float = parameter(2.0, "way driven before digging", unit="m", low=0.0, high=20.0)
+    dump_angle: float = parameter(
+        90.0, "from the dig to the dump, to the left", unit="deg", low=-180.0, high=180.0
+    )
+    longest: float = parameter(
+        900.0, "simulated time after which the run is given up", unit="s", low=1.0, high=1e6
+    )
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """Everything a run is made of.
+
+    Attributes:
+        machine: the excavator.
+        soil, particles, stepping, operator, run: parameters of the parts.
+    """
+
+    machine: MachineDescription
+    soil: SoilParams = SoilParams()
+    particles: ParticleParams = ParticleParams()
+    stepping: MachineSimParams = MachineSimParams()
+    operator: OperatorParams = OperatorParams()
+    run: RunParams = RunParams()
+
+
+_SECTIONS: dict[str, type[Parameters]] = {
+    "soil": SoilParams,
+    "particles": ParticleParams,
+    "stepping": MachineSimParams,
+    "operator": OperatorParams,
+    "run": RunParams,
+}
+
+
+def load_run_config(name: str | Path, run: Mapping[str, Any] | None = None) -> RunConfig:
+    """Read a file like `config/demo.yaml`.
+
+    Args:
+        name: a path, or the name of a shipped file.
+        run: values that stand above those of the section `run`.
+
+    Raises:
+        ConfigError: there is no such file.
+        ParameterError: it is not a mapping of known sections, or a parameter is not good.
+        MachineError: the machine it names is not good.
+    """
+    path = find_config(str(name))
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
+    except yaml.YAMLError as error:
+        raise ParameterError(f"{path} is not YAML: {error}") from error
+    known = {"machine", *_SECTIONS}
+    if not isinstance(content, Mapping) or not set(content) <= known:
+        extra = sorted(set(content) - known) if isinstance(content, Mapping) else "no sections"
+        raise ParameterError(f"{path} has {extra}; its sections are {', '.join(sorted(known))}")
+    parts: dict[str, Any] = {}
+    for section, kind in _SECTIONS.items():
+        values = content.get(section) or {}
+        if not isinstance(values, Mapping):
+            raise ParameterError(f"{path}: {section} is {values!r}; give a mapping of parameters")
+        if section == "run":
+            values = {**values, **(run or {})}
+        parts[section] = kind.from_mapping(values)
+    machine = content.get("machine", "machines/excavator.yaml")
+    return RunConfig(machine=load_description(find_config(str(machine))), **parts)

@@ -1,0 +1,69 @@
+"""A machine on a made-up ground, and a way to run it."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pybullet
+import pytest
+from pybullet_utils.bullet_client import BulletClient
+
+from machine_sim.ground import Ground
+from machine_sim.machine import Excavator, MachineDescription, load_description
+from msg_bridge.contract.grid import Grid
+
+MACHINE_FILE = Path(__file__).resolve().parents[3] / "config" / "machines" / "excavator.yaml"
+DT = 0.005
+
+
+class Scene:
+    """One client with one machine on a terrain z(x, y)."""
+
+    def __init__(self, description, surface=None, yaw=0.0, position=(0.0, 0.0)):
+        grid = Grid(257, 257, 0.1)
+        x, y = np.meshgrid(grid.x(np.arange(257)), grid.y(np.arange(257)), indexing="ij")
+        heights = np.zeros(grid.shape) if surface is None else surface(x, y)
+        self.client = BulletClient(pybullet.DIRECT)
+        self.client.setTimeStep(DT)
+        self.client.setGravity(0.0, 0.0, -9.81)
+        self.ground = Ground(grid, heights)
+        self.machine = Excavator(description, self.client, self.ground, position, yaw)
+
+    def step(self):
+        self.machine.before_step(DT)
+        self.client.stepSimulation()
+        self.machine.after_step()
+
+    def run(self, seconds):
+        for _ in range(round(seconds / DT)):
+            self.step()
+
+    @property
+    def place(self):
+        return self.machine.base_pose[0]
+
+
+@pytest.fixture(scope="session")
+def description() -> MachineDescription:
+    return load_description(MACHINE_FILE)
+
+
+@pytest.fixture
+def scene(description) -> Callable[..., Scene]:
+    """Make scenes; their clients are closed after the test."""
+    made = []
+
+    def make(surface=None, *, slope_deg=None, yaw=0.0, position=(0.0, 0.0)):
+        if slope_deg is not None:
+            rise = math.tan(math.radians(slope_deg))
+
+            def surface(x, y):
+                return rise * x
+
+        made.append(Scene(description, surface, yaw, position))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.client.disconnect()

@@ -1,0 +1,130 @@
+"""The bucket's shape: closed plates, ordered key points, rated capacities."""
+
+import numpy as np
+import pytest
+
+from machine_sim.machine import BucketShape, MachineError
+
+
+@pytest.fixture
+def bucket(description):
+    return description.bucket
+
+
+@pytest.fixture
+def inside(bucket):
+    """Random points, and which of them a plain half-plane test puts in the struck volume."""
+    rng = np.random.default_rng(2)
+    points = rng.uniform([-0.5, -1.0, -0.8], [1.8, 1.0, 1.0], (4000, 3))
+    corners = bucket.profile
+    within = np.abs(points[:, 1]) <= 0.6
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        side = (b[0] - a[0]) * (points[:, 2] - a[1]) - (b[1] - a[1]) * (points[:, 0] - a[0])
+        within &= side >= 0.0
+    return points, within
+
+
+def test_capacities_are_those_of_a_one_cubic_metre_bucket(bucket):
+    assert bucket.struck_capacity == pytest.approx(0.75, abs=0.03)
+    assert 1.0 <= bucket.heaped_capacity <= 1.1
+
+
+def test_heap_is_the_integral_of_a_one_to_one_roof(bucket):
+    n = 1000
+    u = (np.arange(n) + 0.5) / n * bucket.mouth_length
+    w = (np.arange(n) + 0.5) / n * bucket.width
+    u, w = np.meshgrid(u, w)
+    roof = np.minimum(np.minimum(u, bucket.mouth_length - u), np.minimum(w, bucket.width - w))
+    heap = roof.mean() * bucket.mouth_length * bucket.width
+    assert bucket.heaped_capacity - bucket.struck_capacity == pytest.approx(heap, rel=1e-4)
+
+
+def test_contains_is_the_struck_volume(bucket, inside):
+    points, within = inside
+    np.testing.assert_array_equal(bucket.contains(points), within)
+    box = 2.3 * 2.0 * 1.8
+    assert within.mean() * box == pytest.approx(bucket.struck_capacity, rel=0.1)
+
+
+def test_heaped_room_is_the_prism_over_the_mouth(bucket, inside):
+    points, within = inside
+    heaped = bucket.contains_heaped(points)
+    assert heaped[within].all()
+    middle = 0.5 * (bucket.profile[0] + bucket.profile[-1])
+    over = np.array([middle[0], 0.0, middle[1]]) + np.outer([0.59, 0.61], bucket.mouth_normal)
+    np.testing.assert_array_equal(bucket.contains_heaped(over), [True, False])
+    assert not bucket.contains(over).any()
+
+
+def test_plates_close_the_shell(bucket):
+    """Every edge is shared by two plates, run through in opposite ways, but those of the mouth."""
+    edges = {}
+    for plate in bucket.plates():
+        for a, b in zip(plate, np.roll(plate, -1, axis=0), strict=True):
+            edges[tuple(a), tuple(b)] = edges.get((tuple(a), tuple(b)), 0) + 1
+    assert set(edges.values()) == {1}
+    mouth = {(a, b) for a, b in edges if (b, a) not in edges}
+    ends = {tuple(p) for p in (*bucket.key_points()[:2], *bucket.key_points()[-2:])}
+    assert len(mouth) == 4
+    assert {corner for edge in mouth for corner in edge} == ends
+
+
+def test_plates_are_planar_convex_and_face_outward(bucket):
+    middle = np.array([*bucket.profile.mean(axis=0)])
+    for plate in bucket.plates():
+        normal = np.cross(plate[1] - plate[0], plate[2] - plate[1])
+        assert np.abs((plate - plate[0]) @ normal).max() < 1e-12
+        edge = np.roll(plate, -1, axis=0) - plate
+        turns = np.cross(edge, np.roll(edge, -1, axis=0)) @ normal
+        assert (turns > 0.0).all()
+        assert normal @ (plate.mean(axis=0) - [middle[0], 0.0, middle[1]]) > 0.0
+
+
+def test_key_points_run_from_lip_to_rim_left_before_right(bucket):
+    points = bucket.key_points()
+    assert points.shape == (14, 3)
+    np.testing.assert_array_equal(points[0::2, 1], 0.6)
+    np.testing.assert_array_equal(points[1::2, 1], -0.6)
+    np.testing.assert_array_equal(points[0::2][:, [0, 2]], bucket.profile)
+    np.testing.assert_array_equal(points[0], [1.45, 0.6, 0.0])
+
+
+def test_outward_normals_leave_the_bucket(bucket):
+    normals = bucket.outward_normals()
+    points = bucket.key_points()[0::2] * [1.0, 0.0, 1.0]
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+    assert not bucket.contains(points + 1e-6 * normals).any()
+    assert bucket.contains(points[1:-1] - 1e-6 * normals[1:-1]).all()
+
+
+def test_mouth_normal_leaves_through_the_mouth(bucket):
+    assert bucket.mouth_normal @ [1.0, 0.0, 0.0] == pytest.approx(0.0, abs=0.1)
+    assert bucket.mouth_normal[2] < -0.95
+    assert np.linalg.norm(bucket.mouth_normal) == pytest.approx(1.0)
+
+
+def test_clamped_points_keep_clear_of_every_plate(bucket, inside):
+    points, _ = inside
+    moved = bucket.clamped_inside(points, 0.05)
+    assert bucket.contains(moved).all()
+    for plate in bucket.plates():
+        normal = np.cross(plate[1] - plate[0], plate[2] - plate[1])
+        distance = (plate[0] - moved) @ (normal / np.linalg.norm(normal))
+        assert distance.min() > 0.05 - 1e-9
+
+
+def test_points_with_room_stay_where_they_are(bucket):
+    points = np.array([[0.7, 0.1, 0.3], [0.8, -0.5, 0.2]])
+    np.testing.assert_array_equal(bucket.clamped_inside(points, 0.05), points)
+
+
+def test_clearance_without_room_is_refused(bucket):
+    with pytest.raises(MachineError, match="smaller"):
+        bucket.clamped_inside(np.zeros((1, 3)), 0.7)
+
+
+def test_star_is_no_bucket():
+    turn = np.arange(7) * 3 * 2 * np.pi / 7
+    star = np.column_stack([np.cos(turn), np.sin(turn)])
+    with pytest.raises(MachineError, match="not convex"):
+        BucketShape(profile=star, width=1.2)

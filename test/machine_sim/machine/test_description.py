@@ -1,0 +1,86 @@
+"""The machine file: what is read, and what is refused with which words."""
+
+import copy
+import math
+from pathlib import Path
+
+import pytest
+import yaml
+
+from machine_sim.machine import JOINT_NAMES, MachineError, load_description
+from msg_bridge.contract.errors import EarthmovingError
+
+FILE = Path(__file__).resolve().parents[3] / "config" / "machines" / "excavator.yaml"
+VALUES = yaml.safe_load(FILE.read_text())
+
+
+def changed(tmp_path, edit):
+    values = copy.deepcopy(VALUES)
+    edit(values)
+    path = tmp_path / "machine.yaml"
+    path.write_text(yaml.safe_dump(values))
+    return path
+
+
+def test_shipped_machine_weighs_what_its_links_do(description):
+    assert description.mass == 18_200.0
+    assert tuple(description.joints) == JOINT_NAMES
+
+
+def test_swing_is_continuous_and_the_arm_limited(description):
+    assert math.isinf(description.joints["swing"].upper)
+    assert (description.joints["arm"].lower, description.joints["arm"].upper) == (0.55, 2.6)
+
+
+def test_shoe_pitch_closes_the_belt(description):
+    tracks = description.tracks
+    assert tracks.pitch * tracks.shoe_count == pytest.approx(2 * 3.144 + 2 * math.pi * 0.36)
+
+
+def test_description_cannot_be_changed(description):
+    with pytest.raises(ValueError, match="read-only"):
+        description.home[0] = 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        description.bucket.profile[0, 0] = 1.0
+
+
+def swap(profile):
+    profile[2], profile[3] = profile[3], profile[2]
+
+
+@pytest.mark.parametrize(
+    ("edit", "words"),
+    [
+        (lambda v: v.pop("boom_length"), r"boom_length is missing; add it"),
+        (lambda v: v["tracks"].update(guage=2.0), r"tracks has unknown key guage; .*gauge"),
+        (lambda v: v["links"].update(mast={}), r"links has unknown key mast"),
+        (lambda v: v["links"]["arm"].update(mass=-1.0), r"links.arm.mass is -1.0; .*above 0"),
+        (lambda v: v["links"]["arm"].update(mass="heavy"), r"links.arm.mass is 'heavy'; .*number"),
+        (lambda v: v["links"]["arm"].update(mass=True), r"links.arm.mass is True; give a number"),
+        (lambda v: v.update(arm_length=math.nan), r"arm_length is nan"),
+        (lambda v: v.update(boom_foot=[0.0, 1.0]), r"boom_foot is .*list of 3 numbers"),
+        (lambda v: v.update(boom_foot=[0.0, 1.0, 0.0]), r"boom_foot must lie in the plane"),
+        (lambda v: v["joints"]["arm"].update(lower=3.0), r"joints.arm.lower is 3.0 .*below"),
+        (lambda v: v["joints"]["arm"].update(lower=None), r"joints.arm: only swing is continuous"),
+        (lambda v: v["home"].update(boom=2.0), r"home.boom is 2.0; give an angle from -1.05 to"),
+        (lambda v: v["tracks"].update(shoe_count=45.5), r"shoe_count is 45.5; .*whole number"),
+        (lambda v: v["tracks"].update(friction=-0.1), r"friction is -0.1; give a number from 0"),
+        (lambda v: v["bucket"]["profile"].pop(), r"bucket.profile has 6 entries; .*7 entries"),
+        (lambda v: swap(v["bucket"]["profile"]), r"bucket.profile is not convex"),
+        (lambda v: v["bucket"]["profile"].reverse(), r"bucket.profile\[0\] is the cutting lip"),
+        (lambda v: v["bucket"].update(width=0.0), r"bucket.width is 0.0; .*above 0"),
+        (lambda v: v.update(tracks=3), r"tracks is 3; give a mapping"),
+    ],
+)
+def test_bad_file_is_refused_naming_key_and_fix(tmp_path, edit, words):
+    with pytest.raises(MachineError, match=words):
+        load_description(changed(tmp_path, edit))
+
+
+def test_unreadable_file_is_refused(tmp_path):
+    with pytest.raises(EarthmovingError, match="cannot be read"):
+        load_description(tmp_path / "none.yaml")
+    bad = tmp_path / "bad.yaml"
+    bad.write_text("a: [1")
+    with pytest.raises(EarthmovingError, match="cannot be read"):
+        load_description(bad)

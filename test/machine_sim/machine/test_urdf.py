@@ -1,0 +1,79 @@
+"""The URDF text, read back as robot_state_publisher would."""
+
+import math
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+
+from machine_sim.machine import urdf_text
+from machine_sim.machine.urdf import VIRTUAL_JOINTS
+
+
+def tree(text):
+    """Parent by child of a URDF, and its links."""
+    robot = ET.fromstring(text)
+    links = [link.get("name") for link in robot.iter("link")]
+    parents = {
+        joint.find("child").get("link"): joint.find("parent").get("link")
+        for joint in robot.iter("joint")
+    }
+    return robot, links, parents
+
+
+def test_links_form_one_chain(description):
+    _, links, parents = tree(urdf_text(description))
+    assert links == ["base_link", "upper", "boom", "arm", "bucket"]
+    assert parents == {"upper": "base_link", "boom": "upper", "arm": "boom", "bucket": "arm"}
+
+
+def test_joint_limits_are_those_of_the_description(description):
+    robot, _, _ = tree(urdf_text(description))
+    for joint in robot.iter("joint"):
+        limits, limit = description.joints[joint.get("name")], joint.find("limit")
+        assert float(limit.get("effort")) == limits.torque
+        assert joint.get("type") == ("revolute" if math.isfinite(limits.lower) else "continuous")
+        if math.isfinite(limits.lower):
+            assert (float(limit.get("lower")), float(limit.get("upper"))) == (
+                limits.lower,
+                limits.upper,
+            )
+
+
+def test_masses_add_up(description):
+    robot, _, _ = tree(urdf_text(description))
+    masses = [float(mass.get("value")) for mass in robot.iter("mass")]
+    assert sum(masses) == description.mass
+
+
+def test_only_primitive_shapes(description):
+    robot, _, _ = tree(urdf_text(description))
+    shapes = {shape.tag for geometry in robot.iter("geometry") for shape in geometry}
+    assert shapes == {"box"}
+
+
+def test_virtual_base_hangs_the_machine_under_map(description):
+    robot, links, parents = tree(urdf_text(description, prefix="digger/", virtual_base=True))
+    at, up = "digger/bucket", []
+    while at in parents:
+        at = parents[at]
+        up.append(at)
+    assert at == "map"
+    assert len(up) == len(links) - 1
+    assert [j.get("name") for j in robot.iter("joint")][:6] == list(VIRTUAL_JOINTS)
+
+
+def test_drawn_bucket_follows_its_profile(description):
+    """Each floor strip's box, turned by its pitch, ends at its two profile points."""
+    robot, _, _ = tree(urdf_text(description))
+    bucket = next(link for link in robot.iter("link") if link.get("name") == "bucket")
+    profile = description.bucket.profile
+    for visual, a, b in zip(
+        list(bucket.iter("visual"))[:6], profile[:-1], profile[1:], strict=True
+    ):
+        x, _, z = map(float, visual.find("origin").get("xyz").split())
+        pitch = float(visual.find("origin").get("rpy").split()[1])
+        half = 0.5 * float(visual.find("geometry/box").get("size").split()[0])
+        along = half * np.array([math.cos(pitch), -math.sin(pitch)])
+        assert np.array([x, z]) - along == pytest.approx(a)
+        assert np.array([x, z]) + along == pytest.approx(b)

@@ -1,0 +1,108 @@
+"""One or two particles: rest, slide, rebound, momentum."""
+
+import numpy as np
+import pytest
+from support.particle_scenes import LITRE, STEP, engine, run
+
+
+def test_a_dropped_particle_rests_at_its_radius():
+    world = engine()
+    world.add([[0.03, 0.02, 0.4]], [[0.0, 0.0, 0.0]], LITRE, grow=False)
+    run(world, 3.0)
+    assert world.store.position[0, 2] == pytest.approx(world.store.radius[0], rel=0.01)
+    assert np.abs(world.store.velocity).max() < 1e-5
+
+
+def test_a_particle_is_as_large_and_heavy_as_its_loose_soil_says():
+    world = engine(swell=0.3)
+    world.add([[0, 0, 1]], [[0, 0, 0]], LITRE)
+    sphere = 4.0 / 3.0 * np.pi * world.store.radius[0] ** 3
+    assert sphere == pytest.approx(1e-3 * 1.3 * 0.6, rel=1e-5)
+    assert world.store.mass[0] == pytest.approx(1.8, rel=1e-6)
+
+
+def test_below_the_friction_angle_a_particle_stays():
+    world = engine(slope=np.tan(np.radians(25)), ground_friction=0.6)
+    start = _on_slope(world, 25.0)
+    run(world, 2.0)
+    assert np.linalg.norm(world.store.position[0] - start) < 0.01
+    assert np.linalg.norm(world.store.velocity[0]) < 1e-4
+
+
+def test_above_the_friction_angle_it_slides_with_g_sin_minus_mu_cos():
+    angle, friction = 30.0, 0.3
+    world = engine(slope=np.tan(np.radians(angle)), ground_friction=friction)
+    _on_slope(world, angle)
+    run(world, 0.3)
+    early = np.linalg.norm(world.store.velocity[0])
+    run(world, 0.5)
+    gained = np.linalg.norm(world.store.velocity[0]) - early
+    expected = 9.81 * (np.sin(np.radians(angle)) - friction * np.cos(np.radians(angle)))
+    assert gained / 0.5 == pytest.approx(expected, rel=0.01)
+
+
+def _on_slope(world, angle):
+    world.add([[0, 0, 1]], [[0, 0, 0]], LITRE, grow=False)
+    radius = float(world.store.radius[0])
+    world.store.position[0] = [0.0, 0.0, radius / np.cos(np.radians(angle))]
+    return world.store.position[0].copy()
+
+
+@pytest.mark.parametrize("restitution", [0.3, 0.5])
+def test_a_head_on_collision_keeps_the_restitution(restitution):
+    world = engine(gravity=0.0, restitution=restitution)
+    world.add([[-0.1, 0, 3], [0.1, 0, 3]], [[0.5, 0, 0], [-0.5, 0, 0]], LITRE, grow=False)
+    run(world, 0.3)
+    apart = world.store.velocity[1, 0] - world.store.velocity[0, 0]
+    assert apart == pytest.approx(restitution * 1.0, abs=0.04)
+
+
+def test_an_oblique_collision_of_unequal_particles_keeps_momentum():
+    world = engine(gravity=0.0)
+    world.add(
+        [[-0.1, 0.01, 3], [0.1, -0.02, 3.02]],
+        [[1.0, 0.2, 0], [-1.0, 0, 0.1]],
+        [LITRE, LITRE // 3],
+        grow=False,
+    )
+    before = (world.store.mass[:, None] * world.store.velocity).sum(axis=0)
+    v0 = world.store.velocity.copy()
+    run(world, 0.3)
+    after = (world.store.mass[:, None] * world.store.velocity).sum(axis=0)
+    assert np.abs(world.store.velocity - v0).max() > 0.3, "they did collide"
+    np.testing.assert_allclose(after, before, atol=1e-5)
+
+
+def test_a_fast_particle_does_not_pass_through_another():
+    world = engine(gravity=0.0)
+    world.add([[-0.5, 0, 3], [0.0, 0, 3]], [[10.0, 0, 0], [0, 0, 0]], LITRE, grow=False)
+    run(world, 0.1)
+    assert world.store.velocity[1, 0] > 5.0
+    assert world.store.position[1, 0] > world.store.position[0, 0]
+
+
+def test_a_cliff_does_not_fire_off_a_particle_at_its_foot():
+    world = engine()
+    world.ground.update(
+        *np.nonzero(np.ones((64, 64))),
+        np.where(world.ground.grid.x(np.arange(64)) > 0.3, 2.0, 0.0).repeat(64),
+    )
+    for _ in range(2000):
+        world.ground.advance(STEP)
+    world.add([[-0.5, 0, 0.06]], [[1.5, 0.1, 0]], LITRE, grow=False)
+    fastest = 0.0
+    for _ in range(300):
+        world.step(STEP)
+        fastest = max(fastest, float(np.linalg.norm(world.store.velocity[0])))
+    assert fastest < 1.6
+    assert world.tunnelled_ground == 0
+
+
+def test_a_particle_deep_in_the_ground_is_put_back_upon_it_once():
+    world = engine()
+    world.add([[0, 0, -0.4]], [[0, 0, -1]], LITRE, grow=False)
+    world.step(STEP)
+    assert world.tunnelled_ground == 1
+    run(world, 0.5)
+    assert world.tunnelled_ground == 1
+    assert world.store.position[0, 2] == pytest.approx(world.store.radius[0], rel=0.02)

@@ -1,0 +1,183 @@
+"""GeoTIFFs: one north-up band in metres; the file's place on Earth is kept."""
+
+import numpy as np
+import pytest
+import rasterio
+from rasterio.crs import CRS
+from rasterio.transform import Affine
+
+from msg_bridge.contract.grid import Grid
+from soil_sim.errors import TerrainError
+from soil_sim.terrain import Georeference, HeightMap, load_terrain, save_terrain
+
+PICTURE = np.arange(12.0).reshape(3, 4)
+
+
+def from_origin(west, north, width, height):
+    return Affine(width, 0.0, west, 0.0, -height, north)
+
+
+def tif(folder, picture=PICTURE, **profile):
+    path = folder / "site.tif"
+    bands = picture if picture.ndim == 3 else picture[None]
+    settings = {
+        "driver": "GTiff",
+        "count": bands.shape[0],
+        "height": bands.shape[1],
+        "width": bands.shape[2],
+        "dtype": bands.dtype,
+        "crs": "EPSG:32633",
+        "transform": from_origin(500_000.0, 5_200_000.0, 2.0, 2.0),
+        **profile,
+    }
+    with rasterio.open(path, "w", **settings) as dataset:
+        dataset.write(bands)
+    return path
+
+
+@pytest.mark.parametrize("dtype", ["int16", "uint8", "int32", "float32", "float64"])
+def test_band_of_any_real_type_is_read_north_up(tmp_path, dtype):
+    loaded = load_terrain(tif(tmp_path, PICTURE.astype(dtype)))
+    assert loaded.grid == Grid(4, 3, 2.0)
+    assert np.array_equal(loaded.heights, PICTURE.T[::-1])
+
+
+def test_place_is_the_centre_of_the_picture(tmp_path):
+    place = load_terrain(tif(tmp_path)).georeference
+    assert place == Georeference("EPSG:32633", 500_004.0, 5_199_997.0)
+
+
+def test_system_without_a_code_is_kept_as_wkt(tmp_path):
+    mine = CRS.from_proj4("+proj=tmerc +lat_0=1 +lon_0=2 +k=1 +x_0=3 +y_0=4 +units=m")
+    first = load_terrain(tif(tmp_path, crs=mine))
+    save_terrain(tmp_path / "again.tif", first)
+    with rasterio.open(tmp_path / "again.tif") as dataset:
+        assert dataset.crs == mine
+
+
+def test_saved_file_lies_where_the_original_lay(tmp_path):
+    save_terrain(tmp_path / "again.tif", load_terrain(tif(tmp_path)))
+    with rasterio.open(tmp_path / "site.tif") as old, rasterio.open(tmp_path / "again.tif") as new:
+        assert (new.crs, new.transform, new.bounds) == (old.crs, old.transform, old.bounds)
+        assert np.array_equal(new.read(1), old.read(1))
+
+
+def test_saved_file_holds_elevations(tmp_path):
+    place = Georeference("EPSG:32633", 0.0, 9.0, elevation=100.0)
+    save_terrain(tmp_path / "site.tif", HeightMap(Grid(2, 2, 1.0), np.ones((2, 2)), place))
+    with rasterio.open(tmp_path / "site.tif") as dataset:
+        assert (dataset.read(1) == 101.0).all()
+
+
+def test_scale_and_offset_of_the_band_are_applied(tmp_path):
+    path = tif(tmp_path, PICTURE.astype("int16"))
+    with rasterio.open(path, "r+") as dataset:
+        dataset.scales, dataset.offsets = (0.1,), (50.0,)
+    np.testing.assert_allclose(load_terrain(path).heights, PICTURE.T[::-1] * 0.1 + 50.0)
+
+
+@pytest.mark.parametrize("nodata", [-9999.0, float("nan"), 7.0])
+def test_missing_heights_are_refused_with_their_count_and_place(tmp_path, nodata):
+    picture = np.ones((3, 4))
+    picture[1, 2] = picture[2, 0] = nodata
+    with pytest.raises(TerrainError, match=r"2 of 12 pixels have no height.*row 1, column 2"):
+        load_terrain(tif(tmp_path, picture, nodata=nodata))
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_heights_that_are_no_number_are_refused_without_a_mark(tmp_path, bad):
+    picture = np.ones((3, 4))
+    picture[2, 3] = bad
+    with pytest.raises(TerrainError, match=r"1 of 12 pixels.*row 2, column 3"):
+        load_terrain(tif(tmp_path, picture))
+
+
+def test_mark_that_the_file_does_not_declare_is_refused(tmp_path):
+    picture = PICTURE.astype("int16")
+    picture[0, 0] = -32768
+    with pytest.raises(TerrainError, match="-32768"):
+        load_terrain(tif(tmp_path, picture))
+
+
+def test_several_bands_are_refused(tmp_path):
+    with pytest.raises(TerrainError, match="3 bands; export one band"):
+        load_terrain(tif(tmp_path, np.zeros((3, 4, 4), dtype="uint8")))
+
+
+def test_complex_band_is_refused(tmp_path):
+    with pytest.raises(TerrainError, match="give integers or real numbers"):
+        load_terrain(tif(tmp_path, PICTURE.astype("complex64")))
+
+
+def test_band_of_one_row_is_refused(tmp_path):
+    with pytest.raises(TerrainError, match="at least 2 cells each"):
+        load_terrain(tif(tmp_path, PICTURE[:1]))
+
+
+@pytest.mark.parametrize(
+    "transform",
+    [
+        Affine(2.0, 0.0, 0.0, 0.0, 2.0, 0.0),
+        Affine(-2.0, 0.0, 0.0, 0.0, -2.0, 0.0),
+        Affine(2.0, 0.1, 0.0, 0.1, -2.0, 0.0),
+    ],
+    ids=["south-up", "east-left", "turned"],
+)
+@pytest.mark.parametrize("cell", [None, 2.0])
+def test_picture_that_is_not_north_up_is_refused(tmp_path, transform, cell):
+    with pytest.raises(TerrainError, match="not north-up; turn it so with gdalwarp"):
+        load_terrain(tif(tmp_path, transform=transform), cell=cell)
+
+
+UNUSABLE = [
+    ({"crs": "EPSG:4326", "transform": from_origin(14.0, 47.0, 1e-2, 1e-2)}, "are degrees"),
+    ({"crs": "EPSG:2263"}, "units of US survey foot"),
+    ({"transform": from_origin(0.0, 0.0, 2.0, 3.0)}, "not square"),
+]
+
+
+@pytest.mark.parametrize(("profile", "why"), UNUSABLE)
+def test_spacing_that_is_not_in_metres_is_refused_with_advice(tmp_path, profile, why):
+    with pytest.raises(TerrainError, match=rf"{why}.*gdalwarp.*or give cell"):
+        load_terrain(tif(tmp_path, **profile))
+
+
+@pytest.mark.parametrize(("profile", "_why"), UNUSABLE)
+def test_given_cell_takes_such_ground_without_its_place(tmp_path, profile, _why):
+    loaded = load_terrain(tif(tmp_path, **profile), cell=30.0)
+    assert loaded.grid == Grid(4, 3, 30.0)
+    assert loaded.georeference is None
+
+
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+def test_plain_tiff_needs_a_cell(tmp_path):
+    path = tif(tmp_path, crs=None, transform=Affine.identity())
+    with pytest.raises(TerrainError, match="give cell"):
+        load_terrain(path)
+    assert load_terrain(path, cell=0.2).grid == Grid(4, 3, 0.2)
+
+
+def test_metres_without_a_system_keep_their_coordinates(tmp_path):
+    place = load_terrain(tif(tmp_path, crs=None)).georeference
+    assert place == Georeference("", 500_004.0, 5_199_997.0)
+
+
+def test_other_raster_named_tif_is_refused(tmp_path):
+    (tmp_path / "site.tif").write_text("ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\n")
+    with pytest.raises(TerrainError, match="no complete GeoTIFF"):
+        load_terrain(tmp_path / "site.tif")
+
+
+def test_gdal_finds_every_height_at_its_easting_and_northing(tmp_path):
+    path = tif(tmp_path)
+    loaded = load_terrain(path)
+    place = loaded.georeference
+    rows, cols = np.indices(loaded.grid.shape)
+    points = zip(
+        (place.easting + loaded.grid.x(rows)).flat,
+        (place.northing + loaded.grid.y(cols)).flat,
+        strict=True,
+    )
+    with rasterio.open(path) as dataset:
+        sampled = np.array(list(dataset.sample(points)))
+    assert np.array_equal(sampled.ravel(), loaded.heights.ravel())

@@ -1,0 +1,101 @@
+"""NumPy files are in matrix order, complete, numeric and never unpickled."""
+
+import numpy as np
+import pytest
+
+from msg_bridge.contract.grid import Grid
+from soil_sim.errors import TerrainError
+from soil_sim.terrain import load_terrain
+
+
+def npz(folder, **arrays):
+    path = folder / "site.npz"
+    np.savez(path, **arrays)
+    return path
+
+
+@pytest.mark.parametrize("dtype", ["<i2", ">i4", "u1", "<f4", ">f8", "f2"])
+def test_array_of_any_real_type_is_taken_in_matrix_order(tmp_path, dtype):
+    heights = np.arange(12).reshape(3, 4)
+    np.save(tmp_path / "site.npy", np.asfortranarray(heights.astype(dtype)))
+    loaded = load_terrain(tmp_path / "site.npy", cell=0.5)
+    assert loaded.grid == Grid(3, 4, 0.5)
+    assert np.array_equal(loaded.heights, heights)
+
+
+def test_npy_without_cell_is_refused(tmp_path):
+    np.save(tmp_path / "site.npy", np.zeros((3, 3)))
+    with pytest.raises(TerrainError, match=r"site\.npy: it states no spacing.*give cell"):
+        load_terrain(tmp_path / "site.npy")
+
+
+@pytest.mark.parametrize("shape", [(), (4,), (2, 2, 2), (1, 5), (5, 1), (0, 0)])
+def test_array_that_is_no_map_is_refused(tmp_path, shape):
+    np.save(tmp_path / "site.npy", np.zeros(shape))
+    with pytest.raises(TerrainError, match="site"):
+        load_terrain(tmp_path / "site.npy", cell=0.5)
+
+
+@pytest.mark.parametrize("dtype", ["c16", "U3", "M8[s]", "?", "f4,f4"])
+def test_array_that_is_no_number_is_refused(tmp_path, dtype):
+    np.save(tmp_path / "site.npy", np.zeros((3, 3), dtype=dtype))
+    with pytest.raises(TerrainError, match="give integers or real numbers"):
+        load_terrain(tmp_path / "site.npy", cell=0.5)
+
+
+class _Trap:
+    def __reduce__(self):
+        return (pytest.fail, ("the file was unpickled",))
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".npz"])
+def test_nothing_is_unpickled(tmp_path, suffix):
+    path = tmp_path / f"site{suffix}"
+    trap = np.full((3, 3), _Trap(), dtype=object)
+    if suffix == ".npy":
+        np.save(path, trap, allow_pickle=True)
+    else:
+        np.savez(path, heights=trap, cell=0.5)
+    with pytest.raises(TerrainError, match="no complete"):
+        load_terrain(path, cell=0.5)
+
+
+def test_nan_is_refused_with_its_cell(tmp_path):
+    heights = np.zeros((3, 3))
+    heights[1, 2] = np.nan
+    with pytest.raises(TerrainError, match="row 1, col 2"):
+        load_terrain(npz(tmp_path, heights=heights, cell=0.5))
+
+
+def test_archive_named_as_an_array_is_refused(tmp_path):
+    npz(tmp_path, heights=np.zeros((3, 3)), cell=0.5).rename(tmp_path / "site.npy")
+    with pytest.raises(TerrainError, match=r"give it the suffix \.npz"):
+        load_terrain(tmp_path / "site.npy", cell=0.5)
+
+
+def test_array_named_as_an_archive_is_refused(tmp_path):
+    np.save(tmp_path / "site.npy", np.zeros((3, 3)))
+    (tmp_path / "site.npy").rename(tmp_path / "site.npz")
+    with pytest.raises(TerrainError, match="no complete archive"):
+        load_terrain(tmp_path / "site.npz")
+
+
+@pytest.mark.parametrize(
+    "arrays",
+    [
+        {"elevation": np.zeros((3, 3))},
+        {"heights": np.zeros((3, 3))},
+        {"heights": np.zeros((3, 3)), "cell": 0.5, "soil": 1},
+        {"heights": np.zeros((3, 3)), "cell": 0.5, "easting": 1.0},
+    ],
+    ids=["no heights", "no cell", "unknown", "half a georeference"],
+)
+def test_archive_with_other_arrays_is_refused_with_what_it_should_hold(tmp_path, arrays):
+    with pytest.raises(TerrainError, match="give it heights, cell and, for georeferenced"):
+        load_terrain(npz(tmp_path, **arrays))
+
+
+@pytest.mark.parametrize("cell", [0.0, -1.0, np.nan, np.inf, "half", [0.5, 0.5], 1j])
+def test_impossible_cell_in_an_archive_is_refused(tmp_path, cell):
+    with pytest.raises(TerrainError, match=r"cell is"):
+        load_terrain(npz(tmp_path, heights=np.zeros((3, 3)), cell=cell))
