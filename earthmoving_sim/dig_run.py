@@ -68,6 +68,7 @@ class Outcome:
     path_phase: NDArray[np.str_] = field(repr=False)
     machine_faces: list[tuple[str, NDArray[np.float64]]] = field(repr=False)
     machine_outline: list[tuple[str, NDArray[np.float64]]] = field(repr=False)
+    machine_position: tuple[float, float]
 
     @property
     def balanced(self) -> bool:
@@ -178,7 +179,8 @@ class DigRun:
         if self.world.tick % _LOG_EVERY == 0:
             rotation, pin = self.machine.machine.tool_pose
             lip = rotation[:, 0] * self.machine.machine.description.bucket.tip_length + pin
-            self._path.append((lip, self.operator.cycle, self.operator.phase))
+            cycle = min(self.operator.cycle, self.config.run.cycles)
+            self._path.append((lip, cycle, self.operator.phase))
 
     def _view(self) -> View:
         machine = self.machine.machine
@@ -247,4 +249,5 @@ class DigRun:
             path_phase=np.array([phase for _, _, phase in self._path], dtype=np.str_),
             machine_faces=machine_faces(*pose),
             machine_outline=machine_outline(*pose),
+            machine_position=(float(view.base_position[0]), float(view.base_position[1])),
         )

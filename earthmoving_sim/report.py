@@ -49,6 +49,7 @@ def write_pictures(outcome: Outcome, folder: Path) -> list[Path]:
         lip_phase=outcome.path_phase,
         machine_outline=outcome.machine_outline,
         machine_faces=outcome.machine_faces,
+        machine_position=outcome.machine_position,
         title=f"{outcome.moved:.2f} bank m³ moved in {len(outcome.cycles)} cycles",
     )
     return [

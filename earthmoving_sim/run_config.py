@@ -46,11 +46,11 @@ class RunConfig:
     """
 
     machine: MachineDescription
-    soil: SoilParams = SoilParams()
-    particles: ParticleParams = ParticleParams()
-    stepping: MachineSimParams = MachineSimParams()
-    operator: OperatorParams = OperatorParams()
-    run: RunParams = RunParams()
+    soil: SoilParams
+    particles: ParticleParams
+    stepping: MachineSimParams
+    operator: OperatorParams
+    run: RunParams
 
 
 _SECTIONS: dict[str, type[Parameters]] = {

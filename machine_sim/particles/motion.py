@@ -15,7 +15,7 @@ __all__ = ["run_substeps"]
 @kernel
 def run_substeps(  # type: ignore[no-untyped-def]
     substeps, gravity, law, friction, tool_friction, ground_friction,
-    position, velocity, mass, inverse_mass, contact_radius, soft, force, ground_spring,
+    position, velocity, mass, inverse_mass, radius, contact_radius, soft, force, ground_spring,
     first, second, pairs, touching, pair_spring, buffer, slots,
     walls, wall_row, wall_plate, wall_spring, wall_side,
     frame, corner, corners, owner, path, twist, wrench,
@@ -26,7 +26,8 @@ def run_substeps(  # type: ignore[no-untyped-def]
     Args:
         gravity: [m/s^2], downward.
         law, friction, tool_friction, ground_friction: contact law and Coulomb coefficients.
-        position, velocity, mass, inverse_mass, contact_radius, ground_spring: of the particles.
+        position, velocity, mass, inverse_mass, radius, contact_radius, ground_spring: of the
+            particles.
         soft: near a tool, see `soil_contact`.
         force: scratch, shape (n, 3), float32.
         first ... slots: pairs, see `pair_forces`.
@@ -43,8 +44,8 @@ def run_substeps(  # type: ignore[no-untyped-def]
         )  # fmt: skip
         wall_forces(
             walls, wall_row, wall_plate, wall_spring, wall_side, position, velocity, mass,
-            contact_radius, force, frame, corner, corners, owner, path[s], twist, wrench, law,
-            tool_friction,
+            radius, contact_radius, force, frame, corner, corners, owner, path[s], twist, wrench,
+            law, tool_friction,
         )  # fmt: skip
         ground_forces(
             grounds, ground_row, plane, position, velocity, mass, contact_radius, soft,

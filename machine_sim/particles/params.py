@@ -23,7 +23,11 @@ class ParticleParams(Parameters):
         1800.0, "Density of undisturbed soil.", unit="kg/m^3", low=100.0, high=10_000.0
     )
     packing: float = parameter(
-        0.6, "Sphere volume over the bulk volume a heap of them takes.", low=0.3, high=0.74
+        0.55,
+        "Sphere volume over the bulk volume a heap of them takes; friction 0.3, 0.4, 0.5 pours"
+        " to 0.58, 0.55, 0.525.",
+        low=0.3,
+        high=0.74,
     )
     gravity: float = parameter(9.81, "Gravity, downward.", unit="m/s^2", low=0.0, high=30.0)
     substeps: int = parameter(5, "Contact substeps per physics step.", low=1, high=100)

@@ -17,6 +17,10 @@ from machine_sim.particles.tool import ToolSet
 
 __all__ = ["WallList", "wall_forces"]
 
+_LEAST_AT_PLATE = np.float32(0.5)
+"""Smallest radius a plate feels, in full radii. One released into a crowd starts as a point, and
+its neighbours would press a point through a plate."""
+
 
 class WallTable:
     """Particle-plate contacts in order of rows, then plates.
@@ -160,7 +164,7 @@ def _list_walls(  # type: ignore[no-untyped-def]
 @kernel
 def wall_forces(  # type: ignore[no-untyped-def]
     count, row, plate, spring, side,
-    position, velocity, mass, contact_radius, force,
+    position, velocity, mass, radius, contact_radius, force,
     frame, corner, corners, owner, pose, twist, wrench, law, friction,
 ):  # fmt: skip
     """Add the forces of plates to `force` [N] and their reaction to `wrench`.
@@ -169,7 +173,7 @@ def wall_forces(  # type: ignore[no-untyped-def]
 
     Args:
         count, row, plate, spring, side: the table; spring and side are updated.
-        position, velocity, mass, contact_radius, force: of the particles, by row.
+        position, velocity, mass, radius, contact_radius, force: of the particles, by row.
         frame, corner, corners, owner, twist, wrench: of `ToolSet`.
         pose: packed poses at this substep, shape (tools, 12).
         law, friction: contact law and Coulomb coefficient.
@@ -182,7 +186,7 @@ def wall_forces(  # type: ignore[no-untyped-def]
         x, y, z = turn_back(p, qx, qy, qz)
         a, b, h = plate_coordinates(frame, k, x, y, z)
         ca, cb, inside = closest_in_polygon(corner, corners, k, a, b)
-        r = np.float64(contact_radius[i])
+        r = np.float64(max(contact_radius[i], _LEAST_AT_PLATE * radius[i]))
         if inside:
             na, nb, nh = 0.0, 0.0, np.float64(side[c])
             overlap = r - h * nh

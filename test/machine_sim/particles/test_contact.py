@@ -17,7 +17,7 @@ def test_a_particle_is_as_large_and_heavy_as_its_loose_soil_says():
     world = engine(swell=0.3)
     world.add([[0, 0, 1]], [[0, 0, 0]], LITRE)
     sphere = 4.0 / 3.0 * np.pi * world.store.radius[0] ** 3
-    assert sphere == pytest.approx(1e-3 * 1.3 * 0.6, rel=1e-5)
+    assert sphere == pytest.approx(1e-3 * 1.3 * world.params.packing, rel=1e-5)
     assert world.store.mass[0] == pytest.approx(1.8, rel=1e-6)
 
 
