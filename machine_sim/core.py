@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -145,6 +146,24 @@ class MachineSim:
         sweeps = sweep_rows(self._bucket, start, self.machine.tool_pose, tool=_TOOL)
         landed = self._land()
         return MachineStep(sweeps, landed, self.pending.total_mm3, self.particles.total_volume_mm3)
+
+    def state_hash(self) -> str:
+        """SHA-256 [hex] of the machine's pose and motion, its particles and its pending soil."""
+        machine, store = self.machine, self.particles.store
+        digest = hashlib.sha256()
+        for array in (
+            machine.joint_positions,
+            machine.joint_velocities,
+            *machine.base_pose,
+            *machine.base_velocity,
+            store.particle_id,
+            store.position,
+            store.velocity,
+            store.volume_mm3,
+            np.array([self.pending.total_mm3]),
+        ):
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return digest.hexdigest()
 
     def close(self) -> None:
         """Free the physics client."""

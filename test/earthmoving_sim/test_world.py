@@ -1,0 +1,116 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.machine_scenes import excavator, level_soil
+
+from earthmoving_sim.world import World
+from machine_sim.core import MachineSim
+from machine_sim.machine.kinematics import arm_angles
+from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.rows import Kind
+
+DESCRIPTION = excavator()
+
+
+def drag(world: World, ticks: int) -> list[Ledger]:
+    """Every machine puts its lip in the ground before it and draws it in."""
+    ledgers = []
+    start = DESCRIPTION.swing_origin[2]
+    for tick in range(ticks):
+        part = tick / ticks
+        reach, depth = 7.0 - 1.5 * part, 0.25 * math.sin(math.pi * part)
+        wanted = arm_angles(DESCRIPTION, reach, -start - depth + 0.05, 2.0 + 0.5 * part)
+        for machine in world.machines.values():
+            error = np.array(wanted) - machine.machine.joint_positions[1:]
+            machine.command(np.array([0.0, *(5.0 * error)]), np.zeros(2))
+        ledgers.append(world.step())
+    return ledgers
+
+
+def ready(**options: object) -> MachineSim:
+    """A machine whose lip is just above the ground already."""
+    angles = arm_angles(DESCRIPTION, 7.0, -DESCRIPTION.swing_origin[2] + 0.1, 2.0)
+    description = replace(DESCRIPTION, home=np.array([0.0, *angles]))
+    soil = level_soil()
+    return MachineSim(description, soil.grid, soil.columns.height, **options)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def dug():
+    world = World(level_soil(), {1: ready()})
+    ledgers = drag(world, 250)
+    yield world, ledgers
+    world.close()
+
+
+def test_every_tick_of_a_dig_balances(dug) -> None:
+    world, ledgers = dug
+    assert {ledger.imbalance for ledger in ledgers} == {0}
+    assert ledgers[-1].particles > 100_000_000
+    assert any(ledger.in_flight > 0 for ledger in ledgers)
+    assert any(ledger.pending > 0 for ledger in ledgers)
+    assert world.soil.verify()
+
+
+def test_the_machine_feels_the_terrain_the_soil_has(dug) -> None:
+    world, _ = dug
+    for _ in range(300):
+        world.step()
+    assert world.soil.columns.height.min() < -0.1
+    felt = world.machines[1].ground.elevation
+    assert felt == pytest.approx(world.soil.columns.height, abs=1e-6)
+
+
+def test_soil_that_lands_is_terrain_again(dug) -> None:
+    world, _ = dug
+    landed = 0
+    for _ in range(400):
+        world.step()
+        answers = world.answers[1].conversions
+        landed += int((answers["kind"] == Kind.DEPOSIT).sum())
+    assert landed > 0
+    assert world.soil.columns.loose.sum() > 0
+    assert world.ledger.imbalance == 0
+
+
+def test_one_tampered_parcel_shows_in_the_ledger() -> None:
+    world = World(level_soil(), {1: ready()})
+    machine = world.machines[1]
+    honest = machine.apply
+    tampered = []
+
+    def apply(conversions, changed) -> None:
+        excavated = np.flatnonzero(conversions["kind"] == Kind.EXCAVATE)
+        if excavated.size and not tampered:
+            conversions["volume_mm3"][excavated[0]] -= 1
+            tampered.append(True)
+        honest(conversions, changed)
+
+    machine.apply = apply  # type: ignore[method-assign]
+    ledgers = drag(world, 120)
+    world.close()
+    assert tampered
+    assert ledgers[0].imbalance == 0
+    assert ledgers[-1].imbalance == -1
+
+
+def test_equal_runs_end_in_equal_states() -> None:
+    hashes = []
+    for seed in (0, 0, 1):
+        world = World(level_soil(), {1: ready(seed=seed)})
+        drag(world, 220)
+        hashes.append((world.state_hash(), world.machines[1].state_hash()))
+        world.close()
+    assert hashes[0] == hashes[1]
+    assert hashes[0][1] != hashes[2][1]
+
+
+def test_two_machines_dig_the_same_terrain() -> None:
+    machines = {1: ready(position=(-6.0, 3.0)), 2: ready(position=(-6.0, -3.0))}
+    world = World(level_soil(), machines)
+    ledgers = drag(world, 200)
+    world.close()
+    assert {ledger.imbalance for ledger in ledgers} == {0}
+    assert all(machine.particles.count > 100 for machine in machines.values())

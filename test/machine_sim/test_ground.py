@@ -1,0 +1,56 @@
+import numpy as np
+import pytest
+
+from machine_sim.ground import RISE_SPEED, Ground, GroundError
+from msg_bridge.contract.grid import Grid
+
+GRID = Grid(11, 9, 0.5)
+
+
+def sloping() -> Ground:
+    x, y = GRID.x(np.arange(11))[:, None], GRID.y(np.arange(9))[None, :]
+    return Ground(GRID, 0.3 * x - 0.2 * y + 1.0)
+
+
+def test_height_between_grid_points_is_bilinear() -> None:
+    ground = sloping()
+    assert ground.height(0.37, -0.81) == pytest.approx(0.3 * 0.37 + 0.2 * 0.81 + 1.0)
+
+
+def test_the_edge_goes_on_level_beyond_the_map() -> None:
+    ground = sloping()
+    assert ground.height(99.0, 0.0) == pytest.approx(ground.height(2.5, 0.0))
+
+
+def test_lowered_cells_fall_at_once_and_raised_ones_rise_slowly() -> None:
+    ground = Ground(GRID, np.zeros(GRID.shape))
+    cells = np.array([2, 5])
+    ground.update(cells, cells, np.array([-0.4, 0.1]))
+    assert ground.surface[2, 2] == -0.4
+    assert ground.surface[5, 5] == 0.0
+    ground.advance(0.1)
+    assert ground.surface[5, 5] == pytest.approx(0.1 * RISE_SPEED)
+    for _ in range(10):
+        ground.advance(0.1)
+    assert ground.surface[5, 5] == 0.1
+    assert np.array_equal(ground.surface, ground.elevation)
+
+
+def test_a_rising_cell_that_is_dug_again_stops_rising() -> None:
+    ground = Ground(GRID, np.zeros(GRID.shape))
+    at = np.array([4])
+    ground.update(at, at, np.array([0.2]))
+    ground.advance(0.1)
+    ground.update(at, at, np.array([0.01]))
+    ground.advance(1.0)
+    assert ground.surface[4, 4] == pytest.approx(0.01)
+
+
+def test_heights_that_are_not_finite_are_refused_and_change_nothing() -> None:
+    ground = sloping()
+    before = ground.elevation.copy()
+    with pytest.raises(GroundError, match="finite"):
+        ground.update(np.array([1]), np.array([1]), np.array([np.nan]))
+    assert np.array_equal(ground.elevation, before)
+    with pytest.raises(GroundError, match="shape"):
+        Ground(GRID, np.zeros((3, 3)))

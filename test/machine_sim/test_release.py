@@ -1,0 +1,113 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.machine_scenes import GRID, excavator
+
+from machine_sim.ground import Ground
+from machine_sim.particles import ParticleEngine, ParticleParams
+from machine_sim.release import PendingSoil
+from msg_bridge.contract.rows import CONVERSION, Kind, Rows, empty_rows
+
+BUCKET = excavator().bucket
+POSE = (np.eye(3), np.array([1.0, 2.0, 3.0]))
+NOMINAL = 500_000
+
+
+def engine() -> ParticleEngine:
+    return ParticleEngine(ParticleParams(), Ground(GRID, np.full(GRID.shape, -50.0)), swell=0.0)
+
+
+def pending(per_tick: int = 60) -> PendingSoil:
+    rng = np.random.default_rng(0)
+    return PendingSoil(BUCKET, rng, nominal_mm3=NOMINAL, per_tick=per_tick)
+
+
+def parcels(*volumes: int) -> Rows:
+    rows = empty_rows(CONVERSION, len(volumes))
+    rows["volume_mm3"] = volumes
+    rows["row"] = np.arange(len(volumes))
+    rows["kind"] = Kind.EXCAVATE
+    rows["x"], rows["y"], rows["z"] = 1.7, 2.0, 3.4
+    return rows
+
+
+def test_parcels_of_a_column_gather_until_they_make_a_particle() -> None:
+    soil, particles = pending(), engine()
+    soil.receive(parcels(300_000), POSE, 0)
+    assert soil.release(particles, POSE, 1) == 0
+    soil.receive(parcels(300_000), POSE, 1)
+    assert soil.release(particles, POSE, 2) == 1
+    assert particles.total_volume_mm3 == NOMINAL
+    assert soil.total_mm3 == 100_000
+
+
+def test_particles_appear_inside_the_bucket_off_its_plates() -> None:
+    soil, particles = pending(), engine()
+    rows = parcels(*[NOMINAL] * 50)
+    rows["y"] = np.linspace(1.0, 3.0, 50)  # a column may reach beyond the bucket's side
+    soil.receive(rows, POSE, 0)
+    soil.release(particles, POSE, 1)
+    local = particles.store.position - POSE[1]
+    assert (np.abs(local[:, 1]) <= 0.5 * BUCKET.width - 0.019).all()
+
+
+def test_pending_soil_moves_with_the_tool() -> None:
+    soil, particles = pending(), engine()
+    soil.receive(parcels(NOMINAL), POSE, 0)
+    soil.release(particles, (np.eye(3), POSE[1] + [0.0, 0.0, 5.0]), 1)
+    assert particles.store.position[0, 2] > 7.5
+
+
+def test_what_one_tick_cannot_release_waits() -> None:
+    soil, particles = pending(per_tick=4), engine()
+    soil.receive(parcels(10 * NOMINAL), POSE, 0)
+    assert soil.release(particles, POSE, 1) == 4
+    assert soil.total_mm3 == 6 * NOMINAL
+    assert soil.release(particles, POSE, 2) == 4
+
+
+def test_the_remainder_of_columns_left_behind_becomes_a_particle() -> None:
+    soil, particles = pending(), engine()
+    soil.receive(parcels(*[90_000] * 6), POSE, 0)
+    for tick in range(1, 10):
+        soil.release(particles, POSE, tick)
+    assert particles.count >= 1
+    assert particles.total_volume_mm3 + soil.total_mm3 == 6 * 90_000
+    assert soil.total_mm3 < NOMINAL
+
+
+def test_answers_to_landings_are_no_parcels() -> None:
+    soil = pending()
+    rows = parcels(NOMINAL, NOMINAL)
+    rows["kind"] = [Kind.DEPOSIT, Kind.REFUSE]
+    soil.receive(rows, POSE, 0)
+    assert soil.total_mm3 == 0
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.lists(st.lists(st.integers(1, 3_000_000), max_size=6), max_size=15))
+def test_no_volume_is_lost_between_parcels_and_particles(ticks: list[list[int]]) -> None:
+    soil, particles = pending(per_tick=5), engine()
+    total = 0
+    for tick, volumes in enumerate(ticks):
+        soil.receive(parcels(*volumes), POSE, tick)
+        total += sum(volumes)
+        soil.release(particles, POSE, tick)
+        assert soil.total_mm3 + particles.total_volume_mm3 == total
+
+
+def test_draining_gives_up_all_of_it() -> None:
+    soil = pending()
+    soil.receive(parcels(7, 11), POSE, 0)
+    assert soil.drain() == 18
+    assert soil.total_mm3 == 0
+
+
+def test_particles_of_one_place_are_scattered() -> None:
+    soil, particles = pending(), engine()
+    soil.receive(parcels(8 * NOMINAL), POSE, 0)
+    soil.release(particles, POSE, 1)
+    position = particles.store.position
+    assert np.unique(position.round(4), axis=0).shape[0] == 8
+    assert position.std(axis=0) == pytest.approx(0.045, abs=0.04)

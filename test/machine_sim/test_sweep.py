@@ -1,0 +1,43 @@
+import numpy as np
+import pytest
+from support.machine_scenes import excavator
+
+from machine_sim.machine.kinematics import tool_pose
+from machine_sim.sweep import sweep_rows
+from msg_bridge.contract.rows import Action
+
+MACHINE = excavator()
+BUCKET = MACHINE.bucket
+DIGGING = tool_pose(MACHINE, np.zeros(3), np.eye(3), [0.0, -0.35, 1.3, 1.1])
+
+
+def moved(way: tuple[float, float, float]):
+    rotation, origin = DIGGING
+    return rotation, origin + np.array(way)
+
+
+def test_rows_are_the_key_points_left_before_right_lip_first() -> None:
+    rows = sweep_rows(BUCKET, DIGGING, moved((-0.01, 0, 0)), tool=3)
+    assert rows.size == 14
+    assert rows["pair"].tolist() == [k // 2 for k in range(14)]
+    assert (rows["tool"] == 3).all()
+    assert (rows["y0"][0::2] > rows["y0"][1::2]).all()
+    lip = DIGGING[0] @ BUCKET.key_points()[0] + DIGGING[1]
+    assert [rows["x0"][0], rows["y0"][0], rows["z0"][0]] == pytest.approx(lip, abs=1e-5)
+    assert rows["x1"] - rows["x0"] == pytest.approx(-0.01, abs=1e-5)
+
+
+def test_a_bucket_drawn_in_lip_first_cuts() -> None:
+    rows = sweep_rows(BUCKET, DIGGING, moved((-0.01, 0, -0.002)), tool=0)
+    assert (rows["action"][:6] == Action.CUT).all()
+
+
+def test_a_bucket_pushed_onto_its_back_presses() -> None:
+    rotation, _ = DIGGING
+    outward = rotation @ BUCKET.outward_normals()[3]
+    rows = sweep_rows(BUCKET, DIGGING, moved(tuple(0.01 * outward)), tool=0)
+    assert (rows["action"][6:8] == Action.PRESS).all()
+
+
+def test_a_bucket_at_rest_counts_as_cutting() -> None:
+    assert (sweep_rows(BUCKET, DIGGING, DIGGING, tool=0)["action"] == Action.CUT).all()

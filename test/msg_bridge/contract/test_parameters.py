@@ -1,0 +1,38 @@
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.parameters import Parameters, parameter
+
+
+@dataclass(frozen=True)
+class Example(Parameters):
+    speed: float = parameter(1.0, "how fast", unit="m/s", low=0.0, high=2.0)
+    count: int = parameter(3, "how many", low=1, high=9)
+    mode: str = parameter("a", "which way", choices=("a", "b"))
+    on: bool = parameter(True, "whether at all")
+
+
+def test_a_mapping_sets_what_it_names() -> None:
+    made = Example.from_mapping({"speed": 2, "mode": "b", "on": False})
+    assert made == Example(speed=2, count=3, mode="b", on=False)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"speed": 3.0}, "speed is 3.0 m/s; give a value from 0.0 to 2.0 m/s"),
+        ({"speed": float("nan")}, "finite number"),
+        ({"speed": "fast"}, "finite number"),
+        ({"count": 2.5}, "whole number"),
+        ({"count": True}, "whole number"),
+        ({"mode": "c"}, "give one of: a, b"),
+        ({"on": 1}, "true or false"),
+        ({"sped": 1.0}, "has no parameter sped; it has speed, count, mode, on"),
+    ],
+)
+def test_what_is_wrong_is_said(values: dict[str, Any], message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
+        Example.from_mapping(values)

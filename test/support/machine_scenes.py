@@ -1,0 +1,29 @@
+"""A machine on level ground, for tests of the machine side."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machine_sim.core import MachineSim
+from machine_sim.machine import MachineDescription, load_description
+from msg_bridge.config_files import find_config
+from msg_bridge.contract.grid import Grid
+from soil_sim.params import SoilParams
+from soil_sim.soil import Soil
+
+GRID = Grid(129, 129, 0.2)
+
+
+def excavator() -> MachineDescription:
+    """The shipped excavator."""
+    return load_description(find_config("machines/excavator.yaml"))
+
+
+def machine_on_level_ground(**options: object) -> MachineSim:
+    """An excavator in the middle of a map at height 0, facing +x."""
+    return MachineSim(excavator(), GRID, np.zeros(GRID.shape), **options)  # type: ignore[arg-type]
+
+
+def level_soil(**params: object) -> Soil:
+    """Soil under such a machine."""
+    return Soil(GRID, np.zeros(GRID.shape), SoilParams(**params))  # type: ignore[arg-type]
