@@ -18,7 +18,10 @@ from numpy.typing import NDArray
 from msg_bridge.contract.grid import Grid
 from soil_sim.errors import SoilError
 
-__all__ = ["Columns", "raise_column", "take_from_column"]
+__all__ = ["Columns", "note_change", "raise_column", "take_from_column"]
+
+Changed = tuple[NDArray[np.uint8], NDArray[np.int64]]
+"""A flag per column, and the flat indices of the flagged ones behind their number."""
 
 _LARGEST_COLUMN_MM3 = 2**52
 """Above this a column's volume would not survive the float64 field of a message."""
@@ -34,7 +37,8 @@ class Columns:
         firm: undisturbed soil [mm^3 bank], shape (rows, cols), int64.
         loose: disturbed soil [mm^3 bank], shape (rows, cols), int64.
         height: surface [m], shape (rows, cols), float64; follows firm and loose.
-        changed: columns touched since `take_changed`, shape (rows, cols), uint8.
+        changed: columns touched since `take_changed`: a flag each, and a list of them, so that a
+            tick costs what it touched and not what the map holds. See `note_change`.
     """
 
     def __init__(
@@ -56,7 +60,8 @@ class Columns:
         self.height: NDArray[np.float64] = np.asarray(
             self.floor + self.firm * self.metres_per_mm3, dtype=np.float64
         )
-        self.changed: NDArray[np.uint8] = np.zeros(grid.shape, dtype=np.uint8)
+        size = grid.rows * grid.cols
+        self.changed: Changed = (np.zeros(size, dtype=np.uint8), np.zeros(size + 1, dtype=np.int64))
 
     @property
     def metres_per_mm3(self) -> float:
@@ -81,9 +86,22 @@ class Columns:
 
     def take_changed(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """(rows, cols) of the columns changed since the last call, in row-major order."""
-        rows, cols = np.nonzero(self.changed)
-        self.changed[rows, cols] = 0
-        return rows, cols
+        flags, cells = self.changed
+        touched = np.sort(cells[1 : 1 + cells[0]])
+        flags[touched] = 0
+        cells[0] = 0
+        rows, cols = np.divmod(touched, self.grid.cols)
+        return rows.astype(np.intp), cols.astype(np.intp)
+
+
+@njit(cache=True, inline="always")
+def note_change(changed, i):  # type: ignore[no-untyped-def]
+    """Note that the column with flat index i was touched."""
+    flags, cells = changed
+    if flags[i] == 0:
+        flags[i] = 1
+        cells[0] += 1
+        cells[cells[0]] = i
 
 
 @njit(cache=True, inline="always")
@@ -91,7 +109,7 @@ def raise_column(firm, loose, height, changed, i, bank, metres_per_mm3, swell, f
     """Add `bank` mm^3 of loose soil to the column with flat index i."""
     loose[i] += bank
     height[i] = floor + (firm[i] + loose[i] * (1.0 + swell)) * metres_per_mm3
-    changed[i] = 1
+    note_change(changed, i)
 
 
 @njit(cache=True, inline="always")
@@ -109,5 +127,5 @@ def take_from_column(firm, loose, height, changed, i, bulk, metres_per_mm3, swel
     loose[i] -= from_loose
     firm[i] -= from_firm
     height[i] = floor + (firm[i] + loose[i] * (1.0 + swell)) * metres_per_mm3
-    changed[i] = 1
+    note_change(changed, i)
     return from_loose + from_firm

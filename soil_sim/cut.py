@@ -112,7 +112,7 @@ class SweptCut:
             c.firm.reshape(-1),
             c.loose.reshape(-1),
             c.height.reshape(-1),
-            c.changed.reshape(-1),
+            c.changed,
             self._cells,
             self._removed,
             self._count,

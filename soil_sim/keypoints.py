@@ -56,7 +56,7 @@ class KeyPointCut:
             c.firm.reshape(-1),
             c.loose.reshape(-1),
             c.height.reshape(-1),
-            c.changed.reshape(-1),
+            c.changed,
             c.grid.rows,
             c.grid.cols,
             c.grid.x_first,

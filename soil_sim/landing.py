@@ -36,7 +36,7 @@ def deposit(
         columns.firm.reshape(-1),
         columns.loose.reshape(-1),
         columns.height.reshape(-1),
-        columns.changed.reshape(-1),
+        columns.changed,
         columns.grid.rows,
         columns.grid.cols,
         columns.grid.row(x),

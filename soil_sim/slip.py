@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from soil_sim.columns import Columns
+from soil_sim.columns import Columns, note_change
 
 __all__ = ["Slip", "gauss_circle"]
 
@@ -102,7 +102,7 @@ class Slip:
                 c.firm.reshape(-1),
                 c.loose.reshape(-1),
                 c.height.reshape(-1),
-                c.changed.reshape(-1),
+                c.changed,
                 self.held.reshape(-1),
                 c.grid.rows,
                 c.grid.cols,
@@ -220,8 +220,8 @@ def _relax(  # type: ignore[no-untyped-def]
             loose[target] += move + fail
             height[i] = floor + (firm[i] + loose[i] * (1.0 + swell)) * metres_per_mm3
             height[target] = floor + (firm[target] + loose[target] * (1.0 + swell)) * metres_per_mm3
-            changed[i] = 1
-            changed[target] = 1
+            note_change(changed, i)
+            note_change(changed, target)
             gave = True
             _push(target, queue, queued, ends)
         if gave:
