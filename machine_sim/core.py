@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 import pybullet
 from numpy.typing import NDArray
-from pybullet_utils.bullet_client import BulletClient
 
 from machine_sim.ground import Ground
 from machine_sim.machine import Excavator, MachineDescription
@@ -85,9 +84,9 @@ class MachineSim:
         self.params = params or MachineSimParams()
         self.ground = Ground(grid, elevation)
         self.tick = 0
-        self._client = BulletClient(pybullet.DIRECT)
-        self._client.setTimeStep(self.params.physics_step)
-        self._client.setGravity(0.0, 0.0, -9.81)
+        self._client: int = pybullet.connect(pybullet.DIRECT)
+        pybullet.setTimeStep(self.params.physics_step, physicsClientId=self._client)
+        pybullet.setGravity(0.0, 0.0, -9.81, physicsClientId=self._client)
         self.machine = Excavator(description, self._client, self.ground, position, yaw)
         self.particles = ParticleEngine(
             particle_params or ParticleParams(), self.ground, swell=swell
@@ -137,7 +136,7 @@ class MachineSim:
             before = self.machine.tool_pose
             self.ground.advance(dt)
             self.machine.before_step(dt)
-            self._client.stepSimulation()
+            pybullet.stepSimulation(self._client)
             self.machine.after_step()
             self.particles.set_tool(_TOOL, before, self.machine.tool_pose)
             self.particles.step(dt)
@@ -167,7 +166,7 @@ class MachineSim:
 
     def close(self) -> None:
         """Free the physics client."""
-        self._client.disconnect()
+        pybullet.disconnect(self._client)
 
     def _land(self) -> Rows:
         """Freeze what came to rest and offer it to the soil."""
