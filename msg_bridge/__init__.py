@@ -1,1 +1,7 @@
-"""All that crosses between soil, machines and the world."""
+"""All that crosses between soil, machines and the world.
+
+- `contract`: what both sides agree on: grid, rows, messages, ledger, parameters
+- `exchange`: the state machines at both ends, the accounts, the direct transport
+- `testing`: help for tests, a bad transport among it
+- `config_files`: where shipped parameters are
+"""

@@ -11,6 +11,8 @@ The floor lies `dig_depth` below the lowest point of the map and cannot be dug.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -18,10 +20,7 @@ from numpy.typing import NDArray
 from msg_bridge.contract.grid import Grid
 from soil_sim.errors import SoilError
 
-__all__ = ["Columns", "note_change", "raise_column", "take_from_column"]
-
-Changed = tuple[NDArray[np.uint8], NDArray[np.int64]]
-"""A flag per column, and the flat indices of the flagged ones behind their number."""
+__all__ = ["ColumnArrays", "Columns", "raise_column", "settle_height", "take_from_column"]
 
 _LARGEST_COLUMN_MM3 = 2**52
 """Above this a column's volume would not survive the float64 field of a message."""
@@ -37,8 +36,6 @@ class Columns:
         firm: undisturbed soil [mm^3 bank], shape (rows, cols), int64.
         loose: disturbed soil [mm^3 bank], shape (rows, cols), int64.
         height: surface [m], shape (rows, cols), float64; follows firm and loose.
-        changed: columns touched since `take_changed`: a flag each, and a list of them, so that a
-            tick costs what it touched and not what the map holds. See `note_change`.
     """
 
     def __init__(
@@ -60,8 +57,23 @@ class Columns:
         self.height: NDArray[np.float64] = np.asarray(
             self.floor + self.firm * self.metres_per_mm3, dtype=np.float64
         )
-        size = grid.rows * grid.cols
-        self.changed: Changed = (np.zeros(size, dtype=np.uint8), np.zeros(size + 1, dtype=np.int64))
+        # A flag and a list, so that a tick costs what it touched and not what the map holds.
+        self._flags: NDArray[np.uint8] = np.zeros(self.height.size, dtype=np.uint8)
+        self._touched: NDArray[np.int64] = np.zeros(self.height.size + 1, dtype=np.int64)
+
+    @property
+    def arrays(self) -> ColumnArrays:
+        """Flat views for kernels; what they write is written here."""
+        return ColumnArrays(
+            self.firm.reshape(-1),
+            self.loose.reshape(-1),
+            self.height.reshape(-1),
+            self._flags,
+            self._touched,
+            self.metres_per_mm3,
+            self.swell,
+            self.floor,
+        )
 
     @property
     def metres_per_mm3(self) -> float:
@@ -86,46 +98,66 @@ class Columns:
 
     def take_changed(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """(rows, cols) of the columns changed since the last call, in row-major order."""
-        flags, cells = self.changed
-        touched = np.sort(cells[1 : 1 + cells[0]])
-        flags[touched] = 0
-        cells[0] = 0
+        touched = np.sort(self._touched[1 : 1 + self._touched[0]])
+        self._flags[touched] = 0
+        self._touched[0] = 0
         rows, cols = np.divmod(touched, self.grid.cols)
         return rows.astype(np.intp), cols.astype(np.intp)
 
 
-@njit(cache=True, inline="always")
-def note_change(changed, i):  # type: ignore[no-untyped-def]
-    """Note that the column with flat index i was touched."""
-    flags, cells = changed
-    if flags[i] == 0:
-        flags[i] = 1
-        cells[0] += 1
-        cells[cells[0]] = i
+class ColumnArrays(NamedTuple):
+    """What kernels need of the terrain, flat: arrays and scalars of `Columns` under one name.
+
+    Attributes:
+        firm, loose: bank volume [mm^3], int64.
+        height: surface [m], float64.
+        flags: 1 where a column was touched, uint8.
+        touched: their number, then their indices, int64.
+        metres_per_mm3, swell, floor: as in `Columns`.
+    """
+
+    firm: NDArray[np.int64]
+    loose: NDArray[np.int64]
+    height: NDArray[np.float64]
+    flags: NDArray[np.uint8]
+    touched: NDArray[np.int64]
+    metres_per_mm3: float
+    swell: float
+    floor: float
 
 
 @njit(cache=True, inline="always")
-def raise_column(firm, loose, height, changed, i, bank, metres_per_mm3, swell, floor):  # type: ignore[no-untyped-def]
+def settle_height(columns, i):  # type: ignore[no-untyped-def]
+    """Let the surface of the column with flat index i follow its volumes, and note the change."""
+    room = columns.firm[i] + columns.loose[i] * (1.0 + columns.swell)
+    columns.height[i] = columns.floor + room * columns.metres_per_mm3
+    if columns.flags[i] == 0:
+        columns.flags[i] = 1
+        columns.touched[0] += 1
+        columns.touched[columns.touched[0]] = i
+
+
+@njit(cache=True, inline="always")
+def raise_column(columns, i, bank):  # type: ignore[no-untyped-def]
     """Add `bank` mm^3 of loose soil to the column with flat index i."""
-    loose[i] += bank
-    height[i] = floor + (firm[i] + loose[i] * (1.0 + swell)) * metres_per_mm3
-    note_change(changed, i)
+    columns.loose[i] += bank
+    settle_height(columns, i)
 
 
 @njit(cache=True, inline="always")
-def take_from_column(firm, loose, height, changed, i, bulk, metres_per_mm3, swell, floor):  # type: ignore[no-untyped-def]
+def take_from_column(columns, i, bulk):  # type: ignore[no-untyped-def]
     """Lower the column with flat index i by `bulk` mm^3 of room, loose soil first.
 
     Returns:
         The bank volume taken [mm^3], a whole number; never more than the column holds.
     """
-    from_loose = min(np.int64(bulk / (1.0 + swell) + 0.5), loose[i])
-    rest = bulk - from_loose * (1.0 + swell)
+    growth = 1.0 + columns.swell
+    from_loose = min(np.int64(bulk / growth + 0.5), columns.loose[i])
+    rest = bulk - from_loose * growth
     from_firm = np.int64(0)
-    if from_loose == loose[i] and rest > 0.5:
-        from_firm = min(np.int64(rest + 0.5), firm[i])
-    loose[i] -= from_loose
-    firm[i] -= from_firm
-    height[i] = floor + (firm[i] + loose[i] * (1.0 + swell)) * metres_per_mm3
-    note_change(changed, i)
+    if from_loose == columns.loose[i] and rest > 0.5:
+        from_firm = min(np.int64(rest + 0.5), columns.firm[i])
+    columns.loose[i] -= from_loose
+    columns.firm[i] -= from_firm
+    settle_height(columns, i)
     return from_loose + from_firm

@@ -109,17 +109,11 @@ class SweptCut:
             self._removed,
         )
         removed: Removed = _take(
-            c.firm.reshape(-1),
-            c.loose.reshape(-1),
-            c.height.reshape(-1),
-            c.changed,
+            c.arrays,
             self._cells,
             self._removed,
             self._count,
             self._per_side**2,
-            c.metres_per_mm3,
-            c.swell,
-            c.floor,
             self._sub,
             self._mean,
         )
@@ -266,21 +260,7 @@ def _paint(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _take(  # type: ignore[no-untyped-def]
-    firm,
-    loose,
-    height,
-    changed,
-    cells,
-    removed,
-    count,
-    parts,
-    metres_per_mm3,
-    swell,
-    floor,
-    sub,
-    mean,
-):
+def _take(columns, cells, removed, count, parts, sub, mean):  # type: ignore[no-untyped-def]
     """Take the painted removal out of the columns, as whole mm^3 of bank volume."""
     out = np.empty((count, 5))
     n = 0
@@ -288,13 +268,13 @@ def _take(  # type: ignore[no-untyped-def]
         if removed[slot, 0] <= 0.0:
             continue
         i = cells[slot]
-        bulk = removed[slot, 0] / parts / metres_per_mm3
-        bank = take_from_column(firm, loose, height, changed, i, bulk, metres_per_mm3, swell, floor)
+        bulk = removed[slot, 0] / parts / columns.metres_per_mm3
+        bank = take_from_column(columns, i, bulk)
         # What rounding left standing is spread evenly, so the subcolumns' mean stays the height.
-        rounding = height[i] - (mean[slot] - removed[slot, 0] / parts)
+        rounding = columns.height[i] - (mean[slot] - removed[slot, 0] / parts)
         for q in range(parts):
             sub[slot, q] += rounding
-        mean[slot] = height[i]
+        mean[slot] = columns.height[i]
         if bank > 0:
             out[n, 0] = i
             out[n, 1] = bank

@@ -50,41 +50,22 @@ class KeyPointCut:
 
     def sweep(self, sweeps: Rows) -> Removed:
         """Cut at the end poses of one tick's SWEEP rows."""
-        c = self._columns
+        grid = self._columns.grid
         removed: Removed = _lower(
             collision_points(sweeps, self._between),
-            c.firm.reshape(-1),
-            c.loose.reshape(-1),
-            c.height.reshape(-1),
-            c.changed,
-            c.grid.rows,
-            c.grid.cols,
-            c.grid.x_first,
-            c.grid.y_first,
-            c.grid.cell,
-            c.metres_per_mm3,
-            c.swell,
-            c.floor,
+            self._columns.arrays,
+            grid.rows,
+            grid.cols,
+            grid.x_first,
+            grid.y_first,
+            grid.cell,
         )
         return removed
 
 
 @njit(cache=True)
-def _lower(  # type: ignore[no-untyped-def]
-    points,
-    firm,
-    loose,
-    height,
-    changed,
-    rows,
-    cols,
-    x_first,
-    y_first,
-    cell,
-    metres_per_mm3,
-    swell,
-    floor,
-):
+def _lower(points, columns, rows, cols, x_first, y_first, cell):  # type: ignore[no-untyped-def]
+    """Lower the four grid points around each point; returns what was removed."""
     out = np.empty((4 * points.shape[0], 5))
     n = 0
     for p in range(points.shape[0]):
@@ -92,24 +73,14 @@ def _lower(  # type: ignore[no-untyped-def]
         j0 = np.int64(np.floor((y_first - points[p, 1]) / cell))
         if i0 < 0 or j0 < 0 or i0 + 1 >= rows or j0 + 1 >= cols:
             continue
-        z = max(points[p, 2], floor)
+        z = max(points[p, 2], columns.floor)
         for i in range(i0, i0 + 2):
             for j in range(j0, j0 + 2):
                 k = i * cols + j
-                if height[k] <= z:
+                if columns.height[k] <= z:
                     continue
-                top = height[k]
-                bank = take_from_column(
-                    firm,
-                    loose,
-                    height,
-                    changed,
-                    k,
-                    (top - z) / metres_per_mm3,
-                    metres_per_mm3,
-                    swell,
-                    floor,
-                )
+                top = columns.height[k]
+                bank = take_from_column(columns, k, (top - z) / columns.metres_per_mm3)
                 if bank > 0:
                     out[n, 0] = k
                     out[n, 1] = bank

@@ -33,39 +33,20 @@ def deposit(
     """
     touched = np.empty(4 * x.size, dtype=np.int64)
     _deposit(
-        columns.firm.reshape(-1),
-        columns.loose.reshape(-1),
-        columns.height.reshape(-1),
-        columns.changed,
+        columns.arrays,
         columns.grid.rows,
         columns.grid.cols,
         columns.grid.row(x),
         columns.grid.col(y),
         volume_mm3.astype(np.int64),
-        columns.metres_per_mm3,
-        columns.swell,
-        columns.floor,
         touched,
     )
     return touched
 
 
 @njit(cache=True)
-def _deposit(  # type: ignore[no-untyped-def]
-    firm,
-    loose,
-    height,
-    changed,
-    rows,
-    cols,
-    row,
-    col,
-    volume,
-    metres_per_mm3,
-    swell,
-    floor,
-    touched,
-):
+def _deposit(columns, rows, cols, row, col, volume, touched):  # type: ignore[no-untyped-def]
+    """Share out `volume` [mm^3] at fractional indices (row, col); notes the columns touched."""
     for n in range(row.size):
         # Half a cell beyond the outer grid points still belongs to the outer columns.
         u = min(max(row[n], 0.0), rows - 1.0)
@@ -82,7 +63,7 @@ def _deposit(  # type: ignore[no-untyped-def]
         first = i * cols + j
         for share, k in ((a, first), (b, first + 1), (c, first + cols), (d, first + cols + 1)):
             if share > 0:
-                raise_column(firm, loose, height, changed, k, share, metres_per_mm3, swell, floor)
+                raise_column(columns, k, share)
         touched[4 * n] = first
         touched[4 * n + 1] = first + 1
         touched[4 * n + 2] = first + cols

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from soil_sim.columns import Columns, note_change
+from soil_sim.columns import Columns, settle_height
 
 __all__ = ["Slip", "gauss_circle"]
 
@@ -96,22 +96,15 @@ class Slip:
         Returns:
             The number of columns examined.
         """
-        c = self._columns
         return int(
             _relax(
-                c.firm.reshape(-1),
-                c.loose.reshape(-1),
-                c.height.reshape(-1),
-                c.changed,
+                self._columns.arrays,
                 self.held.reshape(-1),
-                c.grid.rows,
-                c.grid.cols,
+                self._columns.grid.rows,
+                self._columns.grid.cols,
                 self._offsets,
                 self._limit,
                 self._tolerance,
-                c.metres_per_mm3,
-                c.swell,
-                c.floor,
                 self._queue,
                 self._queued,
                 self._ends,
@@ -156,24 +149,12 @@ def _disturb(cells, around, rows, cols, offsets, queue, queued, ends):  # type: 
 
 @njit(cache=True)
 def _relax(  # type: ignore[no-untyped-def]
-    firm,
-    loose,
-    height,
-    changed,
-    held,
-    rows,
-    cols,
-    offsets,
-    limit,
-    tolerance,
-    metres_per_mm3,
-    swell,
-    floor,
-    queue,
-    queued,
-    ends,
-    budget,
+    columns, held, rows, cols, offsets, limit, tolerance, queue, queued, ends, budget
 ):
+    """Examine queued columns, at most `budget`; returns how many were."""
+    firm, loose, height = columns.firm, columns.loose, columns.height
+    growth = 1.0 + columns.swell
+    metres_per_mm3 = columns.metres_per_mm3
     count = offsets.shape[0]
     flat = offsets[:, 0] * cols + offsets[:, 1]
     reach = np.int64(np.abs(offsets).max())
@@ -208,20 +189,18 @@ def _relax(  # type: ignore[no-untyped-def]
             if target < 0:
                 break
             # Loose soil goes first; firm soil that fails is loosened and swells where it lands.
-            move = min(np.int64(0.5 * best / metres_per_mm3 / (1.0 + swell)), loose[i])
-            rest = best - 2.0 * move * (1.0 + swell) * metres_per_mm3
+            move = min(np.int64(0.5 * best / metres_per_mm3 / growth), loose[i])
+            rest = best - 2.0 * move * growth * metres_per_mm3
             fail = np.int64(0)
             if move == loose[i]:
-                fail = min(np.int64(rest / metres_per_mm3 / (2.0 + swell)), firm[i])
+                fail = min(np.int64(rest / metres_per_mm3 / (1.0 + growth)), firm[i])
             if move + fail <= 0:
                 break
             loose[i] -= move
             firm[i] -= fail
             loose[target] += move + fail
-            height[i] = floor + (firm[i] + loose[i] * (1.0 + swell)) * metres_per_mm3
-            height[target] = floor + (firm[target] + loose[target] * (1.0 + swell)) * metres_per_mm3
-            note_change(changed, i)
-            note_change(changed, target)
+            settle_height(columns, i)
+            settle_height(columns, target)
             gave = True
             _push(target, queue, queued, ends)
         if gave:

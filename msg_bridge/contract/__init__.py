@@ -1,1 +1,9 @@
-"""What soil and machines agree on; no ROS, no physics."""
+"""What soil and machines agree on; no ROS, no physics.
+
+- `grid`: which column lies where
+- `rows`: row types of everything that crosses
+- `messages`: headers, chunks of rows, requests
+- `ledger`: where every cubic millimetre is
+- `parameters`: parameter sets checked when built
+- `errors`: the errors of the package
+"""

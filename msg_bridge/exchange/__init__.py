@@ -1,1 +1,8 @@
-"""The exchange state machine."""
+"""The exchange of volume between soil and machines: state machines without clock or network.
+
+- `machine_side`, `soil_side`: the two ends; messages in by `receive`, out by `take_outbox`
+- `streams`: numbered rows, sent again until they have come
+- `accounts`: soil in flight, pending, in particles, absent, outside
+- `chunks`: rows cut into messages
+- `direct`: carries the messages within one process
+"""
