@@ -1,0 +1,100 @@
+"""Columns a tool stands in, refined into subcolumns with heights of their own.
+
+A refined column has a slot in tables that grow as needed; most of a map never has one.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["RefinedArrays", "RefinedColumns"]
+
+
+class RefinedArrays(NamedTuple):
+    """The tables, for kernels.
+
+    Attributes:
+        slot_of: slot of each column, -1 without one, shape (columns,).
+        cells: flat index of the column in each slot.
+        seen: last tick a tool was in it.
+        sub: heights of its subcolumns [m], shape (slots, per_side**2), row-major.
+        mean: their mean, which is the column's height [m].
+        top: the column's surface when the tool came [m].
+        removed: height lost in this sweep, summed over subcolumns [m], and its first moments
+            along x, y, z [m^2], shape (slots, 4).
+    """
+
+    slot_of: NDArray[np.int64]
+    cells: NDArray[np.int64]
+    seen: NDArray[np.int64]
+    sub: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    top: NDArray[np.float64]
+    removed: NDArray[np.float64]
+
+
+class RefinedColumns:
+    """The tables and their use.
+
+    Attributes:
+        per_side: subcolumns along a side of a column.
+        count: slots in use, the first ones.
+        tick: number of the tick being cut.
+        arrays: the tables.
+    """
+
+    def __init__(self, columns: int, per_side: int) -> None:
+        """
+        Args:
+            columns: number of columns of the map.
+            per_side: subcolumns along a side of a column.
+        """
+        self.per_side = per_side
+        self.count = 0
+        self.tick = 0
+        self.arrays = _tables(np.full(columns, -1, dtype=np.int64), 256, per_side)
+
+    def reserve(self, more: int) -> None:
+        """Make room for `more` columns, and begin a sweep that has removed nothing yet."""
+        old = self.arrays
+        if self.count + more > old.cells.size:
+            self.arrays = _tables(
+                old.slot_of, max(self.count + more, 2 * old.cells.size), self.per_side
+            )
+            for table, before in zip(self.arrays[1:], old[1:], strict=True):
+                table[: self.count] = before[: self.count]
+        self.arrays.removed[:] = 0.0
+
+    def release(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """End the tick: free the slots of columns no tool was in.
+
+        Returns:
+            (columns still refined, columns freed), flat indices.
+        """
+        tables = self.arrays
+        seen = tables.seen[: self.count] == self.tick
+        kept = np.flatnonzero(seen)
+        gone = tables.cells[np.flatnonzero(~seen)]
+        tables.slot_of[gone] = -1
+        for table in tables[1:]:
+            table[: kept.size] = table[kept]
+        self.count = kept.size
+        stay = tables.cells[: self.count].copy()
+        tables.slot_of[stay] = np.arange(self.count)
+        self.tick += 1
+        return stay, np.sort(gone)
+
+
+def _tables(slot_of: NDArray[np.int64], slots: int, per_side: int) -> RefinedArrays:
+    return RefinedArrays(
+        slot_of,
+        np.zeros(slots, dtype=np.int64),
+        np.zeros(slots, dtype=np.int64),
+        np.zeros((slots, per_side**2)),
+        np.zeros(slots),
+        np.zeros(slots),
+        np.zeros((slots, 4)),
+    )
