@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -76,20 +76,31 @@ def load_run_config(name: str | Path, run: Mapping[str, Any] | None = None) -> R
     """
     path = find_config(str(name))
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
-    except yaml.YAMLError as error:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: no text, or no such date
         raise ParameterError(f"{path} is not YAML: {error}") from error
+    content = {} if content is None else content
     known = {"machine", *_SECTIONS}
     if not isinstance(content, Mapping) or not set(content) <= known:
-        extra = sorted(set(content) - known) if isinstance(content, Mapping) else "no sections"
+        extra = "no sections"
+        if isinstance(content, Mapping):
+            extra = "the unknown " + ", ".join(sorted(map(str, set(content) - known)))
         raise ParameterError(f"{path} has {extra}; its sections are {', '.join(sorted(known))}")
     parts: dict[str, Any] = {}
     for section, kind in _SECTIONS.items():
-        values = content.get(section) or {}
-        if not isinstance(values, Mapping):
-            raise ParameterError(f"{path}: {section} is {values!r}; give a mapping of parameters")
-        if section == "run":
-            values = {**values, **(run or {})}
-        parts[section] = kind.from_mapping(values)
+        parts[section] = _part(path, section, kind, content.get(section))
+    if run:
+        parts["run"] = RunParams.from_mapping({**asdict(parts["run"]), **run})
     machine = content.get("machine", "machines/excavator.yaml")
     return RunConfig(machine=load_description(find_config(str(machine))), **parts)
+
+
+def _part(path: Path, section: str, kind: type[Parameters], values: Any) -> Parameters:
+    """The parameters of one section; none given are all defaults."""
+    values = {} if values is None else values
+    if not isinstance(values, Mapping):
+        raise ParameterError(f"{path}: {section} is {values!r}; give a mapping of parameters")
+    try:
+        return kind.from_mapping({str(name): value for name, value in values.items()})
+    except ParameterError as error:
+        raise ParameterError(f"{path}: {error}") from error

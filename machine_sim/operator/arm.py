@@ -79,19 +79,11 @@ class ArmPlane:
 
     def place(self, view: View) -> Place:
         """Where the bucket is seen to be."""
-        rotation, pin = tool_pose(
-            self._machine, view.base_position, view.base_rotation, view.joints
-        )
-        axis = self._axis(view)
-        forward = (view.base_rotation @ rotation_about_z(view.joints[0]))[:, 0]
-        azimuth = math.atan2(forward[1], forward[0])
-        lip = rotation[:, 0]
-        along = lip[0] * math.cos(azimuth) + lip[1] * math.sin(azimuth)
-        attitude = math.atan2(-lip[2], along)
-        if attitude < -0.5 * math.pi:
-            attitude += 2 * math.pi  # a bucket curled past level goes on beyond pi
-        radius = math.hypot(pin[0] - axis[0], pin[1] - axis[1])
-        return Place(azimuth, radius, float(pin[2]), attitude)
+        _, pin = tool_pose(self._machine, view.base_position, view.base_rotation, view.joints)
+        # Over a base that leans sideways the pin is not where the upper body faces.
+        x, y, _ = (pin - self._axis(view)).tolist()
+        attitude = float(view.joints[1:].sum()) - _rise(view, view.joints[0])
+        return Place(math.atan2(y, x), math.hypot(x, y), float(pin[2]), attitude)
 
     def joints(self, view: View, place: Place) -> Array:
         """Joint angles [rad], shape (4,), that put the bucket at a place.
@@ -118,12 +110,17 @@ class ArmPlane:
         swing = view.joints[0] + math.remainder(swing - view.joints[0], 2 * math.pi)
         reach, _, above = to_arm_plane(*base, swing, target)
         boom, arm = pin_angles(self._machine, float(reach), float(above))
-        forward = (view.base_rotation @ rotation_about_z(swing))[:, 0]
-        tilt = math.asin(max(-1.0, min(1.0, float(forward[2]))))
         limits = self._machine.joints["bucket"]
-        bucket = min(max(place.attitude + tilt - boom - arm, limits.lower), limits.upper)
+        wanted = place.attitude + _rise(view, swing) - boom - arm
+        bucket = min(max(wanted, limits.lower), limits.upper)
         return np.array([swing, boom, arm, bucket])
 
     def _axis(self, view: View) -> Array:
         origin = np.array(self._machine.swing_origin)
         return np.asarray(view.base_position + view.base_rotation @ origin, dtype=np.float64)
+
+
+def _rise(view: View, swing: float) -> float:
+    """Angle at which the upper body looks up, over a base that leans [rad]."""
+    forward = (view.base_rotation @ rotation_about_z(swing))[:, 0]
+    return math.asin(max(-1.0, min(1.0, float(forward[2]))))

@@ -25,6 +25,9 @@ __all__ = ["CycleReport", "DigCycle"]
 
 _NEXT = {"reach": "dig", "dig": "curl", "curl": "lift", "lift": "swing", "swing": "dump"}
 
+_LEAST, _MOST = 0.6, 1.6
+"""Appetites it does not learn to go beyond; one it is given may lie beyond them."""
+
 
 @dataclass(frozen=True)
 class CycleReport:
@@ -87,11 +90,14 @@ class DigCycle:
         self._azimuth = dig_at
         self._passes = 0
         self._planned = self._carried = self._delivered = 0.0
-        self._began = self._waited = 0.0
+        self._began: float | None = None
+        self._waited = 0.0
 
     def command(self, view: View, dt: float) -> Command:
         """What to do in the next `dt` [s]."""
         view = self._base.see(view, dt)
+        if self._began is None:
+            self._began = view.time
         if self._motion is None:
             self._motion = self._begin(view)
         wanted = self._motion.advance(view, self._arm, dt)
@@ -138,6 +144,7 @@ class DigCycle:
         return view.fill < self.params.full and self._passes < self.params.most_passes
 
     def _finish(self, view: View) -> None:
+        assert self._began is not None, "a cycle that ends has begun"
         self.reports.append(
             CycleReport(
                 self.cycle,
@@ -151,9 +158,9 @@ class DigCycle:
         )
         # A bucket that came short, or with so much that it spilled, teaches.
         if self._passes > 1 or self._delivered < self.params.full:
-            self._appetite = min(self._appetite * 1.1, 1.6)
+            self._appetite = min(self._appetite * 1.1, max(self._appetite, _MOST))
         elif self._carried > self.params.brimming:
-            self._appetite = max(self._appetite * 0.95, 0.6)
+            self._appetite = max(self._appetite * 0.95, min(self._appetite, _LEAST))
         self.cycle += 1
         self._passes = 0
         self._began = view.time
@@ -242,6 +249,7 @@ class DigCycle:
         targets = []
         for place in places:
             way = np.abs(np.subtract(place, start))
+            way[0] = abs(math.remainder(place.azimuth - start.azimuth, 2 * math.pi))
             targets.append(Target(place, float((way / speeds).max()) + 0.02))
             start = place
         return targets

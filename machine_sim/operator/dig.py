@@ -75,7 +75,8 @@ def plan_dig(
         reach: of the machine.
         volume: of soil wanted in the bucket.
     """
-    starts = np.arange(reach.near + 0.5 * _DRAG, reach.far + 1e-9, 0.25)
+    first = min(reach.near + 0.5 * _DRAG, reach.far)
+    starts = np.arange(first, reach.far + 1e-9, 0.25)
     plans = [_pass_from(start, radius, surface, reach, volume) for start in starts]
     # Enough soil first; among those, the way that lies highest: pits grow wide before deep.
     return max(plans, key=lambda p: (min(p.volume, 0.95 * volume), float(p.height.mean())))

@@ -47,6 +47,7 @@ class Motion:
             targets: in order, at least one.
         """
         self._places = np.array([start, *(target.place for target in targets)])
+        self._places[:, 0] = np.unwrap(self._places[:, 0])  # the short way around
         self._times = np.cumsum([0.0, *(max(target.duration, 1e-3) for target in targets)])
         self._time = 0.0
 

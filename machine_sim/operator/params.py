@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.parameters import Parameters, parameter
 
 __all__ = ["OperatorParams"]
@@ -81,6 +82,14 @@ class OperatorParams(Parameters):
     bucket_rate: float = parameter(
         2.0, "how fast it moves the bucket lever", unit="rad/s^2", low=0.05, high=10.0
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.far < self.near + 1.0:
+            raise ParameterError(
+                f"OperatorParams.far is {self.far} m and near {self.near} m; give a far that is at"
+                " least 1 m more, so that there is room for a drag"
+            )
 
     @property
     def lever_rates(self) -> tuple[float, float, float, float]:

@@ -55,18 +55,18 @@ class Survey:
         turn = math.remainder(end - start, 2 * math.pi)
         radius = np.linspace(self._params.near, self._params.far, 12)
         tops = [
-            view.on_line(start + part * turn, radius, 2.0 * self._bucket.width).max()
+            view.highest(start + part * turn, radius, 2.0 * self._bucket.width)
             for part in np.linspace(0.0, 1.0, 9)
         ]
-        return float(max(tops)) + self._arm.depth_below_pin + self._params.clearance
+        return max(tops) + self._arm.depth_below_pin + self._params.clearance
 
     def dump_height(self, view: View, azimuth: float) -> float:
         """Height of the pin [m] at which the bucket clears the heap under it while it opens."""
         length = self._bucket.tip_length
         middle = self._params.dump_radius
         radius = np.linspace(middle - length, middle + length, 12)
-        top = view.on_line(azimuth, radius, 2.0 * self._bucket.width).max()
-        return float(top) + length + self._params.clearance
+        top = view.highest(azimuth, radius, 2.0 * self._bucket.width)
+        return top + length + self._params.clearance
 
     def _far(self, view: View, azimuth: float, attitude: float) -> float:
         """Largest radius at which the lip can come down from its clearance to the ground."""

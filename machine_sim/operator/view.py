@@ -58,12 +58,22 @@ class View:
         Returns:
             Shape (n,).
         """
+        mean: NDArray[np.float64] = self._strip(azimuth, radius, width).mean(axis=0)
+        return mean
+
+    def highest(self, azimuth: float, radius: NDArray[np.float64], width: float) -> float:
+        """Highest surface [m] of such a strip."""
+        return float(self._strip(azimuth, radius, width).max())
+
+    def _strip(
+        self, azimuth: float, radius: NDArray[np.float64], width: float
+    ) -> NDArray[np.float64]:
+        """Surface [m] of a strip, from its right edge to its left, shape (5, n)."""
         across = np.linspace(-0.5 * width, 0.5 * width, 5)[:, None]
         c, s = np.cos(azimuth), np.sin(azimuth)
         x = self.base_position[0] + radius * c - across * s
         y = self.base_position[1] + radius * s + across * c
-        mean: NDArray[np.float64] = self.heights(x, y).mean(axis=0)
-        return mean
+        return self.heights(x, y)
 
 
 @dataclass(frozen=True)

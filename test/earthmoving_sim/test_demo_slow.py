@@ -1,0 +1,53 @@
+"""The demo as a user runs it, with its default settings."""
+
+import re
+import subprocess
+import sys
+
+import pytest
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+
+CYCLE = re.compile(r"^ *(\d+) +(\d+) +([\d.]+) +(\d+) +(\d+) +([\d.]+) +([\d.]+)$", re.MULTILINE)
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    """The finished process and the folder it ran in."""
+    folder = tmp_path_factory.mktemp("demo")
+    command = [sys.executable, "-m", "earthmoving_sim", "demo"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=850)
+    return done, folder
+
+
+def test_demo_succeeds(demo):
+    done, _ = demo
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_demo_loses_no_soil(demo):
+    done, _ = demo
+    assert re.search(r"imbalance +0 mm3 at worst", done.stdout)
+    said = set(re.findall(r"imbalance +(-?\d+) mm3", done.stdout))
+    assert said == {"0"}
+
+
+def test_demo_moves_five_bucketfuls_and_empties_each(demo):
+    cycles = CYCLE.findall(demo[0].stdout)
+    assert [int(cycle[0]) for cycle in cycles] == [1, 2, 3, 4, 5]
+    assert max(float(cycle[5]) for cycle in cycles) <= 2.0
+
+
+def test_demo_fills_its_bucket_in_every_cycle(demo):
+    assert min(int(cycle[3]) for cycle in CYCLE.findall(demo[0].stdout)) >= 80
+
+
+def test_no_particle_tunnels_in_the_demo(demo):
+    assert re.search(r"particles \d+ at most, 0 tunnelled", demo[0].stdout)
+
+
+def test_demo_draws_three_pictures(demo):
+    _, folder = demo
+    pictures = sorted((folder / "out" / "demo").glob("*.png"))
+    assert [path.name for path in pictures] == ["bucket_path.png", "cut_fill.png", "site.png"]
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in pictures)

@@ -1,0 +1,180 @@
+"""The operator at the levers of a machine that only moves: what it does, in which order."""
+
+import math
+
+import numpy as np
+import pytest
+from support.operator_scenes import ARM, MACHINE, ToyDig
+
+from machine_sim.operator import DigCycle, OperatorParams
+
+DT = 0.02
+ROUND = ["reach", "dig", "curl", "lift"]
+
+
+def toy(
+    *, dig_at: float = 0.0, dump_at: float = math.pi / 2, params: dict | None = None, **options
+) -> ToyDig:
+    operator = DigCycle(
+        MACHINE, OperatorParams.from_mapping(params or {}), dig_at=dig_at, dump_at=dump_at
+    )
+    return ToyDig(operator, dt=DT, **options)
+
+
+@pytest.fixture(scope="module")
+def good() -> ToyDig:
+    """Two cycles in which the bucket comes out full at once."""
+    return toy(start_time=5.0).run(cycles=2)
+
+
+def planned(fills: tuple[float, ...], **options) -> list[float]:
+    """Soil that each of two cycles planned to sweep [m^3]."""
+    dig = toy(fills=fills, **options).run(cycles=2)
+    return [report.planned for report in dig.operator.reports]
+
+
+def test_phases_come_in_order(good):
+    assert good.phases == [*ROUND, "swing", "dump"] * 2
+
+
+def test_dig_runs_from_far_to_near_in_the_ground(good):
+    lips = np.array([moment.lip for moment in good.during("dig")])
+    assert lips[0, 0] > lips[-1, 0] + 1.5
+    assert lips[:, 2].min() < -0.2
+
+
+def test_dig_keeps_to_its_direction_once_the_swing_has_come_to_rest(good):
+    drag = [m.lip[1] for m in good.during("dig") if m.seen.fill > 0.5]
+    assert np.abs(drag).max() < 0.1
+    assert max(abs(m.lip[1]) for m in good.during("dig")) < 0.5 * MACHINE.bucket.width
+
+
+def test_lip_stays_out_of_the_ground_but_for_digging_and_curling(good):
+    for phase in ("lift", "swing", "dump"):
+        assert min(moment.lip[2] for moment in good.during(phase)) > 0.0, phase
+    assert min(moment.lip[2] for moment in good.during("reach")) > -0.05
+
+
+def test_bucket_is_carried_with_its_mouth_up(good):
+    for moment in good.during("swing"):
+        assert ARM.place(moment.seen).attitude == pytest.approx(ARM.level, abs=0.25)
+
+
+def test_bucket_is_dumped_in_the_direction_of_the_dump(good):
+    falling = [m for m in good.during("dump") if 0.0 < m.seen.fill < 0.85]
+    assert falling
+    for moment in falling:
+        place = ARM.place(moment.seen)
+        assert place.azimuth == pytest.approx(math.pi / 2, abs=0.1)
+        assert place.radius == pytest.approx(OperatorParams().dump_radius, abs=0.05)
+
+
+def test_levers_are_never_jerked(good):
+    velocities = np.array([moment.command.joints for moment in good.moments])
+    change = np.abs(np.diff(velocities, axis=0, prepend=np.zeros((1, 4)))).max(axis=0)
+    assert (change <= np.array(OperatorParams().lever_rates) * DT + 1e-12).all()
+
+
+def test_tracks_are_left_alone(good):
+    assert all((moment.command.tracks == 0.0).all() for moment in good.moments)
+
+
+def test_reports_tell_how_each_cycle_went(good):
+    first, second = good.operator.reports
+    assert (first.number, second.number) == (1, 2)
+    assert (first.passes, second.passes) == (1, 1)
+    assert first.planned == pytest.approx(MACHINE.bucket.heaped_capacity, rel=0.1)
+    assert (first.carried, first.delivered) == (0.9, 0.9)
+    assert first.left <= OperatorParams().empty
+
+
+def test_durations_are_those_of_the_cycles_and_not_of_what_was_before(good):
+    durations = [report.duration for report in good.operator.reports]
+    assert sum(durations) == pytest.approx(len(good.moments) * DT, abs=2 * DT)
+    assert durations[1] == pytest.approx(durations[0], abs=5.0)
+
+
+def test_bucket_that_is_not_full_digs_again():
+    dig = toy(fills=(0.5, 0.9)).run()
+    assert dig.phases == [*ROUND, *ROUND, "swing", "dump"]
+    assert dig.operator.reports[0].passes == 2
+    assert dig.operator.reports[0].carried == 0.9
+
+
+def test_another_pass_keeps_what_is_in_the_bucket():
+    dig = toy(fills=(0.5, 0.9)).run()
+    again = [moment for moment in dig.during("reach") if moment.passes == 1]
+    high = [moment for moment in again if moment.lip[2] > 1.0]
+    assert high  # on its way over the ground
+    for moment in high:
+        assert ARM.place(moment.seen).attitude > ARM.level - 1.4
+
+
+@pytest.mark.parametrize("most", [1, 3])
+def test_bucket_that_never_fills_is_carried_after_the_most_passes(most):
+    dig = toy(fills=(0.3,), params={"most_passes": most}).run()
+    assert dig.phases == [*ROUND * most, "swing", "dump"]
+    assert (dig.operator.reports[0].passes, dig.operator.reports[0].carried) == (most, 0.3)
+
+
+def test_brimming_bucket_ends_the_drag_early(good):
+    brimming = toy(fills=(1.3,), drag_time=1.0).run()
+    in_time = [moment for moment in good.during("dig") if moment.passes == 1]
+    assert len(brimming.during("dig")) < 0.5 * len(in_time)
+    last = brimming.during("dig")[-1]
+    assert last.seen.fill == pytest.approx(OperatorParams().brimming, abs=0.05)
+
+
+def test_short_cycle_plans_more_next_time():
+    first, second = planned((0.5, 0.9, 0.9), params={"appetite": 0.7})
+    assert second == pytest.approx(1.1 * first, rel=0.03)
+
+
+def test_brimming_cycle_plans_less_next_time():
+    first, second = planned((1.2,), params={"appetite": 0.9})
+    assert second == pytest.approx(0.95 * first, rel=0.03)
+
+
+def test_good_cycle_plans_the_same_next_time(good):
+    first, second = (report.planned for report in good.operator.reports)
+    assert second == first
+
+
+def test_small_appetite_is_not_raised_by_a_brimming_bucket():
+    first, second = planned((1.2,), params={"appetite": 0.4})
+    assert second <= first
+
+
+def test_dump_goes_on_until_the_bucket_is_empty_and_no_longer():
+    dig = toy(emptying=0.2, params={"dump_wait": 60.0}).run()
+    dump = dig.during("dump")
+    assert dump[-1].seen.fill <= OperatorParams().empty
+    assert dump[-2].seen.fill > OperatorParams().empty
+    assert dig.operator.reports[0].left <= OperatorParams().empty
+
+
+@pytest.mark.parametrize("wait", [1.0, 3.0])
+def test_dump_of_soil_that_sticks_is_given_up_after_the_wait(wait):
+    dig = toy(emptying=0.0, params={"dump_wait": wait}).run()
+    open_ = ARM.level - OperatorParams().open_by
+    stood = [m for m in dig.during("dump") if abs(ARM.place(m.seen).attitude - open_) < 0.02]
+    assert len(stood) * DT == pytest.approx(wait, abs=0.4)
+    assert dig.operator.reports[0].left == 0.9
+
+
+def test_machine_does_not_turn_all_the_way_round_to_dig_behind_it():
+    dig = toy(dig_at=math.pi, dump_at=-math.pi / 2).run(cycles=2)
+    swing = np.array([moment.seen.joints[0] for moment in dig.moments])
+    assert np.ptp(swing) < 1.5 * math.pi + 0.3  # from ahead to the dump, and a little overshoot
+
+
+def test_cycle_behind_the_machine_takes_as_long_as_one_ahead(good):
+    behind = toy(dig_at=math.pi, dump_at=-math.pi / 2).run(cycles=2)
+    durations = [dig.operator.reports[1].duration for dig in (behind, good)]
+    assert durations[0] == pytest.approx(durations[1], abs=1.0)
+
+
+def test_phase_does_not_change_before_its_motion_is_done():
+    held = toy(params={"dig_speed": 0.3}).run()
+    quick = toy(params={"dig_speed": 0.9}).run()
+    assert len(held.during("dig")) > 2.0 * len(quick.during("dig"))
