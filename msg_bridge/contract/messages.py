@@ -3,6 +3,9 @@
 A tick is told by headers; rows travel beside them in chunks. A side is through with tick k when it
 holds the other's header k and every row that header counts. Rows are numbered from 1 in each
 stream, so what is missing can be named and asked for again.
+
+A machine takes part in *lives*: each join begins one, with a number larger than the last. Its
+streams count from 1 in every life, and what belongs to another life is ignored.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ __all__ = [
     "Keyframe",
     "MachineHeader",
     "Message",
+    "Refusal",
     "Resend",
     "RowChunk",
     "RowRange",
@@ -35,8 +39,12 @@ class Verb(IntEnum):
     """What a machine header says."""
 
     JOIN = 0
-    STEP = 1
-    LEAVE = 2
+    """Take part from the next tick on, holding nothing."""
+    RETURN = 1
+    """Take part again, holding what it held when it left."""
+    STEP = 2
+    LEAVE = 3
+    """Take no part after this tick."""
 
 
 class Stream(IntEnum):
@@ -48,7 +56,9 @@ class Stream(IntEnum):
     CONVERSION = 3
     CHANGED = 4
     FORCE = 5
-    KEYFRAME = 6
+    OWED = 6
+    """Conversion rows of a machine that came back, from before its return."""
+    KEYFRAME = 7
 
 
 STREAM_DTYPE: dict[Stream, np.dtype[np.void]] = {
@@ -57,6 +67,7 @@ STREAM_DTYPE: dict[Stream, np.dtype[np.void]] = {
     Stream.CONVERSION: CONVERSION,
     Stream.CHANGED: CHANGED,
     Stream.FORCE: FORCE,
+    Stream.OWED: CONVERSION,
 }
 """Row type of each stream of rows."""
 
@@ -81,8 +92,9 @@ class MachineHeader:
     Attributes:
         epoch: raised by every reset; older messages are ignored.
         source: the machine, from 1.
+        life: raised by every join of this source.
         tick: the tick these rows belong to.
-        verb: join, step or leave.
+        verb: what it does.
         sweeps, landed: rows sent for this tick.
         conversions_received: last conversion row applied to the totals below.
         conversions_durable: last conversion row the soil may forget.
@@ -92,6 +104,7 @@ class MachineHeader:
 
     epoch: int
     source: int
+    life: int
     tick: int
     verb: Verb
     sweeps: RowRange = RowRange()
@@ -101,14 +114,28 @@ class MachineHeader:
     pending_mm3: int = 0
     particles_mm3: int = 0
 
+    @property
+    def held_mm3(self) -> int:
+        """All soil the machine holds."""
+        return self.pending_mm3 + self.particles_mm3
+
 
 @dataclass(frozen=True)
 class SourceReceipt:
-    """What the soil holds of one source: its last landed row received, and durable."""
+    """What the soil holds of one source.
+
+    Attributes:
+        source, life: whose.
+        landed_received: last landed row received.
+        landed_durable: last landed row the machine may forget.
+        owed: conversion rows it is owed from before its return.
+    """
 
     source: int
+    life: int
     landed_received: int
     landed_durable: int
+    owed: int = 0
 
 
 @dataclass(frozen=True)
@@ -134,11 +161,17 @@ class SoilHeader:
 
 @dataclass(frozen=True)
 class RowChunk:
-    """Rows of one stream; `source` is 0 for the soil's own streams."""
+    """Rows of one stream.
+
+    Attributes:
+        source, life: the machine that sent them, or that OWED rows are for; 0 for what the soil
+            sends to all.
+    """
 
     epoch: int
     stream: Stream
     source: int
+    life: int
     rows: Rows
 
 
@@ -146,14 +179,26 @@ class RowChunk:
 class Resend:
     """A request: rows [first, first + count) of a stream, or the header of tick `first`.
 
-    `source` is the machine that asks or is asked.
+    Attributes:
+        source, life: the machine that asks or is asked.
     """
 
     epoch: int
     source: int
+    life: int
     stream: Stream
     first: int
     count: int = 1
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """The soil's no to a join, with what to change."""
+
+    epoch: int
+    source: int
+    life: int
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -161,6 +206,7 @@ class Keyframe:
     """The whole terrain surface, so that changed cells have something to change.
 
     Attributes:
+        revision: of the terrain it shows.
         elevation: [m], shape (rows, cols), grid_map matrix order.
     """
 
@@ -170,4 +216,4 @@ class Keyframe:
     elevation: NDArray[np.float64]
 
 
-Message = MachineHeader | SoilHeader | RowChunk | Resend | Keyframe
+Message = MachineHeader | SoilHeader | RowChunk | Resend | Refusal | Keyframe

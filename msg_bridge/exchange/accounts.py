@@ -9,9 +9,11 @@ anywhere shows as an imbalance.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.messages import MachineHeader, RowRange
 from msg_bridge.contract.rows import CONVERSION, Kind, Rows, empty_rows
 
 __all__ = ["Accounts", "signed_volume"]
@@ -26,81 +28,158 @@ def signed_volume(conversions: Rows) -> int:
     return out - back
 
 
-class Accounts:
-    """What was published, reported and left behind."""
+class _Account:
+    """One source: what it last reported, and the rows it has not acknowledged.
+
+    Attributes:
+        present: whether it takes part.
+        pending, particles: as last reported.
+        applied: last conversion row those figures contain.
+        floor: last conversion row it does not need from the stream to all.
+        abandoned: what former lives held that can no longer come back.
+    """
 
     def __init__(self) -> None:
-        self._unacknowledged = empty_rows(CONVERSION)
-        self._acknowledged: dict[int, int] = {}
-        self._pending: dict[int, int] = {}
-        self._particles: dict[int, int] = {}
-        self._absent: dict[int, int] = {}
+        self.present = False
+        self.pending = 0
+        self.particles = 0
+        self.applied = 0
+        self.floor = 0
+        self.abandoned = 0
+        self._numbers = np.zeros(0, dtype=np.int64)
+        self._rows = empty_rows(CONVERSION)
+
+    @property
+    def held(self) -> int:
+        """All it last reported."""
+        return self.pending + self.particles
+
+    @property
+    def in_flight(self) -> int:
+        """Signed volume of the rows it has not acknowledged."""
+        return signed_volume(self._rows)
+
+    @property
+    def owed(self) -> Rows:
+        """The rows it has not acknowledged, in order."""
+        return self._rows
+
+    def book(self, numbers: NDArray[np.int64], rows: Rows) -> None:
+        """Put rows in flight."""
+        self._numbers = np.concatenate([self._numbers, numbers])
+        self._rows = np.concatenate([self._rows, rows])
+
+    def volume_through(self, through: int) -> int:
+        """Signed volume of its rows in flight up to number `through`."""
+        return signed_volume(self._rows[self._numbers <= through])
+
+    def report(self, pending: int, particles: int, through: int) -> None:
+        """Take its figures as of conversion row `through`."""
+        self.pending, self.particles = pending, particles
+        self.applied = through
+        self.floor = max(self.floor, through)
+        keep = self._numbers > through
+        self._numbers, self._rows = self._numbers[keep], self._rows[keep]
+
+    def abandon(self) -> None:
+        """Begin anew: what it held, and rows it will never apply, stay where they were lost."""
+        self.abandoned += self.held + self.in_flight
+        self.pending = self.particles = 0
+        self._numbers, self._rows = self._numbers[:0], self._rows[:0]
+
+
+class Accounts:
+    """What was published, reported and left behind, by source."""
+
+    def __init__(self) -> None:
+        self._sources: dict[int, _Account] = {}
         self._outside = 0
         self._start: int | None = None
 
     @property
     def acknowledged_by_all(self) -> int:
-        """Last conversion row that no source, present or owed rows, still needs."""
-        last = int(self._unacknowledged["seq"][-1]) if self._unacknowledged.size else 2**63 - 1
-        owed = self._unacknowledged["seq"]
-        floor = min(self._acknowledged.values(), default=last)
-        return min(floor, int(owed[0]) - 1) if owed.size else floor
+        """Last conversion row that every source taking part has applied; none: all of them."""
+        present = [a.floor for a in self._sources.values() if a.present]
+        return min(present, default=2**63 - 1)
 
-    def book(self, conversions: Rows) -> None:
+    def in_flight(self, source: int) -> int:
+        """Signed volume of rows a source has not acknowledged [mm^3]."""
+        return self._sources[source].in_flight
+
+    def owed(self, source: int) -> Rows:
+        """CONVERSION rows a source has not acknowledged, in order."""
+        return self._sources[source].owed
+
+    def check(self, conversions: Rows) -> None:
+        """Refuse rows of a source that takes no part: nobody would ever acknowledge them.
+
+        Raises:
+            ExchangeError: naming the source.
+        """
+        for source in np.unique(conversions["source"]).tolist():
+            if source not in self._sources or not self._sources[source].present:
+                raise ExchangeError(f"there are conversion rows for {source}, which has not joined")
+
+    def book(self, span: RowRange, conversions: Rows) -> None:
         """Put published rows in flight, and count what left the map."""
         outside = conversions["kind"] == Kind.OUTSIDE
         self._outside += int(conversions["volume_mm3"][outside].astype(np.int64).sum())
-        self._unacknowledged = np.concatenate([self._unacknowledged, conversions])
+        numbers = np.arange(span.first, span.first + span.count, dtype=np.int64)
+        for source in np.unique(conversions["source"]).tolist():
+            own = conversions["source"] == source
+            self._sources[source].book(numbers[own], conversions[own])
 
-    def report(self, source: int, *, pending: int, particles: int, acknowledged: int) -> None:
+    def report(self, header: MachineHeader) -> None:
         """Take a source's totals as of the last conversion row it acknowledges."""
-        self._pending[source] = pending
-        self._particles[source] = particles
-        self._acknowledged[source] = acknowledged
-        rows = self._unacknowledged
-        done = (rows["source"] == source) & (rows["seq"] <= acknowledged)
-        self._unacknowledged = rows[~done]
+        self._sources[header.source].report(
+            header.pending_mm3, header.particles_mm3, header.conversions_received
+        )
 
-    def join(self, source: int, held: int, *, acknowledged: int) -> None:
-        """Let a source in with the `held` volume it had when it left, or with nothing.
+    def join(self, source: int, published: int) -> None:
+        """Let a source in that holds nothing; what a former life of it held is abandoned.
+
+        Args:
+            source: its number.
+            published: last conversion row published so far; it needs none of those.
+        """
+        account = self._sources.setdefault(source, _Account())
+        account.abandon()
+        account.present = True
+        account.applied = account.floor = published
+
+    def come_back(self, header: MachineHeader, published: int) -> None:
+        """Let a source in again with what it held when it left.
 
         Raises:
-            ExchangeError: it holds soil that nobody misses.
+            ExchangeError: it never left, or holds another volume than it should.
         """
-        absent = self._absent.get(source, 0)
-        if held not in (0, absent):
+        account = self._sources.get(header.source)
+        through = header.conversions_received
+        if account is None:
+            raise ExchangeError(f"machine {header.source} comes back but was never here; join")
+        expected = account.held + account.volume_through(through)
+        if through < account.applied or header.held_mm3 != expected:
             raise ExchangeError(
-                f"machine {source} joins with {held} mm^3 of soil but left {absent} mm^3;"
-                " start it empty or from its last state"
+                f"machine {header.source} comes back with {header.held_mm3} mm^3 of soil, but it"
+                f" left with {expected} mm^3; join empty, or start it from its last state"
             )
-        if held:
-            self._absent[source] = 0
-            self._particles[source] = held
-            self._acknowledged[source] = acknowledged
-        else:
-            # It starts anew: what it held, and rows it will never apply, stay absent.
-            rows = self._unacknowledged
-            own = rows["source"] == source
-            self._absent[source] = absent + signed_volume(rows[own])
-            self._unacknowledged = rows[~own]
-            self._acknowledged.pop(source, None)
+        account.report(header.pending_mm3, header.particles_mm3, through)
+        account.present = True
+        account.floor = published  # older rows it needs are sent as owed
 
     def leave(self, source: int) -> None:
-        """Keep what a leaving source last reported as absent."""
-        held = self._pending.pop(source) + self._particles.pop(source)
-        self._absent[source] = self._absent.get(source, 0) + held
-        if not held:
-            # One that left with soil may come back for every row since; others need none.
-            del self._acknowledged[source]
+        """Keep what a leaving source last reported as absent, and the rows it is owed."""
+        self._sources[source].present = False
 
     def ledger(self, tick: int, terrain: int) -> Ledger:
         """The ledger of a tick; the first one sets the sum that must stay."""
+        accounts = self._sources.values()
         entries = {
             "terrain": terrain,
-            "in_flight": signed_volume(self._unacknowledged),
-            "pending": sum(self._pending.values()),
-            "particles": sum(self._particles.values()),
-            "absent": sum(self._absent.values()),
+            "in_flight": sum(a.in_flight for a in accounts),
+            "pending": sum(a.pending for a in accounts if a.present),
+            "particles": sum(a.particles for a in accounts if a.present),
+            "absent": sum(a.abandoned + (0 if a.present else a.held) for a in accounts),
             "outside": self._outside,
         }
         if self._start is None:

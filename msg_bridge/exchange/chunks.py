@@ -13,7 +13,9 @@ CHUNK_ROWS = 2048
 """Rows in one message, at most: a lost one is then cheap to send again."""
 
 
-def chunked(epoch: int, stream: Stream, source: int, rows: Rows) -> Iterator[RowChunk]:
+def chunked(
+    epoch: int, stream: Stream, rows: Rows, *, source: int = 0, life: int = 0
+) -> Iterator[RowChunk]:
     """Chunks of at most CHUNK_ROWS rows; none for no rows."""
     for first in range(0, rows.size, CHUNK_ROWS):
-        yield RowChunk(epoch, stream, source, rows[first : first + CHUNK_ROWS])
+        yield RowChunk(epoch, stream, source, life, rows[first : first + CHUNK_ROWS])

@@ -1,32 +1,51 @@
 """The machine's end of the exchange, as a state machine without a clock or a network.
 
 Messages go in by `receive` and come out by `take_outbox`; `remind` is called by whoever carries
-them when nothing has come for a while, and asks again for what is missing.
+them when nothing has come for a while, and asks again for what is missing::
 
-    join -> (welcome) -> send tick k -> (answer k) -> send tick k+1 -> ... -> leave
+    OUT -- join --> JOINING -- welcome --> READY -- send --> WAITING -- answer --> READY ...
+                                             '-- send(leave) --> LEAVING -- any later header --> OUT
+
+A machine that leaves takes nothing more: what the soil moved for it in its last tick is owed to
+it, and comes when it joins again.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
 
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import (
     Keyframe,
     MachineHeader,
     Message,
+    Refusal,
     Resend,
     RowChunk,
     RowRange,
     SoilHeader,
+    SourceReceipt,
     Stream,
     Verb,
 )
 from msg_bridge.contract.rows import CHANGED, CONVERSION, FORCE, Rows, empty_rows
 from msg_bridge.exchange.chunks import chunked
-from msg_bridge.exchange.streams import Incoming, Outgoing
+from msg_bridge.exchange.streams import Incoming, Outgoing, check_span
 
-__all__ = ["MachineExchange", "TickAnswer"]
+__all__ = ["MachineExchange", "Phase", "TickAnswer"]
+
+
+class Phase(Enum):
+    """Where a machine stands."""
+
+    OUT = "out"
+    JOINING = "joining"
+    READY = "ready"
+    WAITING = "waiting"
+    LEAVING = "leaving"
 
 
 @dataclass(frozen=True)
@@ -52,52 +71,75 @@ class MachineExchange:
     Attributes:
         source: the machine's number, from 1.
         epoch: the run it takes part in.
+        life: number of its latest join.
+        phase: where it stands.
         tick: the last tick answered by the soil, once joined.
-        keyframe: the terrain it joined on, once it has come.
+        keyframe: the terrain it joined on.
+        owed: CONVERSION rows from before its return, to be applied before the first tick is sent.
+        refusal: why the soil refused the latest join, empty if it did not.
     """
 
-    def __init__(self, source: int, *, epoch: int = 1) -> None:
+    def __init__(self, source: int, *, epoch: int = 1, life: int = 0) -> None:
+        """
+        Args:
+            source: the machine's number, from 1.
+            epoch: the run to take part in.
+            life: a number not below any this source has used in this run; a process that may
+                have been started again gives a larger one, the time say.
+        """
         if not 1 <= source <= 65535:
             raise ExchangeError(f"source is {source}; number machines from 1 to 65535")
         self.source = source
         self.epoch = epoch
-        self.tick = 0
+        self.life = life
+        self.phase = Phase.OUT
+        self.tick = -1
         self.keyframe: Keyframe | None = None
-        self._sweeps = Outgoing(Stream.SWEEP)
-        self._landed = Outgoing(Stream.LANDED)
-        self._incoming: dict[Stream, Incoming] = {}
-        self._conversions_applied = 0
-        self._sent: MachineHeader | None = None
-        self._answer: SoilHeader | None = None
-        self._fresh = True
-        self._joined = False
-        self._waiting = False
-        self._early: list[RowChunk] = []
+        self.owed: Rows = empty_rows(CONVERSION)
+        self.refusal = ""
         self._outbox: list[Message] = []
+        self._applied: int | None = None  # last conversion row applied; None before any welcome
+        self._sent: MachineHeader | None = None
+        self._header: SoilHeader | None = None  # the welcome, then each answer
+        self._begin_life()
 
     @property
     def joined(self) -> bool:
-        """Whether the soil has welcomed this source and its terrain has come."""
-        return self._joined and self.keyframe is not None
+        """Whether it takes part."""
+        return self.phase in (Phase.READY, Phase.WAITING, Phase.LEAVING)
 
     @property
     def waiting(self) -> bool:
         """Whether a tick has been sent and not been answered in full."""
-        return self._waiting
+        return self.phase in (Phase.WAITING, Phase.LEAVING)
 
     def join(self, *, pending_mm3: int = 0, particles_mm3: int = 0) -> None:
-        """Ask to take part from the next tick on; a source that comes back tells what it holds."""
+        """Ask to take part from the next tick on.
+
+        One that was here before and has applied all it was answered comes back with what it holds,
+        and is sent the rows it is owed.
+
+        Raises:
+            ExchangeError: it takes part already.
+        """
+        if self.phase is not Phase.OUT:
+            raise ExchangeError(
+                f"machine {self.source} is {self.phase.value}; it can join once out"
+            )
+        self.life += 1
+        self._begin_life()
         self._sent = MachineHeader(
             self.epoch,
             self.source,
+            self.life,
             self.tick,
-            Verb.JOIN,
-            conversions_received=self._conversions_applied,
-            conversions_durable=self._conversions_applied,
+            Verb.JOIN if self._applied is None else Verb.RETURN,
+            conversions_received=self._applied or 0,
+            conversions_durable=self._applied or 0,
             pending_mm3=pending_mm3,
             particles_mm3=particles_mm3,
         )
-        self._joined = False
+        self.phase = Phase.JOINING
         self._outbox.append(self._sent)
 
     def send(
@@ -121,155 +163,192 @@ class MachineExchange:
         Raises:
             ExchangeError: not joined yet, or the last tick is not answered yet.
         """
-        if not self.joined or self._waiting:
-            raise ExchangeError("a tick can be sent once joined and once the last one is answered")
-        for rows in (sweeps, landed):
-            rows["source"] = self.source
+        if self.phase is not Phase.READY:
+            raise ExchangeError(
+                f"machine {self.source} is {self.phase.value}; a tick can be sent once it has"
+                " joined and the last one is answered"
+            )
         sweeps, sweep_range = self._sweeps.append(sweeps)
         landed, landed_range = self._landed.append(landed)
+        for rows in (sweeps, landed):
+            rows["source"] = self.source
+        assert self._applied is not None
         self._sent = MachineHeader(
             self.epoch,
             self.source,
+            self.life,
             self.tick + 1,
             Verb.LEAVE if leave else Verb.STEP,
             sweep_range,
             landed_range,
-            self._conversions_applied,
-            self._conversions_applied,
+            self._applied,
+            self._applied,
             pending_mm3,
             particles_mm3,
         )
-        self._waiting = True
-        self._answer = None
+        self.phase = Phase.LEAVING if leave else Phase.WAITING
+        self._header = None
         self._outbox.append(self._sent)
         self._post(Stream.SWEEP, sweeps)
         self._post(Stream.LANDED, landed)
 
     def receive(self, message: Message) -> None:
-        """Take one message from the soil; those of another epoch or source are ignored."""
-        if message.epoch != self.epoch:
+        """Take one message from the soil; those of another epoch, source or life are ignored.
+
+        Raises:
+            ExchangeError: it breaks the exchange; nothing was changed.
+        """
+        if message.epoch != self.epoch or self.phase is Phase.OUT:
             return
         if isinstance(message, SoilHeader):
             self._receive_header(message)
-        elif isinstance(message, RowChunk) and message.source == 0:
-            if self._incoming:
+        elif isinstance(message, RowChunk):
+            mine = message.source == self.source and message.life == self.life
+            if message.stream in self._incoming and (mine or message.source == 0):
                 self._incoming[message.stream].add(message.rows)
-            else:
-                self._early.append(message)  # overtook the welcome
+                self._enter()
         elif isinstance(message, Keyframe):
-            if self.keyframe is None or message.revision > self.keyframe.revision:
-                self.keyframe = message
-        elif isinstance(message, Resend) and message.source == self.source:
+            self._receive_keyframe(message)
+        elif isinstance(message, Refusal):
+            if self.phase is Phase.JOINING and self._is_me(message.source, message.life):
+                self.refusal = message.reason
+                self.phase = Phase.OUT
+        elif isinstance(message, Resend) and self._is_me(message.source, message.life):
             self._resend(message)
 
     def poll(self) -> TickAnswer | None:
         """The answer to the tick sent, once all of it is here."""
-        header = self._answer
-        if not self._waiting or header is None:
+        header = self._header
+        if not self.waiting or header is None:
             return None
-        if header.tick > self.tick + 1:
-            return self._gone(header)
+        if self.phase is Phase.LEAVING:
+            self.phase = Phase.OUT
+            nothing = (empty_rows(CONVERSION), empty_rows(FORCE), empty_rows(CHANGED))
+            return TickAnswer(header.tick, *nothing)
         if self._gaps(header):
             return None
-        spans = self._spans(header)
-        rows = {stream: self._incoming[stream].rows(span) for stream, span in spans.items()}
-        for stream, span in spans.items():
+        rows = {}
+        for stream, span in _spans(header).items():
+            rows[stream] = self._incoming[stream].rows(span)
             self._incoming[stream].forget(span.last)
-        for receipt in header.receipts:
-            if receipt.source == self.source:
-                self._landed.forget(receipt.landed_durable)
         assert self._sent is not None
         assert self.keyframe is not None
         self._sweeps.forget(self._sent.sweeps.last)
-        self._waiting = False
+        receipt = self._receipt(header)
+        if receipt is not None:
+            self._landed.forget(receipt.landed_durable)
+        self.phase = Phase.READY
         self.tick = header.tick
-        self._conversions_applied = header.conversions.last
-        if self._sent.verb is Verb.LEAVE:
-            self._part()
+        self._applied = header.conversions.last
         own = {
             stream: rows[stream][rows[stream]["source"] == self.source]
             for stream in (Stream.CONVERSION, Stream.FORCE)
         }
         changed = rows[Stream.CHANGED]
-        changed = changed[changed["revision"] > self.keyframe.revision]
+        # Revisions in rows are modulo 2**32, as sequence numbers are.
+        since = (changed["revision"].astype(np.int64) - self.keyframe.revision) % 2**32
+        changed = changed[(since > 0) & (since < 2**31)]
         return TickAnswer(header.tick, own[Stream.CONVERSION], own[Stream.FORCE], changed)
 
     def remind(self) -> None:
         """Ask again for what has not come."""
-        if self._sent is None:
+        if self._sent is None or self.phase in (Phase.OUT, Phase.READY):
             return
-        if self._sent.verb is Verb.JOIN and not self._joined:
-            self._outbox.append(self._sent)
-        elif self.keyframe is None:
-            self._ask(Stream.KEYFRAME, RowRange(0, 1))
-        elif self._waiting and self._answer is None:
+        if self._header is None:
             # Either the soil lacks part of our tick, and asks for it, or we lack its header.
             self._outbox.append(self._sent)
             self._ask(Stream.HEADER, RowRange(self._sent.tick, 1))
-        elif self._waiting and self._answer is not None:
-            for stream, span in self._gaps(self._answer):
+        elif self.phase is Phase.JOINING:
+            if not self._fitting_keyframe(self._header):
+                self._ask(Stream.KEYFRAME, RowRange(0, 1))
+            for gap in self._owed_gaps(self._header):
+                self._ask(Stream.OWED, gap)
+        else:
+            for stream, span in self._gaps(self._header):
                 self._ask(stream, span)
 
     def take_outbox(self) -> list[Message]:
         """The messages to carry to the soil, in order; empties the box."""
-        out, self._outbox = self._outbox, []
+        out = self._outbox
+        self._outbox = []
         return out
 
-    def _receive_header(self, header: SoilHeader) -> None:
-        listed = any(receipt.source == self.source for receipt in header.receipts)
-        joining = self._sent is not None and self._sent.verb is Verb.JOIN and not self._joined
-        if joining and listed:
-            self._welcome(header)
-            return
-        answers = self._waiting and header.tick == self.tick + 1
-        passed_by = self._leaving and header.tick > self.tick + 1 and not listed
-        if answers or passed_by:
-            self._answer = header
-
-    @property
-    def _leaving(self) -> bool:
-        return self._waiting and self._sent is not None and self._sent.verb is Verb.LEAVE
-
-    def _gone(self, header: SoilHeader) -> TickAnswer:
-        """The soil has let this source go and moved on; rows it is owed wait for its return."""
-        self._waiting = False
-        self._part()
-        nothing = (empty_rows(CONVERSION), empty_rows(FORCE), empty_rows(CHANGED))
-        return TickAnswer(header.tick, *nothing)
-
-    def _part(self) -> None:
-        """Leave; a source that held nothing comes back as a new one, counting from 1."""
-        assert self._sent is not None
-        self._joined = False
+    def _begin_life(self) -> None:
+        """Streams of a life count from 1; nothing of an earlier life is left."""
+        self._sweeps = Outgoing(Stream.SWEEP)
+        self._landed = Outgoing(Stream.LANDED)
+        self._incoming: dict[Stream, Incoming] = {}
+        self._outbox = []
+        self._header = None
         self.keyframe = None
-        self._incoming = {}
-        if self._sent.pending_mm3 == 0 and self._sent.particles_mm3 == 0:
-            self._fresh = True
-            self._conversions_applied = 0
-            self._sweeps = Outgoing(Stream.SWEEP)
-            self._landed = Outgoing(Stream.LANDED)
+        self.owed = empty_rows(CONVERSION)
+        self.refusal = ""
 
-    def _welcome(self, header: SoilHeader) -> None:
-        """Count rows from the welcome on; conversions from the last one applied, if any."""
-        self.tick = header.tick
-        self._joined = True
-        if self._fresh:
-            self._conversions_applied = header.conversions.last
-        self._fresh = False
+    def _receive_header(self, header: SoilHeader) -> None:
+        assert self._sent is not None
+        receipt = self._receipt(header)
+        if self.phase is Phase.JOINING:
+            if receipt is not None and self._header is None:
+                self._welcome(header, receipt)
+        elif self.phase is Phase.WAITING:
+            if header.tick == self._sent.tick:
+                for stream, span in _spans(header).items():
+                    check_span(span, self._incoming[stream])
+                self._header = header
+        elif self.phase is Phase.LEAVING and header.tick >= self._sent.tick:
+            self._header = header
+
+    def _welcome(self, header: SoilHeader, receipt: SourceReceipt) -> None:
+        """Count rows from the welcome on."""
+        self._header = header
         self._incoming = {
-            Stream.CONVERSION: Incoming(Stream.CONVERSION, self._conversions_applied + 1),
-            Stream.CHANGED: Incoming(Stream.CHANGED, header.changed.last + 1),
-            Stream.FORCE: Incoming(Stream.FORCE, header.forces.last + 1),
+            stream: Incoming(stream, span.last + 1) for stream, span in _spans(header).items()
         }
-        for chunk in self._early:
-            self._incoming[chunk.stream].add(chunk.rows)
-        self._early.clear()
-        self._sent = replace(self._sent, tick=header.tick) if self._sent else None
+        self._incoming[Stream.OWED] = Incoming(Stream.OWED)
+        self._enter()
+
+    def _receive_keyframe(self, keyframe: Keyframe) -> None:
+        """Before the welcome any may be the one; after it, only what is not older."""
+        if self.phase is Phase.JOINING:
+            if self.keyframe is None or keyframe.revision > self.keyframe.revision:
+                self.keyframe = keyframe
+            self._enter()
+
+    def _enter(self) -> None:
+        """Take part once welcomed, on a terrain that is not older, with all rows it is owed."""
+        header = self._header
+        if self.phase is not Phase.JOINING or header is None:
+            return
+        if not self._fitting_keyframe(header) or self._owed_gaps(header):
+            return
+        receipt = self._receipt(header)
+        assert receipt is not None
+        self.owed = self._incoming.pop(Stream.OWED).rows(RowRange(1, receipt.owed))
+        self.tick = header.tick
+        self._applied = header.conversions.last
+        self.phase = Phase.READY
+
+    def _fitting_keyframe(self, welcome: SoilHeader) -> bool:
+        return self.keyframe is not None and self.keyframe.revision >= welcome.revision
+
+    def _owed_gaps(self, welcome: SoilHeader) -> list[RowRange]:
+        receipt = self._receipt(welcome)
+        assert receipt is not None
+        return self._incoming[Stream.OWED].missing(RowRange(1, receipt.owed))
+
+    def _receipt(self, header: SoilHeader) -> SourceReceipt | None:
+        for receipt in header.receipts:
+            if self._is_me(receipt.source, receipt.life):
+                return receipt
+        return None
+
+    def _is_me(self, source: int, life: int) -> bool:
+        return source == self.source and life == self.life
 
     def _gaps(self, header: SoilHeader) -> list[tuple[Stream, RowRange]]:
         return [
             (stream, gap)
-            for stream, span in self._spans(header).items()
+            for stream, span in _spans(header).items()
             for gap in self._incoming[stream].missing(span)
         ]
 
@@ -279,20 +358,20 @@ class MachineExchange:
                 self._outbox.append(self._sent)
         elif request.stream in (Stream.SWEEP, Stream.LANDED):
             kept = self._sweeps if request.stream is Stream.SWEEP else self._landed
-            self._post(request.stream, kept.again(request.first, request.count))
+            self._post(request.stream, kept.again(RowRange(request.first, request.count)))
 
     def _ask(self, stream: Stream, span: RowRange) -> None:
-        self._outbox.append(Resend(self.epoch, self.source, stream, span.first, span.count))
+        request = Resend(self.epoch, self.source, self.life, stream, span.first, span.count)
+        self._outbox.append(request)
 
     def _post(self, stream: Stream, rows: Rows) -> None:
-        self._outbox.extend(chunked(self.epoch, stream, self.source, rows))
+        self._outbox.extend(chunked(self.epoch, stream, rows, source=self.source, life=self.life))
 
-    def _spans(self, header: SoilHeader) -> dict[Stream, RowRange]:
-        """The rows this side needs to be through with the header's tick."""
-        applied = self._conversions_applied
-        return {
-            # Conversions from before a source came back are owed to it, too.
-            Stream.CONVERSION: RowRange(applied + 1, header.conversions.last - applied),
-            Stream.CHANGED: header.changed,
-            Stream.FORCE: header.forces,
-        }
+
+def _spans(header: SoilHeader) -> dict[Stream, RowRange]:
+    """The rows a header counts."""
+    return {
+        Stream.CONVERSION: header.conversions,
+        Stream.CHANGED: header.changed,
+        Stream.FORCE: header.forces,
+    }

@@ -22,6 +22,7 @@ from msg_bridge.contract.messages import (
     Keyframe,
     MachineHeader,
     Message,
+    Refusal,
     Resend,
     RowChunk,
     RowRange,
@@ -33,7 +34,7 @@ from msg_bridge.contract.messages import (
 from msg_bridge.contract.rows import LANDED, SWEEP, Rows, empty_rows
 from msg_bridge.exchange.accounts import Accounts
 from msg_bridge.exchange.chunks import chunked
-from msg_bridge.exchange.streams import Incoming, Outgoing
+from msg_bridge.exchange.streams import Incoming, Outgoing, check_span
 
 __all__ = ["SoilExchange", "TickInput"]
 
@@ -54,13 +55,32 @@ class TickInput:
 
 
 class _Source:
-    """What the soil holds of one joined machine."""
+    """What the soil holds of one life of a joined machine."""
 
-    def __init__(self, source: int) -> None:
+    def __init__(self, source: int, life: int, owed: Rows) -> None:
         self.source = source
+        self.life = life
         self.header: MachineHeader | None = None
         self.sweeps = Incoming(Stream.SWEEP)
         self.landed = Incoming(Stream.LANDED)
+        self.owed = Outgoing(Stream.OWED)
+        self.owed_count = self.owed.append(owed)[1].count
+
+    @property
+    def receipt(self) -> SourceReceipt:
+        """What has come from it; memory is all there is to be durable in without a journal."""
+        received = self.landed.received
+        return SourceReceipt(self.source, self.life, received, received, self.owed_count)
+
+    def take_header(self, header: MachineHeader) -> None:
+        """Take its word on the tick.
+
+        Raises:
+            ExchangeError: it counts its rows wrongly.
+        """
+        check_span(header.sweeps, self.sweeps)
+        check_span(header.landed, self.landed)
+        self.header = header
 
     def gaps(self) -> list[tuple[Stream, RowRange]]:
         """Rows the header counts that are not here."""
@@ -73,6 +93,17 @@ class _Source:
         """Whether the tick's header and all rows it counts are here."""
         return self.header is not None and not self.gaps()
 
+    def finish(self) -> MachineHeader:
+        """Forget the tick; returns its header."""
+        header = self.header
+        assert header is not None
+        self.sweeps.forget(header.sweeps.last)
+        self.landed.forget(header.landed.last)
+        self.owed = Outgoing(Stream.OWED)
+        self.owed_count = 0
+        self.header = None
+        return header
+
 
 class SoilExchange:
     """Numbered streams to all machines, receipts from each, and the accounts.
@@ -81,7 +112,8 @@ class SoilExchange:
         epoch: raised by every reset.
         tick: the last tick answered; -1 before the welcome.
         ledger: of the last tick answered, None before the welcome.
-        refused: why joins were refused, newest last.
+        accounts: soil that is not terrain.
+        refused: why the latest join of a source was refused, by source.
     """
 
     def __init__(
@@ -102,16 +134,16 @@ class SoilExchange:
         self.epoch = epoch
         self.tick = -1
         self.ledger: Ledger | None = None
-        self.refused: list[str] = []
+        self.accounts = Accounts()
+        self.refused: dict[int, Refusal] = {}
         self._grid = grid
         self._elevation = elevation
         self._expected = frozenset(expected)
         self._sources: dict[int, _Source] = {}
         self._joining: dict[int, MachineHeader] = {}
-        self._away: dict[int, _Source] = {}
-        self._accounts = Accounts()
+        self._lives: dict[int, int] = {}
         self._out = {s: Outgoing(s) for s in (Stream.CONVERSION, Stream.CHANGED, Stream.FORCE)}
-        self._last_header: SoilHeader | None = None
+        self._last: SoilHeader | None = None
         self._outbox: list[Message] = []
 
     @property
@@ -125,16 +157,24 @@ class SoilExchange:
         return tuple(n for n in self.joined if not self._sources[n].complete())
 
     def receive(self, message: Message) -> None:
-        """Take one message from a machine; those of another epoch or unknown source are ignored."""
+        """Take one message from a machine; those of another epoch or life are ignored.
+
+        Raises:
+            ExchangeError: it breaks the exchange; nothing was changed.
+        """
         if message.epoch != self.epoch:
             return
         if isinstance(message, MachineHeader):
-            self._receive_header(message)
-        elif isinstance(message, RowChunk) and message.source in self._sources:
-            source = self._sources[message.source]
-            if message.stream not in (Stream.SWEEP, Stream.LANDED):
-                raise ExchangeError(f"machines send no {message.stream.name} rows")
-            (source.sweeps if message.stream is Stream.SWEEP else source.landed).add(message.rows)
+            if message.verb in (Verb.JOIN, Verb.RETURN):
+                self._receive_join(message)
+            elif message.tick == self.tick + 1:
+                source = self._alive(message.source, message.life)
+                if source is not None:
+                    source.take_header(message)
+        elif isinstance(message, RowChunk):
+            source = self._alive(message.source, message.life)
+            if source is not None:
+                self._receive_rows(source, message)
         elif isinstance(message, Resend):
             self._resend(message)
 
@@ -169,7 +209,11 @@ class SoilExchange:
 
         Returns:
             The ledger of the tick.
+
+        Raises:
+            ExchangeError: conversions for a source that takes no part; nothing was changed.
         """
+        self.accounts.check(conversions)
         self.tick += 1
         posted = {
             stream: self._out[stream].append(rows)
@@ -179,29 +223,29 @@ class SoilExchange:
                 (Stream.FORCE, forces),
             )
         }
-        self._accounts.book(posted[Stream.CONVERSION][0])
-        for source in list(self._sources.values()):
-            self._finish(source)
-        self._admit()
-        header = SoilHeader(
+        spans = {stream: span for stream, (_, span) in posted.items()}
+        self.accounts.book(spans[Stream.CONVERSION], posted[Stream.CONVERSION][0])
+        for number in self.joined:
+            self._finish(self._sources[number])
+        admitted = self._admit(spans[Stream.CONVERSION].last)
+        self._last = SoilHeader(
             self.epoch,
             self.tick,
             revision,
-            conversions=posted[Stream.CONVERSION][1],
-            changed=posted[Stream.CHANGED][1],
-            forces=posted[Stream.FORCE][1],
-            receipts=tuple(
-                # Memory is all there is to be durable in until sides keep a journal.
-                SourceReceipt(n, s.landed.received, s.landed.received)
-                for n, s in sorted(self._sources.items())
-            ),
+            conversions=spans[Stream.CONVERSION],
+            changed=spans[Stream.CHANGED],
+            forces=spans[Stream.FORCE],
+            receipts=tuple(self._sources[n].receipt for n in self.joined),
         )
-        self._last_header = header
-        self._outbox.append(header)
+        self._outbox.append(self._last)
         for stream, (rows, _) in posted.items():
-            self._outbox.extend(chunked(self.epoch, stream, 0, rows))
-        self._forget(posted[Stream.CHANGED][1], posted[Stream.FORCE][1])
-        self.ledger = self._accounts.ledger(self.tick, terrain_mm3)
+            self._outbox.extend(chunked(self.epoch, stream, rows))
+        self._welcome(admitted)
+        # This tick's rows are on their way; of older ones only unapplied conversions are needed.
+        self._out[Stream.CHANGED].forget(spans[Stream.CHANGED].first - 1)
+        self._out[Stream.FORCE].forget(spans[Stream.FORCE].first - 1)
+        self._out[Stream.CONVERSION].forget(self.accounts.acknowledged_by_all)
+        self.ledger = self.accounts.ledger(self.tick, terrain_mm3)
         return self.ledger
 
     def remind(self) -> None:
@@ -209,75 +253,107 @@ class SoilExchange:
         for number in self.late:
             source = self._sources[number]
             if source.header is None:
-                self._outbox.append(Resend(self.epoch, number, Stream.HEADER, self.tick + 1))
+                missing = [(Stream.HEADER, RowRange(self.tick + 1, 1))]
             else:
-                for stream, gap in source.gaps():
-                    self._outbox.append(Resend(self.epoch, number, stream, gap.first, gap.count))
+                missing = source.gaps()
+            for stream, gap in missing:
+                self._outbox.append(
+                    Resend(self.epoch, number, source.life, stream, gap.first, gap.count)
+                )
 
     def take_outbox(self) -> list[Message]:
         """The messages to carry to all machines, in order; empties the box."""
         out, self._outbox = self._outbox, []
         return out
 
-    def _receive_header(self, header: MachineHeader) -> None:
-        source = self._sources.get(header.source)
-        if header.verb is Verb.JOIN:
-            if source is None:
-                self._joining[header.source] = header
-            elif self._last_header is not None:
-                self._outbox.append(self._last_header)  # the welcome was lost
-        elif source is not None and header.tick == self.tick + 1:
-            source.header = header
+    def _alive(self, number: int, life: int) -> _Source | None:
+        source = self._sources.get(number)
+        return source if source is not None and source.life == life else None
+
+    def _receive_join(self, header: MachineHeader) -> None:
+        number, life = header.source, header.life
+        if self._alive(number, life) is not None:
+            if self._last is not None:  # its welcome was lost
+                self._outbox.append(self._last)
+                self._welcome([number])
+        elif life > self._lives.get(number, 0):
+            if number in self._sources:
+                # Its former life ended without a word.
+                self.accounts.leave(number)
+                del self._sources[number]
+            self._joining[number] = header
+            self._lives[number] = life
+        elif number in self.refused and self.refused[number].life == life:
+            self._outbox.append(self.refused[number])
+
+    def _receive_rows(self, source: _Source, chunk: RowChunk) -> None:
+        streams = {Stream.SWEEP: source.sweeps, Stream.LANDED: source.landed}
+        if chunk.stream not in streams:
+            raise ExchangeError(f"machines send no {chunk.stream.name} rows")
+        names = chunk.rows.dtype.names or ()
+        if "source" in names and (chunk.rows["source"] != chunk.source).any():
+            raise ExchangeError(f"machine {chunk.source} sends rows of another source")
+        streams[chunk.stream].add(chunk.rows)
 
     def _finish(self, source: _Source) -> None:
         """Close the tick of one source: its totals, its acknowledgement, its rows."""
-        header = source.header
-        assert header is not None
-        self._accounts.report(
-            header.source,
-            pending=header.pending_mm3,
-            particles=header.particles_mm3,
-            acknowledged=header.conversions_received,
-        )
-        source.sweeps.forget(header.sweeps.last)
-        source.landed.forget(header.landed.last)
-        source.header = None
+        header = source.finish()
+        self.accounts.report(header)
         if header.verb is Verb.LEAVE:
-            self._accounts.leave(header.source)
-            self._away[header.source] = self._sources.pop(header.source)
+            self.accounts.leave(header.source)
+            del self._sources[header.source]
 
-    def _admit(self) -> None:
-        """Let waiting sources in: they are listed in this tick's header."""
+    def _admit(self, published: int) -> list[int]:
+        """Let waiting sources in, as of conversion row `published`; returns their numbers."""
+        admitted = []
         for number, header in sorted(self._joining.items()):
-            held = header.pending_mm3 + header.particles_mm3
             try:
-                self._accounts.join(number, held, acknowledged=header.conversions_received)
+                if header.verb is Verb.RETURN:
+                    self.accounts.come_back(header, published)
+                else:
+                    self.accounts.join(number, published)
             except ExchangeError as error:
-                self.refused.append(str(error))
+                refusal = Refusal(self.epoch, number, header.life, str(error))
+                self.refused[number] = refusal
+                self._outbox.append(refusal)
                 continue
-            source = self._away.pop(number, _Source(number))
-            if header.conversions_received == 0:
-                source = _Source(number)  # a fresh start counts its rows from 1 again
-            self._sources[number] = source
-            self._outbox.append(self._keyframe())
+            self.refused.pop(number, None)
+            self._sources[number] = _Source(number, header.life, self.accounts.owed(number))
+            admitted.append(number)
         self._joining.clear()
+        return admitted
+
+    def _welcome(self, numbers: list[int]) -> None:
+        """Post the terrain, and the rows each is owed."""
+        if numbers:
+            self._outbox.append(self._keyframe())
+        for number in numbers:
+            source = self._sources[number]
+            self._post_owed(source, RowRange(1, source.owed_count))
+
+    def _post_owed(self, source: _Source, wanted: RowRange) -> None:
+        rows = source.owed.again(wanted)
+        self._outbox.extend(
+            chunked(self.epoch, Stream.OWED, rows, source=source.source, life=source.life)
+        )
 
     def _keyframe(self) -> Keyframe:
-        revision = self._last_header.revision if self._last_header else 0
-        return Keyframe(self.epoch, revision, self._grid, self._elevation().copy())
+        assert self._last is not None
+        return Keyframe(self.epoch, self._last.revision, self._grid, self._elevation().copy())
 
     def _resend(self, request: Resend) -> None:
+        if self._last is None:
+            return
+        wanted = RowRange(request.first, request.count)
         if request.stream is Stream.HEADER:
-            if self._last_header is not None and self._last_header.tick == request.first:
-                self._outbox.append(self._last_header)
-        elif request.stream is Stream.KEYFRAME:
-            self._outbox.append(self._keyframe())
-        elif request.stream in self._out:
-            rows = self._out[request.stream].again(request.first, request.count)
-            self._outbox.extend(chunked(self.epoch, request.stream, 0, rows))
-
-    def _forget(self, changed: RowRange, forces: RowRange) -> None:
-        """Drop rows every source is through with; this tick's are still on their way."""
-        self._out[Stream.CHANGED].forget(changed.first - 1)
-        self._out[Stream.FORCE].forget(forces.first - 1)
-        self._out[Stream.CONVERSION].forget(self._accounts.acknowledged_by_all)
+            # A machine that leaves is content with any header from its last tick on.
+            if self._last.tick >= request.first:
+                self._outbox.append(self._last)
+        elif (source := self._alive(request.source, request.life)) is not None:
+            if request.stream is Stream.KEYFRAME:
+                self._outbox.append(self._keyframe())
+            elif request.stream is Stream.OWED:
+                self._post_owed(source, wanted)
+            elif request.stream in self._out:
+                rows = self._out[request.stream].again(wanted)
+                self._outbox.extend(chunked(self.epoch, request.stream, rows))

@@ -3,9 +3,13 @@
 `Outgoing` numbers rows and keeps them until they may be forgotten; `Incoming` drops duplicates,
 holds early rows, and names gaps. Together they make a transport that drops, duplicates, delays
 and reorders as good as a perfect one.
+
+Numbers are whole numbers here and modulo 2**32 in the rows' `seq`, so that a run may last.
 """
 
 from __future__ import annotations
+
+from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,64 +18,84 @@ from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import STREAM_DTYPE, RowRange, Stream
 from msg_bridge.contract.rows import Rows, empty_rows
 
-__all__ = ["Incoming", "Outgoing"]
+__all__ = ["WINDOW", "Incoming", "Outgoing", "check_span"]
 
-_WINDOW = 4_000_000
-"""Rows a stream may run ahead of what was forgotten; more means a broken number."""
+WINDOW = 4_000_000
+"""Rows one tick may count, and a row may run ahead of a gap; more means a broken number."""
+
+_MODULUS = 2**32
+_ROOM = 256
+
+
+def check_span(span: RowRange, stream: Incoming) -> None:
+    """Refuse a header that counts rows no tick can have, or counts them from another start.
+
+    Raises:
+        ExchangeError: saying which.
+    """
+    if not 0 <= span.count <= WINDOW or span.first != stream.expected:
+        raise ExchangeError(
+            f"a header counts {span.count} {stream.stream.name} rows from {span.first}; rows go on"
+            f" from {stream.expected}, at most {WINDOW} in a tick"
+        )
 
 
 class Outgoing:
     """Rows sent, kept in memory until forgotten."""
 
-    def __init__(self, stream: Stream) -> None:
+    def __init__(self, stream: Stream, first: int = 1) -> None:
+        """`first` is the number of the first row."""
         self.stream = stream
-        self._kept: Rows = empty_rows(STREAM_DTYPE[stream])
-        self._next = 1
-
-    @property
-    def last(self) -> int:
-        """Sequence number of the last row sent; 0 before the first."""
-        return self._next - 1
+        self._kept: deque[tuple[RowRange, Rows]] = deque()
+        self._next = first
 
     def append(self, rows: Rows) -> tuple[Rows, RowRange]:
-        """Number rows and remember them.
+        """Number a copy of some rows and remember it.
 
         Returns:
             (the numbered rows, their range).
         """
-        numbered = rows.copy()
-        numbered["seq"] = np.arange(self._next, self._next + rows.size)
         span = RowRange(self._next, rows.size)
+        numbered = rows.copy()
+        numbered["seq"] = (span.first + np.arange(rows.size, dtype=np.int64)) % _MODULUS
         self._next += rows.size
-        self._kept = np.concatenate([self._kept, numbered])
+        if rows.size:
+            self._kept.append((span, numbered))
         return numbered, span
 
-    def again(self, first: int, count: int) -> Rows:
+    def again(self, wanted: RowRange) -> Rows:
         """The rows asked for again, as far as they are still kept."""
-        start = self._next - self._kept.size
-        low = max(first - start, 0)
-        return self._kept[low : max(first + count - start, low)]
+        parts = [empty_rows(STREAM_DTYPE[self.stream])]
+        for span, rows in self._kept:
+            if span.last >= wanted.first and span.first <= wanted.last:
+                begin = max(wanted.first - span.first, 0)
+                parts.append(rows[begin : wanted.last + 1 - span.first])
+        return np.concatenate(parts)
 
     def forget(self, through: int) -> None:
-        """Drop rows up to and with sequence number `through`."""
-        start = self._next - self._kept.size
-        self._kept = self._kept[min(max(through + 1 - start, 0), self._kept.size) :]
+        """Drop what was sent together and ends with row `through` or before."""
+        while self._kept and self._kept[0][0].last <= through:
+            self._kept.popleft()
 
 
 class Incoming:
     """Rows received, in order, each once."""
 
     def __init__(self, stream: Stream, first: int = 1) -> None:
-        """`first` is the sequence number of the first row expected."""
+        """`first` is the number of the first row expected."""
         self.stream = stream
         self._first = first
-        self._buffer: Rows = empty_rows(STREAM_DTYPE[stream], 256)
-        self._have: NDArray[np.bool_] = np.zeros(256, dtype=np.bool_)
+        self._clear()
+
+    @property
+    def expected(self) -> int:
+        """Number of the first row that is not forgotten."""
+        return self._first
 
     @property
     def received(self) -> int:
-        """Last sequence number up to which nothing is missing."""
-        missing = np.nonzero(~self._have)[0]
+        """Last number up to which nothing is missing."""
+        missing = np.flatnonzero(~self._have)
         return self._first - 1 + (int(missing[0]) if missing.size else self._have.size)
 
     def add(self, rows: Rows) -> int:
@@ -88,14 +112,16 @@ class Incoming:
                 f"{self.stream.name} rows must be a 1-D array of {self._buffer.dtype}, not"
                 f" {rows.ndim}-D of {rows.dtype}"
             )
-        index = rows["seq"].astype(np.int64) - self._first
-        ahead = index >= 0  # earlier rows were had and forgotten
-        rows, index = rows[ahead], index[ahead]
+        # The nearest number to the first one expected that is the same modulo 2**32.
+        ahead = (rows["seq"].astype(np.int64) - self._first) % _MODULUS
+        index = np.where(ahead >= _MODULUS // 2, ahead - _MODULUS, ahead)
+        new = index >= 0  # earlier rows were had and forgotten
+        rows, index = rows[new], index[new]
         if index.size == 0:
             return 0
-        if int(index.max()) >= _WINDOW:
+        if int(index.max()) >= WINDOW:
             raise ExchangeError(
-                f"{self.stream.name} row {int(rows['seq'].max())} is {int(index.max())} rows ahead;"
+                f"a {self.stream.name} row is {int(index.max())} rows ahead of what has come;"
                 " the sender counts from another start"
             )
         self._grow(int(index.max()) + 1)
@@ -107,9 +133,10 @@ class Incoming:
 
     def missing(self, span: RowRange) -> list[RowRange]:
         """Gaps in a range, as ranges."""
-        self._grow(span.last - self._first + 1)
         low = max(span.first - self._first, 0)
-        have = self._have[low : max(span.last - self._first + 1, low)]
+        high = max(span.last + 1 - self._first, low)
+        self._grow(high)
+        have = self._have[low:high]
         edges = np.flatnonzero(np.diff(np.concatenate([[True], have, [True]]).astype(np.int8)))
         begin, end = edges[0::2], edges[1::2]
         return [
@@ -126,10 +153,19 @@ class Incoming:
 
     def forget(self, through: int) -> None:
         """Drop rows up to and with `through`; they are taken for duplicates from now on."""
-        drop = min(max(through + 1 - self._first, 0), self._have.size)
-        self._buffer = np.concatenate([self._buffer[drop:], np.zeros_like(self._buffer[:drop])])
-        self._have = np.concatenate([self._have[drop:], np.zeros(drop, dtype=np.bool_)])
-        self._first = max(self._first, through + 1)
+        drop = through + 1 - self._first
+        if drop <= 0:
+            return
+        self._first = through + 1
+        buffer, have = self._buffer[drop:], self._have[drop:]
+        self._clear()
+        if have.any():
+            self._grow(have.size)
+            self._buffer[: have.size], self._have[: have.size] = buffer, have
+
+    def _clear(self) -> None:
+        self._buffer: Rows = empty_rows(STREAM_DTYPE[self.stream], _ROOM)
+        self._have: NDArray[np.bool_] = np.zeros(_ROOM, dtype=np.bool_)
 
     def _grow(self, size: int) -> None:
         if size > self._have.size:

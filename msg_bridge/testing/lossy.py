@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -83,8 +84,6 @@ class LossyTransport:
         if not isinstance(message, RowChunk):
             return [message]
         return [
-            RowChunk(
-                message.epoch, message.stream, message.source, message.rows[i : i + self._rows]
-            )
+            replace(message, rows=message.rows[i : i + self._rows])
             for i in range(0, message.rows.size, self._rows)
         ]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Protocol
+
 import numpy as np
 
 from msg_bridge.contract.grid import Grid
@@ -16,10 +19,16 @@ from msg_bridge.contract.rows import (
     Rows,
     empty_rows,
 )
-from msg_bridge.exchange.machine_side import MachineExchange
+from msg_bridge.exchange.machine_side import MachineExchange, Phase
 from msg_bridge.exchange.soil_side import SoilExchange, TickInput
 
 GRID = Grid(4, 4, 1.0)
+
+
+class Carrier(Protocol):
+    """A transport."""
+
+    def carry(self) -> int: ...
 
 
 class BookSoil:
@@ -29,6 +38,7 @@ class BookSoil:
         self.rng = rng
         self.terrain = 10**15
         self.rows_seen: list[tuple[int, int]] = []
+        self.sweeps_seen: list[tuple[int, int]] = []
         self.exchange = SoilExchange(GRID, lambda: np.zeros(GRID.shape), expected=expected)
         self.ledgers: list[Ledger] = []
 
@@ -49,6 +59,7 @@ class BookSoil:
 
     def move(self, tick: TickInput) -> Rows:
         self.rows_seen += [(int(r["source"]), int(r["seq"])) for r in tick.landed]
+        self.sweeps_seen += [(int(r["source"]), int(r["seq"])) for r in tick.sweeps]
         dug = empty_rows(CONVERSION, tick.sweeps.size)
         dug["kind"], dug["source"] = Kind.EXCAVATE, tick.sweeps["source"]
         dug["volume_mm3"] = self.rng.integers(1, 2**32 - 1, tick.sweeps.size)
@@ -66,31 +77,38 @@ class BookSoil:
 class BookMachine:
     """Turns what it gets into particles, and lands some of them each tick."""
 
-    def __init__(self, rng: np.random.Generator, source: int = 1) -> None:
+    def __init__(self, rng: np.random.Generator, source: int = 1, life: int = 0) -> None:
         self.rng = rng
-        self.exchange = MachineExchange(source)
+        self.exchange = MachineExchange(source, life=life)
         self.pending: list[int] = []
         self.particles: dict[int, int] = {}
         self.frozen: set[int] = set()
         self.born = 0
         self.applied: list[int] = []
         self.rows_per_tick = 8
+        self.entered = False
 
     @property
     def totals(self) -> dict[str, int]:
         return {"pending_mm3": sum(self.pending), "particles_mm3": sum(self.particles.values())}
 
+    @property
+    def held(self) -> int:
+        return sum(self.totals.values())
+
     def step(self, *, leave: bool = False) -> bool:
         """Apply an answer if it has come, and send the next tick; False if still waiting."""
-        if not self.exchange.joined:
-            return False
         if self.exchange.waiting:
             answer = self.exchange.poll()
             if answer is None:
                 return False
             self.apply(answer.conversions)
-            if not self.exchange.joined:
-                return True
+        if not self.exchange.joined:
+            self.entered = False
+            return False
+        if not self.entered:
+            self.apply(self.exchange.owed)
+            self.entered = True
         while self.pending:
             self.born += 1
             self.particles[self.born] = self.pending.pop()
@@ -117,16 +135,44 @@ class BookMachine:
                 self.frozen.remove(particle)
 
 
-def run(soil: BookSoil, machines: list[BookMachine], transport: object, ticks: int) -> None:
-    """Drive all parties until the soil has answered `ticks` more ticks."""
-    goal = soil.exchange.tick + ticks
-    for _ in range(100 * ticks + 1000):
-        if soil.exchange.tick >= goal:
-            return
-        moved = transport.carry()  # type: ignore[attr-defined]
-        moved += soil.step()
-        moved += sum(machine.step() for machine in machines)
-        if not moved:
-            for end in (soil.exchange, *(machine.exchange for machine in machines)):
+class Driver:
+    """Carries messages and steps everybody, reminding now and then as a timer would."""
+
+    def __init__(self, soil: BookSoil, machines: list[BookMachine], transport: Carrier) -> None:
+        self.soil = soil
+        self.machines = machines
+        self.transport = transport
+        self.rounds = 0
+
+    def round(self, *, leaving: BookMachine | None = None) -> bool:
+        """One round; whether anything happened. `leaving` leaves with its next tick."""
+        self.rounds += 1
+        moved = self.transport.carry() > 0
+        moved |= self.soil.step()
+        for machine in self.machines:
+            moved |= machine.step(leave=machine is leaving)
+        if not moved or self.rounds % 5 == 0:
+            for end in (self.soil.exchange, *(machine.exchange for machine in self.machines)):
                 end.remind()
-    raise AssertionError(f"stuck at tick {soil.exchange.tick} of {goal}")
+        return moved
+
+    def until(self, done: Callable[[], bool], rounds: int = 20_000) -> None:
+        """Go on until a condition holds."""
+        for _ in range(rounds):
+            if done():
+                return
+            self.round()
+        raise AssertionError(f"stuck at tick {self.soil.exchange.tick}")
+
+    def ticks(self, count: int) -> None:
+        """Go on until the soil has answered `count` more ticks."""
+        goal = self.soil.exchange.tick + count
+        self.until(lambda: self.soil.exchange.tick >= goal)
+
+    def leave(self, machine: BookMachine) -> None:
+        """Let a machine leave, and wait until it is out."""
+        for _ in range(20_000):
+            if machine.exchange.phase is Phase.OUT:
+                return
+            self.round(leaving=machine)
+        raise AssertionError("the machine never got out")

@@ -55,9 +55,9 @@ def test_rows_are_sent_again_until_forgotten() -> None:
     rows, span = outgoing.append(empty_rows(LANDED, 5))
     assert span == RowRange(6, 5)
     assert rows["seq"].tolist() == [6, 7, 8, 9, 10]
-    assert outgoing.again(4, 3)["seq"].tolist() == [4, 5, 6]
+    assert outgoing.again(RowRange(4, 3))["seq"].tolist() == [4, 5, 6]
     outgoing.forget(5)
-    assert outgoing.again(4, 3)["seq"].tolist() == [6]
+    assert outgoing.again(RowRange(4, 3))["seq"].tolist() == [6]
 
 
 def test_a_number_far_ahead_is_refused() -> None:
@@ -65,3 +65,23 @@ def test_a_number_far_ahead_is_refused() -> None:
     rows["seq"] = 2**31
     with pytest.raises(ExchangeError, match="rows ahead"):
         Incoming(Stream.LANDED).add(rows)
+
+
+def test_numbers_go_on_beyond_32_bits() -> None:
+    first = 2**32 - 5
+    outgoing, incoming = Outgoing(Stream.LANDED, first), Incoming(Stream.LANDED, first)
+    for _ in range(4):
+        rows, span = outgoing.append(empty_rows(LANDED, 3))
+        assert incoming.add(rows[::-1]) == 3
+        assert incoming.add(rows) == 0
+        assert incoming.rows(span).size == 3
+        incoming.forget(span.last)
+    assert incoming.expected == first + 12
+    assert rows["seq"].max() < 100
+
+
+def test_a_burst_leaves_no_large_buffer_behind() -> None:
+    incoming = Incoming(Stream.LANDED)
+    incoming.add(numbered(100_000))
+    incoming.forget(100_000)
+    assert incoming._have.size < 1000
