@@ -15,6 +15,7 @@ from earthmoving_sim.run_config import RunConfig
 from earthmoving_sim.site import jacksboro_site
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
+from machine_sim.machine import ReachError
 from machine_sim.machine.kinematics import rotation_matrix
 from machine_sim.operator import CycleReport, DigCycle, View
 from machine_sim.particles import warm_up
@@ -40,13 +41,16 @@ class Outcome:
         site: the terrain before.
         after, loose_depth: surface and depth of loose soil after [m], shape (rows, cols).
         cycles: one report per cycle.
-        ledgers: the last ledger, and the largest absolute imbalance of all ticks.
+        ledger: of the last tick.
+        worst_imbalance: the largest of all ticks, with its sign [mm^3].
         moved: bank volume carried to the dump [m^3].
         simulated, wall: how long it took [s]; wall time without compiling.
         most_particles: largest number of live particles.
         tunnelled: particles that passed through the bucket or the ground.
         path: lip positions [m], shape (n, 3), with cycle (n,) and phase (n,).
+        given_up: why the run ended before its last cycle, empty if it did not.
         state_hash: of the terrain at the end.
+        machine_faces, machine_outline, machine_position: the machine as it ended, for pictures.
     """
 
     site: HeightMap
@@ -61,7 +65,7 @@ class Outcome:
     wall: float
     most_particles: int
     tunnelled: int
-    finished: bool
+    given_up: str
     state_hash: str
     path: NDArray[np.float64] = field(repr=False)
     path_cycle: NDArray[np.int64] = field(repr=False)
@@ -73,7 +77,7 @@ class Outcome:
     @property
     def balanced(self) -> bool:
         """Whether no tick of a finished run lost or made soil."""
-        return self.finished and self.worst_imbalance == 0
+        return not self.given_up and self.worst_imbalance == 0
 
     @property
     def rate(self) -> float:
@@ -129,19 +133,25 @@ class DigRun:
         """
         began = time.perf_counter()
         self._approach()
-        while len(self.operator.reports) < self.config.run.cycles and not self._too_long:
-            command = self.operator.command(self._view(), self._dt)
+        given_up = ""
+        while not given_up and len(self.operator.reports) < self.config.run.cycles:
+            try:
+                command = self.operator.command(self._view(), self._dt)
+            except ReachError as error:
+                given_up = str(error)
+                break
             self.machine.command(command.joints, command.tracks)
             self._step()
+            if self._too_long:
+                given_up = f"{self.config.run.longest} s of simulated time were not enough"
             if progress and self.world.tick % _PROGRESS_EVERY == 0:
                 self._say(began)
-        finished = len(self.operator.reports) >= self.config.run.cycles
         self._settle()
         wall = time.perf_counter() - began
         if progress:
             self._say(began)
             print()
-        return self._outcome(finished, wall)
+        return self._outcome(given_up, wall)
 
     def close(self) -> None:
         """Free the world."""
@@ -168,7 +178,8 @@ class DigRun:
         self.machine.command(np.zeros(4), np.zeros(2))
         for _ in range(300):
             self._step()
-            if self.world.soil.slip.waiting == 0 and self.machine.particles.count == 0:
+            ledger = self.world.ledger
+            if not (self.world.soil.slip.waiting or ledger.particles or ledger.in_flight):
                 break
 
     def _step(self) -> None:
@@ -219,7 +230,7 @@ class DigRun:
         else:
             print(line, flush=True)
 
-    def _outcome(self, finished: bool, wall: float) -> Outcome:
+    def _outcome(self, given_up: str, wall: float) -> Outcome:
         columns = self.world.soil.columns
         particles = self.machine.particles
         view = self._view()
@@ -242,7 +253,7 @@ class DigRun:
             wall=wall,
             most_particles=self._most,
             tunnelled=particles.tunnelled_tool + particles.tunnelled_ground,
-            finished=finished,
+            given_up=given_up,
             state_hash=self.world.state_hash(),
             path=np.array([lip for lip, _, _ in self._path]).reshape(-1, 3),
             path_cycle=np.array([cycle for _, cycle, _ in self._path], dtype=np.int64),

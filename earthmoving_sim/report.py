@@ -32,8 +32,8 @@ def print_summary(outcome: Outcome) -> None:
     )
     print(f"  imbalance {outcome.worst_imbalance} mm3 at worst, in any tick")
     print(f"  state     {outcome.state_hash}")
-    if not outcome.finished:
-        print("  the run was given up before its last cycle: see the cycles above")
+    if outcome.given_up:
+        print(f"  GIVEN UP after {len(outcome.cycles)} cycles: {outcome.given_up}")
 
 
 def write_pictures(outcome: Outcome, folder: Path) -> list[Path]:

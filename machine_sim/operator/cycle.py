@@ -25,6 +25,10 @@ __all__ = ["CycleReport", "DigCycle"]
 
 _NEXT = {"reach": "dig", "dig": "curl", "curl": "lift", "lift": "swing", "swing": "dump"}
 
+_AT_REST = ("reach", "swing")
+_STILL = 0.05
+"""Phases that end with the machine at rest, and the joint speed that counts as rest [rad/s]."""
+
 _LEAST, _MOST = 0.6, 1.6
 """Appetites it does not learn to go beyond; one it is given may lie beyond them."""
 
@@ -104,9 +108,14 @@ class DigCycle:
         most = np.array(self.params.lever_rates) * dt
         self._levers = self._levers + np.clip(wanted - self._levers, -most, most)
         brimful = self.phase == "dig" and view.fill > self.params.brimming
-        if self._motion.done or brimful:
+        if brimful or (self._motion.done and self._steady):
             self._end(view, dt)
         return Command(self._levers.copy(), np.zeros(2))
+
+    @property
+    def _steady(self) -> bool:
+        """Whether the machine has come to rest where the next phase needs it at rest."""
+        return self.phase not in _AT_REST or float(np.abs(self._levers).max()) < _STILL
 
     # Each phase: how it begins, as a motion, and what comes after it.
 
@@ -224,8 +233,12 @@ class DigCycle:
         return self._paced(here, [_between(here, over, part) for part in (0.25, 0.5, 0.75, 1.0)])
 
     def _dump(self, view: View, here: Place) -> list[Target]:
-        """Open the bucket where it is."""
-        return self._paced(here, [here._replace(attitude=self._arm.level - self.params.open_by)])
+        """Open the bucket over the dump."""
+        turn = math.remainder(self._dump_at - here.azimuth, 2 * math.pi)
+        open_ = here._replace(
+            azimuth=here.azimuth + turn, attitude=self._arm.level - self.params.open_by
+        )
+        return self._paced(here, [open_])
 
     def _over_ground(self, view: View, here: Place, to: Place) -> list[Place]:
         """Way points that keep the bucket clear of the ground on the way around."""

@@ -25,8 +25,8 @@ _GAIN = 4.0
 _LAG = 0.12
 """Joint error at which the set point waits [rad]."""
 
-_EASE = 0.5
-"""Time over which a motion speeds up and slows down [s], where it is long enough."""
+_EASE = 1.0
+"""Time over which a motion speeds up, and slows down [s]; a shorter motion takes twice as long."""
 
 
 @dataclass(frozen=True)
@@ -49,38 +49,38 @@ class Motion:
         self._places = np.array([start, *(target.place for target in targets)])
         self._places[:, 0] = np.unwrap(self._places[:, 0])  # the short way around
         self._times = np.cumsum([0.0, *(max(target.duration, 1e-3) for target in targets)])
+        self._ease = min(_EASE, float(self._times[-1]))
+        self._total = float(self._times[-1]) + self._ease
         self._time = 0.0
 
     @property
     def done(self) -> bool:
         """Whether the set point has reached the last target."""
-        return bool(self._time >= self._times[-1])
+        return self._time >= self._total
 
     def advance(self, view: View, arm: ArmPlane, dt: float) -> NDArray[np.float64]:
         """Move the set point on by `dt` [s] and return the joint velocities to command [rad/s]."""
         now = arm.joints(view, self._at(self._time))
         lag = float(np.abs(now - view.joints).max())
         rate = min(1.0, max(0.0, 2.0 - 2.0 * lag / _LAG))
-        self._time = min(self._time + rate * dt, float(self._times[-1]))
+        self._time = min(self._time + rate * dt, self._total)
         following = arm.joints(view, self._at(self._time))
         velocity = (following - now) / dt + _GAIN * (following - view.joints)
         return np.asarray(velocity, dtype=np.float64)
 
     def _at(self, time: float) -> Place:
-        total = float(self._times[-1])
-        t = _eased(time, total, min(_EASE, 0.25 * total))
+        t = _eased(time, float(self._times[-1]), self._ease)
         return Place(*(float(np.interp(t, self._times, column)) for column in self._places.T))
 
 
-def _eased(time: float, total: float, ease: float) -> float:
-    """Way time for a time: accelerates over `ease`, then runs steadily, and slows down again.
+def _eased(time: float, way: float, ease: float) -> float:
+    """Way time for a time: accelerates over `ease`, then runs at rate 1, and slows down again.
 
-    Runs from 0 to `total` in `total` seconds; the steady rate is a little above 1.
+    Runs from 0 to `way` in `way + ease` seconds; `ease` is at most `way`.
     """
-    rate = total / (total - ease)
     if time < ease:
-        return 0.5 * rate * time * time / ease
-    if time > total - ease:
-        rest = total - time
-        return total - 0.5 * rate * rest * rest / ease
-    return rate * (time - 0.5 * ease)
+        return 0.5 * time * time / ease
+    if time > way:
+        rest = way + ease - time
+        return way - 0.5 * rest * rest / ease
+    return time - 0.5 * ease

@@ -44,13 +44,13 @@ class OperatorParams(Parameters):
         6.0, "radius of the bucket pin over the dump", unit="m", low=2.0, high=20.0
     )
     appetite: float = parameter(
-        1.0, "soil it plans to sweep, in parts of the room in the bucket", low=0.1, high=2.0
+        1.15, "soil it plans to sweep, in parts of the room in the bucket", low=0.1, high=2.0
     )
     full: float = parameter(
-        0.82, "fill it wants over the dump; with less after a pass it digs again", low=0.1, high=1.5
+        0.85, "fill it wants over the dump; with less after a pass it digs again", low=0.1, high=1.5
     )
     brimming: float = parameter(
-        1.1, "fill at which it stops a drag early, and plans less next time", low=0.5, high=2.0
+        1.25, "fill at which it stops a drag early, and plans less next time", low=0.5, high=2.0
     )
     empty: float = parameter(0.01, "fill with which it stops dumping", low=0.0, high=0.5)
     most_passes: int = parameter(3, "drags before it carries what it has", low=1, high=10)

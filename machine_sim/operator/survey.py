@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,16 +70,19 @@ class Survey:
         return top + length + self._params.clearance
 
     def _far(self, view: View, azimuth: float, attitude: float) -> float:
-        """Largest radius at which the lip can come down from its clearance to the ground."""
+        """Largest radius at which the lip can come down from its clearance to the ground.
+
+        Raises:
+            ReachError: there is none with room for a drag.
+        """
         radius, surface = self.profile(view, azimuth)
-        far = self._params.far
-        while far > self._params.near + 1.0:
+        for far in np.arange(self._params.far, self._params.near + 1.0, -0.1).tolist():
             ground = float(np.interp(far, radius, surface))
-            try:
+            with suppress(ReachError):
                 for above in (self._params.clearance, -self._params.deepest_cut):
                     self._arm.joints(view, self._arm.lip_at(azimuth, far, ground + above, attitude))
-            except ReachError:
-                far -= 0.1
-            else:
-                break
-        return far
+                return float(far)
+        raise ReachError(
+            f"in direction {math.degrees(azimuth):.0f} deg no ground from {self._params.near} to"
+            f" {self._params.far} m can be dug from here; move the machine, or change near and far"
+        )

@@ -83,7 +83,8 @@ def _check(owner: str, field: dataclasses.Field[Any], value: Any) -> None:
             kind = "a whole number" if whole else "a finite number"
             raise ParameterError(f"{name} is {value!r}; give {kind} ({meta['doc']})")
         if not meta["low"] <= value <= meta["high"]:
+            unit = f" {meta['unit']}" if meta["unit"] else ""
             raise ParameterError(
-                f"{name} is {value} {meta['unit']}; give a value from {meta['low']} to"
-                f" {meta['high']} {meta['unit']} ({meta['doc']})"
+                f"{name} is {value}{unit}; give a value from {meta['low']} to {meta['high']}{unit}"
+                f" ({meta['doc']})"
             )

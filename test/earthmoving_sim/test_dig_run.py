@@ -45,7 +45,7 @@ def short_runs() -> list[Outcome]:
 
 
 def test_run_finishes_its_cycle(one):
-    assert one.outcome.finished
+    assert not one.outcome.given_up
     assert one.outcome.balanced
     assert [cycle.number for cycle in one.outcome.cycles] == [1]
 
@@ -136,12 +136,12 @@ def test_summary_tells_the_balance_and_the_cycles(one, capsys):
     assert "imbalance 0 mm3 at worst" in said
     assert f"moved     {one.outcome.moved:.2f} bank m3" in said
     assert one.outcome.state_hash in said
-    assert "given up" not in said
+    assert "GIVEN UP" not in said
 
 
 def test_summary_of_a_run_that_was_given_up_says_so(one, capsys):
-    print_summary(replace(one.outcome, finished=False))
-    assert "given up" in capsys.readouterr().out
+    print_summary(replace(one.outcome, given_up="too long"))
+    assert "GIVEN UP" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("imbalance", [1, -1])
@@ -150,12 +150,17 @@ def test_lost_or_made_soil_is_not_balanced(one, imbalance):
 
 
 def test_unfinished_run_is_not_balanced(one):
-    assert not replace(one.outcome, finished=False).balanced
+    assert not replace(one.outcome, given_up="too long").balanced
 
 
 @pytest.mark.parametrize(
     ("change", "code"),
-    [({}, 0), ({"worst_imbalance": 1}, 1), ({"worst_imbalance": -3}, 1), ({"finished": False}, 1)],
+    [
+        ({}, 0),
+        ({"worst_imbalance": 1}, 1),
+        ({"worst_imbalance": -3}, 1),
+        ({"given_up": "too long"}, 1),
+    ],
 )
 def test_demo_exits_with_its_finding(one, change, code, monkeypatch, capsys):
     outcome = replace(one.outcome, **change)
@@ -180,7 +185,7 @@ def test_run_of_another_seed_gives_another_terrain(short_runs):
 
 def test_run_is_given_up_after_its_longest_time(short_runs):
     for outcome in short_runs:
-        assert not outcome.finished
+        assert outcome.given_up
         assert outcome.worst_imbalance == 0
         assert outcome.cycles == []
         assert GIVEN_UP["longest"] <= outcome.simulated < GIVEN_UP["longest"] + 4.0

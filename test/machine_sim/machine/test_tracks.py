@@ -7,6 +7,8 @@ import pytest
 
 from machine_sim.machine import MachineError
 
+from .conftest import DT
+
 
 def test_speed_is_the_commanded_one(scene):
     s = scene(position=(-8.0, 0.0))
@@ -112,6 +114,16 @@ def test_shoes_lie_on_the_path_a_pitch_apart(scene, description):
         outward = np.column_stack([np.sin(pitch), np.cos(pitch)])
         spoke = np.column_stack([np.sign(x) * over, z - shape.axle_height])
         np.testing.assert_allclose(outward * shape.sprocket_radius, spoke, atol=1e-9)
+
+
+@pytest.mark.parametrize(("height", "touches"), [(1.95, True), (1.975, False)])
+def test_soles_reach_round_the_front_wheels(scene, description, height, touches):
+    """Nose down, the furthest sole is half the axle distance, radius and half a shoe ahead."""
+    s = scene()
+    nose_down = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+    com = [0.0, 0.0, height] + nose_down @ description.links["base"].center_of_mass
+    s.machine.tracks.step(DT, com, nose_down, np.zeros(3), np.zeros(3), 0.0)
+    assert (s.machine.tracks.shoes_in_contact > 0) == touches  # 1.572 + 0.36 + 0.03 = 1.962 m
 
 
 def test_left_track_is_the_first(scene):

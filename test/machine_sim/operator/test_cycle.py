@@ -131,7 +131,7 @@ def test_short_cycle_plans_more_next_time():
 
 
 def test_brimming_cycle_plans_less_next_time():
-    first, second = planned((1.2,), params={"appetite": 0.9})
+    first, second = planned((1.3,), params={"appetite": 0.9})
     assert second == pytest.approx(0.95 * first, rel=0.03)
 
 
@@ -141,7 +141,7 @@ def test_good_cycle_plans_the_same_next_time(good):
 
 
 def test_small_appetite_is_not_raised_by_a_brimming_bucket():
-    first, second = planned((1.2,), params={"appetite": 0.4})
+    first, second = planned((1.3,), params={"appetite": 0.4})
     assert second <= first
 
 
