@@ -7,6 +7,7 @@ The same soil, machine and exchange objects that run as ROS 2 nodes, without DDS
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 
 from machine_sim.core import MachineSim
@@ -18,6 +19,8 @@ from msg_bridge.exchange.soil_side import SoilExchange
 from soil_sim.soil import Soil
 
 __all__ = ["World"]
+
+_log = logging.getLogger(__name__)
 
 
 class World:
@@ -80,6 +83,8 @@ class World:
         tick = self._soil_end.poll()
         assert tick is not None, "the direct transport loses nothing"
         step = self.soil.step(tick.tick, tick.sweeps, tick.landed)
+        for reason in step.refused:
+            _log.warning("tick %d: %s", tick.tick, reason)
         self.ledger = self._soil_end.answer(
             step.conversions,
             step.forces,

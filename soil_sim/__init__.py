@@ -2,7 +2,8 @@
 
 - `soil`: one tick of it, cut -> deposit -> slip; `params`: what it is made of
 - `columns`: the terrain's state
-- `cut`: swept cutting; `refined`: the columns a tool stands in
+- `sweeps`: which tools' rows are sound
+- `cut`: swept cutting; `paint`: what a tool sweeps; `refined`: the columns a tool stands in
 - `keypoints`: the 2014 reference's digging rule
 - `landing`: landed particles become soil
 - `slip`: soil steeper than its angle of repose moves

@@ -25,6 +25,9 @@ __all__ = ["ColumnArrays", "Columns", "raise_column", "settle_height", "take_fro
 _LARGEST_COLUMN_MM3 = 2**52
 """Above this a column's volume would not survive the float64 field of a message."""
 
+_LARGEST_MAP_MM3 = 2**62
+"""Above this the terrain's volume, and what lands on it, would not be safe in an int64."""
+
 
 class Columns:
     """Firm and loose soil of every column, and the height they reach.
@@ -52,6 +55,11 @@ class Columns:
         bulk = (np.asarray(heights, dtype=np.float64) - self.floor) / self.metres_per_mm3
         if bulk.max() > _LARGEST_COLUMN_MM3:
             raise SoilError("a column holds more than 2**52 mm^3; use smaller cells or dig_depth")
+        if bulk.sum() > _LARGEST_MAP_MM3:
+            raise SoilError(
+                f"the map holds {bulk.sum() / 1e9:.3g} m^3 of soil and the account of it goes to "
+                f"{_LARGEST_MAP_MM3 / 1e9:.3g} m^3; use a smaller dig_depth, cell or map"
+            )
         self.firm: NDArray[np.int64] = np.rint(bulk).astype(np.int64)
         self.loose: NDArray[np.int64] = np.zeros(grid.shape, dtype=np.int64)
         self.height: NDArray[np.float64] = np.asarray(
@@ -60,6 +68,7 @@ class Columns:
         # A flag and a list, so that a tick costs what it touched and not what the map holds.
         self._flags: NDArray[np.uint8] = np.zeros(self.height.size, dtype=np.uint8)
         self._touched: NDArray[np.int64] = np.zeros(self.height.size + 1, dtype=np.int64)
+        self._known = np.stack([self.firm.reshape(-1), self.loose.reshape(-1)])
 
     @property
     def arrays(self) -> ColumnArrays:
@@ -97,11 +106,18 @@ class Columns:
         return volume
 
     def take_changed(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """(rows, cols) of the columns changed since the last call, in row-major order."""
+        """(rows, cols) of the columns changed since the last call, in row-major order.
+
+        Changed is a column whose firm or loose volume is another than then: not one that gave what
+        it got.
+        """
         touched = np.sort(self._touched[1 : 1 + self._touched[0]])
         self._flags[touched] = 0
         self._touched[0] = 0
-        rows, cols = np.divmod(touched, self.grid.cols)
+        now = np.stack([self.firm.reshape(-1)[touched], self.loose.reshape(-1)[touched]])
+        changed = touched[(now != self._known[:, touched]).any(axis=0)]
+        self._known[:, touched] = now
+        rows, cols = np.divmod(changed, self.grid.cols)
         return rows.astype(np.intp), cols.astype(np.intp)
 
 
@@ -128,7 +144,7 @@ class ColumnArrays(NamedTuple):
 
 @njit(cache=True, inline="always")
 def settle_height(columns, i):  # type: ignore[no-untyped-def]
-    """Let the surface of the column with flat index i follow its volumes, and note the change."""
+    """Let the surface of the column with flat index i follow its volumes, and note the column."""
     room = columns.firm[i] + columns.loose[i] * (1.0 + columns.swell)
     columns.height[i] = columns.floor + room * columns.metres_per_mm3
     if columns.flags[i] == 0:
@@ -157,7 +173,8 @@ def take_from_column(columns, i, bulk):  # type: ignore[no-untyped-def]
     from_firm = np.int64(0)
     if from_loose == columns.loose[i] and rest > 0.5:
         from_firm = min(np.int64(rest + 0.5), columns.firm[i])
-    columns.loose[i] -= from_loose
-    columns.firm[i] -= from_firm
-    settle_height(columns, i)
+    if from_loose + from_firm > 0:
+        columns.loose[i] -= from_loose
+        columns.firm[i] -= from_firm
+        settle_height(columns, i)
     return from_loose + from_firm

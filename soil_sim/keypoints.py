@@ -22,7 +22,7 @@ def collision_points(sweeps: Rows, between: int) -> NDArray[np.float64]:
     """The `between` points on each key-point pair at the end of a tick.
 
     Args:
-        sweeps: SWEEP rows, left and right end of each pair in turn.
+        sweeps: sound SWEEP rows, left and right end of each pair in turn.
         between: h, points interpolated between the ends, which are left out themselves.
 
     Returns:
@@ -49,7 +49,7 @@ class KeyPointCut:
         self._between = between
 
     def sweep(self, sweeps: Rows) -> Removed:
-        """Cut at the end poses of one tick's SWEEP rows."""
+        """Cut at the end poses of one tick's sound SWEEP rows."""
         grid = self._columns.grid
         removed: Removed = _lower(
             collision_points(sweeps, self._between),
@@ -69,15 +69,17 @@ def _lower(points, columns, rows, cols, x_first, y_first, cell):  # type: ignore
     out = np.empty((4 * points.shape[0], 5))
     n = 0
     for p in range(points.shape[0]):
-        i0 = np.int64(np.floor((x_first - points[p, 0]) / cell))
-        j0 = np.int64(np.floor((y_first - points[p, 1]) / cell))
-        if i0 < 0 or j0 < 0 or i0 + 1 >= rows or j0 + 1 >= cols:
+        row = np.floor((x_first - points[p, 0]) / cell)
+        col = np.floor((y_first - points[p, 1]) / cell)
+        # Compared as floats: beyond the int range a cast is not defined.
+        if not (0.0 <= row <= rows - 2 and 0.0 <= col <= cols - 2):
             continue
+        i0, j0 = np.int64(row), np.int64(col)
         z = max(points[p, 2], columns.floor)
         for i in range(i0, i0 + 2):
             for j in range(j0, j0 + 2):
                 k = i * cols + j
-                if columns.height[k] <= z:
+                if not columns.height[k] > z:
                     continue
                 top = columns.height[k]
                 bank = take_from_column(columns, k, (top - z) / columns.metres_per_mm3)

@@ -58,15 +58,19 @@ class RefinedColumns:
         self.arrays = _tables(np.full(columns, -1, dtype=np.int64), 256, per_side)
 
     def reserve(self, more: int) -> None:
-        """Make room for `more` columns, and begin a sweep that has removed nothing yet."""
+        """Make room for `more` columns."""
         old = self.arrays
+        more = min(more, old.slot_of.size - self.count)
         if self.count + more > old.cells.size:
             self.arrays = _tables(
                 old.slot_of, max(self.count + more, 2 * old.cells.size), self.per_side
             )
             for table, before in zip(self.arrays[1:], old[1:], strict=True):
                 table[: self.count] = before[: self.count]
-        self.arrays.removed[:] = 0.0
+
+    def begin(self) -> None:
+        """Begin a sweep, which has removed nothing; slots not in use are cleared when taken."""
+        self.arrays.removed[: self.count] = 0.0
 
     def release(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """End the tick: free the slots of columns no tool was in.

@@ -113,11 +113,16 @@ class Slip:
         )
 
     def steepest_excess(self) -> float:
-        """Largest excess of any slope over tan(angle), held columns left out; below 0 if none."""
+        """Largest excess of any slope over tan(angle), held columns left out; below 0 if none.
+
+        Neighbours farther than the map is wide do not exist; -inf if no two columns are free.
+        """
         worst = -math.inf
         height, held = self._columns.height, self.held.astype(bool)
         rows, cols = height.shape
         for (di, dj), limit in zip(self._offsets, self._limit, strict=True):
+            if abs(di) >= rows or abs(dj) >= cols:
+                continue
             a = (slice(max(0, -di), rows - max(0, di)), slice(max(0, -dj), cols - max(0, dj)))
             b = (slice(max(0, di), rows - max(0, -di)), slice(max(0, dj), cols - max(0, -dj)))
             free = ~(held[a] | held[b])

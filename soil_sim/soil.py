@@ -1,6 +1,9 @@
 """The soil: one tick turns what tools swept and what landed into what was actually moved.
 
-    cut -> deposit -> slip
+    judge -> cut -> deposit -> slip
+
+All input is judged before the first column changes, so a tick is done whole or not at all: a tool
+whose rows cannot be believed is refused, a landed row likewise, and what is left cannot fail.
 
 This is the whole of the soil side's physics; it knows no messages, no clock and no accounts but
 the terrain's own. The exchange (`msg_bridge.exchange`) numbers the rows it returns.
@@ -19,17 +22,21 @@ from msg_bridge.contract.rows import (
     CHANGED,
     CONVERSION,
     FORCE,
+    LANDED,
     MAX_ROW_VOLUME,
+    SWEEP,
     Kind,
     Rows,
     empty_rows,
 )
 from soil_sim.columns import Columns
-from soil_sim.cut import Removed, SweptCut, strips_of
+from soil_sim.cut import Removed, SweptCut
+from soil_sim.errors import SoilError
 from soil_sim.keypoints import KeyPointCut
 from soil_sim.landing import deposit
 from soil_sim.params import SoilParams
 from soil_sim.slip import Slip
+from soil_sim.sweeps import cutting_pairs, first_of_tools, sound_sweeps
 from soil_sim.tiles import Tiles
 
 __all__ = ["Soil", "SoilStep"]
@@ -41,13 +48,15 @@ class SoilStep:
 
     Attributes:
         conversions: CONVERSION rows, answers to landed rows in the order they came.
-        forces: FORCE rows, one per tool that swept.
-        changed: CHANGED rows, one per column whose volume changed.
+        forces: FORCE rows, one per tool that swept; none for a refused one.
+        changed: CHANGED rows, one per column whose firm or loose volume changed.
+        refused: a sentence for each tool whose rows were left out: which, why, what to change.
     """
 
     conversions: Rows
     forces: Rows
     changed: Rows
+    refused: tuple[str, ...]
 
 
 class Soil:
@@ -99,7 +108,7 @@ class Soil:
         return self.columns.total_mm3 == self.total_mm3
 
     def state_hash(self) -> str:
-        """SHA-256 [hex] of the integer state of the terrain."""
+        """SHA-256 [hex] of the firm and loose volumes of all columns; see `soil_sim.tiles`."""
         return self._tiles.state_hash()
 
     def step(self, tick: int, sweeps: Rows, landed: Rows) -> SoilStep:
@@ -109,40 +118,66 @@ class Soil:
             tick: number of the tick, written into the conversions.
             sweeps: SWEEP rows of all sources, in the order of source and seq.
             landed: LANDED rows likewise.
+
+        Raises:
+            SoilError: not rows, or not the number of a tick; nothing was changed.
         """
-        conversions = [self._cut(tick, sweeps), self._deposit(tick, landed)]
+        if sweeps.dtype != SWEEP or landed.dtype != LANDED or not 0 <= tick < 2**32:
+            raise SoilError(
+                f"tick {tick} needs SWEEP and LANDED rows and a number in 32 bits; got rows with "
+                f"{sweeps.dtype.names} and {landed.dtype.names}"
+            )
+        sound, refused = sound_sweeps(sweeps)
+        answers = self._judge(tick, landed)
+        excavated = self._cut(tick, sound)
+        self._deposit(answers[answers["kind"] == Kind.DEPOSIT])
         self.slip.relax(self.params.slip_budget)
-        return SoilStep(np.concatenate(conversions), _zero_forces(sweeps), self._changed())
+        conversions = np.concatenate([excavated, answers], dtype=CONVERSION)
+        return SoilStep(conversions, _zero_forces(sound), self._changed(), refused)
 
-    def _cut(self, tick: int, sweeps: Rows) -> Rows:
-        parts = [empty_rows(CONVERSION)]
-        for source in np.unique(sweeps["source"]):
-            own = sweeps[sweeps["source"] == source]
-            if self.params.cut_mode == "reference":
-                removed = self._key_points.sweep(own)
-                self.slip.disturb(removed[:, 0].astype(np.int64), around=True)
-            else:
-                removed = self._swept.sweep(strips_of(own))
-            parts.append(self._excavated(tick, int(source), removed))
-        self.slip.disturb(self._swept.release(), around=True)
-        return np.concatenate(parts)
+    def _judge(self, tick: int, landed: Rows) -> Rows:
+        """The answer to each landed row: on the map, beyond it, or not to be believed.
 
-    def _deposit(self, tick: int, landed: Rows) -> Rows:
-        """The answer to each landed row: on the map, beyond it, or not to be believed."""
+        Of a particle that a source names twice, only the first row is believed.
+        """
         rows = empty_rows(CONVERSION, landed.size)
         for name in ("x", "y", "z", "volume_mm3", "particle_id", "source", "soil"):
             rows[name] = landed[name]
         rows["tick"] = tick
         x, y = landed["x"].astype(np.float64), landed["y"].astype(np.float64)
-        sound = np.isfinite(x + y) & (landed["volume_mm3"] > 0)
+        named = landed["source"].astype(np.uint64) << np.uint64(32) | landed["particle_id"]
+        sound = np.zeros(landed.size, dtype=np.bool_)
+        sound[np.unique(named, return_index=True)[1]] = True
+        sound &= np.isfinite(x) & np.isfinite(y) & np.isfinite(landed["z"])
+        sound &= landed["volume_mm3"] > 0
         on_map = sound & self.grid.contains(x, y)
         rows["kind"] = np.where(on_map, Kind.DEPOSIT, np.where(sound, Kind.OUTSIDE, Kind.REFUSE))
         last = (self.grid.rows - 1, self.grid.cols - 1)
         rows["row"][on_map] = np.clip(np.rint(self.grid.row(x[on_map])), 0, last[0])
         rows["col"][on_map] = np.clip(np.rint(self.grid.col(y[on_map])), 0, last[1])
-        touched = deposit(self.columns, x[on_map], y[on_map], landed["volume_mm3"][on_map])
-        self.slip.disturb(touched)
         return rows
+
+    def _cut(self, tick: int, sweeps: Rows) -> Rows:
+        sources = np.unique(sweeps["source"]).tolist()
+        by_source = [sweeps[sweeps["source"] == source] for source in sources]
+        strokes = [cutting_pairs(own) for own in by_source]
+        swept = self.params.cut_mode == "swept"
+        if swept:
+            self._swept.reserve(strokes)
+        parts = [empty_rows(CONVERSION)]
+        for source, own, pairs in zip(sources, by_source, strokes, strict=True):
+            if swept:
+                removed = self._swept.sweep(pairs)
+            else:
+                removed = self._key_points.sweep(own)
+                self.slip.disturb(removed[:, 0].astype(np.int64), around=True)
+            parts.append(self._excavated(tick, source, removed))
+        self.slip.disturb(self._swept.release(), around=True)
+        return np.concatenate(parts, dtype=CONVERSION)
+
+    def _deposit(self, rows: Rows) -> None:
+        x, y = rows["x"].astype(np.float64), rows["y"].astype(np.float64)
+        self.slip.disturb(deposit(self.columns, x, y, rows["volume_mm3"]))
 
     def _excavated(self, tick: int, source: int, removed: Removed) -> Rows:
         """EXCAVATE rows of what was removed; volumes beyond a row's field are split."""
@@ -176,9 +211,8 @@ class Soil:
 
 def _zero_forces(sweeps: Rows) -> Rows:
     """One FORCE row a tool: there is no cutting force yet, and no force is said to be zero."""
-    tools, first = np.unique(sweeps[["source", "tool"]], return_index=True)
-    forces = empty_rows(FORCE, tools.size)
-    forces["source"], forces["tool"] = tools["source"], tools["tool"]
-    for to, of in (("x", "x1"), ("y", "y1"), ("z", "z1")):
-        forces[to] = sweeps[of][first]
+    first = sweeps[first_of_tools(sweeps)]
+    forces = empty_rows(FORCE, first.size)
+    forces["source"], forces["tool"] = first["source"], first["tool"]
+    forces["x"], forces["y"], forces["z"] = first["x1"], first["y1"], first["z1"]
     return forces

@@ -1,7 +1,10 @@
 """Tiles of the map whose volume and digest are kept, so that a tick costs what it changed.
 
 The state hash is SHA-256 over the digests of all tiles; only tiles with changed columns are
-counted and hashed again.
+counted and hashed again. It covers the firm and loose volume of every column and nothing else: not
+the grid and its floor, where tools stand, the shape of a cut within a column, or which columns wait
+to slip. Terrains of one grid and one hash are the same ground; they go on alike once no tool is in
+it and all is at rest.
 """
 
 from __future__ import annotations

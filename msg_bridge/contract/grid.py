@@ -33,7 +33,7 @@ class Grid:
     Attributes:
         rows: number of columns of soil along x, at least 2.
         cols: number of columns of soil along y, at least 2.
-        cell: side length l of a column [m].
+        cell: side length l of a column [m], 0.01 to 1000.
     """
 
     rows: int
@@ -45,9 +45,9 @@ class Grid:
             raise ParameterError(
                 f"a grid needs at least 2 x 2 columns, not {self.rows} x {self.cols}"
             )
-        if not (np.isfinite(self.cell) and 1e-3 <= self.cell <= 1e3):
+        if not (np.isfinite(self.cell) and 0.01 <= self.cell <= 1e3):
             raise ParameterError(
-                f"cell is {self.cell!r} m; give a spacing between 0.001 m and 1000 m"
+                f"cell is {self.cell!r} m; give a spacing between 0.01 m and 1000 m"
             )
 
     @property

@@ -114,3 +114,22 @@ def test_two_machines_dig_the_same_terrain() -> None:
     world.close()
     assert {ledger.imbalance for ledger in ledgers} == {0}
     assert all(machine.particles.count > 100 for machine in machines.values())
+
+
+def test_a_tool_that_cannot_be_believed_is_said_loudly_and_moves_nothing(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    world = World(level_soil(), {1: ready()})
+    machine = world.machines[1]
+    honest = machine.step
+
+    def step():  # noqa: ANN202
+        moved = honest()
+        moved.sweeps["x1"][3] = np.nan
+        return moved
+
+    machine.step = step  # type: ignore[method-assign]
+    ledgers = drag(world, 60)
+    world.close()
+    assert {ledger.terrain for ledger in ledgers} == {ledgers[0].start}
+    assert "source 1, tool 0 swept nothing" in caplog.text

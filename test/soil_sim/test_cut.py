@@ -1,10 +1,12 @@
+import math
+
 import numpy as np
 import pytest
-from support.soil_scenes import NO_LANDED, bucket_sweep, flat_soil, scoop
+from support.soil_scenes import NO_LANDED, bucket_sweep, drag, flat_soil, scoop, tool_sweep
 
 from msg_bridge.contract.rows import Action, Kind
-from soil_sim.cut import strips_of
 from soil_sim.keypoints import collision_points
+from soil_sim.soil import Soil
 
 
 def test_a_drag_takes_what_the_bucket_sweeps() -> None:
@@ -70,7 +72,6 @@ def test_every_tool_that_sweeps_gets_a_force_row() -> None:
 def test_pressing_does_not_cut() -> None:
     sweep = bucket_sweep((0, 0, 0.1), (0, 0, -0.2))
     sweep["action"] = Action.PRESS
-    assert strips_of(sweep).shape[0] == 0
     assert flat_soil(6.0, 0.2).step(0, sweep, NO_LANDED).conversions.size == 0
 
 
@@ -87,14 +88,87 @@ def test_soil_does_not_slip_into_the_room_a_tool_fills_until_it_has_left() -> No
     assert not soil.slip.held.any()
 
 
-def test_non_finite_key_points_cut_nothing() -> None:
-    sweep = bucket_sweep((0, 0, 0.1), (0, 0, -0.2))
-    sweep["z1"][3] = np.nan
-    soil = flat_soil(6.0, 0.2)
+@pytest.mark.parametrize("cell", [0.2, 0.05])
+@pytest.mark.parametrize("resolution", [0.1, 0.05, 0.025])
+@pytest.mark.parametrize("pitch", [0, 5, 20, 45, 70, 85, 88, 90, 92, 100, 110])
+def test_a_plate_takes_what_it_sweeps_at_any_pitch(
+    pitch: float, resolution: float, cell: float
+) -> None:
+    # Pitched up about its lip: at 0 it lies behind the lip, beyond 90 degrees it leans ahead of it.
+    length, depth = 0.5, 0.3
+    back, up = -length * math.cos(math.radians(pitch)), length * math.sin(math.radians(pitch))
+    soil = flat_soil(4.0, cell, cut_resolution=resolution)
+    taken = drag(soil, [(0.0, 0.0), (back, up)], depth=depth, step=0.01)
+    # Where it stands first (or, leaning ahead, last) it takes what is above it, too.
+    buried = min(length, depth / math.sin(math.radians(pitch)) if pitch else length)
+    above = depth - 0.5 * buried * math.sin(math.radians(pitch))
+    bed = buried * abs(math.cos(math.radians(pitch))) * above
+    assert taken == pytest.approx(1.2 * (depth * 1.0 + bed), rel=0.03)
+
+
+@pytest.mark.parametrize("step", [0.002, 0.01, 0.1, 1.0])
+def test_an_upright_blade_takes_what_it_sweeps_however_fast(step: float) -> None:
+    soil = flat_soil(4.0, 0.2)
+    taken = drag(soil, [(0.0, 0.0), (0.0, 0.6)], depth=0.3, step=step)
+    assert taken == pytest.approx(0.36, rel=0.03)
+
+
+def test_a_tool_of_one_pair_cuts() -> None:
+    assert drag(flat_soil(4.0, 0.2), [(0.0, 0.0)], depth=0.3, step=0.01) == pytest.approx(
+        0.36, rel=0.03
+    )
+
+
+def test_a_plate_rolled_on_its_side_cuts_with_its_side() -> None:
+    # Its pairs stand upright and one of its sides leads, 0.3 m deep.
+    soil = flat_soil(4.0, 0.2)
+    soil.slip.relax = lambda budget=None: 0  # type: ignore[method-assign]
     start = soil.total_mm3
-    step = soil.step(0, sweep, NO_LANDED)
-    assert np.isfinite(soil.columns.height).all()
-    assert soil.total_mm3 == start - int(step.conversions["volume_mm3"].sum())
+    for tick in range(100):
+        sweep = tool_sweep([(0, 0), (0, 0)], (0, 0, 0), (0, 0, 0))
+        x = -0.5 + 0.01 * tick
+        sweep["x0"], sweep["x1"] = x, x + 0.01
+        sweep["y0"] = sweep["y1"] = [0.6, 0.6, -0.6, -0.6]
+        sweep["z0"] = sweep["z1"] = [-0.3, 0.3, -0.3, 0.3]
+        soil.step(tick, sweep, NO_LANDED)
+    assert (start - soil.total_mm3) / 1e9 == pytest.approx(0.36, rel=0.03)
+
+
+def test_an_upright_blade_at_rest_holds_the_columns_it_stands_in() -> None:
+    soil = flat_soil(4.0, 0.2)
+    soil.step(0, tool_sweep([(0, 0), (0, 0.6)], (0, 0, -0.3), (0, 0, -0.3)), NO_LANDED)
+    i = int(round(float(soil.grid.row(0.0))))
+    assert soil.slip.held[i].sum() == 7
+    assert soil.slip.held.sum() == 7
+
+
+def test_a_column_a_tool_has_left_is_levelled() -> None:
+    soil = flat_soil(4.0, 0.2)
+    soil.slip.relax = lambda budget=None: 0  # type: ignore[method-assign]
+    blade = [(0.0, 0.0), (0.0, 0.6)]
+    half_way = tool_sweep(blade, (-0.1, 0, -0.3), (0.0, 0, -0.3), width=1.0)
+    rest = tool_sweep(blade, (0.0, 0, -0.3), (0.1, 0, -0.3), width=1.0)
+    away = tool_sweep(blade, (0.0, 0, 2.0), (0.0, 0, 2.0))
+    first, _, second = (
+        int(soil.step(k, sweep, NO_LANDED).conversions["volume_mm3"].sum())
+        for k, sweep in enumerate((half_way, away, rest))
+    )
+    assert second == pytest.approx(0.5 * first, rel=0.03)
+
+
+def test_a_far_jump_of_a_tool_does_not_reserve_the_map() -> None:
+    soil = flat_soil(40.0, 0.1)
+    sweep = np.concatenate([tool_sweep([(0, 0)], (x, x, -0.1), (x, x, -0.1)) for x in (-19, 19)])
+    sweep["tool"] = [1, 1, 2, 2]
+    before = tables_of(soil)
+    soil.step(0, sweep, NO_LANDED)
+    assert soil.slip.held.any()
+    assert tables_of(soil) == before
+
+
+def tables_of(soil: Soil) -> int:
+    """Slots there are for columns that tools stand in."""
+    return soil._swept._refined.arrays.cells.size
 
 
 def test_the_floor_cannot_be_dug() -> None:

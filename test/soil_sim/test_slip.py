@@ -11,7 +11,10 @@ from support.soil_scenes import (
     pile,
 )
 
+from msg_bridge.contract.grid import Grid
+from soil_sim.params import SoilParams
 from soil_sim.slip import gauss_circle
+from soil_sim.soil import Soil
 
 
 @pytest.mark.parametrize(
@@ -121,3 +124,11 @@ def test_firm_soil_that_fails_swells_and_keeps_its_volume() -> None:
     assert soil.columns.total_mm3 == total
     assert soil.columns.height.sum() > height
     assert soil.slip.steepest_excess() <= soil.params.slip_tolerance + 1e-9
+
+
+def test_a_map_narrower_than_the_slip_radius_comes_to_rest() -> None:
+    grid = Grid(3, 2, 0.2)
+    soil = Soil(grid, np.zeros(grid.shape), SoilParams(slip_radius=8.0))
+    soil.step(0, NO_SWEEPS, landings(0.2, 0.1, 4_000_000))
+    assert soil.slip.waiting == 0
+    assert -1.0 < soil.slip.steepest_excess() <= soil.params.slip_tolerance + 1e-9

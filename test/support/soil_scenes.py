@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -36,18 +37,45 @@ def landings(x: object, y: object, volume_mm3: int) -> Rows:
     return rows
 
 
-def bucket_sweep(
-    start: tuple[float, float, float], end: tuple[float, float, float], width: float = 1.2
+def tool_sweep(
+    profile: Sequence[tuple[float, float]],
+    start: tuple[float, float, float],
+    end: tuple[float, float, float],
+    width: float = 1.2,
 ) -> Rows:
-    """A bucket whose lip's middle moves from `start` to `end` (x, y, z) [m], digging toward +x."""
-    rows = empty_rows(SWEEP, 14)
-    for pair, (x, z) in enumerate(BUCKET_PROFILE):
+    """A tool with key points at `profile` (x, z) from its lip, whose middle moves start to end [m].
+
+    Its pairs lie across, along y.
+    """
+    rows = empty_rows(SWEEP, 2 * len(profile))
+    for pair, (x, z) in enumerate(profile):
         for side, y in ((0, width / 2), (1, -width / 2)):
             row = rows[2 * pair + side]
             row["pair"], row["source"] = pair, 1
             for axis, offset, a, b in zip("xyz", (x, y, z), start, end, strict=True):
                 row[f"{axis}0"], row[f"{axis}1"] = a + offset, b + offset
     return rows
+
+
+def bucket_sweep(
+    start: tuple[float, float, float], end: tuple[float, float, float], width: float = 1.2
+) -> Rows:
+    """A bucket whose lip's middle moves from `start` to `end` (x, y, z) [m], digging toward +x."""
+    return tool_sweep(BUCKET_PROFILE, start, end, width)
+
+
+def drag(soil: Soil, profile: Sequence[tuple[float, float]], *, depth: float, step: float) -> float:
+    """Drag a tool 1 m toward +x from where it stands in the soil, which does not slip.
+
+    Returns:
+        The volume the soil lost [m^3].
+    """
+    soil.slip.relax = lambda budget=None: 0  # type: ignore[method-assign]
+    before = soil.total_mm3
+    x = np.linspace(-0.5, 0.5, round(1.0 / step) + 1)
+    for tick, (a, b) in enumerate(pairwise([x[0], *x])):
+        soil.step(tick, tool_sweep(profile, (a, 0, -depth), (b, 0, -depth)), NO_LANDED)
+    return (before - soil.total_mm3) / 1e9
 
 
 def scoop(soil: Soil, *, depth: float, length: float, speed: float = 1.0, y: float = 0.0) -> int:

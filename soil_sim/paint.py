@@ -1,0 +1,261 @@
+"""Painting: lowering subcolumns to what a tool's edges and plates sweep in a tick.
+
+Two key-point pairs bound a plate; the pairs and the plates' sides are its edges. Through a tick
+the plates are painted at poses half a subcolumn apart, and between poses each edge paints the quad
+it swept. The plates alone would not do: seen from above a steep plate is narrower than the way
+between poses, and an upright one has no area at all. The lower envelope of all is the sweep.
+
+Along the edges' last pose all columns are noted, so that a plate too thin to cover the centre of
+any subcolumn still stands in the columns it cuts.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+__all__ = ["Raster", "columns_under", "paint"]
+
+_MOST_POSES = 512
+"""Poses painted in one tick, at most; beyond it plates leave gaps between poses, edges do not."""
+
+_OFF_U, _OFF_V = 1e-3, 1.7e-3
+"""Samples lie this much [subcolumns] off the centres. An edge on a row of centres, as maps and
+tools in round numbers have, would else count half a subcolumn too much or, by rounding, too
+little; two parts, so that edges at 45 degrees gain from it too."""
+
+_SLACK = 1e-9
+"""Widening of a triangle's rows [subcolumns], so that neighbours leave no crack by rounding."""
+
+
+class Raster(NamedTuple):
+    """The grid of subcolumns, for kernels.
+
+    Attributes:
+        rows, cols, cell, x_first, y_first: as in `Grid`.
+        per_side: subcolumns along a side of a column.
+    """
+
+    rows: int
+    cols: int
+    cell: float
+    x_first: float
+    y_first: float
+    per_side: int
+
+
+@njit(cache=True)
+def columns_under(points, joined, raster):  # type: ignore[no-untyped-def]
+    """Upper bound of the number of columns the pairs and plates can touch in the tick."""
+    most = 0.0
+    for n in range(points.shape[0]):
+        x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf
+        for m in range(n, n + 2 if joined[n] else n + 1):
+            for t in range(2):
+                for p in range(2):
+                    x0, x1 = min(x0, points[m, t, p, 0]), max(x1, points[m, t, p, 0])
+                    y0, y1 = min(y0, points[m, t, p, 1]), max(y1, points[m, t, p, 1])
+        # In columns from the first one's outer side; a little wider, lest rounding matters.
+        top = max(np.floor((raster.x_first - x1) / raster.cell + 0.499), 0.0)
+        bottom = min(np.floor((raster.x_first - x0) / raster.cell + 0.501), raster.rows - 1.0)
+        left = max(np.floor((raster.y_first - y1) / raster.cell + 0.499), 0.0)
+        right = min(np.floor((raster.y_first - y0) / raster.cell + 0.501), raster.cols - 1.0)
+        most += max(bottom - top + 1.0, 0.0) * max(right - left + 1.0, 0.0)
+    return np.int64(min(most, 1.0 * raster.rows * raster.cols))
+
+
+@njit(cache=True)
+def paint(points, joined, columns, refined, raster, count, tick):  # type: ignore[no-untyped-def]
+    """Lower subcolumns to what the pairs sweep, and sum what they lose.
+
+    Args:
+        points, joined: of `SweptPairs`.
+        columns, refined: of `ColumnArrays`, `RefinedArrays`.
+        raster: of `Raster`.
+        count: the number of refined columns.
+        tick: number of the tick.
+
+    Returns:
+        The number of refined columns.
+    """
+    _follow(columns, refined, raster, count)
+    for n in range(points.shape[0]):
+        here = points[n]
+        count = _sweep_edge(here[:, 0], here[:, 1], columns, refined, raster, count, tick)
+        if joined[n]:
+            above = points[n + 1]
+            for side in range(2):
+                count = _sweep_edge(
+                    here[:, side], above[:, side], columns, refined, raster, count, tick
+                )
+            count = _sweep_plate(here, above, columns, refined, raster, count, tick)
+    return count
+
+
+@njit(cache=True)
+def _follow(columns, refined, raster, count):  # type: ignore[no-untyped-def]
+    """Soil that slipped or landed since lifts or lowers all subcolumns of its column alike."""
+    for slot in range(count):
+        now = columns.height[refined.cells[slot]]
+        shift = now - refined.mean[slot]
+        if shift != 0.0:
+            refined.mean[slot] = now
+            for q in range(raster.per_side * raster.per_side):
+                refined.sub[slot, q] += shift
+
+
+@njit(cache=True)
+def _sweep_plate(  # type: ignore[no-untyped-def]
+    lower, upper, columns, refined, raster, count, tick
+):
+    """Paint the plate between two pairs at poses through the tick."""
+    poses = max(
+        max(_poses(lower[:, 0], raster), _poses(lower[:, 1], raster)),
+        max(_poses(upper[:, 0], raster), _poses(upper[:, 1], raster)),
+    )
+    corners = np.empty((4, 3))
+    for s in range(1, poses + 1):
+        t = s / poses
+        for p in range(2):
+            for axis in range(3):
+                corners[p, axis] = (1 - t) * lower[0, p, axis] + t * lower[1, p, axis]
+                corners[2 + p, axis] = (1 - t) * upper[0, p, axis] + t * upper[1, p, axis]
+        count = _paint_quad(corners, columns, refined, raster, count, tick)
+    return count
+
+
+@njit(cache=True)
+def _sweep_edge(a, b, columns, refined, raster, count, tick):  # type: ignore[no-untyped-def]
+    """Paint what the edge from a to b (each at start and end of the tick) sweeps between poses."""
+    poses = max(_poses(a, raster), _poses(b, raster))
+    corners = np.empty((4, 3))  # a, b before; a, b after
+    corners[0], corners[1] = a[0], b[0]
+    for s in range(1, poses + 1):
+        t = s / poses
+        for axis in range(3):
+            corners[2, axis] = (1 - t) * a[0, axis] + t * a[1, axis]
+            corners[3, axis] = (1 - t) * b[0, axis] + t * b[1, axis]
+        count = _paint_quad(corners, columns, refined, raster, count, tick)
+        corners[0], corners[1] = corners[2], corners[3]
+    return _stand(corners[0], corners[1], columns, refined, raster, count, tick)
+
+
+@njit(cache=True)
+def _poses(point, raster):  # type: ignore[no-untyped-def]
+    """Poses through the tick for a key point's way: half a subcolumn apart, at least one."""
+    way = 0.0
+    for axis in range(3):
+        way = max(way, abs(point[1, axis] - point[0, axis]))
+    return np.int64(
+        min(max(np.ceil(way / (0.5 * raster.cell / raster.per_side)), 1.0), _MOST_POSES)
+    )
+
+
+@njit(cache=True)
+def _stand(a, b, columns, refined, raster, count, tick):  # type: ignore[no-untyped-def]
+    """Note the columns in which the edge from a to b lies below the surface."""
+    length = max(abs(b[0] - a[0]), abs(b[1] - a[1]))
+    steps = np.int64(min(np.ceil(length / raster.cell * raster.per_side), 1e6))
+    for s in range(steps + 1):
+        t = s / max(steps, 1)
+        row = np.floor((raster.x_first - (1 - t) * a[0] - t * b[0]) / raster.cell + 0.5)
+        col = np.floor((raster.y_first - (1 - t) * a[1] - t * b[1]) / raster.cell + 0.5)
+        if 0.0 <= row < raster.rows and 0.0 <= col < raster.cols:
+            k = np.int64(row) * raster.cols + np.int64(col)
+            z = max((1 - t) * a[2] + t * b[2], columns.floor)
+            slot = refined.slot_of[k]
+            if slot < 0:
+                if not z < columns.height[k]:
+                    continue
+                slot = count
+                count += 1
+                _refine(k, columns, refined, slot)
+            if z <= refined.top[slot]:
+                refined.seen[slot] = tick
+    return count
+
+
+@njit(cache=True)
+def _refine(k, columns, refined, slot):  # type: ignore[no-untyped-def]
+    """Give column k, level so far, a slot."""
+    top = columns.height[k]
+    refined.slot_of[k] = slot
+    refined.cells[slot] = k
+    refined.mean[slot] = top
+    refined.top[slot] = top
+    refined.sub[slot, :] = top
+    refined.removed[slot, :] = 0.0
+
+
+@njit(cache=True)
+def _paint_quad(corners, columns, refined, raster, count, tick):  # type: ignore[no-untyped-def]
+    """Lower subcolumns to the two triangles (0, 1, 2) and (1, 3, 2) of four corners."""
+    a, b, c, d = corners[0], corners[1], corners[2], corners[3]
+    count = _paint_triangle(a, b, c, columns, refined, raster, count, tick)
+    return _paint_triangle(b, d, c, columns, refined, raster, count, tick)
+
+
+@njit(cache=True)
+def _paint_triangle(a, b, c, columns, refined, raster, count, tick):  # type: ignore[no-untyped-def]
+    """Lower the subcolumns whose samples lie under a triangle; returns the refined columns."""
+    # In units of subcolumns, so that the sample of subcolumn (fi, fj) lies at (fi, fj).
+    per_side = raster.per_side
+    fine = raster.cell / per_side
+    shift = 0.5 * per_side - 0.5
+    x, y = raster.x_first + shift * fine, raster.y_first + shift * fine
+    ua, va = (x - a[0]) / fine - _OFF_U, (y - a[1]) / fine - _OFF_V
+    ub, vb = (x - b[0]) / fine - _OFF_U, (y - b[1]) / fine - _OFF_V
+    uc, vc = (x - c[0]) / fine - _OFF_U, (y - c[1]) / fine - _OFF_V
+    area = (ub - ua) * (vc - va) - (uc - ua) * (vb - va)
+    if not 1e-9 < abs(area) < 1e18:
+        return count
+    z_u = ((b[2] - a[2]) * (vc - va) - (c[2] - a[2]) * (vb - va)) / area
+    z_v = ((ub - ua) * (c[2] - a[2]) - (uc - ua) * (b[2] - a[2])) / area
+    lowest = max(min(a[2], b[2], c[2]), columns.floor)
+    highest = max(a[2], b[2], c[2])
+    # Clipped as floats: beyond the int range a cast is not defined.
+    rows, cols = float(raster.rows * per_side), float(raster.cols * per_side)
+    first = np.int64(min(max(np.ceil(min(ua, ub, uc)), 0.0), rows))
+    last = np.int64(max(min(np.floor(max(ua, ub, uc)), rows - 1.0), -1.0))
+    for fi in range(first, last + 1):
+        # No calls with tables in this loop: numba counts references to each of their arrays.
+        lo, hi = _between(fi, ua, va, ub, vb, np.inf, -np.inf)
+        lo, hi = _between(fi, ub, vb, uc, vc, lo, hi)
+        lo, hi = _between(fi, uc, vc, ua, va, lo, hi)
+        j0 = np.int64(min(max(np.ceil(lo - _SLACK), 0.0), cols))
+        j1 = np.int64(max(min(np.floor(hi + _SLACK), cols - 1.0), -1.0))
+        i = fi // per_side
+        for fj in range(j0, j1 + 1):
+            # Within the triangle's heights: a sliver's slopes are ill-conditioned.
+            z = max(min(a[2] + z_u * (fi - ua) + z_v * (fj - va), highest), lowest)
+            j = fj // per_side
+            k = i * raster.cols + j
+            slot = refined.slot_of[k]
+            if slot < 0:
+                if not z < columns.height[k]:
+                    continue
+                slot = count
+                count += 1
+                _refine(k, columns, refined, slot)
+            if z <= refined.top[slot]:
+                refined.seen[slot] = tick
+            q = (fi - i * per_side) * per_side + fj - j * per_side
+            lost = refined.sub[slot, q] - z
+            if lost > 0.0:
+                refined.sub[slot, q] = z
+                refined.removed[slot, 0] += lost
+                refined.removed[slot, 1] += lost * (x - fi * fine)
+                refined.removed[slot, 2] += lost * (y - fj * fine)
+                refined.removed[slot, 3] += lost * (z + 0.5 * lost)
+    return count
+
+
+@njit(cache=True, inline="always")
+def _between(u, ua, va, ub, vb, lo, hi):  # type: ignore[no-untyped-def]
+    """Widen (lo, hi) by where the side from a to b crosses row u, if it does."""
+    if (ua <= u) != (ub <= u):
+        v = va + (u - ua) * (vb - va) / (ub - ua)
+        lo, hi = min(lo, v), max(hi, v)
+    return lo, hi
