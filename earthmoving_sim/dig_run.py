@@ -258,7 +258,7 @@ class DigRun:
             path=np.array([lip for lip, _, _ in self._path]).reshape(-1, 3),
             path_cycle=np.array([cycle for _, cycle, _ in self._path], dtype=np.int64),
             path_phase=np.array([phase for _, _, phase in self._path], dtype=np.str_),
-            machine_faces=machine_faces(*pose),
+            machine_faces=machine_faces(*pose, self.machine.machine.tracks.shoe_poses),
             machine_outline=machine_outline(*pose),
             machine_position=(float(view.base_position[0]), float(view.base_position[1])),
         )

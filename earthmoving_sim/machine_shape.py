@@ -17,6 +17,7 @@ Frame = tuple[Array, Array]
 
 _COLOURS = {
     "base": "#3d4045",
+    "shoes": "#55585d",
     "upper": "#e0a91b",
     "boom": "#e0a91b",
     "arm": "#d19c17",
@@ -27,7 +28,11 @@ _BOX_FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 
 
 
 def machine_faces(
-    machine: MachineDescription, position: ArrayLike, rotation: Array, joints: ArrayLike
+    machine: MachineDescription,
+    position: ArrayLike,
+    rotation: Array,
+    joints: ArrayLike,
+    shoes: Array | None = None,
 ) -> list[tuple[str, Array]]:
     """Faces of a machine in a pose.
 
@@ -35,6 +40,8 @@ def machine_faces(
         machine: its description.
         position, rotation: of base_link, (3,) [m] and (3, 3), map frame.
         joints: swing, boom, arm, bucket [rad].
+        shoes: x, z [m] and pitch [rad] of the tracks' shoes in the base frame, shape (2, n, 3),
+            left track first; none are drawn if not given.
 
     Returns:
         (colour, polygon (k, 3) [m], map frame) of each face.
@@ -46,6 +53,11 @@ def machine_faces(
         for box in link.boxes:
             corners = _box_corners(box.size, box.center, box.pitch) @ turn.T + origin
             faces += [(_COLOURS[name], corners[list(face)]) for face in _BOX_FACES]
+    if shoes is not None:
+        turn, origin = frames["base"]
+        for corners in _shoe_boxes(machine, shoes):
+            placed = corners @ turn.T + origin
+            faces += [(_COLOURS["shoes"], placed[list(face)]) for face in _BOX_FACES]
     turn, origin = frames["bucket"]
     faces += [(_COLOURS["bucket"], plate @ turn.T + origin) for plate in machine.bucket.plates()]
     return faces
@@ -84,6 +96,16 @@ def _link_frames(
         turn = turn @ joint
         frames[name] = (turn, origin)
     return frames
+
+
+def _shoe_boxes(machine: MachineDescription, shoes: Array) -> list[Array]:
+    """Corners of every shoe in the base frame, shape (8, 3) each."""
+    tracks = machine.tracks
+    size = (0.96 * tracks.pitch, tracks.shoe_width, tracks.shoe_thickness)
+    boxes = []
+    for side, y in ((0, 0.5 * tracks.gauge), (1, -0.5 * tracks.gauge)):
+        boxes += [_box_corners(size, (x, y, z), pitch) for x, z, pitch in shoes[side]]
+    return boxes
 
 
 def _box_corners(size: ArrayLike, center: ArrayLike, pitch: float) -> Array:

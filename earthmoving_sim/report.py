@@ -33,7 +33,8 @@ def print_summary(outcome: Outcome) -> None:
     print(f"  imbalance {outcome.worst_imbalance} mm3 at worst, in any tick")
     print(f"  state     {outcome.state_hash}")
     if outcome.given_up:
-        print(f"  GIVEN UP after {len(outcome.cycles)} cycles: {outcome.given_up}")
+        done = _counted(len(outcome.cycles), "cycle")
+        print(f"  GIVEN UP after {done}: {outcome.given_up}")
 
 
 def write_pictures(outcome: Outcome, folder: Path) -> list[Path]:
@@ -50,10 +51,14 @@ def write_pictures(outcome: Outcome, folder: Path) -> list[Path]:
         machine_outline=outcome.machine_outline,
         machine_faces=outcome.machine_faces,
         machine_position=outcome.machine_position,
-        title=f"{outcome.moved:.2f} bank m³ moved in {len(outcome.cycles)} cycles",
+        title=f"{outcome.moved:.2f} bank m³ moved in {_counted(len(outcome.cycles), 'cycle')}",
     )
     return [
         draw_cut_fill(record, folder / "cut_fill.png"),
         draw_bucket_path(record, folder / "bucket_path.png"),
         draw_site_3d(record, folder / "site.png"),
     ]
+
+
+def _counted(number: int, thing: str) -> str:
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"

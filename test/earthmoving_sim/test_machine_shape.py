@@ -91,3 +91,13 @@ def test_upper_body_turns_with_the_swing_and_the_tracks_do_not(swing):
     turn = rotation_about_z(swing)[:2, :2]
     for (name, old), (_, new) in zip(before, after, strict=True):
         np.testing.assert_allclose(new, old @ turn.T if name == "upper" else old, atol=1e-9)
+
+
+def test_shoes_are_drawn_around_their_poses_on_both_sides():
+    shoes = np.array([[[0.5, 0.03, np.pi]], [[-0.5, 0.75, 0.0]]])
+    plain, with_shoes = machine_faces(MACHINE, *POSE), machine_faces(MACHINE, *POSE, shoes)
+    assert len(with_shoes) == len(plain) + 2 * 6
+    drawn = with_shoes[-BUCKET_FACES - 12 : -BUCKET_FACES]
+    for k, (x, y, z) in enumerate(((0.5, 1.19, 0.03), (-0.5, -1.19, 0.75))):
+        middle = np.mean([face.mean(axis=0) for _, face in drawn[6 * k : 6 * k + 6]], axis=0)
+        assert middle == pytest.approx(ROTATION @ [x, y, z] + POSITION, abs=1e-9)
