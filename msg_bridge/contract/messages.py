@@ -158,6 +158,15 @@ class SoilHeader:
     forces: RowRange
     receipts: tuple[SourceReceipt, ...]
 
+    @property
+    def spans(self) -> dict[Stream, RowRange]:
+        """The rows it counts, by stream."""
+        return {
+            Stream.CONVERSION: self.conversions,
+            Stream.CHANGED: self.changed,
+            Stream.FORCE: self.forces,
+        }
+
 
 @dataclass(frozen=True)
 class RowChunk:

@@ -33,6 +33,7 @@ from msg_bridge.contract.messages import (
 )
 from msg_bridge.contract.rows import CHANGED, CONVERSION, FORCE, Rows, empty_rows
 from msg_bridge.exchange.chunks import chunked
+from msg_bridge.exchange.entry import Entry
 from msg_bridge.exchange.streams import Incoming, Outgoing, check_span
 
 __all__ = ["MachineExchange", "Phase", "TickAnswer"]
@@ -100,7 +101,7 @@ class MachineExchange:
         self._outbox: list[Message] = []
         self._applied: int | None = None  # last conversion row applied; None before any welcome
         self._sent: MachineHeader | None = None
-        self._header: SoilHeader | None = None  # the welcome, then each answer
+        self._header: SoilHeader | None = None  # the answer
         self._begin_life()
 
     @property
@@ -204,11 +205,15 @@ class MachineExchange:
             self._receive_header(message)
         elif isinstance(message, RowChunk):
             mine = message.source == self.source and message.life == self.life
-            if message.stream in self._incoming and (mine or message.source == 0):
-                self._incoming[message.stream].add(message.rows)
+            if message.stream is Stream.OWED and mine and self.phase is Phase.JOINING:
+                self._entry.owed.add(message.rows)
                 self._enter()
+            elif message.stream in self._incoming and message.source == 0:
+                self._incoming[message.stream].add(message.rows)
         elif isinstance(message, Keyframe):
-            self._receive_keyframe(message)
+            if self.phase is Phase.JOINING:
+                self._entry.take_keyframe(message)
+                self._enter()
         elif isinstance(message, Refusal):
             if self.phase is Phase.JOINING and self._is_me(message.source, message.life):
                 self.refusal = message.reason
@@ -228,7 +233,7 @@ class MachineExchange:
         if self._gaps(header):
             return None
         rows = {}
-        for stream, span in _spans(header).items():
+        for stream, span in header.spans.items():
             rows[stream] = self._incoming[stream].rows(span)
             self._incoming[stream].forget(span.last)
         assert self._sent is not None
@@ -254,15 +259,13 @@ class MachineExchange:
         """Ask again for what has not come."""
         if self._sent is None or self.phase in (Phase.OUT, Phase.READY):
             return
-        if self._header is None:
+        if self.phase is Phase.JOINING and self._entry.welcome is not None:
+            for stream, span in self._entry.missing():
+                self._ask(stream, span)
+        elif self._header is None:
             # Either the soil lacks part of our tick, and asks for it, or we lack its header.
             self._outbox.append(self._sent)
             self._ask(Stream.HEADER, RowRange(self._sent.tick, 1))
-        elif self.phase is Phase.JOINING:
-            if not self._fitting_keyframe(self._header):
-                self._ask(Stream.KEYFRAME, RowRange(0, 1))
-            for gap in self._owed_gaps(self._header):
-                self._ask(Stream.OWED, gap)
         else:
             for stream, span in self._gaps(self._header):
                 self._ask(stream, span)
@@ -278,6 +281,7 @@ class MachineExchange:
         self._sweeps = Outgoing(Stream.SWEEP)
         self._landed = Outgoing(Stream.LANDED)
         self._incoming: dict[Stream, Incoming] = {}
+        self._entry = Entry()
         self._outbox = []
         self._header = None
         self.keyframe = None
@@ -288,53 +292,31 @@ class MachineExchange:
         assert self._sent is not None
         receipt = self._receipt(header)
         if self.phase is Phase.JOINING:
-            if receipt is not None and self._header is None:
-                self._welcome(header, receipt)
+            if receipt is not None and self._entry.welcome is None:
+                self._entry.take_welcome(header, receipt)
+                self._incoming = {
+                    stream: Incoming(stream, span.last + 1) for stream, span in header.spans.items()
+                }
+                self._enter()
         elif self.phase is Phase.WAITING:
             if header.tick == self._sent.tick:
-                for stream, span in _spans(header).items():
+                for stream, span in header.spans.items():
                     check_span(span, self._incoming[stream])
                 self._header = header
         elif self.phase is Phase.LEAVING and header.tick >= self._sent.tick:
             self._header = header
 
-    def _welcome(self, header: SoilHeader, receipt: SourceReceipt) -> None:
-        """Count rows from the welcome on."""
-        self._header = header
-        self._incoming = {
-            stream: Incoming(stream, span.last + 1) for stream, span in _spans(header).items()
-        }
-        self._incoming[Stream.OWED] = Incoming(Stream.OWED)
-        self._enter()
-
-    def _receive_keyframe(self, keyframe: Keyframe) -> None:
-        """Before the welcome any may be the one; after it, only what is not older."""
-        if self.phase is Phase.JOINING:
-            if self.keyframe is None or keyframe.revision > self.keyframe.revision:
-                self.keyframe = keyframe
-            self._enter()
-
     def _enter(self) -> None:
-        """Take part once welcomed, on a terrain that is not older, with all rows it is owed."""
-        header = self._header
-        if self.phase is not Phase.JOINING or header is None:
+        """Take part, once all that takes is here."""
+        entry = self._entry
+        if not entry.complete:
             return
-        if not self._fitting_keyframe(header) or self._owed_gaps(header):
-            return
-        receipt = self._receipt(header)
-        assert receipt is not None
-        self.owed = self._incoming.pop(Stream.OWED).rows(RowRange(1, receipt.owed))
-        self.tick = header.tick
-        self._applied = header.conversions.last
+        assert entry.welcome is not None
+        self.keyframe = entry.keyframe
+        self.owed = entry.owed_rows()
+        self.tick = entry.welcome.tick
+        self._applied = entry.welcome.conversions.last
         self.phase = Phase.READY
-
-    def _fitting_keyframe(self, welcome: SoilHeader) -> bool:
-        return self.keyframe is not None and self.keyframe.revision >= welcome.revision
-
-    def _owed_gaps(self, welcome: SoilHeader) -> list[RowRange]:
-        receipt = self._receipt(welcome)
-        assert receipt is not None
-        return self._incoming[Stream.OWED].missing(RowRange(1, receipt.owed))
 
     def _receipt(self, header: SoilHeader) -> SourceReceipt | None:
         for receipt in header.receipts:
@@ -348,7 +330,7 @@ class MachineExchange:
     def _gaps(self, header: SoilHeader) -> list[tuple[Stream, RowRange]]:
         return [
             (stream, gap)
-            for stream, span in _spans(header).items()
+            for stream, span in header.spans.items()
             for gap in self._incoming[stream].missing(span)
         ]
 
@@ -366,12 +348,3 @@ class MachineExchange:
 
     def _post(self, stream: Stream, rows: Rows) -> None:
         self._outbox.extend(chunked(self.epoch, stream, rows, source=self.source, life=self.life))
-
-
-def _spans(header: SoilHeader) -> dict[Stream, RowRange]:
-    """The rows a header counts."""
-    return {
-        Stream.CONVERSION: header.conversions,
-        Stream.CHANGED: header.changed,
-        Stream.FORCE: header.forces,
-    }

@@ -27,14 +27,14 @@ from msg_bridge.contract.messages import (
     RowChunk,
     RowRange,
     SoilHeader,
-    SourceReceipt,
     Stream,
     Verb,
 )
 from msg_bridge.contract.rows import LANDED, SWEEP, Rows, empty_rows
 from msg_bridge.exchange.accounts import Accounts
 from msg_bridge.exchange.chunks import chunked
-from msg_bridge.exchange.streams import Incoming, Outgoing, check_span
+from msg_bridge.exchange.source import Source
+from msg_bridge.exchange.streams import Outgoing
 
 __all__ = ["SoilExchange", "TickInput"]
 
@@ -52,57 +52,6 @@ class TickInput:
     tick: int
     sweeps: Rows
     landed: Rows
-
-
-class _Source:
-    """What the soil holds of one life of a joined machine."""
-
-    def __init__(self, source: int, life: int, owed: Rows) -> None:
-        self.source = source
-        self.life = life
-        self.header: MachineHeader | None = None
-        self.sweeps = Incoming(Stream.SWEEP)
-        self.landed = Incoming(Stream.LANDED)
-        self.owed = Outgoing(Stream.OWED)
-        self.owed_count = self.owed.append(owed)[1].count
-
-    @property
-    def receipt(self) -> SourceReceipt:
-        """What has come from it; memory is all there is to be durable in without a journal."""
-        received = self.landed.received
-        return SourceReceipt(self.source, self.life, received, received, self.owed_count)
-
-    def take_header(self, header: MachineHeader) -> None:
-        """Take its word on the tick.
-
-        Raises:
-            ExchangeError: it counts its rows wrongly.
-        """
-        check_span(header.sweeps, self.sweeps)
-        check_span(header.landed, self.landed)
-        self.header = header
-
-    def gaps(self) -> list[tuple[Stream, RowRange]]:
-        """Rows the header counts that are not here."""
-        assert self.header is not None
-        return [(Stream.SWEEP, gap) for gap in self.sweeps.missing(self.header.sweeps)] + [
-            (Stream.LANDED, gap) for gap in self.landed.missing(self.header.landed)
-        ]
-
-    def complete(self) -> bool:
-        """Whether the tick's header and all rows it counts are here."""
-        return self.header is not None and not self.gaps()
-
-    def finish(self) -> MachineHeader:
-        """Forget the tick; returns its header."""
-        header = self.header
-        assert header is not None
-        self.sweeps.forget(header.sweeps.last)
-        self.landed.forget(header.landed.last)
-        self.owed = Outgoing(Stream.OWED)
-        self.owed_count = 0
-        self.header = None
-        return header
 
 
 class SoilExchange:
@@ -139,7 +88,7 @@ class SoilExchange:
         self._grid = grid
         self._elevation = elevation
         self._expected = frozenset(expected)
-        self._sources: dict[int, _Source] = {}
+        self._sources: dict[int, Source] = {}
         self._joining: dict[int, MachineHeader] = {}
         self._lives: dict[int, int] = {}
         self._out = {s: Outgoing(s) for s in (Stream.CONVERSION, Stream.CHANGED, Stream.FORCE)}
@@ -174,7 +123,7 @@ class SoilExchange:
         elif isinstance(message, RowChunk):
             source = self._alive(message.source, message.life)
             if source is not None:
-                self._receive_rows(source, message)
+                source.take_rows(message)
         elif isinstance(message, Resend):
             self._resend(message)
 
@@ -266,7 +215,7 @@ class SoilExchange:
         out, self._outbox = self._outbox, []
         return out
 
-    def _alive(self, number: int, life: int) -> _Source | None:
+    def _alive(self, number: int, life: int) -> Source | None:
         source = self._sources.get(number)
         return source if source is not None and source.life == life else None
 
@@ -286,16 +235,7 @@ class SoilExchange:
         elif number in self.refused and self.refused[number].life == life:
             self._outbox.append(self.refused[number])
 
-    def _receive_rows(self, source: _Source, chunk: RowChunk) -> None:
-        streams = {Stream.SWEEP: source.sweeps, Stream.LANDED: source.landed}
-        if chunk.stream not in streams:
-            raise ExchangeError(f"machines send no {chunk.stream.name} rows")
-        names = chunk.rows.dtype.names or ()
-        if "source" in names and (chunk.rows["source"] != chunk.source).any():
-            raise ExchangeError(f"machine {chunk.source} sends rows of another source")
-        streams[chunk.stream].add(chunk.rows)
-
-    def _finish(self, source: _Source) -> None:
+    def _finish(self, source: Source) -> None:
         """Close the tick of one source: its totals, its acknowledgement, its rows."""
         header = source.finish()
         self.accounts.report(header)
@@ -318,7 +258,7 @@ class SoilExchange:
                 self._outbox.append(refusal)
                 continue
             self.refused.pop(number, None)
-            self._sources[number] = _Source(number, header.life, self.accounts.owed(number))
+            self._sources[number] = Source(number, header.life, self.accounts.owed(number))
             admitted.append(number)
         self._joining.clear()
         return admitted
@@ -331,7 +271,7 @@ class SoilExchange:
             source = self._sources[number]
             self._post_owed(source, RowRange(1, source.owed_count))
 
-    def _post_owed(self, source: _Source, wanted: RowRange) -> None:
+    def _post_owed(self, source: Source, wanted: RowRange) -> None:
         rows = source.owed.again(wanted)
         self._outbox.extend(
             chunked(self.epoch, Stream.OWED, rows, source=source.source, life=source.life)

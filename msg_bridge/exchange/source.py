@@ -1,0 +1,89 @@
+"""What the soil holds of one machine in one of its lives."""
+
+from __future__ import annotations
+
+from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.messages import (
+    MachineHeader,
+    RowChunk,
+    RowRange,
+    SourceReceipt,
+    Stream,
+)
+from msg_bridge.contract.rows import Rows
+from msg_bridge.exchange.streams import Incoming, Outgoing, check_span
+
+__all__ = ["Source"]
+
+
+class Source:
+    """One life of a joined machine: its rows, its word on the tick, and what it is owed.
+
+    Attributes:
+        source, life: whose.
+        header: its word on the tick that is being gathered, once it has come.
+        sweeps, landed: its rows.
+        owed: CONVERSION rows from before its return, numbered from 1.
+        owed_count: how many.
+    """
+
+    def __init__(self, source: int, life: int, owed: Rows) -> None:
+        self.source = source
+        self.life = life
+        self.header: MachineHeader | None = None
+        self.sweeps = Incoming(Stream.SWEEP)
+        self.landed = Incoming(Stream.LANDED)
+        self.owed = Outgoing(Stream.OWED)
+        self.owed_count = self.owed.append(owed)[1].count
+
+    @property
+    def receipt(self) -> SourceReceipt:
+        """What has come from it; memory is all there is to be durable in without a journal."""
+        received = self.landed.received
+        return SourceReceipt(self.source, self.life, received, received, self.owed_count)
+
+    def take_header(self, header: MachineHeader) -> None:
+        """Take its word on the tick.
+
+        Raises:
+            ExchangeError: it counts its rows wrongly.
+        """
+        check_span(header.sweeps, self.sweeps)
+        check_span(header.landed, self.landed)
+        self.header = header
+
+    def take_rows(self, chunk: RowChunk) -> None:
+        """Take rows it sent.
+
+        Raises:
+            ExchangeError: rows that are not a machine's to send, or another machine's.
+        """
+        streams = {Stream.SWEEP: self.sweeps, Stream.LANDED: self.landed}
+        if chunk.stream not in streams:
+            raise ExchangeError(f"machines send no {chunk.stream.name} rows")
+        names = chunk.rows.dtype.names or ()
+        if "source" in names and (chunk.rows["source"] != chunk.source).any():
+            raise ExchangeError(f"machine {chunk.source} sends rows of another source")
+        streams[chunk.stream].add(chunk.rows)
+
+    def gaps(self) -> list[tuple[Stream, RowRange]]:
+        """Rows the header counts that are not here."""
+        assert self.header is not None
+        return [(Stream.SWEEP, gap) for gap in self.sweeps.missing(self.header.sweeps)] + [
+            (Stream.LANDED, gap) for gap in self.landed.missing(self.header.landed)
+        ]
+
+    def complete(self) -> bool:
+        """Whether the tick's header and all rows it counts are here."""
+        return self.header is not None and not self.gaps()
+
+    def finish(self) -> MachineHeader:
+        """Forget the tick; returns its header."""
+        header = self.header
+        assert header is not None
+        self.sweeps.forget(header.sweeps.last)
+        self.landed.forget(header.landed.last)
+        self.owed = Outgoing(Stream.OWED)
+        self.owed_count = 0
+        self.header = None
+        return header
