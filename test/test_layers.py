@@ -35,6 +35,7 @@ MAY_NOT_IMPORT = {
     "machine_sim": {"soil_sim", "earthmoving_sim"},
     "msg_bridge/contract": {"rclpy", "soil_sim", "machine_sim", "earthmoving_sim"},
     "msg_bridge/exchange": {"rclpy", "soil_sim", "machine_sim", "earthmoving_sim"},
+    "msg_bridge/codec": {"soil_sim", "machine_sim", "earthmoving_sim"},
 }
 
 

@@ -85,8 +85,8 @@ class MachineExchange:
         Args:
             source: the machine's number, from 1.
             epoch: the run to take part in.
-            life: a number not below any this source has used in this run; a process that may
-                have been started again gives a larger one, the time say.
+            life: a number below 2**32, not below any this source has used in this run; a process
+                that may have been started again gives a larger one, the time in seconds say.
         """
         if not 1 <= source <= 65535:
             raise ExchangeError(f"source is {source}; number machines from 1 to 65535")

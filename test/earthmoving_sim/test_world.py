@@ -123,7 +123,7 @@ def test_a_tool_that_cannot_be_believed_is_said_loudly_and_moves_nothing(
     machine = world.machines[1]
     honest = machine.step
 
-    def step():  # noqa: ANN202
+    def step():
         moved = honest()
         moved.sweeps["x1"][3] = np.nan
         return moved

@@ -1,0 +1,10 @@
+"""What crosses, as messages that any ROS 2 machine knows; nothing else packs bytes.
+
+- `point_cloud`: rows as PointCloud2
+- `chunks`: chunks of rows, with the run and the life they belong to
+- `headers`: headers, requests, refusals and the ledger
+- `terrain`: the whole terrain surface as cloud, image and map info
+- `stamps`: simulation time, exact
+- `qos`: the quality of service of each kind of topic; needs rclpy
+- `errors`: what a malformed message raises
+"""

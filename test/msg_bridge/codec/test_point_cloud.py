@@ -1,0 +1,258 @@
+"""Rows cross as PointCloud2 bit by bit, and what is not such rows is refused."""
+
+import array
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import PointCloud2, PointField
+
+from msg_bridge.codec.errors import CodecError
+from msg_bridge.codec.point_cloud import from_point_cloud, to_point_cloud
+from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.rows import (
+    CHANGED,
+    CONVERSION,
+    FORCE,
+    LANDED,
+    SWEEP,
+    Rows,
+    empty_rows,
+)
+
+ROW_TYPES = {
+    "sweep": SWEEP,
+    "landed": LANDED,
+    "conversion": CONVERSION,
+    "changed": CHANGED,
+    "force": FORCE,
+}
+STAMP = Time(sec=3, nanosec=40_000_000)
+
+
+def over_the_wire(msg: PointCloud2) -> PointCloud2:
+    return deserialize_message(serialize_message(msg), PointCloud2)
+
+
+def crossed(rows: Rows) -> Rows:
+    msg = over_the_wire(to_point_cloud(rows, "map", STAMP))
+    return from_point_cloud(msg, rows.dtype)
+
+
+def random_rows(dtype: np.dtype[np.void], count: int) -> Rows:
+    """Rows of random bits, NaN and infinity among them."""
+    raw = np.random.default_rng(1).integers(0, 256, count * dtype.itemsize, dtype=np.uint8)
+    return raw.view(dtype)
+
+
+@pytest.mark.parametrize("name", ROW_TYPES)
+@given(data=st.data())
+def test_every_row_type_crosses_bit_by_bit(name: str, data: st.DataObject) -> None:
+    rows = data.draw(hnp.arrays(ROW_TYPES[name], st.integers(0, 5)))
+    assert crossed(rows).tobytes() == rows.tobytes()
+
+
+@pytest.mark.parametrize("dtype", ROW_TYPES.values(), ids=ROW_TYPES)
+def test_extreme_values_cross_as_they_are(dtype: np.dtype[np.void]) -> None:
+    rows = empty_rows(dtype, 2)
+    for name in dtype.names or ():
+        kind = dtype[name]
+        limits = np.finfo(kind) if kind.kind == "f" else np.iinfo(kind)
+        rows[name] = limits.min, limits.max
+    assert crossed(rows).tolist() == rows.tolist()
+
+
+@pytest.mark.parametrize("dtype", ROW_TYPES.values(), ids=ROW_TYPES)
+def test_no_rows_cross(dtype: np.dtype[np.void]) -> None:
+    rows = crossed(empty_rows(dtype))
+    assert rows.shape == (0,)
+    assert rows.dtype == dtype
+
+
+@pytest.mark.parametrize("dtype", ROW_TYPES.values(), ids=ROW_TYPES)
+def test_many_rows_cross(dtype: np.dtype[np.void]) -> None:
+    rows = random_rows(dtype, 100_000)
+    assert crossed(rows).tobytes() == rows.tobytes()
+
+
+def test_every_other_row_of_an_array_crosses() -> None:
+    rows = random_rows(CONVERSION, 10)[::2]
+    assert crossed(rows).tobytes() == rows.tobytes()
+
+
+def test_cloud_says_what_a_point_is() -> None:
+    msg = over_the_wire(to_point_cloud(random_rows(CHANGED, 3), "map", STAMP))
+    assert [(f.name, f.offset, f.datatype, f.count) for f in msg.fields] == [
+        ("x", 0, PointField.FLOAT32, 1),
+        ("y", 4, PointField.FLOAT32, 1),
+        ("z", 8, PointField.FLOAT32, 1),
+        ("loose_depth", 12, PointField.FLOAT32, 1),
+        ("volume_mm3", 16, PointField.FLOAT64, 1),
+        ("row", 24, PointField.UINT32, 1),
+        ("col", 28, PointField.UINT32, 1),
+        ("revision", 32, PointField.UINT32, 1),
+        ("seq", 36, PointField.UINT32, 1),
+    ]
+    assert (msg.height, msg.width, msg.point_step, msg.row_step) == (1, 3, 40, 120)
+    assert (msg.header.frame_id, msg.header.stamp) == ("map", STAMP)
+
+
+def test_small_fields_have_their_size() -> None:
+    fields = {f.name: f.datatype for f in to_point_cloud(empty_rows(LANDED), "map", STAMP).fields}
+    assert fields["source"] == PointField.UINT16
+    assert fields["soil"] == PointField.UINT8
+
+
+def test_organised_cloud_has_rows_and_columns() -> None:
+    rows = random_rows(CHANGED, 6)
+    msg = to_point_cloud(rows, "map", STAMP, height=2)
+    assert (msg.height, msg.width, msg.row_step) == (2, 3, 120)
+    assert from_point_cloud(msg, CHANGED).tobytes() == rows.tobytes()
+
+
+def test_receiving_copies_nothing() -> None:
+    msg = over_the_wire(to_point_cloud(random_rows(CONVERSION, 10), "map", STAMP))
+    rows = from_point_cloud(msg, CONVERSION)
+    assert np.shares_memory(rows, np.frombuffer(msg.data, dtype=np.uint8))
+
+
+def test_received_rows_are_read_only() -> None:
+    rows = from_point_cloud(to_point_cloud(empty_rows(FORCE, 1), "map", STAMP), FORCE)
+    with pytest.raises(ValueError, match="read-only"):
+        rows["seq"] = 1
+
+
+def test_sent_rows_may_be_changed_afterwards() -> None:
+    rows = empty_rows(FORCE, 1)
+    msg = to_point_cloud(rows, "map", STAMP)
+    rows["seq"] = 1
+    assert from_point_cloud(msg, FORCE)["seq"].tolist() == [0]
+
+
+def field(msg: PointCloud2, name: str) -> PointField:
+    return next(f for f in msg.fields if f.name == name)
+
+
+def big_endian(msg: PointCloud2) -> None:
+    msg.is_bigendian = True
+
+
+def without_field(msg: PointCloud2) -> None:
+    msg.fields = [f for f in msg.fields if f.name != "soil"]
+
+
+def without_fields(msg: PointCloud2) -> None:
+    msg.fields = []
+
+
+def with_another_field(msg: PointCloud2) -> None:
+    msg.fields.append(PointField(name="intensity", offset=0, datatype=7, count=1))
+
+
+def with_field_twice(msg: PointCloud2) -> None:
+    msg.fields.append(PointField(name="soil", offset=26, datatype=PointField.UINT8, count=1))
+
+
+def field_renamed(msg: PointCloud2) -> None:
+    field(msg, "soil").name = "rgb"
+
+
+def another_datatype(msg: PointCloud2) -> None:
+    field(msg, "volume_mm3").datatype = PointField.INT32
+
+
+def another_offset(msg: PointCloud2) -> None:
+    field(msg, "x").offset, field(msg, "y").offset = 4, 0
+
+
+def count_of_two(msg: PointCloud2) -> None:
+    field(msg, "moisture").count = 2
+
+
+def longer_point(msg: PointCloud2) -> None:
+    msg.point_step += 4
+
+
+def longer_row(msg: PointCloud2) -> None:
+    msg.row_step += 4
+
+
+def more_points_than_data(msg: PointCloud2) -> None:
+    msg.width, msg.row_step = 4, 4 * msg.point_step
+
+
+def more_rows_than_data(msg: PointCloud2) -> None:
+    msg.height = 2
+
+
+def data_cut_short(msg: PointCloud2) -> None:
+    msg.data = array.array("B", bytes(msg.data)[:-1])
+
+
+def no_data(msg: PointCloud2) -> None:
+    msg.data = array.array("B")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (big_endian, "big-endian"),
+        (without_field, "lacks soil;"),
+        (without_fields, "lacks x, y, z, "),
+        (with_another_field, "has unknown intensity;"),
+        (with_field_twice, "repeats soil;"),
+        (field_renamed, "lacks soil;"),
+        (another_datatype, "field volume_mm3 has datatype 5; it must be 6"),
+        (another_offset, "field x has offset 4; it must be 0"),
+        (count_of_two, "field moisture has count 2; it must be 1"),
+        (longer_point, "point_step is 32 bytes; .* make it 28"),
+        (longer_row, "row_step is 88 bytes; .* make it 84"),
+        (more_points_than_data, "data length is 84 bytes; .* make it 112"),
+        (more_rows_than_data, "data length is 84 bytes; .* make it 168"),
+        (data_cut_short, "data length is 83 bytes; .* make it 84"),
+        (no_data, "data length is 0 bytes; .* make it 84"),
+    ],
+)
+def test_malformed_cloud_is_refused(spoil: Callable[[PointCloud2], None], sentence: str) -> None:
+    msg = to_point_cloud(random_rows(LANDED, 3), "map", STAMP)
+    from_point_cloud(msg, LANDED)
+    spoil(msg)
+    with pytest.raises(CodecError, match=sentence):
+        from_point_cloud(over_the_wire(msg), LANDED)
+
+
+def test_rows_of_another_type_are_refused() -> None:
+    msg = to_point_cloud(random_rows(LANDED, 3), "map", STAMP)
+    with pytest.raises(CodecError, match="lacks"):
+        from_point_cloud(msg, SWEEP)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "sentence"),
+    [
+        (np.dtype("f4"), "has none"),
+        (np.dtype([("x", "<i8")]), "field x is int64"),
+        (np.dtype([("x", ">f4")]), "field x is >f4"),
+        (np.dtype([("x", "<f4", (3,))]), "field x is "),
+        (np.dtype([("a", "u1"), ("b", "<f4")], align=True), "field b is at byte 4, not 1"),
+        (np.dtype([("b", "<f4"), ("a", "u1")], align=True), "8 bytes, not 5"),
+    ],
+)
+def test_dtype_that_no_point_can_have_is_refused(dtype: np.dtype[np.void], sentence: str) -> None:
+    with pytest.raises(CodecError, match=sentence):
+        to_point_cloud(np.zeros(3, dtype=dtype), "map", STAMP)
+
+
+@pytest.mark.parametrize("height", [0, 2, 4])
+def test_rows_that_do_not_fill_the_cloud_are_refused(height: int) -> None:
+    with pytest.raises(CodecError, match="do not fill a cloud"):
+        to_point_cloud(empty_rows(FORCE, 3), "map", STAMP, height=height)
+
+
+def test_codec_error_is_an_error_of_the_exchange() -> None:
+    assert issubclass(CodecError, ExchangeError)

@@ -1,0 +1,261 @@
+"""The terrain crosses the right way round, and what is no terrain is refused."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from hypothesis import given
+from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import PointCloud2
+
+from msg_bridge.codec.errors import CodecError
+from msg_bridge.codec.point_cloud import from_point_cloud, to_point_cloud
+from msg_bridge.codec.terrain import (
+    TERRAIN_CELL,
+    TerrainMap,
+    from_terrain_cloud,
+    to_elevation_image,
+    to_map_info,
+    to_terrain_cloud,
+)
+from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.messages import Keyframe
+from msg_bridge.contract.rows import CHANGED, Rows
+
+STAMP = Time(sec=2)
+
+
+def terrain(rows: int = 3, cols: int = 5, cell: float = 0.2) -> TerrainMap:
+    """Another number in every column and layer; exact in float32."""
+    grid = Grid(rows, cols, cell)
+    number = np.arange(rows * cols).reshape(rows, cols)
+    return TerrainMap(
+        Keyframe(4, 77, grid, -3.0 + 0.25 * number),
+        0.5 * number,
+        2**53 - 1 - number.astype(np.int64),
+    )
+
+
+def crossed(site: TerrainMap, *, cell: float | None = None) -> TerrainMap:
+    wire = serialize_message(to_terrain_cloud(site, "map", STAMP))
+    return from_terrain_cloud(deserialize_message(wire, PointCloud2), cell=cell)
+
+
+def same(a: TerrainMap, b: TerrainMap) -> bool:
+    return (
+        (a.keyframe.epoch, a.keyframe.revision, a.keyframe.grid)
+        == (b.keyframe.epoch, b.keyframe.revision, b.keyframe.grid)
+        and np.array_equal(a.keyframe.elevation, b.keyframe.elevation)
+        and np.array_equal(a.loose_depth, b.loose_depth)
+        and np.array_equal(a.volume_mm3, b.volume_mm3)
+    )
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(3, 5), (5, 3), (2, 2), (40, 41)])
+def test_terrain_crosses(rows: int, cols: int) -> None:
+    site = terrain(rows, cols)
+    back = crossed(site)
+    assert same(back, site)
+    assert back.volume_mm3.dtype == np.int64
+    assert back.keyframe.elevation.dtype == np.float64
+
+
+def test_arrays_in_column_order_cross() -> None:
+    site = terrain()
+    frame = site.keyframe
+    turned = TerrainMap(
+        Keyframe(4, 77, frame.grid, np.asfortranarray(frame.elevation)),
+        np.asfortranarray(site.loose_depth),
+        np.asfortranarray(site.volume_mm3),
+    )
+    assert same(crossed(turned), site)
+
+
+def test_heights_cross_to_float32_precision() -> None:
+    site = terrain()
+    site.keyframe.elevation[:] += 1 / 3
+    back = crossed(site).keyframe.elevation
+    assert np.array_equal(back, site.keyframe.elevation.astype(np.float32))
+
+
+def test_numbers_of_a_long_run_cross() -> None:
+    site = terrain()
+    frame = Keyframe(2**32 - 1, 2**32 - 2, site.keyframe.grid, site.keyframe.elevation)
+    back = crossed(TerrainMap(frame, site.loose_depth, site.volume_mm3)).keyframe
+    assert (back.epoch, back.revision) == (frame.epoch, frame.revision)
+
+
+def test_received_terrain_can_be_worked_on() -> None:
+    back = crossed(terrain())
+    back.keyframe.elevation[0, 0] = back.loose_depth[0, 0] = back.volume_mm3[0, 0] = 1
+
+
+@given(
+    st.integers(2, 9),
+    st.integers(2, 9),
+    st.integers(10_000, 999_999),
+    st.sampled_from([1e-6, 1e-5, 1e-4, 1e-3]),
+)
+def test_cell_size_of_six_digits_is_told_from_the_points(
+    rows: int, cols: int, digits: int, unit: float
+) -> None:
+    cell = float(f"{digits * unit:.6g}")
+    assert crossed(terrain(rows, cols, cell)).keyframe.grid == Grid(rows, cols, cell)
+
+
+def test_cell_size_of_a_large_map_is_told_from_the_points() -> None:
+    assert crossed(terrain(513, 257, 0.05)).keyframe.grid.cell == 0.05
+
+
+def test_cell_size_of_many_digits_is_taken_from_who_knows_it() -> None:
+    cell = 0.298_582_141_647_381_4
+    assert crossed(terrain(cell=cell), cell=cell).keyframe.grid.cell == cell
+    assert crossed(terrain(cell=cell)).keyframe.grid.cell == pytest.approx(cell, rel=1e-6)
+
+
+def test_wrong_cell_size_is_refused() -> None:
+    with pytest.raises(CodecError, match=r"not those of 3 x 5 cells of 0\.25 m"):
+        crossed(terrain(), cell=0.25)
+
+
+def test_cloud_has_a_point_for_each_column_where_it_stands() -> None:
+    site = terrain()
+    grid = site.keyframe.grid
+    msg = to_terrain_cloud(site, "map", STAMP)
+    assert (msg.height, msg.width) == (grid.rows, grid.cols)
+    points = from_point_cloud(msg, TERRAIN_CELL).reshape(msg.height, msg.width)
+    for row, col in ((0, 0), (0, 4), (2, 0), (2, 4), (1, 3)):
+        point = points[row, col]
+        assert point["x"] == np.float32(grid.x(row))
+        assert point["y"] == np.float32(grid.y(col))
+        assert point["z"] == site.keyframe.elevation[row, col]
+        assert point["volume_mm3"] == site.volume_mm3[row, col]
+    assert points["x"][0, 0] > points["x"][1, 0]
+    assert points["y"][0, 0] > points["y"][0, 1]
+
+
+def test_fields_shared_with_changed_rows_are_the_same() -> None:
+    shared = [name for name in TERRAIN_CELL.names or () if name in (CHANGED.names or ())]
+    assert shared == ["x", "y", "z", "loose_depth", "volume_mm3", "revision"]
+    assert all(TERRAIN_CELL[name] == CHANGED[name] for name in shared)
+
+
+def test_a_point_has_32_bytes() -> None:
+    assert to_terrain_cloud(terrain(), "map", STAMP).point_step == 32
+
+
+def test_image_has_the_matrix_order_of_the_elevation() -> None:
+    frame = terrain().keyframe
+    msg = to_elevation_image(frame, "map", STAMP)
+    assert (msg.height, msg.width, msg.encoding, msg.step) == (3, 5, "32FC1", 20)
+    assert np.array_equal(np.frombuffer(msg.data, "<f4").reshape(3, 5), frame.elevation)
+
+
+def test_info_gives_the_corner_at_minus_x_minus_y_of_the_outer_cell() -> None:
+    grid = Grid(3, 5, 0.2)
+    info = to_map_info(grid, STAMP)
+    assert info.origin.position.x == pytest.approx(grid.x(2) - 0.1)
+    assert info.origin.position.y == pytest.approx(grid.y(4) - 0.1)
+    assert info.origin.orientation.w == 1.0
+
+
+def test_info_counts_width_along_x_and_height_along_y() -> None:
+    info = to_map_info(Grid(3, 5, 0.2), STAMP)
+    assert (info.width, info.height) == (3, 5)
+    assert info.resolution == pytest.approx(0.2)
+
+
+def other_shape(site: TerrainMap) -> TerrainMap:
+    return TerrainMap(site.keyframe, site.loose_depth.T, site.volume_mm3)
+
+
+def other_volume(volume: int) -> Callable[[TerrainMap], TerrainMap]:
+    def spoil(site: TerrainMap) -> TerrainMap:
+        site.volume_mm3[1, 1] = volume
+        return site
+
+    return spoil
+
+
+def other_numbers(epoch: int, revision: int) -> Callable[[TerrainMap], TerrainMap]:
+    def spoil(site: TerrainMap) -> TerrainMap:
+        frame = Keyframe(epoch, revision, site.keyframe.grid, site.keyframe.elevation)
+        return TerrainMap(frame, site.loose_depth, site.volume_mm3)
+
+    return spoil
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (other_shape, r"loose_depth has shape \(5, 3\)"),
+        (other_volume(-1), "columns hold -1 to"),
+        (other_volume(2**53), "carries 0 to"),
+        (other_numbers(1, 2**32), "revision 4294967296 does not fit"),
+        (other_numbers(-1, 1), "epoch -1 does not fit"),
+    ],
+)
+def test_terrain_that_no_cloud_can_hold_is_not_sent(
+    spoil: Callable[[TerrainMap], TerrainMap], sentence: str
+) -> None:
+    with pytest.raises(CodecError, match=sentence):
+        to_terrain_cloud(spoil(terrain()), "map", STAMP)
+
+
+def setting(name: str, value: float, where: tuple[int, int]) -> Callable[[Rows], Rows]:
+    def spoil(cells: Rows) -> Rows:
+        cells[name][where] = value
+        return cells
+
+    return spoil
+
+
+def turned(cells: Rows) -> Rows:
+    return cells[::-1, ::-1]
+
+
+def transposed(cells: Rows) -> Rows:
+    return cells.T
+
+
+def one_row(cells: Rows) -> Rows:
+    return cells[:1]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (setting("z", np.nan, (1, 2)), "column 1, 2 has no proper elevation; 1 are like it"),
+        (setting("z", np.inf, (0, 0)), "column 0, 0 has no proper elevation"),
+        (setting("loose_depth", np.nan, (2, 4)), "column 2, 4 has no proper loose_depth"),
+        (setting("loose_depth", -0.1, (1, 1)), "no proper loose_depth"),
+        (setting("volume_mm3", 0.5, (1, 1)), "no proper volume"),
+        (setting("volume_mm3", -1.0, (1, 1)), "no proper volume"),
+        (setting("volume_mm3", np.nan, (1, 1)), "no proper volume"),
+        (setting("volume_mm3", np.inf, (1, 1)), "no proper volume"),
+        (setting("volume_mm3", 2.0**53, (1, 1)), "no proper volume"),
+        (setting("revision", 78, (2, 2)), "revision is not the same"),
+        (setting("epoch", 5, (0, 1)), "epoch is not the same"),
+        (setting("x", 0.1, (1, 2)), "x and y are not those of 3 x 5 cells"),
+        (setting("x", np.nan, (0, 0)), "x and y are not those of 3 x 5 cells"),
+        (setting("y", 9.0, (2, 4)), "x and y are not those of 3 x 5 cells"),
+        (turned, "from \\+x, \\+y on"),
+        (transposed, "x and y are not those of 5 x 3 cells"),
+        (one_row, "at least 2 x 2 columns, not 1 x 5"),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_cloud_that_is_no_terrain_is_refused(spoil: Callable[[Rows], Rows], sentence: str) -> None:
+    msg = to_terrain_cloud(terrain(), "map", STAMP)
+    cells = from_point_cloud(msg, TERRAIN_CELL).reshape(3, 5).copy()
+    cells = spoil(cells)
+    spoiled = to_point_cloud(cells.reshape(-1), "map", STAMP, height=cells.shape[0])
+    with pytest.raises(CodecError, match=sentence):
+        from_terrain_cloud(spoiled)
+
+
+def test_rows_are_no_terrain() -> None:
+    with pytest.raises(CodecError, match="lacks epoch"):
+        from_terrain_cloud(to_point_cloud(np.zeros(4, dtype=CHANGED), "map", STAMP, height=2))
