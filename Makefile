@@ -99,7 +99,7 @@ test: setup ## lint, format, types and all fast tests (ARGS="-k name" narrows py
 	stage "Tests" $(BIN)/python -m pytest $(ARGS); \
 	if [ -n "$$failed" ]; then echo "make test: failed:$$failed" >&2; exit 1; fi
 
-test-slow: setup ## the tests that take long: builds, whole runs, killed processes
+test-slow: setup ## the tests that take long: a colcon build, the whole demo
 	@echo "==> Slow tests"
 	@$(BIN)/python -m pytest -m slow $(ARGS)
 

@@ -24,7 +24,7 @@ def config_data_files() -> list[tuple[str, list[str]]]:
 setup(
     name=NAME,
     version="0.1.0",
-    description="ROS 2 nodes that simulate construction machines moving soil",
+    description="A simulator of construction machines moving soil, for ROS 2",
     license="Apache-2.0",
     python_requires=">=3.10",
     packages=find_packages(

@@ -7,6 +7,8 @@ dumps them on a spoil heap. Ends with a summary and pictures; exits with 1 if so
 import argparse
 from pathlib import Path
 
+from msg_bridge.contract.errors import EarthmovingError
+
 __all__ = ["SUMMARY", "add_arguments", "run"]
 
 SUMMARY = "an excavator digs, carries and dumps on real ground; draws what it did"
@@ -26,7 +28,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="dig there instead: .npy, .npz, 16-bit .png, .asc or .tif; the middle of the map"
         " should be fairly level",
     )
-    parser.add_argument("--cell", type=float, help="spacing of the terrain's points [m]")
+    parser.add_argument(
+        "--cell", type=float, help="spacing of the terrain's points [m], where its file has none"
+    )
+    parser.add_argument(
+        "--height-range",
+        type=float,
+        nargs=2,
+        metavar=("LOW", "HIGH"),
+        help="heights [m] of black and white in a .png",
+    )
     parser.add_argument(
         "--out", type=Path, default=Path("out/demo"), help="folder for pictures (out/demo)"
     )
@@ -40,9 +51,16 @@ def run(args: argparse.Namespace) -> int:
     from earthmoving_sim.run_config import load_run_config
     from soil_sim.terrain import load_terrain
 
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise EarthmovingError(f"--out {args.out} cannot be made: {error}; name another") from error
     asked = {"cycles": args.cycles, "seed": args.seed}
     config = load_run_config(args.config, {k: v for k, v in asked.items() if v is not None})
-    site = load_terrain(args.terrain, cell=args.cell) if args.terrain else None
+    heights = tuple(args.height_range) if args.height_range else None
+    site = None
+    if args.terrain:
+        site = load_terrain(args.terrain, cell=args.cell, height_range=heights)
     print("Compiling kernels (some seconds the first time) and setting up the site ...", flush=True)
     dig = DigRun(config, site)
     try:

@@ -21,6 +21,7 @@ from machine_sim.operator import CycleReport, DigCycle, View
 from machine_sim.particles import warm_up
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.ledger import Ledger
+from soil_sim.errors import TerrainError
 from soil_sim.soil import Soil
 from soil_sim.terrain import HeightMap
 
@@ -102,6 +103,7 @@ class DigRun:
         self.config = config
         self.site = site or jacksboro_site()
         self._dt = config.stepping.tick
+        _refuse_landslide(self.site, config)
         soil = Soil(self.site.grid, self.site.heights, config.soil)
         self.machine = MachineSim(
             config.machine,
@@ -110,7 +112,7 @@ class DigRun:
             params=config.stepping,
             particle_params=config.particles,
             swell=config.soil.swell,
-            position=(-4.0 - config.run.approach, 0.0),
+            position=(config.run.start_x - config.run.approach, config.run.start_y),
             seed=config.run.seed,
         )
         warm_up()
@@ -196,21 +198,17 @@ class DigRun:
     def _view(self) -> View:
         machine = self.machine.machine
         position, quaternion = machine.base_pose
+        payload = self.machine.payload
         return View(
             time=self.world.tick * self._dt,
             joints=machine.joint_positions,
             base_position=position,
             base_rotation=rotation_matrix(quaternion),
-            fill=self.machine.payload.fill,
+            fill=payload.fill,
+            bank=payload.bank,
             grid=self.machine.ground.grid,
             elevation=self.machine.ground.elevation,
         )
-
-    def _moved(self) -> float:
-        """Bank volume of what was dumped [m^3]."""
-        capacity = self.machine.machine.description.bucket.heaped_capacity
-        loose = sum(c.delivered - c.left for c in self.operator.reports) * capacity
-        return loose / (1.0 + self.world.soil.params.swell)
 
     def _say(self, began: float) -> None:
         simulated = self.world.tick * self._dt
@@ -248,7 +246,7 @@ class DigRun:
             cycles=list(self.operator.reports),
             ledger=self.world.ledger,
             worst_imbalance=self._worst,
-            moved=self._moved(),
+            moved=sum(cycle.moved for cycle in self.operator.reports),
             simulated=self.world.tick * self._dt,
             wall=wall,
             most_particles=self._most,
@@ -261,4 +259,30 @@ class DigRun:
             machine_faces=machine_faces(*pose, self.machine.machine.tracks.shoe_poses),
             machine_outline=machine_outline(*pose),
             machine_position=(float(view.base_position[0]), float(view.base_position[1])),
+        )
+
+
+def _refuse_landslide(site: HeightMap, config: RunConfig) -> None:
+    """Refuse ground that would come down as soon as it is touched.
+
+    Raises:
+        TerrainError: it is steeper within reach than the soil can stand.
+    """
+    grid = site.grid
+    reach = config.operator.far + 4.0
+    x, y = grid.x(np.arange(grid.rows)), grid.y(np.arange(grid.cols))
+    rows = np.flatnonzero(np.abs(x - config.run.start_x) <= reach)
+    cols = np.flatnonzero(np.abs(y - config.run.start_y) <= reach)
+    if rows.size < 2 or cols.size < 2:
+        raise TerrainError(
+            f"the machine is to dig at ({config.run.start_x}, {config.run.start_y}) m, off the map;"
+            " set start_x and start_y in the section run"
+        )
+    near = site.cropped(int(rows[0]), int(cols[0]), rows.size, cols.size)
+    steepest = math.degrees(near.steepest_slope)
+    if steepest > config.soil.repose_angle:
+        raise TerrainError(
+            f"the ground within reach has slopes of {steepest:.0f} deg, and the soil stands at"
+            f" {config.soil.repose_angle:g} deg: give gentler ground, or raise repose_angle in the"
+            " section soil"
         )

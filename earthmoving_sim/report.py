@@ -30,6 +30,8 @@ def print_summary(outcome: Outcome) -> None:
         f" pending {ledger.pending}, particles {ledger.particles}, absent {ledger.absent},"
         f" outside {ledger.outside} mm3"
     )
+    if outcome.tunnelled:
+        print("  WARNING   particles went through the bucket or the ground")
     print(f"  imbalance {outcome.worst_imbalance} mm3 at worst, in any tick")
     print(f"  state     {outcome.state_hash}")
     if outcome.given_up:

@@ -27,6 +27,8 @@ class RunParams(Parameters):
 
     cycles: int = parameter(5, "bucketfuls to move", low=1, high=1000)
     seed: int = parameter(0, "of the scatter of released soil", low=0, high=2**31)
+    start_x: float = parameter(-4.0, "where it digs from, map x", unit="m", low=-1e4, high=1e4)
+    start_y: float = parameter(0.0, "where it digs from, map y", unit="m", low=-1e4, high=1e4)
     approach: float = parameter(2.0, "way driven before digging", unit="m", low=0.0, high=20.0)
     dump_angle: float = parameter(
         90.0, "from the dig to the dump, to the left", unit="deg", low=-180.0, high=180.0

@@ -11,6 +11,7 @@ import logging
 from collections.abc import Mapping
 
 from machine_sim.core import MachineSim
+from msg_bridge.contract.errors import ExchangeError, ParameterError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.rows import CHANGED, CONVERSION, FORCE, empty_rows
 from msg_bridge.exchange.direct import DirectTransport
@@ -38,7 +39,16 @@ class World:
         Args:
             soil: the terrain the machines were set on.
             machines: by source number, from 1.
+
+        Raises:
+            ParameterError: a machine's particles swell otherwise than the soil.
         """
+        for source, machine in machines.items():
+            if machine.particles.swell != soil.params.swell:
+                raise ParameterError(
+                    f"machine {source} has swell {machine.particles.swell}, the soil"
+                    f" {soil.params.swell}; give MachineSim the soil's"
+                )
         self.soil = soil
         self.machines = dict(machines)
         self.answers: dict[int, TickAnswer] = {}
@@ -81,7 +91,8 @@ class World:
             )
         self._transport.carry()
         tick = self._soil_end.poll()
-        assert tick is not None, "the direct transport loses nothing"
+        if tick is None:
+            raise ExchangeError("the direct transport lost a machine's tick")
         step = self.soil.step(tick.tick, tick.sweeps, tick.landed)
         for reason in step.refused:
             _log.warning("tick %d: %s", tick.tick, reason)
@@ -95,7 +106,8 @@ class World:
         self._transport.carry()
         for source, machine in self.machines.items():
             answer = self._machine_ends[source].poll()
-            assert answer is not None, "the direct transport loses nothing"
+            if answer is None:
+                raise ExchangeError("the direct transport lost the soil's answer")
             self.answers[source] = answer
             machine.apply(answer.conversions, answer.changed)
         return self.ledger

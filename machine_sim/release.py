@@ -2,7 +2,8 @@
 
 The pending account. A conversion row is a parcel at the place its soil stood; parcels of one
 column gather until they make a particle of the nominal volume, which then appears at the place of
-the newest of them, inside the tool. What is too little for a particle goes on with the next one.
+the newest of them, inside the tool. What is too little for a particle goes on with the next one;
+the last of it, less than a quarter of a particle, stays pending until the tool digs again.
 """
 
 from __future__ import annotations
@@ -125,10 +126,3 @@ class PendingSoil:
             np.array(soils, dtype=np.uint8),
             np.zeros(len(soils), dtype=np.uint8),
         )
-
-    def drain(self) -> int:
-        """Give up everything that waits, for a last particle; returns its volume [mm^3]."""
-        total = self.total_mm3
-        self._parcels.clear()
-        self._remainder = 0
-        return total

@@ -79,7 +79,7 @@ def draw_bucket_path(record: SiteRecord, path: Path) -> Path:
     draw_heights(over, record)
     titles = (
         (plan, "Path of the lip over the ground as it ended"),
-        (side, "Digging, from the side"),
+        (side, "Digging, from the side; the ground is along the dashed line"),
         (over, "Height of the lip along its path"),
     )
     for axes, name in titles:

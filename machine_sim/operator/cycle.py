@@ -45,6 +45,7 @@ class CycleReport:
         delivered: fill when it stood over the dump.
         left: fill after dumping.
         duration: [s].
+        moved: bank volume dumped [m^3].
     """
 
     number: int
@@ -54,6 +55,7 @@ class CycleReport:
     delivered: float
     left: float
     duration: float
+    moved: float = 0.0
 
 
 class DigCycle:
@@ -93,7 +95,7 @@ class DigCycle:
         self._plan = DigPlan.nothing()
         self._azimuth = dig_at
         self._passes = 0
-        self._planned = self._carried = self._delivered = 0.0
+        self._planned = self._carried = self._delivered = self._bank = 0.0
         self._began: float | None = None
         self._waited = 0.0
 
@@ -144,7 +146,7 @@ class DigCycle:
             if self.phase == "lift":
                 self._carried = view.fill
             elif self.phase == "swing":
-                self._delivered = view.fill
+                self._delivered, self._bank = view.fill, view.bank
                 self._waited = 0.0
             self.phase = _NEXT[self.phase]
         self._motion = None
@@ -163,6 +165,7 @@ class DigCycle:
                 self._delivered,
                 view.fill,
                 view.time - self._began,
+                self._bank - view.bank,
             )
         )
         # A bucket that came short, or with so much that it spilled, teaches.

@@ -23,6 +23,7 @@ class View:
         base_position: of base_link (3,) [m], map frame.
         base_rotation: base_link to map (3, 3).
         fill: soil in the bucket, in parts of its heaped capacity.
+        bank: the same as bank volume [m^3].
         grid, elevation: the terrain as published [m], shape (rows, cols).
     """
 
@@ -33,6 +34,7 @@ class View:
     fill: float
     grid: Grid
     elevation: NDArray[np.float64]
+    bank: float = 0.0
 
     @property
     def yaw(self) -> float:

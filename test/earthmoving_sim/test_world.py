@@ -8,6 +8,7 @@ from support.machine_scenes import excavator, level_soil
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
 from machine_sim.machine.kinematics import arm_angles
+from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.rows import Kind
 
@@ -133,3 +134,10 @@ def test_a_tool_that_cannot_be_believed_is_said_loudly_and_moves_nothing(
     world.close()
     assert {ledger.terrain for ledger in ledgers} == {ledgers[0].start}
     assert "source 1, tool 0 swept nothing" in caplog.text
+
+
+def test_machine_and_soil_must_agree_on_swell() -> None:
+    machine = ready(swell=0.2)
+    with pytest.raises(ParameterError, match=r"swell 0\.2, the soil 0\.0"):
+        World(level_soil(), {1: machine})
+    machine.close()

@@ -97,13 +97,6 @@ def test_no_volume_is_lost_between_parcels_and_particles(ticks: list[list[int]])
         assert soil.total_mm3 + particles.total_volume_mm3 == total
 
 
-def test_draining_gives_up_all_of_it() -> None:
-    soil = pending()
-    soil.receive(parcels(7, 11), POSE, 0)
-    assert soil.drain() == 18
-    assert soil.total_mm3 == 0
-
-
 def test_particles_of_one_place_are_scattered() -> None:
     soil, particles = pending(), engine()
     soil.receive(parcels(8 * NOMINAL), POSE, 0)
