@@ -23,9 +23,9 @@ class ParticleParams(Parameters):
         1800.0, "Density of undisturbed soil.", unit="kg/m^3", low=100.0, high=10_000.0
     )
     packing: float = parameter(
-        0.55,
-        "Sphere volume over the bulk volume a heap of them takes; friction 0.3, 0.4, 0.5 pours"
-        " to 0.58, 0.55, 0.525.",
+        0.58,
+        "Sphere volume over the bulk volume a heap of them takes; friction 0.4, 0.5 pours to"
+        " 0.58, 0.565.",
         low=0.3,
         high=0.74,
     )

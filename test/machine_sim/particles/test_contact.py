@@ -51,10 +51,14 @@ def _on_slope(world, angle):
 @pytest.mark.parametrize("restitution", [0.3, 0.5])
 def test_a_head_on_collision_keeps_the_restitution(restitution):
     world = engine(gravity=0.0, restitution=restitution)
-    world.add([[-0.1, 0, 3], [0.1, 0, 3]], [[0.5, 0, 0], [-0.5, 0, 0]], LITRE, grow=False)
+    # A collision lasts 7 substeps: where in a substep it begins matters a little, so average.
+    for k in range(8):
+        x, y = 0.1 + k * 0.5 * STEP / 5 / 8, 0.5 * k
+        velocity = [[0.5, 0, 0], [-0.5, 0, 0]]
+        world.add([[-x, y, 3], [x, y, 3]], velocity, LITRE, grow=False)
     run(world, 0.3)
-    apart = world.store.velocity[1, 0] - world.store.velocity[0, 0]
-    assert apart == pytest.approx(restitution * 1.0, abs=0.04)
+    velocity = world.store.velocity[np.argsort(world.store.particle_id), 0]
+    assert np.mean(velocity[1::2] - velocity[::2]) == pytest.approx(restitution, abs=0.04)
 
 
 def test_an_oblique_collision_of_unequal_particles_keeps_momentum():

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from support.particle_scenes import LITRE, STEP, cloud, engine, run
+from support.particle_scenes import LITRE, STEP, box, cloud, engine, pose, run
 
 
 @pytest.fixture(scope="module")
@@ -111,3 +111,20 @@ def test_reordering_rows_keeps_the_contacts():
         world.step(STEP)
     a, b = (w.store.velocity[np.argsort(w.store.particle_id)] for w in worlds)
     np.testing.assert_allclose(a, b, atol=2e-4)
+
+
+@pytest.mark.parametrize(("friction", "packing"), [(0.4, 0.58), (0.5, 0.565)])
+def test_poured_soil_takes_the_room_its_packing_says(friction, packing):
+    world = engine(friction=friction, packing=packing, tool_friction=0.4)
+    world.add_tool(0, box(1.2, 1.2, 4.0), pose())
+    points = cloud(2500, 0.12, (1.0, 1.0), 0.06)
+    world.add(points, np.zeros_like(points), LITRE // 2, grow=False)
+    run(world, 4.0)
+    center, radius = world.store.position, float(world.store.radius[0])
+    top = np.sort(center[:, 2])[-60]
+    probe = np.random.default_rng(0).uniform([-0.4, -0.4, 0.2], [0.4, 0.4, top - 0.2], (4000, 3))
+    filled = sum(
+        int((((part[:, None] - center) ** 2).sum(axis=2).min(axis=1) < radius**2).sum())
+        for part in np.split(probe, 8)
+    )
+    assert filled / len(probe) == pytest.approx(packing, rel=0.05)
