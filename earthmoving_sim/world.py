@@ -11,12 +11,12 @@ import logging
 from collections.abc import Mapping
 
 from machine_sim.core import MachineSim
+from machine_sim.side import MachineSide
 from msg_bridge.contract.errors import ExchangeError, ParameterError
 from msg_bridge.contract.ledger import Ledger
-from msg_bridge.contract.rows import CHANGED, CONVERSION, FORCE, empty_rows
 from msg_bridge.exchange.direct import DirectTransport
 from msg_bridge.exchange.machine_side import MachineExchange, TickAnswer
-from msg_bridge.exchange.soil_side import SoilExchange
+from soil_sim.side import SoilSide
 from soil_sim.soil import Soil
 
 __all__ = ["World"]
@@ -52,28 +52,20 @@ class World:
         self.soil = soil
         self.machines = dict(machines)
         self.answers: dict[int, TickAnswer] = {}
-        self._soil_end = SoilExchange(
-            soil.grid, lambda: soil.columns.height, expected=self.machines
-        )
-        self._machine_ends = {source: MachineExchange(source) for source in self.machines}
-        self._transport = DirectTransport(self._soil_end, list(self._machine_ends.values()))
-        for end in self._machine_ends.values():
-            end.join()
-        self._transport.carry()
-        self._soil_end.poll()
-        self.ledger: Ledger = self._soil_end.answer(
-            empty_rows(CONVERSION),
-            empty_rows(FORCE),
-            empty_rows(CHANGED),
-            revision=soil.revision,
-            terrain_mm3=soil.total_mm3,
-        )
-        self._transport.carry()
+        self._soil_side = SoilSide(soil, expected=self.machines)
+        self._machine_sides = {
+            source: MachineSide(machine, MachineExchange(source))
+            for source, machine in self.machines.items()
+        }
+        self._transport = DirectTransport(self._soil_side, list(self._machine_sides.values()))
+        for side in self._machine_sides.values():
+            side.join()
+        self.ledger = self._soil_tick()
 
     @property
     def tick(self) -> int:
         """Number of the last tick done; 0 before the first."""
-        return self._soil_end.tick
+        return self._soil_side.tick
 
     def step(self) -> Ledger:
         """Advance all machines and the soil by one tick.
@@ -81,36 +73,25 @@ class World:
         Returns:
             The ledger of the tick.
         """
-        for source, machine in self.machines.items():
-            moved = machine.step()
-            self._machine_ends[source].send(
-                moved.sweeps,
-                moved.landed,
-                pending_mm3=moved.pending_mm3,
-                particles_mm3=moved.particles_mm3,
-            )
-        self._transport.carry()
-        tick = self._soil_end.poll()
-        if tick is None:
-            raise ExchangeError("the direct transport lost a machine's tick")
-        step = self.soil.step(tick.tick, tick.sweeps, tick.landed)
-        for reason in step.refused:
-            _log.warning("tick %d: %s", tick.tick, reason)
-        self.ledger = self._soil_end.answer(
-            step.conversions,
-            step.forces,
-            step.changed,
-            revision=self.soil.revision,
-            terrain_mm3=self.soil.total_mm3,
-        )
-        self._transport.carry()
-        for source, machine in self.machines.items():
-            answer = self._machine_ends[source].poll()
+        for side in self._machine_sides.values():
+            side.step()
+        self.ledger = self._soil_tick()
+        for source, side in self._machine_sides.items():
+            answer = side.poll()
             if answer is None:
                 raise ExchangeError("the direct transport lost the soil's answer")
             self.answers[source] = answer
-            machine.apply(answer.conversions, answer.changed)
         return self.ledger
+
+    def _soil_tick(self) -> Ledger:
+        self._transport.carry()
+        done = self._soil_side.advance()
+        if done is None:
+            raise ExchangeError("the direct transport lost a machine's tick")
+        for reason in done.step.refused:
+            _log.warning("tick %d: %s", done.ledger.tick, reason)
+        self._transport.carry()
+        return done.ledger
 
     def state_hash(self) -> str:
         """SHA-256 [hex] of the terrain."""

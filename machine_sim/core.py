@@ -23,7 +23,7 @@ from machine_sim.payload import Payload, payload_in
 from machine_sim.release import PendingSoil
 from machine_sim.sweep import sweep_rows
 from msg_bridge.contract.grid import Grid
-from msg_bridge.contract.rows import LANDED, Kind, Rows, empty_rows
+from msg_bridge.contract.rows import CHANGED, LANDED, Kind, Rows, empty_rows
 
 __all__ = ["MachineSim", "MachineStep"]
 
@@ -118,6 +118,20 @@ class MachineSim:
         gone = (kind == Kind.DEPOSIT) | (kind == Kind.OUTSIDE)
         self.particles.remove(conversions["particle_id"][gone])
         self.particles.unfreeze(conversions["particle_id"][kind == Kind.REFUSE])
+
+    def enter(self, elevation: NDArray[np.floating], owed: Rows) -> None:
+        """Take part from here on: the terrain as it is now, and what was answered while away.
+
+        Args:
+            elevation: the surface [m], shape (rows, cols).
+            owed: CONVERSION rows of this source.
+        """
+        self.ground.replace(elevation)
+        nothing = empty_rows(CHANGED)
+        self.apply(owed, nothing)
+        # What the soil has not answered by now it has not taken: it is offered again.
+        store = self.particles.store
+        self.particles.unfreeze(store.particle_id[store.frozen])
 
     def command(self, joints: NDArray[np.float64], tracks: NDArray[np.float64]) -> None:
         """Set joint velocities [rad/s] (swing, boom, arm, bucket) and track speeds [m/s].

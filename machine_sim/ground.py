@@ -37,12 +37,8 @@ class Ground:
     """
 
     def __init__(self, grid: Grid, elevation: NDArray[np.floating]) -> None:
-        if elevation.shape != grid.shape or not np.isfinite(elevation).all():
-            raise GroundError(
-                f"terrain heights must be finite and of shape {grid.shape}, got {elevation.shape}"
-            )
         self.grid = grid
-        self.elevation: NDArray[np.float64] = np.array(elevation, dtype=np.float64)
+        self.elevation = self._heights(elevation)
         self.surface: NDArray[np.float64] = self.elevation.copy()
         self._rising: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
 
@@ -50,6 +46,12 @@ class Ground:
     def frame(self) -> tuple[float, float, float]:
         """(x of row 0, y of column 0, 1/cell): what the kernels need to find a column."""
         return (self.grid.x_first, self.grid.y_first, 1.0 / self.grid.cell)
+
+    def replace(self, elevation: NDArray[np.floating]) -> None:
+        """Take over the whole terrain [m], shape (rows, cols); rises show bit by bit as ever."""
+        self.elevation[:] = self._heights(elevation)
+        np.minimum(self.surface, self.elevation, out=self.surface)
+        self._rising = np.flatnonzero(self.surface < self.elevation)
 
     def update(
         self,
@@ -76,6 +78,18 @@ class Ground:
         cells = self._rising
         surface[cells] = np.minimum(surface[cells] + RISE_SPEED * dt, elevation[cells])
         self._rising = cells[surface[cells] < elevation[cells]]
+
+    def _heights(self, elevation: NDArray[np.floating]) -> NDArray[np.float64]:
+        """A copy of terrain heights as all machines feel them, near the soil or far from it.
+
+        Messages carry float32: in the soil's own process a machine must not stand on other bits.
+        """
+        if elevation.shape != self.grid.shape or not np.isfinite(elevation).all():
+            raise GroundError(
+                f"terrain heights must be finite and of shape {self.grid.shape}, got"
+                f" {elevation.shape}"
+            )
+        return np.asarray(elevation, dtype=np.float32).astype(np.float64)
 
     def height(self, x: float, y: float) -> float:
         """Contact surface [m] at a point of the map frame; the outer column goes on beyond."""

@@ -129,6 +129,8 @@ class SourceReceipt:
         landed_received: last landed row received.
         landed_durable: last landed row the machine may forget.
         owed: conversion rows it is owed from before its return.
+        tick: the last of its ticks that was taken; older than the header's own where the soil went
+            on without it.
     """
 
     source: int
@@ -136,6 +138,7 @@ class SourceReceipt:
     landed_received: int
     landed_durable: int
     owed: int = 0
+    tick: int = 0
 
 
 @dataclass(frozen=True)

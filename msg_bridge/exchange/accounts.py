@@ -60,6 +60,11 @@ class _Account:
         return signed_volume(self._rows)
 
     @property
+    def left_behind(self) -> int:
+        """All that lives of it that are over held, rows never acknowledged included."""
+        return self.abandoned + self.held + self.in_flight
+
+    @property
     def owed(self) -> Rows:
         """The rows it has not acknowledged, in order."""
         return self._rows
@@ -87,12 +92,19 @@ class _Account:
         self.pending = self.particles = 0
         self._numbers, self._rows = self._numbers[:0], self._rows[:0]
 
+    def release(self) -> int:
+        """Hand over all of it; nothing is left."""
+        self.abandon()
+        volume, self.abandoned = self.abandoned, 0
+        return volume
+
 
 class Accounts:
     """What was published, reported and left behind, by source."""
 
     def __init__(self) -> None:
         self._sources: dict[int, _Account] = {}
+        self._released: dict[int, int] = {}  # handed over, not answered yet
         self._outside = 0
         self._start: int | None = None
 
@@ -110,14 +122,29 @@ class Accounts:
         """CONVERSION rows a source has not acknowledged, in order."""
         return self._sources[source].owed
 
+    @property
+    def absent(self) -> tuple[int, ...]:
+        """Sources that take no part and have left soil behind, in order."""
+        return tuple(n for n, a in sorted(self._sources.items()) if not a.present and a.left_behind)
+
     def check(self, conversions: Rows) -> None:
         """Refuse rows of a source that takes no part: nobody would ever acknowledge them.
+
+        What was released needs no acknowledgement, but must be answered as a whole.
 
         Raises:
             ExchangeError: naming the source.
         """
-        for source in np.unique(conversions["source"]).tolist():
-            if source not in self._sources or not self._sources[source].present:
+        sources = np.unique(conversions["source"]).tolist()
+        for source in {*sources, *self._released}:
+            rows = conversions[conversions["source"] == source]
+            if source in self._released:
+                if -signed_volume(rows) != self._released[source]:
+                    raise ExchangeError(
+                        f"{self._released[source]} mm^3 of machine {source} were released, but"
+                        f" conversion rows put {-signed_volume(rows)} mm^3 down"
+                    )
+            elif source not in self._sources or not self._sources[source].present:
                 raise ExchangeError(f"there are conversion rows for {source}, which has not joined")
 
     def book(self, span: RowRange, conversions: Rows) -> None:
@@ -126,8 +153,10 @@ class Accounts:
         self._outside += int(conversions["volume_mm3"][outside].astype(np.int64).sum())
         numbers = np.arange(span.first, span.first + span.count, dtype=np.int64)
         for source in np.unique(conversions["source"]).tolist():
-            own = conversions["source"] == source
-            self._sources[source].book(numbers[own], conversions[own])
+            if source not in self._released:
+                own = conversions["source"] == source
+                self._sources[source].book(numbers[own], conversions[own])
+        self._released.clear()
 
     def report(self, header: MachineHeader) -> None:
         """Take a source's totals as of the last conversion row it acknowledges."""
@@ -166,6 +195,14 @@ class Accounts:
         account.report(header.pending_mm3, header.particles_mm3, through)
         account.present = True
         account.floor = published  # older rows it needs are sent as owed
+
+    def release(self, source: int) -> int:
+        """What an absent source held [mm^3], to be put down by the next rows that are booked."""
+        account = self._sources.get(source)
+        volume = 0 if account is None or account.present else account.release()
+        if volume:
+            self._released[source] = volume
+        return volume
 
     def leave(self, source: int) -> None:
         """Keep what a leaving source last reported as absent, and the rows it is owed."""

@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
-from msg_bridge.exchange.machine_side import MachineExchange
-from msg_bridge.exchange.soil_side import SoilExchange
+from msg_bridge.contract.messages import Message
 
-__all__ = ["DirectTransport"]
+__all__ = ["DirectTransport", "End"]
+
+
+class End(Protocol):
+    """Anything that takes messages and has messages to give: an exchange, or a side around one."""
+
+    def receive(self, message: Message) -> None:
+        """Take one message."""
+
+    def take_outbox(self) -> list[Message]:
+        """Give all that are waiting."""
 
 
 class DirectTransport:
     """Carries every message at once, in order, none lost."""
 
-    def __init__(self, soil: SoilExchange, machines: Sequence[MachineExchange]) -> None:
+    def __init__(self, soil: End, machines: Sequence[End]) -> None:
         self._soil = soil
         self._machines = machines
 

@@ -4,10 +4,12 @@ Messages go in by `receive` and come out by `take_outbox`; `remind` is called by
 them when nothing has come for a while, and asks again for what is missing::
 
     OUT -- join --> JOINING -- welcome --> READY -- send --> WAITING -- answer --> READY ...
-                                             '-- send(leave) --> LEAVING -- any later header --> OUT
+                                             '-- send(leave) --> LEAVING -- let go --> OUT
 
 A machine that leaves takes nothing more: what the soil moved for it in its last tick is owed to
-it, and comes when it joins again.
+it, and comes when it joins again. A soil that does not wait (real time) may answer a tick late, in
+the header whose receipt says so, and drops a machine that has been silent for long: that one is
+OUT, and may join again with what it holds.
 """
 
 from __future__ import annotations
@@ -78,6 +80,7 @@ class MachineExchange:
         keyframe: the terrain it joined on.
         owed: CONVERSION rows from before its return, to be applied before the first tick is sent.
         refusal: why the soil refused the latest join, empty if it did not.
+        dropped: whether the soil went on without it for good.
     """
 
     def __init__(self, source: int, *, epoch: int = 1, life: int = 0) -> None:
@@ -98,10 +101,12 @@ class MachineExchange:
         self.keyframe: Keyframe | None = None
         self.owed: Rows = empty_rows(CONVERSION)
         self.refusal = ""
+        self.dropped = False
         self._outbox: list[Message] = []
         self._applied: int | None = None  # last conversion row applied; None before any welcome
         self._sent: MachineHeader | None = None
         self._header: SoilHeader | None = None  # the answer
+        self._spans: dict[Stream, RowRange] = {}  # rows since the answer before
         self._begin_life()
 
     @property
@@ -230,10 +235,10 @@ class MachineExchange:
             self.phase = Phase.OUT
             nothing = (empty_rows(CONVERSION), empty_rows(FORCE), empty_rows(CHANGED))
             return TickAnswer(header.tick, *nothing)
-        if self._gaps(header):
+        if self._gaps():
             return None
         rows = {}
-        for stream, span in header.spans.items():
+        for stream, span in self._spans.items():
             rows[stream] = self._incoming[stream].rows(span)
             self._incoming[stream].forget(span.last)
         assert self._sent is not None
@@ -267,7 +272,7 @@ class MachineExchange:
             self._outbox.append(self._sent)
             self._ask(Stream.HEADER, RowRange(self._sent.tick, 1))
         else:
-            for stream, span in self._gaps(self._header):
+            for stream, span in self._gaps():
                 self._ask(stream, span)
 
     def take_outbox(self) -> list[Message]:
@@ -287,6 +292,7 @@ class MachineExchange:
         self.keyframe = None
         self.owed = empty_rows(CONVERSION)
         self.refusal = ""
+        self.dropped = False
 
     def _receive_header(self, header: SoilHeader) -> None:
         assert self._sent is not None
@@ -298,13 +304,26 @@ class MachineExchange:
                     stream: Incoming(stream, span.last + 1) for stream, span in header.spans.items()
                 }
                 self._enter()
-        elif self.phase is Phase.WAITING:
-            if header.tick == self._sent.tick:
-                for stream, span in header.spans.items():
-                    check_span(span, self._incoming[stream])
-                self._header = header
-        elif self.phase is Phase.LEAVING and header.tick >= self._sent.tick:
+        elif self.phase in (Phase.READY, Phase.WAITING) and header.tick > self.tick:
+            if receipt is None:
+                self.phase = Phase.OUT
+                self.dropped = True
+            elif self.phase is Phase.WAITING and receipt.tick == self._sent.tick:
+                self._take_answer(header)
+        elif self.phase is Phase.LEAVING and header.tick >= self._sent.tick and receipt is None:
             self._header = header
+
+    def _take_answer(self, header: SoilHeader) -> None:
+        """Take a header that answers the tick sent, with the rows of those that did not."""
+        if self._header is not None and header.tick <= self._header.tick:
+            return
+        assert self._sent is not None
+        spans = {}
+        for stream, span in header.spans.items():
+            since = self._incoming[stream].expected
+            check_span(span, self._incoming[stream], skipping=header.tick > self._sent.tick)
+            spans[stream] = RowRange(since, span.last + 1 - since)
+        self._header, self._spans = header, spans
 
     def _enter(self) -> None:
         """Take part, once all that takes is here."""
@@ -327,10 +346,10 @@ class MachineExchange:
     def _is_me(self, source: int, life: int) -> bool:
         return source == self.source and life == self.life
 
-    def _gaps(self, header: SoilHeader) -> list[tuple[Stream, RowRange]]:
+    def _gaps(self) -> list[tuple[Stream, RowRange]]:
         return [
             (stream, gap)
-            for stream, span in header.spans.items()
+            for stream, span in self._spans.items()
             for gap in self._incoming[stream].missing(span)
         ]
 

@@ -5,12 +5,15 @@ is complete, works on its rows, and gives what it moved to `answer`, which numbe
 them and posts them to all machines::
 
     expected sources join -> answer 0 (welcome) -> poll: tick 1 complete -> answer 1 -> ...
+
+In lockstep a tick is complete with every machine's part. In real time the soil may go on without
+a late machine, whose part then counts in a later tick: its receipt tells it which.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +96,7 @@ class SoilExchange:
         self._lives: dict[int, int] = {}
         self._out = {s: Outgoing(s) for s in (Stream.CONVERSION, Stream.CHANGED, Stream.FORCE)}
         self._last: SoilHeader | None = None
+        self._taken: tuple[int, ...] = ()  # sources whose part is in the tick that was polled
         self._outbox: list[Message] = []
 
     @property
@@ -116,7 +120,7 @@ class SoilExchange:
         if isinstance(message, MachineHeader):
             if message.verb in (Verb.JOIN, Verb.RETURN):
                 self._receive_join(message)
-            elif message.tick == self.tick + 1:
+            elif message.tick <= self.tick + 1:
                 source = self._alive(message.source, message.life)
                 if source is not None:
                     source.take_header(message)
@@ -127,19 +131,25 @@ class SoilExchange:
         elif isinstance(message, Resend):
             self._resend(message)
 
-    def poll(self) -> TickInput | None:
+    def poll(self, *, wait: bool = True) -> TickInput | None:
         """The next tick, once every joined source's part of it is here.
 
         Tick 0, without rows, comes once all expected sources have asked to join.
+
+        Args:
+            wait: for late sources, and for a first one. If not, the tick has the parts that are
+                here; a late one counts in the tick that is polled once it has come.
         """
         if self.tick < 0:
             if not self._expected <= set(self._joining):
                 return None
             return TickInput(0, empty_rows(SWEEP), empty_rows(LANDED))
-        if self.late or not (self._sources or self._joining):
+        late = self.late
+        if wait and (late or not (self._sources or self._joining)):
             return None
+        self._taken = tuple(n for n in self.joined if n not in late)
         sweeps, landed = [empty_rows(SWEEP)], [empty_rows(LANDED)]
-        for number in self.joined:
+        for number in self._taken:
             source = self._sources[number]
             assert source.header is not None
             sweeps.append(source.sweeps.rows(source.header.sweeps))
@@ -174,28 +184,58 @@ class SoilExchange:
         }
         spans = {stream: span for stream, (_, span) in posted.items()}
         self.accounts.book(spans[Stream.CONVERSION], posted[Stream.CONVERSION][0])
-        for number in self.joined:
+        for number in self._taken:
             self._finish(self._sources[number])
-        admitted = self._admit(spans[Stream.CONVERSION].last)
-        self._last = SoilHeader(
+        header = SoilHeader(
             self.epoch,
             self.tick,
             revision,
             conversions=spans[Stream.CONVERSION],
             changed=spans[Stream.CHANGED],
             forces=spans[Stream.FORCE],
-            receipts=tuple(self._sources[n].receipt for n in self.joined),
+            receipts=(),
         )
+        admitted = self._admit(header)
+        for number in self._taken:
+            if number in self._sources:
+                self._sources[number].answered(header)
+        self._taken = ()
+        receipts = tuple(self._sources[n].receipt for n in self.joined)
+        self._last = replace(header, receipts=receipts)
         self._outbox.append(self._last)
         for stream, (rows, _) in posted.items():
             self._outbox.extend(chunked(self.epoch, stream, rows))
         self._welcome(admitted)
-        # This tick's rows are on their way; of older ones only unapplied conversions are needed.
-        self._out[Stream.CHANGED].forget(spans[Stream.CHANGED].first - 1)
-        self._out[Stream.FORCE].forget(spans[Stream.FORCE].first - 1)
-        self._out[Stream.CONVERSION].forget(self.accounts.acknowledged_by_all)
+        self._forget(header)
         self.ledger = self.accounts.ledger(self.tick, terrain_mm3)
         return self.ledger
+
+    def drop(self, source: int) -> None:
+        """Go on without a joined source that has fallen silent; what it holds is absent now.
+
+        It notices by the next header, and may come back with what it holds.
+
+        Raises:
+            ExchangeError: it takes no part.
+        """
+        if source not in self._sources:
+            raise ExchangeError(f"machine {source} takes no part; it cannot be dropped")
+        self.accounts.leave(source)
+        del self._sources[source]
+
+    def release(self, source: int) -> int:
+        """Take over what an absent source held [mm^3]; it cannot come back with it any more.
+
+        The next `answer` must have DEPOSIT or OUTSIDE rows of this source over all of it.
+
+        Raises:
+            ExchangeError: it takes part, or is waiting to come back.
+        """
+        if source in self._sources or source in self._joining:
+            raise ExchangeError(
+                f"machine {source} takes part; what it holds can be released once it has left"
+            )
+        return self.accounts.release(source)
 
     def remind(self) -> None:
         """Ask again for what has not come."""
@@ -243,9 +283,10 @@ class SoilExchange:
             self.accounts.leave(header.source)
             del self._sources[header.source]
 
-    def _admit(self, published: int) -> list[int]:
-        """Let waiting sources in, as of conversion row `published`; returns their numbers."""
+    def _admit(self, welcome: SoilHeader) -> list[int]:
+        """Let waiting sources in, as of the tick of `welcome`; returns their numbers."""
         admitted = []
+        published = welcome.conversions.last
         for number, header in sorted(self._joining.items()):
             try:
                 if header.verb is Verb.RETURN:
@@ -258,10 +299,18 @@ class SoilExchange:
                 self._outbox.append(refusal)
                 continue
             self.refused.pop(number, None)
-            self._sources[number] = Source(number, header.life, self.accounts.owed(number))
+            owed = self.accounts.owed(number)
+            self._sources[number] = Source(number, header.life, owed, welcome)
             admitted.append(number)
         self._joining.clear()
         return admitted
+
+    def _forget(self, answered: SoilHeader) -> None:
+        """Forget rows that every source has; conversions once they are applied."""
+        for stream in (Stream.CHANGED, Stream.FORCE):
+            has = [source.acknowledged[stream] for source in self._sources.values()]
+            self._out[stream].forget(min(has, default=answered.spans[stream].last))
+        self._out[Stream.CONVERSION].forget(self.accounts.acknowledged_by_all)
 
     def _welcome(self, numbers: list[int]) -> None:
         """Post the terrain, and the rows each is owed."""

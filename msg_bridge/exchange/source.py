@@ -7,6 +7,7 @@ from msg_bridge.contract.messages import (
     MachineHeader,
     RowChunk,
     RowRange,
+    SoilHeader,
     SourceReceipt,
     Stream,
 )
@@ -21,16 +22,22 @@ class Source:
 
     Attributes:
         source, life: whose.
+        taken: the last of its ticks that was taken.
         header: its word on the tick that is being gathered, once it has come.
+        acknowledged: the soil's rows that it certainly has, the last number by stream.
         sweeps, landed: its rows.
         owed: CONVERSION rows from before its return, numbered from 1.
         owed_count: how many.
     """
 
-    def __init__(self, source: int, life: int, owed: Rows) -> None:
+    def __init__(self, source: int, life: int, owed: Rows, welcome: SoilHeader) -> None:
+        """`welcome` is the first header that lists it."""
         self.source = source
         self.life = life
+        self.taken = welcome.tick
         self.header: MachineHeader | None = None
+        self._answer = welcome
+        self.acknowledged = _last_rows(welcome)
         self.sweeps = Incoming(Stream.SWEEP)
         self.landed = Incoming(Stream.LANDED)
         self.owed = Outgoing(Stream.OWED)
@@ -40,14 +47,18 @@ class Source:
     def receipt(self) -> SourceReceipt:
         """What has come from it; memory is all there is to be durable in without a journal."""
         received = self.landed.received
-        return SourceReceipt(self.source, self.life, received, received, self.owed_count)
+        return SourceReceipt(
+            self.source, self.life, received, received, self.owed_count, self.taken
+        )
 
     def take_header(self, header: MachineHeader) -> None:
-        """Take its word on the tick.
+        """Take its word on its next tick; one that was taken says nothing new.
 
         Raises:
             ExchangeError: it counts its rows wrongly.
         """
+        if header.tick <= self.taken:
+            return
         check_span(header.sweeps, self.sweeps)
         check_span(header.landed, self.landed)
         self.header = header
@@ -85,5 +96,15 @@ class Source:
         self.landed.forget(header.landed.last)
         self.owed = Outgoing(Stream.OWED)
         self.owed_count = 0
+        self.taken = header.tick
         self.header = None
         return header
+
+    def answered(self, header: SoilHeader) -> None:
+        """Note that `header` answers the tick just taken: sent after it had the answer before."""
+        self.acknowledged = _last_rows(self._answer)
+        self._answer = header
+
+
+def _last_rows(header: SoilHeader) -> dict[Stream, int]:
+    return {stream: span.last for stream, span in header.spans.items()}

@@ -27,13 +27,20 @@ _MODULUS = 2**32
 _ROOM = 256
 
 
-def check_span(span: RowRange, stream: Incoming) -> None:
+def check_span(span: RowRange, stream: Incoming, *, skipping: bool = False) -> None:
     """Refuse a header that counts rows no tick can have, or counts them from another start.
+
+    Args:
+        span: what the header counts.
+        stream: the rows that have come.
+        skipping: there were headers in between that count rows, too.
 
     Raises:
         ExchangeError: saying which.
     """
-    if not 0 <= span.count <= WINDOW or span.first != stream.expected:
+    ahead = span.first - stream.expected
+    right_start = 0 <= ahead <= WINDOW if skipping else ahead == 0
+    if not 0 <= span.count <= WINDOW or not right_start:
         raise ExchangeError(
             f"a header counts {span.count} {stream.stream.name} rows from {span.first}; rows go on"
             f" from {stream.expected}, at most {WINDOW} in a tick"

@@ -14,6 +14,7 @@ from msg_bridge.contract.rows import (
     CONVERSION,
     FORCE,
     LANDED,
+    MAX_ROW_VOLUME,
     SWEEP,
     Kind,
     Rows,
@@ -41,9 +42,10 @@ class BookSoil:
         self.sweeps_seen: list[tuple[int, int]] = []
         self.exchange = SoilExchange(GRID, lambda: np.zeros(GRID.shape), expected=expected)
         self.ledgers: list[Ledger] = []
+        self.releasing: list[int] = []
 
-    def step(self) -> bool:
-        tick = self.exchange.poll()
+    def step(self, *, wait: bool = True) -> bool:
+        tick = self.exchange.poll(wait=wait)
         if tick is None:
             return False
         conversions = self.move(tick)
@@ -69,9 +71,25 @@ class BookSoil:
         back["kind"] = self.rng.choice(
             [Kind.DEPOSIT, Kind.OUTSIDE, Kind.REFUSE], tick.landed.size, p=[0.8, 0.1, 0.1]
         )
-        onto = back["volume_mm3"][back["kind"] == Kind.DEPOSIT].astype(np.int64).sum()
-        self.terrain += int(onto) - int(dug["volume_mm3"].astype(np.int64).sum())
-        return np.concatenate([dug, back])
+        released = self.put_down(self.releasing)
+        self.releasing = []
+        for rows in (back, released):
+            onto = rows["volume_mm3"][rows["kind"] == Kind.DEPOSIT].astype(np.int64).sum()
+            self.terrain += int(onto)
+        self.terrain -= int(dug["volume_mm3"].astype(np.int64).sum())
+        return np.concatenate([dug, back, released])
+
+    def put_down(self, sources: list[int]) -> Rows:
+        """Rows that make terrain of all that absent sources held."""
+        parts = [empty_rows(CONVERSION)]
+        for source in sources:
+            volume = self.exchange.release(source)
+            rows = empty_rows(CONVERSION, -(-volume // MAX_ROW_VOLUME))
+            rows["source"], rows["kind"] = source, Kind.DEPOSIT
+            rows["volume_mm3"] = MAX_ROW_VOLUME
+            rows["volume_mm3"][-1:] -= np.uint32(rows.size * MAX_ROW_VOLUME - volume)
+            parts.append(rows)
+        return np.concatenate(parts)
 
 
 class BookMachine:
@@ -108,6 +126,7 @@ class BookMachine:
             return False
         if not self.entered:
             self.apply(self.exchange.owed)
+            self.frozen.clear()  # what the soil has not answered is offered again
             self.entered = True
         while self.pending:
             self.born += 1

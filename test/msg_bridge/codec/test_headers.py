@@ -51,7 +51,7 @@ LEDGERS = st.builds(Ledger, *[INT64] * 8).filter(lambda x: -(2**63) <= x.imbalan
 
 RESEND = Resend(1, 2, 7, Stream.LANDED, 120, 40)
 SOIL_HEADER = SoilHeader(
-    1, 5, 9, RowRange(11, 2), RowRange(21, 3), RowRange(31, 4), (SourceReceipt(2, 7, 41, 42, 43),)
+    1, 5, 9, RowRange(11, 2), RowRange(21, 3), RowRange(31, 4), (SourceReceipt(2, 7, 41, 42, 43, 44),)
 )
 
 
@@ -106,6 +106,7 @@ def test_labels_tell_what_each_number_of_a_soil_header_is() -> None:
         "receipts.0.landed_received": 41,
         "receipts.0.landed_durable": 42,
         "receipts.0.owed": 43,
+        "receipts.0.tick": 44,
     }
 
 
@@ -238,7 +239,7 @@ def test_malformed_array_is_refused(
 def test_half_a_receipt_is_refused() -> None:
     msg = to_multi_array(SOIL_HEADER)
     with_data(msg, list(msg.data[:-2]))
-    with pytest.raises(CodecError, match="last 3 values are no whole SourceReceipts"):
+    with pytest.raises(CodecError, match="last 4 values are no whole SourceReceipts"):
         from_multi_array(msg)
 
 

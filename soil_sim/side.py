@@ -1,0 +1,138 @@
+"""The soil's side: the soil and its end of the exchange, one tick at a time.
+
+What a node runs over topics and a world of one process runs directly. Messages go in by
+`receive`, come out by `take_outbox`, and `advance` does a tick when it can be done.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.messages import Message
+from msg_bridge.contract.rows import (
+    CHANGED,
+    CONVERSION,
+    FORCE,
+    LANDED,
+    MAX_ROW_VOLUME,
+    Rows,
+    empty_rows,
+)
+from msg_bridge.exchange.soil_side import SoilExchange, TickInput
+from soil_sim.soil import Soil, SoilStep
+
+__all__ = ["SoilSide", "SoilTick"]
+
+
+@dataclass(frozen=True)
+class SoilTick:
+    """A tick that was done.
+
+    Attributes:
+        ledger: of the tick.
+        step: what the soil moved.
+    """
+
+    ledger: Ledger
+    step: SoilStep
+
+
+class SoilSide:
+    """The soil behind its end of the exchange.
+
+    Attributes:
+        soil: the terrain.
+        exchange: the barrier of the tick and the keeper of the ledger.
+    """
+
+    def __init__(self, soil: Soil, *, expected: Iterable[int] = (1,), epoch: int = 1) -> None:
+        """
+        Args:
+            soil: the terrain.
+            expected: sources without which tick 1 does not begin.
+            epoch: number of this run.
+        """
+        self.soil = soil
+        self.exchange = SoilExchange(
+            soil.grid, lambda: soil.columns.height, expected=expected, epoch=epoch
+        )
+        self._places: dict[int, tuple[float, float, float]] = {}
+        self._releasing: list[int] = []
+
+    @property
+    def tick(self) -> int:
+        """Number of the last tick done; -1 before the welcome, which is tick 0."""
+        return self.exchange.tick
+
+    def receive(self, message: Message) -> None:
+        """Take one message from a machine.
+
+        Raises:
+            ExchangeError: it breaks the exchange; nothing was changed.
+        """
+        self.exchange.receive(message)
+
+    def take_outbox(self) -> list[Message]:
+        """The messages to carry to all machines, in order; empties the box."""
+        return self.exchange.take_outbox()
+
+    def advance(self, *, wait: bool = True) -> SoilTick | None:
+        """Do the next tick if its parts are here; None if not.
+
+        Args:
+            wait: for late machines; see `SoilExchange.poll`.
+        """
+        tick = self.exchange.poll(wait=wait)
+        if tick is None:
+            return None
+        if tick.tick == 0:
+            nothing = (empty_rows(CONVERSION), empty_rows(FORCE), empty_rows(CHANGED))
+            step = SoilStep(*nothing, ())
+        else:
+            step = self._step(tick)
+        ledger = self.exchange.answer(
+            step.conversions,
+            step.forces,
+            step.changed,
+            revision=self.soil.revision,
+            terrain_mm3=self.soil.total_mm3,
+        )
+        return SoilTick(ledger, step)
+
+    def release_absent(self) -> tuple[int, ...]:
+        """Let what absent machines held become terrain in the next tick, where they last swept.
+
+        Returns:
+            The sources whose soil is released.
+        """
+        self._releasing = list(self.exchange.accounts.absent)
+        return tuple(self._releasing)
+
+    def _step(self, tick: TickInput) -> SoilStep:
+        for row in tick.sweeps[tick.sweeps["pair"] == 0]:
+            place = (float(row["x1"]), float(row["y1"]), float(row["z1"]))
+            self._places[int(row["source"])] = place
+        released = [self._released(source) for source in self._still_absent()]
+        self._releasing = []
+        landed = np.concatenate([tick.landed, *released])
+        return self.soil.step(tick.tick, tick.sweeps, landed)
+
+    def _still_absent(self) -> list[int]:
+        absent = self.exchange.accounts.absent
+        joined = self.exchange.joined
+        return [n for n in self._releasing if n in absent and n not in joined]
+
+    def _released(self, source: int) -> Rows:
+        """LANDED rows of all that an absent source held."""
+        volume = self.exchange.release(source)
+        rows = empty_rows(LANDED, -(-volume // MAX_ROW_VOLUME))
+        rows["volume_mm3"] = MAX_ROW_VOLUME
+        rows["volume_mm3"][-1:] -= np.uint32(rows.size * MAX_ROW_VOLUME - volume)
+        rows["source"] = source
+        rows["particle_id"] = np.arange(rows.size)  # there are no particles; told apart by this
+        rows["x"], rows["y"], rows["z"] = self._places.get(source, (0.0, 0.0, 0.0))
+        return rows
