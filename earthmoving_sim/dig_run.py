@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import sys
 import time
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 
 from earthmoving_sim.machine_shape import machine_faces, machine_outline
@@ -15,17 +16,21 @@ from earthmoving_sim.run_config import RunConfig
 from earthmoving_sim.site import jacksboro_site
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
-from machine_sim.machine import ReachError
-from machine_sim.machine.kinematics import rotation_matrix
-from machine_sim.operator import CycleReport, DigCycle, View
+from machine_sim.operator import CycleReport, Shift, View
+from machine_sim.operator.eyes import Eyes, Terrain
 from machine_sim.particles import warm_up
+from msg_bridge.codec.machine_state import BaseState, PayloadState
+from msg_bridge.codec.poses import from_odometry, to_odometry
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.ledger import Ledger
 from soil_sim.errors import TerrainError
 from soil_sim.soil import Soil
 from soil_sim.terrain import HeightMap
 
-__all__ = ["DigRun", "Outcome"]
+__all__ = ["LOOK_EVERY", "DigRun", "Outcome"]
+
+LOOK_EVERY = 2
+"""Ticks between commands of the operator."""
 
 _LOG_EVERY = 10
 """Ticks between points of the recorded path of the lip."""
@@ -112,77 +117,42 @@ class DigRun:
             params=config.stepping,
             particle_params=config.particles,
             swell=config.soil.swell,
-            position=(config.run.start_x - config.run.approach, config.run.start_y),
+            position=(config.run.start_x - config.shift.approach, config.run.start_y),
             seed=config.run.seed,
         )
         warm_up()
         self.world = World(soil, {1: self.machine})
-        self.operator = DigCycle(
-            config.machine,
-            config.operator,
-            dig_at=0.0,
-            dump_at=math.radians(config.run.dump_angle),
-        )
+        self.operator = Shift(config.machine, config.operator, config.shift)
+        self._eyes = Eyes()
         self._path: list[tuple[NDArray[np.float64], int, str]] = []
         self._worst = 0
         self._most = 0
 
     def run(self, *, progress: bool = False) -> Outcome:
-        """Drive up, dig all cycles, and let what still falls come to rest.
+        """Do the whole shift.
 
         Args:
             progress: print how it goes.
         """
         began = time.perf_counter()
-        self._approach()
-        given_up = ""
-        while not given_up and len(self.operator.reports) < self.config.run.cycles:
-            try:
-                command = self.operator.command(self._view(), self._dt)
-            except ReachError as error:
-                given_up = str(error)
-                break
-            self.machine.command(command.joints, command.tracks)
+        while True:
+            if self.world.tick % LOOK_EVERY == 0:
+                command = self.operator.command(self._view(), LOOK_EVERY * self._dt)
+                if self.operator.done:
+                    break
+                self.machine.command(command.joints, command.tracks)
             self._step()
-            if self._too_long:
-                given_up = f"{self.config.run.longest} s of simulated time were not enough"
             if progress and self.world.tick % _PROGRESS_EVERY == 0:
                 self._say(began)
-        self._settle()
         wall = time.perf_counter() - began
         if progress:
             self._say(began)
             print()
-        return self._outcome(given_up, wall)
+        return self._outcome(wall)
 
     def close(self) -> None:
         """Free the world."""
         self.world.close()
-
-    @property
-    def _too_long(self) -> bool:
-        return self.world.tick * self._dt > self.config.run.longest
-
-    def _approach(self) -> None:
-        """Drive forward on the tracks to where the dig is to be."""
-        start = self.machine.machine.base_pose[0][0]
-        self.machine.command(np.zeros(4), np.full(2, 0.8))
-        while self.machine.machine.base_pose[0][0] - start < self.config.run.approach:
-            self._step()
-            if self._too_long:
-                break
-        self.machine.command(np.zeros(4), np.zeros(2))
-        for _ in range(50):
-            self._step()
-
-    def _settle(self) -> None:
-        """Hold still until the soil outside the bucket has landed."""
-        self.machine.command(np.zeros(4), np.zeros(2))
-        for _ in range(300):
-            self._step()
-            ledger = self.world.ledger
-            if not (self.world.soil.slip.waiting or ledger.particles or ledger.in_flight):
-                break
 
     def _step(self) -> None:
         ledger = self.world.step()
@@ -192,22 +162,19 @@ class DigRun:
         if self.world.tick % _LOG_EVERY == 0:
             rotation, pin = self.machine.machine.tool_pose
             lip = rotation[:, 0] * self.machine.machine.description.bucket.tip_length + pin
-            cycle = min(self.operator.cycle, self.config.run.cycles)
-            self._path.append((lip, cycle, self.operator.phase))
+            self._path.append((lip, self.operator.cycle, self.operator.phase))
 
     def _view(self) -> View:
-        machine = self.machine.machine
-        position, quaternion = machine.base_pose
-        payload = self.machine.payload
-        return View(
-            time=self.world.tick * self._dt,
-            joints=machine.joint_positions,
-            base_position=position,
-            base_rotation=rotation_matrix(quaternion),
-            fill=payload.fill,
-            bank=payload.bank,
-            grid=self.machine.ground.grid,
-            elevation=self.machine.ground.elevation,
+        """What the public topics would tell, bit by bit."""
+        machine, ground = self.machine.machine, self.machine.ground
+        base = BaseState(*machine.base_pose, *machine.base_velocity)
+        return self._eyes.see(
+            self.world.tick * self._dt,
+            machine.joint_positions,
+            from_odometry(to_odometry(base, "base_link", Time())),
+            PayloadState(*astuple(self.machine.payload)),
+            Terrain(ground.grid, ground.elevation, self.world.soil.revision),
+            self.world.ledger,
         )
 
     def _say(self, began: float) -> None:
@@ -215,7 +182,7 @@ class DigRun:
         wall = time.perf_counter() - began
         ledger = self.world.ledger
         line = (
-            f"cycle {min(self.operator.cycle, self.config.run.cycles)}/{self.config.run.cycles}"
+            f"cycle {self.operator.cycle}/{self.config.shift.cycles}"
             f"  {self.operator.phase:<6}"
             f" bucket {100 * self.machine.payload.fill:3.0f} %"
             f"  particles {self.machine.particles.count:5d}"
@@ -228,7 +195,7 @@ class DigRun:
         else:
             print(line, flush=True)
 
-    def _outcome(self, given_up: str, wall: float) -> Outcome:
+    def _outcome(self, wall: float) -> Outcome:
         columns = self.world.soil.columns
         particles = self.machine.particles
         view = self._view()
@@ -251,7 +218,7 @@ class DigRun:
             wall=wall,
             most_particles=self._most,
             tunnelled=particles.tunnelled_tool + particles.tunnelled_ground,
-            given_up=given_up,
+            given_up=self.operator.given_up,
             state_hash=self.world.state_hash(),
             path=np.array([lip for lip, _, _ in self._path]).reshape(-1, 3),
             path_cycle=np.array([cycle for _, cycle, _ in self._path], dtype=np.int64),

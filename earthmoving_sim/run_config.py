@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from machine_sim.machine import MachineDescription, load_description
-from machine_sim.operator import OperatorParams
+from machine_sim.operator import OperatorParams, ShiftParams
 from machine_sim.params import MachineSimParams
 from machine_sim.particles import ParticleParams
 from msg_bridge.config_files import find_config
@@ -23,19 +23,11 @@ __all__ = ["RunConfig", "RunParams", "load_run_config"]
 
 @dataclass(frozen=True)
 class RunParams(Parameters):
-    """What a run of the scripted operator does."""
+    """Where a run of the scripted operator begins."""
 
-    cycles: int = parameter(5, "bucketfuls to move", low=1, high=1000)
     seed: int = parameter(0, "of the scatter of released soil", low=0, high=2**31)
     start_x: float = parameter(-4.0, "where it digs from, map x", unit="m", low=-1e4, high=1e4)
     start_y: float = parameter(0.0, "where it digs from, map y", unit="m", low=-1e4, high=1e4)
-    approach: float = parameter(2.0, "way driven before digging", unit="m", low=0.0, high=20.0)
-    dump_angle: float = parameter(
-        90.0, "from the dig to the dump, to the left", unit="deg", low=-180.0, high=180.0
-    )
-    longest: float = parameter(
-        900.0, "simulated time after which the run is given up", unit="s", low=1.0, high=1e6
-    )
 
 
 @dataclass(frozen=True)
@@ -44,7 +36,7 @@ class RunConfig:
 
     Attributes:
         machine: the excavator.
-        soil, particles, stepping, operator, run: parameters of the parts.
+        soil, particles, stepping, operator, shift, run: parameters of the parts.
     """
 
     machine: MachineDescription
@@ -52,6 +44,7 @@ class RunConfig:
     particles: ParticleParams
     stepping: MachineSimParams
     operator: OperatorParams
+    shift: ShiftParams
     run: RunParams
 
 
@@ -60,16 +53,17 @@ _SECTIONS: dict[str, type[Parameters]] = {
     "particles": ParticleParams,
     "stepping": MachineSimParams,
     "operator": OperatorParams,
+    "shift": ShiftParams,
     "run": RunParams,
 }
 
 
-def load_run_config(name: str | Path, run: Mapping[str, Any] | None = None) -> RunConfig:
+def load_run_config(name: str | Path, asked: Mapping[str, Any] | None = None) -> RunConfig:
     """Read a file like `config/demo.yaml`.
 
     Args:
         name: a path, or the name of a shipped file.
-        run: values that stand above those of the section `run`.
+        asked: values that stand above those of the sections `shift` and `run`.
 
     Raises:
         ConfigError: there is no such file.
@@ -91,8 +85,10 @@ def load_run_config(name: str | Path, run: Mapping[str, Any] | None = None) -> R
     parts: dict[str, Any] = {}
     for section, kind in _SECTIONS.items():
         parts[section] = _part(path, section, kind, content.get(section))
-    if run:
-        parts["run"] = RunParams.from_mapping({**asdict(parts["run"]), **run})
+    for section in ("shift", "run"):
+        own = asdict(parts[section])
+        above = {name: value for name, value in (asked or {}).items() if name in own}
+        parts[section] = _SECTIONS[section].from_mapping({**own, **above})
     machine = content.get("machine", "machines/excavator.yaml")
     return RunConfig(machine=load_description(find_config(str(machine))), **parts)
 

@@ -19,7 +19,7 @@ from machine_sim.ground import Ground
 from machine_sim.machine import Excavator, MachineDescription
 from machine_sim.params import MachineSimParams
 from machine_sim.particles import ParticleEngine, ParticleParams
-from machine_sim.payload import Payload, payload_in
+from machine_sim.payload import payload_in
 from machine_sim.release import PendingSoil
 from machine_sim.sweep import sweep_rows
 from msg_bridge.contract.grid import Grid
@@ -56,6 +56,7 @@ class MachineSim:
         particles: the soil in the air, in the tool and at rest but not yet landed.
         pending: soil excavated and not yet particles.
         tick: number of ticks made.
+        payload: soil in the bucket at the end of the last tick.
     """
 
     def __init__(
@@ -93,6 +94,7 @@ class MachineSim:
         )
         self._bucket = description.bucket
         self.particles.add_tool(_TOOL, self._bucket.plates(), self.machine.tool_pose)
+        self.payload = payload_in(self._bucket, self.particles, _TOOL)
         self.pending = PendingSoil(
             self._bucket,
             np.random.default_rng(seed),
@@ -101,9 +103,9 @@ class MachineSim:
         )
 
     @property
-    def payload(self) -> Payload:
-        """Soil in the bucket as it is now."""
-        return payload_in(self._bucket, self.particles, _TOOL)
+    def tool_wrench(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Force [N] of the soil on the tool and torque about its frame's origin [N m], map axes."""
+        return self.particles.tool_wrench(_TOOL)
 
     def apply(self, conversions: Rows, changed: Rows) -> None:
         """Take the soil's answer: parcels, landings made good, and the new surface.
@@ -155,7 +157,8 @@ class MachineSim:
             self.particles.set_tool(_TOOL, before, self.machine.tool_pose)
             self.particles.step(dt)
             if self.params.load_acts:
-                self.machine.apply_tool_wrench(*self.particles.tool_wrench(_TOOL))
+                self.machine.apply_tool_wrench(*self.tool_wrench)
+        self.payload = payload_in(self._bucket, self.particles, _TOOL)
         sweeps = sweep_rows(self._bucket, start, self.machine.tool_pose, tool=_TOOL)
         landed = self._land()
         return MachineStep(sweeps, landed, self.pending.total_mm3, self.particles.total_volume_mm3)

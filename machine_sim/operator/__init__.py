@@ -6,10 +6,22 @@
 - `dig`: where the lip should go to fill the bucket.
 - `motion`: following way points with velocity commands.
 - `cycle`: dig, lift, swing, dump, return.
+- `shift`: drive up, dig so many bucketfuls, wait until all soil lies.
+- `eyes`: the view, put together from what each topic told.
+- `node`: the operator as a ROS 2 node.
 """
 
 from machine_sim.operator.cycle import CycleReport, DigCycle
-from machine_sim.operator.params import OperatorParams
+from machine_sim.operator.params import OperatorParams, ShiftParams
+from machine_sim.operator.shift import Shift
 from machine_sim.operator.view import Command, View
 
-__all__ = ["Command", "CycleReport", "DigCycle", "OperatorParams", "View"]
+__all__ = [
+    "Command",
+    "CycleReport",
+    "DigCycle",
+    "OperatorParams",
+    "Shift",
+    "ShiftParams",
+    "View",
+]

@@ -1,4 +1,4 @@
-"""Habits of the scripted operator."""
+"""Habits of the scripted operator, and its task."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.parameters import Parameters, parameter
 
-__all__ = ["OperatorParams"]
+__all__ = ["OperatorParams", "ShiftParams"]
 
 
 @dataclass(frozen=True)
@@ -95,3 +95,17 @@ class OperatorParams(Parameters):
     def lever_rates(self) -> tuple[float, float, float, float]:
         """Swing, boom, arm, bucket [rad/s^2]: a jerked lever rocks the machine."""
         return (self.swing_rate, self.boom_rate, self.arm_rate, self.bucket_rate)
+
+
+@dataclass(frozen=True)
+class ShiftParams(Parameters):
+    """What the operator is asked to do."""
+
+    cycles: int = parameter(5, "bucketfuls to move", low=1, high=1000)
+    approach: float = parameter(2.0, "way driven before digging", unit="m", low=0.0, high=20.0)
+    dump_angle: float = parameter(
+        90.0, "from the dig to the dump, to the left", unit="deg", low=-180.0, high=180.0
+    )
+    longest: float = parameter(
+        900.0, "simulated time after which the task is given up", unit="s", low=1.0, high=1e6
+    )

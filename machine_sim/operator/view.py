@@ -25,6 +25,7 @@ class View:
         fill: soil in the bucket, in parts of its heaped capacity.
         bank: the same as bank volume [m^3].
         grid, elevation: the terrain as published [m], shape (rows, cols).
+        moving: whether soil outside the bucket still falls, lands or slips.
     """
 
     time: float
@@ -35,6 +36,7 @@ class View:
     grid: Grid
     elevation: NDArray[np.float64]
     bank: float = 0.0
+    moving: bool = False
 
     @property
     def yaw(self) -> float:

@@ -4,6 +4,11 @@
 - `chunks`: chunks of rows, with the run and the life they belong to
 - `headers`: headers, requests, refusals and the ledger
 - `terrain`: the whole terrain surface as cloud, image and map info
+- `machine_state`: a machine's joints, commands and payload
+- `poses`: odometry, transforms, wrench
+- `markers`: the machine for viewers that know no TF
+- `particles`: its particles as cloud
+- `rotations`: matrices and angles of quaternions
 - `stamps`: simulation time, exact
 - `qos`: the quality of service of each kind of topic; needs rclpy
 - `errors`: what a malformed message raises

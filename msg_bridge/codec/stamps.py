@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from functools import cache
 
 from builtin_interfaces.msg import Time
 
@@ -58,6 +59,7 @@ def tick_of_stamp(stamp: Time, period: float) -> int:
     return tick
 
 
+@cache
 def _exact(period: float) -> Fraction:
     """A tick's length [ns], as the decimal number that it is written as: 0.01 is 1/100 then."""
     if not (math.isfinite(period) and period >= 1e-9):

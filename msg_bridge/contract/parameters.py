@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 from msg_bridge.contract.errors import ParameterError
 
-__all__ = ["Parameters", "parameter"]
+__all__ = ["Parameters", "check_value", "item_type", "parameter"]
 
 P = TypeVar("P", bound="Parameters")
 
@@ -27,17 +27,23 @@ def parameter(
     low: float = -math.inf,
     high: float = math.inf,
     choices: tuple[str, ...] = (),
+    items: type | None = None,
 ) -> Any:
     """A dataclass field with what a user must know about it.
 
     Args:
-        default: the value when none is given.
+        default: the value when none is given; a tuple makes a list of numbers or of strings.
         doc: one sentence on what it means.
         unit: SI unit, empty for a pure number.
-        low, high: inclusive range of a number.
-        choices: the allowed values of a string.
+        low, high: inclusive range of a number, or of each number of a list.
+        choices: the allowed values of a string, or of each string of a list.
+        items: type of a list's elements; needed only if the default is the empty tuple.
     """
+    if default == () and items is None:
+        raise TypeError("an empty default does not tell what the list holds; give `items` too")
     metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices}
+    if isinstance(default, tuple):
+        metadata["items"] = items or type(default[0])
     return dataclasses.field(default=default, metadata=metadata)
 
 
@@ -48,7 +54,10 @@ class Parameters:
     def __post_init__(self) -> None:
         for field in fields(self):
             if field.metadata:
-                _check(type(self).__name__, field, getattr(self, field.name))
+                value = getattr(self, field.name)
+                check_value(f"{type(self).__name__}.{field.name}", field, value)
+                if isinstance(value, list):
+                    object.__setattr__(self, field.name, tuple(value))
 
     @classmethod
     def from_mapping(cls: type[P], values: Mapping[str, Any]) -> P:
@@ -66,22 +75,44 @@ class Parameters:
         return cls(**dict(values))
 
 
-def _check(owner: str, field: dataclasses.Field[Any], value: Any) -> None:
-    meta = field.metadata
-    name = f"{owner}.{field.name}"
-    if isinstance(field.default, bool):
+def item_type(field: dataclasses.Field[Any]) -> type | None:
+    """What a list parameter holds; `None` if the parameter is no list."""
+    return field.metadata.get("items")
+
+
+def check_value(name: str, field: dataclasses.Field[Any], value: Any) -> None:
+    """Check a value for a field made by `parameter`.
+
+    Args:
+        name: what the user knows the parameter by.
+
+    Raises:
+        ParameterError: a wrong type, or a value outside its range.
+    """
+    items = item_type(field)
+    if items is None:
+        _check(name, type(field.default), field.metadata, value)
+    elif not isinstance(value, (list, tuple)):
+        raise ParameterError(f"{name} is {value!r}; give a list ({field.metadata['doc']})")
+    else:
+        for index, item in enumerate(value):
+            _check(f"{name}[{index}]", items, field.metadata, item)
+
+
+def _check(name: str, kind: type, meta: Mapping[str, Any], value: Any) -> None:
+    if kind is bool:
         if not isinstance(value, bool):
             raise ParameterError(f"{name} is {value!r}; give true or false ({meta['doc']})")
-    elif isinstance(field.default, str):
+    elif kind is str:
         if not isinstance(value, str) or (meta["choices"] and value not in meta["choices"]):
             allowed = ", ".join(meta["choices"]) or "a text"
             raise ParameterError(f"{name} is {value!r}; give one of: {allowed} ({meta['doc']})")
-    elif isinstance(field.default, (int, float)):
-        whole = isinstance(field.default, int)
+    elif kind in (int, float):
+        whole = kind is int
         right_type = isinstance(value, int if whole else (int, float))
         if isinstance(value, bool) or not right_type or not math.isfinite(value):
-            kind = "a whole number" if whole else "a finite number"
-            raise ParameterError(f"{name} is {value!r}; give {kind} ({meta['doc']})")
+            a_number = "a whole number" if whole else "a finite number"
+            raise ParameterError(f"{name} is {value!r}; give {a_number} ({meta['doc']})")
         if not meta["low"] <= value <= meta["high"]:
             unit = f" {meta['unit']}" if meta["unit"] else ""
             raise ParameterError(

@@ -13,11 +13,24 @@ class Example(Parameters):
     count: int = parameter(3, "how many", low=1, high=9)
     mode: str = parameter("a", "which way", choices=("a", "b"))
     on: bool = parameter(True, "whether at all")
+    machines: tuple[int, ...] = parameter((1,), "which", low=1, high=9)
+    names: tuple[str, ...] = parameter((), "what for", items=str)
 
 
 def test_a_mapping_sets_what_it_names() -> None:
     made = Example.from_mapping({"speed": 2, "mode": "b", "on": False})
     assert made == Example(speed=2, count=3, mode="b", on=False)
+
+
+def test_a_list_becomes_a_tuple() -> None:
+    made = Example.from_mapping({"machines": [2, 1], "names": ["a"]})
+    assert (made.machines, made.names) == ((2, 1), ("a",))
+    assert hash(made) == hash(Example(machines=(2, 1), names=("a",)))
+
+
+def test_an_empty_default_must_say_what_the_list_holds() -> None:
+    with pytest.raises(TypeError, match="give `items` too"):
+        parameter((), "which")
 
 
 @pytest.mark.parametrize(
@@ -31,6 +44,10 @@ def test_a_mapping_sets_what_it_names() -> None:
         ({"mode": "c"}, "give one of: a, b"),
         ({"on": 1}, "true or false"),
         ({"sped": 1.0}, "has no parameter sped; it has speed, count, mode, on"),
+        ({"machines": 1}, "machines is 1; give a list"),
+        ({"machines": [1, 10]}, r"machines\[1\] is 10; give a value from 1 to 9"),
+        ({"machines": [True]}, r"machines\[0\] is True; give a whole number"),
+        ({"names": ["a", 2]}, r"names\[1\] is 2; give one of: a text"),
     ],
 )
 def test_what_is_wrong_is_said(values: dict[str, Any], message: str) -> None:

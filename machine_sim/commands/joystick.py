@@ -1,0 +1,163 @@
+"""Levers and pedals of an excavator's cab, from the axes and buttons of a gamepad.
+
+    ISO   left lever: swing, arm      right lever: bucket, boom
+    SAE   left lever: swing, boom     right lever: bucket, arm
+
+Left swings left or curls the bucket in, forward moves the boom down or the arm out. ROS counts
+axes positive to the left and forward; joint angles count downward and inward.
+
+A gamepad sends all the time, touched or not, so what it sends at rest is no command. The levers
+together and the pedals together each count as moved from when one leaves its rest until all are
+back; that they are back is one last command of zero, and then they leave the machine to others.
+After an emergency stop nothing counts until everything was seen at rest, so that a lever held
+through the stop does not set the machine going.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from machine_sim.commands.actuators import Actuator
+from machine_sim.commands.checks import numbers
+from machine_sim.commands.errors import CommandError
+from machine_sim.commands.params import CommandParams
+
+__all__ = ["Joystick", "Levers"]
+
+_PATTERNS = {
+    "iso": {
+        "swing": ("left_x", 1.0),
+        "arm": ("left_y", -1.0),
+        "bucket": ("right_x", 1.0),
+        "boom": ("right_y", 1.0),
+    },
+    "sae": {
+        "swing": ("left_x", 1.0),
+        "boom": ("left_y", 1.0),
+        "bucket": ("right_x", 1.0),
+        "arm": ("right_y", -1.0),
+    },
+}
+"""Axis and sign of each joint."""
+
+
+@dataclass(frozen=True)
+class Levers:
+    """What one message of the joystick says.
+
+    Attributes:
+        joints: velocities in the actuators' order [rad/s].
+        tracks: velocities left, right [m/s].
+        rested: whether each pedal is at rest.
+    """
+
+    joints: tuple[float, ...]
+    tracks: tuple[float, float]
+    rested: tuple[bool, bool]
+
+
+class Joystick:
+    """Reads joystick messages and knows which of them are commands."""
+
+    def __init__(self, actuators: Sequence[Actuator], params: CommandParams) -> None:
+        """
+        Args:
+            actuators: joints swing, boom, arm, bucket in any order, then left and right track.
+            params: pattern, axes and buttons.
+        """
+        self._joints = tuple(actuators[:-2])
+        self._tracks = tuple(actuators[-2:])
+        self._params = params
+        self._axes = params.joy_axes
+        self._pattern = _PATTERNS[params.joy_pattern]
+        self._levers_moved = self._pedals_moved = False
+        self._held = False  # through an emergency stop, and not yet seen at rest since
+        # joy_node shows 0, which is half pressed, for a trigger that was never touched.
+        self._ready = [params.joy_pedal_rest == 0.0] * 2
+
+    def read(self, axes: Any, buttons: Any) -> Levers:
+        """What a message says; changes nothing.
+
+        A button that is not in the message is not pressed.
+
+        Raises:
+            CommandError: too few axes, a number that is not finite, or an axis far beyond 1.
+        """
+        need = max(self._axes.values()) + 1
+        given = numbers(axes, "the joystick's axes", f"at least {need} axes from -1 to 1")
+        pressed = numbers(buttons, "the joystick's buttons", "0 or 1 for each")
+        if len(given) < need:
+            raise CommandError(
+                f"the joystick has {len(given)} axes and needs {need}; use a game controller, or"
+                " set the joy_ parameters to the axes of yours"
+            )
+        for name, index in self._axes.items():
+            if index >= 0 and abs(given[index]) > self._params.unit_mistake:
+                raise CommandError(
+                    f"axis {index} (joy_{name}) of the joystick is {given[index]:g}; give values"
+                    " from -1 to 1, 1 to the left and forward"
+                )
+        joints = []
+        for joint in self._joints:
+            axis, sign = self._pattern[joint.name]
+            joints.append(sign * joint.speed * self._beyond_rest(given[self._axes[axis]]))
+        pedals = [self._pedal(given, pressed, side) for side in ("left", "right")]
+        left, right = (
+            pedal * track.speed for pedal, track in zip(pedals, self._tracks, strict=True)
+        )
+        # Adding zero turns -0.0 into 0.0.
+        return Levers(
+            tuple(velocity + 0.0 for velocity in joints),
+            (left + 0.0, right + 0.0),
+            (left == 0.0, right == 0.0),
+        )
+
+    def take(self, levers: Levers, *, stopped: bool) -> dict[int, float]:
+        """What a message commands: velocities by actuator index, none if it is no command.
+
+        Args:
+            levers: what it says.
+            stopped: whether the emergency stop is pressed.
+        """
+        for side, rested in enumerate(levers.rested):
+            self._ready[side] |= rested
+        tracks = [v if ready else 0.0 for v, ready in zip(levers.tracks, self._ready, strict=True)]
+        levers_off, pedals_off = any(levers.joints), any(tracks)
+        if stopped or self._held:
+            self._held = levers_off or pedals_off
+            return {}
+        commands: dict[int, float] = {}
+        if levers_off or self._levers_moved:
+            commands.update(enumerate(levers.joints))
+        if pedals_off or self._pedals_moved:
+            commands.update(enumerate(tracks, start=len(levers.joints)))
+        self._levers_moved, self._pedals_moved = levers_off, pedals_off
+        return commands
+
+    def stop(self) -> None:
+        """The emergency stop was pressed: nothing counts until all is seen at rest."""
+        self._held = True
+        self.forget()
+
+    def forget(self) -> None:
+        """What was moved until now is no command any more."""
+        self._levers_moved = self._pedals_moved = False
+
+    def _beyond_rest(self, deflection: float) -> float:
+        """Deflection beyond the deadzone, -1 to 1, from zero at its edge."""
+        zone = self._params.joy_deadzone
+        beyond = min(max(abs(deflection) - zone, 0.0) / (1.0 - zone), 1.0)
+        return beyond if deflection > 0.0 else -beyond
+
+    def _pedal(self, axes: list[float], buttons: list[float], side: str) -> float:
+        index = self._axes[f"{side}_pedal"]
+        if index < 0:
+            return 0.0
+        params = self._params
+        way = params.joy_pedal_full - params.joy_pedal_rest
+        pedal = self._beyond_rest((axes[index] - params.joy_pedal_rest) / way)
+        button = params.joy_left_reverse if side == "left" else params.joy_right_reverse
+        reverse = 0 <= button < len(buttons) and buttons[button] != 0.0
+        return -pedal if reverse else pedal

@@ -1,0 +1,157 @@
+"""The machine as others see it: where each link is, and what it looks like there."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from machine_sim.machine.description import LINK_NAMES, MachineDescription, Vec3
+from machine_sim.machine.errors import MachineError
+from machine_sim.machine.kinematics import rotation_matrix
+from machine_sim.machine.urdf import urdf_text
+
+__all__ = [
+    "LINK_FRAMES",
+    "LinkPoses",
+    "PaintedBox",
+    "ShoeLook",
+    "link_boxes",
+    "link_poses",
+    "shoe_look",
+]
+
+Array = NDArray[np.float64]
+Rgba = tuple[float, float, float, float]
+
+LINK_FRAMES = ("base_link", *LINK_NAMES[1:])
+"""Names of the links' frames, as in the URDF, in the order of `link_poses`."""
+
+_SHOE_COLOR = (0.33, 0.35, 0.36, 1.0)
+
+_SHOE_LENGTH = 0.96
+"""Length of a drawn shoe in parts of the pitch, so that one is told from the next."""
+
+
+class LinkPoses(NamedTuple):
+    """Poses of all links in the map frame, in the order of `LINK_FRAMES`.
+
+    Attributes:
+        positions: origins [m], shape (5, 3).
+        quaternions: link to map, x, y, z, w, unit ones, shape (5, 4).
+    """
+
+    positions: Array
+    quaternions: Array
+
+
+class PaintedBox(NamedTuple):
+    """A box of a link: its frame, edges [m], middle [m], turn about +y [rad], r, g, b, a."""
+
+    link: str
+    size: Vec3
+    center: Vec3
+    pitch: float
+    color: Rgba
+
+
+class ShoeLook(NamedTuple):
+    """Shoes of both tracks: size along, across, thick [m]; count of one; gauge [m]; r, g, b, a."""
+
+    shoe_size: Vec3
+    shoe_count: int
+    gauge: float
+    color: Rgba
+
+
+def link_poses(
+    description: MachineDescription,
+    base_position: ArrayLike,
+    base_quaternion: ArrayLike,
+    joints: ArrayLike,
+) -> LinkPoses:
+    """Where every link is, without a physics engine.
+
+    Args:
+        description: the machine.
+        base_position: origin of `base_link` [m], shape (3,), map frame.
+        base_quaternion: `base_link` to map, x, y, z, w; made a unit one.
+        joints: swing, boom, arm, bucket [rad].
+
+    Raises:
+        MachineError: a quaternion of no length.
+    """
+    swing, boom, arm, bucket = np.asarray(joints, dtype=np.float64).tolist()
+    first = np.asarray(base_quaternion, dtype=np.float64)
+    length = float(np.linalg.norm(first))
+    if not 0.0 < length < math.inf:  # NaN fails
+        raise MachineError(f"{base_quaternion!r} is no rotation; give a quaternion x, y, z, w")
+    turn: list[float] = (first / length).tolist()
+    at = np.array(base_position, dtype=np.float64)
+    positions, quaternions = [at], [turn]
+    for offset, axis, angle in (
+        (description.swing_origin, "z", swing),
+        (description.boom_foot, "y", boom),
+        ((description.boom_length, 0.0, 0.0), "y", arm),
+        ((description.arm_length, 0.0, 0.0), "y", bucket),
+    ):
+        at = at + rotation_matrix(turn) @ np.array(offset)
+        turn = _turned(turn, axis, angle)
+        positions.append(at)
+        quaternions.append(turn)
+    return LinkPoses(np.array(positions), np.array(quaternions))
+
+
+def link_boxes(description: MachineDescription, *, prefix: str = "") -> list[PaintedBox]:
+    """What is seen of every link but the shoes, read from the URDF so that the two are one.
+
+    Args:
+        description: the machine.
+        prefix: put before each link's name, as in the URDF.
+    """
+    boxes = []
+    for link in ET.fromstring(urdf_text(description, prefix=prefix)).iter("link"):
+        for visual in link.iter("visual"):
+            origin = _numbers(visual, "origin", "xyz")
+            _, pitch, _ = _numbers(visual, "origin", "rpy")
+            size = _numbers(visual, "geometry/box", "size")
+            color = _numbers(visual, "material/color", "rgba")
+            boxes.append(
+                PaintedBox(link.attrib["name"], _vec3(size), _vec3(origin), pitch, _rgba(color))
+            )
+    return boxes
+
+
+def shoe_look(description: MachineDescription) -> ShoeLook:
+    """What is seen of the tracks' shoes; `FastTracks.shoe_poses` says where."""
+    tracks = description.tracks
+    size = (_SHOE_LENGTH * tracks.pitch, tracks.shoe_width, tracks.shoe_thickness)
+    return ShoeLook(size, tracks.shoe_count, tracks.gauge, _SHOE_COLOR)
+
+
+def _turned(quaternion: list[float], axis: str, angle: float) -> list[float]:
+    """A rotation followed, in its own frame, by a turn [rad] about its y or z axis."""
+    x, y, z, w = quaternion
+    s, c = math.sin(0.5 * angle), math.cos(0.5 * angle)
+    if axis == "y":
+        return [c * x - s * z, c * y + s * w, c * z + s * x, c * w - s * y]
+    return [c * x + s * y, c * y - s * x, c * z + s * w, c * w - s * z]
+
+
+def _numbers(visual: ET.Element, path: str, name: str) -> list[float]:
+    found = visual.find(path)
+    assert found is not None  # `urdf_text` writes it
+    return [float(number) for number in found.attrib[name].split()]
+
+
+def _vec3(numbers: list[float]) -> Vec3:
+    x, y, z = numbers
+    return x, y, z
+
+
+def _rgba(numbers: list[float]) -> Rgba:
+    r, g, b, a = numbers
+    return r, g, b, a

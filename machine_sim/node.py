@@ -1,0 +1,304 @@
+"""A machine's node: takes commands, steps the machine and its particles, tells their state.
+
+Its namespace is the machine's name. When it may step is told by `machine_sim.run`, what happens in
+a step by `machine_sim.core`; callbacks here only hand over. It takes the terrain, the length of a
+tick and the swell of the soil from the soil's own topics.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from std_msgs.msg import String
+
+from machine_sim.commands import CommandBoard, CommandParams
+from machine_sim.machine import load_description
+from machine_sim.machine.appearance import LINK_FRAMES, link_boxes, link_poses, shoe_look
+from machine_sim.machine.urdf import urdf_text
+from machine_sim.node_params import MachineNodeParams
+from machine_sim.params import MachineSimParams
+from machine_sim.particles import ParticleParams, warm_up
+from machine_sim.run import MachineRun
+from msg_bridge.codec import qos
+from msg_bridge.codec.machine_state import BaseState, PayloadState
+from msg_bridge.codec.markers import MarkerSet
+from msg_bridge.codec.sim_config import RunFacts, config_text, run_facts
+from msg_bridge.codec.stamps import stamp_of_tick
+from msg_bridge.config_files import find_config
+from msg_bridge.contract.errors import EarthmovingError
+from msg_bridge.contract.messages import Keyframe, Message
+from msg_bridge.exchange.machine_side import Phase
+from msg_bridge.nodes.command_topics import CommandTopics
+from msg_bridge.nodes.diagnostics import Diagnostics, Level
+from msg_bridge.nodes.lean_node import LeanNode
+from msg_bridge.nodes.listeners import unheard_topics
+from msg_bridge.nodes.machine_carrier import MachineCarrier
+from msg_bridge.nodes.machine_topics import MachineTopics, ToolWrench
+from msg_bridge.nodes.parameters import declare_parameters
+from msg_bridge.nodes.runtime import run_node
+
+__all__ = ["MachineNode", "main"]
+
+_REMIND_PERIOD = 0.25
+"""Wall time without an answer after which what is missing is asked for again [s]."""
+
+
+_REFUSED_PERIOD = 5.0
+"""Wall time after which one that was refused asks again [s]."""
+
+
+class MachineNode(LeanNode):
+    """One machine and the soil it moves.
+
+    Attributes:
+        run: the machine in the present run of the soil; None until there is one.
+        diagnostics: what `/diagnostics` says of it.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        """
+        Args:
+            kwargs: for `rclpy.node.Node`; the namespace is `/excavator` if not given.
+
+        Raises:
+            EarthmovingError: a bad parameter or machine file.
+        """
+        super().__init__("machine_sim", **{"namespace": "/excavator", **kwargs})
+        self._params = declare_parameters(self, MachineNodeParams)
+        self._stepping = declare_parameters(self, MachineSimParams, "stepping.")
+        self._particles = declare_parameters(self, ParticleParams, "particles.")
+        commands = declare_parameters(self, CommandParams, "commands.")
+        self._description = load_description(find_config(self._params.machine))
+        self._board = CommandBoard(self._description, commands)
+        name = self.get_namespace().strip("/")
+        self._prefix = self._params.frame_prefix or (f"{name}/" if name else "")
+        warm_up()
+        self.run: MachineRun | None = None
+        self.diagnostics = Diagnostics(self, "machine_sim", self._description.name)
+        self.diagnostics.add_task(self._diagnose)
+        looks = (link_boxes(self._description), shoe_look(self._description))
+        self._topics = MachineTopics(
+            self,
+            prefix=self._prefix,
+            link_frames=LINK_FRAMES,
+            markers=MarkerSet(LINK_FRAMES, *looks, namespace=name or self._description.name),
+            publish_tf=self._params.publish_tf,
+        )
+        self._facts: RunFacts | None = None
+        self._keyframe: Keyframe | None = None
+        self._leaving = False
+        self._last_message = time.monotonic()
+        self._slowest = 0.0
+        self._carrier = MachineCarrier(self, self._receive, self.diagnostics.refuse)
+        self.create_subscription(String, "/sim/config", self._on_config, qos.LATCHED)
+        # Triggered rather than called: commands that have come meanwhile are taken before it.
+        self._step_soon = self.create_guard_condition(self._on_step)
+        self._commands = CommandTopics(
+            self, self._board, lambda: self.run, self.diagnostics.refuse, self._step_soon.trigger
+        )
+        self.create_timer(_REMIND_PERIOD, self._on_silence)
+
+    def stop(self) -> None:
+        """Leave the run, so that the others need not wait."""
+        self._leaving = True
+        if self.run is not None and self.run.side.ready:
+            self._do_step(self.run)
+
+    @property
+    def stopping(self) -> bool:
+        """Whether it still has to say goodbye."""
+        return self.run is not None and self.run.side.exchange.joined
+
+    # Entering a run.
+
+    def _on_config(self, msg: String) -> None:
+        try:
+            self._facts = run_facts(msg.data)
+        except EarthmovingError as error:
+            self.diagnostics.refuse("/sim/config", str(error))
+            return
+        self._carrier.cell = self._facts.cell
+        self._begin_if_new()
+
+    def _receive(self, message: Message) -> None:
+        self._last_message = time.monotonic()
+        if isinstance(message, Keyframe) and (
+            self._keyframe is None or message.epoch != self._keyframe.epoch
+        ):
+            self._keyframe = message
+            self._begin_if_new()
+        if self.run is not None:
+            self.run.side.receive(message)
+            self._go_on(self.run)
+
+    def _begin_if_new(self) -> None:
+        """Take part in the run that the soil has begun, once both its words on it are here."""
+        facts, keyframe = self._facts, self._keyframe
+        if facts is None or keyframe is None or facts.epoch != keyframe.epoch or self._leaving:
+            return
+        if self.run is not None:
+            if self.run.facts.epoch == facts.epoch:
+                return
+            self.run.close()
+            self._board.forget()
+        self.run = MachineRun(
+            self._description,
+            self._params,
+            self._stepping,
+            self._particles,
+            self._board,
+            facts,
+            keyframe,
+            # A process that is started again must not go on with the life of the one before.
+            life=int(time.time()),
+        )
+        self._entered_life = -1
+        self._topics.describe(
+            urdf_text(self._description, prefix=self._prefix, virtual_base=True), self._config()
+        )
+        self._join(self.run)
+
+    def _join(self, run: MachineRun) -> None:
+        missing = unheard_topics(self, self._params.await_listeners)
+        if missing:
+            text = f"waiting for listeners of {', '.join(missing)}"
+            self.get_logger().info(text, throttle_duration_sec=2.0)
+            return
+        run.side.join()
+        self._send(run)
+
+    # The tick.
+
+    def _go_on(self, run: MachineRun) -> None:
+        """Take the soil's answer if it is complete, and have the next tick done."""
+        exchange = run.side.exchange
+        answered = run.side.poll() is not None
+        if answered and run.due(run.tick, self._params.hash_rate):
+            self._topics.state_hash(run.tick, run.sim.state_hash())
+        if run.side.ready and exchange.life != self._entered_life:
+            self._entered_life = exchange.life
+            self._tell(run, run.tick)
+        if run.side.ready:
+            self._step_soon.trigger()
+        elif exchange.phase is Phase.OUT and not self._leaving:
+            self._out(run)
+
+    def _out(self, run: MachineRun) -> None:
+        exchange = run.side.exchange
+        if exchange.dropped:
+            self.get_logger().warning("the soil went on without this machine; it comes back now")
+            self.diagnostics.count("times_dropped")
+            self._join(run)
+        elif exchange.refusal:
+            self.diagnostics.problem(f"refused by the soil: {exchange.refusal}", Level.ERROR)
+            text = f"refused by the soil: {exchange.refusal}"
+            self.get_logger().error(text, throttle_duration_sec=5.0)
+
+    def _on_step(self) -> None:
+        run = self.run
+        if run is not None and (run.may_step or (self._leaving and run.side.ready)):
+            self._do_step(run)
+
+    def _do_step(self, run: MachineRun) -> None:
+        began = time.perf_counter()
+        applied = run.command(time.monotonic())
+        # Told before the step, so that who commands knows at once.
+        velocities = np.concatenate([applied.joints, applied.tracks])
+        self._topics.applied(velocities, self._stamp(run, run.tick + 1))
+        run.side.step(leave=self._leaving)
+        self._send(run)
+        # The state after the step is known now, and the soil is at work meanwhile.
+        self._tell(run, run.tick + 1)
+        self._slowest = max(self._slowest, time.perf_counter() - began)
+
+    def _send(self, run: MachineRun) -> None:
+        self._carrier.send(run.side.take_outbox(), self._stamp(run, max(run.tick, 0) + 1))
+
+    def _on_silence(self) -> None:
+        run = self.run
+        if run is None or (self._leaving and not run.side.exchange.joined):
+            return
+        phase = run.side.exchange.phase
+        silent = time.monotonic() - self._last_message
+        if phase is Phase.OUT:
+            # One that was refused is refused again unless something has changed: no hurry.
+            if not run.side.exchange.refusal or silent >= _REFUSED_PERIOD:
+                self._join(run)
+        elif silent >= _REMIND_PERIOD:
+            run.side.exchange.remind()
+            self._send(run)
+
+    # What is published.
+
+    def _tell(self, run: MachineRun, tick: int) -> None:
+        """Publish the state at the end of a tick, as far as it is due."""
+        sim, machine, params = run.sim, run.sim.machine, self._params
+        stamp = self._stamp(run, tick)
+
+        def due(rate: float) -> bool:
+            return run.due(tick, rate)
+
+        if due(params.state_rate):
+            base = BaseState(*machine.base_pose, *machine.base_velocity)
+            joints = (machine.joint_positions, machine.joint_velocities, machine.joint_efforts)
+            load = PayloadState(**asdict(sim.payload), time=tick * run.facts.tick)
+            wrench = ToolWrench(*sim.tool_wrench, machine.tool_pose[0])
+            self._topics.state(joints, base, load, wrench, stamp)
+        if due(params.particle_rate):
+            self._topics.particles(sim.particles.store, stamp)
+        if due(params.transform_rate) or due(params.marker_rate):
+            poses = link_poses(self._description, *machine.base_pose, machine.joint_positions)
+            if due(params.transform_rate):
+                self._topics.transforms(*poses, stamp)
+            if due(params.marker_rate):
+                self._topics.markers(poses, machine.tracks.shoe_poses, stamp)
+
+    def _stamp(self, run: MachineRun, tick: int) -> Any:
+        return stamp_of_tick(tick, run.facts.tick)
+
+    def _config(self) -> str:
+        assert self._facts is not None
+        sections = {
+            "machine_sim": asdict(self._params),
+            "stepping": asdict(self._stepping),
+            "particles": asdict(self._particles),
+            "commands": asdict(self._board.params),
+        }
+        return config_text(self._facts, sections)
+
+    def _diagnose(self) -> None:
+        run = self.run
+        if run is None:
+            self.diagnostics.set("phase", "waiting for the soil")
+            return
+        particles, machine = run.sim.particles, run.sim.machine
+        for key, value in {
+            "phase": run.side.exchange.phase.value,
+            "tick": run.tick,
+            "particles": particles.count,
+            "pending_mm3": run.sim.pending.total_mm3,
+            "tunnelled": particles.tunnelled_tool + particles.tunnelled_ground,
+            "payload_fill": f"{run.sim.payload.fill:.3f}",
+            "emergency_stop": self._board.stopped,
+            "overturned": machine.overturned,
+            "slowest_tick_ms": f"{1e3 * self._slowest:.2f}",
+        }.items():
+            self.diagnostics.set(key, value)
+        self._slowest = 0.0
+        if machine.overturned:
+            self.diagnostics.problem("the machine has fallen over; begin anew by /sim/reset")
+        elif run.side.exchange.joined:
+            self.diagnostics.clear()
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until it is stopped."""
+    return run_node(MachineNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,138 @@
+"""A run of one machine: what it is told, when it steps, and what is due to be told of it.
+
+Knows no messages' carrier and reads no clock: the caller says what time it is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from machine_sim.commands import AppliedCommand, CommandBoard
+from machine_sim.core import MachineSim
+from machine_sim.machine import MachineDescription
+from machine_sim.node_params import MachineNodeParams
+from machine_sim.params import MachineSimParams
+from machine_sim.particles import ParticleParams
+from machine_sim.side import MachineSide
+from msg_bridge.codec.sim_config import RunFacts
+from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.messages import Keyframe
+from msg_bridge.exchange.machine_side import MachineExchange
+
+__all__ = ["MachineRun"]
+
+
+class MachineRun:
+    """One machine in one run of the soil.
+
+    Attributes:
+        facts: of the run, as the soil tells them.
+        side: the machine and its end of the exchange.
+        board: what it is told.
+    """
+
+    def __init__(
+        self,
+        description: MachineDescription,
+        params: MachineNodeParams,
+        stepping: MachineSimParams,
+        particles: ParticleParams,
+        board: CommandBoard,
+        facts: RunFacts,
+        keyframe: Keyframe,
+        *,
+        life: int,
+    ) -> None:
+        """
+        Args:
+            description: the machine.
+            params: its place and number.
+            stepping, particles: physics; the number of steps in a tick follows from the run's.
+            board: commands, which outlive a run.
+            facts: of the run.
+            keyframe: the terrain it is set down on.
+            life: number below 2**32 that no life of this source has had in this run.
+
+        Raises:
+            ParameterError: the soil's tick is not a whole number of physics steps.
+            MachineError: a place off the map.
+        """
+        self.facts = facts
+        self.board = board
+        self._params = params
+        self._commanded = -1  # newest tick that a stamped command was for
+        sim = MachineSim(
+            description,
+            keyframe.grid,
+            keyframe.elevation,
+            params=_in_step(stepping, facts),
+            particle_params=particles,
+            swell=facts.swell,
+            position=(params.x, params.y),
+            yaw=math.radians(params.yaw),
+            seed=params.seed,
+        )
+        exchange = MachineExchange(params.source, epoch=facts.epoch, life=life)
+        self.side = MachineSide(sim, exchange)
+
+    @property
+    def sim(self) -> MachineSim:
+        """The machine and its particles."""
+        return self.side.sim
+
+    @property
+    def tick(self) -> int:
+        """The last tick answered."""
+        return self.side.tick
+
+    @property
+    def sim_time(self) -> float:
+        """Simulation time reached [s]."""
+        return max(self.tick, 0) * self.facts.tick
+
+    def command_time(self, wall: float) -> float:
+        """The time by which commands grow old [s]: the wall clock's only in real time.
+
+        Args:
+            wall: a monotonic wall clock [s].
+        """
+        return wall if self.facts.realtime else self.sim_time
+
+    def note_command(self, stamp: float) -> None:
+        """Note that a command stamped `stamp` [s] has come; it is for the tick that begins then."""
+        self._commanded = max(self._commanded, round(stamp / self.facts.tick))
+
+    @property
+    def may_step(self) -> bool:
+        """Whether the next tick can be done: the last one answered, a command there if awaited."""
+        every = self._params.await_commands_every
+        awaits = every > 0 and not self.facts.realtime and self.tick % every == 0
+        return self.side.ready and not (awaits and self._commanded < self.tick)
+
+    def command(self, wall: float) -> AppliedCommand:
+        """Give the machine what takes effect in the tick that begins now."""
+        applied = self.board.at(self.command_time(wall), self.sim.machine.joint_positions)
+        self.sim.command(applied.joints, applied.tracks)
+        return applied
+
+    def due(self, tick: int, rate: float) -> bool:
+        """Whether what is told `rate` times a simulated second is due after a tick."""
+        if rate <= 0.0:
+            return False
+        return tick % max(1, round(1.0 / (rate * self.facts.tick))) == 0
+
+    def close(self) -> None:
+        """Free what the machine holds."""
+        self.sim.close()
+
+
+def _in_step(stepping: MachineSimParams, facts: RunFacts) -> MachineSimParams:
+    """The stepping with as many physics steps as the soil's tick takes."""
+    steps = round(facts.tick / stepping.physics_step)
+    if steps < 1 or not math.isclose(steps * stepping.physics_step, facts.tick, rel_tol=1e-9):
+        raise ParameterError(
+            f"the soil's tick is {facts.tick} s, not a whole number of physics steps of"
+            f" {stepping.physics_step} s; set stepping.physics_step or the soil's tick to fit"
+        )
+    return replace(stepping, steps_per_tick=steps)

@@ -1,0 +1,219 @@
+"""A machine's joints, commands and payload as messages.
+
+The joint states hold the base's pose too, as the values of joints that a URDF may put between
+`map` and the base: the prismatic `base_x`, `base_y`, `base_z` [m], then `base_yaw`, `base_pitch`,
+`base_roll` [rad]. With such a URDF a stock robot_state_publisher gives the whole tree.
+"""
+
+from __future__ import annotations
+
+import array
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from numpy.typing import ArrayLike, NDArray
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout
+
+from msg_bridge.codec.errors import CodecError
+from msg_bridge.codec.rotations import rotation_of, yaw_pitch_roll
+
+__all__ = [
+    "COMMAND_NAMES",
+    "JOINT_NAMES",
+    "VIRTUAL_JOINTS",
+    "BaseState",
+    "PayloadState",
+    "from_command_state",
+    "from_payload_array",
+    "to_command_state",
+    "to_joint_state",
+    "to_payload_array",
+]
+
+Array = NDArray[np.float64]
+
+JOINT_NAMES = ("swing", "boom", "arm", "bucket")
+"""Joints of an excavator, in the order of every array of joint values."""
+
+COMMAND_NAMES = (*JOINT_NAMES, "left_track", "right_track")
+"""What an excavator is commanded: joint velocities [rad/s], then track speeds [m/s]."""
+
+VIRTUAL_JOINTS = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll")
+"""The joints from `map` to the base, from the map on."""
+
+_PAYLOAD_LABEL = "bank_m3,loose_m3,mass_kg,fill,time_s"
+
+_LEVEL_ENOUGH = 1e-9
+"""Cosine of the pitch below which yaw and roll turn about the same axis."""
+
+
+class BaseState(NamedTuple):
+    """Where `base_link` is and how it moves, map frame.
+
+    Attributes:
+        position: of its origin [m], shape (3,).
+        quaternion: base to map, x, y, z, w.
+        velocity: of its origin [m/s], shape (3,).
+        spin: angular velocity [rad/s], shape (3,).
+    """
+
+    position: ArrayLike
+    quaternion: ArrayLike
+    velocity: ArrayLike
+    spin: ArrayLike
+
+
+class PayloadState(NamedTuple):
+    """Soil in the tool.
+
+    Attributes:
+        bank, loose: bank volume, and volume as it lies in the tool [m^3].
+        mass: [kg].
+        fill: loose volume in parts of the tool's heaped capacity.
+        time: simulation time it is of [s]; an array message has no stamp.
+    """
+
+    bank: float
+    loose: float
+    mass: float
+    fill: float
+    time: float = 0.0
+
+
+def to_joint_state(
+    positions: ArrayLike,
+    velocities: ArrayLike,
+    efforts: ArrayLike,
+    base: BaseState,
+    stamp: Time,
+    *,
+    names: Sequence[str] = JOINT_NAMES,
+) -> JointState:
+    """The state of every joint, the virtual ones of the base included (effort 0).
+
+    At a pitch of 90 degrees the rates of yaw and roll are not defined; roll then stands still.
+
+    Args:
+        positions, velocities, efforts: [rad], [rad/s], [N m] of the joints, in the order of
+            `names`.
+        base: pose and motion of the base.
+        stamp: end of the tick it is the state of.
+        names: of the machine's own joints.
+
+    Raises:
+        CodecError: other than one value for each name, or a quaternion that is none.
+    """
+    own = [
+        _doubles(values, len(names), what)
+        for values, what in (
+            (positions, "joint positions"),
+            (velocities, "joint velocities"),
+            (efforts, "joint efforts"),
+        )
+    ]
+    place = _doubles(base.position, 3, "base position")
+    motion = _doubles(base.velocity, 3, "base velocity")
+    angles = yaw_pitch_roll(rotation_of(base.quaternion))
+    spin = _doubles(base.spin, 3, "base angular velocity")
+    own[0].extend([*place, *angles])
+    own[1].extend([*motion, *_angle_rates(angles, spin)])
+    own[2].extend([0.0] * len(VIRTUAL_JOINTS))
+    return JointState(
+        header=Header(stamp=stamp),
+        name=[*names, *VIRTUAL_JOINTS],
+        position=own[0],
+        velocity=own[1],
+        effort=own[2],
+    )
+
+
+def to_command_state(names: Sequence[str], velocities: ArrayLike, stamp: Time) -> JointState:
+    """The command that takes effect at a tick, `COMMAND_NAMES` for an excavator.
+
+    Args:
+        names: joints and tracks.
+        velocities: [rad/s] or [m/s], in the order of `names`; they cross bit by bit.
+        stamp: end of the tick.
+
+    Raises:
+        CodecError: other than one finite value for each name.
+    """
+    values = _doubles(velocities, len(names), "commanded velocities")
+    _check_finite(names, values)
+    return JointState(header=Header(stamp=stamp), name=list(names), velocity=values)
+
+
+def from_command_state(msg: JointState, names: Sequence[str] = COMMAND_NAMES) -> Array:
+    """The velocities of a command, in the order of `names`, shape (len(names),).
+
+    Raises:
+        CodecError: other names or another order, other than one finite velocity for each, or
+            positions or efforts, which a command does not have.
+    """
+    if list(msg.name) != list(names):
+        raise CodecError(
+            f"the command names {', '.join(msg.name) or 'nothing'}; it must be of"
+            f" {', '.join(names)}, in this order"
+        )
+    if len(msg.position) or len(msg.effort):
+        raise CodecError("an applied command has velocities only; leave position and effort empty")
+    if len(msg.velocity) != len(names):
+        raise CodecError(f"the command has {len(msg.velocity)} velocities for {len(names)} names")
+    _check_finite(names, msg.velocity)
+    return np.array(msg.velocity, dtype=np.float64)
+
+
+def to_payload_array(payload: PayloadState) -> Float64MultiArray:
+    """The payload as one dimension of values whose label names each of them, with its unit."""
+    data = array.array("d", payload)
+    size = len(data)
+    dimension = MultiArrayDimension(label=_PAYLOAD_LABEL, size=size, stride=size)
+    return Float64MultiArray(layout=MultiArrayLayout(dim=[dimension], data_offset=0), data=data)
+
+
+def from_payload_array(msg: Float64MultiArray) -> PayloadState:
+    """The payload that a message holds.
+
+    Raises:
+        CodecError: another label, or other than one value for each name in it.
+    """
+    size = len(PayloadState._fields)
+    found = [(dim.label, dim.size, dim.stride) for dim in msg.layout.dim]
+    if found != [(_PAYLOAD_LABEL, size, size)] or msg.layout.data_offset or len(msg.data) != size:
+        raise CodecError(
+            f"the array has {len(msg.data)} values and the dimensions {found}, offset"
+            f" {msg.layout.data_offset}; a payload is {size} values in one dimension labelled"
+            f" {_PAYLOAD_LABEL!r}, offset 0"
+        )
+    return PayloadState(*msg.data)
+
+
+def _angle_rates(
+    angles: tuple[float, float, float], spin: Sequence[float]
+) -> tuple[float, float, float]:
+    """Rates of yaw, pitch, roll [rad/s] that make the angular velocity `spin`, map frame."""
+    yaw, pitch, _ = angles
+    s, c = math.sin(yaw), math.cos(yaw)
+    # The frame after the yaw: roll's axis there is (cos pitch, 0, -sin pitch).
+    x, y = c * spin[0] + s * spin[1], c * spin[1] - s * spin[0]
+    level = math.cos(pitch)
+    roll = x / level if abs(level) > _LEVEL_ENOUGH else 0.0
+    return spin[2] + math.sin(pitch) * roll, y, roll
+
+
+def _doubles(values: ArrayLike, count: int, what: str) -> array.array[float]:
+    """The values as a message takes them; nothing else is as fast."""
+    found = np.asarray(values, dtype=np.float64)
+    if found.shape != (count,):
+        raise CodecError(f"{what} have shape {found.shape}; give {count} numbers")
+    return array.array("d", found.tolist())
+
+
+def _check_finite(names: Sequence[str], velocities: Sequence[float]) -> None:
+    for name, velocity in zip(names, velocities, strict=True):
+        if not math.isfinite(velocity):
+            raise CodecError(f"the velocity of {name} is {velocity}; commands are finite numbers")

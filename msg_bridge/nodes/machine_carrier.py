@@ -1,0 +1,100 @@
+"""Carries a machine's exchange over topics: the same messages as the direct transport."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Int64MultiArray, String
+
+from msg_bridge.codec import qos
+from msg_bridge.codec.chunks import from_chunk_cloud, to_chunk_cloud
+from msg_bridge.codec.headers import from_multi_array, from_refusal_string, to_multi_array
+from msg_bridge.codec.terrain import from_terrain_cloud
+from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.messages import Message, Resend, RowChunk, SoilHeader, Stream
+from msg_bridge.nodes.topics import (
+    MAP_FRAME,
+    MAP_TOPIC,
+    OWED_TOPIC,
+    REFUSALS_TOPIC,
+    SOIL_TICK_TOPIC,
+    STREAM_TOPIC,
+    TICK_TOPIC,
+)
+
+__all__ = ["MachineCarrier"]
+
+_SENT = (Stream.SWEEP, Stream.LANDED)
+_RECEIVED = (Stream.CONVERSION, Stream.CHANGED, Stream.FORCE)
+
+
+class MachineCarrier:
+    """Topics of the exchange as a machine uses them.
+
+    Attributes:
+        cell: side length of a column [m] once known, so that maps are read exactly; None before.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        receive: Callable[[Message], None],
+        refuse: Callable[[str, str], None],
+    ) -> None:
+        """
+        Args:
+            node: whose topics they are; `soil_tick` and `soil_owed` lie in its namespace.
+            receive: takes each message; may raise ExchangeError.
+            refuse: told topic and reason of a message that cannot be taken.
+        """
+        self.cell: float | None = None
+        self._receive = receive
+        self._refuse = refuse
+        self._tick = node.create_publisher(Int64MultiArray, SOIL_TICK_TOPIC, qos.ROWS)
+        self._rows = {
+            stream: node.create_publisher(PointCloud2, STREAM_TOPIC[stream], qos.ROWS)
+            for stream in _SENT
+        }
+
+        def subscribe(
+            kind: Any, topic: str, profile: Any, decode: Callable[[Any], Message]
+        ) -> None:
+            node.create_subscription(kind, topic, partial(self._take, topic, decode), profile)
+
+        subscribe(Int64MultiArray, TICK_TOPIC, qos.ROWS, _soil_word)
+        for stream in _RECEIVED:
+            decode = partial(from_chunk_cloud, stream=stream)
+            subscribe(PointCloud2, STREAM_TOPIC[stream], qos.ROWS, decode)
+        owed = partial(from_chunk_cloud, stream=Stream.OWED)
+        subscribe(PointCloud2, OWED_TOPIC, qos.ROWS, owed)
+        subscribe(String, REFUSALS_TOPIC, qos.ROWS, from_refusal_string)
+        subscribe(PointCloud2, MAP_TOPIC, qos.LATCHED, self._keyframe)
+
+    def send(self, messages: Iterable[Message], stamp: Time) -> None:
+        """Publish what the machine has to say; rows are stamped with the end of their tick."""
+        for message in messages:
+            if isinstance(message, RowChunk):
+                self._rows[message.stream].publish(to_chunk_cloud(message, MAP_FRAME, stamp))
+            else:
+                self._tick.publish(to_multi_array(message))  # type: ignore[arg-type]
+
+    def _take(self, topic: str, decode: Callable[[Any], Message], msg: Any) -> None:
+        try:
+            self._receive(decode(msg))
+        except ExchangeError as error:
+            self._refuse(topic, str(error))
+
+    def _keyframe(self, msg: PointCloud2) -> Message:
+        return from_terrain_cloud(msg, cell=self.cell).keyframe
+
+
+def _soil_word(msg: Int64MultiArray) -> Message:
+    message = from_multi_array(msg)
+    if not isinstance(message, (SoilHeader, Resend)):
+        raise ExchangeError(f"a {type(message).__name__} is nothing the soil says here")
+    return message

@@ -1,0 +1,57 @@
+"""What the soil tells everybody: time, terrain, ledger, configuration."""
+
+from __future__ import annotations
+
+from builtin_interfaces.msg import Time
+from nav_msgs.msg import MapMetaData
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import Bool, Int64MultiArray, String
+
+from msg_bridge.codec import qos
+from msg_bridge.codec.headers import to_multi_array
+from msg_bridge.codec.terrain import TerrainMap, to_elevation_image, to_map_info, to_terrain_cloud
+from msg_bridge.contract.ledger import Ledger
+from msg_bridge.nodes.topics import MAP_FRAME, MAP_TOPIC
+
+__all__ = ["SoilTopics"]
+
+
+class SoilTopics:
+    """Publishers of the soil's state."""
+
+    def __init__(self, node: Node) -> None:
+        """`node` is whose topics they are."""
+        self._clock = node.create_publisher(Clock, "/clock", qos.STATE)
+        self._ledger = node.create_publisher(Int64MultiArray, "/soil/ledger", qos.ROWS)
+        self._hash = node.create_publisher(String, "/soil/state_hash", qos.STATE)
+        self._map = node.create_publisher(PointCloud2, MAP_TOPIC, qos.LATCHED)
+        self._elevation = node.create_publisher(Image, "/terrain/elevation", qos.LATCHED)
+        self._info = node.create_publisher(MapMetaData, "/terrain/info", qos.LATCHED)
+        self._config = node.create_publisher(String, "/sim/config", qos.LATCHED)
+        self._paused = node.create_publisher(Bool, "/sim/paused", qos.LATCHED)
+
+    def tick(self, ledger: Ledger, stamp: Time) -> None:
+        """Publish the time and the account of a tick."""
+        self._clock.publish(Clock(clock=stamp))
+        self._ledger.publish(to_multi_array(ledger))
+
+    def terrain(self, terrain: TerrainMap, stamp: Time) -> None:
+        """Publish the whole terrain."""
+        self._map.publish(to_terrain_cloud(terrain, MAP_FRAME, stamp))
+        self._elevation.publish(to_elevation_image(terrain.keyframe, MAP_FRAME, stamp))
+
+    def begin(self, terrain: TerrainMap, config: str, stamp: Time) -> None:
+        """Publish what a run begins with: its configuration [YAML], then its terrain."""
+        self._config.publish(String(data=config))
+        self._info.publish(to_map_info(terrain.keyframe.grid, stamp))
+        self.terrain(terrain, stamp)
+
+    def state_hash(self, tick: int, digest: str) -> None:
+        """Publish the hash [hex] of the terrain after a tick, as `tick digest`."""
+        self._hash.publish(String(data=f"{tick} {digest}"))
+
+    def paused(self, paused: bool) -> None:
+        """Publish whether time stands still."""
+        self._paused.publish(Bool(data=paused))

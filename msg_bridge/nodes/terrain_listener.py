@@ -1,0 +1,82 @@
+"""The terrain as any node can follow it: by the public topics, without taking part."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Int64MultiArray
+
+from msg_bridge.codec import qos
+from msg_bridge.codec.chunks import from_chunk_cloud
+from msg_bridge.codec.headers import from_multi_array
+from msg_bridge.codec.terrain import from_terrain_cloud
+from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.messages import Message, Stream
+from msg_bridge.exchange.follower import TerrainFollower
+from msg_bridge.nodes.topics import MAP_TOPIC, STREAM_TOPIC, TICK_TOPIC
+
+__all__ = ["TerrainListener"]
+
+_STALLED = 0.5
+"""Wall time without a new tick after which a keyframe is taken for what is missing [s]."""
+
+
+class TerrainListener:
+    """Subscriptions that keep a `TerrainFollower` up to date.
+
+    Attributes:
+        follower: grid, elevation and revision of the terrain, and the tick they are of.
+    """
+
+    def __init__(
+        self, node: Node, went_on: Callable[[], None], refuse: Callable[[str, str], None]
+    ) -> None:
+        """
+        Args:
+            node: whose subscriptions they are.
+            went_on: called when the follower has reached another tick.
+            refuse: told topic and reason of a message that cannot be taken.
+        """
+        self.follower = TerrainFollower()
+        self._went_on, self._refuse = went_on, refuse
+        self._seen = -1
+
+        def subscribe(
+            kind: Any, topic: str, profile: Any, decode: Callable[[Any], Message]
+        ) -> None:
+            def take(msg: Any) -> None:
+                self._take(topic, decode, msg)
+
+            node.create_subscription(kind, topic, take, profile)
+
+        subscribe(PointCloud2, MAP_TOPIC, qos.LATCHED, lambda m: from_terrain_cloud(m).keyframe)
+        changes = STREAM_TOPIC[Stream.CHANGED]
+        subscribe(PointCloud2, changes, qos.ROWS, lambda m: from_chunk_cloud(m, Stream.CHANGED))
+        subscribe(Int64MultiArray, TICK_TOPIC, qos.ROWS, _soil_word)
+        node.create_timer(_STALLED, self._on_stall)
+
+    def _take(self, topic: str, decode: Callable[[Any], Any], msg: Any) -> None:
+        try:
+            went_on = self.follower.receive(decode(msg))
+        except ExchangeError as error:
+            self._refuse(topic, str(error))
+            return
+        if went_on:
+            self._went_on()
+
+    def _on_stall(self) -> None:
+        stalled = self.follower.tick == self._seen
+        self._seen = self.follower.tick
+        if stalled and self.follower.resync():
+            self._went_on()
+
+
+def _soil_word(msg: Int64MultiArray) -> Message:
+    message = from_multi_array(msg)
+    if isinstance(message, Ledger):
+        raise ExchangeError("a ledger is nothing the soil says here")
+    return message

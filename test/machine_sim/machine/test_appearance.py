@@ -1,0 +1,93 @@
+"""Link poses and looks agree with the kinematics, the physics and the URDF."""
+
+import math
+
+import numpy as np
+import pybullet
+import pytest
+
+from machine_sim.machine import MachineError, rotation_matrix, tool_pose
+from machine_sim.machine.appearance import LINK_FRAMES, link_boxes, link_poses, shoe_look
+
+JOINTS = [0.7, -0.4, 1.3, 1.1]
+PLACE = [3.0, -2.0, 0.5]
+
+
+def test_bucket_is_at_the_tool_pose(description):
+    rng = np.random.default_rng(6)
+    for _ in range(50):
+        place, quaternion = rng.uniform(-50.0, 50.0, 3), rng.normal(size=4)
+        joints = rng.uniform(-3.0, 3.0, 4)
+        poses = link_poses(description, place, quaternion, joints)
+        rotation, origin = tool_pose(description, place, rotation_matrix(quaternion), joints)
+        np.testing.assert_allclose(poses.positions[-1], origin, atol=1e-12)
+        np.testing.assert_allclose(rotation_matrix(poses.quaternions[-1]), rotation, atol=1e-12)
+
+
+def test_links_are_where_the_physics_has_them(scene, description):
+    s = scene(slope_deg=10, yaw=1.0)
+    s.machine.command([0.4, -0.2, 0.3, -0.5], [0.2, -0.1])
+    s.run(1.0)
+    machine, client = s.machine, s.client
+    poses = link_poses(description, *machine.base_pose, machine.joint_positions)
+    np.testing.assert_allclose(poses.positions[0], machine.base_pose[0])
+    names = {
+        client.getJointInfo(machine.body, k)[12].decode(): k
+        for k in range(client.getNumJoints(machine.body))
+    }
+    assert set(names) == set(LINK_FRAMES[1:])
+    for k, name in enumerate(LINK_FRAMES[1:], start=1):
+        state = pybullet.getLinkState(machine.body, names[name], 0, 1, client._client)
+        np.testing.assert_allclose(poses.positions[k], state[4], atol=5e-6)
+        np.testing.assert_allclose(
+            rotation_matrix(poses.quaternions[k]), rotation_matrix(state[5]), atol=5e-6
+        )
+
+
+def test_quaternions_are_units_whatever_the_base_has(description):
+    poses = link_poses(description, PLACE, [0.2, 0.4, -0.6, 1.8], JOINTS)
+    np.testing.assert_allclose(np.linalg.norm(poses.quaternions, axis=1), 1.0, atol=1e-12)
+    same = link_poses(description, PLACE, [0.1, 0.2, -0.3, 0.9], JOINTS)
+    np.testing.assert_allclose(poses.positions, same.positions, atol=1e-12)
+
+
+@pytest.mark.parametrize("quaternion", [[0.0] * 4, [math.nan, 0.0, 0.0, 1.0]])
+def test_base_without_a_rotation_is_refused(description, quaternion):
+    with pytest.raises(MachineError, match="no rotation"):
+        link_poses(description, PLACE, quaternion, JOINTS)
+
+
+def test_boxes_of_the_description_are_shown_as_they_are(description):
+    shown = link_boxes(description)
+    for frame, link in zip(LINK_FRAMES[:-1], list(description.links.values())[:-1], strict=True):
+        boxes = [(box.size, box.center, box.pitch) for box in shown if box.link == frame]
+        assert boxes == [(box.size, box.center, box.pitch) for box in link.boxes]
+
+
+def test_bucket_is_shown_as_its_shell(description):
+    """Boxes beside every plate's middle, and none in the mouth."""
+    boxes = [box for box in link_boxes(description) if box.link == "bucket"]
+    middles = np.array([box.center for box in boxes])
+    for plate in description.bucket.plates()[:6]:
+        assert np.linalg.norm(middles - plate.mean(axis=0), axis=1).min() < 1e-9
+    assert {round(abs(y), 9) for y in middles[6:, 1]} == {
+        0.5 * (description.bucket.width + description.bucket.plate)
+    }
+
+
+def test_names_carry_the_prefix(description):
+    boxes = link_boxes(description, prefix="digger/")
+    assert {box.link for box in boxes} == {f"digger/{name}" for name in LINK_FRAMES}
+
+
+def test_colours_are_colours(description):
+    colors = [*(box.color for box in link_boxes(description)), shoe_look(description).color]
+    assert all(len(color) == 4 and all(0.0 <= part <= 1.0 for part in color) for color in colors)
+    assert len(set(colors)) >= 3
+
+
+def test_shoes_leave_a_gap_on_the_belt(description):
+    look, tracks = shoe_look(description), description.tracks
+    assert 0.9 * tracks.pitch < look.shoe_size[0] < tracks.pitch
+    assert look.shoe_size[1:] == (tracks.shoe_width, tracks.shoe_thickness)
+    assert (look.shoe_count, look.gauge) == (tracks.shoe_count, tracks.gauge)

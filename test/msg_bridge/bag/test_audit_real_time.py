@@ -1,0 +1,202 @@
+"""Audits of runs in which the soil went on without a late machine, dropped it, or released it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from msg_bridge.bag.audit import audit_epoch
+from msg_bridge.bag.audit_gather import EpochData
+from msg_bridge.bag.audit_report import Check, EpochReport
+from msg_bridge.codec.terrain import TerrainMap
+from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.messages import (
+    Keyframe,
+    MachineHeader,
+    RowRange,
+    SoilHeader,
+    SourceReceipt,
+    Stream,
+    Verb,
+)
+from msg_bridge.contract.rows import CHANGED, CONVERSION, LANDED, Kind, empty_rows
+
+START = 4000
+
+
+@dataclass(frozen=True)
+class Receipt(SourceReceipt):
+    """A receipt that tells how far the soil has taken its source."""
+
+    tick: int = 0
+
+
+class Script:
+    """A run on 2 x 2 columns of 1000 mm3, written down tick by tick."""
+
+    def __init__(self) -> None:
+        self.data = EpochData()
+        self.cells = np.full((2, 2), 1000, dtype=np.int64)
+        self._conversions = 0
+        self._revision = 0
+        self.keyframe()
+
+    def soil(self, *moved: tuple[int, int, int], receipt: Receipt | None, **ledger: int) -> None:
+        """A tick that moved (kind, particle, volume), each in a column of its own."""
+        tick = len(self.data.soil)
+        rows, changed = empty_rows(CONVERSION, len(moved)), empty_rows(CHANGED, len(moved))
+        self._revision += bool(moved)
+        for n, (kind, particle, volume) in enumerate(moved):
+            self._conversions += 1
+            for each in (rows, changed):
+                each["seq"][n] = self._conversions
+                each["col"][n] = n
+            rows["kind"][n], rows["particle_id"][n], rows["volume_mm3"][n] = kind, particle, volume
+            rows["source"][n], rows["tick"][n] = 1, tick
+            self.cells[0, n] += volume if kind == Kind.DEPOSIT else -volume
+            changed["volume_mm3"][n], changed["revision"][n] = self.cells[0, n], self._revision
+        span = RowRange(self._conversions + 1 - len(moved), len(moved))
+        receipts = () if receipt is None else (receipt,)
+        header = SoilHeader(1, tick, self._revision, span, span, RowRange(), receipts)
+        self.data.soil[tick] = header
+        self.data.chunks[Stream.CONVERSION, 0, 0].append(rows)
+        self.data.chunks[Stream.CHANGED, 0, 0].append(changed)
+        names = ("in_flight", "pending", "particles", "absent", "outside")
+        accounts = {name: ledger.get(name, 0) for name in names}
+        self.data.ledgers[tick] = Ledger(
+            tick=tick, terrain=int(self.cells.sum()), start=START, **accounts
+        )
+        assert self.data.ledgers[tick].imbalance == 0
+
+    def machine(
+        self, life: int, tick: int, verb: Verb, received: int, pending: int, particles: int
+    ) -> None:
+        header = MachineHeader(
+            1, 1, life, tick, verb, RowRange(), RowRange(), received, received, pending, particles
+        )
+        if verb in (Verb.JOIN, Verb.RETURN):
+            self.data.joins[1, life] = header
+        else:
+            self.data.steps.setdefault((1, life), {})[tick] = header
+
+    def lands(self, tick: int, particle: int, volume: int) -> None:
+        """The first row that life 1 lands, of its header of a tick."""
+        rows = empty_rows(LANDED, 1)
+        rows["source"] = rows["seq"] = 1
+        rows["particle_id"], rows["volume_mm3"] = particle, volume
+        self.data.chunks[Stream.LANDED, 1, 1].append(rows)
+        steps = self.data.steps[1, 1]
+        for each, header in steps.items():
+            first, count = (1, 1) if each == tick else (1 if each < tick else 2, 0)
+            steps[each] = MachineHeader(
+                *(1, 1, 1, each, header.verb, RowRange(), RowRange(first, count)),
+                *(header.conversions_received, header.conversions_durable),
+                *(header.pending_mm3, header.particles_mm3),
+            )
+
+    def keyframe(self) -> None:
+        grid = Grid(2, 2, 0.2)
+        frame = Keyframe(1, self._revision, grid, np.zeros(grid.shape))
+        self.data.keyframes.add(TerrainMap(frame, np.zeros(grid.shape), self.cells.copy()))
+
+    def audit(self) -> EpochReport:
+        self.keyframe()
+        return audit_epoch(1, self.data)
+
+
+def until_dropped() -> Script:
+    """Its tick 2 is taken in the soil's tick 3; from tick 4 on it is dropped, holding 100 mm3."""
+    script = Script()
+    script.machine(1, -1, Verb.JOIN, 0, 0, 0)
+    script.soil(receipt=Receipt(1, 1, 0, 0, tick=0))
+    script.machine(1, 1, Verb.STEP, 0, 0, 0)
+    script.soil((Kind.EXCAVATE, 0, 100), receipt=Receipt(1, 1, 0, 0, tick=1), in_flight=100)
+    script.soil(receipt=Receipt(1, 1, 0, 0, tick=1), in_flight=100)
+    script.machine(1, 2, Verb.STEP, 1, 40, 60)
+    script.lands(2, particle=1, volume=60)
+    held = {"pending": 40, "particles": 60}
+    receipt = Receipt(1, 1, 1, 1, tick=2)
+    script.soil((Kind.DEPOSIT, 1, 60), receipt=receipt, in_flight=-60, **held)
+    script.machine(1, 3, Verb.STEP, 2, 40, 0)  # too late: never taken
+    script.soil(receipt=None, in_flight=-60, absent=100)
+    return script
+
+
+def returned() -> Script:
+    """It comes back in tick 5 with what it held, is owed one row, and goes on."""
+    script = until_dropped()
+    script.machine(2, 3, Verb.RETURN, 1, 40, 60)
+    owed = script.data.chunks[Stream.CONVERSION, 0, 0][3].copy()
+    owed["seq"] = 1
+    script.data.chunks[Stream.OWED, 1, 2].append(owed)
+    receipt = Receipt(1, 2, 0, 0, owed=1, tick=5)
+    script.soil(receipt=receipt, in_flight=-60, pending=40, particles=60)
+    script.machine(2, 6, Verb.STEP, 2, 40, 0)
+    script.soil(receipt=Receipt(1, 2, 0, 0, tick=6), pending=40)
+    return script
+
+
+def released() -> Script:
+    """What it left, less what had landed already, is put down in tick 5."""
+    script = until_dropped()
+    script.soil((Kind.DEPOSIT, 0, 40), receipt=None)
+    return script
+
+
+@pytest.mark.parametrize("story", [until_dropped, returned, released])
+def test_late_dropped_returned_and_released_machines_balance(
+    story: Callable[[], Script],
+) -> None:
+    report = story().audit()
+    assert report.sound, (report.findings, report.unchecked)
+    assert report.worst_imbalance_mm3 == 0
+    assert report.audited == report.recorded
+
+
+def test_soil_released_is_told_apart_from_soil_that_landed() -> None:
+    assert released().audit().moved_mm3["RELEASED"] == 40
+    assert returned().audit().moved_mm3["RELEASED"] == 0
+
+
+def test_one_mm3_released_too_much_is_found() -> None:
+    script = until_dropped()
+    script.soil((Kind.DEPOSIT, 0, 40), receipt=None)
+    script.data.chunks[Stream.CONVERSION, 0, 0][-1]["volume_mm3"] += 1
+    found = {finding.check for finding in script.audit().findings}
+    assert Check.TERRAIN in found
+    assert Check.LEDGER in found
+
+
+def test_a_row_owed_that_is_no_copy_is_found() -> None:
+    script = returned()
+    script.data.chunks[Stream.OWED, 1, 2][0]["volume_mm3"] += 1
+    (finding,) = script.audit().findings
+    assert finding.check is Check.OWED
+
+
+def test_a_machine_that_returns_with_other_soil_than_it_left_with_is_named() -> None:
+    script = returned()
+    script.machine(2, 3, Verb.RETURN, 1, 40, 61)
+    texts = [f.text for f in script.audit().findings if f.check is Check.ACCOUNTS]
+    assert any(
+        "machine 1 on its return before tick 5 holds 1 mm3 too much" in text for text in texts
+    )
+
+
+def test_a_header_that_the_soil_took_late_and_the_bag_lacks_is_a_gap() -> None:
+    script = until_dropped()
+    del script.data.steps[1, 1][2]
+    texts = [finding.text for finding in script.audit().gaps]
+    assert any(text == "machine 1's header of tick 2 is missing" for text in texts)
+
+
+def test_an_answer_in_another_tick_than_the_landing_was_taken_is_found() -> None:
+    script = until_dropped()
+    late = script.data.soil[3].receipts[0]
+    header = script.data.soil[2]
+    spoilt = SoilHeader(1, 2, 1, header.conversions, header.changed, RowRange(), (late,))
+    script.data.soil[2] = spoilt
+    texts = [f.text for f in script.audit().findings if f.check is Check.LANDINGS]
+    assert texts == ["machine 1's particle 1 landed in tick 2 and was answered in tick 3"]

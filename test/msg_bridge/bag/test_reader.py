@@ -1,0 +1,204 @@
+"""Reading bags: whole, broken off, in parts, and what is none."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from builtin_interfaces.msg import Time
+from mcap.writer import CompressionType, Writer
+from std_msgs.msg import Int64MultiArray, String
+from support.bag_recording import write_mcap
+
+from msg_bridge.bag.reader import BagReader, BagReadError, TopicInfo
+
+
+def talk(count: int, *, first: int = 0) -> list[tuple[str, int, object]]:
+    """Words on /a at even times and numbers on /b at odd ones."""
+    return [
+        ("/a", n, String(data=f"word {n}")) if n % 2 == 0 else ("/b", n, Time(sec=n))
+        for n in range(first, first + count)
+    ]
+
+
+def times(reader: BagReader, **options: object) -> list[int]:
+    return [time for _, time, _ in reader.messages(**options)]
+
+
+def test_messages_come_decoded_in_the_classes_of_ros(tmp_path: Path) -> None:
+    reader = BagReader(write_mcap(tmp_path / "a.mcap", talk(4)))
+    assert list(reader) == talk(4)
+    assert reader.truncated == ()
+
+
+def test_topics_have_their_type_and_count(tmp_path: Path) -> None:
+    reader = BagReader(write_mcap(tmp_path / "a.mcap", talk(7)))
+    assert reader.topics == {
+        "/a": TopicInfo("std_msgs/msg/String", 4),
+        "/b": TopicInfo("builtin_interfaces/msg/Time", 3),
+    }
+
+
+def test_only_the_topics_asked_for_come(tmp_path: Path) -> None:
+    reader = BagReader(write_mcap(tmp_path / "a.mcap", talk(6)))
+    assert times(reader, topics=["/b"]) == [1, 3, 5]
+    with pytest.raises(BagReadError, match="no topic /c; it has /a, /b"):
+        reader.messages(["/c"])
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+@pytest.mark.parametrize("finish", [True, False])
+def test_messages_come_in_order_of_log_time_across_chunks(
+    tmp_path: Path, compression: CompressionType, finish: bool
+) -> None:
+    order = np.random.default_rng(3).permutation(500)
+    shuffled = [talk(500)[n] for n in order]
+    path = write_mcap(
+        tmp_path / "a.mcap", shuffled, chunk_size=300, compression=compression, finish=finish
+    )
+    found = times(BagReader(path))
+    assert found == sorted(found)
+    assert len(found) > 490
+
+
+def test_messages_of_one_time_keep_their_order(tmp_path: Path) -> None:
+    messages = [("/a", 5, String(data=str(n))) for n in range(100)]
+    reader = BagReader(write_mcap(tmp_path / "a.mcap", messages, chunk_size=200))
+    assert [message.data for _, _, message in reader] == [str(n) for n in range(100)]
+
+
+def test_a_file_without_chunks_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, use_chunking=False)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        channel = writer.register_channel("/a", "cdr", schema)
+        for time in (3, 1, 2):
+            writer.add_message(channel, time, b"\0\1\0\0\2\0\0\0x\0\0\0", time)
+        writer.finish()
+    reader = BagReader(path)
+    assert times(reader) == [1, 2, 3]
+    assert reader.topics["/a"].count == 3
+
+
+def test_a_file_whose_recorder_was_killed_is_read_and_said_to_be_truncated(
+    tmp_path: Path,
+) -> None:
+    path = write_mcap(tmp_path / "a.mcap", talk(500), chunk_size=500, finish=False)
+    reader = BagReader(path)
+    assert reader.truncated == ("a.mcap",)
+    found = times(reader)
+    assert found == list(range(len(found)))
+    assert 480 < len(found) < 500
+    assert sum(topic.count for topic in reader.topics.values()) == len(found)
+
+
+@pytest.mark.parametrize("tail", [b"", b"\0" * 4096])
+def test_a_file_cut_anywhere_gives_what_is_whole(tmp_path: Path, tail: bytes) -> None:
+    whole = write_mcap(tmp_path / "whole.mcap", talk(300), chunk_size=500).read_bytes()
+    path = tmp_path / "cut.mcap"
+    counts = []
+    for part in np.linspace(0.4, 0.99, 25):
+        path.write_bytes(whole[: int(part * len(whole))] + tail)
+        reader = BagReader(path)
+        assert reader.truncated == ("cut.mcap",)
+        found = times(reader)
+        assert found == list(range(len(found)))
+        counts.append(len(found))
+    assert counts == sorted(counts)
+    assert counts[0] > 0
+
+
+def test_damage_in_the_middle_is_an_error_with_its_place(tmp_path: Path) -> None:
+    path = write_mcap(
+        tmp_path / "a.mcap", talk(300), chunk_size=500, compression=CompressionType.NONE
+    )
+    data = bytearray(path.read_bytes())
+    where = data.index(b"word 100")
+    data[where : where + 4] = b"bird"
+    path.write_bytes(data)
+    with pytest.raises(BagReadError, match=r"a\.mcap is damaged at byte \d+"):
+        times(BagReader(path))
+
+
+def test_a_folder_of_files_is_one_bag(tmp_path: Path) -> None:
+    for part in (0, 9, 10):
+        write_mcap(tmp_path / f"bag_{part}.mcap", talk(10, first=10 * part))
+    reader = BagReader(tmp_path)
+    assert [file.name for file in reader.files] == ["bag_0.mcap", "bag_9.mcap", "bag_10.mcap"]
+    assert times(reader) == [*range(10), *range(90, 110)]
+    assert reader.topics["/a"].count == 15
+
+
+def test_metadata_names_the_files(tmp_path: Path) -> None:
+    write_mcap(tmp_path / "b.mcap", talk(10))
+    write_mcap(tmp_path / "stranger.mcap", talk(10))
+    about = {"storage_identifier": "mcap", "relative_file_paths": ["b.mcap"]}
+    metadata = tmp_path / "metadata.yaml"
+    metadata.write_text(yaml.safe_dump({"rosbag2_bagfile_information": about}))
+    assert times(BagReader(tmp_path)) == list(range(10))
+    (tmp_path / "b.mcap").unlink()
+    with pytest.raises(BagReadError, match=r"lacks b\.mcap"):
+        BagReader(tmp_path)
+    about["storage_identifier"] = "sqlite3"
+    metadata.write_text(yaml.safe_dump({"rosbag2_bagfile_information": about}))
+    with pytest.raises(BagReadError, match="stored as sqlite3; convert it"):
+        BagReader(tmp_path)
+    metadata.write_text("nonsense")
+    with pytest.raises(BagReadError, match="is not a bag's"):
+        BagReader(tmp_path)
+
+
+def test_what_is_no_bag_is_said_to_be_none(tmp_path: Path) -> None:
+    with pytest.raises(BagReadError, match="there is no bag"):
+        BagReader(tmp_path / "nowhere")
+    with pytest.raises(BagReadError, match=r"neither metadata\.yaml nor an \.mcap"):
+        BagReader(tmp_path)
+    path = tmp_path / "a.mcap"
+    path.write_bytes(b"")
+    with pytest.raises(BagReadError, match="is empty"):
+        BagReader(path)
+    path.write_bytes(b"SQLite format 3")
+    with pytest.raises(BagReadError, match="not an MCAP file"):
+        BagReader(path)
+    with pytest.raises(BagReadError, match="holds no messages"):
+        BagReader(write_mcap(path, []))
+
+
+def test_messages_of_another_encoding_are_no_ros_2_bag(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("word", "jsonschema", b"{}")
+        channel = writer.register_channel("/a", "json", schema)
+        writer.add_message(channel, 1, b"{}", 1)
+        writer.finish()
+    with pytest.raises(BagReadError, match="no ROS 2 bag: its messages are json, not cdr"):
+        BagReader(path)
+
+
+def test_a_type_that_is_not_installed_matters_only_when_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2")
+        for topic, name in (("/a", "std_msgs/msg/Empty"), ("/b", "crane_msgs/msg/Hook")):
+            schema = writer.register_schema(name, "ros2msg", b"# nothing")
+            channel = writer.register_channel(topic, "cdr", schema)
+            writer.add_message(channel, 1, b"\0\1\0\0\0", 1)
+        writer.finish()
+    reader = BagReader(path)
+    assert reader.topics["/b"].type == "crane_msgs/msg/Hook"
+    assert len(list(reader.messages(["/a"]))) == 1
+    assert len(list(reader.raw_messages())) == 2
+    with pytest.raises(BagReadError, match="crane_msgs/msg/Hook is not installed"):
+        reader.messages(["/b"])
+
+
+def test_raw_messages_are_the_bytes_that_were_recorded(tmp_path: Path) -> None:
+    reader = BagReader(write_mcap(tmp_path / "a.mcap", [("/a", 1, Int64MultiArray(data=[7]))]))
+    ((topic, time, data),) = reader.raw_messages()
+    assert (topic, time) == ("/a", 1)
+    assert data.endswith((7).to_bytes(8, "little"))

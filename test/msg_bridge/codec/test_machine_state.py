@@ -1,0 +1,282 @@
+"""Joint states place the whole machine, commands and payload cross exactly."""
+
+import math
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pybullet
+import pytest
+from builtin_interfaces.msg import Time
+from hypothesis import given
+from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+from support.machine_scenes import excavator
+
+from machine_sim.machine import JOINT_NAMES as MACHINE_JOINTS
+from machine_sim.machine import rotation_matrix, urdf_text
+from machine_sim.machine.appearance import LINK_FRAMES, link_poses
+from machine_sim.machine.urdf import VIRTUAL_JOINTS as URDF_JOINTS
+from msg_bridge.codec.errors import CodecError
+from msg_bridge.codec.machine_state import (
+    COMMAND_NAMES,
+    JOINT_NAMES,
+    VIRTUAL_JOINTS,
+    BaseState,
+    PayloadState,
+    from_command_state,
+    from_payload_array,
+    to_command_state,
+    to_joint_state,
+    to_payload_array,
+)
+
+MACHINE = excavator()
+STAMP = Time(sec=3, nanosec=40_000_000)
+STILL = np.zeros(3)
+HOME = np.zeros(4)
+UPRIGHT = [0.0, 0.0, 0.0, 1.0]
+
+
+def over_the_wire(msg):
+    return deserialize_message(serialize_message(msg), type(msg))
+
+
+def quaternion(yaw, pitch, roll):
+    """x, y, z, w of a turn by yaw, then by pitch and roll about the axes so turned."""
+    (sy, sp, sr), (cy, cp, cr) = (f(0.5 * np.array([yaw, pitch, roll])) for f in (np.sin, np.cos))
+    return np.array(
+        [
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+            cr * cp * cy + sr * sp * sy,
+        ]
+    )
+
+
+def product(a, b):
+    """Quaternion of b followed by a, both about fixed axes."""
+    cross = a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])
+    return np.array([*cross, a[3] * b[3] - a[:3] @ b[:3]])
+
+
+def turn_about(axis, angle):
+    """Rodrigues' formula."""
+    x, y, z = axis
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + math.sin(angle) * skew + (1.0 - math.cos(angle)) * skew @ skew
+
+
+def forward_kinematics(urdf, state):
+    """Rotation and origin of each link of a URDF, root at 0, as robot_state_publisher has them."""
+    values = dict(zip(state.name, state.position, strict=True))
+    robot = ET.fromstring(urdf)
+    joints = {joint.find("child").get("link"): joint for joint in robot.iter("joint")}
+    frames = {}
+
+    def frame(link):
+        if link not in joints:
+            return np.eye(3), np.zeros(3)
+        if link not in frames:
+            joint = joints[link]
+            turn, origin = frame(joint.find("parent").get("link"))
+            if (shift := joint.find("origin")) is not None:
+                assert shift.get("rpy") is None
+                origin = origin + turn @ np.array(shift.get("xyz").split(), dtype=float)
+            axis = np.array(joint.find("axis").get("xyz").split(), dtype=float)
+            value = values[joint.get("name")]
+            if joint.get("type") == "prismatic":
+                origin = origin + turn @ axis * value
+            else:
+                turn = turn @ turn_about(axis, value)
+            frames[link] = turn, origin
+        return frames[link]
+
+    return {link.get("name"): frame(link.get("name")) for link in robot.iter("link")}
+
+
+def random_poses(count):
+    """(position, quaternion, joints), every third one with its nose almost or quite up or down."""
+    rng = np.random.default_rng(5)
+    for k in range(count):
+        yaw, roll = rng.uniform(-math.pi, math.pi, 2)
+        pitch = rng.uniform(-1.5, 1.5)
+        if k % 3 == 0:
+            off = rng.choice([0.0, 1e-16, 1e-12, 1e-8, 1e-5, 1e-3])
+            pitch = rng.choice([-1.0, 1.0]) * (0.5 * math.pi - off)
+        joints = [
+            rng.uniform(max(limit.lower, -9.0), min(limit.upper, 9.0))
+            for limit in MACHINE.joints.values()
+        ]
+        yield rng.uniform(-50.0, 50.0, 3), quaternion(yaw, pitch, roll), np.array(joints)
+
+
+def joint_state(position, turn, joints, velocity=STILL, spin=STILL):
+    base = BaseState(position, turn, velocity, spin)
+    return over_the_wire(to_joint_state(joints, np.zeros(4), np.zeros(4), base, STAMP))
+
+
+def test_names_are_those_of_the_machine_and_its_urdf():
+    assert JOINT_NAMES == MACHINE_JOINTS
+    assert VIRTUAL_JOINTS == URDF_JOINTS
+    state = joint_state(STILL, UPRIGHT, np.zeros(4))
+    robot = ET.fromstring(urdf_text(MACHINE, virtual_base=True))
+    assert sorted(state.name) == sorted(joint.get("name") for joint in robot.iter("joint"))
+    assert state.header.stamp == STAMP
+
+
+def test_joint_values_place_every_link_of_the_urdf():
+    urdf = urdf_text(MACHINE, prefix="digger/", virtual_base=True)
+    for position, turn, joints in random_poses(150):
+        frames = forward_kinematics(urdf, joint_state(position, turn, joints))
+        where = link_poses(MACHINE, position, turn, joints)
+        for k, link in enumerate(LINK_FRAMES):
+            rotation, origin = frames[f"digger/{link}"]
+            np.testing.assert_allclose(origin, where.positions[k], atol=1e-9)
+            np.testing.assert_allclose(rotation, rotation_matrix(where.quaternions[k]), atol=1e-9)
+
+
+def test_joint_values_place_the_links_where_the_physics_has_them(tmp_path):
+    """The physics engine's own link poses are no better than 2e-6; the base's are exact."""
+    (tmp_path / "machine.urdf").write_text(urdf_text(MACHINE))
+    urdf = urdf_text(MACHINE, virtual_base=True)
+    middle = np.array(MACHINE.links["base"].center_of_mass)
+    client = pybullet.connect(pybullet.DIRECT)
+    try:
+        flags = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_MAINTAIN_LINK_ORDER
+        body = pybullet.loadURDF(
+            str(tmp_path / "machine.urdf"), flags=flags, physicsClientId=client
+        )
+        for position, turn, joints in random_poses(30):
+            frames = forward_kinematics(urdf, joint_state(position, turn, joints))
+            com = position + rotation_matrix(turn) @ middle
+            pybullet.resetBasePositionAndOrientation(
+                body, com.tolist(), turn.tolist(), physicsClientId=client
+            )
+            for k, angle in enumerate(joints.tolist()):
+                pybullet.resetJointState(body, k, angle, 0.0, client)
+            com, turned = pybullet.getBasePositionAndOrientation(body, client)
+            rotation, origin = frames["base_link"]
+            np.testing.assert_allclose(rotation_matrix(turned), rotation, atol=1e-9)
+            np.testing.assert_allclose(com - rotation_matrix(turned) @ middle, origin, atol=1e-9)
+            for k, link in enumerate(LINK_FRAMES[1:]):
+                state = pybullet.getLinkState(body, k, 0, 1, client)
+                np.testing.assert_allclose(state[4], frames[link][1], atol=1e-5)
+                np.testing.assert_allclose(rotation_matrix(state[5]), frames[link][0], atol=1e-5)
+    finally:
+        pybullet.disconnect(client)
+
+
+def test_velocities_are_the_time_derivatives_of_the_positions():
+    rng = np.random.default_rng(8)
+    dt = 1e-6
+    for _ in range(50):
+        turn = quaternion(*rng.uniform([-3.0, -1.3, -3.0], [3.0, 1.3, 3.0]))
+        place, velocity, spin = rng.uniform(-1.0, 1.0, (3, 3))
+        before, after = (
+            np.array(
+                joint_state(
+                    place + velocity * t, product(np.append(0.5 * spin * t, 1.0), turn), HOME
+                ).position
+            )
+            for t in (-dt, dt)
+        )
+        found = joint_state(place, turn, HOME, velocity, spin).velocity
+        np.testing.assert_allclose(found, (after - before) / (2.0 * dt), atol=1e-7)
+
+
+def test_velocities_are_finite_with_the_nose_straight_up():
+    state = joint_state(STILL, quaternion(0.4, -0.5 * math.pi, 0.1), HOME, STILL, [1.0, 2.0, 3.0])
+    assert np.abs(state.velocity).max() < 10.0
+
+
+def test_joints_own_values_come_first():
+    values = [np.arange(4.0) + 10.0 * k for k in range(3)]
+    base = BaseState(STILL, UPRIGHT, STILL, STILL)
+    state = over_the_wire(to_joint_state(*values, base, STAMP))
+    assert state.name[:4] == list(JOINT_NAMES)
+    for found, own in zip((state.position, state.velocity, state.effort), values, strict=True):
+        assert len(found) == 10
+        assert list(found[:4]) == own.tolist()
+        assert list(found[4:]) == [0.0] * 6
+
+
+def test_other_number_of_joints_is_refused():
+    base = BaseState(STILL, UPRIGHT, STILL, STILL)
+    with pytest.raises(CodecError, match=r"joint velocities have shape \(3,\); give 4"):
+        to_joint_state(HOME, STILL, HOME, base, STAMP)
+
+
+@pytest.mark.parametrize("turn", [[0.0] * 4, [math.nan, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
+def test_base_without_a_rotation_is_refused(turn):
+    with pytest.raises(CodecError, match="no rotation"):
+        joint_state(STILL, turn, HOME)
+
+
+@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=6, max_size=6))
+def test_command_crosses_bit_by_bit(velocities):
+    msg = over_the_wire(to_command_state(COMMAND_NAMES, velocities, STAMP))
+    assert msg.header.stamp == STAMP
+    assert from_command_state(msg).tobytes() == np.array(velocities).tobytes()
+
+
+def test_command_of_another_machine_crosses():
+    names = ("drum", "left_track")
+    msg = over_the_wire(to_command_state(names, [1.5, -0.5], STAMP))
+    assert from_command_state(msg, names).tolist() == [1.5, -0.5]
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"name": list(COMMAND_NAMES[::-1])}, "in this order"),
+        ({"name": list(COMMAND_NAMES[:4])}, "it must be of swing"),
+        ({"name": []}, "names nothing"),
+        ({"velocity": [0.0] * 5}, "5 velocities for 6 names"),
+        ({"velocity": []}, "0 velocities"),
+        ({"velocity": [0.0] * 5 + [math.nan]}, "right_track is nan"),
+        ({"velocity": [math.inf] + [0.0] * 5}, "swing is inf"),
+        ({"position": [0.0] * 6}, "velocities only"),
+        ({"effort": [0.0] * 6}, "velocities only"),
+    ],
+)
+def test_anything_else_is_no_command(change, says):
+    parts = {"name": list(COMMAND_NAMES), "velocity": [0.0] * 6}
+    with pytest.raises(CodecError, match=says):
+        from_command_state(over_the_wire(JointState(**{**parts, **change})))
+
+
+def test_command_that_cannot_be_applied_is_not_sent():
+    with pytest.raises(CodecError, match="boom is nan"):
+        to_command_state(COMMAND_NAMES, [0.0, math.nan, 0.0, 0.0, 0.0, 0.0], STAMP)
+    with pytest.raises(CodecError, match="give 6 numbers"):
+        to_command_state(COMMAND_NAMES, [0.0], STAMP)
+
+
+def test_payload_crosses_with_its_names_and_units():
+    payload = PayloadState(0.8, 1.0, 1440.0, 0.9)
+    msg = over_the_wire(to_payload_array(payload))
+    assert msg.layout.dim[0].label == "bank_m3,loose_m3,mass_kg,fill"
+    assert list(msg.data) == [0.8, 1.0, 1440.0, 0.9]
+    assert from_payload_array(msg) == payload
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda msg: msg.layout.dim.append(MultiArrayDimension()),
+        lambda msg: msg.layout.dim.clear(),
+        lambda msg: setattr(msg.layout.dim[0], "label", "loose_m3,bank_m3,mass_kg,fill"),
+        lambda msg: setattr(msg.layout.dim[0], "stride", 1),
+        lambda msg: setattr(msg.layout, "data_offset", 1),
+        lambda msg: msg.data.append(0.0),
+        lambda msg: msg.data.pop(),
+    ],
+)
+def test_other_array_is_no_payload(change):
+    msg: Float64MultiArray = to_payload_array(PayloadState(0.0, 0.0, 0.0, 0.0))
+    change(msg)
+    with pytest.raises(CodecError, match="a payload is 4 values"):
+        from_payload_array(msg)

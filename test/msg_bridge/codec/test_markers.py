@@ -1,0 +1,163 @@
+"""The markers show the machine where its kinematics say it is, with no TF."""
+
+import math
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from rclpy.serialization import deserialize_message, serialize_message
+from support.machine_scenes import excavator
+from visualization_msgs.msg import Marker, MarkerArray
+
+from earthmoving_sim.machine_shape import machine_faces
+from machine_sim.machine import rotation_matrix
+from machine_sim.machine.appearance import LINK_FRAMES, link_boxes, link_poses, shoe_look
+from msg_bridge.codec.errors import CodecError
+from msg_bridge.codec.markers import LinkBox, MarkerSet
+
+MACHINE = excavator()
+STAMP = Time(sec=3, nanosec=40_000_000)
+POSITION = np.array([3.0, -2.0, 0.5])
+TURN = np.array([0.05, -0.1, 0.4, 0.9]) / np.linalg.norm([0.05, -0.1, 0.4, 0.9])
+JOINTS = [0.7, -0.4, 1.3, 1.1]
+SHOES = np.random.default_rng(4).uniform(-1.5, 1.5, (2, MACHINE.tracks.shoe_count, 3))
+CORNERS = np.array([(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
+STAYING = LinkBox("base", (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), 0.0, (1.0, 1.0, 1.0, 1.0))
+AT_ORIGIN = ([[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0, 1.0]])
+
+
+def marker_set():
+    return MarkerSet(LINK_FRAMES, link_boxes(MACHINE), shoe_look(MACHINE), namespace="digger")
+
+
+def markers_at(position=POSITION, turn=TURN, joints=JOINTS, shoes=SHOES):
+    msg = marker_set().at(link_poses(MACHINE, position, turn, joints), shoes, STAMP)
+    return deserialize_message(serialize_message(msg), MarkerArray).markers
+
+
+def placed(marker, points):
+    """Points of a marker's frame in the map."""
+    at, turn = marker.pose.position, marker.pose.orientation
+    rotation = rotation_matrix([turn.x, turn.y, turn.z, turn.w])
+    return np.asarray(points) @ rotation.T + [at.x, at.y, at.z]
+
+
+def corners(marker):
+    size = np.array([marker.scale.x, marker.scale.y, marker.scale.z])
+    return placed(marker, 0.5 * CORNERS * size)
+
+
+def of_link(markers, name):
+    return [marker for marker in markers if marker.ns == f"digger/{name}"]
+
+
+def as_set(points):
+    return {tuple(point) for point in np.round(np.reshape(points, (-1, 3)), 6).tolist()}
+
+
+def test_boxes_have_the_corners_of_the_pictures():
+    """All links but the bucket, whose faces are drawn there without their thickness."""
+    faces = [face for _, face in machine_faces(MACHINE, POSITION, rotation_matrix(TURN), JOINTS)]
+    faces = faces[: -len(MACHINE.bucket.plates())]
+    boxes = [marker for link in LINK_FRAMES[:4] for marker in of_link(markers_at(), link)]
+    assert len(boxes) == len(faces) // 6
+    for k, box in enumerate(boxes):
+        theirs = np.unique(np.round(np.concatenate(faces[6 * k : 6 * k + 6]), 9), axis=0)
+        mine = np.unique(np.round(corners(box), 9), axis=0)
+        assert len(theirs) == 8
+        np.testing.assert_allclose(mine, theirs, atol=2e-9)
+
+
+def test_bucket_is_drawn_around_its_plates():
+    """Each floor strip's box has the strip's four corners half a plate inside its own."""
+    faces = [face for _, face in machine_faces(MACHINE, POSITION, rotation_matrix(TURN), JOINTS)]
+    strips = faces[-len(MACHINE.bucket.plates()) :][:6]
+    for box, strip in zip(of_link(markers_at(), "bucket")[:6], strips, strict=True):
+        size = np.array([box.scale.x, box.scale.y, 0.0])
+        middle_corners = placed(box, 0.5 * CORNERS[:4] * size)
+        assert as_set(middle_corners) == as_set(strip)
+        assert box.scale.z == MACHINE.bucket.plate
+
+
+def test_every_box_of_the_urdf_is_there_in_its_colour():
+    markers = markers_at()
+    boxes = link_boxes(MACHINE)
+    cubes = [marker for marker in markers if marker.type == Marker.CUBE]
+    assert len(cubes) == len(boxes)
+    for marker, box in zip(cubes, boxes, strict=True):
+        assert (marker.scale.x, marker.scale.y, marker.scale.z) == box.size
+        shown = (marker.color.r, marker.color.g, marker.color.b, marker.color.a)
+        assert shown == pytest.approx(box.color)
+
+
+def test_shoes_bars_lie_in_their_shoes():
+    """Each bar's middle is on the line of its shoe; the middles' mean is the shoe's middle."""
+    tracks = MACHINE.tracks
+    length = shoe_look(MACHINE).shoe_size[0]
+    for side, marker in enumerate(of_link(markers_at(), "tracks")):
+        assert marker.type == Marker.CUBE_LIST
+        bars = len(marker.points) // tracks.shoe_count
+        assert marker.scale.x * bars == pytest.approx(length)
+        assert marker.scale.x == pytest.approx(marker.scale.z, rel=0.1)
+        assert marker.scale.y == tracks.shoe_width
+        points = placed(marker, [[p.x, p.y, p.z] for p in marker.points])
+        points = (points - POSITION) @ rotation_matrix(TURN)  # base frame
+        for (x, z, pitch), row in zip(
+            SHOES[side], points.reshape(tracks.shoe_count, bars, 3), strict=True
+        ):
+            y = (0.5 - side) * tracks.gauge
+            np.testing.assert_allclose(row.mean(axis=0), [x, y, z], atol=1e-9)
+            along = np.array([math.cos(pitch), 0.0, -math.sin(pitch)])
+            np.testing.assert_allclose(
+                row[-1] - row[0], along * length * (bars - 1) / bars, atol=1e-9
+            )
+
+
+def test_one_marker_for_a_track():
+    assert [marker.id for marker in of_link(markers_at(), "tracks")] == [0, 1]
+
+
+def test_markers_need_no_tf():
+    for marker in markers_at():
+        assert marker.header.frame_id == "map"
+        assert marker.header.stamp == STAMP
+        assert marker.action == Marker.ADD
+        turn = marker.pose.orientation
+        assert math.hypot(turn.x, turn.y, turn.z, turn.w) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_names_stay_when_the_machine_moves_and_are_one_each():
+    here = [(marker.ns, marker.id) for marker in markers_at()]
+    there = [(marker.ns, marker.id) for marker in markers_at(POSITION + 1.0, joints=[0.0] * 4)]
+    assert here == there
+    assert len(set(here)) == len(here)
+    assert {name for name, _ in here} == {f"digger/{link}" for link in (*LINK_FRAMES, "tracks")}
+
+
+def test_second_pose_leaves_nothing_of_the_first():
+    markers = marker_set()
+    markers.at(link_poses(MACHINE, POSITION, TURN, JOINTS), SHOES, STAMP)
+    pose = link_poses(MACHINE, POSITION + 5.0, [0.0, 0.0, 0.0, 1.0], [0.1, 0.2, 0.9, 0.4])
+    late = Time(sec=9)
+    again = markers.at(pose, 0.5 * SHOES, late)
+    assert again == marker_set().at(pose, 0.5 * SHOES, late)
+
+
+def test_machine_without_tracks_has_boxes_only():
+    markers = MarkerSet(["base"], [STAYING], namespace="drill").at(AT_ORIGIN, None, STAMP).markers
+    assert [(marker.ns, marker.id) for marker in markers] == [("drill/base", 0)]
+
+
+def test_box_of_an_unknown_link_is_refused():
+    with pytest.raises(CodecError, match="boxes are of base; the links are bed"):
+        MarkerSet(["bed"], [STAYING], namespace="truck")
+
+
+def test_poses_of_other_shapes_are_refused():
+    pose = link_poses(MACHINE, POSITION, TURN, JOINTS)
+    with pytest.raises(CodecError, match="link poses have shapes"):
+        marker_set().at((pose.positions[:4], pose.quaternions), SHOES, STAMP)
+    with pytest.raises(CodecError, match="shoe poses have shape"):
+        marker_set().at(pose, SHOES[:, :3], STAMP)
+    with pytest.raises(CodecError, match="shoe poses have shape"):
+        marker_set().at(pose, None, STAMP)

@@ -1,0 +1,155 @@
+"""Odometry, transforms and wrench say which frame they are in, and are right in it."""
+
+import math
+import sys
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import TransformStamped
+from rclpy.serialization import deserialize_message, serialize_message
+
+from msg_bridge.codec import poses
+from msg_bridge.codec.errors import CodecError
+from msg_bridge.codec.machine_state import BaseState
+from msg_bridge.codec.poses import (
+    from_odometry,
+    to_odometry,
+    to_tf_message,
+    to_transforms,
+    to_wrench,
+)
+
+STAMP = Time(sec=3, nanosec=40_000_000)
+TO_THE_LEFT = [0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)]  # a yaw of 90 degrees
+
+
+def over_the_wire(msg):
+    return deserialize_message(serialize_message(msg), type(msg))
+
+
+def numbers(vector):
+    return [vector.x, vector.y, vector.z]
+
+
+def driving(**change):
+    """A base that faces +y and drives that way, turning left."""
+    parts = {
+        "position": [1.0, 2.0, 3.0],
+        "quaternion": TO_THE_LEFT,
+        "velocity": [0.0, 2.0, 0.0],
+        "spin": [0.1, 0.0, 0.3],
+    }
+    return BaseState(**{**parts, **change})
+
+
+def test_odometry_has_the_pose_in_map_and_the_twist_in_the_base():
+    msg = over_the_wire(to_odometry(driving(), "digger/base_link", STAMP))
+    assert (msg.header.frame_id, msg.child_frame_id) == ("map", "digger/base_link")
+    assert msg.header.stamp == STAMP
+    assert numbers(msg.pose.pose.position) == [1.0, 2.0, 3.0]
+    assert msg.pose.pose.orientation.z == pytest.approx(math.sqrt(0.5))
+    assert numbers(msg.twist.twist.linear) == pytest.approx([2.0, 0.0, 0.0], abs=1e-15)
+    assert numbers(msg.twist.twist.angular) == pytest.approx([0.0, -0.1, 0.3], abs=1e-15)
+    assert not msg.pose.covariance.any()
+    assert not msg.twist.covariance.any()
+
+
+def test_odometry_gives_the_motion_in_map_back():
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        place, velocity, spin = rng.normal(size=(3, 3))
+        turn = rng.normal(size=4)
+        turn /= np.linalg.norm(turn)
+        sent = BaseState(place, turn, velocity, spin)
+        back = from_odometry(over_the_wire(to_odometry(sent, "base_link", STAMP)))
+        for found, given in zip(back, sent, strict=True):
+            np.testing.assert_allclose(found, given, atol=1e-14)
+
+
+def test_odometry_of_a_quaternion_a_little_off_is_a_rotation():
+    msg = to_odometry(driving(quaternion=np.array(TO_THE_LEFT) * (1.0 + 1e-6)), "base", STAMP)
+    turn = msg.pose.pose.orientation
+    assert math.hypot(turn.x, turn.y, turn.z, turn.w) == pytest.approx(1.0, abs=1e-15)
+
+
+def test_odometry_of_another_frame_is_refused():
+    msg = to_odometry(driving(), "base_link", STAMP, frame_id="odom")
+    with pytest.raises(CodecError, match="is in 'odom'; it must be in 'map'"):
+        from_odometry(msg)
+    assert from_odometry(msg, frame_id="odom").position[0] == 1.0
+
+
+@pytest.mark.parametrize("part", ["position", "velocity", "spin"])
+def test_odometry_that_is_not_finite_is_refused(part):
+    msg = to_odometry(driving(**{part: [0.0, math.nan, 0.0]}), "base_link", STAMP)
+    with pytest.raises(CodecError, match="not finite"):
+        from_odometry(msg)
+
+
+def test_odometry_without_an_orientation_is_refused():
+    msg = to_odometry(driving(), "base_link", STAMP)
+    msg.pose.pose.orientation.z = msg.pose.pose.orientation.w = 0.0
+    with pytest.raises(CodecError, match="no rotation"):
+        from_odometry(msg)
+
+
+def test_transforms_lead_from_map_to_each_link():
+    turns = [[0.0, 0.0, 0.0, 1.0], TO_THE_LEFT]
+    found = to_transforms(["a/base_link", "a/upper"], [[1, 2, 3], [4, 5, 6]], turns, STAMP)
+    found = [over_the_wire(msg) for msg in found]
+    assert [msg.child_frame_id for msg in found] == ["a/base_link", "a/upper"]
+    assert all(msg.header.frame_id == "map" and msg.header.stamp == STAMP for msg in found)
+    assert [numbers(msg.transform.translation) for msg in found] == [[1, 2, 3], [4, 5, 6]]
+    assert found[1].transform.rotation.z == pytest.approx(math.sqrt(0.5))
+    assert found[1].transform.rotation.w == pytest.approx(math.sqrt(0.5))
+
+
+def test_transforms_without_a_frame_each_are_refused():
+    with pytest.raises(CodecError, match="one for each of 2 frames"):
+        to_transforms(["a", "b"], [[0.0, 0.0, 0.0]], [TO_THE_LEFT], STAMP)
+
+
+@pytest.fixture
+def fresh_import():
+    """What is known about tf2_msgs is forgotten before and after."""
+    poses._tf_message.cache_clear()
+    yield
+    poses._tf_message.cache_clear()
+
+
+@pytest.mark.usefixtures("fresh_import")
+def test_there_is_no_tf_message_without_its_package(monkeypatch):
+    monkeypatch.setitem(sys.modules, "tf2_msgs", None)
+    monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)
+    assert to_tf_message([TransformStamped()]) is None
+
+
+@pytest.mark.usefixtures("fresh_import")
+def test_tf_message_holds_the_transforms_where_its_package_is(monkeypatch):
+    messages = ModuleType("tf2_msgs.msg")
+    messages.TFMessage = SimpleNamespace  # takes transforms=..., as the message does
+    monkeypatch.setitem(sys.modules, "tf2_msgs", ModuleType("tf2_msgs"))
+    monkeypatch.setitem(sys.modules, "tf2_msgs.msg", messages)
+    sent = to_transforms(["a"], [[1.0, 2.0, 3.0]], [TO_THE_LEFT], STAMP)
+    assert to_tf_message(sent).transforms == sent
+
+
+def test_wrench_is_expressed_in_the_tool_frame():
+    # The tool's x is the map's y, its y the map's -x.
+    rotation = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    force, torque = [0.0, -900.0, 50.0], [7.0, 0.0, 1.0]
+    msg = over_the_wire(to_wrench(force, torque, rotation, "digger/bucket", STAMP))
+    assert (msg.header.frame_id, msg.header.stamp) == ("digger/bucket", STAMP)
+    assert numbers(msg.wrench.force) == [-900.0, 0.0, 50.0]
+    assert numbers(msg.wrench.torque) == [0.0, -7.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("force", "rotation", "says"),
+    [([1.0, 2.0], np.eye(3), "force has shape"), ([1.0, 2.0, 3.0], [0, 0, 0, 1], r"\(3, 3\)")],
+)
+def test_wrench_of_other_shapes_is_refused(force, rotation, says):
+    with pytest.raises(CodecError, match=says):
+        to_wrench(force, [0.0, 0.0, 0.0], rotation, "bucket", STAMP)

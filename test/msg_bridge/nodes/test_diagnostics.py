@@ -1,0 +1,119 @@
+"""What a node says about itself on /diagnostics."""
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import Log
+from rclpy.node import Node
+
+from msg_bridge.nodes.diagnostics import REFUSAL_WARNS_FOR, Diagnostics, Level
+from msg_bridge.testing.ros import Ros
+
+
+class Clock:
+    """A wall clock that a test sets."""
+
+    def __init__(self) -> None:
+        self.time = 1000.0
+
+    def __call__(self) -> float:
+        return self.time
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def node(ros: Ros) -> Node:
+    return ros.node("soil_sim", namespace="/site")
+
+
+@pytest.fixture
+def diagnostics(node: Node, clock: Clock) -> Diagnostics:
+    return Diagnostics(node, "exchange", "excavator 1", now=clock)
+
+
+def published(ros: Ros, diagnostics: Diagnostics) -> DiagnosticArray:
+    heard = ros.collect("/diagnostics", DiagnosticArray)
+    ros.spin_until(lambda: heard)
+    return heard[-1]
+
+
+def test_counters_and_values_are_on_the_topic(ros: Ros, diagnostics: Diagnostics) -> None:
+    diagnostics.count("ticks")
+    diagnostics.count("ticks", 4)
+    diagnostics.set("lateness ms", 1.5)
+    array = published(ros, diagnostics)
+    (status,) = array.status
+    assert status.name == "site/soil_sim: exchange"
+    assert status.hardware_id == "excavator 1"
+    assert (status.level, status.message) == (DiagnosticStatus.OK, "ok")
+    assert {v.key: v.value for v in status.values} == {"ticks": "5", "lateness ms": "1.5"}
+    assert array.header.stamp.sec > 0
+
+
+def test_it_is_published_while_simulation_time_stands_still(ros: Ros) -> None:
+    node = ros.node("soil_sim", parameters={"use_sim_time": True})
+    array = published(ros, Diagnostics(node))
+    assert array.status[0].name == "soil_sim"
+    assert array.header.stamp.sec == 0
+
+
+def test_tasks_are_called_before_each_publication(ros: Ros, diagnostics: Diagnostics) -> None:
+    diagnostics.add_task(lambda: diagnostics.count("called"))
+    heard = ros.collect("/diagnostics", DiagnosticArray)
+    ros.spin_until(lambda: len(heard) >= 2)
+    assert [array.status[0].values[0].value for array in heard[:2]] == ["1", "2"]
+
+
+def test_a_refusal_is_counted_and_warns(diagnostics: Diagnostics) -> None:
+    diagnostics.refuse("cmd_vel", "NaN")
+    diagnostics.refuse("cmd_vel", "too old")
+    report = diagnostics.report()
+    assert report.level is Level.WARN
+    assert report.message == "messages refused on cmd_vel"
+    assert report.values == {"refused cmd_vel": "2", "last refused cmd_vel": "too old"}
+
+
+def test_a_refusal_warns_for_a_while_only(diagnostics: Diagnostics, clock: Clock) -> None:
+    diagnostics.refuse("cmd_vel", "NaN")
+    clock.time += REFUSAL_WARNS_FOR
+    assert diagnostics.report().level is Level.WARN
+    clock.time += 0.1
+    report = diagnostics.report()
+    assert (report.level, report.message) == (Level.OK, "ok")
+    assert report.values["refused cmd_vel"] == "1"
+
+
+def test_refusals_are_logged_once_a_second_for_each_topic(
+    ros: Ros, diagnostics: Diagnostics, clock: Clock
+) -> None:
+    logged = ros.collect("/rosout", Log)
+
+    def said() -> list[str]:
+        return [msg.msg for msg in logged if "refused" in msg.msg]
+
+    for _ in range(3):
+        diagnostics.refuse("cmd_vel", "NaN")
+    diagnostics.refuse("joy", "no axes")
+    clock.time += 1.0
+    diagnostics.refuse("cmd_vel", "too old")
+    ros.spin_until(lambda: len(said()) >= 3)
+    assert said() == [
+        "refused a message on cmd_vel: NaN",
+        "refused a message on joy: no axes",
+        "refused a message on cmd_vel: too old (2 more refused since)",
+    ]
+
+
+def test_a_problem_stands_until_it_is_cleared(diagnostics: Diagnostics) -> None:
+    diagnostics.problem("no machine has joined")
+    assert diagnostics.report().level is Level.WARN
+    diagnostics.problem("the ledger is off by 3 mm3", Level.ERROR)
+    diagnostics.refuse("joy", "no axes")
+    report = diagnostics.report()
+    assert report.level is Level.ERROR
+    assert report.message == "the ledger is off by 3 mm3; messages refused on joy"
+    diagnostics.clear()
+    assert diagnostics.report().level is Level.WARN

@@ -1,0 +1,263 @@
+"""The fixtures users get: a domain of one's own, nodes in the test, nodes as processes."""
+
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from rclpy.node import Node
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from msg_bridge.codec.qos import LATCHED
+from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.parameters import Parameters, parameter
+from msg_bridge.nodes.parameters import declare_parameters
+from msg_bridge.testing import domain
+from msg_bridge.testing.domain import NoDomainError, own_domain
+from msg_bridge.testing.fixtures import StartProcess
+from msg_bridge.testing.ros import LeakedNodesError, Ros
+
+# A node as a process: publishes what it was given, ends with the exit code it was given.
+ECHO = """\
+import sys
+from rclpy.node import Node
+from std_msgs.msg import String
+from msg_bridge.codec.qos import LATCHED
+from msg_bridge.nodes.runtime import run_node
+
+class Echo(Node):
+    def __init__(self):
+        super().__init__("echo")
+        self.exit_code = self.declare_parameter("exit_code", 0).value
+        text = self.declare_parameter("text", "").value
+        self.create_publisher(String, "said", LATCHED).publish(String(data=text))
+        print("ready to echo", text)
+
+sys.exit(run_node(Echo))
+"""
+
+
+@pytest.fixture
+def echo(tmp_path: Path) -> list[str]:
+    script = tmp_path / "echo.py"
+    script.write_text(ECHO)
+    return [sys.executable, str(script)]
+
+
+@dataclass(frozen=True)
+class HelloParams(Parameters):
+    greeting: str = parameter("hello", "what to say")
+    times: int = parameter(1, "how often", low=1, high=3)
+
+
+class Hello(Node):
+    """A node as a user of the fixtures writes one."""
+
+    def __init__(self, **kwargs):
+        super().__init__("hello", **kwargs)
+        self.params = declare_parameters(self, HelloParams)
+        publisher = self.create_publisher(String, "said", LATCHED)
+        publisher.publish(String(data=self.params.greeting))
+        self.create_service(Trigger, "ask", self.answer)
+
+    def answer(self, request, response):
+        response.message = self.params.greeting
+        return response
+
+
+def test_environment_puts_subprocesses_into_the_domain(ros_domain: int) -> None:
+    assert os.environ["ROS_DOMAIN_ID"] == str(ros_domain)
+    assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+
+
+def test_processes_at_once_get_different_domains(tmp_path: Path, ros_domain: int) -> None:
+    # Both, by their locks alone, since they are made to try the domain of this test first.
+    (tmp_path / "conftest.py").write_text(
+        "import itertools\n"
+        "from msg_bridge.testing import domain\n"
+        f"domain._next = itertools.count({ros_domain - 1})\n"
+        'pytest_plugins = ["msg_bridge.testing.fixtures"]\n'
+    )
+    # Holds its domain until the other one has one too.
+    (tmp_path / "test_domain.py").write_text(
+        "import time\n"
+        "from pathlib import Path\n"
+        "def test_domain(ros_domain):\n"
+        "    here = Path(__file__).parent\n"
+        "    (here / f'has_{ros_domain}').touch()\n"
+        "    deadline = time.monotonic() + 20\n"
+        "    while len(list(here.glob('has_*'))) < 2:\n"
+        "        assert time.monotonic() < deadline, 'the other has the same'\n"
+        "        time.sleep(0.02)\n"
+    )
+    root = str(Path(__file__).parents[3])
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)]
+    both = [
+        subprocess.Popen(
+            [*command, f"--basetemp={tmp_path / name}"],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": root},
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for name in "ab"
+    ]
+    for process in both:
+        output, _ = process.communicate(timeout=60)
+        assert process.returncode == 0, output
+    taken = {path.name for path in tmp_path.glob("has_*")}
+    assert f"has_{ros_domain}" not in taken
+
+
+def test_a_domain_is_free_again_when_its_test_has_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(domain, "DOMAINS", range(1, 3))
+    with own_domain(tmp_path) as first, own_domain(tmp_path) as second:
+        assert {first, second} == {1, 2}
+        with pytest.raises(NoDomainError, match="run fewer tests"), own_domain(tmp_path):
+            pass
+    with own_domain(tmp_path) as again:
+        assert again in (1, 2)
+
+
+def test_a_node_takes_parameters_and_namespace(ros: Ros) -> None:
+    node = ros.add(Hello, parameters={"greeting": "good day"}, namespace="/site")
+    assert node.params == HelloParams(greeting="good day")
+    assert node.get_fully_qualified_name() == "/site/hello"
+
+
+def test_a_parameter_the_node_does_not_have_is_an_error(ros: Ros) -> None:
+    with pytest.raises(ParameterError, match=r"no parameter greting \(do you mean greeting\?\)"):
+        ros.add(Hello, parameters={"greting": "good day"})
+
+
+def test_a_node_that_refuses_to_be_made_leaves_nothing(ros: Ros) -> None:
+    with pytest.raises(ParameterError, match="from 1 to 3") as caught:
+        ros.add(Hello, parameters={"times": 4})
+    assert "/hello" not in ros.node_names()
+    assert caught.tb is not None, "its traceback still holds the node"
+
+
+def test_what_was_published_before_is_collected(ros: Ros) -> None:
+    ros.add(Hello)
+    heard = ros.collect("said", String, LATCHED)
+    ros.spin_until(lambda: heard)
+    assert [msg.data for msg in heard] == ["hello"]
+
+
+def test_publisher_waits_for_its_subscriptions(ros: Ros) -> None:
+    heard = ros.collect("orders", String)
+    ros.publisher("orders", String, subscriptions=1).publish(String(data="dig"))
+    ros.spin_until(lambda: len(heard) == 1)
+
+
+def test_a_service_answers(ros: Ros) -> None:
+    ros.add(Hello)
+    assert ros.call(Trigger, "ask", Trigger.Request()).message == "hello"
+
+
+def test_a_service_that_is_not_there_is_named(ros: Ros) -> None:
+    with pytest.raises(AssertionError, match="waiting for: the service ask"):
+        ros.call(Trigger, "ask", Trigger.Request(), timeout=0.1)
+
+
+def test_what_was_waited_for_in_vain_is_said(ros: Ros) -> None:
+    heard = []
+    with pytest.raises(
+        AssertionError, match=r"0\.1 s passed while waiting for: .*len\(heard\) > 3"
+    ):
+        ros.spin_until(lambda: len(heard) > 3, timeout=0.1)
+    with pytest.raises(AssertionError, match="waiting for: the bucket is full"):
+        ros.spin_until(lambda: False, timeout=0.1, what="the bucket is full")
+
+
+def test_an_exception_in_a_callback_reaches_the_test(ros: Ros) -> None:
+    def fail() -> None:
+        raise ZeroDivisionError
+
+    ros.node().create_timer(0.001, fail)
+    with pytest.raises(ZeroDivisionError):
+        ros.spin_until(lambda: False, timeout=5.0)
+
+
+def test_a_removed_node_is_gone(ros: Ros) -> None:
+    node = ros.add(Hello)
+    ros.spin_until(lambda: "/hello" in ros.node_names())
+    ros.remove(node)
+    ros.spin_until(lambda: "/hello" not in ros.node_names())
+
+
+def test_nodes_left_behind_are_reported(ros_domain: int) -> None:
+    made = Ros(ros_domain)
+    made.node("known")
+    done = Node("destroyed", context=made.context)
+    done.destroy_node()
+    left = Node("left", context=made.context)
+    with pytest.raises(LeakedNodesError, match="the test left nodes: /left;"):
+        made.close()
+    assert next(left.publishers, None) is None, "it was destroyed after all"
+
+
+def test_a_process_gets_parameters_and_names(
+    ros: Ros, ros_process: StartProcess, echo: list[str]
+) -> None:
+    process = ros_process(echo, parameters={"text": "1.0"}, namespace="/site", name="parrot")
+    heard = ros.collect("/site/said", String, LATCHED)
+    ros.spin_until(lambda: heard and "/site/parrot" in ros.node_names())
+    assert heard[0].data == "1.0"
+    assert process.wait_for_output("ready to echo (.*)")[1] == "1.0"
+    assert process.stop() == 0
+    assert not process.running
+
+
+def test_another_exit_code_is_an_error_that_shows_the_output(
+    ros_process: StartProcess, echo: list[str]
+) -> None:
+    process = ros_process(echo, parameters={"exit_code": 3})
+    process.wait_for_output("ready")
+    with pytest.raises(AssertionError, match=r"ended with 0; its exit code is 3(.|\n)*ready to"):
+        process.stop(signal.SIGTERM)
+
+
+def test_waiting_ends_when_a_process_does(ros: Ros, ros_process: StartProcess) -> None:
+    ros_process([sys.executable, "-c", "print('no licence'); raise SystemExit(4)"])
+    with pytest.raises(AssertionError, match=r"exit code is 4(.|\n)*no licence(.|\n)*the soil"):
+        ros.spin_until(lambda: False, what="the soil")
+
+
+def test_waiting_for_output_ends_when_the_process_does(ros_process: StartProcess) -> None:
+    process = ros_process([sys.executable, "-c", "print('no licence')"])
+    with pytest.raises(AssertionError, match=r"ended without writing 'ready'(.|\n)*no licence"):
+        process.wait_for_output("ready")
+
+
+def test_a_process_left_running_is_killed_and_its_output_shown(
+    tmp_path: Path, ros_domain: int
+) -> None:
+    (tmp_path / "conftest.py").write_text('pytest_plugins = ["msg_bridge.testing.fixtures"]\n')
+    (tmp_path / "test_left.py").write_text(
+        "import sys\n"
+        "CODE = 'import os, time; print(\"pid\", os.getpid()); time.sleep(600)'\n"
+        "def test_left(ros_process):\n"
+        "    ros_process([sys.executable, '-c', CODE]).wait_for_output('pid')\n"
+        "    assert False\n"
+    )
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)]
+    done = subprocess.run(
+        [*command, f"--basetemp={tmp_path / 'base'}"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 1, done.stdout
+    after = done.stdout.split("--- output of ")[1]
+    pid = int(after.split("\npid ")[1].split()[0])
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
