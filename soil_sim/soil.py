@@ -141,6 +141,8 @@ class Soil:
         Of a particle that a source names twice, only the first row is believed.
         """
         rows = empty_rows(CONVERSION, landed.size)
+        if landed.size == 0:  # as in most ticks
+            return rows
         for name in ("x", "y", "z", "volume_mm3", "particle_id", "source", "soil"):
             rows[name] = landed[name]
         rows["tick"] = tick
@@ -176,15 +178,19 @@ class Soil:
         return np.concatenate(parts, dtype=CONVERSION)
 
     def _deposit(self, rows: Rows) -> None:
+        if rows.size == 0:
+            return
         x, y = rows["x"].astype(np.float64), rows["y"].astype(np.float64)
         self.slip.disturb(deposit(self.columns, x, y, rows["volume_mm3"]))
 
     def _excavated(self, tick: int, source: int, removed: Removed) -> Rows:
         """EXCAVATE rows of what was removed; volumes beyond a row's field are split."""
+        if removed.size == 0:
+            return empty_rows(CONVERSION)
         volume = removed[:, 1].astype(np.int64)
         pieces = -(-volume // MAX_ROW_VOLUME)
         index = np.repeat(np.arange(volume.size), pieces)
-        first = np.concatenate([[0], np.cumsum(pieces)[:-1]]) if pieces.size else pieces
+        first = np.concatenate([[0], np.cumsum(pieces)[:-1]])
         nth = np.arange(index.size) - first[index]
         rows = empty_rows(CONVERSION, index.size)
         rows["volume_mm3"] = np.minimum(volume[index] - nth * MAX_ROW_VOLUME, MAX_ROW_VOLUME)

@@ -68,16 +68,15 @@ def to_multi_array(message: ArrayMessage) -> Int64MultiArray:
         CodecError: a value that is not an int64.
     """
     kind = _KINDS[type(message)]
-    names, values = zip(*_named(message), strict=True)
+    values = _values(message)
     try:
         data = array.array("q", (kind, *values))
     except (OverflowError, TypeError):
-        wrong = next(n for n, v in zip(names, values, strict=True) if not _is_int64(v))
-        raise CodecError(
-            f"{wrong} of a {kind.name} is {values[names.index(wrong)]!r}; it must be an int64"
-        ) from None
+        names = _names(message)
+        name, wrong = next((n, v) for n, v in zip(names, values, strict=True) if not _is_int64(v))
+        raise CodecError(f"{name} of a {kind.name} is {wrong!r}; it must be an int64") from None
     size = len(data)
-    dimension = MultiArrayDimension(label=",".join(("kind", *names)), size=size, stride=size)
+    dimension = MultiArrayDimension(label=_label(message), size=size, stride=size)
     return Int64MultiArray(layout=MultiArrayLayout(dim=[dimension], data_offset=0), data=data)
 
 
@@ -105,15 +104,14 @@ def from_multi_array(msg: Int64MultiArray) -> ArrayMessage:
         raise CodecError(f"{size} values are too few for a {kind.name}") from None
     except ValueError as error:  # an enum's, or half a part
         raise CodecError(f"the array is no {kind.name}: {error}") from None
-    named = _named(message)
-    label = ",".join(("kind", *(name for name, _ in named)))
-    if len(named) != size - 1:
-        raise CodecError(f"a {kind.name} has {len(named) + 1} values ({label}), not {size}")
+    made, label = _values(message), _label(message)
+    if len(made) != size - 1:
+        raise CodecError(f"a {kind.name} has {len(made) + 1} values ({label}), not {size}")
     if msg.layout.dim[0].label != label:
         raise CodecError(
             f"the array is labelled {msg.layout.dim[0].label!r}; a {kind.name} is {label!r}"
         )
-    for (name, value), found in zip(named, msg.data[1:], strict=True):
+    for name, value, found in zip(_names(message), made, msg.data[1:], strict=True):
         if value != found:  # only what is derived can differ
             raise CodecError(f"{name} of a {kind.name} is {found}; its other values make {value}")
     return message
@@ -150,20 +148,65 @@ def _hints(of: type) -> dict[str, Any]:
     return {field.name: hints[field.name] for field in fields(of)}
 
 
-def _named(message: object, prefix: str = "") -> list[tuple[str, int]]:
-    """Name and value of every number of a dataclass, depth first; then what is derived."""
-    named: list[tuple[str, int]] = []
-    of: type = type(message)
-    for name in (*_hints(of), *_DERIVED.get(of, ())):
+@cache
+def _fields_of(of: Any) -> tuple[str, ...]:
+    """Names of a dataclass's fields, then of what is derived."""
+    return (*_hints(of), *_DERIVED.get(of, ()))
+
+
+def _values(message: object) -> list[int]:
+    """Every number of a dataclass, depth first; then what is derived."""
+    values: list[int] = []
+    of: Any = type(message)
+    for name in _fields_of(of):
         value = getattr(message, name)
         if isinstance(value, tuple):
-            for index, each in enumerate(value):
-                named += _named(each, f"{prefix}{name}.{index}.")
+            for each in value:
+                values += _values(each)
         elif is_dataclass(value):
-            named += _named(value, f"{prefix}{name}.")
+            values += _values(value)
         else:
-            named.append((prefix + name, value))
-    return named
+            values.append(value)
+    return values
+
+
+def _names(message: object) -> tuple[str, ...]:
+    """The name of each of `_values`."""
+    of: Any = type(message)
+    return _names_of(of, _repeats(message))
+
+
+def _label(message: object) -> str:
+    of: Any = type(message)
+    return _label_of(of, _repeats(message))
+
+
+def _repeats(message: object) -> int:
+    """Parts in the message's tuple; no message has more than one."""
+    return len(message.receipts) if isinstance(message, SoilHeader) else 0
+
+
+@cache
+def _label_of(of: Any, repeats: int) -> str:
+    return ",".join(("kind", *_names_of(of, repeats)))
+
+
+@cache
+def _names_of(of: Any, repeats: int, prefix: str = "") -> tuple[str, ...]:
+    names: list[str] = []
+    hints = _hints(of)
+    for name in _fields_of(of):
+        kind = hints.get(name, int)
+        if typing.get_origin(kind) is tuple:
+            each = typing.get_args(kind)[0]
+            for index in range(repeats):
+                names += _names_of(each, 0, f"{prefix}{name}.{index}.")
+        elif is_dataclass(kind):
+            part: Any = kind
+            names += _names_of(part, 0, f"{prefix}{name}.")
+        else:
+            names.append(prefix + name)
+    return tuple(names)
 
 
 def _build(of: Any, values: Iterator[int]) -> Any:

@@ -42,7 +42,7 @@ def to_point_cloud(rows: Rows, frame_id: str, stamp: Time, *, height: int = 1) -
     Raises:
         CodecError: rows that no such message can hold.
     """
-    fields = _fields(rows.dtype)
+    fields = _point_fields(rows.dtype)
     if rows.ndim != 1 or height < 1 or rows.size % height:
         raise CodecError(f"rows of shape {rows.shape} do not fill a cloud of height {height}")
     width = rows.size // height
@@ -50,10 +50,7 @@ def to_point_cloud(rows: Rows, frame_id: str, stamp: Time, *, height: int = 1) -
         header=Header(stamp=stamp, frame_id=frame_id),
         height=height,
         width=width,
-        fields=[
-            PointField(name=name, offset=offset, datatype=datatype, count=1)
-            for name, (offset, datatype) in fields.items()
-        ],
+        fields=fields,
         is_bigendian=False,
         point_step=rows.dtype.itemsize,
         row_step=width * rows.dtype.itemsize,
@@ -122,7 +119,19 @@ def _fields(dtype: np.dtype[np.void]) -> dict[str, tuple[int, int]]:
     return fields
 
 
+@cache
+def _point_fields(dtype: np.dtype[np.void]) -> list[PointField]:
+    """The fields of a message of such rows; all messages of a dtype share them."""
+    return [
+        PointField(name=name, offset=offset, datatype=datatype, count=1)
+        for name, (offset, datatype) in _fields(dtype).items()
+    ]
+
+
 def _check_fields(msg: PointCloud2, expected: dict[str, tuple[int, int]]) -> None:
+    layout = [(field.name, (field.offset, field.datatype)) for field in msg.fields]
+    if layout == list(expected.items()) and all(field.count == 1 for field in msg.fields):
+        return
     found = [field.name for field in msg.fields]
     for problem, names in (
         ("lacks", [name for name in expected if name not in found]),

@@ -142,8 +142,12 @@ class Incoming:
         """Gaps in a range, as ranges."""
         low = max(span.first - self._first, 0)
         high = max(span.last + 1 - self._first, low)
+        if high == low:
+            return []
         self._grow(high)
         have = self._have[low:high]
+        if have.all():  # nearly always, and asked several times a tick
+            return []
         edges = np.flatnonzero(np.diff(np.concatenate([[True], have, [True]]).astype(np.int8)))
         begin, end = edges[0::2], edges[1::2]
         return [
