@@ -9,11 +9,11 @@ ROOT = Path(__file__).resolve().parent
 SHARE = f"share/{NAME}"
 
 
-def config_data_files() -> list[tuple[str, list[str]]]:
-    """Every file under config/, installed in the same subfolder of share/earthmoving_sim/config."""
+def shared_files(folder: str) -> list[tuple[str, list[str]]]:
+    """Every file under a folder, installed in the same subfolder of share/earthmoving_sim."""
     folders: dict[str, list[str]] = {}
-    for path in sorted((ROOT / "config").rglob("*")):
-        if path.is_file() and not path.name.startswith("."):
+    for path in sorted((ROOT / folder).rglob("*")):
+        if path.is_file() and not path.name.startswith(".") and path.suffix != ".pyc":
             relative = path.relative_to(ROOT)
             folders.setdefault(f"{SHARE}/{relative.parent.as_posix()}", []).append(
                 relative.as_posix()
@@ -37,7 +37,8 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (SHARE, ["package.xml"]),
-        *config_data_files(),
+        *shared_files("config"),
+        *shared_files("launch"),
     ],
     # rclpy and the message packages are not listed: they come from a sourced ROS, or else from the
     # ros-jazzy-* wheels in requirements.txt. The second group is from pip only, so package.xml has
@@ -55,5 +56,14 @@ setup(
         "rasterio",
     ],
     zip_safe=False,
-    entry_points={"console_scripts": ["earthmoving = earthmoving_sim.cli:main"]},
+    # The nodes' names are those of `ros2 run earthmoving_sim <name>`.
+    entry_points={
+        "console_scripts": [
+            "earthmoving = earthmoving_sim.cli:main",
+            "soil_sim = soil_sim.node:main",
+            "machine_sim = machine_sim.node:main",
+            "recorder = msg_bridge.recorder.node:main",
+            "operator = machine_sim.operator.node:main",
+        ]
+    },
 )

@@ -2,93 +2,35 @@
 
 from __future__ import annotations
 
-import math
 import sys
 import time
-from dataclasses import astuple, dataclass, field
+from dataclasses import astuple
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 
 from earthmoving_sim.machine_shape import machine_faces, machine_outline
+from earthmoving_sim.outcome import PATH_EVERY, Outcome
 from earthmoving_sim.run_config import RunConfig
-from earthmoving_sim.site import jacksboro_site
+from earthmoving_sim.site import jacksboro_site, refuse_landslide
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
-from machine_sim.operator import CycleReport, Shift, View
+from machine_sim.operator import Shift, View
 from machine_sim.operator.eyes import Eyes, Terrain
 from machine_sim.particles import warm_up
 from msg_bridge.codec.machine_state import BaseState, PayloadState
 from msg_bridge.codec.poses import from_odometry, to_odometry
-from msg_bridge.contract.grid import Grid
-from msg_bridge.contract.ledger import Ledger
-from soil_sim.errors import TerrainError
 from soil_sim.soil import Soil
 from soil_sim.terrain import HeightMap
 
-__all__ = ["LOOK_EVERY", "DigRun", "Outcome"]
+__all__ = ["LOOK_EVERY", "DigRun"]
 
 LOOK_EVERY = 2
 """Ticks between commands of the operator."""
 
-_LOG_EVERY = 10
-"""Ticks between points of the recorded path of the lip."""
-
 _PROGRESS_EVERY = 100
 """Ticks between lines of progress."""
-
-
-@dataclass
-class Outcome:
-    """What a run did.
-
-    Attributes:
-        site: the terrain before.
-        after, loose_depth: surface and depth of loose soil after [m], shape (rows, cols).
-        cycles: one report per cycle.
-        ledger: of the last tick.
-        worst_imbalance: the largest of all ticks, with its sign [mm^3].
-        moved: bank volume carried to the dump [m^3].
-        simulated, wall: how long it took [s]; wall time without compiling.
-        most_particles: largest number of live particles.
-        tunnelled: particles that passed through the bucket or the ground.
-        path: lip positions [m], shape (n, 3), with cycle (n,) and phase (n,).
-        given_up: why the run ended before its last cycle, empty if it did not.
-        state_hash: of the terrain at the end.
-        machine_faces, machine_outline, machine_position: the machine as it ended, for pictures.
-    """
-
-    site: HeightMap
-    grid: Grid
-    after: NDArray[np.float64]
-    loose_depth: NDArray[np.float64]
-    cycles: list[CycleReport]
-    ledger: Ledger
-    worst_imbalance: int
-    moved: float
-    simulated: float
-    wall: float
-    most_particles: int
-    tunnelled: int
-    given_up: str
-    state_hash: str
-    path: NDArray[np.float64] = field(repr=False)
-    path_cycle: NDArray[np.int64] = field(repr=False)
-    path_phase: NDArray[np.str_] = field(repr=False)
-    machine_faces: list[tuple[str, NDArray[np.float64]]] = field(repr=False)
-    machine_outline: list[tuple[str, NDArray[np.float64]]] = field(repr=False)
-    machine_position: tuple[float, float]
-
-    @property
-    def balanced(self) -> bool:
-        """Whether no tick of a finished run lost or made soil."""
-        return not self.given_up and self.worst_imbalance == 0
-
-    @property
-    def rate(self) -> float:
-        """Bank volume carried in an hour [m^3/h]."""
-        return self.moved / self.simulated * 3600.0
 
 
 class DigRun:
@@ -108,7 +50,7 @@ class DigRun:
         self.config = config
         self.site = site or jacksboro_site()
         self._dt = config.stepping.tick
-        _refuse_landslide(self.site, config)
+        refuse_landslide(self.site, config)
         soil = Soil(self.site.grid, self.site.heights, config.soil)
         self.machine = MachineSim(
             config.machine,
@@ -159,7 +101,7 @@ class DigRun:
         if abs(ledger.imbalance) > abs(self._worst):
             self._worst = ledger.imbalance
         self._most = max(self._most, self.machine.particles.count)
-        if self.world.tick % _LOG_EVERY == 0:
+        if self.world.tick % PATH_EVERY == 0:
             rotation, pin = self.machine.machine.tool_pose
             lip = rotation[:, 0] * self.machine.machine.description.bucket.tip_length + pin
             self._path.append((lip, self.operator.cycle, self.operator.phase))
@@ -220,36 +162,12 @@ class DigRun:
             tunnelled=particles.tunnelled_tool + particles.tunnelled_ground,
             given_up=self.operator.given_up,
             state_hash=self.world.state_hash(),
+            state_tick=self.world.tick,
+            ran_as="one process",
             path=np.array([lip for lip, _, _ in self._path]).reshape(-1, 3),
             path_cycle=np.array([cycle for _, cycle, _ in self._path], dtype=np.int64),
             path_phase=np.array([phase for _, _, phase in self._path], dtype=np.str_),
             machine_faces=machine_faces(*pose, self.machine.machine.tracks.shoe_poses),
             machine_outline=machine_outline(*pose),
             machine_position=(float(view.base_position[0]), float(view.base_position[1])),
-        )
-
-
-def _refuse_landslide(site: HeightMap, config: RunConfig) -> None:
-    """Refuse ground that would come down as soon as it is touched.
-
-    Raises:
-        TerrainError: it is steeper within reach than the soil can stand.
-    """
-    grid = site.grid
-    reach = config.operator.far + 4.0
-    x, y = grid.x(np.arange(grid.rows)), grid.y(np.arange(grid.cols))
-    rows = np.flatnonzero(np.abs(x - config.run.start_x) <= reach)
-    cols = np.flatnonzero(np.abs(y - config.run.start_y) <= reach)
-    if rows.size < 2 or cols.size < 2:
-        raise TerrainError(
-            f"the machine is to dig at ({config.run.start_x}, {config.run.start_y}) m, off the map;"
-            " set start_x and start_y in the section run"
-        )
-    near = site.cropped(int(rows[0]), int(cols[0]), rows.size, cols.size)
-    steepest = math.degrees(near.steepest_slope)
-    if steepest > config.soil.repose_angle:
-        raise TerrainError(
-            f"the ground within reach has slopes of {steepest:.0f} deg, and the soil stands at"
-            f" {config.soil.repose_angle:g} deg: give gentler ground, or raise repose_angle in the"
-            " section soil"
         )

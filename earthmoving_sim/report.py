@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from earthmoving_sim.dig_run import Outcome
+from earthmoving_sim.outcome import Outcome
 from earthmoving_sim.pictures import SiteRecord, draw_bucket_path, draw_cut_fill, draw_site_3d
 
 __all__ = ["print_summary", "write_pictures"]
@@ -23,7 +23,7 @@ def print_summary(outcome: Outcome) -> None:
         f"\n  moved     {outcome.moved:.2f} bank m3 in {outcome.simulated:.1f} s of simulated time"
     )
     print(f"  rate      {outcome.rate:.0f} m3/h")
-    print(f"  speed     {outcome.simulated / outcome.wall:.1f} x real time, one process")
+    print(f"  speed     {outcome.speed:.1f} x real time, {outcome.ran_as}")
     print(f"  particles {outcome.most_particles} at most, {outcome.tunnelled} tunnelled")
     print(
         f"  ledger    terrain {ledger.terrain - ledger.start:+d}, in flight {ledger.in_flight},"
@@ -33,7 +33,7 @@ def print_summary(outcome: Outcome) -> None:
     if outcome.tunnelled:
         print("  WARNING   particles went through the bucket or the ground")
     print(f"  imbalance {outcome.worst_imbalance} mm3 at worst, in any tick")
-    print(f"  state     {outcome.state_hash}")
+    print(f"  state     {outcome.state_hash} after tick {outcome.state_tick}")
     if outcome.given_up:
         done = _counted(len(outcome.cycles), "cycle")
         print(f"  GIVEN UP after {done}: {outcome.given_up}")

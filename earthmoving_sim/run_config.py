@@ -36,10 +36,12 @@ class RunConfig:
 
     Attributes:
         machine: the excavator.
+        machine_file: the file that describes it.
         soil, particles, stepping, operator, shift, run: parameters of the parts.
     """
 
     machine: MachineDescription
+    machine_file: Path
     soil: SoilParams
     particles: ParticleParams
     stepping: MachineSimParams
@@ -89,8 +91,8 @@ def load_run_config(name: str | Path, asked: Mapping[str, Any] | None = None) ->
         own = asdict(parts[section])
         above = {name: value for name, value in (asked or {}).items() if name in own}
         parts[section] = _SECTIONS[section].from_mapping({**own, **above})
-    machine = content.get("machine", "machines/excavator.yaml")
-    return RunConfig(machine=load_description(find_config(str(machine))), **parts)
+    machine_file = find_config(str(content.get("machine", "machines/excavator.yaml"))).resolve()
+    return RunConfig(machine=load_description(machine_file), machine_file=machine_file, **parts)
 
 
 def _part(path: Path, section: str, kind: type[Parameters], values: Any) -> Parameters:

@@ -1,4 +1,4 @@
-"""The site of the demo: real ground, shrunk to the size of a building site."""
+"""The site of the demo: real ground, shrunk to the size of a building site; and its fitness."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import math
 
 import numpy as np
 
+from earthmoving_sim.run_config import RunConfig
+from soil_sim.errors import TerrainError
 from soil_sim.terrain import HeightMap, from_north_up
 
-__all__ = ["CELL", "POINTS", "jacksboro_site"]
+__all__ = ["CELL", "POINTS", "jacksboro_site", "refuse_landslide"]
 
 POINTS = 257
 CELL = 0.2
@@ -39,3 +41,29 @@ def jacksboro_site(*, row: int = 128, col: int = 144) -> HeightMap:
     piece = from_north_up(elevation, data_cell).cropped(row, col, _CROP, _CROP)
     site = piece.resampled(POINTS, POINTS, CELL).with_relief(_RELIEF)
     return site.with_slope_limit(_STEEPEST).lowered(float(site.heights.mean()))
+
+
+def refuse_landslide(site: HeightMap, config: RunConfig) -> None:
+    """Refuse ground that would come down as soon as it is touched.
+
+    Raises:
+        TerrainError: it is steeper within reach than the soil can stand.
+    """
+    grid = site.grid
+    reach = config.operator.far + 4.0
+    x, y = grid.x(np.arange(grid.rows)), grid.y(np.arange(grid.cols))
+    rows = np.flatnonzero(np.abs(x - config.run.start_x) <= reach)
+    cols = np.flatnonzero(np.abs(y - config.run.start_y) <= reach)
+    if rows.size < 2 or cols.size < 2:
+        raise TerrainError(
+            f"the machine is to dig at ({config.run.start_x}, {config.run.start_y}) m, off the map;"
+            " set start_x and start_y in the section run"
+        )
+    near = site.cropped(int(rows[0]), int(cols[0]), rows.size, cols.size)
+    steepest = math.degrees(near.steepest_slope)
+    if steepest > config.soil.repose_angle:
+        raise TerrainError(
+            f"the ground within reach has slopes of {steepest:.0f} deg, and the soil stands at"
+            f" {config.soil.repose_angle:g} deg: give gentler ground, or raise repose_angle in the"
+            " section soil"
+        )

@@ -228,6 +228,9 @@ class MachineNode(LeanNode):
             # One that was refused is refused again unless something has changed: no hurry.
             if not run.side.exchange.refusal or silent >= _REFUSED_PERIOD:
                 self._join(run)
+        elif phase is Phase.READY and not run.may_step:
+            self._tell(run, run.tick)  # a controller that has just come must see the state
+            self._topics.state_hash(run.tick, run.sim.state_hash())
         elif silent >= _REMIND_PERIOD:
             run.side.exchange.remind()
             self._send(run)

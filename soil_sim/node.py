@@ -207,10 +207,21 @@ class SoilNode(LeanNode):
             sources = ", ".join(map(str, self._params.expected_machines))
             self._say_waiting(f"the machines with source {sources} to join")
         elif now - self._last_tick >= _REMIND_PERIOD:
-            self.run.side.exchange.remind()
+            self._say_again()
         for silence in self.run.silent(now, self._carrier.heard):
             self._report(silence)
         self._advance()
+
+    def _say_again(self) -> None:
+        """Tell those who have come while time stands still where the run stands."""
+        side = self.run.side
+        side.exchange.remind()
+        if side.exchange.ledger is not None:
+            self._topics.tick(side.exchange.ledger, self._stamp())
+            self._topics.state_hash(side.tick, side.soil.state_hash())
+        if side.soil.revision != self._map_revision:
+            self._map_revision = side.soil.revision
+            self._topics.terrain(self._terrain(), self._stamp())
 
     def _say_waiting(self, what: str) -> None:
         self.get_logger().info(f"waiting for {what}", throttle_duration_sec=2.0)

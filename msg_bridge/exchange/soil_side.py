@@ -238,7 +238,9 @@ class SoilExchange:
         return self.accounts.release(source)
 
     def remind(self) -> None:
-        """Ask again for what has not come."""
+        """Ask again for what has not come, and say again where the run stands."""
+        if self._last is not None:
+            self._outbox.append(self._last)
         for number in self.late:
             source = self._sources[number]
             if source.header is None:

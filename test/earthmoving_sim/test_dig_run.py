@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from earthmoving_sim import cli, dig_run
-from earthmoving_sim.dig_run import DigRun, Outcome
+from earthmoving_sim.dig_run import DigRun
+from earthmoving_sim.outcome import Outcome
 from earthmoving_sim.report import print_summary
 from earthmoving_sim.run_config import load_run_config
 

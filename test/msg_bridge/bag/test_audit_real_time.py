@@ -1,12 +1,13 @@
 """Audits of runs in which the soil went on without a late machine, dropped it, or released it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
+from support.bag_scenes import scripted_run
 
-from msg_bridge.bag.audit import audit_epoch
+from msg_bridge.bag.audit import audit_bag, audit_epoch
 from msg_bridge.bag.audit_gather import EpochData
 from msg_bridge.bag.audit_report import Check, EpochReport
 from msg_bridge.codec.terrain import TerrainMap
@@ -26,13 +27,6 @@ from msg_bridge.contract.rows import CHANGED, CONVERSION, LANDED, Kind, empty_ro
 START = 4000
 
 
-@dataclass(frozen=True)
-class Receipt(SourceReceipt):
-    """A receipt that tells how far the soil has taken its source."""
-
-    tick: int = 0
-
-
 class Script:
     """A run on 2 x 2 columns of 1000 mm3, written down tick by tick."""
 
@@ -43,7 +37,9 @@ class Script:
         self._revision = 0
         self.keyframe()
 
-    def soil(self, *moved: tuple[int, int, int], receipt: Receipt | None, **ledger: int) -> None:
+    def soil(
+        self, *moved: tuple[int, int, int], receipt: SourceReceipt | None, **ledger: int
+    ) -> None:
         """A tick that moved (kind, particle, volume), each in a column of its own."""
         tick = len(self.data.soil)
         rows, changed = empty_rows(CONVERSION, len(moved)), empty_rows(CHANGED, len(moved))
@@ -110,14 +106,14 @@ def until_dropped() -> Script:
     """Its tick 2 is taken in the soil's tick 3; from tick 4 on it is dropped, holding 100 mm3."""
     script = Script()
     script.machine(1, -1, Verb.JOIN, 0, 0, 0)
-    script.soil(receipt=Receipt(1, 1, 0, 0, tick=0))
+    script.soil(receipt=SourceReceipt(1, 1, 0, 0, tick=0))
     script.machine(1, 1, Verb.STEP, 0, 0, 0)
-    script.soil((Kind.EXCAVATE, 0, 100), receipt=Receipt(1, 1, 0, 0, tick=1), in_flight=100)
-    script.soil(receipt=Receipt(1, 1, 0, 0, tick=1), in_flight=100)
+    script.soil((Kind.EXCAVATE, 0, 100), receipt=SourceReceipt(1, 1, 0, 0, tick=1), in_flight=100)
+    script.soil(receipt=SourceReceipt(1, 1, 0, 0, tick=1), in_flight=100)
     script.machine(1, 2, Verb.STEP, 1, 40, 60)
     script.lands(2, particle=1, volume=60)
     held = {"pending": 40, "particles": 60}
-    receipt = Receipt(1, 1, 1, 1, tick=2)
+    receipt = SourceReceipt(1, 1, 1, 1, tick=2)
     script.soil((Kind.DEPOSIT, 1, 60), receipt=receipt, in_flight=-60, **held)
     script.machine(1, 3, Verb.STEP, 2, 40, 0)  # too late: never taken
     script.soil(receipt=None, in_flight=-60, absent=100)
@@ -131,10 +127,10 @@ def returned() -> Script:
     owed = script.data.chunks[Stream.CONVERSION, 0, 0][3].copy()
     owed["seq"] = 1
     script.data.chunks[Stream.OWED, 1, 2].append(owed)
-    receipt = Receipt(1, 2, 0, 0, owed=1, tick=5)
+    receipt = SourceReceipt(1, 2, 0, 0, owed=1, tick=5)
     script.soil(receipt=receipt, in_flight=-60, pending=40, particles=60)
     script.machine(2, 6, Verb.STEP, 2, 40, 0)
-    script.soil(receipt=Receipt(1, 2, 0, 0, tick=6), pending=40)
+    script.soil(receipt=SourceReceipt(1, 2, 0, 0, tick=6), pending=40)
     return script
 
 
@@ -153,6 +149,43 @@ def test_late_dropped_returned_and_released_machines_balance(
     assert report.sound, (report.findings, report.unchecked)
     assert report.worst_imbalance_mm3 == 0
     assert report.audited == report.recorded
+
+
+def test_late_machines_of_a_real_exchange_balance(tmp_path: Path) -> None:
+    run = scripted_run(3)
+    for tick in range(60):
+        run.step(late=[n for n in (1, 2, 3) if (tick // n) % 4 == 3])
+    run.keyframe()
+    report = audit_bag(run.recording.write(tmp_path / "a.mcap"))
+    assert report.sound, report.epochs[0].findings
+    (epoch,) = report.epochs
+    assert epoch.rows["LANDED"] > 100
+
+
+def test_machines_dropped_and_released_by_a_real_exchange_balance(tmp_path: Path) -> None:
+    run = scripted_run(3)
+    for _ in range(30):
+        run.step()
+    for source in (2, 3):
+        run.soil_end.drop(source)
+        run.step()
+    for _ in range(3):
+        run.step()
+    left = run.soil_end.ledger
+    assert left is not None
+    run.come_back(2, **run.parties[2].totals)
+    for _ in range(5):
+        run.step()
+    volume = run.release(3, pieces=3)
+    for _ in range(5):
+        run.step()
+    run.keyframe()
+    report = audit_bag(run.recording.write(tmp_path / "a.mcap"))
+    assert report.sound, report.epochs[0].findings
+    assert report.epochs[0].moved_mm3["RELEASED"] == volume > 0
+    assert left.absent > 0
+    assert run.soil_end.ledger is not None
+    assert run.soil_end.ledger.absent == 0
 
 
 def test_soil_released_is_told_apart_from_soil_that_landed() -> None:

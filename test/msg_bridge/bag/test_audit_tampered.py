@@ -255,6 +255,17 @@ def test_a_header_that_counts_other_rows_than_there_are_is_found(recording, audi
     assert "the header of tick 41 counts CONVERSION rows from" in texts(report, Check.COMPLETENESS)
 
 
+@pytest.mark.parametrize(
+    ("stream", "field"), [(Stream.CONVERSION, "tick"), (Stream.CHANGED, "revision")]
+)
+def test_a_row_that_says_another_tick_than_its_header_is_found(
+    recording, audit, stream, field
+) -> None:
+    number = int(recording.rows(stream)["seq"][200])
+    report = audit(recording.tamper_rows(stream, alter(field, 1), number=number))
+    assert f"1 {stream.name} row(s) say another {field}" in texts(report, Check.COMPLETENESS)
+
+
 def test_two_different_headers_of_one_tick_are_found(recording, audit) -> None:
     index = recording.find(machine_topic(1, "soil_tick"), of_tick(10))
     spoilt = recording.copy()

@@ -256,10 +256,10 @@ def test_command_that_cannot_be_applied_is_not_sent():
 
 
 def test_payload_crosses_with_its_names_and_units():
-    payload = PayloadState(0.8, 1.0, 1440.0, 0.9)
+    payload = PayloadState(0.8, 1.0, 1440.0, 0.9, 12.5)
     msg = over_the_wire(to_payload_array(payload))
-    assert msg.layout.dim[0].label == "bank_m3,loose_m3,mass_kg,fill"
-    assert list(msg.data) == [0.8, 1.0, 1440.0, 0.9]
+    assert msg.layout.dim[0].label == "bank_m3,loose_m3,mass_kg,fill,time_s"
+    assert list(msg.data) == [0.8, 1.0, 1440.0, 0.9, 12.5]
     assert from_payload_array(msg) == payload
 
 
@@ -268,7 +268,7 @@ def test_payload_crosses_with_its_names_and_units():
     [
         lambda msg: msg.layout.dim.append(MultiArrayDimension()),
         lambda msg: msg.layout.dim.clear(),
-        lambda msg: setattr(msg.layout.dim[0], "label", "loose_m3,bank_m3,mass_kg,fill"),
+        lambda msg: setattr(msg.layout.dim[0], "label", "loose_m3,bank_m3,mass_kg,fill,time_s"),
         lambda msg: setattr(msg.layout.dim[0], "stride", 1),
         lambda msg: setattr(msg.layout, "data_offset", 1),
         lambda msg: msg.data.append(0.0),
@@ -278,5 +278,5 @@ def test_payload_crosses_with_its_names_and_units():
 def test_other_array_is_no_payload(change):
     msg: Float64MultiArray = to_payload_array(PayloadState(0.0, 0.0, 0.0, 0.0))
     change(msg)
-    with pytest.raises(CodecError, match="a payload is 4 values"):
+    with pytest.raises(CodecError, match="a payload is 5 values"):
         from_payload_array(msg)

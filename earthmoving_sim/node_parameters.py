@@ -1,0 +1,67 @@
+"""A run's parameters as one ROS parameter file for all of its nodes."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from earthmoving_sim.run_config import RunConfig
+
+__all__ = ["NAMESPACE", "write_node_parameters"]
+
+NAMESPACE = "/excavator"
+"""Of the machine and its operator."""
+
+_RECORDER = "recorder"
+
+
+def write_node_parameters(
+    path: Path, config: RunConfig, *, site: Path, bag: Path, realtime: bool, look_every: int
+) -> None:
+    """Write what each node of a run is to be given.
+
+    Args:
+        path: the file.
+        config: of the run.
+        site: file of the terrain.
+        bag: folder to record into.
+        realtime: whether ticks follow the wall clock; else soil, machine and operator take turns.
+        look_every: ticks between commands of the operator.
+    """
+    tick = config.stepping.tick
+    soil = {
+        "tick": tick,
+        "sync": "realtime" if realtime else "lockstep",
+        "await_listeners": [_RECORDER],
+        "map_period": 2.0,
+        "site": {"terrain": str(site.resolve())},
+        "soil": asdict(config.soil),
+    }
+    machine = {
+        "machine": str(config.machine_file),
+        "x": config.run.start_x - config.shift.approach,
+        "y": config.run.start_y,
+        "seed": config.run.seed,
+        "await_commands_every": 0 if realtime else look_every,
+        "await_listeners": [_RECORDER],
+        "state_rate": 1.0 / (look_every * tick),
+        "stepping": asdict(config.stepping),
+        "particles": asdict(config.particles),
+    }
+    operator = {
+        "machine": str(config.machine_file),
+        "habits": asdict(config.operator),
+        "shift": asdict(config.shift),
+    }
+    recorder = {"path": str(bag.resolve()), "progress": False}
+    nodes = {
+        "/soil_sim": soil,
+        f"{NAMESPACE}/machine_sim": machine,
+        f"{NAMESPACE}/operator": operator,
+        f"/{_RECORDER}": recorder,
+    }
+    content: dict[str, Any] = {name: {"ros__parameters": own} for name, own in nodes.items()}
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")

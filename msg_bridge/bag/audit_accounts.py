@@ -1,0 +1,279 @@
+"""The accounts of every tick, recomputed from rows and headers alone.
+
+Written from the protocol and apart from the exchange's own accounts, so that an error in those
+shows as a difference between the ledger published and the one recomputed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msg_bridge.bag.audit_report import Check, CheckResult, Finding
+from msg_bridge.bag.audit_series import series_finding
+from msg_bridge.bag.audit_streams import NumberedRows, Numbers, runs
+from msg_bridge.bag.audit_ticks import Event, Happening, SoilTicks, Story
+from msg_bridge.bag.audit_window import Window
+from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.messages import MachineHeader, Stream, Verb
+from msg_bridge.contract.rows import Kind
+
+__all__ = ["ACCOUNTS", "AccountsAudit", "audit_accounts"]
+
+ACCOUNTS = ("terrain", "in_flight", "pending", "particles", "absent", "outside")
+
+_SHOWN = 10  # machines' headers that do not add up, told one by one
+
+
+@dataclass
+class AccountsAudit:
+    """What became of the soil that is not terrain.
+
+    Attributes:
+        imbalance: of each tick audited [mm^3]; None if it cannot be computed.
+        start: sum of all accounts at the first tick audited.
+        checks, findings, notes: how far it went, what is wrong, what else to know.
+    """
+
+    imbalance: Numbers | None = None
+    start: int | None = None
+    checks: list[CheckResult] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+class _Account:
+    """One source: what it last said it holds, and the volumes moved for it.
+
+    Attributes:
+        present: whether it takes part.
+        pending, particles: as it last said.
+        received: last conversion row in those figures.
+        abandoned: what its former lives held and can no longer come back.
+    """
+
+    def __init__(self, source: int, conversions: NumberedRows, released: NDArray[np.bool_]) -> None:
+        own = conversions.rows["source"] == source
+        rows = conversions.rows[own]
+        volume = rows["volume_mm3"].astype(np.int64)
+        released = released[own]
+        back = np.isin(rows["kind"], (Kind.DEPOSIT, Kind.OUTSIDE)) & ~released
+        signed = np.where(rows["kind"] == Kind.EXCAVATE, volume, np.where(back, -volume, 0))
+        self._numbers = conversions.numbers[own]
+        self._moved = np.concatenate([[0], np.cumsum(signed)])
+        self._released = np.concatenate([[0], np.cumsum(np.where(released, volume, 0))])
+        self.present = False
+        self.pending = self.particles = self.abandoned = 0
+        self.received = 0
+
+    @property
+    def held(self) -> int:
+        return self.pending + self.particles
+
+    def moved(self, first: int, last: int) -> int:
+        """Signed volume of rows `first` + 1 to `last`: excavated +, given back -."""
+        low, high = np.searchsorted(self._numbers, (first, last), side="right")
+        return int(self._moved[max(high, low)] - self._moved[low])
+
+    def released(self, last: int) -> int:
+        """What was put down for it up to row `last`."""
+        return int(self._released[np.searchsorted(self._numbers, last, side="right")])
+
+    def expected(self, received: int) -> int:
+        """What it should hold once it has rows up to `received`."""
+        return self.held + self.moved(self.received, received)
+
+    def report(self, header: MachineHeader) -> None:
+        """Take its figures."""
+        self.pending, self.particles = header.pending_mm3, header.particles_mm3
+        self.received = header.conversions_received
+
+    def begin_empty(self, published: int) -> None:
+        """Begin a life that holds nothing; what the former one held is left where it was lost."""
+        self.abandoned += self.expected(published)
+        self.pending = self.particles = 0
+        self.received = published
+
+    def figures(self, last: int) -> tuple[int, int, int, int]:
+        """(in flight, pending, particles, absent) after conversion row `last`."""
+        flight = self.moved(self.received, last)
+        absent = self.abandoned - self.released(last)
+        if self.present:
+            return flight, self.pending, self.particles, absent
+        absent += self.held
+        if absent + flight == 0:  # released: what was on its way to it went with the rest
+            return 0, 0, 0, 0
+        return flight, 0, 0, absent
+
+
+def audit_accounts(
+    soil: SoilTicks,
+    window: Window,
+    story: Story,
+    conversions: NumberedRows,
+    released: NDArray[np.bool_],
+    terrain: Numbers | None,
+    ledgers: Mapping[int, Ledger],
+) -> AccountsAudit:
+    """Recompute the accounts of every tick in the window and compare with the ledgers.
+
+    Args:
+        released: which conversion rows put down what an absent machine left.
+        terrain: of each soil tick; None if it is not known.
+    """
+    result = AccountsAudit()
+    books = _Books(soil, window, story, conversions, released, result)
+    computed, known = books.run()
+    if terrain is None:
+        why = "the terrain is not known at any tick"
+        result.checks += [CheckResult(c, False, why) for c in (Check.ACCOUNTS, Check.LEDGER)]
+        return result
+    computed[:, 0] = terrain[window.indices]
+    ticks = soil.ticks[window.indices]
+    low, high = int(ticks[0]), int(ticks[-1])
+    base = ledgers.get(low)
+    start = int(computed[0].sum())
+    detail = f"ticks {low}..{high}, {books.reports} machine headers"
+    from_start = soil.from_start and window.first == 0
+    if not from_start:
+        # What left, or went, before the bag begins is in no row of it.
+        if base is not None:
+            before = np.array([getattr(base, name) for name in ACCOUNTS]) - computed[0]
+            keep = [ACCOUNTS.index(name) for name in ("in_flight", "absent", "outside")]
+            computed[:, keep] += before[keep]
+            start = base.start
+        detail += f"; from tick {low} on only, what was before is taken from its ledger"
+    result.start = start
+    result.imbalance = computed.sum(axis=1) - start
+    what = "the sum of all accounts is off"
+    finding = series_finding(Check.ACCOUNTS, what, ticks, result.imbalance)
+    result.findings += [finding] if finding else []
+    done = from_start and not books.unknown
+    detail += "".join(f"; {each}" for each in books.unknown)
+    result.checks.append(CheckResult(Check.ACCOUNTS, done, detail))
+    _compare(result, ticks, computed, known, start, ledgers)
+    return result
+
+
+class _Books:
+    """Walks through the ticks."""
+
+    def __init__(
+        self,
+        soil: SoilTicks,
+        window: Window,
+        story: Story,
+        conversions: NumberedRows,
+        released: NDArray[np.bool_],
+        result: AccountsAudit,
+    ) -> None:
+        self._soil, self._window, self._story, self._result = soil, window, story, result
+        self._conversions, self._released = conversions, released
+        self._accounts: dict[int, _Account] = {}
+        self._wrong = 0
+        self.reports = 0
+        self.unknown: list[str] = []
+
+    def run(self) -> tuple[Numbers, np.ndarray]:
+        """(accounts of each tick, shape (ticks, 6), terrain 0; whether each tick is known)."""
+        last_rows = self._soil.spans[Stream.CONVERSION].last
+        left = self._conversions.rows["kind"] == Kind.OUTSIDE
+        volume = self._conversions.rows["volume_mm3"].astype(np.int64)
+        outside = np.concatenate([[0], np.cumsum(np.where(left, volume, 0))])
+        outside = outside[self._conversions.count_through(last_rows)]
+        computed, known = [], []
+        for index in range(self._window.last + 1):
+            last = int(last_rows[index])
+            for event in self._story.events[index]:
+                self._take(event, index, last)
+            if index < self._window.first:
+                continue
+            figures = np.array([a.figures(last) for a in self._accounts.values()], dtype=np.int64)
+            computed.append([0, *figures.reshape(-1, 4).sum(axis=0).tolist(), int(outside[index])])
+            known.append(not any(event.lacks_header for event in self._story.events[index]))
+        return np.array(computed, dtype=np.int64), np.array(known, dtype=np.bool_)
+
+    def _take(self, event: Event, index: int, last: int) -> None:
+        source = event.life[0]
+        new = source not in self._accounts
+        if new:
+            self._accounts[source] = _Account(source, self._conversions, self._released)
+        account, header = self._accounts[source], event.header
+        if event.what is Happening.DROPPED:
+            account.present = False
+            return
+        account.present = event.what is not Happening.LEFT
+        if event.what is Happening.ENTERED:
+            returns = event.owed > 0 if header is None else header.verb is Verb.RETURN
+            if not returns:
+                account.begin_empty(last)
+                return
+            if new and not self._soil.from_start:
+                tick = int(self._soil.ticks[index])
+                self.unknown.append(
+                    f"machine {source} comes back in tick {tick} from before the bag begins"
+                )
+        if header is not None:
+            if not new and index >= self._window.first:
+                self._check(account, header, event, int(self._soil.ticks[index]), last)
+            account.report(header)
+            self.reports += 1
+
+    def _check(
+        self, account: _Account, header: MachineHeader, event: Event, tick: int, last: int
+    ) -> None:
+        """A machine holds what it held and what it was given since."""
+        excess = header.held_mm3 - account.expected(header.conversions_received)
+        backwards = header.conversions_received < account.received
+        ahead = header.conversions_received > last
+        if not (excess or backwards or ahead):
+            return
+        self._wrong += 1
+        if self._wrong > _SHOWN:
+            return
+        which = "on its return before" if event.what is Happening.ENTERED else "in"
+        text = f"machine {header.source} {which} tick {tick} "
+        if backwards or ahead:
+            text += f"has conversions up to {header.conversions_received}, which cannot be"
+        else:
+            text += (
+                f"holds {abs(excess)} mm3 too {'much' if excess > 0 else 'little'}:"
+                f" {header.held_mm3} mm3, where conversions"
+                f" {account.received + 1}..{header.conversions_received} make"
+                f" {header.held_mm3 - excess} mm3"
+            )
+        self._result.findings.append(Finding(Check.ACCOUNTS, text, tick, tick))
+
+
+def _compare(
+    result: AccountsAudit,
+    ticks: Numbers,
+    computed: Numbers,
+    known: np.ndarray,
+    start: int,
+    ledgers: Mapping[int, Ledger],
+) -> None:
+    """Compare with what was published."""
+    if not ledgers:
+        result.checks.append(CheckResult(Check.LEDGER, False, "the bag has no ledger"))
+        return
+    there = np.array([int(tick) in ledgers for tick in ticks])
+    for first, last in runs(ticks[~there].tolist()):
+        which = f"ledger of tick {first} is" if first == last else f"ledgers of {first}..{last} are"
+        text = f"the {which} missing"
+        result.findings.append(Finding(Check.COMPLETENESS, text, first, last))
+    both = there & known
+    published = [ledgers[int(tick)] for tick in ticks[both]]
+    for column, name in enumerate(ACCOUNTS):
+        told = np.array([getattr(ledger, name) for ledger in published], dtype=np.int64)
+        what = f"the ledger's {name} differs"
+        finding = series_finding(Check.LEDGER, what, ticks[both], told - computed[both, column])
+        result.findings += [finding] if finding else []
+    told = np.array([ledger.start for ledger in published], dtype=np.int64)
+    finding = series_finding(Check.LEDGER, "the ledger's start differs", ticks[both], told - start)
+    result.findings += [finding] if finding else []
+    detail = f"{len(published)} ledgers, every account"
+    result.checks.append(CheckResult(Check.LEDGER, bool(published), detail))

@@ -1,0 +1,185 @@
+"""Subscriptions of the recorder: raw, with the QoS that all publishers offer, and looked at.
+
+They are looked at, say 50 times a second, instead of being waited for: waiting costs rclpy some
+time for each subscription at every message, looking costs next to nothing. Meanwhile messages wait
+in the middleware, which knows when each arrived.
+"""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from msg_bridge.bag.metadata import OfferedQos
+from msg_bridge.bag.schemas import SchemaError
+from msg_bridge.recorder.core import Heard
+
+__all__ = ["Listener", "all_latched", "hash_of", "offered_qos"]
+
+_DEPTH = 1000
+"""Messages of a topic that wait between two looks, at most."""
+
+_LATCHED_DEPTH = 100
+"""Of a latched topic, whose messages may be whole maps."""
+
+
+class Listener:
+    """Listens to topics on behalf of a node."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._group = _LookedAt()
+        self._ears: dict[str, _Ear] = {}
+
+    @property
+    def topics(self) -> list[str]:
+        """Names of what it listens to."""
+        return list(self._ears)
+
+    def add(self, topic: str, type_name: str, publishers: Sequence[TopicEndpointInfo]) -> None:
+        """Begin to listen.
+
+        Raises:
+            SchemaError: the type is not installed here.
+        """
+        self._ears[topic] = self._listen(topic, _class_of(type_name), publishers)
+
+    def drop(self, topic: str) -> None:
+        """Listen to a topic no more, if it was listened to."""
+        ear = self._ears.pop(topic, None)
+        if ear is not None:
+            self._node.destroy_subscription(ear.subscription)
+
+    def is_deaf(self, topic: str, publishers: Sequence[TopicEndpointInfo]) -> bool:
+        """Whether some of a topic's publishers offer less than is asked for; they are not heard."""
+        ear = self._ears[topic]
+        return (ear.reliable and not _all_reliable(publishers)) or (
+            ear.latched and not all_latched(publishers)
+        )
+
+    def listen_again(self, topic: str, publishers: Sequence[TopicEndpointInfo]) -> None:
+        """Ask for what all of them offer; what has arrived and was not taken is lost."""
+        ear = self._ears[topic]
+        self._node.destroy_subscription(ear.subscription)
+        self._ears[topic] = self._listen(topic, ear.message_class, publishers)
+
+    def take(self) -> list[Heard]:
+        """What has arrived since the last time, in the order it did."""
+        heard: list[Heard] = []
+        for ear in self._ears.values():
+            _take(ear, heard)
+        heard.sort(key=attrgetter("arrived"))
+        return heard
+
+    def _listen(
+        self, topic: str, message_class: type, publishers: Sequence[TopicEndpointInfo]
+    ) -> _Ear:
+        reliable, latched = _all_reliable(publishers), all_latched(publishers)
+        profile = QoSProfile(
+            history=HistoryPolicy.KEEP_LAST,
+            depth=_LATCHED_DEPTH if latched else _DEPTH,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE),
+        )
+        subscription = self._node.create_subscription(
+            message_class, topic, _never_called, profile, callback_group=self._group, raw=True
+        )
+        return _Ear(topic, message_class, subscription, reliable, latched)
+
+
+def all_latched(publishers: Sequence[TopicEndpointInfo]) -> bool:
+    """Whether all keep their newest messages for late subscribers."""
+    offers = (each.qos_profile.durability for each in publishers)
+    return all(each == DurabilityPolicy.TRANSIENT_LOCAL for each in offers)
+
+
+def hash_of(publisher: TopicEndpointInfo) -> str | None:
+    """The hash of its type as a publisher tells it, if it does."""
+    told = str(publisher.topic_type_hash)
+    return told if told.startswith("RIHS01_") else None
+
+
+def offered_qos(publisher: TopicEndpointInfo) -> OfferedQos:
+    """What a publisher offers."""
+    profile = publisher.qos_profile
+    return OfferedQos(
+        reliability=profile.reliability.name.lower(),
+        durability=profile.durability.name.lower(),
+        history=profile.history.name.lower(),
+        depth=profile.depth,
+        liveliness=profile.liveliness.name.lower(),
+        deadline=profile.deadline.nanoseconds,
+        lifespan=profile.lifespan.nanoseconds,
+        lease=profile.liveliness_lease_duration.nanoseconds,
+    )
+
+
+class _LookedAt(CallbackGroup):  # type: ignore[misc]  # rclpy is Any to mypy
+    """Subscriptions that no executor waits for."""
+
+    def can_execute(self, entity: Any) -> bool:
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        """Never begun."""
+
+
+@dataclass
+class _Ear:
+    """A subscription, and what it asks for."""
+
+    topic: str
+    message_class: type
+    subscription: Subscription
+    reliable: bool
+    latched: bool
+
+
+def _take(ear: _Ear, heard: list[Heard]) -> None:
+    """Take what waits at a subscription, at most as much as it can hold."""
+    handle = ear.subscription.handle
+    with handle:
+        for _ in range(_DEPTH):
+            taken = handle.take_message(ear.message_class, True)
+            if taken is None:
+                return
+            data, info = taken
+            # A middleware that tells no times leaves 0.
+            arrived = info["received_timestamp"] or time.time_ns()
+            sent = info["source_timestamp"] or arrived
+            number = info["publication_sequence_number"]
+            heard.append(Heard(ear.topic, data, arrived, sent, number))
+
+
+def _never_called(message: bytes) -> None:
+    """Subscriptions are looked at instead."""
+
+
+def _class_of(type_name: str) -> type:
+    package, _, name = type_name.partition("/msg/")
+    try:
+        found: type = getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError) as error:
+        raise SchemaError(
+            f"type {type_name} is not installed; install {package.split('/')[0]} or source its"
+            " workspace"
+        ) from error
+    return found
+
+
+def _all_reliable(publishers: Sequence[TopicEndpointInfo]) -> bool:
+    offers = (each.qos_profile.reliability for each in publishers)
+    return all(each == ReliabilityPolicy.RELIABLE for each in offers)
