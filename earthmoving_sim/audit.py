@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from msg_bridge.bag.audit_report import AuditReport, EpochReport
+    from msg_bridge.audit.report import AuditReport, EpochReport
 
 __all__ = ["SUMMARY", "add_arguments", "run"]
 
@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Audit and print; 0 if sound, else 1."""
-    from msg_bridge.bag.audit import audit_bag
+    from msg_bridge.audit.audit import audit_bag
 
     report = audit_bag(args.bag, _progress() if sys.stderr.isatty() else None)
     if args.json:

@@ -3,6 +3,9 @@
 - `contract`: what both sides agree on: grid, rows, messages, ledger, parameters
 - `exchange`: the state machines at both ends, the accounts, the direct transport
 - `codec`: the same as ROS 2 messages, and their QoS; `dds`: the shipped Fast DDS profile
-- `testing`: help for tests, a bad transport among it
+- `nodes`: what the nodes are made of: running, parameters, diagnostics, the exchange over topics
+- `bag`: MCAP bags, written and read; `recorder`: the node that writes them; `audit`: every cubic
+  millimetre of a recorded run counted again
+- `testing`: fixtures for launch-free tests of nodes, a bad transport
 - `config_files`: where shipped parameters are
 """

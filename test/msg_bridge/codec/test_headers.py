@@ -51,7 +51,13 @@ LEDGERS = st.builds(Ledger, *[INT64] * 8).filter(lambda x: -(2**63) <= x.imbalan
 
 RESEND = Resend(1, 2, 7, Stream.LANDED, 120, 40)
 SOIL_HEADER = SoilHeader(
-    1, 5, 9, RowRange(11, 2), RowRange(21, 3), RowRange(31, 4), (SourceReceipt(2, 7, 41, 42, 43, 44),)
+    1,
+    5,
+    9,
+    RowRange(11, 2),
+    RowRange(21, 3),
+    RowRange(31, 4),
+    (SourceReceipt(2, 7, 41, 42, 43, 44),),
 )
 
 

@@ -9,8 +9,8 @@ import pytest
 from support.bag_recording import Recording, machine_topic
 from support.bag_scenes import scripted_run
 
-from msg_bridge.bag.audit import audit_bag
-from msg_bridge.bag.audit_report import AuditReport, Check
+from msg_bridge.audit.audit import audit_bag
+from msg_bridge.audit.report import AuditReport, Check
 from msg_bridge.codec.headers import from_multi_array, to_multi_array
 from msg_bridge.codec.point_cloud import bytes_of, from_point_cloud
 from msg_bridge.codec.terrain import TERRAIN_CELL

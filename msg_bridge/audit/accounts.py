@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.bag.audit_report import Check, CheckResult, Finding
-from msg_bridge.bag.audit_series import series_finding
-from msg_bridge.bag.audit_streams import NumberedRows, Numbers, runs
-from msg_bridge.bag.audit_ticks import Event, Happening, SoilTicks, Story
-from msg_bridge.bag.audit_window import Window
+from msg_bridge.audit.report import Check, CheckResult, Finding
+from msg_bridge.audit.series import series_finding
+from msg_bridge.audit.streams import NumberedRows, Numbers, runs
+from msg_bridge.audit.ticks import Event, Happening, SoilTicks, Story
+from msg_bridge.audit.window import Window
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import MachineHeader, Stream, Verb
 from msg_bridge.contract.rows import Kind

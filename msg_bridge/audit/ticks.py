@@ -13,9 +13,9 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.bag.audit_gather import EpochData, Life
-from msg_bridge.bag.audit_report import Check, Finding
-from msg_bridge.bag.audit_streams import NumberedRows, Numbers, Spans, runs
+from msg_bridge.audit.gather import EpochData, Life
+from msg_bridge.audit.report import Check, Finding
+from msg_bridge.audit.streams import NumberedRows, Numbers, Spans, runs
 from msg_bridge.contract.messages import MachineHeader, SoilHeader, SourceReceipt, Stream, Verb
 from msg_bridge.contract.rows import Kind
 

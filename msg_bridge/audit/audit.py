@@ -1,8 +1,8 @@
-"""Auditing a bag: recompute where all soil was at every tick, from what was recorded alone.
+"""The whole audit: read, follow, recompute, compare.
 
 Rows, headers and terrain maps are taken at their word and compared with one another; the ledger
 that the soil published is only compared with, never used, unless the bag begins in the middle of
-a run. The modules `audit_*` are its steps::
+a run. The modules beside this one are its steps::
 
     gather -> follow machines through the ticks -> window, gaps -> terrain -> accounts -> landings
 """
@@ -15,14 +15,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.bag.audit_accounts import AccountsAudit, audit_accounts
-from msg_bridge.bag.audit_gather import EpochData, StreamKey, gather
-from msg_bridge.bag.audit_landings import audit_landings, audit_owed
-from msg_bridge.bag.audit_report import AuditReport, Check, CheckResult, EpochReport, Finding
-from msg_bridge.bag.audit_streams import NumberedRows
-from msg_bridge.bag.audit_terrain import audit_terrain
-from msg_bridge.bag.audit_ticks import SoilTicks, follow, released_rows
-from msg_bridge.bag.audit_window import Window, completeness, number_streams, window_of
+from msg_bridge.audit.accounts import AccountsAudit, audit_accounts
+from msg_bridge.audit.gather import EpochData, StreamKey, gather
+from msg_bridge.audit.landings import audit_landings, audit_owed
+from msg_bridge.audit.report import AuditReport, Check, CheckResult, EpochReport, Finding
+from msg_bridge.audit.streams import NumberedRows
+from msg_bridge.audit.terrain import audit_terrain
+from msg_bridge.audit.ticks import SoilTicks, follow, released_rows
+from msg_bridge.audit.window import Window, completeness, number_streams, window_of
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.contract.messages import Stream
 from msg_bridge.contract.rows import Kind

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from msg_bridge.bag.audit_report import Check, Finding
-from msg_bridge.bag.audit_streams import Numbers
+from msg_bridge.audit.report import Check, Finding
+from msg_bridge.audit.streams import Numbers
 
 __all__ = ["series_finding"]
 

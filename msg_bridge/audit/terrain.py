@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from msg_bridge.bag.audit_keyframes import Keyframes
-from msg_bridge.bag.audit_report import Check, CheckResult, Finding
-from msg_bridge.bag.audit_series import series_finding
-from msg_bridge.bag.audit_streams import NumberedRows, Numbers
-from msg_bridge.bag.audit_ticks import SoilTicks
-from msg_bridge.bag.audit_window import Window
+from msg_bridge.audit.keyframes import Keyframes
+from msg_bridge.audit.report import Check, CheckResult, Finding
+from msg_bridge.audit.series import series_finding
+from msg_bridge.audit.streams import NumberedRows, Numbers
+from msg_bridge.audit.ticks import SoilTicks
+from msg_bridge.audit.window import Window
 from msg_bridge.contract.messages import Stream
 from msg_bridge.contract.rows import Kind
 

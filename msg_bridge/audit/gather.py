@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from msg_bridge.bag.audit_keyframes import Keyframes
-from msg_bridge.bag.audit_report import Check, Finding
+from msg_bridge.audit.keyframes import Keyframes
+from msg_bridge.audit.report import Check, Finding
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.codec.chunks import from_chunk_cloud
 from msg_bridge.codec.errors import CodecError

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.bag.audit_gather import EpochData, StreamKey
-from msg_bridge.bag.audit_report import Check, CheckResult, Finding
-from msg_bridge.bag.audit_streams import NumberedRows, Numbers
-from msg_bridge.bag.audit_ticks import UNKNOWN_TICK, Happening, SoilTicks, Story
-from msg_bridge.bag.audit_window import Window
+from msg_bridge.audit.gather import EpochData, StreamKey
+from msg_bridge.audit.report import Check, CheckResult, Finding
+from msg_bridge.audit.streams import NumberedRows, Numbers
+from msg_bridge.audit.ticks import UNKNOWN_TICK, Happening, SoilTicks, Story
+from msg_bridge.audit.window import Window
 from msg_bridge.contract.messages import Stream
 from msg_bridge.contract.rows import CONVERSION, Kind, Rows
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from support.bag_scenes import scripted_run
 
-from msg_bridge.bag.audit import audit_bag, audit_epoch
-from msg_bridge.bag.audit_gather import EpochData
-from msg_bridge.bag.audit_report import Check, EpochReport
+from msg_bridge.audit.audit import audit_bag, audit_epoch
+from msg_bridge.audit.gather import EpochData
+from msg_bridge.audit.report import Check, EpochReport
 from msg_bridge.codec.terrain import TerrainMap
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.ledger import Ledger

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from msg_bridge.bag.audit_gather import EpochData, StreamKey
-from msg_bridge.bag.audit_report import Check, Finding
-from msg_bridge.bag.audit_streams import NumberedRows, Spans, numbered
-from msg_bridge.bag.audit_ticks import SoilTicks, Story, missing_headers
+from msg_bridge.audit.gather import EpochData, StreamKey
+from msg_bridge.audit.report import Check, Finding
+from msg_bridge.audit.streams import NumberedRows, Spans, numbered
+from msg_bridge.audit.ticks import SoilTicks, Story, missing_headers
 from msg_bridge.contract.messages import Stream
 
 __all__ = ["EDGE_TICKS", "Window", "completeness", "number_streams", "window_of"]
