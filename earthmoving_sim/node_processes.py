@@ -60,6 +60,15 @@ class NodeProcess:
         """Of the process; None while it runs."""
         return self._process.poll()
 
+    @property
+    def cpu_time(self) -> float:
+        """CPU time it has used [s]; 0 where there is no /proc."""
+        try:
+            fields = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            return 0.0
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
     def check(self) -> None:
         """See that it runs.
 

@@ -22,7 +22,7 @@ from machine_sim.machine.urdf import urdf_text
 from machine_sim.node_params import MachineNodeParams
 from machine_sim.params import MachineSimParams
 from machine_sim.particles import ParticleParams, warm_up
-from machine_sim.run import MachineRun
+from machine_sim.run import MachineRun, first_life
 from msg_bridge.codec import qos
 from msg_bridge.codec.machine_state import BaseState, PayloadState
 from msg_bridge.codec.markers import MarkerSet
@@ -34,6 +34,7 @@ from msg_bridge.contract.messages import Keyframe, Message
 from msg_bridge.exchange.machine_side import Phase
 from msg_bridge.nodes.command_topics import CommandTopics
 from msg_bridge.nodes.diagnostics import Diagnostics, Level
+from msg_bridge.nodes.inbox import Inbox
 from msg_bridge.nodes.lean_node import LeanNode
 from msg_bridge.nodes.listeners import unheard_topics
 from msg_bridge.nodes.machine_carrier import MachineCarrier
@@ -93,13 +94,12 @@ class MachineNode(LeanNode):
         self._leaving = False
         self._last_message = time.monotonic()
         self._slowest = 0.0
-        self._carrier = MachineCarrier(self, self._receive, self.diagnostics.refuse)
-        self.create_subscription(String, "/sim/config", self._on_config, qos.LATCHED)
-        # Triggered rather than called: commands that have come meanwhile are taken before it.
-        self._step_soon = self.create_guard_condition(self._on_step)
-        self._commands = CommandTopics(
-            self, self._board, lambda: self.run, self.diagnostics.refuse, self._step_soon.trigger
-        )
+        refuse = self.diagnostics.refuse
+        inbox = Inbox(self, self._go_on)
+        self._carrier = MachineCarrier(self, inbox, self._receive, refuse)
+        inbox.subscribe(String, "/sim/config", qos.LATCHED, self._on_config)
+        self._orders = Inbox(self, self._go_on)
+        self._commands = CommandTopics(self._orders, self._board, lambda: self.run, refuse)
         self.create_timer(_REMIND_PERIOD, self._on_silence)
 
     def stop(self) -> None:
@@ -133,7 +133,6 @@ class MachineNode(LeanNode):
             self._begin_if_new()
         if self.run is not None:
             self.run.side.receive(message)
-            self._go_on(self.run)
 
     def _begin_if_new(self) -> None:
         """Take part in the run that the soil has begun, once both its words on it are here."""
@@ -153,8 +152,7 @@ class MachineNode(LeanNode):
             self._board,
             facts,
             keyframe,
-            # A process that is started again must not go on with the life of the one before.
-            life=int(time.time()),
+            life=first_life(self.get_namespace(), facts.epoch, time.time()),
         )
         self._entered_life = -1
         self._topics.describe(
@@ -173,8 +171,11 @@ class MachineNode(LeanNode):
 
     # The tick.
 
-    def _go_on(self, run: MachineRun) -> None:
-        """Take the soil's answer if it is complete, and have the next tick done."""
+    def _go_on(self) -> None:
+        """Take the soil's answer if it is complete, and do the next tick."""
+        run = self.run
+        if run is None:
+            return
         exchange = run.side.exchange
         answered = run.side.poll() is not None
         if answered and run.due(run.tick, self._params.hash_rate):
@@ -183,7 +184,9 @@ class MachineNode(LeanNode):
             self._entered_life = exchange.life
             self._tell(run, run.tick)
         if run.side.ready:
-            self._step_soon.trigger()
+            self._orders.empty()  # all commands that have come by now count
+            if run.may_step or self._leaving:
+                self._do_step(run)
         elif exchange.phase is Phase.OUT and not self._leaving:
             self._out(run)
 
@@ -197,11 +200,6 @@ class MachineNode(LeanNode):
             self.diagnostics.problem(f"refused by the soil: {exchange.refusal}", Level.ERROR)
             text = f"refused by the soil: {exchange.refusal}"
             self.get_logger().error(text, throttle_duration_sec=5.0)
-
-    def _on_step(self) -> None:
-        run = self.run
-        if run is not None and (run.may_step or (self._leaving and run.side.ready)):
-            self._do_step(run)
 
     def _do_step(self, run: MachineRun) -> None:
         began = time.perf_counter()

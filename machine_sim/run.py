@@ -6,6 +6,7 @@ Knows no messages' carrier and reads no clock: the caller says what time it is.
 from __future__ import annotations
 
 import math
+import zlib
 from dataclasses import replace
 
 from machine_sim.commands import AppliedCommand, CommandBoard
@@ -20,7 +21,10 @@ from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.messages import Keyframe
 from msg_bridge.exchange.machine_side import MachineExchange
 
-__all__ = ["MachineRun"]
+__all__ = ["MachineRun", "first_life"]
+
+_CLOCKS_DIFFER = 2**20
+"""By how much hosts may disagree on the time [s]."""
 
 
 class MachineRun:
@@ -125,6 +129,20 @@ class MachineRun:
     def close(self) -> None:
         """Free what the machine holds."""
         self.sim.close()
+
+
+def first_life(name: str, epoch: int, now: float) -> int:
+    """A life above those that earlier processes of a machine had in a run, and no other machine's.
+
+    Machines that were given the same source by mistake are told apart by it, even if they begin in
+    the same instant.
+
+    Args:
+        name: of the machine, its namespace.
+        epoch: of the run; the soil counts it up from the time at which it was started.
+        now: seconds since 1970.
+    """
+    return (int(now) - epoch + _CLOCKS_DIFFER) % 2**24 << 8 | zlib.crc32(name.encode()) % 2**8
 
 
 def _in_step(stepping: MachineSimParams, facts: RunFacts) -> MachineSimParams:

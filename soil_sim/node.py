@@ -21,6 +21,7 @@ from msg_bridge.codec.terrain import TerrainMap
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.messages import Keyframe, Message
 from msg_bridge.nodes.diagnostics import Diagnostics, Level
+from msg_bridge.nodes.inbox import Inbox
 from msg_bridge.nodes.lean_node import LeanNode
 from msg_bridge.nodes.listeners import unheard_topics
 from msg_bridge.nodes.parameters import declare_parameters
@@ -72,7 +73,11 @@ class SoilNode(LeanNode):
         self.diagnostics.add_task(self._diagnose)
         self._topics = SoilTopics(self)
         self._carrier = SoilCarrier(
-            self, self._receive, self._send_keyframe, self.diagnostics.refuse
+            self,
+            Inbox(self, self._advance),
+            self._receive,
+            self._send_keyframe,
+            self.diagnostics.refuse,
         )
         self._next_map = self._map_revision = 0
         self._last_tick = time.monotonic()
@@ -91,7 +96,6 @@ class SoilNode(LeanNode):
 
     def _receive(self, message: Message) -> None:
         self.run.side.receive(message)
-        self._advance()
 
     def _on_time(self) -> None:
         self.run.on_time(time.monotonic())

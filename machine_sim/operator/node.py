@@ -36,6 +36,7 @@ from msg_bridge.config_files import find_config
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.nodes.diagnostics import Diagnostics
+from msg_bridge.nodes.inbox import Inbox
 from msg_bridge.nodes.lean_node import LeanNode
 from msg_bridge.nodes.parameters import declare_parameters
 from msg_bridge.nodes.runtime import run_node
@@ -77,7 +78,8 @@ class OperatorNode(LeanNode):
         self._commands = self.create_publisher(JointState, "joint_commands", qos.STATE)
         self._phases = self.create_publisher(String, "operator/phase", qos.ROWS)
         self._cycles = self.create_publisher(String, "operator/cycles", qos.ROWS)
-        self._terrain = TerrainListener(self, self._look, self.diagnostics.refuse)
+        self._inbox = Inbox(self, self._look)
+        self._terrain = TerrainListener(self, self._inbox, self.diagnostics.refuse, self._look)
         self._hear(String, "/sim/config", qos.LATCHED, self._on_config)
         self._hear(JointState, "joint_states", qos.STATE, self._on_joints)
         self._hear(Odometry, "odom", qos.STATE, self._on_odom)
@@ -117,10 +119,8 @@ class OperatorNode(LeanNode):
                 take(msg)
             except EarthmovingError as error:
                 self.diagnostics.refuse(topic, str(error))
-            else:
-                self._look()
 
-        self.create_subscription(kind, topic, on_message, profile)
+        self._inbox.subscribe(kind, topic, profile, on_message)
 
     def _on_config(self, msg: String) -> None:
         facts = run_facts(msg.data)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from machine_sim.ground import Ground
 from machine_sim.particles.growth import grow_radii, start_radii
 from machine_sim.particles.landing import settled_rows
-from machine_sim.particles.law import contact_law
+from machine_sim.particles.law import Law, contact_law
 from machine_sim.particles.motion import run_substeps
 from machine_sim.particles.neighbours import NeighbourList, spatial_order
 from machine_sim.particles.pairs import pair_buffer, pair_overlap
@@ -41,7 +41,8 @@ class ParticleEngine:
         swell: loose volume over bank volume, minus 1.
         store: the particles, see `ParticleStore`; rows may be reordered by `step`.
         tunnelled_tool: centres that went through a plate so far.
-        tunnelled_ground: centres that sank a radius into the ground so far; put back upon it.
+        tunnelled_ground: centres that sank a radius into the ground so far, soft ones apart; put
+            back upon it.
     """
 
     def __init__(self, params: ParticleParams, ground: Ground, *, swell: float = 0.25) -> None:
@@ -226,22 +227,24 @@ class ParticleEngine:
             self._pairs.stale = True
             self._order_due = self._pairs.builds + _REORDER_EVERY
         self._pairs.refresh(store, dt)
-        held, soft = self._tools.surround(store.position, ground.grid.cell)
+        law = contact_law(dt / params.substeps, params.substeps_per_contact, params.restitution)
+        held, near = self._tools.surround(store.position, ground.grid.cell)
         off_ground = store.frozen | held
         grounds = ground_planes(
-            ground.surface, ground.frame, dt, store.position, store.velocity, store.radius,
-            off_ground, store.ground_spring, self._ground_row, self._plane,
+            ground.surface, ground.frame, dt, law, store.position, store.velocity, store.radius,
+            store.contact_radius, off_ground, near, store.soft, store.ground_spring,
+            self._ground_row, self._plane,
         )  # fmt: skip
         self._walls.refresh(store, self._tools, dt)
         if self._growing:
             self._grow(dt, grounds)
         before = store.position.copy()
-        self._move(dt, grounds, soft)
+        self._move(law, grounds)
         self.tunnelled_tool += int(self._walls.crossed(store, self._tools, before).sum())
         self.tunnelled_ground += finish_on_ground(
             ground.surface, ground.frame, dt, params.settle_speed, grounds, self._ground_row,
-            self._plane, store.position, store.velocity, store.radius, off_ground, soft,
-            store.quiet_time,
+            self._plane, store.position, store.velocity, store.radius, off_ground,
+            store.soft, store.quiet_time,
         )  # fmt: skip
         self._tools.end()
 
@@ -268,17 +271,15 @@ class ParticleEngine:
             store.contact_radius, share,
         )  # fmt: skip
 
-    def _move(self, dt: float, grounds: int, soft: NDArray[np.bool_]) -> None:
+    def _move(self, law: Law, grounds: int) -> None:
         store, params, tools = self.store, self.params, self._tools
         pairs, walls = self._pairs.pairs, self._walls.table
-        substep = dt / params.substeps
-        law = contact_law(substep, params.substeps_per_contact, params.restitution)
         run_substeps(
             params.substeps, params.gravity, law, np.float32(params.friction),
             np.float32(params.tool_friction), np.float32(params.ground_friction),
             store.position, store.velocity, store.mass, store.inverse_mass,
-            store.radius, store.contact_radius, soft, self._force[: store.count],
-            store.ground_spring,
+            store.radius, store.contact_radius, store.soft,
+            self._force[: store.count], store.ground_spring,
             pairs.first, pairs.second, pairs.count, pairs.touching, pairs.spring,
             self._buffer, self._slots,
             walls.count, walls.row, walls.plate, walls.spring, walls.side,

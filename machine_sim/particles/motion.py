@@ -28,7 +28,7 @@ def run_substeps(  # type: ignore[no-untyped-def]
         law, friction, tool_friction, ground_friction: contact law and Coulomb coefficients.
         position, velocity, mass, inverse_mass, radius, contact_radius, ground_spring: of the
             particles.
-        soft: near a tool, see `soil_contact`.
+        soft: pushed gently by the ground, see `soil_contact`.
         force: scratch, shape (n, 3), float32.
         first ... slots: pairs, see `pair_forces`.
         walls ... wrench: plate contacts, see `wall_forces`; path holds the poses by substep. The

@@ -7,6 +7,8 @@ normal that jumps there would fire a particle off the foot of a cliff.
 Beside a tool the surface is known only as the mean of columns that are partly cut: the face ahead
 of a bucket's lip is smeared over a column or two, and soil in the lip's way seems to lie deep
 under it. Particles there are *soft*: the ground pushes them out gently and never puts them back.
+One that leaves the tool while the ground still covers it stays soft until it is out: the full push
+on so deep a particle would fire it off.
 """
 
 from __future__ import annotations
@@ -32,12 +34,20 @@ def _height(surface, ground, x, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def ground_planes(surface, ground, dt, position, velocity, radius, frozen, spring, row, plane):  # type: ignore[no-untyped-def]
+def ground_planes(  # type: ignore[no-untyped-def]
+    surface, ground, dt, law, position, velocity, radius, contact_radius, frozen, near, soft,
+    spring, row, plane,
+):  # fmt: skip
     """List the particles that may touch the ground within `dt` [s] and the plane each feels.
 
     Args:
         surface, ground: contact surface [m] and `Ground.frame`.
-        position, velocity, radius, frozen, spring: of the particles; springs out of touch reset.
+        law: contact law.
+        position, velocity, radius, contact_radius, frozen, spring: of the particles; springs out
+            of touch reset.
+        near: beside a tool.
+        soft: in and out; a particle that is not near stays soft while it lies so deep that the
+            full push would be a harder one.
         row: out, rows listed.
         plane: out, normal and offset of each listed, shape (n, 4): distance = normal.x - offset.
 
@@ -45,9 +55,12 @@ def ground_planes(surface, ground, dt, position, velocity, radius, frozen, sprin
         How many are listed.
     """
     count = 0
+    soft_overlap = _SOFT_PUSH / np.float64(law[0])
     for i in range(position.shape[0]):
         if frozen[i]:
             continue
+        was_soft = soft[i]
+        soft[i] = near[i]
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         r = np.float64(radius[i])
         speed2 = velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2
@@ -68,6 +81,7 @@ def ground_planes(surface, ground, dt, position, velocity, radius, frozen, sprin
         if above * nz > reach:
             spring[i, 0] = spring[i, 1] = spring[i, 2] = np.float32(0.0)
             continue
+        soft[i] = near[i] or (was_soft and contact_radius[i] - above * nz > soft_overlap)
         nx, ny = -slope_x * nz, -slope_y * nz
         row[count] = i
         plane[count, 0], plane[count, 1], plane[count, 2] = nx, ny, nz

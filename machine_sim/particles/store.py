@@ -26,6 +26,7 @@ _COLUMNS: dict[str, tuple[str, tuple[int, ...]]] = {
     "moisture": ("u1", ()),
     "particle_id": ("u4", ()),
     "frozen": ("?", ()),
+    "soft": ("?", ()),
     "quiet_time": ("f4", ()),
     "ground_spring": ("f4", (3,)),
     "pair_row": ("i4", ()),
@@ -51,6 +52,7 @@ class ParticleStore:
         soil, moisture: soil type and moisture code, uint8.
         particle_id: unique, never used twice, from 1, uint32.
         frozen: landed and not yet answered: does not move, supports others, still counts.
+        soft: beside a tool, or not yet out of the ground there; see `soil_contact`.
         quiet_time: how long it has been slow on the ground [s].
         ground_spring: tangential spring of its ground contact [m], shape (n, 3).
         pair_row, wall_row: its row in the pair and plate list of the last step, -1 if it has none.
@@ -68,6 +70,7 @@ class ParticleStore:
     moisture: NDArray[np.uint8]
     particle_id: NDArray[np.uint32]
     frozen: NDArray[np.bool_]
+    soft: NDArray[np.bool_]
     quiet_time: NDArray[np.float32]
     ground_spring: NDArray[np.float32]
     pair_row: NDArray[np.int32]

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Protocol
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TwistStamped
-from rclpy.node import Node
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool, Float64MultiArray
 
 from msg_bridge.codec import qos
 from msg_bridge.codec.stamps import seconds_of_stamp
 from msg_bridge.contract.errors import EarthmovingError
+from msg_bridge.nodes.inbox import Inbox
 
 __all__ = ["Board", "CommandTopics", "Times"]
 
@@ -48,26 +49,24 @@ class CommandTopics:
 
     def __init__(
         self,
-        node: Node,
+        inbox: Inbox,
         board: Board,
         times: Callable[[], Times | None],
         refuse: Callable[[str, str], None],
-        arrived: Callable[[], None],
     ) -> None:
         """
         Args:
-            node: whose topics they are.
+            inbox: of the machine's node, for its commands.
             board: takes what comes.
             times: tells the time; None while there is no run, and commands are refused.
             refuse: told topic and reason of a command that is refused.
-            arrived: called after each command that was taken.
         """
         self._board, self._times = board, times
-        self._refuse, self._arrived = refuse, arrived
+        self._refuse = refuse
 
         def subscribe(kind: Any, topic: str, take: Callable[[Any, Times], None]) -> None:
             profile = qos.STATE if kind is Bool else qos.COMMANDS
-            node.create_subscription(kind, topic, lambda msg: self._take(topic, take, msg), profile)
+            inbox.subscribe(kind, topic, profile, partial(self._take, topic, take))
 
         subscribe(Float64MultiArray, "front_velocity_controller/commands", self._front)
         subscribe(Float64MultiArray, "track_velocity_controller/commands", self._tracks)
@@ -85,8 +84,6 @@ class CommandTopics:
             take(msg, times)  # type: ignore[arg-type]
         except EarthmovingError as error:
             self._refuse(topic, str(error))
-            return
-        self._arrived()
 
     def _front(self, msg: Float64MultiArray, times: Times) -> None:
         self._board.front(msg.data, _now(times))

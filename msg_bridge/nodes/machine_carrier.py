@@ -17,6 +17,7 @@ from msg_bridge.codec.headers import from_multi_array, from_refusal_string, to_m
 from msg_bridge.codec.terrain import from_terrain_cloud
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import Message, Resend, RowChunk, SoilHeader, Stream
+from msg_bridge.nodes.inbox import Inbox
 from msg_bridge.nodes.topics import (
     MAP_FRAME,
     MAP_TOPIC,
@@ -43,12 +44,14 @@ class MachineCarrier:
     def __init__(
         self,
         node: Node,
+        inbox: Inbox,
         receive: Callable[[Message], None],
         refuse: Callable[[str, str], None],
     ) -> None:
         """
         Args:
             node: whose topics they are; `soil_tick` and `soil_owed` lie in its namespace.
+            inbox: of the node, for what the soil sends.
             receive: takes each message; may raise ExchangeError.
             refuse: told topic and reason of a message that cannot be taken.
         """
@@ -64,7 +67,7 @@ class MachineCarrier:
         def subscribe(
             kind: Any, topic: str, profile: Any, decode: Callable[[Any], Message]
         ) -> None:
-            node.create_subscription(kind, topic, partial(self._take, topic, decode), profile)
+            inbox.subscribe(kind, topic, profile, partial(self._take, topic, decode))
 
         subscribe(Int64MultiArray, TICK_TOPIC, qos.ROWS, _soil_word)
         for stream in _RECEIVED:

@@ -27,6 +27,7 @@ from msg_bridge.contract.messages import (
     Stream,
     Verb,
 )
+from msg_bridge.nodes.inbox import Inbox
 from msg_bridge.nodes.topics import (
     MAP_FRAME,
     OWED_TOPIC,
@@ -57,6 +58,7 @@ class SoilCarrier:
     def __init__(
         self,
         node: Node,
+        inbox: Inbox,
         receive: Callable[[Message], None],
         send_keyframe: Callable[[Keyframe], None],
         refuse: Callable[[str, str], None],
@@ -64,13 +66,14 @@ class SoilCarrier:
         """
         Args:
             node: whose topics they are.
+            inbox: of the node, for what machines send.
             receive: takes each message; may raise ExchangeError.
             send_keyframe: publishes the terrain, with all its layers.
             refuse: told topic and reason of a message that cannot be taken.
         """
         self.machines: dict[int, str] = {}
         self.heard: dict[int, float] = {}
-        self._node = node
+        self._node, self._inbox = node, inbox
         self._receive = receive
         self._send_keyframe = send_keyframe
         self._refuse = refuse
@@ -84,7 +87,7 @@ class SoilCarrier:
         for stream in _RECEIVED:
             topic = STREAM_TOPIC[stream]
             take = partial(self._take_rows, topic, stream)
-            node.create_subscription(PointCloud2, topic, take, qos.ROWS)
+            inbox.subscribe(PointCloud2, topic, qos.ROWS, take)
         node.create_timer(_SCAN_PERIOD, self._scan)
         self._scan()
 
@@ -117,7 +120,7 @@ class SoilCarrier:
         owed = f"{namespace}/{OWED_TOPIC}"
         self._owed[namespace] = self._node.create_publisher(PointCloud2, owed, qos.ROWS)
         take = partial(self._take_word, topic, namespace)
-        self._node.create_subscription(Int64MultiArray, topic, take, qos.ROWS)
+        self._inbox.subscribe(Int64MultiArray, topic, qos.ROWS, take)
 
     def _take_rows(self, topic: str, stream: Stream, msg: PointCloud2) -> None:
         self._take(topic, lambda: from_chunk_cloud(msg, stream))

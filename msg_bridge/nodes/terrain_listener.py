@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from rclpy.node import Node
@@ -17,6 +18,7 @@ from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import Message, Stream
 from msg_bridge.exchange.follower import TerrainFollower
+from msg_bridge.nodes.inbox import Inbox
 from msg_bridge.nodes.topics import MAP_TOPIC, STREAM_TOPIC, TICK_TOPIC
 
 __all__ = ["TerrainListener"]
@@ -33,25 +35,27 @@ class TerrainListener:
     """
 
     def __init__(
-        self, node: Node, went_on: Callable[[], None], refuse: Callable[[str, str], None]
+        self,
+        node: Node,
+        inbox: Inbox,
+        refuse: Callable[[str, str], None],
+        resynced: Callable[[], None],
     ) -> None:
         """
         Args:
             node: whose subscriptions they are.
-            went_on: called when the follower has reached another tick.
+            inbox: of the node; what is to be done about a new tick is done by it.
+            resynced: called when a keyframe was taken while nothing came.
             refuse: told topic and reason of a message that cannot be taken.
         """
         self.follower = TerrainFollower()
-        self._went_on, self._refuse = went_on, refuse
+        self._resynced, self._refuse = resynced, refuse
         self._seen = -1
 
         def subscribe(
             kind: Any, topic: str, profile: Any, decode: Callable[[Any], Message]
         ) -> None:
-            def take(msg: Any) -> None:
-                self._take(topic, decode, msg)
-
-            node.create_subscription(kind, topic, take, profile)
+            inbox.subscribe(kind, topic, profile, partial(self._take, topic, decode))
 
         subscribe(PointCloud2, MAP_TOPIC, qos.LATCHED, lambda m: from_terrain_cloud(m).keyframe)
         changes = STREAM_TOPIC[Stream.CHANGED]
@@ -61,18 +65,15 @@ class TerrainListener:
 
     def _take(self, topic: str, decode: Callable[[Any], Any], msg: Any) -> None:
         try:
-            went_on = self.follower.receive(decode(msg))
+            self.follower.receive(decode(msg))
         except ExchangeError as error:
             self._refuse(topic, str(error))
-            return
-        if went_on:
-            self._went_on()
 
     def _on_stall(self) -> None:
         stalled = self.follower.tick == self._seen
         self._seen = self.follower.tick
         if stalled and self.follower.resync():
-            self._went_on()
+            self._resynced()
 
 
 def _soil_word(msg: Int64MultiArray) -> Message:

@@ -1,60 +1,65 @@
 """What a bag tells of a run is what the run tells of itself."""
 
 import json
-from collections.abc import Callable
-from dataclasses import asdict, astuple
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String
 from support.bag_recording import Recording
 from support.bag_scenes import terrain_cloud
+from visualization_msgs.msg import MarkerArray
 
 from earthmoving_sim.bag_outcome import outcome_of_bag
 from earthmoving_sim.bag_words import BagOutcomeError
 from earthmoving_sim.dig_run import DigRun
 from earthmoving_sim.outcome import Outcome
-from earthmoving_sim.report import print_summary, write_pictures
+from earthmoving_sim.report import print_summary
 from earthmoving_sim.run_config import load_run_config
 from machine_sim.machine.appearance import LINK_FRAMES, link_boxes, link_poses, shoe_look
 from machine_sim.node import MachineNode
 from machine_sim.operator import CycleReport
 from machine_sim.operator.node import OperatorNode
-from msg_bridge.bag.reader import BagReadError
 from msg_bridge.bag.writer import BagWriter
 from msg_bridge.codec.chunks import to_chunk_cloud
-from msg_bridge.codec.headers import to_multi_array
+from msg_bridge.codec.headers import from_multi_array, to_multi_array
 from msg_bridge.codec.machine_state import BaseState, to_joint_state
 from msg_bridge.codec.markers import MarkerSet
 from msg_bridge.codec.particles import to_particle_cloud
 from msg_bridge.codec.poses import to_odometry
 from msg_bridge.codec.sim_config import RunFacts, config_text
 from msg_bridge.codec.stamps import stamp_of_tick
+from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.messages import RowChunk, SoilHeader, Stream
 from msg_bridge.recorder.node import Recorder
 from soil_sim.node import SoilNode
 from soil_sim.side import SoilSide
-from soil_sim.terrain import rough, save_terrain
+from soil_sim.terrain import HeightMap, rough, save_terrain
 
 TICK = 0.01
 CYCLES, PHASE = "/excavator/operator/cycles", "/excavator/operator/phase"
-REPORTS = [CycleReport(1, 2, 1.15, 0.98, 0.9, 0.01, 18.5, 0.8), CycleReport(2, *[1.0] * 7)]
+REPORTS = [CycleReport(1, 2, 1.15, 0.98, 0.9, 0.01, 18.5, 0.8), CycleReport(2, 1, *[0.5] * 6)]
+
+
+def small_site() -> HeightMap:
+    """Ground of 24 m, almost level."""
+    grid = Grid(121, 121, 0.2)
+    return rough(grid, rms=0.05, correlation_length=4.0, rng=np.random.default_rng(1))
 
 
 class RecordedDig:
     """A DigRun in one process, whose messages are written as its nodes would."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, **asked: Any) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, site: HeightMap, **asked: Any) -> None:
         self.recording = Recording()
         self._said = ""
-        self.fewest = 0  # particles seen
+        self.seen = 0  # most particles told of
         take = SoilSide.take_outbox
 
         def watched(side: SoilSide) -> list:
@@ -64,21 +69,18 @@ class RecordedDig:
             return messages
 
         monkeypatch.setattr(SoilSide, "take_outbox", watched)
-        self.recording.add("/sim/config", String(data=self._config()))
-        self.run = DigRun(load_run_config("demo.yaml", asked))
+        facts = RunFacts(1, TICK, False, 0.2, 0.15)
+        self.recording.add("/sim/config", String(data=config_text(facts, {})))
+        self.run = DigRun(load_run_config("demo.yaml", asked), site)
         machine = self.run.machine.machine
         looks = (link_boxes(machine.description), shoe_look(machine.description))
         self._markers = MarkerSet(LINK_FRAMES, *looks, namespace="excavator")
         config = {"machine_sim": {"machine": "machines/excavator.yaml"}}
-        text = config_text(RunFacts(1, TICK, False, 0.2, 0.15), config)
-        self._say("config", String(data=text))
+        self._say("config", String(data=config_text(facts, config)))
         self._say_tick(self.run.world.ledger)
         self._watch(self.run)
         self.outcome = self.run.run()
         self._diagnose()
-
-    def _config(self) -> str:
-        return config_text(RunFacts(1, TICK, False, 0.2, 0.15), {})
 
     def _watch(self, run: DigRun) -> None:
         step, command = run.world.step, run.operator.command
@@ -114,7 +116,7 @@ class RecordedDig:
         run, tick = self.run, ledger.tick
         stamp = stamp_of_tick(tick, TICK)
         self.recording.add("/soil/ledger", to_multi_array(ledger))
-        if tick % 50 == 0:
+        if tick % 200 == 0:
             self.recording.add("/terrain/map", terrain_cloud(run.world.soil, 1, tick))
         if tick % 100 == 0:
             text = f"{tick} {run.world.state_hash()}"
@@ -129,15 +131,13 @@ class RecordedDig:
             rows = (store.position, store.velocity, store.radius, store.particle_id)
             more = (store.volume_mm3, store.soil, "map", stamp)
             self._say("particles", to_particle_cloud(*rows, *more))
-            self.fewest = max(self.fewest, run.machine.particles.count)
+            self.seen = max(self.seen, run.machine.particles.count)
         if tick % 10 == 0:
-            poses = link_poses(
-                machine.description, *machine.base_pose, machine.joint_positions
-            )
+            poses = link_poses(machine.description, *machine.base_pose, machine.joint_positions)
             markers = self._markers.at(poses, machine.tracks.shoe_poses, stamp)
-            self.recording.messages.append(
-                ("/excavator/markers", 1000 * len(self.recording.messages), _copy(markers))
-            )
+            # The set's one message: it is changed by the next.
+            copy = deserialize_message(serialize_message(markers), MarkerArray)
+            self._say("markers", copy)
 
     def _diagnose(self) -> None:
         particles = self.run.machine.particles
@@ -145,3 +145,351 @@ class RecordedDig:
         values = [KeyValue(key="tunnelled", value=str(tunnelled))]
         status = DiagnosticStatus(name="excavator/machine_sim: machine_sim", values=values)
         self.recording.add("/diagnostics", DiagnosticArray(status=[status]))
+
+
+def write(folder: Path, recording: Recording, *, finish: bool = True) -> Path:
+    """A bag with the topic of cycles, even if there was none."""
+    writer = BagWriter(folder, chunk_size=64 * 1024, compression="none")
+    writer.add_topic(CYCLES, "std_msgs/msg/String")
+    for topic, time, message in recording.messages:
+        if topic not in writer.topics:
+            kind = type(message)
+            writer.add_topic(topic, f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}")
+        writer.write(topic, serialize_message(message), time, time)
+    if finish:
+        writer.close()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def dig() -> Iterator[RecordedDig]:
+    """A run that is given up in its first drag."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        made = RecordedDig(monkeypatch, small_site(), approach=0.0, start_x=-2.0, longest=6.0)
+    yield made
+    made.run.close()
+
+
+@pytest.fixture(scope="module")
+def told(dig, tmp_path_factory) -> Outcome:
+    return outcome_of_bag(write(tmp_path_factory.mktemp("bags") / "dig", dig.recording))
+
+
+@pytest.fixture
+def outcome(tmp_path) -> Callable[..., Outcome]:
+    """What the bag of a recording tells."""
+    return lambda recording, **how: outcome_of_bag(write(tmp_path / "bag", recording, **how))
+
+
+def assert_same(told: Outcome, own: Outcome) -> None:
+    """All that a bag tells exactly, or to float32."""
+    assert told.grid == own.grid
+    for name in ("after", "loose_depth"):
+        np.testing.assert_allclose(getattr(told, name), getattr(own, name), rtol=1e-6, atol=1e-7)
+    # A column is a whole number of mm3; its height is the site's to that precision.
+    np.testing.assert_allclose(told.site.heights, own.site.heights, rtol=1e-6, atol=1e-6)
+    for name in ("cycles", "ledger", "worst_imbalance", "moved", "tunnelled", "given_up"):
+        assert getattr(told, name) == getattr(own, name), name
+    assert told.simulated == pytest.approx(own.simulated, rel=1e-12)
+    np.testing.assert_allclose(told.path, own.path, atol=1e-5)
+    assert told.path_cycle.tolist() == own.path_cycle.tolist()
+    assert told.path_phase.tolist() == own.path_phase.tolist()
+    assert told.machine_position == pytest.approx(own.machine_position, abs=1e-9)
+    for name in ("machine_faces", "machine_outline"):
+        assert [n for n, _ in getattr(told, name)] == [n for n, _ in getattr(own, name)]
+        for (_, found), (_, wanted) in zip(getattr(told, name), getattr(own, name), strict=True):
+            np.testing.assert_allclose(found, wanted, atol=1e-5)
+
+
+# A whole bag
+
+
+def test_bag_tells_what_the_run_itself_does(dig, told) -> None:
+    assert_same(told, dig.outcome)
+    assert (told.loose_depth > 0.0).any()
+    assert set(told.path_phase) >= {"brace", "reach", "dig", "settle"}
+
+
+def test_particles_are_the_most_that_were_published(dig, told) -> None:
+    assert 0 < told.most_particles == dig.seen <= dig.outcome.most_particles
+
+
+def test_state_is_that_of_the_newest_hash_and_says_of_which_tick(dig, told) -> None:
+    ticks = round(dig.outcome.simulated / TICK)
+    assert told.state_tick == ticks // 100 * 100
+    said = [m.data for t, _, m in dig.recording.messages if t == "/soil/state_hash"]
+    assert said[-1] == f"{told.state_tick} {told.state_hash}"
+
+
+def test_wall_time_is_the_log_time_from_first_to_last_tick(dig, told) -> None:
+    times = [time for topic, time, _ in dig.recording.messages if topic == "/soil/tick"]
+    assert told.wall == pytest.approx((times[-1] - times[0]) / 1e9)
+
+
+def test_summary_says_what_ran_and_of_which_tick_the_state_is(dig, told, capsys) -> None:
+    print_summary(told)
+    said = capsys.readouterr().out
+    assert "x real time, nodes machine_sim" in said
+    assert f"{told.state_hash} after tick {told.state_tick}" in said
+    print_summary(dig.outcome)
+    assert "x real time, one process" in capsys.readouterr().out
+
+
+def test_progress_is_told(dig, tmp_path, capsys) -> None:
+    bag = write(tmp_path / "bag", dig.recording)
+    outcome_of_bag(bag, progress=True)
+    assert str(bag) in capsys.readouterr().out
+
+
+def test_cycles_are_those_the_operator_told(dig, outcome) -> None:
+    recording = dig.recording.copy()
+    for report in REPORTS:
+        recording.add(CYCLES, String(data=json.dumps(asdict(report))))
+    found = outcome(recording)
+    assert found.cycles == REPORTS
+    assert found.moved == pytest.approx(1.3)
+
+
+def test_messages_that_came_twice_change_nothing(dig, told, outcome) -> None:
+    again = dig.recording.copy()
+    again.messages = [each for each in again.messages for _ in range(2)]
+    assert_same(outcome(again), told)
+
+
+def test_messages_out_of_order_between_topics_change_nothing(dig, told, outcome) -> None:
+    delays = np.random.default_rng(0).integers(0, 20, len(dig.recording.messages))
+    late = [
+        (topic, time + 1000 * int(delay), message)
+        for (topic, time, message), delay in zip(dig.recording.messages, delays, strict=True)
+    ]
+    own = [i for i, (topic, _, _) in enumerate(late) if topic == PHASE]  # of one publisher
+    for one in own:
+        late[one] = dig.recording.messages[one]
+    assert_same(outcome(Recording(late)), told)
+
+
+def test_rows_that_were_asked_for_again_fill_the_gap(dig, told, outcome) -> None:
+    recording = dig.recording.copy()
+    number = next(
+        i for i, (topic, _, _) in enumerate(recording.messages) if topic == "/terrain/changes"
+    )
+    topic, _, rows = recording.messages.pop(number)
+    recording.add(topic, rows)
+    assert_same(outcome(recording), told)
+
+
+def test_without_markers_only_the_shoes_are_missing(dig, told, outcome) -> None:
+    found = outcome(dig.recording.without("/excavator/markers"))
+    shoes = len(told.machine_faces) - len(found.machine_faces)
+    assert shoes == 2 * dig.run.config.machine.tracks.shoe_count * 6
+    assert {colour for colour, _ in found.machine_faces} < {c for c, _ in told.machine_faces}
+
+
+# Where a run begins and ends
+
+
+def test_ticks_after_the_operator_has_left_do_not_count_but_must_balance(
+    dig, told, outcome
+) -> None:
+    recording = dig.recording.copy()
+    header = next(
+        from_multi_array(m) for t, _, m in reversed(recording.messages) if t == "/soil/tick"
+    )
+    for tick in (header.tick + 1, header.tick + 2):
+        recording.add("/soil/tick", to_multi_array(replace(header, tick=tick)))
+        ledger = replace(told.ledger, tick=tick, terrain=told.ledger.terrain - 7)
+        recording.add("/soil/ledger", to_multi_array(ledger))
+    found = outcome(recording)
+    assert found.worst_imbalance == -7
+    assert_same(replace(found, worst_imbalance=0), told)
+
+
+def test_operator_that_was_not_heard_to_the_end_did_not_finish(dig, outcome) -> None:
+    recording = dig.recording.copy()
+    end = max(i for i, (topic, _, _) in enumerate(recording.messages) if topic == PHASE)
+    before = max(i for i, (t, _, _) in enumerate(recording.messages[:end]) if t == PHASE)
+    del recording.messages[end]
+    del recording.messages[before]  # which told that it gave up
+    found = outcome(recording)
+    assert found.given_up == "the operator did not finish"
+    assert not found.balanced
+    assert found.simulated == dig.outcome.simulated
+
+
+def test_recording_that_breaks_off_tells_the_run_up_to_there(dig, told, outcome) -> None:
+    recording = dig.recording.copy()
+    recording.messages.insert(5, recording.messages[-1])  # diagnostics come all the time
+    half = next(i for i, (t, _, m) in enumerate(recording.messages) if _is_ledger(t, m, 500))
+    found = outcome(Recording(recording.messages[:half]), finish=False)
+    assert found.given_up == "the operator did not finish"
+    assert 100 <= found.ledger.tick < 500
+    assert len(found.path) == found.ledger.tick // 10
+    np.testing.assert_array_equal(found.path, told.path[: len(found.path)])
+
+
+def test_last_run_of_a_bag_counts(dig, told, outcome) -> None:
+    recording = dig.recording.copy()
+    config, map_of = (
+        next(m for t, _, m in recording.messages if t == topic)
+        for topic in ("/sim/config", "/excavator/odom")
+    )
+    older = Recording()
+    old = config_text(RunFacts(0, TICK, False, 0.2, 0.15), {})
+    older.add("/sim/config", String(data=old))
+    older.add("/terrain/map", terrain_cloud(dig.run.world.soil, 0, 0))
+    for tick in range(3):
+        header = from_multi_array(next(m for t, _, m in recording.messages if t == "/soil/tick"))
+        older.add("/soil/tick", to_multi_array(replace(header, epoch=0, tick=tick)))
+        ledger = replace(told.ledger, tick=tick, terrain=0)
+        older.add("/soil/ledger", to_multi_array(ledger))
+        older.add("/excavator/odom", map_of)
+        for name in ("phase", "cycles"):
+            said = {"time": 0.0, "cycle": 9, "phase": "done", "given_up": "tired"}
+            text = json.dumps(said if name == "phase" else asdict(REPORTS[0]))
+            older.add(f"/excavator/operator/{name}", String(data=text))
+    assert config.data != old
+    later = [(topic, time + 10**6, message) for topic, time, message in recording.messages]
+    assert_same(outcome(Recording(older.messages + later)), told)
+
+
+# What is missing
+
+
+@pytest.mark.parametrize(
+    "topic",
+    [
+        "/sim/config",
+        "/soil/tick",
+        "/soil/ledger",
+        "/soil/state_hash",
+        "/terrain/map",
+        "/terrain/changes",
+        "/diagnostics",
+        "/excavator/config",
+        "/excavator/odom",
+        "/excavator/joint_states",
+        "/excavator/particles",
+        "/excavator/operator/phase",
+    ],
+)
+def test_topic_that_is_missing_is_named(dig, outcome, topic) -> None:
+    named = topic.removeprefix("/excavator") if topic == PHASE else topic
+    with pytest.raises(BagOutcomeError, match=named):
+        outcome(dig.recording.without(topic))
+
+
+def test_changed_cells_that_are_missing_are_told(dig, outcome) -> None:
+    recording = dig.recording.copy()
+    changes = [i for i, (t, _, _) in enumerate(recording.messages) if t == "/terrain/changes"]
+    del recording.messages[changes[len(changes) // 2]]
+    with pytest.raises(BagOutcomeError, match=r"row \d+ of \d+ is missing on /terrain/changes"):
+        outcome(recording)
+
+
+@pytest.mark.parametrize("topic", ["/soil/ledger", "/soil/tick"])
+def test_tick_that_is_missing_is_told(dig, outcome, topic) -> None:
+    recording = dig.recording.copy()
+    own = [i for i, (t, _, _) in enumerate(recording.messages) if t == topic]
+    del recording.messages[own[100]]
+    with pytest.raises(BagOutcomeError, match=f"tick 100 of .* on {topic}"):
+        outcome(recording)
+
+
+def test_bag_that_begins_in_the_middle_is_refused(dig, outcome) -> None:
+    recording = dig.recording.copy()
+    maps = [i for i, (t, _, _) in enumerate(recording.messages) if t == "/terrain/map"]
+    for index in reversed(maps[:-1]):
+        del recording.messages[index]
+    with pytest.raises(BagOutcomeError, match="first map on /terrain/map shows revision"):
+        outcome(recording)
+
+
+def test_machine_file_that_is_not_there_is_named(dig, outcome) -> None:
+    recording = dig.recording.copy()
+    config = {"machine_sim": {"machine": "machines/road_header.yaml"}}
+    text = config_text(RunFacts(1, TICK, False, 0.2, 0.15), config)
+    recording.add("/excavator/config", String(data=text))
+    with pytest.raises(BagOutcomeError, match=r"described in 'machines/road_header.yaml'"):
+        outcome(recording)
+
+
+@pytest.mark.parametrize(
+    ("topic", "text"),
+    [(PHASE, "digging"), (PHASE, '{"time": 1.0}'), (CYCLES, "[]"), ("/soil/state_hash", "abc")],
+)
+def test_message_that_cannot_be_read_is_told_with_its_topic(dig, outcome, topic, text) -> None:
+    recording = dig.recording.copy()
+    recording.add(topic, String(data=text))
+    with pytest.raises(BagOutcomeError, match=f"a message on {topic}"):
+        outcome(recording)
+
+
+def test_topic_of_another_type_is_told(dig, outcome) -> None:
+    recording = dig.recording.without("/soil/ledger")
+    recording.add("/soil/ledger", String(data="0"))
+    with pytest.raises(BagOutcomeError, match="/soil/ledger is std_msgs/msg/String"):
+        outcome(recording)
+
+
+def test_bag_of_two_operators_is_refused(dig, outcome) -> None:
+    recording = dig.recording.copy()
+    recording.add("/excavator_2/operator/phase", String(data="{}"))
+    with pytest.raises(EarthmovingError, match="one operator"):
+        outcome(recording)
+
+
+# Nodes
+
+
+def test_bag_that_a_recorder_made_of_nodes_tells_what_one_process_does(ros, tmp_path) -> None:
+    site = small_site()
+    save_terrain(tmp_path / "site.npz", site)
+    config = load_run_config("demo.yaml", {"approach": 0.0, "start_x": 0.0})
+    config = replace(config, shift=replace(config.shift, longest=1.0))
+    recorder = ros.add(Recorder, parameters={"path": str(tmp_path / "bag"), "progress": False})
+    heard = ros.collect("/diagnostics", DiagnosticArray)
+    soil = {f"soil.{name}": value for name, value in asdict(config.soil).items()}
+    ros.add(
+        SoilNode,
+        parameters={
+            "sync": "lockstep",
+            "await_listeners": ["recorder"],
+            "site.terrain": str(tmp_path / "site.npz"),
+            **soil,
+        },
+    )
+    operator = ros.add(
+        OperatorNode,
+        parameters={
+            **{f"habits.{name}": each for name, each in asdict(config.operator).items()},
+            **{f"shift.{name}": each for name, each in asdict(config.shift).items()},
+        },
+    )
+    ros.add(
+        MachineNode,
+        parameters={
+            "await_commands_every": 2,
+            "await_listeners": ["recorder"],
+            **{f"particles.{name}": each for name, each in asdict(config.particles).items()},
+        },
+    )
+    ros.spin_until(lambda: operator.finished)
+    ros.spin_until(lambda: any("machine_sim" in s.name for m in heard for s in m.status))
+    operator.stop()
+    recorder.stop()
+    told = outcome_of_bag(tmp_path / "bag")
+
+    run = DigRun(config, site)
+    try:
+        own = run.run()
+    finally:
+        run.close()
+    assert own.given_up
+    assert_same(told, own)
+    assert told.state_hash == own.state_hash  # of ground that nothing has touched
+    assert 100 <= told.state_tick <= told.ledger.tick
+    assert told.ran_as == "nodes machine_sim, operator, recorder, soil_sim"
+
+
+def _is_ledger(topic: str, message: Any, tick: int) -> bool:
+    return topic == "/soil/ledger" and from_multi_array(message).tick == tick

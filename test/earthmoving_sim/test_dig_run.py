@@ -105,7 +105,8 @@ def test_path_of_the_lip_is_recorded(one):
     outcome = one.outcome
     assert outcome.path.shape == (len(one.ticks) // 10, 3)
     assert outcome.path_cycle.shape == outcome.path_phase.shape == (len(outcome.path),)
-    assert set(outcome.path_phase) == {"reach", "dig", "curl", "lift", "swing", "dump"}
+    dig = {"reach", "dig", "curl", "lift", "swing", "dump"}
+    assert set(outcome.path_phase) == {"approach", "brace", *dig, "settle"}
     assert set(outcome.path_cycle) == {1}
 
 
@@ -136,7 +137,9 @@ def test_summary_tells_the_balance_and_the_cycles(one, capsys):
     said = capsys.readouterr().out
     assert "imbalance 0 mm3 at worst" in said
     assert f"moved     {one.outcome.moved:.2f} bank m3" in said
-    assert one.outcome.state_hash in said
+    ticks = len(one.ticks)
+    assert f"state     {one.outcome.state_hash} after tick {ticks}" in said
+    assert "x real time, one process" in said
     assert "GIVEN UP" not in said
 
 
@@ -163,12 +166,12 @@ def test_unfinished_run_is_not_balanced(one):
         ({"given_up": "too long"}, 1),
     ],
 )
-def test_demo_exits_with_its_finding(one, change, code, monkeypatch, capsys):
+def test_demo_exits_with_its_finding(one, change, code, monkeypatch, capsys, tmp_path):
     outcome = replace(one.outcome, **change)
     monkeypatch.setattr(DigRun, "__init__", lambda *_: None)
     monkeypatch.setattr(DigRun, "run", lambda *_, **__: outcome)
     monkeypatch.setattr(DigRun, "close", lambda _: None)
-    assert cli.main(["demo", "--no-pictures"]) == code
+    assert cli.main(["demo", "--in-process", "--no-pictures", "--out", str(tmp_path)]) == code
     assert f"imbalance {outcome.worst_imbalance} mm3" in capsys.readouterr().out
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.particle_scenes import LITRE, STEP, engine, run
+from support.particle_scenes import LITRE, STEP, engine, pose, run, square
 
 
 def test_a_dropped_particle_rests_at_its_radius():
@@ -110,3 +110,35 @@ def test_a_particle_deep_in_the_ground_is_put_back_upon_it_once():
     run(world, 0.5)
     assert world.tunnelled_ground == 1
     assert world.store.position[0, 2] == pytest.approx(world.store.radius[0], rel=0.02)
+
+
+@pytest.mark.parametrize("depth", [0.02, 0.1, 0.3])
+def test_a_particle_under_ground_comes_out_gently_after_the_tool_has_left_it(depth):
+    world = engine()
+    world.add_tool(0, [square(0.4)], pose(0.0, 0.0, 0.5))
+    world.add([[0, 0, -depth]], [[0, 0, 0]], LITRE, grow=False)
+    world.step(STEP)
+    world.set_tool(0, pose(5.0, 0.0, 0.5), pose(5.0, 0.0, 0.5))
+    fastest = 0.0
+    for _ in range(400):
+        world.step(STEP)
+        fastest = max(fastest, float(np.linalg.norm(world.store.velocity[0])))
+    assert fastest < 0.5
+    assert world.tunnelled_ground == 0
+    assert world.store.position[0, 2] == pytest.approx(world.store.radius[0], rel=0.02)
+
+
+def test_once_out_of_the_ground_it_is_soft_no_more():
+    world = engine(restitution=0.4)
+    world.add_tool(0, [square(0.4)], pose(0.0, 0.0, 0.5))
+    world.add([[0, 0, -0.02]], [[0, 0, 0]], LITRE, grow=False)
+    world.step(STEP)
+    world.set_tool(0, pose(5.0, 0.0, 0.5), pose(5.0, 0.0, 0.5))
+    run(world, 1.0)
+    world.store.position[0, 2], world.store.velocity[0, 2] = 0.3, -3.0
+    rebound = 0.0
+    for _ in range(100):
+        world.step(STEP)
+        rebound = max(rebound, float(world.store.velocity[0, 2]))
+    # Of 3.5 m/s the full push gives back the restitution's share, the soft one next to nothing.
+    assert rebound > 0.9
