@@ -39,7 +39,7 @@ from msg_bridge.nodes.lean_node import LeanNode
 from msg_bridge.nodes.listeners import unheard_topics
 from msg_bridge.nodes.machine_carrier import MachineCarrier
 from msg_bridge.nodes.machine_topics import MachineTopics, ToolWrench
-from msg_bridge.nodes.parameters import declare_parameters
+from msg_bridge.nodes.parameters import declare_parameters, on_change
 from msg_bridge.nodes.runtime import run_node
 
 __all__ = ["MachineNode", "main"]
@@ -50,6 +50,10 @@ _REMIND_PERIOD = 0.25
 
 _REFUSED_PERIOD = 5.0
 """Wall time after which one that was refused asks again [s]."""
+
+
+_CHANGEABLE = ("state_rate", "particle_rate", "transform_rate", "marker_rate", "hash_rate")
+"""Parameters that may be set while the node runs."""
 
 
 class MachineNode(LeanNode):
@@ -69,7 +73,8 @@ class MachineNode(LeanNode):
             EarthmovingError: a bad parameter or machine file.
         """
         super().__init__("machine_sim", **{"namespace": "/excavator", **kwargs})
-        self._params = declare_parameters(self, MachineNodeParams)
+        self._params = declare_parameters(self, MachineNodeParams, changeable=_CHANGEABLE)
+        on_change(self, MachineNodeParams, "", _CHANGEABLE, self._take_params)
         self._stepping = declare_parameters(self, MachineSimParams, "stepping.")
         self._particles = declare_parameters(self, ParticleParams, "particles.")
         commands = declare_parameters(self, CommandParams, "commands.")
@@ -112,6 +117,9 @@ class MachineNode(LeanNode):
     def stopping(self) -> bool:
         """Whether it still has to say goodbye."""
         return self.run is not None and self.run.side.exchange.joined
+
+    def _take_params(self, params: MachineNodeParams) -> None:
+        self._params = params
 
     # Entering a run.
 

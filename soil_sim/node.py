@@ -24,7 +24,7 @@ from msg_bridge.nodes.diagnostics import Diagnostics, Level
 from msg_bridge.nodes.inbox import Inbox
 from msg_bridge.nodes.lean_node import LeanNode
 from msg_bridge.nodes.listeners import unheard_topics
-from msg_bridge.nodes.parameters import declare_parameters
+from msg_bridge.nodes.parameters import declare_parameters, on_change
 from msg_bridge.nodes.runtime import run_node
 from msg_bridge.nodes.soil_carrier import SoilCarrier
 from msg_bridge.nodes.soil_topics import SoilTopics
@@ -44,6 +44,10 @@ _LARGE_MAP = 513 * 513
 """Cells above which terrain maps are published less often."""
 
 
+_CHANGEABLE = ("machine_timeout", "map_period", "hash_period", "save_path")
+"""Parameters that may be set while the node runs."""
+
+
 class SoilNode(LeanNode):
     """Terrain, tick, ledger.
 
@@ -61,7 +65,7 @@ class SoilNode(LeanNode):
             EarthmovingError: a bad parameter, or ground that cannot be read.
         """
         super().__init__("soil_sim", **kwargs)
-        self._params = declare_parameters(self, SoilNodeParams)
+        self._params = declare_parameters(self, SoilNodeParams, changeable=_CHANGEABLE)
         self._site_params = declare_parameters(self, SiteParams, "site.")
         self._soil_params = declare_parameters(self, SoilParams, "soil.")
         self._site: HeightMap = make_site(self._site_params)
@@ -85,12 +89,16 @@ class SoilNode(LeanNode):
         if self._params.sync == "realtime":
             self.create_timer(self._params.tick, self._on_time)
         self.create_timer(_REMIND_PERIOD, self._on_silence)
+        on_change(self, SoilNodeParams, "", _CHANGEABLE, self._take_params)
         self.create_service(Trigger, "/sim/reset", self._reset)
         self.create_service(SetBool, "/sim/pause", self._pause)
         self.create_service(Trigger, "/sim/step", self._step)
         self.create_service(Trigger, "/soil/verify", self._verify)
         self.create_service(Trigger, "/soil/save", self._save)
         self.create_service(Trigger, "/soil/release", self._release)
+
+    def _take_params(self, params: SoilNodeParams) -> None:
+        self._params = self.run.params = params
 
     # The tick.
 

@@ -39,6 +39,7 @@ class SoilRun:
 
     Attributes:
         side: the soil and its end of the exchange.
+        params: the tick, and whom it waits for.
         pace: the schedule in real time.
         paused: whether time stands still; change it by `pause`.
         held: whether even the first tick must not come yet.
@@ -56,7 +57,7 @@ class SoilRun:
         """
         self._site = site
         self._soil_params = soil_params
-        self._params = params
+        self.params = params
         self.pace = Pace(params.tick)
         self.paused = params.paused
         self.held = False
@@ -66,7 +67,7 @@ class SoilRun:
     @property
     def realtime(self) -> bool:
         """Whether ticks follow the wall clock now."""
-        return self._params.sync == "realtime" and not self.paused
+        return self.params.sync == "realtime" and not self.paused
 
     @property
     def tick(self) -> int:
@@ -122,7 +123,7 @@ class SoilRun:
         found = []
         for source in self.side.exchange.late:
             seconds = now - heard.get(source, now)
-            if seconds >= self._params.machine_timeout:
+            if seconds >= self.params.machine_timeout:
                 if self.realtime:
                     self.side.exchange.drop(source)
                 found.append(Silence(source, seconds, dropped=self.realtime))
@@ -130,7 +131,7 @@ class SoilRun:
 
     def _begin(self, epoch: int) -> None:
         soil = Soil(self._site.grid, self._site.heights, self._soil_params)
-        self.side = SoilSide(soil, expected=self._params.expected_machines, epoch=epoch)
+        self.side = SoilSide(soil, expected=self.params.expected_machines, epoch=epoch)
         self._wanted = 0
 
     @property
@@ -141,4 +142,4 @@ class SoilRun:
             return True
         if self.paused:
             return self.side.tick < self._wanted
-        return self._params.sync == "lockstep" or self.pace.due
+        return self.params.sync == "lockstep" or self.pace.due

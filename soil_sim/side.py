@@ -106,10 +106,12 @@ class SoilSide:
     def release_absent(self) -> tuple[int, ...]:
         """Let what absent machines held become terrain in the next tick, where they last swept.
 
+        One that asks to come back before that tick keeps what it holds.
+
         Returns:
             The sources whose soil is released.
         """
-        self._releasing = list(self.exchange.accounts.absent)
+        self._releasing = list(self.exchange.releasable)
         return tuple(self._releasing)
 
     def _step(self, tick: TickInput) -> SoilStep:
@@ -122,9 +124,7 @@ class SoilSide:
         return self.soil.step(tick.tick, tick.sweeps, landed)
 
     def _still_absent(self) -> list[int]:
-        absent = self.exchange.accounts.absent
-        joined = self.exchange.joined
-        return [n for n in self._releasing if n in absent and n not in joined]
+        return [n for n in self._releasing if n in self.exchange.releasable]
 
     def _released(self, source: int) -> Rows:
         """LANDED rows of all that an absent source held."""

@@ -3,6 +3,7 @@
 - `point_cloud`: rows as PointCloud2
 - `chunks`: chunks of rows, with the run and the life they belong to
 - `headers`: headers, requests, refusals and the ledger
+- `grid_map`: the same as grid_map_msgs/GridMap, where that is installed
 - `terrain`: the whole terrain surface as cloud, image and map info
 - `machine_state`: a machine's joints, commands and payload
 - `poses`: odometry, transforms, wrench

@@ -109,6 +109,11 @@ class SoilExchange:
         """Sources whose tick the soil is waiting for."""
         return tuple(n for n in self.joined if not self._sources[n].complete())
 
+    @property
+    def releasable(self) -> tuple[int, ...]:
+        """Absent sources whose soil can be released: those that are not about to come back."""
+        return tuple(n for n in self.accounts.absent if n not in self._joining)
+
     def receive(self, message: Message) -> None:
         """Take one message from a machine; those of another epoch or life are ignored.
 

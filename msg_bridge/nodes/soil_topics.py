@@ -10,6 +10,7 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Bool, Int64MultiArray, String
 
 from msg_bridge.codec import qos
+from msg_bridge.codec.grid_map import grid_map_type, to_grid_map
 from msg_bridge.codec.headers import to_multi_array
 from msg_bridge.codec.terrain import TerrainMap, to_elevation_image, to_map_info, to_terrain_cloud
 from msg_bridge.contract.ledger import Ledger
@@ -29,6 +30,8 @@ class SoilTopics:
         self._map = node.create_publisher(PointCloud2, MAP_TOPIC, qos.LATCHED)
         self._elevation = node.create_publisher(Image, "/terrain/elevation", qos.LATCHED)
         self._info = node.create_publisher(MapMetaData, "/terrain/info", qos.LATCHED)
+        kind = grid_map_type()
+        self._grid_map = kind and node.create_publisher(kind, "/terrain/grid_map", qos.LATCHED)
         self._config = node.create_publisher(String, "/sim/config", qos.LATCHED)
         self._paused = node.create_publisher(Bool, "/sim/paused", qos.LATCHED)
 
@@ -41,6 +44,8 @@ class SoilTopics:
         """Publish the whole terrain."""
         self._map.publish(to_terrain_cloud(terrain, MAP_FRAME, stamp))
         self._elevation.publish(to_elevation_image(terrain.keyframe, MAP_FRAME, stamp))
+        if self._grid_map is not None:
+            self._grid_map.publish(to_grid_map(terrain, MAP_FRAME, stamp))
 
     def begin(self, terrain: TerrainMap, config: str, stamp: Time) -> None:
         """Publish what a run begins with: its configuration [YAML], then its terrain."""

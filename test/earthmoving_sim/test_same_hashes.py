@@ -31,7 +31,7 @@ from soil_sim.soil import Soil
 
 TICKS = 300
 EVERY = 10
-GROUND = {"flat": SITE, "rough": {**SITE, "site.terrain": "rough", "site.roughness": 0.05}}
+GROUND = {"flat": SITE, "rough": {**SITE, "site.terrain": "rough", "site.roughness": 0.02}}
 
 
 class Told(NamedTuple):

@@ -90,6 +90,7 @@ def test_payload_is_what_is_in_the_bucket(machine: MachineSim) -> None:
     rotation, origin = machine.machine.tool_pose
     local = np.array([[0.7, 0.0, 0.3], [0.8, 0.2, 0.2], [5.0, 0.0, 0.0]])
     machine.particles.add(local @ rotation.T + origin, np.zeros((3, 3)), 500_000)
+    machine.step()
     payload = machine.payload
     assert payload.bank == pytest.approx(1e-3)
     assert payload.loose == pytest.approx(1e-3, rel=1e-6)

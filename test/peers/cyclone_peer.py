@@ -17,11 +17,10 @@ import signal
 import struct
 import sys
 import time
-from dataclasses import dataclass
 
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import Domain, DomainParticipant
-from cyclonedds.idl import IdlStruct
+from cyclonedds.idl import make_idl_struct
 from cyclonedds.idl.types import byte, float64, int32, int64, sequence, uint8, uint32
 from cyclonedds.internal import InvalidSample
 from cyclonedds.pub import DataWriter
@@ -50,101 +49,45 @@ CONFIG = """
 </Domain></CycloneDDS>
 """
 
-# Types by their names on the wire: package::msg::dds_::Type_.
+
+def message(package, kind, /, **fields):
+    """A ROS message type, by its name on the wire."""
+    return make_idl_struct(kind, f"{package}::msg::dds_::{kind}_", fields)
 
 
-@dataclass
-class Time(IdlStruct, typename="builtin_interfaces::msg::dds_::Time_"):
-    sec: int32
-    nanosec: uint32
-
-
-@dataclass
-class Clock(IdlStruct, typename="rosgraph_msgs::msg::dds_::Clock_"):
-    clock: Time
-
-
-@dataclass
-class Header(IdlStruct, typename="std_msgs::msg::dds_::Header_"):
-    stamp: Time
-    frame_id: str
-
-
-@dataclass
-class JointState(IdlStruct, typename="sensor_msgs::msg::dds_::JointState_"):
-    header: Header
-    name: sequence[str]
-    position: sequence[float64]
-    velocity: sequence[float64]
-    effort: sequence[float64]
-
-
-@dataclass
-class PointField(IdlStruct, typename="sensor_msgs::msg::dds_::PointField_"):
-    name: str
-    offset: uint32
-    datatype: uint8
-    count: uint32
-
-
-@dataclass
-class PointCloud2(IdlStruct, typename="sensor_msgs::msg::dds_::PointCloud2_"):
-    header: Header
-    height: uint32
-    width: uint32
-    fields: sequence[PointField]
-    is_bigendian: bool
-    point_step: uint32
-    row_step: uint32
-    data: sequence[uint8]
-    is_dense: bool
-
-
-@dataclass
-class Dimension(IdlStruct, typename="std_msgs::msg::dds_::MultiArrayDimension_"):
-    label: str
-    size: uint32
-    stride: uint32
-
-
-@dataclass
-class Layout(IdlStruct, typename="std_msgs::msg::dds_::MultiArrayLayout_"):
-    dim: sequence[Dimension]
-    data_offset: uint32
-
-
-@dataclass
-class Float64MultiArray(IdlStruct, typename="std_msgs::msg::dds_::Float64MultiArray_"):
-    layout: Layout
-    data: sequence[float64]
-
-
-@dataclass
-class Int64MultiArray(IdlStruct, typename="std_msgs::msg::dds_::Int64MultiArray_"):
-    layout: Layout
-    data: sequence[int64]
-
-
-@dataclass
-class KeyValue(IdlStruct, typename="diagnostic_msgs::msg::dds_::KeyValue_"):
-    key: str
-    value: str
-
-
-@dataclass
-class DiagnosticStatus(IdlStruct, typename="diagnostic_msgs::msg::dds_::DiagnosticStatus_"):
-    level: byte
-    name: str
-    message: str
-    hardware_id: str
-    values: sequence[KeyValue]
-
-
-@dataclass
-class DiagnosticArray(IdlStruct, typename="diagnostic_msgs::msg::dds_::DiagnosticArray_"):
-    header: Header
-    status: sequence[DiagnosticStatus]
-
+Time = message("builtin_interfaces", "Time", sec=int32, nanosec=uint32)
+Clock = message("rosgraph_msgs", "Clock", clock=Time)
+Header = message("std_msgs", "Header", stamp=Time, frame_id=str)
+numbers = sequence[float64]
+joint_values = {"name": sequence[str], "position": numbers, "velocity": numbers, "effort": numbers}
+JointState = message("sensor_msgs", "JointState", header=Header, **joint_values)
+field = {"name": str, "offset": uint32, "datatype": uint8, "count": uint32}
+PointField = message("sensor_msgs", "PointField", **field)
+PointCloud2 = message(
+    "sensor_msgs",
+    "PointCloud2",
+    header=Header,
+    height=uint32,
+    width=uint32,
+    fields=sequence[PointField],
+    is_bigendian=bool,
+    point_step=uint32,
+    row_step=uint32,
+    data=sequence[uint8],
+    is_dense=bool,
+)
+Dimension = message("std_msgs", "MultiArrayDimension", label=str, size=uint32, stride=uint32)
+Layout = message("std_msgs", "MultiArrayLayout", dim=sequence[Dimension], data_offset=uint32)
+Float64MultiArray = message("std_msgs", "Float64MultiArray", layout=Layout, data=numbers)
+Int64MultiArray = message("std_msgs", "Int64MultiArray", layout=Layout, data=sequence[int64])
+KeyValue = message("diagnostic_msgs", "KeyValue", key=str, value=str)
+texts = {"name": str, "message": str, "hardware_id": str}
+DiagnosticStatus = message(
+    "diagnostic_msgs", "DiagnosticStatus", level=byte, **texts, values=sequence[KeyValue]
+)
+DiagnosticArray = message(
+    "diagnostic_msgs", "DiagnosticArray", header=Header, status=sequence[DiagnosticStatus]
+)
 
 # Quality of service, as a ROS subscriber would ask for it.
 RELIABLE = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepLast(256))

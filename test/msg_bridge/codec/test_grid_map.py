@@ -1,0 +1,63 @@
+"""The terrain as GridMap, with a stand-in for the package that most machines lack."""
+
+import sys
+import types
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+
+from msg_bridge.codec.grid_map import grid_map_type, to_grid_map
+from msg_bridge.codec.terrain import TerrainMap
+from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.messages import Keyframe
+
+GRID = Grid(3, 4, 0.5)
+HEIGHTS = np.arange(12.0).reshape(GRID.shape)
+TERRAIN = TerrainMap(Keyframe(1, 2, GRID, HEIGHTS), 0.1 * HEIGHTS, np.ones(GRID.shape, np.int64))
+
+
+@dataclass
+class GridMap:
+    """The fields of grid_map_msgs/GridMap that are set."""
+
+    header: Any = None
+    info: Any = field(default_factory=types.SimpleNamespace)
+    layers: Any = None
+    basic_layers: Any = None
+    data: Any = None
+    outer_start_index: int = 0
+    inner_start_index: int = 0
+
+
+@pytest.fixture
+def installed(monkeypatch):
+    package, module = types.ModuleType("grid_map_msgs"), types.ModuleType("grid_map_msgs.msg")
+    module.GridMap = GridMap  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "grid_map_msgs", package)
+    monkeypatch.setitem(sys.modules, "grid_map_msgs.msg", module)
+    grid_map_type.cache_clear()
+    yield
+    grid_map_type.cache_clear()
+
+
+def test_without_the_package_there_is_no_message(monkeypatch):
+    monkeypatch.setitem(sys.modules, "grid_map_msgs", None)
+    grid_map_type.cache_clear()
+    assert to_grid_map(TERRAIN, "map", Time()) is None
+    grid_map_type.cache_clear()
+
+
+def test_layers_are_column_major_matrices_of_the_same_order(installed):
+    message = to_grid_map(TERRAIN, "map", Time(sec=3))
+    assert message.layers == ["elevation", "loose_depth"]
+    assert (message.info.length_x, message.info.length_y) == GRID.size
+    assert message.info.resolution == GRID.cell
+    for layer, heights in zip(message.data, (HEIGHTS, 0.1 * HEIGHTS), strict=True):
+        columns, rows = layer.layout.dim
+        assert (columns.label, columns.size, columns.stride) == ("column_index", 4, 12)
+        assert (rows.label, rows.size, rows.stride) == ("row_index", 3, 3)
+        back = np.array(layer.data, dtype=np.float32).reshape(4, 3).T
+        assert (back == heights.astype(np.float32)).all()
