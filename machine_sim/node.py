@@ -100,7 +100,7 @@ class MachineNode(LeanNode):
         self._last_message = time.monotonic()
         self._slowest = 0.0
         refuse = self.diagnostics.refuse
-        inbox = Inbox(self, self._go_on)
+        inbox = self._inbox = Inbox(self, self._go_on)
         self._carrier = MachineCarrier(self, inbox, self._receive, refuse)
         inbox.subscribe(String, "/sim/config", qos.LATCHED, self._on_config)
         self._orders = Inbox(self, self._go_on)
@@ -186,6 +186,7 @@ class MachineNode(LeanNode):
             return
         exchange = run.side.exchange
         answered = run.side.poll() is not None
+        self._inbox.look_again(exchange.lacks_rows)
         if answered and run.due(run.tick, self._params.hash_rate):
             self._topics.state_hash(run.tick, run.sim.state_hash())
         if run.side.ready and exchange.life != self._entered_life:

@@ -23,7 +23,7 @@ from msg_bridge.exchange.machine_side import MachineExchange
 
 __all__ = ["MachineRun", "first_life"]
 
-_CLOCKS_DIFFER = 2**20
+_CLOCKS_DIFFER = 2**16
 """By how much hosts may disagree on the time [s]."""
 
 
@@ -135,14 +135,15 @@ def first_life(name: str, epoch: int, now: float) -> int:
     """A life above those that earlier processes of a machine had in a run, and no other machine's.
 
     Machines that were given the same source by mistake are told apart by it, even if they begin in
-    the same instant.
+    the same instant. In a run of more than 2**22 s (48 days) lives begin from 0 again.
 
     Args:
         name: of the machine, its namespace.
         epoch: of the run; the soil counts it up from the time at which it was started.
         now: seconds since 1970.
     """
-    return (int(now) - epoch + _CLOCKS_DIFFER) % 2**24 << 8 | zlib.crc32(name.encode()) % 2**8
+    seconds = (int(now) - epoch + _CLOCKS_DIFFER) % 2**22
+    return seconds << 10 | zlib.crc32(name.encode()) % 2**10
 
 
 def _in_step(stepping: MachineSimParams, facts: RunFacts) -> MachineSimParams:

@@ -12,6 +12,7 @@ from dataclasses import asdict
 from typing import Any
 
 from builtin_interfaces.msg import Time
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
@@ -76,9 +77,10 @@ class SoilNode(LeanNode):
         self.diagnostics = Diagnostics(self, "soil_sim")
         self.diagnostics.add_task(self._diagnose)
         self._topics = SoilTopics(self)
+        self._inbox = Inbox(self, self._advance)
         self._carrier = SoilCarrier(
             self,
-            Inbox(self, self._advance),
+            self._inbox,
             self._receive,
             self._send_keyframe,
             self.diagnostics.refuse,
@@ -92,7 +94,9 @@ class SoilNode(LeanNode):
         on_change(self, SoilNodeParams, "", _CHANGEABLE, self._take_params)
         self.create_service(Trigger, "/sim/reset", self._reset)
         self.create_service(SetBool, "/sim/pause", self._pause)
-        self.create_service(Trigger, "/sim/step", self._step)
+        # A group of its own: others must be heard while it waits for its tick.
+        group = ReentrantCallbackGroup()
+        self.create_service(Trigger, "/sim/step", self._step, callback_group=group)
         self.create_service(Trigger, "/soil/verify", self._verify)
         self.create_service(Trigger, "/soil/save", self._save)
         self.create_service(Trigger, "/soil/release", self._release)
@@ -113,6 +117,7 @@ class SoilNode(LeanNode):
         """Do all ticks that can be done now, and send what there is to say."""
         while (done := self.run.advance(time.monotonic())) is not None:
             self._publish(done)
+        self._inbox.look_again(self.run.side.exchange.lacks_rows)
         self._carrier.send(self.run.side.take_outbox(), self._stamp())
 
     def _publish(self, done: SoilTick) -> None:

@@ -87,9 +87,12 @@ class SoilRun:
         """
         if not self._due:
             return None
-        paced = self.realtime and self.side.tick >= 0
-        patient = self.side.exchange.joined and not self.pace.overdue
-        done = self.side.advance(wait=not paced or bool(patient))
+        began = self.side.tick >= 0
+        paced = self.realtime and began
+        late = paced and self.pace.overdue
+        # A step that is asked for is done even if nobody takes part.
+        alone = began and (paced or self.paused) and not self.side.exchange.joined
+        done = self.side.advance(wait=not (late or alone))
         if paced and done is not None:
             self.pace.done(now)
         return done

@@ -81,8 +81,9 @@ class OperatorNode(LeanNode):
         self._inbox = Inbox(self, self._look)
         self._terrain = TerrainListener(self, self._inbox, self.diagnostics.refuse, self._look)
         self._hear(String, "/sim/config", qos.LATCHED, self._on_config)
-        self._hear(JointState, "joint_states", qos.STATE, self._on_joints)
-        self._hear(Odometry, "odom", qos.STATE, self._on_odom)
+        # Of a machine's state payload comes last, of a tick the ledger: only they are waited for.
+        self._hear(JointState, "joint_states", qos.STATE, self._on_joints, wakes=False)
+        self._hear(Odometry, "odom", qos.STATE, self._on_odom, wakes=False)
         self._hear(Float64MultiArray, "payload", qos.STATE, self._on_payload)
         self._hear(Int64MultiArray, "/soil/ledger", qos.ROWS, self._on_ledger)
         self.create_timer(_REPEAT_PERIOD, self._repeat)
@@ -113,14 +114,22 @@ class OperatorNode(LeanNode):
 
     # What it is told.
 
-    def _hear(self, kind: Any, topic: str, profile: Any, take: Callable[[Any], None]) -> None:
+    def _hear(
+        self,
+        kind: Any,
+        topic: str,
+        profile: Any,
+        take: Callable[[Any], None],
+        *,
+        wakes: bool = True,
+    ) -> None:
         def on_message(msg: Any) -> None:
             try:
                 take(msg)
             except EarthmovingError as error:
                 self.diagnostics.refuse(topic, str(error))
 
-        self._inbox.subscribe(kind, topic, profile, on_message)
+        self._inbox.subscribe(kind, topic, profile, on_message, wakes=wakes)
 
     def _on_config(self, msg: String) -> None:
         facts = run_facts(msg.data)

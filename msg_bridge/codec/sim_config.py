@@ -6,6 +6,7 @@ itself. What a machine must know to take part is read back from it, so that it i
 
 from __future__ import annotations
 
+import math
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -81,15 +82,24 @@ def run_facts(text: str) -> RunFacts:
         sync = str(run["sync"])
         if sync not in ("realtime", "lockstep"):
             raise CodecError(f"sync is {sync!r} in the configuration of the run")
-        return RunFacts(
+        facts = RunFacts(
             epoch=int(run["epoch"]),
             tick=float(run["tick"]),
             realtime=sync == "realtime",
             cell=float(run["cell"]),
             swell=float(run["swell"]),
         )
-    except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+    except (yaml.YAMLError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise CodecError(f"the configuration of the run cannot be read: {error!r}") from error
+    for name in ("tick", "cell"):
+        value = getattr(facts, name)
+        if not 0.0 < value < math.inf:
+            raise CodecError(
+                f"{name} is {value} in the configuration of the run; it must be above 0"
+            )
+    if not 0.0 <= facts.swell < math.inf:
+        raise CodecError(f"swell is {facts.swell} in the configuration of the run")
+    return facts
 
 
 def _plain(value: Any) -> Any:

@@ -66,9 +66,15 @@ class TerrainFollower:
             if isinstance(message, SoilHeader) and message.tick > self.tick:
                 self._headers[message.tick] = message
             elif isinstance(message, RowChunk) and message.stream is Stream.CHANGED:
-                self._chunks[int(message.rows["seq"][0])] = message.rows
+                self._keep(message.rows)
         self._go_on()
         return (self.epoch, self.tick) != before
+
+    def _keep(self, rows: Rows) -> None:
+        # What is sent again to a machine comes here too, and may be cut otherwise.
+        first = int(rows["seq"][0])
+        if first not in self._chunks or self._chunks[first].size < rows.size:
+            self._chunks[first] = rows
 
     def resync(self) -> bool:
         """Take the newest keyframe if rows are missing; returns whether `tick` went on.
@@ -131,7 +137,7 @@ class TerrainFollower:
             part = self._chunks.get(number % 2**32)
             if part is None:
                 return None
-            parts.append(part)
+            parts.append(part[: wanted.last + 1 - number])
             number += part.size
         return np.concatenate(parts) if parts else None
 

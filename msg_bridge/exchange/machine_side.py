@@ -119,6 +119,11 @@ class MachineExchange:
         """Whether a tick has been sent and not been answered in full."""
         return self.phase in (Phase.WAITING, Phase.LEAVING)
 
+    @property
+    def lacks_rows(self) -> bool:
+        """Whether the header that answers the tick sent is here and rows that it counts are not."""
+        return self.waiting and self._header is not None
+
     def join(self, *, pending_mm3: int = 0, particles_mm3: int = 0) -> None:
         """Ask to take part from the next tick on.
 
@@ -194,9 +199,10 @@ class MachineExchange:
         )
         self.phase = Phase.LEAVING if leave else Phase.WAITING
         self._header = None
-        self._outbox.append(self._sent)
+        # The header last: who has it can expect to have the rows.
         self._post(Stream.SWEEP, sweeps)
         self._post(Stream.LANDED, landed)
+        self._outbox.append(self._sent)
 
     def receive(self, message: Message) -> None:
         """Take one message from the soil; those of another epoch, source or life are ignored.

@@ -114,6 +114,11 @@ class SoilExchange:
         """Absent sources whose soil can be released: those that are not about to come back."""
         return tuple(n for n in self.accounts.absent if n not in self._joining)
 
+    @property
+    def lacks_rows(self) -> bool:
+        """Whether a machine's header is here and rows that it counts are not."""
+        return any(self._sources[n].header is not None for n in self.late)
+
     def receive(self, message: Message) -> None:
         """Take one message from a machine; those of another epoch or life are ignored.
 
@@ -207,9 +212,10 @@ class SoilExchange:
         self._taken = ()
         receipts = tuple(self._sources[n].receipt for n in self.joined)
         self._last = replace(header, receipts=receipts)
-        self._outbox.append(self._last)
+        # The header last: who has it can expect to have the rows.
         for stream, (rows, _) in posted.items():
             self._outbox.extend(chunked(self.epoch, stream, rows))
+        self._outbox.append(self._last)
         self._welcome(admitted)
         self._forget(header)
         self.ledger = self.accounts.ledger(self.tick, terrain_mm3)

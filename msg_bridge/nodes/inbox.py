@@ -1,8 +1,8 @@
-"""Inbox: subscriptions that are emptied together as soon as one of them wakes the node.
+"""Inbox: subscriptions that are emptied together when one of a few wakes the node.
 
-A tick is told by several messages. The executor would wake the node for each, and a wake costs more
-than most messages do. Here the first one wakes it, all that have arrived are taken, and what is to
-be done about them is done once.
+A tick is told by several messages. The executor would wake the node for each of them, and a wake
+costs more than most messages do, here and for whoever shares the processor. So only the last
+message of a tick is waited for; the others are taken with it.
 """
 
 from __future__ import annotations
@@ -10,10 +10,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
+from msg_bridge.nodes.unwaited import Unwaited
+
 __all__ = ["Inbox"]
+
+_LOOK_AGAIN = 0.001
+"""Wall time after which one looks again for what should have come [s]."""
 
 
 class Inbox:
@@ -27,9 +33,21 @@ class Inbox:
         """
         self._node = node
         self._then = then
+        self._unwaited = Unwaited()
         self._takers: list[tuple[Subscription, Callable[[Any], None]]] = []
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._again = node.create_timer(_LOOK_AGAIN, self._look, clock=steady)
+        self._again.cancel()
 
-    def subscribe(self, kind: Any, topic: str, profile: Any, take: Callable[[Any], None]) -> None:
+    def subscribe(
+        self,
+        kind: Any,
+        topic: str,
+        profile: Any,
+        take: Callable[[Any], None],
+        *,
+        wakes: bool = True,
+    ) -> None:
         """Have the messages of a topic taken.
 
         Args:
@@ -37,15 +55,21 @@ class Inbox:
             topic: its name.
             profile: QoS.
             take: takes each message; must not raise.
+            wakes: whether the node is to wake for it, or has it taken when it is awake.
         """
 
         def wake(msg: Any) -> None:
             take(msg)
-            self.empty()
-            self._then()
+            self._look()
 
-        subscription = self._node.create_subscription(kind, topic, wake, profile)
-        self._takers.append((subscription, take))
+        group = None if wakes else self._unwaited
+        subscription = self._node.create_subscription(
+            kind, topic, wake, profile, callback_group=group
+        )
+        # Those that are waited for are looked at first: they come last, so that what they tell of
+        # has arrived by then, and is not overlooked.
+        place = 0 if wakes else len(self._takers)
+        self._takers.insert(place, (subscription, take))
 
     def empty(self) -> int:
         """Take all that has arrived; returns how many messages that were."""
@@ -59,3 +83,18 @@ class Inbox:
                     take(found[0])
                     taken += 1
         return taken
+
+    def look_again(self, wanted: bool) -> None:
+        """Look again soon, and go on doing so, or no more.
+
+        For what nobody waits for and should have come before what was waited for.
+        """
+        if wanted == self._again.is_canceled():
+            if wanted:
+                self._again.reset()
+            else:
+                self._again.cancel()
+
+    def _look(self) -> None:
+        self.empty()
+        self._then()

@@ -65,14 +65,21 @@ class MachineCarrier:
         }
 
         def subscribe(
-            kind: Any, topic: str, profile: Any, decode: Callable[[Any], Message]
+            kind: Any,
+            topic: str,
+            profile: Any,
+            decode: Callable[[Any], Message],
+            *,
+            wakes: bool = True,
         ) -> None:
-            inbox.subscribe(kind, topic, profile, partial(self._take, topic, decode))
+            take = partial(self._take, topic, decode)
+            inbox.subscribe(kind, topic, profile, take, wakes=wakes)
 
         subscribe(Int64MultiArray, TICK_TOPIC, qos.ROWS, _soil_word)
         for stream in _RECEIVED:
             decode = partial(from_chunk_cloud, stream=stream)
-            subscribe(PointCloud2, STREAM_TOPIC[stream], qos.ROWS, decode)
+            # The header comes after the rows that it counts.
+            subscribe(PointCloud2, STREAM_TOPIC[stream], qos.ROWS, decode, wakes=False)
         owed = partial(from_chunk_cloud, stream=Stream.OWED)
         subscribe(PointCloud2, OWED_TOPIC, qos.ROWS, owed)
         subscribe(String, REFUSALS_TOPIC, qos.ROWS, from_refusal_string)

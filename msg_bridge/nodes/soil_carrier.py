@@ -87,7 +87,8 @@ class SoilCarrier:
         for stream in _RECEIVED:
             topic = STREAM_TOPIC[stream]
             take = partial(self._take_rows, topic, stream)
-            inbox.subscribe(PointCloud2, topic, qos.ROWS, take)
+            # A machine's header comes after the rows that it counts.
+            inbox.subscribe(PointCloud2, topic, qos.ROWS, take, wakes=False)
         node.create_timer(_SCAN_PERIOD, self._scan)
         self._scan()
 

@@ -44,7 +44,8 @@ class TerrainListener:
         """
         Args:
             node: whose subscriptions they are.
-            inbox: of the node; what is to be done about a new tick is done by it.
+            inbox: of the node, which must have something to wake it in every tick: the ledger,
+                say, which is published last.
             resynced: called when a keyframe was taken while nothing came.
             refuse: told topic and reason of a message that cannot be taken.
         """
@@ -55,7 +56,8 @@ class TerrainListener:
         def subscribe(
             kind: Any, topic: str, profile: Any, decode: Callable[[Any], Message]
         ) -> None:
-            inbox.subscribe(kind, topic, profile, partial(self._take, topic, decode))
+            take = partial(self._take, topic, decode)
+            inbox.subscribe(kind, topic, profile, take, wakes=False)
 
         subscribe(PointCloud2, MAP_TOPIC, qos.LATCHED, lambda m: from_terrain_cloud(m).keyframe)
         changes = STREAM_TOPIC[Stream.CHANGED]

