@@ -97,7 +97,8 @@ class MachineNode(LeanNode):
         self._facts: RunFacts | None = None
         self._keyframe: Keyframe | None = None
         self._leaving = False
-        self._last_message = time.monotonic()
+        self._place: tuple[Any, ...] = ()  # where it stood when looked at last
+        self._since = 0.0  # wall clock since when it stands there [s]
         self._slowest = 0.0
         refuse = self.diagnostics.refuse
         inbox = self._inbox = Inbox(self, self._go_on)
@@ -133,7 +134,6 @@ class MachineNode(LeanNode):
         self._begin_if_new()
 
     def _receive(self, message: Message) -> None:
-        self._last_message = time.monotonic()
         if isinstance(message, Keyframe) and (
             self._keyframe is None or message.epoch != self._keyframe.epoch
         ):
@@ -226,20 +226,24 @@ class MachineNode(LeanNode):
         self._carrier.send(run.side.take_outbox(), self._stamp(run, max(run.tick, 0) + 1))
 
     def _on_silence(self) -> None:
+        """Ask again for what has not come; judged by what goes on, since others are heard too."""
         run = self.run
         if run is None or (self._leaving and not run.side.exchange.joined):
             return
-        phase = run.side.exchange.phase
-        silent = time.monotonic() - self._last_message
-        if phase is Phase.OUT:
+        exchange, now = run.side.exchange, time.monotonic()
+        place = (exchange.epoch, exchange.life, exchange.tick, exchange.phase)
+        stuck = place == self._place
+        if not stuck:
+            self._place, self._since = place, now
+        if exchange.phase is Phase.OUT:
             # One that was refused is refused again unless something has changed: no hurry.
-            if not run.side.exchange.refusal or silent >= _REFUSED_PERIOD:
+            if not exchange.refusal or now - self._since >= _REFUSED_PERIOD:
                 self._join(run)
-        elif phase is Phase.READY and not run.may_step:
+        elif exchange.phase is Phase.READY and not run.may_step:
             self._tell(run, run.tick)  # a controller that has just come must see the state
             self._topics.state_hash(run.tick, run.sim.state_hash())
-        elif silent >= _REMIND_PERIOD:
-            run.side.exchange.remind()
+        elif stuck:
+            exchange.remind()
             self._send(run)
 
     # What is published.

@@ -29,6 +29,7 @@ from msg_bridge.nodes.parameters import declare_parameters, on_change
 from msg_bridge.nodes.runtime import run_node
 from msg_bridge.nodes.soil_carrier import SoilCarrier
 from msg_bridge.nodes.soil_topics import SoilTopics
+from msg_bridge.nodes.topics import TICK_TOPIC
 from soil_sim.node_params import SoilNodeParams
 from soil_sim.params import SoilParams
 from soil_sim.run import Silence, SoilRun
@@ -209,6 +210,10 @@ class SoilNode(LeanNode):
             "imbalance_mm3": exchange.ledger.imbalance if exchange.ledger else 0,
         }.items():
             self.diagnostics.set(key, value)
+        if self.count_publishers(TICK_TOPIC) > 1:
+            text = f"another soil publishes {TICK_TOPIC}, too; give each its own ROS_DOMAIN_ID"
+            self.diagnostics.problem(text, Level.ERROR)
+            self.get_logger().error(text, throttle_duration_sec=5.0)
 
     # Silence.
 

@@ -1,6 +1,7 @@
 """What crosses, as messages that any ROS 2 machine knows; nothing else packs bytes.
 
 - `point_cloud`: rows as PointCloud2
+- `cdr`: row clouds and arrays straight to bytes and back, for the many of a tick
 - `chunks`: chunks of rows, with the run and the life they belong to
 - `headers`: headers, requests, refusals and the ledger
 - `grid_map`: the same as grid_map_msgs/GridMap, where that is installed

@@ -12,12 +12,13 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import PointCloud2
 
+from msg_bridge.codec.cdr import cdr_to_rows, rows_to_cdr
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.point_cloud import from_point_cloud, to_point_cloud
 from msg_bridge.contract.messages import STREAM_DTYPE, RowChunk, Stream
 from msg_bridge.contract.rows import Rows
 
-__all__ = ["chunk_dtype", "from_chunk_cloud", "to_chunk_cloud"]
+__all__ = ["chunk_dtype", "chunk_of_cdr", "chunk_to_cdr", "from_chunk_cloud", "to_chunk_cloud"]
 
 _OF_ONE_MACHINE = (Stream.SWEEP, Stream.LANDED, Stream.OWED)
 
@@ -43,6 +44,20 @@ def to_chunk_cloud(chunk: RowChunk, frame_id: str, stamp: Time) -> PointCloud2:
     Raises:
         CodecError: no rows, rows of another type, or not all of one sender.
     """
+    return to_point_cloud(_tagged(chunk), frame_id, stamp)
+
+
+def chunk_to_cdr(chunk: RowChunk, frame_id: str, stamp: Time) -> bytes:
+    """The same as the bytes of the message.
+
+    Raises:
+        CodecError: as `to_chunk_cloud`.
+    """
+    return rows_to_cdr(_tagged(chunk), frame_id, stamp)
+
+
+def _tagged(chunk: RowChunk) -> Rows:
+    """The rows of a chunk, each with whose it is."""
     dtype = STREAM_DTYPE.get(chunk.stream)
     if dtype is None or chunk.rows.dtype != dtype or chunk.rows.ndim != 1:
         raise CodecError(f"{chunk.rows.dtype} is not what the {chunk.stream.name} stream carries")
@@ -60,7 +75,7 @@ def to_chunk_cloud(chunk: RowChunk, frame_id: str, stamp: Time) -> PointCloud2:
             f"{chunk.stream.name} rows are said to be of machine {chunk.source}, life"
             f" {chunk.life}, and are of another"
         )
-    return to_point_cloud(rows, frame_id, stamp)
+    return rows
 
 
 def from_chunk_cloud(msg: PointCloud2, stream: Stream) -> RowChunk:
@@ -69,7 +84,20 @@ def from_chunk_cloud(msg: PointCloud2, stream: Stream) -> RowChunk:
     Raises:
         CodecError: other fields, no rows, or not all of one sender.
     """
-    rows = from_point_cloud(msg, chunk_dtype(stream))
+    return _chunk_of(from_point_cloud(msg, chunk_dtype(stream)), stream)
+
+
+def chunk_of_cdr(data: bytes, stream: Stream) -> RowChunk | None:
+    """The chunk that a message's bytes hold; None if they are laid out otherwise (`cdr_to_rows`).
+
+    Raises:
+        CodecError: no rows, or not all of one sender.
+    """
+    rows = cdr_to_rows(data, chunk_dtype(stream))
+    return None if rows is None else _chunk_of(rows, stream)
+
+
+def _chunk_of(rows: Rows, stream: Stream) -> RowChunk:
     epoch, source, life = _sender(rows, stream)
     own = np.empty(rows.size, dtype=STREAM_DTYPE[stream])
     _bytes(own)[:] = _bytes(rows)[:, : own.dtype.itemsize]

@@ -24,6 +24,7 @@ from typing import Any
 
 from std_msgs.msg import Int64MultiArray, MultiArrayDimension, MultiArrayLayout, String
 
+from msg_bridge.codec.cdr import array_to_cdr, cdr_to_array
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import MachineHeader, Refusal, Resend, SoilHeader
@@ -33,6 +34,8 @@ __all__ = [
     "ArrayMessage",
     "from_multi_array",
     "from_refusal_string",
+    "message_of_cdr",
+    "message_to_cdr",
     "to_multi_array",
     "to_refusal_string",
 ]
@@ -61,8 +64,8 @@ _DERIVED: dict[type, tuple[str, ...]] = {Ledger: ("imbalance",)}
 """Properties written after the fields, for those who only look; checked when read."""
 
 
-def to_multi_array(message: ArrayMessage) -> Int64MultiArray:
-    """A header, request or ledger as a message.
+def _data(message: ArrayMessage) -> array.array[int]:
+    """The values of an array.
 
     Raises:
         CodecError: a value that is not an int64.
@@ -75,9 +78,38 @@ def to_multi_array(message: ArrayMessage) -> Int64MultiArray:
         names = _names(message)
         name, wrong = next((n, v) for n, v in zip(names, values, strict=True) if not _is_int64(v))
         raise CodecError(f"{name} of a {kind.name} is {wrong!r}; it must be an int64") from None
+    return data
+
+
+def to_multi_array(message: ArrayMessage) -> Int64MultiArray:
+    """A header, request or ledger as a message.
+
+    Raises:
+        CodecError: a value that is not an int64.
+    """
+    data = _data(message)
     size = len(data)
     dimension = MultiArrayDimension(label=_label(message), size=size, stride=size)
     return Int64MultiArray(layout=MultiArrayLayout(dim=[dimension], data_offset=0), data=data)
+
+
+def message_to_cdr(message: ArrayMessage) -> bytes:
+    """The same as the bytes of the message.
+
+    Raises:
+        CodecError: as `to_multi_array`.
+    """
+    return array_to_cdr(_label(message), _data(message))
+
+
+def message_of_cdr(data: bytes) -> ArrayMessage | None:
+    """What a message's bytes hold; None if they are laid out otherwise (`cdr_to_array`).
+
+    Raises:
+        CodecError: as `from_multi_array`.
+    """
+    found = cdr_to_array(data)
+    return None if found is None else from_multi_array(found)
 
 
 def from_multi_array(msg: Int64MultiArray) -> ArrayMessage:

@@ -19,7 +19,7 @@ from std_msgs.msg import Header
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.contract.rows import Rows
 
-__all__ = ["bytes_of", "from_point_cloud", "to_point_cloud"]
+__all__ = ["bytes_of", "from_point_cloud", "point_fields", "to_point_cloud"]
 
 _DATATYPES = {
     np.dtype("u1"): PointField.UINT8,
@@ -42,7 +42,7 @@ def to_point_cloud(rows: Rows, frame_id: str, stamp: Time, *, height: int = 1) -
     Raises:
         CodecError: rows that no such message can hold.
     """
-    fields = _point_fields(rows.dtype)
+    fields = point_fields(rows.dtype)
     if rows.ndim != 1 or height < 1 or rows.size % height:
         raise CodecError(f"rows of shape {rows.shape} do not fill a cloud of height {height}")
     width = rows.size // height
@@ -120,7 +120,7 @@ def _fields(dtype: np.dtype[np.void]) -> dict[str, tuple[int, int]]:
 
 
 @cache
-def _point_fields(dtype: np.dtype[np.void]) -> list[PointField]:
+def point_fields(dtype: np.dtype[np.void]) -> list[PointField]:
     """The fields of a message of such rows; all messages of a dtype share them."""
     return [
         PointField(name=name, offset=offset, datatype=datatype, count=1)

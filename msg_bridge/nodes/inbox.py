@@ -47,6 +47,7 @@ class Inbox:
         take: Callable[[Any], None],
         *,
         wakes: bool = True,
+        raw: bool = False,
     ) -> None:
         """Have the messages of a topic taken.
 
@@ -56,6 +57,7 @@ class Inbox:
             profile: QoS.
             take: takes each message; must not raise.
             wakes: whether the node is to wake for it, or has it taken when it is awake.
+            raw: whether to hand over the message's bytes.
         """
 
         def wake(msg: Any) -> None:
@@ -64,7 +66,7 @@ class Inbox:
 
         group = None if wakes else self._unwaited
         subscription = self._node.create_subscription(
-            kind, topic, wake, profile, callback_group=group
+            kind, topic, wake, profile, callback_group=group, raw=raw
         )
         # Those that are waited for are looked at first: they come last, so that what they tell of
         # has arrived by then, and is not overlooked.
@@ -77,7 +79,9 @@ class Inbox:
         for subscription, take in self._takers:
             with subscription.handle:
                 while True:
-                    found = subscription.handle.take_message(subscription.msg_type, False)
+                    found = subscription.handle.take_message(
+                        subscription.msg_type, subscription.raw
+                    )
                     if found is None:
                         break
                     take(found[0])

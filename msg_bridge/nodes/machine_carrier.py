@@ -12,8 +12,8 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Int64MultiArray, String
 
 from msg_bridge.codec import qos
-from msg_bridge.codec.chunks import from_chunk_cloud, to_chunk_cloud
-from msg_bridge.codec.headers import from_multi_array, from_refusal_string, to_multi_array
+from msg_bridge.codec.chunks import chunk_to_cdr
+from msg_bridge.codec.headers import from_refusal_string, message_to_cdr
 from msg_bridge.codec.terrain import from_terrain_cloud
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import Message, Resend, RowChunk, SoilHeader, Stream
@@ -27,6 +27,7 @@ from msg_bridge.nodes.topics import (
     STREAM_TOPIC,
     TICK_TOPIC,
 )
+from msg_bridge.nodes.wire import read_array, read_chunk
 
 __all__ = ["MachineCarrier"]
 
@@ -71,27 +72,28 @@ class MachineCarrier:
             decode: Callable[[Any], Message],
             *,
             wakes: bool = True,
+            raw: bool = True,
         ) -> None:
             take = partial(self._take, topic, decode)
-            inbox.subscribe(kind, topic, profile, take, wakes=wakes)
+            inbox.subscribe(kind, topic, profile, take, wakes=wakes, raw=raw)
 
         subscribe(Int64MultiArray, TICK_TOPIC, qos.ROWS, _soil_word)
         for stream in _RECEIVED:
-            decode = partial(from_chunk_cloud, stream=stream)
+            decode = partial(read_chunk, stream=stream)
             # The header comes after the rows that it counts.
             subscribe(PointCloud2, STREAM_TOPIC[stream], qos.ROWS, decode, wakes=False)
-        owed = partial(from_chunk_cloud, stream=Stream.OWED)
+        owed = partial(read_chunk, stream=Stream.OWED)
         subscribe(PointCloud2, OWED_TOPIC, qos.ROWS, owed)
-        subscribe(String, REFUSALS_TOPIC, qos.ROWS, from_refusal_string)
-        subscribe(PointCloud2, MAP_TOPIC, qos.LATCHED, self._keyframe)
+        subscribe(String, REFUSALS_TOPIC, qos.ROWS, from_refusal_string, raw=False)
+        subscribe(PointCloud2, MAP_TOPIC, qos.LATCHED, self._keyframe, raw=False)
 
     def send(self, messages: Iterable[Message], stamp: Time) -> None:
         """Publish what the machine has to say; rows are stamped with the end of their tick."""
         for message in messages:
             if isinstance(message, RowChunk):
-                self._rows[message.stream].publish(to_chunk_cloud(message, MAP_FRAME, stamp))
+                self._rows[message.stream].publish(chunk_to_cdr(message, MAP_FRAME, stamp))
             else:
-                self._tick.publish(to_multi_array(message))  # type: ignore[arg-type]
+                self._tick.publish(message_to_cdr(message))  # type: ignore[arg-type]
 
     def _take(self, topic: str, decode: Callable[[Any], Message], msg: Any) -> None:
         try:
@@ -103,8 +105,8 @@ class MachineCarrier:
         return from_terrain_cloud(msg, cell=self.cell).keyframe
 
 
-def _soil_word(msg: Int64MultiArray) -> Message:
-    message = from_multi_array(msg)
+def _soil_word(data: bytes) -> Message:
+    message = read_array(data)
     if not isinstance(message, (SoilHeader, Resend)):
         raise ExchangeError(f"a {type(message).__name__} is nothing the soil says here")
     return message

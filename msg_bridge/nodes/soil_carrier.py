@@ -14,8 +14,8 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Int64MultiArray, String
 
 from msg_bridge.codec import qos
-from msg_bridge.codec.chunks import from_chunk_cloud, to_chunk_cloud
-from msg_bridge.codec.headers import from_multi_array, to_multi_array, to_refusal_string
+from msg_bridge.codec.chunks import chunk_to_cdr
+from msg_bridge.codec.headers import message_to_cdr, to_refusal_string
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import (
     Keyframe,
@@ -37,6 +37,7 @@ from msg_bridge.nodes.topics import (
     TICK_TOPIC,
     namespace_of,
 )
+from msg_bridge.nodes.wire import read_array, read_chunk
 
 __all__ = ["SoilCarrier"]
 
@@ -88,7 +89,7 @@ class SoilCarrier:
             topic = STREAM_TOPIC[stream]
             take = partial(self._take_rows, topic, stream)
             # A machine's header comes after the rows that it counts.
-            inbox.subscribe(PointCloud2, topic, qos.ROWS, take, wakes=False)
+            inbox.subscribe(PointCloud2, topic, qos.ROWS, take, wakes=False, raw=True)
         node.create_timer(_SCAN_PERIOD, self._scan)
         self._scan()
 
@@ -96,13 +97,13 @@ class SoilCarrier:
         """Publish what the soil has to say; rows are stamped with the end of their tick."""
         for message in messages:
             if isinstance(message, RowChunk):
-                self._rows_publisher(message).publish(to_chunk_cloud(message, MAP_FRAME, stamp))
+                self._rows_publisher(message).publish(chunk_to_cdr(message, MAP_FRAME, stamp))
             elif isinstance(message, Keyframe):
                 self._send_keyframe(message)
             elif isinstance(message, Refusal):
                 self._refusals.publish(to_refusal_string(message))
             else:
-                self._tick.publish(to_multi_array(message))
+                self._tick.publish(message_to_cdr(message))
 
     def _rows_publisher(self, chunk: RowChunk) -> Publisher:
         if chunk.stream is Stream.OWED:
@@ -121,16 +122,16 @@ class SoilCarrier:
         owed = f"{namespace}/{OWED_TOPIC}"
         self._owed[namespace] = self._node.create_publisher(PointCloud2, owed, qos.ROWS)
         take = partial(self._take_word, topic, namespace)
-        self._inbox.subscribe(Int64MultiArray, topic, qos.ROWS, take)
+        self._inbox.subscribe(Int64MultiArray, topic, qos.ROWS, take, raw=True)
 
-    def _take_rows(self, topic: str, stream: Stream, msg: PointCloud2) -> None:
-        self._take(topic, lambda: from_chunk_cloud(msg, stream))
+    def _take_rows(self, topic: str, stream: Stream, data: bytes) -> None:
+        self._take(topic, lambda: read_chunk(data, stream))
 
-    def _take_word(self, topic: str, namespace: str, msg: Int64MultiArray) -> None:
-        self._take(topic, lambda: self._word_of(namespace, msg))
+    def _take_word(self, topic: str, namespace: str, data: bytes) -> None:
+        self._take(topic, lambda: self._word_of(namespace, data))
 
-    def _word_of(self, namespace: str, msg: Int64MultiArray) -> Message:
-        message = from_multi_array(msg)
+    def _word_of(self, namespace: str, data: bytes) -> Message:
+        message = read_array(data)
         if not isinstance(message, (MachineHeader, Resend)):
             raise ExchangeError(f"a {type(message).__name__} is nothing a machine says here")
         owner = self.machines.get(message.source, namespace)

@@ -11,7 +11,7 @@ from std_msgs.msg import Bool, Int64MultiArray, String
 
 from msg_bridge.codec import qos
 from msg_bridge.codec.grid_map import grid_map_type, to_grid_map
-from msg_bridge.codec.headers import to_multi_array
+from msg_bridge.codec.headers import message_to_cdr
 from msg_bridge.codec.terrain import TerrainMap, to_elevation_image, to_map_info, to_terrain_cloud
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.nodes.topics import MAP_FRAME, MAP_TOPIC
@@ -38,7 +38,7 @@ class SoilTopics:
     def tick(self, ledger: Ledger, stamp: Time) -> None:
         """Publish the time and the account of a tick."""
         self._clock.publish(Clock(clock=stamp))
-        self._ledger.publish(to_multi_array(ledger))
+        self._ledger.publish(message_to_cdr(ledger))
 
     def terrain(self, terrain: TerrainMap, stamp: Time) -> None:
         """Publish the whole terrain."""

@@ -11,8 +11,6 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Int64MultiArray
 
 from msg_bridge.codec import qos
-from msg_bridge.codec.chunks import from_chunk_cloud
-from msg_bridge.codec.headers import from_multi_array
 from msg_bridge.codec.terrain import from_terrain_cloud
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.ledger import Ledger
@@ -20,6 +18,7 @@ from msg_bridge.contract.messages import Message, Stream
 from msg_bridge.exchange.follower import TerrainFollower
 from msg_bridge.nodes.inbox import Inbox
 from msg_bridge.nodes.topics import MAP_TOPIC, STREAM_TOPIC, TICK_TOPIC
+from msg_bridge.nodes.wire import read_array, read_chunk
 
 __all__ = ["TerrainListener"]
 
@@ -54,15 +53,15 @@ class TerrainListener:
         self._seen = -1
 
         def subscribe(
-            kind: Any, topic: str, profile: Any, decode: Callable[[Any], Message]
+            kind: Any, topic: str, profile: Any, decode: Callable[[Any], Message], *, raw: bool
         ) -> None:
             take = partial(self._take, topic, decode)
-            inbox.subscribe(kind, topic, profile, take, wakes=False)
+            inbox.subscribe(kind, topic, profile, take, wakes=False, raw=raw)
 
-        subscribe(PointCloud2, MAP_TOPIC, qos.LATCHED, lambda m: from_terrain_cloud(m).keyframe)
-        changes = STREAM_TOPIC[Stream.CHANGED]
-        subscribe(PointCloud2, changes, qos.ROWS, lambda m: from_chunk_cloud(m, Stream.CHANGED))
-        subscribe(Int64MultiArray, TICK_TOPIC, qos.ROWS, _soil_word)
+        changes, rows = STREAM_TOPIC[Stream.CHANGED], partial(read_chunk, stream=Stream.CHANGED)
+        subscribe(PointCloud2, MAP_TOPIC, qos.LATCHED, _keyframe, raw=False)
+        subscribe(PointCloud2, changes, qos.ROWS, rows, raw=True)
+        subscribe(Int64MultiArray, TICK_TOPIC, qos.ROWS, _soil_word, raw=True)
         node.create_timer(_STALLED, self._on_stall)
 
     def _take(self, topic: str, decode: Callable[[Any], Any], msg: Any) -> None:
@@ -78,8 +77,12 @@ class TerrainListener:
             self._resynced()
 
 
-def _soil_word(msg: Int64MultiArray) -> Message:
-    message = from_multi_array(msg)
+def _keyframe(msg: PointCloud2) -> Message:
+    return from_terrain_cloud(msg).keyframe
+
+
+def _soil_word(data: bytes) -> Message:
+    message = read_array(data)
     if isinstance(message, Ledger):
         raise ExchangeError("a ledger is nothing the soil says here")
     return message

@@ -25,7 +25,12 @@ def test_whole_numbers_are_read_as_numbers() -> None:
 
 
 def test_sections_are_there_as_plain_yaml() -> None:
-    sections = {"grid": {"rows": 3}, "machines": (1, 2), "georeference": None, "deep": {"a": ((1,),)}}
+    sections = {
+        "grid": {"rows": 3},
+        "machines": (1, 2),
+        "georeference": None,
+        "deep": {"a": ((1,),)},
+    }
     content = yaml.safe_load(config_text(FACTS, sections))
     assert content["grid"] == {"rows": 3}
     assert content["machines"] == [1, 2]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,8 @@ class Viewer(Node):
             self, inbox, lambda *what: self.refused.append(what), self.resync
         )
         self.follower = self.listener.follower
+        # What wakes it in every tick.
+        inbox.subscribe(Int64MultiArray, "/soil/ledger", qos.ROWS, lambda message: None)
 
     def note(self) -> None:
         self.ticks.append(self.follower.tick)
@@ -52,6 +55,12 @@ def same(viewer: Viewer, scene: Scene) -> bool:
     if (follower.tick, follower.revision) != (scene.tick, soil.revision):
         return False
     return bool((follower.elevation == soil.columns.height.astype(np.float32)).all())
+
+
+def waker(ros: Ros) -> Callable[[], None]:
+    """Publishes what wakes a viewer."""
+    ledgers = ros.publisher("/soil/ledger", Int64MultiArray, subscriptions=1)
+    return lambda: ledgers.publish(Int64MultiArray())
 
 
 @pytest.fixture
@@ -107,6 +116,7 @@ def test_a_reset_is_followed(ros: Ros, digging: Scene) -> None:
 
 def test_messages_that_cannot_be_read_are_refused_and_change_nothing(ros: Ros) -> None:
     viewer = ros.add(Viewer)
+    wake = waker(ros)
     tick = ros.publisher("/soil/tick", Int64MultiArray, subscriptions=1)
     changes = ros.publisher("/terrain/changes", PointCloud2, subscriptions=1)
     terrain = ros.publisher("/terrain/map", PointCloud2, qos.LATCHED, subscriptions=1)
@@ -114,7 +124,7 @@ def test_messages_that_cannot_be_read_are_refused_and_change_nothing(ros: Ros) -
     tick.publish(to_multi_array(Ledger(1, 0, 0, 0, 0, 0, 0, 0)))
     changes.publish(PointCloud2())
     terrain.publish(PointCloud2())
-    ros.spin_until(lambda: len(viewer.refused) == 4)
+    ros.spin_until(lambda: wake() or len(viewer.refused) == 4)
     topics = sorted(topic for topic, _ in viewer.refused)
     assert topics == ["/soil/tick", "/soil/tick", "/terrain/changes", "/terrain/map"]
     assert viewer.follower.grid is None
@@ -122,6 +132,7 @@ def test_messages_that_cannot_be_read_are_refused_and_change_nothing(ros: Ros) -
 
 def test_after_a_stall_a_keyframe_is_taken_for_what_is_missing(ros: Ros) -> None:
     viewer = ros.add(Viewer)
+    wake = waker(ros)
     tick = ros.publisher("/soil/tick", Int64MultiArray, subscriptions=1)
     terrain = ros.publisher("/terrain/map", PointCloud2, qos.LATCHED, subscriptions=1)
     none = RowRange()
@@ -133,10 +144,10 @@ def test_after_a_stall_a_keyframe_is_taken_for_what_is_missing(ros: Ros) -> None
         return to_terrain_cloud(layers, "map", stamp_of_tick(0, TICK))
 
     terrain.publish(keyframe(0, 0.0))
-    ros.spin_until(lambda: viewer.follower.grid is not None)
+    ros.spin_until(lambda: wake() or viewer.follower.grid is not None)
     header = SoilHeader(1, 1, 1, none, RowRange(1, 3), none, ())  # its rows never come
     tick.publish(to_multi_array(header))
     terrain.publish(keyframe(1, 0.5))
-    ros.spin_until(lambda: viewer.resynced == 1)
+    ros.spin_until(lambda: wake() or viewer.resynced == 1)
     assert (viewer.follower.tick, viewer.follower.revision) == (1, 1)
     assert (viewer.follower.elevation == 0.5).all()

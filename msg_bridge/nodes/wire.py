@@ -1,0 +1,37 @@
+"""Messages of the exchange from their bytes: the quick way, or the slow one where it must be."""
+
+from __future__ import annotations
+
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Int64MultiArray
+
+from msg_bridge.codec.chunks import chunk_of_cdr, from_chunk_cloud
+from msg_bridge.codec.headers import ArrayMessage, from_multi_array, message_of_cdr
+from msg_bridge.contract.messages import RowChunk, Stream
+
+__all__ = ["read_array", "read_chunk"]
+
+
+def read_array(data: bytes) -> ArrayMessage:
+    """The header, request or ledger of an Int64MultiArray's bytes.
+
+    Raises:
+        CodecError: it is none.
+    """
+    found = message_of_cdr(data)
+    if found is None:
+        return from_multi_array(deserialize_message(data, Int64MultiArray))
+    return found
+
+
+def read_chunk(data: bytes, stream: Stream) -> RowChunk:
+    """The rows of a PointCloud2's bytes.
+
+    Raises:
+        CodecError: they are not rows of that stream.
+    """
+    found = chunk_of_cdr(data, stream)
+    if found is None:
+        return from_chunk_cloud(deserialize_message(data, PointCloud2), stream)
+    return found
