@@ -27,11 +27,11 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from earthmoving_sim.bag_outcome import outcome_of_bag
+from earthmoving_sim.as_nodes.parameters import write_node_parameters
+from earthmoving_sim.as_nodes.processes import NodeProcess, stop_all
+from earthmoving_sim.as_nodes.run import run_nodes
 from earthmoving_sim.dig_run import LOOK_EVERY, DigRun
-from earthmoving_sim.node_parameters import write_node_parameters
-from earthmoving_sim.node_processes import NodeProcess, stop_all
-from earthmoving_sim.node_run import run_nodes
+from earthmoving_sim.from_bag.outcome import outcome_of_bag
 from earthmoving_sim.run_config import load_run_config
 from earthmoving_sim.site import jacksboro_site
 from msg_bridge.codec import qos

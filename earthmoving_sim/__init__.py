@@ -1,7 +1,9 @@
-"""What users run: the `earthmoving` command and worlds in one process.
+"""What users run: the `earthmoving` command, a world in one process, the demo and its pictures.
 
-- `cli`: the command; `demo`, `check`: its subcommands
-- `world`: soil and machines in lockstep over the direct transport
-- `run_config`, `site`, `dig_run`, `report`: a run of the scripted operator, start to summary
-- `pictures`, `machine_shape`: what it looked like
+- `cli`: the command; its subcommands are `demo`, `audit`, `check`
+- `world`: soil and machines in one process
+- `dig_run`, `as_nodes`: a run of the scripted operator, in one process and as nodes
+- `outcome`, `from_bag`: what a run did, as told by the run itself and by its bag
+- `report`, `pictures`: the same for people
+- `run_config`, `site`, `machine_shape`: parameters of a run, its ground, the machine's looks
 """

@@ -104,8 +104,8 @@ def _in_process(config: RunConfig, site: HeightMap) -> Outcome:
 
 
 def _as_nodes(config: RunConfig, site: HeightMap, args: argparse.Namespace) -> Outcome:
-    from earthmoving_sim.bag_outcome import outcome_of_bag
-    from earthmoving_sim.node_run import run_nodes
+    from earthmoving_sim.as_nodes.run import run_nodes
+    from earthmoving_sim.from_bag.outcome import outcome_of_bag
 
     now = datetime.now(timezone.utc).strftime("%Y-%m-%dT%H-%M-%SZ")
     bag = args.bag or Path("bags", f"demo-{now}")

@@ -8,6 +8,7 @@ so that a machine told to wait for it (`await_commands_every`) takes turns with 
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Callable
 from dataclasses import asdict
@@ -27,6 +28,7 @@ from machine_sim.operator.node_params import OperatorNodeParams
 from machine_sim.operator.params import OperatorParams, ShiftParams
 from machine_sim.operator.shift import Shift
 from msg_bridge.codec import qos
+from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.headers import from_multi_array
 from msg_bridge.codec.machine_state import from_payload_array, to_command_state
 from msg_bridge.codec.poses import from_odometry
@@ -140,9 +142,8 @@ class OperatorNode(LeanNode):
 
     def _on_joints(self, msg: JointState) -> None:
         if self._facts is not None:
-            angles = dict(zip(msg.name, msg.position, strict=True))
-            own = [angles[name] for name in JOINT_NAMES]
-            self._moments.joints(tick_of_stamp(msg.header.stamp, self._facts.tick), own)
+            tick = tick_of_stamp(msg.header.stamp, self._facts.tick)
+            self._moments.joints(tick, _angles(msg))
 
     def _on_odom(self, msg: Odometry) -> None:
         if self._facts is not None:
@@ -209,6 +210,19 @@ class OperatorNode(LeanNode):
             self._phases.publish(String(data=json.dumps({"time": time, **now})))
             self.diagnostics.set("cycle", shift.cycle)
             self.diagnostics.set("phase", shift.phase)
+
+
+def _angles(msg: JointState) -> list[float]:
+    """Angles of swing, boom, arm and bucket [rad].
+
+    Raises:
+        CodecError: one of them is missing or no angle.
+    """
+    angles = dict(zip(msg.name, msg.position, strict=False))
+    own = [angles.get(name, math.nan) for name in JOINT_NAMES]
+    if not all(map(math.isfinite, own)):
+        raise CodecError(f"the joint states need a finite angle of {', '.join(JOINT_NAMES)}")
+    return own
 
 
 def main(args: list[str] | None = None) -> int:

@@ -13,9 +13,9 @@ from support.bag_recording import Recording
 from support.bag_scenes import terrain_cloud
 from support.recorded_dig import CYCLES, PHASE, TICK, RecordedDig, small_site, write
 
-from earthmoving_sim.bag_outcome import outcome_of_bag
-from earthmoving_sim.bag_words import BagOutcomeError
 from earthmoving_sim.dig_run import DigRun
+from earthmoving_sim.from_bag.outcome import outcome_of_bag
+from earthmoving_sim.from_bag.words import BagOutcomeError
 from earthmoving_sim.outcome import Outcome
 from earthmoving_sim.report import print_summary
 from earthmoving_sim.run_config import load_run_config

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Int64MultiArray, String
+from std_msgs.msg import String
 from support.node_scenes import (
     SITE,
     TICK,
@@ -101,7 +101,7 @@ def newest(heard: list[String]) -> int:
     return int(heard[-1].data.split()[0])
 
 
-@pytest.mark.parametrize("ground", ["flat", "rough"])
+@pytest.mark.parametrize("ground", ["rough", pytest.param("flat", marks=pytest.mark.slow)])
 def test_a_run_over_topics_is_the_same_again_and_the_same_as_in_one_process(
     ros_domain: int, tmp_path: Path, ground: str
 ) -> None:

@@ -223,7 +223,7 @@ def test_each_parameter_says_what_it_is_and_how_far_it_goes(ros: Ros, node_class
 
 def test_bad_parameters_are_refused_with_a_sentence(ros: Ros) -> None:
     scene = Scene(ros)
-    with pytest.raises(ParameterError, match="sourze.*source"):
+    with pytest.raises(ParameterError, match=r"sourze.*source"):
         scene.machine(sourze=2)
     with pytest.raises(ConfigError, match="nothing"):
         scene.machine(machine="nothing.yaml")
@@ -238,8 +238,9 @@ def test_a_tick_that_does_not_fit_ends_the_node_with_a_sentence(ros: Ros) -> Non
 
 # What it is told.
 
+FRONT = [0.1, 0.2, -0.3, 0.4]
 MOVED = [
-    ("front_velocity_controller/commands", floats(0.1, 0.2, -0.3, 0.4), [0.1, 0.2, -0.3, 0.4, 0, 0]),
+    ("front_velocity_controller/commands", floats(*FRONT), [*FRONT, 0, 0]),
     ("track_velocity_controller/commands", floats(0.5, -0.25), [0, 0, 0, 0, 0.5, -0.25]),
     ("joint_commands", joints(["arm", "left_track"], velocity=[0.2, 0.3]), [0, 0, 0.2, 0, 0.3, 0]),
     ("cmd_vel", twist(0.6, 0.1), [0, 0, 0, 0, 0.6 - 0.05 * GAUGE, 0.6 + 0.05 * GAUGE]),

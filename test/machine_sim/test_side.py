@@ -25,6 +25,12 @@ class Books:
         self.exchange = SoilExchange(GRID, lambda: np.full(GRID.shape, self.height))
         self.said: list[object] = []
 
+    @property
+    def header(self) -> MachineHeader:
+        """What the machine said of its latest tick."""
+        (header,) = (each for each in self.said if isinstance(each, MachineHeader))
+        return header
+
     def to_soil(self) -> None:
         self.said = self.side.take_outbox()
         for message in self.said:
@@ -81,10 +87,9 @@ def test_a_tick_sends_header_and_sweep_and_waits_for_the_answer(
     assert not side.ready
     assert side.poll() is None
     books.to_soil()
-    header, sweep = books.said
-    assert isinstance(header, MachineHeader)
+    header = books.header
     assert (header.tick, header.verb) == (1, Verb.STEP)
-    assert isinstance(sweep, RowChunk)
+    (sweep,) = (each for each in books.said if isinstance(each, RowChunk))
     assert (sweep.stream, sweep.rows.size) == (Stream.SWEEP, header.sweeps.count)
     with pytest.raises(ExchangeError, match="waiting"):
         side.step()
@@ -108,8 +113,7 @@ def test_totals_in_the_header_are_those_after_the_answer(side: MachineSide, book
     side.poll()
     side.step()
     books.to_soil()
-    header = books.said[0]
-    assert isinstance(header, MachineHeader)
+    header = books.header
     assert header.pending_mm3 + header.particles_mm3 == 5_000_000
     assert header.conversions_received == 1
 
@@ -117,7 +121,7 @@ def test_totals_in_the_header_are_those_after_the_answer(side: MachineSide, book
 def test_who_leaves_is_not_ready_again_and_says_so(side: MachineSide, books: Books) -> None:
     side.step(leave=True)
     books.answer()
-    assert books.said[0].verb is Verb.LEAVE  # type: ignore[attr-defined]
+    assert books.header.verb is Verb.LEAVE
     assert side.poll() is not None
     assert not side.ready
     assert not side.exchange.joined
@@ -136,7 +140,7 @@ def test_who_comes_back_brings_its_soil_and_is_given_what_it_is_owed(
     side.join()
     books.height = 0.5
     books.to_soil()
-    assert books.said[0].verb is Verb.RETURN  # type: ignore[attr-defined]
+    assert books.header.verb is Verb.RETURN
     books.answer()
     assert side.ready
     assert side.sim.pending.total_mm3 + side.sim.particles.total_volume_mm3 == 3_000_040

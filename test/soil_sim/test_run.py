@@ -22,9 +22,7 @@ class Timeline:
 
     def __init__(self, *machines: int, **params: Any) -> None:
         given = {"expected_machines": machines, "machine_timeout": 1.0, "tick": TICK, **params}
-        self.run = SoilRun(
-            flat(flat_soil().grid), SoilParams(), SoilNodeParams(**given), epoch=7
-        )
+        self.run = SoilRun(flat(flat_soil().grid), SoilParams(), SoilNodeParams(**given), epoch=7)
         self.machines = {source: MachineExchange(source, epoch=7) for source in machines}
         self.now = 100.0
         for machine in self.machines.values():

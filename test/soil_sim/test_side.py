@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from support.soil_scenes import bucket_sweep, flat_soil, landings
@@ -49,7 +51,7 @@ class Digger:
     def dig(self) -> SoilTick:
         """Pushes a bucket into the ground; returns the last tick."""
         done = None
-        for (x0, z0), (x1, z1) in zip(DOWN, DOWN[1:], strict=False):
+        for (x0, z0), (x1, z1) in pairwise(DOWN):
             self.send(bucket_sweep((x0, 0.0, z0), (x1, 0.0, z1)))
             done = self.side.advance()
             self.take()

@@ -16,7 +16,6 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Int64MultiArray
 from std_srvs.srv import SetBool, Trigger
-from support.machine_scenes import excavator
 
 from machine_sim.machine import MachineDescription
 from machine_sim.machine.kinematics import arm_angles
@@ -28,6 +27,7 @@ from msg_bridge.config_files import find_config
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.testing.ros import Ros
 from soil_sim.node import SoilNode
+from support.machine_scenes import excavator
 
 TICK = 0.01
 SITE: dict[str, Any] = {"site.terrain": "flat", "site.points": 65, "site.cell": 0.4}

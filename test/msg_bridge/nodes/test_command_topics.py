@@ -43,9 +43,7 @@ class Board:
     ) -> None:
         self._take("joints", list(names), list(velocity), list(position), now, stamp, sim_now)
 
-    def twist(
-        self, linear: float, angular: float, now: float, *, stamp: Any, sim_now: Any
-    ) -> None:
+    def twist(self, linear: float, angular: float, now: float, *, stamp: Any, sim_now: Any) -> None:
         self._take("twist", linear, angular, now, stamp, sim_now)
 
     def joy(self, axes: Any, buttons: Any, now: float, *, stamp: Any, sim_now: Any) -> None:

@@ -73,9 +73,7 @@ def digging(ros: Ros, tmp_path: Path) -> Scene:
     return scene
 
 
-def test_the_terrain_is_followed_tick_by_tick_from_the_beginning(
-    ros: Ros, tmp_path: Path
-) -> None:
+def test_the_terrain_is_followed_tick_by_tick_from_the_beginning(ros: Ros, tmp_path: Path) -> None:
     viewer = ros.add(Viewer)
     scene = Scene(ros)
     options = {"commands.command_timeout": 60.0, "machine": machine_file(tmp_path, ready_to_dig())}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from earthmoving_sim.bag_words import BagOutcomeError
+from earthmoving_sim.from_bag.words import BagOutcomeError
 from msg_bridge.codec.terrain import TerrainMap
 from msg_bridge.contract.messages import RowChunk, SoilHeader, Stream
 from msg_bridge.contract.rows import Rows

@@ -9,8 +9,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from earthmoving_sim.bag_run import MachineState, Phase
-from earthmoving_sim.bag_words import BagOutcomeError
+from earthmoving_sim.from_bag.run import MachineState, Phase
+from earthmoving_sim.from_bag.words import BagOutcomeError
 from earthmoving_sim.outcome import PATH_EVERY
 from machine_sim.machine import MachineDescription, load_description, rotation_matrix, tool_pose
 from msg_bridge.config_files import ConfigError, find_config

@@ -19,10 +19,10 @@ from visualization_msgs.msg import (  # type: ignore[import-untyped, import-not-
     MarkerArray,
 )
 
-from earthmoving_sim.bag_machine import lip_path, machine_of_config, shoe_poses
-from earthmoving_sim.bag_run import RunTold, read_run
-from earthmoving_sim.bag_terrain import RecordedTerrain
-from earthmoving_sim.bag_words import MACHINE_CONFIG, PHASE, BagOutcomeError, words_of_run
+from earthmoving_sim.from_bag.machine import lip_path, machine_of_config, shoe_poses
+from earthmoving_sim.from_bag.run import RunTold, read_run
+from earthmoving_sim.from_bag.terrain import RecordedTerrain
+from earthmoving_sim.from_bag.words import MACHINE_CONFIG, PHASE, BagOutcomeError, words_of_run
 from earthmoving_sim.machine_shape import machine_faces, machine_outline
 from earthmoving_sim.outcome import Outcome
 from machine_sim.machine import rotation_matrix

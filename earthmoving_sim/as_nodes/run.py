@@ -18,9 +18,9 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 
+from earthmoving_sim.as_nodes.parameters import write_node_parameters
+from earthmoving_sim.as_nodes.processes import NodeProcess, NodeProcessError, stop_all
 from earthmoving_sim.dig_run import LOOK_EVERY
-from earthmoving_sim.node_parameters import write_node_parameters
-from earthmoving_sim.node_processes import NodeProcess, NodeProcessError, stop_all
 from earthmoving_sim.run_config import RunConfig
 from earthmoving_sim.site import refuse_landslide
 from msg_bridge.dds import use_shipped_profile

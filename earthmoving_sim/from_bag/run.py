@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from earthmoving_sim.bag_words import (
+from earthmoving_sim.from_bag.words import (
     CONFIG,
     CYCLES,
     DIAGNOSTICS,
