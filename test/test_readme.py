@@ -1,12 +1,22 @@
 """The README's code runs as it stands."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+from sensor_msgs.msg import JointState
+
+from machine_sim.node import MachineNode
+from msg_bridge.codec.qos import STATE
+from soil_sim.node import SoilNode
 
 README = Path(__file__).resolve().parents[1] / "README.md"
-EXAMPLES = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+CODE = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+CONTROLLERS = [code for code in CODE if "rclpy.spin" in code]
+TESTS = [code for code in CODE if "def test_" in code]
+EXAMPLES = [code for code in CODE if code not in CONTROLLERS + TESTS]
 
 
 @pytest.mark.parametrize("example", EXAMPLES)
@@ -15,8 +25,33 @@ def test_example_runs(example: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out
 
 
-def test_there_is_an_example() -> None:
+def test_there_is_an_example_of_each() -> None:
     assert EXAMPLES
+    assert len(CONTROLLERS) == len(TESTS) == 1
+
+
+def test_the_controller_moves_the_machine(ros, ros_process) -> None:
+    ros.add(SoilNode, parameters={"site.terrain": "flat", "site.points": 65})
+    ros.add(MachineNode)
+    states = ros.collect("/excavator/joint_states", JointState, STATE)
+    ros.spin_until(lambda: states, what="the machine")
+    home = states[0].position
+    ros_process([sys.executable, "-c", CONTROLLERS[0]])
+    ros.spin_until(
+        lambda: (
+            states[-1].position[0] > home[0] + 0.05 and states[-1].position[1] < home[1] - 0.03
+        ),
+        what="swing to the left, boom up",
+    )
+
+
+def test_the_test_passes(tmp_path: Path) -> None:
+    (tmp_path / "conftest.py").write_text('pytest_plugins = ["msg_bridge.testing.fixtures"]')
+    (tmp_path / "test_it.py").write_text(TESTS[0])
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "1 passed" in done.stdout
 
 
 def test_pictures_are_there() -> None:
