@@ -24,7 +24,10 @@ def generate_launch_description() -> LaunchDescription:
     soil = {"sync": LaunchConfiguration("sync"), "site.terrain": LaunchConfiguration("terrain")}
     return LaunchDescription(
         [
-            *(DeclareLaunchArgument(name, default_value=value) for name, value in arguments.items()),
+            *(
+                DeclareLaunchArgument(name, default_value=value)
+                for name, value in arguments.items()
+            ),
             Node(
                 package=PACKAGE,
                 executable="recorder",

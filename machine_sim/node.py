@@ -122,6 +122,13 @@ class MachineNode(LeanNode):
     def _take_params(self, params: MachineNodeParams) -> None:
         self._params = params
 
+    def destroy_node(self) -> None:
+        """Free the machine, too."""
+        if self.run is not None:
+            self.run.close()
+            self.run = None
+        super().destroy_node()
+
     # Entering a run.
 
     def _on_config(self, msg: String) -> None:

@@ -26,6 +26,9 @@ __all__ = ["MachineRun", "first_life"]
 _CLOCKS_DIFFER = 2**16
 """By how much hosts may disagree on the time [s]."""
 
+_FARTHEST_AHEAD = 1.0
+"""Simulated time by which a command may come ahead and still be waited for no more [s]."""
+
 
 class MachineRun:
     """One machine in one run of the soil.
@@ -104,8 +107,12 @@ class MachineRun:
         return wall if self.facts.realtime else self.sim_time
 
     def note_command(self, stamp: float) -> None:
-        """Note that a command stamped `stamp` [s] has come; it is for the tick that begins then."""
-        self._commanded = max(self._commanded, round(stamp / self.facts.tick))
+        """Note that a command stamped `stamp` [s] has come; it is for the tick that begins then.
+
+        A stamp of another clock, far ahead, is no answer to anything.
+        """
+        if stamp <= self.sim_time + _FARTHEST_AHEAD:
+            self._commanded = max(self._commanded, round(stamp / self.facts.tick))
 
     @property
     def may_step(self) -> bool:

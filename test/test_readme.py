@@ -38,9 +38,7 @@ def test_the_controller_moves_the_machine(ros, ros_process) -> None:
     home = states[0].position
     ros_process([sys.executable, "-c", CONTROLLERS[0]])
     ros.spin_until(
-        lambda: (
-            states[-1].position[0] > home[0] + 0.05 and states[-1].position[1] < home[1] - 0.03
-        ),
+        lambda: states[-1].position[0] > home[0] + 0.05 and states[-1].position[1] < home[1] - 0.03,
         what="swing to the left, boom up",
     )
 

@@ -287,6 +287,9 @@ class SoilExchange:
             self._lives[number] = life
         elif number in self.refused and self.refused[number].life == life:
             self._outbox.append(self.refused[number])
+        elif life < self._lives.get(number, 0) or number not in self._joining:
+            reason = f"source {number} has had life {self._lives.get(number, 0)}; join anew"
+            self._outbox.append(Refusal(self.epoch, number, life, reason))
 
     def _finish(self, source: Source) -> None:
         """Close the tick of one source: its totals, its acknowledgement, its rows."""

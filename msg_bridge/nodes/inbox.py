@@ -21,6 +21,9 @@ __all__ = ["Inbox"]
 _LOOK_AGAIN = 0.001
 """Wall time after which one looks again for what should have come [s]."""
 
+_MOST_AT_ONCE = 1000
+"""Messages of one topic taken at once: one who sends without end must not stop the node."""
+
 
 class Inbox:
     """Some of a node's subscriptions."""
@@ -78,7 +81,7 @@ class Inbox:
         taken = 0
         for subscription, take in self._takers:
             with subscription.handle:
-                while True:
+                for _ in range(_MOST_AT_ONCE):
                     found = subscription.handle.take_message(
                         subscription.msg_type, subscription.raw
                     )

@@ -206,3 +206,10 @@ def test_a_host_whose_clock_is_behind_has_rising_lives_too() -> None:
 def test_machines_that_begin_in_the_same_instant_have_lives_of_their_own() -> None:
     names = ["/excavator", *(f"/excavator_{n}" for n in range(2, 6)), "/road_header"]
     assert len({first_life(name, 100, 200.0) for name in names}) == len(names)
+
+
+def test_a_stamp_of_another_clock_is_no_answer(make: MakeRun) -> None:
+    run = make(await_commands_every=1)
+    Soil(run)
+    run.note_command(1.7e9)  # seconds since 1970
+    assert not run.may_step

@@ -256,3 +256,20 @@ def test_random_comings_and_goings_over_a_bad_transport_lose_nothing(seed: int) 
     crowd.until(lambda: crowd.soil.exchange.joined == (1, 2, 3))
     crowd.ticks(5)
     assert crowd.balanced()
+
+
+def test_a_life_that_is_over_is_refused_with_a_word() -> None:
+    crowd = Crowd(2, expected=2)
+    crowd.ticks(3)
+    first = crowd.machines[0]
+    life = first.exchange.life
+    crowd.leave(first)
+    again = BookMachine(np.random.default_rng(5), 1, life=life - 1)
+    crowd.machines[0] = again
+    crowd.connect()
+    again.exchange.join()  # with the life that the one before had
+    crowd.until(lambda: again.exchange.phase is Phase.OUT)
+    assert "has had life" in again.exchange.refusal
+    again.exchange.join()
+    crowd.until(lambda: again.exchange.joined)
+    assert crowd.balanced()
