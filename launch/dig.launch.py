@@ -1,4 +1,6 @@
-"""Soil, one excavator, the scripted operator and a recorder: `ros2 launch earthmoving_sim dig.launch.py`.
+"""Soil, one excavator, the scripted operator and a recorder.
+
+    ros2 launch earthmoving_sim dig.launch.py
 
 Arguments: `sync:=lockstep`, `operator:=false` (you drive), `record:=false`, `terrain:=FILE`.
 """

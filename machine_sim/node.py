@@ -124,8 +124,9 @@ class MachineNode(LeanNode):
 
     def destroy_node(self) -> None:
         """Free the machine, too."""
-        if self.run is not None:
-            self.run.close()
+        run = getattr(self, "run", None)  # not there if a parameter was bad
+        if run is not None:
+            run.close()
             self.run = None
         super().destroy_node()
 
@@ -137,7 +138,7 @@ class MachineNode(LeanNode):
         except EarthmovingError as error:
             self.diagnostics.refuse("/sim/config", str(error))
             return
-        self._carrier.cell = self._facts.cell
+        self._carrier.maps.set_cell(self._facts.cell)
         self._begin_if_new()
 
     def _receive(self, message: Message) -> None:

@@ -257,7 +257,7 @@ class SoilNode(LeanNode):
                 f"{who}: the soil goes on without it; what it holds is absent until it is back"
             )
         else:
-            text = f"{who}: the soil waits; start it again, or begin anew by /sim/reset"
+            text = f"{who}: the soil waits; start it again, or go on without it by /soil/release"
             self.get_logger().warning(text, throttle_duration_sec=1.0)
 
     # Services.
@@ -321,13 +321,16 @@ class SoilNode(LeanNode):
         return response
 
     def _release(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        sources = ", ".join(map(str, self.run.side.release_absent()))
-        response.success = bool(sources)
-        response.message = (
-            f"what machines {sources} held becomes terrain in the next tick"
-            if sources
-            else "no machine has left any soil behind"
-        )
+        given_up = self.run.give_up_silent(time.monotonic(), self._carrier.heard)
+        released = self.run.side.release_absent()
+        said = []
+        if given_up:
+            said.append(f"the run goes on without machines {', '.join(map(str, given_up))}")
+        if released:
+            sources = ", ".join(map(str, released))
+            said.append(f"what machines {sources} held becomes terrain in the next tick")
+        response.success = bool(said)
+        response.message = "; ".join(said) or "no machine has left any soil behind"
         self._advance()
         return response
 

@@ -132,6 +132,21 @@ class SoilRun:
                 found.append(Silence(source, seconds, dropped=self.realtime))
         return found
 
+    def give_up_silent(self, now: float, heard: dict[int, float]) -> tuple[int, ...]:
+        """Go on without machines that have been waited for too long; what they hold is absent.
+
+        Args:
+            now, heard: as for `silent`.
+
+        Returns:
+            Which.
+        """
+        given_up = [silence.source for silence in self.silent(now, heard)]
+        for source in given_up:
+            if source in self.side.exchange.joined:
+                self.side.exchange.drop(source)
+        return tuple(given_up)
+
     def _begin(self, epoch: int) -> None:
         soil = Soil(self._site.grid, self._site.heights, self._soil_params)
         self.side = SoilSide(soil, expected=self.params.expected_machines, epoch=epoch)

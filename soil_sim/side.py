@@ -6,6 +6,7 @@ What a node runs over topics and a world of one process runs directly. Messages 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -117,7 +118,9 @@ class SoilSide:
     def _step(self, tick: TickInput) -> SoilStep:
         for row in tick.sweeps[tick.sweeps["pair"] == 0]:
             place = (float(row["x1"]), float(row["y1"]), float(row["z1"]))
-            self._places[int(row["source"])] = place
+            # Rows are judged later; soil cannot be put down at a place that is none.
+            if all(map(math.isfinite, place)):
+                self._places[int(row["source"])] = place
         released = [self._released(source) for source in self._still_absent()]
         self._releasing = []
         landed = np.concatenate([tick.landed, *released])

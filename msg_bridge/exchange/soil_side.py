@@ -41,6 +41,9 @@ from msg_bridge.exchange.streams import Outgoing
 
 __all__ = ["SoilExchange", "TickInput"]
 
+_LAST_SOURCE, _LAST_LIFE = 2**16 - 1, 2**32 - 1
+"""What fits the fields of rows."""
+
 
 @dataclass(frozen=True)
 class TickInput:
@@ -132,8 +135,8 @@ class SoilExchange:
                 self._receive_join(message)
             elif message.tick <= self.tick + 1:
                 source = self._alive(message.source, message.life)
-                if source is not None:
-                    source.take_header(message)
+                if source is not None and self._last is not None:
+                    source.take_header(message, self._last.conversions.last)
         elif isinstance(message, RowChunk):
             source = self._alive(message.source, message.life)
             if source is not None:
@@ -274,6 +277,11 @@ class SoilExchange:
 
     def _receive_join(self, header: MachineHeader) -> None:
         number, life = header.source, header.life
+        if not (1 <= number <= _LAST_SOURCE and 1 <= life <= _LAST_LIFE):
+            raise ExchangeError(
+                f"source {number} asks to join in life {life}; give it a source from 1 to"
+                f" {_LAST_SOURCE} and a life from 1 to {_LAST_LIFE}"
+            )
         if self._alive(number, life) is not None:
             if self._last is not None:  # its welcome was lost
                 self._outbox.append(self._last)

@@ -16,6 +16,9 @@ from msg_bridge.exchange.streams import Incoming, Outgoing, check_span
 
 __all__ = ["Source"]
 
+_MOST_HELD = 2**53
+"""Soil that one machine may say it holds [mm^3], nine million cubic metres: sums stay int64."""
+
 
 class Source:
     """One life of a joined machine: its rows, its word on the tick, and what it is owed.
@@ -51,16 +54,31 @@ class Source:
             self.source, self.life, received, received, self.owed_count, self.taken
         )
 
-    def take_header(self, header: MachineHeader) -> None:
+    def take_header(self, header: MachineHeader, published: int) -> None:
         """Take its word on its next tick; one that was taken says nothing new.
 
+        Args:
+            header: its word.
+            published: last conversion row published so far.
+
         Raises:
-            ExchangeError: it counts its rows wrongly.
+            ExchangeError: it counts its rows wrongly, or tells what cannot be.
         """
         if header.tick <= self.taken:
             return
         check_span(header.sweeps, self.sweeps)
         check_span(header.landed, self.landed)
+        if not all(0 <= held <= _MOST_HELD for held in (header.pending_mm3, header.particles_mm3)):
+            raise ExchangeError(
+                f"machine {self.source} says it holds {header.pending_mm3} + {header.particles_mm3}"
+                f" mm^3 of soil; each must be 0 to {_MOST_HELD}"
+            )
+        had = self._answer.conversions.last
+        if not had <= header.conversions_received <= published:
+            raise ExchangeError(
+                f"machine {self.source} says it has applied conversion row"
+                f" {header.conversions_received}; it had {had} before, and {published} is the last"
+            )
         self.header = header
 
     def take_rows(self, chunk: RowChunk) -> None:

@@ -8,6 +8,6 @@
 - `wire`: messages of the exchange from their bytes
 - `soil_carrier`, `machine_carrier`: the exchange over topics, at either end; `topics` names them
 - `soil_topics`, `machine_topics`, `command_topics`: what is told to everybody, and what is heard
-- `terrain_listener`: the terrain, followed by its public topics
+- `terrain_listener`: the terrain, followed by its public topics; `map_reader`: its maps
 - `listeners`: whether those who are to miss nothing are listening
 """

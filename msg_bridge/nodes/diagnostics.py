@@ -22,6 +22,9 @@ REFUSAL_WARNS_FOR = 10.0
 _PERIOD = 1.0  # s between publications, wall time
 _LOG_PERIOD = 1.0  # s between two log lines about one topic
 
+_LONGEST_REASON = 500
+"""Characters shown of a reason: it may quote a message of any size, and is published again."""
+
 
 class Level(IntEnum):
     """How a node is, as in `diagnostic_msgs/DiagnosticStatus`."""
@@ -101,6 +104,8 @@ class Diagnostics:
             reason: a sentence for its sender.
         """
         now = self._now()
+        if len(reason) > _LONGEST_REASON:
+            reason = f"{reason[:_LONGEST_REASON]} ..."
         self.count(f"refused {topic}")
         self.set(f"last refused {topic}", reason)
         refusals = self._refusals.get(topic)

@@ -14,10 +14,10 @@ from std_msgs.msg import Int64MultiArray, String
 from msg_bridge.codec import qos
 from msg_bridge.codec.chunks import chunk_to_cdr
 from msg_bridge.codec.headers import from_refusal_string, message_to_cdr
-from msg_bridge.codec.terrain import from_terrain_cloud
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import Message, Resend, RowChunk, SoilHeader, Stream
 from msg_bridge.nodes.inbox import Inbox
+from msg_bridge.nodes.map_reader import MapReader
 from msg_bridge.nodes.topics import (
     MAP_FRAME,
     MAP_TOPIC,
@@ -39,7 +39,7 @@ class MachineCarrier:
     """Topics of the exchange as a machine uses them.
 
     Attributes:
-        cell: side length of a column [m] once known, so that maps are read exactly; None before.
+        maps: to be told the side length of a column once that is known.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class MachineCarrier:
             receive: takes each message; may raise ExchangeError.
             refuse: told topic and reason of a message that cannot be taken.
         """
-        self.cell: float | None = None
+        self.maps = MapReader(receive, refuse)
         self._receive = receive
         self._refuse = refuse
         self._tick = node.create_publisher(Int64MultiArray, SOIL_TICK_TOPIC, qos.ROWS)
@@ -85,7 +85,7 @@ class MachineCarrier:
         owed = partial(read_chunk, stream=Stream.OWED)
         subscribe(PointCloud2, OWED_TOPIC, qos.ROWS, owed)
         subscribe(String, REFUSALS_TOPIC, qos.ROWS, from_refusal_string, raw=False)
-        subscribe(PointCloud2, MAP_TOPIC, qos.LATCHED, self._keyframe, raw=False)
+        inbox.subscribe(PointCloud2, MAP_TOPIC, qos.LATCHED, self.maps.read)
 
     def send(self, messages: Iterable[Message], stamp: Time) -> None:
         """Publish what the machine has to say; rows are stamped with the end of their tick."""
@@ -100,9 +100,6 @@ class MachineCarrier:
             self._receive(decode(msg))
         except ExchangeError as error:
             self._refuse(topic, str(error))
-
-    def _keyframe(self, msg: PointCloud2) -> Message:
-        return from_terrain_cloud(msg, cell=self.cell).keyframe
 
 
 def _soil_word(data: bytes) -> Message:

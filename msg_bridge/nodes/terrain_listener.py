@@ -6,17 +6,18 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Int64MultiArray
 
 from msg_bridge.codec import qos
-from msg_bridge.codec.terrain import from_terrain_cloud
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import Message, Stream
 from msg_bridge.exchange.follower import TerrainFollower
 from msg_bridge.nodes.inbox import Inbox
+from msg_bridge.nodes.map_reader import MapReader
 from msg_bridge.nodes.topics import MAP_TOPIC, STREAM_TOPIC, TICK_TOPIC
 from msg_bridge.nodes.wire import read_array, read_chunk
 
@@ -31,6 +32,7 @@ class TerrainListener:
 
     Attributes:
         follower: grid, elevation and revision of the terrain, and the tick they are of.
+        maps: can be told the side length of a column, and must be if it has more than 6 digits.
     """
 
     def __init__(
@@ -50,6 +52,7 @@ class TerrainListener:
         """
         self.follower = TerrainFollower()
         self._resynced, self._refuse = resynced, refuse
+        self.maps = MapReader(self.follower.receive, refuse, guess=True)
         self._seen = -1
 
         def subscribe(
@@ -59,10 +62,12 @@ class TerrainListener:
             inbox.subscribe(kind, topic, profile, take, wakes=False, raw=raw)
 
         changes, rows = STREAM_TOPIC[Stream.CHANGED], partial(read_chunk, stream=Stream.CHANGED)
-        subscribe(PointCloud2, MAP_TOPIC, qos.LATCHED, _keyframe, raw=False)
+        inbox.subscribe(PointCloud2, MAP_TOPIC, qos.LATCHED, self.maps.read, wakes=False)
         subscribe(PointCloud2, changes, qos.ROWS, rows, raw=True)
         subscribe(Int64MultiArray, TICK_TOPIC, qos.ROWS, _soil_word, raw=True)
-        node.create_timer(_STALLED, self._on_stall)
+        # A timer of the node's own clock would stop with simulation time.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(_STALLED, self._on_stall, clock=steady)
 
     def _take(self, topic: str, decode: Callable[[Any], Any], msg: Any) -> None:
         try:
@@ -75,10 +80,6 @@ class TerrainListener:
         self._seen = self.follower.tick
         if stalled and self.follower.resync():
             self._resynced()
-
-
-def _keyframe(msg: PointCloud2) -> Message:
-    return from_terrain_cloud(msg).keyframe
 
 
 def _soil_word(data: bytes) -> Message:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Int64MultiArray
 
 from msg_bridge.codec.chunks import chunk_of_cdr, from_chunk_cloud
+from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.headers import ArrayMessage, from_multi_array, message_of_cdr
 from msg_bridge.contract.messages import RowChunk, Stream
 
@@ -21,7 +24,7 @@ def read_array(data: bytes) -> ArrayMessage:
     """
     found = message_of_cdr(data)
     if found is None:
-        return from_multi_array(deserialize_message(data, Int64MultiArray))
+        return from_multi_array(_deserialized(data, Int64MultiArray))
     return found
 
 
@@ -33,5 +36,19 @@ def read_chunk(data: bytes, stream: Stream) -> RowChunk:
     """
     found = chunk_of_cdr(data, stream)
     if found is None:
-        return from_chunk_cloud(deserialize_message(data, PointCloud2), stream)
+        return from_chunk_cloud(_deserialized(data, PointCloud2), stream)
     return found
+
+
+def _deserialized(data: bytes, kind: Any) -> Any:
+    """A message as an object.
+
+    Raises:
+        CodecError: its bytes are not of that kind: cut short, say.
+    """
+    try:
+        return deserialize_message(data, kind)
+    except (RuntimeError, MemoryError) as error:  # rclpy's RMWError is a RuntimeError
+        raise CodecError(
+            f"{len(data)} bytes are no {kind.__name__}: they are cut short or of another type"
+        ) from error

@@ -56,7 +56,16 @@ def test_an_ordinary_png_digs_with_its_height_range(
         raise StopHereError
 
     monkeypatch.setattr("earthmoving_sim.dig_run.DigRun", stop)
-    arguments = ["demo", "--terrain", str(picture), "--cell", "0.6", "--out", str(tmp_path)]
+    arguments = [
+        "demo",
+        "--in-process",
+        "--terrain",
+        str(picture),
+        "--cell",
+        "0.6",
+        "--out",
+        str(tmp_path),
+    ]
     with pytest.raises(StopHereError):
         main([*arguments, "--height-range", "2", "4"])
     assert seen[0].heights[0, 0] == pytest.approx(3.0, abs=1e-3)

@@ -1,28 +1,61 @@
 """The demo as a user runs it, with its default settings."""
 
+import os
 import re
 import subprocess
 import sys
 
 import pytest
 
+from msg_bridge.audit import audit_bag
+from msg_bridge.testing.domain import own_domain
+
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
+STATE = re.compile(r"state +([0-9a-f]{64}) after tick (\d+)")
 CYCLE = re.compile(r"^ *(\d+) +(\d+) +([\d.]+) +(\d+) +(\d+) +([\d.]+) +([\d.]+)$", re.MULTILINE)
 
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    """The finished process and the folder it ran in."""
+    """The finished process and the folder it ran in: four nodes in a domain of their own."""
     folder = tmp_path_factory.mktemp("demo")
-    command = [sys.executable, "-m", "earthmoving_sim", "demo"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=850)
-    return done, folder
+    with own_domain() as domain:
+        return run_demo(folder, domain), folder
+
+
+@pytest.fixture(scope="module")
+def in_process(tmp_path_factory):
+    """The same in one process."""
+    return run_demo(tmp_path_factory.mktemp("in_process"), 0, "--in-process", "--no-pictures")
+
+
+def run_demo(folder, domain, *options):
+    command = [sys.executable, "-m", "earthmoving_sim", "demo", *options]
+    env = {
+        **os.environ,
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+    }
+    return subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=850, env=env)
 
 
 def test_demo_succeeds(demo):
     done, _ = demo
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_audit_of_the_bag_finds_every_cubic_millimetre(demo):
+    (bag,) = (demo[1] / "bags").iterdir()
+    report = audit_bag(bag)
+    assert report.sound, report.findings
+    assert [epoch.worst_imbalance_mm3 for epoch in report.epochs] == [0]
+    assert report.epochs[0].ticks > 10_000
+
+
+def test_nodes_and_one_process_end_in_the_same_state(demo, in_process):
+    states = [STATE.search(done.stdout).groups() for done in (demo[0], in_process)]
+    assert states[0] == states[1]
 
 
 def test_demo_loses_no_soil(demo):
