@@ -176,8 +176,7 @@ def _positions(grid: Grid) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
 def _grid_of(cells: Rows, cell: float | None) -> Grid:
     """The grid whose points these are; of those to be told apart by float32, the roundest."""
     rows, cols = cells.shape
-    span = float(cells["x"][0, 0]) - float(cells["x"][-1, 0])
-    guess = span / (rows - 1)
+    guess = _likely_cell(cells["x"][:, 0], cells["y"][0])
     candidates = [float(f"{guess:.{n}g}") for n in range(1, 18)] if cell is None else [cell]
     for candidate in candidates:
         try:
@@ -193,6 +192,18 @@ def _grid_of(cells: Rows, cell: float | None) -> Grid:
         f"the cloud's x and y are not those of {rows} x {cols} cells of {wanted} around the origin,"
         " from +x, +y on"
     )
+
+
+def _likely_cell(*axes: NDArray[np.float32]) -> float:
+    """The middle of all side lengths [m] that float32 rounds to these positions of rows, cols."""
+    position = np.concatenate(axes)
+    steps = np.concatenate([0.5 * (axis.size - 1) - np.arange(axis.size) for axis in axes])
+    off = steps != 0.0
+    position, steps = position[off], steps[off]
+    with np.errstate(invalid="ignore"):  # whatever a stranger sent: the guess is checked
+        nearest = position.astype(np.float64) / steps
+        spread = 0.5 * np.spacing(np.abs(position)).astype(np.float64) / np.abs(steps)
+        return 0.5 * float(np.max(nearest - spread) + np.min(nearest + spread))
 
 
 def _constant(cells: Rows, name: str) -> int:

@@ -56,9 +56,9 @@ class MachineCarrier:
             receive: takes each message; may raise ExchangeError.
             refuse: told topic and reason of a message that cannot be taken.
         """
-        self.maps = MapReader(receive, refuse)
         self._receive = receive
         self._refuse = refuse
+        self.maps = MapReader(lambda keyframe: self._receive(keyframe), refuse)
         self._tick = node.create_publisher(Int64MultiArray, SOIL_TICK_TOPIC, qos.ROWS)
         self._rows = {
             stream: node.create_publisher(PointCloud2, STREAM_TOPIC[stream], qos.ROWS)

@@ -32,7 +32,7 @@ class TerrainListener:
 
     Attributes:
         follower: grid, elevation and revision of the terrain, and the tick they are of.
-        maps: can be told the side length of a column, and must be if it has more than 6 digits.
+        maps: to be told the side length of a column where it must be exact; see `MapReader`.
     """
 
     def __init__(
