@@ -250,7 +250,7 @@ class MachineNode(LeanNode):
         elif exchange.phase is Phase.READY and not run.may_step:
             self._tell(run, run.tick)  # a controller that has just come must see the state
             self._topics.state_hash(run.tick, run.sim.state_hash())
-        elif stuck:
+        if stuck and exchange.phase is not Phase.OUT:
             exchange.remind()
             self._send(run)
 

@@ -91,8 +91,11 @@ class SoilRun:
         paced = self.realtime and began
         late = paced and self.pace.overdue
         # A step that is asked for is done even if nobody takes part.
-        alone = began and (paced or self.paused) and not self.side.exchange.joined
+        free = paced or self.paused or self._parting
+        alone = began and free and not self.side.exchange.joined
         done = self.side.advance(wait=not (late or alone))
+        if done is not None:
+            self._parting = False
         if paced and done is not None:
             self.pace.done(now)
         return done
@@ -135,6 +138,8 @@ class SoilRun:
     def give_up_silent(self, now: float, heard: dict[int, float]) -> tuple[int, ...]:
         """Go on without machines that have been waited for too long; what they hold is absent.
 
+        A tick is done even if nobody is left, so that one that lives after all learns of it.
+
         Args:
             now, heard: as for `silent`.
 
@@ -145,12 +150,14 @@ class SoilRun:
         for source in given_up:
             if source in self.side.exchange.joined:
                 self.side.exchange.drop(source)
+                self._parting = True
         return tuple(given_up)
 
     def _begin(self, epoch: int) -> None:
         soil = Soil(self._site.grid, self._site.heights, self._soil_params)
         self.side = SoilSide(soil, expected=self.params.expected_machines, epoch=epoch)
         self._wanted = 0
+        self._parting = False  # whether a tick is owed to those who were given up
 
     @property
     def _due(self) -> bool:

@@ -267,10 +267,16 @@ class MachineExchange:
         return TickAnswer(header.tick, own[Stream.CONVERSION], own[Stream.FORCE], changed)
 
     def remind(self) -> None:
-        """Ask again for what has not come."""
-        if self._sent is None or self.phase in (Phase.OUT, Phase.READY):
+        """Ask again for what has not come.
+
+        One that takes its time over its next tick asks where the run stands: a sign of life, and
+        it learns whether the soil has gone on without it.
+        """
+        if self._sent is None or self.phase is Phase.OUT:
             return
-        if self.phase is Phase.JOINING and self._entry.welcome is not None:
+        if self.phase is Phase.READY:
+            self._ask(Stream.HEADER, RowRange(self.tick, 1))
+        elif self.phase is Phase.JOINING and self._entry.welcome is not None:
             for stream, span in self._entry.missing():
                 self._ask(stream, span)
         elif self._header is None:

@@ -26,7 +26,7 @@ def test_shipped_demo_loads():
     config = load_run_config("demo.yaml")
     assert config.soil.repose_angle == 35.0
     assert config.soil.swell == 0.15
-    assert config.particles.nominal_volume == 500_000
+    assert config.particles.nominal_volume == 1_000_000
     assert config.stepping.tick == pytest.approx(0.01)
     assert (config.operator.near, config.operator.far) == (4.4, 7.3)
     assert config.shift.cycles == 5
