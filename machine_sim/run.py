@@ -26,8 +26,8 @@ __all__ = ["MachineRun", "first_life"]
 _CLOCKS_DIFFER = 2**16
 """By how much hosts may disagree on the time [s]."""
 
-_FARTHEST_AHEAD = 1.0
-"""Simulated time by which a command may come ahead and still be waited for no more [s]."""
+_MOST_AHEAD = 2
+"""Ticks by which a command may come ahead, if not by a whole period of waiting."""
 
 
 class MachineRun:
@@ -109,10 +109,11 @@ class MachineRun:
     def note_command(self, stamp: float) -> None:
         """Note that a command stamped `stamp` [s] has come; it is for the tick that begins then.
 
-        A stamp of another clock, far ahead, is no answer to anything.
+        A stamp far ahead, of another clock or of the run before, is no answer to anything.
         """
-        if stamp <= self.sim_time + _FARTHEST_AHEAD:
-            self._commanded = max(self._commanded, round(stamp / self.facts.tick))
+        tick = round(stamp / self.facts.tick)
+        if tick <= max(self.tick, 0) + max(self._params.await_commands_every, _MOST_AHEAD):
+            self._commanded = max(self._commanded, tick)
 
     @property
     def may_step(self) -> bool:

@@ -62,6 +62,7 @@ class SoilRun:
         self.paused = params.paused
         self.held = False
         self._wanted = 0  # the last tick asked for while paused
+        self._parting = False  # whether a tick is owed to those who were given up
         self._begin(epoch)
 
     @property
@@ -157,7 +158,7 @@ class SoilRun:
         soil = Soil(self._site.grid, self._site.heights, self._soil_params)
         self.side = SoilSide(soil, expected=self.params.expected_machines, epoch=epoch)
         self._wanted = 0
-        self._parting = False  # whether a tick is owed to those who were given up
+        self._parting = False
 
     @property
     def _due(self) -> bool:

@@ -139,6 +139,7 @@ class OperatorNode(LeanNode):
             self.get_logger().info("the run has begun anew, and so does the shift")
             self._begin()
         self._facts = facts
+        self._terrain.follower.begin(facts.epoch)
         self._terrain.maps.set_cell(facts.cell)
 
     def _on_joints(self, msg: JointState) -> None:

@@ -38,6 +38,7 @@ class TerrainFollower:
 
     def __init__(self) -> None:
         self.gaps = 0
+        self._other: Keyframe | None = None  # of another run
         self._reset(0)
 
     def _reset(self, epoch: int) -> None:
@@ -62,6 +63,8 @@ class TerrainFollower:
                 self._reset(message.epoch)
             if message.epoch == self.epoch:
                 self._newest = message
+            else:
+                self._other = message
         elif message.epoch == self.epoch:
             if isinstance(message, SoilHeader) and message.tick > self.tick:
                 self._headers[message.tick] = message
@@ -75,6 +78,18 @@ class TerrainFollower:
         first = int(rows["seq"][0])
         if first not in self._chunks or self._chunks[first].size < rows.size:
             self._chunks[first] = rows
+
+    def begin(self, epoch: int) -> None:
+        """Follow this run, as `/sim/config` names it, even if its number is not larger.
+
+        A soil that was reset often and is started again may come back to a number it was beyond.
+        """
+        if epoch == self.epoch:
+            return
+        self._reset(epoch)
+        if self._other is not None and self._other.epoch == epoch:
+            self._newest = self._other
+        self._go_on()
 
     def resync(self) -> bool:
         """Take the newest keyframe if rows are missing; returns whether `tick` went on.

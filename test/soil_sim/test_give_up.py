@@ -74,16 +74,17 @@ def test_a_tick_is_done_even_if_nobody_is_left_so_that_one_that_lives_comes_back
 def test_what_swept_nowhere_last_is_released_where_it_swept_before() -> None:
     side = SoilSide(flat_soil())
     (machine,) = join(side, 1)
+    done = None
     for sweeps, leave in ((STILL.copy(), False), (STILL.copy(), True)):
         if leave:
             sweeps["x1"] = np.nan
         machine.send(sweeps, NOTHING, pending_mm3=1000, particles_mm3=0, leave=leave)
         deliver(machine, side)
         done = side.advance()
-        assert done is not None
         for message in side.take_outbox():
             machine.receive(message)
         machine.poll()
+    assert done is not None
     assert done.step.refused
     assert done.ledger.absent == 1000
     assert side.release_absent() == (1,)

@@ -284,3 +284,15 @@ def test_over_a_bad_transport_every_surface_shown_is_one_there_was(seed: int) ->
     follower.resync()
     assert sees(follower, surface, surface.tick)
     assert follower.gaps > 0
+
+
+def test_a_run_that_is_named_is_followed_even_if_its_number_is_smaller() -> None:
+    follower, old, new = TerrainFollower(), Surface(epoch=9), Surface(seed=1, epoch=4)
+    follower.receive(Keyframe(9, 0, GRID, old.heights[0]))
+    follower.receive(Keyframe(4, 0, GRID, new.heights[0]))
+    assert follower.epoch == 9
+    follower.begin(4)
+    assert follower.epoch == 4
+    assert (follower.elevation == new.heights[0]).all()
+    follower.begin(4)
+    assert follower.grid is not None
