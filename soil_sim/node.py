@@ -36,6 +36,7 @@ from soil_sim.run import Silence, SoilRun
 from soil_sim.side import SoilTick
 from soil_sim.site import SiteParams, make_site
 from soil_sim.terrain import HeightMap, save_terrain
+from soil_sim.warm import warm_up
 
 __all__ = ["SoilNode", "main"]
 
@@ -71,6 +72,7 @@ class SoilNode(LeanNode):
         self._site_params = declare_parameters(self, SiteParams, "site.")
         self._soil_params = declare_parameters(self, SoilParams, "soil.")
         self._site: HeightMap = make_site(self._site_params)
+        warm_up(self._soil_params)  # a tick that compiles would be late
         # Seconds since 1970: a soil that is started again begins a new run, not an old one.
         self.run = SoilRun(self._site, self._soil_params, self._params, epoch=int(time.time()))
         self.run.held = bool(self._params.await_listeners)

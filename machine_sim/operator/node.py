@@ -21,6 +21,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Int64MultiArray, String
 
 from machine_sim.commands import TRACK_NAMES
+from machine_sim.ground import surface_at
 from machine_sim.machine import JOINT_NAMES, load_description
 from machine_sim.operator.eyes import Eyes, Terrain
 from machine_sim.operator.moment import Moment, MomentGatherer
@@ -76,6 +77,7 @@ class OperatorNode(LeanNode):
         self._description = load_description(find_config(params.machine))
         self.diagnostics = Diagnostics(self, "operator")
         self._facts: RunFacts | None = None
+        surface_at(np.zeros((2, 2)), 0.0, 0.0, 1.0, 0.0, 0.0)  # compiled now, not at the first dig
         self._begin()
         self._commands = self.create_publisher(JointState, "joint_commands", qos.STATE)
         self._phases = self.create_publisher(String, "operator/phase", qos.ROWS)

@@ -1,0 +1,38 @@
+"""Compile every kernel before the first real tick."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.rows import LANDED, SWEEP, empty_rows
+from soil_sim.params import SoilParams
+from soil_sim.soil import Soil
+
+__all__ = ["warm_up"]
+
+_TICKS = 4
+"""Ticks of the stroke: the plate goes in, on, and the soil that fell back slips."""
+
+
+def warm_up(params: SoilParams) -> None:
+    """Dig and fill a tiny terrain; seconds with an empty cache, else much less.
+
+    Args:
+        params: of the soil to come, whose way of cutting is compiled.
+    """
+    grid = Grid(16, 16, 0.2)
+    soil = Soil(grid, np.zeros(grid.shape), params)
+    soil.state_hash()
+    landed = empty_rows(LANDED, 2)
+    landed["volume_mm3"] = 200_000_000  # steep enough to slip
+    landed["particle_id"] = (0, 1)
+    for tick in range(1, _TICKS + 1):
+        sweeps = empty_rows(SWEEP, 4)
+        sweeps["pair"] = (0, 0, 1, 1)
+        sweeps["y0"] = sweeps["y1"] = (0.5, -0.5, 0.5, -0.5)
+        sweeps["z0"] = sweeps["z1"] = (-0.3, -0.3, 0.2, 0.2)
+        sweeps["x0"], sweeps["x1"] = 0.1 * tick, 0.1 * (tick + 1)
+        soil.step(tick, sweeps, landed if tick == 1 else empty_rows(LANDED))
+    soil.step(_TICKS + 1, empty_rows(SWEEP), empty_rows(LANDED))
+    soil.state_hash()
