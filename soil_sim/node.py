@@ -92,7 +92,7 @@ class SoilNode(LeanNode):
         self._last_tick = time.monotonic()
         self._announce()
         if self._params.sync == "realtime":
-            self.create_timer(self._params.tick, self._on_time)
+            self._timer = self.create_timer(self._params.tick, self._on_time)
         self.create_timer(_REMIND_PERIOD, self._on_silence)
         on_change(self, SoilNodeParams, "", _CHANGEABLE, self._take_params)
         self.create_service(Trigger, "/sim/reset", self._reset)
@@ -113,7 +113,8 @@ class SoilNode(LeanNode):
         self.run.side.receive(message)
 
     def _on_time(self) -> None:
-        self.run.on_time(time.monotonic())
+        until_next = 1e-9 * self._timer.time_until_next_call()
+        self.run.on_time(time.monotonic() + until_next - self._params.tick)
         self._advance()
 
     def _advance(self) -> None:

@@ -6,8 +6,11 @@ import math
 
 __all__ = ["LATE", "Pace"]
 
-LATE = 0.2
-"""A tick done later than this after its time, in parts of its length, was late."""
+LATE = 0.5
+"""A tick done later than this after its time, in parts of its length, was late.
+
+Less is jitter, of timers and of processes that share a processor, and is gone by the next tick.
+"""
 
 _FURTHEST_BEHIND = 0.5
 """Lag [s] from which the schedule is moved instead of caught up with: the process was stopped, or
@@ -17,7 +20,7 @@ the host is too slow for real time."""
 class Pace:
     """A schedule of ticks by the wall clock, kept by a timer that fires once a tick.
 
-    The timer may fire a little early or late, or leave one out: what counts is the clock.
+    The timer may be served late, or leave a call out: what counts is when each call was due.
 
     Attributes:
         late: ticks that were not done when their time came.
@@ -38,11 +41,16 @@ class Pace:
         self._origin = None
         self._asked = self._done
 
-    def on_time(self, now: float) -> None:
-        """The timer fires; `now` [s] is a monotonic wall clock."""
+    def on_time(self, scheduled: float) -> None:
+        """The timer fires.
+
+        Args:
+            scheduled: when it was to fire [s], a monotonic wall clock. Served late, the first call
+                would shift the schedule against the timer, and all ticks with it.
+        """
         if self._origin is None:
-            self._origin = now - self._done * self._period
-        self._asked = math.floor((now - self._origin) / self._period + 0.5)
+            self._origin = scheduled - self._done * self._period
+        self._asked = math.floor((scheduled - self._origin) / self._period + 0.5)
         behind = self._asked - self._done
         if behind * self._period > _FURTHEST_BEHIND:
             self._origin += (behind - 1) * self._period

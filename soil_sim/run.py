@@ -75,10 +75,10 @@ class SoilRun:
         """The last tick done; -1 before the welcome, which is tick 0."""
         return self.side.tick
 
-    def on_time(self, now: float) -> None:
-        """A timer with the tick's period fires; `now` [s] is a monotonic wall clock."""
+    def on_time(self, scheduled: float) -> None:
+        """A timer with the tick's period fires; it was to at `scheduled` [s], a monotonic clock."""
         if self.realtime and self.side.tick >= 0:
-            self.pace.on_time(now)
+            self.pace.on_time(scheduled)
 
     def advance(self, now: float) -> SoilTick | None:
         """The next tick, if it is due and its parts are here; to be called until it gives None.

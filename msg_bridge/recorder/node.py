@@ -6,6 +6,7 @@ python -m msg_bridge.recorder.node --ros-args -p path:=bags/dig -p exclude:=/cam
 from __future__ import annotations
 
 import json
+import os
 import struct
 import sys
 import time
@@ -255,7 +256,14 @@ def main(args: Sequence[str] | None = None) -> int:
     Returns:
         The exit code: 0, or 2 with a sentence on stderr.
     """
-    return run_node(Recorder, args)
+    return run_node(_make, args)
+
+
+def _make() -> Recorder:
+    """A recorder with the process to itself, which may therefore yield to others."""
+    node = Recorder()
+    os.nice(int(node.get_parameter("nice").value))
+    return node
 
 
 if __name__ == "__main__":

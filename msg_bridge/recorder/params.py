@@ -39,6 +39,12 @@ class RecorderParams(Parameters):
     scan_period: float = parameter(
         0.1, "wall time between two looks for new topics", unit="s", low=0.01, high=10.0
     )
+    nice: int = parameter(
+        10,
+        "by how much it yields to other processes: who records must not make a tick late",
+        low=0,
+        high=19,
+    )
     progress: bool = parameter(
         True, "tell on the terminal how it goes: a line rewritten there, else one every 5 s"
     )
