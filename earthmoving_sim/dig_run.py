@@ -108,14 +108,14 @@ class DigRun:
 
     def _view(self) -> View:
         """What the public topics would tell, bit by bit."""
-        machine, ground = self.machine.machine, self.machine.ground
+        machine, soil = self.machine.machine, self.world.soil
         base = BaseState(*machine.base_pose, *machine.base_velocity)
         return self._eyes.see(
             self.world.tick * self._dt,
             machine.joint_positions,
             from_odometry(to_odometry(base, "base_link", Time())),
             PayloadState(*astuple(self.machine.payload)),
-            Terrain(ground.grid, ground.elevation, self.world.soil.revision),
+            Terrain(soil.grid, self.world.surface, soil.revision),
             self.world.ledger,
         )
 

@@ -2,13 +2,19 @@
 
 The same soil, machine and exchange objects that run as ROS 2 nodes, without DDS. One tick::
 
-    machines step -> exchange -> soil: cut, deposit, slip -> exchange -> machines take the answer
+    machines step -> exchange -> soil: cut, deposit, slip -> exchange -> machines take an answer
+
+It is the answer to the tick before, as it is between nodes, where soil and machines work at the
+same time: the same commands give the same run.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
 
 from machine_sim.core import MachineSim
 from machine_sim.side import MachineSide
@@ -31,7 +37,7 @@ class World:
         soil: the terrain.
         machines: by source number, from 1.
         ledger: of the last tick.
-        answers: what each machine was answered in the last tick, by source.
+        answers: the latest that each machine has taken, by source: of the tick before the last.
     """
 
     def __init__(self, soil: Soil, machines: Mapping[int, MachineSim]) -> None:
@@ -67,6 +73,11 @@ class World:
         """Number of the last tick done; 0 before the first."""
         return self._soil_side.tick
 
+    @property
+    def surface(self) -> NDArray[np.float64]:
+        """Heights [m], shape (rows, cols), to the bits that messages carry (float32)."""
+        return self.soil.columns.height.astype(np.float32).astype(np.float64)
+
     def step(self) -> Ledger:
         """Advance all machines and the soil by one tick.
 
@@ -78,9 +89,10 @@ class World:
         self.ledger = self._soil_tick()
         for source, side in self._machine_sides.items():
             answer = side.poll()
-            if answer is None:
+            if answer is not None:
+                self.answers[source] = answer
+            elif not side.ready:
                 raise ExchangeError("the direct transport lost the soil's answer")
-            self.answers[source] = answer
         return self.ledger
 
     def _soil_tick(self) -> Ledger:

@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,9 @@ from msg_bridge.contract.rows import CHANGED, LANDED, Kind, Rows, empty_rows
 __all__ = ["MachineSim", "MachineStep"]
 
 _TOOL = 0
+
+_POSES = 4
+"""Poses of the tool at the ends of ticks that are remembered."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +99,7 @@ class MachineSim:
         self._bucket = description.bucket
         self.particles.add_tool(_TOOL, self._bucket.plates(), self.machine.tool_pose)
         self.payload = payload_in(self._bucket, self.particles, _TOOL)
+        self._tool_poses = deque([self.machine.tool_pose], maxlen=_POSES)
         self.pending = PendingSoil(
             self._bucket,
             np.random.default_rng(seed),
@@ -107,15 +112,18 @@ class MachineSim:
         """Force [N] of the soil on the tool and torque about its frame's origin [N m], map axes."""
         return self.particles.tool_wrench(_TOOL)
 
-    def apply(self, conversions: Rows, changed: Rows) -> None:
+    def apply(self, conversions: Rows, changed: Rows, *, ticks_since: int = 0) -> None:
         """Take the soil's answer: parcels, landings made good, and the new surface.
 
         Args:
             conversions: CONVERSION rows of this source.
             changed: CHANGED rows.
+            ticks_since: ticks done since the one that is answered, at most 3; what was cut in that
+                one has moved on with the tool.
         """
         self.ground.update(changed["row"], changed["col"], changed["z"].astype(np.float64))
-        self.pending.receive(conversions, self.machine.tool_pose, self.tick)
+        cut_at = self._tool_poses[max(-1 - ticks_since, -len(self._tool_poses))]
+        self.pending.receive(conversions, cut_at, self.tick)
         kind = conversions["kind"]
         gone = (kind == Kind.DEPOSIT) | (kind == Kind.OUTSIDE)
         self.particles.remove(conversions["particle_id"][gone])
@@ -158,6 +166,7 @@ class MachineSim:
             self.particles.step(dt)
             if self.params.load_acts:
                 self.machine.apply_tool_wrench(*self.tool_wrench)
+        self._tool_poses.append(self.machine.tool_pose)
         self.payload = payload_in(self._bucket, self.particles, _TOOL)
         sweeps = sweep_rows(self._bucket, start, self.machine.tool_pose, tool=_TOOL)
         landed = self._land()

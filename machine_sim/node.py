@@ -223,15 +223,14 @@ class MachineNode(LeanNode):
         applied = run.command(time.monotonic())
         # Told before the step, so that who commands knows at once.
         velocities = np.concatenate([applied.joints, applied.tracks])
-        self._topics.applied(velocities, self._stamp(run, run.tick + 1))
+        self._topics.applied(velocities, self._stamp(run, run.side.next_tick))
         run.side.step(leave=self._leaving)
         self._send(run)
-        # The state after the step is known now, and the soil is at work meanwhile.
-        self._tell(run, run.tick + 1)
+        self._tell(run, run.tick)
         self._slowest = max(self._slowest, time.perf_counter() - began)
 
     def _send(self, run: MachineRun) -> None:
-        self._carrier.send(run.side.take_outbox(), self._stamp(run, max(run.tick, 0) + 1))
+        self._carrier.send(run.side.take_outbox(), self._stamp(run, max(run.tick, 0)))
 
     def _on_silence(self) -> None:
         """Ask again for what has not come; judged by what goes on, since others are heard too."""

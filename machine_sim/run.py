@@ -90,7 +90,7 @@ class MachineRun:
 
     @property
     def tick(self) -> int:
-        """The last tick answered."""
+        """The last tick done."""
         return self.side.tick
 
     @property
@@ -117,7 +117,7 @@ class MachineRun:
 
     @property
     def may_step(self) -> bool:
-        """Whether the next tick can be done: the last one answered, a command there if awaited."""
+        """Whether the next tick can be done: answers taken, and a command there if awaited."""
         every = self._params.await_commands_every
         awaits = every > 0 and not self.facts.realtime and self.tick % every == 0
         return self.side.ready and not (awaits and self._commanded < self.tick)

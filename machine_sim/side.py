@@ -29,8 +29,13 @@ class MachineSide:
 
     @property
     def tick(self) -> int:
-        """The last tick the soil answered."""
-        return self.exchange.tick
+        """The last tick done; the soil's answers are some behind."""
+        return self.exchange.sent_tick
+
+    @property
+    def next_tick(self) -> int:
+        """Number of the tick that would be done next."""
+        return self.exchange.next_tick
 
     @property
     def ready(self) -> bool:
@@ -82,10 +87,11 @@ class MachineSide:
         )
 
     def poll(self) -> TickAnswer | None:
-        """The soil's answer to the tick sent, applied to the machine; None until it is here."""
+        """The answer that is waited for, applied to the machine; None until it is here."""
         answer = self.exchange.poll()
         if answer is not None:
-            self.sim.apply(answer.conversions, answer.changed)
+            since = self.exchange.unanswered
+            self.sim.apply(answer.conversions, answer.changed, ticks_since=since)
         return answer
 
     def _enter(self) -> None:

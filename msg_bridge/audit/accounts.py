@@ -217,7 +217,10 @@ class _Books:
                     f"machine {source} comes back in tick {tick} from before the bag begins"
                 )
         if header is not None:
-            if not new and index >= self._window.first:
+            # Where the bag begins, it may lack rows between two of a machine's headers.
+            numbers = self._conversions.numbers
+            all_here = self._soil.from_start or bool((numbers[:1] <= account.received + 1).all())
+            if not new and all_here and index >= self._window.first:
                 self._check(account, header, event, int(self._soil.ticks[index]), last)
             account.report(header)
             self.reports += 1

@@ -100,6 +100,8 @@ class MachineHeader:
         conversions_durable: last conversion row the soil may forget.
         pending_mm3: parcels received and not yet particles, at the end of the tick.
         particles_mm3: live particles, frozen ones included, at the end of the tick.
+        previous: the tick it sent before this one, or was welcomed in; tells whether one between
+            is missing, since in real time a late machine leaves out numbers.
     """
 
     epoch: int
@@ -113,6 +115,7 @@ class MachineHeader:
     conversions_durable: int = 0
     pending_mm3: int = 0
     particles_mm3: int = 0
+    previous: int = -1
 
     @property
     def held_mm3(self) -> int:

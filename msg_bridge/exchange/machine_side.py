@@ -6,10 +6,11 @@ them when nothing has come for a while, and asks again for what is missing::
     OUT -- join --> JOINING -- welcome --> READY -- send --> WAITING -- answer --> READY ...
                                              '-- send(leave) --> LEAVING -- let go --> OUT
 
-A machine that leaves takes nothing more: what the soil moved for it in its last tick is owed to
-it, and comes when it joins again. A soil that does not wait (real time) may answer a tick late, in
-the header whose receipt says so, and drops a machine that has been silent for long: that one is
-OUT, and may join again with what it holds.
+It does not wait for the answer to the tick it has just sent, but for the one before (`AHEAD`):
+soil and machine work at the same time. A machine that leaves takes nothing more: what the soil
+moved for it in its last ticks is owed to it, and comes when it joins again. A soil that does not
+wait (real time) may answer a tick late, in the header whose receipt says so, and drops a machine
+that has been silent for long: that one is OUT, and may join again with what it holds.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ from msg_bridge.contract.messages import (
 from msg_bridge.contract.rows import CHANGED, CONVERSION, FORCE, Rows, empty_rows
 from msg_bridge.exchange.chunks import chunked
 from msg_bridge.exchange.entry import Entry
-from msg_bridge.exchange.streams import Incoming, Outgoing, check_span
+from msg_bridge.exchange.streams import AHEAD, Outgoing
+from msg_bridge.exchange.unanswered import Unanswered
 
 __all__ = ["MachineExchange", "Phase", "TickAnswer"]
 
@@ -56,7 +58,7 @@ class TickAnswer:
     """The soil's complete answer to a tick.
 
     Attributes:
-        tick: the tick answered.
+        tick: the soil's tick that answers; in real time a later one than was sent.
         conversions: this source's CONVERSION rows, in order.
         forces: this source's FORCE rows.
         changed: CHANGED rows newer than the keyframe.
@@ -77,6 +79,7 @@ class MachineExchange:
         life: number of its latest join.
         phase: where it stands.
         tick: the last tick answered by the soil, once joined.
+        sent_tick: the last tick sent; before any, the one it was welcomed in.
         keyframe: the terrain it joined on.
         owed: CONVERSION rows from before its return, to be applied before the first tick is sent.
         refusal: why the soil refused the latest join, empty if it did not.
@@ -97,7 +100,7 @@ class MachineExchange:
         self.epoch = epoch
         self.life = life
         self.phase = Phase.OUT
-        self.tick = -1
+        self.tick = self.sent_tick = -1
         self.keyframe: Keyframe | None = None
         self.owed: Rows = empty_rows(CONVERSION)
         self.refusal = ""
@@ -105,8 +108,7 @@ class MachineExchange:
         self._outbox: list[Message] = []
         self._applied: int | None = None  # last conversion row applied; None before any welcome
         self._sent: MachineHeader | None = None
-        self._header: SoilHeader | None = None  # the answer
-        self._spans: dict[Stream, RowRange] = {}  # rows since the answer before
+        self._let_go: SoilHeader | None = None  # the first header that lists it no more
         self._begin_life()
 
     @property
@@ -116,13 +118,23 @@ class MachineExchange:
 
     @property
     def waiting(self) -> bool:
-        """Whether a tick has been sent and not been answered in full."""
+        """Whether the next tick can only be sent once an answer has come in full."""
         return self.phase in (Phase.WAITING, Phase.LEAVING)
 
     @property
+    def next_tick(self) -> int:
+        """Number of the tick that would be sent next: in real time, those it missed are left out."""
+        return max(self.tick, self.sent_tick) + 1
+
+    @property
+    def unanswered(self) -> int:
+        """Number of ticks sent and not answered."""
+        return len(self._unanswered)
+
+    @property
     def lacks_rows(self) -> bool:
-        """Whether the header that answers the tick sent is here and rows that it counts are not."""
-        return self.waiting and self._header is not None
+        """Whether the header that is waited for is here and rows that it counts are not."""
+        return self.phase is Phase.WAITING and self._unanswered.lacks_rows
 
     def join(self, *, pending_mm3: int = 0, particles_mm3: int = 0) -> None:
         """Ask to take part from the next tick on.
@@ -172,12 +184,12 @@ class MachineExchange:
             leave: take no part after this tick.
 
         Raises:
-            ExchangeError: not joined yet, or the last tick is not answered yet.
+            ExchangeError: not joined yet, or too many ticks are not answered yet.
         """
         if self.phase is not Phase.READY:
             raise ExchangeError(
                 f"machine {self.source} is {self.phase.value}; a tick can be sent once it has"
-                " joined and the last one is answered"
+                f" joined and all but the last {AHEAD} are answered"
             )
         sweeps, sweep_range = self._sweeps.append(sweeps)
         landed, landed_range = self._landed.append(landed)
@@ -188,7 +200,7 @@ class MachineExchange:
             self.epoch,
             self.source,
             self.life,
-            self.tick + 1,
+            self.next_tick,
             Verb.LEAVE if leave else Verb.STEP,
             sweep_range,
             landed_range,
@@ -196,9 +208,14 @@ class MachineExchange:
             self._applied,
             pending_mm3,
             particles_mm3,
+            self.sent_tick,
         )
-        self.phase = Phase.LEAVING if leave else Phase.WAITING
-        self._header = None
+        self.sent_tick = self._sent.tick
+        self._unanswered.add(self._sent)
+        if leave:
+            self.phase = Phase.LEAVING
+        elif len(self._unanswered) > AHEAD:
+            self.phase = Phase.WAITING
         # The header last: who has it can expect to have the rows.
         self._post(Stream.SWEEP, sweeps)
         self._post(Stream.LANDED, landed)
@@ -219,8 +236,8 @@ class MachineExchange:
             if message.stream is Stream.OWED and mine and self.phase is Phase.JOINING:
                 self._entry.owed.add(message.rows)
                 self._enter()
-            elif message.stream in self._incoming and message.source == 0:
-                self._incoming[message.stream].add(message.rows)
+            else:
+                self._unanswered.take_rows(message)
         elif isinstance(message, Keyframe):
             if self.phase is Phase.JOINING:
                 self._entry.take_keyframe(message)
@@ -233,23 +250,17 @@ class MachineExchange:
             self._resend(message)
 
     def poll(self) -> TickAnswer | None:
-        """The answer to the tick sent, once all of it is here."""
-        header = self._header
-        if not self.waiting or header is None:
-            return None
-        if self.phase is Phase.LEAVING:
+        """The answer that is waited for, once all of it is here."""
+        if self.phase is Phase.LEAVING and self._let_go is not None:
             self.phase = Phase.OUT
             nothing = (empty_rows(CONVERSION), empty_rows(FORCE), empty_rows(CHANGED))
-            return TickAnswer(header.tick, *nothing)
-        if self._gaps():
+            return TickAnswer(self._let_go.tick, *nothing)
+        answered = self._unanswered.pop() if self.phase is Phase.WAITING else None
+        if answered is None:
             return None
-        rows = {}
-        for stream, span in self._spans.items():
-            rows[stream] = self._incoming[stream].rows(span)
-            self._incoming[stream].forget(span.last)
-        assert self._sent is not None
+        header, rows = answered.header, answered.rows
         assert self.keyframe is not None
-        self._sweeps.forget(self._sent.sweeps.last)
+        self._sweeps.forget(answered.sent.sweeps.last)
         receipt = self._receipt(header)
         if receipt is not None:
             self._landed.forget(receipt.landed_durable)
@@ -274,18 +285,21 @@ class MachineExchange:
         """
         if self._sent is None or self.phase is Phase.OUT:
             return
-        if self.phase is Phase.READY:
-            self._ask(Stream.HEADER, RowRange(self.tick, 1))
-        elif self.phase is Phase.JOINING and self._entry.welcome is not None:
-            for stream, span in self._entry.missing():
-                self._ask(stream, span)
-        elif self._header is None:
-            # Either the soil lacks part of our tick, and asks for it, or we lack its header.
-            self._outbox.append(self._sent)
-            self._ask(Stream.HEADER, RowRange(self._sent.tick, 1))
-        else:
-            for stream, span in self._gaps():
-                self._ask(stream, span)
+        if self.phase is Phase.JOINING:
+            if self._entry.welcome is None:
+                self._outbox.append(self._sent)
+                self._ask(Stream.HEADER, RowRange(self._sent.tick, 1))
+            else:
+                for stream, span in self._entry.missing():
+                    self._ask(stream, span)
+            return
+        waits = self._unanswered.without_answer()
+        # Either the soil lacks part of our tick, and asks for it, or we lack its header.
+        self._outbox.extend(waits)
+        if waits or self.phase is Phase.READY:
+            self._ask(Stream.HEADER, RowRange(waits[0].tick if waits else self.sent_tick, 1))
+        for stream, span in self._unanswered.gaps():
+            self._ask(stream, span)
 
     def take_outbox(self) -> list[Message]:
         """The messages to carry to the soil, in order; empties the box."""
@@ -297,10 +311,10 @@ class MachineExchange:
         """Streams of a life count from 1; nothing of an earlier life is left."""
         self._sweeps = Outgoing(Stream.SWEEP)
         self._landed = Outgoing(Stream.LANDED)
-        self._incoming: dict[Stream, Incoming] = {}
+        self._unanswered = Unanswered()
         self._entry = Entry()
         self._outbox = []
-        self._header = None
+        self._let_go = None
         self.keyframe = None
         self.owed = empty_rows(CONVERSION)
         self.refusal = ""
@@ -312,30 +326,17 @@ class MachineExchange:
         if self.phase is Phase.JOINING:
             if receipt is not None and self._entry.welcome is None:
                 self._entry.take_welcome(header, receipt)
-                self._incoming = {
-                    stream: Incoming(stream, span.last + 1) for stream, span in header.spans.items()
-                }
+                self._unanswered.begin(header)
                 self._enter()
-        elif self.phase in (Phase.READY, Phase.WAITING) and header.tick > self.tick:
+        elif self.phase is Phase.LEAVING:
+            if receipt is None and header.tick >= self._sent.tick:
+                self._let_go = header
+        elif header.tick > self.tick:
             if receipt is None:
                 self.phase = Phase.OUT
                 self.dropped = True
-            elif self.phase is Phase.WAITING and receipt.tick == self._sent.tick:
-                self._take_answer(header)
-        elif self.phase is Phase.LEAVING and header.tick >= self._sent.tick and receipt is None:
-            self._header = header
-
-    def _take_answer(self, header: SoilHeader) -> None:
-        """Take a header that answers the tick sent, with the rows of those that did not."""
-        if self._header is not None and header.tick <= self._header.tick:
-            return
-        assert self._sent is not None
-        spans = {}
-        for stream, span in header.spans.items():
-            since = self._incoming[stream].expected
-            check_span(span, self._incoming[stream], skipping=header.tick > self._sent.tick)
-            spans[stream] = RowRange(since, span.last + 1 - since)
-        self._header, self._spans = header, spans
+            else:
+                self._unanswered.take_header(header, receipt)
 
     def _enter(self) -> None:
         """Take part, once all that takes is here."""
@@ -345,7 +346,7 @@ class MachineExchange:
         assert entry.welcome is not None
         self.keyframe = entry.keyframe
         self.owed = entry.owed_rows()
-        self.tick = entry.welcome.tick
+        self.tick = self.sent_tick = entry.welcome.tick
         self._applied = entry.welcome.conversions.last
         self.phase = Phase.READY
 
@@ -358,17 +359,9 @@ class MachineExchange:
     def _is_me(self, source: int, life: int) -> bool:
         return source == self.source and life == self.life
 
-    def _gaps(self) -> list[tuple[Stream, RowRange]]:
-        return [
-            (stream, gap)
-            for stream, span in self._spans.items()
-            for gap in self._incoming[stream].missing(span)
-        ]
-
     def _resend(self, request: Resend) -> None:
         if request.stream is Stream.HEADER:
-            if self._sent is not None and self._sent.tick == request.first:
-                self._outbox.append(self._sent)
+            self._outbox.extend(self._unanswered.sent(request.first))
         elif request.stream in (Stream.SWEEP, Stream.LANDED):
             kept = self._sweeps if request.stream is Stream.SWEEP else self._landed
             self._post(request.stream, kept.again(RowRange(request.first, request.count)))

@@ -6,12 +6,14 @@ them and posts them to all machines::
 
     expected sources join -> answer 0 (welcome) -> poll: tick 1 complete -> answer 1 -> ...
 
-In lockstep a tick is complete with every machine's part. In real time the soil may go on without
+In lockstep a tick is complete with every machine's part. A machine may have sent the next one
+already (`AHEAD`), whose turn comes after. In real time the soil may go on without
 a late machine, whose part then counts in a later tick: its receipt tells it which.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
@@ -37,12 +39,15 @@ from msg_bridge.contract.rows import LANDED, SWEEP, Rows, empty_rows
 from msg_bridge.exchange.accounts import Accounts
 from msg_bridge.exchange.chunks import chunked
 from msg_bridge.exchange.source import Source
-from msg_bridge.exchange.streams import Outgoing
+from msg_bridge.exchange.streams import AHEAD, Outgoing
 
 __all__ = ["SoilExchange", "TickInput"]
 
 _LAST_SOURCE, _LAST_LIFE = 2**16 - 1, 2**32 - 1
 """What fits the fields of rows."""
+
+_KEPT = 64
+"""Headers that can be said again."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +104,7 @@ class SoilExchange:
         self._lives: dict[int, int] = {}
         self._out = {s: Outgoing(s) for s in (Stream.CONVERSION, Stream.CHANGED, Stream.FORCE)}
         self._last: SoilHeader | None = None
+        self._said: deque[SoilHeader] = deque(maxlen=_KEPT)
         self._taken: tuple[int, ...] = ()  # sources whose part is in the tick that was polled
         self._outbox: list[Message] = []
 
@@ -133,10 +139,10 @@ class SoilExchange:
         if isinstance(message, MachineHeader):
             if message.verb in (Verb.JOIN, Verb.RETURN):
                 self._receive_join(message)
-            elif message.tick <= self.tick + 1:
+            elif message.tick <= self.tick + 1 + AHEAD:
                 source = self._alive(message.source, message.life)
-                if source is not None and self._last is not None:
-                    source.take_header(message, self._last.conversions.last)
+                if source is not None:
+                    source.take_header(message)
         elif isinstance(message, RowChunk):
             source = self._alive(message.source, message.life)
             if source is not None:
@@ -209,12 +215,13 @@ class SoilExchange:
             receipts=(),
         )
         admitted = self._admit(header)
-        for number in self._taken:
-            if number in self._sources:
-                self._sources[number].answered(header)
+        for number, source in self._sources.items():
+            if number not in admitted:  # to them it is the welcome
+                source.told(header)
         self._taken = ()
         receipts = tuple(self._sources[n].receipt for n in self.joined)
         self._last = replace(header, receipts=receipts)
+        self._said.append(self._last)
         # The header last: who has it can expect to have the rows.
         for stream, (rows, _) in posted.items():
             self._outbox.extend(chunked(self.epoch, stream, rows))
@@ -360,8 +367,7 @@ class SoilExchange:
         wanted = RowRange(request.first, request.count)
         if request.stream is Stream.HEADER:
             # A machine that leaves is content with any header from its last tick on.
-            if self._last.tick >= request.first:
-                self._outbox.append(self._last)
+            self._outbox.extend(said for said in self._said if said.tick >= request.first)
         elif (source := self._alive(request.source, request.life)) is not None:
             if request.stream is Stream.KEYFRAME:
                 self._outbox.append(self._keyframe())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import (
     MachineHeader,
@@ -12,22 +14,22 @@ from msg_bridge.contract.messages import (
     Stream,
 )
 from msg_bridge.contract.rows import Rows
-from msg_bridge.exchange.streams import Incoming, Outgoing, check_span
+from msg_bridge.exchange.streams import AHEAD, Incoming, Outgoing, check_span
 
 __all__ = ["Source"]
 
 _MOST_HELD = 2**53
 """Soil that one machine may say it holds [mm^3], nine million cubic metres: sums stay int64."""
 
+_SHOWN = 4
+
 
 class Source:
-    """One life of a joined machine: its rows, its word on the tick, and what it is owed.
+    """One life of a joined machine: its rows, its words on its next ticks, and what it is owed.
 
     Attributes:
         source, life: whose.
         taken: the last of its ticks that was taken.
-        header: its word on the tick that is being gathered, once it has come.
-        acknowledged: the soil's rows that it certainly has, the last number by stream.
         sweeps, landed: its rows.
         owed: CONVERSION rows from before its return, numbered from 1.
         owed_count: how many.
@@ -38,13 +40,24 @@ class Source:
         self.source = source
         self.life = life
         self.taken = welcome.tick
-        self.header: MachineHeader | None = None
-        self._answer = welcome
-        self.acknowledged = _last_rows(welcome)
         self.sweeps = Incoming(Stream.SWEEP)
         self.landed = Incoming(Stream.LANDED)
         self.owed = Outgoing(Stream.OWED)
         self.owed_count = self.owed.append(owed)[1].count
+        self._words: deque[MachineHeader] = deque()  # on ticks not taken yet, the oldest first
+        # What it was told: (its tick that was answered, last rows), from what it certainly has on.
+        self._told = deque([(self.taken, _last_rows(welcome))])
+        self._ticks = deque([self.taken], maxlen=AHEAD + 2)  # taken last
+
+    @property
+    def header(self) -> MachineHeader | None:
+        """Its word on the tick that is being gathered, once it has come."""
+        return self._words[0] if self._words else None
+
+    @property
+    def acknowledged(self) -> dict[Stream, int]:
+        """The soil's rows that it certainly has, the last number by stream."""
+        return self._told[0][1]
 
     @property
     def receipt(self) -> SourceReceipt:
@@ -54,32 +67,37 @@ class Source:
             self.source, self.life, received, received, self.owed_count, self.taken
         )
 
-    def take_header(self, header: MachineHeader, published: int) -> None:
+    def take_header(self, header: MachineHeader) -> None:
         """Take its word on its next tick; one that was taken says nothing new.
 
-        Args:
-            header: its word.
-            published: last conversion row published so far.
+        Of words that come in another order than they were sent, the later one must come again.
 
         Raises:
             ExchangeError: it counts its rows wrongly, or tells what cannot be.
         """
-        if header.tick <= self.taken:
+        before = self._words[-1] if self._words else None
+        newest = self.taken if before is None else before.tick
+        if header.tick <= newest or header.previous != newest or len(self._words) > AHEAD:
             return
-        check_span(header.sweeps, self.sweeps)
-        check_span(header.landed, self.landed)
+        for stream, span, had in (
+            (self.sweeps, header.sweeps, None if before is None else before.sweeps),
+            (self.landed, header.landed, None if before is None else before.landed),
+        ):
+            expected = stream.expected if had is None else had.last + 1
+            check_span(span, stream.stream, expected)
         if not all(0 <= held <= _MOST_HELD for held in (header.pending_mm3, header.particles_mm3)):
             raise ExchangeError(
                 f"machine {self.source} says it holds {header.pending_mm3} + {header.particles_mm3}"
                 f" mm^3 of soil; each must be 0 to {_MOST_HELD}"
             )
-        had = self._answer.conversions.last
-        if not had <= header.conversions_received <= published:
+        applied = [rows[Stream.CONVERSION] for _, rows in self._told]
+        if header.conversions_received not in applied:
             raise ExchangeError(
                 f"machine {self.source} says it has applied conversion row"
-                f" {header.conversions_received}; it had {had} before, and {published} is the last"
+                f" {header.conversions_received}; the answers that it can have had end with"
+                f" {', '.join(map(str, applied[-_SHOWN:]))}"
             )
-        self.header = header
+        self._words.append(header)
 
     def take_rows(self, chunk: RowChunk) -> None:
         """Take rows it sent.
@@ -97,9 +115,10 @@ class Source:
 
     def gaps(self) -> list[tuple[Stream, RowRange]]:
         """Rows the header counts that are not here."""
-        assert self.header is not None
-        return [(Stream.SWEEP, gap) for gap in self.sweeps.missing(self.header.sweeps)] + [
-            (Stream.LANDED, gap) for gap in self.landed.missing(self.header.landed)
+        header = self.header
+        assert header is not None
+        return [(Stream.SWEEP, gap) for gap in self.sweeps.missing(header.sweeps)] + [
+            (Stream.LANDED, gap) for gap in self.landed.missing(header.landed)
         ]
 
     def complete(self) -> bool:
@@ -108,20 +127,22 @@ class Source:
 
     def finish(self) -> MachineHeader:
         """Forget the tick; returns its header."""
-        header = self.header
-        assert header is not None
+        header = self._words.popleft()
         self.sweeps.forget(header.sweeps.last)
         self.landed.forget(header.landed.last)
         self.owed = Outgoing(Stream.OWED)
         self.owed_count = 0
         self.taken = header.tick
-        self.header = None
+        self._ticks.append(header.tick)
         return header
 
-    def answered(self, header: SoilHeader) -> None:
-        """Note that `header` answers the tick just taken: sent after it had the answer before."""
-        self.acknowledged = _last_rows(self._answer)
-        self._answer = header
+    def told(self, header: SoilHeader) -> None:
+        """Note a header that is sent to it, and what it has had since it sent the tick taken."""
+        self._told.append((self.taken, _last_rows(header)))
+        # Its tick was sent after the answer to the one AHEAD + 1 before.
+        certain = self._ticks[0] if len(self._ticks) == AHEAD + 2 else self._told[0][0]
+        while self._told[0][0] < certain:
+            self._told.popleft()
 
 
 def _last_rows(header: SoilHeader) -> dict[Stream, int]:

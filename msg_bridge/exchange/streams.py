@@ -18,7 +18,14 @@ from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import STREAM_DTYPE, RowRange, Stream
 from msg_bridge.contract.rows import Rows, empty_rows
 
-__all__ = ["WINDOW", "Incoming", "Outgoing", "check_span"]
+__all__ = ["AHEAD", "WINDOW", "Incoming", "Outgoing", "check_span"]
+
+AHEAD = 1
+"""Ticks a machine is ahead of the soil's answers: while the soil works on one, it does the next.
+
+In every tick but its first it does exactly that many more than it has been answered, no matter how
+soon an answer comes: otherwise a run would not repeat.
+"""
 
 WINDOW = 4_000_000
 """Rows one tick may count, and a row may run ahead of a gap; more means a broken number."""
@@ -27,23 +34,24 @@ _MODULUS = 2**32
 _ROOM = 256
 
 
-def check_span(span: RowRange, stream: Incoming, *, skipping: bool = False) -> None:
+def check_span(span: RowRange, stream: Stream, expected: int, *, skipping: bool = False) -> None:
     """Refuse a header that counts rows no tick can have, or counts them from another start.
 
     Args:
         span: what the header counts.
-        stream: the rows that have come.
+        stream: of which rows.
+        expected: the first row that no header before it counts.
         skipping: there were headers in between that count rows, too.
 
     Raises:
         ExchangeError: saying which.
     """
-    ahead = span.first - stream.expected
+    ahead = span.first - expected
     right_start = 0 <= ahead <= WINDOW if skipping else ahead == 0
     if not 0 <= span.count <= WINDOW or not right_start:
         raise ExchangeError(
-            f"a header counts {span.count} {stream.stream.name} rows from {span.first}; rows go on"
-            f" from {stream.expected}, at most {WINDOW} in a tick"
+            f"a header counts {span.count} {stream.name} rows from {span.first}; rows go on"
+            f" from {expected}, at most {WINDOW} in a tick"
         )
 
 

@@ -80,37 +80,76 @@ def test_a_machine_is_ready_once_it_has_been_welcomed_with_the_terrain(side: Mac
     assert (side.sim.ground.elevation == 0.25).all()
 
 
-def test_a_tick_sends_header_and_sweep_and_waits_for_the_answer(
-    side: MachineSide, books: Books
-) -> None:
+def test_a_tick_sends_header_and_sweep(side: MachineSide, books: Books) -> None:
+    side.step()
+    assert (side.tick, side.exchange.tick) == (1, 0)
+    books.to_soil()
+    header = books.header
+    assert (header.tick, header.verb, header.previous) == (1, Verb.STEP, 0)
+    (sweep,) = (each for each in books.said if isinstance(each, RowChunk))
+    assert (sweep.stream, sweep.rows.size) == (Stream.SWEEP, header.sweeps.count)
+
+
+def test_the_tick_after_the_next_waits_for_the_answer(side: MachineSide, books: Books) -> None:
+    side.step()
+    assert side.ready
     side.step()
     assert not side.ready
     assert side.poll() is None
-    books.to_soil()
-    header = books.header
-    assert (header.tick, header.verb) == (1, Verb.STEP)
-    (sweep,) = (each for each in books.said if isinstance(each, RowChunk))
-    assert (sweep.stream, sweep.rows.size) == (Stream.SWEEP, header.sweeps.count)
     with pytest.raises(ExchangeError, match="waiting"):
         side.step()
+
+
+def test_an_answer_is_taken_after_the_next_tick_and_not_sooner(
+    side: MachineSide, books: Books
+) -> None:
+    side.step()
+    books.answer(parcels=(700,))
+    assert side.poll() is None
+    side.step()
+    assert side.poll() is not None
+    assert side.sim.pending.total_mm3 == 700
 
 
 def test_the_answer_becomes_pending_soil_and_new_ground(side: MachineSide, books: Books) -> None:
     side.step()
     books.answer(parcels=(5_000_000, 700), raised=0.125)
+    side.step()
     answer = side.poll()
     assert answer is not None
     assert answer.conversions.size == 2
-    assert (side.ready, side.tick) == (True, 1)
+    assert (side.ready, side.tick, side.exchange.tick) == (True, 2, 1)
     assert side.sim.pending.total_mm3 == 5_000_700
     assert side.sim.ground.elevation[0, 0] == 0.125
     assert side.poll() is None  # it is applied once
 
 
+def test_what_was_cut_moves_on_with_the_tool_until_it_is_a_particle(
+    side: MachineSide, books: Books
+) -> None:
+    side.sim.command(np.array([0.5, 0.0, 0.0, 0.0]), np.zeros(2))
+    for _ in range(30):
+        side.step()
+        books.answer()
+        side.poll()
+    side.step()
+    cut_at = side.sim.machine.tool_pose
+    books.answer(parcels=(5_000_000,))  # at the map's origin
+    side.poll()
+    side.step()
+    rotation, place = side.sim.machine.tool_pose
+    assert np.linalg.norm(place - cut_at[1]) > 0.01
+    side.poll()
+    (parcel,) = side.sim.pending._parcels.values()
+    np.testing.assert_allclose(parcel.place, cut_at[0].T @ -cut_at[1], atol=1e-12)
+
+
 def test_totals_in_the_header_are_those_after_the_answer(side: MachineSide, books: Books) -> None:
     side.step()
     books.answer(parcels=(5_000_000,))
+    side.step()
     side.poll()
+    books.answer()
     side.step()
     books.to_soil()
     header = books.header
@@ -132,7 +171,9 @@ def test_who_comes_back_brings_its_soil_and_is_given_what_it_is_owed(
 ) -> None:
     side.step()
     books.answer(parcels=(3_000_000,))
+    side.step()
     side.poll()
+    books.answer()
     side.step(leave=True)
     books.answer(parcels=(40,))  # moved in its last tick, which it does not take
     side.poll()

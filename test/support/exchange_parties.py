@@ -9,6 +9,7 @@ import numpy as np
 
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.messages import Message
 from msg_bridge.contract.rows import (
     CHANGED,
     CONVERSION,
@@ -103,6 +104,7 @@ class BookMachine:
         self.frozen: set[int] = set()
         self.born = 0
         self.applied: list[int] = []
+        self.answers: list[tuple[int, int]] = []  # (last tick sent, tick answered)
         self.rows_per_tick = 8
         self.entered = False
 
@@ -120,6 +122,7 @@ class BookMachine:
             answer = self.exchange.poll()
             if answer is None:
                 return False
+            self.answers.append((self.exchange.sent_tick, answer.tick))
             self.apply(answer.conversions)
         if not self.exchange.joined:
             self.entered = False
@@ -187,6 +190,14 @@ class Driver:
         """Go on until the soil has answered `count` more ticks."""
         goal = self.soil.exchange.tick + count
         self.until(lambda: self.soil.exchange.tick >= goal)
+
+    def held_back(self, machine: BookMachine) -> list[Message]:
+        """Messages of the machine's next tick, its header last, on their way to the soil."""
+        while True:
+            self.transport.carry()
+            self.soil.step()
+            if machine.step():
+                return machine.exchange.take_outbox()
 
     def leave(self, machine: BookMachine) -> None:
         """Let a machine leave, and wait until it is out."""

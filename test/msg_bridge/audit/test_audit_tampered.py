@@ -136,7 +136,7 @@ def test_one_mm3_in_one_conversion_row_is_found(recording, audit, kind) -> None:
     report = audit(recording.tamper_rows(Stream.CONVERSION, change, number=number))
     tick = tick_of(recording, number)
     assert Check.LEDGER in failed(report)
-    assert f"in tick {tick + 1}" in texts(report, Check.ACCOUNTS)  # when it is acknowledged
+    assert f"in tick {tick + 2}" in texts(report, Check.ACCOUNTS)  # when it is acknowledged
     if kind is not Kind.OUTSIDE:
         assert f"in tick {tick}," in texts(report, Check.TERRAIN)
     if kind is not Kind.EXCAVATE:

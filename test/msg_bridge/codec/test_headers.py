@@ -38,7 +38,7 @@ INT64 = st.one_of(st.sampled_from([-(2**63), -1, 0, 2**53 + 1, 2**63 - 1])) | st
 RANGES = st.builds(RowRange, INT64, INT64)
 RECEIPTS = st.builds(SourceReceipt, *[INT64] * 5)
 MACHINE_HEADERS = st.builds(
-    MachineHeader, *[INT64] * 4, st.sampled_from(Verb), RANGES, RANGES, *[INT64] * 4
+    MachineHeader, *[INT64] * 4, st.sampled_from(Verb), RANGES, RANGES, *[INT64] * 5
 )
 SOIL_HEADERS = st.builds(
     SoilHeader,
@@ -117,7 +117,7 @@ def test_labels_tell_what_each_number_of_a_soil_header_is() -> None:
 
 
 def test_labels_tell_what_each_number_of_a_machine_header_is() -> None:
-    header = MachineHeader(1, 2, 3, 4, Verb.STEP, RowRange(5, 6), RowRange(7, 8), 9, 10, 11, 12)
+    header = MachineHeader(1, 2, 3, 4, Verb.STEP, RowRange(5, 6), RowRange(7, 8), 9, 10, 11, 12, 3)
     assert read(to_multi_array(header)) == {
         "kind": ArrayKind.MACHINE_HEADER,
         "epoch": 1,
@@ -133,6 +133,7 @@ def test_labels_tell_what_each_number_of_a_machine_header_is() -> None:
         "conversions_durable": 10,
         "pending_mm3": 11,
         "particles_mm3": 12,
+        "previous": 3,
     }
 
 

@@ -229,7 +229,11 @@ def test_a_terrain_older_than_the_welcome_is_not_joined_on() -> None:
 def test_a_machine_that_is_out_keeps_nothing_of_what_it_overhears() -> None:
     crowd = Crowd(2, expected=1)
     crowd.ticks(50)
-    assert crowd.machines[1].exchange._incoming == {}
+    overheard = crowd.machines[1].exchange
+    overheard.join()
+    assert overheard.take_outbox()  # its request, and nothing else
+    assert overheard._unanswered.gaps() == []
+    assert overheard._unanswered._incoming == {}
 
 
 @pytest.mark.parametrize("seed", range(6))

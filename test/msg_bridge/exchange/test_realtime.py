@@ -7,6 +7,7 @@ from support.exchange_parties import BookMachine, BookSoil, Driver
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import SoilHeader
+from msg_bridge.contract.rows import LANDED, SWEEP, empty_rows
 from msg_bridge.exchange.direct import DirectTransport
 from msg_bridge.exchange.machine_side import Phase
 from msg_bridge.testing import LossyTransport
@@ -64,17 +65,44 @@ def test_the_soil_goes_on_without_a_late_machine_and_counts_its_part_later() -> 
 def test_a_late_machine_is_answered_with_the_rows_of_all_ticks_it_missed() -> None:
     clock = Clock()
     machine = clock.machines[0]
-    clock.until(lambda: machine.exchange.waiting)
+    while not machine.exchange.waiting:  # two ticks are on their way
+        machine.step()
     last = machine.exchange.tick
     for _ in range(3):
         clock.tick()
     clock.transport.carry()
+    answers = []
+    for _ in range(2):
+        clock.tick()
+        clock.transport.carry()
+        answers.append(machine.exchange.poll())
+        machine.exchange.send(empty_rows(SWEEP), empty_rows(LANDED), **machine.totals)
+    assert [answer.tick for answer in answers if answer] == [last + 4, last + 5]
+    assert [answer.changed.size for answer in answers if answer] == [4 * 3, 3]
+    assert machine.exchange.sent_tick == last + 6, "numbers follow those of the soil"
+
+
+def test_an_answer_that_is_lost_for_good_is_made_up_for_by_the_next() -> None:
+    clock = Clock()
+    machine = clock.machines[0]
+    while not machine.exchange.waiting:
+        machine.step()
     clock.tick()
+    clock.transport.carry()  # both parts are with the soil
+    clock.tick()
+    lost = [m for m in clock.soil.exchange.take_outbox() if isinstance(m, SoilHeader)]
+    assert lost[0].receipts[0].tick == machine.exchange.tick + 1
+    for _ in range(100):  # so long that it is not kept any more
+        clock.tick()
+    clock.transport.carry()
+    machine.exchange.remind()
+    clock.transport.carry()
     clock.transport.carry()
     answer = machine.exchange.poll()
     assert answer is not None
-    assert answer.tick == clock.soil.exchange.tick == last + 4
-    assert answer.changed.size == 4 * 3
+    machine.apply(answer.conversions)
+    clock.ticks(20)
+    assert clock.balanced()
 
 
 def test_the_receipt_tells_which_tick_of_a_machine_was_taken() -> None:
