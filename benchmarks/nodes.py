@@ -30,7 +30,7 @@ from sensor_msgs.msg import JointState
 from earthmoving_sim.as_nodes.parameters import write_node_parameters
 from earthmoving_sim.as_nodes.processes import NodeProcess, stop_all
 from earthmoving_sim.as_nodes.run import run_nodes
-from earthmoving_sim.dig_run import LOOK_EVERY, DigRun
+from earthmoving_sim.dig_run import LOOK_EVERY, REACTION, DigRun
 from earthmoving_sim.from_bag.outcome import outcome_of_bag
 from earthmoving_sim.run_config import load_run_config
 from earthmoving_sim.site import jacksboro_site
@@ -149,6 +149,7 @@ class Watched:
             bag=folder / "bag",
             realtime=True,
             look_every=LOOK_EVERY,
+            reaction=REACTION,
         )
         use_shipped_profile()
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)

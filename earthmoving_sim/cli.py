@@ -13,7 +13,9 @@ rclpy); `run` imports the rest. A module's docstring is the description in its o
 import argparse
 import importlib
 import io
+import signal
 import sys
+import threading
 from collections.abc import Sequence
 from importlib import metadata
 from typing import Protocol, cast
@@ -69,6 +71,9 @@ class _Unavailable:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one subcommand; returns the process's exit code. `argv` defaults to the command line."""
     _print_any_character()
+    if threading.current_thread() is threading.main_thread():
+        # A kill ends a command as Ctrl-C does: what it has started is stopped, too.
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     args = build_parser().parse_args(argv)
     try:
         return int(args.run(args))

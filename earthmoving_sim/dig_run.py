@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections import deque
 from dataclasses import astuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from earthmoving_sim.run_config import RunConfig
 from earthmoving_sim.site import jacksboro_site, refuse_landslide
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
-from machine_sim.operator import Shift, View
+from machine_sim.operator import Command, Shift, View
 from machine_sim.operator.eyes import Eyes, Terrain
 from machine_sim.particles import warm_up
 from msg_bridge.codec.machine_state import BaseState, PayloadState
@@ -24,10 +25,16 @@ from msg_bridge.codec.poses import from_odometry, to_odometry
 from soil_sim.soil import Soil
 from soil_sim.terrain import HeightMap
 
-__all__ = ["LOOK_EVERY", "DigRun"]
+__all__ = ["LOOK_EVERY", "REACTION", "DigRun"]
 
 LOOK_EVERY = 2
 """Ticks between commands of the operator."""
+
+REACTION = 2
+"""Ticks from what the operator sees until its command counts.
+
+As nodes, soil and machine go on while the operator thinks, and it still does the same run.
+"""
 
 _PROGRESS_EVERY = 100
 """Ticks between lines of progress."""
@@ -77,11 +84,17 @@ class DigRun:
             progress: print how it goes.
         """
         began = time.perf_counter()
-        while True:
-            if self.world.tick % LOOK_EVERY == 0:
+        coming: deque[tuple[int, Command]] = deque()
+        last: int | None = None
+        while self.world.tick != last:
+            if self.world.tick % LOOK_EVERY == 0 and not self.operator.done:
                 command = self.operator.command(self._view(), LOOK_EVERY * self._dt)
                 if self.operator.done:
-                    break
+                    last = self.world.tick + REACTION  # for that long nobody waits for a command
+                else:
+                    coming.append((self.world.tick + REACTION, command))
+            while coming and coming[0][0] <= self.world.tick:
+                _, command = coming.popleft()
                 self.machine.command(command.joints, command.tracks)
             self._step()
             if progress and self.world.tick % _PROGRESS_EVERY == 0:

@@ -34,6 +34,13 @@ class MachineNodeParams(Parameters):
         " with the time reached, so that controller and simulation take turns; 0: never wait",
         low=0, high=10_000,
     )  # fmt: skip
+    command_delay: int = parameter(
+        0,
+        "in lockstep, ticks from the time a joint_commands or cmd_vel message is stamped with until"
+        " it counts; with await_commands_every, the machine goes on for that long while the"
+        " controller thinks, and the run repeats all the same",
+        low=0, high=1000,
+    )  # fmt: skip
     await_listeners: tuple[str, ...] = parameter(
         (),
         "names of nodes that must be subscribed to every topic before it joins, such as recorder",

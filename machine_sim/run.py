@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections.abc import Callable
 from dataclasses import replace
 
 from machine_sim.commands import AppliedCommand, CommandBoard
@@ -69,6 +70,8 @@ class MachineRun:
         self.board = board
         self._params = params
         self._commanded = -1  # newest tick that a stamped command was for
+        self._delay = 0 if facts.realtime else params.command_delay
+        self._held: list[tuple[int, Callable[[], bool]]] = []  # commands, and when they count
         sim = MachineSim(
             description,
             keyframe.grid,
@@ -106,27 +109,44 @@ class MachineRun:
         """
         return wall if self.facts.realtime else self.sim_time
 
-    def note_command(self, stamp: float) -> None:
-        """Note that a command stamped `stamp` [s] has come; it is for the tick that begins then.
+    def hear(self, stamp: float, deliver: Callable[[], bool]) -> None:
+        """Take a command that answers the state of time `stamp` [s]: now, or when it is to count.
 
         A stamp far ahead, of another clock or of the run before, is no answer to anything.
+
+        Args:
+            stamp: of the message.
+            deliver: hands it to the board; whether it was good.
         """
         tick = round(stamp / self.facts.tick)
-        if tick <= max(self.tick, 0) + max(self._params.await_commands_every, _MOST_AHEAD):
+        answers = tick <= max(self.tick, 0) + max(self._params.await_commands_every, _MOST_AHEAD)
+        if answers and self._delay and tick + self._delay > self.tick:
+            self._held.append((tick + self._delay, deliver))
+        elif not deliver():
+            return
+        if answers:
             self._commanded = max(self._commanded, tick)
 
     @property
     def may_step(self) -> bool:
         """Whether the next tick can be done: answers taken, and a command there if awaited."""
-        every = self._params.await_commands_every
-        awaits = every > 0 and not self.facts.realtime and self.tick % every == 0
-        return self.side.ready and not (awaits and self._commanded < self.tick)
+        every, answered = self._params.await_commands_every, self.tick - self._delay
+        awaits = every > 0 and not self.facts.realtime and answered >= 0 and answered % every == 0
+        return self.side.ready and not (awaits and self._commanded < answered)
 
     def command(self, wall: float) -> AppliedCommand:
         """Give the machine what takes effect in the tick that begins now."""
+        self._deliver()
         applied = self.board.at(self.command_time(wall), self.sim.machine.joint_positions)
         self.sim.command(applied.joints, applied.tracks)
         return applied
+
+    def _deliver(self) -> None:
+        """Hand over the commands whose time has come, in the order of their stamps."""
+        due = [each for each in self._held if each[0] <= self.tick]
+        self._held = [each for each in self._held if each[0] > self.tick]
+        for _, deliver in sorted(due, key=lambda each: each[0]):
+            deliver()
 
     def due(self, tick: int, rate: float) -> bool:
         """Whether what is told `rate` times a simulated second is due after a tick."""

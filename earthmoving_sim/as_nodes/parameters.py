@@ -19,7 +19,14 @@ _RECORDER = "recorder"
 
 
 def write_node_parameters(
-    path: Path, config: RunConfig, *, site: Path, bag: Path, realtime: bool, look_every: int
+    path: Path,
+    config: RunConfig,
+    *,
+    site: Path,
+    bag: Path,
+    realtime: bool,
+    look_every: int,
+    reaction: int,
 ) -> None:
     """Write what each node of a run is to be given.
 
@@ -28,8 +35,10 @@ def write_node_parameters(
         config: of the run.
         site: file of the terrain.
         bag: folder to record into.
-        realtime: whether ticks follow the wall clock; else soil, machine and operator take turns.
+        realtime: whether ticks follow the wall clock; else as fast as it goes, and repeatable.
         look_every: ticks between commands of the operator.
+        reaction: ticks from what the operator sees until its command counts; in real time they
+            are what it takes.
     """
     tick = config.stepping.tick
     soil = {
@@ -46,6 +55,7 @@ def write_node_parameters(
         "y": config.run.start_y,
         "seed": config.run.seed,
         "await_commands_every": 0 if realtime else look_every,
+        "command_delay": reaction,
         "await_listeners": [_RECORDER],
         "state_rate": 1.0 / (look_every * tick),
         "stepping": asdict(config.stepping),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from earthmoving_sim.from_bag.words import (
@@ -65,8 +66,8 @@ class RunTold:
     Attributes:
         facts: its epoch and length of a tick.
         machine_config: parameters of the machine's node [YAML].
-        last_time: log time of the last tick [ns]. The last tick is the one at which the operator
-            left the levers, or else the last of which all is known.
+        last_time: log time of the last tick [ns]. The last tick is the one at which the operator's
+            last command had counted its time, or else the last of which all is known.
         wall: log time from the first tick to the last [s].
         header, ledger: of the last tick.
         worst_imbalance: of all ticks, those after the last included [mm^3].
@@ -225,7 +226,9 @@ class _Run:
             topic = LEDGER if whole + 1 in headers else TICK_TOPIC
             raise self._lacks(f"tick {whole + 1} of {newest}", topic)
         if done:
-            return end.tick
+            # A machine in lockstep does not wait for the command that does not come until then.
+            delay = 0 if self._facts.realtime else _command_delay(self._machine_config())
+            return min(end.tick + delay, whole)
         # A file that breaks off may have lost rows of its last tick.
         return max(whole - 1, 1) if self._reader.truncated else whole
 
@@ -251,3 +254,15 @@ class _Run:
                 if own and values.get(_TUNNELLED, "").isdigit():
                     return int(values[_TUNNELLED])
         raise self._lacks(f"{_TUNNELLED!r} of a node of {self._machine or '/'}", DIAGNOSTICS)
+
+
+def _command_delay(text: str) -> int:
+    """Ticks for which the machine goes on once its operator has left the levers, in lockstep.
+
+    Args:
+        text: the configuration of its node [YAML]; 0 if it names no delay.
+    """
+    try:
+        return int(yaml.safe_load(text)["machine_sim"]["command_delay"])
+    except (yaml.YAMLError, KeyError, TypeError, ValueError):
+        return 0

@@ -107,11 +107,15 @@ class OperatorNode(LeanNode):
         for publisher in (self._phases, self._cycles):
             publisher.wait_for_all_acked(Duration(seconds=2.0))
 
+    @property
+    def _lockstep(self) -> bool:
+        return self._facts is not None and not self._facts.realtime
+
     def _begin(self) -> None:
         """Start the shift, in this run of the soil or in a new one."""
         self.shift = Shift(self._description, self._habits, self._task)
         self._eyes = Eyes()
-        self._moments = MomentGatherer()
+        self._moments = MomentGatherer(every=self._lockstep)
         self._last: JointState | None = None
         self._last_tick: int | None = None
         self._said, self._reported = "", 0
@@ -137,10 +141,11 @@ class OperatorNode(LeanNode):
 
     def _on_config(self, msg: String) -> None:
         facts = run_facts(msg.data)
-        if self._facts is not None and facts.epoch != self._facts.epoch:
-            self.get_logger().info("the run has begun anew, and so does the shift")
+        before, self._facts = self._facts, facts
+        if before is None or facts.epoch != before.epoch:
+            if before is not None:
+                self.get_logger().info("the run has begun anew, and so does the shift")
             self._begin()
-        self._facts = facts
         self._terrain.follower.begin(facts.epoch)
         self._terrain.maps.set_cell(facts.cell)
 
@@ -170,10 +175,14 @@ class OperatorNode(LeanNode):
     def _look(self) -> None:
         """Answer a new moment with a command."""
         follower, facts = self._terrain.follower, self._facts
-        if facts is None or follower.epoch != facts.epoch or self.shift.done:
+        if facts is None or follower.epoch != facts.epoch:
             return
-        moment = self._moments.take(follower.tick)
-        if moment is not None:
+        while not self.shift.done:
+            if self._lockstep:
+                follower.go_on_to(self._moments.next_tick or 0)
+            moment = self._moments.take(follower.tick)
+            if moment is None:
+                return
             self._answer(moment, facts)
 
     def _answer(self, moment: Moment, facts: RunFacts) -> None:
@@ -197,8 +206,7 @@ class OperatorNode(LeanNode):
 
     def _repeat(self) -> None:
         """Say again what was perhaps not heard: in lockstep the machine may be waiting for it."""
-        lockstep = self._facts is not None and not self._facts.realtime
-        if lockstep and self._last is not None and not self.shift.done:
+        if self._lockstep and self._last is not None and not self.shift.done:
             self._commands.publish(self._last)
 
     def _tell(self, time: float) -> None:

@@ -34,10 +34,13 @@ class TerrainFollower:
         grid: of the terrain, None before the first keyframe.
         elevation: the surface [m], shape (rows, cols), float64; changed in place.
         gaps: times that rows were missed and a keyframe had to be taken.
+        limit: go no further than to this tick, for now; None: as far as can be. For one who has to
+            see the surface of each of certain ticks. Change it by `go_on_to`.
     """
 
     def __init__(self) -> None:
         self.gaps = 0
+        self.limit: int | None = None
         self._other: Keyframe | None = None  # of another run
         self._reset(0)
 
@@ -91,12 +94,19 @@ class TerrainFollower:
             self._newest = self._other
         self._go_on()
 
+    def go_on_to(self, limit: int | None) -> None:
+        """Go on to a tick, as far as its rows have come, and no further; None: no limit."""
+        self.limit = limit
+        self._go_on()
+
     def resync(self) -> bool:
         """Take the newest keyframe if rows are missing; returns whether `tick` went on.
 
         To be called when nothing has gone on for a while.
         """
         before = self.tick
+        if self.limit is not None and min(self._headers, default=0) > self.limit:
+            return False  # it waits, and lacks nothing
         if self._headers and self._newest is not None and self._newest.revision > self.revision:
             self._adopt()
         self._go_on()
@@ -111,6 +121,8 @@ class TerrainFollower:
             return
         while self._headers:
             header = self._headers[min(self._headers)]
+            if self.limit is not None and header.tick > self.limit:
+                break
             if header.revision > self.revision and not self._apply(header):
                 if len(self._headers) <= _PATIENCE or not self._is_newer(header):
                     return
@@ -157,7 +169,7 @@ class TerrainFollower:
         return np.concatenate(parts) if parts else None
 
     def _drop_old_chunks(self) -> None:
-        """Forget rows the surface has; called when no header is waiting."""
+        """Forget rows the surface has."""
         self._chunks = {
             first: rows
             for first, rows in self._chunks.items()

@@ -123,7 +123,7 @@ class MachineExchange:
 
     @property
     def next_tick(self) -> int:
-        """Number of the tick that would be sent next: in real time, those it missed are left out."""
+        """Number of the tick to be sent next; in real time, those it missed are left out."""
         return max(self.tick, self.sent_tick) + 1
 
     @property

@@ -41,7 +41,7 @@ class Times(Protocol):
     @property
     def sim_time(self) -> float: ...
     def command_time(self, wall: float) -> float: ...
-    def note_command(self, stamp: float) -> None: ...
+    def hear(self, stamp: float, deliver: Callable[[], bool]) -> None: ...
 
 
 class CommandTopics:
@@ -66,7 +66,7 @@ class CommandTopics:
 
         def subscribe(kind: Any, topic: str, take: Callable[[Any, Times], None]) -> None:
             profile = qos.STATE if kind is Bool else qos.COMMANDS
-            inbox.subscribe(kind, topic, profile, partial(self._take, topic, take))
+            inbox.subscribe(kind, topic, profile, partial(self._hear, topic, take))
 
         subscribe(Float64MultiArray, "front_velocity_controller/commands", self._front)
         subscribe(Float64MultiArray, "track_velocity_controller/commands", self._tracks)
@@ -75,15 +75,25 @@ class CommandTopics:
         subscribe(Joy, "joy", self._joy)
         subscribe(Bool, "emergency_stop", self._stop)
 
-    def _take(self, topic: str, take: Callable[[Any, Times], None], msg: Any) -> None:
+    def _hear(self, topic: str, take: Callable[[Any, Times], None], msg: Any) -> None:
         times = self._times()
         if times is None and not isinstance(msg, Bool):
             self._refuse(topic, "the machine takes no part yet; command it once it has joined")
             return
+        deliver = partial(self._take, topic, take, msg, times)
+        if times is not None and isinstance(msg, (JointState, TwistStamped)):
+            times.hear(seconds_of_stamp(msg.header.stamp), deliver)
+        else:
+            deliver()
+
+    def _take(self, topic: str, take: Callable[[Any, Any], None], msg: Any, times: Any) -> bool:
+        """Hand a command to the board; whether it was good."""
         try:
-            take(msg, times)  # type: ignore[arg-type]
+            take(msg, times)
         except EarthmovingError as error:
             self._refuse(topic, str(error))
+            return False
+        return True
 
     def _front(self, msg: Float64MultiArray, times: Times) -> None:
         self._board.front(msg.data, _now(times))
@@ -95,12 +105,10 @@ class CommandTopics:
         self._board.joints(
             msg.name, msg.velocity, msg.position, _now(times), **_stamped(msg, times)
         )
-        _note(msg, times)
 
     def _twist(self, msg: TwistStamped, times: Times) -> None:
         twist = msg.twist
         self._board.twist(twist.linear.x, twist.angular.z, _now(times), **_stamped(msg, times))
-        _note(msg, times)
 
     def _joy(self, msg: Joy, times: Times) -> None:
         self._board.joy(msg.axes, msg.buttons, _now(times), **_stamped(msg, times))
@@ -118,7 +126,3 @@ def _stamped(msg: Any, times: Times) -> dict[str, float | None]:
     stamp: Time = msg.header.stamp
     said = stamp.sec or stamp.nanosec
     return {"stamp": seconds_of_stamp(stamp) if said else None, "sim_now": times.sim_time}
-
-
-def _note(msg: Any, times: Times) -> None:
-    times.note_command(seconds_of_stamp(msg.header.stamp))

@@ -13,6 +13,7 @@ A node may have these, all optional:
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -83,6 +84,10 @@ def _run(make_node: Callable[[], Node], stopped: threading.Event, program: str) 
     except EarthmovingError as error:
         return _bad_input(program, error)
     name = node.get_name()
+    # All that was made so far, compilers and message types, stays: looking through it for garbage
+    # again and again would make ticks late.
+    gc.collect()
+    gc.freeze()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     code = 0

@@ -13,7 +13,7 @@ from support.bag_recording import Recording
 from support.bag_scenes import terrain_cloud
 from support.recorded_dig import CYCLES, PHASE, TICK, RecordedDig, small_site, write
 
-from earthmoving_sim.dig_run import DigRun
+from earthmoving_sim.dig_run import LOOK_EVERY, REACTION, DigRun
 from earthmoving_sim.from_bag.outcome import outcome_of_bag
 from earthmoving_sim.from_bag.words import BagOutcomeError
 from earthmoving_sim.outcome import Outcome
@@ -339,7 +339,8 @@ def test_bag_that_a_recorder_made_of_nodes_tells_what_one_process_does(ros, tmp_
     ros.add(
         MachineNode,
         parameters={
-            "await_commands_every": 2,
+            "await_commands_every": LOOK_EVERY,
+            "command_delay": REACTION,
             "await_listeners": ["recorder"],
             **{f"particles.{name}": each for name, each in asdict(config.particles).items()},
         },

@@ -1,9 +1,11 @@
 """The demo as a user runs it, with its default settings."""
 
+import contextlib
 import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -84,3 +86,34 @@ def test_demo_draws_three_pictures(demo):
     pictures = sorted((folder / "out" / "demo").glob("*.png"))
     assert [path.name for path in pictures] == ["bucket_path.png", "cut_fill.png", "site.png"]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in pictures)
+
+
+def test_a_demo_that_is_killed_stops_its_nodes(tmp_path):
+    with own_domain() as domain:
+        command = [sys.executable, "-u", "-m", "earthmoving_sim", "demo", "--out", str(tmp_path)]
+        demo = subprocess.Popen(
+            command,
+            stdout=subprocess.PIPE,
+            text=True,
+            cwd=tmp_path,
+            env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
+        )
+        assert demo.stdout is not None
+        assert any(line.startswith("cycle") for line in demo.stdout), "it never began"
+        assert len(processes_of(tmp_path)) == 5
+        demo.terminate()
+        demo.stdout.read()
+        assert demo.wait(timeout=60) == 130
+        assert processes_of(tmp_path) == []
+    (bag,) = (tmp_path / "bags").iterdir()
+    assert (bag / "metadata.yaml").exists(), "the bag was closed"
+
+
+def processes_of(folder):
+    """Process numbers of those that have a folder in their command line."""
+    found = []
+    for each in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):
+            if str(folder) in each.read_text():
+                found.append(int(each.parent.name))
+    return found

@@ -32,6 +32,7 @@ from msg_bridge.codec.sim_config import run_facts
 from msg_bridge.codec.stamps import stamp_of_seconds, tick_of_stamp
 from msg_bridge.config_files import ConfigError
 from msg_bridge.contract.errors import ParameterError
+from msg_bridge.exchange.streams import AHEAD
 from msg_bridge.testing.fixtures import StartProcess
 from msg_bridge.testing.ros import Ros
 
@@ -84,7 +85,7 @@ def twist(linear: float, angular: float, stamp: float = 0.0) -> TwistStamped:
 
 
 class Levers:
-    """A machine in lockstep that stands still after tick 1, and its levers."""
+    """A machine in lockstep whose soil stands still after tick 1, and its levers."""
 
     def __init__(self, ros: Ros, **parameters: Any) -> None:
         self.applied = ros.collect("/excavator/applied_commands", JointState)
@@ -92,8 +93,13 @@ class Levers:
         self.machine = self.scene.machine(**parameters)
         ros.spin_until(lambda: self.scene.tick == 0)
         self.scene.step()
-        ros.spin_until(lambda: self.machine.run is not None and self.machine.run.tick == 1)
         self.ros = ros
+        self.until_still()
+
+    def until_still(self) -> None:
+        """Until the machine has done all that it can without the soil's next tick."""
+        last = self.scene.tick + 1 + AHEAD
+        self.ros.spin_until(lambda: self.machine.run is not None and self.machine.run.tick == last)
 
     def send(self, topic: str, message: Any) -> None:
         """Publish a command to its subscription."""
@@ -108,9 +114,9 @@ class Levers:
         return [*now.joints.tolist(), *now.tracks.tolist()]
 
     def step(self) -> list[float]:
-        """One tick; what the machine applies in the one after, which it does meanwhile."""
+        """One tick of the soil; what the machine applies in the tick that it can do then."""
         self.scene.step()
-        wanted = self.scene.tick + 1
+        wanted = self.scene.tick + 1 + AHEAD
         self.ros.spin_until(lambda: self.applied and self.ticks[-1] >= wanted)
         assert self.ticks[-1] == wanted
         return from_command_state(self.applied[-1]).tolist()
@@ -341,6 +347,7 @@ def test_with_check_stamps_a_command_of_another_time_is_refused(
     levers.scene.pause(False)
     levers.scene.until_tick(30)
     levers.scene.pause()
+    levers.until_still()
     for topic, message in (
         ("joint_commands", joints(["arm"], stamp, velocity=[0.1])),
         ("cmd_vel", twist(0.1, 0.0, stamp)),
@@ -367,8 +374,9 @@ def test_a_command_that_is_not_renewed_ends_after_its_time_in_lockstep(ros: Ros)
         for tick, message in zip(levers.ticks, levers.applied, strict=True)
         if any(message.velocity)
     ]
-    # It came at the end of a tick, in the midst of the next, and has 0.3 s from then on.
-    assert moved == list(range(came + 2, came + 32))
+    # It came when the machine had done the ticks that it is ahead, and has 0.3 s from then on.
+    first = came + 2 + AHEAD
+    assert moved == list(range(first, first + 31))
 
 
 def test_a_command_that_is_not_renewed_ends_after_its_time_on_the_wall_in_real_time(

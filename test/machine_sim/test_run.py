@@ -55,6 +55,11 @@ def make() -> Iterator[MakeRun]:
         each.close()
 
 
+def good() -> bool:
+    """A command that the board takes."""
+    return True
+
+
 class Soil:
     """Answers a run's ticks with nothing moved."""
 
@@ -128,8 +133,9 @@ def test_a_machine_steps_as_soon_as_it_is_answered(make: MakeRun) -> None:
     run = make()
     assert not run.may_step
     soil = Soil(run)
-    assert run.may_step
-    run.side.step()
+    for _ in range(2):  # one ahead of the soil's answers
+        assert run.may_step
+        run.side.step()
     assert not run.may_step
     soil.answer()
     assert run.may_step
@@ -141,13 +147,13 @@ def test_a_machine_told_to_wait_steps_once_the_command_for_the_tick_has_come(
     run = make(await_commands_every=1)
     soil = Soil(run)
     assert not run.may_step
-    run.note_command(0.0)
+    run.hear(0.0, good)
     assert run.may_step
     soil.ticks(1)
     assert not run.may_step
-    run.note_command(0.0)
+    run.hear(0.0, good)
     assert not run.may_step
-    run.note_command(0.01)
+    run.hear(0.01, good)
     assert run.may_step
 
 
@@ -157,7 +163,7 @@ def test_it_waits_at_every_so_many_ticks_only(make: MakeRun) -> None:
     for tick in range(7):
         if not run.may_step:
             waited.append(tick)
-        run.note_command(run.sim_time)
+        run.hear(run.sim_time, good)
         soil.ticks(1)
     assert waited == [0, 3, 6]
 
@@ -165,10 +171,67 @@ def test_it_waits_at_every_so_many_ticks_only(make: MakeRun) -> None:
 def test_a_command_that_came_ahead_is_not_waited_for_again(make: MakeRun) -> None:
     run = make(await_commands_every=1)
     soil = Soil(run)
-    run.note_command(0.02)
+    run.hear(0.02, good)
     for _ in range(3):
         assert run.may_step
         soil.ticks(1)
+    assert not run.may_step
+
+
+def test_a_command_counts_so_many_ticks_after_its_stamp_however_soon_it_comes(
+    make: MakeRun,
+) -> None:
+    run = make(await_commands_every=2, command_delay=2)
+    soil, counts = Soil(run), []
+
+    def sent(tick: int) -> Callable[[], bool]:
+        def deliver() -> bool:
+            counts.append((tick, run.tick + 1))
+            return True
+
+        return deliver
+
+    run.hear(0.0, sent(0))
+    soil.ticks(2)
+    run.hear(0.02, sent(2))
+    assert counts == []
+    soil.ticks(1)
+    assert counts == [(0, 3)]
+    soil.ticks(3)
+    assert counts == [(0, 3), (2, 5)]
+
+
+def test_the_machine_goes_on_for_the_delay_while_a_command_is_awaited(make: MakeRun) -> None:
+    run = make(await_commands_every=2, command_delay=2)
+    soil, waited = Soil(run), []
+    for tick in range(8):
+        if not run.may_step:
+            waited.append(tick)
+            run.hear((tick - 2) * 0.01, good)
+        soil.ticks(1)
+    assert waited == [2, 4, 6]
+
+
+def test_a_command_that_comes_too_late_counts_at_once(make: MakeRun) -> None:
+    run = make(command_delay=2)
+    soil, delivered = Soil(run), []
+    soil.ticks(5)
+    run.hear(0.01, lambda: not delivered.append(run.tick))
+    assert delivered == [5]
+
+
+def test_in_real_time_nothing_is_delayed(make: MakeRun) -> None:
+    run = make(command_delay=5, realtime=True)
+    Soil(run)
+    delivered: list[int] = []
+    run.hear(0.0, lambda: not delivered.append(run.tick))
+    assert delivered == [0]
+
+
+def test_a_command_that_is_refused_is_no_answer(make: MakeRun) -> None:
+    run = make(await_commands_every=1)
+    Soil(run)
+    run.hear(0.0, lambda: False)
     assert not run.may_step
 
 
@@ -211,5 +274,5 @@ def test_machines_that_begin_in_the_same_instant_have_lives_of_their_own() -> No
 def test_a_stamp_of_another_clock_is_no_answer(make: MakeRun) -> None:
     run = make(await_commands_every=1)
     Soil(run)
-    run.note_command(1.7e9)  # seconds since 1970
+    run.hear(1.7e9, good)  # seconds since 1970
     assert not run.may_step

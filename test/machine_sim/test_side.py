@@ -137,7 +137,7 @@ def test_what_was_cut_moves_on_with_the_tool_until_it_is_a_particle(
     books.answer(parcels=(5_000_000,))  # at the map's origin
     side.poll()
     side.step()
-    rotation, place = side.sim.machine.tool_pose
+    _, place = side.sim.machine.tool_pose
     assert np.linalg.norm(place - cut_at[1]) > 0.01
     side.poll()
     (parcel,) = side.sim.pending._parcels.values()

@@ -10,7 +10,7 @@ from support.soil_scenes import bucket_sweep, flat_soil, landings
 
 from msg_bridge.contract.messages import Keyframe, Message, SoilHeader
 from msg_bridge.contract.rows import MAX_ROW_VOLUME, Rows
-from msg_bridge.exchange.machine_side import MachineExchange, TickAnswer
+from msg_bridge.exchange.machine_side import MachineExchange
 from soil_sim.side import SoilSide, SoilTick
 
 NOTHING = landings([], [], 0)
@@ -41,17 +41,17 @@ class Digger:
         for message in self.exchange.take_outbox():
             self.side.receive(message)
 
-    def take(self) -> TickAnswer:
+    def take(self) -> None:
+        """Takes the answer that is due: to the tick before the last sent."""
         self.carry()
         answer = self.exchange.poll()
-        assert answer is not None
-        self.held += int(answer.conversions["volume_mm3"].astype(np.int64).sum())
-        return answer
+        if answer is not None:
+            self.held += int(answer.conversions["volume_mm3"].astype(np.int64).sum())
 
     def dig(self) -> SoilTick:
-        """Pushes a bucket into the ground; returns the last tick."""
+        """Pushes a bucket into the ground and waits a tick; returns the last tick."""
         done = None
-        for (x0, z0), (x1, z1) in pairwise(DOWN):
+        for (x0, z0), (x1, z1) in pairwise([*DOWN, DOWN[-1]]):
             self.send(bucket_sweep((x0, 0.0, z0), (x1, 0.0, z1)))
             done = self.side.advance()
             self.take()

@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-from earthmoving_sim.dig_run import DigRun
+from earthmoving_sim.dig_run import REACTION, DigRun
 from earthmoving_sim.run_config import load_run_config
 from machine_sim.machine.appearance import LINK_FRAMES, link_boxes, link_poses, shoe_look
 from msg_bridge.bag.writer import BagWriter
@@ -64,7 +64,8 @@ class RecordedDig:
         machine = self.run.machine.machine
         looks = (link_boxes(machine.description), shoe_look(machine.description))
         self._markers = MarkerSet(LINK_FRAMES, *looks, namespace="excavator")
-        config = {"machine_sim": {"machine": "machines/excavator.yaml"}}
+        machine_node = {"machine": "machines/excavator.yaml", "command_delay": REACTION}
+        config = {"machine_sim": machine_node}
         self._say("config", String(data=config_text(facts, config)))
         self._say_tick(self.run.world.ledger)
         self._watch(self.run)

@@ -33,7 +33,7 @@ def tell(gatherer: MomentGatherer, tick: int, *parts: str) -> None:
 
 
 def test_a_whole_moment_is_given_once() -> None:
-    gatherer = MomentGatherer()
+    gatherer = MomentGatherer(every=True)
     tell(gatherer, 4)
     moment = gatherer.take(4)
     assert moment is not None
@@ -44,7 +44,7 @@ def test_a_whole_moment_is_given_once() -> None:
 
 @pytest.mark.parametrize("missing", PARTS)
 def test_no_moment_lacks_a_part(missing: str) -> None:
-    gatherer = MomentGatherer()
+    gatherer = MomentGatherer(every=True)
     tell(gatherer, 4, *(part for part in PARTS if part != missing))
     assert gatherer.take(4) is None
     tell(gatherer, 4, missing)
@@ -53,7 +53,7 @@ def test_no_moment_lacks_a_part(missing: str) -> None:
 
 @pytest.mark.parametrize("order", list(permutations(PARTS)))
 def test_parts_come_in_any_order(order: tuple[str, ...]) -> None:
-    gatherer = MomentGatherer()
+    gatherer = MomentGatherer(every=True)
     taken = []
     for part in order:
         tell(gatherer, 7, part)
@@ -63,7 +63,7 @@ def test_parts_come_in_any_order(order: tuple[str, ...]) -> None:
 
 @pytest.mark.parametrize("old", PARTS)
 def test_parts_of_different_ticks_make_no_moment(old: str) -> None:
-    gatherer = MomentGatherer()
+    gatherer = MomentGatherer(every=True)
     tell(gatherer, 4)
     gatherer.take(4)
     tell(gatherer, 5, *(part for part in PARTS if part != old))
@@ -71,23 +71,34 @@ def test_parts_of_different_ticks_make_no_moment(old: str) -> None:
 
 
 def test_the_terrain_must_not_be_older() -> None:
-    gatherer = MomentGatherer()
+    gatherer = MomentGatherer(every=True)
     tell(gatherer, 4)
     assert gatherer.take(3) is None
     assert gatherer.take(4) is not None
 
 
-def test_terrain_and_ledger_may_be_newer() -> None:
-    gatherer = MomentGatherer()
-    tell(gatherer, 4)
-    gatherer.ledger(ledger(6))
+def test_the_first_ledger_that_is_not_older_is_taken() -> None:
+    gatherer = MomentGatherer(every=True)
+    tell(gatherer, 4, "joints", "base", "payload")
+    for tick in (3, 5, 6):
+        gatherer.ledger(ledger(tick))
     moment = gatherer.take(9)
     assert moment is not None
-    assert (moment.tick, moment.ledger.tick) == (4, 6)
+    assert (moment.tick, moment.ledger.tick) == (4, 5)
 
 
-def test_the_newest_moment_is_given_and_none_before_it_after() -> None:
-    gatherer = MomentGatherer()
+def test_every_moment_is_given_in_order() -> None:
+    gatherer = MomentGatherer(every=True)
+    for tick in (4, 6, 8):
+        tell(gatherer, tick)
+    given = [gatherer.take(8) for _ in range(4)]
+    assert [(m.tick, m.ledger.tick) for m in given if m] == [(4, 4), (6, 6), (8, 8)]
+    tell(gatherer, 5)
+    assert gatherer.take(8) is None
+
+
+def test_where_not_every_one_counts_the_newest_is_given_and_none_before_it_after() -> None:
+    gatherer = MomentGatherer(every=False)
     tell(gatherer, 4)
     tell(gatherer, 6)
     moment = gatherer.take(6)
@@ -95,3 +106,23 @@ def test_the_newest_moment_is_given_and_none_before_it_after() -> None:
     assert moment.tick == 6
     tell(gatherer, 5)
     assert gatherer.take(6) is None
+
+
+def test_where_not_every_one_counts_terrain_and_ledger_may_be_older() -> None:
+    gatherer = MomentGatherer(every=False)
+    tell(gatherer, 4, "joints", "base", "payload")
+    gatherer.ledger(ledger(2))
+    assert gatherer.take(-1) is None
+    moment = gatherer.take(2)
+    assert moment is not None
+    assert (moment.tick, moment.ledger.tick) == (4, 2)
+
+
+@pytest.mark.parametrize("every", [True, False])
+def test_what_is_never_made_whole_is_forgotten(every: bool) -> None:
+    gatherer = MomentGatherer(every=every)
+    for tick in range(10_000):
+        tell(gatherer, tick, "joints", "ledger")
+    assert len(gatherer._states) + len(gatherer._ledgers) < 300
+    tell(gatherer, 10_000)
+    assert gatherer.take(10_000) is not None

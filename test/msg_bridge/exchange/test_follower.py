@@ -296,3 +296,18 @@ def test_a_run_that_is_named_is_followed_even_if_its_number_is_smaller() -> None
     assert (follower.elevation == new.heights[0]).all()
     follower.begin(4)
     assert follower.grid is not None
+
+
+def test_one_that_has_a_limit_goes_no_further(surface: Surface, follower: TerrainFollower) -> None:
+    follower.go_on_to(2)
+    for _ in range(5):
+        header, chunk = surface.step(3)
+        give(follower, chunk, header)
+    assert sees(follower, surface, 2)
+    assert not follower.resync(), "it lacks nothing"
+    follower.go_on_to(4)
+    assert sees(follower, surface, 4)
+    follower.go_on_to(3)
+    assert sees(follower, surface, 4), "it never goes back"
+    follower.go_on_to(None)
+    assert sees(follower, surface, 5)

@@ -64,8 +64,9 @@ class Times:
     def command_time(self, wall: float) -> float:
         return 77.0
 
-    def note_command(self, stamp: float) -> None:
-        self.noted.append(stamp)
+    def hear(self, stamp: float, deliver: Callable[[], bool]) -> None:
+        if deliver():
+            self.noted.append(stamp)
 
 
 class Machine:
