@@ -1,16 +1,21 @@
-"""The terrain's state: how much soil stands in every column.
+"""The terrain's state: how much soil stands in every column, of which kind, and how moist.
 
 A column holds *firm* soil (undisturbed, bank volume) and *loose* soil on top of it. Both are kept
-as whole mm^3 of bank volume, so that the account of the terrain is an integer; loose soil takes
-`1 + swell` times its bank volume of room, which shows in the height alone::
+as whole mm^3 of bank volume, so that the account of the terrain is an integer. Loose soil takes
+more room than that, its *bulk*, kept as whole mm^3 too: 1 + swell times its bank volume when it is
+loosened, less once it is packed. It shows in the height alone::
 
-    height = floor + (firm + loose * (1 + swell)) / cell area
+    height = floor + (firm + bulk) / cell area
 
-The floor lies `dig_depth` below the lowest point of the map and cannot be dug.
+The firm soil of a column is of one kind for ever. Its loose soil is of the kind that most of it
+is; when others come to be more than half, it is of the kind that came last. Moisture is that of the
+whole column, and mixes with what comes. The floor lies `dig_depth` below the lowest point of the
+map and cannot be dug.
 """
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -19,14 +24,40 @@ from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
 from soil_sim.errors import SoilError
+from soil_sim.soils import MOIST, SoilTables
 
-__all__ = ["ColumnArrays", "Columns", "raise_column", "settle_height", "take_from_column"]
+__all__ = [
+    "ColumnArrays",
+    "Columns",
+    "Material",
+    "add_loose",
+    "pack_column",
+    "settle_height",
+    "take_from_column",
+    "take_loose",
+]
 
 _LARGEST_COLUMN_MM3 = 2**52
 """Above this a column's volume would not survive the float64 field of a message."""
 
+_THIN = 0.005
+"""Depth of loose soil that leaves firm soil visible [m]."""
+
+_AT_LIMIT = 0.99
+"""Part of the steepest slope from which ground counts as being as steep as it can be."""
+
 _LARGEST_MAP_MM3 = 2**62
 """Above this the terrain's volume, and what lands on it, would not be safe in an int64."""
+
+
+class Material(IntEnum):
+    """What a column's surface looks like."""
+
+    UNTOUCHED = 0
+    DUG = 1
+    """Firm soil that was laid bare."""
+    DIRT = 2
+    """Loose soil that came to lie here."""
 
 
 class Columns:
@@ -35,22 +66,48 @@ class Columns:
     Attributes:
         grid: where each column stands.
         floor: height of the undiggable floor [m].
-        swell: growth of soil when loosened, a fraction of its bank volume.
+        tables: of the kinds of soil.
         firm: undisturbed soil [mm^3 bank], shape (rows, cols), int64.
         loose: disturbed soil [mm^3 bank], shape (rows, cols), int64.
-        height: surface [m], shape (rows, cols), float64; follows firm and loose.
+        bulk: the room that takes [mm^3], likewise; never less than its bank volume.
+        soil: id of the firm soil, shape (rows, cols), uint8.
+        loose_soil: id of the loose soil, likewise; without meaning where there is none.
+        moisture: of the column [% of saturation], likewise.
+        material: `Material` of the surface, likewise.
+        height: surface [m], shape (rows, cols), float64; follows firm and bulk.
     """
 
     def __init__(
-        self, grid: Grid, heights: NDArray[np.floating], *, dig_depth: float, swell: float
+        self,
+        grid: Grid,
+        heights: NDArray[np.floating],
+        *,
+        dig_depth: float,
+        tables: SoilTables,
+        soil: NDArray[np.integer] | None = None,
+        moisture: NDArray[np.integer] | None = None,
     ) -> None:
-        """All soil firm, its surface at `heights` [m], shape (rows, cols)."""
+        """All soil firm.
+
+        Args:
+            grid: where each column stands.
+            heights: surface [m], shape (rows, cols).
+            dig_depth: of the floor below the lowest height [m].
+            tables: of the kinds of soil.
+            soil: id of each column's soil, shape (rows, cols); 0 everywhere if not given.
+            moisture: of each column [%], likewise.
+
+        Raises:
+            SoilError: layers of another shape or with values that cannot be, or a map too large.
+        """
         if heights.shape != grid.shape or not np.isfinite(heights).all():
             raise SoilError(
                 f"heights must be finite and of shape {grid.shape}, not {heights.shape}"
             )
         self.grid = grid
-        self.swell = swell
+        self.tables = tables
+        self.soil = _layer("soil", soil, grid, tables.growth.size - 1)
+        self.moisture = _layer("moisture", moisture, grid, MOIST - 1)
         self.floor = float(heights.min()) - dig_depth
         bulk = (np.asarray(heights, dtype=np.float64) - self.floor) / self.metres_per_mm3
         if bulk.max() > _LARGEST_COLUMN_MM3:
@@ -62,6 +119,10 @@ class Columns:
             )
         self.firm: NDArray[np.int64] = np.rint(bulk).astype(np.int64)
         self.loose: NDArray[np.int64] = np.zeros(grid.shape, dtype=np.int64)
+        self.bulk: NDArray[np.int64] = np.zeros(grid.shape, dtype=np.int64)
+        self.loose_soil = self.soil.copy()
+        self.material = np.full(grid.shape, Material.UNTOUCHED, dtype=np.uint8)
+        self._foreign: NDArray[np.int64] = np.zeros(grid.shape, dtype=np.int64)
         self.height: NDArray[np.float64] = np.asarray(
             self.floor + self.firm * self.metres_per_mm3, dtype=np.float64
         )
@@ -69,6 +130,7 @@ class Columns:
         self._flags: NDArray[np.uint8] = np.zeros(self.height.size, dtype=np.uint8)
         self._touched: NDArray[np.int64] = np.zeros(self.height.size + 1, dtype=np.int64)
         self._known = np.stack([self.firm.reshape(-1), self.loose.reshape(-1)])
+        self._known_bulk = self.bulk.reshape(-1).copy()
 
     @property
     def arrays(self) -> ColumnArrays:
@@ -76,11 +138,16 @@ class Columns:
         return ColumnArrays(
             self.firm.reshape(-1),
             self.loose.reshape(-1),
+            self.bulk.reshape(-1),
             self.height.reshape(-1),
+            self.soil.reshape(-1),
+            self.loose_soil.reshape(-1),
+            self._foreign.reshape(-1),
+            self.moisture.reshape(-1),
             self._flags,
             self._touched,
+            self.tables.growth,
             self.metres_per_mm3,
-            self.swell,
             self.floor,
         )
 
@@ -97,8 +164,13 @@ class Columns:
     @property
     def loose_depth(self) -> NDArray[np.float64]:
         """Depth of loose soil [m], shape (rows, cols)."""
-        depth = self.loose * ((1.0 + self.swell) * self.metres_per_mm3)
-        return np.asarray(depth, dtype=np.float64)
+        return np.asarray(self.bulk * self.metres_per_mm3, dtype=np.float64)
+
+    @property
+    def top_soil(self) -> NDArray[np.uint8]:
+        """Id of the soil at the surface, shape (rows, cols)."""
+        top: NDArray[np.uint8] = np.where(self.loose > 0, self.loose_soil, self.soil)
+        return top
 
     def volume(self, rows: NDArray[np.integer], cols: NDArray[np.integer]) -> NDArray[np.int64]:
         """Bank volume of the given columns [mm^3]."""
@@ -108,44 +180,90 @@ class Columns:
     def take_changed(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """(rows, cols) of the columns changed since the last call, in row-major order.
 
-        Changed is a column whose firm or loose volume is another than then: not one that gave what
-        it got.
+        Changed is a column whose firm or loose volume, or the room it takes, is another than then:
+        not one that gave what it got. What its surface looks like follows.
         """
         touched = np.sort(self._touched[1 : 1 + self._touched[0]])
         self._flags[touched] = 0
         self._touched[0] = 0
         now = np.stack([self.firm.reshape(-1)[touched], self.loose.reshape(-1)[touched]])
-        changed = touched[(now != self._known[:, touched]).any(axis=0)]
+        bulk, known = self.bulk.reshape(-1)[touched], self._known[:, touched]
+        differs = (now != known).any(axis=0) | (bulk != self._known_bulk[touched])
+        changed = touched[differs]
+        self._look(changed, now[:, differs] - known[:, differs])
         self._known[:, touched] = now
+        self._known_bulk[touched] = bulk
         rows, cols = np.divmod(changed, self.grid.cols)
         return rows.astype(np.intp), cols.astype(np.intp)
+
+    def _look(self, cells: NDArray[np.int64], grown: NDArray[np.int64]) -> None:
+        """Let the surface of changed columns look like what happened to them.
+
+        Where loose soil came to lie there is dirt, except on ground that is as steep as it can be,
+        from which it only passes (reference, section 3.1.2, step 4). Where firm soil went and none
+        lies on it, it was laid bare.
+        """
+        if cells.size == 0:
+            return
+        material = self.material.reshape(-1)
+        bare = (grown[0] < 0) & (self.bulk.reshape(-1)[cells] * self.metres_per_mm3 < _THIN)
+        material[cells[bare]] = Material.DUG
+        came = cells[(grown[1] > 0) & ~bare]
+        # Ground that was dug keeps no thin cover either.
+        material[came[~self._steep(came)]] = Material.DIRT
+
+    def _steep(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Whether columns were at their angle of repose against one of their four neighbours."""
+        rows, cols = np.divmod(cells, self.grid.cols)
+        top, moisture = self.top_soil[rows, cols], self.moisture[rows, cols]
+        most = _AT_LIMIT * self.tables.slope[top, moisture] * self.grid.cell
+        steep = np.zeros(cells.size, dtype=np.bool_)
+        for di, dj in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            r = np.clip(rows + di, 0, self.grid.rows - 1)
+            c = np.clip(cols + dj, 0, self.grid.cols - 1)
+            steep |= self._known_room(cells) - self._known_room(r * self.grid.cols + c) > most
+        return steep
+
+    def _known_room(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Height of columns over the floor [m], as of the last call of `take_changed`."""
+        room = self._known[0, cells] + self._known_bulk[cells]
+        return np.asarray(room * self.metres_per_mm3, dtype=np.float64)
 
 
 class ColumnArrays(NamedTuple):
     """What kernels need of the terrain, flat: arrays and scalars of `Columns` under one name.
 
     Attributes:
-        firm, loose: bank volume [mm^3], int64.
+        firm, loose, bulk: volumes [mm^3], int64.
         height: surface [m], float64.
+        soil, loose_soil: ids, uint8.
+        foreign: loose soil of another kind than the column's [mm^3 bank], int64.
+        moisture: [%], uint8.
         flags: 1 where a column was touched, uint8.
         touched: their number, then their indices, int64.
-        metres_per_mm3, swell, floor: as in `Columns`.
+        growth: bulk over bank volume of loosened soil, by id.
+        metres_per_mm3, floor: as in `Columns`.
     """
 
     firm: NDArray[np.int64]
     loose: NDArray[np.int64]
+    bulk: NDArray[np.int64]
     height: NDArray[np.float64]
+    soil: NDArray[np.uint8]
+    loose_soil: NDArray[np.uint8]
+    foreign: NDArray[np.int64]
+    moisture: NDArray[np.uint8]
     flags: NDArray[np.uint8]
     touched: NDArray[np.int64]
+    growth: NDArray[np.float64]
     metres_per_mm3: float
-    swell: float
     floor: float
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, forceinline=True)
 def settle_height(columns, i):  # type: ignore[no-untyped-def]
     """Let the surface of the column with flat index i follow its volumes, and note the column."""
-    room = columns.firm[i] + columns.loose[i] * (1.0 + columns.swell)
+    room = columns.firm[i] + columns.bulk[i]
     columns.height[i] = columns.floor + room * columns.metres_per_mm3
     if columns.flags[i] == 0:
         columns.flags[i] = 1
@@ -153,28 +271,94 @@ def settle_height(columns, i):  # type: ignore[no-untyped-def]
         columns.touched[columns.touched[0]] = i
 
 
-@njit(cache=True, inline="always")
-def raise_column(columns, i, bank):  # type: ignore[no-untyped-def]
-    """Add `bank` mm^3 of loose soil to the column with flat index i."""
-    columns.loose[i] += bank
+@njit(cache=True, forceinline=True)
+def add_loose(columns, i, bank, bulk, soil, moisture):  # type: ignore[no-untyped-def]
+    """Put `bank` mm^3 of loose soil that takes `bulk` mm^3 of room on the column with index i."""
+    had = columns.loose[i]
+    if had == 0:
+        columns.loose_soil[i] = soil
+        columns.foreign[i] = 0
+    elif soil != columns.loose_soil[i]:
+        columns.foreign[i] += bank
+        if 2 * columns.foreign[i] > had + bank:
+            columns.foreign[i] = had + bank - columns.foreign[i]
+            columns.loose_soil[i] = soil
+    if moisture != columns.moisture[i]:
+        # Mixed with the loose soil there is; under it the ground stays as it was, out of sight.
+        whole = had + bank
+        mixed = (had * columns.moisture[i] + bank * moisture) / whole
+        columns.moisture[i] = np.uint8(mixed + 0.5)
+    columns.loose[i] = had + bank
+    columns.bulk[i] += bulk
     settle_height(columns, i)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, forceinline=True)
+def take_loose(columns, i, bank):  # type: ignore[no-untyped-def]
+    """Take `bank` mm^3, at most all, of the loose soil of a column; returns the room it took."""
+    had = columns.loose[i]
+    bank = min(bank, had)
+    if bank == had:
+        bulk = columns.bulk[i]
+        columns.foreign[i] = 0
+    else:
+        part = bank / had
+        bulk = min(np.int64(columns.bulk[i] * part + 0.5), columns.bulk[i] - (had - bank))
+        columns.foreign[i] -= np.int64(columns.foreign[i] * part)
+    columns.loose[i] = had - bank
+    columns.bulk[i] -= bulk
+    settle_height(columns, i)
+    return bulk
+
+
+@njit(cache=True, forceinline=True)
 def take_from_column(columns, i, bulk):  # type: ignore[no-untyped-def]
     """Lower the column with flat index i by `bulk` mm^3 of room, loose soil first.
 
     Returns:
-        The bank volume taken [mm^3], a whole number; never more than the column holds.
+        The bank volume taken [mm^3], a whole number, of loose and of firm soil; never more than
+        the column holds.
     """
-    growth = 1.0 + columns.swell
-    from_loose = min(np.int64(bulk / growth + 0.5), columns.loose[i])
-    rest = bulk - from_loose * growth
+    from_loose = np.int64(0)
+    rest = bulk
+    if columns.loose[i] > 0:
+        share = bulk * (columns.loose[i] / columns.bulk[i])
+        from_loose = min(np.int64(share + 0.5), columns.loose[i])
+        if from_loose > 0:
+            rest = bulk - take_loose(columns, i, from_loose)
     from_firm = np.int64(0)
-    if from_loose == columns.loose[i] and rest > 0.5:
+    if columns.loose[i] == 0 and rest > 0.5:
         from_firm = min(np.int64(rest + 0.5), columns.firm[i])
-    if from_loose + from_firm > 0:
-        columns.loose[i] -= from_loose
-        columns.firm[i] -= from_firm
-        settle_height(columns, i)
-    return from_loose + from_firm
+        if from_firm > 0:
+            columns.firm[i] -= from_firm
+            settle_height(columns, i)
+    return from_loose, from_firm
+
+
+@njit(cache=True, forceinline=True)
+def pack_column(columns, i, bulk):  # type: ignore[no-untyped-def]
+    """Press `bulk` mm^3 of room out of a column's loose soil, down to its bank volume.
+
+    Returns:
+        What was pressed out [mm^3].
+    """
+    pressed = min(np.int64(bulk), columns.bulk[i] - columns.loose[i])
+    if pressed <= 0:
+        return np.int64(0)
+    columns.bulk[i] -= pressed
+    settle_height(columns, i)
+    return pressed
+
+
+def _layer(
+    name: str, values: NDArray[np.integer] | None, grid: Grid, most: int
+) -> NDArray[np.uint8]:
+    """A layer of whole numbers 0 to `most` over the grid; zeros if not given."""
+    if values is None:
+        return np.zeros(grid.shape, dtype=np.uint8)
+    if values.shape != grid.shape or values.min() < 0 or values.max() > most:
+        raise SoilError(
+            f"the layer {name} is of shape {values.shape} with values {values.min()} to"
+            f" {values.max()}; give shape {grid.shape} with values 0 to {most}"
+        )
+    return values.astype(np.uint8)

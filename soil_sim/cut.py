@@ -28,7 +28,8 @@ from soil_sim.sweeps import SweptPairs
 __all__ = ["Removed", "SweptCut"]
 
 Removed = NDArray[np.float64]
-"""Soil removed from columns, shape (n, 5): flat index, volume [mm^3 bank], centroid x, y, z [m]."""
+"""Soil removed from columns, shape (n, 6): flat index, volume [mm^3 bank], centroid x, y, z [m], id
+of the kind of soil: the firm's, where most of it was firm."""
 
 
 class SweptCut:
@@ -89,14 +90,16 @@ class SweptCut:
 def _take(columns, refined, count, parts):  # type: ignore[no-untyped-def]
     """Take the painted removal out of the columns, as whole mm^3 of bank volume."""
     cells, sub, mean, removed = refined.cells, refined.sub, refined.mean, refined.removed
-    out = np.empty((count, 5))
+    out = np.empty((count, 6))
     n = 0
     for slot in range(count):
         if removed[slot, 0] <= 0.0:
             continue
         i = cells[slot]
         bulk = removed[slot, 0] / parts / columns.metres_per_mm3
-        bank = take_from_column(columns, i, bulk)
+        soil = columns.loose_soil[i]
+        loose, firm = take_from_column(columns, i, bulk)
+        bank = loose + firm
         # What rounding left standing is spread evenly, so the subcolumns' mean stays the height.
         rounding = columns.height[i] - (mean[slot] - removed[slot, 0] / parts)
         for q in range(parts):
@@ -108,5 +111,6 @@ def _take(columns, refined, count, parts):  # type: ignore[no-untyped-def]
             out[n, 2] = removed[slot, 1] / removed[slot, 0]
             out[n, 3] = removed[slot, 2] / removed[slot, 0]
             out[n, 4] = removed[slot, 3] / removed[slot, 0]
+            out[n, 5] = columns.soil[i] if firm > loose else soil
             n += 1
     return out[:n]

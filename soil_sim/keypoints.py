@@ -66,7 +66,7 @@ class KeyPointCut:
 @njit(cache=True)
 def _lower(points, columns, rows, cols, x_first, y_first, cell):  # type: ignore[no-untyped-def]
     """Lower the four grid points around each point; returns what was removed."""
-    out = np.empty((4 * points.shape[0], 5))
+    out = np.empty((4 * points.shape[0], 6))
     n = 0
     for p in range(points.shape[0]):
         row = np.floor((x_first - points[p, 0]) / cell)
@@ -82,12 +82,16 @@ def _lower(points, columns, rows, cols, x_first, y_first, cell):  # type: ignore
                 if not columns.height[k] > z:
                     continue
                 top = columns.height[k]
-                bank = take_from_column(columns, k, (top - z) / columns.metres_per_mm3)
+                soil = columns.loose_soil[k]
+                room = (top - z) / columns.metres_per_mm3
+                loose, firm = take_from_column(columns, k, room)
+                bank = loose + firm
                 if bank > 0:
                     out[n, 0] = k
                     out[n, 1] = bank
                     out[n, 2] = x_first - i * cell
                     out[n, 3] = y_first - j * cell
                     out[n, 4] = 0.5 * (top + z)
+                    out[n, 5] = columns.soil[k] if firm > loose else soil
                     n += 1
     return out[:n]

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from soil_sim.columns import Columns, raise_column
+from soil_sim.columns import Columns, add_loose
 
 __all__ = ["deposit"]
 
@@ -20,6 +20,8 @@ def deposit(
     x: NDArray[np.floating],
     y: NDArray[np.floating],
     volume_mm3: NDArray[np.integer],
+    soil: NDArray[np.integer],
+    moisture: NDArray[np.integer],
 ) -> NDArray[np.int64]:
     """Add landed volumes to the terrain.
 
@@ -27,6 +29,8 @@ def deposit(
         columns: the terrain; changed.
         x, y: landing points on the map [m], map frame, shape (n,).
         volume_mm3: bank volumes, shape (n,).
+        soil: ids of the kinds of soil, shape (n,).
+        moisture: [%], shape (n,).
 
     Returns:
         Flat indices of the columns touched, shape (4 n,).
@@ -39,13 +43,15 @@ def deposit(
         columns.grid.row(x),
         columns.grid.col(y),
         volume_mm3.astype(np.int64),
+        soil.astype(np.uint8),
+        moisture.astype(np.uint8),
         touched,
     )
     return touched
 
 
 @njit(cache=True)
-def _deposit(columns, rows, cols, row, col, volume, touched):  # type: ignore[no-untyped-def]
+def _deposit(columns, rows, cols, row, col, volume, soil, moisture, touched):  # type: ignore[no-untyped-def]
     """Share out `volume` [mm^3] at fractional indices (row, col); notes the columns touched."""
     for n in range(row.size):
         # Half a cell beyond the outer grid points still belongs to the outer columns.
@@ -63,7 +69,8 @@ def _deposit(columns, rows, cols, row, col, volume, touched):  # type: ignore[no
         first = i * cols + j
         for share, k in ((a, first), (b, first + 1), (c, first + cols), (d, first + cols + 1)):
             if share > 0:
-                raise_column(columns, k, share)
+                bulk = np.int64(share * columns.growth[soil[n]] + 0.5)
+                add_loose(columns, k, share, bulk, soil[n], moisture[n])
         touched[4 * n] = first
         touched[4 * n + 1] = first + 1
         touched[4 * n + 2] = first + cols

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.parameters import Parameters, parameter
+from soil_sim.soils import SoilType, load_soils
 
 __all__ = ["SoilParams"]
 
@@ -13,11 +15,23 @@ __all__ = ["SoilParams"]
 class SoilParams(Parameters):
     """What the terrain is made of and how finely it is worked. Defaults: the 2014 reference."""
 
+    soil: str = parameter(
+        "", "kind of soil the ground is of, a name in the file of soils; empty: one without"
+        " cohesion that has the repose_angle and the swell given here",
+    )  # fmt: skip
+    other_soils: tuple[str, ...] = parameter(
+        (), "kinds that a soil map's ids 1, 2, 3 ... mean; 0 is the ground's own", items=str
+    )
+    soils: str = parameter("soils.yaml", "file of soils: a path, or the name of a shipped one")
     repose_angle: float = parameter(
-        30.0, "slope beyond which soil slips", unit="deg", low=1.0, high=80.0
+        30.0, "slope beyond which soil slips, if no soil is named", unit="deg", low=1.0, high=80.0
     )
     swell: float = parameter(
-        0.0, "part by which bank soil grows when it is loosened", low=0.0, high=1.0
+        0.0, "part by which bank soil grows when it is loosened, if no soil is named",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    moisture: int = parameter(
+        -1, "of the ground, of saturation; -1: as its soil has it", unit="%", low=-1, high=100
     )
     slip_radius: float = parameter(
         4.0, "radius r of the neighbourhood soil slips into", unit="cells", low=1.0, high=8.0
@@ -41,4 +55,34 @@ class SoilParams(Parameters):
     )
     key_points_between: int = parameter(
         8, "reference mode: points interpolated between a left and right key point", low=1, high=64
+    )
+
+    def kinds(self) -> tuple[SoilType, ...]:
+        """The kinds of soil in the ground, by id.
+
+        Raises:
+            ParameterError: a name that the file does not have, or an angle beside a name.
+            ConfigError, SoilError: a file that is missing or no file of soils.
+        """
+        if not (self.soil or self.other_soils):
+            return (_plain_soil(self.repose_angle, self.swell),)
+        known = load_soils(self.soils)
+        for name in filter(None, (self.soil, *self.other_soils)):
+            if name not in known:
+                raise ParameterError(
+                    f"there is no soil {name!r} in {self.soils}; it has {', '.join(known)}"
+                )
+        if self.soil and (self.repose_angle, self.swell) != (30.0, 0.0):
+            raise ParameterError(
+                f"the soil is {self.soil!r} and has an angle and a swell of its own; leave"
+                " repose_angle and swell out, or leave the name out"
+            )
+        own = known[self.soil] if self.soil else _plain_soil(self.repose_angle, self.swell)
+        return (own, *(known[name] for name in self.other_soils))
+
+
+def _plain_soil(angle: float, swell: float) -> SoilType:
+    """A soil without cohesion and with one angle, dry or wet."""
+    return SoilType(
+        repose_angle=angle, repose_angle_damp=angle, repose_angle_wet=angle, swell=swell
     )

@@ -4,6 +4,10 @@ Every grid point within radius r (a Gauss circle) of a column is a neighbour it 
 neighbour with the largest excess of height over `tan(angle) * distance` receives half of that
 excess, until no neighbour has any; columns disturbed by this are examined in turn, first in,
 first out. The map's edge is a closed wall. Columns a tool stands in are held and take no part.
+
+The angle is that of the soil on top of the higher column, at its moisture. Firm soil under it does
+not slip as long as it stands above the neighbour by no more than the height that its cohesion
+carries; beyond that it fails, is loose, and lies at its angle of repose.
 """
 
 from __future__ import annotations
@@ -14,7 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from soil_sim.columns import Columns, settle_height
+from soil_sim.columns import Columns, add_loose, settle_height, take_loose
+from soil_sim.soils import SoilTables
 
 __all__ = ["Slip", "gauss_circle"]
 
@@ -44,20 +49,16 @@ class Slip:
         held: columns that neither give nor take soil, shape (rows, cols), uint8.
     """
 
-    def __init__(
-        self, columns: Columns, *, angle: float, radius: float = 4.0, tolerance: float = 0.002
-    ) -> None:
+    def __init__(self, columns: Columns, *, radius: float = 4.0, tolerance: float = 0.002) -> None:
         """
         Args:
             columns: the terrain this acts on.
-            angle: angle of repose [rad].
             radius: of the neighbourhood [cells].
             tolerance: excess left standing, as a height in parts of a cell.
         """
         self._columns = columns
         self._offsets = gauss_circle(radius)
-        distance = np.hypot(self._offsets[:, 0], self._offsets[:, 1]) * columns.grid.cell
-        self._limit = math.tan(angle) * distance
+        self._distance = np.hypot(self._offsets[:, 0], self._offsets[:, 1]) * columns.grid.cell
         self._tolerance = tolerance * columns.grid.cell
         size = columns.grid.rows * columns.grid.cols
         self._queue = np.zeros(size + 1, dtype=np.int64)
@@ -99,11 +100,12 @@ class Slip:
         return int(
             _relax(
                 self._columns.arrays,
+                self._columns.tables,
                 self.held.reshape(-1),
                 self._columns.grid.rows,
                 self._columns.grid.cols,
                 self._offsets,
-                self._limit,
+                self._distance,
                 self._tolerance,
                 self._queue,
                 self._queued,
@@ -113,23 +115,43 @@ class Slip:
         )
 
     def steepest_excess(self) -> float:
-        """Largest excess of any slope over tan(angle), held columns left out; below 0 if none.
+        """Largest excess of any slope that can slip, as a tangent, held columns left out.
 
-        Neighbours farther than the map is wide do not exist; -inf if no two columns are free.
+        Over tan(angle) of the soil on top, where that is loose; over what cohesion carries, where
+        it is firm. Neighbours farther than the map is wide do not exist; -inf if no two columns
+        are free.
         """
         worst = -math.inf
-        height, held = self._columns.height, self.held.astype(bool)
-        rows, cols = height.shape
-        for (di, dj), limit in zip(self._offsets, self._limit, strict=True):
+        columns, held = self._columns, self.held.astype(bool)
+        rows, cols = columns.height.shape
+        slope, stands = _limits(columns, columns.tables)
+        base = columns.floor + columns.firm * columns.metres_per_mm3
+        for (di, dj), distance in zip(self._offsets, self._distance, strict=True):
             if abs(di) >= rows or abs(dj) >= cols:
                 continue
             a = (slice(max(0, -di), rows - max(0, di)), slice(max(0, -dj), cols - max(0, dj)))
             b = (slice(max(0, di), rows - max(0, -di)), slice(max(0, dj), cols - max(0, -dj)))
             free = ~(held[a] | held[b])
             if free.any():
-                excess = (height[a] - height[b])[free].max() - limit
-                worst = max(worst, excess / math.hypot(di, dj) / self._columns.grid.cell)
+                over = columns.height[a] - columns.height[b] - slope[a] * distance
+                # Of a slope that is too steep only the loose soil on it can slip, or firm soil
+                # that stands higher than it can.
+                face = base[a] - columns.height[b]
+                firm = np.where(face > stands[a], face - slope[a] * distance, -math.inf)
+                lies = np.where(
+                    columns.loose[a] > 0, np.minimum(over, columns.loose_depth[a]), firm
+                )
+                excess = np.maximum(lies, firm)[free].max()
+                worst = max(worst, excess / distance)
         return worst
+
+
+def _limits(
+    columns: Columns, tables: SoilTables
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Of each column: tangent of its top soil's angle, height its firm soil carries [m]."""
+    slope = tables.slope[columns.top_soil, columns.moisture]
+    return slope, tables.stands[columns.soil, columns.moisture]
 
 
 @njit(cache=True, inline="always")
@@ -154,15 +176,16 @@ def _disturb(cells, around, rows, cols, offsets, queue, queued, ends):  # type: 
 
 @njit(cache=True)
 def _relax(  # type: ignore[no-untyped-def]
-    columns, held, rows, cols, offsets, limit, tolerance, queue, queued, ends, budget
+    columns, tables, held, rows, cols, offsets, distance, tolerance, queue, queued, ends, budget
 ):
     """Examine queued columns, at most `budget`; returns how many were."""
     firm, loose, height = columns.firm, columns.loose, columns.height
-    growth = 1.0 + columns.swell
-    metres_per_mm3 = columns.metres_per_mm3
+    slope, stands = tables.slope, tables.stands
+    metres_per_mm3, floor = columns.metres_per_mm3, columns.floor
     count = offsets.shape[0]
     flat = offsets[:, 0] * cols + offsets[:, 1]
     reach = np.int64(np.abs(offsets).max())
+    gentlest = slope.min()
     examined = 0
     forward = True
     while ends[0] != ends[1] and examined < budget:
@@ -176,6 +199,12 @@ def _relax(  # type: ignore[no-untyped-def]
         interior = reach <= row < rows - reach and reach <= col < cols - reach
         gave = False
         while True:
+            moisture = columns.moisture[i]
+            kind = columns.soil[i]
+            upper = columns.loose_soil[i] if loose[i] > 0 else kind
+            tangent = slope[upper, moisture]
+            base = floor + firm[i] * metres_per_mm3
+            carried = stands[kind, moisture]
             best = tolerance
             target = np.int64(-1)
             # Ties go to alternate ends of the list, or a heap would drift to one side.
@@ -187,25 +216,18 @@ def _relax(  # type: ignore[no-untyped-def]
                     if r < 0 or r >= rows or c < 0 or c >= cols:
                         continue
                 j = i + flat[k]
-                excess = height[i] - height[j] - limit[k]
-                if excess > best and held[j] == 0:
-                    best = excess
-                    target = j
-            if target < 0:
+                excess = height[i] - height[j] - tangent * distance[k]
+                if excess <= best or held[j] != 0:
+                    continue
+                # What can go of it: the loose soil, and the firm if it stands too high.
+                if base - height[j] <= carried:
+                    excess = min(excess, height[i] - base)
+                    if excess <= best:
+                        continue
+                best = excess
+                target = j
+            if target < 0 or not _slip(columns, i, target, best, base - height[target] > carried):
                 break
-            # Loose soil goes first; firm soil that fails is loosened and swells where it lands.
-            move = min(np.int64(0.5 * best / metres_per_mm3 / growth), loose[i])
-            rest = best - 2.0 * move * growth * metres_per_mm3
-            fail = np.int64(0)
-            if move == loose[i]:
-                fail = min(np.int64(rest / metres_per_mm3 / (1.0 + growth)), firm[i])
-            if move + fail <= 0:
-                break
-            loose[i] -= move
-            firm[i] -= fail
-            loose[target] += move + fail
-            settle_height(columns, i)
-            settle_height(columns, target)
             gave = True
             _push(target, queue, queued, ends)
         if gave:
@@ -214,6 +236,44 @@ def _relax(  # type: ignore[no-untyped-def]
                 if r < 0 or r >= rows or c < 0 or c >= cols:
                     continue
                 j = i + flat[k]
-                if height[j] - height[i] - limit[k] > tolerance:
-                    _push(j, queue, queued, ends)
+                rise = height[j] - height[i] - tolerance
+                # Most are not steeper than the gentlest angle of any soil: its own need no look.
+                if rise > gentlest * distance[k]:
+                    kind = columns.loose_soil[j] if loose[j] > 0 else columns.soil[j]
+                    if rise > slope[kind, columns.moisture[j]] * distance[k]:
+                        _push(j, queue, queued, ends)
     return examined
+
+
+@njit(cache=True, forceinline=True)
+def _slip(columns, i, j, excess, fails):  # type: ignore[no-untyped-def]
+    """Move half of an excess of height [m] from column i to j; returns whether anything went.
+
+    Loose soil goes first and is loosened anew if it was packed; firm soil goes only if it `fails`,
+    and swells where it lands.
+    """
+    metres_per_mm3 = columns.metres_per_mm3
+    went = False
+    moisture = columns.moisture[i]
+    rest = excess
+    if columns.loose[i] > 0:
+        kind = columns.loose_soil[i]
+        growth = columns.growth[kind]
+        packed = columns.bulk[i] / columns.loose[i]
+        # i falls by packed, j rises by growth, for each mm^3 of bank volume.
+        move = min(np.int64(excess / metres_per_mm3 / (packed + growth)), columns.loose[i])
+        if move > 0:
+            take_loose(columns, i, move)
+            add_loose(columns, j, move, np.int64(move * growth + 0.5), kind, moisture)
+            rest -= move * (packed + growth) * metres_per_mm3
+            went = True
+    if fails and columns.loose[i] == 0:
+        kind = columns.soil[i]
+        growth = columns.growth[kind]
+        fail = min(np.int64(rest / metres_per_mm3 / (1.0 + growth)), columns.firm[i])
+        if fail > 0:
+            columns.firm[i] -= fail
+            settle_height(columns, i)
+            add_loose(columns, j, fail, np.int64(fail * growth + 0.5), kind, moisture)
+            went = True
+    return went

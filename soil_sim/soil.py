@@ -11,7 +11,6 @@ the terrain's own. The exchange (`msg_bridge.exchange`) numbers the rows it retu
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +35,7 @@ from soil_sim.keypoints import KeyPointCut
 from soil_sim.landing import deposit
 from soil_sim.params import SoilParams
 from soil_sim.slip import Slip
+from soil_sim.soils import MOIST, soil_tables
 from soil_sim.sweeps import cutting_pairs, first_of_tools, sound_sweeps
 from soil_sim.tiles import Tiles
 
@@ -64,27 +64,50 @@ class Soil:
 
     Attributes:
         params: as given.
+        kinds: the kinds of soil in it, by id.
         columns: the terrain's state.
         slip: columns waiting to slip.
         revision: number of ticks that changed the terrain.
     """
 
     def __init__(
-        self, grid: Grid, heights: NDArray[np.floating], params: SoilParams | None = None
+        self,
+        grid: Grid,
+        heights: NDArray[np.floating],
+        params: SoilParams | None = None,
+        *,
+        soil: NDArray[np.integer] | None = None,
+        moisture: NDArray[np.integer] | None = None,
     ) -> None:
         """
         Args:
             grid: where each column stands.
             heights: surface of the undisturbed soil [m], shape (rows, cols).
             params: defaults to the reference's soil.
+            soil: kind of each column, shape (rows, cols): 0 the ground's own, 1 and on those of
+                `params.other_soils`; all 0 if not given.
+            moisture: of each column [%], shape (rows, cols); if not given, that of its soil.
+
+        Raises:
+            ParameterError, SoilError, ConfigError: soils or layers that cannot be.
         """
         self.params = params or SoilParams()
+        self.kinds = self.params.kinds()
         self.columns = Columns(
-            grid, heights, dig_depth=self.params.dig_depth, swell=self.params.swell
+            grid,
+            heights,
+            dig_depth=self.params.dig_depth,
+            tables=soil_tables(self.kinds),
+            soil=soil,
+            moisture=moisture,
         )
+        if moisture is None:
+            found = [kind.moisture for kind in self.kinds]
+            if self.params.moisture >= 0:
+                found = [self.params.moisture] * len(found)
+            self.columns.moisture[:] = np.array(found, dtype=np.uint8)[self.columns.soil]
         self.slip = Slip(
             self.columns,
-            angle=math.radians(self.params.repose_angle),
             radius=self.params.slip_radius,
             tolerance=self.params.slip_tolerance,
         )
@@ -130,7 +153,8 @@ class Soil:
         sound, refused = sound_sweeps(sweeps)
         answers = self._judge(tick, landed)
         excavated = self._cut(tick, sound)
-        self._deposit(answers[answers["kind"] == Kind.DEPOSIT])
+        on_map = answers["kind"] == Kind.DEPOSIT
+        self._deposit(answers[on_map], landed["moisture"][on_map])
         self.slip.relax(self.params.slip_budget)
         conversions = np.concatenate([excavated, answers], dtype=CONVERSION)
         return SoilStep(conversions, _zero_forces(sound), self._changed(), refused)
@@ -151,7 +175,8 @@ class Soil:
         sound = np.zeros(landed.size, dtype=np.bool_)
         sound[np.unique(named, return_index=True)[1]] = True
         sound &= np.isfinite(x) & np.isfinite(y) & np.isfinite(landed["z"])
-        sound &= landed["volume_mm3"] > 0
+        sound &= (landed["volume_mm3"] > 0) & (landed["soil"] < len(self.kinds))
+        sound &= landed["moisture"] < MOIST
         on_map = sound & self.grid.contains(x, y)
         rows["kind"] = np.where(on_map, Kind.DEPOSIT, np.where(sound, Kind.OUTSIDE, Kind.REFUSE))
         last = (self.grid.rows - 1, self.grid.cols - 1)
@@ -177,11 +202,12 @@ class Soil:
         self.slip.disturb(self._swept.release(), around=True)
         return np.concatenate(parts, dtype=CONVERSION)
 
-    def _deposit(self, rows: Rows) -> None:
+    def _deposit(self, rows: Rows, moisture: NDArray[np.uint8]) -> None:
         if rows.size == 0:
             return
         x, y = rows["x"].astype(np.float64), rows["y"].astype(np.float64)
-        self.slip.disturb(deposit(self.columns, x, y, rows["volume_mm3"]))
+        what = (rows["volume_mm3"], rows["soil"], moisture)
+        self.slip.disturb(deposit(self.columns, x, y, *what))
 
     def _excavated(self, tick: int, source: int, removed: Removed) -> Rows:
         """EXCAVATE rows of what was removed; volumes beyond a row's field are split."""
@@ -195,6 +221,7 @@ class Soil:
         rows = empty_rows(CONVERSION, index.size)
         rows["volume_mm3"] = np.minimum(volume[index] - nth * MAX_ROW_VOLUME, MAX_ROW_VOLUME)
         rows["x"], rows["y"], rows["z"] = removed[index, 2:5].T
+        rows["soil"] = removed[index, 5]
         cell = removed[index, 0].astype(np.int64)
         rows["row"], rows["col"] = np.divmod(cell, self.grid.cols)
         rows["tick"], rows["source"], rows["kind"] = tick, source, Kind.EXCAVATE
@@ -208,8 +235,7 @@ class Soil:
         changed["row"], changed["col"] = rows, cols
         changed["x"], changed["y"] = self.grid.x(rows), self.grid.y(cols)
         changed["z"] = self.columns.height[rows, cols]
-        loose_bulk = self.columns.loose[rows, cols] * (1.0 + self.params.swell)
-        changed["loose_depth"] = loose_bulk * self.columns.metres_per_mm3
+        changed["loose_depth"] = self.columns.bulk[rows, cols] * self.columns.metres_per_mm3
         changed["volume_mm3"] = self.columns.volume(rows, cols)
         changed["revision"] = self.revision
         return changed

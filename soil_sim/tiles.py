@@ -1,10 +1,10 @@
 """Tiles of the map whose volume and digest are kept, so that a tick costs what it changed.
 
 The state hash is SHA-256 over the digests of all tiles; only tiles with changed columns are
-counted and hashed again. It covers the firm and loose volume of every column and nothing else: not
-the grid and its floor, where tools stand, the shape of a cut within a column, or which columns wait
-to slip. Terrains of one grid and one hash are the same ground; they go on alike once no tool is in
-it and all is at rest.
+counted and hashed again. It covers the volumes of every column (firm, loose, and the room that
+takes), its kinds of soil and its moisture, and nothing else: not the grid and its floor, where
+tools stand, the shape of a cut within a column, or which columns wait to slip. Terrains of one grid
+and one hash are the same ground; they go on alike once no tool is in it and all is at rest.
 """
 
 from __future__ import annotations
@@ -52,11 +52,19 @@ class Tiles:
             self._stale.add(tile)
 
     def state_hash(self) -> str:
-        """SHA-256 [hex] of firm and loose volumes of all columns, in tile order."""
+        """SHA-256 [hex] of volumes, kinds of soil and moisture of all columns, in tile order."""
         for tile in sorted(self._stale):
             window = self._window(tile)
-            digest = hashlib.sha256(self._columns.firm[window].tobytes())
-            digest.update(self._columns.loose[window].tobytes())
+            columns, digest = self._columns, hashlib.sha256()
+            for layer in (
+                columns.firm,
+                columns.loose,
+                columns.bulk,
+                columns.soil,
+                columns.loose_soil,
+                columns.moisture,
+            ):
+                digest.update(layer[window].tobytes())
             self._digests[tile] = digest.digest()
         self._stale.clear()
         return hashlib.sha256(b"".join(self._digests)).hexdigest()

@@ -319,6 +319,7 @@ def test_bag_that_a_recorder_made_of_nodes_tells_what_one_process_does(ros, tmp_
     config = replace(config, shift=replace(config.shift, longest=1.0))
     recorder = ros.add(Recorder, parameters={"path": str(tmp_path / "bag"), "progress": False})
     heard = ros.collect("/diagnostics", DiagnosticArray)
+    hashes = ros.collect("/soil/state_hash", String)
     soil = {f"soil.{name}": value for name, value in asdict(config.soil).items()}
     ros.add(
         SoilNode,
@@ -346,6 +347,8 @@ def test_bag_that_a_recorder_made_of_nodes_tells_what_one_process_does(ros, tmp_
         },
     )
     ros.spin_until(lambda: operator.finished)
+    # One is told twice once time stands still: the last commands have counted by then.
+    ros.spin_until(lambda: len(hashes) > 1 and hashes[-1].data == hashes[-2].data)
     ros.spin_until(lambda: any("machine_sim" in s.name for m in heard for s in m.status))
     operator.stop()
     recorder.stop()

@@ -7,7 +7,7 @@ from support.soil_scenes import NO_LANDED, NO_SWEEPS, bucket_sweep, flat_soil, l
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.rows import MAX_ROW_VOLUME, Kind, Rows
-from soil_sim.columns import raise_column, take_from_column
+from soil_sim.columns import add_loose, take_from_column
 from soil_sim.errors import SoilError
 from soil_sim.params import SoilParams
 from soil_sim.soil import Soil
@@ -82,7 +82,7 @@ def test_a_cut_too_thin_to_take_a_mm3_changes_nothing(mode: str) -> None:
 def test_a_column_that_gives_what_it_got_has_not_changed() -> None:
     soil = flat_soil(6.0, 0.2)
     soil.step(0, NO_SWEEPS, landings(0.0, 0.0, 1000))
-    raise_column(soil.columns.arrays, 40, 500)
+    add_loose(soil.columns.arrays, 40, 500, 500, 0, 0)
     take_from_column(soil.columns.arrays, 40, 500.0)
     step = soil.step(1, NO_SWEEPS, NO_LANDED)
     assert step.changed.size == 0

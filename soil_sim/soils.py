@@ -1,0 +1,170 @@
+"""Kinds of soil: what each is like, dry, damp and wet; read from `config/soils.yaml`.
+
+A column holds a kind's number, its id, and its moisture in per cent of saturation. What depends on
+moisture is given at 0, 50 and 100 % and lies on straight lines in between.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from msg_bridge.config_files import find_config
+from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.parameters import Parameters, parameter
+from soil_sim.errors import SoilError
+
+__all__ = ["MOIST", "SoilTables", "SoilType", "load_soils", "soil_tables"]
+
+MOIST = 101
+"""Steps of moisture: 0 to 100 % of saturation."""
+
+_GRAVITY = 9.81
+
+
+@dataclass(frozen=True)
+class SoilType(Parameters):
+    """One kind of soil; `config/soils.yaml` tells where the figures of the shipped ones come from.
+
+    Angles and factors that end in `_damp` and `_wet` hold at 50 and 100 % of saturation.
+    """
+
+    repose_angle: float = parameter(
+        30.0, "slope beyond which it slips when loose and dry", unit="deg", low=1.0, high=80.0
+    )
+    repose_angle_damp: float = parameter(
+        30.0, "the same, half saturated", unit="deg", low=1.0, high=80.0
+    )
+    repose_angle_wet: float = parameter(30.0, "the same, saturated", unit="deg", low=1.0, high=80.0)
+    swell: float = parameter(0.0, "part by which it grows when loosened", low=0.0, high=1.0)
+    density: float = parameter(
+        1600.0, "of undisturbed (bank) soil", unit="kg/m3", low=500.0, high=4000.0
+    )
+    cohesion: float = parameter(0.0, "of undisturbed soil, dry", unit="Pa", low=0.0, high=1e8)
+    adhesion: float = parameter(0.0, "to steel, dry", unit="Pa", low=0.0, high=1e6)
+    stick_damp: float = parameter(
+        1.0, "cohesion and adhesion half saturated, over dry", low=0.0, high=100.0
+    )
+    stick_wet: float = parameter(
+        1.0, "cohesion and adhesion saturated, over dry", low=0.0, high=100.0
+    )
+    internal_friction: float = parameter(
+        30.0, "angle of internal friction", unit="deg", low=0.0, high=60.0
+    )
+    tool_friction: float = parameter(
+        20.0, "angle of friction against steel", unit="deg", low=0.0, high=45.0
+    )
+    compressive_strength: float = parameter(
+        0.0, "uniaxial, of rock; 0: it is soil and is cut as such", unit="Pa", low=0.0, high=5e8
+    )
+    tensile_strength: float = parameter(0.0, "of rock", unit="Pa", low=0.0, high=5e7)
+    moisture: int = parameter(0, "as found, of saturation", unit="%", low=0, high=100)
+    colour: tuple[float, ...] = parameter(
+        (0.55, 0.42, 0.3), "of dry soil: red, green, blue", low=0.0, high=1.0
+    )
+    sources: str = parameter("", "where these figures come from")
+
+    def __post_init__(self) -> None:
+        """Check what two parameters say together."""
+        super().__post_init__()
+        if len(self.colour) != 3:
+            raise ParameterError(f"colour has {len(self.colour)} parts; give red, green and blue")
+        if (self.compressive_strength > 0.0) != (self.tensile_strength > 0.0):
+            raise ParameterError(
+                "of compressive_strength and tensile_strength one is 0; rock needs both, soil none"
+            )
+
+    @property
+    def is_rock(self) -> bool:
+        """Whether it is cut as rock."""
+        return self.compressive_strength > 0.0
+
+    def angle(self, moisture: float) -> float:
+        """Angle of repose [rad] at a moisture [%]."""
+        angles = (self.repose_angle, self.repose_angle_damp, self.repose_angle_wet)
+        return math.radians(float(np.interp(moisture, (0.0, 50.0, 100.0), angles)))
+
+    def stick(self, moisture: float) -> float:
+        """Cohesion and adhesion at a moisture [%], over those when dry."""
+        factors = (1.0, self.stick_damp, self.stick_wet)
+        return float(np.interp(moisture, (0.0, 50.0, 100.0), factors))
+
+    def standing_height(self, moisture: float) -> float:
+        """Height [m] to which a vertical face of undisturbed soil stands.
+
+        4 c / gamma * tan(45 deg + phi / 2), the critical height of a vertical cut (Terzaghi,
+        Theoretical Soil Mechanics, 1943, art. 57), without tension cracks.
+        """
+        cohesion = self.cohesion * self.stick(moisture)
+        passive = math.tan(math.pi / 4 + math.radians(self.internal_friction) / 2)
+        return 4.0 * cohesion / (self.density * _GRAVITY) * passive
+
+
+class SoilTables(NamedTuple):
+    """What kernels need of the kinds of soil, by id, and by id and moisture [%].
+
+    Attributes:
+        growth: bulk volume of loosened soil over its bank volume, shape (kinds,).
+        slope: tangent of the angle of repose, shape (kinds, MOIST).
+        stands: height of a face that firm soil carries [m], shape (kinds, MOIST).
+    """
+
+    growth: NDArray[np.float64]
+    slope: NDArray[np.float64]
+    stands: NDArray[np.float64]
+
+
+def soil_tables(kinds: Sequence[SoilType]) -> SoilTables:
+    """Tables of some kinds of soil, whose ids are their places in the sequence.
+
+    Raises:
+        SoilError: none, or more than an id can tell apart.
+    """
+    if not 1 <= len(kinds) <= 256:
+        raise SoilError(f"there are {len(kinds)} kinds of soil; give 1 to 256")
+    return SoilTables(
+        np.array([1.0 + kind.swell for kind in kinds]),
+        np.array([[math.tan(kind.angle(m)) for m in range(MOIST)] for kind in kinds]),
+        np.array([[kind.standing_height(m) for m in range(MOIST)] for kind in kinds]),
+    )
+
+
+def load_soils(name: str = "soils.yaml") -> dict[str, SoilType]:
+    """The kinds of soil in a file, by name, in its order.
+
+    Args:
+        name: path of the file, or the name of a shipped one.
+
+    Raises:
+        ConfigError: no such file.
+        SoilError: not a mapping of names to figures.
+        ParameterError: an unknown figure, or one outside its range.
+    """
+    path = find_config(name)
+    content = _content(path)
+    kinds = {}
+    for soil, figures in content.items():
+        if not isinstance(figures, dict):
+            raise SoilError(f"{path}: {soil!r} must be a mapping of figures, not {figures!r}")
+        try:
+            kinds[str(soil)] = SoilType.from_mapping(figures)
+        except ParameterError as error:
+            raise ParameterError(f"{path}: {soil}: {error}") from None
+    return kinds
+
+
+def _content(path: Path) -> dict[Any, Any]:
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise SoilError(f"{path} is no YAML: {error}") from None
+    if not isinstance(content, dict) or not content:
+        raise SoilError(f"{path} must map names of soils to their figures")
+    return content
