@@ -18,10 +18,23 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from soil_sim.collapse import Collapse
 from soil_sim.columns import Columns, add_loose, settle_height, take_loose
 from soil_sim.soils import SoilTables
 
 __all__ = ["Slip", "gauss_circle"]
+
+_MANY = 2000
+"""Columns waiting from which sweeping is less work than examining."""
+
+_AT_ONCE = 2000
+"""Columns examined before it is asked again whether sweeping is less work."""
+
+_PAIRS_OF_WORK = 60
+"""Pairs relaxed in the time that a column is examined in."""
+
+_MOST_SWEEPS = 8
+"""Sweeps between looks at how far a collapse has spread."""
 
 
 def gauss_circle(radius: float) -> NDArray[np.int64]:
@@ -65,10 +78,16 @@ class Slip:
         self._queued = np.zeros(size, dtype=np.uint8)
         self._ends = np.zeros(2, dtype=np.int64)  # head and tail of the ring
         self.held: NDArray[np.uint8] = np.zeros(columns.grid.shape, dtype=np.uint8)
+        self._collapse = Collapse(columns, self._offsets, tolerance=self._tolerance)
+        self._swept = 0  # columns that the last collapse left to be examined
 
     @property
     def waiting(self) -> int:
-        """Columns still to be examined."""
+        """Columns still to be examined or swept."""
+        return self._queue_length + self._collapse.waiting
+
+    @property
+    def _queue_length(self) -> int:
         return int((self._ends[1] - self._ends[0]) % self._queue.size)
 
     def disturb(self, cells: NDArray[np.integer], *, around: bool = False) -> None:
@@ -92,11 +111,55 @@ class Slip:
         self.disturb(np.arange(self._columns.height.size))
 
     def relax(self, budget: int | None = None) -> int:
-        """Let soil slip until all is at rest or `budget` columns have been examined.
+        """Let soil slip until all is at rest or work for `budget` examinations has been done.
+
+        A little soil is seen to column by column; where more columns wait than is worth that, the
+        whole of where they lie is swept (`soil_sim.collapse`).
 
         Returns:
-            The number of columns examined.
+            The number of columns examined, sweeps counted as the work they are.
         """
+        left = 2**62 if budget is None else budget
+        spent = 0
+        while left > 0 and self.waiting:
+            work = 0
+            if self._collapse.running or self._queue_length > max(_MANY, 2 * self._swept):
+                work = self._sweep(left)
+            if work == 0:
+                # Asked again now and then: what begins small may be a large failure.
+                work = self._examine(min(left, _AT_ONCE))
+            spent += work
+            left -= work
+        if not self.waiting:
+            self._swept = 0
+        return spent
+
+    def _sweep(self, budget: int) -> int:
+        """Sweep where columns wait; returns the work done, 0 if it cannot be done so."""
+        collapse, waiting = self._collapse, self._waiting_cells()
+        box = collapse.box_with(waiting)
+        if not collapse.suits(box):
+            if collapse.running:
+                self.disturb(collapse.take_touched())
+            return 0
+        cost = max(1, (box[1] - box[0]) * (box[3] - box[2]) * collapse.directions // _PAIRS_OF_WORK)
+        # The first sweep shows where anything moves at all.
+        sweeps = max(1, min(budget // cost, _MOST_SWEEPS)) if collapse.running else 1
+        self._queued[waiting] = 0
+        self._ends[:] = 0
+        if collapse.sweep(box, self.held, sweeps):
+            # What is left too steep is little, and is seen to column by column.
+            self.disturb(collapse.take_touched())
+            self._swept = self._queue_length
+        return sweeps * cost
+
+    def _waiting_cells(self) -> NDArray[np.int64]:
+        head, tail = self._ends.tolist()
+        if head <= tail:
+            return self._queue[head:tail].copy()
+        return np.concatenate([self._queue[head:], self._queue[:tail]])
+
+    def _examine(self, budget: int) -> int:
         return int(
             _relax(
                 self._columns.arrays,
@@ -110,7 +173,7 @@ class Slip:
                 self._queue,
                 self._queued,
                 self._ends,
-                2**62 if budget is None else budget,
+                budget,
             )
         )
 

@@ -1,21 +1,43 @@
 """Where terrain comes from: heights in a grid, read from files, made, cropped and resampled."""
 
-from soil_sim.terrain.files import SUFFIXES, load_terrain, save_terrain
+from soil_sim.terrain.files import (
+    SUFFIXES,
+    load_heights_with_gaps,
+    load_terrain,
+    load_terrain_with_layers,
+    save_terrain,
+)
 from soil_sim.terrain.georeference import Georeference
 from soil_sim.terrain.heights import HEIGHT_LIMIT, HeightMap
+from soil_sim.terrain.layers import (
+    LAYER_KINDS,
+    Layers,
+    load_layer,
+    moisture_percent,
+    save_layer,
+    soil_ids,
+)
 from soil_sim.terrain.made import flat, rough, slope
 from soil_sim.terrain.north_up import from_north_up, to_north_up
 
 __all__ = [
     "HEIGHT_LIMIT",
+    "LAYER_KINDS",
     "SUFFIXES",
     "Georeference",
     "HeightMap",
+    "Layers",
     "flat",
     "from_north_up",
+    "load_heights_with_gaps",
+    "load_layer",
     "load_terrain",
+    "load_terrain_with_layers",
+    "moisture_percent",
     "rough",
+    "save_layer",
     "save_terrain",
     "slope",
+    "soil_ids",
     "to_north_up",
 ]

@@ -10,17 +10,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from soil_sim.errors import TerrainError
 from soil_sim.terrain.georeference import Georeference
-from soil_sim.terrain.heights import HeightMap
+from soil_sim.terrain.heights import HeightMap, elevations_for_file
 from soil_sim.terrain.north_up import matrix_from_picture, to_north_up
 from soil_sim.terrain.reading import Reading
 
-__all__ = ["read_ascii_grid", "write_ascii_grid"]
+__all__ = ["read_ascii_grid", "write_ascii_grid", "write_ascii_values"]
 
 _KEYS = (
     "ncols",
@@ -37,8 +38,12 @@ _NODATA = -9999.0  # what a file means that names none
 _Lines = Iterator[tuple[int, list[str]]]  # line number from 1, words
 
 
-def read_ascii_grid(path: Path) -> Reading:
+def read_ascii_grid(path: Path, *, gaps: bool = False) -> Reading:
     """Read a grid; its coordinates are taken for metres.
+
+    Args:
+        path: the file.
+        gaps: missing values become NaN, else they are refused.
 
     Raises:
         TerrainError: the line and what is wrong in it, or the keys that are missing.
@@ -53,7 +58,15 @@ def read_ascii_grid(path: Path) -> Reading:
     cell = header["cellsize"]
     if not cell > 0.0:
         raise TerrainError(f"cellsize is {cell:g}; give a positive spacing in metres")
-    picture = _read_rows(first, lines, rows, cols, header.get("nodata_value", _NODATA))
+    picture, numbers = _read_rows(first, lines, rows, cols)
+    empty = picture == header.get("nodata_value", _NODATA)
+    if empty.any() and not gaps:
+        row, col = np.argwhere(empty)[0]
+        raise TerrainError(
+            f"line {numbers[row]}, value {col + 1} is {picture[row, col]:g}, which means no height;"
+            f" {empty.sum()} of {empty.size} cells have none: fill such gaps or crop them away"
+        )
+    picture[empty] = np.nan
     easting = _centre(header, "xll", cols * cell, cell)
     northing = _centre(header, "yll", rows * cell, cell)
     at_origin = abs(easting) < 1e-9 * cell and abs(northing) < 1e-9 * cell
@@ -63,10 +76,18 @@ def read_ascii_grid(path: Path) -> Reading:
 
 def write_ascii_grid(path: Path, height_map: HeightMap) -> None:
     """Write elevations with all their digits; ground without georeference is centred on (0, 0)."""
-    picture = to_north_up(height_map.elevations)
+    write_ascii_values(
+        path, elevations_for_file(height_map), height_map.grid.cell, height_map.georeference
+    )
+
+
+def write_ascii_values(
+    path: Path, values: NDArray[Any], cell: float, georeference: Georeference | None
+) -> None:
+    """Write numbers, shape (rows, cols) in matrix order, none of them -9999, with all digits."""
+    picture = to_north_up(values)
     rows, cols = picture.shape
-    cell = height_map.grid.cell
-    place = height_map.georeference or Georeference("", 0.0, 0.0)
+    place = georeference or Georeference("", 0.0, 0.0)
     header = (
         f"ncols {cols}\nnrows {rows}\n"
         f"xllcorner {place.easting - 0.5 * cols * cell!r}\n"
@@ -112,10 +133,11 @@ def _read_header(lines: _Lines) -> tuple[dict[str, float], tuple[int, list[str]]
 
 
 def _read_rows(
-    first: tuple[int, list[str]], lines: _Lines, rows: int, cols: int, nodata: float
-) -> NDArray[np.float64]:
-    """The heights, shape (rows, cols), row 0 north."""
+    first: tuple[int, list[str]], lines: _Lines, rows: int, cols: int
+) -> tuple[NDArray[np.float64], list[int]]:
+    """The values, shape (rows, cols), row 0 north, and the line each row was on."""
     picture: list[NDArray[np.float64]] = []
+    numbers: list[int] = []
     number, words = first
     while words:
         if len(words) != cols:
@@ -123,21 +145,15 @@ def _read_rows(
                 f"line {number} has {len(words)} values, not ncols = {cols}; write each row of"
                 " the grid on one line"
             )
-        row = np.array([_number(word, f"line {number}") for word in words])
-        empty = np.flatnonzero(row == nodata)
-        if empty.size:
-            raise TerrainError(
-                f"line {number}, value {empty[0] + 1} is {nodata:g}, which means no height; fill"
-                " such gaps or crop them away"
-            )
-        picture.append(row)
+        picture.append(np.array([_number(word, f"line {number}") for word in words]))
+        numbers.append(number)
         number, words = next(lines, (0, []))
     if len(picture) != rows:
         raise TerrainError(
-            f"it has {len(picture)} rows of heights, not nrows = {rows}; if it was cut off, copy"
+            f"it has {len(picture)} rows of values, not nrows = {rows}; if it was cut off, copy"
             " it again"
         )
-    return np.stack(picture)
+    return np.stack(picture), numbers
 
 
 def _number(word: str, where: str) -> float:

@@ -8,32 +8,47 @@
 | `.asc` ESRI ASCII grid | north-up picture | in the file | yes, but not its crs |
 | `.tif`, `.tiff` GeoTIFF | north-up picture | in the file | yes |
 
-`.asc` and `.tif` hold elevations: a map whose z = 0 is not at the datum comes back with its
-heights as elevations. `north_up` says how picture and matrix order relate.
+All write metres. A `.png` says in its text which heights its grey values 0 and 65535 are, and comes
+back without being told. `.asc` and `.tif` hold elevations and declare -9999 as their mark of
+missing ones. A `.tif` also says where z = 0 lies and comes back as it was; from an `.asc` a map
+whose z = 0 is not at the datum comes back with its heights as elevations. An `.npz` can hold
+`layers` too. `north_up` says how picture and matrix order relate.
 """
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-from msg_bridge.contract.errors import EarthmovingError
+import numpy as np
+from numpy.typing import NDArray
+
 from msg_bridge.contract.grid import Grid
 from soil_sim.errors import TerrainError
 from soil_sim.terrain.ascii_grid import read_ascii_grid, write_ascii_grid
+from soil_sim.terrain.georeference import Georeference
 from soil_sim.terrain.geotiff import read_geotiff, write_geotiff
 from soil_sim.terrain.heights import HeightMap
+from soil_sim.terrain.layers import Layers, layers_from_arrays
 from soil_sim.terrain.numpy_files import read_npy, read_npz, write_npy, write_npz
+from soil_sim.terrain.paths import (
+    SUFFIXES,
+    check_exists,
+    checked_suffix,
+    while_reading,
+    while_writing,
+)
 from soil_sim.terrain.png import read_png, write_png
 from soil_sim.terrain.reading import Reading
 
-__all__ = ["SUFFIXES", "load_terrain", "save_terrain"]
-
-SUFFIXES = (".npy", ".npz", ".png", ".asc", ".tif", ".tiff")
-"""What files of terrain are called."""
+__all__ = [
+    "SUFFIXES",
+    "load_heights_with_gaps",
+    "load_terrain",
+    "load_terrain_with_layers",
+    "save_terrain",
+]
 
 HeightRange = tuple[float, float]
 
@@ -59,19 +74,62 @@ def load_terrain(
             missing or wrong, or its heights cannot be ground. The message starts with the path.
     """
     path = Path(path)
-    try:
-        suffix = _suffix(path)
-        _check_arguments(suffix, cell, vertical_scale, height_range)
-        if not path.is_file():
-            raise TerrainError("there is no such file; give the path of a terrain file")
-        reading = _read(path, suffix, cell is not None, height_range)
-        return _map(reading, cell, vertical_scale)
-    except EarthmovingError as error:
-        raise TerrainError(f"{path}: {error}") from error
-    except OSError as error:
-        raise TerrainError(f"{path}: it cannot be read ({error}); check the file") from error
-    except MemoryError as error:
-        raise TerrainError(f"{path}: it does not fit into memory; crop it first") from error
+    with while_reading(path):
+        reading = _read(path, cell, vertical_scale, height_range, gaps=False)
+        grid, heights, place = _scaled(reading, cell, vertical_scale)
+        return HeightMap(grid, heights, place)
+
+
+def load_terrain_with_layers(
+    path: str | os.PathLike[str],
+    *,
+    cell: float | None = None,
+    vertical_scale: float = 1.0,
+    percent: bool = False,
+) -> tuple[HeightMap, Layers]:
+    """The map in an `.npz`, and the layers that are beside it there.
+
+    Args:
+        path: a file with the suffix `.npz`; layers of other files are read by `load_layer`.
+        cell: spacing [m], see `load_terrain`.
+        vertical_scale: metres per unit of the file's heights.
+        percent: the file's moisture is 0..100 instead of 0..1.
+
+    Raises:
+        TerrainError: as `load_terrain`, or a layer that is not of the shape of the heights or
+            has cells that are missing or cannot be.
+    """
+    path = Path(path)
+    height_map = load_terrain(path, cell=cell, vertical_scale=vertical_scale)
+    with while_reading(path):
+        if checked_suffix(path) != ".npz":
+            raise TerrainError("it has no room for layers; give an .npz, or use load_layer")
+        arrays = read_npz(path).layers
+        return height_map, layers_from_arrays(arrays, height_map.grid.shape, percent=percent)
+
+
+def load_heights_with_gaps(
+    path: str | os.PathLike[str],
+    *,
+    cell: float | None = None,
+    vertical_scale: float = 1.0,
+    height_range: HeightRange | None = None,
+) -> tuple[Grid, NDArray[np.float64], Georeference | None]:
+    """Heights that need not be everywhere, as those of a design.
+
+    Args:
+        path, cell, vertical_scale, height_range: as for `load_terrain`.
+
+    Returns:
+        The grid, heights [m], shape (rows, cols), NaN where the file has none, and the place.
+
+    Raises:
+        TerrainError: as `load_terrain`, but for missing heights.
+    """
+    path = Path(path)
+    with while_reading(path):
+        reading = _read(path, cell, vertical_scale, height_range, gaps=True)
+        return _scaled(reading, cell, vertical_scale)
 
 
 def save_terrain(
@@ -79,6 +137,7 @@ def save_terrain(
     height_map: HeightMap,
     *,
     height_range: HeightRange | None = None,
+    layers: Layers | None = None,
 ) -> None:
     """Write a map; a file already there is replaced only by a complete one.
 
@@ -87,53 +146,62 @@ def save_terrain(
         height_map: what to write.
         height_range: heights [m] of the values 0 and 65535 of a `.png`; None takes the map's
             lowest and highest.
+        layers: to be written beside the heights, `.npz` only.
 
     Raises:
-        TerrainError: unknown suffix, a folder that cannot be written to, or a map the format
-            cannot hold. The message starts with the path.
+        TerrainError: unknown suffix, a folder that cannot be written to, or a map or layers the
+            format cannot hold. The message starts with the path.
     """
     path = Path(path)
-    try:
-        suffix = _suffix(path)
+    with while_writing(path) as part:
+        suffix = checked_suffix(path)
         _check_arguments(suffix, None, 1.0, height_range)
-        with _replacing(path) as part:
-            _write(part, suffix, height_map, height_range)
-    except EarthmovingError as error:
-        raise TerrainError(f"{path}: {error}") from error
-    except OSError as error:
-        raise TerrainError(
-            f"{path}: it cannot be written ({error}); give a folder that exists and is yours"
-        ) from error
+        if layers is not None and suffix != ".npz":
+            raise TerrainError("layers go into .npz only; write each by save_layer")
+        if suffix == ".npy":
+            write_npy(part, height_map)
+        elif suffix == ".npz":
+            arrays = (layers or Layers()).file_arrays(height_map.grid)
+            arrays["heights"] = height_map.heights
+            write_npz(part, height_map.grid.cell, height_map.georeference, arrays)
+        elif suffix == ".png":
+            write_png(part, height_map, height_range)
+        elif suffix == ".asc":
+            write_ascii_grid(part, height_map)
+        else:
+            write_geotiff(part, height_map)
 
 
-def _read(path: Path, suffix: str, cell_given: bool, height_range: HeightRange | None) -> Reading:
+def _read(
+    path: Path,
+    cell: float | None,
+    vertical_scale: float,
+    height_range: HeightRange | None,
+    *,
+    gaps: bool,
+) -> Reading:
+    suffix = checked_suffix(path)
+    _check_arguments(suffix, cell, vertical_scale, height_range)
+    check_exists(path)
     if suffix == ".npy":
         return read_npy(path)
     if suffix == ".npz":
-        return read_npz(path)
+        archive = read_npz(path)
+        assert archive.heights is not None
+        return Reading(archive.heights, archive.cell, archive.georeference)
     if suffix == ".png":
         return read_png(path, height_range)
     if suffix == ".asc":
-        return read_ascii_grid(path)
-    return read_geotiff(path, cell_given=cell_given)
+        return read_ascii_grid(path, gaps=gaps)
+    return read_geotiff(
+        path, cell_given=cell is not None, scale_given=vertical_scale != 1.0, gaps=gaps
+    )
 
 
-def _write(
-    path: Path, suffix: str, height_map: HeightMap, height_range: HeightRange | None
-) -> None:
-    if suffix == ".npy":
-        write_npy(path, height_map)
-    elif suffix == ".npz":
-        write_npz(path, height_map)
-    elif suffix == ".png":
-        write_png(path, height_map, height_range)
-    elif suffix == ".asc":
-        write_ascii_grid(path, height_map)
-    else:
-        write_geotiff(path, height_map)
-
-
-def _map(reading: Reading, cell: float | None, vertical_scale: float) -> HeightMap:
+def _scaled(
+    reading: Reading, cell: float | None, vertical_scale: float
+) -> tuple[Grid, NDArray[np.float64], Georeference | None]:
+    """Grid, heights [m] and place of what was read."""
     if cell is None:
         cell = reading.cell
     if cell is None:
@@ -141,14 +209,7 @@ def _map(reading: Reading, cell: float | None, vertical_scale: float) -> HeightM
     stretched = reading.cell is None or not math.isclose(cell, reading.cell)
     heights = reading.heights * vertical_scale
     grid = Grid(heights.shape[0], heights.shape[1], cell)
-    return HeightMap(grid, heights, None if stretched else reading.georeference)
-
-
-def _suffix(path: Path) -> str:
-    suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise TerrainError(f"suffix {path.suffix!r} is unknown; give one of {', '.join(SUFFIXES)}")
-    return suffix
+    return grid, heights, None if stretched else reading.georeference
 
 
 def _check_arguments(
@@ -165,14 +226,3 @@ def _check_arguments(
 def _positive(value: object) -> bool:
     real = isinstance(value, (int, float)) and not isinstance(value, bool)
     return real and 0.0 < float(value) < math.inf  # type: ignore[arg-type]
-
-
-@contextmanager
-def _replacing(path: Path) -> Iterator[Path]:
-    """A file beside `path` that takes its place when the block ends well."""
-    part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix.lower()}")
-    try:
-        yield part
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)

@@ -1,7 +1,13 @@
-"""Terrain as a GeoTIFF: one band of elevations, north-up, in a projected system in metres."""
+"""Terrain as a GeoTIFF: one band of elevations, north-up, in a projected system in metres.
+
+A file says where z = 0 lies in the tag EARTHMOVING_SIM_Z0, so that heights come back as they were;
+other programs see elevations.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import math
 import warnings
 from pathlib import Path
 from typing import Any
@@ -11,50 +17,119 @@ from numpy.typing import NDArray
 
 from soil_sim.errors import TerrainError
 from soil_sim.terrain.georeference import Georeference
-from soil_sim.terrain.heights import HeightMap, height_array
+from soil_sim.terrain.heights import HeightMap, elevations_for_file, height_array
 from soil_sim.terrain.north_up import matrix_from_picture, to_north_up
 from soil_sim.terrain.reading import Reading
 
-__all__ = ["read_geotiff", "write_geotiff"]
+__all__ = [
+    "read_geotiff",
+    "read_geotiff_values",
+    "same_crs",
+    "write_geotiff",
+    "write_geotiff_values",
+]
 
 _SQUARE = 1e-6
 """Relative difference of a pixel's sides that is rounding."""
 
+_Z0 = "EARTHMOVING_SIM_Z0"
+_METRES = ("", "unknown", "m", "metre", "metres", "meter", "meters")
+_NODATA = -9999.0
 
-def read_geotiff(path: Path, *, cell_given: bool) -> Reading:
-    """Read band 1 with its scale and offset applied.
+
+def read_geotiff(
+    path: Path, *, cell_given: bool, scale_given: bool = False, gaps: bool = False
+) -> Reading:
+    """Read the heights of band 1, its scale and offset applied.
 
     Args:
         path: the file.
         cell_given: the caller brings the spacing, so one that is not in metres may pass.
+        scale_given: the caller brings the vertical unit, so heights need not be in metres.
+        gaps: missing heights become NaN, else they are refused.
 
     Raises:
-        TerrainError: a damaged file, several bands, missing heights, or a grid that is not
-            north-up, square and in metres.
+        TerrainError: a damaged file, several bands, missing heights, heights in another unit
+            than metres, or a grid that is not north-up, square and in metres.
     """
+    reading, unit = _read(path, cell_given=cell_given, gaps=gaps)
+    if unit.lower() not in _METRES and not scale_given:
+        raise TerrainError(
+            f"its heights are in {unit!r}, not metres; give vertical_scale, the metres in one of it"
+        )
+    if reading.georeference is None:
+        return reading
+    return dataclasses.replace(reading, heights=reading.heights - reading.georeference.elevation)
+
+
+def read_geotiff_values(path: Path) -> Reading:
+    """Read the values of band 1 for what they are, NaN where they are missing.
+
+    Raises:
+        TerrainError: a damaged file, several bands, or a grid that is not north-up.
+    """
+    return _read(path, cell_given=True, gaps=True)[0]
+
+
+def _read(path: Path, *, cell_given: bool, gaps: bool) -> tuple[Reading, str]:
+    """Band 1 and its unit."""
     rasterio = _rasterio()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
             with rasterio.open(path, driver="GTiff") as dataset:
-                matrix = matrix_from_picture(_elevations(dataset))
+                matrix = matrix_from_picture(_values(dataset, gaps))
+                unit = dataset.units[0] or ""
                 if dataset.transform.is_identity:  # a plain TIFF
-                    return Reading(matrix)
-                return _located(rasterio, dataset, matrix, cell_given)
-    except (rasterio.errors.RasterioError, rasterio.errors.RasterioIOError) as error:
+                    return Reading(matrix), unit
+                return _located(rasterio, dataset, matrix, cell_given), unit
+    except (
+        rasterio.errors.RasterioError,
+        rasterio.errors.RasterioIOError,
+        UnicodeDecodeError,  # of damaged tags
+    ) as error:
         raise TerrainError(f"it is no complete GeoTIFF ({error}); export it again") from error
 
 
 def write_geotiff(path: Path, height_map: HeightMap) -> None:
-    """Write elevations as float64; ground without georeference is centred on (0, 0).
+    """Write elevations as float64, -9999 declared as nodata and metre as the unit.
+
+    Ground without georeference is centred on (0, 0).
+
+    Raises:
+        TerrainError: the georeference's crs is not one that PROJ knows, or an elevation beyond
+            `HEIGHT_LIMIT`.
+    """
+    place = height_map.georeference
+    write_geotiff_values(
+        path,
+        elevations_for_file(height_map),
+        height_map.grid.cell,
+        place,
+        nodata=_NODATA,
+        unit="metre",
+        tags={_Z0: repr(float(place.elevation))} if place and place.elevation else {},
+    )
+
+
+def write_geotiff_values(
+    path: Path,
+    values: NDArray[Any],
+    cell: float,
+    georeference: Georeference | None,
+    *,
+    nodata: float | None = None,
+    unit: str = "",
+    tags: dict[str, str] | None = None,
+) -> None:
+    """Write one band of the values' type, shape (rows, cols) in matrix order.
 
     Raises:
         TerrainError: the georeference's crs is not one that PROJ knows.
     """
     rasterio = _rasterio()
-    place = height_map.georeference or Georeference("", 0.0, 0.0)
-    cell = height_map.grid.cell
-    picture = to_north_up(height_map.elevations)
+    place = georeference or Georeference("", 0.0, 0.0)
+    picture = to_north_up(values)
     rows, cols = picture.shape
     west, north = place.easting - 0.5 * cols * cell, place.northing + 0.5 * rows * cell
     try:
@@ -70,12 +145,30 @@ def write_geotiff(path: Path, height_map: HeightMap) -> None:
         height=rows,
         width=cols,
         count=1,
-        dtype="float64",
+        dtype=picture.dtype.name,
+        nodata=nodata,
         crs=crs,
         transform=rasterio.Affine(cell, 0.0, west, 0.0, -cell, north),
         compress="deflate",
     ) as dataset:
+        # Ahead of the pixels, so that a file that was cut off has lost pixels and is refused.
+        if unit:
+            dataset.units = (unit,)
+        if tags:
+            dataset.update_tags(**tags)
         dataset.write(picture, 1)
+
+
+def same_crs(one: str, other: str) -> bool:
+    """Whether two texts name one coordinate reference system; an empty text fits any."""
+    if not one or not other or one == other:
+        return True
+    rasterio = _rasterio()
+    try:
+        systems = [rasterio.crs.CRS.from_user_input(text) for text in (one, other)]
+    except rasterio.errors.CRSError:
+        return False
+    return bool(systems[0] == systems[1])
 
 
 def _rasterio() -> Any:
@@ -91,19 +184,22 @@ def _rasterio() -> Any:
     return rasterio
 
 
-def _elevations(dataset: Any) -> NDArray[np.float64]:
-    """Heights of the only band, shape (height, width), none missing."""
+def _values(dataset: Any, gaps: bool) -> NDArray[np.float64]:
+    """Values of the only band, shape (height, width); missing ones NaN, or refused without gaps."""
     if dataset.count != 1:
         raise TerrainError(f"it has {dataset.count} bands; export one band of elevations")
-    picture = height_array(dataset.read(1))
-    empty = np.argwhere((dataset.read_masks(1) == 0) | ~np.isfinite(picture))
-    if empty.size:
+    picture = height_array(dataset.read(1), "values")
+    missing = dataset.read_masks(1) == 0
+    empty = np.argwhere(missing | ~np.isfinite(picture))
+    if empty.size and not gaps:
         row, col = empty[0]
         raise TerrainError(
             f"{len(empty)} of {picture.size} pixels have no height, the first at row {row},"
             f" column {col} from the north-west; fill them (gdal_fillnodata) or crop them away"
         )
-    return np.asarray(picture * dataset.scales[0] + dataset.offsets[0])
+    picture = np.asarray(picture * dataset.scales[0] + dataset.offsets[0])
+    picture[missing] = np.nan
+    return picture
 
 
 def _located(rasterio: Any, dataset: Any, matrix: NDArray[np.float64], cell_given: bool) -> Reading:
@@ -121,8 +217,22 @@ def _located(rasterio: Any, dataset: Any, matrix: NDArray[np.float64], cell_give
         return Reading(matrix)
     easting, northing = t.c + 0.5 * dataset.width * t.a, t.f + 0.5 * dataset.height * t.e
     crs = _crs_text(rasterio, dataset.crs)
-    at_origin = not crs and abs(easting) < 1e-9 * t.a and abs(northing) < 1e-9 * t.a
-    return Reading(matrix, t.a, None if at_origin else Georeference(crs, easting, northing))
+    z0 = _z0(dataset.tags())
+    at_origin = not (crs or z0) and abs(easting) < 1e-9 * t.a and abs(northing) < 1e-9 * t.a
+    return Reading(matrix, t.a, None if at_origin else Georeference(crs, easting, northing, z0))
+
+
+def _z0(tags: dict[str, str]) -> float:
+    """Elevation of z = 0 [m] that a file of ours states, 0 for another's."""
+    try:
+        z0 = float(tags.get(_Z0, "0"))
+    except ValueError:
+        z0 = math.nan
+    if not math.isfinite(z0):
+        raise TerrainError(
+            f"its tag {_Z0} is {tags[_Z0]!r}; give the elevation of z = 0 in metres, or remove it"
+        )
+    return z0
 
 
 def _why_no_spacing(rasterio: Any, dataset: Any) -> str:

@@ -12,7 +12,7 @@ from msg_bridge.contract.grid import Grid
 from soil_sim.errors import TerrainError
 from soil_sim.terrain.georeference import Georeference
 
-__all__ = ["HEIGHT_LIMIT", "HeightMap", "height_array"]
+__all__ = ["HEIGHT_LIMIT", "HeightMap", "elevations_for_file", "height_array"]
 
 HEIGHT_LIMIT = 9000.0
 """Largest height or depth taken for real [m]: Everest is 8849 m, and the usual marks of a missing
@@ -180,8 +180,28 @@ class HeightMap:
         return HeightMap(self.grid, mean + factor * (self.heights - mean))
 
 
-def height_array(values: ArrayLike) -> NDArray[np.float64]:
+def elevations_for_file(height_map: HeightMap) -> NDArray[np.float64]:
+    """Elevations [m], shape (rows, cols), that a reader will not take for missing.
+
+    Raises:
+        TerrainError: an elevation beyond `HEIGHT_LIMIT`.
+    """
+    elevations = height_map.elevations
+    largest = float(np.abs(elevations).max())
+    if largest > HEIGHT_LIMIT:
+        raise TerrainError(
+            f"elevations reach {largest:g} m, beyond the {HEIGHT_LIMIT:g} m that are read back;"
+            " correct the elevation of the georeference, or save heights as .npz"
+        )
+    return elevations
+
+
+def height_array(values: ArrayLike, what: str = "heights") -> NDArray[np.float64]:
     """`values` as float64 heights, shape (rows, cols); their range is not looked at.
+
+    Args:
+        values: rows of numbers.
+        what: the values' name in errors.
 
     Raises:
         TerrainError: not real numbers, not two-dimensional, or smaller than 2 x 2.
@@ -189,12 +209,12 @@ def height_array(values: ArrayLike) -> NDArray[np.float64]:
     try:
         array = np.asarray(values)
     except ValueError as error:
-        raise TerrainError("heights are not rectangular; give as many in every row") from error
+        raise TerrainError(f"{what} are not rectangular; give as many in every row") from error
     if array.dtype.kind not in "iuf":
-        raise TerrainError(f"heights are of type {array.dtype}; give integers or real numbers")
+        raise TerrainError(f"{what} are of type {array.dtype}; give integers or real numbers")
     if array.ndim != 2 or min(array.shape) < 2:
         raise TerrainError(
-            f"heights have shape {array.shape}; give two dimensions of at least 2 cells each"
+            f"{what} have shape {array.shape}; give two dimensions of at least 2 cells each"
         )
     return array.astype(np.float64, copy=False)
 

@@ -12,12 +12,16 @@ turned a quarter counter-clockwise::
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from msg_bridge.contract.grid import Grid
 from soil_sim.terrain.georeference import Georeference
 from soil_sim.terrain.heights import HeightMap, height_array
+
+_Value = TypeVar("_Value", bound=np.generic)
 
 __all__ = ["from_north_up", "matrix_from_picture", "to_north_up"]
 
@@ -40,11 +44,11 @@ def from_north_up(
     return HeightMap(Grid(heights.shape[0], heights.shape[1], cell), heights, georeference)
 
 
-def to_north_up(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def to_north_up(matrix: NDArray[_Value]) -> NDArray[_Value]:
     """Matrix order, shape (rows, cols), as a picture, shape (cols, rows)."""
     return np.rot90(matrix, -1)
 
 
-def matrix_from_picture(picture: NDArray[np.float64]) -> NDArray[np.float64]:
+def matrix_from_picture(picture: NDArray[_Value]) -> NDArray[_Value]:
     """A picture, shape (height, width), in matrix order, shape (width, height)."""
     return np.rot90(picture)

@@ -1,7 +1,8 @@
 """Terrain as NumPy files, in matrix order: `.npy` holds heights only, `.npz` the whole map.
 
 An `.npz` has `heights` [m], shape (rows, cols), and `cell` [m], and for ground that lies somewhere
-also `crs`, `easting`, `northing` and `elevation`, as in `Georeference`. Nothing is unpickled.
+also `crs`, `easting`, `northing` and `elevation`, as in `Georeference`. It may have the layers
+`soil` and `moisture` beside them, or alone. Nothing is unpickled.
 """
 
 from __future__ import annotations
@@ -11,16 +12,20 @@ import tokenize
 import zipfile
 import zlib
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from soil_sim.errors import TerrainError
 from soil_sim.terrain.georeference import Georeference
 from soil_sim.terrain.heights import HeightMap, height_array
 from soil_sim.terrain.reading import Reading
 
-__all__ = ["read_npy", "read_npz", "write_npy", "write_npz"]
+__all__ = ["LAYER_NAMES", "Archive", "read_npy", "read_npz", "write_npy", "write_npz"]
+
+LAYER_NAMES = ("soil", "moisture")
+"""What layers are called, in archives and elsewhere."""
 
 _REQUIRED = ("heights", "cell")
 _PLACE = ("crs", "easting", "northing", "elevation")
@@ -39,8 +44,24 @@ _BROKEN = (
 )
 
 
-def read_npy(path: Path) -> Reading:
-    """Read one array.
+class Archive(NamedTuple):
+    """What an `.npz` holds.
+
+    Attributes:
+        heights: [m], shape (rows, cols), or None for an archive of layers alone.
+        cell: spacing [m]; None where an archive of layers alone states none.
+        georeference: where the ground lies, None where the archive does not say.
+        layers: the layers' values by name, shape (rows, cols) in float64.
+    """
+
+    heights: NDArray[np.float64] | None
+    cell: float | None
+    georeference: Georeference | None
+    layers: dict[str, NDArray[np.float64]]
+
+
+def read_npy(path: Path, what: str = "heights") -> Reading:
+    """Read one array; `what` is its name in errors.
 
     Raises:
         TerrainError: no complete array of real numbers, at least 2 x 2.
@@ -55,11 +76,15 @@ def read_npy(path: Path) -> Reading:
     if not isinstance(array, np.ndarray):
         array.close()
         raise TerrainError("it is an archive of arrays; give it the suffix .npz")
-    return Reading(height_array(array).copy())
+    return Reading(height_array(array, what).copy())
 
 
-def read_npz(path: Path) -> Reading:
-    """Read a whole map.
+def read_npz(path: Path, *, needs_heights: bool = True) -> Archive:
+    """Read a whole map and its layers.
+
+    Args:
+        path: the file.
+        needs_heights: whether heights and cell must be there.
 
     Raises:
         TerrainError: a damaged archive, an array missing, unknown or of the wrong kind.
@@ -71,11 +96,21 @@ def read_npz(path: Path) -> Reading:
         raise TerrainError(
             f"it holds no complete archive of numbers ({error}); write it with numpy.savez"
         ) from error
-    _check_names(arrays)
+    _check_names(arrays, needs_heights)
     place = None
     if any(name in arrays for name in _PLACE):
         place = Georeference(*(_single(name, arrays[name]) for name in _PLACE))
-    return Reading(height_array(arrays["heights"]), _number("cell", arrays["cell"]), place)
+    heights, cell = arrays.get("heights"), arrays.get("cell")
+    return Archive(
+        None if heights is None else height_array(heights),
+        None if cell is None else _number("cell", cell),
+        place,
+        {
+            name: height_array(arrays[name], f"values of {name}")
+            for name in LAYER_NAMES
+            if name in arrays
+        },
+    )
 
 
 def write_npy(path: Path, height_map: HeightMap) -> None:
@@ -83,23 +118,27 @@ def write_npy(path: Path, height_map: HeightMap) -> None:
     np.save(path, height_map.heights, allow_pickle=False)
 
 
-def write_npz(path: Path, height_map: HeightMap) -> None:
-    """Write the whole map."""
-    arrays: dict[str, Any] = {"heights": height_map.heights, "cell": height_map.grid.cell}
-    if height_map.georeference is not None:
-        arrays.update({name: getattr(height_map.georeference, name) for name in _PLACE})
-    np.savez_compressed(path, **arrays)
+def write_npz(
+    path: Path, cell: float, georeference: Georeference | None, arrays: dict[str, NDArray[Any]]
+) -> None:
+    """Write arrays, shape (rows, cols), under their names, with spacing [m] and place."""
+    entries: dict[str, Any] = {**arrays, "cell": cell}
+    if georeference is not None:
+        entries.update({name: getattr(georeference, name) for name in _PLACE})
+    np.savez_compressed(path, **entries)
 
 
-def _check_names(arrays: dict[str, Any]) -> None:
-    known = _REQUIRED + _PLACE
-    wanted = known if any(name in arrays for name in _PLACE) else _REQUIRED
+def _check_names(arrays: dict[str, Any], needs_heights: bool) -> None:
+    required = _REQUIRED if needs_heights or "heights" in arrays else ()
+    wanted = required + (_PLACE if any(name in arrays for name in _PLACE) else ())
     missing = [name for name in wanted if name not in arrays]
+    known = _REQUIRED + _PLACE + LAYER_NAMES
     unknown = [name for name in arrays if name not in known]
     if missing or unknown:
         raise TerrainError(
             f"it holds the arrays {', '.join(arrays) or 'none'}; give it {', '.join(_REQUIRED)}"
-            f" and, for georeferenced ground, {', '.join(_PLACE)}, and nothing else"
+            f" and, for georeferenced ground, {', '.join(_PLACE)}, for layers"
+            f" {', '.join(LAYER_NAMES)}, and nothing else"
         )
 
 

@@ -21,10 +21,11 @@ from soil_sim.terrain.heights import HeightMap
 from soil_sim.terrain.north_up import matrix_from_picture, to_north_up
 from soil_sim.terrain.reading import Reading
 
-__all__ = ["read_png", "write_png"]
+__all__ = ["read_png", "read_png_values", "write_png", "write_png_values"]
 
 _KEY = "earthmoving_sim terrain"
 _LEVELS = 65535
+_LAYER_KEY = "earthmoving_sim layer"
 _SIXTEEN_BIT = ("I;16", "I;16L", "I;16B", "I")  # Pillow before 11 opens 16-bit grey as "I"
 
 
@@ -38,8 +39,13 @@ def read_png(path: Path, height_range: tuple[float, float] | None) -> Reading:
     Raises:
         TerrainError: not a complete 16-bit greyscale PNG, or no heights are known for it.
     """
-    values, text = _decode(path)
-    record = _record(text)
+    mode, values, info = _decode(path)
+    if mode not in _SIXTEEN_BIT:
+        raise TerrainError(
+            f"its pixels are {mode!r}, too coarse for heights or coloured; export a 16-bit"
+            " greyscale PNG without alpha"
+        )
+    record = _record(info.get(_KEY))
     if height_range is None and record is None:
         raise TerrainError(
             "a PNG does not state its heights; give height_range=(low, high) in metres"
@@ -81,8 +87,45 @@ def write_png(path: Path, height_map: HeightMap, height_range: tuple[float, floa
     }
     chunk = PngImagePlugin.PngInfo()
     chunk.add_itxt(_KEY, json.dumps(record))
-    values = np.rint((to_north_up(heights) - low) * (_LEVELS / (high - low)))
+    # Divided first: the inverse of a tiny range would overflow.
+    values = np.rint((to_north_up(heights) - low) / (high - low) * _LEVELS)
     picture = np.ascontiguousarray(values.clip(0, _LEVELS).astype(np.uint16))
+    Image.fromarray(picture).save(path, format="PNG", pnginfo=chunk)
+
+
+def read_png_values(path: Path) -> tuple[NDArray[np.float64], Any]:
+    """Read the pixels of a layer for what they are.
+
+    Returns:
+        The values in matrix order, shape (rows, cols), and the record that `write_png_values` was
+        given, None for another's file.
+
+    Raises:
+        TerrainError: not a complete 8- or 16-bit greyscale PNG, or a damaged record.
+    """
+    mode, values, info = _decode(path)
+    if mode not in (*_SIXTEEN_BIT, "L"):
+        raise TerrainError(
+            f"its pixels are {mode!r}, not grey values; export an 8- or 16-bit greyscale PNG"
+            " without alpha or palette"
+        )
+    text = info.get(_LAYER_KEY)
+    try:
+        record = None if text is None else json.loads(text)
+        if not (record is None or isinstance(record, dict)):
+            raise TypeError("no object")
+    except (ValueError, TypeError, RecursionError) as error:
+        raise TerrainError(
+            f"its text chunk {_LAYER_KEY!r} is damaged ({error}); remove the chunk"
+        ) from error
+    return matrix_from_picture(values), record
+
+
+def write_png_values(path: Path, values: NDArray[np.uint8], record: dict[str, Any]) -> None:
+    """Write a layer, shape (rows, cols) in matrix order, as 8-bit grey, and its record as text."""
+    chunk = PngImagePlugin.PngInfo()
+    chunk.add_itxt(_LAYER_KEY, json.dumps(record))
+    picture = np.ascontiguousarray(to_north_up(values))
     Image.fromarray(picture).save(path, format="PNG", pnginfo=chunk)
 
 
@@ -103,22 +146,15 @@ def checked_range(height_range: Any) -> tuple[float, float]:
     return low, high
 
 
-def _decode(path: Path) -> tuple[NDArray[np.float64], Any]:
-    """Values 0..65535, shape (height, width), and our text chunk if there is one."""
+def _decode(path: Path) -> tuple[str, NDArray[np.float64], dict[Any, Any]]:
+    """Pillow's mode, values, shape (height, width[, channels]), and the text chunks."""
     try:
         with Image.open(path, formats=["PNG"]) as image:
             image.verify()  # checksums to the last chunk; the image must be opened anew after it
         with Image.open(path, formats=["PNG"]) as image:
-            mode = image.mode
-            if mode in _SIXTEEN_BIT:
-                values = np.asarray(image, dtype=np.float64)
-                return values, image.info.get(_KEY)
+            return image.mode, np.asarray(image, dtype=np.float64), image.info
     except Exception as error:  # Pillow names no base of all that broken bytes make it raise
         raise TerrainError(f"it is no complete PNG ({error}); export it again") from error
-    raise TerrainError(
-        f"its pixels are {mode!r}, too coarse for heights or coloured; export a 16-bit greyscale"
-        " PNG without alpha"
-    )
 
 
 def _record(text: Any) -> Any:

@@ -14,10 +14,11 @@ __all__ = ["Reading"]
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """Heights as a file holds them.
+    """Heights, or a layer's values, as a file holds them.
 
     Attributes:
-        heights: in matrix order and the file's vertical unit, shape (rows, cols).
+        heights: in matrix order and the file's vertical unit, shape (rows, cols); NaN where the
+            file marks a gap and its reader was asked to keep gaps.
         cell: spacing the file states [m], None where it states none in metres.
         georeference: where the file says the ground lies, None where it does not.
     """

@@ -88,7 +88,7 @@ def test_line_with_a_wrong_count_is_refused_by_number(tmp_path, rows):
 
 @pytest.mark.parametrize("rows", [(), ("1 2 3",), ("1 2 3",) * 3])
 def test_wrong_number_of_rows_is_refused(tmp_path, rows):
-    with pytest.raises(TerrainError, match=rf"it has {len(rows)} rows of heights, not nrows = 2"):
+    with pytest.raises(TerrainError, match=rf"it has {len(rows)} rows of values, not nrows = 2"):
         load_terrain(asc(tmp_path, rows=rows))
 
 
@@ -102,7 +102,9 @@ def test_word_that_is_no_height_is_refused_with_its_line(tmp_path, word, column)
 
 
 def test_cell_without_height_is_refused_with_its_position(tmp_path):
-    with pytest.raises(TerrainError, match="line 8, value 2 is -5, which means no height"):
+    with pytest.raises(
+        TerrainError, match="line 8, value 2 is -5, which means no height; 1 of 6 cells"
+    ):
         load_terrain(asc(tmp_path, rows=("1 2 3", "4 -5.0 6"), NODATA_value="-5"))
 
 

@@ -1,5 +1,6 @@
 """Terrain files of every kind: what is saved comes back, and what cannot be ground is refused."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +57,77 @@ def test_elevations_come_back_from_a_map_above_its_datum(tmp_path, suffix):
     high = HeightMap(GRID, HEIGHTS, Georeference("EPSG:32633", 0.0, 9.0, elevation=800.0))
     save_terrain(path, high)
     np.testing.assert_allclose(load_terrain(path).elevations, high.elevations, atol=1e-4)
+
+
+@pytest.mark.parametrize("second", SUFFIXES)
+@pytest.mark.parametrize("first", SUFFIXES)
+def test_map_goes_from_format_to_format_with_heights_cell_and_place(tmp_path, first, second):
+    path = saved(tmp_path, first)
+    loaded = load_terrain(path, cell=cell_for(path))
+    again = tmp_path / f"again{second}"
+    save_terrain(again, loaded)
+    back = load_terrain(again, cell=cell_for(again))
+    level = np.ptp(HEIGHTS) / 65535
+    atol = 0.5001 * level if second == ".png" else 0.0
+    assert back.grid == loaded.grid
+    np.testing.assert_allclose(back.heights, loaded.heights, rtol=0, atol=atol)
+    place = loaded.georeference
+    if place is not None and second == ".asc":
+        place = dataclasses.replace(place, crs="")
+    assert back.georeference == (None if second == ".npy" else place)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".png", ".tif", ".tiff"])
+def test_heights_above_a_datum_come_back_with_it(tmp_path, suffix):
+    path = tmp_path / f"site{suffix}"
+    high = HeightMap(GRID, HEIGHTS, Georeference("EPSG:32633", 0.0, 9.0, elevation=800.1))
+    save_terrain(path, high)
+    back = load_terrain(path)
+    assert back.georeference == high.georeference
+    atol = 0.5001 * np.ptp(HEIGHTS) / 65535 if suffix == ".png" else 1e-12
+    np.testing.assert_allclose(back.heights, HEIGHTS, rtol=0, atol=atol)
+
+
+def test_ascii_grid_above_a_datum_comes_back_as_elevations(tmp_path):
+    place = Georeference("", 0.0, 9.0, elevation=800.0)
+    save_terrain(tmp_path / "site.asc", HeightMap(GRID, HEIGHTS, place))
+    back = load_terrain(tmp_path / "site.asc")
+    assert back.georeference == Georeference("", 0.0, 9.0)
+    assert np.array_equal(back.heights, HEIGHTS + 800.0)
+
+
+@pytest.mark.parametrize("suffix", [".asc", ".tif", ".tiff"])
+def test_elevations_that_would_not_be_read_back_are_refused_at_saving(tmp_path, suffix):
+    place = Georeference("", 0.0, 9.0, elevation=-9999.0)
+    with pytest.raises(TerrainError, match="beyond the 9000 m that are read back"):
+        save_terrain(tmp_path / f"site{suffix}", HeightMap(GRID, 0.0 * HEIGHTS, place))
+    assert not list(tmp_path.iterdir())
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@given(
+    data=st.data(),
+    suffix=st.sampled_from(SUFFIXES),
+    shape=st.tuples(st.integers(2, 4), st.integers(2, 4)),
+    cell=st.floats(0.01, 1000.0),
+    easting=st.floats(1e5, 1e6),
+    northing=st.floats(1e5, 1e7),
+)
+def test_any_map_comes_back(tmp_path, data, suffix, shape, cell, easting, northing):
+    count = shape[0] * shape[1]
+    heights = data.draw(st.lists(st.floats(-9000.0, 9000.0), min_size=count, max_size=count))
+    made = HeightMap(
+        Grid(*shape, cell), np.reshape(heights, shape), Georeference("", easting, northing)
+    )
+    path = tmp_path / f"site{suffix}"
+    save_terrain(path, made)
+    back = load_terrain(path, cell=cell if suffix == ".npy" else None)
+    assert back.grid == made.grid
+    atol = 0.5001 * made.relief / 65535 if suffix == ".png" else 0.0
+    np.testing.assert_allclose(back.heights, made.heights, rtol=1e-15, atol=atol)
+    if suffix != ".npy":
+        assert back.georeference.easting == pytest.approx(easting, abs=1e-8)
+        assert back.georeference.northing == pytest.approx(northing, abs=1e-8)
 
 
 @pytest.mark.parametrize("suffix", STATES_SPACING)

@@ -1,5 +1,7 @@
 """GeoTIFFs: one north-up band in metres; the file's place on Earth is kept."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import rasterio
@@ -67,6 +69,55 @@ def test_saved_file_holds_elevations(tmp_path):
     save_terrain(tmp_path / "site.tif", HeightMap(Grid(2, 2, 1.0), np.ones((2, 2)), place))
     with rasterio.open(tmp_path / "site.tif") as dataset:
         assert (dataset.read(1) == 101.0).all()
+
+
+def test_saved_file_declares_metres_and_a_mark_of_missing_heights(tmp_path):
+    save_terrain(tmp_path / "site.tif", HeightMap(Grid(2, 2, 1.0), np.ones((2, 2))))
+    with rasterio.open(tmp_path / "site.tif") as dataset:
+        assert dataset.units == ("metre",)
+        assert dataset.nodata == -9999.0
+    assert [file.name for file in tmp_path.iterdir()] == ["site.tif"]
+
+
+def test_heights_in_feet_are_refused_unless_their_scale_is_given(tmp_path):
+    path = tif(tmp_path)
+    with rasterio.open(path, "r+") as dataset:
+        dataset.units = ("US survey foot",)
+    with pytest.raises(TerrainError, match=r"heights are in 'US survey foot'.*give vertical_scale"):
+        load_terrain(path)
+    loaded = load_terrain(path, vertical_scale=0.3048006)
+    np.testing.assert_allclose(loaded.heights, PICTURE.T[::-1] * 0.3048006)
+
+
+@pytest.mark.parametrize("z0", ["high", "nan", "inf"])
+def test_damaged_elevation_of_z_0_is_refused(tmp_path, z0):
+    path = tif(tmp_path)
+    with rasterio.open(path, "r+") as dataset:
+        dataset.update_tags(EARTHMOVING_SIM_Z0=z0)
+    with pytest.raises(TerrainError, match="EARTHMOVING_SIM_Z0 is"):
+        load_terrain(path)
+
+
+def test_tag_that_is_no_text_is_refused(tmp_path):
+    path = tmp_path / "site.tif"
+    save_terrain(path, HeightMap(Grid(2, 2, 1.0), np.ones((2, 2))))
+    content = path.read_bytes()
+    assert content.count(b">metre<") == 1
+    path.write_bytes(content.replace(b">metre<", b">met\xffe<"))
+    with pytest.raises(TerrainError, match="no complete GeoTIFF"):
+        load_terrain(path)
+
+
+def test_file_that_lost_where_z_0_is_keeps_its_elevations(tmp_path):
+    path = tmp_path / "site.tif"
+    place = Georeference("EPSG:32633", 0.0, 9.0, elevation=800.1)
+    save_terrain(path, HeightMap(Grid(2, 2, 1.0), np.ones((2, 2)), place))
+    content = path.read_bytes()
+    assert content.count(b"800.1") == 1
+    path.write_bytes(content.replace(b"EARTHMOVING_SIM_Z0", b"another program's "))
+    loaded = load_terrain(path)
+    assert loaded.georeference == dataclasses.replace(place, elevation=0.0)
+    assert (loaded.heights == 801.1).all()
 
 
 def test_scale_and_offset_of_the_band_are_applied(tmp_path):

@@ -85,7 +85,7 @@ def test_array_named_as_an_archive_is_refused(tmp_path):
     [
         {"elevation": np.zeros((3, 3))},
         {"heights": np.zeros((3, 3))},
-        {"heights": np.zeros((3, 3)), "cell": 0.5, "soil": 1},
+        {"heights": np.zeros((3, 3)), "cell": 0.5, "snow": 1},
         {"heights": np.zeros((3, 3)), "cell": 0.5, "easting": 1.0},
     ],
     ids=["no heights", "no cell", "unknown", "half a georeference"],

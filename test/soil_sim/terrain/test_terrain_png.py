@@ -1,5 +1,7 @@
 """16-bit PNGs: north-up, their values spread over a range of heights."""
 
+import json
+
 import numpy as np
 import pytest
 from PIL import Image, PngImagePlugin
@@ -37,6 +39,20 @@ def test_saved_heights_come_back_within_half_a_level(tmp_path):
 def test_flat_ground_comes_back_exactly(tmp_path):
     save_terrain(tmp_path / "site.png", flat(Grid(3, 4, 0.2), 7.25))
     assert (load_terrain(tmp_path / "site.png").heights == 7.25).all()
+
+
+def test_heights_that_hardly_differ_come_back(tmp_path):
+    heights = np.array([[0.0, 5e-324], [1e-310, 0.0]])
+    save_terrain(tmp_path / "site.png", HeightMap(Grid(2, 2, 0.2), heights))
+    np.testing.assert_allclose(load_terrain(tmp_path / "site.png").heights, heights, atol=1e-309)
+
+
+def test_what_grey_means_is_written_into_the_file(tmp_path):
+    heights = np.array([[-2.0, 3.0], [0.0, 1.0]])
+    save_terrain(tmp_path / "site.png", HeightMap(Grid(2, 2, 0.2), heights))
+    with Image.open(tmp_path / "site.png") as image:
+        assert json.loads(image.info[KEY])["height_range"] == [-2.0, 3.0]
+        assert np.array_equal(image, [[26214, 0], [39321, 65535]])
 
 
 def test_height_range_given_at_saving_is_that_of_the_values(tmp_path):
