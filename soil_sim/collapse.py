@@ -183,7 +183,8 @@ class Collapse:
         base = columns.floor + columns.firm[window] * columns.metres_per_mm3 - lowest
         stands = columns.tables.stands[columns.soil[window], columns.moisture[window]]
         least = _least_around(plan, self._reach)
-        return np.minimum(base, least + stands).astype(np.float32)
+        floor: NDArray[np.float32] = np.minimum(base, least + stands).astype(np.float32)
+        return floor
 
     def _book(self, box: Box, change: NDArray[np.float64]) -> NDArray[np.int64]:
         """Do what was planned with whole mm^3; returns the columns touched."""

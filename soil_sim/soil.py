@@ -1,6 +1,6 @@
 """The soil: one tick turns what tools swept and what landed into what was actually moved.
 
-    judge -> cut -> deposit -> slip
+    judge -> resist -> cut, press -> deposit -> slip
 
 All input is judged before the first column changes, so a tick is done whole or not at all: a tool
 whose rows cannot be believed is refused, a landed row likewise, and what is left cannot fail.
@@ -20,10 +20,10 @@ from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.rows import (
     CHANGED,
     CONVERSION,
-    FORCE,
     LANDED,
     MAX_ROW_VOLUME,
     SWEEP,
+    Action,
     Kind,
     Rows,
     empty_rows,
@@ -34,9 +34,11 @@ from soil_sim.errors import SoilError
 from soil_sim.keypoints import KeyPointCut
 from soil_sim.landing import deposit
 from soil_sim.params import SoilParams
+from soil_sim.press import press
+from soil_sim.resistance import Resistance, no_resistance
 from soil_sim.slip import Slip
 from soil_sim.soils import MOIST, soil_tables
-from soil_sim.sweeps import cutting_pairs, first_of_tools, sound_sweeps
+from soil_sim.sweeps import pairs_that, sound_sweeps
 from soil_sim.tiles import Tiles
 
 __all__ = ["Soil", "SoilStep"]
@@ -113,6 +115,7 @@ class Soil:
         )
         self._swept = SweptCut(self.columns, self.slip.held, resolution=self.params.cut_resolution)
         self._key_points = KeyPointCut(self.columns, between=self.params.key_points_between)
+        self._resistance = Resistance(self.columns, self.kinds)
         self._tiles = Tiles(self.columns)
         self.revision = 0
 
@@ -152,12 +155,13 @@ class Soil:
             )
         sound, refused = sound_sweeps(sweeps)
         answers = self._judge(tick, landed)
+        forces = self._resist(sound)
         excavated = self._cut(tick, sound)
         on_map = answers["kind"] == Kind.DEPOSIT
         self._deposit(answers[on_map], landed["moisture"][on_map])
         self.slip.relax(self.params.slip_budget)
         conversions = np.concatenate([excavated, answers], dtype=CONVERSION)
-        return SoilStep(conversions, _zero_forces(sound), self._changed(), refused)
+        return SoilStep(conversions, forces, self._changed(), refused)
 
     def _judge(self, tick: int, landed: Rows) -> Rows:
         """The answer to each landed row: on the map, beyond it, or not to be believed.
@@ -184,10 +188,16 @@ class Soil:
         rows["col"][on_map] = np.clip(np.rint(self.grid.col(y[on_map])), 0, last[1])
         return rows
 
+    def _resist(self, sweeps: Rows) -> Rows:
+        """What tools that begin to cut feel, by the soil as it stands."""
+        if self.params.force_mode == "reference":
+            return no_resistance(sweeps)
+        return self._resistance.wrenches(sweeps)
+
     def _cut(self, tick: int, sweeps: Rows) -> Rows:
         sources = np.unique(sweeps["source"]).tolist()
         by_source = [sweeps[sweeps["source"] == source] for source in sources]
-        strokes = [cutting_pairs(own) for own in by_source]
+        strokes = [pairs_that(Action.CUT, own) for own in by_source]
         swept = self.params.cut_mode == "swept"
         if swept:
             self._swept.reserve(strokes)
@@ -199,6 +209,9 @@ class Soil:
                 removed = self._key_points.sweep(own)
                 self.slip.disturb(removed[:, 0].astype(np.int64), around=True)
             parts.append(self._excavated(tick, source, removed))
+            if swept:
+                pressed = press(self.columns, pairs_that(Action.PRESS, own))
+                self.slip.disturb(pressed, around=True)
         self.slip.disturb(self._swept.release(), around=True)
         return np.concatenate(parts, dtype=CONVERSION)
 
@@ -239,12 +252,3 @@ class Soil:
         changed["volume_mm3"] = self.columns.volume(rows, cols)
         changed["revision"] = self.revision
         return changed
-
-
-def _zero_forces(sweeps: Rows) -> Rows:
-    """One FORCE row a tool: there is no cutting force yet, and no force is said to be zero."""
-    first = sweeps[first_of_tools(sweeps)]
-    forces = empty_rows(FORCE, first.size)
-    forces["source"], forces["tool"] = first["source"], first["tool"]
-    forces["x"], forces["y"], forces["z"] = first["x1"], first["y1"], first["z1"]
-    return forces

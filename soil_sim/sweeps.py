@@ -1,4 +1,4 @@
-"""Sweeps as they come: which tools' rows are sound, and the key-point pairs that cut.
+"""Sweeps as they come: which tools' rows are sound, and the key-point pairs that cut or press.
 
 Rows come from outside. They are judged before anything is moved, and a tool is believed whole or
 not at all: half a tool would cut a shape nobody has.
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from msg_bridge.contract.rows import Action, Rows
 
-__all__ = ["SweptPairs", "cutting_pairs", "first_of_tools", "sound_sweeps"]
+__all__ = ["SweptPairs", "first_of_tools", "pairs_that", "sound_sweeps"]
 
 _FARTHEST = 1e5
 """Largest coordinate of a key point [m]; there a float32 still tells centimetres apart."""
@@ -38,7 +38,7 @@ _FAULTS = (
 
 
 class SweptPairs(NamedTuple):
-    """The cutting key-point pairs of one source over a tick.
+    """The key-point pairs of one source that cut, or press, over a tick.
 
     Attributes:
         points: start and end of the tick, left and right end [m], map frame, shape (n, 2, 2, 3).
@@ -81,13 +81,14 @@ def first_of_tools(sweeps: Rows) -> NDArray[np.intp]:
     return np.flatnonzero(first)
 
 
-def cutting_pairs(sweeps: Rows) -> SweptPairs:
-    """The pairs that cut and how they are joined.
+def pairs_that(action: Action, sweeps: Rows) -> SweptPairs:
+    """The pairs that cut, or those that press, and how they are joined.
 
     Args:
+        action: which of both.
         sweeps: sound SWEEP rows of one source, by tool.
     """
-    rows = sweeps[sweeps["action"] == Action.CUT]
+    rows = sweeps[sweeps["action"] == action]
     points = _key_points(rows).reshape(-1, 2, 2, 3).swapaxes(1, 2)
     tool, pair = rows["tool"][::2], rows["pair"][::2].astype(np.int64)
     joined = np.zeros(tool.size, dtype=np.bool_)

@@ -1,0 +1,99 @@
+"""Pressing: a plate that is pushed into loose soil packs it, as tracks do and the back of a bucket.
+
+Nothing is taken away: the room of the loose soil under the plate shrinks, down to what it took
+undisturbed. Firm soil does not give. A column counts as under the plate if its centre is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from soil_sim.columns import Columns, pack_column
+from soil_sim.sweeps import SweptPairs
+
+__all__ = ["press"]
+
+_MOST_POSES = 64
+"""Poses of a plate looked at in one tick, at most."""
+
+
+def press(columns: Columns, pairs: SweptPairs) -> NDArray[np.int64]:
+    """Pack the loose soil above where plates went in a tick.
+
+    Args:
+        columns: the terrain; changed.
+        pairs: pressing key-point pairs of one source; joined ones bound a plate.
+
+    Returns:
+        Flat indices of the columns packed, in order.
+    """
+    if not pairs.joined.any():
+        return np.zeros(0, dtype=np.int64)
+    grid = columns.grid
+    packed: NDArray[np.int64] = _press(
+        *pairs,
+        columns.arrays,
+        grid.rows,
+        grid.cols,
+        grid.x_first,
+        grid.y_first,
+        grid.cell,
+    )
+    return np.unique(packed)
+
+
+@njit(cache=True)
+def _press(points, joined, columns, rows, cols, x_first, y_first, cell):  # type: ignore[no-untyped-def]
+    packed = [np.int64(0) for _ in range(0)]
+    corners = np.empty((4, 3))
+    for n in range(points.shape[0] - 1):
+        if not joined[n]:
+            continue
+        way = 0.0
+        for m in range(n, n + 2):
+            for p in range(2):
+                way = max(way, np.abs(points[m, 1, p] - points[m, 0, p]).max())
+        poses = min(max(1, int(np.ceil(2.0 * way / cell))), _MOST_POSES)
+        for pose in range(1, poses + 1):
+            t = pose / poses
+            # Left and right of this pair, then of the next.
+            for m in range(2):
+                for p in range(2):
+                    start, end = points[n + m, 0, p], points[n + m, 1, p]
+                    corners[2 * m + p] = start + t * (end - start)
+            for third in (0, 3):
+                _press_triangle(
+                    corners[1], corners[2], corners[third],
+                    columns, rows, cols, x_first, y_first, cell, packed,
+                )  # fmt: skip
+    return np.array(packed, dtype=np.int64)
+
+
+@njit(cache=True)
+def _press_triangle(a, b, c, columns, rows, cols, x_first, y_first, cell, packed):  # type: ignore[no-untyped-def]
+    """Pack the columns whose centre is under a triangle down to it."""
+    area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
+    if abs(area) < 1e-12:  # seen from above it is a line
+        return
+    x0, x1 = min(a[0], b[0], c[0]), max(a[0], b[0], c[0])
+    y0, y1 = min(a[1], b[1], c[1]), max(a[1], b[1], c[1])
+    top = max(np.ceil((x_first - x1) / cell), 0.0)
+    bottom = min(np.floor((x_first - x0) / cell), rows - 1.0)
+    left = max(np.ceil((y_first - y1) / cell), 0.0)
+    right = min(np.floor((y_first - y0) / cell), cols - 1.0)
+    if bottom < top or right < left:
+        return
+    for i in range(np.int64(top), np.int64(bottom) + 1):
+        x = x_first - i * cell
+        for j in range(np.int64(left), np.int64(right) + 1):
+            y = y_first - j * cell
+            u = ((x - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (y - a[1])) / area
+            v = ((b[0] - a[0]) * (y - a[1]) - (x - a[0]) * (b[1] - a[1])) / area
+            if u < 0.0 or v < 0.0 or u + v > 1.0:
+                continue
+            k = i * cols + j
+            over = columns.height[k] - (a[2] + u * (b[2] - a[2]) + v * (c[2] - a[2]))
+            if over > 0.0 and pack_column(columns, k, over / columns.metres_per_mm3) > 0:
+                packed.append(k)
