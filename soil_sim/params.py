@@ -50,12 +50,28 @@ class SoilParams(Parameters):
         "swept: area-weighted overlap of the tool; reference: the 2014 key-point rule",
         choices=("swept", "reference"),
     )
+    force_mode: str = parameter(
+        "earthmoving",
+        "earthmoving: tools feel what it takes to cut; reference: nothing, as in the 2014 work",
+        choices=("earthmoving", "reference"),
+    )
     cut_resolution: float = parameter(
         0.025, "size to which columns under a tool are refined", unit="m", low=0.002, high=1.0
     )
     key_points_between: int = parameter(
         8, "reference mode: points interpolated between a left and right key point", low=1, high=64
     )
+    angle_noise: float = parameter(
+        0.0, "by how much each column's angle of repose may differ", unit="deg", low=0.0, high=20.0
+    )
+    shape_noise: float = parameter(
+        0.0, "how much chance there is in where soil slips to", low=0.0, high=1.0
+    )
+    normal_noise: float = parameter(
+        0.0, "by how much the surface of loose soil leans to and fro", unit="deg",
+        low=0.0, high=45.0,
+    )  # fmt: skip
+    noise_seed: int = parameter(0, "of all noise", low=0, high=2**31)
 
     def kinds(self) -> tuple[SoilType, ...]:
         """The kinds of soil in the ground, by id.

@@ -13,6 +13,7 @@ carries; beyond that it fails, is loose, and lies at its angle of repose.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -22,7 +23,7 @@ from soil_sim.collapse import Collapse
 from soil_sim.columns import Columns, add_loose, settle_height, take_loose
 from soil_sim.soils import SoilTables
 
-__all__ = ["Slip", "gauss_circle"]
+__all__ = ["Slip", "SlipNoise", "gauss_circle"]
 
 _MANY = 2000
 """Columns waiting from which sweeping is less work than examining."""
@@ -55,6 +56,26 @@ def gauss_circle(radius: float) -> NDArray[np.int64]:
     return np.array(points, dtype=np.int64)
 
 
+class SlipNoise(NamedTuple):
+    """Unevenness of nature in how soil slips.
+
+    Attributes:
+        steeper: tangent of each column's angle of repose, over that of its soil, flat; empty: 1.
+        shape: by what part the pull of a neighbour varies at random, 0 to 1: soil does not always
+            take the steepest way.
+        seed: of that.
+    """
+
+    steeper: NDArray[np.float64]
+    shape: float
+    seed: int
+
+    @property
+    def uneven(self) -> bool:
+        """Whether there is any."""
+        return bool(self.steeper.size) or self.shape > 0.0
+
+
 class Slip:
     """The columns waiting to be examined, and the rule by which they slip.
 
@@ -62,12 +83,20 @@ class Slip:
         held: columns that neither give nor take soil, shape (rows, cols), uint8.
     """
 
-    def __init__(self, columns: Columns, *, radius: float = 4.0, tolerance: float = 0.002) -> None:
+    def __init__(
+        self,
+        columns: Columns,
+        *,
+        radius: float = 4.0,
+        tolerance: float = 0.002,
+        noise: SlipNoise | None = None,
+    ) -> None:
         """
         Args:
             columns: the terrain this acts on.
             radius: of the neighbourhood [cells].
             tolerance: excess left standing, as a height in parts of a cell.
+            noise: unevenness of nature; None for soil that is the same everywhere.
         """
         self._columns = columns
         self._offsets = gauss_circle(radius)
@@ -79,6 +108,8 @@ class Slip:
         self._ends = np.zeros(2, dtype=np.int64)  # head and tail of the ring
         self.held: NDArray[np.uint8] = np.zeros(columns.grid.shape, dtype=np.uint8)
         self._collapse = Collapse(columns, self._offsets, tolerance=self._tolerance)
+        self._noise = noise or SlipNoise(np.zeros(0), 0.0, 0)
+        self._random = np.array([self._noise.seed * 2 + 1], dtype=np.uint64)
         self._swept = 0  # columns that the last collapse left to be examined
 
     @property
@@ -138,7 +169,7 @@ class Slip:
         """Sweep where columns wait; returns the work done, 0 if it cannot be done so."""
         collapse, waiting = self._collapse, self._waiting_cells()
         box = collapse.box_with(waiting)
-        if not collapse.suits(box):
+        if self._noise.uneven or not collapse.suits(box):
             if collapse.running:
                 self.disturb(collapse.take_touched())
             return 0
@@ -174,6 +205,9 @@ class Slip:
                 self._queued,
                 self._ends,
                 budget,
+                self._noise.steeper,
+                self._noise.shape,
+                self._random,
             )
         )
 
@@ -188,6 +222,8 @@ class Slip:
         columns, held = self._columns, self.held.astype(bool)
         rows, cols = columns.height.shape
         slope, stands = _limits(columns, columns.tables)
+        if self._noise.steeper.size:
+            slope = slope * self._noise.steeper.reshape(slope.shape)
         base = columns.floor + columns.firm * columns.metres_per_mm3
         for (di, dj), distance in zip(self._offsets, self._distance, strict=True):
             if abs(di) >= rows or abs(dj) >= cols:
@@ -218,6 +254,17 @@ def _limits(
 
 
 @njit(cache=True, inline="always")
+def _uniform(random):  # type: ignore[no-untyped-def]
+    """The next random number from 0 to 1 (xorshift64*, Vigna 2016); the state is changed."""
+    x = random[0]
+    x ^= x >> np.uint64(12)
+    x ^= x << np.uint64(25)
+    x ^= x >> np.uint64(27)
+    random[0] = x
+    return ((x * np.uint64(2685821657736338717)) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+
+
+@njit(cache=True, inline="always")
 def _push(i, queue, queued, ends):  # type: ignore[no-untyped-def]
     if queued[i] == 0:
         queued[i] = 1
@@ -239,7 +286,21 @@ def _disturb(cells, around, rows, cols, offsets, queue, queued, ends):  # type: 
 
 @njit(cache=True)
 def _relax(  # type: ignore[no-untyped-def]
-    columns, tables, held, rows, cols, offsets, distance, tolerance, queue, queued, ends, budget
+    columns,
+    tables,
+    held,
+    rows,
+    cols,
+    offsets,
+    distance,
+    tolerance,
+    queue,
+    queued,
+    ends,
+    budget,
+    steeper,
+    uneven,
+    random,
 ):
     """Examine queued columns, at most `budget`; returns how many were."""
     firm, loose, height = columns.firm, columns.loose, columns.height
@@ -249,6 +310,8 @@ def _relax(  # type: ignore[no-untyped-def]
     flat = offsets[:, 0] * cols + offsets[:, 1]
     reach = np.int64(np.abs(offsets).max())
     gentlest = slope.min()
+    if steeper.size:
+        gentlest *= steeper.min()
     examined = 0
     forward = True
     while ends[0] != ends[1] and examined < budget:
@@ -266,9 +329,11 @@ def _relax(  # type: ignore[no-untyped-def]
             kind = columns.soil[i]
             upper = columns.loose_soil[i] if loose[i] > 0 else kind
             tangent = slope[upper, moisture]
+            if steeper.size:
+                tangent *= steeper[i]
             base = floor + firm[i] * metres_per_mm3
             carried = stands[kind, moisture]
-            best = tolerance
+            best, most, least = 0.0, 0.0, tolerance
             target = np.int64(-1)
             # Ties go to alternate ends of the list, or a heap would drift to one side.
             forward = not forward
@@ -280,13 +345,20 @@ def _relax(  # type: ignore[no-untyped-def]
                         continue
                 j = i + flat[k]
                 excess = height[i] - height[j] - tangent * distance[k]
-                if excess <= best or held[j] != 0:
+                if excess <= least or held[j] != 0:
                     continue
                 # What can go of it: the loose soil, and the firm if it stands too high.
                 if base - height[j] <= carried:
                     excess = min(excess, height[i] - base)
-                    if excess <= best:
+                    if excess <= least:
                         continue
+                if uneven > 0.0:
+                    liking = excess * (1.0 + uneven * (2.0 * _uniform(random) - 1.0))
+                    if liking <= most:
+                        continue
+                    most = liking
+                else:
+                    least = excess
                 best = excess
                 target = j
             if target < 0 or not _slip(columns, i, target, best, base - height[target] > carried):
@@ -303,7 +375,10 @@ def _relax(  # type: ignore[no-untyped-def]
                 # Most are not steeper than the gentlest angle of any soil: its own need no look.
                 if rise > gentlest * distance[k]:
                     kind = columns.loose_soil[j] if loose[j] > 0 else columns.soil[j]
-                    if rise > slope[kind, columns.moisture[j]] * distance[k]:
+                    limit = slope[kind, columns.moisture[j]] * distance[k]
+                    if steeper.size:
+                        limit *= steeper[j]
+                    if rise > limit:
                         _push(j, queue, queued, ends)
     return examined
 
