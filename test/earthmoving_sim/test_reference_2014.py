@@ -1,0 +1,87 @@
+"""The set-up of the 2014 reference, as `config/reference_2014.yaml` gives it, digs and balances."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from earthmoving_sim.world import World
+from machine_sim.core import MachineSim
+from machine_sim.machine import load_description
+from machine_sim.machine.kinematics import arm_angles
+from machine_sim.node_params import MachineNodeParams
+from machine_sim.params import MachineSimParams
+from machine_sim.particles import ParticleParams
+from msg_bridge.config_files import find_config
+from msg_bridge.contract.grid import Grid
+from soil_sim.node_params import SoilNodeParams
+from soil_sim.params import SoilParams
+from soil_sim.site import SiteParams
+from soil_sim.soil import Soil
+
+
+def sections(node: str) -> dict:
+    content = yaml.safe_load(find_config("reference_2014.yaml").read_text(encoding="utf-8"))
+    return content[node]["ros__parameters"]
+
+
+@pytest.fixture
+def soil_params() -> SoilParams:
+    return SoilParams.from_mapping(sections("soil_sim")["soil"])
+
+
+@pytest.fixture
+def machine():
+    return load_description(find_config(sections("/**/machine_sim")["machine"]))
+
+
+def test_figures_are_those_of_the_reference(soil_params, machine) -> None:
+    own = sections("soil_sim")
+    site = SiteParams.from_mapping(own["site"])
+    assert (site.points - 1) * site.cell == pytest.approx(102.4)
+    assert SoilNodeParams(tick=own["tick"]).tick == 0.005
+    assert (soil_params.repose_angle, soil_params.swell, soil_params.cut_mode) == (
+        30.0,
+        0.0,
+        "reference",
+    )
+    assert 7 * soil_params.key_points_between == 56
+    rest = sections("/**/machine_sim")
+    assert MachineNodeParams(machine=rest["machine"]).machine == "machines/reference_2014.yaml"
+    assert MachineSimParams(**rest["stepping"]).physics_step == 0.005
+    assert ParticleParams(**rest["particles"]).nominal_volume == 400**3
+    masses = {name: link.mass for name, link in machine.links.items()}
+    body = masses["base"] + masses["upper"]
+    parts = np.array([body, masses["boom"], masses["arm"], masses["bucket"]])
+    assert (parts / masses["bucket"]).tolist() == [10.0, 2.0, 2.0, 1.0]
+
+
+def test_it_digs_and_every_tick_balances(soil_params, machine) -> None:
+    grid = Grid(65, 65, 0.4)  # its terrain is as large as need be
+    soil = Soil(grid, np.zeros(grid.shape), soil_params)
+    down = -machine.swing_origin[2]
+    machine = replace(machine, home=np.array([0.0, *arm_angles(machine, 7.0, down + 0.1, 2.0)]))
+    sim = MachineSim(
+        machine,
+        grid,
+        soil.columns.height,
+        params=MachineSimParams(physics_step=0.005, steps_per_tick=1),
+        particle_params=ParticleParams(**sections("/**/machine_sim")["particles"]),
+    )
+    world = World(soil, {1: sim})
+    most, imbalances = 0, set()
+    for tick in range(500):
+        part = tick / 500
+        wanted = arm_angles(machine, 7.0 - 2.0 * part, down - 0.5 * np.sin(np.pi * part), 2.0)
+        sim.command(
+            np.array([0.0, *(5.0 * (wanted - sim.machine.joint_positions[1:]))]), np.zeros(2)
+        )
+        imbalances.add(world.step().imbalance)
+        most = max(most, sim.particles.count)
+    world.close()
+    assert imbalances == {0}
+    assert most >= 3
+    assert not any(np.isnan(sim.particles.store.position).ravel())
