@@ -65,7 +65,7 @@ class DigRun:
             soil.columns.height,
             params=config.stepping,
             particle_params=config.particles,
-            swell=config.soil.swell,
+            swell=soil.kinds[0].swell,
             position=(config.run.start_x - config.shift.approach, config.run.start_y),
             seed=config.run.seed,
         )

@@ -61,9 +61,11 @@ def refuse_landslide(site: HeightMap, config: RunConfig) -> None:
         )
     near = site.cropped(int(rows[0]), int(cols[0]), rows.size, cols.size)
     steepest = math.degrees(near.steepest_slope)
-    if steepest > config.soil.repose_angle:
+    kind = config.soil.kinds()[0]
+    angle = math.degrees(kind.angle(kind.moisture))
+    if steepest > angle:
         raise TerrainError(
             f"the ground within reach has slopes of {steepest:.0f} deg, and the soil stands at"
-            f" {config.soil.repose_angle:g} deg: give gentler ground, or raise repose_angle in the"
+            f" {angle:g} deg: give gentler ground, or raise repose_angle in the"
             " section soil"
         )

@@ -50,10 +50,11 @@ class World:
             ParameterError: a machine's particles swell otherwise than the soil.
         """
         for source, machine in machines.items():
-            if machine.particles.swell != soil.params.swell:
+            swell = soil.kinds[0].swell
+            if machine.particles.swell != swell:
                 raise ParameterError(
                     f"machine {source} has swell {machine.particles.swell}, the soil"
-                    f" {soil.params.swell}; give MachineSim the soil's"
+                    f" {swell}; give MachineSim the soil's"
                 )
         self.soil = soil
         self.machines = dict(machines)

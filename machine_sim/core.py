@@ -1,6 +1,6 @@
 """The machine side: one tick moves the machine, its tool, and the soil that is particles.
 
-    release -> [drive -> carry, spill, fall] x steps -> settle
+    release -> [drive -> carry, spill, fall -> load, resist] x steps -> settle
 
 `MachineSim` owns a machine and its particles and knows no messages and no clock; the exchange
 (`msg_bridge.exchange`) carries the rows it returns.
@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 
 from machine_sim.ground import Ground
 from machine_sim.machine import Excavator, MachineDescription
+from machine_sim.machine.kinematics import rotation_matrix
 from machine_sim.params import MachineSimParams
-from machine_sim.particles import ParticleEngine, ParticleParams
+from machine_sim.particles import ParticleEngine, ParticleParams, Pose
 from machine_sim.payload import payload_in
 from machine_sim.release import PendingSoil
-from machine_sim.sweep import sweep_rows
+from machine_sim.resistance import Resistance
+from machine_sim.sweep import sweep_rows, track_rows
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.rows import CHANGED, LANDED, Kind, Rows, empty_rows
 
@@ -39,7 +41,7 @@ class MachineStep:
     """What one tick sends to the soil; rows are not numbered yet.
 
     Attributes:
-        sweeps: SWEEP rows of the tool's key points.
+        sweeps: SWEEP rows of the tool and the tracks.
         landed: LANDED rows; their particles are frozen until answered.
         pending_mm3, particles_mm3: the machine's accounts at the end of the tick.
     """
@@ -59,6 +61,7 @@ class MachineSim:
         machine: the excavator.
         particles: the soil in the air, in the tool and at rest but not yet landed.
         pending: soil excavated and not yet particles.
+        resistance: the soil that the tool cuts.
         tick: number of ticks made.
         payload: soil in the bucket at the end of the last tick.
     """
@@ -96,9 +99,12 @@ class MachineSim:
         self.particles = ParticleEngine(
             particle_params or ParticleParams(), self.ground, swell=swell
         )
-        self._bucket = description.bucket
+        self._bucket, self._tracks = description.bucket, description.tracks
         self.particles.add_tool(_TOOL, self._bucket.plates(), self.machine.tool_pose)
         self.payload = payload_in(self._bucket, self.particles, _TOOL)
+        mass = description.links["bucket"].mass
+        self.resistance = Resistance(mass, self.params.physics_step)
+        self._resisted = (np.zeros(3), np.zeros(3))
         self._tool_poses = deque([self.machine.tool_pose], maxlen=_POSES)
         self.pending = PendingSoil(
             self._bucket,
@@ -109,21 +115,36 @@ class MachineSim:
 
     @property
     def tool_wrench(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Force [N] of the soil on the tool and torque about its frame's origin [N m], map axes."""
-        return self.particles.tool_wrench(_TOOL)
+        """Force [N] of the soil on the tool and torque about its frame's origin [N m], map axes.
 
-    def apply(self, conversions: Rows, changed: Rows, *, ticks_since: int = 0) -> None:
-        """Take the soil's answer: parcels, landings made good, and the new surface.
+        The load in the tool and what resists its cut, as of the end of the last step.
+        """
+        force, torque = self.particles.tool_wrench(_TOOL)
+        return force + self._resisted[0], torque + self._resisted[1]
+
+    def apply(
+        self,
+        conversions: Rows,
+        changed: Rows,
+        forces: Rows | None = None,
+        *,
+        ticks_since: int = 0,
+    ) -> None:
+        """Take the soil's answer: parcels, landings made good, the new surface, the resistance.
 
         Args:
             conversions: CONVERSION rows of this source.
             changed: CHANGED rows.
+            forces: FORCE rows of this source; none if not given.
             ticks_since: ticks done since the one that is answered, at most 3; what was cut in that
                 one has moved on with the tool.
         """
         self.ground.update(changed["row"], changed["col"], changed["z"].astype(np.float64))
         cut_at = self._tool_poses[max(-1 - ticks_since, -len(self._tool_poses))]
         self.pending.receive(conversions, cut_at, self.tick)
+        if forces is not None:
+            for row in forces[forces["tool"] == _TOOL][-1:]:
+                self.resistance.hear(row, cut_at)
         kind = conversions["kind"]
         gone = (kind == Kind.DEPOSIT) | (kind == Kind.OUTSIDE)
         self.particles.remove(conversions["particle_id"][gone])
@@ -137,6 +158,7 @@ class MachineSim:
             owed: CONVERSION rows of this source.
         """
         self.ground.replace(elevation)
+        self.resistance.forget()
         nothing = empty_rows(CHANGED)
         self.apply(owed, nothing)
         # What the soil has not answered by now it has not taken: it is offered again.
@@ -154,7 +176,8 @@ class MachineSim:
         """Advance one tick."""
         self.tick += 1
         dt = self.params.physics_step
-        start = self.machine.tool_pose
+        start, standing = self.machine.tool_pose, self._base
+        self.resistance.tick()
         self.pending.release(self.particles, start, self.tick)
         for _ in range(self.params.steps_per_tick):
             before = self.machine.tool_pose
@@ -165,12 +188,25 @@ class MachineSim:
             self.particles.set_tool(_TOOL, before, self.machine.tool_pose)
             self.particles.step(dt)
             if self.params.load_acts:
-                self.machine.apply_tool_wrench(*self.tool_wrench)
+                self.machine.apply_tool_wrench(*self.particles.tool_wrench(_TOOL))
+            if self.params.cutting_acts:
+                self._resist(dt)
         self._tool_poses.append(self.machine.tool_pose)
         self.payload = payload_in(self._bucket, self.particles, _TOOL)
-        sweeps = sweep_rows(self._bucket, start, self.machine.tool_pose, tool=_TOOL)
+        sweeps = np.concatenate(
+            [
+                sweep_rows(self._bucket, start, self.machine.tool_pose, tool=_TOOL),
+                track_rows(self._tracks, standing, self._base, first_tool=_TOOL + 1),
+            ]
+        )
         landed = self._land()
         return MachineStep(sweeps, landed, self.pending.total_mm3, self.particles.total_volume_mm3)
+
+    @property
+    def _base(self) -> Pose:
+        """Pose of the base frame: base to map, and its origin [m]."""
+        position, quaternion = self.machine.base_pose
+        return rotation_matrix(quaternion), position
 
     def state_hash(self) -> str:
         """SHA-256 [hex] of the machine's pose and motion, its particles and its pending soil."""
@@ -193,6 +229,13 @@ class MachineSim:
     def close(self) -> None:
         """Free the physics client."""
         pybullet.disconnect(self._client)
+
+    def _resist(self, dt: float) -> None:
+        """Let the soil that the tool cuts act in the next physics step."""
+        machine = self.machine
+        self._resisted = self.resistance.step(machine.tool_pose, machine.tool_velocity, dt)
+        if self.resistance.holds:
+            machine.apply_tool_wrench(*self._resisted)
 
     def _land(self) -> Rows:
         """Freeze what came to rest and offer it to the soil."""

@@ -91,7 +91,7 @@ class MachineSide:
         answer = self.exchange.poll()
         if answer is not None:
             since = self.exchange.unanswered
-            self.sim.apply(answer.conversions, answer.changed, ticks_since=since)
+            self.sim.apply(answer.conversions, answer.changed, answer.forces, ticks_since=since)
         return answer
 
     def _enter(self) -> None:

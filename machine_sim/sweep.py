@@ -1,20 +1,28 @@
-"""Sweep: where the tool's key points went in a tick, and whether they cut or press there."""
+"""Sweep: where the tool's key points went in a tick, and whether they cut or press there.
+
+Tracks are tools, too: their shoes press the soil they stand on.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from machine_sim.machine.bucket import BucketShape
+from machine_sim.machine.description import TrackShape
 from machine_sim.particles import Pose
 from msg_bridge.contract.rows import SWEEP, Action, Rows, empty_rows
 
-__all__ = ["sweep_rows"]
+__all__ = ["sweep_rows", "track_rows"]
 
 _PRESSING = 0.7
 """A plate that moves this much along its outward normal, in parts of its way, presses."""
 
 _AT_REST = 1e-5
 """A key point that moves less than this in a tick [m] does neither; it counts as cutting."""
+
+
+_STANDS = 2e-4
+"""Tracks that move less than this in a tick [m] stand."""
 
 
 def sweep_rows(bucket: BucketShape, start: Pose, end: Pose, *, tool: int) -> Rows:
@@ -41,4 +49,37 @@ def sweep_rows(bucket: BucketShape, start: Pose, end: Pose, *, tool: int) -> Row
     pressing = (length > _AT_REST) & ((way * outward).sum(axis=1) > _PRESSING * length)
     both = pressing.reshape(-1, 2).all(axis=1)
     rows["action"] = np.where(np.repeat(both, 2), Action.PRESS, Action.CUT)
+    return rows
+
+
+def track_rows(tracks: TrackShape, start: Pose, end: Pose, *, first_tool: int) -> Rows:
+    """SWEEP rows of what the tracks press in a tick: front and rear edge of each, left track first.
+
+    None while the machine stands: where it stands it has pressed already.
+
+    Args:
+        tracks: shape of the tracks.
+        start, end: pose of the base frame, whose origin is on the ground.
+        first_tool: number of the left track; the right one has the next.
+    """
+    x, y = 0.5 * tracks.axle_distance, 0.5 * tracks.gauge
+    half = 0.5 * tracks.shoe_width
+    points = np.array(
+        [
+            (along, side + edge, 0.0)
+            for side in (y, -y)
+            for along in (x, -x)
+            for edge in (half, -half)
+        ]
+    )
+    a = points @ start[0].T + start[1]
+    b = points @ end[0].T + end[1]
+    if np.abs(b - a).max() < _STANDS:
+        return empty_rows(SWEEP)
+    rows = empty_rows(SWEEP, len(points))
+    rows["x0"], rows["y0"], rows["z0"] = a.T
+    rows["x1"], rows["y1"], rows["z1"] = b.T
+    rows["pair"] = np.arange(len(points)) // 2 % 2
+    rows["tool"] = first_tool + np.arange(len(points)) // 4
+    rows["action"] = Action.PRESS
     return rows

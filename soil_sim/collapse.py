@@ -8,8 +8,8 @@ direction, until nothing moves.
 
 That is done on a copy of the heights in float32, and is only a plan of who loses and who gains
 height. What those who lose really hold is then taken from them, in whole mm^3 of bank volume, and
-shared out among those who gain, exactly. So the account is as exact as ever; what swelling and
-rounding leave too steep is seen to by examining the columns that were touched.
+shared out among those of the same failure who gain, exactly. So the account is as exact as ever;
+what swelling and rounding leave too steep is seen to by examining the columns that were touched.
 """
 
 from __future__ import annotations
@@ -99,10 +99,10 @@ class Collapse:
         """Whether a window is all of one kind of soil at one angle, as sweeping needs it."""
         window = _slices(box)
         columns = self._columns
-        loose = columns.loose_soil[window][columns.loose[window] > 0]
-        kind, moisture = columns.soil[window], columns.moisture[window]
-        one_kind = (kind == kind.flat[0]).all() and (loose == kind.flat[0]).all()
-        if not one_kind:
+        kind, moisture = columns.soil[window], columns.top_moisture[window]
+        if (kind != kind.flat[0]).any() or (columns.top_soil[window] != kind.flat[0]).any():
+            return False
+        if (columns.moisture[window] != moisture).any():  # loose soil wetter than what it lies on
             return False
         slope = columns.tables.slope[kind.flat[0]]
         return bool(
@@ -130,7 +130,7 @@ class Collapse:
         lowest = float(before.min())
         plan = (before - lowest).astype(np.float32)
         slope = columns.tables.slope[
-            columns.top_soil[box[0], box[2]], columns.moisture[box[0], box[2]]
+            columns.top_soil[box[0], box[2]], columns.top_moisture[box[0], box[2]]
         ]
         limits = (slope * self._distance).astype(np.float32)
         done = 0
@@ -187,13 +187,16 @@ class Collapse:
         return floor
 
     def _book(self, box: Box, change: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Do what was planned with whole mm^3; returns the columns touched."""
+        """Do what was planned with whole mm^3, failure by failure; returns the columns touched."""
         rows, cols = np.nonzero(change)
-        change = change[rows, cols]
+        if rows.size == 0:
+            return np.zeros(0, dtype=np.int64)
+        failure = _failures(change != 0.0, self._reach)[rows, cols]
+        order = np.argsort(failure, kind="stable")
         cells = (rows + box[0]) * self._columns.grid.cols + cols + box[2]
-        _share_out(self._columns.arrays, cells[change < 0], -change[change < 0],
-                   cells[change > 0], change[change > 0])  # fmt: skip
-        return cells
+        ends = np.concatenate([[0], np.flatnonzero(np.diff(failure[order])) + 1, [cells.size]])
+        _share_out(self._columns.arrays, cells[order], change[rows, cols][order], ends)
+        return np.asarray(cells, dtype=np.int64)
 
     def _bounds(self, cells: NDArray[np.int64]) -> Box:
         rows, cols = np.divmod(cells, self._columns.grid.cols)
@@ -304,26 +307,72 @@ def _sweep(plan, floor, steps, limits, tolerance, part, backward):  # type: igno
 
 
 @njit(cache=True)
-def _share_out(columns, losers, losses, gainers, gains):  # type: ignore[no-untyped-def]
-    """Take height [m] from some columns and share what that was among others, to the mm^3."""
-    bank = np.int64(0)
-    moisture = 0.0
-    for n in range(losers.size):
-        i = losers[n]
-        loose, firm = take_from_column(columns, i, losses[n] / columns.metres_per_mm3)
-        bank += loose + firm
-        moisture += 1.0 * (loose + firm) * columns.moisture[i]
-    if bank == 0:
-        return
-    kind = columns.soil[losers[0]]
-    wet = np.uint8(moisture / bank + 0.5)
-    growth = columns.growth[kind]
-    whole = gains.sum()
-    given, part = np.int64(0), 0.0
-    for n in range(gainers.size):
-        part += gains[n]
-        through = bank if n == gainers.size - 1 else np.int64(bank * min(part / whole, 1.0))
-        share = through - given
-        if share > 0:
-            add_loose(columns, gainers[n], share, np.int64(share * growth + 0.5), kind, wet)
-        given = max(given, through)
+def _failures(moved, reach):  # type: ignore[no-untyped-def]
+    """Number of the failure that each column that moved belongs to, from 1.
+
+    Two columns are of one failure if they are within reach of one another, or of a third that is.
+    """
+    rows, cols = moved.shape
+    number = np.zeros((rows, cols), dtype=np.int64)
+    stack = np.empty((moved.sum(), 2), dtype=np.int64)
+    count = 0
+    for i in range(rows):
+        for j in range(cols):
+            if not moved[i, j] or number[i, j]:
+                continue
+            count += 1
+            number[i, j] = count
+            stack[0] = i, j
+            size = 1
+            while size:
+                size -= 1
+                a, b = stack[size]
+                for p in range(max(a - reach, 0), min(a + reach + 1, rows)):
+                    for q in range(max(b - reach, 0), min(b + reach + 1, cols)):
+                        if moved[p, q] and number[p, q] == 0:
+                            number[p, q] = count
+                            stack[size] = p, q
+                            size += 1
+    return number
+
+
+@njit(cache=True)
+def _share_out(columns, cells, change, ends):  # type: ignore[no-untyped-def]
+    """Take height [m] from the columns that lose and share what that was among those that gain.
+
+    Exact to the mm^3, each failure for itself: failure n is cells[ends[n] : ends[n + 1]].
+    """
+    for n in range(ends.size - 1):
+        bank = np.int64(0)
+        water = whole = 0.0
+        kind = columns.soil[cells[ends[n]]]
+        last = -1
+        for m in range(ends[n], ends[n + 1]):
+            i = cells[m]
+            if change[m] > 0.0:
+                whole += change[m]
+                last = m
+                continue
+            moisture = columns.loose_moisture[i] if columns.loose[i] > 0 else columns.moisture[i]
+            loose, firm = take_from_column(columns, i, -change[m] / columns.metres_per_mm3)
+            bank += loose + firm
+            water += 1.0 * (loose + firm) * moisture
+        if bank == 0:
+            continue
+        wet = np.uint8(water / bank + 0.5)
+        growth = columns.growth[kind]
+        if last < 0:  # rounding left no column that gains: it stays where it was
+            bulk = np.int64(bank * growth + 0.5)
+            add_loose(columns, cells[ends[n]], bank, bulk, kind, wet)
+            continue
+        given, part = np.int64(0), 0.0
+        for m in range(ends[n], ends[n + 1]):
+            if change[m] <= 0.0:
+                continue
+            part += change[m]
+            through = bank if m == last else np.int64(bank * min(part / whole, 1.0))
+            share = through - given
+            if share > 0:
+                bulk = np.int64(share * growth + 0.5)
+                add_loose(columns, cells[m], share, bulk, kind, wet)
+            given = max(given, through)

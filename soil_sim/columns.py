@@ -7,9 +7,9 @@ loosened, less once it is packed. It shows in the height alone::
 
     height = floor + (firm + bulk) / cell area
 
-The firm soil of a column is of one kind for ever. Its loose soil is of the kind that most of it
-is; when others come to be more than half, it is of the kind that came last. Moisture is that of the
-whole column, and mixes with what comes. The floor lies `dig_depth` below the lowest point of the
+The firm soil of a column is of one kind and moisture for ever. Its loose soil is of the kind that
+most of it is; when others come to be more than half, it is of the kind that came last. Its moisture
+mixes with that of what comes. The floor lies `dig_depth` below the lowest point of the
 map and cannot be dug.
 """
 
@@ -72,7 +72,7 @@ class Columns:
         bulk: the room that takes [mm^3], likewise; never less than its bank volume.
         soil: id of the firm soil, shape (rows, cols), uint8.
         loose_soil: id of the loose soil, likewise; without meaning where there is none.
-        moisture: of the column [% of saturation], likewise.
+        moisture, loose_moisture: of firm and loose soil [% of saturation], likewise.
         material: `Material` of the surface, likewise.
         height: surface [m], shape (rows, cols), float64; follows firm and bulk.
     """
@@ -121,6 +121,7 @@ class Columns:
         self.loose: NDArray[np.int64] = np.zeros(grid.shape, dtype=np.int64)
         self.bulk: NDArray[np.int64] = np.zeros(grid.shape, dtype=np.int64)
         self.loose_soil = self.soil.copy()
+        self.loose_moisture = self.moisture.copy()
         self.material = np.full(grid.shape, Material.UNTOUCHED, dtype=np.uint8)
         self._foreign: NDArray[np.int64] = np.zeros(grid.shape, dtype=np.int64)
         self.height: NDArray[np.float64] = np.asarray(
@@ -144,6 +145,7 @@ class Columns:
             self.loose_soil.reshape(-1),
             self._foreign.reshape(-1),
             self.moisture.reshape(-1),
+            self.loose_moisture.reshape(-1),
             self._flags,
             self._touched,
             self.tables.growth,
@@ -170,6 +172,12 @@ class Columns:
     def top_soil(self) -> NDArray[np.uint8]:
         """Id of the soil at the surface, shape (rows, cols)."""
         top: NDArray[np.uint8] = np.where(self.loose > 0, self.loose_soil, self.soil)
+        return top
+
+    @property
+    def top_moisture(self) -> NDArray[np.uint8]:
+        """Moisture of the soil at the surface [%], shape (rows, cols)."""
+        top: NDArray[np.uint8] = np.where(self.loose > 0, self.loose_moisture, self.moisture)
         return top
 
     def volume(self, rows: NDArray[np.integer], cols: NDArray[np.integer]) -> NDArray[np.int64]:
@@ -215,7 +223,9 @@ class Columns:
     def _steep(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Whether columns were at their angle of repose against one of their four neighbours."""
         rows, cols = np.divmod(cells, self.grid.cols)
-        top, moisture = self.top_soil[rows, cols], self.moisture[rows, cols]
+        loose = self.loose[rows, cols] > 0
+        top = np.where(loose, self.loose_soil[rows, cols], self.soil[rows, cols])
+        moisture = np.where(loose, self.loose_moisture[rows, cols], self.moisture[rows, cols])
         most = _AT_LIMIT * self.tables.slope[top, moisture] * self.grid.cell
         steep = np.zeros(cells.size, dtype=np.bool_)
         for di, dj in ((1, 0), (-1, 0), (0, 1), (0, -1)):
@@ -238,7 +248,7 @@ class ColumnArrays(NamedTuple):
         height: surface [m], float64.
         soil, loose_soil: ids, uint8.
         foreign: loose soil of another kind than the column's [mm^3 bank], int64.
-        moisture: [%], uint8.
+        moisture, loose_moisture: of firm and loose soil [%], uint8.
         flags: 1 where a column was touched, uint8.
         touched: their number, then their indices, int64.
         growth: bulk over bank volume of loosened soil, by id.
@@ -253,6 +263,7 @@ class ColumnArrays(NamedTuple):
     loose_soil: NDArray[np.uint8]
     foreign: NDArray[np.int64]
     moisture: NDArray[np.uint8]
+    loose_moisture: NDArray[np.uint8]
     flags: NDArray[np.uint8]
     touched: NDArray[np.int64]
     growth: NDArray[np.float64]
@@ -277,17 +288,16 @@ def add_loose(columns, i, bank, bulk, soil, moisture):  # type: ignore[no-untype
     had = columns.loose[i]
     if had == 0:
         columns.loose_soil[i] = soil
+        columns.loose_moisture[i] = moisture
         columns.foreign[i] = 0
     elif soil != columns.loose_soil[i]:
         columns.foreign[i] += bank
         if 2 * columns.foreign[i] > had + bank:
             columns.foreign[i] = had + bank - columns.foreign[i]
             columns.loose_soil[i] = soil
-    if moisture != columns.moisture[i]:
-        # Mixed with the loose soil there is; under it the ground stays as it was, out of sight.
-        whole = had + bank
-        mixed = (had * columns.moisture[i] + bank * moisture) / whole
-        columns.moisture[i] = np.uint8(mixed + 0.5)
+    if moisture != columns.loose_moisture[i]:
+        mixed = (had * columns.loose_moisture[i] + bank * moisture) / (had + bank)
+        columns.loose_moisture[i] = np.uint8(mixed + 0.5)
     columns.loose[i] = had + bank
     columns.bulk[i] += bulk
     settle_height(columns, i)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -16,7 +17,8 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
-from msg_bridge.codec.sim_config import RunFacts, config_text
+from msg_bridge.codec.cut_fill import CutFillState
+from msg_bridge.codec.sim_config import RunFacts, SoilKind, config_text
 from msg_bridge.codec.stamps import stamp_of_tick
 from msg_bridge.codec.terrain import TerrainMap
 from msg_bridge.contract.errors import EarthmovingError
@@ -35,7 +37,7 @@ from soil_sim.params import SoilParams
 from soil_sim.run import Silence, SoilRun
 from soil_sim.side import SoilTick
 from soil_sim.site import SiteParams, make_site
-from soil_sim.terrain import HeightMap, save_terrain
+from soil_sim.terrain import HeightMap, Layers, save_terrain
 from soil_sim.warm import warm_up
 
 __all__ = ["SoilNode", "main"]
@@ -71,7 +73,7 @@ class SoilNode(LeanNode):
         self._params = declare_parameters(self, SoilNodeParams, changeable=_CHANGEABLE)
         self._site_params = declare_parameters(self, SiteParams, "site.")
         self._soil_params = declare_parameters(self, SoilParams, "soil.")
-        self._site: HeightMap = make_site(self._site_params)
+        self._site = make_site(self._site_params)
         warm_up(self._soil_params)  # a tick that compiles would be late
         # Seconds since 1970: a soil that is started again begins a new run, not an old one.
         self.run = SoilRun(self._site, self._soil_params, self._params, epoch=int(time.time()))
@@ -79,7 +81,7 @@ class SoilNode(LeanNode):
         self._steps: list[tuple[int, Future]] = []  # answers owed to /sim/step
         self.diagnostics = Diagnostics(self, "soil_sim")
         self.diagnostics.add_task(self._diagnose)
-        self._topics = SoilTopics(self)
+        self._topics = SoilTopics(self, design=self._site.design is not None)
         self._inbox = Inbox(self, self._advance)
         self._carrier = SoilCarrier(
             self,
@@ -132,8 +134,7 @@ class SoilNode(LeanNode):
         if tick >= self._next_map:
             self._next_map = tick + self._ticks(self._map_period)
             if soil.revision != self._map_revision:
-                self._map_revision = soil.revision
-                self._topics.terrain(self._terrain(), stamp)
+                self._tell_terrain(stamp)
         if tick % self._ticks(self._params.hash_period) == 0:
             self._topics.state_hash(tick, soil.state_hash())
         for reason in done.step.refused:
@@ -163,7 +164,21 @@ class SoilNode(LeanNode):
         self._last_tick = time.monotonic()
         self._counted = (0, self._last_tick)
         self._topics.begin(self._terrain(), self._config(), self._stamp())
+        self._tell_cut_fill()
         self._topics.paused(self.run.paused)
+
+    def _tell_terrain(self, stamp: Time) -> None:
+        self._map_revision = self.run.side.soil.revision
+        self._topics.terrain(self._terrain(), stamp)
+        self._tell_cut_fill()
+
+    def _tell_cut_fill(self) -> None:
+        now = self.run.cut_fill
+        if now is not None:
+            seconds = max(self.run.tick, 0) * self._params.tick
+            self._topics.cut_fill(
+                CutFillState(seconds, now.cut, now.fill, now.remaining, now.within_tolerance)
+            )
 
     def _terrain(self) -> TerrainMap:
         soil, epoch = self.run.side.soil, self.run.side.exchange.epoch
@@ -174,8 +189,17 @@ class SoilNode(LeanNode):
 
     def _with_layers(self, keyframe: Keyframe) -> TerrainMap:
         """A keyframe with the layers of the columns, which are as they were when it was made."""
-        columns = self.run.side.soil.columns
-        return TerrainMap(keyframe, columns.loose_depth, columns.firm + columns.loose)
+        columns, cut_fill = self.run.side.soil.columns, self.run.cut_fill
+        layers = {} if cut_fill is None else {"design_difference": cut_fill.difference}
+        return TerrainMap(
+            keyframe,
+            columns.loose_depth,
+            columns.firm + columns.loose,
+            columns.material,
+            columns.top_moisture,
+            columns.top_soil,
+            **layers,
+        )
 
     def _config(self) -> str:
         side, georeference = self.run.side, self._site.georeference
@@ -184,7 +208,7 @@ class SoilNode(LeanNode):
             tick=self._params.tick,
             realtime=self._params.sync == "realtime",
             cell=side.soil.grid.cell,
-            swell=self._soil_params.swell,
+            swell=side.soil.kinds[0].swell,
         )
         columns = side.soil.columns
         sections = {
@@ -194,7 +218,21 @@ class SoilNode(LeanNode):
             "site": asdict(self._site_params),
             "soil": asdict(self._soil_params),
         }
-        return config_text(facts, sections)
+        return config_text(facts, sections, self._kinds())
+
+    def _kinds(self) -> list[SoilKind]:
+        """The kinds of soil as a viewer knows them."""
+        names = (self._soil_params.soil, *self._soil_params.other_soils)
+        return [
+            SoilKind(
+                name=name,
+                colour=(kind.colour[0], kind.colour[1], kind.colour[2]),
+                swell=kind.swell,
+                density=kind.density,
+                repose_angles=(kind.repose_angle, kind.repose_angle_damp, kind.repose_angle_wet),
+            )
+            for name, kind in zip(names, self.run.side.soil.kinds, strict=True)
+        ]
 
     def _diagnose(self) -> None:
         now, tick, exchange = time.monotonic(), max(self.run.tick, 0), self.run.side.exchange
@@ -245,8 +283,7 @@ class SoilNode(LeanNode):
             self._topics.tick(side.exchange.ledger, self._stamp())
             self._topics.state_hash(side.tick, side.soil.state_hash())
         if side.soil.revision != self._map_revision:
-            self._map_revision = side.soil.revision
-            self._topics.terrain(self._terrain(), self._stamp())
+            self._tell_terrain(self._stamp())
 
     def _say_waiting(self, what: str) -> None:
         self.get_logger().info(f"waiting for {what}", throttle_duration_sec=2.0)
@@ -314,13 +351,18 @@ class SoilNode(LeanNode):
 
     def _save(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         columns, path = self.run.side.soil.columns, self._params.save_path
+        # What lies at the surface, as the map shows it; other formats hold heights alone.
+        whole = Path(path).suffix.lower() == ".npz"
+        layers = Layers(columns.top_soil, columns.top_moisture) if whole else None
         try:
-            save_terrain(path, HeightMap(columns.grid, columns.height, self._site.georeference))
+            ground = HeightMap(columns.grid, columns.height, self._site.georeference)
+            save_terrain(path, ground, layers=layers)
         except EarthmovingError as error:
             response.success, response.message = False, str(error)
         else:
             response.success = True
-            response.message = f"terrain of tick {self.run.tick} written to {path}"
+            what = "" if whole else ", heights alone: soil and moisture go into .npz only"
+            response.message = f"terrain of tick {self.run.tick} written to {path}{what}"
         return response
 
     def _release(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -13,8 +13,7 @@ from soil_sim.node_params import SoilNodeParams
 from soil_sim.pace import Pace
 from soil_sim.params import SoilParams
 from soil_sim.side import SoilSide, SoilTick
-from soil_sim.soil import Soil
-from soil_sim.terrain import HeightMap
+from soil_sim.site import Site
 
 __all__ = ["Silence", "SoilRun"]
 
@@ -39,6 +38,7 @@ class SoilRun:
 
     Attributes:
         side: the soil and its end of the exchange.
+        cut_fill: how far the ground is from the site's design; None without one.
         params: the tick, and whom it waits for.
         pace: the schedule in real time.
         paused: whether time stands still; change it by `pause`.
@@ -46,14 +46,17 @@ class SoilRun:
     """
 
     def __init__(
-        self, site: HeightMap, soil_params: SoilParams, params: SoilNodeParams, *, epoch: int
+        self, site: Site, soil_params: SoilParams, params: SoilNodeParams, *, epoch: int
     ) -> None:
         """
         Args:
-            site: the ground it begins with.
+            site: what it begins with.
             soil_params: what the terrain is made of.
             params: the tick, and whom it waits for.
             epoch: number of the run; `reset` raises it.
+
+        Raises:
+            EarthmovingError: soils, layers or a design that cannot be.
         """
         self._site = site
         self._soil_params = soil_params
@@ -97,6 +100,7 @@ class SoilRun:
         done = self.side.advance(wait=not (late or alone))
         if done is not None:
             self._parting = False
+            self._compare(done)
         if paced and done is not None:
             self.pace.done(now)
         return done
@@ -155,10 +159,17 @@ class SoilRun:
         return tuple(given_up)
 
     def _begin(self, epoch: int) -> None:
-        soil = Soil(self._site.grid, self._site.heights, self._soil_params)
+        soil = self._site.make_soil(self._soil_params)
+        self.cut_fill = self._site.cut_fill(soil.columns.height)
         self.side = SoilSide(soil, expected=self.params.expected_machines, epoch=epoch)
         self._wanted = 0
         self._parting = False
+
+    def _compare(self, done: SoilTick) -> None:
+        """Follow the columns that a tick changed, and only those."""
+        if self.cut_fill is not None:
+            rows, cols = done.step.changed["row"], done.step.changed["col"]
+            self.cut_fill.update(rows, cols, self.side.soil.columns.height[rows, cols])
 
     @property
     def _due(self) -> bool:

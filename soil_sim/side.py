@@ -116,7 +116,8 @@ class SoilSide:
         return tuple(self._releasing)
 
     def _step(self, tick: TickInput) -> SoilStep:
-        for row in tick.sweeps[tick.sweeps["pair"] == 0]:
+        first = (tick.sweeps["pair"] == 0) & (tick.sweeps["tool"] == 0)  # where its bucket is
+        for row in tick.sweeps[first]:
             place = (float(row["x1"]), float(row["y1"]), float(row["z1"]))
             # Rows are judged later; soil cannot be put down at a place that is none.
             if all(map(math.isfinite, place)):

@@ -5,9 +5,14 @@ neighbour with the largest excess of height over `tan(angle) * distance` receive
 excess, until no neighbour has any; columns disturbed by this are examined in turn, first in,
 first out. The map's edge is a closed wall. Columns a tool stands in are held and take no part.
 
-The angle is that of the soil on top of the higher column, at its moisture. Firm soil under it does
-not slip as long as it stands above the neighbour by no more than the height that its cohesion
-carries; beyond that it fails, is loose, and lies at its angle of repose.
+The angle is that of the higher column's soil, at its moisture: of the loose soil on top, and of the
+firm soil under it. Firm soil does not slip as long as it stands above the neighbour by no more than
+the height that its cohesion carries; beyond that it fails, is loose, and lies at its angle of
+repose. Only neighbours within r are looked at: of a slope that is less than upright and much longer
+than r, cohesion carries more than it would.
+
+A tall heap that comes down at one point is let down a layer at a time, thinner than a column is
+wide; halved at once it would run out flat.
 """
 
 from __future__ import annotations
@@ -21,9 +26,10 @@ from numpy.typing import NDArray
 
 from soil_sim.collapse import Collapse
 from soil_sim.columns import Columns, add_loose, settle_height, take_loose
-from soil_sim.soils import SoilTables
 
 __all__ = ["Slip", "SlipNoise", "gauss_circle"]
+
+_FEWEST_MM3 = 4
 
 _MANY = 2000
 """Columns waiting from which sweeping is less work than examining."""
@@ -95,13 +101,16 @@ class Slip:
         Args:
             columns: the terrain this acts on.
             radius: of the neighbourhood [cells].
-            tolerance: excess left standing, as a height in parts of a cell.
+            tolerance: excess left standing, as a height in parts of a cell; at least that of a few
+                mm^3 on a column.
             noise: unevenness of nature; None for soil that is the same everywhere.
         """
         self._columns = columns
         self._offsets = gauss_circle(radius)
         self._distance = np.hypot(self._offsets[:, 0], self._offsets[:, 1]) * columns.grid.cell
-        self._tolerance = tolerance * columns.grid.cell
+        # Finer than a few mm^3 on a column nothing can be levelled.
+        finest = _FEWEST_MM3 * columns.metres_per_mm3
+        self._tolerance = max(tolerance * columns.grid.cell, finest)
         size = columns.grid.rows * columns.grid.cols
         self._queue = np.zeros(size + 1, dtype=np.int64)
         self._queued = np.zeros(size, dtype=np.uint8)
@@ -221,9 +230,13 @@ class Slip:
         worst = -math.inf
         columns, held = self._columns, self.held.astype(bool)
         rows, cols = columns.height.shape
-        slope, stands = _limits(columns, columns.tables)
+        tables = columns.tables
+        slope = tables.slope[columns.top_soil, columns.top_moisture]
+        firm_slope = tables.slope[columns.soil, columns.moisture]
+        stands = tables.stands[columns.soil, columns.moisture]
         if self._noise.steeper.size:
             slope = slope * self._noise.steeper.reshape(slope.shape)
+            firm_slope = firm_slope * self._noise.steeper.reshape(slope.shape)
         base = columns.floor + columns.firm * columns.metres_per_mm3
         for (di, dj), distance in zip(self._offsets, self._distance, strict=True):
             if abs(di) >= rows or abs(dj) >= cols:
@@ -236,21 +249,13 @@ class Slip:
                 # Of a slope that is too steep only the loose soil on it can slip, or firm soil
                 # that stands higher than it can.
                 face = base[a] - columns.height[b]
-                firm = np.where(face > stands[a], face - slope[a] * distance, -math.inf)
+                firm = np.where(face > stands[a], face - firm_slope[a] * distance, -math.inf)
                 lies = np.where(
                     columns.loose[a] > 0, np.minimum(over, columns.loose_depth[a]), firm
                 )
                 excess = np.maximum(lies, firm)[free].max()
                 worst = max(worst, excess / distance)
         return worst
-
-
-def _limits(
-    columns: Columns, tables: SoilTables
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of each column: tangent of its top soil's angle, height its firm soil carries [m]."""
-    slope = tables.slope[columns.top_soil, columns.moisture]
-    return slope, tables.stands[columns.soil, columns.moisture]
 
 
 @njit(cache=True, inline="always")
@@ -310,6 +315,7 @@ def _relax(  # type: ignore[no-untyped-def]
     flat = offsets[:, 0] * cols + offsets[:, 1]
     reach = np.int64(np.abs(offsets).max())
     gentlest = slope.min()
+    most_at_once = 0.25 * distance.min()
     if steeper.size:
         gentlest *= steeper.min()
     examined = 0
@@ -325,14 +331,17 @@ def _relax(  # type: ignore[no-untyped-def]
         interior = reach <= row < rows - reach and reach <= col < cols - reach
         gave = False
         while True:
-            moisture = columns.moisture[i]
-            kind = columns.soil[i]
-            upper = columns.loose_soil[i] if loose[i] > 0 else kind
-            tangent = slope[upper, moisture]
+            kind, moisture = columns.soil[i], columns.moisture[i]
+            firm_tangent = tangent = slope[kind, moisture]
+            if loose[i] > 0:
+                tangent = slope[columns.loose_soil[i], columns.loose_moisture[i]]
             if steeper.size:
                 tangent *= steeper[i]
+                firm_tangent *= steeper[i]
             base = floor + firm[i] * metres_per_mm3
             carried = stands[kind, moisture]
+            gentle = min(tangent, firm_tangent)
+            firm_excess = 0.0
             best, most, least = 0.0, 0.0, tolerance
             target = np.int64(-1)
             # Ties go to alternate ends of the list, or a heap would drift to one side.
@@ -344,14 +353,18 @@ def _relax(  # type: ignore[no-untyped-def]
                     if r < 0 or r >= rows or c < 0 or c >= cols:
                         continue
                 j = i + flat[k]
-                excess = height[i] - height[j] - tangent * distance[k]
-                if excess <= least or held[j] != 0:
+                drop = height[i] - height[j]
+                if drop - gentle * distance[k] <= least or held[j] != 0:
                     continue
-                # What can go of it: the loose soil, and the firm if it stands too high.
-                if base - height[j] <= carried:
-                    excess = min(excess, height[i] - base)
-                    if excess <= least:
-                        continue
+                # What can go: loose soil as far as there is any, and firm if it stands too high.
+                excess = min(drop - tangent * distance[k], height[i] - base)
+                fails = base - height[j] - firm_tangent * distance[k]
+                if fails > tolerance and base - height[j] > carried:
+                    excess = max(drop - tangent * distance[k], fails) if loose[i] > 0 else fails
+                else:
+                    fails = 0.0
+                if excess <= least:
+                    continue
                 if uneven > 0.0:
                     liking = excess * (1.0 + uneven * (2.0 * _uniform(random) - 1.0))
                     if liking <= most:
@@ -359,9 +372,9 @@ def _relax(  # type: ignore[no-untyped-def]
                     most = liking
                 else:
                     least = excess
-                best = excess
+                best, firm_excess = excess, fails
                 target = j
-            if target < 0 or not _slip(columns, i, target, best, base - height[target] > carried):
+            if target < 0 or not _slip(columns, i, target, best, firm_excess, most_at_once):
                 break
             gave = True
             _push(target, queue, queued, ends)
@@ -374,8 +387,11 @@ def _relax(  # type: ignore[no-untyped-def]
                 rise = height[j] - height[i] - tolerance
                 # Most are not steeper than the gentlest angle of any soil: its own need no look.
                 if rise > gentlest * distance[k]:
-                    kind = columns.loose_soil[j] if loose[j] > 0 else columns.soil[j]
-                    limit = slope[kind, columns.moisture[j]] * distance[k]
+                    limit = slope[columns.soil[j], columns.moisture[j]]
+                    if loose[j] > 0:
+                        upper = slope[columns.loose_soil[j], columns.loose_moisture[j]]
+                        limit = min(upper, limit)
+                    limit *= distance[k]
                     if steeper.size:
                         limit *= steeper[j]
                     if rise > limit:
@@ -384,34 +400,36 @@ def _relax(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _slip(columns, i, j, excess, fails):  # type: ignore[no-untyped-def]
+def _slip(columns, i, j, excess, firm_excess, most_at_once):  # type: ignore[no-untyped-def]
     """Move half of an excess of height [m] from column i to j; returns whether anything went.
 
-    Loose soil goes first and is loosened anew if it was packed; firm soil goes only if it `fails`,
-    and swells where it lands.
+    Loose soil goes first and is loosened anew if it was packed; of firm soil goes half of what it
+    has too much itself, and swells where it lands. No more than `most_at_once` [m] moves.
     """
     metres_per_mm3 = columns.metres_per_mm3
     went = False
-    moisture = columns.moisture[i]
-    rest = excess
+    rest = min(excess, 2.0 * most_at_once)
     if columns.loose[i] > 0:
         kind = columns.loose_soil[i]
         growth = columns.growth[kind]
         packed = columns.bulk[i] / columns.loose[i]
         # i falls by packed, j rises by growth, for each mm^3 of bank volume.
-        move = min(np.int64(excess / metres_per_mm3 / (packed + growth)), columns.loose[i])
+        move = min(np.int64(rest / metres_per_mm3 / (packed + growth)), columns.loose[i])
         if move > 0:
+            moisture = columns.loose_moisture[i]
             take_loose(columns, i, move)
             add_loose(columns, j, move, np.int64(move * growth + 0.5), kind, moisture)
             rest -= move * (packed + growth) * metres_per_mm3
             went = True
-    if fails and columns.loose[i] == 0:
+    if firm_excess > 0.0 and columns.loose[i] == 0:
         kind = columns.soil[i]
         growth = columns.growth[kind]
+        rest = min(rest, firm_excess)
         fail = min(np.int64(rest / metres_per_mm3 / (1.0 + growth)), columns.firm[i])
         if fail > 0:
             columns.firm[i] -= fail
             settle_height(columns, i)
-            add_loose(columns, j, fail, np.int64(fail * growth + 0.5), kind, moisture)
+            bulk = np.int64(fail * growth + 0.5)
+            add_loose(columns, j, fail, bulk, kind, columns.moisture[i])
             went = True
     return went

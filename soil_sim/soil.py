@@ -33,6 +33,7 @@ from soil_sim.cut import Removed, SweptCut
 from soil_sim.errors import SoilError
 from soil_sim.keypoints import KeyPointCut
 from soil_sim.landing import deposit
+from soil_sim.noise import slip_noise
 from soil_sim.params import SoilParams
 from soil_sim.press import press
 from soil_sim.resistance import Resistance, no_resistance
@@ -112,6 +113,7 @@ class Soil:
             self.columns,
             radius=self.params.slip_radius,
             tolerance=self.params.slip_tolerance,
+            noise=slip_noise(self.params, grid, self.kinds[0].angle(self.kinds[0].moisture)),
         )
         self._swept = SweptCut(self.columns, self.slip.held, resolution=self.params.cut_resolution)
         self._key_points = KeyPointCut(self.columns, between=self.params.key_points_between)

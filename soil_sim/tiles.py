@@ -63,6 +63,7 @@ class Tiles:
                 columns.soil,
                 columns.loose_soil,
                 columns.moisture,
+                columns.loose_moisture,
             ):
                 digest.update(layer[window].tobytes())
             self._digests[tile] = digest.digest()

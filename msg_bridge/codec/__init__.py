@@ -6,6 +6,7 @@
 - `headers`: headers, requests, refusals and the ledger
 - `grid_map`: the same as grid_map_msgs/GridMap, where that is installed
 - `terrain`: the whole terrain surface as cloud, image and map info
+- `cut_fill`: what is still to dig and to fill
 - `machine_state`: a machine's joints, commands and payload
 - `poses`: odometry, transforms, wrench
 - `markers`: the machine for viewers that know no TF

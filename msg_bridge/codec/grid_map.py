@@ -28,15 +28,24 @@ def grid_map_type() -> Any:
 
 
 def to_grid_map(terrain: TerrainMap, frame_id: str, stamp: Time) -> Any:
-    """A terrain with the layers `elevation` and `loose_depth`; None without grid_map_msgs.
+    """A terrain with the layers of the cloud, of the same names; None without grid_map_msgs.
 
-    The arrays are in grid_map's own order already: index (0, 0) at the +x, +y corner.
+    Those are `elevation`, `loose_depth`, `surface_material`, `moisture`, `soil` and
+    `design_difference`; see `msg_bridge.codec.terrain`. The arrays are in grid_map's own order
+    already: index (0, 0) at the +x, +y corner.
     """
     kind = grid_map_type()
     if kind is None:
         return None
     grid = terrain.keyframe.grid
-    layers = {"elevation": terrain.keyframe.elevation, "loose_depth": terrain.loose_depth}
+    layers: dict[str, NDArray[Any]] = {
+        "elevation": terrain.keyframe.elevation,
+        "loose_depth": terrain.loose_depth,
+        "surface_material": terrain.surface_material,
+        "moisture": terrain.moisture / 100.0,
+        "soil": terrain.soil,
+        "design_difference": terrain.design_difference,
+    }
     message = kind()
     message.header = Header(stamp=stamp, frame_id=frame_id)
     message.info.resolution = grid.cell
@@ -50,7 +59,7 @@ def to_grid_map(terrain: TerrainMap, frame_id: str, stamp: Time) -> Any:
     return message
 
 
-def _matrix(layer: NDArray[np.float64]) -> Float32MultiArray:
+def _matrix(layer: NDArray[Any]) -> Float32MultiArray:
     """A layer as grid_map writes its column-major matrices."""
     rows, cols = layer.shape
     dims = [

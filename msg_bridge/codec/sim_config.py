@@ -1,15 +1,16 @@
 """The configuration of a run as YAML: everything for the record, a few facts for machines.
 
 `/sim/config` holds all parameters of the soil's node, versions and seeds, so that a bag explains
-itself. What a machine must know to take part is read back from it, so that it is set once.
+itself. What a machine must know to take part is read back from it, so that it is set once; and
+what the ids of soils in maps and rows mean, so that a viewer can name and colour them.
 """
 
 from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from importlib import metadata
 from typing import Any
 
@@ -17,9 +18,12 @@ import yaml
 
 from msg_bridge.codec.errors import CodecError
 
-__all__ = ["RunFacts", "config_text", "run_facts", "versions"]
+__all__ = ["RunFacts", "SoilKind", "config_text", "run_facts", "soil_kinds", "versions"]
 
 _PACKAGES = ("earthmoving_sim", "numpy", "numba", "pybullet")
+
+_KINDS = "soil_kinds"
+"""Section of the kinds of soil."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +35,7 @@ class RunFacts:
         tick: length of a soil tick [s].
         realtime: whether ticks follow the wall clock.
         cell: side length of a column [m].
-        swell: part by which bank soil grows when it is loosened.
+        swell: part by which bank soil grows when it is loosened, of the soil with id 0.
     """
 
     epoch: int
@@ -39,6 +43,26 @@ class RunFacts:
     realtime: bool
     cell: float
     swell: float
+
+
+@dataclass(frozen=True)
+class SoilKind:
+    """What a viewer must know of a kind of soil; its place among all kinds is its id.
+
+    Attributes:
+        name: empty for one whose figures were given without a name.
+        colour: of dry soil: red, green, blue, each 0..1.
+        swell: part by which it grows when loosened.
+        density: of undisturbed soil [kg/m^3].
+        repose_angles: slope beyond which it slips when loose [deg], at 0, 50 and 100 % of
+            saturation.
+    """
+
+    name: str
+    colour: tuple[float, float, float]
+    swell: float
+    density: float
+    repose_angles: tuple[float, float, float]
 
 
 def versions() -> dict[str, str]:
@@ -53,12 +77,15 @@ def _version(package: str) -> str:
         return "not installed as a package"
 
 
-def config_text(facts: RunFacts, sections: Mapping[str, Any]) -> str:
+def config_text(
+    facts: RunFacts, sections: Mapping[str, Any], kinds: Sequence[SoilKind] = ()
+) -> str:
     """The configuration as YAML.
 
     Args:
         facts: of the run.
         sections: everything else, mappings of plain values by name.
+        kinds: of soil, by id; left out if there are none.
     """
     run = {
         "epoch": facts.epoch,
@@ -67,7 +94,8 @@ def config_text(facts: RunFacts, sections: Mapping[str, Any]) -> str:
         "cell": facts.cell,
         "swell": facts.swell,
     }
-    content = {"run": run, **_plain(sections), "versions": versions()}
+    soils = {_KINDS: [{"id": n, **_plain(asdict(k))} for n, k in enumerate(kinds)]} if kinds else {}
+    content = {"run": run, **_plain(sections), **soils, "versions": versions()}
     return str(yaml.safe_dump(content, sort_keys=False))
 
 
@@ -100,6 +128,39 @@ def run_facts(text: str) -> RunFacts:
     if not 0.0 <= facts.swell < math.inf:
         raise CodecError(f"swell is {facts.swell} in the configuration of the run")
     return facts
+
+
+def soil_kinds(text: str) -> tuple[SoilKind, ...]:
+    """The kinds of soil by id, from the configuration of the soil's node.
+
+    Raises:
+        CodecError: not such a configuration; says what is wrong.
+    """
+    try:
+        listed = list(yaml.safe_load(text)[_KINDS])
+        kinds = tuple(_kind(each) for each in listed)
+        ids = [each["id"] for each in listed]
+    except (yaml.YAMLError, KeyError, TypeError, ValueError, OverflowError) as error:
+        raise CodecError(f"the kinds of soil of the run cannot be read: {error!r}") from error
+    if not kinds or ids != list(range(len(kinds))):
+        raise CodecError(f"the kinds of soil have the ids {ids}; they must count from 0")
+    return kinds
+
+
+def _kind(values: Mapping[str, Any]) -> SoilKind:
+    red, green, blue = map(float, values["colour"])
+    dry, damp, wet = map(float, values["repose_angles"])
+    kind = SoilKind(
+        name=str(values["name"]),
+        colour=(red, green, blue),
+        swell=float(values["swell"]),
+        density=float(values["density"]),
+        repose_angles=(dry, damp, wet),
+    )
+    numbers = (*kind.colour, kind.swell, kind.density, *kind.repose_angles)
+    if not all(0.0 <= number < math.inf for number in numbers):
+        raise ValueError(f"a soil cannot have the figures {numbers}")
+    return kind
 
 
 def _plain(value: Any) -> Any:

@@ -7,8 +7,8 @@ OccupancyGrid instead: width counts cells along x, height cells along y, and the
 
 A cloud has no place for a number of its own, so `revision` and `epoch` are fields like the others
 and the same in every point. Beside the changed cells' `revision` field they tell which changes a
-keyframe already holds, in one message, whatever order two topics arrive in; they fill up 24 bytes
-of a point to 32. z is the elevation; there is no second field for it.
+keyframe already holds, in one message, whatever order two topics arrive in. z is the elevation;
+there is no second field for it. What else a surface is like is float32, as viewers colour by it.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ __all__ = [
     "TERRAIN_CELL",
     "TerrainMap",
     "from_terrain_cloud",
+    "surface_of_terrain_cloud",
     "to_elevation_image",
     "to_map_info",
     "to_terrain_cloud",
@@ -45,6 +46,10 @@ TERRAIN_CELL = np.dtype(
         ("y", "<f4"),
         ("z", "<f4"),  # elevation
         ("loose_depth", "<f4"),
+        ("surface_material", "<f4"),  # 0 untouched, 1 dug, 2 dirt
+        ("moisture", "<f4"),  # of saturation, 0..1
+        ("soil", "<f4"),  # id of the kind at the surface, see the kinds in /sim/config
+        ("design_difference", "<f4"),  # elevation minus design [m], NaN where there is none
         ("volume_mm3", "<f8"),  # exact: whole numbers below 2**53
         ("revision", "<u4"),  # the same in every cell
         ("epoch", "<u4"),  # likewise
@@ -54,27 +59,54 @@ TERRAIN_CELL = np.dtype(
 
 _LARGEST_VOLUME = 2**53
 
+_MOST = {"surface_material": 2, "moisture": 100, "soil": 255}
+"""Largest value of each layer of whole numbers."""
+
+_FRACTION = (np.arange(_MOST["moisture"] + 1) / 100.0).astype(np.float32)
+"""Moistures as they cross, by per cent."""
+
 
 @dataclass(frozen=True)
 class TerrainMap:
-    """A keyframe with what a stranger wants to know besides.
+    """A keyframe with what a stranger wants to know besides. Arrays have shape (rows, cols).
 
     Attributes:
         keyframe: the surface; to float32 precision once it has crossed.
-        loose_depth: depth of loose soil [m], shape (rows, cols); likewise.
-        volume_mm3: bank volume above the floor, shape (rows, cols), int64; exact.
+        loose_depth: depth of loose soil [m]; likewise.
+        volume_mm3: bank volume above the floor, int64; exact.
+        surface_material: what the surface looks like, uint8: 0 untouched, 1 dug, 2 dirt.
+        moisture: of the column [% of saturation], uint8.
+        soil: id of the soil at the surface, uint8.
+        design_difference: elevation minus design [m], float32, NaN where nothing is designed.
+
+    Layers that are not given are zeros, the difference from a design NaN.
     """
 
     keyframe: Keyframe
     loose_depth: NDArray[np.float64]
     volume_mm3: NDArray[np.int64]
+    surface_material: NDArray[np.uint8] = None  # type: ignore[assignment]
+    moisture: NDArray[np.uint8] = None  # type: ignore[assignment]
+    soil: NDArray[np.uint8] = None  # type: ignore[assignment]
+    design_difference: NDArray[np.float32] = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        """Fill in the layers that are not given."""
+        shape = self.keyframe.grid.shape
+        for name in _MOST:
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.zeros(shape, dtype=np.uint8))
+        if self.design_difference is None:
+            nothing = np.full(shape, np.nan, dtype=np.float32)
+            object.__setattr__(self, "design_difference", nothing)
 
 
 def to_terrain_cloud(terrain: TerrainMap, frame_id: str, stamp: Time) -> PointCloud2:
     """A terrain as an organised cloud of TERRAIN_CELL points.
 
     Raises:
-        CodecError: an array of another shape, or a number that does not fit its field.
+        CodecError: an array of another shape, a number that does not fit its field, or one that
+            no surface has.
     """
     frame = terrain.keyframe
     grid, volume = frame.grid, terrain.volume_mm3
@@ -82,9 +114,20 @@ def to_terrain_cloud(terrain: TerrainMap, frame_id: str, stamp: Time) -> PointCl
         ("elevation", frame.elevation),
         ("loose_depth", terrain.loose_depth),
         ("volume_mm3", volume),
+        ("design_difference", terrain.design_difference),
+        *((name, getattr(terrain, name)) for name in _MOST),
     ):
         if layer.shape != grid.shape:
             raise CodecError(f"{name} has shape {layer.shape} on a grid of {grid.shape}")
+    for name, most in _MOST.items():
+        layer = getattr(terrain, name)
+        if layer.dtype != np.uint8 or layer.max() > most:
+            raise CodecError(
+                f"{name} is of type {layer.dtype} and goes to {layer.max()}; give uint8 from 0 to"
+                f" {most}"
+            )
+    if np.isinf(terrain.design_difference).any():
+        raise CodecError("design_difference is infinite; give NaN where nothing is designed")
     for name, number in (("revision", frame.revision), ("epoch", frame.epoch)):
         if not 0 <= number < 2**32:
             raise CodecError(f"{name} {number} does not fit 32 bits; number them from 0")
@@ -96,6 +139,10 @@ def to_terrain_cloud(terrain: TerrainMap, frame_id: str, stamp: Time) -> PointCl
     cells["x"], cells["y"] = _positions(grid)
     cells["z"] = frame.elevation
     cells["loose_depth"] = terrain.loose_depth
+    cells["surface_material"] = terrain.surface_material
+    cells["moisture"] = _FRACTION[terrain.moisture]
+    cells["soil"] = terrain.soil
+    cells["design_difference"] = terrain.design_difference
     cells["volume_mm3"] = volume
     cells["revision"] = frame.revision
     cells["epoch"] = frame.epoch
@@ -114,27 +161,37 @@ def from_terrain_cloud(msg: PointCloud2, *, cell: float | None = None) -> Terrai
     Raises:
         CodecError: not the points of a grid around the origin, or not a terrain; says why.
     """
-    cells = from_point_cloud(msg, TERRAIN_CELL)
-    if msg.height < 2 or msg.width < 2:
-        raise CodecError(f"a terrain has at least 2 x 2 columns, not {msg.height} x {msg.width}")
-    cells = cells.reshape(msg.height, msg.width)
-    grid = _grid_of(cells, cell)
-    epoch, revision = (_constant(cells, name) for name in ("epoch", "revision"))
-    volume = cells["volume_mm3"].astype(np.float64)  # beside one another: the checks are faster
-    for name, bad in (
-        ("elevation", ~np.isfinite(cells["z"])),
-        ("loose_depth", ~(np.isfinite(cells["loose_depth"]) & (cells["loose_depth"] >= 0.0))),
-        # NaN fails every comparison.
-        ("volume", ~((volume >= 0.0) & (volume < _LARGEST_VOLUME) & (volume == np.rint(volume)))),
-    ):
-        if bad.any():
-            row, col = np.argwhere(bad)[0]
-            raise CodecError(f"column {row}, {col} has no proper {name}; {bad.sum()} are like it")
+    cells = _cells_of(msg)
+    keyframe = _keyframe_of(cells, cell)
+    loose, volume = cells["loose_depth"].astype(np.float64), cells["volume_mm3"].astype(np.float64)
+    # NaN fails every comparison.
+    _check("loose_depth", (loose >= 0.0) & (loose < np.inf))
+    whole = volume == np.rint(volume)
+    _check("volume", (volume >= 0.0) & (volume < _LARGEST_VOLUME) & whole)
+    difference = cells["design_difference"].copy()
+    _check("design_difference", ~np.isinf(difference))
+    material, soil = _whole_numbers(cells, "surface_material"), _whole_numbers(cells, "soil")
     return TerrainMap(
-        Keyframe(epoch, revision, grid, cells["z"].astype(np.float64)),
-        cells["loose_depth"].astype(np.float64),
+        keyframe,
+        loose,
         volume.astype(np.int64),
+        material,
+        _moisture_of(cells),
+        soil,
+        difference,
     )
+
+
+def surface_of_terrain_cloud(msg: PointCloud2, *, cell: float | None = None) -> Keyframe:
+    """The surface alone, for who needs no more; the other fields are not looked at.
+
+    Args:
+        msg, cell: as for `from_terrain_cloud`.
+
+    Raises:
+        CodecError: as `from_terrain_cloud`, but for what the other fields hold.
+    """
+    return _keyframe_of(_cells_of(msg), cell)
 
 
 def to_elevation_image(keyframe: Keyframe, frame_id: str, stamp: Time) -> Image:
@@ -164,6 +221,45 @@ def to_map_info(grid: Grid, stamp: Time) -> MapMetaData:
             orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
         ),
     )
+
+
+def _cells_of(msg: PointCloud2) -> Rows:
+    """The points of a message, shape (rows, cols)."""
+    cells = from_point_cloud(msg, TERRAIN_CELL)
+    if msg.height < 2 or msg.width < 2:
+        raise CodecError(f"a terrain has at least 2 x 2 columns, not {msg.height} x {msg.width}")
+    return cells.reshape(msg.height, msg.width)
+
+
+def _keyframe_of(cells: Rows, cell: float | None) -> Keyframe:
+    grid = _grid_of(cells, cell)
+    epoch, revision = (_constant(cells, name) for name in ("epoch", "revision"))
+    elevation = cells["z"].astype(np.float64)
+    _check("elevation", np.isfinite(elevation))
+    return Keyframe(epoch, revision, grid, elevation)
+
+
+def _moisture_of(cells: Rows) -> NDArray[np.uint8]:
+    """Moistures [%]; fractions are rounded to whole per cents."""
+    moisture = cells["moisture"].copy()
+    _check("moisture", (moisture >= 0.0) & (moisture <= 1.0))
+    return np.rint(100.0 * moisture).astype(np.uint8)
+
+
+def _whole_numbers(cells: Rows, name: str) -> NDArray[np.uint8]:
+    """A layer of whole numbers."""
+    values = cells[name].copy()
+    proper = (values >= 0.0) & (values <= _MOST[name]) & (values == np.rint(values))
+    _check(name, proper)
+    return values.astype(np.uint8)
+
+
+def _check(name: str, proper: NDArray[np.bool_]) -> None:
+    """Refuse a terrain with columns that are not proper."""
+    if not proper.all():
+        row, col = np.argwhere(~proper)[0]
+        count = int((~proper).sum())
+        raise CodecError(f"column {row}, {col} has no proper {name}; {count} are like it")
 
 
 def _positions(grid: Grid) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

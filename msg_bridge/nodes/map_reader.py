@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from sensor_msgs.msg import PointCloud2
 
-from msg_bridge.codec.terrain import from_terrain_cloud
+from msg_bridge.codec.terrain import surface_of_terrain_cloud
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import Keyframe
 from msg_bridge.nodes.topics import MAP_TOPIC
@@ -48,7 +48,7 @@ class MapReader:
         if self._cell is None and not self._guess:
             return
         try:
-            keyframe = from_terrain_cloud(msg, cell=self._cell).keyframe
+            keyframe = surface_of_terrain_cloud(msg, cell=self._cell)
             self._unread = None
             self._take(keyframe)
         except ExchangeError as error:

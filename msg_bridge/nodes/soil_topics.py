@@ -1,4 +1,4 @@
-"""What the soil tells everybody: time, terrain, ledger, configuration."""
+"""What the soil tells everybody: time, terrain, ledger, configuration, cut and fill."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from nav_msgs.msg import MapMetaData
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, PointCloud2
-from std_msgs.msg import Bool, Int64MultiArray, String
+from std_msgs.msg import Bool, Float64MultiArray, Int64MultiArray, String
 
 from msg_bridge.codec import qos
+from msg_bridge.codec.cut_fill import CutFillState, to_cut_fill_array
 from msg_bridge.codec.grid_map import grid_map_type, to_grid_map
 from msg_bridge.codec.headers import message_to_cdr
 from msg_bridge.codec.terrain import TerrainMap, to_elevation_image, to_map_info, to_terrain_cloud
 from msg_bridge.contract.ledger import Ledger
-from msg_bridge.nodes.topics import MAP_FRAME, MAP_TOPIC
+from msg_bridge.nodes.topics import CUT_FILL_TOPIC, MAP_FRAME, MAP_TOPIC
 
 __all__ = ["SoilTopics"]
 
@@ -22,8 +23,12 @@ __all__ = ["SoilTopics"]
 class SoilTopics:
     """Publishers of the soil's state."""
 
-    def __init__(self, node: Node) -> None:
-        """`node` is whose topics they are."""
+    def __init__(self, node: Node, *, design: bool = False) -> None:
+        """
+        Args:
+            node: whose topics they are.
+            design: whether the ground has a design, and so something to cut and to fill.
+        """
         self._clock = node.create_publisher(Clock, "/clock", qos.STATE)
         self._ledger = node.create_publisher(Int64MultiArray, "/soil/ledger", qos.ROWS)
         self._hash = node.create_publisher(String, "/soil/state_hash", qos.STATE)
@@ -32,6 +37,11 @@ class SoilTopics:
         self._info = node.create_publisher(MapMetaData, "/terrain/info", qos.LATCHED)
         kind = grid_map_type()
         self._grid_map = kind and node.create_publisher(kind, "/terrain/grid_map", qos.LATCHED)
+        self._cut_fill = (
+            node.create_publisher(Float64MultiArray, CUT_FILL_TOPIC, qos.LATCHED)
+            if design
+            else None
+        )
         self._config = node.create_publisher(String, "/sim/config", qos.LATCHED)
         self._paused = node.create_publisher(Bool, "/sim/paused", qos.LATCHED)
 
@@ -46,6 +56,11 @@ class SoilTopics:
         self._elevation.publish(to_elevation_image(terrain.keyframe, MAP_FRAME, stamp))
         if self._grid_map is not None:
             self._grid_map.publish(to_grid_map(terrain, MAP_FRAME, stamp))
+
+    def cut_fill(self, state: CutFillState) -> None:
+        """Publish how far the ground is from its design, where it has one."""
+        if self._cut_fill is not None:
+            self._cut_fill.publish(to_cut_fill_array(state))
 
     def begin(self, terrain: TerrainMap, config: str, stamp: Time) -> None:
         """Publish what a run begins with: its configuration [YAML], then its terrain."""

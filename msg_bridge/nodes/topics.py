@@ -5,6 +5,7 @@ from __future__ import annotations
 from msg_bridge.contract.messages import Stream
 
 __all__ = [
+    "CUT_FILL_TOPIC",
     "MAP_FRAME",
     "MAP_TOPIC",
     "OWED_TOPIC",
@@ -27,6 +28,9 @@ STREAM_TOPIC: dict[Stream, str] = {
 """Topic of each stream of rows that all share."""
 
 MAP_TOPIC = "/terrain/map"
+CUT_FILL_TOPIC = "/soil/cut_fill"
+"""What is still to dig and to fill; only where there is a design."""
+
 TICK_TOPIC = "/soil/tick"
 """The soil's headers, and its requests to machines."""
 

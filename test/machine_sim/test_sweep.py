@@ -3,7 +3,7 @@ import pytest
 from support.machine_scenes import excavator
 
 from machine_sim.machine.kinematics import tool_pose
-from machine_sim.sweep import sweep_rows
+from machine_sim.sweep import sweep_rows, track_rows
 from msg_bridge.contract.rows import Action
 
 MACHINE = excavator()
@@ -41,3 +41,24 @@ def test_a_bucket_pushed_onto_its_back_presses() -> None:
 
 def test_a_bucket_at_rest_counts_as_cutting() -> None:
     assert (sweep_rows(BUCKET, DIGGING, DIGGING, tool=0)["action"] == Action.CUT).all()
+
+
+def test_tracks_that_drive_press_what_is_under_their_shoes() -> None:
+    start, end = (np.eye(3), np.zeros(3)), (np.eye(3), np.array([0.02, 0.0, 0.0]))
+    tracks = MACHINE.tracks
+    rows = track_rows(tracks, start, end, first_tool=1)
+    assert rows["tool"].tolist() == [1] * 4 + [2] * 4
+    assert rows["pair"].tolist() == [0, 0, 1, 1] * 2
+    assert (rows["action"] == Action.PRESS).all()
+    left = rows[:4]
+    assert np.ptp(left["x0"]) == pytest.approx(tracks.axle_distance)
+    assert np.ptp(left["y0"]) == pytest.approx(tracks.shoe_width)
+    assert left["y0"].mean() == pytest.approx(0.5 * tracks.gauge)
+    assert (left["y0"][0::2] > left["y0"][1::2]).all(), "left ends first"
+    assert rows["x1"] - rows["x0"] == pytest.approx(0.02, abs=1e-6)
+    assert not rows["z0"].any()
+
+
+def test_tracks_that_stand_press_no_more() -> None:
+    pose = (np.eye(3), np.array([3.0, 1.0, 0.2]))
+    assert track_rows(MACHINE.tracks, pose, pose, first_tool=1).size == 0

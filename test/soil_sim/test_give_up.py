@@ -15,6 +15,7 @@ from soil_sim.node_params import SoilNodeParams
 from soil_sim.params import SoilParams
 from soil_sim.run import SoilRun
 from soil_sim.side import SoilSide
+from soil_sim.site import Site
 from soil_sim.terrain import flat
 
 STILL = bucket_sweep((0, 0, 1), (0, 0, 1))
@@ -41,7 +42,7 @@ def deliver(machine: MachineExchange, side: SoilSide) -> None:
 
 def begun(*sources: int) -> tuple[SoilRun, list[MachineExchange]]:
     params = SoilNodeParams(sync="lockstep", expected_machines=sources, machine_timeout=1.0)
-    run = SoilRun(flat(flat_soil().grid), SoilParams(), params, epoch=1)
+    run = SoilRun(Site(flat(flat_soil().grid)), SoilParams(), params, epoch=1)
     return run, join(run.side, *sources)
 
 

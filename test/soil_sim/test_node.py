@@ -13,20 +13,29 @@ from rclpy.node import Node
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, PointCloud2
-from std_msgs.msg import Bool, String
+from std_msgs.msg import Bool, Float64MultiArray, String
 from std_srvs.srv import Trigger
 from support.node_scenes import TICK, Scene, dig, machine_file, ready_to_dig
 
 from machine_sim.node import MachineNode
 from msg_bridge.codec import qos
-from msg_bridge.codec.sim_config import run_facts
+from msg_bridge.codec.cut_fill import from_cut_fill_array
+from msg_bridge.codec.sim_config import run_facts, soil_kinds
 from msg_bridge.codec.stamps import tick_of_stamp
 from msg_bridge.codec.terrain import from_terrain_cloud
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.grid import Grid
 from msg_bridge.testing.ros import Ros
-from soil_sim.errors import TerrainError
-from soil_sim.terrain import load_terrain
+from soil_sim.design import compare
+from soil_sim.errors import SoilError, TerrainError
+from soil_sim.soils import load_soils
+from soil_sim.terrain import (
+    HeightMap,
+    Layers,
+    load_terrain,
+    load_terrain_with_layers,
+    save_terrain,
+)
 
 ALONE = {"sync": "realtime", "expected_machines": []}
 
@@ -54,6 +63,26 @@ def digging(ros: Ros, folder: Path, **parameters: object) -> Scene:
     machine = scene.machine(**options)
     dig(scene, machine, lambda ledger: ledger.particles > 10**7)
     return scene
+
+
+def layered_site(folder: Path) -> dict[str, object]:
+    """Parameters of level ground, half of it clay, moister from row to row."""
+    grid = Grid(65, 65, 0.4)
+    ids = np.zeros(grid.shape, dtype=np.uint8)
+    ids[:, 30:] = 1
+    moisture = np.repeat(np.arange(65, dtype=np.uint8)[:, None], 65, axis=1)
+    path = folder / "site.npz"
+    save_terrain(path, HeightMap(grid, np.zeros(grid.shape)), layers=Layers(ids, moisture))
+    soils = {"soil.soil": "dry sand", "soil.other_soils": ["dry clay"]}
+    return {"site.terrain": str(path), **soils}
+
+
+def design_file(folder: Path) -> str:
+    """A pit of 0.5 m that is designed where the machine digs, and nothing around it."""
+    heights = np.full((65, 65), np.nan)
+    heights[8:48, 28:37] = -0.5
+    np.save(folder / "design.npy", heights)
+    return str(folder / "design.npy")
 
 
 def ticks_of(clock: list[Clock]) -> list[int]:
@@ -106,6 +135,100 @@ def test_who_comes_late_gets_the_terrain_and_the_configuration(ros: Ros) -> None
     assert content["site"]["points"] == content["grid"]["rows"] == 65
     assert content["soil"]["swell"] == 0.25
     assert not paused[0].data
+
+
+def test_the_map_shows_what_the_surface_is_and_how_moist(ros: Ros, tmp_path: Path) -> None:
+    maps = ros.collect("/terrain/map", PointCloud2, qos.LATCHED)
+    scene = digging(ros, tmp_path, map_period=0.05, **layered_site(tmp_path))
+    scene.more_ticks(10)
+    scene.pause()
+    soil = scene.soil.run.side.soil
+    ros.spin_until(lambda: from_terrain_cloud(maps[-1]).keyframe.revision == soil.revision)
+    first, newest = from_terrain_cloud(maps[0]), from_terrain_cloud(maps[-1])
+    assert (first.soil[:, :30] == 0).all()
+    assert (first.soil[:, 30:] == 1).all()
+    assert (first.moisture == np.arange(65)[:, None]).all()
+    assert not first.surface_material.any()
+    assert np.isnan(first.design_difference).all()
+    assert (newest.surface_material == soil.columns.material).all()
+    assert newest.surface_material.any()
+    assert (newest.soil == soil.columns.top_soil).all()
+    assert (newest.moisture == soil.columns.moisture).all()
+
+
+def test_the_configuration_says_what_the_ids_of_soils_mean(ros: Ros, tmp_path: Path) -> None:
+    configs = ros.collect("/sim/config", String, qos.LATCHED)
+    Scene(ros, **ALONE, **layered_site(tmp_path))
+    ros.spin_until(lambda: configs)
+    shipped = load_soils()
+    kinds = soil_kinds(configs[0].data)
+    assert [kind.name for kind in kinds] == ["dry sand", "dry clay"]
+    for kind in kinds:
+        given = shipped[kind.name]
+        assert (kind.colour, kind.swell, kind.density) == (
+            given.colour,
+            given.swell,
+            given.density,
+        )
+        assert kind.repose_angles[1] == given.repose_angle_damp
+    assert run_facts(configs[0].data).swell == shipped["dry sand"].swell > 0.0
+
+
+def test_soil_that_was_given_without_a_name_has_none(ros: Ros) -> None:
+    configs = ros.collect("/sim/config", String, qos.LATCHED)
+    Scene(ros, **ALONE, **{"soil.swell": 0.25, "soil.repose_angle": 40.0})
+    ros.spin_until(lambda: configs)
+    (kind,) = soil_kinds(configs[0].data)
+    assert (kind.name, kind.swell, kind.repose_angles) == ("", 0.25, (40.0, 40.0, 40.0))
+
+
+# The design.
+
+
+def test_cut_and_fill_are_told_to_late_comers_and_follow_what_is_dug(
+    ros: Ros, tmp_path: Path
+) -> None:
+    maps = ros.collect("/terrain/map", PointCloud2, qos.LATCHED)
+    scene = digging(ros, tmp_path, map_period=0.05, **{"site.design": design_file(tmp_path)})
+    scene.more_ticks(10)
+    scene.pause()
+    heard = ros.collect("/soil/cut_fill", Float64MultiArray, qos.LATCHED)
+    run = scene.soil.run
+    soil, design = run.side.soil, scene.soil._site.design
+    assert design is not None
+    ros.spin_until(lambda: from_terrain_cloud(maps[-1]).keyframe.revision == soil.revision)
+    anew = compare(design, soil.columns.height)
+    ros.spin_until(lambda: heard and from_cut_fill_array(heard[-1]).cut == anew.cut)
+    state = from_cut_fill_array(heard[-1])
+    assert state.remaining == anew.remaining
+    assert 0.0 < state.time <= run.tick * TICK
+    before = from_terrain_cloud(maps[0])
+    assert np.nansum(before.design_difference) * 0.16 == pytest.approx(40 * 9 * 0.16 * 0.5)
+    assert anew.cut < 40 * 9 * 0.16 * 0.5
+    shown = from_terrain_cloud(maps[-1]).design_difference
+    assert np.array_equal(shown, anew.difference, equal_nan=True)
+    quality = next(p for p in scene.soil.publishers if p.topic_name == "/soil/cut_fill").qos_profile
+    assert quality.durability == qos.LATCHED.durability
+
+
+def test_cut_and_fill_are_told_again_only_where_anything_changed(ros: Ros, tmp_path: Path) -> None:
+    heard = ros.collect("/soil/cut_fill", Float64MultiArray, qos.LATCHED)
+    scene = Scene(ros, **ALONE, map_period=0.05, **{"site.design": design_file(tmp_path)})
+    scene.until_tick(20)
+    (state,) = map(from_cut_fill_array, heard)
+    assert state == (0.0, pytest.approx(28.8), 0.0, pytest.approx(28.8), 0.0)
+
+
+def test_after_a_reset_all_of_the_design_is_to_be_dug_again(ros: Ros, tmp_path: Path) -> None:
+    heard = ros.collect("/soil/cut_fill", Float64MultiArray, qos.LATCHED)
+    options = {**layered_site(tmp_path), "site.design": design_file(tmp_path)}
+    scene = digging(ros, tmp_path, map_period=0.05, **options)
+    ros.spin_until(lambda: from_cut_fill_array(heard[-1]).cut < 28.7)
+    scene.trigger("/sim/reset")
+    ros.spin_until(lambda: from_cut_fill_array(heard[-1]).cut == pytest.approx(28.8, abs=1e-9))
+    columns = scene.soil.run.side.soil.columns
+    assert (columns.soil[:, 30:] == 1).all()
+    assert (columns.moisture[64] == 64).all()
 
 
 def test_each_topic_has_its_quality_of_service(ros: Ros) -> None:
@@ -195,6 +318,8 @@ def test_the_first_tick_waits_for_listeners_to_every_topic(ros: Ros) -> None:
 def test_bad_ground_is_refused_with_a_sentence(ros: Ros) -> None:
     with pytest.raises(TerrainError, match=r"nowhere\.asc"):
         Scene(ros, **{"site.terrain": "nowhere.asc"})
+    with pytest.raises(TerrainError, match=r"site\.design: nowhere\.asc"):
+        Scene(ros, **{"site.design": "nowhere.asc"})
     with pytest.raises(ParameterError, match="sync"):
         Scene(ros, sync="sometimes")
 
@@ -330,6 +455,33 @@ def test_save_writes_the_terrain_as_it_is(ros: Ros, tmp_path: Path) -> None:
     assert saved.grid == Grid(65, 65, 0.4)
     assert saved.heights == pytest.approx(scene.soil.run.side.soil.columns.height, abs=1e-6)
     assert saved.heights.min() < -0.01
+
+
+def test_a_map_with_ids_that_no_soil_has_is_refused(ros: Ros, tmp_path: Path) -> None:
+    options = {**layered_site(tmp_path), "soil.other_soils": []}
+    with pytest.raises(SoilError, match=r"soil\.other_soils names 0 kinds"):
+        Scene(ros, **options)
+
+
+def test_save_writes_the_soils_and_the_moisture_too(ros: Ros, tmp_path: Path) -> None:
+    path = tmp_path / "ground.npz"
+    scene = digging(ros, tmp_path, save_path=str(path), **layered_site(tmp_path))
+    scene.pause()
+    response = scene.trigger("/soil/save")
+    assert response.message.endswith(str(path))
+    _, layers = load_terrain_with_layers(path)
+    columns = scene.soil.run.side.soil.columns
+    assert np.array_equal(layers.soil, columns.top_soil)
+    assert np.array_equal(layers.moisture, columns.moisture)
+
+
+def test_save_says_where_layers_do_not_go(ros: Ros, tmp_path: Path) -> None:
+    path = tmp_path / "ground.asc"
+    scene = Scene(ros, **ALONE, save_path=str(path))
+    response = scene.trigger("/soil/save")
+    assert response.success
+    assert "heights alone" in response.message
+    assert load_terrain(path).grid == Grid(65, 65, 0.4)
 
 
 @pytest.mark.parametrize("name", ["no/such/folder/ground.npz", "ground.jpeg"])

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
+import numpy as np
 import pytest
 from support.soil_scenes import bucket_sweep, flat_soil, landings
 
+from msg_bridge.contract.rows import Rows
 from msg_bridge.exchange.machine_side import MachineExchange
+from soil_sim.design import DesignSurface, compare
 from soil_sim.node_params import SoilNodeParams
 from soil_sim.params import SoilParams
 from soil_sim.run import Silence, SoilRun
-from soil_sim.terrain import flat
+from soil_sim.site import Site
+from soil_sim.terrain import Layers, flat
 
 TICK = 0.01
 STILL = bucket_sweep((0, 0, 1), (0, 0, 1))
@@ -20,9 +25,10 @@ STILL = bucket_sweep((0, 0, 1), (0, 0, 1))
 class Timeline:
     """A run, machines that are only their messages, and a wall clock."""
 
-    def __init__(self, *machines: int, **params: Any) -> None:
+    def __init__(self, *machines: int, site: Site | None = None, **params: Any) -> None:
         given = {"expected_machines": machines, "machine_timeout": 1.0, "tick": TICK, **params}
-        self.run = SoilRun(flat(flat_soil().grid), SoilParams(), SoilNodeParams(**given), epoch=7)
+        site = site or Site(flat(flat_soil().grid))
+        self.run = SoilRun(site, SoilParams(), SoilNodeParams(**given), epoch=7)
         self.machines = {source: MachineExchange(source, epoch=7) for source in machines}
         self.now = 100.0
         for machine in self.machines.values():
@@ -41,10 +47,10 @@ class Timeline:
         for machine in self.machines.values():
             machine.poll()
 
-    def send(self, source: int) -> None:
+    def send(self, source: int, sweep: Rows = STILL) -> None:
         """A machine's next tick arrives."""
         nothing = landings([], [], 0)
-        self.machines[source].send(STILL.copy(), nothing, pending_mm3=0, particles_mm3=0)
+        self.machines[source].send(sweep.copy(), nothing, pending_mm3=0, particles_mm3=0)
         self.exchange()
 
     def ticks(self) -> int:
@@ -230,3 +236,74 @@ def test_a_machine_stepping_while_paused_in_real_time_is_not_dropped() -> None:
     time.run.step()
     assert [each.dropped for each in time.run.silent(time.now + 10.0, {1: time.now})] == [False]
     assert time.run.side.exchange.joined == (1,)
+
+
+# The design.
+
+
+def site_with_design(depth: float) -> Site:
+    """Level ground that shall become a pit, and nothing designed around it."""
+    grid = flat_soil().grid
+    heights = np.full(grid.shape, np.nan)
+    heights[20:40, 20:40] = -depth
+    return Site(flat(grid), design=DesignSurface(grid, heights))
+
+
+def dig(time: Timeline, ticks: int) -> None:
+    """Drag a bucket through the pit that is designed."""
+    x = 0.02 * np.arange(ticks + 1) - 0.5
+    for a, b in pairwise(x.tolist()):
+        time.send(1, bucket_sweep((a, 0.0, -0.3), (b, 0.0, -0.3)))
+        assert time.ticks() == 1
+
+
+def test_without_a_design_there_is_no_cut_and_fill() -> None:
+    assert Timeline().run.cut_fill is None
+
+
+def test_cut_and_fill_follow_every_tick_to_the_last_bit_and_never_compare_anew(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    site, compared = site_with_design(0.5), []
+    monkeypatch.setattr(
+        "soil_sim.site.compare", lambda *a, **k: compared.append(1) or compare(*a, **k)
+    )
+    time = Timeline(1, site=site, sync="lockstep")
+    assert time.run.cut_fill is not None
+    assert time.run.cut_fill.cut == pytest.approx(400 * 0.04 * 0.5)
+    for _ in range(3):
+        before = time.run.cut_fill.cut_mm3
+        dig(time, 10)
+        assert time.run.cut_fill.cut_mm3 < before
+        assert site.design is not None
+        anew = compare(site.design, time.run.side.soil.columns.height)
+        now = time.run.cut_fill
+        assert (now.cut_mm3, now.fill_mm3) == (anew.cut_mm3, anew.fill_mm3)
+        assert now.within_tolerance == anew.within_tolerance
+        assert np.array_equal(now.difference, anew.difference, equal_nan=True)
+    assert len(compared) == 1
+
+
+def test_a_reset_has_all_of_the_design_to_dig_again() -> None:
+    time = Timeline(1, site=site_with_design(0.5), sync="lockstep")
+    assert time.run.cut_fill is not None
+    whole = time.run.cut_fill.cut_mm3
+    dig(time, 20)
+    assert time.run.cut_fill.cut_mm3 < whole
+    time.run.reset()
+    assert time.run.cut_fill.cut_mm3 == whole
+
+
+def test_a_reset_begins_on_the_layers_of_the_site() -> None:
+    grid = flat_soil().grid
+    ids = np.ones(grid.shape, dtype=np.uint8)
+    moisture = np.full(grid.shape, 37, dtype=np.uint8)
+    site = Site(flat(grid), Layers(ids, moisture))
+    soil = SoilParams(other_soils=("dry clay",))
+    run = SoilRun(site, soil, SoilNodeParams(expected_machines=()), epoch=7)
+    for _ in range(2):
+        columns = run.side.soil.columns
+        assert (columns.soil == 1).all()
+        assert (columns.moisture == 37).all()
+        columns.soil[:], columns.moisture[:] = 0, 0
+        run.reset()

@@ -78,7 +78,7 @@ def test_slip_is_bounded_per_tick_and_goes_on_in_the_next() -> None:
         soil.step(ticks, NO_SWEEPS, NO_LANDED)
         ticks += 1
         assert soil.total_mm3 == start + 4_000_000_000
-    assert ticks > 3
+    assert ticks >= 3
     assert soil.slip.steepest_excess() <= soil.params.slip_tolerance + 1e-9
 
 

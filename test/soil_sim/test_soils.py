@@ -142,9 +142,10 @@ def test_moisture_mixes_by_volume() -> None:
     columns = columns_of(SAND)
     arrays = columns.arrays
     add_loose(arrays, 5, 3000, 3300, 0, 10)
-    assert columns.moisture.flat[5] == 10, "it covers the ground, whose moisture is out of sight"
+    assert columns.top_moisture.flat[5] == 10
     add_loose(arrays, 5, 1000, 1100, 0, 50)
-    assert columns.moisture.flat[5] == 20
+    assert columns.top_moisture.flat[5] == 20
+    assert columns.moisture.flat[5] == 0, "the ground under it stays as it was"
 
 
 def test_packing_takes_room_and_no_soil_and_ends_at_the_bank_volume() -> None:
@@ -263,7 +264,7 @@ def test_what_is_excavated_says_its_kind_and_lands_as_it() -> None:
     soil.step(1, NO_SWEEPS, rows)
     at = (round(soil.grid.row(-3.0)), round(soil.grid.col(-3.0)))
     assert soil.columns.top_soil[at] == 0
-    assert soil.columns.moisture[at] == 60
+    assert soil.columns.top_moisture[at] == 60
 
 
 @pytest.mark.parametrize(("field", "value"), [("soil", 1), ("moisture", 101)])

@@ -16,7 +16,23 @@ from msg_bridge.contract.messages import Keyframe
 
 GRID = Grid(3, 4, 0.5)
 HEIGHTS = np.arange(12.0).reshape(GRID.shape)
-TERRAIN = TerrainMap(Keyframe(1, 2, GRID, HEIGHTS), 0.1 * HEIGHTS, np.ones(GRID.shape, np.int64))
+NUMBERS = np.arange(12, dtype=np.uint8).reshape(GRID.shape)
+TERRAIN = TerrainMap(
+    Keyframe(1, 2, GRID, HEIGHTS),
+    0.1 * HEIGHTS,
+    np.ones(GRID.shape, np.int64),
+    surface_material=NUMBERS % 3,
+    moisture=9 * NUMBERS,
+    soil=NUMBERS,
+)
+LAYERS = {
+    "elevation": HEIGHTS,
+    "loose_depth": 0.1 * HEIGHTS,
+    "surface_material": NUMBERS % 3,
+    "moisture": 0.09 * HEIGHTS,
+    "soil": NUMBERS,
+    "design_difference": np.full(GRID.shape, np.nan),
+}
 
 
 @dataclass
@@ -52,12 +68,12 @@ def test_without_the_package_there_is_no_message(monkeypatch):
 
 def test_layers_are_column_major_matrices_of_the_same_order(installed):
     message = to_grid_map(TERRAIN, "map", Time(sec=3))
-    assert message.layers == ["elevation", "loose_depth"]
+    assert message.layers == list(LAYERS)
     assert (message.info.length_x, message.info.length_y) == GRID.size
     assert message.info.resolution == GRID.cell
-    for layer, heights in zip(message.data, (HEIGHTS, 0.1 * HEIGHTS), strict=True):
+    for layer, values in zip(message.data, LAYERS.values(), strict=True):
         columns, rows = layer.layout.dim
         assert (columns.label, columns.size, columns.stride) == ("column_index", 4, 12)
         assert (rows.label, rows.size, rows.stride) == ("row_index", 3, 3)
         back = np.array(layer.data, dtype=np.float32).reshape(4, 3).T
-        assert (back == heights.astype(np.float32)).all()
+        assert np.array_equal(back, values.astype(np.float32), equal_nan=True)

@@ -6,9 +6,22 @@ import pytest
 import yaml
 
 from msg_bridge.codec.errors import CodecError
-from msg_bridge.codec.sim_config import RunFacts, config_text, run_facts, versions
+from msg_bridge.codec.sim_config import (
+    RunFacts,
+    SoilKind,
+    config_text,
+    run_facts,
+    soil_kinds,
+    versions,
+)
 
 FACTS = RunFacts(epoch=1_795_247_584, tick=0.01, realtime=False, cell=0.2, swell=0.25)
+
+KINDS = (
+    SoilKind("", (0.5, 0.4, 0.3), 0.15, 1600.0, (35.0, 35.0, 35.0)),
+    SoilKind("wet sand", (0.82, 0.71, 0.51), 0.12, 1840.0, (34.0, 45.0, 25.0)),
+)
+KIND = "id: 0, name: a, colour: [1, 0, 0], swell: 0, density: 1, repose_angles: [1, 2, 3]"
 
 
 @pytest.mark.parametrize("realtime", [True, False])
@@ -81,3 +94,42 @@ def test_lengths_that_nothing_can_have_are_refused(name: str, value: str) -> Non
     text = "run: {" + ", ".join(f"{k}: {v}" for k, v in values.items()) + "}"
     with pytest.raises(CodecError):
         run_facts(text)
+
+
+def test_kinds_of_soil_cross_by_their_ids() -> None:
+    text = config_text(FACTS, {"soil": {"soil": "loam"}}, KINDS)
+    assert soil_kinds(text) == KINDS
+    assert run_facts(text) == FACTS
+    listed = yaml.safe_load(text)["soil_kinds"]
+    assert [each["id"] for each in listed] == [0, 1]
+    assert listed[1]["repose_angles"] == [34.0, 45.0, 25.0]
+
+
+def test_a_configuration_without_kinds_of_soil_has_no_section_of_them() -> None:
+    assert "soil_kinds" not in yaml.safe_load(config_text(FACTS, {}))
+
+
+def test_whole_numbers_of_a_soil_are_read_as_numbers() -> None:
+    kind = soil_kinds("soil_kinds: [{" + KIND + "}]")[0]
+    assert kind == SoilKind("a", (1.0, 0.0, 0.0), 0.0, 1.0, (1.0, 2.0, 3.0))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "run: {}",
+        "soil_kinds: 3",
+        "soil_kinds: []",
+        "soil_kinds: [3]",
+        "soil_kinds: [{" + KIND.replace("id: 0", "id: 1") + "}]",
+        "soil_kinds: [{" + KIND.replace("name: a, ", "") + "}]",
+        "soil_kinds: [{" + KIND.replace("[1, 0, 0]", "[1, 0]") + "}]",
+        "soil_kinds: [{" + KIND.replace("swell: 0", "swell: .nan") + "}]",
+        "soil_kinds: [{" + KIND.replace("density: 1", "density: -1") + "}]",
+        "soil_kinds: [{" + KIND.replace("[1, 2, 3]", "steep") + "}]",
+    ],
+)
+def test_what_are_no_kinds_of_soil_is_refused(text: str) -> None:
+    with pytest.raises(CodecError, match="kinds of soil"):
+        soil_kinds(text)

@@ -1,14 +1,17 @@
 """The terrain crosses the right way round, and what is no terrain is refused."""
 
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message, serialize_message
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import PointCloud2, PointField
 
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.point_cloud import from_point_cloud, to_point_cloud
@@ -16,6 +19,7 @@ from msg_bridge.codec.terrain import (
     TERRAIN_CELL,
     TerrainMap,
     from_terrain_cloud,
+    surface_of_terrain_cloud,
     to_elevation_image,
     to_map_info,
     to_terrain_cloud,
@@ -35,6 +39,10 @@ def terrain(rows: int = 3, cols: int = 5, cell: float = 0.2) -> TerrainMap:
         Keyframe(4, 77, grid, -3.0 + 0.25 * number),
         0.5 * number,
         2**53 - 1 - number.astype(np.int64),
+        (number % 3).astype(np.uint8),
+        (number % 101).astype(np.uint8),
+        (255 - number % 256).astype(np.uint8),
+        np.where(number % 7 == 0, np.nan, 0.125 * number - 1.0).astype(np.float32),
     )
 
 
@@ -50,7 +58,15 @@ def same(a: TerrainMap, b: TerrainMap) -> bool:
         and np.array_equal(a.keyframe.elevation, b.keyframe.elevation)
         and np.array_equal(a.loose_depth, b.loose_depth)
         and np.array_equal(a.volume_mm3, b.volume_mm3)
+        and np.array_equal(a.surface_material, b.surface_material)
+        and np.array_equal(a.moisture, b.moisture)
+        and np.array_equal(a.soil, b.soil)
+        and np.array_equal(a.design_difference, b.design_difference, equal_nan=True)
     )
+
+
+def bare(site: TerrainMap) -> TerrainMap:
+    return TerrainMap(site.keyframe, site.loose_depth, site.volume_mm3)
 
 
 @pytest.mark.parametrize(("rows", "cols"), [(3, 5), (5, 3), (2, 2), (40, 41)])
@@ -60,6 +76,32 @@ def test_terrain_crosses(rows: int, cols: int) -> None:
     assert same(back, site)
     assert back.volume_mm3.dtype == np.int64
     assert back.keyframe.elevation.dtype == np.float64
+    assert back.surface_material.dtype == back.moisture.dtype == back.soil.dtype == np.uint8
+    assert back.design_difference.dtype == np.float32
+
+
+def test_every_per_cent_of_moisture_crosses() -> None:
+    site = terrain(2, 101)
+    assert set(site.moisture.ravel().tolist()) == set(range(101))
+    assert same(crossed(site), site)
+    points = from_point_cloud(to_terrain_cloud(site, "map", STAMP), TERRAIN_CELL)
+    assert (points["moisture"].min(), points["moisture"].max()) == (0.0, 1.0)
+
+
+def test_layers_that_are_not_given_are_zeros_and_no_design() -> None:
+    site = terrain()
+    back = crossed(bare(site))
+    for layer in (back.surface_material, back.moisture, back.soil):
+        assert not layer.any()
+        assert layer.shape == (3, 5)
+    assert np.isnan(back.design_difference).all()
+
+
+@pytest.mark.parametrize("cell", [None, 0.2])
+def test_the_surface_alone_is_that_of_the_whole_terrain(cell: float | None) -> None:
+    site = terrain()
+    alone = surface_of_terrain_cloud(to_terrain_cloud(site, "map", STAMP), cell=cell)
+    assert same(TerrainMap(alone, site.loose_depth, site.volume_mm3), bare(site))
 
 
 def test_arrays_in_column_order_cross() -> None:
@@ -69,6 +111,10 @@ def test_arrays_in_column_order_cross() -> None:
         Keyframe(4, 77, frame.grid, np.asfortranarray(frame.elevation)),
         np.asfortranarray(site.loose_depth),
         np.asfortranarray(site.volume_mm3),
+        np.asfortranarray(site.surface_material),
+        np.asfortranarray(site.moisture),
+        np.asfortranarray(site.soil),
+        np.asfortranarray(site.design_difference),
     )
     assert same(crossed(turned), site)
 
@@ -142,8 +188,12 @@ def test_fields_shared_with_changed_rows_are_the_same() -> None:
     assert all(TERRAIN_CELL[name] == CHANGED[name] for name in shared)
 
 
-def test_a_point_has_32_bytes() -> None:
-    assert to_terrain_cloud(terrain(), "map", STAMP).point_step == 32
+def test_a_point_has_48_bytes_and_what_viewers_colour_by_is_float32() -> None:
+    msg = to_terrain_cloud(terrain(), "map", STAMP)
+    assert msg.point_step == 48
+    kinds = {field.name: field.datatype for field in msg.fields}
+    layers = ("loose_depth", "surface_material", "moisture", "soil", "design_difference")
+    assert {kinds[name] for name in layers} == {PointField.FLOAT32}
 
 
 def test_image_has_the_matrix_order_of_the_elevation() -> None:
@@ -179,6 +229,13 @@ def other_volume(volume: int) -> Callable[[TerrainMap], TerrainMap]:
     return spoil
 
 
+def other_layer(name: str, layer: NDArray[Any]) -> Callable[[TerrainMap], TerrainMap]:
+    def spoil(site: TerrainMap) -> TerrainMap:
+        return replace(site, **{name: layer})
+
+    return spoil
+
+
 def other_numbers(epoch: int, revision: int) -> Callable[[TerrainMap], TerrainMap]:
     def spoil(site: TerrainMap) -> TerrainMap:
         frame = Keyframe(epoch, revision, site.keyframe.grid, site.keyframe.elevation)
@@ -193,6 +250,12 @@ def other_numbers(epoch: int, revision: int) -> Callable[[TerrainMap], TerrainMa
         (other_shape, r"loose_depth has shape \(5, 3\)"),
         (other_volume(-1), "columns hold -1 to"),
         (other_volume(2**53), "carries 0 to"),
+        (other_layer("soil", np.zeros((5, 3), np.uint8)), r"soil has shape \(5, 3\)"),
+        (other_layer("soil", np.zeros((3, 5), np.int64)), "soil is of type int64"),
+        (other_layer("moisture", np.full((3, 5), 101, np.uint8)), "moisture .* to 101; .* to 100"),
+        (other_layer("surface_material", np.full((3, 5), 3, np.uint8)), "goes to 3"),
+        (other_layer("design_difference", np.full((3, 5), np.inf)), "design_difference is inf"),
+        (other_layer("design_difference", np.zeros((2, 2))), "design_difference has shape"),
         (other_numbers(1, 2**32), "revision 4294967296 does not fit"),
         (other_numbers(-1, 1), "epoch -1 does not fit"),
     ],
@@ -236,6 +299,15 @@ def one_row(cells: Rows) -> Rows:
         (setting("volume_mm3", np.nan, (1, 1)), "no proper volume"),
         (setting("volume_mm3", np.inf, (1, 1)), "no proper volume"),
         (setting("volume_mm3", 2.0**53, (1, 1)), "no proper volume"),
+        (setting("surface_material", 3.0, (1, 1)), "column 1, 1 has no proper surface_material"),
+        (setting("surface_material", np.nan, (1, 1)), "no proper surface_material"),
+        (setting("moisture", 1.5, (0, 3)), "column 0, 3 has no proper moisture"),
+        (setting("moisture", -0.01, (0, 3)), "no proper moisture"),
+        (setting("moisture", np.nan, (0, 3)), "no proper moisture"),
+        (setting("soil", 256.0, (2, 0)), "no proper soil"),
+        (setting("soil", 0.5, (2, 0)), "no proper soil"),
+        (setting("soil", -1.0, (2, 0)), "no proper soil"),
+        (setting("design_difference", -np.inf, (2, 0)), "no proper design_difference"),
         (setting("revision", 78, (2, 2)), "revision is not the same"),
         (setting("epoch", 5, (0, 1)), "epoch is not the same"),
         (setting("x", 0.1, (1, 2)), "x and y are not those of 3 x 5 cells"),
@@ -257,5 +329,5 @@ def test_cloud_that_is_no_terrain_is_refused(spoil: Callable[[Rows], Rows], sent
 
 
 def test_rows_are_no_terrain() -> None:
-    with pytest.raises(CodecError, match="lacks epoch"):
+    with pytest.raises(CodecError, match=r"lacks surface_material, .* epoch"):
         from_terrain_cloud(to_point_cloud(np.zeros(4, dtype=CHANGED), "map", STAMP, height=2))

@@ -1,0 +1,205 @@
+"""Random work on random ground: no soil is lost, none is left too steep, equal work is equal."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from support.soil_scenes import NO_LANDED, NO_SWEEPS, bucket_sweep, landings
+
+from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.rows import Action, Kind, Rows
+from soil_sim.params import SoilParams
+from soil_sim.soil import Soil, SoilStep
+from soil_sim.soils import load_soils
+
+NAMES = tuple(load_soils())
+TICKS = 15
+
+
+@dataclass(frozen=True)
+class Site:
+    """Ground to work on: a grid, soils by name ("" for one given by angle and swell), a seed."""
+
+    grid: Grid
+    params: SoilParams
+    seed: int
+
+    def soil(self) -> Soil:
+        """Hilly ground of one soil or in patches, moist evenly or by chance, free to slip."""
+        rng = np.random.default_rng(self.seed)
+        shape, cell = self.grid.shape, self.grid.cell
+        steps = np.cumsum(rng.normal(0.0, 0.3 * cell, shape), axis=0)
+        heights = steps + np.cumsum(rng.normal(0.0, 0.3 * cell, shape), axis=1)
+        heights[rng.random(shape) < 0.02] += rng.uniform(-1.0, 2.0)  # pillars and holes
+        kinds = 1 + len(self.params.other_soils)
+        ids = np.kron(rng.integers(0, kinds, (18, 18)), np.ones((4, 4)))
+        layers = {
+            "soil": ids[: shape[0], : shape[1]].astype(np.uint8),
+            "moisture": rng.integers(0, 101, shape),
+        }
+        for name in list(layers):
+            if rng.random() < 0.4:
+                del layers[name]
+        soil = Soil(self.grid, heights, self.params, **layers)  # type: ignore[arg-type]
+        soil.slip.disturb_all()
+        return soil
+
+
+@st.composite
+def sites(draw: st.DrawFn) -> Site:
+    own = draw(st.sampled_from(("", *NAMES)))
+    plain: dict[str, Any] = {
+        "repose_angle": draw(st.floats(10.0, 60.0)),
+        "swell": draw(st.floats(0.0, 0.7)),
+    }
+    params = SoilParams(
+        soil=own,
+        other_soils=tuple(draw(st.lists(st.sampled_from(NAMES), max_size=3))),
+        moisture=draw(st.sampled_from((-1, 0, 37, 100))),
+        slip_radius=draw(st.sampled_from((1.0, 1.5, 2.3, 4.0, 4.0, 4.0))),
+        slip_budget=draw(st.sampled_from((100, 20_000))),
+        dig_depth=draw(st.sampled_from((0.3, 5.0))),
+        cut_mode=draw(st.sampled_from(("swept", "reference"))),
+        angle_noise=draw(st.sampled_from((0.0, 0.0, 4.0))),
+        shape_noise=draw(st.sampled_from((0.0, 0.0, 0.5))),
+        normal_noise=draw(st.sampled_from((0.0, 20.0))),
+        **({} if own else plain),
+    )
+    # Above 2000 columns large failures are swept, if they are of one kind and moisture.
+    side = st.integers(2, 30) if draw(st.booleans()) else st.integers(48, 72)
+    grid = Grid(draw(side), draw(side), draw(st.sampled_from((0.05, 0.1, 0.25, 0.4))))
+    return Site(grid, params, draw(st.integers(0, 2**32 - 1)))
+
+
+def random_input(soil: Soil, rng: np.random.Generator) -> tuple[Rows, Rows]:
+    """What a tick may bring: a bucket that cuts or presses; particles of any kind, some beyond."""
+    size = np.array([*soil.grid.size, 2.0])
+    top = float(soil.columns.height.max())
+    sweep, landed = NO_SWEEPS, NO_LANDED
+    if rng.random() < 0.6:
+        start = rng.uniform(-0.55, 0.55, 3) * size + (0.0, 0.0, top)
+        end = start + rng.normal(0.0, 1.0, 3) * (0.4, 0.4, 0.2)
+        sweep = bucket_sweep(tuple(start), tuple(end), width=float(rng.uniform(0.05, 1.5)))
+        if rng.random() < 0.3:
+            sweep["action"] = Action.PRESS
+    if rng.random() < 0.8:
+        count = int(rng.integers(1, 30))
+        at = rng.uniform(-0.52, 0.52, (2, 1 if rng.random() < 0.3 else count)) * size[:2, None]
+        most = soil.grid.cell**2 * rng.choice([1e6, 1e8, 4e8])  # up to 0.4 m in one column
+        x, y = np.broadcast_to(at, (2, count))
+        landed = landings(x, y, 1)
+        landed["volume_mm3"] = rng.integers(1, int(most), count)
+        landed["soil"] = rng.integers(0, len(soil.kinds), count)
+        landed["moisture"] = rng.integers(0, 101, count)
+    if rng.random() < 0.3:
+        sweep, landed = spoilt(sweep, rng), spoilt(landed, rng)
+    return sweep, landed
+
+
+def spoilt(rows: Rows, rng: np.random.Generator) -> Rows:
+    """Rows as a broken machine may send them: fields of any bits, rows lost, doubled or mixed."""
+    rows = rows.copy()
+    for _ in range(rng.integers(1, 5)):
+        if rows.size == 0:
+            break
+        row, name = rng.integers(rows.size), str(rng.choice(rows.dtype.names or ()))
+        what = rng.integers(4)
+        if what == 0:
+            field = rows[name][row : row + 1].view(np.uint8)
+            field[:] = rng.integers(0, 256, field.size)
+        elif what == 1 and name in ("x", "y", "z", "x0", "y0", "z0", "x1", "y1", "z1"):
+            rows[name][row] = rng.choice([np.nan, np.inf, -np.inf, 1e18, -1e18, 3e38, 1e5, -30.0])
+        elif what == 2:
+            rows = np.delete(rows, row)
+        else:
+            rows = rows[rng.integers(0, rows.size, rows.size)]
+    return rows
+
+
+def volumes(soil: Soil) -> NDArray[np.int64]:
+    """Firm, loose and the room of the loose [mm^3], shape (3, rows, cols)."""
+    return np.stack([soil.columns.firm, soil.columns.loose, soil.columns.bulk])
+
+
+def expect_sound(soil: Soil) -> None:
+    """Nothing is less than nothing, and the surface is where the volumes put it."""
+    columns = soil.columns
+    assert columns.firm.min() >= 0
+    assert columns.loose.min() >= 0
+    assert (columns.bulk >= columns.loose).all(), "loose soil is never denser than bank soil"
+    assert (columns.bulk[columns.loose == 0] == 0).all()
+    assert columns.moisture.max() <= 100
+    assert columns.top_soil.max() < len(soil.kinds)
+    surface = columns.floor + (columns.firm + columns.bulk) * columns.metres_per_mm3
+    assert columns.height == pytest.approx(surface, abs=1e-9)
+    assert soil.verify()
+
+
+def expect_all_is_told(
+    soil: Soil, before: NDArray[np.int64], step: SoilStep, landed: Rows, sweeps: Rows
+) -> None:
+    """Answers, changed rows and refusals are what happened, no more and no less."""
+    after = volumes(soil)
+    volume = step.conversions["volume_mm3"].astype(np.int64)
+    kind = step.conversions["kind"]
+    deposited = int(volume[kind == Kind.DEPOSIT].sum())
+    excavated = int(volume[kind == Kind.EXCAVATE].sum())
+    assert int(after[:2].sum()) + excavated - deposited == int(before[:2].sum())
+    assert (kind != Kind.EXCAVATE).sum() == landed.size
+    assert step.forces.size + len(step.refused) == np.unique(sweeps[["source", "tool"]]).size
+
+    said = np.zeros(soil.grid.shape, dtype=bool)
+    said[step.changed["row"], step.changed["col"]] = True
+    assert said.sum() == step.changed.size, "no column is told twice"
+    assert np.array_equal(said, (before != after).any(axis=0))
+    assert np.array_equal(step.changed["volume_mm3"], after[:2].sum(axis=0)[said])
+    assert step.changed["z"] == pytest.approx(soil.columns.height[said], abs=1e-5, rel=1e-6)
+    depth = soil.columns.loose_depth[said]
+    assert step.changed["loose_depth"] == pytest.approx(depth, abs=1e-5, rel=1e-6)
+
+
+def work(site: Site) -> None:
+    """Work on a site twice, look at everything once, and compare all the states passed."""
+    hashes = []
+    for checked in (True, False):
+        soil, rng = site.soil(), np.random.default_rng(site.seed)
+        states = hashlib.sha256()
+        for tick in range(TICKS):
+            before = volumes(soil)
+            sweeps, landed = random_input(soil, rng)
+            step = soil.step(tick, sweeps, landed)
+            if checked:
+                expect_sound(soil)
+                expect_all_is_told(soil, before, step, landed, sweeps)
+            states.update(soil.state_hash().encode())
+        total = soil.total_mm3
+        aside = (0.0, 0.0, float(soil.columns.height.max()) + 9.0)
+        soil.step(TICKS, bucket_sweep(aside, aside), NO_LANDED)  # no tool stands in the soil
+        while soil.slip.waiting:
+            soil.step(TICKS, NO_SWEEPS, NO_LANDED)
+        assert soil.slip.steepest_excess() <= 2 * soil.params.slip_tolerance
+        assert soil.total_mm3 == total
+        expect_sound(soil)
+        states.update(soil.state_hash().encode())
+        hashes.append(states.hexdigest())
+    assert hashes[0] == hashes[1]
+
+
+@settings(deadline=None, max_examples=20)
+@given(site=sites())
+def test_random_work_loses_no_soil_and_leaves_none_too_steep(site: Site) -> None:
+    work(site)
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=150)
+@given(site=sites())
+def test_much_random_work_loses_no_soil_and_leaves_none_too_steep(site: Site) -> None:
+    work(site)

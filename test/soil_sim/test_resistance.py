@@ -1,0 +1,168 @@
+"""What tools feel: the earthmoving equation at a dragged plate, and where nothing resists."""
+
+import math
+
+import numpy as np
+import pytest
+from support.soil_scenes import NO_LANDED, bucket_sweep, flat_soil, tool_sweep
+
+from msg_bridge.contract.rows import Rows
+from soil_sim.force import earth_force
+from soil_sim.soil import Soil
+from soil_sim.soils import load_soils
+
+KINDS = load_soils()
+WAY = 0.02
+DEPTH = 0.3
+
+
+def force(soil: Soil, sweep: Rows) -> np.ndarray:
+    row = soil.step(0, sweep, NO_LANDED).forces[0]
+    return np.array([row["fx"], row["fy"], row["fz"]], dtype=np.float64)
+
+
+def plate(rake: float) -> tuple[tuple[float, float], ...]:
+    """A plate of 1 m at a rake [deg], behind and above its lip."""
+    return ((0.0, 0.0), (-math.cos(math.radians(rake)), math.sin(math.radians(rake))))
+
+
+def expected(name: str, rake: float, width: float = 1.2, depth: float = DEPTH) -> np.ndarray:
+    kind = KINDS[name]
+    stick = kind.stick(kind.moisture)
+    found = earth_force(
+        width=width,
+        depth=depth,
+        rake=math.radians(rake),
+        gamma=kind.density * 9.81,
+        phi=math.radians(kind.internal_friction),
+        delta=math.radians(kind.tool_friction),
+        cohesion=kind.cohesion * stick,
+        adhesion=kind.adhesion * stick,
+    )
+    return np.array([-found.horizontal, 0.0, found.vertical])
+
+
+def turned(sweep: Rows, angle: float) -> Rows:
+    """The same about the map's z axis."""
+    sweep = sweep.copy()
+    for end in "01":
+        x, y = sweep[f"x{end}"].copy(), sweep[f"y{end}"].copy()
+        sweep[f"x{end}"] = math.cos(angle) * x - math.sin(angle) * y
+        sweep[f"y{end}"] = math.sin(angle) * x + math.cos(angle) * y
+    return sweep
+
+
+def reverse(sweep: Rows) -> Rows:
+    """The same way backwards."""
+    sweep = sweep.copy()
+    for axis in "xyz":
+        sweep[f"{axis}0"], sweep[f"{axis}1"] = sweep[f"{axis}1"].copy(), sweep[f"{axis}0"].copy()
+    return sweep
+
+
+@pytest.mark.parametrize("rake", [30.0, 60.0, 90.0])
+@pytest.mark.parametrize("name", ["gravel", "loam", "dry clay", "wet clay"])
+def test_a_plate_dragged_through_level_soil_feels_the_earthmoving_equation(name, rake) -> None:
+    soil = flat_soil(6.0, 0.2, soil=name)
+    soil.slip.relax = lambda budget=None: 0  # type: ignore[method-assign]
+    for tick in range(30):
+        x = -0.3 + WAY * tick
+        sweep = tool_sweep(plate(rake), (x, 0, -DEPTH), (x + WAY, 0, -DEPTH))
+        row = soil.step(tick, sweep, NO_LANDED).forces[0]
+        found = [row["fx"], row["fy"], row["fz"]]
+        assert found == pytest.approx(expected(name, rake), rel=0.05, abs=1.0)
+        assert row["tz"] == pytest.approx(0.0, abs=1.0)
+    assert row["z"] == pytest.approx(-DEPTH * 2 / 3, abs=1e-3)
+
+
+@pytest.mark.parametrize("degrees", [0, 37, 90, 200, 315])
+def test_the_force_is_against_the_travel(degrees) -> None:
+    angle = math.radians(degrees)
+    sweep = turned(tool_sweep(plate(60.0), (0, 0, -DEPTH), (WAY, 0, -DEPTH)), angle)
+    found = force(flat_soil(6.0, 0.2, soil="loam"), sweep)
+    against, _, up = expected("loam", 60.0)
+    direction = [against * math.cos(angle), against * math.sin(angle), up]
+    assert found == pytest.approx(direction, rel=0.02, abs=20.0)
+
+
+def test_the_force_grows_with_the_width() -> None:
+    one, two = (
+        force(
+            flat_soil(8.0, 0.2, soil="loam"),
+            tool_sweep(plate(60.0), (0, 0, -DEPTH), (WAY, 0, -DEPTH), width=width),
+        )
+        for width in (0.8, 1.6)
+    )
+    assert two == pytest.approx(2.0 * one, rel=1e-5)
+
+
+STROKE = bucket_sweep((0, 0, -DEPTH), (WAY, 0, -DEPTH))
+
+
+@pytest.mark.parametrize(
+    "sweep",
+    [
+        bucket_sweep((0, 0, 0.1), (WAY, 0, 0.1)),
+        bucket_sweep((0, 0, -DEPTH), (0, 0, -DEPTH)),
+        bucket_sweep((0, 0, -DEPTH), (0, 0, -DEPTH + WAY)),
+        reverse(tool_sweep((*plate(60.0), (0.0, 1.0)), (0, 0, -DEPTH), (WAY, 0, -DEPTH))),
+    ],
+    ids=["above ground", "at rest", "straight up", "backwards, a blade"],
+)
+def test_what_does_not_cut_feels_nothing(sweep) -> None:
+    assert not force(flat_soil(6.0, 0.2, soil="loam"), sweep).any()
+    assert force(flat_soil(6.0, 0.2, soil="loam"), STROKE)[0] < -1e3
+
+
+def test_a_bucket_that_backs_out_of_its_cut_feels_nothing() -> None:
+    soil = flat_soil(6.0, 0.1, soil="dry clay")
+    for tick in range(75):
+        x = -0.75 + WAY * tick
+        soil.step(tick, bucket_sweep((x, 0, -DEPTH), (x + WAY, 0, -DEPTH)), NO_LANDED)
+    back = reverse(bucket_sweep((x, 0, -DEPTH), (x + WAY, 0, -DEPTH)))
+    assert abs(force(soil, back)[0]) < 1.0
+
+
+def test_the_2014_soil_does_not_resist() -> None:
+    assert not force(flat_soil(6.0, 0.2, soil="loam", force_mode="reference"), STROKE).any()
+
+
+def test_a_lip_half_in_the_air_feels_half_and_is_turned() -> None:
+    soil = flat_soil(6.0, 0.2, soil="loam")
+    sweep = tool_sweep(plate(60.0), (0, 0, -DEPTH), (WAY, 0, -DEPTH), width=1.6)
+    whole = force(soil, sweep)
+    soil = flat_soil(6.0, 0.2, soil="loam")
+    soil.columns.height[:, soil.grid.y(np.arange(soil.grid.cols)) > 0.0] -= 1.0
+    row = soil.step(0, sweep, NO_LANDED).forces[0]
+    # The column in the middle is 0.1 m wide on either side.
+    assert row["fx"] == pytest.approx(0.5 * whole[0], rel=0.26)
+    assert row["y"] == pytest.approx(-0.4, abs=0.11)
+
+
+def test_loosened_clay_resists_less_than_clay_that_stands() -> None:
+    soil = flat_soil(6.0, 0.2, soil="dry clay")
+    firm = force(soil, STROKE)[0]
+    soil = flat_soil(6.0, 0.2, soil="dry clay")
+    columns = soil.columns
+    depth = np.int64(0.5 / columns.metres_per_mm3)
+    columns.firm -= depth
+    columns.loose += depth
+    columns.bulk += depth
+    assert 0.5 * firm < force(soil, STROKE)[0] < 0.0
+
+
+def test_rock_stops_a_bucket() -> None:
+    assert force(flat_soil(6.0, 0.2, soil="rock"), STROKE)[0] < -1e6
+
+
+def test_soil_bears_a_bucket_that_is_pressed_down() -> None:
+    soil = flat_soil(6.0, 0.2, soil="loam")
+    found = force(soil, bucket_sweep((0, 0, 0.001), (0, 0, -0.01)))
+    assert found[:2] == pytest.approx([0.0, 0.0], abs=1e-3)
+    # c N_c alone: 8 kPa * 1.2 (loam as found) * 38.6, on a floor of 0.4 m x 1.2 m
+    assert 0.9 * 9.6e3 * 38.6 * 0.48 < found[2] < 2.0 * 9.6e3 * 38.6 * 0.48
+
+
+def test_equal_soils_give_equal_forces() -> None:
+    found = [force(flat_soil(6.0, 0.2, soil="loam"), STROKE).tobytes() for _ in range(2)]
+    assert found[0] == found[1]
