@@ -88,7 +88,7 @@ def test_soil_said_to_be_moved_lies_at_the_dump(one):
     rise = (outcome.after - outcome.site.heights)[:, y > 3.0].sum() * outcome.grid.cell**2
     bank = rise / (1.0 + one.run.config.soil.swell)
     # A little that was spilled on the way lies there, too.
-    assert outcome.moved == pytest.approx(bank, rel=0.03)
+    assert outcome.moved == pytest.approx(bank, rel=0.05)
 
 
 def test_terrain_grew_by_the_swell_of_the_soil_that_is_loose(one):

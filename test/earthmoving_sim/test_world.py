@@ -82,12 +82,12 @@ def test_one_tampered_parcel_shows_in_the_ledger() -> None:
     honest = machine.apply
     tampered = []
 
-    def apply(conversions, changed, **kwargs) -> None:
+    def apply(conversions, *others, **kwargs) -> None:
         excavated = np.flatnonzero(conversions["kind"] == Kind.EXCAVATE)
         if excavated.size and not tampered:
             conversions["volume_mm3"][excavated[0]] -= 1
             tampered.append(True)
-        honest(conversions, changed, **kwargs)
+        honest(conversions, *others, **kwargs)
 
     machine.apply = apply  # type: ignore[method-assign]
     ledgers = drag(world, 120)

@@ -104,8 +104,9 @@ def test_more_than_the_machine_can_push_stalls_it_and_does_not_push_it_back() ->
 def test_digging_in_clay_is_felt_and_repeatable() -> None:
     found = []
     for _ in range(2):
-        machine = machine_on_level_ground()
-        world = World(level_soil(soil="dry clay"), {1: machine})
+        soil = level_soil(soil="dry clay")
+        machine = machine_on_level_ground(swell=soil.kinds[0].swell)
+        world = World(soil, {1: machine})
         felt = 0.0
         for joints, ticks in (([0, 0.4, -0.4, -0.5], 150), ([0, 0.4, 0.3, 0], 20)):
             machine.command(np.array(joints, dtype=np.float64), np.zeros(2))

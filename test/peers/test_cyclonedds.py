@@ -108,11 +108,15 @@ def check_map(found, site: HeightMap, terrain_mm3: int) -> None:
         ["y", 4, FLOAT32, 1],
         ["z", 8, FLOAT32, 1],
         ["loose_depth", 12, FLOAT32, 1],
-        ["volume_mm3", 16, FLOAT64, 1],
-        ["revision", 24, UINT32, 1],
-        ["epoch", 28, UINT32, 1],
+        ["surface_material", 16, FLOAT32, 1],
+        ["moisture", 20, FLOAT32, 1],
+        ["soil", 24, FLOAT32, 1],
+        ["design_difference", 28, FLOAT32, 1],
+        ["volume_mm3", 32, FLOAT64, 1],
+        ["revision", 40, UINT32, 1],
+        ["epoch", 44, UINT32, 1],
     ]
-    assert found["bytes"] == [32, 32 * cols, 32 * cols * rows]  # of a point, a row, all
+    assert found["bytes"] == [48, 48 * cols, 48 * cols * rows]  # of a point, a row, all
     assert len(found["some"]) > 40
     # Index (0, 0) is the +x, +y corner.
     expected = [

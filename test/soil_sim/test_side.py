@@ -133,7 +133,7 @@ def test_what_an_absent_machine_held_becomes_terrain_where_it_last_swept(side: S
     # The left end of the lip, where the first pair of its key points was, within what slips.
     grid = side.soil.grid
     place = np.array([grid.row(x), grid.col(0.6)])
-    assert np.hypot(*(raised - place).T).min() < 2.0
+    assert np.hypot(*(raised - place).T).min() < 2.5
     assert side.soil.verify()
 
 
