@@ -164,7 +164,8 @@ def collapse() -> list[Line]:
     other = baseline_soil(grid, heights)
     before, dug = soil.total_mm3, other.volume
 
-    noted = timed(soil.slip.disturb_all)
+    was_dug = np.flatnonzero(heights < 0.0)  # as a cut notes it
+    noted = timed(lambda: soil.slip.disturb(was_dug, around=True))
     ours = list(until_at_rest(soil))
     passes: list[int] = []
     baseline = timed(lambda: passes.append(other.collapse()))
@@ -172,7 +173,7 @@ def collapse() -> list[Line]:
     name = "walls of a 20 x 4 x 2 m trench, 513^2"
     return [
         Line(name, noted + sum(ours), baseline, "<= 5"),
-        Line("  of it noting the whole map", noted, None),
+        Line("  of it noting what was dug", noted, None),
         Line("  ticks; the baseline's passes over the map", len(ours), passes[0], compare=False),
         Line("  worst tick", max(ours), baseline),
     ]

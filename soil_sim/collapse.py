@@ -15,6 +15,7 @@ what swelling and rounding leave too steep is seen to by examining the columns t
 from __future__ import annotations
 
 import math
+from typing import TypeVar
 
 import numpy as np
 from numba import njit
@@ -23,6 +24,8 @@ from numpy.typing import NDArray
 from soil_sim.columns import Columns, add_loose, take_from_column
 
 __all__ = ["Box", "Collapse"]
+
+_T = TypeVar("_T", bound=np.generic)
 
 Box = tuple[int, int, int, int]
 """A window of the map: first row, row after the last, first column, column after the last."""
@@ -33,7 +36,7 @@ _MARGIN = 6
 _WALL = np.float32(1e6)
 """Height of what neither gives nor takes [m]."""
 
-_FIRST_STEP, _LAST_STEP, _RAMP = 0.5, 0.75, 8
+_FIRST_STEP, _LAST_STEP, _RAMP = 0.5, 0.9, 8
 """Part of an excess that is given: half at first, more once the worst is over, after so many
 sweeps. More is faster, but a tall heap would spread too wide before it slows."""
 
@@ -43,7 +46,7 @@ class Collapse:
 
     Attributes:
         running: whether a collapse has begun and is not at rest.
-        touched: columns that lost or gained in it, flat indices.
+        touched: columns that waited, lost or gained, flat indices.
     """
 
     def __init__(self, columns: Columns, offsets: NDArray[np.int64], *, tolerance: float) -> None:
@@ -63,7 +66,9 @@ class Collapse:
         self._steps = np.array(half, dtype=np.int64)
         self._reach = int(np.abs(offsets).max())
         self._distance = (np.hypot(*self._steps.T) * columns.grid.cell).astype(np.float32)
-        self._tolerance = np.float32(tolerance)
+        # (1, 0) is (4, 0) four times over: together they may be too steep by no more than it all.
+        times = self._reach // np.abs(self._steps).max(axis=1)
+        self._tolerances = (tolerance / times).astype(np.float32)
         self._box: Box | None = None
         self._sweeps = 0
         self._touched: list[NDArray[np.int64]] = []
@@ -97,25 +102,18 @@ class Collapse:
 
     def suits(self, box: Box) -> bool:
         """Whether a window is all of one kind of soil at one angle, as sweeping needs it."""
-        window = _slices(box)
         columns = self._columns
-        kind, moisture = columns.soil[window], columns.top_moisture[window]
-        if (kind != kind.flat[0]).any() or (columns.top_soil[window] != kind.flat[0]).any():
-            return False
-        if (columns.moisture[window] != moisture).any():  # loose soil wetter than what it lies on
-            return False
-        slope = columns.tables.slope[kind.flat[0]]
-        return bool(
-            (
-                slope[int(moisture.min()) : int(moisture.max()) + 1] == slope[int(moisture.flat[0])]
-            ).all()
-        )
+        return bool(_alike(columns.arrays, columns.tables.slope, columns.grid.cols, *box))
 
-    def sweep(self, box: Box, held: NDArray[np.uint8], most: int) -> bool:
+    def sweep(
+        self, box: Box, waiting: NDArray[np.int64], held: NDArray[np.uint8], most: int
+    ) -> bool:
         """Sweep a window at most `most` times; goes on where the last call ended.
 
         Args:
             box: of `box_with`.
+            waiting: columns (flat indices) to be examined if not by sweeping: only that sees a
+                step down beyond a neighbour that stands.
             held: columns that neither give nor take, shape (rows, cols).
             most: number of sweeps.
 
@@ -126,29 +124,27 @@ class Collapse:
             self._sweeps = 0
         window = _slices(box)
         columns = self._columns
-        before = columns.height[window]
-        lowest = float(before.min())
-        plan = (before - lowest).astype(np.float32)
+        start, floor = self._planned(window, held[window])
+        tall = start.shape[0] > start.shape[1]
+        if tall:  # long rows are quicker; the directions are the same
+            start, floor = np.ascontiguousarray(start.T), np.ascontiguousarray(floor.T)
+        plan = start.copy()
         slope = columns.tables.slope[
             columns.top_soil[box[0], box[2]], columns.top_moisture[box[0], box[2]]
         ]
         limits = (slope * self._distance).astype(np.float32)
         done = 0
         moved = True
-        floor = self._floor(window, plan, lowest)
-        # One that is held is a wall: as high as none, it takes nothing, and has nothing to give.
-        fixed = held[window] != 0
-        plan[fixed] = floor[fixed] = _WALL
-        start = plan.copy()
         while moved and done < most:
             part = _FIRST_STEP + (_LAST_STEP - _FIRST_STEP) * min(self._sweeps / _RAMP, 1.0)
             moved = bool(
                 _sweep(
-                    plan,
-                    floor,
+                    plan.reshape(-1),
+                    floor.reshape(-1),
+                    plan.shape[1],
                     self._steps,
                     limits,
-                    self._tolerance,
+                    self._tolerances,
                     np.float32(part),
                     self._sweeps % 2 == 1,
                 )
@@ -156,47 +152,81 @@ class Collapse:
             self._sweeps += 1
             done += 1
         change = (plan - start).astype(np.float64)
-        cells = self._book(box, change)
-        self._touched.append(cells)
+        cells = self._book(box, np.ascontiguousarray(change.T) if tall else change)
+        self._touched += [cells, waiting]
         # What has not moved is at rest, but for what lies around that which has.
         self._box = self._clipped(self._bounds(cells)) if moved and cells.size else None
         return self._box is None
 
     def take_touched(self) -> NDArray[np.int64]:
-        """Flat indices of all columns to be examined now: those that lost or gained.
+        """Flat indices of all columns to be examined now: near those that waited, lost or gained.
 
         A collapse that is still running is ended, and all columns of its window are among them.
         """
-        parts = [np.zeros(0, dtype=np.int64), *self._touched]
+        parts = self._touched.copy()
         if self._box is not None:
             rows, cols = np.arange(*self._box[:2]), np.arange(*self._box[2:])
             parts.append((rows[:, None] * self._columns.grid.cols + cols).reshape(-1))
         self._touched.clear()
         self._box = None
-        return np.unique(np.concatenate(parts))
+        cells = np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
+        if cells.size == 0:
+            return cells
+        top, _, left, _ = box = self._clipped(self._bounds(cells))
+        rows, cols = np.divmod(cells, self._columns.grid.cols)
+        far = np.ones((box[1] - box[0], box[3] - box[2]), dtype=np.uint8)
+        far[rows - top, cols - left] = 0
+        near_rows, near_cols = np.nonzero(_least_around(far, self._reach) == 0)
+        return (near_rows + top) * self._columns.grid.cols + near_cols + left
 
-    def _floor(
-        self, window: tuple[slice, slice], plan: NDArray[np.float32], lowest: float
-    ) -> NDArray[np.float32]:
-        """The height below which a column cannot give: its firm soil, as far as that stands."""
+    def _planned(
+        self, window: tuple[slice, slice], held: NDArray[np.uint8]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Heights in a window over its lowest, and those below which a column cannot give [m].
+
+        That is its firm soil, as far as it stands.
+        """
         columns = self._columns
-        base = columns.floor + columns.firm[window] * columns.metres_per_mm3 - lowest
+        heights = columns.height[window]
+        lowest = float(heights.min())
+        plan = (heights - lowest).astype(np.float32)
+        base = columns.firm[window] * columns.metres_per_mm3 + (columns.floor - lowest)
         stands = columns.tables.stands[columns.soil[window], columns.moisture[window]]
         least = _least_around(plan, self._reach)
         floor: NDArray[np.float32] = np.minimum(base, least + stands).astype(np.float32)
-        return floor
+        # One that is held is a wall: as high as none, it takes nothing, and has nothing to give.
+        fixed = held != 0
+        plan[fixed] = floor[fixed] = _WALL
+        return plan, floor
 
     def _book(self, box: Box, change: NDArray[np.float64]) -> NDArray[np.int64]:
         """Do what was planned with whole mm^3, failure by failure; returns the columns touched."""
         rows, cols = np.nonzero(change)
         if rows.size == 0:
             return np.zeros(0, dtype=np.int64)
-        failure = _failures(change != 0.0, self._reach)[rows, cols]
+        failure = self._failures(change, rows, cols)
         order = np.argsort(failure, kind="stable")
         cells = (rows + box[0]) * self._columns.grid.cols + cols + box[2]
         ends = np.concatenate([[0], np.flatnonzero(np.diff(failure[order])) + 1, [cells.size]])
         _share_out(self._columns.arrays, cells[order], change[rows, cols][order], ends)
         return np.asarray(cells, dtype=np.int64)
+
+    def _failures(
+        self, change: NDArray[np.float64], rows: NDArray[np.intp], cols: NDArray[np.intp]
+    ) -> NDArray[np.int64]:
+        """Number of the failure that each column belongs to that lost or gained.
+
+        In each there are both: soil may have passed from one to another over columns that kept
+        none of it, so that they are looked for in ever larger blocks.
+        """
+        lost, moved, block = change[rows, cols] < 0.0, change != 0.0, self._reach
+        while True:
+            number = _failures(moved, block)[rows, cols]
+            losers = np.bincount(number, lost) > 0
+            gainers = np.bincount(number, ~lost) > 0
+            if (losers == gainers).all() or block >= max(change.shape):
+                return np.asarray(number, dtype=np.int64)
+            block *= 2
 
     def _bounds(self, cells: NDArray[np.int64]) -> Box:
         rows, cols = np.divmod(cells, self._columns.grid.cols)
@@ -220,13 +250,13 @@ def _joined(a: Box, b: Box) -> Box:
     return min(a[0], b[0]), max(a[1], b[1]), min(a[2], b[2]), max(a[3], b[3])
 
 
-def _least_around(heights: NDArray[np.float32], reach: int) -> NDArray[np.float32]:
-    """Least height within `reach` rows and columns of each column."""
-    least = heights.copy()
+def _least_around(values: NDArray[_T], reach: int) -> NDArray[_T]:
+    """Least value within `reach` rows and columns of each column."""
+    least = values.copy()
     for axis in (0, 1):
         source = least.copy()
         for step in range(1, reach + 1):
-            if step >= heights.shape[axis]:
+            if step >= values.shape[axis]:
                 break
             low, high = [slice(None)] * 2, [slice(None)] * 2
             low[axis], high[axis] = slice(None, -step), slice(step, None)
@@ -236,54 +266,53 @@ def _least_around(heights: NDArray[np.float32], reach: int) -> NDArray[np.float3
     return least
 
 
-@njit(cache=True, error_model="numpy")
-def _relax_rows(a, b, low_a, low_b, limit, tolerance, part):  # type: ignore[no-untyped-def]
-    """Relax pairs of two rows, a[x] with b[x]; returns whether anything moved.
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _gift(drop, spare_a, spare_b, limit, tolerance, part):  # type: ignore[no-untyped-def]
+    """What one of a pair gives the other [m], from a to b; without a branch."""
+    none = np.float32(0.0)
+    spare = spare_a if drop > none else spare_b
+    excess = abs(drop) - limit
+    give = part * excess
+    give = spare if spare < give else give
+    give = give if excess > tolerance else none
+    give = give if give > none else none
+    return give if drop > none else -give
 
-    Without branches and with few arrays, so that it is compiled to vector instructions.
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _relax_pairs(plan, floor, a, b, stride, count, limit, tolerance, part):  # type: ignore[no-untyped-def]
+    """Relax `count` pairs, a with b, a + stride with b + stride ...; returns whether any moved.
+
+    Unsigned indices into flat arrays, so that it is compiled to vector instructions.
     """
-    none = np.float32(0.0)
     moved = np.int32(0)
-    for x in range(a.size):
-        drop = a[x] - b[x]
-        spare = a[x] - low_a[x] if drop > none else b[x] - low_b[x]
-        excess = abs(drop) - limit
-        give = part * excess
-        give = spare if spare < give else give
-        give = give if excess > tolerance else none
-        give = give if give > none else none
-        moved |= np.int32(give > none)
-        give = give if drop > none else -give
-        a[x] -= give
-        b[x] += give
+    for n in range(count):
+        x, y = a + n * stride, b + n * stride
+        high, low = plan[x], plan[y]
+        give = _gift(high - low, high - floor[x], low - floor[y], limit, tolerance, part)
+        moved |= np.int32(give != np.float32(0.0))
+        plan[x] = high - give
+        plan[y] = low + give
     return moved
 
 
 @njit(cache=True, error_model="numpy")
-def _relax_row(a, low, limit, tolerance, part):  # type: ignore[no-untyped-def]
-    """Relax pairs of neighbours in a row, a[0] with a[1], a[2] with a[3] ...; whether any moved."""
-    none = np.float32(0.0)
-    moved = np.int32(0)
-    for n in range(a.size // 2):
-        x = 2 * n
-        drop = a[x] - a[x + 1]
-        spare = a[x] - low[x] if drop > none else a[x + 1] - low[x + 1]
-        excess = abs(drop) - limit
-        give = part * excess
-        give = spare if spare < give else give
-        give = give if excess > tolerance else none
-        give = give if give > none else none
-        moved |= np.int32(give > none)
-        give = give if drop > none else -give
-        a[x] -= give
-        a[x + 1] += give
-    return moved
+def _relax_rows(plan, floor, a, b, count, limit, tolerance, part):  # type: ignore[no-untyped-def]
+    """Relax the pairs of two rows, that begin at a and b."""
+    return _relax_pairs(plan, floor, a, b, np.uint64(1), count, limit, tolerance, part)
+
+
+@njit(cache=True, error_model="numpy")
+def _relax_row(plan, floor, a, count, limit, tolerance, part):  # type: ignore[no-untyped-def]
+    """Relax the pairs of neighbours in a row, a with a + 1, a + 2 with a + 3 ..."""
+    b, two = a + np.uint64(1), np.uint64(2)
+    return _relax_pairs(plan, floor, a, b, two, count, limit, tolerance, part)
 
 
 @njit(cache=True)
-def _sweep(plan, floor, steps, limits, tolerance, part, backward):  # type: ignore[no-untyped-def]
+def _sweep(plan, floor, cols, steps, limits, tolerances, part, backward):  # type: ignore[no-untyped-def]
     """Relax all pairs of a window once, in every direction; returns whether anything moved."""
-    rows, cols = plan.shape
+    rows = plan.size // cols
     moved = np.int32(0)
     count = steps.shape[0]
     for n in range(count):
@@ -292,47 +321,74 @@ def _sweep(plan, floor, steps, limits, tolerance, part, backward):  # type: igno
         if di >= rows or abs(dj) >= cols:
             continue
         first, last = max(0, -dj), min(cols, cols - dj)
+        rule = (limits[k], tolerances[k], part)
         # No column is in two pairs at a time: half of the pairs, then the other half.
         for half in range(2):
             for i in range(rows - di):
+                a = np.uint64(i * cols + first)
                 if di == 0:
-                    moved |= _relax_row(plan[i, half:], floor[i, half:], limits[k], tolerance, part)
+                    pairs = np.uint64((cols - half) // 2)
+                    moved |= _relax_row(plan, floor, a + np.uint64(half), pairs, *rule)
                 elif (i // di) % 2 == half:
-                    moved |= _relax_rows(
-                        plan[i, first:last], plan[i + di, first + dj : last + dj],
-                        floor[i, first:last], floor[i + di, first + dj : last + dj],
-                        limits[k], tolerance, part,
-                    )  # fmt: skip
+                    b = np.uint64((i + di) * cols + first + dj)
+                    moved |= _relax_rows(plan, floor, a, b, np.uint64(last - first), *rule)
     return moved
 
 
 @njit(cache=True)
-def _failures(moved, reach):  # type: ignore[no-untyped-def]
-    """Number of the failure that each column that moved belongs to, from 1.
+def _alike(columns, slope, cols, row, row_end, col, col_end):  # type: ignore[no-untyped-def]
+    """Whether all columns of a window are of one soil, and loose and firm soil as steep."""
+    kind, moisture = columns.soil[row * cols + col], columns.moisture[row * cols + col]
+    tangent = slope[kind, moisture]
+    for r in range(row, row_end):
+        for i in range(r * cols + col, r * cols + col_end):
+            if columns.soil[i] != kind or slope[kind, columns.moisture[i]] != tangent:
+                return False
+            if columns.loose[i] > 0 and (
+                columns.loose_soil[i] != kind or slope[kind, columns.loose_moisture[i]] != tangent
+            ):
+                return False
+    return True
 
-    Two columns are of one failure if they are within reach of one another, or of a third that is.
+
+@njit(cache=True)
+def _failures(moved, side):  # type: ignore[no-untyped-def]
+    """Number of the failure that each column that moved belongs to, from 1; 0 if it did not.
+
+    Found by square blocks of `side` columns: two columns are of one failure if their blocks touch,
+    or if a third one's touches both.
     """
     rows, cols = moved.shape
-    number = np.zeros((rows, cols), dtype=np.int64)
-    stack = np.empty((moved.sum(), 2), dtype=np.int64)
-    count = 0
+    block_rows, block_cols = -(-rows // side), -(-cols // side)
+    block = np.zeros((block_rows, block_cols), dtype=np.int64)  # -1: something moved in it
     for i in range(rows):
         for j in range(cols):
-            if not moved[i, j] or number[i, j]:
+            if moved[i, j]:
+                block[i // side, j // side] = -1
+    stack = np.empty((block.size, 2), dtype=np.int64)
+    count = 0
+    for i in range(block_rows):
+        for j in range(block_cols):
+            if block[i, j] >= 0:
                 continue
             count += 1
-            number[i, j] = count
+            block[i, j] = count
             stack[0] = i, j
             size = 1
             while size:
                 size -= 1
                 a, b = stack[size]
-                for p in range(max(a - reach, 0), min(a + reach + 1, rows)):
-                    for q in range(max(b - reach, 0), min(b + reach + 1, cols)):
-                        if moved[p, q] and number[p, q] == 0:
-                            number[p, q] = count
+                for p in range(max(a - 1, 0), min(a + 2, block_rows)):
+                    for q in range(max(b - 1, 0), min(b + 2, block_cols)):
+                        if block[p, q] < 0:
+                            block[p, q] = count
                             stack[size] = p, q
                             size += 1
+    number = np.zeros((rows, cols), dtype=np.int64)
+    for i in range(rows):
+        for j in range(cols):
+            if moved[i, j]:
+                number[i, j] = block[i // side, j // side]
     return number
 
 

@@ -40,12 +40,6 @@ __all__ = [
 _LARGEST_COLUMN_MM3 = 2**52
 """Above this a column's volume would not survive the float64 field of a message."""
 
-_THIN = 0.005
-"""Depth of loose soil that leaves firm soil visible [m]."""
-
-_AT_LIMIT = 0.99
-"""Part of the steepest slope from which ground counts as being as steep as it can be."""
-
 _LARGEST_MAP_MM3 = 2**62
 """Above this the terrain's volume, and what lands on it, would not be safe in an int64."""
 
@@ -75,6 +69,8 @@ class Columns:
         moisture, loose_moisture: of firm and loose soil [% of saturation], likewise.
         material: `Material` of the surface, likewise.
         height: surface [m], shape (rows, cols), float64; follows firm and bulk.
+        arrays: flat views of all these for kernels; what they write is written here. So layers are
+            written into, never put another in place of.
     """
 
     def __init__(
@@ -130,13 +126,7 @@ class Columns:
         # A flag and a list, so that a tick costs what it touched and not what the map holds.
         self._flags: NDArray[np.uint8] = np.zeros(self.height.size, dtype=np.uint8)
         self._touched: NDArray[np.int64] = np.zeros(self.height.size + 1, dtype=np.int64)
-        self._known = np.stack([self.firm.reshape(-1), self.loose.reshape(-1)])
-        self._known_bulk = self.bulk.reshape(-1).copy()
-
-    @property
-    def arrays(self) -> ColumnArrays:
-        """Flat views for kernels; what they write is written here."""
-        return ColumnArrays(
+        self.arrays = ColumnArrays(
             self.firm.reshape(-1),
             self.loose.reshape(-1),
             self.bulk.reshape(-1),
@@ -180,64 +170,12 @@ class Columns:
         top: NDArray[np.uint8] = np.where(self.loose > 0, self.loose_moisture, self.moisture)
         return top
 
-    def volume(self, rows: NDArray[np.integer], cols: NDArray[np.integer]) -> NDArray[np.int64]:
-        """Bank volume of the given columns [mm^3]."""
-        volume: NDArray[np.int64] = self.firm[rows, cols] + self.loose[rows, cols]
-        return volume
-
-    def take_changed(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """(rows, cols) of the columns changed since the last call, in row-major order.
-
-        Changed is a column whose firm or loose volume, or the room it takes, is another than then:
-        not one that gave what it got. What its surface looks like follows.
-        """
-        touched = np.sort(self._touched[1 : 1 + self._touched[0]])
+    def take_touched(self) -> NDArray[np.int64]:
+        """Flat indices of the columns touched since the last call, in no order."""
+        touched = self._touched[1 : 1 + self._touched[0]].copy()
         self._flags[touched] = 0
         self._touched[0] = 0
-        now = np.stack([self.firm.reshape(-1)[touched], self.loose.reshape(-1)[touched]])
-        bulk, known = self.bulk.reshape(-1)[touched], self._known[:, touched]
-        differs = (now != known).any(axis=0) | (bulk != self._known_bulk[touched])
-        changed = touched[differs]
-        self._look(changed, now[:, differs] - known[:, differs])
-        self._known[:, touched] = now
-        self._known_bulk[touched] = bulk
-        rows, cols = np.divmod(changed, self.grid.cols)
-        return rows.astype(np.intp), cols.astype(np.intp)
-
-    def _look(self, cells: NDArray[np.int64], grown: NDArray[np.int64]) -> None:
-        """Let the surface of changed columns look like what happened to them.
-
-        Where loose soil came to lie there is dirt, except on ground that is as steep as it can be,
-        from which it only passes (reference, section 3.1.2, step 4). Where firm soil went and none
-        lies on it, it was laid bare.
-        """
-        if cells.size == 0:
-            return
-        material = self.material.reshape(-1)
-        bare = (grown[0] < 0) & (self.bulk.reshape(-1)[cells] * self.metres_per_mm3 < _THIN)
-        material[cells[bare]] = Material.DUG
-        came = cells[(grown[1] > 0) & ~bare]
-        # Ground that was dug keeps no thin cover either.
-        material[came[~self._steep(came)]] = Material.DIRT
-
-    def _steep(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether columns were at their angle of repose against one of their four neighbours."""
-        rows, cols = np.divmod(cells, self.grid.cols)
-        loose = self.loose[rows, cols] > 0
-        top = np.where(loose, self.loose_soil[rows, cols], self.soil[rows, cols])
-        moisture = np.where(loose, self.loose_moisture[rows, cols], self.moisture[rows, cols])
-        most = _AT_LIMIT * self.tables.slope[top, moisture] * self.grid.cell
-        steep = np.zeros(cells.size, dtype=np.bool_)
-        for di, dj in ((1, 0), (-1, 0), (0, 1), (0, -1)):
-            r = np.clip(rows + di, 0, self.grid.rows - 1)
-            c = np.clip(cols + dj, 0, self.grid.cols - 1)
-            steep |= self._known_room(cells) - self._known_room(r * self.grid.cols + c) > most
-        return steep
-
-    def _known_room(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Height of columns over the floor [m], as of the last call of `take_changed`."""
-        room = self._known[0, cells] + self._known_bulk[cells]
-        return np.asarray(room * self.metres_per_mm3, dtype=np.float64)
+        return touched
 
 
 class ColumnArrays(NamedTuple):

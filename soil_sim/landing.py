@@ -10,49 +10,36 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from soil_sim.columns import Columns, add_loose
+from msg_bridge.contract.grid import Grid
 
-__all__ = ["deposit"]
+__all__ = ["landing_shares"]
 
 
-def deposit(
-    columns: Columns,
+def landing_shares(
+    grid: Grid,
     x: NDArray[np.floating],
     y: NDArray[np.floating],
     volume_mm3: NDArray[np.integer],
-    soil: NDArray[np.integer],
-    moisture: NDArray[np.integer],
-) -> NDArray[np.int64]:
-    """Add landed volumes to the terrain.
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Which columns particles that land go to, and how much each of them gets.
 
     Args:
-        columns: the terrain; changed.
+        grid: of the terrain.
         x, y: landing points on the map [m], map frame, shape (n,).
         volume_mm3: bank volumes, shape (n,).
-        soil: ids of the kinds of soil, shape (n,).
-        moisture: [%], shape (n,).
 
     Returns:
-        Flat indices of the columns touched, shape (4 n,).
+        (flat indices, bank volumes [mm^3]), shape (n, 4) each; some volumes may be 0.
     """
-    touched = np.empty(4 * x.size, dtype=np.int64)
-    _deposit(
-        columns.arrays,
-        columns.grid.rows,
-        columns.grid.cols,
-        columns.grid.row(x),
-        columns.grid.col(y),
-        volume_mm3.astype(np.int64),
-        soil.astype(np.uint8),
-        moisture.astype(np.uint8),
-        touched,
-    )
-    return touched
+    cells, shares = np.empty((2, x.size, 4), dtype=np.int64)
+    volume = volume_mm3.astype(np.int64)
+    _share(grid.rows, grid.cols, grid.row(x), grid.col(y), volume, cells, shares)
+    return cells, shares
 
 
 @njit(cache=True)
-def _deposit(columns, rows, cols, row, col, volume, soil, moisture, touched):  # type: ignore[no-untyped-def]
-    """Share out `volume` [mm^3] at fractional indices (row, col); notes the columns touched."""
+def _share(rows, cols, row, col, volume, cells, shares):  # type: ignore[no-untyped-def]
+    """Share out `volume` [mm^3] at fractional indices (row, col)."""
     for n in range(row.size):
         # Half a cell beyond the outer grid points still belongs to the outer columns.
         u = min(max(row[n], 0.0), rows - 1.0)
@@ -62,16 +49,12 @@ def _deposit(columns, rows, cols, row, col, volume, soil, moisture, touched):  #
         u -= i
         v -= j
         total = volume[n]
-        a = np.int64(total * (1.0 - u) * (1.0 - v))
-        b = np.int64(total * (1.0 - u) * v)
-        c = np.int64(total * u * (1.0 - v))
-        d = total - a - b - c
+        shares[n, 0] = np.int64(total * (1.0 - u) * (1.0 - v))
+        shares[n, 1] = np.int64(total * (1.0 - u) * v)
+        shares[n, 2] = np.int64(total * u * (1.0 - v))
+        shares[n, 3] = total - shares[n, :3].sum()
         first = i * cols + j
-        for share, k in ((a, first), (b, first + 1), (c, first + cols), (d, first + cols + 1)):
-            if share > 0:
-                bulk = np.int64(share * columns.growth[soil[n]] + 0.5)
-                add_loose(columns, k, share, bulk, soil[n], moisture[n])
-        touched[4 * n] = first
-        touched[4 * n + 1] = first + 1
-        touched[4 * n + 2] = first + cols
-        touched[4 * n + 3] = first + cols + 1
+        cells[n, 0] = first
+        cells[n, 1] = first + 1
+        cells[n, 2] = first + cols
+        cells[n, 3] = first + cols + 1

@@ -40,7 +40,7 @@ class SoilParams(Parameters):
         0.002, "excess over tan(angle) left standing at a cell's distance", low=1e-5, high=0.1
     )
     slip_budget: int = parameter(
-        20_000, "columns examined for slip in one tick; the rest waits", low=100, high=10**9
+        20_000, "looks around a column for slip in one tick; the rest waits", low=100, high=10**9
     )
     dig_depth: float = parameter(
         20.0, "depth of soil below the lowest point of the map", unit="m", low=0.01, high=1000.0

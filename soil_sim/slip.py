@@ -21,26 +21,31 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from soil_sim.collapse import Collapse
-from soil_sim.columns import Columns, add_loose, settle_height, take_loose
+from soil_sim.columns import Columns
+from soil_sim.examine import Ring, SlipRule, disturb, examine
+from soil_sim.pour import pour
 
 __all__ = ["Slip", "SlipNoise", "gauss_circle"]
 
 _FEWEST_MM3 = 4
+"""On a column: what is less cannot be shared."""
 
-_MANY = 2000
-"""Columns waiting from which sweeping is less work than examining."""
+_AT_ONCE = 500
+"""Looks after which it is asked again whether sweeping is less work."""
 
-_AT_ONCE = 2000
-"""Columns examined before it is asked again whether sweeping is less work."""
+_LOOKS_EACH = 4
+"""Looks to expect for each column that waits."""
 
-_PAIRS_OF_WORK = 60
-"""Pairs relaxed in the time that a column is examined in."""
+_LEAST_WORK = 1000
+"""Looks below which it is not worth asking."""
 
-_MOST_SWEEPS = 8
+_PAIRS_OF_WORK = 100
+"""Pairs relaxed in the time of a look around a column."""
+
+_MOST_SWEEPS = 12
 """Sweeps between looks at how far a collapse has spread."""
 
 
@@ -106,19 +111,36 @@ class Slip:
             noise: unevenness of nature; None for soil that is the same everywhere.
         """
         self._columns = columns
-        self._offsets = gauss_circle(radius)
-        self._distance = np.hypot(self._offsets[:, 0], self._offsets[:, 1]) * columns.grid.cell
+        noise = noise or SlipNoise(np.zeros(0), 0.0, 0)
+        offsets = gauss_circle(radius)
         # Finer than a few mm^3 on a column nothing can be levelled.
         finest = _FEWEST_MM3 * columns.metres_per_mm3
-        self._tolerance = max(tolerance * columns.grid.cell, finest)
+        slope = columns.tables.slope
+        self._rule = SlipRule(
+            columns.grid.rows,
+            columns.grid.cols,
+            offsets,
+            np.hypot(offsets[:, 0], offsets[:, 1]) * columns.grid.cell,
+            int(np.abs(offsets).max()),
+            max(tolerance * columns.grid.cell, finest),
+            slope,
+            columns.tables.stands,
+            noise.steeper,
+            float(slope.min() * (noise.steeper.min() if noise.steeper.size else 1.0)),
+            noise.shape,
+            np.array([noise.seed * 2 + 1], dtype=np.uint64),
+        )
         size = columns.grid.rows * columns.grid.cols
-        self._queue = np.zeros(size + 1, dtype=np.int64)
-        self._queued = np.zeros(size, dtype=np.uint8)
-        self._ends = np.zeros(2, dtype=np.int64)  # head and tail of the ring
+        self._ring = Ring(
+            np.zeros(size + 1, dtype=np.int64),
+            np.zeros(size, dtype=np.uint8),
+            np.zeros(2, dtype=np.int64),
+        )
         self.held: NDArray[np.uint8] = np.zeros(columns.grid.shape, dtype=np.uint8)
-        self._collapse = Collapse(columns, self._offsets, tolerance=self._tolerance)
-        self._noise = noise or SlipNoise(np.zeros(0), 0.0, 0)
-        self._random = np.array([self._noise.seed * 2 + 1], dtype=np.uint64)
+        self._first_of: NDArray[np.int32] = np.zeros(size, dtype=np.int32)
+        self._collapse = Collapse(columns, offsets, tolerance=self._rule.tolerance)
+        self._uneven = noise.uneven
+        self._looks = 0  # since all was at rest or a collapse was
         self._swept = 0  # columns that the last collapse left to be examined
 
     @property
@@ -128,97 +150,108 @@ class Slip:
 
     @property
     def _queue_length(self) -> int:
-        return int((self._ends[1] - self._ends[0]) % self._queue.size)
+        first, end = self._ring.ends.tolist()
+        return int((end - first) % self._ring.queue.size)
 
     def disturb(self, cells: NDArray[np.integer], *, around: bool = False) -> None:
-        """Note columns (flat indices) that gained soil; with `around`, that lost it.
+        """Note columns (flat indices) that may be too steep; with `around`, that lost soil.
 
         A column that lost soil gives cause to its neighbours, not to itself.
         """
-        _disturb(
-            np.asarray(cells, dtype=np.int64),
-            around,
-            self._columns.grid.rows,
-            self._columns.grid.cols,
-            self._offsets,
-            self._queue,
-            self._queued,
-            self._ends,
-        )
+        disturb(np.asarray(cells, dtype=np.int64), around, self._rule, self._ring)
+
+    def pour(
+        self,
+        cells: NDArray[np.int64],
+        volume_mm3: NDArray[np.int64],
+        soil: NDArray[np.uint8],
+        moisture: NDArray[np.uint8],
+        budget: int | None = None,
+    ) -> int:
+        """Put loose soil onto columns and let it run down to where it stays.
+
+        Args:
+            cells: flat indices, shape (n,); some may come more than once.
+            volume_mm3: bank volume that comes to each of them, shape (n,); used up.
+            soil: ids of its kind, shape (n,).
+            moisture: of it [%], shape (n,).
+            budget: of steps down; without, all that it takes. What is left waits for `relax`.
+
+        Returns:
+            The number of steps.
+        """
+        left = 2**62 if budget is None else budget
+        what = (cells, volume_mm3, soil, moisture, self._first_of, left)
+        held, columns = self.held.reshape(-1), self._columns.arrays
+        return int(pour(columns, self._rule, held, self._ring, *what))
 
     def disturb_all(self) -> None:
         """Examine the whole map."""
         self.disturb(np.arange(self._columns.height.size))
 
     def relax(self, budget: int | None = None) -> int:
-        """Let soil slip until all is at rest or work for `budget` examinations has been done.
+        """Let soil slip until all is at rest or `budget` looks around a column were had.
 
-        A little soil is seen to column by column; where more columns wait than is worth that, the
-        whole of where they lie is swept (`soil_sim.collapse`).
+        A little soil is seen to column by column; where that has been more work than to sweep the
+        whole of where soil still waits (`soil_sim.collapse`), or will be, that is done.
 
         Returns:
-            The number of columns examined, sweeps counted as the work they are.
+            The number of looks around a column, sweeps counted as the work they are.
         """
         left = 2**62 if budget is None else budget
         spent = 0
         while left > 0 and self.waiting:
             work = 0
-            if self._collapse.running or self._queue_length > max(_MANY, 2 * self._swept):
+            if self._collapse.running or self._worth_sweeping():
                 work = self._sweep(left)
             if work == 0:
-                # Asked again now and then: what begins small may be a large failure.
                 work = self._examine(min(left, _AT_ONCE))
+                self._looks += work
             spent += work
             left -= work
         if not self.waiting:
-            self._swept = 0
+            self._looks = self._swept = 0
         return spent
+
+    def _worth_sweeping(self) -> bool:
+        """Whether examining costs as much as it would to sweep, about a look for each column."""
+        new = max(self._queue_length - self._swept, 0)
+        looks = self._looks + _LOOKS_EACH * new
+        if looks < _LEAST_WORK:
+            return False
+        box = self._collapse.box_with(self._waiting_cells())
+        return looks > (box[1] - box[0]) * (box[3] - box[2])
 
     def _sweep(self, budget: int) -> int:
         """Sweep where columns wait; returns the work done, 0 if it cannot be done so."""
         collapse, waiting = self._collapse, self._waiting_cells()
         box = collapse.box_with(waiting)
-        if self._noise.uneven or not collapse.suits(box):
+        if self._uneven or not collapse.suits(box):
             if collapse.running:
                 self.disturb(collapse.take_touched())
+            self._looks = 0  # not to be asked again at once
             return 0
         cost = max(1, (box[1] - box[0]) * (box[3] - box[2]) * collapse.directions // _PAIRS_OF_WORK)
         # The first sweep shows where anything moves at all.
         sweeps = max(1, min(budget // cost, _MOST_SWEEPS)) if collapse.running else 1
-        self._queued[waiting] = 0
-        self._ends[:] = 0
-        if collapse.sweep(box, self.held, sweeps):
+        self._ring.queued[waiting] = 0
+        self._ring.ends[:] = 0
+        if collapse.sweep(box, waiting, self.held, sweeps):
             # What is left too steep is little, and is seen to column by column.
             self.disturb(collapse.take_touched())
-            self._swept = self._queue_length
+            self._looks, self._swept = 0, self._queue_length
         return sweeps * cost
 
     def _waiting_cells(self) -> NDArray[np.int64]:
-        head, tail = self._ends.tolist()
-        if head <= tail:
-            return self._queue[head:tail].copy()
-        return np.concatenate([self._queue[head:], self._queue[:tail]])
+        first, end = self._ring.ends.tolist()
+        queue = self._ring.queue
+        if first <= end:
+            return queue[first:end].copy()
+        return np.concatenate([queue[first:], queue[:end]])
 
     def _examine(self, budget: int) -> int:
-        return int(
-            _relax(
-                self._columns.arrays,
-                self._columns.tables,
-                self.held.reshape(-1),
-                self._columns.grid.rows,
-                self._columns.grid.cols,
-                self._offsets,
-                self._distance,
-                self._tolerance,
-                self._queue,
-                self._queued,
-                self._ends,
-                budget,
-                self._noise.steeper,
-                self._noise.shape,
-                self._random,
-            )
-        )
+        held = self.held.reshape(-1)
+        return int(examine(self._columns.arrays, self._rule, held, self._ring, budget))
 
     def steepest_excess(self) -> float:
         """Largest excess of any slope that can slip, as a tangent, held columns left out.
@@ -234,11 +267,11 @@ class Slip:
         slope = tables.slope[columns.top_soil, columns.top_moisture]
         firm_slope = tables.slope[columns.soil, columns.moisture]
         stands = tables.stands[columns.soil, columns.moisture]
-        if self._noise.steeper.size:
-            slope = slope * self._noise.steeper.reshape(slope.shape)
-            firm_slope = firm_slope * self._noise.steeper.reshape(slope.shape)
+        if self._rule.steeper.size:
+            slope = slope * self._rule.steeper.reshape(slope.shape)
+            firm_slope = firm_slope * self._rule.steeper.reshape(slope.shape)
         base = columns.floor + columns.firm * columns.metres_per_mm3
-        for (di, dj), distance in zip(self._offsets, self._distance, strict=True):
+        for (di, dj), distance in zip(self._rule.offsets, self._rule.distance, strict=True):
             if abs(di) >= rows or abs(dj) >= cols:
                 continue
             a = (slice(max(0, -di), rows - max(0, di)), slice(max(0, -dj), cols - max(0, dj)))
@@ -256,180 +289,3 @@ class Slip:
                 excess = np.maximum(lies, firm)[free].max()
                 worst = max(worst, excess / distance)
         return worst
-
-
-@njit(cache=True, inline="always")
-def _uniform(random):  # type: ignore[no-untyped-def]
-    """The next random number from 0 to 1 (xorshift64*, Vigna 2016); the state is changed."""
-    x = random[0]
-    x ^= x >> np.uint64(12)
-    x ^= x << np.uint64(25)
-    x ^= x >> np.uint64(27)
-    random[0] = x
-    return ((x * np.uint64(2685821657736338717)) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
-
-
-@njit(cache=True, inline="always")
-def _push(i, queue, queued, ends):  # type: ignore[no-untyped-def]
-    if queued[i] == 0:
-        queued[i] = 1
-        queue[ends[1]] = i
-        ends[1] = (ends[1] + 1) % queue.size
-
-
-@njit(cache=True)
-def _disturb(cells, around, rows, cols, offsets, queue, queued, ends):  # type: ignore[no-untyped-def]
-    for i in cells:
-        _push(i, queue, queued, ends)
-        if around:
-            row, col = i // cols, i % cols
-            for k in range(offsets.shape[0]):
-                r, c = row + offsets[k, 0], col + offsets[k, 1]
-                if 0 <= r < rows and 0 <= c < cols:
-                    _push(r * cols + c, queue, queued, ends)
-
-
-@njit(cache=True)
-def _relax(  # type: ignore[no-untyped-def]
-    columns,
-    tables,
-    held,
-    rows,
-    cols,
-    offsets,
-    distance,
-    tolerance,
-    queue,
-    queued,
-    ends,
-    budget,
-    steeper,
-    uneven,
-    random,
-):
-    """Examine queued columns, at most `budget`; returns how many were."""
-    firm, loose, height = columns.firm, columns.loose, columns.height
-    slope, stands = tables.slope, tables.stands
-    metres_per_mm3, floor = columns.metres_per_mm3, columns.floor
-    count = offsets.shape[0]
-    flat = offsets[:, 0] * cols + offsets[:, 1]
-    reach = np.int64(np.abs(offsets).max())
-    gentlest = slope.min()
-    most_at_once = 0.25 * distance.min()
-    if steeper.size:
-        gentlest *= steeper.min()
-    examined = 0
-    forward = True
-    while ends[0] != ends[1] and examined < budget:
-        i = queue[ends[0]]
-        ends[0] = (ends[0] + 1) % queue.size
-        queued[i] = 0
-        examined += 1
-        if held[i]:
-            continue
-        row, col = i // cols, i % cols
-        interior = reach <= row < rows - reach and reach <= col < cols - reach
-        gave = False
-        while True:
-            kind, moisture = columns.soil[i], columns.moisture[i]
-            firm_tangent = tangent = slope[kind, moisture]
-            if loose[i] > 0:
-                tangent = slope[columns.loose_soil[i], columns.loose_moisture[i]]
-            if steeper.size:
-                tangent *= steeper[i]
-                firm_tangent *= steeper[i]
-            base = floor + firm[i] * metres_per_mm3
-            carried = stands[kind, moisture]
-            gentle = min(tangent, firm_tangent)
-            firm_excess = 0.0
-            best, most, least = 0.0, 0.0, tolerance
-            target = np.int64(-1)
-            # Ties go to alternate ends of the list, or a heap would drift to one side.
-            forward = not forward
-            for n in range(count):
-                k = n if forward else count - 1 - n
-                if not interior:
-                    r, c = row + offsets[k, 0], col + offsets[k, 1]
-                    if r < 0 or r >= rows or c < 0 or c >= cols:
-                        continue
-                j = i + flat[k]
-                drop = height[i] - height[j]
-                if drop - gentle * distance[k] <= least or held[j] != 0:
-                    continue
-                # What can go: loose soil as far as there is any, and firm if it stands too high.
-                excess = min(drop - tangent * distance[k], height[i] - base)
-                fails = base - height[j] - firm_tangent * distance[k]
-                if fails > tolerance and base - height[j] > carried:
-                    excess = max(drop - tangent * distance[k], fails) if loose[i] > 0 else fails
-                else:
-                    fails = 0.0
-                if excess <= least:
-                    continue
-                if uneven > 0.0:
-                    liking = excess * (1.0 + uneven * (2.0 * _uniform(random) - 1.0))
-                    if liking <= most:
-                        continue
-                    most = liking
-                else:
-                    least = excess
-                best, firm_excess = excess, fails
-                target = j
-            if target < 0 or not _slip(columns, i, target, best, firm_excess, most_at_once):
-                break
-            gave = True
-            _push(target, queue, queued, ends)
-        if gave:
-            for k in range(count):
-                r, c = row + offsets[k, 0], col + offsets[k, 1]
-                if r < 0 or r >= rows or c < 0 or c >= cols:
-                    continue
-                j = i + flat[k]
-                rise = height[j] - height[i] - tolerance
-                # Most are not steeper than the gentlest angle of any soil: its own need no look.
-                if rise > gentlest * distance[k]:
-                    limit = slope[columns.soil[j], columns.moisture[j]]
-                    if loose[j] > 0:
-                        upper = slope[columns.loose_soil[j], columns.loose_moisture[j]]
-                        limit = min(upper, limit)
-                    limit *= distance[k]
-                    if steeper.size:
-                        limit *= steeper[j]
-                    if rise > limit:
-                        _push(j, queue, queued, ends)
-    return examined
-
-
-@njit(cache=True, forceinline=True)
-def _slip(columns, i, j, excess, firm_excess, most_at_once):  # type: ignore[no-untyped-def]
-    """Move half of an excess of height [m] from column i to j; returns whether anything went.
-
-    Loose soil goes first and is loosened anew if it was packed; of firm soil goes half of what it
-    has too much itself, and swells where it lands. No more than `most_at_once` [m] moves.
-    """
-    metres_per_mm3 = columns.metres_per_mm3
-    went = False
-    rest = min(excess, 2.0 * most_at_once)
-    if columns.loose[i] > 0:
-        kind = columns.loose_soil[i]
-        growth = columns.growth[kind]
-        packed = columns.bulk[i] / columns.loose[i]
-        # i falls by packed, j rises by growth, for each mm^3 of bank volume.
-        move = min(np.int64(rest / metres_per_mm3 / (packed + growth)), columns.loose[i])
-        if move > 0:
-            moisture = columns.loose_moisture[i]
-            take_loose(columns, i, move)
-            add_loose(columns, j, move, np.int64(move * growth + 0.5), kind, moisture)
-            rest -= move * (packed + growth) * metres_per_mm3
-            went = True
-    if firm_excess > 0.0 and columns.loose[i] == 0:
-        kind = columns.soil[i]
-        growth = columns.growth[kind]
-        rest = min(rest, firm_excess)
-        fail = min(np.int64(rest / metres_per_mm3 / (1.0 + growth)), columns.firm[i])
-        if fail > 0:
-            columns.firm[i] -= fail
-            settle_height(columns, i)
-            bulk = np.int64(fail * growth + 0.5)
-            add_loose(columns, j, fail, bulk, kind, columns.moisture[i])
-            went = True
-    return went

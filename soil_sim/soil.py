@@ -28,11 +28,12 @@ from msg_bridge.contract.rows import (
     Rows,
     empty_rows,
 )
+from soil_sim.changes import Changes
 from soil_sim.columns import Columns
 from soil_sim.cut import Removed, SweptCut
 from soil_sim.errors import SoilError
 from soil_sim.keypoints import KeyPointCut
-from soil_sim.landing import deposit
+from soil_sim.landing import landing_shares
 from soil_sim.noise import slip_noise
 from soil_sim.params import SoilParams
 from soil_sim.press import press
@@ -118,6 +119,7 @@ class Soil:
         self._swept = SweptCut(self.columns, self.slip.held, resolution=self.params.cut_resolution)
         self._key_points = KeyPointCut(self.columns, between=self.params.key_points_between)
         self._resistance = Resistance(self.columns, self.kinds)
+        self._changes = Changes(self.columns)
         self._tiles = Tiles(self.columns)
         self.revision = 0
 
@@ -160,8 +162,8 @@ class Soil:
         forces = self._resist(sound)
         excavated = self._cut(tick, sound)
         on_map = answers["kind"] == Kind.DEPOSIT
-        self._deposit(answers[on_map], landed["moisture"][on_map])
-        self.slip.relax(self.params.slip_budget)
+        poured = self._deposit(answers[on_map], landed["moisture"][on_map])
+        self.slip.relax(max(self.params.slip_budget - poured, 0))
         conversions = np.concatenate([excavated, answers], dtype=CONVERSION)
         return SoilStep(conversions, forces, self._changed(), refused)
 
@@ -217,12 +219,16 @@ class Soil:
         self.slip.disturb(self._swept.release(), around=True)
         return np.concatenate(parts, dtype=CONVERSION)
 
-    def _deposit(self, rows: Rows, moisture: NDArray[np.uint8]) -> None:
+    def _deposit(self, rows: Rows, moisture: NDArray[np.uint8]) -> int:
+        """Let soil land and run down; returns what that took of the budget."""
         if rows.size == 0:
-            return
+            return 0
         x, y = rows["x"].astype(np.float64), rows["y"].astype(np.float64)
-        what = (rows["volume_mm3"], rows["soil"], moisture)
-        self.slip.disturb(deposit(self.columns, x, y, *what))
+        cells, shares = landing_shares(self.grid, x, y, rows["volume_mm3"])
+        kinds = (np.repeat(rows["soil"], 4), np.repeat(moisture, 4))
+        return self.slip.pour(
+            cells.reshape(-1), shares.reshape(-1), *kinds, self.params.slip_budget
+        )
 
     def _excavated(self, tick: int, source: int, removed: Removed) -> Rows:
         """EXCAVATE rows of what was removed; volumes beyond a row's field are split."""
@@ -243,14 +249,16 @@ class Soil:
         return rows
 
     def _changed(self) -> Rows:
-        rows, cols = self.columns.take_changed()
-        self._tiles.recount(rows, cols)
-        self.revision += bool(rows.size)
-        changed = empty_rows(CHANGED, rows.size)
+        cells, touched, grown = self._changes.take()
+        self._tiles.add(touched, grown)
+        self.revision += bool(cells.size)
+        changed = empty_rows(CHANGED, cells.size)
+        rows, cols = np.divmod(cells, self.grid.cols)
+        arrays = self.columns.arrays
         changed["row"], changed["col"] = rows, cols
         changed["x"], changed["y"] = self.grid.x(rows), self.grid.y(cols)
-        changed["z"] = self.columns.height[rows, cols]
-        changed["loose_depth"] = self.columns.bulk[rows, cols] * self.columns.metres_per_mm3
-        changed["volume_mm3"] = self.columns.volume(rows, cols)
+        changed["z"] = arrays.height[cells]
+        changed["loose_depth"] = arrays.bulk[cells] * arrays.metres_per_mm3
+        changed["volume_mm3"] = arrays.firm[cells] + arrays.loose[cells]
         changed["revision"] = self.revision
         return changed

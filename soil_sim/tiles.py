@@ -1,10 +1,10 @@
 """Tiles of the map whose volume and digest are kept, so that a tick costs what it changed.
 
-The state hash is SHA-256 over the digests of all tiles; only tiles with changed columns are
-counted and hashed again. It covers the volumes of every column (firm, loose, and the room that
-takes), its kinds of soil and its moisture, and nothing else: not the grid and its floor, where
-tools stand, the shape of a cut within a column, or which columns wait to slip. Terrains of one grid
-and one hash are the same ground; they go on alike once no tool is in it and all is at rest.
+The state hash is SHA-256 over the digests of all tiles; only tiles with touched columns are
+hashed again. It covers the volumes of every column (firm, loose, and the room that takes), its
+kinds of soil and its moisture, and nothing else: not the grid and its floor, where tools stand, the
+shape of a cut within a column, or which columns wait to slip. Terrains of one grid and one hash are
+the same ground; they go on alike once no tool is in it and all is at rest.
 """
 
 from __future__ import annotations
@@ -37,19 +37,22 @@ class Tiles:
         self._digests = [b""] * (self._shape[0] * self._shape[1])
         self._stale: set[int] = set()
         for tile in range(len(self._digests)):
-            self._count(tile)
+            window = self._window(tile)
+            held = columns.firm[window].sum() + columns.loose[window].sum()
+            self.volume_mm3[divmod(tile, self._shape[1])] = held
             self._stale.add(tile)
 
     @property
     def total_mm3(self) -> int:
-        """Bank volume of the terrain [mm^3]: the sum of the tiles as last counted."""
+        """Bank volume of the terrain [mm^3]: kept by the tiles."""
         return int(self.volume_mm3.sum())
 
-    def recount(self, rows: NDArray[np.integer], cols: NDArray[np.integer]) -> None:
-        """Count the tiles of these columns anew and note that their digest is stale."""
-        for tile in np.unique(rows // TILE * self._shape[1] + cols // TILE).tolist():
-            self._count(tile)
-            self._stale.add(tile)
+    def add(self, cells: NDArray[np.int64], grown: NDArray[np.int64]) -> None:
+        """Note by how much columns (flat indices) grew [mm^3 bank], and that they were touched."""
+        rows, cols = np.divmod(cells, self._columns.grid.cols)
+        tiles = rows // TILE * self._shape[1] + cols // TILE
+        np.add.at(self.volume_mm3.reshape(-1), tiles, grown)
+        self._stale.update(set(tiles.tolist()))
 
     def state_hash(self) -> str:
         """SHA-256 [hex] of volumes, kinds of soil and moisture of all columns, in tile order."""
@@ -73,9 +76,3 @@ class Tiles:
     def _window(self, tile: int) -> tuple[slice, slice]:
         i, j = divmod(tile, self._shape[1])
         return (slice(i * TILE, (i + 1) * TILE), slice(j * TILE, (j + 1) * TILE))
-
-    def _count(self, tile: int) -> None:
-        window = self._window(tile)
-        self.volume_mm3[divmod(tile, self._shape[1])] = (
-            self._columns.firm[window].sum() + self._columns.loose[window].sum()
-        )

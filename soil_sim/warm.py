@@ -36,3 +36,13 @@ def warm_up(params: SoilParams) -> None:
         soil.step(tick, sweeps, landed if tick == 1 else empty_rows(LANDED))
     soil.step(_TICKS + 1, empty_rows(SWEEP), empty_rows(LANDED))
     soil.state_hash()
+    _come_down(params)
+
+
+def _come_down(params: SoilParams) -> None:
+    """Let a cliff come down, which is swept, too."""
+    heights = np.zeros((16, 16))
+    heights[:8] = 8.0
+    soil = Soil(Grid(16, 16, 0.2), heights, params)
+    soil.slip.disturb_all()
+    soil.slip.relax()

@@ -33,7 +33,7 @@ for tick in range(1, 30):
     moved = soil.step(tick, sweeps, landed)
     soil.state_hash()
 assert moved.changed.size
-print(len(compiled))
+print(*(kernel.py_func.__name__ for kernel in compiled))
 """
 
 
@@ -42,4 +42,4 @@ def test_nothing_is_compiled_after_the_warm_up(cut_mode):
     code = PROBE.replace("CUT_MODE", repr(cut_mode))
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.strip() == "0"
+    assert done.stdout.strip() == "", "compiled only now"

@@ -1,0 +1,132 @@
+"""Pouring: soil that comes onto a slope runs down it and stays where it can (reference, 3.1.2).
+
+What a column gets too much goes on, whole, to the neighbour it is too steep against by most, from
+there to the next, and what a column can keep stays on it. Only what came moves: no column ends
+lower than it was, so none above it has cause to slip, and nothing is looked at twice. That is much
+less work than to examine all who gave or got some (`soil_sim.examine`), and as good as long as a
+thin layer runs down at a time.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from soil_sim.columns import add_loose
+from soil_sim.examine import push, uniform
+
+__all__ = ["pour"]
+
+_THIN, _THICK = 0.05, 0.5
+"""Least and largest thickness of what runs down at once, in parts of a cell: thicker is quicker,
+and leaves the slope less even and less steep by half of it."""
+
+_PART = 24
+"""In between, this part of what is still to come runs down at once, so that the last is thin."""
+
+
+@njit(cache=True, error_model="numpy")
+def pour(columns, rule, held, ring, cells, volume, soil, moisture, first_of, budget):  # type: ignore[no-untyped-def]
+    """Put loose soil onto columns, in at most about `budget` steps down; returns how many it took.
+
+    `volume` [mm^3 bank] of `soil` with `moisture` comes to each of `cells`, shape (n,) each; of
+    the same soil to the same column at once. `first_of` is scratch, zeros of the map's size, and
+    `volume` is used up. Where the budget is spent soil stays where it came down, and is put into
+    the ring.
+    """
+    _merge(cells, volume, soil, moisture, first_of)
+    rows, cols, reach, metres_per_mm3 = rule.rows, rule.cols, rule.reach, columns.metres_per_mm3
+    height, slope, steeper = columns.height, rule.slope, rule.steeper
+    count = rule.distance.size
+    # Ties go to alternate ends of the list, or a heap would drift to one side: it is here twice.
+    flat, limit = np.empty(2 * count, dtype=np.int64), np.empty(2 * count)
+    flat[:count] = rule.offsets[:, 0] * cols + rule.offsets[:, 1]
+    flat[count:] = flat[:count][::-1]
+    even = rule.uneven == 0.0 and steeper.size == 0
+    limit_of = np.nan
+    thin, thick = _THIN * rule.distance[0], _THICK * rule.distance[0]
+    steps = 0
+    waiting = np.flatnonzero(volume)
+    first_of[cells] = 0
+    while waiting.size:
+        # In turns, so that what comes to many columns at once rises everywhere at once.
+        for m in waiting:
+            i, growth, tangent = cells[m], columns.growth[soil[m]], slope[soil[m], moisture[m]]
+            if tangent != limit_of:
+                limit[:count] = tangent * rule.distance
+                limit[count:] = limit[:count][::-1]
+                limit_of = tangent
+            metres = growth * metres_per_mm3
+            moving = volume[m]
+            if steps < budget:
+                layer = min(max(moving / _PART, thin / metres), thick / metres)
+                moving = min(np.int64(layer) + 1, moving)
+            volume[m] -= moving
+            while moving > 0:
+                target, onward = np.int64(-1), np.int64(0)
+                if steps < budget and held[i] == 0:
+                    top = height[i] + moving * metres
+                    row = i // cols
+                    col = i - row * cols
+                    inside = reach <= row < rows - reach and reach <= col < cols - reach
+                    first = count * (steps % 2)
+                    if even and inside:
+                        most = rule.tolerance
+                        for k in range(first, first + count):
+                            j = i + flat[k]
+                            over = top - height[j] - limit[k]
+                            if over > most and held[j] == 0:
+                                most, target = over, j
+                    else:
+                        target, most = _chosen(height, rule, held, i, top, tangent, steps % 2 == 0)
+                    if target >= 0:
+                        onward = min(np.int64(most / metres), moving)
+                stays = moving - onward
+                if onward > 0 and rule.uneven > 0.0:
+                    push(i, ring)  # it may be too steep against others than the chosen one
+                if stays > 0:
+                    bulk = np.int64(stays * growth + 0.5)
+                    add_loose(columns, i, stays, bulk, soil[m], moisture[m])
+                    now = slope[columns.loose_soil[i], columns.loose_moisture[i]]
+                    if now != tangent or steps >= budget:
+                        push(i, ring)  # it may be less steep than what came
+                steps += 1
+                i, moving = target, onward
+        waiting = waiting[volume[waiting] > 0]
+    return steps
+
+
+@njit(cache=True)
+def _merge(cells, volume, soil, moisture, first_of):  # type: ignore[no-untyped-def]
+    """Let what comes to one column of one soil come at once."""
+    for m in range(cells.size):
+        first = first_of[cells[m]] - 1
+        if first < 0:
+            first_of[cells[m]] = m + 1
+        elif soil[first] == soil[m] and moisture[first] == moisture[m]:
+            volume[first] += volume[m]
+            volume[m] = 0
+
+
+@njit(cache=True)
+def _chosen(height, rule, held, i, top, tangent, forward):  # type: ignore[no-untyped-def]
+    """(neighbour, excess [m]) where soil up to `top` slips to, at the map's edge or by chance."""
+    if rule.steeper.size:
+        tangent *= rule.steeper[i]
+    row, col = i // rule.cols, i % rule.cols
+    target = np.int64(-1)
+    most = excess = rule.tolerance
+    count = rule.distance.size
+    for n in range(count):
+        k = n if forward else count - 1 - n
+        r, c = row + rule.offsets[k, 0], col + rule.offsets[k, 1]
+        if r < 0 or r >= rule.rows or c < 0 or c >= rule.cols:
+            continue
+        j = r * rule.cols + c
+        over = top - height[j] - tangent * rule.distance[k]
+        if over <= rule.tolerance or held[j] != 0:
+            continue
+        liking = over * (1.0 + rule.uneven * (2.0 * uniform(rule.random) - 1.0))
+        if liking > most:
+            most, excess, target = liking, over, j
+    return target, excess
