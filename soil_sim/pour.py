@@ -115,7 +115,7 @@ def _chosen(height, rule, held, i, top, tangent, forward):  # type: ignore[no-un
         tangent *= rule.steeper[i]
     row, col = i // rule.cols, i % rule.cols
     target = np.int64(-1)
-    most = excess = rule.tolerance
+    most = excess = 0.0
     count = rule.distance.size
     for n in range(count):
         k = n if forward else count - 1 - n

@@ -37,9 +37,9 @@ def sweeps(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     asked: list[int] = []
     sweep = Collapse.sweep
 
-    def watched(self, box, held, most):
+    def watched(self, box, waiting, held, most):
         asked.append(most)
-        return sweep(self, box, held, most)
+        return sweep(self, box, waiting, held, most)
 
     monkeypatch.setattr(Collapse, "sweep", watched)
     return asked
