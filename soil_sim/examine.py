@@ -42,7 +42,7 @@ class SlipRule(NamedTuple):
         slope, stands: as in `soil_sim.soils.SoilTables`.
         steeper: tangent of each column's angle over that of its soil, flat; empty: 1.
         gentlest: least tangent of any column at any moisture.
-        uneven: by what part the pull of a neighbour varies at random.
+        uneven: how much chance there is in where soil slips to, 0 to 1.
         random: state of the random numbers, shape (1,), uint64.
     """
 

@@ -25,6 +25,10 @@ _PART = 24
 """In between, this part of what is still to come runs down at once, so that the last is thin."""
 
 
+_ROLLS = 0.3
+"""Part of the slope by which soil may roll on by chance where it could stay, at `uneven` 1."""
+
+
 @njit(cache=True, error_model="numpy")
 def pour(columns, rule, held, ring, cells, volume, soil, moisture, first_of, budget):  # type: ignore[no-untyped-def]
     """Put loose soil onto columns, in at most about `budget` steps down; returns how many it took.
@@ -82,8 +86,6 @@ def pour(columns, rule, held, ring, cells, volume, soil, moisture, first_of, bud
                     if target >= 0:
                         onward = min(np.int64(most / metres), moving)
                 stays = moving - onward
-                if onward > 0 and rule.uneven > 0.0:
-                    push(i, ring)  # it may be too steep against others than the chosen one
                 if stays > 0:
                     bulk = np.int64(stays * growth + 0.5)
                     add_loose(columns, i, stays, bulk, soil[m], moisture[m])
@@ -110,12 +112,17 @@ def _merge(cells, volume, soil, moisture, first_of):  # type: ignore[no-untyped-
 
 @njit(cache=True)
 def _chosen(height, rule, held, i, top, tangent, forward):  # type: ignore[no-untyped-def]
-    """(neighbour, excess [m]) where soil up to `top` slips to, at the map's edge or by chance."""
+    """(neighbour, excess [m]) that soil up to `top` is too steep against by most; -1 if none.
+
+    As above, but at the map's edge, too, and where columns differ or soil rolls on by chance.
+    """
     if rule.steeper.size:
         tangent *= rule.steeper[i]
+    if rule.uneven > 0.0:
+        tangent *= 1.0 - _ROLLS * rule.uneven * uniform(rule.random)
     row, col = i // rule.cols, i % rule.cols
     target = np.int64(-1)
-    most = excess = 0.0
+    most = rule.tolerance
     count = rule.distance.size
     for n in range(count):
         k = n if forward else count - 1 - n
@@ -124,9 +131,6 @@ def _chosen(height, rule, held, i, top, tangent, forward):  # type: ignore[no-un
             continue
         j = r * rule.cols + c
         over = top - height[j] - tangent * rule.distance[k]
-        if over <= rule.tolerance or held[j] != 0:
-            continue
-        liking = over * (1.0 + rule.uneven * (2.0 * uniform(rule.random) - 1.0))
-        if liking > most:
-            most, excess, target = liking, over, j
-    return target, excess
+        if over > most and held[j] == 0:
+            most, target = over, j
+    return target, most

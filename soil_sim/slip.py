@@ -72,8 +72,8 @@ class SlipNoise(NamedTuple):
 
     Attributes:
         steeper: tangent of each column's angle of repose, over that of its soil, flat; empty: 1.
-        shape: by what part the pull of a neighbour varies at random, 0 to 1: soil does not always
-            take the steepest way.
+        shape: how much chance there is in where soil comes to lie, 0 to 1: it does not always take
+            the steepest way, and may roll on from where it could stay.
         seed: of that.
     """
 
