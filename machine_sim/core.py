@@ -102,8 +102,10 @@ class MachineSim:
         self._bucket, self._tracks = description.bucket, description.tracks
         self.particles.add_tool(_TOOL, self._bucket.plates(), self.machine.tool_pose)
         self.payload = payload_in(self._bucket, self.particles, _TOOL)
-        mass = description.links["bucket"].mass
-        self.resistance = Resistance(mass, self.params.physics_step)
+        masses = {name: link.mass for name, link in description.links.items()}
+        self.resistance = Resistance(
+            masses["bucket"], sum(masses.values()), self.params.physics_step
+        )
         self._resisted = (np.zeros(3), np.zeros(3))
         self._tool_poses = deque([self.machine.tool_pose], maxlen=_POSES)
         self.pending = PendingSoil(
@@ -143,8 +145,9 @@ class MachineSim:
         cut_at = self._tool_poses[max(-1 - ticks_since, -len(self._tool_poses))]
         self.pending.receive(conversions, cut_at, self.tick)
         if forces is not None:
-            for row in forces[forces["tool"] == _TOOL][-1:]:
-                self.resistance.hear(row, cut_at)
+            own = forces[forces["tool"] == _TOOL]
+            if own.size:
+                self.resistance.hear(own, cut_at)
         kind = conversions["kind"]
         gone = (kind == Kind.DEPOSIT) | (kind == Kind.OUTSIDE)
         self.particles.remove(conversions["particle_id"][gone])
@@ -222,6 +225,7 @@ class MachineSim:
             store.velocity,
             store.volume_mm3,
             np.array([self.pending.total_mm3]),
+            self.resistance.state,
         ):
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()

@@ -1,22 +1,25 @@
-"""The cut as the tool feels it: the soil's wrench resists the tool's motion and never drives it.
+"""The soil as the tool feels it: it resists the cut, it bears the tool, and it never drives it.
 
-The soil answers a tick with the wrench on the tool as it moved then; it comes a tick or two later.
-The newest one holds until the next. Its point is kept in the tool frame and moves with the tool.
+The soil answers a tick with the most it holds the tool with, as that moved then; it comes a tick or
+two later. There are two holds, each a wrench: what resists the cut, against the way the tool went,
+and what bears it, square to the plates that touch the ground. The newest holds until the next; its
+point is kept in the tool frame and moves with the tool.
 
-The wrench is what the soil resists with *at most*: soil that is not cut pushes as hard as it is
-pushed. So the point is held as the tracks' shoes are (`machine.track_contact`), by a spring and a
-damper against the force's direction,
+Soil that does not give in pushes as hard as it is pushed. So the point is held as the tracks' shoes
+are (`machine.track_contact`), by a spring and a damper against the force's direction,
 
     share * F = k x + c v,    0 <= share <= 1,
 
-where v is the point's speed against F and x its way since the soil gave in last; while the tool
-cuts, the share is 1 and x stays behind. A tool that the machine cannot push any further is
+where v is the point's speed against F and x its way since the soil gave in last; while the soil
+gives in, the share is 1 and x stays behind. A tool that the machine cannot push any further is
 stalled: it stands, and the soil bears just what the machine pushes with. One that goes back is let
 go. A force that is switched with the sign of v would shake the arm at every step instead.
 
-A tool at rest tells nothing about the soil, and one that is pressed back a little neither: the soil
-answers zero, and what held the tool still holds it. It is let go once it is `_CLEAR` away from
-where the soil resisted last, or after `LAPSE` ticks without any answer.
+What bears the tool is told whether the tool moves or not, but not while it is bounced off the
+ground a little. What resists its cut is told only when it cuts: a tool at rest tells nothing about
+the soil before it, and one that is pressed back a little neither. The soil answers zero, and what
+held the tool still holds it. Either is let go once it is `_CLEAR` away from where the soil held it
+last, or after `LAPSE` ticks without any answer.
 """
 
 from __future__ import annotations
@@ -27,9 +30,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.machine import MachineError
-from msg_bridge.contract.rows import Rows
+from msg_bridge.contract.rows import Holds, Rows
 
-__all__ = ["LAPSE", "Resistance"]
+__all__ = ["LAPSE", "Hold", "Resistance"]
 
 Array = NDArray[np.float64]
 Pose = tuple[Array, Array]
@@ -49,73 +52,146 @@ _NEAR = 0.01
 _LIGHTEST = 0.3
 """What a push at the lip moves at least, in parts of the tool's mass: it turns about its pin."""
 
+_BORNE = 0.11
+"""What the ground lifts under the tool, in parts of the machine's mass: it turns about its tracks,
+about 1 / (1 + d^2 / r^2) for a tool d = 4 m from its middle and a radius of gyration r = 1.5 m."""
+
 _STIFFNESS = 0.2
-"""Of the spring, over m / dt^2; explicit steps are stable for k + 2 c < 4."""
+"""Of the spring, over m / dt^2; explicit steps are stable for k + 2 c < 4, two holds together."""
 
 _DAMPING = 0.5
 """Of the damper, over m / dt."""
 
 
-class Resistance:
-    """What resists one tool.
+class Hold:
+    """A wrench of the soil on a tool, and how much of it acts.
 
     Attributes:
-        force, torque: the newest wrench of the soil, the most it resists with [N], [N m], map axes.
-        share: part of it that acts.
+        force, torque: the most it holds with [N], [N m] about the point, map axes.
+        strength: of the force [N], 0 where there is none.
+        place: of the point, when it was told, map frame [m].
+        share: part of the force that acts.
+        way: of the point against the force since the soil gave in last [m].
     """
 
-    def __init__(self, tool_mass: float, dt: float) -> None:
+    def __init__(self, stiffness: float, damping: float, lifted: float) -> None:
+        """
+        Args:
+            stiffness: of the spring [N/m].
+            damping: of the damper [N s/m].
+            lifted: way [m] that the point may go back and the soil is where it was.
+        """
+        self._stiffness, self._damping, self._lifted = stiffness, damping, lifted
+        self._point: Array = np.zeros(3)  # in the tool frame
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing holds until the next answer."""
+        self.force: Array = np.zeros(3)
+        self.torque: Array = np.zeros(3)
+        self.place: Array = np.zeros(3)
+        self.strength = self.share = self.way = 0.0
+
+    def take(self, wrench: tuple[Array, Array, Array], pose: Pose) -> None:
+        """Hold with another wrench from now on: place [m], force, torque of the soil on the tool.
+
+        Args:
+            wrench: map frame; the force is not zero.
+            pose: of the tool frame when it was at the place.
+        """
+        self.place, self.force, self.torque = wrench
+        self.strength = math.sqrt(self.force @ self.force)
+        self._point = pose[0].T @ (self.place - pose[1])
+
+    def away(self, pose: Pose) -> float:
+        """How far [m] the point is from its place."""
+        way = pose[0] @ self._point + pose[1] - self.place
+        return math.sqrt(way @ way)
+
+    def step(self, pose: Pose, velocity: tuple[Array, Array], dt: float) -> tuple[Array, Array]:
+        """Force [N] and torque about the tool frame's origin [N m] of the next physics step."""
+        if self.strength == 0.0:
+            return np.zeros(3), np.zeros(3)
+        arm = pose[0] @ self._point
+        speed = -float((velocity[0] + np.cross(velocity[1], arm)) @ self.force) / self.strength
+        self.way += speed * dt
+        pushed = self._stiffness * self.way + self._damping * speed
+        held = min(max(pushed, 0.0), self.strength)
+        if held == 0.0:  # it goes back
+            self.way = min(max(self.way, -self._lifted), 0.0)
+        elif held != pushed:  # the soil gives in: the spring starts from where it is now
+            self.way = min(self.way, held / self._stiffness)
+        self.share = held / self.strength
+        force = self.share * self.force
+        return force, self.share * self.torque + np.cross(arm, force)
+
+
+class Resistance:
+    """What holds one tool.
+
+    Attributes:
+        cut: what resists its cut.
+        bearing: what bears it.
+    """
+
+    def __init__(self, tool_mass: float, machine_mass: float, dt: float) -> None:
         """
         Args:
             tool_mass: of the tool's link [kg].
+            machine_mass: of all of it [kg].
             dt: physics step [s].
         """
-        mass = _LIGHTEST * tool_mass
-        self._stiffness = _STIFFNESS * mass / dt**2
-        self._damping = _DAMPING * mass / dt
-        self.force: Array = np.zeros(3)
-        self.torque: Array = np.zeros(3)
-        self.share = 0.0
-        self._strength = 0.0  # of the force [N]
-        self._point: Array = np.zeros(3)  # in the tool frame
-        self._place: Array = np.zeros(3)  # where it was when the soil resisted last, map frame
-        self._way = 0.0
+        self.cut = _hold(_LIGHTEST * tool_mass, dt, 0.0)
+        self.bearing = _hold(_BORNE * machine_mass, dt, _CLEAR)
         self._age = 0
 
     @property
     def holds(self) -> bool:
-        """Whether there is soil that resists."""
-        return self._strength > 0.0
+        """Whether there is soil that resists or bears."""
+        return self.cut.strength > 0.0 or self.bearing.strength > 0.0
 
-    def hear(self, row: Rows, pose: Pose) -> None:
+    @property
+    def state(self) -> Array:
+        """All that the next steps depend on, for a digest."""
+        held = [(*h.force, *h.torque, *h.place, h.way) for h in (self.cut, self.bearing)]
+        return np.array([*held[0], *held[1], self._age], dtype=np.float64)
+
+    def hear(self, rows: Rows, pose: Pose) -> None:
         """Take the soil's answer to a tick.
 
         Args:
-            row: FORCE row of the tool, a single one (shape ()).
+            rows: FORCE rows of the tool, shape (n,), n >= 1.
             pose: of the tool frame at the end of that tick.
 
         Raises:
-            MachineError: a wrench that is not finite; the one before stays.
+            MachineError: a wrench that is not finite; what was known before stays.
         """
-        named = {name: float(row[name]) for name in _POINT + _FORCE + _TORQUE}
-        if not all(map(math.isfinite, named.values())):
-            raise MachineError(
-                f"the soil's wrench on the tool is {named}; give finite metres, N and N m"
-            )
+        wrenches = {}
+        for row in rows:
+            parts = [[float(row[name]) for name in names] for names in (_POINT, _FORCE, _TORQUE)]
+            if not all(math.isfinite(value) for part in parts for value in part):
+                raise MachineError(
+                    f"the soil's wrench on the tool is {parts}; give finite metres, N and N m"
+                )
+            place, force, torque = (np.array(part) for part in parts)
+            if force.any():
+                wrenches[int(row["holds"])] = (place, force, torque)
         self._age = 0
-        force = np.array([named[name] for name in _FORCE])
-        strength = math.sqrt(force @ force)
-        away = pose[0] @ self._point + pose[1] - self._place
-        went = math.sqrt(away @ away)
-        if 0.0 < strength < self._strength and went < _NEAR:
+        self._hear_cut(wrenches.get(Holds.CUT), pose)
+        if Holds.BEARING in wrenches:
+            self.bearing.take(wrenches[Holds.BEARING], pose)
+        elif self.bearing.away(pose) > _CLEAR:
+            self.bearing.forget()
+
+    def _hear_cut(self, wrench: tuple[Array, Array, Array] | None, pose: Pose) -> None:
+        went = self.cut.away(pose)
+        if wrench is None:
+            if went > _CLEAR:
+                self.cut.forget()
             return
-        if strength > 0.0:
-            self.force, self._strength = force, strength
-            self.torque = np.array([named[name] for name in _TORQUE])
-            self._place = np.array([named[name] for name in _POINT])
-            self._point = pose[0].T @ (self._place - pose[1])
-        elif went > _CLEAR:
-            self.forget()
+        strength = math.sqrt(wrench[1] @ wrench[1])
+        if strength >= self.cut.strength or went >= _NEAR:
+            self.cut.take(wrench, pose)
 
     def tick(self) -> None:
         """Begin a tick: a wrench that is no longer heard of lapses."""
@@ -125,8 +201,8 @@ class Resistance:
 
     def forget(self) -> None:
         """No soil resists until the next answer."""
-        self.force, self.torque = np.zeros(3), np.zeros(3)
-        self._strength = self.share = self._way = 0.0
+        self.cut.forget()
+        self.bearing.forget()
 
     def step(self, pose: Pose, velocity: tuple[Array, Array], dt: float) -> tuple[Array, Array]:
         """The wrench of the next physics step.
@@ -139,16 +215,9 @@ class Resistance:
         Returns:
             Force [N] on the tool and torque about its frame's origin [N m], map axes.
         """
-        if not self.holds:
-            return np.zeros(3), np.zeros(3)
-        arm = pose[0] @ self._point
-        speed = -float((velocity[0] + np.cross(velocity[1], arm)) @ self.force) / self._strength
-        self._way += speed * dt
-        pushed = self._stiffness * self._way + self._damping * speed
-        held = min(max(pushed, 0.0), self._strength)
-        if held != pushed:
-            # The soil gives in, or the point goes back: the spring starts from where it is now.
-            self._way = min(self._way, held / self._stiffness) if held > 0.0 else 0.0
-        self.share = held / self._strength
-        force = self.share * self.force
-        return force, self.share * self.torque + np.cross(arm, force)
+        cut, bearing = (hold.step(pose, velocity, dt) for hold in (self.cut, self.bearing))
+        return cut[0] + bearing[0], cut[1] + bearing[1]
+
+
+def _hold(mass: float, dt: float, lifted: float) -> Hold:
+    return Hold(_STIFFNESS * mass / dt**2, _DAMPING * mass / dt, lifted)

@@ -25,15 +25,8 @@ in the air need no rule. The strips' forces add up to a force and a torque about
   it counts as a blade in that. Picks further in than they are apart help one another, which is
   left out: there it is an upper bound.
 
-Soil under a tool bears it. Where the outside of a plate goes against soil, it presses on the area
-it shows to the travel, with the bearing capacity of a strip footing on the surface,
-
-    q = c N_c + gamma B N_gamma / 2,    N_q = exp(pi tan phi) tan^2(pi / 4 + phi / 2),
-    N_c = (N_q - 1) cot phi,    N_gamma = 2 (N_q + 1) tan phi
-
-(Vesic, Analysis of ultimate loads of shallow foundations, J. Soil Mech. Found. Div. ASCE 99, SM1,
-1973), B the breadth pressed on; it acts against the travel. This is what a machine leans on when
-the cut lifts its tracks.
+Whether it cuts or not, soil under a tool bears it (`soil_sim.bearing`): this is what a machine
+leans on when the cut lifts its tracks, or when it stands on its bucket.
 
 Sideways, along its lip, a tool cuts no width and feels nothing: its side plates are left out.
 """
@@ -46,17 +39,16 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from msg_bridge.contract.rows import FORCE, Action, Rows, empty_rows
+from msg_bridge.contract.rows import FORCE, Action, Holds, Rows, empty_rows
+from soil_sim.bearing import add_bearing
 from soil_sim.columns import Columns
 from soil_sim.force import blade_force, goktan_force
-from soil_sim.soils import MOIST, SoilType
+from soil_sim.soils import SoilType
+from soil_sim.strength import Strength, add_force, column_at, total_wrench
 from soil_sim.sweeps import first_of_tools
 
 __all__ = ["Resistance", "no_resistance"]
-
-_GRAVITY = 9.81
 
 _STRIPS = 8
 """Strips of the lip; even, so that a lip half in the ground is four of them."""
@@ -66,9 +58,6 @@ _AHEAD = 1.5
 
 _AT_REST = 1e-4
 """A lip that moves less than this in a tick [m] cuts nothing: float32 has no direction for it."""
-
-_UPRIGHT = 0.3
-"""A plate whose outside looks down less than this (-z of its normal) does not press."""
 
 _PICK_SPACING = 0.25
 """From tooth to tooth of a bucket [m]."""
@@ -81,45 +70,6 @@ _PICK_FRICTION = math.radians(10.0)
 
 _PICK_NORMAL = 1.0
 """Force out of the rock over the force against the travel; see `soil_sim.force.pick`."""
-
-
-class Strength(NamedTuple):
-    """What kernels need of the kinds of soil, by id, and by id and moisture [%].
-
-    Attributes:
-        gamma: unit weight of firm soil [N/m³], shape (kinds,).
-        phi, delta: internal and tool friction [rad], shape (kinds,).
-        tensile: of rock [Pa], 0 for soil, shape (kinds,).
-        n_c, n_gamma: factors of bearing capacity [-], shape (kinds,).
-        cohesion, adhesion: [Pa], shape (kinds, MOIST).
-    """
-
-    gamma: NDArray[np.float64]
-    phi: NDArray[np.float64]
-    delta: NDArray[np.float64]
-    tensile: NDArray[np.float64]
-    n_c: NDArray[np.float64]
-    n_gamma: NDArray[np.float64]
-    cohesion: NDArray[np.float64]
-    adhesion: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, kinds: Sequence[SoilType]) -> Strength:
-        """Tables of some kinds of soil, whose ids are their places in the sequence."""
-        stick = np.array([[kind.stick(m) for m in range(MOIST)] for kind in kinds])
-        phi = np.array([math.radians(kind.internal_friction) for kind in kinds])
-        tan = np.tan(np.maximum(phi, 1e-6))  # without friction N_c tends to 2 + pi
-        n_q = np.exp(math.pi * tan) * np.tan(math.pi / 4 + np.arctan(tan) / 2) ** 2
-        return cls(
-            np.array([kind.density * _GRAVITY for kind in kinds]),
-            phi,
-            np.array([math.radians(kind.tool_friction) for kind in kinds]),
-            np.array([kind.tensile_strength for kind in kinds]),
-            (n_q - 1.0) / tan,
-            2.0 * (n_q + 1.0) * tan,
-            np.array([[kind.cohesion] for kind in kinds]) * stick,
-            np.array([[kind.adhesion] for kind in kinds]) * stick,
-        )
 
 
 class Resistance:
@@ -137,10 +87,11 @@ class Resistance:
         self._frame = (grid.rows, grid.cols, grid.cell, grid.x_first, grid.y_first)
 
     def wrenches(self, sweeps: Rows) -> Rows:
-        """FORCE rows of a tick, one per tool; call it before the tick's cut.
+        """FORCE rows of a tick: what resists the cut of each tool, then what bears some of them.
 
-        The point of application is the mean of where the forces act at the end of the tick, by
-        their strength: of a level cut over the lip's middle, a third of the depth above it.
+        Call it before the tick's cut. The point of application is the mean of where the forces act
+        at the end of the tick, by their strength: of a level cut over the lip's middle, a third of
+        the depth above it.
 
         Args:
             sweeps: sound SWEEP rows, by source and tool.
@@ -154,8 +105,12 @@ class Resistance:
             points, first_of_tools(sweeps), sweeps["action"], self._columns.arrays, self._frame,
             self._strength,
         )  # fmt: skip
+        borne = np.flatnonzero(found[1, :, 3:6].any(axis=1))
+        forces = np.concatenate([forces, forces[borne]])
+        forces["holds"][found.shape[1] :] = Holds.BEARING
+        values = np.concatenate([found[0], found[1, borne]])
         for n, name in enumerate(("x", "y", "z", "fx", "fy", "fz", "tx", "ty", "tz")):
-            forces[name] = found[:, n]
+            forces[name] = values[:, n]
         return forces
 
 
@@ -197,55 +152,29 @@ class _Travel(NamedTuple):
 def _wrenches(  # type: ignore[no-untyped-def]
     points, first, action, columns, frame, strength
 ):
-    """Point [m], force [N] and torque about the point [N m] of each tool, shape (tools, 9)."""
-    out = np.zeros((first.size, 9))
+    """Point [m], force [N] and torque about the point [N m], shape (2, tools, 9).
+
+    First of what resists the cut of each tool, then of what bears it.
+    """
+    out = np.zeros((2, first.size, 9))
     sums = np.empty(10)
     for n in range(first.size):
         end = first[n + 1] if n + 1 < first.size else len(points)
         own = points[first[n] : end]
         middle = 0.5 * (own[0, 1] + own[1, 1])
-        out[n, :3] = middle
-        if len(own) < 4:  # one pair alone is an edge without a plate: it has no rake
+        out[:, n, :3] = middle
+        # One pair alone is an edge without a plate, it has no rake; tracks stand by themselves.
+        if len(own) < 4 or action[first[n]] != Action.CUT:
             continue
+        travel = _travel(own)
+        if travel.counts > 0.0:
+            sums[:] = 0.0
+            _add_strips(own[0, 1], own[1, 1], middle, travel, columns, frame, strength, sums)
+            total_wrench(sums, middle, out[0, n])
         sums[:] = 0.0
-        if action[first[n]] == Action.CUT:
-            travel = _travel(own)
-            if travel.counts > 0.0:
-                _add_strips(own[0, 1], own[1, 1], middle, travel, columns, frame, strength, sums)
-        _add_bearing(own, middle, columns, frame, strength, sums)
-        if sums[9] > 0.0:
-            at = sums[6:9] / sums[9]
-            out[n, :3] += at
-            out[n, 3:6] = sums[:3]
-            out[n, 6:] = sums[3:6] - np.cross(at, sums[:3])
+        add_bearing(own, middle, columns, frame, strength, sums)
+        total_wrench(sums, middle, out[1, n])
     return out
-
-
-@njit(cache=True)
-def _add_force(sums, x, y, z, fx, fy, fz):  # type: ignore[no-untyped-def]
-    """Add a force [N] at a place [m] to force, torque, place by strength, strength, shape (10,)."""
-    size = math.sqrt(fx * fx + fy * fy + fz * fz)
-    sums[0] += fx
-    sums[1] += fy
-    sums[2] += fz
-    sums[3] += y * fz - z * fy
-    sums[4] += z * fx - x * fz
-    sums[5] += x * fy - y * fx
-    sums[6] += size * x
-    sums[7] += size * y
-    sums[8] += size * z
-    sums[9] += size
-
-
-@njit(cache=True)
-def _column_at(x, y, frame):  # type: ignore[no-untyped-def]
-    """Flat index of the column at a place [m]; -1 beyond the map."""
-    rows, cols, cell, x_first, y_first = frame
-    row = int(math.floor((x_first - x) / cell + 0.5))
-    col = int(math.floor((y_first - y) / cell + 0.5))
-    if 0 <= row < rows and 0 <= col < cols:
-        return row * cols + col
-    return -1
 
 
 @njit(cache=True)
@@ -298,79 +227,17 @@ def _add_strips(  # type: ignore[no-untyped-def]
     ahead = _AHEAD * frame[2]
     for strip in range(_STRIPS):
         at = left + (strip + 0.5) / _STRIPS * (right - left)
-        i = _column_at(at[0] + ahead * travel.ahead[0], at[1] + ahead * travel.ahead[1], frame)
+        i = column_at(at[0] + ahead * travel.ahead[0], at[1] + ahead * travel.ahead[1], frame)
         if i < 0 or columns.height[i] <= at[2]:
             continue
         below = columns.height[i] - at[2]
         against, off = _strip_force(i, below, travel, columns, strength)
         depth = travel.counts * min(below, travel.height)
         at -= middle
-        _add_force(
+        add_force(
             sums, at[0], at[1], at[2] + depth / 3.0,
             off * n[0] - against * t[0], off * n[1] - against * t[1], off * n[2] - against * t[2],
         )  # fmt: skip
-
-
-@njit(cache=True)
-def _add_bearing(points, middle, columns, frame, strength, sums):  # type: ignore[no-untyped-def]
-    """Add what bears the outside of the plates of a tool; places from `middle`."""
-    plates = len(points) // 2 - 1
-    body = np.zeros(3)
-    for row in range(len(points)):
-        body += points[row, 1] / len(points)
-    on = np.empty(plates * _STRIPS, dtype=np.int64)  # columns pressed on
-    pads = np.empty((plates * _STRIPS, 7))  # where, which way, the area shown [m^2]
-    count = 0
-    for k in range(plates):
-        a, b, c, d = points[2 * k], points[2 * k + 1], points[2 * k + 2], points[2 * k + 3]
-        way = 0.25 * (a[1] + b[1] + c[1] + d[1] - a[0] - b[0] - c[0] - d[0])
-        length = math.sqrt((way**2).sum())
-        out = np.cross(b[1] - a[1], 0.5 * (c[1] + d[1] - a[1] - b[1]))
-        area = math.sqrt((out**2).sum())
-        if length < _AT_REST or area < 1e-9:
-            continue
-        way /= length
-        out /= area
-        inward = (out * (body - a[1])).sum()
-        if inward > 0.0:
-            out = -out
-        lead = (out * way).sum()
-        # A plate alone has no outside; an upright one does not rest on what its columns hold.
-        if abs(inward) < 1e-6 or lead <= 0.0 or out[2] > -_UPRIGHT:
-            continue
-        for strip in range(_STRIPS):
-            share = (strip + 0.5) / _STRIPS
-            at = 0.5 * ((1.0 - share) * (a[1] + c[1]) + share * (b[1] + d[1]))
-            i = _column_at(at[0], at[1], frame)
-            if i < 0:
-                continue
-            # The plate over the column's middle, against the column as the last tick left it.
-            dx = frame[3] - i // frame[1] * frame[2] - at[0]
-            dy = frame[4] - i % frame[1] * frame[2] - at[1]
-            if columns.height[i] > at[2] - (out[0] * dx + out[1] * dy) / out[2]:
-                on[count] = i
-                pads[count, :3] = at - middle
-                pads[count, 3:6] = way
-                pads[count, 6] = area * lead / _STRIPS
-                count += 1
-    if count == 0:
-        return
-    width = math.sqrt(((points[1, 1] - points[0, 1]) ** 2).sum())
-    breadth = pads[:count, 6].sum() / width
-    for n in range(count):
-        x, y, z, tx, ty, tz, area = pads[n]
-        force = area * _bearing(on[n], breadth, columns, strength)
-        _add_force(sums, x, y, z, -force * tx, -force * ty, -force * tz)
-
-
-@njit(cache=True)
-def _bearing(i, breadth, columns, strength):  # type: ignore[no-untyped-def]
-    """Bearing capacity of column i [Pa]; loose soil as deep as the tool presses has no cohesion."""
-    firm = max(0.0, 1.0 - columns.bulk[i] * columns.metres_per_mm3 / breadth)
-    kind = columns.soil[i] if firm > 0.0 else columns.loose_soil[i]
-    cohesion = firm * strength.cohesion[kind, columns.moisture[i]]
-    weight = 0.5 * breadth * strength.gamma[kind]
-    return cohesion * strength.n_c[kind] + weight * strength.n_gamma[kind]
 
 
 @njit(cache=True)

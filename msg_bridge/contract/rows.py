@@ -19,6 +19,7 @@ __all__ = [
     "MAX_ROW_VOLUME",
     "SWEEP",
     "Action",
+    "Holds",
     "Kind",
     "Rows",
     "empty_rows",
@@ -37,6 +38,13 @@ class Action(IntEnum):
     CUT = 0
     PRESS = 1
     """Pushes soil down without taking it: a track shoe, the back of a bucket."""
+
+
+class Holds(IntEnum):
+    """What a FORCE row is of."""
+
+    CUT = 0  # what the tool cuts resists it
+    BEARING = 1  # what the tool stands on bears it
 
 
 class Kind(IntEnum):
@@ -131,9 +139,11 @@ FORCE = np.dtype(
         ("seq", "<u4"),
         ("tool", "<u2"),
         ("source", "<u2"),
+        ("holds", "u1"),  # Holds
     ]
 )
-"""The soil's wrench on a tool that swept, soil to machine; zero wrenches are sent too."""
+"""The most the soil holds a tool that swept with, soil to machine: what resists its cut, zero too,
+and, where there is any, what bears it."""
 
 
 def empty_rows(dtype: np.dtype[np.void], count: int = 0) -> Rows:

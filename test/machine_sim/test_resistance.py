@@ -8,7 +8,7 @@ from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
 from machine_sim.machine import MachineError
 from machine_sim.resistance import LAPSE, Resistance
-from msg_bridge.contract.rows import CHANGED, CONVERSION, FORCE, Rows, empty_rows
+from msg_bridge.contract.rows import CHANGED, CONVERSION, FORCE, Holds, Rows, empty_rows
 
 DT = 0.005
 REST = (np.eye(3), np.zeros(3))
@@ -48,33 +48,33 @@ def swung(machine: MachineSim, against: float | None, ticks: int) -> list[float]
 
 
 def test_a_tool_that_cuts_feels_all_of_the_force() -> None:
-    resistance = Resistance(800.0, DT)
-    resistance.hear(forces(-20e3)[0], REST)
+    resistance = Resistance(800.0, 20e3, DT)
+    resistance.hear(forces(-20e3), REST)
     assert pushed(resistance, 0.5, 20) == pytest.approx(-20e3)
-    assert resistance.share == 1.0
+    assert resistance.cut.share == 1.0
 
 
 def test_soil_does_not_push_a_tool_at_rest_or_on_its_way_back() -> None:
-    resistance = Resistance(800.0, DT)
-    resistance.hear(forces(-20e3)[0], REST)
+    resistance = Resistance(800.0, 20e3, DT)
+    resistance.hear(forces(-20e3), REST)
     assert pushed(resistance, 0.0, 10) == 0.0
     assert pushed(resistance, -0.5, 10) == 0.0
 
 
 def test_a_tool_at_rest_stays_held_and_one_that_left_is_let_go() -> None:
-    resistance = Resistance(800.0, DT)
-    resistance.hear(forces(-20e3)[0], REST)
+    resistance = Resistance(800.0, 20e3, DT)
+    resistance.hear(forces(-20e3), REST)
     for _ in range(10 * LAPSE):
         resistance.tick()
-        resistance.hear(forces()[0], REST)
+        resistance.hear(forces(), REST)
     assert resistance.holds
-    resistance.hear(forces()[0], (np.eye(3), np.array([0.0, 0.0, 0.1])))
+    resistance.hear(forces(), (np.eye(3), np.array([0.0, 0.0, 0.1])))
     assert not resistance.holds
 
 
 def test_a_wrench_lapses_when_nothing_more_is_heard() -> None:
-    resistance = Resistance(800.0, DT)
-    resistance.hear(forces(-20e3)[0], REST)
+    resistance = Resistance(800.0, 20e3, DT)
+    resistance.hear(forces(-20e3), REST)
     for _ in range(LAPSE):
         resistance.tick()
     assert resistance.holds
@@ -83,9 +83,9 @@ def test_a_wrench_lapses_when_nothing_more_is_heard() -> None:
 
 
 def test_a_wrench_that_is_not_finite_is_refused() -> None:
-    resistance = Resistance(800.0, DT)
+    resistance = Resistance(800.0, 20e3, DT)
     with pytest.raises(MachineError, match="finite metres"):
-        resistance.hear(forces(np.nan)[0], REST)
+        resistance.hear(forces(np.nan), REST)
     assert not resistance.holds
 
 
@@ -117,3 +117,47 @@ def test_digging_in_clay_is_felt_and_repeatable() -> None:
         machine.close()
     assert found[0] == found[1]
     assert found[0][1] > 1e3
+
+
+def bearing(fz: float) -> Rows:
+    rows = empty_rows(FORCE, 2)
+    rows["holds"] = (Holds.CUT, Holds.BEARING)
+    rows["fz"] = (0.0, fz)
+    return rows
+
+
+def test_ground_bears_what_leans_on_it_and_lets_go_what_is_lifted() -> None:
+    resistance = Resistance(800.0, 20e3, DT)
+    resistance.hear(bearing(300e3), REST)
+    down = (np.array([0.0, 0.0, -0.01]), np.zeros(3))
+    force, _ = resistance.step(REST, down, DT)
+    assert 0.0 < force[2] < 300e3
+    assert resistance.step(REST, (-down[0], np.zeros(3)), DT)[0][2] == 0.0
+    resistance.hear(bearing(0.0), (np.eye(3), np.array([0.0, 0.0, 0.02])))
+    assert resistance.holds, "it may have bounced"
+    resistance.hear(bearing(0.0), (np.eye(3), np.array([0.0, 0.0, 0.1])))
+    assert not resistance.holds
+
+
+def test_ground_gives_in_to_more_than_it_carries() -> None:
+    resistance = Resistance(800.0, 20e3, DT)
+    resistance.hear(bearing(50e3), REST)
+    for _ in range(20):
+        force, _ = resistance.step(REST, (np.array([0.0, 0.0, -0.5]), np.zeros(3)), DT)
+    assert force[2] == pytest.approx(50e3)
+
+
+def test_a_machine_that_stands_on_its_bucket_stands() -> None:
+    """Boom down lifts the tracks' front; then nothing moves for two seconds."""
+    soil = level_soil(soil="loam")
+    machine = machine_on_level_ground(swell=soil.kinds[0].swell)
+    world = World(soil, {1: machine})
+    heights = []
+    for boom, ticks in ((0.35, 260), (0.0, 400)):
+        machine.command(np.array([0.0, boom, 0.0, 0.0]), np.zeros(2))
+        for _ in range(ticks):
+            world.step()
+            heights.append(float(machine.machine.base_pose[0][2]))
+    machine.close()
+    assert heights[-1] > 0.2, "it is lifted"
+    assert max(heights[-200:]) - min(heights[-200:]) < 0.02, "and stays so"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from support.soil_scenes import NO_LANDED, NO_SWEEPS, bucket_sweep, landings
 
 from msg_bridge.contract.grid import Grid
-from msg_bridge.contract.rows import Action, Kind, Rows
+from msg_bridge.contract.rows import Action, Holds, Kind, Rows
 from soil_sim.params import SoilParams
 from soil_sim.soil import Soil, SoilStep
 from soil_sim.soils import load_soils
@@ -154,7 +154,8 @@ def expect_all_is_told(
     excavated = int(volume[kind == Kind.EXCAVATE].sum())
     assert int(after[:2].sum()) + excavated - deposited == int(before[:2].sum())
     assert (kind != Kind.EXCAVATE).sum() == landed.size
-    assert step.forces.size + len(step.refused) == np.unique(sweeps[["source", "tool"]]).size
+    cuts = (step.forces["holds"] == Holds.CUT).sum()
+    assert cuts + len(step.refused) == np.unique(sweeps[["source", "tool"]]).size
 
     said = np.zeros(soil.grid.shape, dtype=bool)
     said[step.changed["row"], step.changed["col"]] = True

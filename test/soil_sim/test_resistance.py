@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.soil_scenes import NO_LANDED, bucket_sweep, flat_soil, tool_sweep
 
-from msg_bridge.contract.rows import Rows
+from msg_bridge.contract.rows import Holds, Rows
 from soil_sim.force import earth_force
 from soil_sim.soil import Soil
 from soil_sim.soils import load_soils
@@ -155,12 +155,35 @@ def test_rock_stops_a_bucket() -> None:
     assert force(flat_soil(6.0, 0.2, soil="rock"), STROKE)[0] < -1e6
 
 
-def test_soil_bears_a_bucket_that_is_pressed_down() -> None:
-    soil = flat_soil(6.0, 0.2, soil="loam")
-    found = force(soil, bucket_sweep((0, 0, 0.001), (0, 0, -0.01)))
-    assert found[:2] == pytest.approx([0.0, 0.0], abs=1e-3)
+def borne(soil: Soil, sweep: Rows) -> np.ndarray:
+    """Force that can bear a tool [N]; zeros where none is told."""
+    rows = soil.step(0, sweep, NO_LANDED).forces
+    rows = rows[rows["holds"] == Holds.BEARING]
+    return np.array([rows[name].sum() for name in ("fx", "fy", "fz")], dtype=np.float64)
+
+
+@pytest.mark.parametrize("start", [0.001, -0.01], ids=["pressed down", "at rest"])
+def test_soil_bears_a_bucket_by_the_capacity_of_a_footing(start) -> None:
+    found = borne(flat_soil(6.0, 0.2, soil="loam"), bucket_sweep((0, 0, start), (0, 0, -0.01)))
+    assert found[1] == pytest.approx(0.0, abs=1e-3)
     # c N_c alone: 8 kPa * 1.2 (loam as found) * 38.6, on a floor of 0.4 m x 1.2 m
     assert 0.9 * 9.6e3 * 38.6 * 0.48 < found[2] < 2.0 * 9.6e3 * 38.6 * 0.48
+
+
+def test_nothing_bears_a_bucket_in_the_air() -> None:
+    above = bucket_sweep((0, 0, 0.05), (WAY, 0, 0.05))
+    assert not borne(flat_soil(6.0, 0.2, soil="loam"), above).any()
+
+
+def test_a_lip_deep_in_the_ground_is_borne_by_more_than_one_at_its_surface() -> None:
+    wall = ((0.0, 0.0), (0.0, 1.0))
+    found = [
+        borne(flat_soil(6.0, 0.1, soil="loam"), tool_sweep(wall, (0, 0, z), (0, 0, z)))[2]
+        for z in (-0.01, -0.4)
+    ]
+    gamma, n_q = KINDS["loam"].density * 9.81, 26.1  # at 33 degrees
+    deeper = gamma * 0.39 * n_q * 0.04 * 1.2
+    assert found[1] - found[0] == pytest.approx(deeper, rel=0.05)
 
 
 def test_equal_soils_give_equal_forces() -> None:

@@ -1,0 +1,147 @@
+"""What bears a tool: soil under its plates and under its lip, as much as it can carry.
+
+A tool that leans on the ground is borne by what it touches, whether it moves or not. Each outside
+of a plate that looks down and touches soil carries the bearing capacity of a strip footing, square
+to the plate; the lip, a strip as thick as the edge is blunt, carries it along its plate::
+
+    q = c N_c + q_0 N_q + gamma B N_gamma / 2,    N_q = exp(pi tan phi) tan^2(pi / 4 + phi / 2),
+    N_c = (N_q - 1) cot phi,                      N_gamma = 2 (N_q + 1) tan phi
+
+(Vesic, Analysis of ultimate loads of shallow foundations, J. Soil Mech. Found. Div. ASCE 99, SM1,
+1973), B the breadth pressed on, q_0 the weight of the soil beside, down to the footing: on its
+lower side, to which it would yield. It is told in every tick, as the most that the soil carries;
+the machine takes of it what it leans with.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from soil_sim.strength import add_force, column_at
+
+__all__ = ["add_bearing"]
+
+_STRIPS = 8
+"""Strips of a plate, and of the lip."""
+
+_UPRIGHT = 0.3
+"""What looks down less than this (-z of its normal) is not borne."""
+
+_TOUCH = 0.01
+"""Gap [m] up to which a plate touches: a column's height is a mean over what the tool cut."""
+
+_EDGE = 0.04
+"""Thickness of the lip [m]."""
+
+_BESIDE = 1.5
+"""Where the soil beside is looked for, in cells."""
+
+
+@njit(cache=True)
+def add_bearing(points, middle, columns, frame, strength, sums):  # type: ignore[no-untyped-def]
+    """Add what can bear a tool at the end of its tick; places from `middle`.
+
+    Args:
+        points: start and end of its key points [m], shape (rows, 2, 3), lip first.
+        middle: where places count from [m].
+        columns, frame: of the terrain.
+        strength: of its soils.
+        sums: of `add_force`.
+    """
+    plates = len(points) // 2 - 1
+    body = np.zeros(3)
+    for row in range(len(points)):
+        body += points[row, 1] / len(points)
+    on = np.empty(plates * _STRIPS, dtype=np.int64)  # columns pressed on
+    pads = np.empty((plates * _STRIPS, 7))  # where, the way it bears, the area [m^2]
+    count = 0
+    for k in range(plates):
+        a, b, c, d = (
+            points[2 * k, 1],
+            points[2 * k + 1, 1],
+            points[2 * k + 2, 1],
+            points[2 * k + 3, 1],
+        )
+        out = np.cross(b - a, 0.5 * (c + d - a - b))
+        area = math.sqrt((out**2).sum())
+        if area < 1e-9:
+            continue
+        out /= area
+        inward = (out * (body - a)).sum()
+        if inward > 0.0:
+            out = -out
+        # A plate alone has no outside; an upright one does not rest on what its columns hold.
+        if abs(inward) < 1e-6 or out[2] > -_UPRIGHT:
+            continue
+        for strip in range(_STRIPS):
+            share = (strip + 0.5) / _STRIPS
+            at = 0.5 * ((1.0 - share) * (a + c) + share * (b + d))
+            i = column_at(at[0], at[1], frame)
+            if i < 0:
+                continue
+            # The plate over the column's middle, against the column as the last tick left it.
+            dx = frame[3] - i // frame[1] * frame[2] - at[0]
+            dy = frame[4] - i % frame[1] * frame[2] - at[1]
+            if columns.height[i] + _TOUCH > at[2] - (out[0] * dx + out[1] * dy) / out[2]:
+                on[count] = i
+                pads[count, :3] = at - middle
+                pads[count, 3:6] = -out
+                pads[count, 6] = area / _STRIPS
+                count += 1
+    if count:
+        width = math.sqrt(((points[1, 1] - points[0, 1]) ** 2).sum())
+        breadth = pads[:count, 6].sum() / width
+        for n in range(count):
+            x, y, z, nx, ny, nz, area = pads[n]
+            force = area * _capacity(on[n], breadth, 0.0, columns, strength)
+            add_force(sums, x, y, z, force * nx, force * ny, force * nz)
+    _add_lip(points, middle, columns, frame, strength, sums)
+
+
+@njit(cache=True)
+def _add_lip(points, middle, columns, frame, strength, sums):  # type: ignore[no-untyped-def]
+    """Add what bears the lip's edge, along its plate."""
+    left, right = points[0, 1], points[1, 1]
+    up = 0.5 * (points[2, 1] + points[3, 1] - left - right)
+    length = math.sqrt((up**2).sum())
+    if length < 1e-6 or up[2] < _UPRIGHT * length:
+        return
+    up /= length
+    across = right - left
+    width = math.sqrt((across**2).sum())
+    level = math.hypot(across[0], across[1])
+    if level < 1e-6:
+        return
+    # Beside: to either side of the lip, level.
+    sx, sy = -across[1] / level * _BESIDE * frame[2], across[0] / level * _BESIDE * frame[2]
+    for strip in range(_STRIPS):
+        at = left + (strip + 0.5) / _STRIPS * across
+        i = column_at(at[0], at[1], frame)
+        if i < 0 or columns.height[i] + _TOUCH <= at[2]:
+            continue
+        deep = math.inf
+        for side in (-1.0, 1.0):
+            j = column_at(at[0] + side * sx, at[1] + side * sy, frame)
+            if j >= 0:
+                deep = min(deep, columns.height[j] - at[2])
+        deep = max(deep, 0.0) if deep < math.inf else 0.0
+        force = _EDGE * width / _STRIPS * _capacity(i, _EDGE, deep, columns, strength)
+        at = at - middle
+        add_force(sums, at[0], at[1], at[2], force * up[0], force * up[1], force * up[2])
+
+
+@njit(cache=True)
+def _capacity(i, breadth, deep, columns, strength):  # type: ignore[no-untyped-def]
+    """Bearing capacity of column i [Pa], `deep` [m] below the soil beside.
+
+    Loose soil as deep as the footing is broad has no cohesion.
+    """
+    firm = max(0.0, 1.0 - columns.bulk[i] * columns.metres_per_mm3 / breadth)
+    kind = columns.soil[i] if firm > 0.0 else columns.loose_soil[i]
+    cohesion = firm * strength.cohesion[kind, columns.moisture[i]]
+    gamma = strength.gamma[kind]
+    carried = cohesion * strength.n_c[kind] + gamma * deep * strength.n_q[kind]
+    return carried + 0.5 * breadth * gamma * strength.n_gamma[kind]
