@@ -70,7 +70,7 @@ def test_a_tool_that_cannot_be_believed_moves_nothing_and_the_others_their_own(
     expected = alone.step(0, dig(0.0), NO_LANDED)
     assert expected.conversions.size > 5
     assert np.array_equal(step.conversions, expected.conversions)
-    assert step.forces["source"].tolist() == [1]
+    assert set(step.forces["source"]) == {1}
     assert soil.state_hash() == alone.state_hash()
     assert len(step.refused) == 1
     assert "source 2, tool 4" in step.refused[0]
@@ -98,7 +98,7 @@ def test_a_refused_tool_is_refused_whole_and_alone() -> None:
     bad["z1"][0] = np.nan
     soil = flat_soil(10.0, 0.2)
     step = soil.step(0, np.concatenate([bad, good]), NO_LANDED)
-    assert step.forces["tool"].tolist() == [0]
+    assert set(step.forces["tool"]) == {0}
     assert (np.abs(step.conversions["y"]) < 1.0).all()
 
 
