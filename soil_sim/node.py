@@ -33,6 +33,7 @@ from msg_bridge.nodes.soil_carrier import SoilCarrier
 from msg_bridge.nodes.soil_topics import SoilTopics
 from msg_bridge.nodes.topics import TICK_TOPIC
 from soil_sim.node_params import SoilNodeParams
+from soil_sim.noise import surface_tilt
 from soil_sim.params import SoilParams
 from soil_sim.run import Silence, SoilRun
 from soil_sim.side import SoilTick
@@ -81,7 +82,12 @@ class SoilNode(LeanNode):
         self._steps: list[tuple[int, Future]] = []  # answers owed to /sim/step
         self.diagnostics = Diagnostics(self, "soil_sim")
         self.diagnostics.add_task(self._diagnose)
-        self._topics = SoilTopics(self, design=self._site.design is not None)
+        noisy = self._soil_params.normal_noise > 0.0
+        self._topics = SoilTopics(
+            self,
+            design=self._site.design is not None,
+            tilt=surface_tilt(self._soil_params, self._site.grid) if noisy else None,
+        )
         self._inbox = Inbox(self, self._advance)
         self._carrier = SoilCarrier(
             self,

@@ -38,6 +38,7 @@ __all__ = [
     "to_elevation_image",
     "to_map_info",
     "to_terrain_cloud",
+    "to_tilt_image",
 ]
 
 TERRAIN_CELL = np.dtype(
@@ -205,6 +206,26 @@ def to_elevation_image(keyframe: Keyframe, frame_id: str, stamp: Time) -> Image:
         is_bigendian=0,
         step=4 * cols,
         data=bytes_of(keyframe.elevation.astype("<f4")),
+    )
+
+
+def to_tilt_image(tilt: NDArray[np.float32], frame_id: str, stamp: Time) -> Image:
+    """How the surface of loose soil leans, as a 32FC2 image: slopes along x and y [-].
+
+    Args:
+        tilt: shape (rows, cols, 2).
+        frame_id: of the map.
+        stamp: since when.
+    """
+    rows, cols, _ = tilt.shape
+    return Image(
+        header=Header(stamp=stamp, frame_id=frame_id),
+        height=rows,
+        width=cols,
+        encoding="32FC2",
+        is_bigendian=0,
+        step=8 * cols,
+        data=bytes_of(np.ascontiguousarray(tilt, dtype="<f4")),
     )
 
 

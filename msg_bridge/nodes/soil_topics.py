@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 from builtin_interfaces.msg import Time
 from nav_msgs.msg import MapMetaData
+from numpy.typing import NDArray
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, PointCloud2
@@ -13,9 +15,15 @@ from msg_bridge.codec import qos
 from msg_bridge.codec.cut_fill import CutFillState, to_cut_fill_array
 from msg_bridge.codec.grid_map import grid_map_type, to_grid_map
 from msg_bridge.codec.headers import message_to_cdr
-from msg_bridge.codec.terrain import TerrainMap, to_elevation_image, to_map_info, to_terrain_cloud
+from msg_bridge.codec.terrain import (
+    TerrainMap,
+    to_elevation_image,
+    to_map_info,
+    to_terrain_cloud,
+    to_tilt_image,
+)
 from msg_bridge.contract.ledger import Ledger
-from msg_bridge.nodes.topics import CUT_FILL_TOPIC, MAP_FRAME, MAP_TOPIC
+from msg_bridge.nodes.topics import CUT_FILL_TOPIC, MAP_FRAME, MAP_TOPIC, TILT_TOPIC
 
 __all__ = ["SoilTopics"]
 
@@ -23,12 +31,19 @@ __all__ = ["SoilTopics"]
 class SoilTopics:
     """Publishers of the soil's state."""
 
-    def __init__(self, node: Node, *, design: bool = False) -> None:
+    def __init__(
+        self, node: Node, *, design: bool = False, tilt: NDArray[np.float32] | None = None
+    ) -> None:
         """
         Args:
             node: whose topics they are.
             design: whether the ground has a design, and so something to cut and to fill.
+            tilt: how the surface of loose soil leans, shape (rows, cols, 2); None if it does not.
         """
+        self._tilt = tilt
+        self._surface_tilt = (
+            None if tilt is None else node.create_publisher(Image, TILT_TOPIC, qos.LATCHED)
+        )
         self._clock = node.create_publisher(Clock, "/clock", qos.STATE)
         self._ledger = node.create_publisher(Int64MultiArray, "/soil/ledger", qos.ROWS)
         self._hash = node.create_publisher(String, "/soil/state_hash", qos.STATE)
@@ -66,6 +81,8 @@ class SoilTopics:
         """Publish what a run begins with: its configuration [YAML], then its terrain."""
         self._config.publish(String(data=config))
         self._info.publish(to_map_info(terrain.keyframe.grid, stamp))
+        if self._surface_tilt is not None and self._tilt is not None:
+            self._surface_tilt.publish(to_tilt_image(self._tilt, MAP_FRAME, stamp))
         self.terrain(terrain, stamp)
 
     def state_hash(self, tick: int, digest: str) -> None:

@@ -13,6 +13,7 @@ __all__ = [
     "SOIL_TICK_TOPIC",
     "STREAM_TOPIC",
     "TICK_TOPIC",
+    "TILT_TOPIC",
     "namespace_of",
 ]
 
@@ -29,6 +30,7 @@ STREAM_TOPIC: dict[Stream, str] = {
 
 MAP_TOPIC = "/terrain/map"
 CUT_FILL_TOPIC = "/soil/cut_fill"
+TILT_TOPIC = "/terrain/surface_tilt"
 """What is still to dig and to fill; only where there is a design."""
 
 TICK_TOPIC = "/soil/tick"

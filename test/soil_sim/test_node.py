@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
 
@@ -229,6 +230,18 @@ def test_after_a_reset_all_of_the_design_is_to_be_dug_again(ros: Ros, tmp_path: 
     columns = scene.soil.run.side.soil.columns
     assert (columns.soil[:, 30:] == 1).all()
     assert (columns.moisture[64] == 64).all()
+
+
+def test_how_the_surface_leans_is_told_to_who_draws_it(ros: Ros) -> None:
+    heard = ros.collect("/terrain/surface_tilt", Image, qos.LATCHED)
+    scene = Scene(ros, **ALONE, **{"soil.normal_noise": 8.0})
+    ros.spin_until(lambda: heard)
+    rows, cols = scene.soil.run.side.soil.grid.shape
+    image = heard[0]
+    assert (image.encoding, image.height, image.width) == ("32FC2", rows, cols)
+    slopes = np.frombuffer(image.data, "<f4").reshape(rows, cols, 2)
+    assert 0.1 < np.abs(slopes).max() <= math.tan(math.radians(8.0)) + 1e-6
+    assert abs(slopes.mean()) < 0.01
 
 
 def test_each_topic_has_its_quality_of_service(ros: Ros) -> None:
