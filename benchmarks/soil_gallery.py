@@ -1,7 +1,7 @@
-"""Pictures of what the soil does: a pile of every kind, walls that fall and stand, a dug pit.
+"""Pictures of what the soil does: a pile of every kind, walls that fall and stand, a pit, ruts.
 
-Writes soils_piles.png, soils_trench.png and soils_pit.png into a folder, out/soils/ if none is
-given. Run from the repository root: `python benchmarks/soil_gallery.py [FOLDER]`.
+Writes soils_piles.png, soils_trench.png, soils_pit.png and soils_ruts.png into a folder, out/soils/
+if none is given. Run from the repository root: `python benchmarks/soil_gallery.py [FOLDER]`.
 """
 
 from __future__ import annotations
@@ -34,6 +34,10 @@ from earthmoving_sim.pictures.style import (
     new_figure,
 )
 from earthmoving_sim.pictures.window import Window
+from earthmoving_sim.world import World
+from machine_sim.core import MachineSim
+from machine_sim.machine import load_description
+from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.rows import LANDED, SWEEP, Kind, Rows, empty_rows
 from soil_sim.columns import Material
@@ -157,6 +161,29 @@ def dug_pit() -> Soil:
     return soil
 
 
+def rutted() -> Soil:
+    """Loose loam over which an excavator drove ahead, to the left, and ahead again."""
+    grid, depth = Grid(151, 91, 0.1), 0.25
+    soil = Soil(grid, np.zeros(grid.shape), SoilParams(soil="loam"))
+    growth = 1.0 + soil.kinds[0].swell
+    x, y = np.meshgrid(grid.x(np.arange(151)), grid.y(np.arange(91)), indexing="ij")
+    volumes = np.full(grid.rows * grid.cols, round(depth / growth / soil.columns.metres_per_mm3))
+    spread = landings(0.0, 0.0, volumes, soil.kinds[0].moisture)
+    spread["x"], spread["y"] = x.reshape(-1), y.reshape(-1)
+    soil.step(0, NO_SWEEPS, spread)
+    machine = MachineSim(
+        load_description(find_config("machines/excavator.yaml")), grid, soil.columns.height,
+        swell=soil.kinds[0].swell, position=(-5.0, -1.5),
+    )  # fmt: skip
+    world = World(soil, {1: machine})
+    for left, right, ticks in ((1.0, 1.0, 350), (0.55, 1.0, 350), (1.0, 1.0, 200)):
+        machine.command(np.zeros(4), np.array([left, right]))
+        for _ in range(ticks):
+            world.step()
+    world.close()
+    return soil
+
+
 # How it is drawn
 
 
@@ -181,11 +208,19 @@ def _on_edge(soil: Soil) -> NDArray[np.bool_]:
 
 
 def draw(
-    figure: Figure, place: tuple[float, float], width: float, soil: Soil, view: Camera
+    figure: Figure,
+    place: tuple[float, float],
+    width: float,
+    soil: Soil,
+    view: Camera,
+    times: float = 1.0,
 ) -> Axes:
-    """Draw a terrain as a block whose picture is `width` wide and begins at left, bottom [in]."""
+    """Draw a terrain, its heights so many times as large, as a block.
+
+    The picture is `width` wide and begins at left, bottom [in].
+    """
     window = Window.whole(soil.grid)
-    height = soil.columns.height.copy()
+    height = times * soil.columns.height
     record = SiteRecord(
         grid=soil.grid,
         before=height,
@@ -301,11 +336,26 @@ def draw_pit(path: Path) -> None:
     write(figure, path)
 
 
+def draw_ruts(path: Path) -> None:
+    """Where tracks went over loose soil."""
+    soil = rutted()
+    wide = 7.8
+    figure = new_figure(wide + 0.6, 6.4)
+    draw(figure, (0.3, 0.3), wide, soil, Camera(math.radians(-62.0), math.radians(38.0)), 6.0)
+    print(f"  ruts to {0.25 - float(soil.columns.height.min()):.3f} m, verified {soil.verify()}")
+    about = (
+        "15 × 9 m, 0.1 m cells; 0.25 m of loose loam, packed toward bank density; heights six times"
+    )
+    add_title(figure, "Ruts behind an excavator", about, 0.3)
+    write(figure, path)
+
+
 def main() -> None:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("out/soils")
     draw_piles(folder / "soils_piles.png")
     draw_trench(folder / "soils_trench.png")
     draw_pit(folder / "soils_pit.png")
+    draw_ruts(folder / "soils_ruts.png")
 
 
 if __name__ == "__main__":
