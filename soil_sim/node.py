@@ -33,11 +33,11 @@ from msg_bridge.nodes.soil_carrier import SoilCarrier
 from msg_bridge.nodes.soil_topics import SoilTopics
 from msg_bridge.nodes.topics import TICK_TOPIC
 from soil_sim.node_params import SoilNodeParams
-from soil_sim.noise import surface_tilt
 from soil_sim.params import SoilParams
 from soil_sim.run import Silence, SoilRun
 from soil_sim.side import SoilTick
 from soil_sim.site import SiteParams, make_site
+from soil_sim.slip.noise import surface_tilt
 from soil_sim.terrain import HeightMap, Layers, save_terrain
 from soil_sim.warm import warm_up
 

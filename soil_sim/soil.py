@@ -32,13 +32,13 @@ from soil_sim.changes import Changes
 from soil_sim.columns import Columns
 from soil_sim.cut import Removed, SweptCut
 from soil_sim.errors import SoilError
+from soil_sim.force.resistance import Resistance, no_resistance
 from soil_sim.keypoints import KeyPointCut
 from soil_sim.landing import landing_shares
-from soil_sim.noise import slip_noise
 from soil_sim.params import SoilParams
 from soil_sim.press import press
-from soil_sim.resistance import Resistance, no_resistance
 from soil_sim.slip import Slip
+from soil_sim.slip.noise import slip_noise
 from soil_sim.soils import MOIST, soil_tables
 from soil_sim.sweeps import pairs_that, sound_sweeps
 from soil_sim.tiles import Tiles

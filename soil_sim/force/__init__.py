@@ -1,7 +1,10 @@
-"""What it takes to cut: forces of the ground on tools, as pure functions and kernels.
+"""What it takes to cut, and what bears a tool: forces of the ground on tools.
 
-- `earthmoving`: a blade in soil (fundamental earthmoving equation)
-- `pick`: a conical pick in rock (Evans, Goktan)
+- `earthmoving`: a blade in soil (fundamental earthmoving equation), as pure functions
+- `pick`: a conical pick in rock (Evans, Goktan), likewise
+- `bearing`: soil under plates and lip (Vesic)
+- `resistance`: all that of a tick's sweeps, as rows
+- `strength`: the kinds of soil as tables for them
 
 Quasi-static: speed does not enter. SI units, angles in rad.
 """

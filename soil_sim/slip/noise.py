@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
 from soil_sim.params import SoilParams
-from soil_sim.slip import SlipNoise
+from soil_sim.slip.slip import SlipNoise
 
 __all__ = ["slip_noise", "surface_tilt"]
 

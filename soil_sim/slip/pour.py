@@ -3,8 +3,8 @@
 What a column gets too much goes on, whole, to the neighbour it is too steep against by most, from
 there to the next, and what a column can keep stays on it. Only what came moves: no column ends
 lower than it was, so none above it has cause to slip, and nothing is looked at twice. That is much
-less work than to examine all who gave or got some (`soil_sim.examine`), and as good as long as a
-thin layer runs down at a time.
+less work than to examine all who gave or got some (`soil_sim.slip.examine`), and as good as long
+as a thin layer runs down at a time.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from soil_sim.columns import add_loose
-from soil_sim.examine import push, uniform
+from soil_sim.slip.examine import push, uniform
 
 __all__ = ["pour"]
 

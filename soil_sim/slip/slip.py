@@ -23,10 +23,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from soil_sim.collapse import Collapse
 from soil_sim.columns import Columns
-from soil_sim.examine import Ring, SlipRule, disturb, examine
-from soil_sim.pour import pour
+from soil_sim.slip.collapse import Collapse
+from soil_sim.slip.examine import Ring, SlipRule, disturb, examine
+from soil_sim.slip.pour import pour
 
 __all__ = ["Slip", "SlipNoise", "gauss_circle"]
 
@@ -193,7 +193,7 @@ class Slip:
         """Let soil slip until all is at rest or `budget` looks around a column were had.
 
         A little soil is seen to column by column; where that has been more work than to sweep the
-        whole of where soil still waits (`soil_sim.collapse`), or will be, that is done.
+        whole of where soil still waits (`soil_sim.slip.collapse`), or will be, that is done.
 
         Returns:
             The number of looks around a column, sweeps counted as the work they are.

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from support.soil_scenes import NO_LANDED, NO_SWEEPS, landings
 
-import soil_sim.slip as slip_module
+import soil_sim.slip.slip as slip_module
 from msg_bridge.contract.grid import Grid
-from soil_sim.collapse import Collapse
 from soil_sim.params import SoilParams
 from soil_sim.slip import gauss_circle
+from soil_sim.slip.collapse import Collapse
 from soil_sim.soil import Soil
 
 GRID = Grid(121, 101, 0.2)

@@ -25,8 +25,8 @@ in the air need no rule. The strips' forces add up to a force and a torque about
   it counts as a blade in that. Picks further in than they are apart help one another, which is
   left out: there it is an upper bound.
 
-Whether it cuts or not, soil under a tool bears it (`soil_sim.bearing`): this is what a machine
-leans on when the cut lifts its tracks, or when it stands on its bucket.
+Whether it cuts or not, soil under a tool bears it (`soil_sim.force.bearing`): this is what a
+machine leans on when the cut lifts its tracks, or when it stands on its bucket.
 
 Sideways, along its lip, a tool cuts no width and feels nothing: its side plates are left out.
 """
@@ -41,11 +41,12 @@ import numpy as np
 from numba import njit
 
 from msg_bridge.contract.rows import FORCE, Action, Holds, Rows, empty_rows
-from soil_sim.bearing import add_bearing
 from soil_sim.columns import Columns
-from soil_sim.force import blade_force, goktan_force
+from soil_sim.force.bearing import add_bearing
+from soil_sim.force.earthmoving import blade_force
+from soil_sim.force.pick import goktan_force
+from soil_sim.force.strength import Strength, add_force, column_at, total_wrench
 from soil_sim.soils import SoilType
-from soil_sim.strength import Strength, add_force, column_at, total_wrench
 from soil_sim.sweeps import first_of_tools
 
 __all__ = ["Resistance", "no_resistance"]

@@ -9,8 +9,8 @@ import pytest
 from support.soil_scenes import NO_SWEEPS, contour_radii, landings
 
 from msg_bridge.contract.grid import Grid
-from soil_sim.noise import slip_noise, surface_tilt
 from soil_sim.params import SoilParams
+from soil_sim.slip.noise import slip_noise, surface_tilt
 from soil_sim.soil import Soil
 
 GRID = Grid(61, 61, 0.2)

@@ -20,7 +20,7 @@ import math
 import numpy as np
 from numba import njit
 
-from soil_sim.strength import add_force, column_at
+from soil_sim.force.strength import add_force, column_at
 
 __all__ = ["add_bearing"]
 

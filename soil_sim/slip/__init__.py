@@ -1,0 +1,12 @@
+"""Slip: soil that is too steep moves down (reference, section 3.1.2).
+
+- `slip`: which columns may be too steep, and which of the ways below is least work
+- `pour`: soil that comes runs down to where it stays
+- `examine`: columns that wait give to their neighbours, one by one
+- `collapse`: large failures are swept, all at once
+- `noise`: unevenness of nature, by seed
+"""
+
+from soil_sim.slip.slip import Slip, SlipNoise, gauss_circle
+
+__all__ = ["Slip", "SlipNoise", "gauss_circle"]
