@@ -235,7 +235,7 @@ class MachineSim:
         pybullet.disconnect(self._client)
 
     def _resist(self, dt: float) -> None:
-        """Let the soil that the tool cuts act in the next physics step."""
+        """Let the soil that the tool cuts and stands on act in the next physics step."""
         machine = self.machine
         self._resisted = self.resistance.step(machine.tool_pose, machine.tool_velocity, dt)
         if self.resistance.holds:

@@ -24,7 +24,7 @@ class MachineSimParams(Parameters):
         200, "particles landed in one tick, at most", low=1, high=100_000
     )
     load_acts: bool = parameter(True, "the soil in the tool weighs on the machine")
-    cutting_acts: bool = parameter(True, "the soil resists the tool that cuts it")
+    cutting_acts: bool = parameter(True, "the soil resists the tool that cuts it, and bears it")
 
     @property
     def tick(self) -> float:

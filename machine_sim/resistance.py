@@ -57,7 +57,8 @@ _BORNE = 0.11
 about 1 / (1 + d^2 / r^2) for a tool d = 4 m from its middle and a radius of gyration r = 1.5 m."""
 
 _STIFFNESS = 0.2
-"""Of the spring, over m / dt^2; explicit steps are stable for k + 2 c < 4, two holds together."""
+"""Of the spring, over m / dt^2; explicit steps are stable for k + 2 c < 4. Where the bucket's drive
+gives way, less than `_BORNE` moves, and a bearing that is pushed hard may chatter."""
 
 _DAMPING = 0.5
 """Of the damper, over m / dt."""
@@ -91,6 +92,11 @@ class Hold:
         self.torque: Array = np.zeros(3)
         self.place: Array = np.zeros(3)
         self.strength = self.share = self.way = 0.0
+
+    @property
+    def state(self) -> tuple[float, ...]:
+        """All that the next steps depend on."""
+        return (*self.force, *self.torque, *self.place, *self._point, self.way)
 
     def take(self, wrench: tuple[Array, Array, Array], pose: Pose) -> None:
         """Hold with another wrench from now on: place [m], force, torque of the soil on the tool.
@@ -153,8 +159,7 @@ class Resistance:
     @property
     def state(self) -> Array:
         """All that the next steps depend on, for a digest."""
-        held = [(*h.force, *h.torque, *h.place, h.way) for h in (self.cut, self.bearing)]
-        return np.array([*held[0], *held[1], self._age], dtype=np.float64)
+        return np.array([*self.cut.state, *self.bearing.state, self._age], dtype=np.float64)
 
     def hear(self, rows: Rows, pose: Pose) -> None:
         """Take the soil's answer to a tick.

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import array
 import math
 from typing import NamedTuple
 
-from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
+from std_msgs.msg import Float64MultiArray
 
 from msg_bridge.codec.errors import CodecError
+from msg_bridge.codec.labelled import from_labelled_array, to_labelled_array
 
 __all__ = ["CutFillState", "from_cut_fill_array", "to_cut_fill_array"]
 
@@ -34,10 +34,7 @@ class CutFillState(NamedTuple):
 
 def to_cut_fill_array(state: CutFillState) -> Float64MultiArray:
     """The state as one dimension of values whose label names each of them, with its unit."""
-    data = array.array("d", state)
-    size = len(data)
-    dimension = MultiArrayDimension(label=_LABEL, size=size, stride=size)
-    return Float64MultiArray(layout=MultiArrayLayout(dim=[dimension], data_offset=0), data=data)
+    return to_labelled_array(_LABEL, state)
 
 
 def from_cut_fill_array(msg: Float64MultiArray) -> CutFillState:
@@ -47,15 +44,7 @@ def from_cut_fill_array(msg: Float64MultiArray) -> CutFillState:
         CodecError: another label, other than one value for each name in it, or values that are
             negative or not finite.
     """
-    size = len(CutFillState._fields)
-    found = [(dim.label, dim.size, dim.stride) for dim in msg.layout.dim]
-    if found != [(_LABEL, size, size)] or msg.layout.data_offset or len(msg.data) != size:
-        raise CodecError(
-            f"the array has {len(msg.data)} values and the dimensions {found}, offset"
-            f" {msg.layout.data_offset}; cut and fill are {size} values in one dimension labelled"
-            f" {_LABEL!r}, offset 0"
-        )
-    state = CutFillState(*msg.data)
+    state = CutFillState(*from_labelled_array(msg, _LABEL, "cut and fill are"))
     if not all(0.0 <= value < math.inf for value in state) or state.within_tolerance > 1.0:
         raise CodecError(
             f"the array has {list(state)}; none of them is negative or infinite,"

@@ -16,9 +16,10 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from numpy.typing import ArrayLike, NDArray
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout
+from std_msgs.msg import Float64MultiArray, Header
 
 from msg_bridge.codec.errors import CodecError
+from msg_bridge.codec.labelled import from_labelled_array, to_labelled_array
 from msg_bridge.codec.rotations import rotation_of, yaw_pitch_roll
 
 __all__ = [
@@ -169,10 +170,7 @@ def from_command_state(msg: JointState, names: Sequence[str] = COMMAND_NAMES) ->
 
 def to_payload_array(payload: PayloadState) -> Float64MultiArray:
     """The payload as one dimension of values whose label names each of them, with its unit."""
-    data = array.array("d", payload)
-    size = len(data)
-    dimension = MultiArrayDimension(label=_PAYLOAD_LABEL, size=size, stride=size)
-    return Float64MultiArray(layout=MultiArrayLayout(dim=[dimension], data_offset=0), data=data)
+    return to_labelled_array(_PAYLOAD_LABEL, payload)
 
 
 def from_payload_array(msg: Float64MultiArray) -> PayloadState:
@@ -181,15 +179,7 @@ def from_payload_array(msg: Float64MultiArray) -> PayloadState:
     Raises:
         CodecError: another label, or other than one value for each name in it.
     """
-    size = len(PayloadState._fields)
-    found = [(dim.label, dim.size, dim.stride) for dim in msg.layout.dim]
-    if found != [(_PAYLOAD_LABEL, size, size)] or msg.layout.data_offset or len(msg.data) != size:
-        raise CodecError(
-            f"the array has {len(msg.data)} values and the dimensions {found}, offset"
-            f" {msg.layout.data_offset}; a payload is {size} values in one dimension labelled"
-            f" {_PAYLOAD_LABEL!r}, offset 0"
-        )
-    return PayloadState(*msg.data)
+    return PayloadState(*from_labelled_array(msg, _PAYLOAD_LABEL, "a payload is"))
 
 
 def _angle_rates(

@@ -197,16 +197,7 @@ def surface_of_terrain_cloud(msg: PointCloud2, *, cell: float | None = None) -> 
 
 def to_elevation_image(keyframe: Keyframe, frame_id: str, stamp: Time) -> Image:
     """The surface as a 32FC1 image [m]."""
-    rows, cols = keyframe.grid.shape
-    return Image(
-        header=Header(stamp=stamp, frame_id=frame_id),
-        height=rows,
-        width=cols,
-        encoding="32FC1",
-        is_bigendian=0,
-        step=4 * cols,
-        data=bytes_of(keyframe.elevation.astype("<f4")),
-    )
+    return _float_image(keyframe.elevation, "32FC1", frame_id, stamp)
 
 
 def to_tilt_image(tilt: NDArray[np.float32], frame_id: str, stamp: Time) -> Image:
@@ -217,16 +208,7 @@ def to_tilt_image(tilt: NDArray[np.float32], frame_id: str, stamp: Time) -> Imag
         frame_id: of the map.
         stamp: since when.
     """
-    rows, cols, _ = tilt.shape
-    return Image(
-        header=Header(stamp=stamp, frame_id=frame_id),
-        height=rows,
-        width=cols,
-        encoding="32FC2",
-        is_bigendian=0,
-        step=8 * cols,
-        data=bytes_of(np.ascontiguousarray(tilt, dtype="<f4")),
-    )
+    return _float_image(tilt, "32FC2", frame_id, stamp)
 
 
 def to_map_info(grid: Grid, stamp: Time) -> MapMetaData:
@@ -327,3 +309,17 @@ def _constant(cells: Rows, name: str) -> int:
     if (cells[name] != cells[name][0, 0]).any():
         raise CodecError(f"the cloud's {name} is not the same in every point")
     return int(cells[name][0, 0])
+
+
+def _float_image(values: NDArray[np.floating], encoding: str, frame_id: str, stamp: Time) -> Image:
+    """An image of float32, one or more channels for each cell."""
+    data = np.ascontiguousarray(values, dtype="<f4")
+    return Image(
+        header=Header(stamp=stamp, frame_id=frame_id),
+        height=data.shape[0],
+        width=data.shape[1],
+        encoding=encoding,
+        is_bigendian=0,
+        step=data.strides[0],
+        data=bytes_of(data),
+    )

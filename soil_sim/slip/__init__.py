@@ -3,7 +3,7 @@
 - `slip`: which columns may be too steep, and which of the ways below is least work
 - `pour`: soil that comes runs down to where it stays
 - `examine`: columns that wait give to their neighbours, one by one
-- `collapse`: large failures are swept, all at once
+- `collapse`: large failures are swept, all at once, and `book`: what that moved, exactly
 - `noise`: unevenness of nature, by seed
 """
 
