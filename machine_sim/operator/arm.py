@@ -22,8 +22,8 @@ __all__ = ["ArmPlane", "Place"]
 
 Array = NDArray[np.float64]
 
-_PULL_IN = (0.0, 0.02, 0.05, 0.1, 0.2, 0.3)
-"""How much nearer a pin is tried that is out of reach [m]."""
+_ASIDE = (0.0, 0.02, -0.02, 0.05, -0.05, 0.1, -0.1, 0.2, -0.2, 0.3, -0.3)
+"""How much nearer, or farther out, a pin is tried that is out of reach [m]."""
 
 
 class Place(NamedTuple):
@@ -89,12 +89,12 @@ class ArmPlane:
         """Joint angles [rad], shape (4,), that put the bucket at a place.
 
         A bucket joint at its limit leaves the bucket at the nearest slant it can have. A pin a
-        little too far out, as when the base rocks, is put as far out as it can be.
+        little too far out or too near, as when the base rocks, is put where it can be.
 
         Raises:
             ReachError: the pin cannot be anywhere near there.
         """
-        for nearer in _PULL_IN:
+        for nearer in _ASIDE:
             with suppress(ReachError):
                 return self._joints(view, place._replace(radius=place.radius - nearer))
         return self._joints(view, place)
@@ -114,6 +114,10 @@ class ArmPlane:
         wanted = place.attitude + _rise(view, swing) - boom - arm
         bucket = min(max(wanted, limits.lower), limits.upper)
         return np.array([swing, boom, arm, bucket])
+
+    def rise(self, view: View) -> float:
+        """Angle by which the upper body looks up [rad]; below 0 it leans forward."""
+        return _rise(view, float(view.joints[0]))
 
     def _axis(self, view: View) -> Array:
         origin = np.array(self._machine.swing_origin)

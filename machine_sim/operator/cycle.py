@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machine_sim.machine.description import MachineDescription
 from machine_sim.operator.arm import ArmPlane, Place
@@ -22,6 +23,17 @@ from machine_sim.operator.survey import Survey
 from machine_sim.operator.view import Command, SteadyBase, View
 
 __all__ = ["CycleReport", "DigCycle"]
+
+Array = NDArray[np.float64]
+
+_LOADED = ("lift", "swing")
+"""Phases in which too much in the bucket may tip the machine over."""
+
+_SPILL = np.array([0.0, 0.0, 0.0, -0.4])
+"""Joint velocities [rad/s] that let some of the load fall."""
+
+_TURN = 1.5
+"""How much the bucket turns on its way through the soil [rad/m]."""
 
 _NEXT = {"reach": "dig", "dig": "curl", "curl": "lift", "lift": "swing", "swing": "dump"}
 
@@ -101,12 +113,13 @@ class DigCycle:
 
     def command(self, view: View, dt: float) -> Command:
         """What to do in the next `dt` [s]."""
+        tips = self.phase in _LOADED and self._arm.rise(view) < -self.params.most_lean
         view = self._base.see(view, dt)
         if self._began is None:
             self._began = view.time
         if self._motion is None:
             self._motion = self._begin(view)
-        wanted = self._motion.advance(view, self._arm, dt)
+        wanted = _SPILL if tips else self._motion.advance(view, self._arm, dt)
         most = np.array(self.params.lever_rates) * dt
         self._levers = self._levers + np.clip(wanted - self._levers, -most, most)
         brimful = self.phase == "dig" and view.fill > self.params.brimming
@@ -188,21 +201,36 @@ class DigCycle:
             self._planned = self._plan.volume
         self._passes += 1
         r, z = float(self._plan.radius[0]), float(self._plan.height[0])
-        above = self._arm.lip_at(self._azimuth, r, z + self.params.clearance, self._entry)
-        entry = self._arm.lip_at(self._azimuth, r, z + 0.05, self._entry)
+        slant = float(self._slants()[0])
+        above = self._arm.lip_at(self._azimuth, r, z + self.params.clearance, slant)
+        entry = self._arm.lip_at(self._azimuth, r, z + 0.05, slant)
         return self._paced(here, [*self._over_ground(view, here, above), above, entry])
 
     def _dig(self, view: View, here: Place) -> list[Target]:
         """Along the plan, flatter and flatter."""
         plan = self._plan
-        slant = np.linspace(self._entry, self._exit, plan.radius.size)
         places = [
             self._arm.lip_at(self._azimuth, r, z, a)
-            for r, z, a in zip(plan.radius, plan.height, slant, strict=True)
+            for r, z, a in zip(plan.radius, plan.height, self._slants(), strict=True)
         ]
         way = np.hypot(np.diff(plan.radius), np.diff(plan.height))
         durations = [0.3, *(way / self.params.dig_speed)]
         return [Target(p, float(t)) for p, t in zip(places, durations, strict=True)]
+
+    def _slants(self) -> Array:
+        """Attitudes of the bucket along the plan [rad]: flatter and flatter.
+
+        Its floor does not drag over the ground behind the lip, whatever the way.
+        """
+        plan = self._plan
+        slants = np.linspace(self._entry, self._exit, plan.radius.size)
+        dips = np.arctan(np.gradient(plan.height, plan.radius))  # inward: down is positive
+        dragging = [self._arm.attitude_of_attack(dip + self.params.relief) for dip in dips]
+        slants = np.minimum(np.unwrap(slants), np.unwrap(dragging))
+        # Where the way bends the floor slants more than it must: a bucket turns slowly.
+        along = -plan.radius
+        reach = np.abs(along[:, None] - along)
+        return (slants + _TURN * reach).min(axis=1)
 
     def _curl(self, view: View, here: Place) -> list[Target]:
         """Turn the mouth up while the lip comes out of the soil."""

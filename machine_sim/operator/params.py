@@ -32,7 +32,10 @@ class OperatorParams(Parameters):
         0.45, "angle of the lip below its way at entry", unit="rad", low=-0.5, high=1.2
     )
     exit_angle: float = parameter(
-        -0.35, "angle of the lip below its way at exit", unit="rad", low=-1.2, high=0.8
+        -0.75, "angle of the lip below its way at exit", unit="rad", low=-1.2, high=0.8
+    )
+    relief: float = parameter(
+        0.1, "least angle between the bucket's floor and its way", unit="rad", low=-1.0, high=0.5
     )
     curl_lift: float = parameter(
         0.6, "rise of the bucket while it curls", unit="m", low=0.0, high=3.0
@@ -53,6 +56,13 @@ class OperatorParams(Parameters):
         1.25, "fill at which it stops a drag early, and plans less next time", low=0.5, high=2.0
     )
     empty: float = parameter(0.01, "fill with which it stops dumping", low=0.0, high=0.5)
+    most_lean: float = parameter(
+        0.12,
+        "forward lean from which it lets some of its load fall",
+        unit="rad",
+        low=0.01,
+        high=1.0,
+    )
     most_passes: int = parameter(3, "drags before it carries what it has", low=1, high=10)
     open_by: float = parameter(
         2.3, "how far it opens the bucket from level", unit="rad", low=0.5, high=3.0

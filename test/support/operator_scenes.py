@@ -141,6 +141,12 @@ class ToyDig:
             self._tick()
         return self
 
+    def run_until(self, phase: str) -> ToyDig:
+        """Until a phase has begun."""
+        while self.operator.phase != phase:
+            self._tick()
+        return self
+
     def _tick(self) -> None:
         phase = self.operator.phase
         if phase == "dig" and (not self.moments or self.moments[-1].phase != "dig"):

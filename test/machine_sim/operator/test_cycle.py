@@ -1,11 +1,13 @@
 """The operator at the levers of a machine that only moves: what it does, in which order."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.operator_scenes import ARM, MACHINE, ToyDig
 
+from machine_sim.machine.kinematics import tool_pose
 from machine_sim.operator import DigCycle, OperatorParams
 
 DT = 0.02
@@ -177,4 +179,28 @@ def test_cycle_behind_the_machine_takes_as_long_as_one_ahead(good):
 def test_phase_does_not_change_before_its_motion_is_done():
     held = toy(params={"dig_speed": 0.3}).run()
     quick = toy(params={"dig_speed": 0.9}).run()
-    assert len(held.during("dig")) > 2.0 * len(quick.during("dig"))
+    assert len(held.during("dig")) > 1.5 * len(quick.during("dig"))
+
+
+def test_machine_that_leans_under_its_load_lets_some_of_it_fall():
+    dig = toy().run_until("lift")
+    seen = dig.moments[-1].seen
+    lean = math.cos(0.2), math.sin(0.2)
+    over = np.array([[lean[0], 0.0, lean[1]], [0.0, 1.0, 0.0], [-lean[1], 0.0, lean[0]]])
+    for _ in range(20):
+        command = dig.operator.command(replace(seen, base_rotation=over), DT)
+    assert command.joints[3] < -0.2, "it opens"
+    assert command.joints[:3] == pytest.approx(np.zeros(3), abs=0.01), "and waits"
+
+
+def test_floor_of_the_bucket_does_not_drag_over_the_ground_behind_the_lip():
+    moments = toy().run().during("dig")
+    (x, z) = MACHINE.bucket.profile[1]
+    level = min(moment.lip[2] for moment in moments[:-20]) + 0.04
+    drag = [moment for moment in moments if moment.lip[2] < level]
+    assert len(drag) > 40
+    for moment in drag[: int(0.8 * len(drag))]:  # then it goes up, and may lie flat
+        seen = moment.seen
+        rotation, pin = tool_pose(MACHINE, seen.base_position, np.eye(3), seen.joints)
+        floor = moment.lip - (pin + rotation @ np.array([x, 0.0, z]))
+        assert floor[2] < 0.0, "the heel is higher than the lip"
