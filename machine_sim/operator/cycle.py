@@ -32,8 +32,8 @@ _LOADED = ("lift", "swing")
 _SPILL = np.array([0.0, 0.0, 0.0, -0.4])
 """Joint velocities [rad/s] that let some of the load fall."""
 
-_TURN = 1.5
-"""How much the bucket turns on its way through the soil [rad/m]."""
+_TURN, _TURN_SPEED = 1.5, 0.4
+"""Most the bucket turns on its way through the soil [rad/m], [rad/s]: levers move slowly."""
 
 _NEXT = {"reach": "dig", "dig": "curl", "curl": "lift", "lift": "swing", "swing": "dump"}
 
@@ -194,7 +194,7 @@ class DigCycle:
         """To above the entry of a newly planned dig, and down to it."""
         if self._passes == 0:
             self._azimuth = self._survey.least_dug(view, self._dig_at)
-        wanted = max(0.2, 1.0 - view.fill) * self._capacity * self._appetite
+        wanted = self._capacity * self._appetite  # what is in it falls out where it goes in
         reach = self._survey.reach(view, self._azimuth, self._entry)
         self._plan = plan_dig(*self._survey.profile(view, self._azimuth), reach, wanted)
         if self._passes == 0:
@@ -208,13 +208,14 @@ class DigCycle:
 
     def _dig(self, view: View, here: Place) -> list[Target]:
         """Along the plan, flatter and flatter."""
-        plan = self._plan
+        plan, slants = self._plan, self._slants()
         places = [
             self._arm.lip_at(self._azimuth, r, z, a)
-            for r, z, a in zip(plan.radius, plan.height, self._slants(), strict=True)
+            for r, z, a in zip(plan.radius, plan.height, slants, strict=True)
         ]
-        way = np.hypot(np.diff(plan.radius), np.diff(plan.height))
-        durations = [0.3, *(way / self.params.dig_speed)]
+        way = np.hypot(np.diff(plan.radius), np.diff(plan.height)) / self.params.dig_speed
+        turn = np.abs(np.diff(slants)) / _TURN_SPEED
+        durations = [0.3, *np.maximum(way, turn)]
         return [Target(p, float(t)) for p, t in zip(places, durations, strict=True)]
 
     def _slants(self) -> Array:
@@ -230,7 +231,7 @@ class DigCycle:
         # Where the way bends the floor slants more than it must: a bucket turns slowly.
         along = -plan.radius
         reach = np.abs(along[:, None] - along)
-        return (slants + _TURN * reach).min(axis=1)
+        return np.asarray((slants + _TURN * reach).min(axis=1))
 
     def _curl(self, view: View, here: Place) -> list[Target]:
         """Turn the mouth up while the lip comes out of the soil."""

@@ -38,7 +38,7 @@ class OperatorParams(Parameters):
         0.1, "least angle between the bucket's floor and its way", unit="rad", low=-1.0, high=0.5
     )
     curl_lift: float = parameter(
-        0.6, "rise of the bucket while it curls", unit="m", low=0.0, high=3.0
+        0.3, "rise of the bucket while it curls", unit="m", low=0.0, high=3.0
     )
     clearance: float = parameter(
         0.5, "distance kept from the ground when moving", unit="m", low=0.05, high=5.0
