@@ -49,7 +49,7 @@ class Changes:
 
     def __init__(self, columns: Columns) -> None:
         self._columns = columns
-        self._known = np.stack([layer.reshape(-1) for layer in self._layers()])
+        self._known = np.stack([layer.reshape(-1) for layer in self._layers()], axis=-1)
 
     def take(self) -> Changed:
         """What changed since the last call; the `material` of these columns follows."""
@@ -83,25 +83,25 @@ def _compare(columns, slope, rows, cols, cell, touched, grown, known, material):
     count = 0
     for n in range(touched.size):
         i = touched[n]
-        same = firm[i] == known[0, i] and loose[i] == known[1, i] and bulk[i] == known[2, i]
+        same = firm[i] == known[i, 0] and loose[i] == known[i, 1] and bulk[i] == known[i, 2]
         if not same:
             touched[n], touched[count] = touched[count], i
             count += 1
     for n in range(count):
         i = touched[n]
-        bare = firm[i] < known[0, i] and bulk[i] * columns.metres_per_mm3 < _THIN
+        bare = firm[i] < known[i, 0] and bulk[i] * columns.metres_per_mm3 < _THIN
         if bare:  # what came, too: ground that was dug keeps no thin cover
             material[i] = _DUG
             continue
-        came = loose[i] > known[1, i] and bulk[i] * columns.metres_per_mm3 > _FILM
+        came = loose[i] > known[i, 1] and bulk[i] * columns.metres_per_mm3 > _FILM
         if came and not _was_steep(columns, slope, rows, cols, cell, known, i):
             material[i] = _DIRT
     for n in range(touched.size):
         i = touched[n]
-        grown[n] = firm[i] + loose[i] - known[0, i] - known[1, i]
+        grown[n] = firm[i] + loose[i] - known[i, 0] - known[i, 1]
     for n in range(count):
         i = touched[n]
-        known[0, i], known[1, i], known[2, i] = firm[i], loose[i], bulk[i]
+        known[i, 0], known[i, 1], known[i, 2] = firm[i], loose[i], bulk[i]
     return count
 
 
@@ -112,11 +112,11 @@ def _was_steep(columns, slope, rows, cols, cell, known, i):  # type: ignore[no-u
     if columns.loose[i] > 0:
         tangent = slope[columns.loose_soil[i], columns.loose_moisture[i]]
     most = _AT_LIMIT * tangent * cell / columns.metres_per_mm3
-    room = known[0, i] + known[2, i]
+    room = known[i, 0] + known[i, 2]
     row, col = i // cols, i % cols
     for r, c in ((row + 1, col), (row - 1, col), (row, col + 1), (row, col - 1)):
         if 0 <= r < rows and 0 <= c < cols:
             j = r * cols + c
-            if room - known[0, j] - known[2, j] > most:
+            if room - known[j, 0] - known[j, 2] > most:
                 return True
     return False

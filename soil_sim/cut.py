@@ -53,6 +53,11 @@ class SweptCut:
         self._raster = Raster(grid.rows, grid.cols, grid.cell, grid.x_first, grid.y_first, per_side)
         self._refined = RefinedColumns(columns.height.size, per_side)
 
+    @property
+    def in_use(self) -> bool:
+        """Whether a tool stands in any column."""
+        return self._refined.count > 0
+
     def reserve(self, strokes: Iterable[SweptPairs]) -> None:
         """Make room for all sweeps of a tick, before the first of them cuts."""
         self._refined.reserve(sum(int(columns_under(*pairs, self._raster)) for pairs in strokes))

@@ -164,8 +164,7 @@ class Soil:
         on_map = answers["kind"] == Kind.DEPOSIT
         poured = self._deposit(answers[on_map], landed["moisture"][on_map])
         self.slip.relax(max(self.params.slip_budget - poured, 0))
-        conversions = np.concatenate([excavated, answers], dtype=CONVERSION)
-        return SoilStep(conversions, forces, self._changed(), refused)
+        return SoilStep(_joined([excavated, answers]), forces, self._changed(), refused)
 
     def _judge(self, tick: int, landed: Rows) -> Rows:
         """The answer to each landed row: on the map, beyond it, or not to be believed.
@@ -199,13 +198,15 @@ class Soil:
         return self._resistance.wrenches(sweeps)
 
     def _cut(self, tick: int, sweeps: Rows) -> Rows:
+        if sweeps.size == 0 and not self._swept.in_use:  # as in ticks without a machine
+            return empty_rows(CONVERSION)
         sources = np.unique(sweeps["source"]).tolist()
         by_source = [sweeps[sweeps["source"] == source] for source in sources]
         strokes = [pairs_that(Action.CUT, own) for own in by_source]
         swept = self.params.cut_mode == "swept"
         if swept:
             self._swept.reserve(strokes)
-        parts = [empty_rows(CONVERSION)]
+        parts = []
         for source, own, pairs in zip(sources, by_source, strokes, strict=True):
             if swept:
                 removed = self._swept.sweep(pairs)
@@ -217,7 +218,7 @@ class Soil:
                 pressed = press(self.columns, pairs_that(Action.PRESS, own))
                 self.slip.disturb(pressed, around=True)
         self.slip.disturb(self._swept.release(), around=True)
-        return np.concatenate(parts, dtype=CONVERSION)
+        return _joined(parts)
 
     def _deposit(self, rows: Rows, moisture: NDArray[np.uint8]) -> int:
         """Let soil land and run down; returns what that took of the budget."""
@@ -262,3 +263,11 @@ class Soil:
         changed["volume_mm3"] = arrays.firm[cells] + arrays.loose[cells]
         changed["revision"] = self.revision
         return changed
+
+
+def _joined(parts: list[Rows]) -> Rows:
+    """CONVERSION rows one after the other."""
+    some = [rows for rows in parts if rows.size]
+    if len(some) > 1:
+        return np.concatenate(some, dtype=CONVERSION)
+    return some[0] if some else empty_rows(CONVERSION)

@@ -98,7 +98,7 @@ class Resistance:
             sweeps: sound SWEEP rows, by source and tool.
         """
         forces = no_resistance(sweeps)
-        if forces.size == 0:  # as in ticks without a machine
+        if forces.size == 0:
             return forces
         axes = [sweeps[name] for name in ("x0", "y0", "z0", "x1", "y1", "z1")]
         points = np.stack(axes, axis=-1).astype(np.float64).reshape(-1, 2, 3)
@@ -121,6 +121,8 @@ def no_resistance(sweeps: Rows) -> Rows:
     Args:
         sweeps: sound SWEEP rows, by source and tool.
     """
+    if sweeps.size == 0:  # as in ticks without a machine
+        return empty_rows(FORCE)
     first = sweeps[first_of_tools(sweeps)]
     forces = empty_rows(FORCE, first.size)
     forces["source"], forces["tool"] = first["source"], first["tool"]

@@ -1,10 +1,10 @@
 """Pouring: soil that comes onto a slope runs down it and stays where it can (reference, 3.1.2).
 
-What a column gets too much goes on, whole, to the neighbour it is too steep against by most, from
-there to the next, and what a column can keep stays on it. Only what came moves: no column ends
-lower than it was, so none above it has cause to slip, and nothing is looked at twice. That is much
-less work than to examine all who gave or got some (`soil_sim.slip.examine`), and as good as long
-as a thin layer runs down at a time.
+What a column gets too much goes on, whole, to the neighbour it is too steep against by most, or by
+as much but for a little and is farther, from there to the next, and what a column can keep stays on
+it. Only what came moves: no column ends lower than it was, so none above it has cause to slip, and
+nothing is looked at twice. That is much less work than to examine all who gave or got some
+(`soil_sim.slip.examine`), and as good as long as a thin layer runs down at a time.
 """
 
 from __future__ import annotations
@@ -26,6 +26,10 @@ _PART = 24
 
 
 _ROLLS = 0.3
+
+_FAR = 0.01
+"""Of neighbours that it is about as much too steep against soil takes the farther: by this much of
+the distance. On a slope that is as steep as can be all are alike."""
 """Part of the slope by which soil may roll on by chance where it could stay, at `uneven` 1."""
 
 
@@ -48,6 +52,9 @@ def pour(columns, rule, held, ring, cells, volume, soil, moisture, first_of, bud
     flat[count:] = flat[:count][::-1]
     even = rule.uneven == 0.0 and steeper.size == 0
     limit_of = np.nan
+    far = np.empty(2 * count)
+    far[:count] = _FAR * rule.distance
+    far[count:] = far[:count][::-1]
     thin, thick = _THIN * rule.distance[0], _THICK * rule.distance[0]
     steps = 0
     waiting = np.flatnonzero(volume)
@@ -75,12 +82,15 @@ def pour(columns, rule, held, ring, cells, volume, soil, moisture, first_of, bud
                     inside = reach <= row < rows - reach and reach <= col < cols - reach
                     first = count * (steps % 2)
                     if even and inside:
-                        most = rule.tolerance
+                        liked = most = 0.0
                         for k in range(first, first + count):
                             j = i + flat[k]
                             over = top - height[j] - limit[k]
-                            if over > most and held[j] == 0:
-                                most, target = over, j
+                            if over > rule.tolerance and held[j] == 0:
+                                most = max(most, over)
+                                liking = over + far[k]
+                                if liking > liked:
+                                    liked, target = liking, j
                     else:
                         target, most = _chosen(height, rule, held, i, top, tangent, steps % 2 == 0)
                     if target >= 0:
