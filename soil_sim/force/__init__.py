@@ -2,6 +2,7 @@
 
 - `earthmoving`: a blade in soil (fundamental earthmoving equation), as pure functions
 - `pick`: a conical pick in rock (Evans, Goktan), likewise
+- `cutting`: what resists a tool's lip and plate, by both; `side`: what resists its side
 - `bearing`: soil under plates and lip (Vesic)
 - `resistance`: all that of a tick's sweeps, as rows
 - `strength`: the kinds of soil as tables for them

@@ -9,6 +9,7 @@ from machine_sim.core import MachineSim
 from machine_sim.machine import MachineError
 from machine_sim.resistance import LAPSE, Resistance
 from msg_bridge.contract.rows import CHANGED, CONVERSION, FORCE, Holds, Rows, empty_rows
+from soil_sim.soil import Soil
 
 DT = 0.005
 REST = (np.eye(3), np.zeros(3))
@@ -161,3 +162,33 @@ def test_a_machine_that_stands_on_its_bucket_stands() -> None:
     machine.close()
     assert heights[-1] > 0.2, "it is lifted"
     assert max(heights[-200:]) - min(heights[-200:]) < 0.02, "and stays so"
+
+
+def led(soil: Soil, *strokes: tuple[list[float], int]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Lip and base [m] at the end of each stroke: joint velocities, and for how many ticks."""
+    machine = machine_on_level_ground(swell=soil.kinds[0].swell)
+    world = World(soil, {1: machine})
+    found = []
+    for joints, ticks in strokes:
+        machine.command(np.array(joints, dtype=np.float64), np.zeros(2))
+        for _ in range(ticks):
+            world.step()
+        found.append((lip(machine), np.array(machine.machine.base_pose[0])))
+    machine.close()
+    return found
+
+
+@pytest.mark.parametrize("name", ["loam", "rock"])
+def test_a_bucket_pushed_down_on_its_back_lifts_the_machine(name) -> None:
+    (tip, base), *_ = led(level_soil(soil=name), ([0, 0.3, -0.3, -0.5], 250))
+    assert tip[2] > -0.2, "it does not go into the ground"
+    assert base[2] > 0.15, "so the machine goes up"
+
+
+def test_a_bucket_that_stands_in_rock_turns_the_machine_instead_of_itself() -> None:
+    into = ([0, 0.3, -0.1, -0.3], 200)
+    swing = ([0.4, 0, 0, 0], 150)
+    for name, held in (("rock", True), ("reference", False)):
+        (before, stood), (after, stands) = led(level_soil(soil=name), into, swing)
+        assert (abs(after[1] - before[1]) < 0.2) == held
+        assert (abs(stands[1] - stood[1]) > 0.3) == held

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.soil_scenes import NO_LANDED, bucket_sweep, flat_soil, tool_sweep
 
-from msg_bridge.contract.rows import Holds, Rows
+from msg_bridge.contract.rows import Action, Holds, Rows
 from soil_sim.force import earth_force
 from soil_sim.soil import Soil
 from soil_sim.soils import load_soils
@@ -155,6 +155,47 @@ def test_rock_stops_a_bucket() -> None:
     assert force(flat_soil(6.0, 0.2, soil="rock"), STROKE)[0] < -1e6
 
 
+BOX = ((0.0, 0.0), (-0.8, 0.0), (-0.8, 1.0), (0.0, 1.0))
+"""A tool whose side is a rectangle 0.8 m long and 1 m high."""
+
+
+@pytest.mark.parametrize("way", [WAY, -WAY], ids=["left", "right"])
+@pytest.mark.parametrize("name", ["gravel", "loam", "wet clay"])
+def test_a_side_swung_through_level_soil_feels_the_earthmoving_equation(name, way) -> None:
+    sweep = tool_sweep(BOX, (0, 0, -DEPTH), (0, way, -DEPTH))
+    found = force(flat_soil(6.0, 0.2, soil=name), sweep)
+    blade = expected(name, 90.0, width=0.8)
+    assert found == pytest.approx([0.0, math.copysign(blade[0], -way), 0.0], rel=1e-4, abs=1.0)
+
+
+def test_the_side_of_a_bucket_is_as_deep_as_its_outline() -> None:
+    deep = 0.6  # of the floor; the back rises, and the rim is above the ground
+    found = force(flat_soil(6.0, 0.1, soil="gravel"), bucket_sweep((0, 0, -deep), (0, WAY, -deep)))
+    wall = expected("gravel", 90.0, width=1.0, depth=deep)[0]
+    assert wall < found[1] < 0.4 * wall
+
+
+def test_a_tool_that_goes_aslant_feels_part_of_its_side_and_the_same_to_both_hands() -> None:
+    part = math.sqrt(0.5)
+    right, left = (
+        force(
+            flat_soil(6.0, 0.2, soil="loam"),
+            tool_sweep(BOX, (0, 0, -DEPTH), (part * WAY, y * part * WAY, -DEPTH)),
+        )
+        for y in (-1.0, 1.0)
+    )
+    assert right == pytest.approx(left * [1.0, -1.0, 1.0], rel=1e-3)
+    side = part * expected("loam", 90.0, width=0.8)[0]
+    assert left @ [part, part, 0.0] < side  # and what its lip feels
+
+
+def test_a_tool_that_drifts_a_little_goes_straight() -> None:
+    drifting = tool_sweep(BOX, (0, 0, -DEPTH), (WAY, 0.01 * WAY, -DEPTH))
+    straight = tool_sweep(BOX, (0, 0, -DEPTH), (WAY, 0, -DEPTH))
+    found = [force(flat_soil(6.0, 0.2, soil="loam"), sweep) for sweep in (drifting, straight)]
+    assert found[0] == pytest.approx(found[1], rel=0.02, abs=300.0)
+
+
 def borne(soil: Soil, sweep: Rows) -> np.ndarray:
     """Force that can bear a tool [N]; zeros where none is told."""
     rows = soil.step(0, sweep, NO_LANDED).forces
@@ -162,9 +203,12 @@ def borne(soil: Soil, sweep: Rows) -> np.ndarray:
     return np.array([rows[name].sum() for name in ("fx", "fy", "fz")], dtype=np.float64)
 
 
+@pytest.mark.parametrize("action", [Action.CUT, Action.PRESS])
 @pytest.mark.parametrize("start", [0.001, -0.01], ids=["pressed down", "at rest"])
-def test_soil_bears_a_bucket_by_the_capacity_of_a_footing(start) -> None:
-    found = borne(flat_soil(6.0, 0.2, soil="loam"), bucket_sweep((0, 0, start), (0, 0, -0.01)))
+def test_soil_bears_a_bucket_by_the_capacity_of_a_footing(start, action) -> None:
+    sweep = bucket_sweep((0, 0, start), (0, 0, -0.01))
+    sweep["action"][:4] = action  # of the floor, as a machine tells it
+    found = borne(flat_soil(6.0, 0.2, soil="loam"), sweep)
     assert found[1] == pytest.approx(0.0, abs=1e-3)
     # c N_c alone: 8 kPa * 1.2 (loam as found) * 38.6, on a floor of 0.4 m x 1.2 m
     assert 0.9 * 9.6e3 * 38.6 * 0.48 < found[2] < 2.0 * 9.6e3 * 38.6 * 0.48
@@ -173,6 +217,12 @@ def test_soil_bears_a_bucket_by_the_capacity_of_a_footing(start) -> None:
 def test_nothing_bears_a_bucket_in_the_air() -> None:
     above = bucket_sweep((0, 0, 0.05), (WAY, 0, 0.05))
     assert not borne(flat_soil(6.0, 0.2, soil="loam"), above).any()
+
+
+def test_a_track_that_presses_is_not_borne_as_a_tool() -> None:
+    track = tool_sweep(((0.0, 0.0), (-1.0, -0.5)), (0, 0, 0.001), (0, 0, -0.01))
+    track["action"] = Action.PRESS
+    assert not borne(flat_soil(6.0, 0.2, soil="loam"), track).any()
 
 
 def test_a_lip_deep_in_the_ground_is_borne_by_more_than_one_at_its_surface() -> None:
