@@ -6,9 +6,9 @@ if none is given. Run from the repository root: `python benchmarks/soil_gallery.
 
 from __future__ import annotations
 
+import argparse
 import io
 import math
-import sys
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -351,7 +351,9 @@ def draw_ruts(path: Path) -> None:
 
 
 def main() -> None:
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("out/soils")
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, nargs="?", default=Path("out/soils"))
+    folder = parser.parse_args().folder
     draw_piles(folder / "soils_piles.png")
     draw_trench(folder / "soils_trench.png")
     draw_pit(folder / "soils_pit.png")

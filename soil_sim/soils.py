@@ -113,12 +113,14 @@ class SoilTables(NamedTuple):
     Attributes:
         growth: bulk volume of loosened soil over its bank volume, shape (kinds,).
         slope: tangent of the angle of repose, shape (kinds, MOIST).
-        stands: height of a face that firm soil carries [m], shape (kinds, MOIST).
+        stands: height of an upright face that firm soil carries [m], shape (kinds, MOIST).
+        friction: angle of internal friction [rad], shape (kinds,).
     """
 
     growth: NDArray[np.float64]
     slope: NDArray[np.float64]
     stands: NDArray[np.float64]
+    friction: NDArray[np.float64]
 
 
 def soil_tables(kinds: Sequence[SoilType]) -> SoilTables:
@@ -133,6 +135,7 @@ def soil_tables(kinds: Sequence[SoilType]) -> SoilTables:
         np.array([1.0 + kind.swell for kind in kinds]),
         np.array([[math.tan(kind.angle(m)) for m in range(MOIST)] for kind in kinds]),
         np.array([[kind.standing_height(m) for m in range(MOIST)] for kind in kinds]),
+        np.radians([kind.internal_friction for kind in kinds]),
     )
 
 

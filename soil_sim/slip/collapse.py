@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 
 from soil_sim.columns import Columns
 from soil_sim.slip.book import book
+from soil_sim.slip.face import firm_that_stands
+from soil_sim.slip.rule import SlipRule
 
 __all__ = ["Box", "Collapse"]
 
@@ -49,26 +51,25 @@ class Collapse:
         touched: columns that waited, lost or gained, flat indices.
     """
 
-    def __init__(self, columns: Columns, offsets: NDArray[np.int64], *, tolerance: float) -> None:
+    def __init__(self, columns: Columns, rule: SlipRule) -> None:
         """
         Args:
             columns: the terrain this acts on.
-            offsets: (row, col) of all neighbours [cells], shape (n, 2).
-            tolerance: excess of height left standing [m].
+            rule: by which its soil slips.
         """
-        self._columns = columns
+        self._columns, self._rule = columns, rule
         # Of a direction and its opposite one is enough, and of (2, 0) and (1, 0) the shorter.
         half = [
             (int(di), int(dj))
-            for di, dj in offsets
+            for di, dj in rule.offsets
             if math.gcd(abs(int(di)), abs(int(dj))) == 1 and (di > 0 or (di == 0 and dj > 0))
         ]
         self._steps = np.array(half, dtype=np.int64)
-        self._reach = int(np.abs(offsets).max())
+        self._reach = rule.reach
         self._distance = (np.hypot(*self._steps.T) * columns.grid.cell).astype(np.float32)
         # (1, 0) is (4, 0) four times over: together they may be too steep by no more than it all.
         times = self._reach // np.abs(self._steps).max(axis=1)
-        self._tolerances = (tolerance / times).astype(np.float32)
+        self._tolerances = (rule.tolerance / times).astype(np.float32)
         self._box: Box | None = None
         self._sweeps = 0
         self._touched: list[NDArray[np.int64]] = []
@@ -122,9 +123,8 @@ class Collapse:
         """
         if self._box is None:
             self._sweeps = 0
-        window = _slices(box)
         columns = self._columns
-        start, floor = self._planned(window, held[window])
+        start, floor = self._planned(box, held)
         tall = start.shape[0] > start.shape[1]
         if tall:  # long rows are quicker; the directions are the same
             start, floor = np.ascontiguousarray(start.T), np.ascontiguousarray(floor.T)
@@ -181,22 +181,20 @@ class Collapse:
         return (near_rows + top) * self._columns.grid.cols + near_cols + left
 
     def _planned(
-        self, window: tuple[slice, slice], held: NDArray[np.uint8]
+        self, box: Box, held: NDArray[np.uint8]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Heights in a window over its lowest, and those below which a column cannot give [m].
 
         That is its firm soil, as far as it stands.
         """
-        columns = self._columns
+        columns, window = self._columns, _slices(box)
         heights = columns.height[window]
         lowest = float(heights.min())
         plan = (heights - lowest).astype(np.float32)
-        base = columns.firm[window] * columns.metres_per_mm3 + (columns.floor - lowest)
-        stands = columns.tables.stands[columns.soil[window], columns.moisture[window]]
-        least = _least_around(plan, self._reach)
-        floor: NDArray[np.float32] = np.minimum(base, least + stands).astype(np.float32)
+        floor = np.empty_like(plan)
+        _firm_floor(columns.arrays, self._rule, held.reshape(-1), box, lowest, floor)
         # One that is held is a wall: as high as none, it takes nothing, and has nothing to give.
-        fixed = held != 0
+        fixed = held[window] != 0
         plan[fixed] = floor[fixed] = _WALL
         return plan, floor
 
@@ -236,6 +234,20 @@ def _least_around(values: NDArray[_T], reach: int) -> NDArray[_T]:
             least[a] = np.minimum(least[a], source[b])
             least[b] = np.minimum(least[b], source[a])
     return least
+
+
+@njit(cache=True)
+def _firm_floor(columns, rule, held, box, lowest, floor):  # type: ignore[no-untyped-def]
+    """Heights over `lowest` [m] to which the firm soil of a window stands, into `floor`."""
+    row, _, col, _ = box
+    kind = columns.soil[row * rule.cols + col]  # the window is all of one
+    if rule.faces.near[kind, :, 0].max() <= 0.0:
+        floor[:] = columns.floor - lowest
+        return
+    for r in range(floor.shape[0]):
+        for c in range(floor.shape[1]):
+            i = (row + r) * rule.cols + col + c
+            floor[r, c] = firm_that_stands(columns, rule, held, i) - lowest
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

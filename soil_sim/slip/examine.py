@@ -1,4 +1,4 @@
-"""Examining columns one by one: a kernel of `soil_sim.slip`, and what all its kernels share.
+"""Examining columns one by one: a kernel of `soil_sim.slip`.
 
 A ring holds the columns that wait. The first one gives soil to the neighbour it is too steep
 against by most, again and again until it is steep against none; whoever got some, and whoever
@@ -7,99 +7,28 @@ stands too steep above what it left, is put into the ring in turn.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from soil_sim.columns import add_loose, settle_height, take_loose
+from soil_sim.slip.face import is_too_high, push_too_high_over
+from soil_sim.slip.rule import push, uniform
 
-__all__ = [
-    "LAYER",
-    "Ring",
-    "SlipRule",
-    "disturb",
-    "examine",
-    "push",
-    "push_steep_above",
-    "uniform",
-]
+__all__ = ["LAYER", "disturb", "examine", "push_steep_above"]
 
 LAYER = 0.25
 """Thickness of what moves at once, at most, in parts of a cell."""
 
 
-class SlipRule(NamedTuple):
-    """What decides whether a column's soil slips, and where it may go.
-
-    Attributes:
-        rows, cols: of the map.
-        offsets: (row, col) of the neighbours [cells], shape (n, 2).
-        distance: of each of them [m], shape (n,).
-        reach: largest offset [cells].
-        tolerance: excess of height left standing [m].
-        slope, stands: as in `soil_sim.soils.SoilTables`.
-        steeper: tangent of each column's angle over that of its soil, flat; empty: 1.
-        gentlest: least tangent of any column at any moisture.
-        uneven: how much chance there is in where soil slips to, 0 to 1.
-        random: state of the random numbers, shape (1,), uint64.
-    """
-
-    rows: int
-    cols: int
-    offsets: NDArray[np.int64]
-    distance: NDArray[np.float64]
-    reach: int
-    tolerance: float
-    slope: NDArray[np.float64]
-    stands: NDArray[np.float64]
-    steeper: NDArray[np.float64]
-    gentlest: float
-    uneven: float
-    random: NDArray[np.uint64]
-
-
-class Ring(NamedTuple):
-    """Columns that wait, first in, first out, none of them twice.
-
-    Attributes:
-        queue: flat indices, round and round.
-        queued: 1 for those in it, flat, uint8.
-        ends: where the first is, and where the next one goes.
-    """
-
-    queue: NDArray[np.int64]
-    queued: NDArray[np.uint8]
-    ends: NDArray[np.int64]
-
-
-@njit(cache=True, inline="always")
-def uniform(random):  # type: ignore[no-untyped-def]
-    """The next random number from 0 to 1 (xorshift64*, Vigna 2016); the state is changed."""
-    x = random[0]
-    x ^= x >> np.uint64(12)
-    x ^= x << np.uint64(25)
-    x ^= x >> np.uint64(27)
-    random[0] = x
-    return ((x * np.uint64(2685821657736338717)) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
-
-
-@njit(cache=True, forceinline=True)
-def push(i, ring):  # type: ignore[no-untyped-def]
-    """Put a column into the ring if it is not there yet."""
-    if ring.queued[i] == 0:
-        ring.queued[i] = 1
-        ring.queue[ring.ends[1]] = i
-        ring.ends[1] = (ring.ends[1] + 1) % ring.queue.size
-
-
 @njit(cache=True)
-def disturb(cells, around, rule, ring):  # type: ignore[no-untyped-def]
-    """Put columns into the ring, with `around` all their neighbours, too."""
-    offsets = rule.offsets
+def disturb(columns, cells, around, sunk, rule, ring):  # type: ignore[no-untyped-def]
+    """Put columns into the ring, with `around` all their neighbours, with `sunk` what is too high
+    above them and farther away."""
+    offsets, far = rule.offsets, rule.faces.offsets.shape[0] > 0
     for i in cells:
         push(i, ring)
+        if sunk and far:
+            push_too_high_over(columns, rule, i, ring)
         if around:
             row, col = i // rule.cols, i % rule.cols
             for k in range(offsets.shape[0]):
@@ -133,6 +62,8 @@ def examine(columns, rule, held, ring, budget):  # type: ignore[no-untyped-def]
         if interior and not _may_slip(height, flat, distance, i, rule.gentlest, tolerance):
             continue
         gave = False
+        coheres = rule.faces.near[columns.soil[i], columns.moisture[i], 0] > 0.0
+        too_high = not coheres
         while True:
             kind, moisture = columns.soil[i], columns.moisture[i]
             firm_tangent = tangent = rule.slope[kind, moisture]
@@ -142,9 +73,9 @@ def examine(columns, rule, held, ring, budget):  # type: ignore[no-untyped-def]
                 tangent *= rule.steeper[i]
                 firm_tangent *= rule.steeper[i]
             base = floor + firm[i] * metres_per_mm3
-            carried = rule.stands[kind, moisture]
             gentle = min(tangent, firm_tangent)
             firm_excess = 0.0
+            leans = False
             best, most, least = 0.0, 0.0, tolerance
             target = np.int64(-1)
             # Ties go to alternate ends of the list, or a heap would drift to one side.
@@ -162,7 +93,8 @@ def examine(columns, rule, held, ring, budget):  # type: ignore[no-untyped-def]
                 # What can go: loose soil as far as there is any, and firm if it stands too high.
                 excess = min(drop - tangent * distance[k], height[i] - base)
                 fails = base - height[j] - firm_tangent * distance[k]
-                if fails > tolerance and base - height[j] > carried:
+                leans |= fails > tolerance
+                if fails > tolerance and too_high:
                     excess = max(drop - tangent * distance[k], fails) if loose[i] > 0 else fails
                 else:
                     fails = 0.0
@@ -178,9 +110,13 @@ def examine(columns, rule, held, ring, budget):  # type: ignore[no-untyped-def]
                 best, firm_excess = excess, fails
                 target = j
             looks += 1
+            if leans and not too_high and is_too_high(columns, rule, held, i):
+                too_high = True  # look again, at the firm soil, too
+                continue
             if target < 0 or not _slip(columns, i, target, best, firm_excess, most_at_once):
                 break
             gave = True
+            too_high = not coheres
             push(target, ring)
         if gave:
             push_steep_above(columns, rule, i, ring)
@@ -199,7 +135,7 @@ def _may_slip(height, flat, distance, i, gentlest, tolerance):  # type: ignore[n
 
 @njit(cache=True)
 def push_steep_above(columns, rule, i, ring):  # type: ignore[no-untyped-def]
-    """Put those into the ring that stand too steep above column i, which got lower."""
+    """Put those into the ring that stand too steep or too high above column i, which got lower."""
     height, loose, slope = columns.height, columns.loose, rule.slope
     offsets, rows, cols = rule.offsets, rule.rows, rule.cols
     row, col = i // cols, i % cols
@@ -220,6 +156,8 @@ def push_steep_above(columns, rule, i, ring):  # type: ignore[no-untyped-def]
                 limit *= rule.steeper[j]
             if rise > limit:
                 push(j, ring)
+    if rule.faces.offsets.shape[0] > 0:
+        push_too_high_over(columns, rule, i, ring)
 
 
 @njit(cache=True, forceinline=True)

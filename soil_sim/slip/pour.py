@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from soil_sim.columns import add_loose
-from soil_sim.slip.examine import push, uniform
+from soil_sim.slip.rule import push, uniform
 
 __all__ = ["pour"]
 

@@ -6,10 +6,9 @@ excess, until no neighbour has any; columns disturbed by this are examined in tu
 first out. The map's edge is a closed wall. Columns a tool stands in are held and take no part.
 
 The angle is that of the higher column's soil, at its moisture: of the loose soil on top, and of the
-firm soil under it. Firm soil does not slip as long as it stands above the neighbour by no more than
-the height that its cohesion carries; beyond that it fails, is loose, and lies at its angle of
-repose. Only neighbours within r are looked at: of a slope that is less than upright and much longer
-than r, cohesion carries more than it would.
+firm soil under it. Firm soil does not slip as long as the face it stands on is no higher than its
+cohesion carries (`soil_sim.slip.face`); beyond that it fails, is loose, and lies at its angle of
+repose.
 
 A tall heap that comes down at one point is let down a layer at a time, thinner than a column is
 wide; halved at once it would run out flat.
@@ -25,8 +24,10 @@ from numpy.typing import NDArray
 
 from soil_sim.columns import Columns
 from soil_sim.slip.collapse import Collapse
-from soil_sim.slip.examine import Ring, SlipRule, disturb, examine
+from soil_sim.slip.examine import disturb, examine
+from soil_sim.slip.face import faces_of, which_are_too_high
 from soil_sim.slip.pour import pour
+from soil_sim.slip.rule import Ring, SlipRule
 
 __all__ = ["Slip", "SlipNoise", "gauss_circle"]
 
@@ -124,7 +125,7 @@ class Slip:
             int(np.abs(offsets).max()),
             max(tolerance * columns.grid.cell, finest),
             slope,
-            columns.tables.stands,
+            faces_of(columns.tables, offsets, columns.grid.shape, columns.grid.cell),
             noise.steeper,
             float(slope.min() * (noise.steeper.min() if noise.steeper.size else 1.0)),
             noise.shape,
@@ -138,7 +139,7 @@ class Slip:
         )
         self.held: NDArray[np.uint8] = np.zeros(columns.grid.shape, dtype=np.uint8)
         self._first_of: NDArray[np.int32] = np.zeros(size, dtype=np.int32)
-        self._collapse = Collapse(columns, offsets, tolerance=self._rule.tolerance)
+        self._collapse = Collapse(columns, self._rule)
         self._uneven = noise.uneven
         self._looks = 0  # since all was at rest or a collapse was
         self._swept = 0  # columns that the last collapse left to be examined
@@ -158,7 +159,11 @@ class Slip:
 
         A column that lost soil gives cause to its neighbours, not to itself.
         """
-        disturb(np.asarray(cells, dtype=np.int64), around, self._rule, self._ring)
+        self._push(cells, around, sunk=around)
+
+    def _push(self, cells: NDArray[np.integer], around: bool, *, sunk: bool) -> None:
+        which = np.asarray(cells, dtype=np.int64)
+        disturb(self._columns.arrays, which, around, sunk, self._rule, self._ring)
 
     def pour(
         self,
@@ -228,7 +233,7 @@ class Slip:
         box = collapse.box_with(waiting)
         if self._uneven or not collapse.suits(box):
             if collapse.running:
-                self.disturb(collapse.take_touched())
+                self._push(collapse.take_touched(), around=False, sunk=True)
             self._looks = 0  # not to be asked again at once
             return 0
         cost = max(1, (box[1] - box[0]) * (box[3] - box[2]) * collapse.directions // _PAIRS_OF_WORK)
@@ -238,7 +243,7 @@ class Slip:
         self._ring.ends[:] = 0
         if collapse.sweep(box, waiting, self.held, sweeps):
             # What is left too steep is little, and is seen to column by column.
-            self.disturb(collapse.take_touched())
+            self._push(collapse.take_touched(), around=False, sunk=True)
             self._looks, self._swept = 0, self._queue_length
         return sweeps * cost
 
@@ -266,7 +271,8 @@ class Slip:
         tables = columns.tables
         slope = tables.slope[columns.top_soil, columns.top_moisture]
         firm_slope = tables.slope[columns.soil, columns.moisture]
-        stands = tables.stands[columns.soil, columns.moisture]
+        fails = which_are_too_high(columns.arrays, self._rule, self.held.reshape(-1))
+        fails = fails.reshape(rows, cols)
         if self._rule.steeper.size:
             slope = slope * self._rule.steeper.reshape(slope.shape)
             firm_slope = firm_slope * self._rule.steeper.reshape(slope.shape)
@@ -281,8 +287,8 @@ class Slip:
                 over = columns.height[a] - columns.height[b] - slope[a] * distance
                 # Of a slope that is too steep only the loose soil on it can slip, or firm soil
                 # that stands higher than it can.
-                face = base[a] - columns.height[b]
-                firm = np.where(face > stands[a], face - firm_slope[a] * distance, -math.inf)
+                face = base[a] - columns.height[b] - firm_slope[a] * distance
+                firm = np.where(fails[a], face, -math.inf)
                 lies = np.where(
                     columns.loose[a] > 0, np.minimum(over, columns.loose_depth[a]), firm
                 )

@@ -9,7 +9,6 @@ from support.soil_scenes import NO_LANDED, NO_SWEEPS, landings
 import soil_sim.slip.slip as slip_module
 from msg_bridge.contract.grid import Grid
 from soil_sim.params import SoilParams
-from soil_sim.slip import gauss_circle
 from soil_sim.slip.collapse import Collapse
 from soil_sim.soil import Soil
 
@@ -136,7 +135,7 @@ def test_equal_collapses_end_in_equal_states() -> None:
 
 
 def test_no_column_is_in_two_pairs_of_a_direction_at_a_time() -> None:
-    collapse = Collapse(Soil(GRID, np.zeros(GRID.shape)).columns, gauss_circle(4.0), tolerance=0.0)
+    collapse = Soil(GRID, np.zeros(GRID.shape)).slip._collapse
     steps = {tuple(step) for step in collapse._steps.tolist()}
     assert len(steps) == collapse.directions == 16
     assert all((-di, -dj) not in steps for di, dj in steps)
