@@ -65,7 +65,8 @@ class DigRun:
             soil.columns.height,
             params=config.stepping,
             particle_params=config.particles,
-            swell=soil.kinds[0].swell,
+            swell=[kind.swell for kind in soil.kinds],
+            density=[kind.density for kind in soil.kinds],
             position=(config.run.start_x - config.shift.approach, config.run.start_y),
             seed=config.run.seed,
         )

@@ -47,15 +47,17 @@ class World:
             machines: by source number, from 1.
 
         Raises:
-            ParameterError: a machine's particles swell otherwise than the soil.
+            ParameterError: a machine's particles swell or weigh otherwise than the soil.
         """
         for source, machine in machines.items():
-            swell = soil.kinds[0].swell
-            if machine.particles.swell != swell:
-                raise ParameterError(
-                    f"machine {source} has swell {machine.particles.swell}, the soil"
-                    f" {swell}; give MachineSim the soil's"
-                )
+            for name in ("swell", "density"):
+                known = getattr(machine.particles, name).tolist()
+                asked = [getattr(kind, name) for kind in soil.kinds]
+                if known != asked:
+                    raise ParameterError(
+                        f"machine {source} has {name} {known}, the soil {asked}; give MachineSim"
+                        " the soil's"
+                    )
         self.soil = soil
         self.machines = dict(machines)
         self.answers: dict[int, TickAnswer] = {}

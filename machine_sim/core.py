@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,7 +75,8 @@ class MachineSim:
         *,
         params: MachineSimParams | None = None,
         particle_params: ParticleParams | None = None,
-        swell: float = 0.0,
+        swell: float | Sequence[float] = 0.0,
+        density: float | Sequence[float] = 1600.0,
         position: tuple[float, float] = (0.0, 0.0),
         yaw: float = 0.0,
         seed: int = 0,
@@ -84,7 +86,8 @@ class MachineSim:
             description: dimensions, masses and limits of the machine.
             grid, elevation: the terrain it starts on [m], shape (rows, cols).
             params, particle_params: defaults as shipped.
-            swell: growth of loosened soil, a fraction of its bank volume.
+            swell: growth of loosened soil, a fraction of its bank volume; for all soils, or by id.
+            density: of undisturbed soil [kg/m^3], likewise.
             position: where it starts (x, y) [m], map frame; it is set down on the ground.
             yaw: where it faces [rad], from +x counter-clockwise.
             seed: of the scatter of released particles.
@@ -97,7 +100,7 @@ class MachineSim:
         pybullet.setGravity(0.0, 0.0, -9.81, physicsClientId=self._client)
         self.machine = Excavator(description, self._client, self.ground, position, yaw)
         self.particles = ParticleEngine(
-            particle_params or ParticleParams(), self.ground, swell=swell
+            particle_params or ParticleParams(), self.ground, swell=swell, density=density
         )
         self._bucket, self._tracks = description.bucket, description.tracks
         self.particles.add_tool(_TOOL, self._bucket.plates(), self.machine.tool_pose)

@@ -79,6 +79,7 @@ class MachineRun:
             params=_in_step(stepping, facts),
             particle_params=particles,
             swell=facts.swell,
+            density=facts.density,
             position=(params.x, params.y),
             yaw=math.radians(params.yaw),
             seed=params.seed,

@@ -214,7 +214,8 @@ class SoilNode(LeanNode):
             tick=self._params.tick,
             realtime=self._params.sync == "realtime",
             cell=side.soil.grid.cell,
-            swell=side.soil.kinds[0].swell,
+            swell=tuple(kind.swell for kind in side.soil.kinds),
+            density=tuple(kind.density for kind in side.soil.kinds),
         )
         columns = side.soil.columns
         sections = {

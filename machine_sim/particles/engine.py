@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,27 +39,35 @@ class ParticleEngine:
     Attributes:
         params: physics.
         ground: terrain; `Ground.advance` is its owner's to call.
-        swell: loose volume over bank volume, minus 1.
+        swell: loose volume over bank volume, minus 1, by soil; or one for all, shape (1,).
+        density: of undisturbed soil [kg/m^3], likewise.
         store: the particles, see `ParticleStore`; rows may be reordered by `step`.
         tunnelled_tool: centres that went through a plate so far.
         tunnelled_ground: centres that sank a radius into the ground so far, soft ones apart; put
             back upon it.
     """
 
-    def __init__(self, params: ParticleParams, ground: Ground, *, swell: float = 0.25) -> None:
+    def __init__(
+        self,
+        params: ParticleParams,
+        ground: Ground,
+        *,
+        swell: float | Sequence[float] = 0.25,
+        density: float | Sequence[float] = 1600.0,
+    ) -> None:
         """An engine without particles.
 
         Args:
-            swell: loose volume over bank volume, minus 1.
+            swell: loose volume over bank volume, minus 1; one for all soils, or by soil.
+            density: of undisturbed soil [kg/m^3], likewise.
 
         Raises:
-            ParticleError: a swell below 0 or above 2.
+            ParticleError: a swell below 0 or above 2, or a density that is not above 0.
         """
-        if not 0.0 <= swell <= 2.0:
-            raise ParticleError(f"swell is {swell}; give a value from 0 to 2")
         self.params = params
         self.ground = ground
-        self.swell = swell
+        self.swell = _by_soil("swell", swell, 0.0, 2.0)
+        self.density = _by_soil("density", density, 1.0, 1e5)
         self.store = ParticleStore(params.capacity)
         self.tunnelled_tool = 0
         self.tunnelled_ground = 0
@@ -116,9 +125,9 @@ class ParticleEngine:
         if codes.dtype.kind not in "iu" or codes.min() < 0 or codes.max() > 255:
             raise ParticleError("soil and moisture codes are whole numbers from 0 to 255")
         bank = volume.astype(np.float64) * 1e-9
-        sphere = bank * (1.0 + self.swell) * self.params.packing
+        sphere = bank * (1.0 + self._of("swell", self.swell, codes[0])) * self.params.packing
         radius = np.cbrt(0.75 / math.pi * sphere)
-        mass = bank * self.params.bank_density
+        mass = bank * self._of("density", self.density, codes[0])
         ids = self.store.add(
             n,
             position=x,
@@ -134,6 +143,18 @@ class ParticleEngine:
         self._pairs.stale = True
         self._growing += n if grow else 0
         return ids
+
+    @staticmethod
+    def _of(name: str, values: NDArray[np.float64], soil: NDArray[np.integer]) -> Any:
+        """Values of soils, from a table by soil or one for all."""
+        if values.size == 1:
+            return values[0]
+        if soil.max() >= values.size:
+            raise ParticleError(
+                f"the {name} of soil {soil.max()} is not known, only of {values.size} soils;"
+                " give that of all soils of the terrain"
+            )
+        return values[soil]
 
     def remove(self, ids: ArrayLike) -> None:
         """Take particles out of the account.
@@ -333,3 +354,14 @@ class ParticleEngine:
     def pair_builds(self) -> int:
         """How often the neighbour list was built."""
         return self._pairs.builds
+
+
+def _by_soil(
+    name: str, given: float | Sequence[float], least: float, most: float
+) -> NDArray[np.float64]:
+    values = np.atleast_1d(np.asarray(given, dtype=np.float64))
+    if values.ndim != 1 or not values.size or not ((values >= least) & (values <= most)).all():
+        raise ParticleError(
+            f"{name} is {given}; give values from {least:g} to {most:g}, one a soil"
+        )
+    return values

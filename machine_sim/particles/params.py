@@ -19,9 +19,6 @@ class ParticleParams(Parameters):
     nominal_volume: int = parameter(
         500_000, "Nominal bank volume of one particle.", unit="mm^3", low=100, high=2**32 - 1
     )
-    bank_density: float = parameter(
-        1800.0, "Density of undisturbed soil.", unit="kg/m^3", low=100.0, high=10_000.0
-    )
     packing: float = parameter(
         0.58,
         "Sphere volume over the bulk volume a heap of them takes; friction 0.4, 0.5 pours to"

@@ -35,14 +35,16 @@ class RunFacts:
         tick: length of a soil tick [s].
         realtime: whether ticks follow the wall clock.
         cell: side length of a column [m].
-        swell: part by which bank soil grows when it is loosened, of the soil with id 0.
+        swell: part by which bank soil grows when it is loosened, by the id of the soil.
+        density: of bank soil [kg/m^3], likewise.
     """
 
     epoch: int
     tick: float
     realtime: bool
     cell: float
-    swell: float
+    swell: tuple[float, ...]
+    density: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,8 @@ def config_text(
         "tick": facts.tick,
         "sync": "realtime" if facts.realtime else "lockstep",
         "cell": facts.cell,
-        "swell": facts.swell,
+        "swell": list(facts.swell),
+        "density": list(facts.density),
     }
     soils = {_KINDS: [{"id": n, **_plain(asdict(k))} for n, k in enumerate(kinds)]} if kinds else {}
     content = {"run": run, **_plain(sections), **soils, "versions": versions()}
@@ -115,7 +118,8 @@ def run_facts(text: str) -> RunFacts:
             tick=float(run["tick"]),
             realtime=sync == "realtime",
             cell=float(run["cell"]),
-            swell=float(run["swell"]),
+            swell=tuple(float(value) for value in run["swell"]),
+            density=tuple(float(value) for value in run["density"]),
         )
     except (yaml.YAMLError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise CodecError(f"the configuration of the run cannot be read: {error!r}") from error
@@ -125,8 +129,14 @@ def run_facts(text: str) -> RunFacts:
             raise CodecError(
                 f"{name} is {value} in the configuration of the run; it must be above 0"
             )
-    if not 0.0 <= facts.swell < math.inf:
-        raise CodecError(f"swell is {facts.swell} in the configuration of the run")
+    of_soils = (*facts.swell, *facts.density)
+    if not (0 < len(facts.swell) == len(facts.density)) or not all(
+        0.0 <= value < math.inf for value in of_soils
+    ):
+        raise CodecError(
+            f"swell is {facts.swell}, density {facts.density} in the configuration of the run; it"
+            " must have both of each soil, 0 or more"
+        )
     return facts
 
 

@@ -205,7 +205,7 @@ def test_last_run_of_a_bag_counts(dig, told, outcome) -> None:
         for topic in ("/sim/config", "/excavator/odom")
     )
     older = Recording()
-    old = config_text(RunFacts(0, TICK, False, 0.2, 0.15), {})
+    old = config_text(RunFacts(0, TICK, False, 0.2, (0.15,), (1600.0,)), {})
     older.add("/sim/config", String(data=old))
     older.add("/terrain/map", terrain_cloud(dig.run.world.soil, 0, 0))
     for tick in range(3):
@@ -278,7 +278,7 @@ def test_bag_that_begins_in_the_middle_is_refused(dig, outcome) -> None:
 def test_machine_file_that_is_not_there_is_named(dig, outcome) -> None:
     recording = dig.recording.copy()
     config = {"machine_sim": {"machine": "machines/road_header.yaml"}}
-    text = config_text(RunFacts(1, TICK, False, 0.2, 0.15), config)
+    text = config_text(RunFacts(1, TICK, False, 0.2, (0.15,), (1600.0,)), config)
     recording.add("/excavator/config", String(data=text))
     with pytest.raises(BagOutcomeError, match=r"described in 'machines/road_header.yaml'"):
         outcome(recording)

@@ -138,6 +138,6 @@ def test_a_tool_that_cannot_be_believed_is_said_loudly_and_moves_nothing(
 
 def test_machine_and_soil_must_agree_on_swell() -> None:
     machine = ready(swell=0.2)
-    with pytest.raises(ParameterError, match=r"swell 0\.2, the soil 0\.0"):
+    with pytest.raises(ParameterError, match=r"swell \[0.2\], the soil \[0.0\]"):
         World(level_soil(), {1: machine})
     machine.close()

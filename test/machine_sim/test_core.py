@@ -94,7 +94,7 @@ def test_payload_is_what_is_in_the_bucket(machine: MachineSim) -> None:
     payload = machine.payload
     assert payload.bank == pytest.approx(1e-3)
     assert payload.loose == pytest.approx(1e-3, rel=1e-6)
-    assert payload.mass == pytest.approx(1.8)
+    assert payload.mass == pytest.approx(1.6)
 
 
 def test_a_bad_command_changes_nothing(machine: MachineSim) -> None:

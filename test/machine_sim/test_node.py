@@ -390,7 +390,8 @@ def test_a_command_that_is_not_renewed_ends_after_its_time_on_the_wall_in_real_t
     publisher.publish(twist(0.4, 0.0))
     ros.spin_until(lambda: any(applied[-1].velocity))
     ros.spin_until(lambda: not any(applied[-1].velocity))
-    assert sum(any(message.velocity) for message in applied) <= 16
+    # 15 ticks of 10 ms; more where ticks that were late are caught up with.
+    assert sum(any(message.velocity) for message in applied) <= 40
 
 
 def test_the_emergency_stop_beats_all_until_it_is_released_and_commanded_anew(ros: Ros) -> None:

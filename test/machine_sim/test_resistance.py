@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.machine_scenes import level_soil, machine_on_level_ground
+from support.machine_scenes import level_soil, loosened, machine_on_level_ground
 
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
@@ -106,7 +106,7 @@ def test_digging_in_clay_is_felt_and_repeatable() -> None:
     found = []
     for _ in range(2):
         soil = level_soil(soil="dry clay")
-        machine = machine_on_level_ground(swell=soil.kinds[0].swell)
+        machine = machine_on_level_ground(**loosened(soil))
         world = World(soil, {1: machine})
         felt = 0.0
         for joints, ticks in (([0, 0.4, -0.4, -0.5], 150), ([0, 0.4, 0.3, 0], 20)):
@@ -151,7 +151,7 @@ def test_ground_gives_in_to_more_than_it_carries() -> None:
 def test_a_machine_that_stands_on_its_bucket_stands() -> None:
     """Boom down lifts the tracks' front; then nothing moves for two seconds."""
     soil = level_soil(soil="loam")
-    machine = machine_on_level_ground(swell=soil.kinds[0].swell)
+    machine = machine_on_level_ground(**loosened(soil))
     world = World(soil, {1: machine})
     heights = []
     for boom, ticks in ((0.35, 260), (0.0, 400)):
@@ -166,7 +166,7 @@ def test_a_machine_that_stands_on_its_bucket_stands() -> None:
 
 def led(soil: Soil, *strokes: tuple[list[float], int]) -> list[tuple[np.ndarray, np.ndarray]]:
     """Lip and base [m] at the end of each stroke: joint velocities, and for how many ticks."""
-    machine = machine_on_level_ground(swell=soil.kinds[0].swell)
+    machine = machine_on_level_ground(**loosened(soil))
     world = World(soil, {1: machine})
     found = []
     for joints, ticks in strokes:

@@ -43,7 +43,7 @@ def make() -> Iterator[MakeRun]:
                 MachineSimParams(physics_step=physics_step),
                 ParticleParams(),
                 CommandBoard(machine),
-                RunFacts(EPOCH, tick, realtime, GRID.cell, 0.25),
+                RunFacts(EPOCH, tick, realtime, GRID.cell, (0.25,), (1700.0,)),
                 KEYFRAME,
                 life=5,
             )
@@ -89,7 +89,8 @@ class Soil:
 def test_the_run_s_facts_make_the_machine(make: MakeRun) -> None:
     run = make(tick=0.02, source=6, x=3.0, y=-2.0, yaw=90.0)
     assert run.sim.params.steps_per_tick == 4
-    assert run.sim.particles.swell == 0.25
+    assert run.sim.particles.swell == [0.25]
+    assert run.sim.particles.density == [1700.0]
     assert (run.side.exchange.epoch, run.side.exchange.source) == (EPOCH, 6)
     position, quaternion = run.sim.machine.base_pose
     assert position[:2] == pytest.approx([3.0, -2.0])

@@ -24,6 +24,14 @@ def machine_on_level_ground(**options: object) -> MachineSim:
     return MachineSim(excavator(), GRID, np.zeros(GRID.shape), **options)  # type: ignore[arg-type]
 
 
+def loosened(soil: Soil) -> dict[str, list[float]]:
+    """What a machine must know of how soil is when it is loose."""
+    return {
+        "swell": [kind.swell for kind in soil.kinds],
+        "density": [kind.density for kind in soil.kinds],
+    }
+
+
 def level_soil(**params: object) -> Soil:
     """Soil under such a machine."""
     return Soil(GRID, np.zeros(GRID.shape), SoilParams(**params))  # type: ignore[arg-type]

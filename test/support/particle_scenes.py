@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,11 +17,18 @@ LITRE = 1_000_000
 LEVEL = np.eye(3)
 
 
-def engine(*, slope: float = 0.0, swell: float = 0.25, **params: float) -> ParticleEngine:
+def engine(
+    *,
+    slope: float = 0.0,
+    swell: float | Sequence[float] = 0.25,
+    density: float | Sequence[float] = 1600.0,
+    **params: float,
+) -> ParticleEngine:
     """An engine over a 16 m map whose height is `slope` * x."""
     grid = Grid(64, 64, 0.25)
     height = slope * grid.x(np.arange(64))[:, None] * np.ones((1, 64))
-    return ParticleEngine(ParticleParams.from_mapping(params), Ground(grid, height), swell=swell)
+    given = ParticleParams.from_mapping(params)
+    return ParticleEngine(given, Ground(grid, height), swell=swell, density=density)
 
 
 def run(world: ParticleEngine, seconds: float) -> None:

@@ -58,7 +58,7 @@ class RecordedDig:
             return messages
 
         monkeypatch.setattr(SoilSide, "take_outbox", watched)
-        facts = RunFacts(1, TICK, False, 0.2, 0.15)
+        facts = RunFacts(1, TICK, False, 0.2, (0.15,), (1600.0,))
         self.recording.add("/sim/config", String(data=config_text(facts, {})))
         self.run = DigRun(load_run_config("demo.yaml", asked), site)
         machine = self.run.machine.machine

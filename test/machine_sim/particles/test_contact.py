@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from support.particle_scenes import LITRE, STEP, engine, pose, run, square
 
+from machine_sim.particles import ParticleError
+
 
 def test_a_dropped_particle_rests_at_its_radius():
     world = engine()
@@ -18,7 +20,26 @@ def test_a_particle_is_as_large_and_heavy_as_its_loose_soil_says():
     world.add([[0, 0, 1]], [[0, 0, 0]], LITRE)
     sphere = 4.0 / 3.0 * np.pi * world.store.radius[0] ** 3
     assert sphere == pytest.approx(1e-3 * 1.3 * world.params.packing, rel=1e-5)
-    assert world.store.mass[0] == pytest.approx(1.8, rel=1e-6)
+    assert world.store.mass[0] == pytest.approx(1.6, rel=1e-6)
+
+
+def test_particles_swell_and_weigh_as_their_own_soil_does():
+    world = engine(swell=(0.1, 0.65), density=(1500.0, 2400.0))
+    world.add([[0, 0, 1], [0, 0, 2]], np.zeros((2, 3)), LITRE, soil=[0, 1])
+    spheres = 4.0 / 3.0 * np.pi * world.store.radius.astype(np.float64) ** 3
+    assert spheres == pytest.approx([1.1e-3 * 0.58, 1.65e-3 * 0.58], rel=1e-5)
+    assert world.store.mass == pytest.approx([1.5, 2.4], rel=1e-6)
+    with pytest.raises(ParticleError, match="swell of soil 2 is not known"):
+        world.add([[0, 0, 1]], [[0, 0, 0]], LITRE, soil=2)
+    assert world.store.count == 2
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"swell": -0.1}, {"swell": (0.1, 3.0)}, {"density": 0.0}, {"swell": ()}]
+)
+def test_figures_that_no_soil_has_are_refused(wrong):
+    with pytest.raises(ParticleError, match="give values from"):
+        engine(**wrong)
 
 
 def test_below_the_friction_angle_a_particle_stays():

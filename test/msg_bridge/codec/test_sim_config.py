@@ -15,7 +15,9 @@ from msg_bridge.codec.sim_config import (
     versions,
 )
 
-FACTS = RunFacts(epoch=1_795_247_584, tick=0.01, realtime=False, cell=0.2, swell=0.25)
+FACTS = RunFacts(
+    epoch=1_795_247_584, tick=0.01, realtime=False, cell=0.2, swell=(0.25,), density=(1600.0,)
+)
 
 KINDS = (
     SoilKind("", (0.5, 0.4, 0.3), 0.15, 1600.0, (35.0, 35.0, 35.0)),
@@ -27,14 +29,14 @@ KIND = "id: 0, name: a, colour: [1, 0, 0], swell: 0, density: 1, repose_angles: 
 @pytest.mark.parametrize("realtime", [True, False])
 @pytest.mark.parametrize("tick", [0.01, 0.005, 1 / 3, 0.1 + 0.2])
 def test_facts_cross_exactly(realtime: bool, tick: float) -> None:
-    facts = RunFacts(7, tick, realtime, 0.1 * 3, 1e-5)
+    facts = RunFacts(7, tick, realtime, 0.1 * 3, (1e-5, 0.1), (1e3 / 3, 2e3))
     assert run_facts(config_text(facts, {})) == facts
 
 
 def test_whole_numbers_are_read_as_numbers() -> None:
-    facts = run_facts("run: {epoch: 1, tick: 1, sync: realtime, cell: 2, swell: 0}")
-    assert facts == RunFacts(1, 1.0, True, 2.0, 0.0)
-    assert type(facts.swell) is float
+    facts = run_facts("run: {epoch: 1, tick: 1, sync: realtime, cell: 2, swell: [0], density: [2]}")
+    assert facts == RunFacts(1, 1.0, True, 2.0, (0.0,), (2.0,))
+    assert type(facts.swell[0]) is float
 
 
 def test_sections_are_there_as_plain_yaml() -> None:
@@ -72,10 +74,10 @@ def test_a_section_cannot_stand_in_for_the_versions() -> None:
         "[1, 2]",
         "run: 3",
         "run: {epoch: 1}",
-        "run: {epoch: one, tick: 0.01, sync: realtime, cell: 0.2, swell: 0.0}",
-        "run: {epoch: 1, tick: [1], sync: realtime, cell: 0.2, swell: 0.0}",
-        "run: {epoch: 1, tick: 0.01, sync: sometimes, cell: 0.2, swell: 0.0}",
-        "run: {epoch: .inf, tick: 0.01, sync: realtime, cell: 0.2, swell: 0.0}",
+        "run: {epoch: one, tick: 0.01, sync: realtime, cell: 0.2, swell: [0.0], density: [1.0]}",
+        "run: {epoch: 1, tick: [1], sync: realtime, cell: 0.2, swell: [0.0], density: [1.0]}",
+        "run: {epoch: 1, tick: 0.01, sync: sometimes, cell: 0.2, swell: [0.0], density: [1.0]}",
+        "run: {epoch: .inf, tick: 0.01, sync: realtime, cell: 0.2, swell: [0.0], density: [1.0]}",
         "run: {epoch: 1, tick: 0.01",
         "!!python/object/apply:os.system [true]",
         "\x00",
@@ -86,10 +88,33 @@ def test_what_is_no_configuration_is_refused(text: str) -> None:
         run_facts(text)
 
 
+@pytest.mark.parametrize(
+    "figures",
+    [
+        "",
+        "swell: 0.1",
+        "swell: [], density: []",
+        "swell: [0.1, 0.2], density: [1600]",
+        "swell: [.nan], density: [1600]",
+        "swell: [0.1], density: [-1]",
+    ],
+)
+def test_figures_that_no_soils_have_are_refused(figures: str) -> None:
+    with pytest.raises(CodecError):
+        run_facts(f"run: {{epoch: 1, tick: 0.01, sync: realtime, cell: 0.2, {figures}}}")
+
+
 @pytest.mark.parametrize("name", ["tick", "cell"])
 @pytest.mark.parametrize("value", [".nan", ".inf", "0.0", "-0.01"])
 def test_lengths_that_nothing_can_have_are_refused(name: str, value: str) -> None:
-    values = {"epoch": "1", "tick": "0.01", "sync": "realtime", "cell": "0.2", "swell": "0.0"}
+    values = {
+        "epoch": "1",
+        "tick": "0.01",
+        "sync": "realtime",
+        "cell": "0.2",
+        "swell": "[0.0]",
+        "density": "[1.0]",
+    }
     values[name] = value
     text = "run: {" + ", ".join(f"{k}: {v}" for k, v in values.items()) + "}"
     with pytest.raises(CodecError):

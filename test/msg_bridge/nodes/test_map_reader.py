@@ -82,7 +82,9 @@ def test_a_machine_follows_a_soil_that_was_started_again_with_other_cells(ros: R
     for epoch, cell in ((100, 0.4), (200, 0.3)):
         maps.publish(map_of(cell, epoch))
         ros.spin_for(0.1)  # so that the map is heard first
-        facts = RunFacts(epoch=epoch, tick=0.01, realtime=False, cell=cell, swell=0.2)
+        facts = RunFacts(
+            epoch=epoch, tick=0.01, realtime=False, cell=cell, swell=(0.2,), density=(1600.0,)
+        )
         configs.publish(String(data=config_text(facts, {})))
 
         def begun(epoch: int = epoch) -> bool:
