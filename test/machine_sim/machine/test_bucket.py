@@ -64,7 +64,7 @@ def test_plates_close_the_shell(bucket):
             edges[tuple(a), tuple(b)] = edges.get((tuple(a), tuple(b)), 0) + 1
     assert set(edges.values()) == {1}
     mouth = {(a, b) for a, b in edges if (b, a) not in edges}
-    ends = {tuple(p) for p in (*bucket.key_points()[:2], *bucket.key_points()[-2:])}
+    ends = {tuple(p) for p in (*bucket.key_points[:2], *bucket.key_points[-2:])}
     assert len(mouth) == 4
     assert {corner for edge in mouth for corner in edge} == ends
 
@@ -81,7 +81,7 @@ def test_plates_are_planar_convex_and_face_outward(bucket):
 
 
 def test_key_points_run_from_lip_to_rim_left_before_right(bucket):
-    points = bucket.key_points()
+    points = bucket.key_points
     assert points.shape == (14, 3)
     np.testing.assert_array_equal(points[0::2, 1], 0.6)
     np.testing.assert_array_equal(points[1::2, 1], -0.6)
@@ -90,8 +90,8 @@ def test_key_points_run_from_lip_to_rim_left_before_right(bucket):
 
 
 def test_outward_normals_leave_the_bucket(bucket):
-    normals = bucket.outward_normals()
-    points = bucket.key_points()[0::2] * [1.0, 0.0, 1.0]
+    normals = bucket.outward_normals
+    points = bucket.key_points[0::2] * [1.0, 0.0, 1.0]
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
     assert not bucket.contains(points + 1e-6 * normals).any()
     assert bucket.contains(points[1:-1] - 1e-6 * normals[1:-1]).all()

@@ -85,7 +85,7 @@ def test_level_bucket_has_its_mouth_up_also_on_a_slope(pitch):
 def test_level_bucket_reaches_as_deep_below_its_pin_as_told():
     joints = ARM.joints(view(), WORKING._replace(attitude=ARM.level))
     rotation, pin = tool_pose(MACHINE, np.zeros(3), np.eye(3), joints)
-    lowest = (MACHINE.bucket.key_points() @ rotation.T + pin)[:, 2].min()
+    lowest = (MACHINE.bucket.key_points @ rotation.T + pin)[:, 2].min()
     assert WORKING.height - lowest == pytest.approx(ARM.depth_below_pin)
 
 
