@@ -53,7 +53,7 @@ class World:
             for name in ("swell", "density"):
                 known = getattr(machine.particles, name).tolist()
                 asked = [getattr(kind, name) for kind in soil.kinds]
-                if known != asked:
+                if known != asked and set(asked) != set(known):  # or one for all, and it is
                     raise ParameterError(
                         f"machine {source} has {name} {known}, the soil {asked}; give MachineSim"
                         " the soil's"

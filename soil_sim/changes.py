@@ -49,6 +49,7 @@ class Changes:
 
     def __init__(self, columns: Columns) -> None:
         self._columns = columns
+        # What is known of a column lies together, as it is asked for.
         self._known = np.stack([layer.reshape(-1) for layer in self._layers()], axis=-1)
 
     def take(self) -> Changed:

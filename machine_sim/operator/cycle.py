@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,6 +106,7 @@ class DigCycle:
         self._motion: Motion | None = None
         self._plan = DigPlan.nothing()
         self._azimuth = dig_at
+        self._stood = np.eye(3)  # the base, when the dig began
         self._passes = 0
         self._planned = self._carried = self._delivered = self._bank = 0.0
         self._began: float | None = None
@@ -113,7 +114,7 @@ class DigCycle:
 
     def command(self, view: View, dt: float) -> Command:
         """What to do in the next `dt` [s]."""
-        tips = self.phase in _LOADED and self._arm.rise(view) < -self.params.most_lean
+        tips = self._tips(view)
         view = self._base.see(view, dt)
         if self._began is None:
             self._began = view.time
@@ -126,6 +127,13 @@ class DigCycle:
         if brimful or (self._motion.done and self._steady):
             self._end(view, dt)
         return Command(self._levers.copy(), np.zeros(2))
+
+    def _tips(self, view: View) -> bool:
+        """Whether what it has in the bucket leans the machine too far from how it stood to dig."""
+        if self.phase not in _LOADED or view.fill <= self.params.empty:
+            return False
+        stood = replace(view, base_rotation=self._stood)
+        return self._arm.rise(view) < self._arm.rise(stood) - self.params.most_lean
 
     @property
     def _steady(self) -> bool:
@@ -207,7 +215,8 @@ class DigCycle:
         return self._paced(here, [*self._over_ground(view, here, above), above, entry])
 
     def _dig(self, view: View, here: Place) -> list[Target]:
-        """Along the plan, flatter and flatter."""
+        """Along the plan."""
+        self._stood = view.base_rotation
         plan, slants = self._plan, self._slants()
         places = [
             self._arm.lip_at(self._azimuth, r, z, a)
@@ -219,19 +228,18 @@ class DigCycle:
         return [Target(p, float(t)) for p, t in zip(places, durations, strict=True)]
 
     def _slants(self) -> Array:
-        """Attitudes of the bucket along the plan [rad]: flatter and flatter.
+        """Attitudes of the bucket along the plan [rad].
 
-        Its floor does not drag over the ground behind the lip, whatever the way.
+        Flatter and flatter, but never so flat that its floor drags over the ground behind the lip.
         """
         plan = self._plan
         slants = np.linspace(self._entry, self._exit, plan.radius.size)
         dips = np.arctan(np.gradient(plan.height, plan.radius))  # inward: down is positive
         dragging = [self._arm.attitude_of_attack(dip + self.params.relief) for dip in dips]
-        slants = np.minimum(np.unwrap(slants), np.unwrap(dragging))
+        slants = np.minimum(slants, dragging)
         # Where the way bends the floor slants more than it must: a bucket turns slowly.
-        along = -plan.radius
-        reach = np.abs(along[:, None] - along)
-        return np.asarray((slants + _TURN * reach).min(axis=1))
+        apart = np.abs(plan.radius[:, None] - plan.radius)
+        return np.asarray((slants + _TURN * apart).min(axis=1))
 
     def _curl(self, view: View, here: Place) -> list[Target]:
         """Turn the mouth up while the lip comes out of the soil."""

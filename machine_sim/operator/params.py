@@ -58,7 +58,7 @@ class OperatorParams(Parameters):
     empty: float = parameter(0.01, "fill with which it stops dumping", low=0.0, high=0.5)
     most_lean: float = parameter(
         0.12,
-        "forward lean from which it lets some of its load fall",
+        "forward lean by its load from which it lets some of that fall",
         unit="rad",
         low=0.01,
         high=1.0,

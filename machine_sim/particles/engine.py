@@ -62,7 +62,7 @@ class ParticleEngine:
             density: of undisturbed soil [kg/m^3], likewise.
 
         Raises:
-            ParticleError: a swell below 0 or above 2, or a density that is not above 0.
+            ParticleError: a swell below 0 or above 2, or a density below 1 or above 1e5.
         """
         self.params = params
         self.ground = ground

@@ -129,13 +129,14 @@ def run_facts(text: str) -> RunFacts:
             raise CodecError(
                 f"{name} is {value} in the configuration of the run; it must be above 0"
             )
-    of_soils = (*facts.swell, *facts.density)
-    if not (0 < len(facts.swell) == len(facts.density)) or not all(
-        0.0 <= value < math.inf for value in of_soils
+    if (
+        not 0 < len(facts.swell) == len(facts.density)
+        or not all(0.0 <= value < math.inf for value in facts.swell)
+        or not all(0.0 < value < math.inf for value in facts.density)
     ):
         raise CodecError(
             f"swell is {facts.swell}, density {facts.density} in the configuration of the run; it"
-            " must have both of each soil, 0 or more"
+            " must have both of each soil, no swell below 0 and densities above it"
         )
     return facts
 

@@ -40,10 +40,10 @@ from soil_sim.force.strength import add_force, column_at
 __all__ = ["AHEAD", "AT_REST", "STRIPS", "add_lip", "strip_force"]
 
 STRIPS = 8
-"""Strips of the lip; even, so that a lip half in the ground is four of them."""
+"""Strips of a lip or a side; even, so that a lip half in the ground is four of them."""
 
 AHEAD = 1.5
-"""Where the depth is measured before the lip, in cells: the next column, whatever the direction."""
+"""Where the depth is measured before lip or side, in cells: the next column in any direction."""
 
 AT_REST = 1e-4
 """A lip that moves less than this in a tick [m] cuts nothing: float32 has no direction for it."""

@@ -4,7 +4,8 @@
 - `pour`: soil that comes runs down to where it stays
 - `examine`: columns that wait give to their neighbours, one by one
 - `collapse`: large failures are swept, all at once, and `book`: what that moved, exactly
-- `noise`: unevenness of nature, by seed
+- `face`: how high firm soil stands
+- `rule`: what all these share; `noise`: unevenness of nature, by seed
 """
 
 from soil_sim.slip.slip import Slip, SlipNoise, gauss_circle

@@ -14,7 +14,6 @@ ever; what swelling and rounding leave too steep is seen to by examining the col
 from __future__ import annotations
 
 import math
-from typing import TypeVar
 
 import numpy as np
 from numba import njit
@@ -26,8 +25,6 @@ from soil_sim.slip.face import firm_that_stands
 from soil_sim.slip.rule import SlipRule
 
 __all__ = ["Box", "Collapse"]
-
-_T = TypeVar("_T", bound=np.generic)
 
 Box = tuple[int, int, int, int]
 """A window of the map: first row, row after the last, first column, column after the last."""
@@ -220,7 +217,7 @@ def _joined(a: Box, b: Box) -> Box:
     return min(a[0], b[0]), max(a[1], b[1]), min(a[2], b[2]), max(a[3], b[3])
 
 
-def _least_around(values: NDArray[_T], reach: int) -> NDArray[_T]:
+def _least_around(values: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
     """Least value within `reach` rows and columns of each column."""
     least = values.copy()
     for axis in (0, 1):

@@ -111,7 +111,8 @@ def examine(columns, rule, held, ring, budget):  # type: ignore[no-untyped-def]
                 target = j
             looks += 1
             if leans and not too_high and is_too_high(columns, rule, held, i):
-                too_high = True  # look again, at the firm soil, too
+                too_high = True  # look again the same way, at the firm soil, too
+                forward = not forward
                 continue
             if target < 0 or not _slip(columns, i, target, best, firm_excess, most_at_once):
                 break

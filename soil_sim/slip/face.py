@@ -48,10 +48,15 @@ _GENTLEST = math.radians(50.0)
 _DIRECTIONS = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))
 
 _HALVINGS = 50
+"""Of the slopes between which that of a face is looked for: to the last bit."""
 
 
 def faces_of(
-    tables: SoilTables, neighbours: NDArray[np.int64], shape: tuple[int, int], cell: float
+    tables: SoilTables,
+    neighbours: NDArray[np.int64],
+    shape: tuple[int, int],
+    cell: float,
+    span: float,
 ) -> Faces:
     """How much higher than others the columns of a map may be by cohesion.
 
@@ -60,10 +65,11 @@ def faces_of(
         neighbours: (row, col) of those that soil slips to [cells], shape (n, 2).
         shape: of the map.
         cell: distance of its columns [m].
+        span: from its floor to its highest point [m]: firm soil never stands higher over any other.
     """
-    friction = tables.friction[:, None]
-    longest = carried_height(tables.stands, math.inf, friction, _GENTLEST) / math.tan(_GENTLEST)
-    most = min(longest[np.isfinite(longest)].max(initial=0.0) / cell, max(shape))
+    upright = np.where(tables.stands < span, tables.stands, 0.0)  # the others cannot fail
+    longest = carried_height(upright, math.inf, tables.friction[:, None], _GENTLEST)
+    most = min(longest.max() / math.tan(_GENTLEST) / cell, max(shape))
     ways, way = [], float(np.hypot(*neighbours.T).max())
     while way < most:
         way = max(way * _GROWTH, way + 1.0)

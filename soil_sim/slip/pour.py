@@ -26,11 +26,12 @@ _PART = 24
 
 
 _ROLLS = 0.3
+"""Part of the slope by which soil may roll on by chance where it could stay, at `uneven` 1."""
 
 _FAR = 0.01
 """Of neighbours that it is about as much too steep against soil takes the farther: by this much of
-the distance. On a slope that is as steep as can be all are alike."""
-"""Part of the slope by which soil may roll on by chance where it could stay, at `uneven` 1."""
+the distance. On a slope that is as steep as can be all are alike. Not at the map's edge, nor where
+columns differ."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -124,7 +125,7 @@ def _merge(cells, volume, soil, moisture, first_of):  # type: ignore[no-untyped-
 def _chosen(height, rule, held, i, top, tangent, forward):  # type: ignore[no-untyped-def]
     """(neighbour, excess [m]) that soil up to `top` is too steep against by most; -1 if none.
 
-    As above, but at the map's edge, too, and where columns differ or soil rolls on by chance.
+    For the map's edge, and where columns differ or soil rolls on by chance.
     """
     if rule.steeper.size:
         tangent *= rule.steeper[i]

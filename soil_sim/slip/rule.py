@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["Ring", "SlipRule", "push", "uniform"]
+__all__ = ["Faces", "Ring", "SlipRule", "push", "uniform"]
 
 
 class Faces(NamedTuple):

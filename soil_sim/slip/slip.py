@@ -125,7 +125,13 @@ class Slip:
             int(np.abs(offsets).max()),
             max(tolerance * columns.grid.cell, finest),
             slope,
-            faces_of(columns.tables, offsets, columns.grid.shape, columns.grid.cell),
+            faces_of(
+                columns.tables,
+                offsets,
+                columns.grid.shape,
+                columns.grid.cell,
+                float(columns.height.max()) - columns.floor,
+            ),
             noise.steeper,
             float(slope.min() * (noise.steeper.min() if noise.steeper.size else 1.0)),
             noise.shape,
@@ -261,9 +267,9 @@ class Slip:
     def steepest_excess(self) -> float:
         """Largest excess of any slope that can slip, as a tangent, held columns left out.
 
-        Over tan(angle) of the soil on top, where that is loose; over what cohesion carries, where
-        it is firm. Neighbours farther than the map is wide do not exist; -inf if no two columns
-        are free.
+        Over tan(angle) of the soil on top, where that is loose; over that of the firm soil, where
+        that is higher than it stands. Neighbours farther than the map is wide do not exist; -inf if
+        no two columns are free.
         """
         worst = -math.inf
         columns, held = self._columns, self.held.astype(bool)

@@ -136,8 +136,14 @@ def test_a_tool_that_cannot_be_believed_is_said_loudly_and_moves_nothing(
     assert "source 1, tool 0 swept nothing" in caplog.text
 
 
-def test_machine_and_soil_must_agree_on_swell() -> None:
-    machine = ready(swell=0.2)
-    with pytest.raises(ParameterError, match=r"swell \[0.2\], the soil \[0.0\]"):
+@pytest.mark.parametrize("name", ["swell", "density"])
+def test_machine_and_soil_must_agree_on_loose_soil(name) -> None:
+    machine = ready(**{name: 1.25})
+    with pytest.raises(ParameterError, match=rf"{name} \[1.25\], the soil \["):
         World(level_soil(), {1: machine})
     machine.close()
+
+
+def test_one_swell_for_all_soils_will_do_where_they_are_alike() -> None:
+    machine = ready(swell=0.0)
+    World(level_soil(other_soils=("reference",)), {1: machine}).close()

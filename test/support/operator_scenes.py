@@ -141,9 +141,14 @@ class ToyDig:
             self._tick()
         return self
 
-    def run_until(self, phase: str) -> ToyDig:
-        """Until a phase has begun."""
+    def run_until(self, phase: str, longest: float = 100.0) -> ToyDig:
+        """Until a phase has begun.
+
+        Raises:
+            AssertionError: it took longer than `longest` [s] of simulated time.
+        """
         while self.operator.phase != phase:
+            assert len(self.moments) * self._dt < longest, self.operator.phase
             self._tick()
         return self
 

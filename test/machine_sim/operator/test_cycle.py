@@ -182,15 +182,25 @@ def test_phase_does_not_change_before_its_motion_is_done():
     assert len(held.during("dig")) > 1.5 * len(quick.during("dig"))
 
 
-def test_machine_that_leans_under_its_load_lets_some_of_it_fall():
-    dig = toy().run_until("lift")
-    seen = dig.moments[-1].seen
+def leaning(dig: ToyDig, fill: float, ticks: int = 20) -> np.ndarray:
+    """What it does once its machine leans forward by 0.2 rad: joint velocities."""
     lean = math.cos(0.2), math.sin(0.2)
     over = np.array([[lean[0], 0.0, lean[1]], [0.0, 1.0, 0.0], [-lean[1], 0.0, lean[0]]])
-    for _ in range(20):
-        command = dig.operator.command(replace(seen, base_rotation=over), DT)
-    assert command.joints[3] < -0.2, "it opens"
-    assert command.joints[:3] == pytest.approx(np.zeros(3), abs=0.01), "and waits"
+    seen = replace(dig.moments[-1].seen, base_rotation=over, fill=fill)
+    for _ in range(ticks):
+        command = dig.operator.command(seen, DT)
+    return command.joints
+
+
+def test_machine_that_leans_under_its_load_lets_some_of_it_fall():
+    joints = leaning(toy().run_until("lift"), fill=0.9)
+    assert joints[3] < -0.2, "it opens"
+    assert joints[:3] == pytest.approx(np.zeros(3), abs=0.01), "and waits"
+
+
+def test_machine_that_leans_with_an_empty_bucket_goes_on():
+    dig = toy().run_until("lift")
+    assert leaning(dig, fill=0.0)[1] < -0.05, "it lifts"
 
 
 def test_floor_of_the_bucket_does_not_drag_over_the_ground_behind_the_lip():

@@ -96,7 +96,7 @@ def test_what_is_no_configuration_is_refused(text: str) -> None:
         "swell: [], density: []",
         "swell: [0.1, 0.2], density: [1600]",
         "swell: [.nan], density: [1600]",
-        "swell: [0.1], density: [-1]",
+        "swell: [0.1], density: [0]",
     ],
 )
 def test_figures_that_no_soils_have_are_refused(figures: str) -> None:
