@@ -53,7 +53,7 @@ class World:
             for name in ("swell", "density"):
                 known = getattr(machine.particles, name).tolist()
                 asked = [getattr(kind, name) for kind in soil.kinds]
-                if known != asked and set(asked) != set(known):  # or one for all, and it is
+                if (known * len(asked) if len(known) == 1 else known) != asked:  # one is for all
                     raise ParameterError(
                         f"machine {source} has {name} {known}, the soil {asked}; give MachineSim"
                         " the soil's"

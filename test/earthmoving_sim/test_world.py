@@ -144,6 +144,14 @@ def test_machine_and_soil_must_agree_on_loose_soil(name) -> None:
     machine.close()
 
 
+def test_machine_and_soil_must_agree_on_which_soil_swells_how() -> None:
+    soil = level_soil(swell=0.2, other_soils=("reference",))
+    machine = ready(swell=[kind.swell for kind in reversed(soil.kinds)])
+    with pytest.raises(ParameterError, match="swell"):
+        World(soil, {1: machine})
+    machine.close()
+
+
 def test_one_swell_for_all_soils_will_do_where_they_are_alike() -> None:
     machine = ready(swell=0.0)
     World(level_soil(other_soils=("reference",)), {1: machine}).close()
