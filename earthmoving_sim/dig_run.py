@@ -65,8 +65,7 @@ class DigRun:
             soil.columns.height,
             params=config.stepping,
             particle_params=config.particles,
-            swell=[kind.swell for kind in soil.kinds],
-            density=[kind.density for kind in soil.kinds],
+            soils=[kind.loose for kind in soil.kinds],
             position=(config.run.start_x - config.shift.approach, config.run.start_y),
             seed=config.run.seed,
         )

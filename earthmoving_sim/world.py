@@ -47,17 +47,15 @@ class World:
             machines: by source number, from 1.
 
         Raises:
-            ParameterError: a machine's particles swell or weigh otherwise than the soil.
+            ParameterError: a machine knows other soils than the terrain has.
         """
         for source, machine in machines.items():
-            for name in ("swell", "density"):
-                known = getattr(machine.particles, name).tolist()
-                asked = [getattr(kind, name) for kind in soil.kinds]
-                if (known * len(asked) if len(known) == 1 else known) != asked:  # one is for all
-                    raise ParameterError(
-                        f"machine {source} has {name} {known}, the soil {asked}; give MachineSim"
-                        " the soil's"
-                    )
+            known, there = machine.particles.soils, tuple(kind.loose for kind in soil.kinds)
+            if known != there:
+                raise ParameterError(
+                    f"machine {source} knows the soils {known}, the terrain has {there}; give"
+                    " MachineSim the terrain's"
+                )
         self.soil = soil
         self.machines = dict(machines)
         self.answers: dict[int, TickAnswer] = {}

@@ -27,6 +27,7 @@ from machine_sim.release import PendingSoil
 from machine_sim.resistance import Resistance
 from machine_sim.sweep import sweep_rows, track_rows
 from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.rows import CHANGED, LANDED, Kind, Rows, empty_rows
 
 __all__ = ["MachineSim", "MachineStep"]
@@ -75,8 +76,7 @@ class MachineSim:
         *,
         params: MachineSimParams | None = None,
         particle_params: ParticleParams | None = None,
-        swell: float | Sequence[float] = 0.0,
-        density: float | Sequence[float] = 1600.0,
+        soils: Sequence[LooseSoil] = (LooseSoil(),),
         position: tuple[float, float] = (0.0, 0.0),
         yaw: float = 0.0,
         seed: int = 0,
@@ -86,8 +86,7 @@ class MachineSim:
             description: dimensions, masses and limits of the machine.
             grid, elevation: the terrain it starts on [m], shape (rows, cols).
             params, particle_params: defaults as shipped.
-            swell: growth of loosened soil, a fraction of its bank volume; for all soils, or by id.
-            density: of undisturbed soil [kg/m^3], likewise.
+            soils: all soils of the terrain, in the order of their ids.
             position: where it starts (x, y) [m], map frame; it is set down on the ground.
             yaw: where it faces [rad], from +x counter-clockwise.
             seed: of the scatter of released particles.
@@ -100,7 +99,7 @@ class MachineSim:
         pybullet.setGravity(0.0, 0.0, -9.81, physicsClientId=self._client)
         self.machine = Excavator(description, self._client, self.ground, position, yaw)
         self.particles = ParticleEngine(
-            particle_params or ParticleParams(), self.ground, swell=swell, density=density
+            particle_params or ParticleParams(), self.ground, soils=soils
         )
         self._bucket, self._tracks = description.bucket, description.tracks
         self.particles.add_tool(_TOOL, self._bucket.plates(), self.machine.tool_pose)

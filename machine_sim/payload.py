@@ -34,7 +34,6 @@ def payload_in(bucket: BucketShape, particles: ParticleEngine, tool: int) -> Pay
     store = particles.store
     inside = bucket.contains_heaped(particles.tool_local(tool))
     bank = int(store.volume_mm3[inside].sum()) * 1e-9
-    # A particle's sphere is its bulk volume times the packing.
-    spheres = 4.0 / 3.0 * np.pi * float((store.radius[inside].astype(np.float64) ** 3).sum())
-    loose = spheres / particles.params.packing
+    swell = np.array([soil.swell for soil in particles.soils])
+    loose = float((store.volume_mm3[inside] * (1.0 + swell[store.soil[inside]])).sum()) * 1e-9
     return Payload(bank, loose, float(store.mass[inside].sum()), loose / bucket.heaped_capacity)

@@ -214,8 +214,7 @@ class SoilNode(LeanNode):
             tick=self._params.tick,
             realtime=self._params.sync == "realtime",
             cell=side.soil.grid.cell,
-            swell=tuple(kind.swell for kind in side.soil.kinds),
-            density=tuple(kind.density for kind in side.soil.kinds),
+            soils=tuple(kind.loose for kind in side.soil.kinds),
         )
         columns = side.soil.columns
         sections = {

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.parameters import Parameters, parameter
 from soil_sim.errors import SoilError
 
@@ -65,6 +66,9 @@ class SoilType(Parameters):
         0.0, "uniaxial, of rock; 0: it is soil and is cut as such", unit="Pa", low=0.0, high=5e8
     )
     tensile_strength: float = parameter(0.0, "of rock", unit="Pa", low=0.0, high=5e7)
+    lump_spread: float = parameter(
+        0.0, "of its lumps: the largest volume over the mean, minus 1", low=0.0, high=0.9
+    )
     moisture: int = parameter(0, "as found, of saturation", unit="%", low=0, high=100)
     colour: tuple[float, ...] = parameter(
         (0.55, 0.42, 0.3), "of dry soil: red, green, blue", low=0.0, high=1.0
@@ -95,6 +99,20 @@ class SoilType(Parameters):
         """Cohesion and adhesion at a moisture [%], over those when dry."""
         factors = (1.0, self.stick_damp, self.stick_wet)
         return float(np.interp(moisture, (0.0, 50.0, 100.0), factors))
+
+    @property
+    def loose(self) -> LooseSoil:
+        """What a machine must know of it. Broken rock does not cohere."""
+        return LooseSoil(
+            swell=self.swell,
+            density=self.density,
+            repose_angles=(self.repose_angle, self.repose_angle_damp, self.repose_angle_wet),
+            cohesion=0.0 if self.is_rock else self.cohesion,
+            adhesion=self.adhesion,
+            stick=(1.0, self.stick_damp, self.stick_wet),
+            tool_friction=self.tool_friction,
+            spread=self.lump_spread,
+        )
 
     def standing_height(self, moisture: float) -> float:
         """Height [m] to which a vertical face of undisturbed soil stands.

@@ -8,23 +8,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.ground import Ground
+from machine_sim.particles.bodies import (
+    BODY_FLOATS,
+    SUM_FLOATS,
+    finish_bodies,
+    load_bodies,
+)
+from machine_sim.particles.contacts import ContactTable
+from machine_sim.particles.grains import GrainTables
 from machine_sim.particles.growth import grow_radii, start_radii
 from machine_sim.particles.landing import settled_rows
 from machine_sim.particles.law import Law, contact_law
 from machine_sim.particles.motion import run_substeps
 from machine_sim.particles.neighbours import NeighbourList, spatial_order
-from machine_sim.particles.pairs import pair_buffer, pair_overlap
+from machine_sim.particles.pairs import pair_overlap
 from machine_sim.particles.params import ParticleParams
 from machine_sim.particles.soil_contact import finish_on_ground, ground_planes
 from machine_sim.particles.store import ParticleError, ParticleStore
 from machine_sim.particles.tool import Pose, RigidTool, ToolSet
 from machine_sim.particles.walls import WallList
+from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.rows import MAX_ROW_VOLUME
 
 __all__ = ["ParticleEngine"]
@@ -39,8 +47,7 @@ class ParticleEngine:
     Attributes:
         params: physics.
         ground: terrain; `Ground.advance` is its owner's to call.
-        swell: loose volume over bank volume, minus 1, by soil; or one for all, shape (1,).
-        density: of undisturbed soil [kg/m^3], likewise.
+        soils: what is known of each soil, by its id.
         store: the particles, see `ParticleStore`; rows may be reordered by `step`.
         tunnelled_tool: centres that went through a plate so far.
         tunnelled_ground: centres that sank a radius into the ground so far, soft ones apart; put
@@ -52,30 +59,29 @@ class ParticleEngine:
         params: ParticleParams,
         ground: Ground,
         *,
-        swell: float | Sequence[float] = 0.25,
-        density: float | Sequence[float] = 1600.0,
+        soils: Sequence[LooseSoil] = (LooseSoil(),),
     ) -> None:
         """An engine without particles.
 
         Args:
-            swell: loose volume over bank volume, minus 1; one for all soils, or by soil.
-            density: of undisturbed soil [kg/m^3], likewise.
+            soils: all soils of the terrain, in the order of their ids.
 
         Raises:
-            ParticleError: a swell below 0 or above 2, or a density below 1 or above 1e5.
+            ParticleError: no soil.
         """
         self.params = params
         self.ground = ground
-        self.swell = _by_soil("swell", swell, 0.0, 2.0)
-        self.density = _by_soil("density", density, 1.0, 1e5)
+        self.soils = tuple(soils)
+        self._grains = GrainTables(self.soils)
         self.store = ParticleStore(params.capacity)
         self.tunnelled_tool = 0
         self.tunnelled_ground = 0
         self._tools = ToolSet(params.substeps)
         self._pairs = NeighbourList(params.skin)
         self._walls = WallList()
-        self._buffer, self._slots = pair_buffer()
-        self._force = np.zeros((0, 3), np.float32)
+        self._contacts = ContactTable()
+        self._body = np.zeros((0, BODY_FLOATS), np.float32)
+        self._total = np.zeros((0, SUM_FLOATS), np.float32)
         self._ground_row = np.zeros(0, np.int64)
         self._plane = np.zeros((0, 4))
         self._growing = 0
@@ -98,7 +104,8 @@ class ParticleEngine:
         Args:
             position, velocity: [m], [m/s], map frame, shape (n, 3).
             volume_mm3: bank volume of each [mm^3], whole numbers, shape (n,) or one for all.
-            soil, moisture: codes 0..255, shape (n,) or one for all.
+            soil: ids, shape (n,) or one for all.
+            moisture: [% of saturation], whole numbers; above 100 counts as 100.
             grow: start small and grow, for soil that comes loose among other soil.
 
         Returns:
@@ -124,10 +131,14 @@ class ParticleEngine:
             raise ParticleError(f"volumes are whole numbers of mm^3 from 1 to {MAX_ROW_VOLUME}")
         if codes.dtype.kind not in "iu" or codes.min() < 0 or codes.max() > 255:
             raise ParticleError("soil and moisture codes are whole numbers from 0 to 255")
+        soils = np.broadcast_to(codes[0], (n,))
+        self._grains.check(soils)
+        kind = (soils, np.minimum(np.broadcast_to(codes[1], (n,)), 100))
+        grains = self._grains
         bank = volume.astype(np.float64) * 1e-9
-        sphere = bank * (1.0 + self._of("swell", self.swell, codes[0])) * self.params.packing
-        radius = np.cbrt(0.75 / math.pi * sphere)
-        mass = bank * self._of("density", self.density, codes[0])
+        bulk = bank * (1.0 + grains.swell[soils])
+        radius = np.cbrt(0.75 / math.pi * bulk * grains.packing[kind])
+        mass = bank * grains.density[soils]
         ids = self.store.add(
             n,
             position=x,
@@ -139,22 +150,16 @@ class ParticleEngine:
             volume_mm3=volume,
             soil=codes[0],
             moisture=codes[1],
+            friction=grains.friction[kind],
+            rolling=grains.rolling[kind],
+            cohesion=grains.cohesion[kind],
+            tool_friction=grains.tool_friction[kind],
+            tool_rolling=grains.tool_rolling[kind],
+            adhesion=grains.adhesion[kind],
         )
         self._pairs.stale = True
         self._growing += n if grow else 0
         return ids
-
-    @staticmethod
-    def _of(name: str, values: NDArray[np.float64], soil: NDArray[np.integer]) -> Any:
-        """Values of soils, from a table by soil or one for all."""
-        if values.size == 1:
-            return values[0]
-        if soil.max() >= values.size:
-            raise ParticleError(
-                f"the {name} of soil {soil.max()} is not known, only of {values.size} soils;"
-                " give that of all soils of the terrain"
-            )
-        return values[soil]
 
     def remove(self, ids: ArrayLike) -> None:
         """Take particles out of the account.
@@ -177,6 +182,7 @@ class ParticleEngine:
         self.store.frozen[rows] = True
         self.store.inverse_mass[rows] = 0.0
         self.store.velocity[rows] = 0.0
+        self.store.spin[rows] = 0.0
 
     def unfreeze(self, ids: ArrayLike) -> None:
         """Let frozen particles go, from rest.
@@ -196,18 +202,32 @@ class ParticleEngine:
 
     # Tools.
 
-    def add_tool(self, tool_id: int, plates: Sequence[ArrayLike], pose: Pose) -> None:
+    def add_tool(
+        self, tool_id: int, plates: Sequence[ArrayLike], pose: Pose, *, digs: bool = True
+    ) -> None:
         """Let a tool touch particles.
 
         Args:
             tool_id: the caller's number for it.
             plates: convex planar polygons, each (k, 3) corners [m] in order around, tool frame.
             pose: where it is.
+            digs: whether it goes into the ground, which then is no ground to what it holds; False
+                for a truck's bed, a bin, a wall.
 
         Raises:
             ParticleError: the id is taken, or a plate or the pose is not what it should be.
         """
-        self._tools.add(tool_id, RigidTool(plates, pose))
+        self._tools.add(tool_id, RigidTool(plates, pose, digs=digs))
+
+    def remove_tool(self, tool_id: int) -> None:
+        """Take a tool away; what lay in it falls.
+
+        Raises:
+            ParticleError: no such tool.
+        """
+        first = self._tools.first
+        number = self._tools.remove(tool_id)
+        self._walls.drop(int(first[number]), int(first[number + 1]))
 
     def set_tool(self, tool_id: int, start: Pose, end: Pose) -> None:
         """Move a tool from `start` to `end` in the next step; without this it rests.
@@ -248,19 +268,22 @@ class ParticleEngine:
             self._pairs.stale = True
             self._order_due = self._pairs.builds + _REORDER_EVERY
         self._pairs.refresh(store, dt)
-        law = contact_law(dt / params.substeps, params.substeps_per_contact, params.restitution)
+        law, wall_law = (
+            contact_law(dt / params.substeps, params.substeps_per_contact, restitution)
+            for restitution in (params.restitution, params.wall_restitution)
+        )
         held, near = self._tools.surround(store.position, ground.grid.cell)
         off_ground = store.frozen | held
         grounds = ground_planes(
-            ground.surface, ground.frame, dt, law, store.position, store.velocity, store.radius,
-            store.contact_radius, off_ground, near, store.soft, store.ground_spring,
+            ground.surface, ground.frame, dt, wall_law, store.position, store.velocity,
+            store.radius, store.contact_radius, off_ground, near, store.soft, store.ground_spring,
             self._ground_row, self._plane,
         )  # fmt: skip
         self._walls.refresh(store, self._tools, dt)
         if self._growing:
             self._grow(dt, grounds)
         before = store.position.copy()
-        self._move(law, grounds)
+        self._move(dt, law, wall_law, grounds)
         self.tunnelled_tool += int(self._walls.crossed(store, self._tools, before).sum())
         self.tunnelled_ground += finish_on_ground(
             ground.surface, ground.frame, dt, params.settle_speed, grounds, self._ground_row,
@@ -271,9 +294,10 @@ class ParticleEngine:
 
     def _make_room(self) -> None:
         count = self.store.count
-        if len(self._force) < count:
-            room = max(count, 2 * len(self._force))
-            self._force = np.zeros((room, 3), np.float32)
+        if len(self._body) < count:
+            room = max(count, 2 * len(self._body))
+            self._body = np.zeros((room, BODY_FLOATS), np.float32)
+            self._total = np.zeros((room, SUM_FLOATS), np.float32)
             self._ground_row = np.zeros(room, np.int64)
             self._plane = np.zeros((room, 4))
 
@@ -292,21 +316,27 @@ class ParticleEngine:
             store.contact_radius, share,
         )  # fmt: skip
 
-    def _move(self, law: Law, grounds: int) -> None:
+    def _move(self, dt: float, law: Law, wall_law: Law, grounds: int) -> None:
         store, params, tools = self.store, self.params, self._tools
-        pairs, walls = self._pairs.pairs, self._walls.table
+        contacts, walls = self._contacts, self._walls.table
+        body, total = self._body[: store.count], self._total[: store.count]
+        load_bodies(
+            body, store.velocity, store.spin, store.contact_radius, store.inverse_mass,
+            store.friction, store.rolling, store.cohesion,
+        )  # fmt: skip
+        contacts.collect(store, body, self._pairs.pairs, dt)
         run_substeps(
-            params.substeps, params.gravity, law, np.float32(params.friction),
-            np.float32(params.tool_friction), np.float32(params.ground_friction),
-            store.position, store.velocity, store.mass, store.inverse_mass,
-            store.radius, store.contact_radius, store.soft,
-            self._force[: store.count], store.ground_spring,
-            pairs.first, pairs.second, pairs.count, pairs.touching, pairs.spring,
-            self._buffer, self._slots,
+            params.substeps, params.gravity, law, wall_law, np.float32(params.ground_friction),
+            np.float32(params.ground_rolling), body, total,
+            store.position, store.mass, store.radius, store.soft, store.ground_spring,
+            store.tool_friction, store.tool_rolling, store.adhesion,
+            contacts.first, contacts.second, contacts.count, contacts.block,
             walls.count, walls.row, walls.plate, walls.spring, walls.side,
             tools.frame, tools.corner, tools.corners, tools.owner, tools.path, tools.twist,
             tools.wrench, grounds, self._ground_row, self._plane,
         )  # fmt: skip
+        contacts.give_back(self._pairs.pairs)
+        finish_bodies(body, store.position, store.velocity, store.spin)
 
     # What it is like now.
 
@@ -354,14 +384,3 @@ class ParticleEngine:
     def pair_builds(self) -> int:
         """How often the neighbour list was built."""
         return self._pairs.builds
-
-
-def _by_soil(
-    name: str, given: float | Sequence[float], least: float, most: float
-) -> NDArray[np.float64]:
-    values = np.atleast_1d(np.asarray(given, dtype=np.float64))
-    if values.ndim != 1 or not values.size or not ((values >= least) & (values <= most)).all():
-        raise ParticleError(
-            f"{name} is {given}; give values from {least:g} to {most:g}, one a soil"
-        )
-    return values

@@ -1,7 +1,8 @@
 """The contact law: a linear spring and dashpot along the normal, a spring with Coulomb slip across.
 
 Cundall & Strack, Géotechnique 29 (1979) 47-65; Luding, Granular Matter 10 (2008) 235-246,
-doi:10.1007/s10035-008-0099-x, sections 2.1-2.2. Particles do not turn: full rolling resistance.
+doi:10.1007/s10035-008-0099-x, sections 2.1-2.2.
+Rolling resistance is not of a contact but of a particle: see `bodies.advance_bodies`.
 
 Stiffness and damping are taken *per unit of effective mass*, so that every pair, large or small,
 has the same contact duration and the explicit integration has one limit for all of them.
@@ -60,22 +61,23 @@ def contact_law(substep: float, substeps_per_contact: float, restitution: float)
 
 @inline_kernel
 def contact_force(law, friction, overlap, nx, ny, nz, vx, vy, vz, sx, sy, sz):  # type: ignore[no-untyped-def]
-    """Force per unit effective mass [m/s^2] on the second body of a contact, without branches.
+    """Forces per unit effective mass [m/s^2] on the second body of a contact, without branches.
 
     Args:
         law: `Law`.
         friction: Coulomb coefficient.
         overlap: how deep the bodies overlap [m].
         nx, ny, nz: unit normal from the first body to the second.
-        vx, vy, vz: velocity of the second relative to the first [m/s].
+        vx, vy, vz: velocity of the second's contact point relative to the first's [m/s].
         sx, sy, sz: the tangential spring [m].
 
     Returns:
-        The force's three components, then the new spring's.
+        The push along the normal, 0 or more; the three components of the friction, which acts
+        against the slip; then the new spring's.
     """
     stiffness, damping, stiffness_t, damping_t, dt = law
     vn = vx * nx + vy * ny + vz * nz
-    normal = max(stiffness * overlap - damping * vn, _ZERO)
+    push = max(stiffness * overlap - damping * vn, _ZERO)
     vx -= vn * nx
     vy -= vn * ny
     vz -= vn * nz
@@ -87,13 +89,14 @@ def contact_force(law, friction, overlap, nx, ny, nz, vx, vy, vz, sx, sy, sz):  
     gx = stiffness_t * sx + damping_t * vx
     gy = stiffness_t * sy + damping_t * vy
     gz = stiffness_t * sz + damping_t * vz
-    limit = friction * normal
+    limit = friction * push
     scale = min(limit / np.sqrt(gx * gx + gy * gy + gz * gz + _TINY), _ONE)
     gx *= scale
     gy *= scale
     gz *= scale
     # Where it slips, the spring holds just what friction can.
-    sx = (gx - damping_t * vx) / stiffness_t
-    sy = (gy - damping_t * vy) / stiffness_t
-    sz = (gz - damping_t * vz) / stiffness_t
-    return normal * nx - gx, normal * ny - gy, normal * nz - gz, sx, sy, sz
+    inverse = _ONE / stiffness_t
+    sx = (gx - damping_t * vx) * inverse
+    sy = (gy - damping_t * vy) * inverse
+    sz = (gz - damping_t * vz) * inverse
+    return push, -gx, -gy, -gz, sx, sy, sz

@@ -1,9 +1,8 @@
 """Which particles may touch: a half Verlet list, rebuilt by counting sort when it has worn out.
 
-A pair is listed when it is closer than touching plus a skin. The list holds until a particle has
-moved half the skin away from the mean motion of all (a bucket that carries all of them wears out
-nothing). Where particles are faster than that, the list holds one step only, and a pair that
-closes in is listed as far off as it comes in that step.
+A pair is listed when it is closer than touching plus the *skins* of both. A particle's skin is as
+far as it comes in the next steps, relative to the mean of all (a bucket that carries all of them
+wears out nothing), and a little more; the list holds until one has used its skin up.
 """
 
 from __future__ import annotations
@@ -16,10 +15,12 @@ from machine_sim.particles.store import ParticleStore
 
 __all__ = ["NeighbourList", "PairTable"]
 
-_HORIZON = 1.3
-"""How far ahead a fast pair is looked for, in steps: one, and room for acceleration."""
-
-_NONE = np.float32(0.0)
+_STEPS = 5.0
+"""For how many steps a list should hold where particles move."""
+_ROOM = 1.3
+"""Room for acceleration: how far ahead a particle is looked for, over how far it comes."""
+_LONGEST = 0.35
+"""Longest skin of a particle, in largest diameters, where a list holds for more than a step."""
 
 
 class PairTable:
@@ -56,6 +57,7 @@ class NeighbourList:
         self.pairs = PairTable(4096, 0)
         self._spare = PairTable(4096, 0)
         self._origin: NDArray[np.float64] = np.zeros((0, 3))
+        self._skins = np.zeros(0)
         self.stale = True
         self.builds = 0
 
@@ -65,16 +67,19 @@ class NeighbourList:
             self.pairs.count = 0
             self.stale = True
             return
-        skin = self._skin * 2.0 * float(store.radius.mean())
-        if not self.stale and not _worn(store.position, store.velocity, self._origin, skin, dt):
+        base = self._skin * float(store.radius.mean())
+        if not self.stale and not _worn(
+            store.position, store.velocity, self._origin, self._skins, dt
+        ):
             return
-        # Two of them close in at twice the speed relative to the mean.
-        closing = 2.0 * _relative_speed(store.velocity) * _HORIZON * dt
-        reach = 2.0 * float(store.radius.max())
-        cell = reach + max(skin, min(closing, 0.5 * reach))
-        ahead = _HORIZON * dt if closing > skin else 0.0
+        if len(self._skins) < store.count:
+            self._skins = np.zeros(max(store.count, 2 * len(self._skins)))
+        largest = _lay_skins(
+            store.velocity, dt, base, 2.0 * _LONGEST * float(store.radius.max()), self._skins
+        )
+        cell = 2.0 * float(store.radius.max()) + 2.0 * largest
         order, start, cells, sizes = _sort(store.position, cell)
-        while not self._build(store, order, start, cells, sizes, cell, skin, ahead):
+        while not self._build(store, order, start, cells, sizes):
             self._spare = PairTable(2 * len(self._spare.first), 0)
         self.pairs, self._spare = self._spare, self.pairs
         self._origin = store.position.copy()
@@ -83,7 +88,7 @@ class NeighbourList:
         self.stale = False
 
     def _build(  # type: ignore[no-untyped-def]
-        self, store: ParticleStore, order, start, cells, sizes, cell, skin, ahead
+        self, store: ParticleStore, order, start, cells, sizes
     ) -> bool:
         """Fill the spare table; False where it has too little room."""
         old, new = self.pairs, self._spare
@@ -91,8 +96,7 @@ class NeighbourList:
             room = max(store.count, 2 * len(new.begin))
             new.begin, new.end = np.zeros(room, np.int64), np.zeros(room, np.int64)
         new.count = _list_pairs(
-            order, start, cells, sizes, cell, skin, ahead,
-            store.position, store.velocity, store.radius, store.pair_row,
+            order, start, cells, sizes, store.position, store.radius, self._skins, store.pair_row,
             old.second, old.touching, old.spring, old.begin, old.end,
             new.first, new.second, new.touching, new.spring, new.begin, new.end,
         )  # fmt: skip
@@ -105,8 +109,8 @@ def spatial_order(store: ParticleStore) -> NDArray[np.intp]:
 
 
 @kernel
-def _worn(position, velocity, origin, skin, dt):  # type: ignore[no-untyped-def]
-    """Whether some particle may leave the mean motion by half the skin within the next step."""
+def _worn(position, velocity, origin, skins, dt):  # type: ignore[no-untyped-def]
+    """Whether some particle may leave the mean motion by its skin within the next step."""
     n = position.shape[0]
     mx, my, mz, ux, uy, uz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
@@ -117,19 +121,24 @@ def _worn(position, velocity, origin, skin, dt):  # type: ignore[no-untyped-def]
         uy += velocity[i, 1]
         uz += velocity[i, 2]
     mx, my, mz = (mx + dt * ux) / n, (my + dt * uy) / n, (mz + dt * uz) / n
-    limit = 0.25 * skin * skin
     for i in range(n):
         dx = position[i, 0] - origin[i, 0] + dt * velocity[i, 0] - mx
         dy = position[i, 1] - origin[i, 1] + dt * velocity[i, 1] - my
         dz = position[i, 2] - origin[i, 2] + dt * velocity[i, 2] - mz
-        if dx * dx + dy * dy + dz * dz > limit:
+        if dx * dx + dy * dy + dz * dz > skins[i] * skins[i]:
             return True
     return False
 
 
 @kernel
-def _relative_speed(velocity):  # type: ignore[no-untyped-def]
-    """Largest speed [m/s] relative to the mean velocity."""
+def _lay_skins(velocity, dt, base, longest, skins):  # type: ignore[no-untyped-def]
+    """Fill `skins` [m]: `base`, and the way relative to the mean in up to `_STEPS` steps.
+
+    Fewer steps where the fastest would go farther than `longest`, but one at least.
+
+    Returns:
+        The longest skin [m].
+    """
     n = velocity.shape[0]
     ux, uy, uz = 0.0, 0.0, 0.0
     for i in range(n):
@@ -137,11 +146,17 @@ def _relative_speed(velocity):  # type: ignore[no-untyped-def]
         uy += velocity[i, 1]
         uz += velocity[i, 2]
     ux, uy, uz = ux / n, uy / n, uz / n
-    largest = 0.0
+    fastest = 0.0
     for i in range(n):
         dx, dy, dz = velocity[i, 0] - ux, velocity[i, 1] - uy, velocity[i, 2] - uz
-        largest = max(largest, dx * dx + dy * dy + dz * dz)
-    return np.sqrt(largest)
+        speed = np.sqrt(dx * dx + dy * dy + dz * dz)
+        skins[i] = speed
+        fastest = max(fastest, speed)
+    step = _ROOM * dt * fastest
+    steps = min(max(longest / max(step, 1e-12), 1.0), _STEPS)
+    for i in range(n):
+        skins[i] = base + _ROOM * dt * steps * skins[i]
+    return base + step * steps
 
 
 @kernel
@@ -200,19 +215,31 @@ def _sort(position, cell):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _mark_near(around, own, others, mark):  # type: ignore[no-untyped-def]
+    """Mark which of those around (x, y, z, size by row of `around`) are near number `own`.
+
+    Marks up to a whole number of eight are written.
+    """
+    xa, ya, za, sa = around[0, own], around[1, own], around[2, own], around[3, own]
+    xs, ys, zs, sizes = around[0], around[1], around[2], around[3]
+    for m in range(np.uint64(others)):
+        dx, dy, dz, near = xs[m] - xa, ys[m] - ya, zs[m] - za, sizes[m] + sa
+        mark[m] = np.uint8(dx * dx + dy * dy + dz * dz < near * near)
+    for m in range(others, (others + 7) // 8 * 8):
+        mark[m] = np.uint8(0)
+
+
+@kernel
 def _list_pairs(  # type: ignore[no-untyped-def]
-    order, start, cells, sizes, cell, skin, ahead,
-    position, velocity, radius, old_row,
+    order, start, cells, sizes, position, radius, skins, old_row,
     old_second, old_touching, old_spring, old_begin, old_end,
     first, second, touching, spring, begin, end,
 ):  # fmt: skip
-    """Fill the table with all pairs closer than touching plus `skin`, and those that close in.
+    """Fill the table with all pairs closer than touching plus the skins of both.
 
     Args:
         order, start, cells, sizes: of `_sort`.
-        cell, skin: [m].
-        ahead: time [s] to look ahead for closing pairs, 0 for none.
-        position, velocity, radius: of the particles, by row.
+        position, radius, skins: of the particles, by row.
         old_row: row of each in the old table, -1 if it has none.
         old_*: the old table. The rest: the new one.
 
@@ -222,57 +249,81 @@ def _list_pairs(  # type: ignore[no-untyped-def]
     n = order.size
     nx, nz = sizes
     # float32 relative to a particle in the middle: near enough for a list with a skin.
-    x, v, r = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32), np.empty(n, np.float32)
+    x, y, z = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
+    size = np.empty(n, np.float32)
     for a in range(n):
         i = order[a]
-        r[a] = radius[i]
-        for axis in range(3):
-            x[a, axis] = position[i, axis] - position[0, axis]
-            v[a, axis] = velocity[i, axis]
-    skin, ahead, cell2 = np.float32(skin), np.float32(ahead), np.float32(cell * cell)
-    count = 0
-    for a in range(n):
-        i = order[a]
-        begin[i] = count
+        x[a] = position[i, 0] - position[0, 0]
+        y[a] = position[i, 1] - position[0, 1]
+        z[a] = position[i, 2] - position[0, 2]
+        size[a] = radius[i] + skins[i]
+    low, high = np.zeros(5, np.int64), np.zeros(5, np.int64)
+    around = np.empty((4, 512), np.float32)
+    row = np.empty(512, np.uint32)
+    mark = np.zeros(520, np.uint8)
+    count, a = 0, 0
+    while a < n:
+        # All of one cell have the same others around: half of the 27 cells, in 5 strips along z.
         c = cells[a]
+        end_of_cell = start[c + 1]
+        low[0], high[0] = a, start[c + 2]
+        others = high[0] - low[0]
+        for strip in range(1, 5):
+            middle = c + nz if strip == 1 else c + (nx + strip - 3) * nz
+            low[strip], high[strip] = start[middle - 1], start[middle + 2]
+            others += high[strip] - low[strip]
+        if others > row.size:
+            around = np.empty((4, 2 * others), np.float32)
+            row = np.empty(2 * others, np.uint32)
+            mark = np.zeros(2 * others + 8, np.uint8)
+        if count + (end_of_cell - a) * others > first.size:
+            return -1
+        m = 0
         for strip in range(5):
-            # Half of the 27 cells around, in 5 strips along z.
-            if strip == 0:
-                low, high = a + 1, start[c + 2]
-            else:
-                middle = c + nz if strip == 1 else c + (nx + strip - 3) * nz
-                low, high = start[middle - 1], start[middle + 2]
-            if count + high - low > first.size:
-                return -1
-            for b in range(low, high):
-                dx, dy, dz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
-                d2 = dx * dx + dy * dy + dz * dz
-                reach = r[a] + r[b]
-                near = reach + skin
-                listed = d2 < near * near
-                if ahead > _NONE and not listed and d2 < cell2:
-                    vx, vy, vz = v[b, 0] - v[a, 0], v[b, 1] - v[a, 1], v[b, 2] - v[a, 2]
-                    if vx * dx + vy * dy + vz * dz < _NONE:
-                        near += ahead * np.sqrt(vx * vx + vy * vy + vz * vz)
-                        listed = d2 < near * near
-                first[count] = i
-                second[count] = order[b]
-                count += np.int64(listed)
-        end[i] = count
-    for k in range(count):
-        touching[k] = 0
-        i, j = old_row[first[k]], old_row[second[k]]
-        if i < 0 or j < 0:
+            for b in range(low[strip], high[strip]):
+                around[0, m], around[1, m], around[2, m] = x[b], y[b], z[b]
+                around[3, m] = size[b]
+                row[m] = order[b]
+                m += 1
+        words = mark[: mark.size // 8 * 8].view(np.uint64)
+        for own in range(end_of_cell - a):
+            i = row[own]
+            begin[i] = count
+            _mark_near(around, own, others, mark)
+            # Few are near: eight marks are passed over at a time.
+            for word in range(own // 8, (others + 7) // 8):
+                if words[word] != 0:
+                    for m in range(max(8 * word, own + 1), 8 * word + 8):
+                        first[count] = i
+                        second[count] = row[min(m, others - 1)]
+                        count += np.int64(mark[m])
+            end[i] = count
+        a = end_of_cell
+    touching[:count] = 0
+    # History goes from the old table to the new: of the old pairs only those that touch have one.
+    new_row = np.full(old_begin.size, -1, np.int32)
+    for i in range(n):
+        if old_row[i] >= 0:
+            new_row[old_row[i]] = i
+    for old in range(old_begin.size):
+        i = new_row[old]
+        if i < 0:
             continue
-        sign = np.float32(1.0)
-        found = _find(old_second, old_begin[i], old_end[i], j)
-        if found < 0:
-            found = _find(old_second, old_begin[j], old_end[j], i)
-            sign = np.float32(-1.0)
-        if found >= 0 and old_touching[found] & np.uint8(1):
-            touching[k] = 1
-            for axis in range(3):
-                spring[k, axis] = sign * old_spring[found, axis]
+        for m in range(old_begin[old], old_end[old]):
+            if old_touching[m] == 0:
+                continue
+            j = new_row[old_second[m]]
+            if j < 0:
+                continue
+            sign = np.float32(1.0)
+            k = _find(second, begin[i], end[i], j)
+            if k < 0:
+                k = _find(second, begin[j], end[j], i)
+                sign = np.float32(-1.0)
+            if k >= 0:
+                touching[k] = 1
+                for axis in range(3):
+                    spring[k, axis] = sign * old_spring[m, axis]
     return count
 
 

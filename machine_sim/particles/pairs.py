@@ -1,146 +1,115 @@
-"""Forces between particles, in batches: gather the touching pairs, contact maths, scatter.
-
-The maths runs over one flat buffer in which quantity q of slot s lies at `q * BATCH + s`. The
-constant distance between quantities lets the compiler prove that they do not overlap, and it
-vectorises the loop (float32, 8 or 16 pairs at once).
-"""
+"""Forces between particles, block by block: gather, contact maths, scatter."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machine_sim.particles.contacts import BLOCK
 from machine_sim.particles.jit import kernel
 from machine_sim.particles.law import contact_force
 
-__all__ = ["BATCH", "pair_buffer", "pair_forces", "pair_overlap"]
+__all__ = ["pair_forces", "pair_overlap"]
 
-BATCH = 256
-"""Pairs per batch: 12 KB of buffer, inside the first-level cache."""
-
-_QUANTITIES = 12
 _ONE = np.float32(1.0)
-_TINY_MASS = np.float32(1e-12)
+_ZERO = np.float32(0.0)
 _TINY_LENGTH2 = np.float32(1e-18)
-_OVERLAP_CAP = np.float32(1.0)  # of the smaller radius: bounds the force of a forced overlap
-
-
-def pair_buffer() -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-    """Scratch memory of `pair_forces`: floats and pair numbers of a batch."""
-    return np.zeros(_QUANTITIES * BATCH, np.float32), np.zeros(BATCH, np.uint32)
 
 
 @kernel
-def _batch_maths(n, b, law, friction):  # type: ignore[no-untyped-def]
-    """In: separation, relative velocity, spring, 1/m sum, reach, cap. Out: force, spring."""
-    for q in range(np.uint64(n)):
-        dx, dy, dz = b[q], b[q + BATCH], b[q + 2 * BATCH]
+def _block_maths(n, b, law):  # type: ignore[no-untyped-def]
+    """Contacts of a block: from motion (quantities 12 to 20) to forces in the same place.
+
+    In: displacement (12-14), velocity (15-17) of the second relative to the first, and the sum of
+    spin times radius (18-20). Out: force on the second (12-14), torque per radius on both (15-17),
+    share of the rolling limit (18).
+    """
+    for s in range(np.uint64(n)):
+        dx = b[s] + b[s + 12 * BLOCK]
+        dy = b[s + BLOCK] + b[s + 13 * BLOCK]
+        dz = b[s + 2 * BLOCK] + b[s + 14 * BLOCK]
         distance = np.sqrt(dx * dx + dy * dy + dz * dz + _TINY_LENGTH2)
         inverse = _ONE / distance
-        overlap = min(b[q + 10 * BATCH] - distance, b[q + 11 * BATCH])
-        fx, fy, fz, sx, sy, sz = contact_force(
-            law,
-            friction,
-            overlap,
-            dx * inverse,
-            dy * inverse,
-            dz * inverse,
-            b[q + 3 * BATCH],
-            b[q + 4 * BATCH],
-            b[q + 5 * BATCH],
-            b[q + 6 * BATCH],
-            b[q + 7 * BATCH],
-            b[q + 8 * BATCH],
-        )
-        mass = _ONE / b[q + 9 * BATCH]
-        b[q] = fx * mass
-        b[q + BATCH] = fy * mass
-        b[q + 2 * BATCH] = fz * mass
-        b[q + 6 * BATCH] = sx
-        b[q + 7 * BATCH] = sy
-        b[q + 8 * BATCH] = sz
+        nx, ny, nz = dx * inverse, dy * inverse, dz * inverse
+        overlap = min(b[s + 3 * BLOCK] - distance, b[s + 8 * BLOCK])
+        touches = _ONE if overlap > _ZERO else _ZERO
+        ax, ay, az = b[s + 18 * BLOCK], b[s + 19 * BLOCK], b[s + 20 * BLOCK]
+        push, gx, gy, gz, sx, sy, sz = contact_force(
+            law, b[s + 5 * BLOCK], overlap, nx, ny, nz,
+            b[s + 15 * BLOCK] - (ay * nz - az * ny),
+            b[s + 16 * BLOCK] - (az * nx - ax * nz),
+            b[s + 17 * BLOCK] - (ax * ny - ay * nx),
+            b[s + 9 * BLOCK], b[s + 10 * BLOCK], b[s + 11 * BLOCK],
+        )  # fmt: skip
+        b[s + 9 * BLOCK] = sx * touches
+        b[s + 10 * BLOCK] = sy * touches
+        b[s + 11 * BLOCK] = sz * touches
+        mass = b[s + 4 * BLOCK] * touches
+        push *= mass
+        gx *= mass
+        gy *= mass
+        gz *= mass
+        normal = push - b[s + 7 * BLOCK] * touches
+        b[s + 12 * BLOCK] = normal * nx + gx
+        b[s + 13 * BLOCK] = normal * ny + gy
+        b[s + 14 * BLOCK] = normal * nz + gz
+        b[s + 15 * BLOCK] = gy * nz - gz * ny
+        b[s + 16 * BLOCK] = gz * nx - gx * nz
+        b[s + 17 * BLOCK] = gx * ny - gy * nx
+        b[s + 18 * BLOCK] = push * b[s + 6 * BLOCK]
 
 
 @kernel
-def pair_forces(  # type: ignore[no-untyped-def]
-    first,
-    second,
-    count,
-    touching,
-    spring,
-    position,
-    velocity,
-    inverse_mass,
-    contact_radius,
-    force,
-    buffer,
-    slots,
-    law,
-    friction,
-):
-    """Add the contact forces of all listed pairs to `force`.
+def pair_forces(first, second, count, block, body, total, law):  # type: ignore[no-untyped-def]
+    """Add the contact forces of all contacts to `total`.
 
     Args:
-        first, second: rows of each pair, uint32 (unsigned: no wrap-around test when indexing).
-        count: number of pairs.
-        touching: per pair, 1 if it touched in the last substep; updated.
-        spring: tangential spring [m], shape (pairs, 3); valid while touching; updated.
-        position, velocity: [m], [m/s], shape (n, 3).
-        inverse_mass: [1/kg], 0 for a body that cannot move, shape (n,).
-        contact_radius: [m], shape (n,).
-        force: [N], shape (n, 3), float32; added to. That of an immovable body has no meaning.
-        buffer, slots: scratch of `pair_buffer`.
-        law, friction: contact law and Coulomb coefficient.
+        first, second, count, block: of `ContactTable`; springs are updated.
+        body, total: see `bodies`. The sum of a body that cannot move has no meaning.
+        law: contact law.
     """
-    start = 0
-    while start < count:
-        # Fill a batch without branches: the slot is written always, and kept if the pair touches.
-        n = np.uint64(0)
-        k = start
-        while k < count and n < BATCH:
-            pair = np.uint32(k)
-            i, j = first[pair], second[pair]
-            dx = np.float32(position[j, 0] - position[i, 0])
-            dy = np.float32(position[j, 1] - position[i, 1])
-            dz = np.float32(position[j, 2] - position[i, 2])
-            ri, rj = contact_radius[i], contact_radius[j]
-            reach = ri + rj
-            buffer[n] = dx
-            buffer[n + BATCH] = dy
-            buffer[n + 2 * BATCH] = dz
-            buffer[n + 10 * BATCH] = reach
-            buffer[n + 11 * BATCH] = _OVERLAP_CAP * min(ri, rj)
-            slots[n] = pair
-            touches = np.uint8(dx * dx + dy * dy + dz * dz < reach * reach)
-            touching[pair] = ((touching[pair] << np.uint8(1)) & np.uint8(2)) | touches
-            n += np.uint64(touches)
-            k += 1
-        start = k
-        for q in range(n):
-            pair = slots[q]
-            i, j = first[pair], second[pair]
-            held = np.float32(touching[pair] >> np.uint8(1))
-            buffer[q + 3 * BATCH] = velocity[j, 0] - velocity[i, 0]
-            buffer[q + 4 * BATCH] = velocity[j, 1] - velocity[i, 1]
-            buffer[q + 5 * BATCH] = velocity[j, 2] - velocity[i, 2]
-            buffer[q + 6 * BATCH] = spring[pair, 0] * held
-            buffer[q + 7 * BATCH] = spring[pair, 1] * held
-            buffer[q + 8 * BATCH] = spring[pair, 2] * held
-            buffer[q + 9 * BATCH] = max(inverse_mass[i] + inverse_mass[j], _TINY_MASS)
-        _batch_maths(n, buffer, law, friction)
-        for q in range(n):
-            pair = slots[q]
-            i, j = first[pair], second[pair]
-            spring[pair, 0] = buffer[q + 6 * BATCH]
-            spring[pair, 1] = buffer[q + 7 * BATCH]
-            spring[pair, 2] = buffer[q + 8 * BATCH]
-            fx, fy, fz = buffer[q], buffer[q + BATCH], buffer[q + 2 * BATCH]
-            force[i, 0] -= fx
-            force[i, 1] -= fy
-            force[i, 2] -= fz
-            force[j, 0] += fx
-            force[j, 1] += fy
-            force[j, 2] += fz
+    for k in range((count + BLOCK - 1) // BLOCK):
+        b = block[k]
+        at = k * BLOCK
+        n = min(count - at, BLOCK)
+        for s in range(n):
+            i, j = first[at + s], second[at + s]
+            b[s + 12 * BLOCK] = body[j, 0] - body[i, 0]
+            b[s + 13 * BLOCK] = body[j, 1] - body[i, 1]
+            b[s + 14 * BLOCK] = body[j, 2] - body[i, 2]
+            b[s + 15 * BLOCK] = body[j, 4] - body[i, 4]
+            b[s + 16 * BLOCK] = body[j, 5] - body[i, 5]
+            b[s + 17 * BLOCK] = body[j, 6] - body[i, 6]
+            ri, rj = body[i, 3], body[j, 3]
+            b[s + 18 * BLOCK] = ri * body[i, 8] + rj * body[j, 8]
+            b[s + 19 * BLOCK] = ri * body[i, 9] + rj * body[j, 9]
+            b[s + 20 * BLOCK] = ri * body[i, 10] + rj * body[j, 10]
+        _block_maths(n, b, law)
+        for s in range(n):
+            i, j = first[at + s], second[at + s]
+            fx, fy, fz = b[s + 12 * BLOCK], b[s + 13 * BLOCK], b[s + 14 * BLOCK]
+            tx, ty, tz = b[s + 15 * BLOCK], b[s + 16 * BLOCK], b[s + 17 * BLOCK]
+            limit = b[s + 18 * BLOCK]
+            ri, rj = body[i, 3], body[j, 3]
+            total[i, 0] -= fx
+            total[i, 1] -= fy
+            total[i, 2] -= fz
+            total[i, 3] += limit
+            total[i, 4] += ri * tx
+            total[i, 5] += ri * ty
+            total[i, 6] += ri * tz
+            total[i, 8] += limit * body[j, 8]
+            total[i, 9] += limit * body[j, 9]
+            total[i, 10] += limit * body[j, 10]
+            total[j, 0] += fx
+            total[j, 1] += fy
+            total[j, 2] += fz
+            total[j, 3] += limit
+            total[j, 4] += rj * tx
+            total[j, 5] += rj * ty
+            total[j, 6] += rj * tz
+            total[j, 8] += limit * body[i, 8]
+            total[j, 9] += limit * body[i, 9]
+            total[j, 10] += limit * body[i, 10]
 
 
 @kernel

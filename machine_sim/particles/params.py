@@ -19,32 +19,22 @@ class ParticleParams(Parameters):
     nominal_volume: int = parameter(
         500_000, "Nominal bank volume of one particle.", unit="mm^3", low=100, high=2**32 - 1
     )
-    packing: float = parameter(
-        0.58,
-        "Sphere volume over the bulk volume a heap of them takes; friction 0.4, 0.5 pours to"
-        " 0.58, 0.565.",
-        low=0.3,
-        high=0.74,
-    )
     gravity: float = parameter(9.81, "Gravity, downward.", unit="m/s^2", low=0.0, high=30.0)
     substeps: int = parameter(5, "Contact substeps per physics step.", low=1, high=100)
     substeps_per_contact: float = parameter(
         7.0, "Substeps a free collision lasts: sets the stiffness.", low=5.0, high=50.0
     )
     restitution: float = parameter(
-        0.4, "Rebound speed over impact speed of a free collision.", low=0.3, high=0.95
+        0.7, "Rebound speed over impact speed of two particles.", low=0.3, high=0.95
     )
-    friction: float = parameter(
-        0.4,
-        "Coulomb friction between particles; 0.3, 0.4, 0.5 give 20, 29, 35 deg.",
-        high=2.0,
-        low=0.0,
-    )
-    tool_friction: float = parameter(
-        0.35, "Coulomb friction between particles and tool plates.", low=0.0, high=2.0
+    wall_restitution: float = parameter(
+        0.4, "The same at tools and on the terrain.", low=0.3, high=0.95
     )
     ground_friction: float = parameter(
         0.7, "Coulomb friction between particles and the terrain.", low=0.0, high=2.0
+    )
+    ground_rolling: float = parameter(
+        0.4, "Rolling resistance on the terrain, in radii.", low=0.0, high=2.0
     )
     skin: float = parameter(
         0.15, "Reach of the neighbour list beyond touching, in mean diameters.", low=0.02, high=1.0

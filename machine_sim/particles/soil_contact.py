@@ -92,30 +92,40 @@ def ground_planes(  # type: ignore[no-untyped-def]
 
 @kernel
 def ground_forces(  # type: ignore[no-untyped-def]
-    count, row, plane, position, velocity, mass, contact_radius, soft, spring, force, law, friction
+    count, row, plane, position, mass, soft, spring, body, total, law, friction, rolling
 ):
-    """Add the ground's forces to `force` [N] and carry the tangential springs on."""
+    """Add the ground's forces to `total` and carry the tangential springs on."""
     soft_overlap = _SOFT_PUSH / np.float64(law[0])
     for c in range(count):
         i = row[c]
         nx, ny, nz = plane[c, 0], plane[c, 1], plane[c, 2]
-        distance = nx * position[i, 0] + ny * position[i, 1] + nz * position[i, 2] - plane[c, 3]
+        distance = nx * (position[i, 0] + body[i, 0]) + ny * (position[i, 1] + body[i, 1])
+        distance += nz * (position[i, 2] + body[i, 2]) - plane[c, 3]
+        r = np.float64(body[i, 3])
         # One radius at most: deeper is for `finish_on_ground`.
-        overlap = min(contact_radius[i] - distance, np.float64(contact_radius[i]))
+        overlap = min(r - distance, r)
         if overlap <= 0.0:
             spring[i, 0] = spring[i, 1] = spring[i, 2] = np.float32(0.0)
             continue
         if soft[i]:
             overlap = min(overlap, soft_overlap)
-        ax, ay, az, sx, sy, sz = contact_force(
+        ax, ay, az = body[i, 8], body[i, 9], body[i, 10]
+        push, gx, gy, gz, sx, sy, sz = contact_force(
             law, friction, overlap, nx, ny, nz,
-            velocity[i, 0], velocity[i, 1], velocity[i, 2],
+            body[i, 4] - r * (ay * nz - az * ny),
+            body[i, 5] - r * (az * nx - ax * nz),
+            body[i, 6] - r * (ax * ny - ay * nx),
             spring[i, 0], spring[i, 1], spring[i, 2],
         )  # fmt: skip
         spring[i, 0], spring[i, 1], spring[i, 2] = sx, sy, sz
-        force[i, 0] += np.float32(mass[i] * ax)
-        force[i, 1] += np.float32(mass[i] * ay)
-        force[i, 2] += np.float32(mass[i] * az)
+        m = mass[i]
+        total[i, 0] += m * (push * nx + gx)
+        total[i, 1] += m * (push * ny + gy)
+        total[i, 2] += m * (push * nz + gz)
+        total[i, 3] += m * push * rolling
+        total[i, 4] += m * r * (gy * nz - gz * ny)
+        total[i, 5] += m * r * (gz * nx - gx * nz)
+        total[i, 6] += m * r * (gx * ny - gy * nx)
 
 
 @kernel

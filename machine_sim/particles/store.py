@@ -17,6 +17,7 @@ __all__ = ["ParticleError", "ParticleStore"]
 _COLUMNS: dict[str, tuple[str, tuple[int, ...]]] = {
     "position": ("f8", (3,)),
     "velocity": ("f8", (3,)),
+    "spin": ("f4", (3,)),
     "radius": ("f4", ()),
     "contact_radius": ("f4", ()),
     "mass": ("f4", ()),
@@ -25,6 +26,12 @@ _COLUMNS: dict[str, tuple[str, tuple[int, ...]]] = {
     "soil": ("u1", ()),
     "moisture": ("u1", ()),
     "particle_id": ("u4", ()),
+    "friction": ("f4", ()),
+    "rolling": ("f4", ()),
+    "cohesion": ("f4", ()),
+    "tool_friction": ("f4", ()),
+    "tool_rolling": ("f4", ()),
+    "adhesion": ("f4", ()),
     "frozen": ("?", ()),
     "soft": ("?", ()),
     "quiet_time": ("f4", ()),
@@ -44,6 +51,7 @@ class ParticleStore:
     Attributes:
         position: centres [m], map frame, shape (n, 3), float64.
         velocity: [m/s], map frame, shape (n, 3), float64.
+        spin: angular velocity [rad/s], map axes, shape (n, 3), float32.
         radius: full radius [m], shape (n,), float32.
         contact_radius: radius felt by contacts [m], grows to `radius`; 0 until the first step.
         mass: [kg], shape (n,), float32.
@@ -51,6 +59,9 @@ class ParticleStore:
         volume_mm3: the account: bank volume [mm^3], shape (n,), int64.
         soil, moisture: soil type and moisture code, uint8.
         particle_id: unique, never used twice, from 1, uint32.
+        friction, rolling: coefficients between particles; of a pair the smaller counts.
+        cohesion: pressure that holds two together [Pa], on the smaller's cross section.
+        tool_friction, tool_rolling, adhesion: the same at a tool.
         frozen: landed and not yet answered: does not move, supports others, still counts.
         soft: beside a tool, or not yet out of the ground there; see `soil_contact`.
         quiet_time: how long it has been slow on the ground [s].
@@ -71,6 +82,13 @@ class ParticleStore:
     particle_id: NDArray[np.uint32]
     frozen: NDArray[np.bool_]
     soft: NDArray[np.bool_]
+    spin: NDArray[np.float32]
+    friction: NDArray[np.float32]
+    rolling: NDArray[np.float32]
+    cohesion: NDArray[np.float32]
+    tool_friction: NDArray[np.float32]
+    tool_rolling: NDArray[np.float32]
+    adhesion: NDArray[np.float32]
     quiet_time: NDArray[np.float32]
     ground_spring: NDArray[np.float32]
     pair_row: NDArray[np.int32]

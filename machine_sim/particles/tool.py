@@ -42,10 +42,11 @@ class RigidTool:
         plates: its plates, tool frame.
         hull: half-spaces of the convex hull of its corners, shape (planes, 4).
         centre, reach: bounding sphere [m], tool frame.
+        digs: whether it goes into the ground, see `ToolSet.surround`.
         start, end: pose at the beginning and end of a step.
     """
 
-    def __init__(self, polygons: Sequence[ArrayLike], pose: Pose) -> None:
+    def __init__(self, polygons: Sequence[ArrayLike], pose: Pose, *, digs: bool = True) -> None:
         """Build from plates, each (k, 3) corners [m] in the tool frame, in order around.
 
         Raises:
@@ -58,6 +59,7 @@ class RigidTool:
         self.hull = hull_planes(corners)
         self.centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
         self.reach = float(np.linalg.norm(corners - self.centre, axis=1).max())
+        self.digs = digs
         self.start = self.end = checked_pose(pose)
 
     def move(self, start: Pose, end: Pose) -> None:
@@ -117,6 +119,22 @@ class ToolSet:
         self.tools.append(tool)
         self._collect()
 
+    def remove(self, tool_id: int) -> int:
+        """Take a tool out.
+
+        Returns:
+            The number it had; later ones move up.
+
+        Raises:
+            ParticleError: there is none.
+        """
+        self[tool_id]
+        number = self.number.pop(tool_id)
+        del self.tools[number]
+        self.number = {key: k - (k > number) for key, k in self.number.items()}
+        self._collect()
+        return number
+
     def __getitem__(self, tool_id: int) -> RigidTool:
         """A tool by its id.
 
@@ -141,8 +159,9 @@ class ToolSet:
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which points [m], shape (n, 3), map frame, tools hold, and which are near one.
 
-        What a tool holds inside its hull, its plates keep the terrain from: a bucket half in the
-        ground lies below the surface of the columns it stands in.
+        What a digging tool holds inside its hull, its plates keep the terrain from: a bucket half
+        in the ground lies below the surface of the columns it stands in. A box that stands on the
+        ground or over it does neither.
 
         Args:
             position: points at the start of the step.
@@ -154,6 +173,8 @@ class ToolSet:
         held = np.zeros(len(position), dtype=np.bool_)
         near = np.zeros(len(position), dtype=np.bool_)
         for tool in self.tools:
+            if not tool.digs:
+                continue
             offset = position - (tool.start[1] + tool.start[0] @ tool.centre)
             close = np.einsum("ij,ij->i", offset, offset) <= (tool.reach + margin) ** 2
             near |= close

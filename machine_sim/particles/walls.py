@@ -74,6 +74,13 @@ class WallList:
         self.table, self._spare = new, old
         store.wall_row[:] = np.arange(store.count, dtype=np.int32)
 
+    def drop(self, low: int, high: int) -> None:
+        """Forget plates number `low` to below `high`; those behind move up."""
+        plate = self.table.plate[: self.table.count]
+        gone = (plate >= low) & (plate < high)
+        plate[plate >= high] -= high - low
+        plate[gone] = -1
+
     def crossed(
         self, store: ParticleStore, tools: ToolSet, before: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
@@ -163,30 +170,33 @@ def _list_walls(  # type: ignore[no-untyped-def]
 
 @kernel
 def wall_forces(  # type: ignore[no-untyped-def]
-    count, row, plate, spring, side,
-    position, velocity, mass, radius, contact_radius, force,
-    frame, corner, corners, owner, pose, twist, wrench, law, friction,
+    count, row, plate, spring, side, position, mass, radius, friction, rolling, adhesion,
+    body, total, frame, corner, corners, owner, pose, twist, wrench, law,
 ):  # fmt: skip
-    """Add the forces of plates to `force` [N] and their reaction to `wrench`.
+    """Add the forces of plates to `total` and their reaction to `wrench`.
 
     Contacts are worked out in tool axes, where the spring turns with the tool.
 
     Args:
         count, row, plate, spring, side: the table; spring and side are updated.
-        position, velocity, mass, radius, contact_radius, force: of the particles, by row.
+        position, mass, radius: of the particles at the start of the step, by row.
+        friction, rolling, adhesion: at a tool: coefficients, and bond pressure [Pa], by row.
+        body, total: see `bodies`.
         frame, corner, corners, owner, twist, wrench: of `ToolSet`.
         pose: packed poses at this substep, shape (tools, 12).
-        law, friction: contact law and Coulomb coefficient.
+        law: contact law.
     """
     for c in range(count):
         i, k = row[c], plate[c]
         t = owner[k]
         p = pose[t]
-        qx, qy, qz = position[i, 0] - p[9], position[i, 1] - p[10], position[i, 2] - p[11]
+        qx = position[i, 0] + body[i, 0] - p[9]
+        qy = position[i, 1] + body[i, 1] - p[10]
+        qz = position[i, 2] + body[i, 2] - p[11]
         x, y, z = turn_back(p, qx, qy, qz)
         a, b, h = plate_coordinates(frame, k, x, y, z)
         ca, cb, inside = closest_in_polygon(corner, corners, k, a, b)
-        r = np.float64(max(contact_radius[i], _LEAST_AT_PLATE * radius[i]))
+        r = np.float64(max(body[i, 3], _LEAST_AT_PLATE * radius[i]))
         if inside:
             na, nb, nh = 0.0, 0.0, np.float64(side[c])
             overlap = r - h * nh
@@ -203,24 +213,44 @@ def wall_forces(  # type: ignore[no-untyped-def]
         nz = frame[k, 5] * na + frame[k, 8] * nb + frame[k, 11] * nh
         vx, vy, vz = turn_back(
             p,
-            velocity[i, 0] - twist[t, 0] - (twist[t, 4] * qz - twist[t, 5] * qy),
-            velocity[i, 1] - twist[t, 1] - (twist[t, 5] * qx - twist[t, 3] * qz),
-            velocity[i, 2] - twist[t, 2] - (twist[t, 3] * qy - twist[t, 4] * qx),
+            body[i, 4] - twist[t, 0] - (twist[t, 4] * qz - twist[t, 5] * qy),
+            body[i, 5] - twist[t, 1] - (twist[t, 5] * qx - twist[t, 3] * qz),
+            body[i, 6] - twist[t, 2] - (twist[t, 3] * qy - twist[t, 4] * qx),
         )
-        ax, ay, az, sx, sy, sz = contact_force(
-            law, friction, overlap, nx, ny, nz, vx, vy, vz,
+        # The point that touches is a radius from the centre, and goes round with the spin.
+        ax, ay, az = turn_back(
+            p, body[i, 8] - twist[t, 3], body[i, 9] - twist[t, 4], body[i, 10] - twist[t, 5]
+        )
+        push, gx, gy, gz, sx, sy, sz = contact_force(
+            law, friction[i], overlap, nx, ny, nz,
+            vx - r * (ay * nz - az * ny),
+            vy - r * (az * nx - ax * nz),
+            vz - r * (ax * ny - ay * nx),
             spring[c, 0], spring[c, 1], spring[c, 2],
         )  # fmt: skip
         spring[c, 0], spring[c, 1], spring[c, 2] = sx, sy, sz
         m = mass[i]
-        fx = np.float32(m * (p[0] * ax + p[1] * ay + p[2] * az))
-        fy = np.float32(m * (p[3] * ax + p[4] * ay + p[5] * az))
-        fz = np.float32(m * (p[6] * ax + p[7] * ay + p[8] * az))
-        force[i, 0] += fx
-        force[i, 1] += fy
-        force[i, 2] += fz
-        # A particle that cannot turn hands the couple of its friction on: the force acts on the
-        # tool as if at the particle's centre.
+        normal = m * push - np.pi * r * r * adhesion[i]
+        ax, ay, az = normal * nx + m * gx, normal * ny + m * gy, normal * nz + m * gz
+        fx = p[0] * ax + p[1] * ay + p[2] * az
+        fy = p[3] * ax + p[4] * ay + p[5] * az
+        fz = p[6] * ax + p[7] * ay + p[8] * az
+        # Where it acts, from the particle's centre.
+        ax = -r * (p[0] * nx + p[1] * ny + p[2] * nz)
+        ay = -r * (p[3] * nx + p[4] * ny + p[5] * nz)
+        az = -r * (p[6] * nx + p[7] * ny + p[8] * nz)
+        limit = m * push * rolling[i]
+        total[i, 0] += fx
+        total[i, 1] += fy
+        total[i, 2] += fz
+        total[i, 3] += limit
+        total[i, 4] += ay * fz - az * fy
+        total[i, 5] += az * fx - ax * fz
+        total[i, 6] += ax * fy - ay * fx
+        total[i, 8] += limit * twist[t, 3]
+        total[i, 9] += limit * twist[t, 4]
+        total[i, 10] += limit * twist[t, 5]
+        qx, qy, qz = qx + ax, qy + ay, qz + az
         wrench[t, 0] -= fx
         wrench[t, 1] -= fy
         wrench[t, 2] -= fz

@@ -17,6 +17,8 @@ from typing import Any
 import yaml
 
 from msg_bridge.codec.errors import CodecError
+from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.loose_soil import LooseSoil
 
 __all__ = ["RunFacts", "SoilKind", "config_text", "run_facts", "soil_kinds", "versions"]
 
@@ -35,16 +37,14 @@ class RunFacts:
         tick: length of a soil tick [s].
         realtime: whether ticks follow the wall clock.
         cell: side length of a column [m].
-        swell: part by which bank soil grows when it is loosened, by the id of the soil.
-        density: of bank soil [kg/m^3], likewise.
+        soils: what each is like when it is loose, by id.
     """
 
     epoch: int
     tick: float
     realtime: bool
     cell: float
-    swell: tuple[float, ...]
-    density: tuple[float, ...]
+    soils: tuple[LooseSoil, ...]
 
 
 @dataclass(frozen=True)
@@ -94,8 +94,7 @@ def config_text(
         "tick": facts.tick,
         "sync": "realtime" if facts.realtime else "lockstep",
         "cell": facts.cell,
-        "swell": list(facts.swell),
-        "density": list(facts.density),
+        "soils": [_plain(asdict(soil)) for soil in facts.soils],
     }
     soils = {_KINDS: [{"id": n, **_plain(asdict(k))} for n, k in enumerate(kinds)]} if kinds else {}
     content = {"run": run, **_plain(sections), **soils, "versions": versions()}
@@ -118,9 +117,10 @@ def run_facts(text: str) -> RunFacts:
             tick=float(run["tick"]),
             realtime=sync == "realtime",
             cell=float(run["cell"]),
-            swell=tuple(float(value) for value in run["swell"]),
-            density=tuple(float(value) for value in run["density"]),
+            soils=tuple(_loose_soil(each) for each in run["soils"]),
         )
+    except ParameterError as error:
+        raise CodecError(f"a soil in the configuration of the run: {error}") from error
     except (yaml.YAMLError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise CodecError(f"the configuration of the run cannot be read: {error!r}") from error
     for name in ("tick", "cell"):
@@ -129,16 +129,19 @@ def run_facts(text: str) -> RunFacts:
             raise CodecError(
                 f"{name} is {value} in the configuration of the run; it must be above 0"
             )
-    if (
-        not 0 < len(facts.swell) == len(facts.density)
-        or not all(0.0 <= value < math.inf for value in facts.swell)
-        or not all(0.0 < value < math.inf for value in facts.density)
-    ):
-        raise CodecError(
-            f"swell is {facts.swell}, density {facts.density} in the configuration of the run; it"
-            " must have both of each soil, no swell below 0 and densities above it"
-        )
+    if not facts.soils:
+        raise CodecError("there is no soil in the configuration of the run; it must list them all")
     return facts
+
+
+def _loose_soil(values: Mapping[str, Any]) -> LooseSoil:
+    if not isinstance(values, Mapping):
+        raise TypeError(f"a soil is {values!r}, not a mapping")
+    numbers: dict[str, Any] = {
+        name: tuple(map(float, value)) if isinstance(value, list) else float(value)
+        for name, value in values.items()
+    }
+    return LooseSoil(**numbers)
 
 
 def soil_kinds(text: str) -> tuple[SoilKind, ...]:

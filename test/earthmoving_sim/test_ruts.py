@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from support.machine_scenes import excavator
+from support.machine_scenes import excavator, loosened
 from support.soil_scenes import NO_SWEEPS, landings
 
 from earthmoving_sim.world import World
@@ -26,7 +26,9 @@ def loose_ground() -> Soil:
 
 def test_tracks_leave_ruts_where_they_went_and_nowhere_else() -> None:
     soil = loose_ground()
-    machine = MachineSim(excavator(), GRID, soil.columns.height, swell=0.3, position=(-4.0, 0.0))
+    machine = MachineSim(
+        excavator(), GRID, soil.columns.height, **loosened(soil), position=(-4.0, 0.0)
+    )
     world = World(soil, {1: machine})
     start = machine.machine.base_pose[0][0]
     machine.command(np.zeros(4), np.array([1.0, 1.0]))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from support.machine_scenes import loosened
 from support.node_scenes import (
     SITE,
     TICK,
@@ -79,7 +80,7 @@ def in_one_process(commands: dict[int, list[float]], ground: dict[str, object]) 
     """The run without topics, by the commands that were applied in another."""
     site = make_site(SiteParams(**{k.removeprefix("site."): v for k, v in ground.items()}))
     soil = Soil(site.grid, site.heights, SoilParams(swell=0.2))
-    machine = MachineSim(ready_to_dig(), soil.grid, soil.columns.height, swell=0.2)
+    machine = MachineSim(ready_to_dig(), soil.grid, soil.columns.height, **loosened(soil))
     world = World(soil, {1: machine})
     told = Told({}, {}, commands, {0: world.ledger})
     for tick in range(1, TICKS + 1):

@@ -10,6 +10,7 @@ from machine_sim.core import MachineSim
 from machine_sim.machine.kinematics import arm_angles
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.rows import Kind
 
 DESCRIPTION = excavator()
@@ -136,22 +137,17 @@ def test_a_tool_that_cannot_be_believed_is_said_loudly_and_moves_nothing(
     assert "source 1, tool 0 swept nothing" in caplog.text
 
 
-@pytest.mark.parametrize("name", ["swell", "density"])
+@pytest.mark.parametrize("name", ["swell", "density", "cohesion"])
 def test_machine_and_soil_must_agree_on_loose_soil(name) -> None:
-    machine = ready(**{name: 1.25})
-    with pytest.raises(ParameterError, match=rf"{name} \[1.25\], the soil \["):
+    machine = ready(soils=[LooseSoil(**{name: 1.25})])
+    with pytest.raises(ParameterError, match=rf"{name}=1.25.*, the terrain has"):
         World(level_soil(), {1: machine})
     machine.close()
 
 
 def test_machine_and_soil_must_agree_on_which_soil_swells_how() -> None:
     soil = level_soil(swell=0.2, other_soils=("reference",))
-    machine = ready(swell=[kind.swell for kind in reversed(soil.kinds)])
-    with pytest.raises(ParameterError, match="swell"):
+    machine = ready(soils=[kind.loose for kind in reversed(soil.kinds)])
+    with pytest.raises(ParameterError, match="knows the soils"):
         World(soil, {1: machine})
     machine.close()
-
-
-def test_one_swell_for_all_soils_will_do_where_they_are_alike() -> None:
-    machine = ready(swell=0.0)
-    World(level_soil(other_soils=("reference",)), {1: machine}).close()

@@ -15,7 +15,7 @@ NOMINAL = 500_000
 
 
 def engine() -> ParticleEngine:
-    return ParticleEngine(ParticleParams(), Ground(GRID, np.full(GRID.shape, -50.0)), swell=0.0)
+    return ParticleEngine(ParticleParams(), Ground(GRID, np.full(GRID.shape, -50.0)))
 
 
 def pending(per_tick: int = 60) -> PendingSoil:

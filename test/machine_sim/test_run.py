@@ -18,6 +18,7 @@ from machine_sim.particles import ParticleParams
 from machine_sim.run import MachineRun, first_life
 from msg_bridge.codec.sim_config import RunFacts
 from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.messages import Keyframe
 from msg_bridge.contract.rows import CHANGED, CONVERSION, FORCE, empty_rows
 from msg_bridge.exchange.soil_side import SoilExchange
@@ -43,7 +44,7 @@ def make() -> Iterator[MakeRun]:
                 MachineSimParams(physics_step=physics_step),
                 ParticleParams(),
                 CommandBoard(machine),
-                RunFacts(EPOCH, tick, realtime, GRID.cell, (0.25,), (1700.0,)),
+                RunFacts(EPOCH, tick, realtime, GRID.cell, (LooseSoil(0.25, 1700.0),)),
                 KEYFRAME,
                 life=5,
             )
@@ -89,8 +90,7 @@ class Soil:
 def test_the_run_s_facts_make_the_machine(make: MakeRun) -> None:
     run = make(tick=0.02, source=6, x=3.0, y=-2.0, yaw=90.0)
     assert run.sim.params.steps_per_tick == 4
-    assert run.sim.particles.swell == [0.25]
-    assert run.sim.particles.density == [1700.0]
+    assert run.sim.particles.soils == run.facts.soils
     assert (run.side.exchange.epoch, run.side.exchange.source) == (EPOCH, 6)
     position, quaternion = run.sim.machine.base_pose
     assert position[:2] == pytest.approx([3.0, -2.0])

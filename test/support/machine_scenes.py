@@ -8,6 +8,7 @@ from machine_sim.core import MachineSim
 from machine_sim.machine import MachineDescription, load_description
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.loose_soil import LooseSoil
 from soil_sim.params import SoilParams
 from soil_sim.soil import Soil
 
@@ -24,12 +25,9 @@ def machine_on_level_ground(**options: object) -> MachineSim:
     return MachineSim(excavator(), GRID, np.zeros(GRID.shape), **options)  # type: ignore[arg-type]
 
 
-def loosened(soil: Soil) -> dict[str, list[float]]:
+def loosened(soil: Soil) -> dict[str, list[LooseSoil]]:
     """What a machine must know of how soil is when it is loose."""
-    return {
-        "swell": [kind.swell for kind in soil.kinds],
-        "density": [kind.density for kind in soil.kinds],
-    }
+    return {"soils": [kind.loose for kind in soil.kinds]}
 
 
 def level_soil(**params: object) -> Soil:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from machine_sim.ground import Ground
 from machine_sim.particles import ParticleEngine, ParticleParams, Pose
 from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.loose_soil import LooseSoil
 
 STEP = 0.005
 LITRE = 1_000_000
@@ -20,15 +21,14 @@ LEVEL = np.eye(3)
 def engine(
     *,
     slope: float = 0.0,
-    swell: float | Sequence[float] = 0.25,
-    density: float | Sequence[float] = 1600.0,
+    soils: Sequence[LooseSoil] = (LooseSoil(swell=0.25),),
     **params: float,
 ) -> ParticleEngine:
     """An engine over a 16 m map whose height is `slope` * x."""
     grid = Grid(64, 64, 0.25)
     height = slope * grid.x(np.arange(64))[:, None] * np.ones((1, 64))
     given = ParticleParams.from_mapping(params)
-    return ParticleEngine(given, Ground(grid, height), swell=swell, density=density)
+    return ParticleEngine(given, Ground(grid, height), soils=soils)
 
 
 def run(world: ParticleEngine, seconds: float) -> None:

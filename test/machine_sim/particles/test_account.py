@@ -16,12 +16,13 @@ actions = st.lists(
     ),
     max_size=25,
 )
+from msg_bridge.contract.loose_soil import LooseSoil
 
 
 @settings(max_examples=40, deadline=None)
 @given(actions)
 def test_volume_is_exact_under_any_work(work):
-    world = engine()
+    world = engine(soils=[LooseSoil()] * 3)
     book = {}
     last = 0
     for action, seed in work:

@@ -5,6 +5,7 @@ import pytest
 from support.particle_scenes import LITRE, STEP, engine, pose, run, square
 
 from machine_sim.particles import ParticleError
+from msg_bridge.contract.loose_soil import LooseSoil
 
 
 def test_a_dropped_particle_rests_at_its_radius():
@@ -16,38 +17,51 @@ def test_a_dropped_particle_rests_at_its_radius():
 
 
 def test_a_particle_is_as_large_and_heavy_as_its_loose_soil_says():
-    world = engine(swell=0.3)
+    world = engine(soils=[LooseSoil(0.3)])
     world.add([[0, 0, 1]], [[0, 0, 0]], LITRE)
     sphere = 4.0 / 3.0 * np.pi * world.store.radius[0] ** 3
-    assert sphere == pytest.approx(1e-3 * 1.3 * world.params.packing, rel=1e-5)
+    assert sphere == pytest.approx(1e-3 * 1.3 * 0.6, rel=1e-5)
     assert world.store.mass[0] == pytest.approx(1.6, rel=1e-6)
 
 
 def test_particles_swell_and_weigh_as_their_own_soil_does():
-    world = engine(swell=(0.1, 0.65), density=(1500.0, 2400.0))
+    world = engine(soils=[LooseSoil(0.1, 1500.0), LooseSoil(0.65, 2400.0)])
     world.add([[0, 0, 1], [0, 0, 2]], np.zeros((2, 3)), LITRE, soil=[0, 1])
     spheres = 4.0 / 3.0 * np.pi * world.store.radius.astype(np.float64) ** 3
-    assert spheres == pytest.approx([1.1e-3 * 0.58, 1.65e-3 * 0.58], rel=1e-5)
+    assert spheres == pytest.approx([1.1e-3 * 0.6, 1.65e-3 * 0.6], rel=1e-5)
     assert world.store.mass == pytest.approx([1.5, 2.4], rel=1e-6)
-    with pytest.raises(ParticleError, match="swell of soil 2 is not known"):
+    with pytest.raises(ParticleError, match="soil 2 is not known, only 2"):
         world.add([[0, 0, 1]], [[0, 0, 0]], LITRE, soil=2)
     assert world.store.count == 2
 
 
-@pytest.mark.parametrize(
-    "wrong", [{"swell": -0.1}, {"swell": (0.1, 3.0)}, {"density": 0.0}, {"swell": ()}]
-)
-def test_figures_that_no_soil_has_are_refused(wrong):
-    with pytest.raises(ParticleError, match="give values from"):
-        engine(**wrong)
+def test_an_engine_without_soils_is_refused():
+    with pytest.raises(ParticleError, match="give one at least"):
+        engine(soils=[])
 
 
 def test_below_the_friction_angle_a_particle_stays():
-    world = engine(slope=np.tan(np.radians(25)), ground_friction=0.6)
-    start = _on_slope(world, 25.0)
+    world = engine(slope=np.tan(np.radians(20)), ground_friction=0.6)
+    start = _on_slope(world, 20.0)
     run(world, 2.0)
     assert np.linalg.norm(world.store.position[0] - start) < 0.01
     assert np.linalg.norm(world.store.velocity[0]) < 1e-4
+
+
+def test_above_the_rolling_resistance_it_rolls_with_a_solid_sphere_s_inertia():
+    angle, rolling = 30.0, 0.2
+    world = engine(slope=np.tan(np.radians(angle)), ground_friction=1.0, ground_rolling=rolling)
+    _on_slope(world, angle)
+    run(world, 0.3)
+    early = np.linalg.norm(world.store.velocity[0])
+    run(world, 0.5)
+    gained = np.linalg.norm(world.store.velocity[0]) - early
+    # m a = m g sin - F, 0.4 m r^2 (a / r) = F r - rolling * r * m g cos
+    cosine = np.cos(np.radians(angle))
+    expected = 9.81 * (np.sin(np.radians(angle)) - rolling * cosine) / 1.4
+    assert gained / 0.5 == pytest.approx(expected, rel=0.01)
+    spin = np.linalg.norm(world.store.spin[0]) * float(world.store.radius[0])
+    assert spin == pytest.approx(np.linalg.norm(world.store.velocity[0]), rel=0.01)
 
 
 def test_above_the_friction_angle_it_slides_with_g_sin_minus_mu_cos():
@@ -150,7 +164,7 @@ def test_a_particle_under_ground_comes_out_gently_after_the_tool_has_left_it(dep
 
 
 def test_once_out_of_the_ground_it_is_soft_no_more():
-    world = engine(restitution=0.4)
+    world = engine(wall_restitution=0.4)
     world.add_tool(0, [square(0.4)], pose(0.0, 0.0, 0.5))
     world.add([[0, 0, -0.02]], [[0, 0, 0]], LITRE, grow=False)
     world.step(STEP)

@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 from support.particle_scenes import LITRE, STEP, box, cloud, engine, pose, run
 
+from machine_sim.particles.grains import GrainTables
+from msg_bridge.contract.loose_soil import LooseSoil
+
 
 @pytest.fixture(scope="module")
 def heap():
@@ -34,7 +37,7 @@ def test_a_heap_keeps_a_plausible_angle_of_repose(heap):
     edges = np.linspace(0.2, 0.9, 8) * foot
     tops = [np.sort(x[(away >= a) & (away < b), 2])[-4:].mean() for a, b in pairwise(edges)]
     slope = np.polyfit(0.5 * (edges[:-1] + edges[1:]), tops, 1)[0]
-    assert 15.0 < np.degrees(np.arctan(-slope)) < 40.0
+    assert 12.0 < np.degrees(np.arctan(-slope)) < 40.0
 
 
 def test_a_heap_overlaps_little_and_keeps_all(heap):
@@ -113,9 +116,9 @@ def test_reordering_rows_keeps_the_contacts():
     np.testing.assert_allclose(a, b, atol=2e-4)
 
 
-@pytest.mark.parametrize(("friction", "packing"), [(0.4, 0.58), (0.5, 0.565)])
-def test_poured_soil_takes_the_room_its_packing_says(friction, packing):
-    world = engine(friction=friction, packing=packing, tool_friction=0.4)
+@pytest.mark.parametrize("angle", [20.0, 30.0, 40.0])
+def test_poured_soil_takes_the_room_its_packing_says(angle):
+    world = engine(soils=[LooseSoil(0.25, repose_angles=(angle, angle, angle))])
     world.add_tool(0, box(1.2, 1.2, 4.0), pose())
     points = cloud(2500, 0.12, (1.0, 1.0), 0.06)
     world.add(points, np.zeros_like(points), LITRE // 2, grow=False)
@@ -127,4 +130,4 @@ def test_poured_soil_takes_the_room_its_packing_says(friction, packing):
         int((((part[:, None] - center) ** 2).sum(axis=2).min(axis=1) < radius**2).sum())
         for part in np.split(probe, 8)
     )
-    assert filled / len(probe) == pytest.approx(packing, rel=0.05)
+    assert filled / len(probe) == pytest.approx(GrainTables(world.soils).packing[0, 0], rel=0.03)

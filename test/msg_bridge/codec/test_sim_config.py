@@ -14,10 +14,9 @@ from msg_bridge.codec.sim_config import (
     soil_kinds,
     versions,
 )
+from msg_bridge.contract.loose_soil import LooseSoil
 
-FACTS = RunFacts(
-    epoch=1_795_247_584, tick=0.01, realtime=False, cell=0.2, swell=(0.25,), density=(1600.0,)
-)
+FACTS = RunFacts(epoch=1_795_247_584, tick=0.01, realtime=False, cell=0.2, soils=(LooseSoil(0.25),))
 
 KINDS = (
     SoilKind("", (0.5, 0.4, 0.3), 0.15, 1600.0, (35.0, 35.0, 35.0)),
@@ -29,14 +28,22 @@ KIND = "id: 0, name: a, colour: [1, 0, 0], swell: 0, density: 1, repose_angles: 
 @pytest.mark.parametrize("realtime", [True, False])
 @pytest.mark.parametrize("tick", [0.01, 0.005, 1 / 3, 0.1 + 0.2])
 def test_facts_cross_exactly(realtime: bool, tick: float) -> None:
-    facts = RunFacts(7, tick, realtime, 0.1 * 3, (1e-5, 0.1), (1e3 / 3, 2e3))
+    facts = RunFacts(
+        7,
+        tick,
+        realtime,
+        0.1 * 3,
+        (LooseSoil(1e-5, 1e3 / 3), LooseSoil(0.1, 2e3, stick=(1.0, 1 / 3, 0.0))),
+    )
     assert run_facts(config_text(facts, {})) == facts
 
 
 def test_whole_numbers_are_read_as_numbers() -> None:
-    facts = run_facts("run: {epoch: 1, tick: 1, sync: realtime, cell: 2, swell: [0], density: [2]}")
-    assert facts == RunFacts(1, 1.0, True, 2.0, (0.0,), (2.0,))
-    assert type(facts.swell[0]) is float
+    facts = run_facts(
+        "run: {epoch: 1, tick: 1, sync: realtime, cell: 2, soils: [{swell: 0, stick: [1, 2, 3]}]}"
+    )
+    assert facts == RunFacts(1, 1.0, True, 2.0, (LooseSoil(0.0, stick=(1.0, 2.0, 3.0)),))
+    assert type(facts.soils[0].swell) is float
 
 
 def test_sections_are_there_as_plain_yaml() -> None:
@@ -92,11 +99,14 @@ def test_what_is_no_configuration_is_refused(text: str) -> None:
     "figures",
     [
         "",
-        "swell: 0.1",
-        "swell: [], density: []",
-        "swell: [0.1, 0.2], density: [1600]",
-        "swell: [.nan], density: [1600]",
-        "swell: [0.1], density: [0]",
+        "soils: 0.1",
+        "soils: []",
+        "soils: [0.1]",
+        "soils: [{swell: .nan}]",
+        "soils: [{density: 0}]",
+        "soils: [{swell: [0.1, 0.2]}]",
+        "soils: [{stick: [1]}]",
+        "soils: [{colour: 1}]",
     ],
 )
 def test_figures_that_no_soils_have_are_refused(figures: str) -> None:
@@ -112,8 +122,7 @@ def test_lengths_that_nothing_can_have_are_refused(name: str, value: str) -> Non
         "tick": "0.01",
         "sync": "realtime",
         "cell": "0.2",
-        "swell": "[0.0]",
-        "density": "[1.0]",
+        "soils": "[{}]",
     }
     values[name] = value
     text = "run: {" + ", ".join(f"{k}: {v}" for k, v in values.items()) + "}"

@@ -13,6 +13,7 @@ from msg_bridge.codec import qos
 from msg_bridge.codec.sim_config import RunFacts, config_text
 from msg_bridge.codec.terrain import TerrainMap, to_terrain_cloud
 from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.messages import Keyframe
 from msg_bridge.nodes.map_reader import MapReader
 from msg_bridge.testing.ros import Ros
@@ -82,9 +83,7 @@ def test_a_machine_follows_a_soil_that_was_started_again_with_other_cells(ros: R
     for epoch, cell in ((100, 0.4), (200, 0.3)):
         maps.publish(map_of(cell, epoch))
         ros.spin_for(0.1)  # so that the map is heard first
-        facts = RunFacts(
-            epoch=epoch, tick=0.01, realtime=False, cell=cell, swell=(0.2,), density=(1600.0,)
-        )
+        facts = RunFacts(epoch=epoch, tick=0.01, realtime=False, cell=cell, soils=(LooseSoil(0.2),))
         configs.publish(String(data=config_text(facts, {})))
 
         def begun(epoch: int = epoch) -> bool:

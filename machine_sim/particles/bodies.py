@@ -1,0 +1,119 @@
+"""The working copy of the particles during one step: a record of float32 per particle.
+
+A record is one cache line, so that a contact touches one line per particle. Places are
+*displacements since the start of the step*: small numbers, which float32 holds to nanometres
+however large the map is; the store keeps positions in float64.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machine_sim.particles.jit import kernel
+
+__all__ = [
+    "BODY_FLOATS",
+    "BOND",
+    "FRICTION",
+    "INVERSE_MASS",
+    "RADIUS",
+    "ROLLING",
+    "SPIN",
+    "SUM_FLOATS",
+    "advance_bodies",
+    "finish_bodies",
+    "load_bodies",
+]
+
+MOVED = 0
+"""Columns of a body: displacement [m] (3), radius [m], velocity [m/s] (3), 1/mass [1/kg], spin
+[rad/s] (3), friction, rolling friction, bond pressure [Pa]."""
+RADIUS = 3
+SPEED = 4
+INVERSE_MASS = 7
+SPIN = 8
+FRICTION = 11
+ROLLING = 12
+BOND = 13
+BODY_FLOATS = 16
+
+SUM_FLOATS = 12
+"""Columns of a sum over contacts: force [N] (3), rolling limit [N], torque [N m] (3), unused,
+spin of the others times their share of the rolling limit [N rad/s] (3), unused."""
+
+_ZERO = np.float32(0.0)
+_ONE = np.float32(1.0)
+_TINY = np.float32(1e-20)
+_INERTIA = np.float32(2.5)
+"""1 / 0.4: moment of inertia of a solid sphere is 0.4 m r^2."""
+
+
+@kernel
+def load_bodies(  # type: ignore[no-untyped-def]
+    body, velocity, spin, contact_radius, inverse_mass, friction, rolling, bond
+):
+    """Fill the records; arguments are the columns of the store."""
+    for i in range(velocity.shape[0]):
+        for axis in range(3):
+            body[i, axis] = _ZERO
+            body[i, 4 + axis] = velocity[i, axis]
+            body[i, 8 + axis] = spin[i, axis]
+        body[i, 3] = contact_radius[i]
+        body[i, 7] = inverse_mass[i]
+        body[i, 11] = friction[i]
+        body[i, 12] = rolling[i]
+        body[i, 13] = bond[i]
+
+
+@kernel
+def advance_bodies(body, total, radius, gravity, dt):  # type: ignore[no-untyped-def]
+    """One substep of semi-implicit Euler; clears the sums.
+
+    Spin: the torque of friction turns a particle, and rolling resistance holds it back, toward the
+    mean spin of what it touches: its Coulomb limit is the sum over contacts of coefficient, radius
+    and normal force. It is applied implicitly, so that a particle which the limit can hold does
+    not turn at all: a heap comes to rest instead of creeping. A whole that turns as one (soil in a
+    bucket) feels none of it.
+
+    Args:
+        body, total: records and sums, shapes (n, BODY_FLOATS), (n, SUM_FLOATS).
+        radius: full radius [m], shape (n,).
+        gravity: [m/s^2], downward.
+        dt: [s].
+    """
+    for i in range(body.shape[0]):
+        w = body[i, 7]
+        if w > _ZERO:
+            change = w * dt
+            body[i, 4] += total[i, 0] * change
+            body[i, 5] += total[i, 1] * change
+            body[i, 6] += total[i, 2] * change - gravity * dt
+            body[i, 0] += body[i, 4] * dt
+            body[i, 1] += body[i, 5] * dt
+            body[i, 2] += body[i, 6] * dt
+            r, limit = radius[i], total[i, 3]
+            change *= _INERTIA / (r * r)
+            share = _ONE / max(limit, _TINY)
+            mx, my, mz = total[i, 8] * share, total[i, 9] * share, total[i, 10] * share
+            x = body[i, 8] + total[i, 4] * change - mx
+            y = body[i, 9] + total[i, 5] * change - my
+            z = body[i, 10] + total[i, 6] * change - mz
+            size = np.sqrt(x * x + y * y + z * z)
+            held = limit * r * change
+            left = max(size - held, _ZERO) / max(size, _TINY)
+            body[i, 8] = mx + x * left
+            body[i, 9] = my + y * left
+            body[i, 10] = mz + z * left
+        for k in range(12):
+            total[i, k] = _ZERO
+
+
+@kernel
+def finish_bodies(body, position, velocity, spin):  # type: ignore[no-untyped-def]
+    """Take the records' motion over into the store's columns."""
+    for i in range(position.shape[0]):
+        if body[i, 7] > _ZERO:
+            for axis in range(3):
+                position[i, axis] += body[i, axis]
+                velocity[i, axis] = body[i, 4 + axis]
+                spin[i, axis] = body[i, 8 + axis]

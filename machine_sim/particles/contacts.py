@@ -1,0 +1,147 @@
+"""The contacts of one step: listed pairs that may touch in it, laid out for the compiler.
+
+Listed pairs are many and most do not touch. Once a step those that may are copied into blocks; in
+a block, quantity q of slot s lies at `q * BLOCK + s`. The constant distance between quantities
+lets the compiler prove that they do not overlap, and it vectorises the contact maths (float32, 8
+or 16 pairs at once). Separations are taken from float64 positions here, so that the substeps can
+go on in float32 displacements.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machine_sim.particles.jit import kernel
+from machine_sim.particles.neighbours import PairTable
+from machine_sim.particles.store import ParticleStore
+
+__all__ = ["BLOCK", "ContactTable"]
+
+BLOCK = 128
+"""Contacts in a block: 11 KB, inside the first-level cache."""
+
+QUANTITIES = 21
+"""Separation (3), reach, effective mass, friction, rolling friction, bond, cap of the overlap,
+spring (3); then scratch of `pairs.pair_forces` (9)."""
+
+_BOND_AREA = np.float32(np.pi)
+_HORIZON = np.float32(1.4)
+"""How far ahead contacts are looked for, in steps: one, and room for acceleration."""
+_SLACK = np.float32(0.03)
+"""The least distance ahead, in sums of radii."""
+
+
+class ContactTable:
+    """Contacts of one step.
+
+    Attributes:
+        first, second: rows of each contact, uint32.
+        entry: where in the pair table its spring is kept.
+        block: quantities, shape (blocks, QUANTITIES * BLOCK), float32.
+        count: number of contacts.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._room(32)
+
+    def _room(self, blocks: int) -> None:
+        self.first = np.zeros(blocks * BLOCK, np.uint32)
+        self.second = np.zeros(blocks * BLOCK, np.uint32)
+        self.entry = np.zeros(blocks * BLOCK, np.uint32)
+        self.block = np.zeros((blocks, QUANTITIES * BLOCK), np.float32)
+
+    def collect(self, store: ParticleStore, body, pairs: PairTable, dt: float) -> None:  # type: ignore[no-untyped-def]
+        """Take over the pairs that may touch within `dt` [s], with their springs."""
+        while True:
+            count = _collect(
+                np.float32(dt), pairs.first, pairs.second, pairs.count, pairs.touching,
+                pairs.spring, store.position, body, self.first, self.second, self.entry,
+                self.block,
+            )  # fmt: skip
+            if count >= 0:
+                self.count = count
+                return
+            self._room(2 * len(self.block))
+
+    def give_back(self, pairs: PairTable) -> None:
+        """Keep the springs in the pair table until the next step."""
+        _give_back(self.count, self.entry, self.block, pairs.touching, pairs.spring)
+
+
+@kernel
+def _collect(  # type: ignore[no-untyped-def]
+    dt, pair_first, pair_second, pairs, touching, pair_spring, position, body,
+    first, second, entry, block,
+):  # fmt: skip
+    """Fill the table; returns the number of contacts, -1 where it is too small."""
+    n = position.shape[0]
+    mean = np.zeros(3, np.float32)
+    for i in range(n):
+        for axis in range(3):
+            mean[axis] += body[i, 4 + axis]
+    for axis in range(3):
+        mean[axis] /= np.float32(n)
+    # How far each may come toward another: relative to the mean, so that what moves together
+    # does not count as closing in.
+    ahead = np.empty(n, np.float32)
+    for i in range(n):
+        x, y, z = body[i, 4] - mean[0], body[i, 5] - mean[1], body[i, 6] - mean[2]
+        ahead[i] = body[i, 3] * (np.float32(1.0) + _SLACK) + _HORIZON * dt * np.sqrt(
+            x * x + y * y + z * z
+        )
+    count = 0
+    room = first.size
+    for k in range(pairs):
+        i, j = pair_first[k], pair_second[k]
+        x = np.float32(position[j, 0] - position[i, 0])
+        y = np.float32(position[j, 1] - position[i, 1])
+        z = np.float32(position[j, 2] - position[i, 2])
+        near = ahead[i] + ahead[j]
+        square = x * x + y * y + z * z
+        if square >= near * near:
+            touching[k] = 0
+            continue
+        ri, rj = body[i, 3], body[j, 3]
+        reach = ri + rj
+        if square > reach * reach:
+            # Near, and some of these do not close in.
+            vx = body[j, 4] - body[i, 4]
+            vy = body[j, 5] - body[i, 5]
+            vz = body[j, 6] - body[i, 6]
+            closing = -(vx * x + vy * y + vz * z)
+            way = max(closing, np.float32(0.0)) * _HORIZON * dt
+            distance = np.sqrt(square)
+            if (distance - reach * (np.float32(1.0) + _SLACK)) * distance > way:
+                touching[k] = 0
+                continue
+        if count == room:
+            return -1
+        first[count], second[count], entry[count] = i, j, k
+        b = block[count // BLOCK]
+        s = count % BLOCK
+        least = min(ri, rj)
+        b[s], b[s + BLOCK], b[s + 2 * BLOCK] = x, y, z
+        b[s + 3 * BLOCK] = reach
+        b[s + 4 * BLOCK] = np.float32(1.0) / max(body[i, 7] + body[j, 7], np.float32(1e-12))
+        # Of two soils the weaker gives way.
+        b[s + 5 * BLOCK] = min(body[i, 11], body[j, 11])
+        b[s + 6 * BLOCK] = min(body[i, 12], body[j, 12])
+        b[s + 7 * BLOCK] = _BOND_AREA * least * least * min(body[i, 13], body[j, 13])
+        b[s + 8 * BLOCK] = least
+        held = np.float32(touching[k])
+        for axis in range(3):
+            b[s + (9 + axis) * BLOCK] = pair_spring[k, axis] * held
+        count += 1
+    return count
+
+
+@kernel
+def _give_back(count, entry, block, touching, spring):  # type: ignore[no-untyped-def]
+    for c in range(count):
+        b = block[c // BLOCK]
+        s = c % BLOCK
+        k = entry[c]
+        x, y, z = b[s + 9 * BLOCK], b[s + 10 * BLOCK], b[s + 11 * BLOCK]
+        touching[k] = np.uint8(x * x + y * y + z * z > np.float32(0.0))
+        spring[k, 0], spring[k, 1], spring[k, 2] = x, y, z

@@ -1,0 +1,69 @@
+"""What a machine must know of a kind of soil: how it is once it is loose."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from msg_bridge.contract.errors import ParameterError
+
+__all__ = ["LooseSoil"]
+
+
+@dataclass(frozen=True)
+class LooseSoil:
+    """A kind of soil once it is dug; triples hold at 0, 50 and 100 % of saturation.
+
+    Attributes:
+        swell: loose volume over bank volume, minus 1.
+        density: of undisturbed (bank) soil [kg/m^3].
+        repose_angles: slope beyond which a heap of it slips [deg].
+        cohesion, adhesion: of undisturbed soil, dry, and to steel [Pa].
+        stick: cohesion and adhesion over those when dry.
+        tool_friction: angle of friction against steel [deg].
+        spread: of the sizes of its lumps: the largest volume over the mean, minus 1.
+
+    Raises:
+        ParameterError: a figure that no soil has.
+    """
+
+    swell: float = 0.0
+    density: float = 1600.0
+    repose_angles: tuple[float, float, float] = (30.0, 30.0, 30.0)
+    cohesion: float = 0.0
+    adhesion: float = 0.0
+    stick: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    tool_friction: float = 20.0
+    spread: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the figures."""
+        for name in ("repose_angles", "stick"):
+            if not isinstance(getattr(self, name), tuple) or len(getattr(self, name)) != 3:
+                raise ParameterError(
+                    f"{name} of a loose soil are {getattr(self, name)}; give three"
+                )
+        for name, value, low, high in (
+            ("swell", self.swell, 0.0, 2.0),
+            ("density", self.density, 1.0, 1e5),
+            *(("repose_angles", angle, 0.0, 90.0) for angle in self.repose_angles),
+            ("cohesion", self.cohesion, 0.0, 1e9),
+            ("adhesion", self.adhesion, 0.0, 1e9),
+            *(("stick", factor, 0.0, 1e3) for factor in self.stick),
+            ("tool_friction", self.tool_friction, 0.0, 89.0),
+            ("spread", self.spread, 0.0, 0.9),
+        ):
+            if isinstance(value, tuple) or not (math.isfinite(value) and low <= value <= high):
+                raise ParameterError(
+                    f"{name} of a loose soil is {value}; give a value from {low:g} to {high:g}"
+                )
+
+    def repose_angle(self, moisture: float) -> float:
+        """Slope beyond which a heap slips [deg], at a moisture [% of saturation]."""
+        return float(np.interp(moisture, (0.0, 50.0, 100.0), self.repose_angles))
+
+    def sticks(self, moisture: float) -> float:
+        """Cohesion and adhesion over those when dry, at a moisture [% of saturation]."""
+        return float(np.interp(moisture, (0.0, 50.0, 100.0), self.stick))
