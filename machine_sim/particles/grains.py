@@ -79,11 +79,12 @@ class GrainTables:
         self.tool_rolling = np.full(shape, _TOOL_ROLLING, np.float32)
         self.swell = np.array([soil.swell for soil in soils])
         self.density = np.array([soil.density for soil in soils])
+        heap, packing = (list(column) for column in zip(*_PACKING, strict=True))
         for k, soil in enumerate(soils):
             self.tool_friction[k] = math.tan(math.radians(soil.tool_friction))
             for m in range(_WET + 1):
                 self.friction[k, m], self.rolling[k, m] = contact_coefficients(soil.repose_angle(m))
-                self.packing[k, m] = np.interp(soil.repose_angle(m), *zip(*_PACKING, strict=True))
+                self.packing[k, m] = np.interp(soil.repose_angle(m), heap, packing)
                 self.cohesion[k, m] = _CONTACT_SHARE * soil.cohesion * soil.sticks(m)
                 self.adhesion[k, m] = _CONTACT_SHARE * soil.adhesion * soil.sticks(m)
 

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from support.particle_scenes import LITRE, STEP, engine
 
 from machine_sim.particles import ParticleError
+from msg_bridge.contract.loose_soil import LooseSoil
 
 THREE = np.array([[0, 0, 1.0], [0, 0, 1.0], [0, 0.2, 1.0]])
 actions = st.lists(
@@ -16,7 +17,6 @@ actions = st.lists(
     ),
     max_size=25,
 )
-from msg_bridge.contract.loose_soil import LooseSoil
 
 
 @settings(max_examples=40, deadline=None)

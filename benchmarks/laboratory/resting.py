@@ -1,0 +1,48 @@
+"""Whether a heap at rest is at rest: its kinetic energy, and how far it creeps, nobody asleep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.laboratory.scenes import STEP, VOLUME, bench, diameter, stack
+from msg_bridge.contract.loose_soil import LooseSoil
+
+__all__ = ["Rest", "resting_heap"]
+
+
+@dataclass(frozen=True)
+class Rest:
+    """What a heap does when nothing happens.
+
+    Attributes:
+        energy: kinetic energy over number, weight and diameter of the particles.
+        creep: farthest that one went, in diameters.
+        particles: how many.
+    """
+
+    energy: float
+    creep: float
+    particles: int
+
+
+def resting_heap(
+    soil: LooseSoil, count: int, *, settle: float = 20.0, watch: float = 60.0, **params: float
+) -> Rest:
+    """Drop a block of soil, wait for `settle` [s], and watch it for `watch` [s]."""
+    engine = bench(soil, **params)
+    d = diameter(engine)
+    half = 0.5 * d * count ** (1 / 3)
+    points = stack(lambda at: np.abs(at).max(axis=1) < half, half, 1.3 * d, count, 0.5 * d)
+    engine.add(points, np.zeros_like(points), VOLUME, grow=False)
+    for _ in range(round(settle / STEP)):
+        engine.step(STEP)
+    store = engine.store
+    before = store.position[np.argsort(store.particle_id)].copy()
+    for _ in range(round(watch / STEP)):
+        engine.step(STEP)
+    after = store.position[np.argsort(store.particle_id)]
+    weight = float(store.mass.sum()) * engine.params.gravity
+    creep = float(np.linalg.norm(after - before, axis=1).max()) / d
+    return Rest(engine.kinetic_energy / (weight * d), creep, count)
