@@ -41,6 +41,8 @@ class Ground:
         self.elevation = self._heights(elevation)
         self.surface: NDArray[np.float64] = self.elevation.copy()
         self._rising: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+        self._changed: NDArray[np.bool_] = np.zeros(grid.shape, dtype=np.bool_)
+        self._is_changed = False
 
     @property
     def frame(self) -> tuple[float, float, float]:
@@ -51,6 +53,7 @@ class Ground:
         """Take over the whole terrain [m], shape (rows, cols); rises show bit by bit as ever."""
         self.elevation[:] = self._heights(elevation)
         np.minimum(self.surface, self.elevation, out=self.surface)
+        self._changed[:] = self._is_changed = True
         self._rising = np.flatnonzero(self.surface < self.elevation)
 
     def update(
@@ -65,15 +68,28 @@ class Ground:
         if not np.isfinite(heights).all():
             raise GroundError("a changed cell has no finite height; resync from the terrain map")
         self.elevation[rows, cols] = heights
+        self._changed[rows, cols] = self._is_changed = True
         lower = heights < self.surface[rows, cols]
         self.surface[rows[lower], cols[lower]] = heights[lower]
         risen = np.ravel_multi_index((rows[~lower], cols[~lower]), self.grid.shape)
         self._rising = np.union1d(self._rising, risen)
 
+    def take_changes(self) -> NDArray[np.bool_] | None:
+        """Where the terrain changed or rose since this was asked last, shape (rows, cols).
+
+        None if nowhere. It is for one reader.
+        """
+        if not self._is_changed:
+            return None
+        changed = self._changed.copy()
+        self._changed[:] = self._is_changed = False
+        return changed
+
     def advance(self, dt: float) -> None:
         """Let the contact surface rise toward the soil's for `dt` [s]."""
         if self._rising.size == 0:
             return
+        self._changed.reshape(-1)[self._rising] = self._is_changed = True
         surface, elevation = self.surface.reshape(-1), self.elevation.reshape(-1)
         cells = self._rising
         surface[cells] = np.minimum(surface[cells] + RISE_SPEED * dt, elevation[cells])

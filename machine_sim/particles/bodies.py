@@ -21,6 +21,7 @@ __all__ = [
     "SPIN",
     "SUM_FLOATS",
     "advance_bodies",
+    "advance_riders",
     "finish_bodies",
     "load_bodies",
 ]
@@ -50,23 +51,26 @@ _INERTIA = np.float32(2.5)
 
 @kernel
 def load_bodies(  # type: ignore[no-untyped-def]
-    body, velocity, spin, contact_radius, inverse_mass, friction, rolling, bond
-):
-    """Fill the records; arguments are the columns of the store."""
-    for i in range(velocity.shape[0]):
+    rows, body, total, velocity, spin, contact_radius, inverse_mass, resting, friction, rolling,
+    bond,
+):  # fmt: skip
+    """Fill the records of `rows` and clear their sums; the others are columns of the store."""
+    for i in rows:
         for axis in range(3):
             body[i, axis] = _ZERO
             body[i, 4 + axis] = velocity[i, axis]
             body[i, 8 + axis] = spin[i, axis]
         body[i, 3] = contact_radius[i]
-        body[i, 7] = inverse_mass[i]
+        body[i, 7] = inverse_mass[i] if resting[i] == 0 else _ZERO
         body[i, 11] = friction[i]
         body[i, 12] = rolling[i]
         body[i, 13] = bond[i]
+        for k in range(SUM_FLOATS):
+            total[i, k] = _ZERO
 
 
 @kernel
-def advance_bodies(body, total, radius, gravity, dt):  # type: ignore[no-untyped-def]
+def advance_bodies(rows, body, total, radius, gravity, dt):  # type: ignore[no-untyped-def]
     """One substep of semi-implicit Euler; clears the sums.
 
     Spin: the torque of friction turns a particle, and rolling resistance holds it back, toward the
@@ -76,12 +80,13 @@ def advance_bodies(body, total, radius, gravity, dt):  # type: ignore[no-untyped
     bucket) feels none of it.
 
     Args:
+        rows: who moves.
         body, total: records and sums, shapes (n, BODY_FLOATS), (n, SUM_FLOATS).
         radius: full radius [m], shape (n,).
         gravity: [m/s^2], downward.
         dt: [s].
     """
-    for i in range(body.shape[0]):
+    for i in rows:
         w = body[i, 7]
         if w > _ZERO:
             change = w * dt
@@ -109,11 +114,40 @@ def advance_bodies(body, total, radius, gravity, dt):  # type: ignore[no-untyped
 
 
 @kernel
-def finish_bodies(body, position, velocity, spin):  # type: ignore[no-untyped-def]
-    """Take the records' motion over into the store's columns."""
-    for i in range(position.shape[0]):
-        if body[i, 7] > _ZERO:
-            for axis in range(3):
-                position[i, axis] += body[i, axis]
-                velocity[i, axis] = body[i, 4 + axis]
-                spin[i, axis] = body[i, 8 + axis]
+def finish_bodies(rows, body, position, velocity, spin):  # type: ignore[no-untyped-def]
+    """Take the motion of `rows` over into the store's columns."""
+    for i in rows:
+        for axis in range(3):
+            position[i, axis] += body[i, axis]
+            velocity[i, axis] = body[i, 4 + axis]
+            spin[i, axis] = body[i, 8 + axis]
+
+
+@kernel
+def advance_riders(rows, tool, body, total, position, pose, wrench, dt):  # type: ignore[no-untyped-def]
+    """One substep of soil that rides in a tool: it goes along, and hands on what presses on it.
+
+    Args:
+        rows, tool: who rides, and in which tool.
+        body, total: as above.
+        position: [m], at the start of the step.
+        pose: packed poses of the tools now, shape (tools, 12).
+        wrench: of the tools, summed over substeps, shape (tools, 6).
+        dt: [s].
+    """
+    for k in range(rows.size):
+        i, t = rows[k], tool[k]
+        fx, fy, fz = total[i, 0], total[i, 1], total[i, 2]
+        x = position[i, 0] + body[i, 0] - pose[t, 9]
+        y = position[i, 1] + body[i, 1] - pose[t, 10]
+        z = position[i, 2] + body[i, 2] - pose[t, 11]
+        wrench[t, 0] += fx
+        wrench[t, 1] += fy
+        wrench[t, 2] += fz
+        wrench[t, 3] += y * fz - z * fy + total[i, 4]
+        wrench[t, 4] += z * fx - x * fz + total[i, 5]
+        wrench[t, 5] += x * fy - y * fx + total[i, 6]
+        for axis in range(3):
+            body[i, axis] += body[i, 4 + axis] * dt
+        for c in range(SUM_FLOATS):
+            total[i, c] = _ZERO

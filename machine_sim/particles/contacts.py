@@ -43,6 +43,7 @@ class ContactTable:
 
     def __init__(self) -> None:
         self.count = 0
+        self._ahead = np.zeros(0, np.float32)
         self._room(32)
 
     def _room(self, blocks: int) -> None:
@@ -51,13 +52,26 @@ class ContactTable:
         self.entry = np.zeros(blocks * BLOCK, np.uint32)
         self.block = np.zeros((blocks, QUANTITIES * BLOCK), np.float32)
 
-    def collect(self, store: ParticleStore, body, pairs: PairTable, dt: float) -> None:  # type: ignore[no-untyped-def]
-        """Take over the pairs that may touch within `dt` [s], with their springs."""
+    def collect(  # type: ignore[no-untyped-def]
+        self, store: ParticleStore, moving, alone: bool, body, pairs: PairTable, dt: float
+    ) -> None:
+        """Take over the pairs that may touch within `dt` [s], with their springs.
+
+        Args:
+            store: the particles.
+            moving: rows that move.
+            alone: whether these are all.
+            body: records of all rows.
+            pairs: where they are listed.
+            dt: [s].
+        """
+        if len(self._ahead) < store.count:
+            self._ahead = np.zeros(2 * store.count, np.float32)
         while True:
             count = _collect(
-                np.float32(dt), pairs.first, pairs.second, pairs.count, pairs.touching,
-                pairs.spring, store.position, body, self.first, self.second, self.entry,
-                self.block,
+                np.float32(dt), moving, alone, self._ahead, pairs.first, pairs.second,
+                pairs.count, pairs.touching, pairs.spring, store.position, body,
+                self.first, self.second, self.entry, self.block,
             )  # fmt: skip
             if count >= 0:
                 self.count = count
@@ -71,21 +85,26 @@ class ContactTable:
 
 @kernel
 def _collect(  # type: ignore[no-untyped-def]
-    dt, pair_first, pair_second, pairs, touching, pair_spring, position, body,
+    dt, moving, alone, ahead, pair_first, pair_second, pairs, touching, pair_spring,
+    position, body,
     first, second, entry, block,
 ):  # fmt: skip
     """Fill the table; returns the number of contacts, -1 where it is too small."""
-    n = position.shape[0]
+    # How far each may come toward another: relative to the mean where all move, so that what moves
+    # together does not count as closing in.
     mean = np.zeros(3, np.float32)
-    for i in range(n):
+    if alone:
+        for i in moving:
+            for axis in range(3):
+                mean[axis] += body[i, 4 + axis]
         for axis in range(3):
-            mean[axis] += body[i, 4 + axis]
-    for axis in range(3):
-        mean[axis] /= np.float32(n)
-    # How far each may come toward another: relative to the mean, so that what moves together
-    # does not count as closing in.
-    ahead = np.empty(n, np.float32)
-    for i in range(n):
+            mean[axis] /= np.float32(moving.size)
+    else:
+        for k in range(pairs):
+            i, j = pair_first[k], pair_second[k]
+            ahead[i] = body[i, 3] * (np.float32(1.0) + _SLACK)
+            ahead[j] = body[j, 3] * (np.float32(1.0) + _SLACK)
+    for i in moving:
         x, y, z = body[i, 4] - mean[0], body[i, 5] - mean[1], body[i, 6] - mean[2]
         ahead[i] = body[i, 3] * (np.float32(1.0) + _SLACK) + _HORIZON * dt * np.sqrt(
             x * x + y * y + z * z

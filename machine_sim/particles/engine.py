@@ -28,6 +28,7 @@ from machine_sim.particles.motion import run_substeps
 from machine_sim.particles.neighbours import NeighbourList, spatial_order
 from machine_sim.particles.pairs import pair_overlap
 from machine_sim.particles.params import ParticleParams
+from machine_sim.particles.sleep import AWAKE, ON_MAP, Sleep, wake_touched
 from machine_sim.particles.soil_contact import finish_on_ground, ground_planes
 from machine_sim.particles.store import ParticleError, ParticleStore
 from machine_sim.particles.tool import Pose, RigidTool, ToolSet
@@ -84,7 +85,10 @@ class ParticleEngine:
         self._total = np.zeros((0, SUM_FLOATS), np.float32)
         self._ground_row = np.zeros(0, np.int64)
         self._plane = np.zeros((0, 4))
+        self._sleep = Sleep(params)
         self._growing = 0
+        self._changed = False
+        self._loaded = -1
         self._order_due = _REORDER_EVERY
 
     # Particles in and out.
@@ -158,6 +162,7 @@ class ParticleEngine:
             adhesion=grains.adhesion[kind],
         )
         self._pairs.stale = True
+        self._disturb(self.store.rows(ids))
         self._growing += n if grow else 0
         return ids
 
@@ -169,8 +174,15 @@ class ParticleEngine:
         """
         rows = self.store.rows(ids)
         if rows.size:
+            self._disturb(rows)
             self.store.remove(rows)
             self._pairs.stale = True
+
+    def _disturb(self, rows: NDArray[np.intp]) -> None:
+        """Wake what touches some particles that will not be there as before."""
+        store = self.store
+        reach = 1.1 * store.radius[rows].astype(np.float64)
+        self._sleep.disturb(np.column_stack([store.position[rows], reach]))
 
     def freeze(self, ids: ArrayLike) -> None:
         """Hold particles where they are: landed, not yet answered; still counted and in the way.
@@ -179,6 +191,8 @@ class ParticleEngine:
             ParticleError: an id that is not alive or given twice.
         """
         rows = self.store.rows(ids)
+        self._sleep.rouse(self.store, rows)
+        self._changed = True
         self.store.frozen[rows] = True
         self.store.inverse_mass[rows] = 0.0
         self.store.velocity[rows] = 0.0
@@ -191,6 +205,8 @@ class ParticleEngine:
             ParticleError: an id that is not alive or given twice.
         """
         rows = self.store.rows(ids)
+        self._disturb(rows)
+        self._pairs.stale = True
         self.store.frozen[rows] = False
         self.store.inverse_mass[rows] = 1.0 / self.store.mass[rows]
         self.store.quiet_time[rows] = 0.0
@@ -228,6 +244,10 @@ class ParticleEngine:
         first = self._tools.first
         number = self._tools.remove(tool_id)
         self._walls.drop(int(first[number]), int(first[number + 1]))
+        # What rested in it or against it is roused: all, since a tool goes away once in a while.
+        rows = np.flatnonzero(self.store.resting)
+        self._sleep.rouse(self.store, rows)
+        self._pairs.stale = True
 
     def set_tool(self, tool_id: int, start: Pose, end: Pose) -> None:
         """Move a tool from `start` to `end` in the next step; without this it rests.
@@ -260,37 +280,49 @@ class ParticleEngine:
         """
         if not 0.0 < dt <= 0.1:
             raise ParticleError(f"dt is {dt} s; give a step above 0 and up to 0.1 s")
-        store, params, ground = self.store, self.params, self.ground
-        self._tools.begin(dt)
+        store, params, ground, tools = self.store, self.params, self.ground, self._tools
+        tools.begin(dt)
         self._make_room()
         if self._order_due <= self._pairs.builds and store.count:
             store.reorder(spatial_order(store))
             self._pairs.stale = True
             self._order_due = self._pairs.builds + _REORDER_EVERY
-        self._pairs.refresh(store, dt)
-        law, wall_law = (
+        self._sleep.wake(store, tools, ground, dt)
+        live = (store.resting == AWAKE) & ~store.frozen
+        rows, riders = np.flatnonzero(live), np.flatnonzero(store.resting > ON_MAP)
+        in_tool = store.resting[riders].astype(np.int64) - 2
+        if rows.size == 0:
+            self._sleep.carry(store, tools, riders, in_tool)
+            tools.end()
+            return
+        moving = np.concatenate([rows, riders]) if riders.size else rows
+        self._pairs.refresh(store, moving, live, dt)
+        laws = tuple(
             contact_law(dt / params.substeps, params.substeps_per_contact, restitution)
             for restitution in (params.restitution, params.wall_restitution)
         )
-        held, near = self._tools.surround(store.position, ground.grid.cell)
-        off_ground = store.frozen | held
+        inside, near = tools.surround(rows, store.position, ground.grid.cell)
+        off_ground = (inside >= 0) & tools.digs[inside] if tools.tools else inside >= 0
         grounds = ground_planes(
-            ground.surface, ground.frame, dt, wall_law, store.position, store.velocity,
-            store.radius, store.contact_radius, off_ground, near, store.soft, store.ground_spring,
+            ground.surface, ground.frame, dt, laws[1], rows, off_ground, near, store.position,
+            store.velocity, store.radius, store.contact_radius, store.soft, store.ground_spring,
             self._ground_row, self._plane,
         )  # fmt: skip
-        self._walls.refresh(store, self._tools, dt)
+        self._walls.refresh(store, rows, tools, dt)
         if self._growing:
             self._grow(dt, grounds)
-        before = store.position.copy()
-        self._move(dt, law, wall_law, grounds)
-        self.tunnelled_tool += int(self._walls.crossed(store, self._tools, before).sum())
+        before = store.position[rows]
+        self._move(dt, laws, rows, moving, riders, in_tool, grounds)
+        self.tunnelled_tool += int(self._walls.crossed(store, rows, tools, before).sum())
         self.tunnelled_ground += finish_on_ground(
-            ground.surface, ground.frame, dt, params.settle_speed, grounds, self._ground_row,
-            self._plane, store.position, store.velocity, store.radius, off_ground,
+            ground.surface, ground.frame, dt, params.settle_speed, rows, grounds,
+            self._ground_row, self._plane, store.position, store.velocity, store.radius,
             store.soft, store.quiet_time,
         )  # fmt: skip
-        self._tools.end()
+        self._sleep.carry(store, tools, riders, in_tool)
+        if self._sleep.fall_asleep(store, tools, rows, inside, dt).size:
+            self._changed = True
+        tools.end()
 
     def _make_room(self) -> None:
         count = self.store.count
@@ -316,18 +348,24 @@ class ParticleEngine:
             store.contact_radius, share,
         )  # fmt: skip
 
-    def _move(self, dt: float, law: Law, wall_law: Law, grounds: int) -> None:
+    def _move(  # type: ignore[no-untyped-def]
+        self, dt: float, laws: tuple[Law, ...], rows, moving, riders, in_tool, grounds: int
+    ) -> None:
         store, params, tools = self.store, self.params, self._tools
         contacts, walls = self._contacts, self._walls.table
-        body, total = self._body[: store.count], self._total[: store.count]
+        body, total = self._body, self._total
+        # Records of those that do not move stay good until rows or rest change.
+        known = self._loaded == self._pairs.builds and not self._changed
         load_bodies(
-            body, store.velocity, store.spin, store.contact_radius, store.inverse_mass,
-            store.friction, store.rolling, store.cohesion,
+            moving if known else np.arange(store.count), body, total, store.velocity, store.spin,
+            store.contact_radius, store.inverse_mass, store.resting, store.friction,
+            store.rolling, store.cohesion,
         )  # fmt: skip
-        contacts.collect(store, body, self._pairs.pairs, dt)
+        self._loaded, self._changed = self._pairs.builds, False
+        contacts.collect(store, moving, moving.size == store.count, body, self._pairs.pairs, dt)
         run_substeps(
-            params.substeps, params.gravity, law, wall_law, np.float32(params.ground_friction),
-            np.float32(params.ground_rolling), body, total,
+            params.substeps, params.gravity, *laws, np.float32(params.ground_friction),
+            np.float32(params.ground_rolling), rows, riders, in_tool, body, total,
             store.position, store.mass, store.radius, store.soft, store.ground_spring,
             store.tool_friction, store.tool_rolling, store.adhesion,
             contacts.first, contacts.second, contacts.count, contacts.block,
@@ -336,7 +374,12 @@ class ParticleEngine:
             tools.wrench, grounds, self._ground_row, self._plane,
         )  # fmt: skip
         contacts.give_back(self._pairs.pairs)
-        finish_bodies(body, store.position, store.velocity, store.spin)
+        finish_bodies(rows, body, store.position, store.velocity, store.spin)
+        if rows.size < store.count and wake_touched(
+            contacts.first, contacts.second, contacts.entry, contacts.count,
+            self._pairs.pairs.touching, body, store.resting, params.wake_speed, store.calm_time,
+        ):  # fmt: skip
+            self._pairs.stale = True
 
     # What it is like now.
 

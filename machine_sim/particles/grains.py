@@ -30,7 +30,7 @@ _REPOSE = (
 )
 """Angle of repose [deg] that 4000 particles pour to, by friction and rolling friction."""
 
-_PACKING = ((15.0, 0.64), (30.0, 0.60), (45.0, 0.60))
+_PACKING = ((15.0, 0.66), (30.0, 0.60), (45.0, 0.60))
 """Part of the room of a heap that is particles, by its angle of repose [deg]."""
 
 _CONTACT_SHARE = 0.05

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machine_sim.particles.bodies import advance_bodies
+from machine_sim.particles.bodies import advance_bodies, advance_riders
 from machine_sim.particles.jit import kernel
 from machine_sim.particles.pairs import pair_forces
 from machine_sim.particles.soil_contact import ground_forces
@@ -15,7 +15,8 @@ __all__ = ["run_substeps"]
 
 @kernel
 def run_substeps(  # type: ignore[no-untyped-def]
-    substeps, gravity, law, wall_law, ground_friction, ground_rolling, body, total,
+    substeps, gravity, law, wall_law, ground_friction, ground_rolling,
+    rows, riders, rider_tool, body, total,
     position, mass, radius, soft, ground_spring, tool_friction, tool_rolling, adhesion,
     first, second, contacts, block,
     walls, wall_row, wall_plate, wall_spring, wall_side,
@@ -28,6 +29,8 @@ def run_substeps(  # type: ignore[no-untyped-def]
         gravity: [m/s^2], downward.
         law, wall_law: contact law between particles, and at tools and the ground.
         ground_friction, ground_rolling: coefficients.
+        rows: who moves by forces.
+        riders, rider_tool: who rides in a tool, and in which.
         body, total: records and cleared sums, see `bodies`.
         position ... adhesion: of the particles, columns of the store.
         first ... block: contacts, see `ContactTable`.
@@ -47,4 +50,5 @@ def run_substeps(  # type: ignore[no-untyped-def]
             grounds, ground_row, plane, position, mass, soft, ground_spring, body, total,
             wall_law, ground_friction, ground_rolling,
         )  # fmt: skip
-        advance_bodies(body, total, radius, np.float32(gravity), dt)
+        advance_bodies(rows, body, total, radius, np.float32(gravity), dt)
+        advance_riders(riders, rider_tool, body, total, position, path[s], wrench, dt)

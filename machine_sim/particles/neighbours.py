@@ -61,25 +61,39 @@ class NeighbourList:
         self.stale = True
         self.builds = 0
 
-    def refresh(self, store: ParticleStore, dt: float) -> None:
-        """Make the list good for the next step of `dt` [s], carrying the history over."""
-        if store.count == 0:
-            self.pairs.count = 0
-            self.stale = True
+    def refresh(
+        self,
+        store: ParticleStore,
+        moving: NDArray[np.int64],
+        live: NDArray[np.bool_],
+        dt: float,
+    ) -> None:
+        """Make the list good for the next step of `dt` [s], carrying the history over.
+
+        Args:
+            store: the particles.
+            moving: rows that move.
+            live: which rows move by forces, shape (n,); two that do not are no pair.
+            dt: [s].
+        """
+        if moving.size == 0:
+            if self.stale:
+                self.pairs.count = 0
             return
+        alone = moving.size == store.count
         base = self._skin * float(store.radius.mean())
         if not self.stale and not _worn(
-            store.position, store.velocity, self._origin, self._skins, dt
+            moving, alone, store.position, store.velocity, self._origin, self._skins, dt
         ):
             return
         if len(self._skins) < store.count:
             self._skins = np.zeros(max(store.count, 2 * len(self._skins)))
-        largest = _lay_skins(
-            store.velocity, dt, base, 2.0 * _LONGEST * float(store.radius.max()), self._skins
-        )
+        self._skins[:] = 0.0
+        longest = 2.0 * _LONGEST * float(store.radius.max())
+        largest = _lay_skins(moving, alone, store.velocity, dt, base, longest, self._skins)
         cell = 2.0 * float(store.radius.max()) + 2.0 * largest
         order, start, cells, sizes = _sort(store.position, cell)
-        while not self._build(store, order, start, cells, sizes):
+        while not self._build(store, live, order, start, cells, sizes):
             self._spare = PairTable(2 * len(self._spare.first), 0)
         self.pairs, self._spare = self._spare, self.pairs
         self._origin = store.position.copy()
@@ -88,7 +102,7 @@ class NeighbourList:
         self.stale = False
 
     def _build(  # type: ignore[no-untyped-def]
-        self, store: ParticleStore, order, start, cells, sizes
+        self, store: ParticleStore, live, order, start, cells, sizes
     ) -> bool:
         """Fill the spare table; False where it has too little room."""
         old, new = self.pairs, self._spare
@@ -96,7 +110,8 @@ class NeighbourList:
             room = max(store.count, 2 * len(new.begin))
             new.begin, new.end = np.zeros(room, np.int64), np.zeros(room, np.int64)
         new.count = _list_pairs(
-            order, start, cells, sizes, store.position, store.radius, self._skins, store.pair_row,
+            order, start, cells, sizes, live, int(live.sum()) * 2 < store.count,
+            store.position, store.radius, self._skins, store.pair_row,
             old.second, old.touching, old.spring, old.begin, old.end,
             new.first, new.second, new.touching, new.spring, new.begin, new.end,
         )  # fmt: skip
@@ -109,19 +124,23 @@ def spatial_order(store: ParticleStore) -> NDArray[np.intp]:
 
 
 @kernel
-def _worn(position, velocity, origin, skins, dt):  # type: ignore[no-untyped-def]
-    """Whether some particle may leave the mean motion by its skin within the next step."""
-    n = position.shape[0]
+def _worn(rows, alone, position, velocity, origin, skins, dt):  # type: ignore[no-untyped-def]
+    """Whether one of `rows` may leave the mean motion by its skin within the next step.
+
+    Where others rest beside them, none is meant.
+    """
+    n = rows.size
     mx, my, mz, ux, uy, uz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(n):
+    for i in rows:
         mx += position[i, 0] - origin[i, 0]
         my += position[i, 1] - origin[i, 1]
         mz += position[i, 2] - origin[i, 2]
         ux += velocity[i, 0]
         uy += velocity[i, 1]
         uz += velocity[i, 2]
-    mx, my, mz = (mx + dt * ux) / n, (my + dt * uy) / n, (mz + dt * uz) / n
-    for i in range(n):
+    share = 1.0 / n if alone else 0.0
+    mx, my, mz = (mx + dt * ux) * share, (my + dt * uy) * share, (mz + dt * uz) * share
+    for i in rows:
         dx = position[i, 0] - origin[i, 0] + dt * velocity[i, 0] - mx
         dy = position[i, 1] - origin[i, 1] + dt * velocity[i, 1] - my
         dz = position[i, 2] - origin[i, 2] + dt * velocity[i, 2] - mz
@@ -131,30 +150,30 @@ def _worn(position, velocity, origin, skins, dt):  # type: ignore[no-untyped-def
 
 
 @kernel
-def _lay_skins(velocity, dt, base, longest, skins):  # type: ignore[no-untyped-def]
-    """Fill `skins` [m]: `base`, and the way relative to the mean in up to `_STEPS` steps.
+def _lay_skins(rows, alone, velocity, dt, base, longest, skins):  # type: ignore[no-untyped-def]
+    """Fill the `skins` of `rows` [m]: `base`, and the way relative to the mean in some steps.
 
-    Fewer steps where the fastest would go farther than `longest`, but one at least.
+    `_STEPS` of them, fewer where the fastest would go farther than `longest`, but one at least.
 
     Returns:
         The longest skin [m].
     """
-    n = velocity.shape[0]
     ux, uy, uz = 0.0, 0.0, 0.0
-    for i in range(n):
+    for i in rows:
         ux += velocity[i, 0]
         uy += velocity[i, 1]
         uz += velocity[i, 2]
-    ux, uy, uz = ux / n, uy / n, uz / n
+    share = 1.0 / rows.size if alone else 0.0
+    ux, uy, uz = ux * share, uy * share, uz * share
     fastest = 0.0
-    for i in range(n):
+    for i in rows:
         dx, dy, dz = velocity[i, 0] - ux, velocity[i, 1] - uy, velocity[i, 2] - uz
         speed = np.sqrt(dx * dx + dy * dy + dz * dz)
         skins[i] = speed
         fastest = max(fastest, speed)
     step = _ROOM * dt * fastest
     steps = min(max(longest / max(step, 1e-12), 1.0), _STEPS)
-    for i in range(n):
+    for i in rows:
         skins[i] = base + _ROOM * dt * steps * skins[i]
     return base + step * steps
 
@@ -231,7 +250,7 @@ def _mark_near(around, own, others, mark):  # type: ignore[no-untyped-def]
 
 @kernel
 def _list_pairs(  # type: ignore[no-untyped-def]
-    order, start, cells, sizes, position, radius, skins, old_row,
+    order, start, cells, sizes, live, few, position, radius, skins, old_row,
     old_second, old_touching, old_spring, old_begin, old_end,
     first, second, touching, spring, begin, end,
 ):  # fmt: skip
@@ -239,6 +258,8 @@ def _list_pairs(  # type: ignore[no-untyped-def]
 
     Args:
         order, start, cells, sizes: of `_sort`.
+        live: which rows move by forces.
+        few: whether these are few: then only their cells are looked at, and all around them.
         position, radius, skins: of the particles, by row.
         old_row: row of each in the old table, -1 if it has none.
         old_*: the old table. The rest: the new one.
@@ -257,46 +278,80 @@ def _list_pairs(  # type: ignore[no-untyped-def]
         y[a] = position[i, 1] - position[0, 1]
         z[a] = position[i, 2] - position[0, 2]
         size[a] = radius[i] + skins[i]
-    low, high = np.zeros(5, np.int64), np.zeros(5, np.int64)
+    every = live.all()
+    strips = 10 if few else 5
+    low, high = np.zeros(10, np.int64), np.zeros(10, np.int64)
     around = np.empty((4, 512), np.float32)
-    row = np.empty(512, np.uint32)
+    row, place = np.empty(512, np.uint32), np.empty(512, np.int64)
     mark = np.zeros(520, np.uint8)
     count, a = 0, 0
     while a < n:
-        # All of one cell have the same others around: half of the 27 cells, in 5 strips along z.
+        # All of one cell have the same others around: half of the 27 cells, in 5 strips along z,
+        # or all of them in 10.
         c = cells[a]
         end_of_cell = start[c + 1]
+        lively = not few
+        for b in range(a, end_of_cell):
+            lively |= live[order[b]]
+        if not lively:
+            for b in range(a, end_of_cell):
+                begin[order[b]] = end[order[b]] = count
+            a = end_of_cell
+            continue
         low[0], high[0] = a, start[c + 2]
+        low[5], high[5] = start[c - 1], a
         others = high[0] - low[0]
-        for strip in range(1, 5):
-            middle = c + nz if strip == 1 else c + (nx + strip - 3) * nz
-            low[strip], high[strip] = start[middle - 1], start[middle + 2]
-            others += high[strip] - low[strip]
+        for strip in range(1, strips):
+            if strip != 5:
+                half = strip % 5
+                way = nz if half == 1 else (nx + half - 3) * nz
+                middle = c + way if strip < 5 else c - way
+                low[strip], high[strip] = start[middle - 1], start[middle + 2]
+            others += high[strip] - low[strip] if strip != 5 else high[5] - low[5]
         if others > row.size:
             around = np.empty((4, 2 * others), np.float32)
-            row = np.empty(2 * others, np.uint32)
+            row, place = np.empty(2 * others, np.uint32), np.empty(2 * others, np.int64)
             mark = np.zeros(2 * others + 8, np.uint8)
         if count + (end_of_cell - a) * others > first.size:
             return -1
         m = 0
-        for strip in range(5):
+        for strip in range(strips):
             for b in range(low[strip], high[strip]):
                 around[0, m], around[1, m], around[2, m] = x[b], y[b], z[b]
                 around[3, m] = size[b]
                 row[m] = order[b]
+                place[m] = b
                 m += 1
         words = mark[: mark.size // 8 * 8].view(np.uint64)
         for own in range(end_of_cell - a):
             i = row[own]
             begin[i] = count
+            if few and not live[i]:
+                end[i] = count
+                continue
+            alive = live[i]
             _mark_near(around, own, others, mark)
             # Few are near: eight marks are passed over at a time.
-            for word in range(own // 8, (others + 7) // 8):
-                if words[word] != 0:
+            for word in range(0 if few else own // 8, (others + 7) // 8):
+                if words[word] == 0:
+                    continue
+                if every:
                     for m in range(max(8 * word, own + 1), 8 * word + 8):
                         first[count] = i
                         second[count] = row[min(m, others - 1)]
                         count += np.int64(mark[m])
+                else:
+                    for m in range(8 * word, min(8 * word + 8, others)):
+                        if mark[m] == 0:
+                            continue
+                        j = row[m]
+                        # Each pair once: of two that are live by the one that comes first.
+                        if place[m] <= a + own and (not few or live[j] or m == own):
+                            continue
+                        if alive or live[j]:
+                            first[count] = i
+                            second[count] = j
+                            count += 1
             end[i] = count
         a = end_of_cell
     touching[:count] = 0

@@ -49,6 +49,24 @@ class ParticleParams(Parameters):
     release_size: float = parameter(
         0.5, "Contact radius of a released particle over its full radius.", low=0.1, high=1.0
     )
+    sleeping: bool = parameter(True, "Whether particles at rest are left alone until disturbed.")
+    carried: bool = parameter(
+        True, "Whether soil at rest in a tool rides in it as one body; needs `sleeping`."
+    )
+    sleep_speed: float = parameter(
+        0.02, "A particle that is slower falls asleep.", unit="m/s", low=0.0, high=1.0
+    )
+    sleep_time: float = parameter(0.4, "How long it must be slower.", unit="s", low=0.0, high=60.0)
+    wake_speed: float = parameter(
+        0.1, "One touched by a faster particle wakes.", unit="m/s", low=0.0, high=5.0
+    )
+    wake_tilt: float = parameter(
+        0.1,
+        "Soil in a tool wakes when the gravity it feels has changed by this part since it came"
+        " to rest; 0.1 is a tilt of 6 degrees.",
+        low=0.0,
+        high=2.0,
+    )
     settle_speed: float = parameter(
         0.3, "A particle on the ground that is slower comes to rest.", unit="m/s", low=0.0, high=2.0
     )

@@ -35,7 +35,7 @@ def _height(surface, ground, x, y):  # type: ignore[no-untyped-def]
 
 @kernel
 def ground_planes(  # type: ignore[no-untyped-def]
-    surface, ground, dt, law, position, velocity, radius, contact_radius, frozen, near, soft,
+    surface, ground, dt, law, rows, inside, near, position, velocity, radius, contact_radius, soft,
     spring, row, plane,
 ):  # fmt: skip
     """List the particles that may touch the ground within `dt` [s] and the plane each feels.
@@ -43,9 +43,10 @@ def ground_planes(  # type: ignore[no-untyped-def]
     Args:
         surface, ground: contact surface [m] and `Ground.frame`.
         law: contact law.
-        position, velocity, radius, contact_radius, frozen, spring: of the particles; springs out
-            of touch reset.
-        near: beside a tool.
+        rows: who may move.
+        inside, near: whether each of these is in a tool, and beside one.
+        position, velocity, radius, contact_radius, spring: of the particles; springs out of touch
+            reset.
         soft: in and out; a particle that is not near stays soft while it lies so deep that the
             full push would be a harder one.
         row: out, rows listed.
@@ -56,11 +57,12 @@ def ground_planes(  # type: ignore[no-untyped-def]
     """
     count = 0
     soft_overlap = _SOFT_PUSH / np.float64(law[0])
-    for i in range(position.shape[0]):
-        if frozen[i]:
+    for k in range(rows.size):
+        if inside[k]:
             continue
+        i = rows[k]
         was_soft = soft[i]
-        soft[i] = near[i]
+        soft[i] = near[k]
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         r = np.float64(radius[i])
         speed2 = velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2
@@ -81,7 +83,7 @@ def ground_planes(  # type: ignore[no-untyped-def]
         if above * nz > reach:
             spring[i, 0] = spring[i, 1] = spring[i, 2] = np.float32(0.0)
             continue
-        soft[i] = near[i] or (was_soft and contact_radius[i] - above * nz > soft_overlap)
+        soft[i] = near[k] or (was_soft and contact_radius[i] - above * nz > soft_overlap)
         nx, ny = -slope_x * nz, -slope_y * nz
         row[count] = i
         plane[count, 0], plane[count, 1], plane[count, 2] = nx, ny, nz
@@ -130,8 +132,8 @@ def ground_forces(  # type: ignore[no-untyped-def]
 
 @kernel
 def finish_on_ground(  # type: ignore[no-untyped-def]
-    surface, ground, dt, settle_speed, count, row, plane,
-    position, velocity, radius, frozen, soft, quiet_time,
+    surface, ground, dt, settle_speed, rows, count, row, plane,
+    position, velocity, radius, soft, quiet_time,
 ):  # fmt: skip
     """Bring back who sank through the ground, and time who is slow on it.
 
@@ -143,13 +145,11 @@ def finish_on_ground(  # type: ignore[no-untyped-def]
         How many were brought back.
     """
     rescued = 0
-    for i in range(position.shape[0]):
+    for i in rows:
         speed2 = velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2
         quiet_time[i] = -quiet_time[i] - np.float32(dt) if speed2 < settle_speed**2 else 0.0
     for c in range(count):
         i = row[c]
-        if frozen[i]:
-            continue
         r = np.float64(radius[i])
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         height = _height(surface, ground, x, y)
@@ -162,6 +162,6 @@ def finish_on_ground(  # type: ignore[no-untyped-def]
         if distance <= np.sqrt(3.0) * r:
             quiet_time[i] = -quiet_time[i]
     # Whoever was not slow and on the ground has a negative or no time now.
-    for i in range(position.shape[0]):
+    for i in rows:
         quiet_time[i] = max(quiet_time[i], np.float32(0.0))
     return rescued

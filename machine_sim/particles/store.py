@@ -36,6 +36,9 @@ _COLUMNS: dict[str, tuple[str, tuple[int, ...]]] = {
     "soft": ("?", ()),
     "quiet_time": ("f4", ()),
     "ground_spring": ("f4", (3,)),
+    "resting": ("i2", ()),
+    "place": ("f8", (3,)),
+    "calm_time": ("f4", ()),
     "pair_row": ("i4", ()),
     "wall_row": ("i4", ()),
 }
@@ -66,6 +69,9 @@ class ParticleStore:
         soft: beside a tool, or not yet out of the ground there; see `soil_contact`.
         quiet_time: how long it has been slow on the ground [s].
         ground_spring: tangential spring of its ground contact [m], shape (n, 3).
+        resting: 0 for awake; what it rests in otherwise, see `sleep`.
+        place: where it rests in a tool [m], tool frame, shape (n, 3).
+        calm_time: how long it has hardly moved [s].
         pair_row, wall_row: its row in the pair and plate list of the last step, -1 if it has none.
         next_id: the id of the next particle.
     """
@@ -90,6 +96,9 @@ class ParticleStore:
     tool_rolling: NDArray[np.float32]
     adhesion: NDArray[np.float32]
     quiet_time: NDArray[np.float32]
+    resting: NDArray[np.int16]
+    place: NDArray[np.float64]
+    calm_time: NDArray[np.float32]
     ground_spring: NDArray[np.float32]
     pair_row: NDArray[np.int32]
     wall_row: NDArray[np.int32]

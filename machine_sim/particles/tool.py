@@ -94,6 +94,10 @@ class ToolSet:
         frame, corner, corners: as in `Plates`, all tools one after another.
         owner: tool of each plate, shape (plates,), int64.
         first: first plate of each tool, and the end, shape (tools + 1,), int64.
+        substeps: of a step.
+        hull: hulls' half-spaces, all tools one after another, shape (planes, 4).
+        first_hull: first of them of each tool, and the end, shape (tools + 1,), int64.
+        digs: which tools dig, shape (tools,).
         sphere: bounding spheres, tool frame, x y z r [m], shape (tools, 4).
         path: poses before each substep and after the last, shape (substeps + 1, tools, 12).
         twist: velocity of the frame origin and angular velocity, map axes, shape (tools, 6).
@@ -104,7 +108,7 @@ class ToolSet:
     def __init__(self, substeps: int) -> None:
         self.tools: list[RigidTool] = []
         self.number: dict[int, int] = {}
-        self._substeps = substeps
+        self.substeps = substeps
         self._collect()
 
     def add(self, tool_id: int, tool: RigidTool) -> None:
@@ -155,36 +159,31 @@ class ToolSet:
         self.wrench[:] = 0.0
 
     def surround(
-        self, position: NDArray[np.float64], margin: float
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which points [m], shape (n, 3), map frame, tools hold, and which are near one.
-
-        What a digging tool holds inside its hull, its plates keep the terrain from: a bucket half
-        in the ground lies below the surface of the columns it stands in. A box that stands on the
-        ground or over it does neither.
+        self, rows: NDArray[np.int64], position: NDArray[np.float64], margin: float
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Which tool holds each of some particles, and which are near one that digs.
 
         Args:
-            position: points at the start of the step.
-            margin: distance from a tool's bounding sphere that still is near [m].
+            rows: of the particles.
+            position: of all [m], map frame, at the start of the step, shape (n, 3).
+            margin: distance from a digging tool's bounding sphere that still is near [m].
 
         Returns:
-            (held, near), shape (n,) each.
+            (inside, near), shape (rows,) each: number of the tool in whose hull it is, -1 for
+            none; and whether it is near a digging one.
         """
-        held = np.zeros(len(position), dtype=np.bool_)
-        near = np.zeros(len(position), dtype=np.bool_)
-        for tool in self.tools:
-            if not tool.digs:
-                continue
-            offset = position - (tool.start[1] + tool.start[0] @ tool.centre)
-            close = np.einsum("ij,ij->i", offset, offset) <= (tool.reach + margin) ** 2
-            near |= close
-            rows = np.flatnonzero(close)
-            held[rows] |= tool.contains((position[rows] - tool.start[1]) @ tool.start[0])
-        return held, near
+        inside = np.full(rows.size, -1, dtype=np.int64)
+        near = np.zeros(rows.size, dtype=np.bool_)
+        if self.tools:
+            _surround(
+                rows, position, self.path[0], self.sphere, self.hull, self.first_hull, self.digs,
+                margin, inside, near,
+            )  # fmt: skip
+        return inside, near
 
     def end(self) -> None:
         """Rest at the end pose until moved again."""
-        self.wrench /= self._substeps
+        self.wrench /= self.substeps
         for tool in self.tools:
             tool.start = tool.end
 
@@ -199,7 +198,11 @@ class ToolSet:
         self.owner = np.repeat(np.arange(count, dtype=np.int64), np.asarray(sizes, dtype=np.int64))
         self.first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
         self.sphere = np.array([[*t.centre, t.reach] for t in self.tools]).reshape(count, 4)
-        self.path = np.zeros((self._substeps + 1, count, 12))
+        hulls = [tool.hull for tool in self.tools]
+        self.hull = np.concatenate([np.zeros((0, 4)), *hulls])
+        self.first_hull = np.concatenate([[0], np.cumsum([len(h) for h in hulls])]).astype(np.int64)
+        self.digs = np.array([tool.digs for tool in self.tools], dtype=np.bool_)
+        self.path = np.zeros((self.substeps + 1, count, 12))
         self.twist = np.zeros((count, 6))
         self.wrench = np.zeros((count, 6))
 
@@ -251,3 +254,30 @@ def pose_path(start, end, dt, path, twist):  # type: ignore[no-untyped-def]
         # The end is the end as given, so that the next step starts without a seam.
         for k in range(12):
             path[substeps, t, k] = end[t, k]
+
+
+@kernel
+def _surround(rows, position, pose, sphere, hull, first, digs, margin, inside, near):  # type: ignore[no-untyped-def]
+    """See `ToolSet.surround`.
+
+    What a digging tool holds, its plates keep the terrain from: a bucket half in the ground lies
+    below the surface of the columns it stands in. A box that stands on the ground or over it does
+    not.
+    """
+    for k in range(rows.size):
+        i = rows[k]
+        for t in range(pose.shape[0]):
+            p = pose[t]
+            qx, qy, qz = position[i, 0] - p[9], position[i, 1] - p[10], position[i, 2] - p[11]
+            x = p[0] * qx + p[3] * qy + p[6] * qz
+            y = p[1] * qx + p[4] * qy + p[7] * qz
+            z = p[2] * qx + p[5] * qy + p[8] * qz
+            dx, dy, dz = x - sphere[t, 0], y - sphere[t, 1], z - sphere[t, 2]
+            if dx * dx + dy * dy + dz * dz > (sphere[t, 3] + margin) ** 2:
+                continue
+            near[k] |= digs[t]
+            held = first[t + 1] > first[t]
+            for h in range(first[t], first[t + 1]):
+                held &= hull[h, 0] * x + hull[h, 1] * y + hull[h, 2] * z < hull[h, 3]
+            if held and inside[k] < 0:
+                inside[k] = t

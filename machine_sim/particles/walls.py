@@ -50,8 +50,8 @@ class WallList:
         self.table = WallTable(1024, 0)
         self._spare = WallTable(1024, 0)
 
-    def refresh(self, store: ParticleStore, tools: ToolSet, dt: float) -> None:
-        """List all plates that a particle may touch within the next `dt` [s]."""
+    def refresh(self, store: ParticleStore, rows, tools: ToolSet, dt: float) -> None:  # type: ignore[no-untyped-def]
+        """List all plates that one of `rows` may touch within the next `dt` [s]."""
         old = self.table
         if not tools.tools:
             old.count = 0
@@ -62,7 +62,7 @@ class WallList:
                 new.begin = np.zeros(2 * store.count, np.int64)
                 new.end = np.zeros(2 * store.count, np.int64)
             new.count = _list_walls(
-                dt, store.position, store.velocity, store.radius, store.frozen, store.wall_row,
+                dt, rows, store.position, store.velocity, store.radius, store.wall_row,
                 tools.frame, tools.corner, tools.corners, tools.first, tools.sphere,
                 tools.path[0], tools.twist,
                 old.plate, old.spring, old.side, old.begin, old.end,
@@ -72,7 +72,8 @@ class WallList:
                 break
             self._spare = WallTable(2 * len(new.row), 0)
         self.table, self._spare = new, old
-        store.wall_row[:] = np.arange(store.count, dtype=np.int32)
+        store.wall_row[:] = -1
+        store.wall_row[rows] = rows
 
     def drop(self, low: int, high: int) -> None:
         """Forget plates number `low` to below `high`; those behind move up."""
@@ -82,18 +83,25 @@ class WallList:
         plate[gone] = -1
 
     def crossed(
-        self, store: ParticleStore, tools: ToolSet, before: NDArray[np.float64]
+        self,
+        store: ParticleStore,
+        rows: NDArray[np.int64],
+        tools: ToolSet,
+        before: NDArray[np.float64],
     ) -> NDArray[np.bool_]:
-        """Whose centre went through a plate in this step, in the frame of the moving tool.
+        """Which of `rows` went through a plate in this step, in the frame of the moving tool.
 
         Args:
-            before: positions at the start of the step [m], map frame, shape (n, 3).
+            store: the particles.
+            rows: who moved.
+            tools: what may have been gone through.
+            before: their centres at the start of the step [m], map frame, shape (rows, 3).
         """
-        through = np.zeros(store.count, np.bool_)
+        through = np.zeros(rows.size, np.bool_)
         if tools.tools:
             table = self.table
             _crossings(
-                before, store.position, store.frozen,
+                rows, before, store.position,
                 tools.frame, tools.corner, tools.corners, tools.first, tools.sphere,
                 tools.path[0], tools.path[-1],
                 table.plate, table.side, table.begin, table.end, through,
@@ -119,16 +127,16 @@ def turn_back(pose, x, y, z):  # type: ignore[no-untyped-def]
 
 @kernel
 def _list_walls(  # type: ignore[no-untyped-def]
-    dt, position, velocity, radius, frozen, old_row,
+    dt, rows, position, velocity, radius, old_row,
     frame, corner, corners, first_plate, sphere, pose, twist,
     old_plate, old_spring, old_side, old_begin, old_end,
     row, plate, spring, side, begin, end,
 ):  # fmt: skip
     """Fill the table; returns the number of contacts, -1 where it is too small."""
     count = 0
-    for i in range(position.shape[0]):
+    for i in rows:
         begin[i] = count
-        if not frozen[i]:
+        if True:
             for t in range(pose.shape[0]):
                 qx, qy, qz = (
                     position[i, 0] - pose[t, 9],
@@ -261,7 +269,7 @@ def wall_forces(  # type: ignore[no-untyped-def]
 
 @kernel
 def _crossings(  # type: ignore[no-untyped-def]
-    before, after, frozen,
+    rows, before, after,
     frame, corner, corners, first_plate, sphere, pose0, pose1,
     contact_plate, contact_side, begin, end, through,
 ):  # fmt: skip
@@ -269,11 +277,10 @@ def _crossings(  # type: ignore[no-untyped-def]
 
     A centre that comes back to the side its contact remembers is not marked again.
     """
-    for i in range(before.shape[0]):
-        if frozen[i]:
-            continue
+    for k_row in range(rows.size):
+        i = rows[k_row]
         for t in range(pose0.shape[0]):
-            x0, y0, z0 = to_tool(pose0[t], before[i, 0], before[i, 1], before[i, 2])
+            x0, y0, z0 = to_tool(pose0[t], before[k_row, 0], before[k_row, 1], before[k_row, 2])
             x1, y1, z1 = to_tool(pose1[t], after[i, 0], after[i, 1], after[i, 2])
             length = np.sqrt((x1 - x0) ** 2 + (y1 - y0) ** 2 + (z1 - z0) ** 2)
             cx, cy, cz = x1 - sphere[t, 0], y1 - sphere[t, 1], z1 - sphere[t, 2]
@@ -295,4 +302,4 @@ def _crossings(  # type: ignore[no-untyped-def]
                     if contact_plate[m] == k:
                         side = contact_side[m]
                 if side * h1 < 0.0:
-                    through[i] = True
+                    through[k_row] = True

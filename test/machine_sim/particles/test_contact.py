@@ -164,7 +164,7 @@ def test_a_particle_under_ground_comes_out_gently_after_the_tool_has_left_it(dep
 
 
 def test_once_out_of_the_ground_it_is_soft_no_more():
-    world = engine(wall_restitution=0.4)
+    world = engine(wall_restitution=0.4, sleeping=False)
     world.add_tool(0, [square(0.4)], pose(0.0, 0.0, 0.5))
     world.add([[0, 0, -0.02]], [[0, 0, 0]], LITRE, grow=False)
     world.step(STEP)
