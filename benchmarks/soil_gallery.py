@@ -173,7 +173,7 @@ def rutted() -> Soil:
     soil.step(0, NO_SWEEPS, spread)
     machine = MachineSim(
         load_description(find_config("machines/excavator.yaml")), grid, soil.columns.height,
-        soils=[kind.loose for kind in soil.kinds], position=(-5.0, -1.5),
+        soils=soil.loose_soils, position=(-5.0, -1.5),
     )  # fmt: skip
     world = World(soil, {1: machine})
     for left, right, ticks in ((1.0, 1.0, 350), (0.55, 1.0, 350), (1.0, 1.0, 200)):

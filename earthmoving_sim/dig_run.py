@@ -65,7 +65,7 @@ class DigRun:
             soil.columns.height,
             params=config.stepping,
             particle_params=config.particles,
-            soils=[kind.loose for kind in soil.kinds],
+            soils=soil.loose_soils,
             position=(config.run.start_x - config.shift.approach, config.run.start_y),
             seed=config.run.seed,
         )

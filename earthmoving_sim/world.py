@@ -50,7 +50,7 @@ class World:
             ParameterError: a machine knows other soils than the terrain has.
         """
         for source, machine in machines.items():
-            known, there = machine.particles.soils, tuple(kind.loose for kind in soil.kinds)
+            known, there = machine.particles.soils, soil.loose_soils
             if known != there:
                 raise ParameterError(
                     f"machine {source} knows the soils {known}, the terrain has {there}; give"

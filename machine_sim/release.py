@@ -15,12 +15,17 @@ from numpy.typing import NDArray
 
 from machine_sim.machine.bucket import BucketShape
 from machine_sim.particles import ParticleEngine, Pose
-from msg_bridge.contract.rows import Kind, Rows
+from msg_bridge.contract.rows import MAX_ROW_VOLUME, Kind, Rows
 
-__all__ = ["PendingSoil"]
+__all__ = ["PendingSoil", "coarseness"]
 
 _IDLE_TICKS = 5
 """Ticks without a new parcel after which a column's remainder is released."""
+
+_CROWDED = 0.5
+"""Part of the engine's capacity from which on particles are made larger."""
+_COARSEST = 8.0
+"""Volume of a particle when the engine is full, over that when it is not."""
 
 _SMALLEST_PART = 0.25
 """Smallest particle worth making, in parts of the nominal volume."""
@@ -31,11 +36,25 @@ _CLEARANCE = 0.02
 Vector = NDArray[np.float64]
 
 
+def coarseness(count: int, capacity: int) -> float:
+    """Volume of a particle over the nominal one: 1, and more where the engine fills up.
+
+    Soil goes on coming out of the ground then, in fewer and larger parts.
+
+    Args:
+        count: particles there are.
+        capacity: most that there can be.
+    """
+    crowd = (count / capacity - _CROWDED) / (1.0 - _CROWDED)
+    return 1.0 + (_COARSEST - 1.0) * min(max(crowd, 0.0), 1.0)
+
+
 @dataclass
 class _Parcel:
     """Soil of one column, waiting; `place` is in the tool frame, so that it moves with it."""
 
     volume: int
+    size: int  # of the next particle
     soil: int
     place: Vector
     tick: int
@@ -72,7 +91,9 @@ class PendingSoil:
         for row in conversions[conversions["kind"] == Kind.EXCAVATE]:
             key = (int(row["row"]), int(row["col"]))
             place = rotation.T @ (np.array([row["x"], row["y"], row["z"]]) - origin)
-            parcel = self._parcels.setdefault(key, _Parcel(0, 0, place, tick))
+            parcel = self._parcels.get(key)
+            if parcel is None:
+                parcel = self._parcels[key] = _Parcel(0, self._nominal, 0, place, tick)
             parcel.volume += int(row["volume_mm3"])
             parcel.soil, parcel.place, parcel.tick = int(row["soil"]), place, tick
 
@@ -82,18 +103,22 @@ class PendingSoil:
         Returns:
             How many were made.
         """
+        coarse = coarseness(particles.count, particles.params.capacity)
         volumes: list[int] = []
         places: list[Vector] = []
         soils: list[int] = []
         room = min(self._per_tick, particles.room)
         for key in list(self._parcels):
             parcel = self._parcels[key]
-            while parcel.volume >= self._nominal and len(volumes) < room:
-                parcel.volume -= self._nominal
-                volumes.append(self._nominal)
+            spread = particles.soils[parcel.soil].spread
+            while parcel.volume >= coarse * parcel.size and len(volumes) < room:
+                volume = min(int(coarse * parcel.size), MAX_ROW_VOLUME)
+                parcel.volume -= volume
+                volumes.append(volume)
                 places.append(parcel.place)
                 soils.append(parcel.soil)
-            if parcel.volume < self._nominal and tick - parcel.tick > _IDLE_TICKS:
+                parcel.size = self._size(spread)
+            if parcel.volume < coarse * parcel.size and tick - parcel.tick > _IDLE_TICKS:
                 self._remainder += parcel.volume
                 del self._parcels[key]
                 if self._remainder >= _SMALLEST_PART * self._nominal and len(volumes) < room:
@@ -104,6 +129,12 @@ class PendingSoil:
         if volumes:
             self._place(particles, pose, places, volumes, soils)
         return len(volumes)
+
+    def _size(self, spread: float) -> int:
+        """Volume of a particle [mm^3], even between nominal * (1 - spread) and (1 + spread)."""
+        if spread == 0.0:
+            return self._nominal
+        return round(self._nominal * (1.0 + spread * self._rng.uniform(-1.0, 1.0)))
 
     def _place(
         self,
@@ -124,5 +155,5 @@ class PendingSoil:
             np.zeros_like(local),
             volume,
             np.array(soils, dtype=np.uint8),
-            np.zeros(len(soils), dtype=np.uint8),
+            np.array([particles.soils[soil].moisture for soil in soils], dtype=np.uint8),
         )

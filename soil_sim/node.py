@@ -214,7 +214,7 @@ class SoilNode(LeanNode):
             tick=self._params.tick,
             realtime=self._params.sync == "realtime",
             cell=side.soil.grid.cell,
-            soils=tuple(kind.loose for kind in side.soil.kinds),
+            soils=side.soil.loose_soils,
         )
         columns = side.soil.columns
         sections = {

@@ -11,12 +11,13 @@ the terrain's own. The exchange (`msg_bridge.exchange`) numbers the rows it retu
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.rows import (
     CHANGED,
     CONVERSION,
@@ -106,9 +107,7 @@ class Soil:
             moisture=moisture,
         )
         if moisture is None:
-            found = [kind.moisture for kind in self.kinds]
-            if self.params.moisture >= 0:
-                found = [self.params.moisture] * len(found)
+            found = [kind.moisture for kind in self.loose_soils]
             self.columns.moisture[:] = np.array(found, dtype=np.uint8)[self.columns.soil]
         self.slip = Slip(
             self.columns,
@@ -127,6 +126,14 @@ class Soil:
     def grid(self) -> Grid:
         """Where each column stands."""
         return self.columns.grid
+
+    @property
+    def loose_soils(self) -> tuple[LooseSoil, ...]:
+        """What a machine must know of the kinds of soil, by id."""
+        soils = (kind.loose for kind in self.kinds)
+        if self.params.moisture < 0:
+            return tuple(soils)
+        return tuple(replace(soil, moisture=self.params.moisture) for soil in soils)
 
     @property
     def total_mm3(self) -> int:

@@ -112,6 +112,7 @@ class SoilType(Parameters):
             stick=(1.0, self.stick_damp, self.stick_wet),
             tool_friction=self.tool_friction,
             spread=self.lump_spread,
+            moisture=self.moisture,
         )
 
     def standing_height(self, moisture: float) -> float:

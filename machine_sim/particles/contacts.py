@@ -113,6 +113,9 @@ def _collect(  # type: ignore[no-untyped-def]
     room = first.size
     for k in range(pairs):
         i, j = pair_first[k], pair_second[k]
+        weight = body[i, 7] + body[j, 7]
+        if weight == np.float32(0.0):
+            continue  # both rest: the spring is kept for when they wake
         x = np.float32(position[j, 0] - position[i, 0])
         y = np.float32(position[j, 1] - position[i, 1])
         z = np.float32(position[j, 2] - position[i, 2])
@@ -142,7 +145,7 @@ def _collect(  # type: ignore[no-untyped-def]
         least = min(ri, rj)
         b[s], b[s + BLOCK], b[s + 2 * BLOCK] = x, y, z
         b[s + 3 * BLOCK] = reach
-        b[s + 4 * BLOCK] = np.float32(1.0) / max(body[i, 7] + body[j, 7], np.float32(1e-12))
+        b[s + 4 * BLOCK] = np.float32(1.0) / weight
         # Of two soils the weaker gives way.
         b[s + 5 * BLOCK] = min(body[i, 11], body[j, 11])
         b[s + 6 * BLOCK] = min(body[i, 12], body[j, 12])

@@ -14,7 +14,11 @@ class ParticleParams(Parameters):
     """How particles look, touch, and come to rest."""
 
     capacity: int = parameter(
-        200_000, "Most particles alive at once; more are refused.", low=1, high=10_000_000
+        20_000,
+        "Most particles alive at once; from half of that on soil is released in larger ones, and"
+        " waits when there is no room.",
+        low=1,
+        high=10_000_000,
     )
     nominal_volume: int = parameter(
         500_000, "Nominal bank volume of one particle.", unit="mm^3", low=100, high=2**32 - 1
@@ -54,11 +58,11 @@ class ParticleParams(Parameters):
         True, "Whether soil at rest in a tool rides in it as one body; needs `sleeping`."
     )
     sleep_speed: float = parameter(
-        0.02, "A particle that is slower falls asleep.", unit="m/s", low=0.0, high=1.0
+        0.01, "A particle that is slower falls asleep.", unit="m/s", low=0.0, high=1.0
     )
-    sleep_time: float = parameter(0.4, "How long it must be slower.", unit="s", low=0.0, high=60.0)
+    sleep_time: float = parameter(0.5, "How long it must be slower.", unit="s", low=0.0, high=60.0)
     wake_speed: float = parameter(
-        0.1, "One touched by a faster particle wakes.", unit="m/s", low=0.0, high=5.0
+        0.05, "One touched by a faster particle wakes.", unit="m/s", low=0.0, high=5.0
     )
     wake_tilt: float = parameter(
         0.1,

@@ -32,6 +32,8 @@ ON_MAP = 1
 
 _SMOOTHING = 0.06
 """Time over which the gravity felt in a tool is smoothed [s]: a drive's jerks are not shaking."""
+_TOGETHER = 0.95
+"""Part of the soil in a tool that must be calm before it rides as one body."""
 _BESIDE = 0.5
 """How close a tool that moves comes by to wake a particle, in radii beyond touching."""
 
@@ -87,10 +89,7 @@ class Sleep:
             _near_spots(rows, store.position, store.radius, np.concatenate(self._spots), woken)
             self._spots.clear()
         if changed is not None:
-            _on_changed(
-                rows, store.position, store.radius, store.resting, ground.surface, changed,
-                ground.frame, woken,
-            )  # fmt: skip
+            _on_changed(rows, store.position, store.resting, changed, ground.frame, woken)
         moving = np.abs(tools.twist).max(axis=1, initial=0.0) > 1e-6
         if moving.any():
             _by_tools(
@@ -152,8 +151,12 @@ class Sleep:
             store.contact_radius, tools.path[-1], tools.twist, params.sleep_speed,
             params.sleep_time if params.sleeping else np.inf, dt, store.calm_time, asleep,
         )  # fmt: skip
-        if not params.carried:
-            asleep &= inside < 0
+        for t in np.unique(inside[asleep]):
+            if t >= 0:
+                held = inside == t
+                together = params.carried and asleep[held].mean() >= _TOGETHER
+                if not together and not (store.resting == t + 2).any():
+                    asleep[held] = False
         resting = inside[asleep] + 2
         rows = rows[asleep]
         if rows.size == 0:
@@ -226,21 +229,16 @@ def _near_spots(rows, position, radius, spots, woken):  # type: ignore[no-untype
 
 
 @kernel
-def _on_changed(rows, position, radius, resting, surface, changed, ground, woken):  # type: ignore[no-untyped-def]
+def _on_changed(rows, position, resting, changed, ground, woken):  # type: ignore[no-untyped-def]
     """Mark who lies on a column that changed, or that has one beside it that did."""
-    last_row, last_col = surface.shape[0] - 2, surface.shape[1] - 2
+    last_row, last_col = changed.shape[0] - 2, changed.shape[1] - 2
     for k in range(rows.size):
         i = rows[k]
         if resting[i] != 1 or woken[k]:
             continue
         u = min(max(int((ground[0] - position[i, 0]) * ground[2]), 0), last_row)
         v = min(max(int((ground[1] - position[i, 1]) * ground[2]), 0), last_col)
-        if not (changed[u, v] | changed[u + 1, v] | changed[u, v + 1] | changed[u + 1, v + 1]):
-            continue
-        top = max(
-            max(surface[u, v], surface[u + 1, v]), max(surface[u, v + 1], surface[u + 1, v + 1])
-        )
-        woken[k] = position[i, 2] < top + 2.0 * radius[i]
+        woken[k] = changed[u, v] | changed[u + 1, v] | changed[u, v + 1] | changed[u + 1, v + 1]
 
 
 @kernel

@@ -141,6 +141,8 @@ def _loose_soil(values: Mapping[str, Any]) -> LooseSoil:
         name: tuple(map(float, value)) if isinstance(value, list) else float(value)
         for name, value in values.items()
     }
+    if "moisture" in numbers:
+        numbers["moisture"] = int(values["moisture"])
     return LooseSoil(**numbers)
 
 

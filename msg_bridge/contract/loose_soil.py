@@ -24,6 +24,7 @@ class LooseSoil:
         stick: cohesion and adhesion over those when dry.
         tool_friction: angle of friction against steel [deg].
         spread: of the sizes of its lumps: the largest volume over the mean, minus 1.
+        moisture: as found [% of saturation].
 
     Raises:
         ParameterError: a figure that no soil has.
@@ -37,6 +38,7 @@ class LooseSoil:
     stick: tuple[float, float, float] = (1.0, 1.0, 1.0)
     tool_friction: float = 20.0
     spread: float = 0.0
+    moisture: int = 0
 
     def __post_init__(self) -> None:
         """Check the figures."""
@@ -54,6 +56,7 @@ class LooseSoil:
             *(("stick", factor, 0.0, 1e3) for factor in self.stick),
             ("tool_friction", self.tool_friction, 0.0, 89.0),
             ("spread", self.spread, 0.0, 0.9),
+            ("moisture", self.moisture, 0.0, 100.0),
         ):
             if isinstance(value, tuple) or not (math.isfinite(value) and low <= value <= high):
                 raise ParameterError(

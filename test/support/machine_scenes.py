@@ -27,7 +27,7 @@ def machine_on_level_ground(**options: object) -> MachineSim:
 
 def loosened(soil: Soil) -> dict[str, list[LooseSoil]]:
     """What a machine must know of how soil is when it is loose."""
-    return {"soils": [kind.loose for kind in soil.kinds]}
+    return {"soils": list(soil.loose_soils)}
 
 
 def level_soil(**params: object) -> Soil:
