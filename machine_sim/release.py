@@ -103,7 +103,6 @@ class PendingSoil:
         Returns:
             How many were made.
         """
-        coarse = coarseness(particles.count, particles.params.capacity)
         volumes: list[int] = []
         places: list[Vector] = []
         soils: list[int] = []
@@ -111,14 +110,17 @@ class PendingSoil:
         for key in list(self._parcels):
             parcel = self._parcels[key]
             spread = particles.soils[parcel.soil].spread
-            while parcel.volume >= coarse * parcel.size and len(volumes) < room:
+            while len(volumes) < room:
+                coarse = coarseness(particles.count + len(volumes), particles.params.capacity)
                 volume = min(int(coarse * parcel.size), MAX_ROW_VOLUME)
+                if parcel.volume < volume:
+                    break
                 parcel.volume -= volume
                 volumes.append(volume)
                 places.append(parcel.place)
                 soils.append(parcel.soil)
                 parcel.size = self._size(spread)
-            if parcel.volume < coarse * parcel.size and tick - parcel.tick > _IDLE_TICKS:
+            if parcel.volume < parcel.size and tick - parcel.tick > _IDLE_TICKS:
                 self._remainder += parcel.volume
                 del self._parcels[key]
                 if self._remainder >= _SMALLEST_PART * self._nominal and len(volumes) < room:

@@ -15,7 +15,7 @@ from machine_sim.particles.jit import kernel
 from machine_sim.particles.neighbours import PairTable
 from machine_sim.particles.store import ParticleStore
 
-__all__ = ["BLOCK", "ContactTable"]
+__all__ = ["BLOCK", "BOND_GAP", "ContactTable"]
 
 BLOCK = 128
 """Contacts in a block: 11 KB, inside the first-level cache."""
@@ -27,7 +27,9 @@ spring (3); then scratch of `pairs.pair_forces` (9)."""
 _BOND_AREA = np.float32(np.pi)
 _HORIZON = np.float32(1.4)
 """How far ahead contacts are looked for, in steps: one, and room for acceleration."""
-_SLACK = np.float32(0.03)
+BOND_GAP = np.float32(0.03)
+"""Gap at which two particles hold together no more, in sums of radii: a bridge of wet soil."""
+_SLACK = BOND_GAP
 """The least distance ahead, in sums of radii."""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machine_sim.particles.contacts import BLOCK
+from machine_sim.particles.contacts import BLOCK, BOND_GAP
 from machine_sim.particles.jit import kernel
 from machine_sim.particles.law import contact_force
 
@@ -30,7 +30,10 @@ def _block_maths(n, b, law):  # type: ignore[no-untyped-def]
         distance = np.sqrt(dx * dx + dy * dy + dz * dz + _TINY_LENGTH2)
         inverse = _ONE / distance
         nx, ny, nz = dx * inverse, dy * inverse, dz * inverse
-        overlap = min(b[s + 3 * BLOCK] - distance, b[s + 8 * BLOCK])
+        reach = b[s + 3 * BLOCK]
+        # What holds two together fades over a small gap.
+        hold = min(max(_ONE + (reach - distance) / (BOND_GAP * reach), _ZERO), _ONE)
+        overlap = min(reach - distance, b[s + 8 * BLOCK])
         touches = _ONE if overlap > _ZERO else _ZERO
         ax, ay, az = b[s + 18 * BLOCK], b[s + 19 * BLOCK], b[s + 20 * BLOCK]
         push, gx, gy, gz, sx, sy, sz = contact_force(
@@ -48,7 +51,7 @@ def _block_maths(n, b, law):  # type: ignore[no-untyped-def]
         gx *= mass
         gy *= mass
         gz *= mass
-        normal = push - b[s + 7 * BLOCK] * touches
+        normal = push - b[s + 7 * BLOCK] * hold
         b[s + 12 * BLOCK] = normal * nx + gx
         b[s + 13 * BLOCK] = normal * ny + gy
         b[s + 14 * BLOCK] = normal * nz + gz

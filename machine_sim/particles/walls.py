@@ -17,6 +17,9 @@ from machine_sim.particles.tool import ToolSet
 
 __all__ = ["WallList", "wall_forces"]
 
+_BOND_GAP = 0.06
+"""Gap at which a particle sticks to a plate no more, in radii."""
+
 _LEAST_AT_PLATE = np.float32(0.5)
 """Smallest radius a plate feels, in full radii. One released into a crowd starts as a point, and
 its neighbours would press a point through a plate."""
@@ -213,9 +216,12 @@ def wall_forces(  # type: ignore[no-untyped-def]
             distance = np.sqrt((a - ca) ** 2 + (b - cb) ** 2 + h * h)
             na, nb, nh = (a - ca) / distance, (b - cb) / distance, h / distance
             overlap = r - distance
+        # What holds it to the plate fades over a small gap.
+        hold = adhesion[i] * min(max(1.0 + overlap / (_BOND_GAP * r), 0.0), 1.0)
         if overlap <= 0.0:
             spring[c, 0] = spring[c, 1] = spring[c, 2] = np.float32(0.0)
-            continue
+            if hold == 0.0:
+                continue
         nx = frame[k, 3] * na + frame[k, 6] * nb + frame[k, 9] * nh
         ny = frame[k, 4] * na + frame[k, 7] * nb + frame[k, 10] * nh
         nz = frame[k, 5] * na + frame[k, 8] * nb + frame[k, 11] * nh
@@ -238,7 +244,11 @@ def wall_forces(  # type: ignore[no-untyped-def]
         )  # fmt: skip
         spring[c, 0], spring[c, 1], spring[c, 2] = sx, sy, sz
         m = mass[i]
-        normal = m * push - np.pi * r * r * adhesion[i]
+        if overlap <= 0.0:
+            push = np.float32(0.0)
+            gx, gy, gz = push, push, push
+            spring[c, 0] = spring[c, 1] = spring[c, 2] = push
+        normal = m * push - np.pi * r * r * hold
         ax, ay, az = normal * nx + m * gx, normal * ny + m * gy, normal * nz + m * gz
         fx = p[0] * ax + p[1] * ay + p[2] * az
         fy = p[3] * ax + p[4] * ay + p[5] * az

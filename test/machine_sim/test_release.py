@@ -6,7 +6,8 @@ from support.machine_scenes import GRID, excavator
 
 from machine_sim.ground import Ground
 from machine_sim.particles import ParticleEngine, ParticleParams
-from machine_sim.release import PendingSoil
+from machine_sim.release import PendingSoil, coarseness
+from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.rows import CONVERSION, Kind, Rows, empty_rows
 
 BUCKET = excavator().bucket
@@ -104,3 +105,44 @@ def test_particles_of_one_place_are_scattered() -> None:
     position = particles.store.position
     assert np.unique(position.round(4), axis=0).shape[0] == 8
     assert position.std(axis=0) == pytest.approx(0.045, abs=0.04)
+
+
+def test_lumps_vary_in_size_as_the_soil_says_and_no_volume_is_lost() -> None:
+    soil = pending(per_tick=1000)
+    particles = ParticleEngine(
+        ParticleParams(), Ground(GRID, np.full(GRID.shape, -50.0)), soils=[LooseSoil(spread=0.5)]
+    )
+    soil.receive(parcels(200 * NOMINAL), POSE, 0)
+    soil.release(particles, POSE, 1)
+    volumes = particles.store.volume_mm3
+    assert volumes.min() < 0.6 * NOMINAL
+    assert volumes.max() > 1.4 * NOMINAL
+    assert volumes.mean() == pytest.approx(NOMINAL, rel=0.1)
+    assert soil.total_mm3 + particles.total_volume_mm3 == 200 * NOMINAL
+
+
+def test_particles_come_out_as_moist_as_the_soil_is_found() -> None:
+    soil = pending()
+    particles = ParticleEngine(
+        ParticleParams(), Ground(GRID, np.full(GRID.shape, -50.0)), soils=[LooseSoil(moisture=40)]
+    )
+    soil.receive(parcels(NOMINAL), POSE, 0)
+    soil.release(particles, POSE, 1)
+    assert particles.store.moisture.tolist() == [40]
+
+
+def test_a_full_engine_gets_coarser_parcels_then_lets_them_wait() -> None:
+    soil = pending(per_tick=1000)
+    params = ParticleParams(capacity=40)
+    particles = ParticleEngine(params, Ground(GRID, np.full(GRID.shape, -50.0)))
+    given = 400 * NOMINAL
+    soil.receive(parcels(*[4 * NOMINAL] * 100), POSE, 0)
+    for tick in range(1, 30):
+        soil.release(particles, POSE, tick)
+        soil.receive(parcels(*[2 * NOMINAL] * 100), POSE, tick)
+        given += 200 * NOMINAL
+    assert particles.count == 40
+    assert particles.store.volume_mm3.max() > 3 * NOMINAL
+    assert soil.total_mm3 + particles.total_volume_mm3 == given
+    assert coarseness(10, 40) == 1.0
+    assert coarseness(40, 40) == 8.0

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from support.particle_scenes import LEVEL, LITRE, STEP, box, cloud, engine, pose, run, square
 
+from msg_bridge.contract.loose_soil import LooseSoil
+
 
 def smooth(t, span):
     """0 to 1 with no jump of acceleration."""
@@ -166,3 +168,30 @@ def test_friction_carries_a_particle_on_a_turning_plate():
         world.step(STEP)
         at = to
     assert np.linalg.norm(world.tool_local(0)[0] - start) < 0.01
+
+
+@pytest.mark.parametrize(("adhesion", "stays"), [(0.0, False), (150e3, True)])
+def test_sticky_soil_stays_on_a_steep_plate(adhesion, stays):
+    world = engine(soils=[LooseSoil(adhesion=adhesion)])
+    steep = pose(0.0, 0.0, 3.0, np.radians(60.0))
+    world.add_tool(0, [square(1.0)], steep)
+    radius = 0.0521
+    away = steep[0] @ np.array([0.0, 0.0, radius])
+    world.add([steep[1] + away], [[0, 0, 0]], LITRE, grow=False)
+    world.store.tool_rolling[:] = 2.0  # so that it slides or stays
+    run(world, 0.5)
+    went = np.linalg.norm(world.tool_local(0)[0] - [0.0, 0.0, radius])
+    assert (went < 0.02) == stays
+
+
+def test_cohesion_holds_two_particles_together():
+    def apart(cohesion):
+        world = engine(gravity=0.0, soils=[LooseSoil(cohesion=cohesion)])
+        world.add([[0, 0, 3], [0.1046, 0, 3]], np.zeros((2, 3)), LITRE, grow=False)
+        run(world, 0.2)
+        world.store.velocity[:, 0] += [-0.02, 0.02]
+        run(world, 1.0)
+        return float(world.store.position[1, 0] - world.store.position[0, 0])
+
+    assert abs(apart(20e3)) < 0.11
+    assert abs(apart(0.0)) > 0.13
