@@ -17,6 +17,7 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
+from machine_sim.cubes import CubeEngine
 from machine_sim.ground import Ground
 from machine_sim.machine import Excavator, MachineDescription
 from machine_sim.machine.kinematics import rotation_matrix
@@ -98,8 +99,10 @@ class MachineSim:
         pybullet.setTimeStep(self.params.physics_step, physicsClientId=self._client)
         pybullet.setGravity(0.0, 0.0, -9.81, physicsClientId=self._client)
         self.machine = Excavator(description, self._client, self.ground, position, yaw)
-        self.particles = ParticleEngine(
-            particle_params or ParticleParams(), self.ground, soils=soils
+        particle_params = particle_params or ParticleParams()
+        kind = CubeEngine if particle_params.mode == "cubes" else ParticleEngine
+        self.particles: ParticleEngine | CubeEngine = kind(
+            particle_params, self.ground, soils=soils
         )
         self._bucket, self._tracks = description.bucket, description.tracks
         self.particles.add_tool(_TOOL, self._bucket.plates(), self.machine.tool_pose)
@@ -225,6 +228,7 @@ class MachineSim:
             store.particle_id,
             store.position,
             store.velocity,
+            store.spin,
             store.volume_mm3,
             np.array([self.pending.total_mm3]),
             self.resistance.state,
@@ -233,7 +237,8 @@ class MachineSim:
         return digest.hexdigest()
 
     def close(self) -> None:
-        """Free the physics client."""
+        """Free the physics clients."""
+        self.particles.close()
         pybullet.disconnect(self._client)
 
     def _resist(self, dt: float) -> None:

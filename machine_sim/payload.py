@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from machine_sim.cubes import CubeEngine
 from machine_sim.machine.bucket import BucketShape
 from machine_sim.particles import ParticleEngine
 
@@ -29,7 +30,7 @@ class Payload:
     fill: float
 
 
-def payload_in(bucket: BucketShape, particles: ParticleEngine, tool: int) -> Payload:
+def payload_in(bucket: BucketShape, particles: ParticleEngine | CubeEngine, tool: int) -> Payload:
     """Count the particles inside the bucket and in the heap on it."""
     store = particles.store
     inside = bucket.contains_heaped(particles.tool_local(tool))

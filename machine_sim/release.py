@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machine_sim.cubes import CubeEngine
 from machine_sim.machine.bucket import BucketShape
 from machine_sim.particles import ParticleEngine, Pose
 from msg_bridge.contract.rows import MAX_ROW_VOLUME, Kind, Rows
@@ -97,7 +98,7 @@ class PendingSoil:
             parcel.volume += int(row["volume_mm3"])
             parcel.soil, parcel.place, parcel.tick = int(row["soil"]), place, tick
 
-    def release(self, particles: ParticleEngine, pose: Pose, tick: int) -> int:
+    def release(self, particles: ParticleEngine | CubeEngine, pose: Pose, tick: int) -> int:
         """Turn parcels into particles, at most as many as one tick may have.
 
         Returns:
@@ -140,7 +141,7 @@ class PendingSoil:
 
     def _place(
         self,
-        particles: ParticleEngine,
+        particles: ParticleEngine | CubeEngine,
         pose: Pose,
         places: list[Vector],
         volumes: list[int],

@@ -20,13 +20,16 @@ _SLOW = 0.3
 """What is slower belongs to the heap [m/s]."""
 
 
-def poured_angle(soil: LooseSoil, count: int, *, rate: float = 200.0, **params: float) -> float:
+def poured_angle(
+    soil: LooseSoil, count: int, *, rate: float = 200.0, moisture: int = 0, **params: float
+) -> float:
     """Angle of a heap [deg].
 
     Args:
         soil: its soil.
         count: number of particles.
         rate: of pouring, particles per second.
+        moisture: of the soil [% of saturation].
         params: of `ParticleParams`.
     """
     engine = bench(soil, **params)
@@ -44,7 +47,7 @@ def poured_angle(soil: LooseSoil, count: int, *, rate: float = 200.0, **params: 
             top = float(store.position[heap, 2].max()) if heap.any() else 0.0
             at = np.array([x, y, top + 1.5 * d])
             if not engine.count or ((store.position - at) ** 2).sum(axis=1).min() > d**2:
-                engine.add(at, [0.0, 0.0, -_SPEED], VOLUME, grow=False)
+                engine.add(at, [0.0, 0.0, -_SPEED], VOLUME, moisture=moisture, grow=False)
         if engine.count:
             engine.step(STEP)
     rest(engine)

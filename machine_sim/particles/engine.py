@@ -381,6 +381,9 @@ class ParticleEngine:
         ):  # fmt: skip
             self._pairs.stale = True
 
+    def close(self) -> None:
+        """Nothing is held that must be freed; for the sake of engines that do."""
+
     # What it is like now.
 
     def index_of(self, ids: ArrayLike) -> NDArray[np.intp]:

@@ -13,6 +13,12 @@ __all__ = ["ParticleParams"]
 class ParticleParams(Parameters):
     """How particles look, touch, and come to rest."""
 
+    mode: str = parameter(
+        "spheres",
+        "Soil as turning spheres (DEM), or as in the 2014 reference: rigid cubes in pybullet, whose"
+        " speed is clamped.",
+        choices=("spheres", "cubes"),
+    )
     capacity: int = parameter(
         20_000,
         "Most particles alive at once; from half of that on soil is released in larger ones, and"

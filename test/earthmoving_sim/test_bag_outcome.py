@@ -25,6 +25,7 @@ from machine_sim.operator.node import OperatorNode
 from msg_bridge.codec.headers import from_multi_array, to_multi_array
 from msg_bridge.codec.sim_config import RunFacts, config_text
 from msg_bridge.contract.errors import EarthmovingError
+from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.recorder.node import Recorder
 from soil_sim.node import SoilNode
 from soil_sim.terrain import save_terrain
@@ -205,7 +206,7 @@ def test_last_run_of_a_bag_counts(dig, told, outcome) -> None:
         for topic in ("/sim/config", "/excavator/odom")
     )
     older = Recording()
-    old = config_text(RunFacts(0, TICK, False, 0.2, (0.15,), (1600.0,)), {})
+    old = config_text(RunFacts(0, TICK, False, 0.2, (LooseSoil(0.15),)), {})
     older.add("/sim/config", String(data=old))
     older.add("/terrain/map", terrain_cloud(dig.run.world.soil, 0, 0))
     for tick in range(3):
@@ -278,7 +279,7 @@ def test_bag_that_begins_in_the_middle_is_refused(dig, outcome) -> None:
 def test_machine_file_that_is_not_there_is_named(dig, outcome) -> None:
     recording = dig.recording.copy()
     config = {"machine_sim": {"machine": "machines/road_header.yaml"}}
-    text = config_text(RunFacts(1, TICK, False, 0.2, (0.15,), (1600.0,)), config)
+    text = config_text(RunFacts(1, TICK, False, 0.2, (LooseSoil(0.15),)), config)
     recording.add("/excavator/config", String(data=text))
     with pytest.raises(BagOutcomeError, match=r"described in 'machines/road_header.yaml'"):
         outcome(recording)

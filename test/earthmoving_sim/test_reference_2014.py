@@ -52,6 +52,7 @@ def test_figures_are_those_of_the_reference(soil_params, machine) -> None:
     rest = sections("/**/machine_sim")
     assert MachineNodeParams(machine=rest["machine"]).machine == "machines/reference_2014.yaml"
     assert MachineSimParams(**rest["stepping"]).physics_step == 0.005
+    assert rest["particles"]["mode"] == "cubes"
     assert ParticleParams(**rest["particles"]).nominal_volume == 400**3
     masses = {name: link.mass for name, link in machine.links.items()}
     body = masses["base"] + masses["upper"]
@@ -68,7 +69,7 @@ def test_it_digs_and_every_tick_balances(soil_params, machine) -> None:
         machine,
         grid,
         soil.columns.height,
-        params=MachineSimParams(physics_step=0.005, steps_per_tick=1),
+        params=MachineSimParams(**sections("/**/machine_sim")["stepping"], steps_per_tick=1),
         particle_params=ParticleParams(**sections("/**/machine_sim")["particles"]),
     )
     world = World(soil, {1: sim})

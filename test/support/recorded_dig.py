@@ -26,6 +26,7 @@ from msg_bridge.codec.poses import to_odometry
 from msg_bridge.codec.sim_config import RunFacts, config_text
 from msg_bridge.codec.stamps import stamp_of_tick
 from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.messages import RowChunk, SoilHeader, Stream
 from soil_sim.side import SoilSide
 from soil_sim.terrain import HeightMap, rough
@@ -58,7 +59,7 @@ class RecordedDig:
             return messages
 
         monkeypatch.setattr(SoilSide, "take_outbox", watched)
-        facts = RunFacts(1, TICK, False, 0.2, (0.15,), (1600.0,))
+        facts = RunFacts(1, TICK, False, 0.2, (LooseSoil(0.15),))
         self.recording.add("/sim/config", String(data=config_text(facts, {})))
         self.run = DigRun(load_run_config("demo.yaml", asked), site)
         machine = self.run.machine.machine

@@ -1,0 +1,98 @@
+"""What a 5 ms step costs with soil as rigid cubes in pybullet, and with particles.
+
+The same soil falls into the same open box and comes to rest: N rigid cubes with the constraints of
+the 2014 reference (`machine_sim.cubes`), and N particles that are kept awake, so that both work.
+Particles that may fall asleep, as shipped, are shown too. The box stands still. Medians over the
+runs of the median wall time per step; the engines take turns. Run from the repository root:
+`python benchmarks/cubes.py`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from particles import block, box, flat_ground
+
+from machine_sim.cubes import CubeEngine
+from machine_sim.particles import ParticleEngine, ParticleParams, Pose, warm_up
+from msg_bridge.contract.loose_soil import LooseSoil
+
+STEP = 0.005
+COUNTS = (25, 50, 100, 200, 400)
+RUNS = 5
+SOIL = LooseSoil(swell=0.25)
+VOLUME = 500_000  # bank [mm^3]
+FALLING, PAUSE, RESTING = 100, 400, 100
+"""Steps timed from the start, not timed, and timed at rest."""
+
+Engine = CubeEngine | ParticleEngine
+
+
+def cubes() -> Engine:
+    """Rigid cubes in pybullet."""
+    return CubeEngine(ParticleParams(), flat_ground(), soils=[SOIL])
+
+
+def awake() -> Engine:
+    """Particles that never sleep."""
+    return ParticleEngine(ParticleParams(sleeping=False), flat_ground(), soils=[SOIL])
+
+
+def shipped() -> Engine:
+    """Particles with parameters as shipped."""
+    return ParticleEngine(ParticleParams(), flat_ground(), soils=[SOIL])
+
+
+def in_box(make: Callable[[], Engine], count: int) -> tuple[float, float]:
+    """Soil in a box [ms a step]: while it falls in, and at rest."""
+    engine = make()
+    edge = (VOLUME * 1e-9 * (1.0 + SOIL.swell)) ** (1 / 3)
+    width = max(0.4, 1.1 * edge * (count / 0.6) ** (1 / 3))
+    pose: Pose = (np.eye(3), np.array([0.0, 0.0, 0.5]))
+    engine.add_tool(0, box(width, 2.0 * width), pose, digs=False)
+    points = block(count, 1.3 * edge, width - 1.5 * edge, 0.5 + edge)
+    engine.add(points, np.zeros_like(points), VOLUME, grow=False)
+    falling = timed(engine, FALLING)
+    for _ in range(PAUSE):
+        engine.step(STEP)
+    resting = timed(engine, RESTING)
+    x, y, z = engine.tool_local(0).T
+    inside = (np.maximum(np.abs(x), np.abs(y)) < 0.5 * width) & (z > 0.0)
+    if not inside.all():
+        print(f"  {make.__name__}: {np.count_nonzero(~inside)} of {count} are not in the box")
+    if isinstance(engine, CubeEngine):
+        engine.close()
+    return falling, resting
+
+
+def timed(engine: Engine, steps: int) -> float:
+    """Median wall time of a step [ms]."""
+    times = []
+    for _ in range(steps):
+        start = time.perf_counter()
+        engine.step(STEP)
+        times.append(time.perf_counter() - start)
+    return 1e3 * float(np.median(times))
+
+
+def main() -> None:
+    """Print the table."""
+    warm_up()
+    makers = (cubes, awake, shipped)
+    for make in makers:
+        in_box(make, 5)
+    print("ms per 5 ms step in a box that stands still, median of", RUNS, "runs")
+    print(f"{'':>6} {'falling in':^32} {'at rest':^42}")
+    columns = ("cubes", "particles", "ratio")
+    print(f"{'N':>6}", *(f"{name:>10}" for name in (*columns, *columns, "asleep")))
+    for count in COUNTS:
+        runs = np.array([[in_box(make, count) for make in makers] for _ in range(RUNS)])
+        (fall, rest), (fall_p, rest_p), (_, asleep) = np.median(runs, axis=0)
+        cells = (fall, fall_p, fall / fall_p, rest, rest_p, rest / rest_p, asleep)
+        print(f"{count:>6}", *(f"{cell:>10.3f}" for cell in cells), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,206 @@
+"""Outflow of a bin through a round hole in its level floor, against Beverloo's law.
+
+Beverloo, Leniger, van de Velde: The flow of granular solids through orifices, Chem. Eng. Sci. 15
+(1961) 260-269, doi:10.1016/0009-2509(61)85030-6: W = C rho sqrt(g) (D - k d)^2.5, for a hole of
+diameter D and grains of diameter d, with C = 0.58 and k = 1.4, rho the density of the soil as it
+lies in the bin. Neither depth nor width of the bin matter where both are well above D.
+
+k is that of sand, and the law is an approximation: beads measured over a wide range of holes leave
+it both ways (Mankoc et al., Granular Matter 9 (2007) 407, doi:10.1007/s10035-007-0062-2). So the
+exponent comes from as wide a range as flows without jamming and is quick enough.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.laboratory.scenes import STEP, VOLUME, Plate, Points, bench, bulk, diameter, stack
+from machine_sim.particles import ParticleEngine, Pose
+from msg_bridge.contract.loose_soil import LooseSoil
+
+__all__ = ["OPENINGS", "Flow", "exponent", "outflow", "outflows", "slope"]
+
+OPENINGS = (5.0, 7.0, 10.0, 14.0)
+"""Diameters of the hole, in diameters of the particles; below 5 they jam (Zuriguel et al., Phys.
+Rev. E 71 (2005) 051303)."""
+
+_EDGE = 1.4
+"""Width of the hole's edge through which no centre comes, in particle diameters: k."""
+_COEFFICIENT = 0.58
+"""C of the law."""
+_WIDE = 2.5
+"""Width of the bin, in diameters of the hole."""
+_DEEP = 1.75
+"""Depth of the soil, in diameters of the hole."""
+_SIDES = 24
+_FLOOR = 1.0
+"""Height of the bin's floor over the bench [m]."""
+_LOOSE = 1.3
+"""Distance of particles as they are put in, in diameters."""
+_POURED = 1.0
+"""Speed at which soil is put back [m/s]: away before the next comes."""
+_SETTLE = 1.5
+"""Time the soil has to settle in the bin [s]."""
+_START = 0.1
+"""Outflow before the steady part, over that of the steady part."""
+_LONGEST = 120.0
+"""Time after which a bin counts as jammed [s]."""
+_PARTS = 8
+"""Of the steady part, compared to tell its error."""
+_HERE: Pose = (np.eye(3), np.zeros(3))
+_BIN, _GATE = 0, 1
+
+
+@dataclass(frozen=True)
+class Flow:
+    """What flows through a hole, once it flows steadily.
+
+    Attributes:
+        opening: diameter of the hole, in particle diameters.
+        rate: particles per second.
+        error: of the rate, over the rate: standard error of the means of its parts.
+        law: rate that Beverloo's law tells, with C = 0.58 and k = 1.4.
+        particles: how many were in the bin, which is kept full.
+        tunnelled: how many went through a plate.
+    """
+
+    opening: float
+    rate: float
+    error: float
+    law: float
+    particles: int
+    tunnelled: int
+
+    @property
+    def coefficient(self) -> float:
+        """C of the law."""
+        return _COEFFICIENT * self.rate / self.law
+
+
+def outflow(
+    soil: LooseSoil,
+    opening_in_diameters: float,
+    count: int | None = None,
+    *,
+    passing: int = 8000,
+    **params: float,
+) -> Flow:
+    """Outflow of a bin in which what fell out is put back on top.
+
+    Args:
+        soil: its soil.
+        opening_in_diameters: diameter of the hole, in diameters of the particles.
+        count: particles in the bin; without it so many that they stand 1.75 holes deep.
+        passing: how many fall out while the rate is measured.
+        params: of `ParticleParams`.
+
+    Raises:
+        ValueError: the bin jams.
+    """
+    trial = bench(soil, **params)
+    d = diameter(trial)
+    hole = opening_in_diameters * d
+    radius = 0.5 * _WIDE * hole
+    if count is None:
+        count = round(_DEEP * hole * math.pi * radius**2 / bulk(trial, 1))
+    engine = bench(soil, **{"capacity": 2 * count + 1000, **params})
+    points = _block(radius, d, count, 0.0)
+    points[:, 2] += _FLOOR + 0.6 * d
+    height = float(points[:, 2].max()) + 5.0 * d
+    engine.add_tool(_BIN, _bin(hole, radius, height), _HERE, digs=False)
+    engine.add_tool(_GATE, _gate(hole), _HERE, digs=False)
+    engine.add(points, np.zeros_like(points), VOLUME, grow=False)
+    for _ in range(round(_SETTLE / STEP)):
+        engine.step(STEP)
+    engine.remove_tool(_GATE)
+    fallen = _run(engine, radius, d, round((1.0 + _START) * passing))
+    times = STEP * np.arange(len(fallen))
+    steady = np.flatnonzero(fallen > _START * passing)
+    rate = float(np.polyfit(times[steady], fallen[steady], 1)[0])
+    parts = [np.polyfit(times[k], fallen[k], 1)[0] for k in np.array_split(steady, _PARTS)]
+    error = float(np.std(parts, ddof=1)) / rate / math.sqrt(_PARTS)
+    effective = hole - _EDGE * d
+    law = _COEFFICIENT / bulk(engine, 1) * math.sqrt(engine.params.gravity) * effective**2.5
+    return Flow(opening_in_diameters, rate, error, law, count, engine.tunnelled_tool)
+
+
+def outflows(
+    soil: LooseSoil, openings: Sequence[float] = OPENINGS, *, passing: int = 8000, **params: float
+) -> list[Flow]:
+    """Outflow through each of some openings; see `outflow`."""
+    return [outflow(soil, opening, None, passing=passing, **params) for opening in openings]
+
+
+def slope(flows: Sequence[Flow]) -> float:
+    """Exponent of the law that outflows follow: slope of log W against log(D - 1.4 d)."""
+    wide = np.log([flow.opening - _EDGE for flow in flows])
+    return float(np.polyfit(wide, np.log([flow.rate for flow in flows]), 1)[0])
+
+
+def exponent(
+    soil: LooseSoil, openings: Sequence[float] = OPENINGS, *, passing: int = 8000, **params: float
+) -> float:
+    """Exponent of the law that outflow through some openings follows; see `outflow`."""
+    return slope(outflows(soil, openings, passing=passing, **params))
+
+
+def _run(engine: ParticleEngine, radius: float, d: float, most: int) -> np.ndarray:
+    """Step until `most` fell out; returns how many had after each step."""
+    out = due = batch = 0
+    layer = int(0.9 * math.pi * (radius - 0.8 * d) ** 2 / (_LOOSE * d) ** 2)
+    fallen = []
+    while out < most:
+        engine.step(STEP)
+        gone = engine.store.position[:, 2] < _FLOOR - d
+        if gone.any():
+            engine.remove(engine.store.particle_id[gone])
+            out += int(gone.sum())
+            due += int(gone.sum())
+        if due >= layer:
+            due, batch = due - layer, batch + 1
+            points = _block(radius, d, layer, batch)
+            # Above all others, and away before the next layer comes.
+            points[:, 2] += float(engine.store.position[:, 2].max()) + 1.5 * d
+            engine.add(points, np.full(points.shape, [0.0, 0.0, -_POURED]), VOLUME, grow=False)
+        fallen.append(out)
+        if len(fallen) * STEP > _LONGEST:
+            raise ValueError(f"{out} of {most} particles fell out in {_LONGEST} s: the bin jams")
+    return np.asarray(fallen)
+
+
+def _block(radius: float, d: float, count: int, turn: float) -> Points:
+    """Points [m] to fill a bin with, in layers from 0 up, turned by `turn` [rad]."""
+    room = radius - 0.8 * d
+    points = stack(lambda at: np.hypot(at[:, 0], at[:, 1]) < room, radius, _LOOSE * d, count, 0.0)
+    c, s = math.cos(turn), math.sin(turn)
+    points[:, :2] = points[:, :2] @ np.array([[c, s], [-s, c]])
+    return points
+
+
+def _ring(radius: float, height: float) -> list[tuple[float, float, float]]:
+    angle = 2.0 * math.pi / _SIDES * np.arange(_SIDES + 1)
+    return [(radius * math.cos(a), radius * math.sin(a), height) for a in angle]
+
+
+def _rim(hole: float) -> list[tuple[float, float, float]]:
+    """Corners of a polygon as large as a round hole."""
+    share = 0.5 * _SIDES / math.pi * math.sin(2.0 * math.pi / _SIDES)
+    return _ring(0.5 * hole / math.sqrt(share), _FLOOR)
+
+
+def _bin(hole: float, radius: float, height: float) -> list[Plate]:
+    """Walls of a bin, and the floor around its hole."""
+    outer = radius / math.cos(math.pi / _SIDES)
+    low, top, rim = _ring(outer, _FLOOR), _ring(outer, height), _rim(hole)
+    walls = [[low[k], low[k + 1], top[k + 1], top[k]] for k in range(_SIDES)]
+    return walls + [[rim[k], low[k], low[k + 1], rim[k + 1]] for k in range(_SIDES)]
+
+
+def _gate(hole: float) -> list[Plate]:
+    """What closes the hole, level with the floor."""
+    rim = _rim(hole)
+    return [[(0.0, 0.0, _FLOOR), *rim[k : k + 7]] for k in range(0, _SIDES, 6)]

@@ -1,0 +1,59 @@
+"""What is soil to the engine: the same as to `ParticleEngine.add`, whose checks are its own."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from machine_sim.particles.store import ParticleError
+from msg_bridge.contract.rows import MAX_ROW_VOLUME
+
+__all__ = ["Intake", "checked_intake"]
+
+
+class Intake(NamedTuple):
+    """Soil to be released, one row per cube: [m], [m/s], [mm^3], ids, [% of saturation]."""
+
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    volume_mm3: NDArray[np.int64]
+    soil: NDArray[np.uint8]
+    moisture: NDArray[np.uint8]
+
+
+def checked_intake(
+    position: ArrayLike,
+    velocity: ArrayLike,
+    volume_mm3: ArrayLike,
+    soil: ArrayLike,
+    moisture: ArrayLike,
+) -> Intake:
+    """Arrays of one length, of what a caller gives as in `ParticleEngine.add`.
+
+    Raises:
+        ParticleError: shapes that do not fit, values that are not finite, volumes or codes out of
+            range.
+    """
+    x = np.atleast_2d(np.asarray(position, dtype=np.float64))
+    v = np.atleast_2d(np.asarray(velocity, dtype=np.float64))
+    n = len(x) if x.size else 0
+    if x.shape != v.shape or (n and x.shape != (n, 3)):
+        raise ParticleError("positions and velocities must both have shape (n, 3)")
+    if not (np.isfinite(x).all() and np.isfinite(v).all()):
+        raise ParticleError("positions and velocities must be finite")
+    volume = _whole("volumes", volume_mm3, n, 1, MAX_ROW_VOLUME)
+    soils = _whole("soils", soil, n, 0, 255).astype(np.uint8)
+    moistures = _whole("moistures", moisture, n, 0, 255).astype(np.uint8)
+    return Intake(x.reshape(n, 3), v.reshape(n, 3), volume, soils, moistures)
+
+
+def _whole(name: str, given: ArrayLike, n: int, low: int, high: int) -> NDArray[np.int64]:
+    """Whole numbers, one for each of n; any will do where there is none."""
+    values = np.asarray(given)
+    if values.shape not in ((), (n,)):
+        raise ParticleError(f"{name} must be one per cube, or one")
+    if n and (values.dtype.kind not in "iu" or values.min() < low or values.max() > high):
+        raise ParticleError(f"{name} are whole numbers from {low} to {high}")
+    return np.broadcast_to(values, (n,)).astype(np.int64)
