@@ -3,7 +3,6 @@
 A peer to measure `machine_sim.particles` against, not what the machines run on.
 
 - `clamps`: the velocity constraints that keep cubes in a bucket
-- `intake`: what is soil, and what is refused
 - `bodies`: the cubes in pybullet; `plates`: tools in pybullet, and the forces on them
 - `around`: which cube is in or beside which tool
 - `terrain`: cubes on the live terrain

@@ -34,7 +34,7 @@ class VelocityClamps:
 
     Attributes:
         upward: vertical velocity given to a cube that rises from what carries it [m/s]; 0 or less.
-        level_divisor: what level velocity is divided by per 5 ms, in a tool and in free fall;
+        level_divisor: what level velocity is divided by per 5 ms, in a tool and away from all;
             1 does nothing.
         act: False leaves all velocities alone.
     """
@@ -45,8 +45,9 @@ class VelocityClamps:
 
 
 REFERENCE_CLAMPS = VelocityClamps(upward=-10.0)
-"""The reference's own constants. A resting cube trembles, so a hammer of 10 m/s comes down on it
-again and again: loads weigh many times what they should."""
+"""The reference's own constant. A cube at rest trembles, and whenever that is upward the next step
+drives it 5 cm into what it lies on: a load weighs several times what it should, and soon is through
+plates of 2 cm."""
 
 
 def clamp_velocities(

@@ -18,11 +18,11 @@ from numpy.typing import ArrayLike, NDArray
 from machine_sim.cubes.around import look_around
 from machine_sim.cubes.bodies import CubeBodies, own_friction
 from machine_sim.cubes.clamps import VelocityClamps, clamp_velocities
-from machine_sim.cubes.intake import checked_intake
 from machine_sim.cubes.plates import PlateBodies, pierced
 from machine_sim.cubes.terrain import finish_on_ground, stand_on_ground
 from machine_sim.ground import Ground
 from machine_sim.particles.grains import GrainTables
+from machine_sim.particles.intake import checked_intake
 from machine_sim.particles.landing import settled_rows
 from machine_sim.particles.params import ParticleParams
 from machine_sim.particles.store import ParticleError, ParticleStore

@@ -1,13 +1,13 @@
-"""Soil as particles: soft spheres that touch each other, tools and terrain.
+"""Soil as particles: soft spheres that turn, and touch each other, tools and terrain.
 
-- `params`: the physics, with units and ranges
-- `store`: the particles and the volume account
+- `params`: the physics, with units and ranges; `grains`: how each soil's particles touch
+- `intake`: what is refused; `store`: the particles and the volume account
 - `law`: the contact law; `jit`: how kernels are compiled
-- `neighbours`, `pairs`: near pairs, and the forces between particles
+- `neighbours`: near pairs; `contacts`: those that may touch in a step; `pairs`: their forces
 - `plates`, `tool`, `walls`: tool geometry, its motion, and the forces on it
 - `soil_contact`: forces of the terrain
 - `growth`: released particles grow to size
-- `motion`: the substeps; `landing`: who comes to rest
+- `bodies`, `motion`: the substeps; `sleep`: who rests or rides in a tool; `landing`: who lands
 - `engine`: all of it in one step; `warm`: compile it beforehand
 """
 

@@ -22,6 +22,7 @@ from machine_sim.particles.bodies import (
 from machine_sim.particles.contacts import ContactTable
 from machine_sim.particles.grains import GrainTables
 from machine_sim.particles.growth import grow_radii, start_radii
+from machine_sim.particles.intake import checked_intake
 from machine_sim.particles.landing import settled_rows
 from machine_sim.particles.law import Law, contact_law
 from machine_sim.particles.motion import run_substeps
@@ -34,7 +35,6 @@ from machine_sim.particles.store import ParticleError, ParticleStore
 from machine_sim.particles.tool import Pose, RigidTool, ToolSet
 from machine_sim.particles.walls import WallList
 from msg_bridge.contract.loose_soil import LooseSoil
-from msg_bridge.contract.rows import MAX_ROW_VOLUME
 
 __all__ = ["ParticleEngine"]
 
@@ -119,41 +119,28 @@ class ParticleEngine:
             ParticleError: shapes that do not fit, values that are not finite, volumes or codes
                 out of range, or no room; nothing was added.
         """
-        x = np.atleast_2d(np.asarray(position, dtype=np.float64))
-        v = np.atleast_2d(np.asarray(velocity, dtype=np.float64))
-        n = len(x) if x.size else 0
-        volume, codes = np.asarray(volume_mm3), np.stack(np.broadcast_arrays(soil, moisture))
-        if x.shape != v.shape or (n and x.shape != (n, 3)):
-            raise ParticleError("positions and velocities must both have shape (n, 3)")
-        if volume.shape not in ((), (n,)) or codes.shape[1:] not in ((), (n,)):
-            raise ParticleError("volumes, soils and moistures must be one per particle, or one")
+        new = checked_intake(position, velocity, volume_mm3, soil, moisture)
+        n, soils = len(new.position), new.soil.astype(np.int64)
         if n == 0:
             return np.zeros(0, dtype=np.uint32)
-        if not (np.isfinite(x).all() and np.isfinite(v).all()):
-            raise ParticleError("positions and velocities must be finite")
-        if volume.dtype.kind not in "iu" or volume.min() < 1 or volume.max() > MAX_ROW_VOLUME:
-            raise ParticleError(f"volumes are whole numbers of mm^3 from 1 to {MAX_ROW_VOLUME}")
-        if codes.dtype.kind not in "iu" or codes.min() < 0 or codes.max() > 255:
-            raise ParticleError("soil and moisture codes are whole numbers from 0 to 255")
-        soils = np.broadcast_to(codes[0], (n,))
         self._grains.check(soils)
-        kind = (soils, np.minimum(np.broadcast_to(codes[1], (n,)), 100))
+        kind = (soils, np.minimum(new.moisture, 100))
         grains = self._grains
-        bank = volume.astype(np.float64) * 1e-9
+        bank = new.volume_mm3 * 1e-9
         bulk = bank * (1.0 + grains.swell[soils])
         radius = np.cbrt(0.75 / math.pi * bulk * grains.packing[kind])
         mass = bank * grains.density[soils]
         ids = self.store.add(
             n,
-            position=x,
-            velocity=v,
+            position=new.position,
+            velocity=new.velocity,
             radius=radius,
             contact_radius=0.0 if grow else radius,
             mass=mass,
             inverse_mass=1.0 / mass,
-            volume_mm3=volume,
-            soil=codes[0],
-            moisture=codes[1],
+            volume_mm3=new.volume_mm3,
+            soil=new.soil,
+            moisture=new.moisture,
             friction=grains.friction[kind],
             rolling=grains.rolling[kind],
             cohesion=grains.cohesion[kind],

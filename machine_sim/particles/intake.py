@@ -1,4 +1,4 @@
-"""What is soil to the engine: the same as to `ParticleEngine.add`, whose checks are its own."""
+"""What is soil to an engine, and what is refused."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["Intake", "checked_intake"]
 
 
 class Intake(NamedTuple):
-    """Soil to be released, one row per cube: [m], [m/s], [mm^3], ids, [% of saturation]."""
+    """Soil to be released, one row per particle: [m], [m/s], [mm^3], ids, [% of saturation]."""
 
     position: NDArray[np.float64]
     velocity: NDArray[np.float64]
@@ -30,7 +30,7 @@ def checked_intake(
     soil: ArrayLike,
     moisture: ArrayLike,
 ) -> Intake:
-    """Arrays of one length, of what a caller gives as in `ParticleEngine.add`.
+    """Arrays of one length, of what a caller of `ParticleEngine.add` gives.
 
     Raises:
         ParticleError: shapes that do not fit, values that are not finite, volumes or codes out of
@@ -53,7 +53,7 @@ def _whole(name: str, given: ArrayLike, n: int, low: int, high: int) -> NDArray[
     """Whole numbers, one for each of n; any will do where there is none."""
     values = np.asarray(given)
     if values.shape not in ((), (n,)):
-        raise ParticleError(f"{name} must be one per cube, or one")
+        raise ParticleError(f"{name} must be one per particle, or one")
     if n and (values.dtype.kind not in "iu" or values.min() < low or values.max() > high):
         raise ParticleError(f"{name} are whole numbers from {low} to {high}")
     return np.broadcast_to(values, (n,)).astype(np.int64)
