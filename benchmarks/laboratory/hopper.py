@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.laboratory.scenes import STEP, VOLUME, Plate, Points, bench, bulk, diameter, stack
 from machine_sim.particles import ParticleEngine, Pose
@@ -45,8 +46,8 @@ _POURED = 1.0
 """Speed at which soil is put back [m/s]: away before the next comes."""
 _SETTLE = 1.5
 """Time the soil has to settle in the bin [s]."""
-_START = 0.1
-"""Outflow before the steady part, over that of the steady part."""
+_START = 2.0
+"""Time before the flow is steady, over sqrt(D/g), in which one falls half a hole's diameter."""
 _LONGEST = 120.0
 """Time after which a bin counts as jammed [s]."""
 _PARTS = 8
@@ -117,9 +118,10 @@ def outflow(
     for _ in range(round(_SETTLE / STEP)):
         engine.step(STEP)
     engine.remove_tool(_GATE)
-    fallen = _run(engine, radius, d, round((1.0 + _START) * passing))
+    start = round(_START * math.sqrt(hole / engine.params.gravity) / STEP)
+    fallen = _run(engine, radius, d, start, passing)
     times = STEP * np.arange(len(fallen))
-    steady = np.flatnonzero(fallen > _START * passing)
+    steady = np.arange(start, len(fallen))
     rate = float(np.polyfit(times[steady], fallen[steady], 1)[0])
     parts = [np.polyfit(times[k], fallen[k], 1)[0] for k in np.array_split(steady, _PARTS)]
     error = float(np.std(parts, ddof=1)) / rate / math.sqrt(_PARTS)
@@ -148,12 +150,14 @@ def exponent(
     return slope(outflows(soil, openings, passing=passing, **params))
 
 
-def _run(engine: ParticleEngine, radius: float, d: float, most: int) -> np.ndarray:
-    """Step until `most` fell out; returns how many had after each step."""
+def _run(
+    engine: ParticleEngine, radius: float, d: float, start: int, passing: int
+) -> NDArray[np.int64]:
+    """Step until so many fell out after step `start`; returns how many had after each step."""
     out = due = batch = 0
     layer = int(0.9 * math.pi * (radius - 0.8 * d) ** 2 / (_LOOSE * d) ** 2)
-    fallen = []
-    while out < most:
+    fallen: list[int] = []
+    while len(fallen) <= start or out < fallen[start] + passing:
         engine.step(STEP)
         gone = engine.store.position[:, 2] < _FLOOR - d
         if gone.any():
@@ -168,8 +172,8 @@ def _run(engine: ParticleEngine, radius: float, d: float, most: int) -> np.ndarr
             engine.add(points, np.full(points.shape, [0.0, 0.0, -_POURED]), VOLUME, grow=False)
         fallen.append(out)
         if len(fallen) * STEP > _LONGEST:
-            raise ValueError(f"{out} of {most} particles fell out in {_LONGEST} s: the bin jams")
-    return np.asarray(fallen)
+            raise ValueError(f"only {out} particles fell out in {_LONGEST} s: the bin jams")
+    return np.asarray(fallen, dtype=np.int64)
 
 
 def _block(radius: float, d: float, count: int, turn: float) -> Points:

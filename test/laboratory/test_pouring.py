@@ -1,0 +1,28 @@
+"""A poured heap has the angle that its soil asks for."""
+
+import math
+
+import pytest
+
+from benchmarks.laboratory.pouring import poured_angle
+from msg_bridge.contract.loose_soil import LooseSoil
+from soil_sim.soils import load_soils
+
+
+def test_a_steeper_soil_pours_a_steeper_heap():
+    flat, steep = (poured_angle(LooseSoil(repose_angles=(a, a, a)), 400) for a in (20.0, 40.0))
+    assert 10.0 < flat < steep - 5.0 < 40.0
+
+
+def test_moisture_counts():
+    soil = LooseSoil(repose_angles=(40.0, 30.0, 20.0))
+    assert poured_angle(soil, 400, moisture=100) < poured_angle(soil, 400) - 5.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["reference", "dry sand", "gravel"])
+def test_a_heap_pours_to_the_angle_of_its_soil(name):
+    kind = load_soils()[name]
+    asked = math.degrees(kind.angle(kind.moisture))
+    found = poured_angle(kind.loose, 4000, moisture=kind.moisture)
+    assert found == pytest.approx(asked, abs=2.0)
