@@ -130,7 +130,8 @@ def test_who_comes_late_gets_the_terrain_and_the_configuration(ros: Ros) -> None
     assert infos[0].resolution == pytest.approx(0.4)
     assert infos[0].origin.position.x == pytest.approx(-13.0)
     facts = run_facts(configs[0].data)
-    assert (facts.tick, facts.realtime, facts.cell, facts.swell) == (TICK, True, 0.4, (0.25,))
+    assert (facts.tick, facts.realtime, facts.cell) == (TICK, True, 0.4)
+    assert [soil.swell for soil in facts.soils] == [0.25]
     assert facts.epoch == terrain.keyframe.epoch == scene.soil.run.side.exchange.epoch
     content = yaml.safe_load(configs[0].data)
     assert content["site"]["points"] == content["grid"]["rows"] == 65
@@ -172,7 +173,8 @@ def test_the_configuration_says_what_the_ids_of_soils_mean(ros: Ros, tmp_path: P
             given.density,
         )
         assert kind.repose_angles[1] == given.repose_angle_damp
-    assert run_facts(configs[0].data).swell[0] == shipped["dry sand"].swell > 0.0
+    loose = [shipped[kind.name].loose for kind in kinds]
+    assert list(run_facts(configs[0].data).soils) == loose
 
 
 def test_soil_that_was_given_without_a_name_has_none(ros: Ros) -> None:
