@@ -48,8 +48,8 @@ _SETTLE = 1.5
 """Time the soil has to settle in the bin [s]."""
 _START = 2.0
 """Time before the flow is steady, over sqrt(D/g), in which one falls half a hole's diameter."""
-_LONGEST = 120.0
-"""Time after which a bin counts as jammed [s]."""
+_JAM = 10.0
+"""Time in which nothing falls out of a bin that counts as jammed [s]."""
 _PARTS = 8
 """Of the steady part, compared to tell its error."""
 _HERE: Pose = (np.eye(3), np.zeros(3))
@@ -171,8 +171,9 @@ def _run(
             points[:, 2] += float(engine.store.position[:, 2].max()) + 1.5 * d
             engine.add(points, np.full(points.shape, [0.0, 0.0, -_POURED]), VOLUME, grow=False)
         fallen.append(out)
-        if len(fallen) * STEP > _LONGEST:
-            raise ValueError(f"only {out} particles fell out in {_LONGEST} s: the bin jams")
+        still = round(_JAM / STEP)
+        if len(fallen) > still and out == fallen[-still]:
+            raise ValueError(f"the bin jams: nothing falls out for {_JAM} s, after {out} particles")
     return np.asarray(fallen, dtype=np.int64)
 
 

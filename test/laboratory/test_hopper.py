@@ -29,11 +29,11 @@ def test_the_law_is_beverloos():
 
 
 def test_more_flows_through_a_larger_hole():
-    small, large = (hopper.outflow(SOIL, wide, 1500, passing=300) for wide in (5.0, 7.0))
+    small, large = (hopper.outflow(SOIL, wide, 1200, passing=200) for wide in (5.0, 7.0))
     assert 2.0 < large.rate / small.rate < 4.5
     for found in (small, large):
         assert 0.3 < found.coefficient < 0.8
-        assert found.particles == 1500
+        assert found.particles == 1200
         assert found.tunnelled == 0
 
 
