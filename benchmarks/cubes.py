@@ -9,25 +9,20 @@ runs of the median wall time per step; the engines take turns. Run from the repo
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 import numpy as np
-from particles import block, box, flat_ground
+from scenes import VOLUME, Engine, block, box, flat_ground, run, timed
 
 from machine_sim.cubes import CubeEngine
 from machine_sim.particles import ParticleEngine, ParticleParams, Pose, warm_up
 from msg_bridge.contract.loose_soil import LooseSoil
 
-STEP = 0.005
 COUNTS = (25, 50, 100, 200, 400)
 RUNS = 5
 SOIL = LooseSoil(swell=0.25)
-VOLUME = 500_000  # bank [mm^3]
 FALLING, PAUSE, RESTING = 100, 400, 100
 """Steps timed from the start, not timed, and timed at rest."""
-
-Engine = CubeEngine | ParticleEngine
 
 
 def cubes() -> Engine:
@@ -55,26 +50,14 @@ def in_box(make: Callable[[], Engine], count: int) -> tuple[float, float]:
     points = block(count, 1.3 * edge, width - 1.5 * edge, 0.5 + edge)
     engine.add(points, np.zeros_like(points), VOLUME, grow=False)
     falling = timed(engine, FALLING)
-    for _ in range(PAUSE):
-        engine.step(STEP)
+    run(engine, PAUSE)
     resting = timed(engine, RESTING)
     x, y, z = engine.tool_local(0).T
     inside = (np.maximum(np.abs(x), np.abs(y)) < 0.5 * width) & (z > 0.0)
     if not inside.all():
         print(f"  {make.__name__}: {np.count_nonzero(~inside)} of {count} are not in the box")
-    if isinstance(engine, CubeEngine):
-        engine.close()
+    engine.close()
     return falling, resting
-
-
-def timed(engine: Engine, steps: int) -> float:
-    """Median wall time of a step [ms]."""
-    times = []
-    for _ in range(steps):
-        start = time.perf_counter()
-        engine.step(STEP)
-        times.append(time.perf_counter() - start)
-    return 1e3 * float(np.median(times))
 
 
 def main() -> None:

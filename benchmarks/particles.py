@@ -1,142 +1,174 @@
 """What a 5 ms step of N particles costs: falling to a heap, settled, asleep, in a moving bucket.
 
-Prints a table of median wall time per step; `--chart FILE` draws it. Run from the repository root:
-`python benchmarks/particles.py`. `benchmarks/cubes.py` does the same beside cubes in pybullet.
+Prints a table of wall time per step, and `--chart FILE` draws it. A fall is timed as a whole; where
+all steps are alike it is the median step; few particles fall several times. Beside it stand the
+same block as cubes in pybullet (the 2014 way of working), as many as can be waited for, and as
+spheres in LIGGGHTS where that is installed; `--peers` chooses, and without a name leaves them out.
+One core. Run from the repository root: `python benchmarks/particles.py`; takes about ten minutes.
+
+`liggghts.py` looks closer at LIGGGHTS, `cubes.py` at cubes in a box, `particle_features.py` at what
+sizes that vary, soil that sticks, growth and sleep cost.
 """
 
 from __future__ import annotations
 
 import argparse
-import time
+import math
 from pathlib import Path
+from typing import Literal
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
+import liggghts
 import numpy as np
+from liggghts_heap import MISSING, LiggghtsError, installed
+from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
+from scenes import FALLING, STEP, Engine, add_block, bucket, flat_ground, load, pause, run, timed
 
-from machine_sim.ground import Ground
-from machine_sim.particles import ParticleEngine, ParticleParams, Pose, warm_up
-from msg_bridge.contract.grid import Grid
+from earthmoving_sim.pictures.style import (
+    DPI,
+    GREY,
+    INK,
+    LABEL,
+    SMALL,
+    add_axes,
+    new_figure,
+)
+from machine_sim.cubes import CubeEngine
+from machine_sim.particles import ParticleEngine, ParticleParams, warm_up
 
-STEP = 0.005
-COUNTS = (200, 1000, 5000, 10_000, 20_000, 40_000, 100_000)
+COUNTS = (100, 200, 400, 1000, 5000, 10_000, 20_000, 40_000, 100_000)
 KINDS = ("falling", "settled", "asleep", "moving bucket")
+PEERS = {"LIGGGHTS": 40_000, "cubes": 1000}
+"""Who is measured beside the particles, up to how many: those that can be waited for."""
+ENOUGH = 1000
+"""Particles that need to fall once only."""
+MOST_FALLS = 5
+
+LABELS = {
+    "particles": "particles",
+    "LIGGGHTS": "spheres in LIGGGHTS",
+    "cubes": "cubes in pybullet",
+}
+COLOURS = {"particles": "#0072b2", "LIGGGHTS": "#d55e00", "cubes": "#009e73"}
+STYLES: dict[str, Literal["-", "--", ":", "-."]] = {
+    "falling": "-",
+    "settled": "--",
+    "asleep": ":",
+    "moving bucket": "-.",
+}
 
 
-def flat_ground() -> Ground:
-    """A level 40 m map of 0.2 m columns."""
-    return Ground(Grid(200, 200, 0.2), np.zeros((200, 200)))
+def particles(**params: float) -> ParticleEngine:
+    """An engine with room for all."""
+    return ParticleEngine(ParticleParams.from_mapping({"capacity": 10**6, **params}), flat_ground())
 
 
-def block(count: int, spacing: float, width: float, bottom: float) -> NDArray[np.float64]:
-    """A jittered lattice of points [m] on a square footprint, shape (count, 3)."""
-    side = max(1, int(width / spacing))
-    layers = count // side**2 + 1
-    grid = np.stack(np.meshgrid(*(np.arange(n) for n in (layers, side, side)), indexing="ij"), -1)
-    points = grid.reshape(-1, 3)[:count, ::-1] * spacing
-    points += np.random.default_rng(1).uniform(-0.05, 0.05, points.shape) * spacing
-    # Layers shifted at random: a lattice of aligned columns would stand as a tower.
-    shift = np.random.default_rng(2).uniform(-0.5, 0.5, (layers, 2)) * spacing
-    points[:, :2] += shift[np.arange(count) // side**2] - 0.5 * (side - 1) * spacing
-    points[:, 2] += bottom
-    return np.asarray(points, dtype=np.float64)
+def heap(engine: Engine, count: int) -> tuple[float, float]:
+    """A block that falls to a heap [ms a step]: falling, settled."""
+    add_block(engine, count)
+    falling = timed(engine, FALLING, group=FALLING)
+    run(engine, pause(count))
+    return falling, timed(engine, 30)
 
 
-def box(width: float, height: float) -> list[list[tuple[float, float, float]]]:
-    """Plates of an open box, floor centred on the tool frame's origin."""
-    w, h = 0.5 * width, height
-    corner = [(-w, -w), (w, -w), (w, w), (-w, w)]
-    floor = [(*c, 0.0) for c in corner]
-    sides = [
-        [(*a, 0.0), (*b, 0.0), (*b, h), (*a, h)]
-        for a, b in zip(corner, corner[1:] + corner[:1], strict=True)
-    ]
-    return [floor, *sides]
+def ours(count: int) -> list[float]:
+    """All of `KINDS` [ms a step]."""
+    engine = particles(sleeping=False)
+    falling, settled = heap(engine, count)
+    calm = particles(sleep_speed=0.05)
+    place = engine.store.position
+    calm.add(place, np.zeros_like(place), engine.store.volume_mm3, grow=False)
+    run(calm, 250)
+    asleep = timed(calm, 60)
+    # Shaken enough to stay awake, unless it rides as one body.
+    return [falling, settled, asleep, bucket(particles(carried=False), count)]
 
 
-def timed(engine: ParticleEngine, steps: int) -> float:
-    """Median wall time of a step [ms]."""
-    times: list[float] = []
-    for _ in range(steps):
-        start = time.perf_counter()
-        engine.step(STEP)
-        times.append(time.perf_counter() - start)
-    return 1e3 * float(np.median(times))
+def peer(name: str, count: int) -> list[float]:
+    """Falling and settled [ms a step]; nan for more than `PEERS` has, or a failure."""
+    if count > PEERS[name]:
+        return [math.nan, math.nan]
+    if name == "LIGGGHTS":
+        block = particles()
+        add_block(block, count)
+        try:
+            falling, settled, _ = liggghts.theirs(liggghts.as_spheres(block))
+        except LiggghtsError as error:
+            print(error)
+            return [math.nan, math.nan]
+        return [1e-3 * count * falling, 1e-3 * count * settled]
+    engine = CubeEngine(ParticleParams(), flat_ground())
+    try:
+        return list(heap(engine, count))
+    finally:
+        engine.close()
 
 
-def heap(count: int) -> tuple[float, float, float]:
-    """A block that falls to a heap [ms a step]: falling, settled but awake, asleep."""
-    engine = ParticleEngine(ParticleParams(capacity=10**6, sleeping=False), flat_ground())
-    points = block(count, 0.09, 0.09 * count ** (1 / 3), 0.3)
-    engine.add(points, np.zeros_like(points), 500_000, grow=False)
-    falling = timed(engine, 120)
-    settle = 600 if count <= 20_000 else 400
-    for _ in range(settle):
-        engine.step(STEP)
-    settled = timed(engine, 30)
-    calm = ParticleEngine(ParticleParams(capacity=10**6, sleep_speed=0.05), flat_ground())
-    calm.add(engine.store.position, np.zeros_like(engine.store.position), 500_000, grow=False)
-    for _ in range(250):
-        calm.step(STEP)
-    return falling, settled, timed(calm, 60)
+def measured(count: int, peers: list[str]) -> list[float]:
+    """A row of the table [ms a step]: medians over falls that take turns."""
+    falls = min(math.ceil(ENOUGH / count), MOST_FALLS)
+    rows = [[*ours(count), *(t for name in peers for t in peer(name, count))] for _ in range(falls)]
+    return [float(t) for t in np.median(rows, axis=0)]
 
 
-def bucket(count: int) -> float:
-    """Soil carried in a box that lifts and swings, shaken enough to stay awake [ms a step]."""
-    engine = ParticleEngine(ParticleParams(capacity=10**6, carried=False), flat_ground())
-    width = 1.1 * 0.09 * count ** (1 / 3)
-    pose: Pose = (np.eye(3), np.array([0.0, 0.0, 1.0]))
-    engine.add_tool(0, box(width, 2.0 * width), pose)
-    points = block(count, 0.09, width - 0.2 if width > 0.5 else 0.7 * width, 1.06)
-    engine.add(points, np.zeros_like(points), 500_000, grow=False)
-    for _ in range(150):
-        engine.step(STEP)
-    times = []
-    for k in range(100):
-        angle = 0.2 * np.sin(0.01 * k)
-        turn = np.array(
-            [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
-        )
-        new: Pose = (turn, np.array([1.0 - np.cos(0.01 * k), 0.0, 1.0 + 0.005 * k]))
-        engine.set_tool(0, pose, new)
-        pose = new
-        start = time.perf_counter()
-        engine.step(STEP)
-        times.append(time.perf_counter() - start)
-    return 1e3 * float(np.median(times))
-
-
-def draw(counts: list[int], times: NDArray[np.float64], path: Path) -> None:
+def draw(counts: list[int], times: NDArray[np.float64], names: list[str], path: Path) -> None:
     """Chart of ms per step against N, with the line of real time."""
-    figure, axes = plt.subplots(figsize=(7.5, 5.0))
-    for k, kind in enumerate(KINDS):
-        axes.loglog(counts, times[:, k], marker="o", label=kind)
-    axes.axhline(1e3 * STEP, color="grey", linestyle="--", label="real time")
-    axes.set(xlabel="particles", ylabel="ms per 5 ms step, one core")
-    axes.grid(alpha=0.3, which="both")
-    axes.legend()
-    figure.savefig(path, dpi=150, bbox_inches="tight")
+    figure = new_figure(8.2, 5.0)
+    axes = add_axes(figure, 0.7, 0.55, 5.4, 4.2)
+    axes.axhline(1e3 * STEP, color=GREY, linewidth=0.8)
+    axes.text(counts[0], 1.08e3 * STEP, "real time", size=SMALL, color=GREY, va="bottom")
+    for column, name in zip(times.T, names, strict=True):
+        who, kind = name.split(" ", 1)
+        axes.loglog(counts, column, STYLES[kind], color=COLOURS[who], marker="o", markersize=3)
+    axes.set_xlabel("particles", size=LABEL, color=INK)
+    axes.set_ylabel("ms per 5 ms step, one core", size=LABEL, color=INK)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
+    axes.grid(alpha=0.25, linewidth=0.5)
+    kinds = [kind for kind in STYLES if any(name.endswith(kind) for name in names)]
+    shown = [who for who in COLOURS if any(name.startswith(who) for name in names)]
+    keys = [
+        *(Line2D([], [], color=COLOURS[who], label=LABELS[who], linewidth=3) for who in shown),
+        *(Line2D([], [], color=INK, linestyle=STYLES[kind], label=kind) for kind in kinds),
+    ]
+    axes.legend(
+        keys,
+        [str(key.get_label()) for key in keys],
+        loc="upper left",
+        bbox_to_anchor=(1.0, 1.0),
+        frameon=False,
+        fontsize=SMALL,
+    )
+    figure.savefig(path, dpi=DPI)
 
 
 def main() -> None:
     """Print the table."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--counts", type=int, nargs="+", default=COUNTS)
+    options.add_argument("--peers", choices=PEERS, nargs="*", default=tuple(PEERS))
     options.add_argument("--chart", type=Path, help="draw ms per step against N into this file")
     given = options.parse_args()
+    peers = list(given.peers)
+    if "LIGGGHTS" in peers and not installed():
+        print(f"{MISSING}\n")
+        peers.remove("LIGGGHTS")
+    print(load())
     warm_up()
-    print("ms per 5 ms step (us per particle), medians over steps")
-    print(f"{'N':>7} " + " ".join(f"{kind:>16}" for kind in KINDS))
+    measured(20, peers)
+    names = [f"particles {kind}" for kind in KINDS]
+    names += [f"{name} {kind}" for name in peers for kind in KINDS[:2]]
+    print("ms per 5 ms step (us per particle)")
+    print(f"{'N':>7}" + "".join(f"{name.removeprefix('particles '):>19}" for name in names))
     rows = []
     for count in given.counts:
-        rows.append([*heap(count), bucket(count)])
-        cells = (f"{t:8.3f} ({1e3 * t / count:.3f})" for t in rows[-1])
-        print(f"{count:>7} " + " ".join(f"{cell:>16}" for cell in cells), flush=True)
+        rows.append(measured(count, peers))
+        cells = ("" if math.isnan(t) else f"{t:.3f} ({1e3 * t / count:.3f})" for t in rows[-1])
+        print(f"{count:>7}" + "".join(f"{cell:>19}" for cell in cells), flush=True)
     if given.chart:
-        draw(list(given.counts), np.array(rows), given.chart)
+        draw(list(given.counts), np.array(rows), names, given.chart)
 
 
 if __name__ == "__main__":
