@@ -238,7 +238,7 @@ class _Layout:
         Source and life are 0 where rows are sent to all.
         """
         count = _UINT32.unpack_from(data, at - 4)[0] // self.step
-        if count == 0 or at + count * self.step > len(data):
+        if count == 0 or at + count * self.step >= len(data):  # is_dense comes after the rows
             return None
         value = {
             name: reader.unpack_from(data, at + offset)[0]
