@@ -9,8 +9,12 @@ loosened, less once it is packed. It shows in the height alone::
 
 The firm soil of a column is of one kind and moisture for ever. Its loose soil is of the kind that
 most of it is; when others come to be more than half, it is of the kind that came last. Its moisture
-mixes with that of what comes. The floor lies `dig_depth` below the lowest point of the
+mixes by volume with that of what comes. The floor lies `dig_depth` below the lowest point of the
 map and cannot be dug.
+
+Moistures are whole per cents. A mean between two of them becomes the upper one as often as it is
+near it (`whole_percent`): rounded to the nearest, thin layers would never wet deep soil, however
+many came, and their water would be gone.
 """
 
 from __future__ import annotations
@@ -31,10 +35,12 @@ __all__ = [
     "Columns",
     "Material",
     "add_loose",
+    "mixed_moisture",
     "pack_column",
     "settle_height",
     "take_from_column",
     "take_loose",
+    "whole_percent",
 ]
 
 _LARGEST_COLUMN_MM3 = 2**52
@@ -221,6 +227,32 @@ def settle_height(columns, i):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
+def whole_percent(mean, lot):  # type: ignore[no-untyped-def]
+    """The whole per cent below or above a mean moisture [%], the latter as often as it is nearer.
+
+    `lot`, a whole number that differs from case to case, decides; equal ones decide alike.
+    """
+    slack = 1e-9  # for what sums of large volumes round
+    low = np.uint8(mean + slack)
+    bits = np.uint64(lot)  # what follows makes of near numbers far ones (Steele et al., SplitMix)
+    bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    chance = ((bits ^ (bits >> np.uint64(31))) >> np.uint64(11)) * 2.0**-53
+    return np.uint8(low + (chance + slack < mean - low))
+
+
+@njit(cache=True, forceinline=True)
+def mixed_moisture(bank, moisture, other_bank, other_moisture):  # type: ignore[no-untyped-def]
+    """Moisture [%] of two volumes [mm^3 bank] of soil together, at least one of them above 0."""
+    if other_bank == 0 or moisture == other_moisture:
+        return np.uint8(moisture)
+    if bank == 0:
+        return np.uint8(other_moisture)
+    both = bank + other_bank
+    return whole_percent((bank * moisture + other_bank * other_moisture) / both, both)
+
+
+@njit(cache=True, forceinline=True)
 def add_loose(columns, i, bank, bulk, soil, moisture):  # type: ignore[no-untyped-def]
     """Put `bank` mm^3 of loose soil that takes `bulk` mm^3 of room on the column with index i."""
     had = columns.loose[i]
@@ -234,8 +266,8 @@ def add_loose(columns, i, bank, bulk, soil, moisture):  # type: ignore[no-untype
             columns.foreign[i] = had + bank - columns.foreign[i]
             columns.loose_soil[i] = soil
     if moisture != columns.loose_moisture[i]:
-        mixed = (had * columns.loose_moisture[i] + bank * moisture) / (had + bank)
-        columns.loose_moisture[i] = np.uint8(mixed + 0.5)
+        mixed = mixed_moisture(had, columns.loose_moisture[i], bank, moisture)
+        columns.loose_moisture[i] = mixed
     columns.loose[i] = had + bank
     columns.bulk[i] += bulk
     settle_height(columns, i)

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from soil_sim.columns import Columns, add_loose, take_from_column
+from soil_sim.columns import Columns, add_loose, take_from_column, whole_percent
 
 __all__ = ["book"]
 
@@ -116,13 +116,12 @@ def _share_out(columns, cells, change, ends):  # type: ignore[no-untyped-def]
                 whole += change[m]
                 last = m
                 continue
-            moisture = columns.loose_moisture[i] if columns.loose[i] > 0 else columns.moisture[i]
             loose, firm = take_from_column(columns, i, -change[m] / columns.metres_per_mm3)
             bank += loose + firm
-            water += 1.0 * (loose + firm) * moisture
+            water += 1.0 * loose * columns.loose_moisture[i] + 1.0 * firm * columns.moisture[i]
         if bank == 0:
             continue
-        wet = np.uint8(water / bank + 0.5)
+        wet = whole_percent(water / bank, bank)
         growth = columns.growth[kind]
         if last < 0:  # rounding left no column that gains: it stays where it was
             bulk = np.int64(bank * growth + 0.5)
