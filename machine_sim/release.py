@@ -4,11 +4,17 @@ The pending account. A conversion row is a parcel at the place its soil stood; p
 column gather until they make a particle of the nominal volume, which then appears at the place of
 the newest of them, inside the tool. What is too little for a particle goes on with the next one;
 the last of it, less than a quarter of a particle, stays pending until the tool digs again.
+
+Parcels that gather become of the kind of the newest, and as moist as all of them together: their
+volumes and their *water*, volume times moisture, add up. A particle gets water by its volume. Its
+moisture is a whole per cent, the one above or below that, whichever leaves the smaller sum of all
+that was rounded off so far: what particles carry away differs from what was dug by half a per cent
+of one of them, at most. Soil of one moisture keeps it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,10 +61,28 @@ class _Parcel:
     """Soil of one column, waiting; `place` is in the tool frame, so that it moves with it."""
 
     volume: int
+    water: int  # [mm^3 %]
     size: int  # of the next particle
     soil: int
     place: Vector
     tick: int
+
+    def take(self, volume: int) -> int:
+        """Take out `volume`, which there is; returns the water in it."""
+        water = self.water * volume // self.volume
+        self.volume -= volume
+        self.water -= water
+        return water
+
+
+@dataclass
+class _Batch:
+    """Particles to be made, one entry each; places are in the tool frame."""
+
+    volumes: list[int] = field(default_factory=list)
+    places: list[Vector] = field(default_factory=list)
+    soils: list[int] = field(default_factory=list)
+    moistures: list[int] = field(default_factory=list)
 
 
 class PendingSoil:
@@ -80,11 +104,19 @@ class PendingSoil:
         self._per_tick = per_tick
         self._parcels: dict[tuple[int, int], _Parcel] = {}
         self._remainder = 0
+        self._remainder_water = 0
+        self._rounded_off = 0  # water that particles have got too little of; below 0 too much
 
     @property
     def total_mm3(self) -> int:
         """Bank volume waiting [mm^3]."""
         return self._remainder + sum(parcel.volume for parcel in self._parcels.values())
+
+    @property
+    def water(self) -> int:
+        """Volume times moisture [mm^3 %] of what waits, with what rounding has kept back so far."""
+        parcels = sum(parcel.water for parcel in self._parcels.values())
+        return self._rounded_off + self._remainder_water + parcels
 
     def receive(self, conversions: Rows, pose: Pose, tick: int) -> None:
         """Credit the EXCAVATE rows among `conversions`; the tool stands at `pose`."""
@@ -94,8 +126,10 @@ class PendingSoil:
             place = rotation.T @ (np.array([row["x"], row["y"], row["z"]]) - origin)
             parcel = self._parcels.get(key)
             if parcel is None:
-                parcel = self._parcels[key] = _Parcel(0, self._nominal, 0, place, tick)
-            parcel.volume += int(row["volume_mm3"])
+                parcel = self._parcels[key] = _Parcel(0, 0, self._nominal, 0, place, tick)
+            volume = int(row["volume_mm3"])
+            parcel.volume += volume
+            parcel.water += volume * int(row["moisture"])
             parcel.soil, parcel.place, parcel.tick = int(row["soil"]), place, tick
 
     def release(self, particles: ParticleEngine | CubeEngine, pose: Pose, tick: int) -> int:
@@ -104,34 +138,39 @@ class PendingSoil:
         Returns:
             How many were made.
         """
-        volumes: list[int] = []
-        places: list[Vector] = []
-        soils: list[int] = []
+        batch = _Batch()
         room = min(self._per_tick, particles.room)
         for key in list(self._parcels):
             parcel = self._parcels[key]
             spread = particles.soils[parcel.soil].spread
-            while len(volumes) < room:
-                coarse = coarseness(particles.count + len(volumes), particles.params.capacity)
+            while len(batch.volumes) < room:
+                coarse = coarseness(particles.count + len(batch.volumes), particles.params.capacity)
                 volume = min(int(coarse * parcel.size), MAX_ROW_VOLUME)
                 if parcel.volume < volume:
                     break
-                parcel.volume -= volume
-                volumes.append(volume)
-                places.append(parcel.place)
-                soils.append(parcel.soil)
+                self._add(batch, parcel, volume, parcel.take(volume))
                 parcel.size = self._size(spread)
             if parcel.volume < parcel.size and tick - parcel.tick > _IDLE_TICKS:
                 self._remainder += parcel.volume
+                self._remainder_water += parcel.water
                 del self._parcels[key]
-                if self._remainder >= _SMALLEST_PART * self._nominal and len(volumes) < room:
-                    volumes.append(self._remainder)
-                    places.append(parcel.place)
-                    soils.append(parcel.soil)
-                    self._remainder = 0
-        if volumes:
-            self._place(particles, pose, places, volumes, soils)
-        return len(volumes)
+                if self._remainder >= _SMALLEST_PART * self._nominal and len(batch.volumes) < room:
+                    self._add(batch, parcel, self._remainder, self._remainder_water)
+                    self._remainder = self._remainder_water = 0
+        if batch.volumes:
+            self._place(particles, pose, batch)
+        return len(batch.volumes)
+
+    def _add(self, batch: _Batch, parcel: _Parcel, volume: int, water: int) -> None:
+        """Note a particle of the soil and at the place of a parcel."""
+        moisture, over = divmod(water, volume)
+        if over:
+            moisture += 2 * (self._rounded_off + over) > volume
+        self._rounded_off += water - moisture * volume
+        batch.volumes.append(volume)
+        batch.places.append(parcel.place)
+        batch.soils.append(parcel.soil)
+        batch.moistures.append(moisture)
 
     def _size(self, spread: float) -> int:
         """Volume of a particle [mm^3], even between nominal * (1 - spread) and (1 + spread)."""
@@ -139,24 +178,17 @@ class PendingSoil:
             return self._nominal
         return round(self._nominal * (1.0 + spread * self._rng.uniform(-1.0, 1.0)))
 
-    def _place(
-        self,
-        particles: ParticleEngine | CubeEngine,
-        pose: Pose,
-        places: list[Vector],
-        volumes: list[int],
-        soils: list[int],
-    ) -> None:
+    def _place(self, particles: ParticleEngine | CubeEngine, pose: Pose, batch: _Batch) -> None:
         rotation, origin = pose
-        volume = np.array(volumes, dtype=np.int64)
+        volume = np.array(batch.volumes, dtype=np.int64)
         # Particles of one place scatter over the room their soil takes.
         spread = 0.5 * np.cbrt(volume * 1e-9)[:, None]
-        local = np.array(places) + spread * self._rng.uniform(-1.0, 1.0, (len(places), 3))
+        local = np.array(batch.places) + spread * self._rng.uniform(-1.0, 1.0, (volume.size, 3))
         local = self._bucket.clamped_inside(local, _CLEARANCE)
         particles.add(
             local @ rotation.T + origin,
             np.zeros_like(local),
             volume,
-            np.array(soils, dtype=np.uint8),
-            np.array([particles.soils[soil].moisture for soil in soils], dtype=np.uint8),
+            np.array(batch.soils, dtype=np.uint8),
+            np.array(batch.moistures, dtype=np.uint8),
         )

@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from soil_sim.columns import Columns, take_from_column
+from soil_sim.columns import Columns, mixed_moisture, take_from_column
 from soil_sim.paint import Raster, columns_under, paint
 from soil_sim.refined import RefinedColumns
 from soil_sim.sweeps import SweptPairs
@@ -28,8 +28,9 @@ from soil_sim.sweeps import SweptPairs
 __all__ = ["Removed", "SweptCut"]
 
 Removed = NDArray[np.float64]
-"""Soil removed from columns, shape (n, 6): flat index, volume [mm^3 bank], centroid x, y, z [m], id
-of the kind of soil: the firm's, where most of it was firm."""
+"""Soil removed from columns, shape (n, 7): flat index, volume [mm^3 bank], centroid x, y, z [m], id
+of the kind of soil: the firm's, where most of it was firm; moisture [%]: of the loose and the firm
+together, by volume, as in `soil_sim.columns`."""
 
 
 class SweptCut:
@@ -95,7 +96,7 @@ class SweptCut:
 def _take(columns, refined, count, parts):  # type: ignore[no-untyped-def]
     """Take the painted removal out of the columns, as whole mm^3 of bank volume."""
     cells, sub, mean, removed = refined.cells, refined.sub, refined.mean, refined.removed
-    out = np.empty((count, 6))
+    out = np.empty((count, 7))
     n = 0
     for slot in range(count):
         if removed[slot, 0] <= 0.0:
@@ -117,5 +118,7 @@ def _take(columns, refined, count, parts):  # type: ignore[no-untyped-def]
             out[n, 3] = removed[slot, 2] / removed[slot, 0]
             out[n, 4] = removed[slot, 3] / removed[slot, 0]
             out[n, 5] = columns.soil[i] if firm > loose else soil
+            wet = columns.loose_moisture[i]  # taking does not change it
+            out[n, 6] = mixed_moisture(loose, wet, firm, columns.moisture[i])
             n += 1
     return out[:n]

@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from msg_bridge.contract.rows import Action, Rows
-from soil_sim.columns import Columns, take_from_column
+from soil_sim.columns import Columns, mixed_moisture, take_from_column
 from soil_sim.cut import Removed
 
 __all__ = ["KeyPointCut", "collision_points"]
@@ -66,7 +66,7 @@ class KeyPointCut:
 @njit(cache=True)
 def _lower(points, columns, rows, cols, x_first, y_first, cell):  # type: ignore[no-untyped-def]
     """Lower the four grid points around each point; returns what was removed."""
-    out = np.empty((4 * points.shape[0], 6))
+    out = np.empty((4 * points.shape[0], 7))
     n = 0
     for p in range(points.shape[0]):
         row = np.floor((x_first - points[p, 0]) / cell)
@@ -93,5 +93,7 @@ def _lower(points, columns, rows, cols, x_first, y_first, cell):  # type: ignore
                     out[n, 3] = y_first - j * cell
                     out[n, 4] = 0.5 * (top + z)
                     out[n, 5] = columns.soil[k] if firm > loose else soil
+                    wet = columns.loose_moisture[k]  # taking does not change it
+                    out[n, 6] = mixed_moisture(loose, wet, firm, columns.moisture[k])
                     n += 1
     return out[:n]

@@ -24,6 +24,7 @@ from msg_bridge.contract.rows import (
     empty_rows,
 )
 from msg_bridge.exchange.soil_side import SoilExchange, TickInput
+from soil_sim.held import HeldSoils
 from soil_sim.soil import Soil, SoilStep
 
 __all__ = ["SoilSide", "SoilTick"]
@@ -62,6 +63,7 @@ class SoilSide:
             soil.grid, lambda: soil.columns.height, expected=expected, epoch=epoch
         )
         self._places: dict[int, tuple[float, float, float]] = {}
+        self._held = HeldSoils()
         self._releasing: list[int] = []
 
     @property
@@ -102,12 +104,14 @@ class SoilSide:
             revision=self.soil.revision,
             terrain_mm3=self.soil.total_mm3,
         )
+        self._held.book(step.conversions)
         return SoilTick(ledger, step)
 
     def release_absent(self) -> tuple[int, ...]:
         """Let what absent machines held become terrain in the next tick, where they last swept.
 
-        One that asks to come back before that tick keeps what it holds.
+        It is of the kind that most of it was, and as moist as all of it together. One that asks to
+        come back before that tick keeps what it holds.
 
         Returns:
             The sources whose soil is released.
@@ -138,5 +142,6 @@ class SoilSide:
         rows["volume_mm3"][-1:] -= np.uint32(rows.size * MAX_ROW_VOLUME - volume)
         rows["source"] = source
         rows["particle_id"] = np.arange(rows.size)  # there are no particles; told apart by this
+        rows["soil"], rows["moisture"] = self._held.mean(source)
         rows["x"], rows["y"], rows["z"] = self._places.get(source, (0.0, 0.0, 0.0))
         return rows

@@ -169,7 +169,7 @@ class Soil:
         forces = self._resist(sound)
         excavated = self._cut(tick, sound)
         on_map = answers["kind"] == Kind.DEPOSIT
-        poured = self._deposit(answers[on_map], landed["moisture"][on_map])
+        poured = self._deposit(answers[on_map])
         self.slip.relax(max(self.params.slip_budget - poured, 0))
         return SoilStep(_joined([excavated, answers]), forces, self._changed(), refused)
 
@@ -181,7 +181,8 @@ class Soil:
         rows = empty_rows(CONVERSION, landed.size)
         if landed.size == 0:  # as in most ticks
             return rows
-        for name in ("x", "y", "z", "volume_mm3", "particle_id", "source", "soil"):
+        echoed = ("x", "y", "z", "volume_mm3", "particle_id", "source", "soil", "moisture")
+        for name in echoed:
             rows[name] = landed[name]
         rows["tick"] = tick
         x, y = landed["x"].astype(np.float64), landed["y"].astype(np.float64)
@@ -227,13 +228,13 @@ class Soil:
         self.slip.disturb(self._swept.release(), around=True)
         return _joined(parts)
 
-    def _deposit(self, rows: Rows, moisture: NDArray[np.uint8]) -> int:
+    def _deposit(self, rows: Rows) -> int:
         """Let soil land and run down; returns what that took of the budget."""
         if rows.size == 0:
             return 0
         x, y = rows["x"].astype(np.float64), rows["y"].astype(np.float64)
         cells, shares = landing_shares(self.grid, x, y, rows["volume_mm3"])
-        kinds = (np.repeat(rows["soil"], 4), np.repeat(moisture, 4))
+        kinds = (np.repeat(rows["soil"], 4), np.repeat(rows["moisture"], 4))
         return self.slip.pour(
             cells.reshape(-1), shares.reshape(-1), *kinds, self.params.slip_budget
         )
@@ -250,7 +251,7 @@ class Soil:
         rows = empty_rows(CONVERSION, index.size)
         rows["volume_mm3"] = np.minimum(volume[index] - nth * MAX_ROW_VOLUME, MAX_ROW_VOLUME)
         rows["x"], rows["y"], rows["z"] = removed[index, 2:5].T
-        rows["soil"] = removed[index, 5]
+        rows["soil"], rows["moisture"] = removed[index, 5], removed[index, 6]
         cell = removed[index, 0].astype(np.int64)
         rows["row"], rows["col"] = np.divmod(cell, self.grid.cols)
         rows["tick"], rows["source"], rows["kind"] = tick, source, Kind.EXCAVATE

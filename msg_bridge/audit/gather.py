@@ -137,7 +137,8 @@ class _Collector:
             Finding(
                 Check.COMPLETENESS,
                 f"{len(wrong)} message(s) on {topic} cannot be read; the first, logged at"
-                f" {wrong[0][0]} ns: {wrong[0][1]}",
+                f" {wrong[0][0]} ns: {wrong[0][1]}. If another version recorded the bag, audit it"
+                " with that one",
             )
             for topic, wrong in self._unreadable.items()
         ]

@@ -30,15 +30,18 @@ class _Side:
         volume: [mm^3].
         tick: soil tick in which it was taken or given; UNKNOWN_TICK if not known.
         extra: the life in which the particle's numbers began, or the kind of answer.
+        what: its soil and its moisture in one number.
     """
 
     who: Numbers
     volume: Numbers
     tick: Numbers
     extra: Numbers
+    what: Numbers
 
     def where(self, keep: NDArray[np.bool_]) -> _Side:
-        return _Side(self.who[keep], self.volume[keep], self.tick[keep], self.extra[keep])
+        fields = (self.who, self.volume, self.tick, self.extra, self.what)
+        return _Side(*(each[keep] for each in fields))
 
 
 def audit_landings(
@@ -159,7 +162,7 @@ def _landed(
         sides.append((stream.rows[keep], tick[keep], born))
     if not sides:
         nothing = np.zeros(0, dtype=np.int64)
-        return _Side(nothing, nothing, nothing, nothing)
+        return _Side(nothing, nothing, nothing, nothing, nothing)
     rows, tick, born = (np.concatenate(parts) for parts in zip(*sides, strict=True))
     return _sorted(rows, tick, born)
 
@@ -168,11 +171,12 @@ def _sorted(rows: Rows, tick: Numbers, extra: Numbers) -> _Side:
     who = rows["source"].astype(np.int64) << 32 | rows["particle_id"]
     order = np.argsort(who, kind="stable")
     volume = rows["volume_mm3"].astype(np.int64)
-    return _Side(who[order], volume[order], tick[order], extra[order])
+    what = rows["soil"].astype(np.int64) << 8 | rows["moisture"]
+    return _Side(who[order], volume[order], tick[order], extra[order], what[order])
 
 
 def _unequal(answers: _Side, landed: _Side) -> list[Finding]:
-    """Answers of another volume, or in another tick, than their landings."""
+    """Answers of another volume or soil, or in another tick, than their landings."""
     findings = []
     volume = np.flatnonzero(answers.volume != landed.volume)
     later = (landed.tick != UNKNOWN_TICK) & (answers.tick != landed.tick)
@@ -183,12 +187,20 @@ def _unequal(answers: _Side, landed: _Side) -> list[Finding]:
             f" with {answers.volume[k]} mm3 in tick {tick}"
         )
         findings.append(Finding(Check.LANDINGS, text, tick, tick))
+    soil = np.flatnonzero(answers.what != landed.what)
+    for k in soil[:_SHOWN].tolist():
+        tick = int(answers.tick[k])
+        text = (
+            f"{_particle(int(answers.who[k]))} landed as {_soil(int(landed.what[k]))} and was"
+            f" answered as {_soil(int(answers.what[k]))} in tick {tick}"
+        )
+        findings.append(Finding(Check.LANDINGS, text, tick, tick))
     for k in np.flatnonzero(later)[:_SHOWN].tolist():
         tick = int(answers.tick[k])
         name = _particle(int(answers.who[k]))
         text = f"{name} landed in tick {landed.tick[k]} and was answered in tick {tick}"
         findings.append(Finding(Check.LANDINGS, text, tick, tick))
-    more = max(volume.size, int(later.sum())) - _SHOWN
+    more = max(volume.size, soil.size, int(later.sum())) - _SHOWN
     if more > 0:
         findings.append(Finding(Check.LANDINGS, f"{more} more landings have a wrong answer"))
     return findings
@@ -209,6 +221,10 @@ def _paid_twice(answers: _Side, landed: _Side) -> list[Finding]:
         )
         for k in twice[:_SHOWN].tolist()
     ]
+
+
+def _soil(what: int) -> str:
+    return f"soil {what >> 8} with {what & 0xFF} % of moisture"
 
 
 def _particle(who: int) -> str:

@@ -105,10 +105,12 @@ CONVERSION = np.dtype(
         ("volume_mm3", "<u4"),
         ("source", "<u2"),
         ("soil", "u1"),
+        ("moisture", "u1"),  # % of saturation
         ("kind", "u1"),  # Kind
     ]
 )
-"""What was actually moved, soil to all. EXCAVATE: x, y, z is the centroid of the removed soil."""
+"""What was actually moved, soil to all. EXCAVATE: x, y, z is the centroid of the removed soil, and
+`moisture` is that of what was taken. An answer to a landed row repeats its soil and moisture."""
 
 CHANGED = np.dtype(
     [

@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.machine_scenes import GRID, excavator
 
+from machine_sim.cubes import CubeEngine
 from machine_sim.ground import Ground
 from machine_sim.particles import ParticleEngine, ParticleParams
 from machine_sim.release import PendingSoil, coarseness
@@ -121,14 +122,93 @@ def test_lumps_vary_in_size_as_the_soil_says_and_no_volume_is_lost() -> None:
     assert soil.total_mm3 + particles.total_volume_mm3 == 200 * NOMINAL
 
 
-def test_particles_come_out_as_moist_as_the_soil_is_found() -> None:
+def water_in(rows: Rows) -> int:
+    """Volume times moisture of rows, or of a store [mm^3 %]."""
+    return int((rows["volume_mm3"].astype(np.int64) * rows["moisture"]).sum())
+
+
+@pytest.mark.parametrize("engine_of", [ParticleEngine, CubeEngine])
+def test_particles_are_as_moist_as_what_was_dug_and_not_as_their_soil_is_found(engine_of) -> None:
     soil = pending()
-    particles = ParticleEngine(
+    particles = engine_of(
         ParticleParams(), Ground(GRID, np.full(GRID.shape, -50.0)), soils=[LooseSoil(moisture=40)]
     )
-    soil.receive(parcels(NOMINAL), POSE, 0)
+    rows = parcels(NOMINAL, NOMINAL, 3 * NOMINAL)
+    rows["moisture"] = (0, 100, 63)
+    soil.receive(rows, POSE, 0)
     soil.release(particles, POSE, 1)
-    assert particles.store.moisture.tolist() == [40]
+    assert particles.store.moisture.tolist() == [0, 100, 63, 63, 63]
+    particles.close()
+
+
+def test_wet_particles_touch_as_wet_soil_does() -> None:
+    soil = pending()
+    kind = LooseSoil(
+        repose_angles=(35.0, 40.0, 22.0), cohesion=8000.0, adhesion=1000.0, stick=(1.0, 1.5, 0.5)
+    )
+    ground = Ground(GRID, np.full(GRID.shape, -50.0))
+    particles = ParticleEngine(ParticleParams(), ground, soils=[kind])
+    rows = parcels(NOMINAL, NOMINAL)
+    rows["moisture"] = (0, 50)
+    soil.receive(rows, POSE, 0)
+    soil.release(particles, POSE, 1)
+    store = particles.store
+    dry, damp = store.cohesion.tolist()
+    assert damp == pytest.approx(1.5 * dry)
+    assert store.adhesion[1] == pytest.approx(1.5 * store.adhesion[0])
+    assert store.friction[1] > store.friction[0], "damp soil stands steeper"
+
+
+def test_parcels_of_one_column_mix_by_volume() -> None:
+    soil, particles = pending(), engine()
+    for volume, moisture in ((NOMINAL // 4, 80), (NOMINAL - NOMINAL // 4, 20)):
+        rows = parcels(volume)
+        rows["moisture"] = moisture
+        soil.receive(rows, POSE, 0)
+    soil.release(particles, POSE, 1)
+    assert particles.store.moisture.tolist() == [35]
+
+
+PARCEL = st.tuples(st.integers(1, 3_000_000), st.integers(0, 100), st.integers(0, 3))
+"""Volume [mm^3], moisture [%], column."""
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.lists(st.lists(PARCEL, max_size=6), max_size=15))
+def test_no_water_is_lost_between_parcels_and_particles(
+    ticks: list[list[tuple[int, int, int]]],
+) -> None:
+    soil = pending(per_tick=5)
+    ground = Ground(GRID, np.full(GRID.shape, -50.0))
+    particles = ParticleEngine(ParticleParams(), ground, soils=[LooseSoil(spread=0.5)])
+    given_water, largest = 0, 0
+    for tick, volumes in enumerate(ticks):
+        rows = parcels(*(volume for volume, _, _ in volumes))
+        rows["moisture"] = [moisture for _, moisture, _ in volumes]
+        rows["row"] = [column for _, _, column in volumes]
+        soil.receive(rows, POSE, tick)
+        given_water += water_in(rows)
+        soil.release(particles, POSE, tick)
+        store = particles.store
+        carried = int((store.volume_mm3 * store.moisture.astype(np.int64)).sum())
+        assert soil.water + carried == given_water
+        largest = max([largest, *store.volume_mm3.tolist()])
+        assert abs(soil._rounded_off) <= largest / 2
+        seen = [moisture for each in ticks for _, moisture, _ in each]
+        assert all(min(seen) <= moisture <= max(seen) for moisture in store.moisture)
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.lists(st.lists(st.integers(1, 3_000_000), max_size=6), max_size=15), st.integers(0, 100))
+def test_soil_of_one_moisture_keeps_it(ticks: list[list[int]], moisture: int) -> None:
+    soil, particles = pending(per_tick=5), engine()
+    for tick, volumes in enumerate(ticks):
+        rows = parcels(*volumes)
+        rows["moisture"] = moisture
+        soil.receive(rows, POSE, tick)
+        soil.release(particles, POSE, tick)
+    assert set(particles.store.moisture.tolist()) <= {moisture}
+    assert soil.water == moisture * soil.total_mm3
 
 
 def test_a_full_engine_gets_coarser_parcels_then_lets_them_wait() -> None:

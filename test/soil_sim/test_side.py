@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 from support.soil_scenes import bucket_sweep, flat_soil, landings
 
+from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.messages import Keyframe, Message, SoilHeader
 from msg_bridge.contract.rows import MAX_ROW_VOLUME, Rows
 from msg_bridge.exchange.machine_side import MachineExchange
+from soil_sim.params import SoilParams
 from soil_sim.side import SoilSide, SoilTick
+from soil_sim.soil import Soil
 
 NOTHING = landings([], [], 0)
 DOWN = [(0.3, 0.05), (0.2, -0.05), (0.1, -0.15), (0.0, -0.2), (-0.1, -0.2)]  # lip (x, z) [m]
@@ -135,6 +138,29 @@ def test_what_an_absent_machine_held_becomes_terrain_where_it_last_swept(side: S
     place = np.array([grid.row(x), grid.col(0.6)])
     assert np.hypot(*(raised - place).T).min() < 2.5
     assert side.soil.verify()
+
+
+def test_what_is_released_is_of_the_kind_and_as_moist_as_what_was_dug() -> None:
+    grid = Grid(61, 61, 0.2)
+    ids = np.full(grid.shape, 1, dtype=np.uint8)
+    params = SoilParams(soil="loam", other_soils=("wet clay",))
+    soil = Soil(grid, np.zeros(grid.shape), params, soil=ids, moisture=np.full(grid.shape, 63))
+    side = SoilSide(soil)
+    digger = welcomed(side)
+    digger.dig()
+    x, z = DOWN[-1]
+    digger.send(bucket_sweep((x, 0.0, z), (x, 0.0, 1.0)), leave=True)
+    side.advance()
+    loose = soil.columns.loose.copy()
+    side.release_absent()
+    done = side.advance(wait=False)
+    assert done is not None
+    rows = done.step.conversions
+    assert set(zip(rows["soil"].tolist(), rows["moisture"].tolist(), strict=True)) == {(1, 63)}
+    grown = soil.columns.loose > loose
+    assert grown.any()
+    assert set(soil.columns.loose_moisture[grown].tolist()) == {63}
+    assert set(soil.columns.loose_soil[grown].tolist()) == {1}
 
 
 def test_nothing_is_released_where_nobody_has_left_anything(side: SoilSide) -> None:

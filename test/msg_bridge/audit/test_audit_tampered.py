@@ -6,13 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.lib.recfunctions import repack_fields
 from support.bag_recording import Recording, machine_topic
 from support.bag_scenes import scripted_run
 
 from msg_bridge.audit.audit import audit_bag
 from msg_bridge.audit.report import AuditReport, Check
+from msg_bridge.codec.chunks import chunk_dtype
 from msg_bridge.codec.headers import from_multi_array, to_multi_array
-from msg_bridge.codec.point_cloud import bytes_of, from_point_cloud
+from msg_bridge.codec.point_cloud import bytes_of, from_point_cloud, to_point_cloud
 from msg_bridge.codec.terrain import TERRAIN_CELL
 from msg_bridge.contract.messages import MachineHeader, SoilHeader, Stream, Verb
 from msg_bridge.contract.rows import Kind, Rows
@@ -141,6 +143,39 @@ def test_one_mm3_in_one_conversion_row_is_found(recording, audit, kind) -> None:
         assert f"in tick {tick}," in texts(report, Check.TERRAIN)
     if kind is not Kind.EXCAVATE:
         assert f"in tick {tick}" in texts(report, Check.LANDINGS)
+
+
+def test_rows_of_another_layout_are_unread_and_said_to_be_of_another_version(
+    recording, audit
+) -> None:
+    names = [name for name in chunk_dtype(Stream.CONVERSION).names or () if name != "moisture"]
+    spoilt = recording.copy()
+    for k, (topic, time, message) in enumerate(spoilt.messages):
+        if topic == "/soil/conversions":
+            rows = repack_fields(from_point_cloud(message, chunk_dtype(Stream.CONVERSION))[names])
+            spoilt.messages[k] = (topic, time, to_point_cloud(rows, "map", message.header.stamp))
+    report = audit(spoilt)
+    text = "\n".join(finding.text for finding in report.findings)
+    assert "on /soil/conversions cannot be read" in text
+    assert "the cloud lacks moisture" in text
+    assert "If another version recorded the bag, audit it with that one" in text
+    assert not report.sound
+
+
+@pytest.mark.parametrize("field", ["soil", "moisture"])
+def test_an_answer_as_another_soil_than_landed_is_found(recording, audit, field) -> None:
+    number = numbers_of(recording, Stream.CONVERSION, Kind.DEPOSIT)[5]
+
+    def change(rows: Rows) -> Rows:
+        rows[field][rows["seq"] == number] += 7
+        return rows
+
+    report = audit(recording.tamper_rows(Stream.CONVERSION, change, number=number))
+    assert failed(report) == {Check.LANDINGS}
+    said = {"soil": "soil 7 with 0 %", "moisture": "soil 0 with 7 %"}[field]
+    text = texts(report, Check.LANDINGS)
+    assert "landed as soil 0 with 0 % of moisture and was answered as" in text
+    assert f"{said} of moisture in tick {tick_of(recording, number)}" in text
 
 
 def test_one_mm3_in_one_changed_cell_is_found_with_its_cell(recording, audit) -> None:

@@ -1,0 +1,59 @@
+"""What the soil that machines hold is like, by the rows that gave it to them and took it back.
+
+How much a machine holds is told by its own reports; of which kind it is, and how moist, only the
+soil needs to know, for when it puts down what a machine has left behind.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msg_bridge.contract.rows import Kind, Rows
+
+__all__ = ["HeldSoils"]
+
+_KINDS = 256
+
+
+class _Held(NamedTuple):
+    """One source's soil by kind, shape (256,): bank volume [mm^3] and water [mm^3 %]."""
+
+    volume: NDArray[np.int64]
+    water: NDArray[np.int64]
+
+
+class HeldSoils:
+    """Kind and moisture of what each source was given and has not put down again."""
+
+    def __init__(self) -> None:
+        self._sources: dict[int, _Held] = {}
+
+    def book(self, conversions: Rows) -> None:
+        """Count what CONVERSION rows of any sources moved."""
+        for source in np.unique(conversions["source"]).tolist():
+            own = conversions[conversions["source"] == source]
+            volume = own["volume_mm3"].astype(np.int64)
+            volume[own["kind"] != Kind.EXCAVATE] *= -1
+            volume[own["kind"] == Kind.REFUSE] = 0
+            held = self._sources.get(source)
+            if held is None:
+                held = self._sources[source] = _Held(*np.zeros((2, _KINDS), dtype=np.int64))
+            np.add.at(held.volume, own["soil"], volume)
+            np.add.at(held.water, own["soil"], volume * own["moisture"])
+
+    def mean(self, source: int) -> tuple[int, int]:
+        """Soil that stands for all that a source holds.
+
+        Returns:
+            (id of the kind that most of it is, moisture of the whole by volume [%]); 0, 0 if it
+            holds nothing.
+        """
+        held = self._sources.get(source)
+        volume = 0 if held is None else int(held.volume.sum())
+        if held is None or volume <= 0:
+            return 0, 0
+        moisture = round(int(held.water.sum()) / volume)
+        return int(held.volume.argmax()), min(max(moisture, 0), 100)

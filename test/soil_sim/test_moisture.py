@@ -1,0 +1,206 @@
+"""Soil keeps the water it has when it is cut, lands, mixes, slips and is put down for others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.soil_scenes import NO_LANDED, NO_SWEEPS, bucket_sweep, flat_soil, landings, scoop
+
+from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.rows import CONVERSION, Kind, Rows, empty_rows
+from soil_sim.columns import Columns, add_loose, mixed_moisture, take_loose
+from soil_sim.held import HeldSoils
+from soil_sim.params import SoilParams
+from soil_sim.soil import Soil
+from soil_sim.soils import SoilType, soil_tables
+
+GRID = Grid(41, 41, 0.2)
+BOTH = pytest.mark.parametrize("mode", ["swept", "reference"])
+MIXING = st.lists(st.tuples(st.integers(1, 10**7), st.integers(0, 100)), min_size=1, max_size=60)
+"""Volumes [mm^3] and moistures [%]."""
+
+
+def water_of(columns: Columns) -> int:
+    """Volume times moisture of all columns [mm^3 %]."""
+    firm = int((columns.firm * columns.moisture.astype(np.int64)).sum())
+    return firm + int((columns.loose * columns.loose_moisture.astype(np.int64)).sum())
+
+
+def water_in(rows: Rows) -> int:
+    """Volume times moisture of rows [mm^3 %]."""
+    return int((rows["volume_mm3"].astype(np.int64) * rows["moisture"]).sum())
+
+
+def wet_and_dry(mode: str = "swept") -> Soil:
+    """Level ground, the half with y > 0 at 80 % and the other at 10 %."""
+    moisture = np.full(GRID.shape, 10, dtype=np.uint8)
+    moisture[:, :20] = 80
+    params = SoilParams(cut_mode=mode, soil="loam")
+    return Soil(GRID, np.zeros(GRID.shape), params, moisture=moisture)
+
+
+def small() -> Columns:
+    return Columns(GRID, np.zeros(GRID.shape), dig_depth=1.0, tables=soil_tables([SoilType()]))
+
+
+# What is cut
+
+
+@BOTH
+def test_firm_soil_comes_out_as_moist_as_its_column(mode: str) -> None:
+    soil = wet_and_dry(mode)
+    rows = soil.step(0, bucket_sweep((0.5, 0, 0.1), (0.5, 0, -0.2)), NO_LANDED).conversions
+    assert set(rows["moisture"].tolist()) == {10, 80}
+    assert np.array_equal(rows["moisture"], soil.columns.moisture[rows["row"], rows["col"]])
+
+
+@BOTH
+def test_loose_soil_and_the_firm_under_it_come_out_as_moist_as_both_together(mode: str) -> None:
+    soil = wet_and_dry(mode)
+    soil.slip.relax = lambda budget=None: 0  # type: ignore[method-assign]
+    columns = soil.columns
+    for i in range(columns.firm.size):
+        add_loose(columns.arrays, i, 4_000_000, 5_000_000, 0, 30)
+    had = columns.firm.copy()
+    rows = soil.step(0, bucket_sweep((0.5, 0, 0.2), (0.5, 0, -0.2)), NO_LANDED).conversions
+    at = (rows["row"], rows["col"])
+    total = np.bincount(np.ravel_multi_index(at, GRID.shape), rows["volume_mm3"], had.size)
+    firm = (had - columns.firm)[at]
+    through = (firm > 0) & (total[np.ravel_multi_index(at, GRID.shape)] == rows["volume_mm3"])
+    mean = (4e6 * 30 + firm * columns.moisture[at].astype(float)) / (4e6 + firm)
+    assert through.sum() > 5
+    assert np.abs(rows["moisture"] - mean)[through].max() <= 1.0
+    assert set(rows["moisture"][firm == 0].tolist()) <= {30}
+
+
+@BOTH
+def test_water_that_leaves_the_columns_is_in_the_rows(mode: str) -> None:
+    soil = wet_and_dry(mode)
+    before = water_of(soil.columns)
+    out = 0
+    for tick in range(60):
+        x = 0.02 * tick
+        sweep = bucket_sweep((x, 0, -0.3), (x + 0.02, 0, -0.3))
+        out += water_in(soil.step(tick, sweep, NO_LANDED).conversions)
+    # Each row is rounded by less than one per cent, up as often as down.
+    assert before - water_of(soil.columns) == pytest.approx(out, rel=5e-3)
+
+
+# What lands
+
+
+def test_answers_repeat_soil_and_moisture() -> None:
+    soil = Soil(GRID, np.zeros(GRID.shape), SoilParams(soil="loam", other_soils=("gravel",)))
+    rows = landings([0.0, 50.0, 0.5, 1.0], 0.0, 500_000)
+    rows["moisture"], rows["soil"] = (60, 70, 101, 90), (0, 1, 0, 1)
+    answers = soil.step(0, NO_SWEEPS, rows).conversions
+    kinds = [Kind.DEPOSIT, Kind.OUTSIDE, Kind.REFUSE, Kind.DEPOSIT]
+    assert answers["kind"].tolist() == kinds
+    assert answers["moisture"].tolist() == [60, 70, 101, 90]
+    assert answers["soil"].tolist() == [0, 1, 0, 1]
+
+
+def test_what_is_poured_wets_the_ground_as_much_as_it_is_wet() -> None:
+    soil = flat_soil(6.0, 0.1, repose_angle=35.0, swell=0.15)
+    start, poured = water_of(soil.columns), 0
+    for tick in range(200):
+        rows = landings(0.05 * (tick % 3), 0.03 * (tick % 5), 1_000_000)
+        rows["moisture"] = 20 if tick % 2 else 90
+        poured += water_in(rows)
+        soil.step(tick, NO_SWEEPS, rows)
+    assert water_of(soil.columns) - start == pytest.approx(poured, rel=0.02)
+
+
+# Mixing
+
+
+@given(MIXING)
+def test_a_mixture_is_between_what_is_mixed_and_near_its_mean(
+    parts: list[tuple[int, int]],
+) -> None:
+    bank, moisture = parts[0]
+    for volume, other in parts[1:]:
+        mean = (bank * moisture + volume * other) / (bank + volume)
+        mixed = int(mixed_moisture(bank, np.uint8(moisture), volume, np.uint8(other)))
+        assert abs(mixed - mean) < 1.0
+        assert min(moisture, other) <= mixed <= max(moisture, other)
+        bank, moisture = bank + volume, mixed
+
+
+@given(st.integers(1, 2**50), st.integers(1, 2**50), st.integers(0, 100))
+def test_soils_of_one_moisture_keep_it(bank: int, other: int, moisture: int) -> None:
+    wet = np.uint8(moisture)
+    assert mixed_moisture(bank, wet, other, wet) == moisture
+    assert mixed_moisture(0, np.uint8(1), other, wet) == moisture
+    assert mixed_moisture(bank, wet, 0, np.uint8(1)) == moisture
+
+
+@pytest.mark.parametrize(("below", "above"), [(0, 100), (40, 60), (60, 40), (40, 41)])
+def test_thin_layers_wet_deep_soil_in_the_long_run(below: int, above: int) -> None:
+    # A layer of a thousandth changes the mean by less than half a per cent: rounded, by nothing.
+    columns, count = small(), 400
+    for i in range(count):
+        deep = 8_000_000 + 1000 * i
+        add_loose(columns.arrays, i, deep, deep, 0, below)
+        for _ in range(1000):
+            add_loose(columns.arrays, i, 8_000, 8_000, 0, above)
+    found = columns.loose_moisture.reshape(-1)[:count].astype(float)
+    assert found.mean() == pytest.approx((below + above) / 2, abs=0.5)
+
+
+@settings(deadline=None, max_examples=20)
+@given(MIXING)
+def test_taking_leaves_the_moisture_of_what_stays(parts: list[tuple[int, int]]) -> None:
+    columns = small()
+    for volume, moisture in parts:
+        add_loose(columns.arrays, 3, volume, volume, 0, moisture)
+    wet = columns.loose_moisture.flat[3]
+    while columns.loose.flat[3]:
+        take_loose(columns.arrays, 3, 1 + columns.loose.flat[3] // 2)
+        assert columns.loose_moisture.flat[3] == wet
+
+
+def test_equal_work_on_wet_and_dry_ground_ends_in_equal_states() -> None:
+    hashes = []
+    for wetter in (0, 0, 1):
+        soil = wet_and_dry()
+        scoop(soil, depth=0.3, length=1.5)
+        rows = landings([0.0, 0.5], [0.0, 0.2], 5_000_000)
+        rows["moisture"] = 40 + wetter
+        soil.step(900, NO_SWEEPS, rows)
+        for tick in range(901, 930):
+            soil.step(tick, NO_SWEEPS, NO_LANDED)
+        hashes.append(soil.state_hash())
+    assert hashes[0] == hashes[1]
+    assert hashes[0] != hashes[2]
+
+
+# What machines hold
+
+
+def moved(*rows: tuple[Kind, int, int, int], source: int = 1) -> Rows:
+    """CONVERSION rows of (kind, volume, soil, moisture)."""
+    out = empty_rows(CONVERSION, len(rows))
+    out["source"] = source
+    for name, values in zip(
+        ("kind", "volume_mm3", "soil", "moisture"), zip(*rows, strict=True), strict=True
+    ):
+        out[name] = values
+    return out
+
+
+def test_what_a_source_holds_is_of_most_of_what_it_took_and_has_not_put_down() -> None:
+    held = HeldSoils()
+    assert held.mean(1) == (0, 0)
+    held.book(moved((Kind.EXCAVATE, 4000, 2, 90), (Kind.EXCAVATE, 1000, 1, 10)))
+    held.book(moved((Kind.EXCAVATE, 7, 3, 77), source=2))
+    assert held.mean(1) == (2, 74)
+    held.book(moved((Kind.REFUSE, 4000, 2, 90), (Kind.OUTSIDE, 2000, 2, 90)))
+    assert held.mean(1) == (2, 63)
+    held.book(moved((Kind.DEPOSIT, 2000, 2, 90)))
+    assert held.mean(1) == (1, 10)
+    held.book(moved((Kind.DEPOSIT, 1000, 1, 10)))
+    assert held.mean(1) == (0, 0)
+    assert held.mean(2) == (3, 77)
