@@ -69,7 +69,7 @@ class DigRun:
             position=(config.run.start_x - config.shift.approach, config.run.start_y),
             seed=config.run.seed,
         )
-        warm_up()
+        warm_up(config.particles)
         self.world = World(soil, {1: self.machine})
         self.operator = Shift(config.machine, config.operator, config.shift)
         self._eyes = Eyes()

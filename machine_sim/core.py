@@ -22,7 +22,7 @@ from machine_sim.ground import Ground
 from machine_sim.machine import Excavator, MachineDescription
 from machine_sim.machine.kinematics import rotation_matrix
 from machine_sim.params import MachineSimParams
-from machine_sim.particles import ParticleEngine, ParticleParams, Pose
+from machine_sim.particles import ParticleEngine, ParticleParams, Pose, SoilEngine
 from machine_sim.payload import payload_in
 from machine_sim.release import PendingSoil
 from machine_sim.resistance import Resistance
@@ -101,9 +101,7 @@ class MachineSim:
         self.machine = Excavator(description, self._client, self.ground, position, yaw)
         particle_params = particle_params or ParticleParams()
         kind = CubeEngine if particle_params.mode == "cubes" else ParticleEngine
-        self.particles: ParticleEngine | CubeEngine = kind(
-            particle_params, self.ground, soils=soils
-        )
+        self.particles: SoilEngine = kind(particle_params, self.ground, soils=soils)
         self._bucket, self._tracks = description.bucket, description.tracks
         self.particles.add_tool(_TOOL, self._bucket.plates(), self.machine.tool_pose)
         self.payload = payload_in(self._bucket, self.particles, _TOOL)

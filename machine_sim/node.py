@@ -82,7 +82,7 @@ class MachineNode(LeanNode):
         self._board = CommandBoard(self._description, commands)
         name = self.get_namespace().strip("/")
         self._prefix = self._params.frame_prefix or (f"{name}/" if name else "")
-        warm_up()
+        warm_up(self._particles)
         self.run: MachineRun | None = None
         self.diagnostics = Diagnostics(self, "machine_sim", self._description.name)
         self.diagnostics.add_task(self._diagnose)

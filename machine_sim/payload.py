@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machine_sim.cubes import CubeEngine
 from machine_sim.machine.bucket import BucketShape
-from machine_sim.particles import ParticleEngine
+from machine_sim.particles import SoilEngine
 
 __all__ = ["Payload", "payload_in"]
 
@@ -30,7 +29,7 @@ class Payload:
     fill: float
 
 
-def payload_in(bucket: BucketShape, particles: ParticleEngine | CubeEngine, tool: int) -> Payload:
+def payload_in(bucket: BucketShape, particles: SoilEngine, tool: int) -> Payload:
     """Count the particles inside the bucket and in the heap on it."""
     store = particles.store
     inside = bucket.contains_heaped(particles.tool_local(tool))

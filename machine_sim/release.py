@@ -19,9 +19,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.cubes import CubeEngine
 from machine_sim.machine.bucket import BucketShape
-from machine_sim.particles import ParticleEngine, Pose
+from machine_sim.particles import Pose, SoilEngine
 from msg_bridge.contract.rows import MAX_ROW_VOLUME, Kind, Rows
 
 __all__ = ["PendingSoil", "coarseness"]
@@ -132,7 +131,7 @@ class PendingSoil:
             parcel.water += volume * int(row["moisture"])
             parcel.soil, parcel.place, parcel.tick = int(row["soil"]), place, tick
 
-    def release(self, particles: ParticleEngine | CubeEngine, pose: Pose, tick: int) -> int:
+    def release(self, particles: SoilEngine, pose: Pose, tick: int) -> int:
         """Turn parcels into particles, at most as many as one tick may have.
 
         Returns:
@@ -178,7 +177,7 @@ class PendingSoil:
             return self._nominal
         return round(self._nominal * (1.0 + spread * self._rng.uniform(-1.0, 1.0)))
 
-    def _place(self, particles: ParticleEngine | CubeEngine, pose: Pose, batch: _Batch) -> None:
+    def _place(self, particles: SoilEngine, pose: Pose, batch: _Batch) -> None:
         rotation, origin = pose
         volume = np.array(batch.volumes, dtype=np.int64)
         # Particles of one place scatter over the room their soil takes.

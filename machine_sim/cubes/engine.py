@@ -1,4 +1,4 @@
-"""The cube engine: soil as rigid cubes in pybullet, with the interface of `ParticleEngine`.
+"""The cube engine: soil as rigid cubes in pybullet.
 
 One step reads top to bottom: tools are put in place with their velocities, the reference's clamps
 and the terrain change velocities, pybullet moves all, who landed or got through is counted, and
@@ -21,12 +21,10 @@ from machine_sim.cubes.clamps import VelocityClamps, clamp_velocities
 from machine_sim.cubes.plates import PlateBodies, pierced
 from machine_sim.cubes.terrain import finish_on_ground, stand_on_ground
 from machine_sim.ground import Ground
-from machine_sim.particles.grains import GrainTables
 from machine_sim.particles.intake import checked_intake
-from machine_sim.particles.landing import settled_rows
 from machine_sim.particles.params import ParticleParams
-from machine_sim.particles.store import ParticleError, ParticleStore
-from machine_sim.particles.tool import Pose, RigidTool, ToolSet
+from machine_sim.particles.soil_engine import SoilEngine
+from machine_sim.particles.tool import Pose, RigidTool
 from msg_bridge.contract.loose_soil import LooseSoil
 
 __all__ = ["CubeEngine"]
@@ -36,21 +34,14 @@ SOLVER_ITERATIONS = 20
 default is 50."""
 
 
-class CubeEngine:
-    """Cubes of soil, and the tools and terrain they touch.
+class CubeEngine(SoilEngine):
+    """Soil as cubes; in the store, `radius` is half an edge.
 
     Of the parameters count: capacity, gravity, ground_friction and those of landing. Soils have
     friction, swell and density; the reference's cubes neither stick nor grow.
 
     Attributes:
-        params: physics.
-        ground: terrain; `Ground.advance` is its owner's to call.
-        soils: what is known of each soil, by its id.
         clamps: the reference's velocity constraints.
-        store: the cubes, see `ParticleStore`; `radius` is half an edge.
-        tunnelled_tool: centres that went through a plate so far.
-        tunnelled_ground: centres that sank half an edge into the ground so far, soft ones apart;
-            put back upon it.
     """
 
     def __init__(
@@ -70,14 +61,8 @@ class CubeEngine:
         Raises:
             ParticleError: no soil.
         """
-        self.params = params
-        self.ground = ground
-        self.soils = tuple(soils)
-        self._grains = GrainTables(self.soils)
+        super().__init__(params, ground, soils, substeps=1)
         self.clamps = clamps or VelocityClamps()
-        self.store = ParticleStore(params.capacity)
-        self.tunnelled_tool = 0
-        self.tunnelled_ground = 0
         self._client: int = pybullet.connect(pybullet.DIRECT)
         self._free = weakref.finalize(self, pybullet.disconnect, self._client)
         pybullet.setPhysicsEngineParameter(
@@ -88,7 +73,6 @@ class CubeEngine:
         pybullet.setGravity(0.0, 0.0, -params.gravity, physicsClientId=self._client)
         self._bodies = CubeBodies(self._client)
         self._plates = PlateBodies(self._client)
-        self._tools = ToolSet(1)
 
     def close(self) -> None:
         """Free the pybullet client; also happens when nothing refers to the engine any more."""
@@ -106,13 +90,10 @@ class CubeEngine:
         *,
         grow: bool = True,
     ) -> NDArray[np.uint32]:
-        """Release soil as cubes, level with the map's axes; see `ParticleEngine.add`.
+        """Release soil as cubes, level with the map's axes; see `SoilEngine.add`.
 
         Args:
             grow: makes no difference, cubes have their full size at once.
-
-        Raises:
-            ParticleError: as there; nothing was added.
         """
         new = checked_intake(position, velocity, volume_mm3, soil, moisture)
         self._grains.check(new.soil)
@@ -134,22 +115,14 @@ class CubeEngine:
         return ids
 
     def remove(self, ids: ArrayLike) -> None:
-        """Take cubes out of the account.
-
-        Raises:
-            ParticleError: an id that is not alive or given twice; nothing was removed.
-        """
+        """See `SoilEngine.remove`."""
         rows = self.store.rows(ids)
         if rows.size:
             self.store.remove(rows)
             self._bodies.remove(rows)
 
     def freeze(self, ids: ArrayLike) -> None:
-        """Hold cubes where they are: landed, not yet answered; still counted and in the way.
-
-        Raises:
-            ParticleError: an id that is not alive or given twice.
-        """
+        """See `SoilEngine.freeze`."""
         rows = self.store.rows(ids)
         self.store.frozen[rows] = True
         self.store.inverse_mass[rows] = 0.0
@@ -158,65 +131,31 @@ class CubeEngine:
         self._bodies.weigh(rows, np.zeros(rows.size))
 
     def unfreeze(self, ids: ArrayLike) -> None:
-        """Let frozen cubes go, from rest.
-
-        Raises:
-            ParticleError: an id that is not alive or given twice.
-        """
+        """See `SoilEngine.unfreeze`."""
         rows = self.store.rows(ids)
         self.store.frozen[rows] = False
         self.store.inverse_mass[rows] = 1.0 / self.store.mass[rows]
         self.store.quiet_time[rows] = 0.0
         self._bodies.weigh(rows, self.store.mass[rows])
 
-    def settled(self) -> NDArray[np.uint32]:
-        """Ids of cubes that should land, ascending; see `landing.settled_rows`."""
-        rows = settled_rows(self.store, self.ground, self._tools.tools, self.params)
-        return np.asarray(self.store.particle_id[rows], dtype=np.uint32)
-
     # Tools.
 
     def add_tool(
         self, tool_id: int, plates: Sequence[ArrayLike], pose: Pose, *, digs: bool = True
     ) -> None:
-        """Let a tool touch cubes; see `ParticleEngine.add_tool`.
-
-        Raises:
-            ParticleError: the id is taken, or a plate or the pose is not what it should be.
-        """
+        """See `SoilEngine.add_tool`."""
         tool = RigidTool(plates, pose, digs=digs)
         self._tools.add(tool_id, tool)
         self._plates.add(tool_id, tool, plates, self._tool_friction())
 
     def remove_tool(self, tool_id: int) -> None:
-        """Take a tool away; what lay in it falls.
-
-        Raises:
-            ParticleError: no such tool.
-        """
+        """See `SoilEngine.remove_tool`."""
         self._tools.remove(tool_id)
         self._plates.remove(tool_id)
 
-    def set_tool(self, tool_id: int, start: Pose, end: Pose) -> None:
-        """Move a tool from `start` to `end` in the next step; without this it rests.
-
-        Raises:
-            ParticleError: no such tool, no pose, or a turn of 90 degrees or more.
-        """
-        self._tools[tool_id].move(start, end)
-
     def tool_wrench(self, tool_id: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Force [N] of the cubes on a tool, and torque about its frame origin [N m].
-
-        Map axes, in the last step, shape (3,) each. What the clamps take is not in it.
-        """
-        _ = self._tools[tool_id]
-        wrench = self._tools.wrench[self._tools.number[tool_id]]
-        return wrench[:3].copy(), wrench[3:].copy()
-
-    def tool_local(self, tool_id: int) -> NDArray[np.float64]:
-        """Positions of all cubes [m] in the frame of a tool, in row order, shape (n, 3)."""
-        return self._tools[tool_id].local(self.store.position)
+        """See `SoilEngine.tool_wrench`; what the clamps take is not in it."""
+        return super().tool_wrench(tool_id)
 
     def _tool_friction(self) -> float:
         """What makes friction against steel of a cube's own, dry, on the mean of the soils."""
@@ -235,8 +174,7 @@ class CubeEngine:
         Raises:
             ParticleError: dt is not between 0 and 0.1 s.
         """
-        if not 0.0 < dt <= 0.1:
-            raise ParticleError(f"dt is {dt} s; give a step above 0 and up to 0.1 s")
+        self._check_step(dt)
         store, params, ground, tools = self.store, self.params, self.ground, self._tools
         tools.begin(dt)
         for tool_id, k in tools.number.items():
@@ -263,33 +201,3 @@ class CubeEngine:
         for tool_id, k in tools.number.items():
             tools.wrench[k] = self._plates.wrench(tool_id, tools.tools[k].start[1])
         tools.end()
-
-    # What it is like now.
-
-    def index_of(self, ids: ArrayLike) -> NDArray[np.intp]:
-        """Rows of cubes in `store`, good until the next add or remove.
-
-        Raises:
-            ParticleError: an id that is not alive or given twice.
-        """
-        return self.store.rows(ids)
-
-    @property
-    def room(self) -> int:
-        """How many cubes can still be added."""
-        return self.store.capacity - self.store.count
-
-    @property
-    def count(self) -> int:
-        """Number of cubes, frozen ones included."""
-        return self.store.count
-
-    @property
-    def total_volume_mm3(self) -> int:
-        """Bank volume of all cubes [mm^3], frozen ones included, exact."""
-        return self.store.total_volume_mm3
-
-    @property
-    def kinetic_energy(self) -> float:
-        """Of all cubes [J], that of turning left out as there."""
-        return float(0.5 * (self.store.mass[:, None] * self.store.velocity**2).sum())

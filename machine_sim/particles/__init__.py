@@ -3,17 +3,19 @@
 - `params`: the physics, with units and ranges; `grains`: how each soil's particles touch
 - `intake`: what is refused; `store`: the particles and the volume account
 - `law`: the contact law; `jit`: how kernels are compiled
-- `neighbours`: near pairs; `contacts`: those that may touch in a step; `pairs`: their forces
+- `neighbours`: near pairs; `parts`: which of them several threads work at at once
+- `contacts`: those that may touch in a step; `pairs`: their forces
 - `plates`, `tool`, `walls`: tool geometry, its motion, and the forces on it
 - `soil_contact`: forces of the terrain
 - `growth`: released particles grow to size
 - `bodies`, `motion`: the substeps; `sleep`: who rests or rides in a tool; `landing`: who lands
-- `engine`: all of it in one step; `warm`: compile it beforehand
+- `soil_engine`: what engines have in common; `engine`: one step of it all; `warm`: compile it
 """
 
 from machine_sim.particles.engine import ParticleEngine
 from machine_sim.particles.params import ParticleParams
 from machine_sim.particles.plates import Plates
+from machine_sim.particles.soil_engine import SoilEngine
 from machine_sim.particles.store import ParticleError, ParticleStore
 from machine_sim.particles.tool import Pose, RigidTool
 from machine_sim.particles.warm import warm_up
@@ -26,5 +28,6 @@ __all__ = [
     "Plates",
     "Pose",
     "RigidTool",
+    "SoilEngine",
     "warm_up",
 ]

@@ -5,13 +5,16 @@ a block, quantity q of slot s lies at `q * BLOCK + s`. The constant distance bet
 lets the compiler prove that they do not overlap, and it vectorises the contact maths (float32, 8
 or 16 pairs at once). Separations are taken from float64 positions here, so that the substeps can
 go on in float32 displacements.
+
+The contacts of each part of the pair list (see `parts`) have blocks of their own.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numba import prange
 
-from machine_sim.particles.jit import kernel
+from machine_sim.particles.jit import kernel, threaded_kernel
 from machine_sim.particles.neighbours import PairTable
 from machine_sim.particles.store import ParticleStore
 
@@ -40,13 +43,19 @@ class ContactTable:
         first, second: rows of each contact, uint32.
         entry: where in the pair table its spring is kept.
         block: quantities, shape (blocks, QUANTITIES * BLOCK), float32.
-        count: number of contacts.
+        begin, size: first slot of each part, a whole number of blocks, and its contacts.
     """
 
     def __init__(self) -> None:
-        self.count = 0
+        self.begin = np.zeros(1, np.int64)
+        self.size = np.zeros(1, np.int64)
         self._ahead = np.zeros(0, np.float32)
         self._room(32)
+
+    @property
+    def count(self) -> int:
+        """Number of contacts."""
+        return int(self.size.sum())
 
     def _room(self, blocks: int) -> None:
         self.first = np.zeros(blocks * BLOCK, np.uint32)
@@ -55,8 +64,9 @@ class ContactTable:
         self.block = np.zeros((blocks, QUANTITIES * BLOCK), np.float32)
 
     def collect(  # type: ignore[no-untyped-def]
-        self, store: ParticleStore, moving, alone: bool, body, pairs: PairTable, dt: float
-    ) -> None:
+        self, store: ParticleStore, moving, alone: bool, body, pairs: PairTable, dt: float,
+        threads: int,
+    ) -> None:  # fmt: skip
         """Take over the pairs that may touch within `dt` [s], with their springs.
 
         Args:
@@ -66,34 +76,37 @@ class ContactTable:
             body: records of all rows.
             pairs: where they are listed.
             dt: [s].
+            threads: how many work at it.
         """
         if len(self._ahead) < store.count:
             self._ahead = np.zeros(2 * store.count, np.float32)
-        while True:
-            count = _collect(
-                np.float32(dt), moving, alone, self._ahead, pairs.first, pairs.second,
-                pairs.count, pairs.touching, pairs.spring, store.position, body,
-                self.first, self.second, self.entry, self.block,
-            )  # fmt: skip
-            if count >= 0:
-                self.count = count
-                return
-            self._room(2 * len(self.block))
+        blocks = (np.diff(pairs.bounds) + BLOCK - 1) // BLOCK
+        self.begin = BLOCK * (np.cumsum(blocks) - blocks)
+        self.size = np.zeros(len(blocks), np.int64)
+        if int(blocks.sum()) > len(self.block):
+            self._room(2 * int(blocks.sum()))
+        _look_ahead(
+            np.float32(dt), moving, alone, self._ahead, pairs.first, pairs.second, pairs.count, body
+        )
+        _collect.on(threads)(
+            np.float32(dt), self._ahead, pairs.first, pairs.second, pairs.bounds, pairs.touching,
+            pairs.spring, store.position, body,
+            self.first, self.second, self.entry, self.block, self.begin, self.size,
+        )  # fmt: skip
 
-    def give_back(self, pairs: PairTable) -> None:
+    def give_back(self, pairs: PairTable, threads: int) -> None:
         """Keep the springs in the pair table until the next step."""
-        _give_back(self.count, self.entry, self.block, pairs.touching, pairs.spring)
+        _give_back.on(threads)(
+            self.begin, self.size, self.entry, self.block, pairs.touching, pairs.spring
+        )
 
 
 @kernel
-def _collect(  # type: ignore[no-untyped-def]
-    dt, moving, alone, ahead, pair_first, pair_second, pairs, touching, pair_spring,
-    position, body,
-    first, second, entry, block,
-):  # fmt: skip
-    """Fill the table; returns the number of contacts, -1 where it is too small."""
-    # How far each may come toward another: relative to the mean where all move, so that what moves
-    # together does not count as closing in.
+def _look_ahead(dt, moving, alone, ahead, pair_first, pair_second, pairs, body):  # type: ignore[no-untyped-def]
+    """Fill `ahead`: how far each comes toward another in `dt`, its own size included [m].
+
+    Relative to the mean where all move, so that what moves together does not count as closing in.
+    """
     mean = np.zeros(3, np.float32)
     if alone:
         for i in moving:
@@ -111,9 +124,33 @@ def _collect(  # type: ignore[no-untyped-def]
         ahead[i] = body[i, 3] * (np.float32(1.0) + _SLACK) + _HORIZON * dt * np.sqrt(
             x * x + y * y + z * z
         )
-    count = 0
-    room = first.size
-    for k in range(pairs):
+
+
+@threaded_kernel
+def _collect(  # type: ignore[no-untyped-def]
+    dt, ahead, pair_first, pair_second, bounds, touching, pair_spring, position, body,
+    first, second, entry, block, begin, size,
+):  # fmt: skip
+    """Fill the table, part by part."""
+    for part in prange(begin.size):
+        size[part] = _collect_part(
+            dt, ahead, pair_first, pair_second, bounds[part], bounds[part + 1], touching,
+            pair_spring, position, body, first, second, entry, block, begin[part],
+        )  # fmt: skip
+
+
+@kernel
+def _collect_part(  # type: ignore[no-untyped-def]
+    dt, ahead, pair_first, pair_second, low, high, touching, pair_spring, position, body,
+    first, second, entry, block, begin,
+):  # fmt: skip
+    """Copy those of the pairs from `low` to `high` that may touch to the slots from `begin` on.
+
+    Returns:
+        How many.
+    """
+    count = begin
+    for k in range(low, high):
         i, j = pair_first[k], pair_second[k]
         weight = body[i, 7] + body[j, 7]
         if weight == np.float32(0.0):
@@ -139,8 +176,6 @@ def _collect(  # type: ignore[no-untyped-def]
             if (distance - reach * (np.float32(1.0) + _SLACK)) * distance > way:
                 touching[k] = 0
                 continue
-        if count == room:
-            return -1
         first[count], second[count], entry[count] = i, j, k
         b = block[count // BLOCK]
         s = count % BLOCK
@@ -157,12 +192,18 @@ def _collect(  # type: ignore[no-untyped-def]
         for axis in range(3):
             b[s + (9 + axis) * BLOCK] = pair_spring[k, axis] * held
         count += 1
-    return count
+    return count - begin
+
+
+@threaded_kernel
+def _give_back(begin, size, entry, block, touching, spring):  # type: ignore[no-untyped-def]
+    for part in prange(begin.size):
+        _give_back_part(begin[part], size[part], entry, block, touching, spring)
 
 
 @kernel
-def _give_back(count, entry, block, touching, spring):  # type: ignore[no-untyped-def]
-    for c in range(count):
+def _give_back_part(begin, size, entry, block, touching, spring):  # type: ignore[no-untyped-def]
+    for c in range(begin, begin + size):
         b = block[c // BLOCK]
         s = c % BLOCK
         k = entry[c]

@@ -20,10 +20,9 @@ from machine_sim.particles.bodies import (
     load_bodies,
 )
 from machine_sim.particles.contacts import ContactTable
-from machine_sim.particles.grains import GrainTables
 from machine_sim.particles.growth import grow_radii, start_radii
 from machine_sim.particles.intake import checked_intake
-from machine_sim.particles.landing import settled_rows
+from machine_sim.particles.jit import use_threads
 from machine_sim.particles.law import Law, contact_law
 from machine_sim.particles.motion import run_substeps
 from machine_sim.particles.neighbours import NeighbourList, spatial_order
@@ -31,8 +30,9 @@ from machine_sim.particles.pairs import pair_overlap
 from machine_sim.particles.params import ParticleParams
 from machine_sim.particles.sleep import AWAKE, ON_MAP, Sleep, wake_touched
 from machine_sim.particles.soil_contact import finish_on_ground, ground_planes
-from machine_sim.particles.store import ParticleError, ParticleStore
-from machine_sim.particles.tool import Pose, RigidTool, ToolSet
+from machine_sim.particles.soil_engine import SoilEngine
+from machine_sim.particles.store import ParticleError
+from machine_sim.particles.tool import Pose, RigidTool
 from machine_sim.particles.walls import WallList
 from msg_bridge.contract.loose_soil import LooseSoil
 
@@ -42,18 +42,8 @@ _REORDER_EVERY = 50
 """Builds of the neighbour list between two sortings of the rows by place."""
 
 
-class ParticleEngine:
-    """Particles of one machine node, and the tools and terrain they touch.
-
-    Attributes:
-        params: physics.
-        ground: terrain; `Ground.advance` is its owner's to call.
-        soils: what is known of each soil, by its id.
-        store: the particles, see `ParticleStore`; rows may be reordered by `step`.
-        tunnelled_tool: centres that went through a plate so far.
-        tunnelled_ground: centres that sank a radius into the ground so far, soft ones apart; put
-            back upon it.
-    """
+class ParticleEngine(SoilEngine):
+    """Soil as spheres; `step` may reorder the rows of the store."""
 
     def __init__(
         self,
@@ -70,14 +60,7 @@ class ParticleEngine:
         Raises:
             ParticleError: no soil.
         """
-        self.params = params
-        self.ground = ground
-        self.soils = tuple(soils)
-        self._grains = GrainTables(self.soils)
-        self.store = ParticleStore(params.capacity)
-        self.tunnelled_tool = 0
-        self.tunnelled_ground = 0
-        self._tools = ToolSet(params.substeps)
+        super().__init__(params, ground, soils, params.substeps)
         self._pairs = NeighbourList(params.skin)
         self._walls = WallList()
         self._contacts = ContactTable()
@@ -103,22 +86,7 @@ class ParticleEngine:
         *,
         grow: bool = True,
     ) -> NDArray[np.uint32]:
-        """Release soil as particles.
-
-        Args:
-            position, velocity: [m], [m/s], map frame, shape (n, 3).
-            volume_mm3: bank volume of each [mm^3], whole numbers, shape (n,) or one for all.
-            soil: ids, shape (n,) or one for all.
-            moisture: [% of saturation], whole numbers; above 100 counts as 100.
-            grow: start small and grow, for soil that comes loose among other soil.
-
-        Returns:
-            Ids, shape (n,), uint32.
-
-        Raises:
-            ParticleError: shapes that do not fit, values that are not finite, volumes or codes
-                out of range, or no room; nothing was added.
-        """
+        """Release soil as particles; see `SoilEngine.add`."""
         new = checked_intake(position, velocity, volume_mm3, soil, moisture)
         n, soils = len(new.position), new.soil.astype(np.int64)
         if n == 0:
@@ -154,11 +122,7 @@ class ParticleEngine:
         return ids
 
     def remove(self, ids: ArrayLike) -> None:
-        """Take particles out of the account.
-
-        Raises:
-            ParticleError: an id that is not alive or given twice; nothing was removed.
-        """
+        """See `SoilEngine.remove`."""
         rows = self.store.rows(ids)
         if rows.size:
             self._disturb(rows)
@@ -172,11 +136,7 @@ class ParticleEngine:
         self._sleep.disturb(np.column_stack([store.position[rows], reach]))
 
     def freeze(self, ids: ArrayLike) -> None:
-        """Hold particles where they are: landed, not yet answered; still counted and in the way.
-
-        Raises:
-            ParticleError: an id that is not alive or given twice.
-        """
+        """See `SoilEngine.freeze`."""
         rows = self.store.rows(ids)
         self._sleep.rouse(self.store, rows)
         self._changed = True
@@ -186,11 +146,7 @@ class ParticleEngine:
         self.store.spin[rows] = 0.0
 
     def unfreeze(self, ids: ArrayLike) -> None:
-        """Let frozen particles go, from rest.
-
-        Raises:
-            ParticleError: an id that is not alive or given twice.
-        """
+        """See `SoilEngine.unfreeze`."""
         rows = self.store.rows(ids)
         self._disturb(rows)
         self._pairs.stale = True
@@ -198,36 +154,16 @@ class ParticleEngine:
         self.store.inverse_mass[rows] = 1.0 / self.store.mass[rows]
         self.store.quiet_time[rows] = 0.0
 
-    def settled(self) -> NDArray[np.uint32]:
-        """Ids of particles that should land, ascending; see `landing.settled_rows`."""
-        rows = settled_rows(self.store, self.ground, self._tools.tools, self.params)
-        return np.asarray(self.store.particle_id[rows], dtype=np.uint32)
-
     # Tools.
 
     def add_tool(
         self, tool_id: int, plates: Sequence[ArrayLike], pose: Pose, *, digs: bool = True
     ) -> None:
-        """Let a tool touch particles.
-
-        Args:
-            tool_id: the caller's number for it.
-            plates: convex planar polygons, each (k, 3) corners [m] in order around, tool frame.
-            pose: where it is.
-            digs: whether it goes into the ground, which then is no ground to what it holds; False
-                for a truck's bed, a bin, a wall.
-
-        Raises:
-            ParticleError: the id is taken, or a plate or the pose is not what it should be.
-        """
+        """See `SoilEngine.add_tool`."""
         self._tools.add(tool_id, RigidTool(plates, pose, digs=digs))
 
     def remove_tool(self, tool_id: int) -> None:
-        """Take a tool away; what lay in it falls.
-
-        Raises:
-            ParticleError: no such tool.
-        """
+        """See `SoilEngine.remove_tool`."""
         first = self._tools.first
         number = self._tools.remove(tool_id)
         self._walls.drop(int(first[number]), int(first[number + 1]))
@@ -236,26 +172,8 @@ class ParticleEngine:
         self._sleep.rouse(self.store, rows)
         self._pairs.stale = True
 
-    def set_tool(self, tool_id: int, start: Pose, end: Pose) -> None:
-        """Move a tool from `start` to `end` in the next step; without this it rests.
-
-        Raises:
-            ParticleError: no such tool, no pose, or a turn of 90 degrees or more.
-        """
-        self._tools[tool_id].move(start, end)
-
-    def tool_wrench(self, tool_id: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Force [N] of the particles on a tool, and torque about its frame origin [N m].
-
-        Map axes, mean over the last step, shape (3,) each.
-        """
-        _ = self._tools[tool_id]
-        wrench = self._tools.wrench[self._tools.number[tool_id]]
-        return wrench[:3].copy(), wrench[3:].copy()
-
-    def tool_local(self, tool_id: int) -> NDArray[np.float64]:
-        """Positions of all particles [m] in the frame of a tool, in row order, shape (n, 3)."""
-        return self._tools[tool_id].local(self.store.position)
+    def close(self) -> None:
+        """See `SoilEngine.close`; there is nothing to free."""
 
     # Time.
 
@@ -265,8 +183,7 @@ class ParticleEngine:
         Raises:
             ParticleError: dt is not between 0 and 0.1 s.
         """
-        if not 0.0 < dt <= 0.1:
-            raise ParticleError(f"dt is {dt} s; give a step above 0 and up to 0.1 s")
+        self._check_step(dt)
         store, params, ground, tools = self.store, self.params, self.ground, self._tools
         tools.begin(dt)
         self._make_room()
@@ -349,57 +266,25 @@ class ParticleEngine:
             store.rolling, store.cohesion,
         )  # fmt: skip
         self._loaded, self._changed = self._pairs.builds, False
-        contacts.collect(store, moving, moving.size == store.count, body, self._pairs.pairs, dt)
-        run_substeps(
+        alone, threads = moving.size == store.count, use_threads(params.threads)
+        contacts.collect(store, moving, alone, body, self._pairs.pairs, dt, threads)
+        run_substeps.on(threads)(
             params.substeps, params.gravity, *laws, np.float32(params.ground_friction),
             np.float32(params.ground_rolling), rows, riders, in_tool, body, total,
             store.position, store.mass, store.radius, store.soft, store.ground_spring,
             store.tool_friction, store.tool_rolling, store.adhesion,
-            contacts.first, contacts.second, contacts.count, contacts.block,
+            contacts.first, contacts.second, contacts.block, contacts.begin, contacts.size,
             walls.count, walls.row, walls.plate, walls.spring, walls.side,
             tools.frame, tools.corner, tools.corners, tools.owner, tools.path, tools.twist,
             tools.wrench, grounds, self._ground_row, self._plane,
         )  # fmt: skip
-        contacts.give_back(self._pairs.pairs)
+        contacts.give_back(self._pairs.pairs, threads)
         finish_bodies(rows, body, store.position, store.velocity, store.spin)
         if rows.size < store.count and wake_touched(
-            contacts.first, contacts.second, contacts.entry, contacts.count,
+            contacts.first, contacts.second, contacts.entry, contacts.begin, contacts.size,
             self._pairs.pairs.touching, body, store.resting, params.wake_speed, store.calm_time,
         ):  # fmt: skip
             self._pairs.stale = True
-
-    def close(self) -> None:
-        """Nothing is held that must be freed; for the sake of engines that do."""
-
-    # What it is like now.
-
-    def index_of(self, ids: ArrayLike) -> NDArray[np.intp]:
-        """Rows of particles in `store`, good until the next step, add or remove.
-
-        Raises:
-            ParticleError: an id that is not alive or given twice.
-        """
-        return self.store.rows(ids)
-
-    @property
-    def room(self) -> int:
-        """How many particles can still be added."""
-        return self.store.capacity - self.store.count
-
-    @property
-    def count(self) -> int:
-        """Number of particles, frozen ones included."""
-        return self.store.count
-
-    @property
-    def total_volume_mm3(self) -> int:
-        """Bank volume of all particles [mm^3], frozen ones included, exact."""
-        return self.store.total_volume_mm3
-
-    @property
-    def kinetic_energy(self) -> float:
-        """Of all particles [J]."""
-        return float(0.5 * (self.store.mass[:, None] * self.store.velocity**2).sum())
 
     @property
     def max_overlap(self) -> float:

@@ -1,7 +1,7 @@
 """How the kernels of this folder are compiled.
 
-One thread, no `prange`: a second process on the machine would stall every barrier, and one thread
-adds in one order, so that a run repeats to the bit. Fast maths without the "no NaN, no infinity"
+One thread unless more are asked for: a second process on the machine stalls every barrier. Fast
+maths without the "no NaN, no infinity"
 flags, so that a guard against them is not optimised away.
 
 Numba's cache notices a change of the file a kernel is in, not of the kernels it calls: after an
@@ -10,11 +10,13 @@ edit of a kernel that other files use, delete `__pycache__`.
 
 from __future__ import annotations
 
+from types import FunctionType
 from typing import Any
 
+import numba
 from numba import njit
 
-__all__ = ["inline_kernel", "kernel"]
+__all__ = ["ThreadedKernel", "inline_kernel", "kernel", "threaded_kernel", "use_threads"]
 
 _FAST = {"contract", "reassoc", "arcp", "nsz"}
 
@@ -27,3 +29,39 @@ def kernel(function: Any) -> Any:
 def inline_kernel(function: Any) -> Any:
     """Compile a helper that its callers take in whole, so that their loops stay vectorised."""
     return njit(cache=True, error_model="numpy", fastmath=_FAST, forceinline=True)(function)
+
+
+class ThreadedKernel:
+    """A kernel with loops over `prange`, for one thread and for several.
+
+    Several are compiled only where they are used: that takes seconds, and starts Numba's threads.
+    """
+
+    def __init__(self, function: FunctionType) -> None:
+        self._one = kernel(function)
+        # Numba's cache tells kernels apart by name, not by how they are compiled.
+        name = function.__name__ + "_threaded"
+        twin = FunctionType(function.__code__, function.__globals__, name)
+        twin.__qualname__, twin.__module__ = name, function.__module__
+        self._several = njit(cache=True, error_model="numpy", fastmath=_FAST, parallel=True)(twin)
+
+    def on(self, threads: int) -> Any:
+        """The kernel for a number of threads."""
+        return self._one if threads == 1 else self._several
+
+
+def threaded_kernel(function: Any) -> ThreadedKernel:
+    """Compile a kernel for one thread and for several."""
+    return ThreadedKernel(function)
+
+
+def use_threads(threads: int) -> int:
+    """Let the kernels that this thread calls next use `threads` threads, or as many as there are.
+
+    Returns:
+        How many.
+    """
+    threads = min(threads, numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
+    if threads > 1:
+        numba.set_num_threads(threads)
+    return int(threads)

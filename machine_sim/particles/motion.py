@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import prange
 
 from machine_sim.particles.bodies import advance_bodies, advance_riders
-from machine_sim.particles.jit import kernel
+from machine_sim.particles.jit import threaded_kernel
 from machine_sim.particles.pairs import pair_forces
 from machine_sim.particles.soil_contact import ground_forces
 from machine_sim.particles.walls import wall_forces
 
 __all__ = ["run_substeps"]
 
+_CHUNKS = 8
+"""Chunks of rows that threads share out among them."""
 
-@kernel
+
+@threaded_kernel
 def run_substeps(  # type: ignore[no-untyped-def]
     substeps, gravity, law, wall_law, ground_friction, ground_rolling,
     rows, riders, rider_tool, body, total,
     position, mass, radius, soft, ground_spring, tool_friction, tool_rolling, adhesion,
-    first, second, contacts, block,
+    first, second, block, begin, size,
     walls, wall_row, wall_plate, wall_spring, wall_side,
     frame, corner, corners, owner, path, twist, wrench,
     grounds, ground_row, plane,
@@ -33,22 +37,28 @@ def run_substeps(  # type: ignore[no-untyped-def]
         riders, rider_tool: who rides in a tool, and in which.
         body, total: records and cleared sums, see `bodies`.
         position ... adhesion: of the particles, columns of the store.
-        first ... block: contacts, see `ContactTable`.
+        first ... size: contacts, see `ContactTable`; every other part is a seam.
         walls ... wrench: plate contacts, see `wall_forces`; path holds the poses by substep. The
             wrench sums over the substeps.
         grounds, ground_row, plane: ground contacts, see `ground_forces`.
     """
     dt = np.float32(law[4])
     for s in range(substeps):
-        pair_forces(first, second, contacts, block, body, total, law)
+        for kind in range(2):
+            for r in prange((begin.size + 1 - kind) // 2):
+                part = 2 * r + kind
+                pair_forces(begin[part], size[part], first, second, block, body, total, law)
         wall_forces(
             walls, wall_row, wall_plate, wall_spring, wall_side, position, mass, radius,
             tool_friction, tool_rolling, adhesion, body, total,
             frame, corner, corners, owner, path[s], twist, wrench, wall_law,
         )  # fmt: skip
-        ground_forces(
-            grounds, ground_row, plane, position, mass, soft, ground_spring, body, total,
-            wall_law, ground_friction, ground_rolling,
-        )  # fmt: skip
-        advance_bodies(rows, body, total, radius, np.float32(gravity), dt)
+        for c in prange(_CHUNKS):
+            ground_forces(
+                c * grounds // _CHUNKS, (c + 1) * grounds // _CHUNKS, ground_row, plane, position,
+                mass, soft, ground_spring, body, total, wall_law, ground_friction, ground_rolling,
+            )  # fmt: skip
+        for c in prange(_CHUNKS):
+            mine = rows[c * rows.size // _CHUNKS : (c + 1) * rows.size // _CHUNKS]
+            advance_bodies(mine, body, total, radius, np.float32(gravity), dt)
         advance_riders(riders, rider_tool, body, total, position, path[s], wrench, dt)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.particles.jit import kernel
+from machine_sim.particles.parts import cut_parts
 from machine_sim.particles.store import ParticleStore
 
 __all__ = ["NeighbourList", "PairTable"]
@@ -30,6 +31,7 @@ class PairTable:
         first, second: rows of each pair, uint32.
         touching, spring: history, see `pairs.pair_forces`.
         begin, end: pairs of each row that is `first`, shape (n,).
+        bounds: of its parts, see `parts.cut_parts`.
         count: number of pairs.
     """
 
@@ -40,6 +42,7 @@ class PairTable:
         self.spring = np.zeros((room, 3), np.float32)
         self.begin = np.zeros(rows, np.int64)
         self.end = np.zeros(rows, np.int64)
+        self.bounds = np.zeros(2, np.int64)
         self.count = 0
 
 
@@ -78,7 +81,7 @@ class NeighbourList:
         """
         if moving.size == 0:
             if self.stale:
-                self.pairs.count = 0
+                self.pairs.count, self.pairs.bounds = 0, np.zeros(2, np.int64)
             return
         alone = moving.size == store.count
         base = self._skin * float(store.radius.mean())
@@ -109,13 +112,18 @@ class NeighbourList:
         if len(new.begin) < store.count:
             room = max(store.count, 2 * len(new.begin))
             new.begin, new.end = np.zeros(room, np.int64), np.zeros(room, np.int64)
+        few = int(live.sum()) * 2 < store.count
+        slabs = np.zeros(sizes[1] + 1, np.int64)
         new.count = _list_pairs(
-            order, start, cells, sizes, live, int(live.sum()) * 2 < store.count,
+            order, start, cells, sizes, live, few,
             store.position, store.radius, self._skins, store.pair_row,
             old.second, old.touching, old.spring, old.begin, old.end,
-            new.first, new.second, new.touching, new.spring, new.begin, new.end,
+            new.first, new.second, new.touching, new.spring, new.begin, new.end, slabs,
         )  # fmt: skip
-        return bool(new.count >= 0)
+        if new.count < 0:
+            return False
+        new.bounds = cut_parts(slabs, 2 if few else 1)
+        return True
 
 
 def spatial_order(store: ParticleStore) -> NDArray[np.intp]:
@@ -188,7 +196,7 @@ def _sort(position, cell):  # type: ignore[no-untyped-def]
 
     Returns:
         order (row at each place), start (first place of each cell), cells (cell at each place),
-        sizes (cells along x, z).
+        sizes (cells along x, y, z).
     """
     n = position.shape[0]
     low, shape = np.zeros(3), np.zeros(3, np.int64)
@@ -230,7 +238,7 @@ def _sort(position, cell):  # type: ignore[no-untyped-def]
         order[place[c]] = i
         cells[place[c]] = c
         place[c] += 1
-    return order, start, cells, (nx, nz)
+    return order, start, cells, (nx, ny, nz)
 
 
 @kernel
@@ -252,7 +260,7 @@ def _mark_near(around, own, others, mark):  # type: ignore[no-untyped-def]
 def _list_pairs(  # type: ignore[no-untyped-def]
     order, start, cells, sizes, live, few, position, radius, skins, old_row,
     old_second, old_touching, old_spring, old_begin, old_end,
-    first, second, touching, spring, begin, end,
+    first, second, touching, spring, begin, end, slabs,
 ):  # fmt: skip
     """Fill the table with all pairs closer than touching plus the skins of both.
 
@@ -263,12 +271,13 @@ def _list_pairs(  # type: ignore[no-untyped-def]
         position, radius, skins: of the particles, by row.
         old_row: row of each in the old table, -1 if it has none.
         old_*: the old table. The rest: the new one.
+        slabs: out, the first pair of each layer of cells along y, and the end.
 
     Returns:
         Number of pairs, or -1 where the table is too small.
     """
     n = order.size
-    nx, nz = sizes
+    nx, _, nz = sizes
     # float32 relative to a particle in the middle: near enough for a list with a skin.
     x, y, z = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
     size = np.empty(n, np.float32)
@@ -284,11 +293,14 @@ def _list_pairs(  # type: ignore[no-untyped-def]
     around = np.empty((4, 512), np.float32)
     row, place = np.empty(512, np.uint32), np.empty(512, np.int64)
     mark = np.zeros(520, np.uint8)
-    count, a = 0, 0
+    count, a, slab = 0, 0, 0
     while a < n:
         # All of one cell have the same others around: half of the 27 cells, in 5 strips along z,
         # or all of them in 10.
         c = cells[a]
+        while slab * nx * nz <= c:
+            slabs[slab] = count
+            slab += 1
         end_of_cell = start[c + 1]
         lively = not few
         for b in range(a, end_of_cell):
@@ -354,6 +366,7 @@ def _list_pairs(  # type: ignore[no-untyped-def]
                             count += 1
             end[i] = count
         a = end_of_cell
+    slabs[slab:] = count
     touching[:count] = 0
     # History goes from the old table to the new: of the old pairs only those that touch have one.
     new_row = np.full(old_begin.size, -1, np.int32)

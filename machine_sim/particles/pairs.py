@@ -62,18 +62,18 @@ def _block_maths(n, b, law):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def pair_forces(first, second, count, block, body, total, law):  # type: ignore[no-untyped-def]
-    """Add the contact forces of all contacts to `total`.
+def pair_forces(begin, size, first, second, block, body, total, law):  # type: ignore[no-untyped-def]
+    """Add the contact forces of the contacts in some slots to `total`.
 
     Args:
-        first, second, count, block: of `ContactTable`; springs are updated.
+        begin, size: first slot, that of a block, and how many.
+        first, second, block: of `ContactTable`; springs are updated.
         body, total: see `bodies`. The sum of a body that cannot move has no meaning.
         law: contact law.
     """
-    for k in range((count + BLOCK - 1) // BLOCK):
-        b = block[k]
-        at = k * BLOCK
-        n = min(count - at, BLOCK)
+    for at in range(begin, begin + size, BLOCK):
+        b = block[at // BLOCK]
+        n = min(begin + size - at, BLOCK)
         for s in range(n):
             i, j = first[at + s], second[at + s]
             b[s + 12 * BLOCK] = body[j, 0] - body[i, 0]

@@ -26,6 +26,13 @@ class ParticleParams(Parameters):
         low=1,
         high=10_000_000,
     )
+    threads: int = parameter(
+        1,
+        "Cores that one step may use. More pay from some 10 000 particles awake on, where the cores"
+        " have nothing else to do. The result is the same to the bit.",
+        low=1,
+        high=8,
+    )
     nominal_volume: int = parameter(
         500_000, "Nominal bank volume of one particle.", unit="mm^3", low=100, high=2**32 - 1
     )

@@ -297,11 +297,13 @@ def _calm(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def wake_touched(first, second, entry, count, touching, body, resting, speed, calm_time):  # type: ignore[no-untyped-def]
+def wake_touched(  # type: ignore[no-untyped-def]
+    first, second, entry, begin, size, touching, body, resting, speed, calm_time
+):
     """Wake who is touched by one that moves faster than `speed` [m/s] relative to it.
 
     Args:
-        first, second, entry, count: of `ContactTable`.
+        first, second, entry, begin, size: of `ContactTable`.
         touching: of the pair table, after the step.
         body: records at the end of the step.
         resting, calm_time: of the store; updated.
@@ -310,14 +312,15 @@ def wake_touched(first, second, entry, count, touching, body, resting, speed, ca
         How many woke.
     """
     woken = 0
-    for c in range(count):
-        i, j = first[c], second[c]
-        if (resting[i] == 0) == (resting[j] == 0) or touching[entry[c]] == 0:
-            continue
-        x, y, z = body[j, 4] - body[i, 4], body[j, 5] - body[i, 5], body[j, 6] - body[i, 6]
-        if x * x + y * y + z * z > speed * speed:
-            k = i if resting[i] != 0 else j
-            resting[k] = 0
-            calm_time[k] = np.float32(0.0)
-            woken += 1
+    for part in range(begin.size):
+        for c in range(begin[part], begin[part] + size[part]):
+            i, j = first[c], second[c]
+            if (resting[i] == 0) == (resting[j] == 0) or touching[entry[c]] == 0:
+                continue
+            x, y, z = body[j, 4] - body[i, 4], body[j, 5] - body[i, 5], body[j, 6] - body[i, 6]
+            if x * x + y * y + z * z > speed * speed:
+                k = i if resting[i] != 0 else j
+                resting[k] = 0
+                calm_time[k] = np.float32(0.0)
+                woken += 1
     return woken

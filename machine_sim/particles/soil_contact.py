@@ -94,11 +94,14 @@ def ground_planes(  # type: ignore[no-untyped-def]
 
 @kernel
 def ground_forces(  # type: ignore[no-untyped-def]
-    count, row, plane, position, mass, soft, spring, body, total, law, friction, rolling
+    low, high, row, plane, position, mass, soft, spring, body, total, law, friction, rolling
 ):
-    """Add the ground's forces to `total` and carry the tangential springs on."""
+    """Add the ground's forces to `total`, and carry the tangential springs on.
+
+    Of the contacts from number `low` to below `high`.
+    """
     soft_overlap = _SOFT_PUSH / np.float64(law[0])
-    for c in range(count):
+    for c in range(low, high):
         i = row[c]
         nx, ny, nz = plane[c, 0], plane[c, 1], plane[c, 2]
         distance = nx * (position[i, 0] + body[i, 0]) + ny * (position[i, 1] + body[i, 1])

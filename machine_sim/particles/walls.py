@@ -139,42 +139,41 @@ def _list_walls(  # type: ignore[no-untyped-def]
     count = 0
     for i in rows:
         begin[i] = count
-        if True:
-            for t in range(pose.shape[0]):
-                qx, qy, qz = (
-                    position[i, 0] - pose[t, 9],
-                    position[i, 1] - pose[t, 10],
-                    position[i, 2] - pose[t, 11],
-                )
-                vx = velocity[i, 0] - twist[t, 0] - (twist[t, 4] * qz - twist[t, 5] * qy)
-                vy = velocity[i, 1] - twist[t, 1] - (twist[t, 5] * qx - twist[t, 3] * qz)
-                vz = velocity[i, 2] - twist[t, 2] - (twist[t, 3] * qy - twist[t, 4] * qx)
-                speed = np.sqrt(vx * vx + vy * vy + vz * vz)
-                reach = 1.2 * radius[i] + 1.3 * speed * dt
-                x, y, z = turn_back(pose[t], qx, qy, qz)
-                cx, cy, cz = x - sphere[t, 0], y - sphere[t, 1], z - sphere[t, 2]
-                if cx * cx + cy * cy + cz * cz > (sphere[t, 3] + reach) ** 2:
+        for t in range(pose.shape[0]):
+            qx, qy, qz = (
+                position[i, 0] - pose[t, 9],
+                position[i, 1] - pose[t, 10],
+                position[i, 2] - pose[t, 11],
+            )
+            vx = velocity[i, 0] - twist[t, 0] - (twist[t, 4] * qz - twist[t, 5] * qy)
+            vy = velocity[i, 1] - twist[t, 1] - (twist[t, 5] * qx - twist[t, 3] * qz)
+            vz = velocity[i, 2] - twist[t, 2] - (twist[t, 3] * qy - twist[t, 4] * qx)
+            speed = np.sqrt(vx * vx + vy * vy + vz * vz)
+            reach = 1.2 * radius[i] + 1.3 * speed * dt
+            x, y, z = turn_back(pose[t], qx, qy, qz)
+            cx, cy, cz = x - sphere[t, 0], y - sphere[t, 1], z - sphere[t, 2]
+            if cx * cx + cy * cy + cz * cz > (sphere[t, 3] + reach) ** 2:
+                continue
+            for k in range(first_plate[t], first_plate[t + 1]):
+                a, b, h = plate_coordinates(frame, k, x, y, z)
+                if abs(h) > reach:
                     continue
-                for k in range(first_plate[t], first_plate[t + 1]):
-                    a, b, h = plate_coordinates(frame, k, x, y, z)
-                    if abs(h) > reach:
-                        continue
-                    ca, cb, _ = closest_in_polygon(corner, corners, k, a, b)
-                    if (a - ca) ** 2 + (b - cb) ** 2 + h * h > reach * reach:
-                        continue
-                    if count == row.size:
-                        return -1
-                    row[count], plate[count] = i, k
-                    side[count] = np.float32(1.0) if h >= 0.0 else np.float32(-1.0)
-                    for axis in range(3):
-                        spring[count, axis] = np.float32(0.0)
-                    if old_row[i] >= 0:
-                        for m in range(old_begin[old_row[i]], old_end[old_row[i]]):
-                            if old_plate[m] == k:
-                                side[count] = old_side[m]
-                                for axis in range(3):
-                                    spring[count, axis] = old_spring[m, axis]
-                    count += 1
+                ca, cb, _ = closest_in_polygon(corner, corners, k, a, b)
+                if (a - ca) ** 2 + (b - cb) ** 2 + h * h > reach * reach:
+                    continue
+                if count == row.size:
+                    return -1
+                row[count], plate[count] = i, k
+                side[count] = np.float32(1.0) if h >= 0.0 else np.float32(-1.0)
+                for axis in range(3):
+                    spring[count, axis] = np.float32(0.0)
+                if old_row[i] >= 0:
+                    for m in range(old_begin[old_row[i]], old_end[old_row[i]]):
+                        if old_plate[m] == k:
+                            side[count] = old_side[m]
+                            for axis in range(3):
+                                spring[count, axis] = old_spring[m, axis]
+                count += 1
         end[i] = count
     return count
 

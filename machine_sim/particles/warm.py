@@ -12,9 +12,14 @@ from msg_bridge.contract.grid import Grid
 __all__ = ["warm_up"]
 
 
-def warm_up() -> None:
-    """Run a tiny world through every kernel; seconds with an empty cache, else much less."""
-    engine = ParticleEngine(ParticleParams(), Ground(Grid(4, 4, 1.0), np.zeros((4, 4))))
+def warm_up(params: ParticleParams | None = None) -> None:
+    """Run a tiny world through every kernel; seconds with an empty cache, else much less.
+
+    Args:
+        params: physics, as shipped if not given; several threads have kernels of their own.
+    """
+    params = ParticleParams(threads=params.threads if params else 1)
+    engine = ParticleEngine(params, Ground(Grid(4, 4, 1.0), np.zeros((4, 4))))
     plate = [[-0.5, -0.5, 0.2], [0.5, -0.5, 0.2], [0.5, 0.5, 0.2], [-0.5, 0.5, 0.2]]
     engine.add_tool(0, [plate], (np.eye(3), np.zeros(3)))
     ids = engine.add([[0.0, 0.0, 0.3], [0.0, 0.05, 0.3], [1.5, 0.0, 0.05]], np.zeros((3, 3)), 10**6)

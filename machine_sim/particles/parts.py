@@ -1,0 +1,45 @@
+"""Parts of the pair list at which several threads can work at once.
+
+The list is in order of slabs of cells, and a pair's particles lie in its slab or the next one (or
+the one before, where only few particles are live). So it falls into *regions*, runs of slabs,
+parted by *seams*, a slab or two each: no two regions touch the same particle, and no two seams do.
+Forces are added up in all regions at once, then in all seams.
+
+Where it is cut depends on the list alone. So the order in which forces add up, and with it every
+bit of the result, is the same on any number of threads.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["cut_parts"]
+
+_REGIONS = 8
+"""Most regions: as many threads have something to do."""
+_LEAST = 8192
+"""Least pairs of a region, else threads cost more than they save."""
+
+
+def cut_parts(slabs: NDArray[np.int64], seam: int) -> NDArray[np.int64]:
+    """Cut a pair list into regions of about the same number of pairs.
+
+    Args:
+        slabs: first pair of each slab, and the end, shape (slabs + 1,), ascending.
+        seam: slabs in a seam: 1 where a pair reaches into the next slab, 2 where into both.
+
+    Returns:
+        Bounds, shape (2 * regions,): region r has pairs bounds[2r] to bounds[2r + 1], and the seam
+        behind it those from there to bounds[2r + 2].
+    """
+    count = int(slabs[-1])
+    regions = min(_REGIONS, count // _LEAST)
+    bounds, free = [0], seam
+    for r in range(1, regions):
+        at = max(int(np.searchsorted(slabs, r * count / regions)), free)
+        if at + 2 * seam > len(slabs) - 1:
+            break
+        bounds += [int(slabs[at]), int(slabs[at + seam])]
+        free = at + 2 * seam
+    return np.array([*bounds, count], dtype=np.int64)
