@@ -39,7 +39,7 @@ from msg_bridge.contract.loose_soil import LooseSoil
 __all__ = ["ParticleEngine"]
 
 _REORDER_EVERY = 50
-"""Builds of the neighbour list between two sortings of the rows by place."""
+"""Builds of the neighbour list among many between two sortings of the rows by place."""
 
 
 class ParticleEngine(SoilEngine):
@@ -70,9 +70,7 @@ class ParticleEngine(SoilEngine):
         self._plane = np.zeros((0, 4))
         self._sleep = Sleep(params)
         self._growing = 0
-        self._changed = False
-        self._loaded = -1
-        self._order_due = _REORDER_EVERY
+        self._changed = True
 
     # Particles in and out.
 
@@ -127,7 +125,7 @@ class ParticleEngine(SoilEngine):
         if rows.size:
             self._disturb(rows)
             self.store.remove(rows)
-            self._pairs.stale = True
+            self._pairs.stale = self._changed = True
 
     def _disturb(self, rows: NDArray[np.intp]) -> None:
         """Wake what touches some particles that will not be there as before."""
@@ -187,10 +185,10 @@ class ParticleEngine(SoilEngine):
         store, params, ground, tools = self.store, self.params, self.ground, self._tools
         tools.begin(dt)
         self._make_room()
-        if self._order_due <= self._pairs.builds and store.count:
+        if self._pairs.wear >= _REORDER_EVERY and store.count:
             store.reorder(spatial_order(store))
-            self._pairs.stale = True
-            self._order_due = self._pairs.builds + _REORDER_EVERY
+            self._pairs.stale = self._changed = True
+            self._pairs.wear = 0
         self._sleep.wake(store, tools, ground, dt)
         live = (store.resting == AWAKE) & ~store.frozen
         rows, riders = np.flatnonzero(live), np.flatnonzero(store.resting > ON_MAP)
@@ -236,6 +234,7 @@ class ParticleEngine(SoilEngine):
             self._total = np.zeros((room, SUM_FLOATS), np.float32)
             self._ground_row = np.zeros(room, np.int64)
             self._plane = np.zeros((room, 4))
+            self._changed = True
 
     def _grow(self, dt: float, grounds: int) -> None:
         store, params, tools = self.store, self.params, self._tools
@@ -258,14 +257,13 @@ class ParticleEngine(SoilEngine):
         store, params, tools = self.store, self.params, self._tools
         contacts, walls = self._contacts, self._walls.table
         body, total = self._body, self._total
-        # Records of those that do not move stay good until rows or rest change.
-        known = self._loaded == self._pairs.builds and not self._changed
+        # Records of those that do not move stay good until rows change, or who moves.
         load_bodies(
-            moving if known else np.arange(store.count), body, total, store.velocity, store.spin,
-            store.contact_radius, store.inverse_mass, store.resting, store.friction,
-            store.rolling, store.cohesion,
+            np.arange(store.count) if self._changed else moving, body, total,
+            store.velocity, store.spin, store.contact_radius, store.inverse_mass, store.resting,
+            store.friction, store.rolling, store.cohesion,
         )  # fmt: skip
-        self._loaded, self._changed = self._pairs.builds, False
+        self._changed = False
         alone, threads = moving.size == store.count, use_threads(params.threads)
         contacts.collect(store, moving, alone, body, self._pairs.pairs, dt, threads)
         run_substeps.on(threads)(

@@ -53,6 +53,7 @@ class NeighbourList:
         pairs: the present table.
         stale: whether rows changed, so that it must be built anew.
         builds: how often it was built.
+        wear: how often among many that move, since its owner set it to 0 (few disorder little).
     """
 
     def __init__(self, skin: float) -> None:
@@ -63,6 +64,7 @@ class NeighbourList:
         self._skins = np.zeros(0)
         self.stale = True
         self.builds = 0
+        self.wear = 0
 
     def refresh(
         self,
@@ -95,29 +97,32 @@ class NeighbourList:
         longest = 2.0 * _LONGEST * float(store.radius.max())
         largest = _lay_skins(moving, alone, store.velocity, dt, base, longest, self._skins)
         cell = 2.0 * float(store.radius.max()) + 2.0 * largest
-        order, start, cells, sizes = _sort(store.position, cell)
-        while not self._build(store, live, order, start, cells, sizes):
+        few = int(np.count_nonzero(live)) * 2 < store.count
+        rows = _around(store.position, moving, cell) if few else np.arange(store.count)
+        order, start, cells, sizes = _sort(rows, store.position, cell)
+        while not self._build(store, live, few, order, start, cells, sizes):
             self._spare = PairTable(2 * len(self._spare.first), 0)
         self.pairs, self._spare = self._spare, self.pairs
         self._origin = store.position.copy()
         store.pair_row[:] = np.arange(store.count, dtype=np.int32)
         self.builds += 1
+        self.wear += not few
         self.stale = False
 
     def _build(  # type: ignore[no-untyped-def]
-        self, store: ParticleStore, live, order, start, cells, sizes
+        self, store: ParticleStore, live, few, order, start, cells, sizes
     ) -> bool:
         """Fill the spare table; False where it has too little room."""
         old, new = self.pairs, self._spare
         if len(new.begin) < store.count:
             room = max(store.count, 2 * len(new.begin))
             new.begin, new.end = np.zeros(room, np.int64), np.zeros(room, np.int64)
-        few = int(live.sum()) * 2 < store.count
+        new.begin[: store.count] = new.end[: store.count] = 0
         slabs = np.zeros(sizes[1] + 1, np.int64)
         new.count = _list_pairs(
             order, start, cells, sizes, live, few,
             store.position, store.radius, self._skins, store.pair_row,
-            old.second, old.touching, old.spring, old.begin, old.end,
+            old.first, old.second, old.touching, old.spring, old.count,
             new.first, new.second, new.touching, new.spring, new.begin, new.end, slabs,
         )  # fmt: skip
         if new.count < 0:
@@ -128,7 +133,8 @@ class NeighbourList:
 
 def spatial_order(store: ParticleStore) -> NDArray[np.intp]:
     """Rows sorted by place, so that neighbours in space are neighbours in memory."""
-    return np.asarray(_sort(store.position, 2.2 * float(store.radius.max()))[0], dtype=np.intp)
+    cell = 2.2 * float(store.radius.max())
+    return np.asarray(_sort(np.arange(store.count), store.position, cell)[0], dtype=np.intp)
 
 
 @kernel
@@ -187,8 +193,28 @@ def _lay_skins(rows, alone, velocity, dt, base, longest, skins):  # type: ignore
 
 
 @kernel
-def _sort(position, cell):  # type: ignore[no-untyped-def]
-    """Counting sort of rows by cell, y slowest and z fastest, one empty layer all around.
+def _around(position, moving, margin):  # type: ignore[no-untyped-def]
+    """Rows of all particles in the box of those that move, with a margin [m] around it."""
+    low, high = np.full(3, 1e300), np.full(3, -1e300)
+    for i in moving:
+        for axis in range(3):
+            low[axis] = min(low[axis], position[i, axis] - margin)
+            high[axis] = max(high[axis], position[i, axis] + margin)
+    rows = np.empty(position.shape[0], np.int64)
+    count = 0
+    for i in range(position.shape[0]):
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        rows[count] = i
+        count += (
+            (x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1])
+            & (z >= low[2]) & (z <= high[2])
+        )  # fmt: skip
+    return rows[:count]
+
+
+@kernel
+def _sort(rows, position, cell):  # type: ignore[no-untyped-def]
+    """Counting sort of `rows` by cell, y slowest and z fastest, one empty layer all around.
 
     Only the bulk (3 standard deviations about the mean) gets cells of its own; what lies beyond
     is put into the outermost ones. That keeps their number near that of the particles, and never
@@ -198,16 +224,16 @@ def _sort(position, cell):  # type: ignore[no-untyped-def]
         order (row at each place), start (first place of each cell), cells (cell at each place),
         sizes (cells along x, y, z).
     """
-    n = position.shape[0]
+    n = rows.size
     low, shape = np.zeros(3), np.zeros(3, np.int64)
     for axis in range(3):
         total, lowest, highest = 0.0, 1e300, -1e300
-        for i in range(n):
+        for i in rows:
             p = position[i, axis]
             total += p
             lowest, highest = min(lowest, p), max(highest, p)
         mean, spread = total / n, 0.0
-        for i in range(n):
+        for i in rows:
             spread += (position[i, axis] - mean) ** 2
         spread = 3.0 * np.sqrt(spread / n)
         low[axis] = max(lowest, mean - spread)
@@ -220,22 +246,23 @@ def _sort(position, cell):  # type: ignore[no-untyped-def]
     inverse = 1.0 / cell
     index = np.empty(n, np.int32)
     start = np.zeros(nx * ny * nz + 1, np.int32)
-    for i in range(n):
+    for k in range(n):
+        i = rows[k]
         # Clamped as floats first: a far stray must not overflow the integer.
         x = int(min(max((position[i, 0] - low[0]) * inverse + 1.0, 1.0), nx - 2.0))
         y = int(min(max((position[i, 1] - low[1]) * inverse + 1.0, 1.0), ny - 2.0))
         z = int(min(max((position[i, 2] - low[2]) * inverse + 1.0, 1.0), nz - 2.0))
         x, y, z = min(max(x, 1), nx - 2), min(max(y, 1), ny - 2), min(max(z, 1), nz - 2)
         c = (y * nx + x) * nz + z
-        index[i] = c
+        index[k] = c
         start[c + 1] += 1
     for c in range(nx * ny * nz):
         start[c + 1] += start[c]
     place = start[:-1].copy()
     order, cells = np.empty(n, np.int32), np.empty(n, np.int32)
-    for i in range(n):
-        c = index[i]
-        order[place[c]] = i
+    for k in range(n):
+        c = index[k]
+        order[place[c]] = rows[k]
         cells[place[c]] = c
         place[c] += 1
     return order, start, cells, (nx, ny, nz)
@@ -259,7 +286,7 @@ def _mark_near(around, own, others, mark):  # type: ignore[no-untyped-def]
 @kernel
 def _list_pairs(  # type: ignore[no-untyped-def]
     order, start, cells, sizes, live, few, position, radius, skins, old_row,
-    old_second, old_touching, old_spring, old_begin, old_end,
+    old_first, old_second, old_touching, old_spring, old_count,
     first, second, touching, spring, begin, end, slabs,
 ):  # fmt: skip
     """Fill the table with all pairs closer than touching plus the skins of both.
@@ -369,29 +396,27 @@ def _list_pairs(  # type: ignore[no-untyped-def]
     slabs[slab:] = count
     touching[:count] = 0
     # History goes from the old table to the new: of the old pairs only those that touch have one.
-    new_row = np.full(old_begin.size, -1, np.int32)
-    for i in range(n):
+    new_row = np.full(old_row.max() + 1, -1, np.int32)
+    for i in range(old_row.size):
         if old_row[i] >= 0:
             new_row[old_row[i]] = i
-    for old in range(old_begin.size):
-        i = new_row[old]
-        if i < 0:
+    for m in range(old_count):
+        if old_touching[m] == 0:
             continue
-        for m in range(old_begin[old], old_end[old]):
-            if old_touching[m] == 0:
-                continue
-            j = new_row[old_second[m]]
-            if j < 0:
-                continue
-            sign = np.float32(1.0)
-            k = _find(second, begin[i], end[i], j)
-            if k < 0:
-                k = _find(second, begin[j], end[j], i)
-                sign = np.float32(-1.0)
-            if k >= 0:
-                touching[k] = 1
-                for axis in range(3):
-                    spring[k, axis] = sign * old_spring[m, axis]
+        # Rows that were listed last before others were taken away may be beyond the end.
+        i = new_row[old_first[m]] if old_first[m] < new_row.size else -1
+        j = new_row[old_second[m]] if old_second[m] < new_row.size else -1
+        if i < 0 or j < 0:
+            continue
+        sign = np.float32(1.0)
+        k = _find(second, begin[i], end[i], j)
+        if k < 0:
+            k = _find(second, begin[j], end[j], i)
+            sign = np.float32(-1.0)
+        if k >= 0:
+            touching[k] = 1
+            for axis in range(3):
+                spring[k, axis] = sign * old_spring[m, axis]
     return count
 
 

@@ -70,7 +70,7 @@ def test_ids_come_in_order_after_rows_were_sorted_by_place():
     rng = np.random.default_rng(5)
     at = np.column_stack([rng.uniform(-6, 6, (300, 2)), np.full(300, 0.045)])
     world.add(at, np.zeros_like(at), LITRE // 2, grow=False)
-    world._order_due = 0
+    world._pairs.wear = 10**6
     run(world, 0.2)
     ids = world.settled()
     assert (np.diff(world.store.particle_id.astype(int)) < 0).any(), "rows are out of order"
