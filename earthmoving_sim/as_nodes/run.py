@@ -31,8 +31,17 @@ __all__ = ["run_nodes"]
 _SAY_PERIOD = 1.0
 """Wall time between lines of progress [s]."""
 
+_STARTING_SAY_PERIOD = 5.0
+"""The same before the first tick [s]."""
+
 _STALLED = 60.0
-"""Wall time without a new tick after which the run is given up [s]: compiling takes less."""
+"""Wall time without a new tick after which the run is given up [s]."""
+
+_STARTING = 300.0
+"""The same before the first tick [s]: a first start compiles, on a busy machine slowly."""
+
+_NODES = ("soil_sim", "machine_sim", "operator")
+"""Those that must be up for a tick, as they name themselves."""
 
 
 def run_nodes(
@@ -125,7 +134,7 @@ class _Monitor:
         self._values: dict[str, Mapping[str, str]] = {}
         self._began: float | None = None
         self._went_on = time.monotonic()
-        self._said = 0.0
+        self._said = self._went_on
         self._line_open = False
 
     def refuse_company(self) -> None:
@@ -151,13 +160,18 @@ class _Monitor:
         """
         self._executor.spin_once(timeout_sec=0.1)
         now = time.monotonic()
-        if now - self._went_on > _STALLED:
+        patience = _STARTING if self._began is None else _STALLED
+        if now - self._went_on > patience:
             raise NodeProcessError(
-                f"there was no new tick for {_STALLED:.0f} s; look into the nodes' output"
+                f"there was no new tick for {patience:.0f} s; look into the nodes' output"
             )
-        if now - self._said >= _SAY_PERIOD and self._number("soil_sim", "tick") > 0:
-            self._said = now
-            self._say(now)
+        if now - self._said >= _SAY_PERIOD:
+            if self._number("soil_sim", "tick") > 0:
+                self._said = now
+                self._say(now)
+            elif now - self._said >= _STARTING_SAY_PERIOD:
+                self._said = now
+                self._say_starting(now)
 
     def await_hash(self) -> None:
         """Wait until the soil has told the hash of the state it is left in.
@@ -199,6 +213,15 @@ class _Monitor:
     def _number(self, node: str, key: str) -> float:
         return float(self._values.get(node, {}).get(key, 0.0))
 
+    def _say_starting(self, now: float) -> None:
+        missing = ", ".join(name for name in _NODES if name not in self._values)
+        waiting = f"waiting for {missing}" if missing else "all nodes are up"
+        line = (
+            f"starting, {now - self._went_on:.0f} s: {waiting} (a first start compiles, which takes"
+            " up to a minute)"
+        )
+        self._write(line)
+
     def _say(self, now: float) -> None:
         operator = self._values.get("operator", {})
         line = (
@@ -211,6 +234,9 @@ class _Monitor:
             f"  {self._number('soil_sim', 'real_time_factor'):4.1f} x real time"
             f"  bag {self._number('recorder', 'bytes') / 1e6:5.0f} MB"
         )
+        self._write(line)
+
+    def _write(self, line: str) -> None:
         if sys.stdout.isatty():
             print("\r" + line.ljust(118), end="", flush=True)
             self._line_open = True
