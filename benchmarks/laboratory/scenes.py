@@ -25,7 +25,8 @@ def bench(soil: LooseSoil, *, size: float = 40.0, **params: float) -> ParticleEn
     """An engine over a level bench of `size` [m]."""
     cells = math.ceil(size / 0.25)
     ground = Ground(Grid(cells, cells, 0.25), np.zeros((cells, cells)))
-    return ParticleEngine(ParticleParams.from_mapping(params), ground, soils=(soil,))
+    given = ParticleParams.from_mapping({"nominal_volume": VOLUME, **params})
+    return ParticleEngine(given, ground, soils=(soil,))
 
 
 def diameter(engine: ParticleEngine) -> float:

@@ -6,7 +6,6 @@ start and grow, substeps move all, and who got through a plate or the ground is 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -93,8 +92,7 @@ class ParticleEngine(SoilEngine):
         kind = (soils, np.minimum(new.moisture, 100))
         grains = self._grains
         bank = new.volume_mm3 * 1e-9
-        bulk = bank * (1.0 + grains.swell[soils])
-        radius = np.cbrt(0.75 / math.pi * bulk * grains.packing[kind])
+        radius = grains.radius(bank, *kind)
         mass = bank * grains.density[soils]
         ids = self.store.add(
             n,

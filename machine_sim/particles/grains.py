@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from machine_sim.particles.store import ParticleError
 from msg_bridge.contract.loose_soil import LooseSoil
 
-__all__ = ["GrainTables", "contact_coefficients"]
+__all__ = ["GrainTables"]
 
 _WET = 100
 """Highest moisture [% of saturation]."""
@@ -37,17 +37,22 @@ _CONTACT_SHARE = 0.05
 """Part of a particle's cross section on which it sticks. Cohesion and adhesion are measured over
 faces that touch all over; lumps touch at a few spots."""
 
+_STEEPENING = ((0.0, 0.0), (0.2, 3.4), (0.4, 5.8), (0.9, 10.5), (2.0, 14.0))
+"""By *bond number*, the force that parts two particles over the weight of one: how much steeper
+[deg] they pour where they hold together. An angle of repose is measured on soil as it coheres, so
+that so much less of it is left to friction."""
+
+_GRAVITY = 9.81
 _TOOL_ROLLING = 0.1
 """Rolling friction on steel."""
 
 
-def contact_coefficients(repose_angle: float) -> tuple[float, float]:
-    """Friction and rolling friction of particles that pour to an angle of repose [deg]."""
-    angle, friction, rolling = zip(*_REPOSE, strict=True)
-    return (
-        float(np.interp(repose_angle, angle, friction)),
-        float(np.interp(repose_angle, angle, rolling)),
-    )
+def _contact_coefficients(
+    repose_angle: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Friction and rolling friction by angle of repose [deg], where nothing coheres."""
+    angle, friction, rolling = (list(column) for column in zip(*_REPOSE, strict=True))
+    return np.interp(repose_angle, angle, friction), np.interp(repose_angle, angle, rolling)
 
 
 class GrainTables:
@@ -62,8 +67,13 @@ class GrainTables:
         swell, density: of each soil, shape (soils,), see `LooseSoil`.
     """
 
-    def __init__(self, soils: Sequence[LooseSoil]) -> None:
+    def __init__(self, soils: Sequence[LooseSoil], nominal_volume: float) -> None:
         """
+        Args:
+            soils: by id.
+            nominal_volume: bank volume of a particle [mm^3]; the smaller, the more of its angle of
+                repose a soil owes to cohesion.
+
         Raises:
             ParticleError: no soil.
         """
@@ -80,13 +90,31 @@ class GrainTables:
         self.swell = np.array([soil.swell for soil in soils])
         self.density = np.array([soil.density for soil in soils])
         heap, packing = (list(column) for column in zip(*_PACKING, strict=True))
+        bond, steepening = (list(column) for column in zip(*_STEEPENING, strict=True))
         for k, soil in enumerate(soils):
             self.tool_friction[k] = math.tan(math.radians(soil.tool_friction))
-            for m in range(_WET + 1):
-                self.friction[k, m], self.rolling[k, m] = contact_coefficients(soil.repose_angle(m))
-                self.packing[k, m] = np.interp(soil.repose_angle(m), heap, packing)
-                self.cohesion[k, m] = _CONTACT_SHARE * soil.cohesion * soil.sticks(m)
-                self.adhesion[k, m] = _CONTACT_SHARE * soil.adhesion * soil.sticks(m)
+            angles = np.array([soil.repose_angle(m) for m in range(_WET + 1)])
+            sticks = np.array([soil.sticks(m) for m in range(_WET + 1)])
+            self.packing[k] = np.interp(angles, heap, packing)
+            self.cohesion[k] = _CONTACT_SHARE * soil.cohesion * sticks
+            self.adhesion[k] = _CONTACT_SHARE * soil.adhesion * sticks
+            steeper = np.interp(self._bond_numbers(k, 1e-9 * nominal_volume), bond, steepening)
+            self.friction[k], self.rolling[k] = _contact_coefficients(angles - steeper)
+
+    def radius(
+        self, bank: NDArray[np.floating], soil: NDArray[np.int64], moisture: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Of spheres [m] that fill the room of loose soil of some bank volumes [m^3]."""
+        bulk = bank * (1.0 + self.swell[soil])
+        return np.asarray(np.cbrt(0.75 / math.pi * bulk * self.packing[soil, moisture]))
+
+    def _bond_numbers(self, soil: int, bank: float) -> NDArray[np.float64]:
+        """Of particles of a bank volume [m^3], by moisture, shape (101,)."""
+        moisture = np.arange(_WET + 1)
+        kind = np.full_like(moisture, soil)
+        area = math.pi * self.radius(np.full(moisture.size, bank), kind, moisture) ** 2
+        weight = bank * self.density[soil] * _GRAVITY
+        return np.asarray(area * self.cohesion[soil] / weight)
 
     def check(self, soil: NDArray[np.integer]) -> None:
         """Refuse soils that are not in the tables.

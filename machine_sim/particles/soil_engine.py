@@ -42,7 +42,7 @@ class SoilEngine(ABC):
         self.params = params
         self.ground = ground
         self.soils = tuple(soils)
-        self._grains = GrainTables(self.soils)
+        self._grains = GrainTables(self.soils, params.nominal_volume)
         self.store = ParticleStore(params.capacity)
         self.tunnelled_tool = 0
         self.tunnelled_ground = 0

@@ -130,4 +130,6 @@ def test_poured_soil_takes_the_room_its_packing_says(angle):
         int((((part[:, None] - center) ** 2).sum(axis=2).min(axis=1) < radius**2).sum())
         for part in np.split(probe, 8)
     )
-    assert filled / len(probe) == pytest.approx(GrainTables(world.soils).packing[0, 0], rel=0.03)
+    assert filled / len(probe) == pytest.approx(
+        GrainTables(world.soils, LITRE).packing[0, 0], rel=0.03
+    )
