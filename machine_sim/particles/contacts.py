@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import prange
+from numpy.typing import NDArray
 
 from machine_sim.particles.jit import kernel, threaded_kernel
 from machine_sim.particles.neighbours import PairTable
@@ -49,6 +50,7 @@ class ContactTable:
     def __init__(self) -> None:
         self.begin = np.zeros(1, np.int64)
         self.size = np.zeros(1, np.int64)
+        self._bounds = np.zeros(2, np.int64)
         self._ahead = np.zeros(0, np.float32)
         self._room(32)
 
@@ -80,11 +82,8 @@ class ContactTable:
         """
         if len(self._ahead) < store.count:
             self._ahead = np.zeros(2 * store.count, np.float32)
-        blocks = (np.diff(pairs.bounds) + BLOCK - 1) // BLOCK
-        self.begin = BLOCK * (np.cumsum(blocks) - blocks)
-        self.size = np.zeros(len(blocks), np.int64)
-        if int(blocks.sum()) > len(self.block):
-            self._room(2 * int(blocks.sum()))
+        if self._bounds is not pairs.bounds:
+            self._lay_out(pairs.bounds)
         _look_ahead(
             np.float32(dt), moving, alone, self._ahead, pairs.first, pairs.second, pairs.count, body
         )
@@ -93,6 +92,15 @@ class ContactTable:
             pairs.spring, store.position, body,
             self.first, self.second, self.entry, self.block, self.begin, self.size,
         )  # fmt: skip
+
+    def _lay_out(self, bounds: NDArray[np.int64]) -> None:
+        """Give each part of the pair list blocks enough for all of its pairs."""
+        blocks = (np.diff(bounds) + BLOCK - 1) // BLOCK
+        self.begin = BLOCK * (np.cumsum(blocks) - blocks)
+        self.size = np.zeros(len(blocks), np.int64)
+        if int(blocks.sum()) > len(self.block):
+            self._room(2 * int(blocks.sum()))
+        self._bounds = bounds
 
     def give_back(self, pairs: PairTable, threads: int) -> None:
         """Keep the springs in the pair table until the next step."""

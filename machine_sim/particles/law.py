@@ -11,6 +11,7 @@ has the same contact duration and the explicit integration has one limit for all
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -26,6 +27,7 @@ _ZERO = np.float32(0.0)
 _TINY = np.float32(1e-20)
 
 
+@lru_cache(maxsize=64)
 def contact_law(substep: float, substeps_per_contact: float, restitution: float) -> Law:
     """Constants of the law for a contact of a given duration.
 

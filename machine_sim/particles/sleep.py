@@ -115,8 +115,9 @@ class Sleep:
         down = np.array([0.0, 0.0, -self._params.gravity])
         speed = np.zeros((len(tools.tools), 3))
         for t, tool in enumerate(tools.tools):
-            arm = tool.start[0] @ tool.centre
-            speed[t] = tools.twist[t, :3] + np.cross(tools.twist[t, 3:], arm)
+            (x, y, z), (ax, ay, az) = tool.start[0] @ tool.centre, tools.twist[t, 3:]
+            speed[t] = ay * z - az * y, az * x - ax * z, ax * y - ay * x
+        speed += tools.twist[:, :3]
         before = speed if self._speed is None else self._speed
         self._speed = speed
         share = dt / (_SMOOTHING + dt)
@@ -191,16 +192,44 @@ class Sleep:
         """
         down = np.array([0.0, 0.0, -self._params.gravity])
         for t in np.unique(tool):
-            rows = riders[tool == t]
-            rotation, origin = tools.tools[t].end
-            arm = store.place[rows] @ rotation.T
-            store.position[rows] = origin + arm
-            store.velocity[rows] = tools.twist[t, :3] + np.cross(tools.twist[t, 3:], arm)
-            store.spin[rows] = tools.twist[t, 3:]
-            mass = store.mass[rows].astype(np.float64)
-            force = mass.sum() * (down - self._acceleration[t])
+            load, centre = _carry(
+                riders, tool, t, tools.path[-1, t], tools.twist[t], store.place, store.mass,
+                store.position, store.velocity, store.spin,
+            )  # fmt: skip
+            force = load * (down - self._acceleration[t])
             tools.wrench[t, :3] += force * tools.substeps
-            tools.wrench[t, 3:] += np.cross(mass @ arm / mass.sum(), force) * tools.substeps
+            tools.wrench[t, 3:] += np.cross(centre, force) * tools.substeps
+
+
+@kernel
+def _carry(riders, tool, number, pose, twist, place, mass, position, velocity, spin):  # type: ignore[no-untyped-def]
+    """Take who rides in tool `number` along to its packed `pose`.
+
+    Returns:
+        Mass of these [kg], and their centre of mass from the origin of the tool's frame [m], map
+        axes, shape (3,).
+    """
+    load, moment = 0.0, np.zeros(3)
+    ax, ay, az = twist[3], twist[4], twist[5]
+    for k in range(riders.size):
+        if tool[k] != number:
+            continue
+        i = riders[k]
+        px, py, pz = place[i, 0], place[i, 1], place[i, 2]
+        x = pose[0] * px + pose[1] * py + pose[2] * pz
+        y = pose[3] * px + pose[4] * py + pose[5] * pz
+        z = pose[6] * px + pose[7] * py + pose[8] * pz
+        position[i, 0], position[i, 1], position[i, 2] = pose[9] + x, pose[10] + y, pose[11] + z
+        velocity[i, 0] = twist[0] + ay * z - az * y
+        velocity[i, 1] = twist[1] + az * x - ax * z
+        velocity[i, 2] = twist[2] + ax * y - ay * x
+        spin[i, 0], spin[i, 1], spin[i, 2] = ax, ay, az
+        m = np.float64(mass[i])
+        load += m
+        moment[0] += m * x
+        moment[1] += m * y
+        moment[2] += m * z
+    return load, moment / load
 
 
 @kernel
