@@ -22,11 +22,11 @@ from machine_sim.particles.store import ParticleStore
 __all__ = ["BLOCK", "BOND_GAP", "ContactTable"]
 
 BLOCK = 128
-"""Contacts in a block: 11 KB, inside the first-level cache."""
+"""Contacts in a block: 6 KB, inside the first-level cache."""
 
-QUANTITIES = 21
+QUANTITIES = 12
 """Separation (3), reach, effective mass, friction, rolling friction, bond, cap of the overlap,
-spring (3); then scratch of `pairs.pair_forces` (9)."""
+spring (3)."""
 
 _BOND_AREA = np.float32(np.pi)
 _HORIZON = np.float32(1.4)

@@ -262,7 +262,8 @@ class ParticleEngine(SoilEngine):
             store.friction, store.rolling, store.cohesion,
         )  # fmt: skip
         self._changed = False
-        alone, threads = moving.size == store.count, use_threads(params.threads)
+        alone = moving.size == store.count
+        threads = use_threads(params.threads) if self._pairs.pairs.parted else 1
         contacts.collect(store, moving, alone, body, self._pairs.pairs, dt, threads)
         run_substeps.on(threads)(
             params.substeps, params.gravity, *laws, np.float32(params.ground_friction),

@@ -63,5 +63,8 @@ def use_threads(threads: int) -> int:
     """
     threads = min(threads, numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
     if threads > 1:
+        # OpenMP's threads wait awake for the next loop, which comes within microseconds; the others
+        # fall asleep, and waking them takes longer than a loop.
+        numba.config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]  # type: ignore[attr-defined]
         numba.set_num_threads(threads)
     return int(threads)

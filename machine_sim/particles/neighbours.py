@@ -45,6 +45,11 @@ class PairTable:
         self.bounds = np.zeros(2, np.int64)
         self.count = 0
 
+    @property
+    def parted(self) -> bool:
+        """Whether there is more than one region for several threads to work in."""
+        return len(self.bounds) > 2
+
 
 class NeighbourList:
     """The pair table, kept good.

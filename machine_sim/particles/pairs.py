@@ -10,23 +10,27 @@ from machine_sim.particles.law import contact_force
 
 __all__ = ["pair_forces", "pair_overlap"]
 
+_SCRATCH = 9
+"""Quantities of a contact that are needed only within a substep: one block of them serves all, and
+stays in the first-level cache."""
+
 _ONE = np.float32(1.0)
 _ZERO = np.float32(0.0)
 _TINY_LENGTH2 = np.float32(1e-18)
 
 
 @kernel
-def _block_maths(n, b, law):  # type: ignore[no-untyped-def]
-    """Contacts of a block: from motion (quantities 12 to 20) to forces in the same place.
+def _block_maths(n, b, w, law):  # type: ignore[no-untyped-def]
+    """Contacts of a block `b`: from motion to forces, in the scratch block `w`.
 
-    In: displacement (12-14), velocity (15-17) of the second relative to the first, and the sum of
-    spin times radius (18-20). Out: force on the second (12-14), torque per radius on both (15-17),
-    share of the rolling limit (18).
+    In: displacement (0-2), velocity (3-5) of the second relative to the first, and the sum of spin
+    times radius (6-8). Out: force on the second (0-2), torque per radius on both (3-5), share of
+    the rolling limit (6).
     """
     for s in range(np.uint64(n)):
-        dx = b[s] + b[s + 12 * BLOCK]
-        dy = b[s + BLOCK] + b[s + 13 * BLOCK]
-        dz = b[s + 2 * BLOCK] + b[s + 14 * BLOCK]
+        dx = b[s] + w[s]
+        dy = b[s + BLOCK] + w[s + BLOCK]
+        dz = b[s + 2 * BLOCK] + w[s + 2 * BLOCK]
         distance = np.sqrt(dx * dx + dy * dy + dz * dz + _TINY_LENGTH2)
         inverse = _ONE / distance
         nx, ny, nz = dx * inverse, dy * inverse, dz * inverse
@@ -35,12 +39,12 @@ def _block_maths(n, b, law):  # type: ignore[no-untyped-def]
         hold = min(max(_ONE + (reach - distance) / (BOND_GAP * reach), _ZERO), _ONE)
         overlap = min(reach - distance, b[s + 8 * BLOCK])
         touches = _ONE if overlap > _ZERO else _ZERO
-        ax, ay, az = b[s + 18 * BLOCK], b[s + 19 * BLOCK], b[s + 20 * BLOCK]
+        ax, ay, az = w[s + 6 * BLOCK], w[s + 7 * BLOCK], w[s + 8 * BLOCK]
         push, gx, gy, gz, sx, sy, sz = contact_force(
             law, b[s + 5 * BLOCK], overlap, nx, ny, nz,
-            b[s + 15 * BLOCK] - (ay * nz - az * ny),
-            b[s + 16 * BLOCK] - (az * nx - ax * nz),
-            b[s + 17 * BLOCK] - (ax * ny - ay * nx),
+            w[s + 3 * BLOCK] - (ay * nz - az * ny),
+            w[s + 4 * BLOCK] - (az * nx - ax * nz),
+            w[s + 5 * BLOCK] - (ax * ny - ay * nx),
             b[s + 9 * BLOCK], b[s + 10 * BLOCK], b[s + 11 * BLOCK],
         )  # fmt: skip
         b[s + 9 * BLOCK] = sx * touches
@@ -52,13 +56,13 @@ def _block_maths(n, b, law):  # type: ignore[no-untyped-def]
         gy *= mass
         gz *= mass
         normal = push - b[s + 7 * BLOCK] * hold
-        b[s + 12 * BLOCK] = normal * nx + gx
-        b[s + 13 * BLOCK] = normal * ny + gy
-        b[s + 14 * BLOCK] = normal * nz + gz
-        b[s + 15 * BLOCK] = gy * nz - gz * ny
-        b[s + 16 * BLOCK] = gz * nx - gx * nz
-        b[s + 17 * BLOCK] = gx * ny - gy * nx
-        b[s + 18 * BLOCK] = push * b[s + 6 * BLOCK]
+        w[s] = normal * nx + gx
+        w[s + BLOCK] = normal * ny + gy
+        w[s + 2 * BLOCK] = normal * nz + gz
+        w[s + 3 * BLOCK] = gy * nz - gz * ny
+        w[s + 4 * BLOCK] = gz * nx - gx * nz
+        w[s + 5 * BLOCK] = gx * ny - gy * nx
+        w[s + 6 * BLOCK] = push * b[s + 6 * BLOCK]
 
 
 @kernel
@@ -71,27 +75,28 @@ def pair_forces(begin, size, first, second, block, body, total, law):  # type: i
         body, total: see `bodies`. The sum of a body that cannot move has no meaning.
         law: contact law.
     """
+    w = np.empty(_SCRATCH * BLOCK, np.float32)
     for at in range(begin, begin + size, BLOCK):
         b = block[at // BLOCK]
         n = min(begin + size - at, BLOCK)
         for s in range(n):
             i, j = first[at + s], second[at + s]
-            b[s + 12 * BLOCK] = body[j, 0] - body[i, 0]
-            b[s + 13 * BLOCK] = body[j, 1] - body[i, 1]
-            b[s + 14 * BLOCK] = body[j, 2] - body[i, 2]
-            b[s + 15 * BLOCK] = body[j, 4] - body[i, 4]
-            b[s + 16 * BLOCK] = body[j, 5] - body[i, 5]
-            b[s + 17 * BLOCK] = body[j, 6] - body[i, 6]
+            w[s] = body[j, 0] - body[i, 0]
+            w[s + BLOCK] = body[j, 1] - body[i, 1]
+            w[s + 2 * BLOCK] = body[j, 2] - body[i, 2]
+            w[s + 3 * BLOCK] = body[j, 4] - body[i, 4]
+            w[s + 4 * BLOCK] = body[j, 5] - body[i, 5]
+            w[s + 5 * BLOCK] = body[j, 6] - body[i, 6]
             ri, rj = body[i, 3], body[j, 3]
-            b[s + 18 * BLOCK] = ri * body[i, 8] + rj * body[j, 8]
-            b[s + 19 * BLOCK] = ri * body[i, 9] + rj * body[j, 9]
-            b[s + 20 * BLOCK] = ri * body[i, 10] + rj * body[j, 10]
-        _block_maths(n, b, law)
+            w[s + 6 * BLOCK] = ri * body[i, 8] + rj * body[j, 8]
+            w[s + 7 * BLOCK] = ri * body[i, 9] + rj * body[j, 9]
+            w[s + 8 * BLOCK] = ri * body[i, 10] + rj * body[j, 10]
+        _block_maths(n, b, w, law)
         for s in range(n):
             i, j = first[at + s], second[at + s]
-            fx, fy, fz = b[s + 12 * BLOCK], b[s + 13 * BLOCK], b[s + 14 * BLOCK]
-            tx, ty, tz = b[s + 15 * BLOCK], b[s + 16 * BLOCK], b[s + 17 * BLOCK]
-            limit = b[s + 18 * BLOCK]
+            fx, fy, fz = w[s], w[s + BLOCK], w[s + 2 * BLOCK]
+            tx, ty, tz = w[s + 3 * BLOCK], w[s + 4 * BLOCK], w[s + 5 * BLOCK]
+            limit = w[s + 6 * BLOCK]
             ri, rj = body[i, 3], body[j, 3]
             total[i, 0] -= fx
             total[i, 1] -= fy

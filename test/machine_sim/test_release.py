@@ -156,7 +156,7 @@ def test_wet_particles_touch_as_wet_soil_does() -> None:
     dry, damp = store.cohesion.tolist()
     assert damp == pytest.approx(1.5 * dry)
     assert store.adhesion[1] == pytest.approx(1.5 * store.adhesion[0])
-    assert store.friction[1] > store.friction[0], "damp soil stands steeper"
+    assert store.rolling[1] > store.rolling[0], "damp soil stands steeper"
 
 
 def test_parcels_of_one_column_mix_by_volume() -> None:
