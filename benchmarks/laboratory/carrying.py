@@ -23,6 +23,7 @@ from benchmarks.laboratory.scenes import STEP, Plate, bench, stack
 from machine_sim.machine.bucket import BucketShape
 from machine_sim.machine.description import load_description
 from machine_sim.particles import ParticleEngine, Pose
+from machine_sim.particles.sleep import ON_MAP
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.loose_soil import LooseSoil
 
@@ -64,6 +65,7 @@ class Carry:
         between: part of these that went out between 45 and 90 deg.
         left: part of these that was in the bucket at the end.
         tunnelled: how many went through a plate.
+        rode: part of the particles that rode in the bucket as one body, at most.
     """
 
     particles: int
@@ -76,6 +78,7 @@ class Carry:
     between: float
     left: float
     tunnelled: int
+    rode: float
 
 
 def carry(
@@ -125,6 +128,7 @@ def carry(
         float(-np.diff(np.interp([45.0, 90.0], tilt, inside))[0]),
         scene.held() / stopped,
         engine.tunnelled_tool,
+        scene.riding / before,
     )
 
 
@@ -133,6 +137,10 @@ class _Scene:
 
     The bucket's frame has its origin in the middle of the lip, x out over the lip, and z out of the
     mouth.
+
+    Attributes:
+        pose: where the bucket is.
+        riding: most particles that rode in it as one body at once.
     """
 
     def __init__(self, engine: ParticleEngine, bucket: BucketShape) -> None:
@@ -142,6 +150,7 @@ class _Scene:
         along, up = (lip - rim) / bucket.mouth_length, bucket.mouth_normal[[0, 2]]
         self._profile = (bucket.profile - lip) @ np.stack([along, up], axis=1)
         self.pose: Pose = (np.eye(3), np.array([_REACH, 0.0, _HEIGHT]))
+        self.riding = 0
         engine.add_tool(_BUCKET, self._plates(), self.pose)
 
     def _plates(self) -> list[Plate]:
@@ -182,6 +191,7 @@ class _Scene:
             self._engine.set_tool(_BUCKET, self.pose, pose)
             self.pose = pose
             self._engine.step(STEP)
+            self.riding = max(self.riding, int((self._engine.store.resting > ON_MAP).sum()))
             yield
 
     def _inside(self) -> NDArray[np.bool_]:

@@ -26,8 +26,11 @@ def test_what_finds_no_room_does_not_count():
 
 
 @pytest.mark.slow
-def test_a_full_bucket_keeps_its_soil_and_pours_it():
-    found = carry(SOIL, 2000)
+@pytest.mark.parametrize("carried", [True, False])
+def test_a_full_bucket_keeps_its_soil_and_pours_it(carried):
+    found = carry(SOIL, 2000, carried=carried)
+    assert (found.rode > 0.9) == carried, "soil at rest rides as one body, if it may"
+    assert (found.rode == 0.0) != carried
     assert found.retained >= 0.99
     assert 45.0 <= found.half <= 90.0
     assert found.between > 0.9
@@ -38,8 +41,9 @@ def test_a_full_bucket_keeps_its_soil_and_pours_it():
 
 
 @pytest.mark.slow
-def test_a_heaped_bucket_keeps_its_heap_while_it_swings():
-    found = carry(SOIL, 2000, fill=1.15)
+@pytest.mark.parametrize("carried", [True, False])
+def test_a_heaped_bucket_keeps_its_heap_while_it_swings(carried):
+    found = carry(SOIL, 2000, fill=1.15, carried=carried)
     assert found.fill > 1.05
     assert found.swung >= 0.99
     assert found.left == 0.0
