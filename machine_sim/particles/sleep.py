@@ -36,6 +36,9 @@ _TOGETHER = 0.95
 """Part of the soil in a tool that must be calm before it rides as one body."""
 _BESIDE = 0.5
 """How close a tool that moves comes by to wake a particle, in radii beyond touching."""
+_AHEAD = 4.0
+"""And in its ways of a step: a fast tool would step over small ones asleep, or press those it woke
+against others that do not give way yet."""
 
 
 class Sleep:
@@ -93,8 +96,9 @@ class Sleep:
         moving = np.abs(tools.twist).max(axis=1, initial=0.0) > 1e-6
         if moving.any():
             _by_tools(
-                rows, store.position, store.radius, store.resting, moving, tools.path[0],
-                tools.sphere, tools.frame, tools.corner, tools.corners, tools.first, woken,
+                dt, rows, store.position, store.radius, store.resting, moving, tools.path[0],
+                tools.twist, tools.sphere, tools.frame, tools.corner, tools.corners, tools.first,
+                woken,
             )  # fmt: skip
         rows = rows[woken]
         self.rouse(store, rows)
@@ -272,17 +276,27 @@ def _on_changed(rows, position, resting, changed, ground, woken):  # type: ignor
 
 @kernel
 def _by_tools(  # type: ignore[no-untyped-def]
-    rows, position, radius, resting, moving, pose, sphere, frame, corner, corners, first, woken
-):
-    """Mark whom a tool that moves comes by, but for those who ride in it."""
+    dt, rows, position, radius, resting, moving, pose, twist, sphere, frame, corner, corners, first,
+    woken,
+):  # fmt: skip
+    """Mark whom a tool that moves comes by within `dt` [s], but for those who ride in it."""
     for k in range(rows.size):
         i = rows[k]
         if woken[k]:
             continue
-        reach = (1.0 + _BESIDE) * radius[i]
         for t in range(moving.size):
             if not moving[t] or resting[i] == t + 2:
                 continue
+            qx, qy, qz = (
+                position[i, 0] - pose[t, 9],
+                position[i, 1] - pose[t, 10],
+                position[i, 2] - pose[t, 11],
+            )
+            vx = twist[t, 0] + twist[t, 4] * qz - twist[t, 5] * qy
+            vy = twist[t, 1] + twist[t, 5] * qx - twist[t, 3] * qz
+            vz = twist[t, 2] + twist[t, 3] * qy - twist[t, 4] * qx
+            ahead = _AHEAD * dt * np.sqrt(vx * vx + vy * vy + vz * vz)
+            reach = (1.0 + _BESIDE) * radius[i] + ahead
             x, y, z = to_tool(pose[t], position[i, 0], position[i, 1], position[i, 2])
             dx, dy, dz = x - sphere[t, 0], y - sphere[t, 1], z - sphere[t, 2]
             if dx * dx + dy * dy + dz * dz > (sphere[t, 3] + reach) ** 2:

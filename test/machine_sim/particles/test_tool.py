@@ -135,6 +135,23 @@ def test_no_particle_goes_through_a_fast_plate(speed, volume):
     assert world.tunnelled_tool == 0
 
 
+@pytest.mark.parametrize("volume", [LITRE // 5, LITRE // 20])
+def test_a_fast_plate_does_not_step_over_sleepers(volume):
+    world = engine()
+    at = pose(-1.2, 0.0, 0.5, np.pi / 2)
+    world.add_tool(0, [square(0.5)], at)
+    points = cloud(200, 0.125 * np.cbrt(volume / LITRE), (0.4, 0.4), 0.01)
+    world.add(points, np.zeros_like(points), volume, grow=False)
+    run(world, 2.5)
+    assert world.store.resting.mean() > 0.9
+    for k in range(25):
+        to = pose(-1.2 + 11.0 * STEP * (k + 1), 0.0, 0.5, np.pi / 2)
+        world.set_tool(0, at, to)
+        world.step(STEP)
+        at = to
+    assert world.tunnelled_tool == 0
+
+
 def test_a_particle_put_beyond_a_plate_is_counted():
     world = engine(gravity=0.0)
     world.add_tool(0, [square(0.5)], pose(0, 0, 2.0))
