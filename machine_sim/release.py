@@ -2,8 +2,11 @@
 
 The pending account. A conversion row is a parcel at the place its soil stood; parcels of one
 column gather until they make a particle of the nominal volume, which then appears at the place of
-the newest of them, inside the tool. What is too little for a particle goes on with the next one;
-the last of it, less than a quarter of a particle, stays pending until the tool digs again.
+the newest of them, inside the tool. What a column has left when no more comes, too little for a
+particle, gathers with that of others, and comes out where the last of them was. What a tick's limit
+or a full engine keeps back comes out as soon as there is room, in particles no larger than at any
+other time; the last of it, less than a quarter of a particle, stays pending until the tool digs
+again.
 
 Parcels that gather become of the kind of the newest, and as moist as all of them together: their
 volumes and their *water*, volume times moisture, add up. A particle gets water by its volume. Its
@@ -102,20 +105,19 @@ class PendingSoil:
         self._nominal = nominal_mm3
         self._per_tick = per_tick
         self._parcels: dict[tuple[int, int], _Parcel] = {}
-        self._remainder = 0
-        self._remainder_water = 0
+        self._rest = _Parcel(0, 0, nominal_mm3, 0, np.zeros(3), 0)  # of columns left behind
         self._rounded_off = 0  # water that particles have got too little of; below 0 too much
 
     @property
     def total_mm3(self) -> int:
         """Bank volume waiting [mm^3]."""
-        return self._remainder + sum(parcel.volume for parcel in self._parcels.values())
+        return self._rest.volume + sum(parcel.volume for parcel in self._parcels.values())
 
     @property
     def water(self) -> int:
         """Volume times moisture [mm^3 %] of what waits, with what rounding has kept back so far."""
         parcels = sum(parcel.water for parcel in self._parcels.values())
-        return self._rounded_off + self._remainder_water + parcels
+        return self._rounded_off + self._rest.water + parcels
 
     def receive(self, conversions: Rows, pose: Pose, tick: int) -> None:
         """Credit the EXCAVATE rows among `conversions`; the tool stands at `pose`."""
@@ -136,29 +138,66 @@ class PendingSoil:
 
         Returns:
             How many were made.
+
+        Raises:
+            ParticleError: the engine takes none of them; all of it is pending still.
         """
         batch = _Batch()
+        try:
+            self._fill(batch, particles, tick)
+            if batch.volumes:
+                self._place(particles, pose, batch)
+        except Exception:
+            self._take_back(batch)
+            raise
+        return len(batch.volumes)
+
+    def _fill(self, batch: _Batch, particles: SoilEngine, tick: int) -> None:
+        """Take particles out of parcels while there is room for them."""
         room = min(self._per_tick, particles.room)
         for key in list(self._parcels):
             parcel = self._parcels[key]
             spread = particles.soils[parcel.soil].spread
             while len(batch.volumes) < room:
-                coarse = coarseness(particles.count + len(batch.volumes), particles.params.capacity)
-                volume = min(int(coarse * parcel.size), MAX_ROW_VOLUME)
+                volume = self._coarse(batch, parcel, particles)
                 if parcel.volume < volume:
                     break
                 self._add(batch, parcel, volume, parcel.take(volume))
                 parcel.size = self._size(spread)
             if parcel.volume < parcel.size and tick - parcel.tick > _IDLE_TICKS:
-                self._remainder += parcel.volume
-                self._remainder_water += parcel.water
+                self._leave(parcel)
                 del self._parcels[key]
-                if self._remainder >= _SMALLEST_PART * self._nominal and len(batch.volumes) < room:
-                    self._add(batch, parcel, self._remainder, self._remainder_water)
-                    self._remainder = self._remainder_water = 0
-        if batch.volumes:
-            self._place(particles, pose, batch)
-        return len(batch.volumes)
+                self._cut_rest(batch, particles, room)
+        # Also where no column is left behind now: there may have been no room before.
+        self._cut_rest(batch, particles, room)
+
+    @staticmethod
+    def _coarse(batch: _Batch, parcel: _Parcel, particles: SoilEngine) -> int:
+        """Volume of the next particle of a parcel [mm^3], as full as the engine is."""
+        coarse = coarseness(particles.count + len(batch.volumes), particles.params.capacity)
+        return min(int(coarse * parcel.size), MAX_ROW_VOLUME)
+
+    def _leave(self, parcel: _Parcel) -> None:
+        """Let what a parcel has left gather with that of others."""
+        rest = self._rest
+        rest.volume += parcel.volume
+        rest.water += parcel.water
+        rest.size, rest.soil, rest.place = parcel.size, parcel.soil, parcel.place
+
+    def _cut_rest(self, batch: _Batch, particles: SoilEngine, room: int) -> None:
+        """Take particles out of what was left behind; none leaves less than the smallest over."""
+        rest, smallest = self._rest, _SMALLEST_PART * self._nominal
+        while rest.volume >= smallest and len(batch.volumes) < room:
+            volume = self._coarse(batch, rest, particles)
+            if rest.volume < volume + smallest:
+                volume = min(rest.volume, MAX_ROW_VOLUME)
+            self._add(batch, rest, volume, rest.take(volume))
+
+    def _take_back(self, batch: _Batch) -> None:
+        """Count particles that could not be made as left behind, with the water they had."""
+        self._rest.volume += sum(batch.volumes)
+        pairs = zip(batch.volumes, batch.moistures, strict=True)
+        self._rest.water += sum(volume * moisture for volume, moisture in pairs)
 
     def _add(self, batch: _Batch, parcel: _Parcel, volume: int, water: int) -> None:
         """Note a particle of the soil and at the place of a parcel."""

@@ -6,7 +6,7 @@ from support.machine_scenes import GRID, excavator
 
 from machine_sim.cubes import CubeEngine
 from machine_sim.ground import Ground
-from machine_sim.particles import ParticleEngine, ParticleParams
+from machine_sim.particles import ParticleEngine, ParticleError, ParticleParams
 from machine_sim.release import PendingSoil, coarseness
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.rows import CONVERSION, Kind, Rows, empty_rows
@@ -76,7 +76,50 @@ def test_the_remainder_of_columns_left_behind_becomes_a_particle() -> None:
         soil.release(particles, POSE, tick)
     assert particles.count >= 1
     assert particles.total_volume_mm3 + soil.total_mm3 == 6 * 90_000
-    assert soil.total_mm3 < NOMINAL
+    assert soil.total_mm3 < NOMINAL / 4
+    assert particles.store.volume_mm3.max() < 1.25 * NOMINAL
+
+
+@pytest.mark.parametrize("volume", [90_000, 499_000])
+def test_what_found_no_room_comes_out_when_there_is_some_and_no_larger(volume: int) -> None:
+    params = ParticleParams(capacity=1000)
+    particles = ParticleEngine(params, Ground(GRID, np.full(GRID.shape, -50.0)))
+    ids = particles.add(np.zeros((1000, 3)), np.zeros((1000, 3)), NOMINAL)
+    soil, total = pending(per_tick=20), 9000 * volume
+    soil.receive(parcels(*[volume] * 9000), POSE, 0)
+    for tick in range(1, 10):
+        assert soil.release(particles, POSE, tick) == 0
+    assert soil.total_mm3 == total
+    particles.remove(ids)
+    for tick in range(10, 1000):
+        before, last = particles.count, particles.store.next_id
+        made = soil.release(particles, POSE, tick)
+        assert made <= 20
+        new = particles.store.volume_mm3[particles.store.particle_id >= last]
+        assert (new < (coarseness(before + made, 1000) + 0.25) * NOMINAL).all()
+        assert soil.total_mm3 + particles.total_volume_mm3 == total
+        if particles.room == 0:  # all that is in it lands
+            particles.remove(particles.store.particle_id)
+            total = soil.total_mm3
+    assert soil.total_mm3 < NOMINAL / 4
+
+
+def test_what_the_engine_refuses_stays_pending() -> None:
+    soil, particles = pending(), engine()
+    rows = parcels(*[5 * NOMINAL // 2] * 4)
+    rows["moisture"] = (7, 20, 33, 50)
+    soil.receive(rows, POSE, 0)
+    lost = (np.eye(3), np.array([np.nan, 0.0, 0.0]))
+    for tick in (1, 10):
+        with pytest.raises(ParticleError):
+            soil.release(particles, lost, tick)
+        assert soil.total_mm3 == 10 * NOMINAL
+        assert soil.water == water_in(rows)
+    soil.release(particles, POSE, 11)
+    assert particles.count == 10
+    store = particles.store
+    carried = int((store.volume_mm3 * store.moisture.astype(np.int64)).sum())
+    assert soil.water + carried == water_in(rows)
 
 
 def test_answers_to_landings_are_no_parcels() -> None:
@@ -123,7 +166,7 @@ def test_lumps_vary_in_size_as_the_soil_says_and_no_volume_is_lost() -> None:
 
 
 def water_in(rows: Rows) -> int:
-    """Volume times moisture of rows, or of a store [mm^3 %]."""
+    """Volume times moisture of rows [mm^3 %]."""
     return int((rows["volume_mm3"].astype(np.int64) * rows["moisture"]).sum())
 
 
@@ -223,6 +266,12 @@ def test_a_full_engine_gets_coarser_parcels_then_lets_them_wait() -> None:
         given += 200 * NOMINAL
     assert particles.count == 40
     assert particles.store.volume_mm3.max() > 3 * NOMINAL
+    assert particles.store.volume_mm3.max() < 8.25 * NOMINAL
     assert soil.total_mm3 + particles.total_volume_mm3 == given
     assert coarseness(10, 40) == 1.0
     assert coarseness(40, 40) == 8.0
+    for tick in range(30, 400):
+        particles.remove(particles.store.particle_id[:5])
+        soil.release(particles, POSE, tick)
+        assert (particles.store.volume_mm3 < 8.25 * NOMINAL).all()
+    assert soil.total_mm3 < NOMINAL / 4
