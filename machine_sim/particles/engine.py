@@ -239,14 +239,14 @@ class ParticleEngine(SoilEngine):
         pairs, walls = self._pairs.pairs, self._walls.table
         start_radii(
             params.release_size, pairs.first, pairs.second, pairs.count, store.position,
-            store.radius, store.contact_radius, walls.count, walls.row, walls.plate,
-            tools.frame, tools.corner, tools.corners, tools.owner, tools.path[0],
+            store.radius, store.contact_radius, store.inverse_mass, walls.count, walls.row,
+            walls.plate, tools.frame, tools.corner, tools.corners, tools.owner, tools.path[0],
             grounds, self._ground_row, self._plane,
         )  # fmt: skip
         share = dt * (1.0 - params.release_size) / max(params.growth_time, dt)
         self._growing = grow_radii(
             pairs.first, pairs.second, pairs.count, store.position, store.radius,
-            store.contact_radius, share,
+            store.contact_radius, store.inverse_mass, share,
         )  # fmt: skip
 
     def _move(  # type: ignore[no-untyped-def]

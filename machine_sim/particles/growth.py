@@ -28,27 +28,26 @@ _CREEP = 1.0 / 16.0
 
 @kernel
 def start_radii(  # type: ignore[no-untyped-def]
-    share, first, second, pairs, position, radius, contact_radius,
+    share, first, second, pairs, position, radius, contact_radius, inverse_mass,
     walls, wall_row, wall_plate, frame, corner, corners, owner, pose,
     grounds, ground_row, plane,
 ):  # fmt: skip
     """Give each particle with contact radius 0 one that touches neither particle, plate nor ground.
 
+    Frozen ones get the smallest: pairs of them are not listed, and what they overlap is not known.
+
     Args:
         share: largest contact radius to start with, in radii.
         first, second, pairs: the listed pairs.
-        position, radius, contact_radius: of the particles.
+        position, radius, contact_radius, inverse_mass: of the particles.
         walls, wall_row, wall_plate, frame, corner, corners, owner, pose: plate contacts, tools.
         grounds, ground_row, plane: ground contacts.
-
-    Returns:
-        How many were started.
     """
     n = radius.size
     _part_coincident(first, second, pairs, position, radius, contact_radius)
     room = np.empty(n, np.float64)
     for i in range(n):
-        room[i] = share * radius[i]
+        room[i] = share * radius[i] if inverse_mass[i] > 0.0 else 0.0
     for k in range(pairs):
         i, j = first[k], second[k]
         fresh_i, fresh_j = contact_radius[i] == 0.0, contact_radius[j] == 0.0
@@ -74,12 +73,9 @@ def start_radii(  # type: ignore[no-untyped-def]
         distance = plane[c, 0] * position[i, 0] + plane[c, 1] * position[i, 1]
         distance += plane[c, 2] * position[i, 2] - plane[c, 3]
         room[i] = min(room[i], distance)
-    started = 0
     for i in range(n):
         if contact_radius[i] == 0.0:
             contact_radius[i] = max(np.float32(room[i]), _LEAST * radius[i])
-            started += 1
-    return started
 
 
 @kernel
@@ -108,11 +104,15 @@ def _part_coincident(first, second, pairs, position, radius, contact_radius):  #
 
 
 @kernel
-def grow_radii(first, second, pairs, position, radius, contact_radius, share):  # type: ignore[no-untyped-def]
+def grow_radii(  # type: ignore[no-untyped-def]
+    first, second, pairs, position, radius, contact_radius, inverse_mass, share,
+):  # fmt: skip
     """Let contact radii grow by up to `share` of the full radius.
 
+    Those of frozen particles stay: pairs of them are not listed, they would grow into one another.
+
     Returns:
-        How many are not full yet.
+        How many are not full yet, frozen ones too: they grow once they are let go.
     """
     n = radius.size
     room = np.empty(n, np.float64)
@@ -136,7 +136,8 @@ def grow_radii(first, second, pairs, position, radius, contact_radius, share):  
     growing = 0
     for i in range(n):
         if contact_radius[i] < radius[i]:
-            grown = contact_radius[i] + max(room[i], _CREEP * share * radius[i])
-            contact_radius[i] = min(np.float32(grown), radius[i])
+            if inverse_mass[i] > 0.0:
+                grown = contact_radius[i] + max(room[i], _CREEP * share * radius[i])
+                contact_radius[i] = min(np.float32(grown), radius[i])
             growing += contact_radius[i] < radius[i]
     return growing

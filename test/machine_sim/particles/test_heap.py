@@ -74,6 +74,26 @@ def test_a_frozen_particle_stays_and_carries_another():
     assert world.store.position[0, 2] < 0.99
 
 
+@pytest.mark.parametrize("before", [0.0, 0.02])
+def test_frozen_particles_do_not_grow_into_one_another(before):
+    world = engine(gravity=0.0)
+    points = np.random.default_rng(3).uniform([-0.1, -0.1, 3.9], [0.1, 0.1, 4.1], (60, 3))
+    ids = world.add(points, np.zeros_like(points), LITRE // 2)
+    far = world.add([[3.0, 0.0, 4.0]], np.zeros((1, 3)), LITRE // 2)
+    run(world, before)
+    world.freeze(ids)
+    run(world, 0.3)
+    row = world.index_of(far)[0]
+    assert world.store.contact_radius[row] == world.store.radius[row]
+    world.unfreeze(ids)
+    fastest = 0.0
+    for _ in range(400):
+        world.step(STEP)
+        fastest = max(fastest, float(np.linalg.norm(world.store.velocity, axis=1).max()))
+    assert fastest < 2.0
+    assert (world.store.contact_radius == world.store.radius).all(), "they grow once let go"
+
+
 def test_removing_others_does_not_disturb_a_heap_at_rest():
     world = engine()
     points = cloud(200, 0.1, (0.5, 0.5), 0.02)
