@@ -12,6 +12,11 @@ from msg_bridge.contract.rows import MAX_ROW_VOLUME
 
 __all__ = ["Intake", "checked_intake"]
 
+_FARTHEST = 1e6
+"""Largest coordinate [m]."""
+_FASTEST = 1e3
+"""Largest speed [m/s]; far above what soil has, far below where squares overflow in float32."""
+
 
 class Intake(NamedTuple):
     """Soil to be released, one row per particle: [m], [m/s], [mm^3], ids, [% of saturation]."""
@@ -33,8 +38,8 @@ def checked_intake(
     """Arrays of one length, of what a caller of `ParticleEngine.add` gives.
 
     Raises:
-        ParticleError: shapes that do not fit, values that are not finite, volumes or codes out of
-            range.
+        ParticleError: shapes that do not fit, values that are not finite, coordinates beyond
+            1e6 m, speeds above 1000 m/s, volumes or codes out of range.
     """
     x = np.atleast_2d(np.asarray(position, dtype=np.float64))
     v = np.atleast_2d(np.asarray(velocity, dtype=np.float64))
@@ -43,6 +48,11 @@ def checked_intake(
         raise ParticleError("positions and velocities must both have shape (n, 3)")
     if not (np.isfinite(x).all() and np.isfinite(v).all()):
         raise ParticleError("positions and velocities must be finite")
+    if n and np.abs(x).max() > _FARTHEST:
+        raise ParticleError(f"positions must be within {_FARTHEST:g} m of the map's origin")
+    # Components first: the square of a huge one overflows.
+    if n and (np.abs(v).max() > _FASTEST or np.linalg.norm(v, axis=1).max() > _FASTEST):
+        raise ParticleError(f"speeds must not be above {_FASTEST:g} m/s")
     volume = _whole("volumes", volume_mm3, n, 1, MAX_ROW_VOLUME)
     soils = _whole("soils", soil, n, 0, 255).astype(np.uint8)
     moistures = _whole("moistures", moisture, n, 0, 255).astype(np.uint8)

@@ -74,8 +74,9 @@ class SoilEngine(ABC):
             Ids, shape (n,), uint32.
 
         Raises:
-            ParticleError: shapes that do not fit, values that are not finite, volumes or codes
-                out of range, or no room; nothing was added.
+            ParticleError: shapes that do not fit, values that are not finite, coordinates beyond
+                1e6 m, speeds above 1000 m/s, volumes or codes out of range, or no room; nothing
+                was added.
         """
 
     @abstractmethod

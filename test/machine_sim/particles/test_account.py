@@ -77,6 +77,8 @@ def test_an_id_is_never_used_twice():
     [
         ([[0, 0, np.nan]], LITRE),
         ([[np.inf, 0, 0]], LITRE),
+        ([[0, 0, 1e19]], LITRE),
+        ([[0, -1.1e6, 0]], LITRE),
         ([[0, 0, 1]], 0),
         ([[0, 0, 1]], -5),
         ([[0, 0, 1]], 0.5),
@@ -90,6 +92,25 @@ def test_bad_particles_are_refused(position, volume):
     with pytest.raises(ParticleError):
         world.add(position, [[0, 0, 0]], volume)
     assert world.count == 0
+
+
+@pytest.mark.parametrize("velocity", [[0, 0, -1e19], [1e300, 0, 0], [800, 800, 0]])
+def test_speeds_that_no_soil_has_are_refused(velocity):
+    world = engine()
+    with pytest.raises(ParticleError, match="1000 m/s"):
+        world.add([[0, 0, 1]], [velocity], LITRE)
+    assert world.count == 0
+
+
+def test_the_fastest_and_farthest_particles_do_no_harm():
+    world = engine()
+    world.add([[0, 0, 1], [0, 0, 2], [1e6, -1e6, 1e6]], [[600, 0, -800]] * 3, LITRE, grow=False)
+    world.add([[0.02, 0, 0.3]], np.zeros((1, 3)), LITRE, grow=False)
+    for _ in range(100):
+        world.step(STEP)
+    for column in (world.store.position, world.store.velocity, world.store.spin):
+        assert np.isfinite(column).all()
+    assert world.total_volume_mm3 == 4 * LITRE
 
 
 def test_more_than_the_capacity_is_refused_whole():
