@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numba.core.config import NUMBA_NUM_THREADS
 from support.particle_scenes import LITRE, cloud, engine, run
 
 from machine_sim.particles.parts import cut_parts
@@ -84,6 +85,7 @@ def test_nor_do_they_where_few_are_awake():
     check_apart(world)
 
 
+@pytest.mark.skipif(NUMBA_NUM_THREADS < 2, reason="one core: it would be compared with itself")
 def test_two_threads_give_the_same_bits(one):
     two = many(2)
     assert two.params.threads == 2
