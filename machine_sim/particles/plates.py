@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +19,11 @@ from machine_sim.particles.store import ParticleError
 __all__ = ["MAX_CORNERS", "Plates", "closest_in_polygon", "hull_planes", "plate_coordinates"]
 
 MAX_CORNERS = 8
+
+_FLAT = 1e-6
+"""Height, in sizes of a tool, below which a corner counts as in a plane."""
+_SLIVER = 1e-9
+"""Doubled area of a triangle over its longest side squared, below which it has no plane."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +95,10 @@ def _fault(points: NDArray[np.float64]) -> str:
 
 
 def hull_planes(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Half-spaces of the convex hull of a tool's corners, by trying all triples.
+    """Half-spaces of the convex hull of a tool's corners.
+
+    The hull grows from a tetrahedron, corner by corner: triangles that see the new corner give way
+    to a cone from it to their outline. The farthest corner is next, so that triangles are large.
 
     Args:
         points: shape (k, 3) [m].
@@ -102,19 +109,81 @@ def hull_planes(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     points = np.unique(np.round(points, 9), axis=0)
     size = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
-    triples = np.array(list(combinations(range(len(points)), 3)), dtype=np.intp).reshape(-1, 3)
-    a, b, c = (points[triples[:, k]] for k in range(3))
+    tolerance = _FLAT * size
+    first = _tetrahedron(points, tolerance)
+    if first is None:
+        return np.zeros((0, 4))
+    inner = points[first].mean(axis=0)
+    faces = np.array([first[:3], first[[0, 1, 3]], first[[0, 2, 3]], first[1:]])
+    planes = _face_planes(points, faces, inner)
+    left = np.delete(np.arange(len(points)), first)
+    while left.size:
+        heights = planes[:, :3] @ points[left].T - planes[:, 3:]
+        highest = heights.max(axis=0)
+        far = int(highest.argmax())
+        if highest[far] <= tolerance:
+            break
+        seen = heights[:, far] > tolerance
+        cone = np.insert(_outline(faces[seen]), 2, left[far], axis=1)
+        faces = np.concatenate([faces[~seen], cone])
+        planes = np.concatenate([planes[~seen], _face_planes(points, cone, inner)])
+        # Those inside the hull stay there, whatever is added to it.
+        left = left[highest > tolerance]
+        left = left[left != cone[0, 2]]
+    return _distinct(planes, size)
+
+
+def _tetrahedron(points: NDArray[np.float64], tolerance: float) -> NDArray[np.intp] | None:
+    """Four corners that span much of the room, each as far as can be from those before it.
+
+    None if all lie within `tolerance` [m] of one plane.
+    """
+    if len(points) < 4:
+        return None
+    a = int(points[:, 0].argmin())
+    b = int(np.linalg.norm(points - points[a], axis=1).argmax())
+    along = points[b] - points[a]
+    across = np.cross(along, points - points[a])
+    c = int(np.linalg.norm(across, axis=1).argmax())
+    length = float(np.linalg.norm(across[c]))
+    if length <= tolerance * float(np.linalg.norm(along)):
+        return None
+    heights = np.abs((points - points[a]) @ across[c]) / length
+    d = int(heights.argmax())
+    return None if heights[d] <= tolerance else np.array([a, b, c, d], dtype=np.intp)
+
+
+def _face_planes(
+    points: NDArray[np.float64], faces: NDArray[np.intp], inner: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Planes of triangles, shape (faces, 4), normals away from a point inside; slivers' are 0."""
+    a, b, c = (points[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
-    lengths = np.linalg.norm(normals, axis=1)
-    proper = lengths > 1e-9 * size**2
-    normals = normals[proper] / lengths[proper, None]
-    offsets = np.einsum("ij,ij->i", normals, a[proper])
-    heights = normals @ points.T - offsets[:, None]
-    tolerance = 1e-6 * size
-    above, below = heights.max(axis=1) > tolerance, heights.min(axis=1) < -tolerance
-    outward = np.where(above, -1.0, 1.0)
-    planes = np.column_stack([normals, offsets]) * outward[:, None]
-    return np.asarray(np.unique(np.round(planes[above ^ below], 9), axis=0), dtype=np.float64)
+    lengths = np.linalg.norm(normals, axis=1)[:, None]
+    longest = np.max([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
+    proper = lengths > _SLIVER * longest[:, None]
+    normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=proper)
+    offsets = np.einsum("ij,ij->i", normals, a)
+    outward = np.where(normals @ inner > offsets, -1.0, 1.0)
+    return np.column_stack([normals, offsets]) * outward[:, None]
+
+
+def _outline(faces: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Edges that bound a patch of triangles, each of one of them only, shape (edges, 2)."""
+    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    known, times = np.unique(edges, axis=0, return_counts=True)
+    return np.asarray(known[times == 1], dtype=np.intp)
+
+
+def _distinct(planes: NDArray[np.float64], size: float) -> NDArray[np.float64]:
+    """One of each plane, in a fixed order: a face of many corners is many triangles."""
+    planes = np.unique(np.round(planes[planes[:, :3].any(axis=1)], 9), axis=0)
+    kept: list[NDArray[np.float64]] = []
+    for plane in planes:
+        apart = np.abs(np.array(kept).reshape(-1, 4) - plane) > [_FLAT, _FLAT, _FLAT, _FLAT * size]
+        if apart.any(axis=1).all():
+            kept.append(plane)
+    return np.array(kept).reshape(-1, 4)
 
 
 @inline_kernel

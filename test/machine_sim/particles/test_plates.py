@@ -1,6 +1,8 @@
 """Geometry of plates and hulls."""
 
-from itertools import pairwise
+import time
+import tracemalloc
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from support.particle_scenes import box, pose, square
 
 from machine_sim.particles import ParticleError
 from machine_sim.particles.landing import tool_gap
+from machine_sim.particles.plates import hull_planes
 from machine_sim.particles.tool import RigidTool, ToolSet
 
 
@@ -48,6 +51,55 @@ def test_the_hull_of_a_box_holds_its_inside():
 
 def test_a_single_plate_encloses_nothing():
     assert not RigidTool([square(1.0)], pose()).contains(np.zeros((3, 3))).any()
+
+
+def hull_by_trying(points):
+    """Planes through three corners that have none beyond them."""
+    planes = []
+    for a, b, c in combinations(points, 3):
+        normal = np.cross(b - a, c - a)
+        normal = normal / max(np.linalg.norm(normal), 1e-12)
+        for sign in (-1.0, 1.0):
+            heights = sign * (points - a) @ normal
+            if np.linalg.norm(normal) > 0.5 and heights.min() < -1e-5 and heights.max() < 1e-7:
+                planes.append([*(sign * normal), sign * normal @ a])
+    return np.unique(np.round(planes, 6) + 0.0, axis=0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10**6), corners=st.integers(4, 12), whole=st.booleans())
+def test_a_hull_is_the_planes_with_no_corner_beyond(seed, corners, whole):
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(corners, 3))
+    if whole:  # many in one plane, in one line, or the same
+        points = rng.integers(0, 3, (corners, 3)).astype(float)
+    wanted = hull_by_trying(np.unique(points, axis=0))
+    found = hull_planes(points)
+    assert len(found) == len(wanted)
+    for plane in wanted:
+        assert np.abs(found - plane).max(axis=1).min() < 2e-6
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_drum_of_many_corners_has_a_hull_at_once(turned):
+    angle = 2.0 * np.pi * np.arange(121) / 120
+    ring = 0.5 * np.stack([np.cos(angle), np.sin(angle), np.zeros(121)], axis=1)
+    turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0] if turned else np.eye(3)
+    low, high = (ring @ turn, (ring + np.array([0.0, 0.0, 2.0])) @ turn)
+    sides = [[low[k], low[k + 1], high[k + 1], high[k]] for k in range(120)]
+    tracemalloc.start()
+    start = time.perf_counter()
+    tool = RigidTool(sides, pose())
+    took, (_, most) = time.perf_counter() - start, tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert took < 1.0
+    assert most < 100e6
+    assert 122 <= len(tool.hull) < 150, "two ends, 120 sides, hardly any of them twice"
+    points = np.random.default_rng(0).uniform([-0.6, -0.6, -0.2], [0.6, 0.6, 2.2], (4000, 3))
+    middle = np.hypot(points[:, 0], points[:, 1]) / np.cos(np.pi / 120)
+    clear = (np.abs(middle - 0.5) > 4e-4) & (np.abs(np.abs(points[:, 2] - 1.0) - 1.0) > 1e-4)
+    inside = (middle < 0.5) & (np.abs(points[:, 2] - 1.0) < 1.0)
+    np.testing.assert_array_equal(tool.contains(points @ turn)[clear], inside[clear])
 
 
 @pytest.mark.parametrize(
