@@ -27,11 +27,12 @@ from machine_sim.particles.motion import run_substeps
 from machine_sim.particles.neighbours import NeighbourList, spatial_order
 from machine_sim.particles.pairs import pair_overlap
 from machine_sim.particles.params import ParticleParams
-from machine_sim.particles.sleep import AWAKE, ON_MAP, Sleep, wake_touched
+from machine_sim.particles.sleep import AWAKE, ON_MAP, Sleep, Touching
 from machine_sim.particles.soil_contact import finish_on_ground, ground_planes
 from machine_sim.particles.soil_engine import SoilEngine
 from machine_sim.particles.store import ParticleError
 from machine_sim.particles.tool import Pose, RigidTool
+from machine_sim.particles.waking import wake_touched
 from machine_sim.particles.walls import WallList
 from msg_bridge.contract.loose_soil import LooseSoil
 
@@ -97,6 +98,7 @@ class ParticleEngine(SoilEngine):
         ids = self.store.add(
             n,
             position=new.position,
+            place=new.position,
             velocity=new.velocity,
             radius=radius,
             contact_radius=0.0 if grow else radius,
@@ -156,12 +158,19 @@ class ParticleEngine(SoilEngine):
         self, tool_id: int, plates: Sequence[ArrayLike], pose: Pose, *, digs: bool = True
     ) -> None:
         """See `SoilEngine.add_tool`."""
-        self._tools.add(tool_id, RigidTool(plates, pose, digs=digs))
+        tool = RigidTool(plates, pose, digs=digs)
+        self._tools.add(tool_id, tool)
+        self._sleep.add_tool(tool)
+        # It may stand where soil lies that sleeps.
+        self._sleep.disturb(
+            np.array([[*(tool.start[1] + tool.start[0] @ tool.centre), tool.reach]])
+        )
 
     def remove_tool(self, tool_id: int) -> None:
         """See `SoilEngine.remove_tool`."""
         first = self._tools.first
         number = self._tools.remove(tool_id)
+        self._sleep.remove_tool(number)
         self._walls.drop(int(first[number]), int(first[number + 1]))
         # What rested in it or against it is roused: all, since a tool goes away once in a while.
         rows = np.flatnonzero(self.store.resting)
@@ -187,7 +196,8 @@ class ParticleEngine(SoilEngine):
             store.reorder(spatial_order(store))
             self._pairs.stale = self._changed = True
             self._pairs.wear = 0
-        self._sleep.wake(store, tools, ground, dt)
+        if self._sleep.wake(store, tools, ground, dt).size:
+            self._pairs.stale = True
         live = (store.resting == AWAKE) & ~store.frozen
         rows, riders = np.flatnonzero(live), np.flatnonzero(store.resting > ON_MAP)
         in_tool = store.resting[riders].astype(np.int64) - 2
@@ -220,9 +230,22 @@ class ParticleEngine(SoilEngine):
             store.soft, store.quiet_time,
         )  # fmt: skip
         self._sleep.carry(store, tools, riders, in_tool)
-        if self._sleep.fall_asleep(store, tools, rows, inside, dt).size:
+        self._wake_touched(rows)
+        touching = Touching(
+            self._contacts, self._walls.table, grounds, self._ground_row, self._plane
+        )
+        if self._sleep.fall_asleep(store, tools, rows, inside, touching, dt).size:
             self._changed = True
         tools.end()
+
+    def _wake_touched(self, rows: NDArray[np.int64]) -> None:
+        store, contacts = self.store, self._contacts
+        if rows.size < store.count and wake_touched(
+            rows, contacts.first, contacts.second, contacts.begin, contacts.size, store.position,
+            store.velocity, store.contact_radius, store.radius, self.params.wake_speed,
+            store.resting, store.place, store.calm_time,
+        ):  # fmt: skip
+            self._pairs.stale = True
 
     def _make_room(self) -> None:
         count = self.store.count
@@ -277,11 +300,6 @@ class ParticleEngine(SoilEngine):
         )  # fmt: skip
         contacts.give_back(self._pairs.pairs, threads)
         finish_bodies(rows, body, store.position, store.velocity, store.spin)
-        if rows.size < store.count and wake_touched(
-            contacts.first, contacts.second, contacts.entry, contacts.begin, contacts.size,
-            self._pairs.pairs.touching, body, store.resting, params.wake_speed, store.calm_time,
-        ):  # fmt: skip
-            self._pairs.stale = True
 
     @property
     def max_overlap(self) -> float:

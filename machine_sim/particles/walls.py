@@ -45,6 +45,11 @@ class WallTable:
         self.end = np.zeros(rows, np.int64)
         self.count = 0
 
+    @property
+    def plates(self) -> NDArray[np.int64]:
+        """Plate of each contact, shape (count,)."""
+        return self.plate[: self.count]
+
 
 class WallList:
     """The contact table, listed anew each step with its history carried over."""

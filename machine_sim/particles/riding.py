@@ -1,0 +1,117 @@
+"""Soil at rest in a tool that rides in it as one body: who does, and how it goes along."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machine_sim.particles.jit import kernel
+from machine_sim.particles.plates import closest_in_polygon, plate_coordinates
+from machine_sim.particles.walls import to_tool
+
+__all__ = ["carry", "who_is_held"]
+
+_TOUCH = 1.02
+"""Farthest two touch, in sums of radii; one and a plate or the ground, in radii."""
+_HELD = 2
+_GROUNDED = 4
+
+
+@kernel
+def who_is_held(  # type: ignore[no-untyped-def]
+    number, rows, calm, first, second, begin, size, position, contact_radius, resting, frozen,
+    grounds, ground_row, plane, walls, wall_row, wall_plate, frame, corner, corners, owner, pose,
+    held, grounded,
+):  # fmt: skip
+    """Mark who of the calm rests on tool `number`, and who on something else; some on both.
+
+    Support is followed from contact to contact: a tube without a floor holds nothing, and soil in
+    a bucket that leans on soil outside does not go along with it.
+
+    Args:
+        rows, calm: who is awake, and which of them are calm, shape (rows,).
+        first ... size: of `ContactTable`.
+        position ... frozen: of the store.
+        grounds, ground_row, plane: ground contacts, see `ground_planes`.
+        walls ... owner: plate contacts and plates.
+        pose: packed poses of the tools, shape (tools, 12).
+        held, grounded: out, shape (rows,).
+    """
+    state = np.zeros(resting.size, np.uint8)
+    for k in range(rows.size):
+        if calm[k]:
+            state[rows[k]] = 1
+    for c in range(grounds):
+        i = ground_row[c]
+        if state[i] != 0:
+            distance = plane[c, 0] * position[i, 0] + plane[c, 1] * position[i, 1]
+            distance += plane[c, 2] * position[i, 2] - plane[c, 3]
+            if distance < _TOUCH * contact_radius[i]:
+                state[i] |= np.uint8(_GROUNDED)
+    for c in range(walls):
+        i, p = wall_row[c], wall_plate[c]
+        if state[i] == 0 or p < 0:
+            continue
+        x, y, z = to_tool(pose[owner[p]], position[i, 0], position[i, 1], position[i, 2])
+        a, b, h = plate_coordinates(frame, p, x, y, z)
+        ca, cb, _ = closest_in_polygon(corner, corners, p, a, b)
+        if (a - ca) ** 2 + (b - cb) ** 2 + h * h < (_TOUCH * contact_radius[i]) ** 2:
+            state[i] |= np.uint8(_HELD if owner[p] == number else _GROUNDED)
+    spreads = True
+    while spreads:
+        spreads = False
+        for part in range(begin.size):
+            for c in range(begin[part], begin[part] + size[part]):
+                i, j = first[c], second[c]
+                if state[i] == state[j]:
+                    continue
+                reach = _TOUCH * (np.float64(contact_radius[i]) + np.float64(contact_radius[j]))
+                dx, dy = position[i, 0] - position[j, 0], position[i, 1] - position[j, 1]
+                dz = position[i, 2] - position[j, 2]
+                if dx * dx + dy * dy + dz * dz > reach * reach:
+                    continue
+                for turn in range(2):
+                    one, other = (i, j) if turn == 0 else (j, i)
+                    if state[one] == 0:
+                        continue
+                    support = state[other] & np.uint8(_HELD | _GROUNDED)
+                    if resting[other] == number + 2:
+                        support = np.uint8(_HELD)
+                    elif resting[other] != 0 or frozen[other]:
+                        support = np.uint8(_GROUNDED)
+                    if support & ~state[one] != 0:
+                        state[one] |= support
+                        spreads = True
+    for k in range(rows.size):
+        grounded[k] = state[rows[k]] & _GROUNDED != 0
+        held[k] = state[rows[k]] & _HELD != 0
+
+
+@kernel
+def carry(riders, tool, number, pose, twist, place, mass, position, velocity, spin):  # type: ignore[no-untyped-def]
+    """Take who rides in tool `number` along to its packed `pose`.
+
+    Returns:
+        Mass of these [kg], and their centre of mass from the origin of the tool's frame [m], map
+        axes, shape (3,).
+    """
+    load, moment = 0.0, np.zeros(3)
+    ax, ay, az = twist[3], twist[4], twist[5]
+    for k in range(riders.size):
+        if tool[k] != number:
+            continue
+        i = riders[k]
+        px, py, pz = place[i, 0], place[i, 1], place[i, 2]
+        x = pose[0] * px + pose[1] * py + pose[2] * pz
+        y = pose[3] * px + pose[4] * py + pose[5] * pz
+        z = pose[6] * px + pose[7] * py + pose[8] * pz
+        position[i, 0], position[i, 1], position[i, 2] = pose[9] + x, pose[10] + y, pose[11] + z
+        velocity[i, 0] = twist[0] + ay * z - az * y
+        velocity[i, 1] = twist[1] + az * x - ax * z
+        velocity[i, 2] = twist[2] + ax * y - ay * x
+        spin[i, 0], spin[i, 1], spin[i, 2] = ax, ay, az
+        m = np.float64(mass[i])
+        load += m
+        moment[0] += m * x
+        moment[1] += m * y
+        moment[2] += m * z
+    return load, moment / load
