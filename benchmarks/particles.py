@@ -44,6 +44,8 @@ PEERS = {"LIGGGHTS": 40_000, "cubes": 1000}
 ENOUGH = 1000
 """Particles that need to fall once only."""
 MOST_FALLS = 5
+ASLEEP = 0.99
+"""Share of particles that rest where all are said to."""
 
 LABELS = {
     "particles": "particles",
@@ -81,6 +83,8 @@ def ours(count: int) -> list[float]:
     calm.add(place, np.zeros_like(place), engine.store.volume_mm3, grow=False)
     run(calm, 250)
     asleep = timed(calm, 60)
+    resting = float((calm.store.resting > 0).mean())
+    assert resting >= ASLEEP, f"{100 * resting:.0f} % of {count} are asleep, which is no such scene"
     # Shaken enough to stay awake, unless it rides as one body.
     return [falling, settled, asleep, bucket(particles(carried=False), count)]
 

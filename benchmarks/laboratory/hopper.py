@@ -23,7 +23,7 @@ from benchmarks.laboratory.scenes import STEP, VOLUME, Plate, Points, bench, bul
 from machine_sim.particles import ParticleEngine, Pose
 from msg_bridge.contract.loose_soil import LooseSoil
 
-__all__ = ["OPENINGS", "Flow", "exponent", "outflow", "outflows", "slope"]
+__all__ = ["OPENINGS", "Flow", "outflow", "outflows", "slope"]
 
 OPENINGS = (5.0, 7.0, 10.0, 14.0)
 """Diameters of the hole, in diameters of the particles; below 5 they jam (Zuriguel et al., Phys.
@@ -141,13 +141,6 @@ def slope(flows: Sequence[Flow]) -> float:
     """Exponent of the law that outflows follow: slope of log W against log(D - 1.4 d)."""
     wide = np.log([flow.opening - _EDGE for flow in flows])
     return float(np.polyfit(wide, np.log([flow.rate for flow in flows]), 1)[0])
-
-
-def exponent(
-    soil: LooseSoil, openings: Sequence[float] = OPENINGS, *, passing: int = 8000, **params: float
-) -> float:
-    """Exponent of the law that outflow through some openings follows; see `outflow`."""
-    return slope(outflows(soil, openings, passing=passing, **params))
 
 
 def _run(

@@ -1,7 +1,7 @@
 """The working copy of the particles during one step: a record of float32 per particle.
 
-A record is one cache line, so that a contact touches one line per particle. Places are
-*displacements since the start of the step*: small numbers, which float32 holds to nanometres
+A record is as large as a cache line, so that a contact reads one or two lines per particle. Places
+are *displacements since the start of the step*: small numbers, which float32 holds to nanometres
 however large the map is; the store keeps positions in float64.
 """
 
@@ -13,12 +13,6 @@ from machine_sim.particles.jit import kernel
 
 __all__ = [
     "BODY_FLOATS",
-    "BOND",
-    "FRICTION",
-    "INVERSE_MASS",
-    "RADIUS",
-    "ROLLING",
-    "SPIN",
     "SUM_FLOATS",
     "advance_bodies",
     "advance_riders",
@@ -26,17 +20,9 @@ __all__ = [
     "load_bodies",
 ]
 
-MOVED = 0
-"""Columns of a body: displacement [m] (3), radius [m], velocity [m/s] (3), 1/mass [1/kg], spin
-[rad/s] (3), friction, rolling friction, bond pressure [Pa]."""
-RADIUS = 3
-SPEED = 4
-INVERSE_MASS = 7
-SPIN = 8
-FRICTION = 11
-ROLLING = 12
-BOND = 13
 BODY_FLOATS = 16
+"""Columns of a body: displacement [m] (3), radius [m], velocity [m/s] (3), 1/mass [1/kg], spin
+[rad/s] (3), friction, rolling friction, bond pressure [Pa], unused (2)."""
 
 SUM_FLOATS = 12
 """Columns of a sum over contacts: force [N] (3), rolling limit [N], torque [N m] (3), unused,
