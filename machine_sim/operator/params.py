@@ -50,7 +50,7 @@ class OperatorParams(Parameters):
         1.15, "soil it plans to sweep, in parts of the room in the bucket", low=0.1, high=2.0
     )
     full: float = parameter(
-        0.85, "fill it wants over the dump; with less after a pass it digs again", low=0.1, high=1.5
+        0.8, "fill it wants over the dump; with less after a pass it digs again", low=0.1, high=1.5
     )
     brimming: float = parameter(
         1.25, "fill at which it stops a drag early, and plans less next time", low=0.5, high=2.0
