@@ -20,7 +20,7 @@ def test_moisture_counts():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["reference", "dry sand", "gravel", "loam", "topsoil"])
+@pytest.mark.parametrize("name", sorted(load_soils()))
 def test_a_heap_pours_to_the_angle_of_its_soil(name):
     kind = load_soils()[name]
     asked = math.degrees(kind.angle(kind.moisture))
