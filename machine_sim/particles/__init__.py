@@ -3,12 +3,13 @@
 - `params`: the physics, with units and ranges; `grains`: how each soil's particles touch
 - `intake`: what is refused; `store`: the particles and the volume account
 - `law`: the contact law; `jit`: how kernels are compiled
-- `neighbours`: near pairs; `parts`: which of them several threads work at at once
+- `cells`: particles by place; `neighbours`: near pairs; `parts`: which several threads work at
 - `contacts`: those that may touch in a step; `pairs`: their forces
 - `plates`, `tool`, `walls`: tool geometry, its motion, and the forces on it
 - `soil_contact`: forces of the terrain
 - `growth`: released particles grow to size
-- `bodies`, `motion`: the substeps; `sleep`: who rests or rides in a tool; `landing`: who lands
+- `bodies`, `motion`: the substeps; `landing`: who lands
+- `sleep`: who rests; `waking`: who must not any longer; `riding`: who goes along with a tool
 - `soil_engine`: what engines have in common; `engine`: one step of it all; `warm`: compile it
 """
 

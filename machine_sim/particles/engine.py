@@ -18,13 +18,14 @@ from machine_sim.particles.bodies import (
     finish_bodies,
     load_bodies,
 )
+from machine_sim.particles.cells import spatial_order
 from machine_sim.particles.contacts import ContactTable
 from machine_sim.particles.growth import grow_radii, start_radii
 from machine_sim.particles.intake import checked_intake
 from machine_sim.particles.jit import use_threads
 from machine_sim.particles.law import Law, contact_law
 from machine_sim.particles.motion import run_substeps
-from machine_sim.particles.neighbours import NeighbourList, spatial_order
+from machine_sim.particles.neighbours import NeighbourList
 from machine_sim.particles.pairs import pair_overlap
 from machine_sim.particles.params import ParticleParams
 from machine_sim.particles.sleep import AWAKE, ON_MAP, Sleep, Touching

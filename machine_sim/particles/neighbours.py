@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from machine_sim.particles.cells import rows_around, sort_rows
 from machine_sim.particles.jit import kernel
 from machine_sim.particles.parts import cut_parts
 from machine_sim.particles.store import ParticleStore
@@ -103,8 +104,8 @@ class NeighbourList:
         largest = _lay_skins(moving, alone, store.velocity, dt, base, longest, self._skins)
         cell = 2.0 * float(store.radius.max()) + 2.0 * largest
         few = int(np.count_nonzero(live)) * 2 < store.count
-        rows = _around(store.position, moving, cell) if few else np.arange(store.count)
-        order, start, cells, sizes = _sort(rows, store.position, cell)
+        rows = rows_around(store.position, moving, cell) if few else np.arange(store.count)
+        order, start, cells, sizes = sort_rows(rows, store.position, cell)
         while not self._build(store, live, few, order, start, cells, sizes):
             self._spare = PairTable(2 * len(self._spare.first), 0)
         self.pairs, self._spare = self._spare, self.pairs
@@ -134,12 +135,6 @@ class NeighbourList:
             return False
         new.bounds = cut_parts(slabs, 2 if few else 1)
         return True
-
-
-def spatial_order(store: ParticleStore) -> NDArray[np.intp]:
-    """Rows sorted by place, so that neighbours in space are neighbours in memory."""
-    cell = 2.2 * float(store.radius.max())
-    return np.asarray(_sort(np.arange(store.count), store.position, cell)[0], dtype=np.intp)
 
 
 @kernel
@@ -198,82 +193,6 @@ def _lay_skins(rows, alone, velocity, dt, base, longest, skins):  # type: ignore
 
 
 @kernel
-def _around(position, moving, margin):  # type: ignore[no-untyped-def]
-    """Rows of all particles in the box of those that move, with a margin [m] around it."""
-    low, high = np.full(3, 1e300), np.full(3, -1e300)
-    for i in moving:
-        for axis in range(3):
-            low[axis] = min(low[axis], position[i, axis] - margin)
-            high[axis] = max(high[axis], position[i, axis] + margin)
-    rows = np.empty(position.shape[0], np.int64)
-    count = 0
-    for i in range(position.shape[0]):
-        x, y, z = position[i, 0], position[i, 1], position[i, 2]
-        rows[count] = i
-        count += (
-            (x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1])
-            & (z >= low[2]) & (z <= high[2])
-        )  # fmt: skip
-    return rows[:count]
-
-
-@kernel
-def _sort(rows, position, cell):  # type: ignore[no-untyped-def]
-    """Counting sort of `rows` by cell, y slowest and z fastest, one empty layer all around.
-
-    Only the bulk (3 standard deviations about the mean) gets cells of its own; what lies beyond
-    is put into the outermost ones. That keeps their number near that of the particles, and never
-    parts two neighbours, as it brings cell indices only closer together.
-
-    Returns:
-        order (row at each place), start (first place of each cell), cells (cell at each place),
-        sizes (cells along x, y, z).
-    """
-    n = rows.size
-    low, shape = np.zeros(3), np.zeros(3, np.int64)
-    for axis in range(3):
-        total, lowest, highest = 0.0, 1e300, -1e300
-        for i in rows:
-            p = position[i, axis]
-            total += p
-            lowest, highest = min(lowest, p), max(highest, p)
-        mean, spread = total / n, 0.0
-        for i in rows:
-            spread += (position[i, axis] - mean) ** 2
-        spread = 3.0 * np.sqrt(spread / n)
-        low[axis] = max(lowest, mean - spread)
-        width = min(highest, mean + spread) - low[axis]
-        shape[axis] = int(min(width / cell, 1e6)) + 3
-    while shape[0] * shape[1] * shape[2] > 10 * n + 1000:
-        for axis in range(3):
-            shape[axis] = max(3, shape[axis] * 4 // 5)
-    nx, ny, nz = shape[0], shape[1], shape[2]
-    inverse = 1.0 / cell
-    index = np.empty(n, np.int32)
-    start = np.zeros(nx * ny * nz + 1, np.int32)
-    for k in range(n):
-        i = rows[k]
-        # Clamped as floats first: a far stray must not overflow the integer.
-        x = int(min(max((position[i, 0] - low[0]) * inverse + 1.0, 1.0), nx - 2.0))
-        y = int(min(max((position[i, 1] - low[1]) * inverse + 1.0, 1.0), ny - 2.0))
-        z = int(min(max((position[i, 2] - low[2]) * inverse + 1.0, 1.0), nz - 2.0))
-        x, y, z = min(max(x, 1), nx - 2), min(max(y, 1), ny - 2), min(max(z, 1), nz - 2)
-        c = (y * nx + x) * nz + z
-        index[k] = c
-        start[c + 1] += 1
-    for c in range(nx * ny * nz):
-        start[c + 1] += start[c]
-    place = start[:-1].copy()
-    order, cells = np.empty(n, np.int32), np.empty(n, np.int32)
-    for k in range(n):
-        c = index[k]
-        order[place[c]] = rows[k]
-        cells[place[c]] = c
-        place[c] += 1
-    return order, start, cells, (nx, ny, nz)
-
-
-@kernel
 def _mark_near(around, own, others, mark):  # type: ignore[no-untyped-def]
     """Mark which of those around (x, y, z, size by row of `around`) are near number `own`.
 
@@ -297,7 +216,7 @@ def _list_pairs(  # type: ignore[no-untyped-def]
     """Fill the table with all pairs closer than touching plus the skins of both.
 
     Args:
-        order, start, cells, sizes: of `_sort`.
+        order, start, cells, sizes: of `sort_rows`.
         live: which rows move by forces.
         few: whether these are few: then only their cells are looked at, and all around them.
         position, radius, skins: of the particles, by row.
@@ -313,11 +232,12 @@ def _list_pairs(  # type: ignore[no-untyped-def]
     # float32 relative to a particle in the middle: near enough for a list with a skin.
     x, y, z = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
     size = np.empty(n, np.float32)
+    middle = order[n // 2]
     for a in range(n):
         i = order[a]
-        x[a] = position[i, 0] - position[0, 0]
-        y[a] = position[i, 1] - position[0, 1]
-        z[a] = position[i, 2] - position[0, 2]
+        x[a] = position[i, 0] - position[middle, 0]
+        y[a] = position[i, 1] - position[middle, 1]
+        z[a] = position[i, 2] - position[middle, 2]
         size[a] = radius[i] + skins[i]
     every = live.all()
     strips = 10 if few else 5
