@@ -75,7 +75,11 @@ class ParticleParams(Parameters):
     )
     sleep_time: float = parameter(0.5, "How long it must be slower.", unit="s", low=0.0, high=60.0)
     wake_speed: float = parameter(
-        0.05, "One touched by a faster particle wakes.", unit="m/s", low=0.0, high=5.0
+        0.05,
+        "Soil that rides in a tool wakes where one that touches it is faster, seen from it.",
+        unit="m/s",
+        low=0.0,
+        high=5.0,
     )
     wake_tilt: float = parameter(
         0.1,

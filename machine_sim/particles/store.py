@@ -70,7 +70,8 @@ class ParticleStore:
         quiet_time: how long it has been slow on the ground [s].
         ground_spring: tangential spring of its ground contact [m], shape (n, 3).
         resting: 0 for awake; what it rests in otherwise, see `sleep`.
-        place: where it rests in a tool [m], tool frame, shape (n, 3).
+        place: where it rests in a tool [m], tool frame; of one awake, where it was when those that
+            sleep against it last counted on it, map frame, see `waking`. Shape (n, 3).
         calm_time: how long it has hardly moved [s].
         pair_row, wall_row: its row in the pair and plate list of the last step, -1 if it has none.
         next_id: the id of the next particle.
