@@ -8,8 +8,10 @@ however large the map is; the store keeps positions in float64.
 from __future__ import annotations
 
 import numpy as np
+from numba import prange
 
-from machine_sim.particles.jit import kernel
+from machine_sim.particles.jit import kernel, threaded_kernel
+from machine_sim.particles.parts import CHUNKS, chunk
 
 __all__ = [
     "BODY_FLOATS",
@@ -21,12 +23,13 @@ __all__ = [
 ]
 
 BODY_FLOATS = 16
-"""Columns of a body: displacement [m] (3), radius [m], velocity [m/s] (3), 1/mass [1/kg], spin
-[rad/s] (3), friction, rolling friction, bond pressure [Pa], unused (2)."""
+"""Columns of a body: displacement [m] (3), contact radius [m], velocity [m/s] (3), 1/mass [1/kg],
+surface speed: spin times contact radius [m/s] (3), unused, spin [rad/s] (3), unused."""
 
-SUM_FLOATS = 12
-"""Columns of a sum over contacts: force [N] (3), rolling limit [N], torque [N m] (3), unused,
-spin of the others times their share of the rolling limit [N rad/s] (3), unused."""
+SUM_FLOATS = 16
+"""Columns of a sum over contacts: force [N] (3), rolling limit [N], turning force: torque over
+contact radius [N] (3), unused (5), spin of the others times their share of the rolling limit
+[N rad/s] (3), unused."""
 
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
@@ -35,22 +38,25 @@ _INERTIA = np.float32(2.5)
 """1 / 0.4: moment of inertia of a solid sphere is 0.4 m r^2."""
 
 
-@kernel
+@threaded_kernel
 def load_bodies(  # type: ignore[no-untyped-def]
-    rows, body, total, velocity, spin, contact_radius, inverse_mass, resting, friction, rolling,
-    bond,
-):  # fmt: skip
+    rows, body, total, velocity, spin, contact_radius, inverse_mass, resting
+):
     """Fill the records of `rows` and clear their sums; the others are columns of the store."""
+    for c in prange(CHUNKS):
+        _load(chunk(rows, c), body, total, velocity, spin, contact_radius, inverse_mass, resting)
+
+
+@kernel
+def _load(rows, body, total, velocity, spin, contact_radius, inverse_mass, resting):  # type: ignore[no-untyped-def]
     for i in rows:
         for axis in range(3):
             body[i, axis] = _ZERO
             body[i, 4 + axis] = velocity[i, axis]
-            body[i, 8 + axis] = spin[i, axis]
+            body[i, 8 + axis] = spin[i, axis] * contact_radius[i]
+            body[i, 12 + axis] = spin[i, axis]
         body[i, 3] = contact_radius[i]
         body[i, 7] = inverse_mass[i] if resting[i] == 0 else _ZERO
-        body[i, 11] = friction[i]
-        body[i, 12] = rolling[i]
-        body[i, 13] = bond[i]
         for k in range(SUM_FLOATS):
             total[i, k] = _ZERO
 
@@ -82,31 +88,38 @@ def advance_bodies(rows, body, total, radius, gravity, dt):  # type: ignore[no-u
             body[i, 0] += body[i, 4] * dt
             body[i, 1] += body[i, 5] * dt
             body[i, 2] += body[i, 6] * dt
-            r, limit = radius[i], total[i, 3]
+            r, limit, arm = radius[i], total[i, 3], body[i, 3]
             change *= _INERTIA / (r * r)
             share = _ONE / max(limit, _TINY)
-            mx, my, mz = total[i, 8] * share, total[i, 9] * share, total[i, 10] * share
-            x = body[i, 8] + total[i, 4] * change - mx
-            y = body[i, 9] + total[i, 5] * change - my
-            z = body[i, 10] + total[i, 6] * change - mz
+            mx, my, mz = total[i, 12] * share, total[i, 13] * share, total[i, 14] * share
+            turn = arm * change
+            x = body[i, 12] + total[i, 4] * turn - mx
+            y = body[i, 13] + total[i, 5] * turn - my
+            z = body[i, 14] + total[i, 6] * turn - mz
             size = np.sqrt(x * x + y * y + z * z)
             held = limit * r * change
             left = max(size - held, _ZERO) / max(size, _TINY)
-            body[i, 8] = mx + x * left
-            body[i, 9] = my + y * left
-            body[i, 10] = mz + z * left
-        for k in range(12):
+            x, y, z = mx + x * left, my + y * left, mz + z * left
+            body[i, 12], body[i, 13], body[i, 14] = x, y, z
+            body[i, 8], body[i, 9], body[i, 10] = x * arm, y * arm, z * arm
+        for k in range(SUM_FLOATS):
             total[i, k] = _ZERO
 
 
-@kernel
+@threaded_kernel
 def finish_bodies(rows, body, position, velocity, spin):  # type: ignore[no-untyped-def]
     """Take the motion of `rows` over into the store's columns."""
+    for c in prange(CHUNKS):
+        _finish(chunk(rows, c), body, position, velocity, spin)
+
+
+@kernel
+def _finish(rows, body, position, velocity, spin):  # type: ignore[no-untyped-def]
     for i in rows:
         for axis in range(3):
             position[i, axis] += body[i, axis]
             velocity[i, axis] = body[i, 4 + axis]
-            spin[i, axis] = body[i, 8 + axis]
+            spin[i, axis] = body[i, 12 + axis]
 
 
 @kernel
@@ -130,9 +143,10 @@ def advance_riders(rows, tool, body, total, position, pose, wrench, dt):  # type
         wrench[t, 0] += fx
         wrench[t, 1] += fy
         wrench[t, 2] += fz
-        wrench[t, 3] += y * fz - z * fy + total[i, 4]
-        wrench[t, 4] += z * fx - x * fz + total[i, 5]
-        wrench[t, 5] += x * fy - y * fx + total[i, 6]
+        arm = body[i, 3]
+        wrench[t, 3] += y * fz - z * fy + total[i, 4] * arm
+        wrench[t, 4] += z * fx - x * fz + total[i, 5] * arm
+        wrench[t, 5] += x * fy - y * fx + total[i, 6] * arm
         for axis in range(3):
             body[i, axis] += body[i, 4 + axis] * dt
         for c in range(SUM_FLOATS):

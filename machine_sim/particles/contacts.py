@@ -1,10 +1,11 @@
-"""The contacts of one step: listed pairs that may touch in it, laid out for the compiler.
+"""The contacts of a step: listed pairs that may touch in it, laid out for the compiler.
 
-Listed pairs are many and most do not touch. Once a step those that may are copied into blocks; in
-a block, quantity q of slot s lies at `q * BLOCK + s`. The constant distance between quantities
-lets the compiler prove that they do not overlap, and it vectorises the contact maths (float32, 8
-or 16 pairs at once). Separations are taken from float64 positions here, so that the substeps can
-go on in float32 displacements.
+Listed pairs are many and some never touch. Those that may are copied into blocks, where they stay
+until the pair list is made anew; others join them when they come near. In a block, quantity q of
+slot s lies at `q * BLOCK + s`. The constant distance between quantities lets the compiler prove
+that they do not overlap, and it vectorises the contact maths (float32, 8 or 16 pairs at once).
+Once a step separations are taken from float64 positions, so that the substeps can go on in float32
+displacements.
 
 The contacts of each part of the pair list (see `parts`) have blocks of their own.
 """
@@ -13,10 +14,11 @@ from __future__ import annotations
 
 import numpy as np
 from numba import prange
-from numpy.typing import NDArray
 
 from machine_sim.particles.jit import kernel, threaded_kernel
 from machine_sim.particles.neighbours import PairTable
+from machine_sim.particles.parts import CHUNKS, chunk
+from machine_sim.particles.simd import GROUP
 from machine_sim.particles.store import ParticleStore
 
 __all__ = ["BLOCK", "BOND_GAP", "ContactTable"]
@@ -28,6 +30,7 @@ QUANTITIES = 12
 """Separation (3), reach, effective mass, friction, rolling friction, bond, cap of the overlap,
 spring (3)."""
 
+_ZERO = np.float32(0.0)
 _BOND_AREA = np.float32(np.pi)
 _HORIZON = np.float32(1.4)
 """How far ahead contacts are looked for, in steps: one, and room for acceleration."""
@@ -50,7 +53,8 @@ class ContactTable:
     def __init__(self) -> None:
         self.begin = np.zeros(1, np.int64)
         self.size = np.zeros(1, np.int64)
-        self._bounds = np.zeros(2, np.int64)
+        self._waiting = np.zeros(0, np.uint32)
+        self._wait = np.zeros(1, np.int64)
         self._ahead = np.zeros(0, np.float32)
         self._room(32)
 
@@ -67,7 +71,7 @@ class ContactTable:
 
     def collect(  # type: ignore[no-untyped-def]
         self, store: ParticleStore, moving, alone: bool, body, pairs: PairTable, dt: float,
-        threads: int,
+        threads: int, *, anew: bool,
     ) -> None:  # fmt: skip
         """Take over the pairs that may touch within `dt` [s], with their springs.
 
@@ -79,55 +83,74 @@ class ContactTable:
             pairs: where they are listed.
             dt: [s].
             threads: how many work at it.
+            anew: forget the contacts of the step before; needed where the pairs, who rests or what
+                particles are like have changed since, and springs are to be given back before.
         """
         if len(self._ahead) < store.count:
             self._ahead = np.zeros(2 * store.count, np.float32)
-        if self._bounds is not pairs.bounds:
-            self._lay_out(pairs.bounds)
-        _look_ahead(
+        if anew:
+            self._lay_out(pairs)
+        _look_ahead.on(threads)(
             np.float32(dt), moving, alone, self._ahead, pairs.first, pairs.second, pairs.count, body
         )
         _collect.on(threads)(
             np.float32(dt), self._ahead, pairs.first, pairs.second, pairs.bounds, pairs.touching,
-            pairs.spring, store.position, body,
+            pairs.spring, store.position, body, store.friction, store.rolling, store.cohesion,
             self.first, self.second, self.entry, self.block, self.begin, self.size,
+            self._waiting, self._wait, anew,
         )  # fmt: skip
 
-    def _lay_out(self, bounds: NDArray[np.int64]) -> None:
+    def _lay_out(self, pairs: PairTable) -> None:
         """Give each part of the pair list blocks enough for all of its pairs."""
-        blocks = (np.diff(bounds) + BLOCK - 1) // BLOCK
+        blocks = (np.diff(pairs.bounds) + BLOCK - 1) // BLOCK
         self.begin = BLOCK * (np.cumsum(blocks) - blocks)
         self.size = np.zeros(len(blocks), np.int64)
+        self._wait = np.zeros(len(blocks), np.int64)
         if int(blocks.sum()) > len(self.block):
             self._room(2 * int(blocks.sum()))
-        self._bounds = bounds
+        if pairs.count > len(self._waiting):
+            self._waiting = np.zeros(2 * pairs.count, np.uint32)
 
     def give_back(self, pairs: PairTable, threads: int) -> None:
-        """Keep the springs in the pair table until the next step."""
+        """Keep the springs in the pair table, before contacts are collected anew."""
         _give_back.on(threads)(
             self.begin, self.size, self.entry, self.block, pairs.touching, pairs.spring
         )
 
 
-@kernel
+@threaded_kernel
 def _look_ahead(dt, moving, alone, ahead, pair_first, pair_second, pairs, body):  # type: ignore[no-untyped-def]
     """Fill `ahead`: how far each comes toward another in `dt`, its own size included [m].
 
     Relative to the mean where all move, so that what moves together does not count as closing in.
     """
-    mean = np.zeros(3, np.float32)
+    sums = np.zeros((CHUNKS, 3), np.float32)
     if alone:
-        for i in moving:
-            for axis in range(3):
-                mean[axis] += body[i, 4 + axis]
-        for axis in range(3):
-            mean[axis] /= np.float32(moving.size)
+        for c in prange(CHUNKS):
+            _add_up(chunk(moving, c), body, sums[c])
     else:
         for k in range(pairs):
             i, j = pair_first[k], pair_second[k]
             ahead[i] = body[i, 3] * (np.float32(1.0) + _SLACK)
             ahead[j] = body[j, 3] * (np.float32(1.0) + _SLACK)
-    for i in moving:
+    mean = np.zeros(3, np.float32)
+    for c in range(CHUNKS):
+        for axis in range(3):
+            mean[axis] += sums[c, axis] / np.float32(moving.size)
+    for c in prange(CHUNKS):
+        _ahead_of(dt, chunk(moving, c), mean, body, ahead)
+
+
+@kernel
+def _add_up(rows, body, velocity):  # type: ignore[no-untyped-def]
+    for i in rows:
+        for axis in range(3):
+            velocity[axis] += body[i, 4 + axis]
+
+
+@kernel
+def _ahead_of(dt, rows, mean, body, ahead):  # type: ignore[no-untyped-def]
+    for i in rows:
         x, y, z = body[i, 4] - mean[0], body[i, 5] - mean[1], body[i, 6] - mean[2]
         ahead[i] = body[i, 3] * (np.float32(1.0) + _SLACK) + _HORIZON * dt * np.sqrt(
             x * x + y * y + z * z
@@ -137,70 +160,121 @@ def _look_ahead(dt, moving, alone, ahead, pair_first, pair_second, pairs, body):
 @threaded_kernel
 def _collect(  # type: ignore[no-untyped-def]
     dt, ahead, pair_first, pair_second, bounds, touching, pair_spring, position, body,
-    first, second, entry, block, begin, size,
+    friction, rolling, bond, first, second, entry, block, begin, size, waiting, wait, anew,
 ):  # fmt: skip
-    """Fill the table, part by part."""
+    """Bring the table up to date, part by part."""
     for part in prange(begin.size):
-        size[part] = _collect_part(
-            dt, ahead, pair_first, pair_second, bounds[part], bounds[part + 1], touching,
-            pair_spring, position, body, first, second, entry, block, begin[part],
+        low = bounds[part]
+        if anew:
+            wait[part] = bounds[part + 1] - low
+            for k in range(low, bounds[part + 1]):
+                waiting[k] = k
+        _separate(begin[part], size[part], first, second, position, block)
+        joined, wait[part] = _join(
+            dt, ahead, pair_first, pair_second, waiting[low : low + wait[part]], touching,
+            pair_spring, position, body, friction, rolling, bond, first, second, entry, block,
+            begin[part] + size[part],
         )  # fmt: skip
+        size[part] += joined
 
 
 @kernel
-def _collect_part(  # type: ignore[no-untyped-def]
-    dt, ahead, pair_first, pair_second, low, high, touching, pair_spring, position, body,
-    first, second, entry, block, begin,
+def _separate(begin, size, first, second, position, block):  # type: ignore[no-untyped-def]
+    """Take the separations of contacts that stay."""
+    for start in range(begin, begin + size, BLOCK):
+        b = block[start // BLOCK]
+        for s in range(min(begin + size - start, BLOCK)):
+            i, j = first[start + s], second[start + s]
+            b[s] = np.float32(position[j, 0] - position[i, 0])
+            b[s + BLOCK] = np.float32(position[j, 1] - position[i, 1])
+            b[s + 2 * BLOCK] = np.float32(position[j, 2] - position[i, 2])
+
+
+@kernel
+def _join(  # type: ignore[no-untyped-def]
+    dt, ahead, pair_first, pair_second, waiting, touching, pair_spring, position, body,
+    friction, rolling, bond, first, second, entry, block, begin,
 ):  # fmt: skip
-    """Copy those of the pairs from `low` to `high` that may touch to the slots from `begin` on.
+    """Copy those of the waiting pairs that may touch to the slots from `begin` on.
 
     Returns:
-        How many.
+        How many, and how many still wait.
     """
-    count = begin
-    for k in range(low, high):
+    slot, left = begin, 0
+    listed = np.empty(BLOCK, np.uint32)
+    for start in range(0, waiting.size, BLOCK):
+        count, left = _may_touch(
+            dt, ahead, pair_first, pair_second, start, min(start + BLOCK, waiting.size), waiting,
+            left, touching, position, body, listed,
+        )  # fmt: skip
+        for m in range(count):
+            k = listed[m]
+            i, j = pair_first[k], pair_second[k]
+            first[slot], second[slot], entry[slot] = i, j, k
+            b = block[slot // BLOCK]
+            s = slot % BLOCK
+            ri, rj = body[i, 3], body[j, 3]
+            least = min(ri, rj)
+            b[s] = np.float32(position[j, 0] - position[i, 0])
+            b[s + BLOCK] = np.float32(position[j, 1] - position[i, 1])
+            b[s + 2 * BLOCK] = np.float32(position[j, 2] - position[i, 2])
+            b[s + 3 * BLOCK] = ri + rj
+            b[s + 4 * BLOCK] = np.float32(1.0) / (body[i, 7] + body[j, 7])
+            # Of two soils the weaker gives way.
+            b[s + 5 * BLOCK] = min(friction[i], friction[j])
+            b[s + 6 * BLOCK] = min(rolling[i], rolling[j])
+            b[s + 7 * BLOCK] = _BOND_AREA * least * least * min(bond[i], bond[j])
+            b[s + 8 * BLOCK] = least
+            held = np.float32(touching[k])
+            for axis in range(3):
+                b[s + (9 + axis) * BLOCK] = pair_spring[k, axis] * held
+            slot += 1
+    joined, end = slot - begin, slot
+    while end % GROUP != 0:
+        # The last group is filled up with contacts that weigh nothing.
+        first[end], second[end] = first[end - 1], second[end - 1]
+        for q in range(QUANTITIES):
+            block[end // BLOCK, end % BLOCK + q * BLOCK] = _ZERO
+        end += 1
+    return joined, left
+
+
+@kernel
+def _may_touch(  # type: ignore[no-untyped-def]
+    dt, ahead, pair_first, pair_second, low, high, waiting, left, touching, position, body, listed
+):
+    """List those of the waiting pairs from `low` to `high` that may touch, without branches.
+
+    The others go on waiting, from number `left` on. Their history is forgotten, but where both
+    rest: theirs is kept for when they wake.
+
+    Returns:
+        How many are listed, and how many wait now.
+    """
+    count = 0
+    for m in range(low, high):
+        k = waiting[m]
         i, j = pair_first[k], pair_second[k]
-        weight = body[i, 7] + body[j, 7]
-        if weight == np.float32(0.0):
-            continue  # both rest: the spring is kept for when they wake
         x = np.float32(position[j, 0] - position[i, 0])
         y = np.float32(position[j, 1] - position[i, 1])
         z = np.float32(position[j, 2] - position[i, 2])
-        near = ahead[i] + ahead[j]
         square = x * x + y * y + z * z
-        if square >= near * near:
-            touching[k] = 0
-            continue
-        ri, rj = body[i, 3], body[j, 3]
-        reach = ri + rj
-        if square > reach * reach:
-            # Near, and some of these do not close in.
-            vx = body[j, 4] - body[i, 4]
-            vy = body[j, 5] - body[i, 5]
-            vz = body[j, 6] - body[i, 6]
-            closing = -(vx * x + vy * y + vz * z)
-            way = max(closing, np.float32(0.0)) * _HORIZON * dt
-            distance = np.sqrt(square)
-            if (distance - reach * (np.float32(1.0) + _SLACK)) * distance > way:
-                touching[k] = 0
-                continue
-        first[count], second[count], entry[count] = i, j, k
-        b = block[count // BLOCK]
-        s = count % BLOCK
-        least = min(ri, rj)
-        b[s], b[s + BLOCK], b[s + 2 * BLOCK] = x, y, z
-        b[s + 3 * BLOCK] = reach
-        b[s + 4 * BLOCK] = np.float32(1.0) / weight
-        # Of two soils the weaker gives way.
-        b[s + 5 * BLOCK] = min(body[i, 11], body[j, 11])
-        b[s + 6 * BLOCK] = min(body[i, 12], body[j, 12])
-        b[s + 7 * BLOCK] = _BOND_AREA * least * least * min(body[i, 13], body[j, 13])
-        b[s + 8 * BLOCK] = least
-        held = np.float32(touching[k])
-        for axis in range(3):
-            b[s + (9 + axis) * BLOCK] = pair_spring[k, axis] * held
-        count += 1
-    return count - begin
+        near = ahead[i] + ahead[j]
+        vx = body[j, 4] - body[i, 4]
+        vy = body[j, 5] - body[i, 5]
+        vz = body[j, 6] - body[i, 6]
+        way = max(-(vx * x + vy * y + vz * z), _ZERO) * _HORIZON * dt
+        reach = (body[i, 3] + body[j, 3]) * (np.float32(1.0) + _SLACK)
+        distance = np.sqrt(square)
+        rests = body[i, 7] + body[j, 7] == _ZERO
+        may = (square < near * near) & ((distance - reach) * distance <= way)
+        touching[k] *= may | rests
+        may &= not rests
+        listed[count] = k
+        count += may
+        waiting[left] = k
+        left += not may
+    return count, left
 
 
 @threaded_kernel

@@ -22,7 +22,6 @@ from machine_sim.particles.cells import spatial_order
 from machine_sim.particles.contacts import ContactTable
 from machine_sim.particles.growth import grow_radii, start_radii
 from machine_sim.particles.intake import checked_intake
-from machine_sim.particles.jit import use_threads
 from machine_sim.particles.law import Law, contact_law
 from machine_sim.particles.motion import run_substeps
 from machine_sim.particles.neighbours import NeighbourList
@@ -62,7 +61,7 @@ class ParticleEngine(SoilEngine):
             ParticleError: no soil.
         """
         super().__init__(params, ground, soils, params.substeps)
-        self._pairs = NeighbourList(params.skin)
+        self._pairs = NeighbourList(params.skin, params.threads)
         self._walls = WallList()
         self._contacts = ContactTable()
         self._body = np.zeros((0, BODY_FLOATS), np.float32)
@@ -72,6 +71,7 @@ class ParticleEngine(SoilEngine):
         self._sleep = Sleep(params)
         self._growing = 0
         self._changed = True
+        self._anew = True
 
     # Particles in and out.
 
@@ -207,25 +207,31 @@ class ParticleEngine(SoilEngine):
             tools.end()
             return
         moving = np.concatenate([rows, riders]) if riders.size else rows
-        self._pairs.refresh(store, moving, live, dt)
+        if self._pairs.worn(store, moving, dt):
+            self._renew()
+            self._pairs.build(store, moving, live, dt)
         laws = tuple(
             contact_law(dt / params.substeps, params.substeps_per_contact, restitution)
             for restitution in (params.restitution, params.wall_restitution)
         )
         inside, near = tools.surround(rows, store.position, ground.grid.cell)
         off_ground = (inside >= 0) & tools.digs[inside] if tools.tools else inside >= 0
-        grounds = ground_planes(
+        threads = self._pairs.threads
+        grounds = ground_planes.on(threads)(
             ground.surface, ground.frame, dt, laws[1], rows, off_ground, near, store.position,
             store.velocity, store.radius, store.contact_radius, store.soft, store.ground_spring,
             self._ground_row, self._plane,
         )  # fmt: skip
         self._walls.refresh(store, rows, tools, dt)
+        if self._growing or self._changed:
+            self._renew()
         if self._growing:
             self._grow(dt, grounds)
-        before = store.position[rows]
+        before = store.position[rows] if tools.tools else store.position[:0]
         self._move(dt, laws, rows, moving, riders, in_tool, grounds)
-        self.tunnelled_tool += int(self._walls.crossed(store, rows, tools, before).sum())
-        self.tunnelled_ground += finish_on_ground(
+        if tools.tools:
+            self.tunnelled_tool += int(self._walls.crossed(store, rows, tools, before).sum())
+        self.tunnelled_ground += finish_on_ground.on(threads)(
             ground.surface, ground.frame, dt, params.settle_speed, rows, grounds,
             self._ground_row, self._plane, store.position, store.velocity, store.radius,
             store.soft, store.quiet_time,
@@ -238,6 +244,12 @@ class ParticleEngine(SoilEngine):
         if self._sleep.fall_asleep(store, tools, rows, inside, touching, dt).size:
             self._changed = True
         tools.end()
+
+    def _renew(self) -> None:
+        """Have contacts collected anew in this step; before the pair list changes."""
+        if not self._anew:
+            self._contacts.give_back(self._pairs.pairs, self._pairs.threads)
+            self._anew = True
 
     def _wake_touched(self, rows: NDArray[np.int64]) -> None:
         store, contacts = self.store, self._contacts
@@ -280,15 +292,17 @@ class ParticleEngine(SoilEngine):
         contacts, walls = self._contacts, self._walls.table
         body, total = self._body, self._total
         # Records of those that do not move stay good until rows change, or who moves.
-        load_bodies(
+        threads = self._pairs.threads
+        load_bodies.on(threads)(
             np.arange(store.count) if self._changed else moving, body, total,
             store.velocity, store.spin, store.contact_radius, store.inverse_mass, store.resting,
-            store.friction, store.rolling, store.cohesion,
         )  # fmt: skip
         self._changed = False
         alone = moving.size == store.count
-        threads = use_threads(params.threads) if self._pairs.pairs.parted else 1
-        contacts.collect(store, moving, alone, body, self._pairs.pairs, dt, threads)
+        contacts.collect(
+            store, moving, alone, body, self._pairs.pairs, dt, threads, anew=self._anew
+        )
+        self._anew = False
         run_substeps.on(threads)(
             params.substeps, params.gravity, *laws, np.float32(params.ground_friction),
             np.float32(params.ground_rolling), rows, riders, in_tool, body, total,
@@ -299,8 +313,7 @@ class ParticleEngine(SoilEngine):
             tools.frame, tools.corner, tools.corners, tools.owner, tools.path, tools.twist,
             tools.wrench, grounds, self._ground_row, self._plane,
         )  # fmt: skip
-        contacts.give_back(self._pairs.pairs, threads)
-        finish_bodies(rows, body, store.position, store.velocity, store.spin)
+        finish_bodies.on(threads)(rows, body, store.position, store.velocity, store.spin)
 
     @property
     def max_overlap(self) -> float:

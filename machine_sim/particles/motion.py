@@ -8,13 +8,11 @@ from numba import prange
 from machine_sim.particles.bodies import advance_bodies, advance_riders
 from machine_sim.particles.jit import threaded_kernel
 from machine_sim.particles.pairs import pair_forces
+from machine_sim.particles.parts import CHUNKS, chunk, spread
 from machine_sim.particles.soil_contact import ground_forces
 from machine_sim.particles.walls import wall_forces
 
 __all__ = ["run_substeps"]
-
-_CHUNKS = 8
-"""Chunks of rows that threads share out among them."""
 
 
 @threaded_kernel
@@ -45,20 +43,20 @@ def run_substeps(  # type: ignore[no-untyped-def]
     dt = np.float32(law[4])
     for s in range(substeps):
         for kind in range(2):
-            for r in prange((begin.size + 1 - kind) // 2):
-                part = 2 * r + kind
+            parts = (begin.size + 1 - kind) // 2
+            for r in prange(parts):
+                part = 2 * spread(r, parts) + kind
                 pair_forces(begin[part], size[part], first, second, block, body, total, law)
         wall_forces(
             walls, wall_row, wall_plate, wall_spring, wall_side, position, mass, radius,
             tool_friction, tool_rolling, adhesion, body, total,
             frame, corner, corners, owner, path[s], twist, wrench, wall_law,
         )  # fmt: skip
-        for c in prange(_CHUNKS):
+        for c in prange(CHUNKS):
             ground_forces(
-                c * grounds // _CHUNKS, (c + 1) * grounds // _CHUNKS, ground_row, plane, position,
+                c * grounds // CHUNKS, (c + 1) * grounds // CHUNKS, ground_row, plane, position,
                 mass, soft, ground_spring, body, total, wall_law, ground_friction, ground_rolling,
             )  # fmt: skip
-        for c in prange(_CHUNKS):
-            mine = rows[c * rows.size // _CHUNKS : (c + 1) * rows.size // _CHUNKS]
-            advance_bodies(mine, body, total, radius, np.float32(gravity), dt)
+        for c in prange(CHUNKS):
+            advance_bodies(chunk(rows, c), body, total, radius, np.float32(gravity), dt)
         advance_riders(riders, rider_tool, body, total, position, path[s], wrench, dt)

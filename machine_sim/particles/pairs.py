@@ -7,6 +7,7 @@ import numpy as np
 from machine_sim.particles.contacts import BLOCK, BOND_GAP
 from machine_sim.particles.jit import kernel
 from machine_sim.particles.law import contact_force
+from machine_sim.particles.simd import GROUP, gather_motion, scatter_forces
 
 __all__ = ["pair_forces", "pair_overlap"]
 
@@ -23,9 +24,9 @@ _TINY_LENGTH2 = np.float32(1e-18)
 def _block_maths(n, b, w, law):  # type: ignore[no-untyped-def]
     """Contacts of a block `b`: from motion to forces, in the scratch block `w`.
 
-    In: displacement (0-2), velocity (3-5) of the second relative to the first, and the sum of spin
-    times radius (6-8). Out: force on the second (0-2), torque per radius on both (3-5), share of
-    the rolling limit (6).
+    In: displacement (0-2), velocity (3-5) of the second relative to the first, and the sum of
+    their surface speeds (6-8). Out: force on the second (0-2), turning force on both (3-5), share
+    of the rolling limit (6).
     """
     for s in range(np.uint64(n)):
         dx = b[s] + w[s]
@@ -78,46 +79,12 @@ def pair_forces(begin, size, first, second, block, body, total, law):  # type: i
     w = np.empty(_SCRATCH * BLOCK, np.float32)
     for at in range(begin, begin + size, BLOCK):
         b = block[at // BLOCK]
-        n = min(begin + size - at, BLOCK)
-        for s in range(n):
-            i, j = first[at + s], second[at + s]
-            w[s] = body[j, 0] - body[i, 0]
-            w[s + BLOCK] = body[j, 1] - body[i, 1]
-            w[s + 2 * BLOCK] = body[j, 2] - body[i, 2]
-            w[s + 3 * BLOCK] = body[j, 4] - body[i, 4]
-            w[s + 4 * BLOCK] = body[j, 5] - body[i, 5]
-            w[s + 5 * BLOCK] = body[j, 6] - body[i, 6]
-            ri, rj = body[i, 3], body[j, 3]
-            w[s + 6 * BLOCK] = ri * body[i, 8] + rj * body[j, 8]
-            w[s + 7 * BLOCK] = ri * body[i, 9] + rj * body[j, 9]
-            w[s + 8 * BLOCK] = ri * body[i, 10] + rj * body[j, 10]
+        n = (min(begin + size - at, BLOCK) + GROUP - 1) // GROUP * GROUP
+        for s in range(0, n, GROUP):
+            gather_motion(body, first, second, at + s, w, BLOCK, s)
         _block_maths(n, b, w, law)
-        for s in range(n):
-            i, j = first[at + s], second[at + s]
-            fx, fy, fz = w[s], w[s + BLOCK], w[s + 2 * BLOCK]
-            tx, ty, tz = w[s + 3 * BLOCK], w[s + 4 * BLOCK], w[s + 5 * BLOCK]
-            limit = w[s + 6 * BLOCK]
-            ri, rj = body[i, 3], body[j, 3]
-            total[i, 0] -= fx
-            total[i, 1] -= fy
-            total[i, 2] -= fz
-            total[i, 3] += limit
-            total[i, 4] += ri * tx
-            total[i, 5] += ri * ty
-            total[i, 6] += ri * tz
-            total[i, 8] += limit * body[j, 8]
-            total[i, 9] += limit * body[j, 9]
-            total[i, 10] += limit * body[j, 10]
-            total[j, 0] += fx
-            total[j, 1] += fy
-            total[j, 2] += fz
-            total[j, 3] += limit
-            total[j, 4] += rj * tx
-            total[j, 5] += rj * ty
-            total[j, 6] += rj * tz
-            total[j, 8] += limit * body[i, 8]
-            total[j, 9] += limit * body[i, 9]
-            total[j, 10] += limit * body[i, 10]
+        for s in range(0, n, GROUP):
+            scatter_forces(body, total, first, second, at + s, w, BLOCK, s)
 
 
 @kernel

@@ -37,9 +37,9 @@ class ParticleParams(Parameters):
         500_000, "Nominal bank volume of one particle.", unit="mm^3", low=100, high=2**32 - 1
     )
     gravity: float = parameter(9.81, "Gravity, downward.", unit="m/s^2", low=0.0, high=30.0)
-    substeps: int = parameter(5, "Contact substeps per physics step.", low=1, high=100)
+    substeps: int = parameter(4, "Contact substeps per physics step.", low=1, high=100)
     substeps_per_contact: float = parameter(
-        7.0, "Substeps a free collision lasts: sets the stiffness.", low=5.0, high=50.0
+        5.6, "Substeps a free collision lasts: sets the stiffness.", low=5.0, high=50.0
     )
     restitution: float = parameter(
         0.7, "Rebound speed over impact speed of two particles.", low=0.3, high=0.95

@@ -7,6 +7,8 @@ Forces are added up in all regions at once, then in all seams.
 
 Where it is cut depends on the list alone. So the order in which forces add up, and with it every
 bit of the result, is the same on any number of threads.
+
+Work on single particles is shared out by *chunks* of their rows.
 """
 
 from __future__ import annotations
@@ -14,8 +16,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["cut_parts"]
+from machine_sim.particles.jit import inline_kernel
 
+__all__ = ["CHUNKS", "chunk", "cut_parts", "spread"]
+
+CHUNKS = 8
+"""Chunks that rows are cut into."""
 _REGIONS = 8
 """Most regions: as many threads have something to do."""
 _LEAST = 8192
@@ -43,3 +49,19 @@ def cut_parts(slabs: NDArray[np.int64], seam: int) -> NDArray[np.int64]:
         bounds += [int(slabs[at]), int(slabs[at + seam])]
         free = at + 2 * seam
     return np.array([*bounds, count], dtype=np.int64)
+
+
+@inline_kernel
+def chunk(rows, c):  # type: ignore[no-untyped-def]
+    """Chunk number `c` of some rows."""
+    return rows[c * rows.size // CHUNKS : (c + 1) * rows.size // CHUNKS]
+
+
+@inline_kernel
+def spread(r, count):  # type: ignore[no-untyped-def]
+    """Which of `count` parts is number `r` in a loop that threads share: even ones first, then odd.
+
+    A thread takes a run of numbers. Neighbours are alike, thick or thin, and go to different ones.
+    """
+    even = (count + 1) // 2
+    return 2 * r if r < even else 2 * (r - even) + 1

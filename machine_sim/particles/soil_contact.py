@@ -14,10 +14,12 @@ on so deep a particle would fire it off.
 from __future__ import annotations
 
 import numpy as np
+from numba import prange
 
 from machine_sim.ground import surface_at
-from machine_sim.particles.jit import kernel
+from machine_sim.particles.jit import kernel, threaded_kernel
 from machine_sim.particles.law import contact_force
+from machine_sim.particles.parts import CHUNKS, chunk
 
 __all__ = ["finish_on_ground", "ground_forces", "ground_planes"]
 
@@ -33,7 +35,7 @@ def _height(surface, ground, x, y):  # type: ignore[no-untyped-def]
     return surface_at(surface, ground[0], ground[1], ground[2], x, y)[0]
 
 
-@kernel
+@threaded_kernel
 def ground_planes(  # type: ignore[no-untyped-def]
     surface, ground, dt, law, rows, inside, near, position, velocity, radius, contact_radius, soft,
     spring, row, plane,
@@ -55,6 +57,29 @@ def ground_planes(  # type: ignore[no-untyped-def]
     Returns:
         How many are listed.
     """
+    found = np.zeros(CHUNKS, np.int64)
+    for c in prange(CHUNKS):
+        low, high = c * rows.size // CHUNKS, (c + 1) * rows.size // CHUNKS
+        found[c] = _planes_of(
+            surface, ground, dt, law, rows[low:high], inside[low:high], near[low:high], position,
+            velocity, radius, contact_radius, soft, spring, row[low:high], plane[low:high],
+        )  # fmt: skip
+    count = 0
+    for c in range(CHUNKS):
+        low = c * rows.size // CHUNKS
+        for k in range(found[c]):
+            row[count + k] = row[low + k]
+            for axis in range(4):
+                plane[count + k, axis] = plane[low + k, axis]
+        count += found[c]
+    return count
+
+
+@kernel
+def _planes_of(  # type: ignore[no-untyped-def]
+    surface, ground, dt, law, rows, inside, near, position, velocity, radius, contact_radius, soft,
+    spring, row, plane,
+):  # fmt: skip
     count = 0
     soft_overlap = _SOFT_PUSH / np.float64(law[0])
     for k in range(rows.size):
@@ -117,9 +142,9 @@ def ground_forces(  # type: ignore[no-untyped-def]
         ax, ay, az = body[i, 8], body[i, 9], body[i, 10]
         push, gx, gy, gz, sx, sy, sz = contact_force(
             law, friction, overlap, nx, ny, nz,
-            body[i, 4] - r * (ay * nz - az * ny),
-            body[i, 5] - r * (az * nx - ax * nz),
-            body[i, 6] - r * (ax * ny - ay * nx),
+            body[i, 4] - (ay * nz - az * ny),
+            body[i, 5] - (az * nx - ax * nz),
+            body[i, 6] - (ax * ny - ay * nx),
             spring[i, 0], spring[i, 1], spring[i, 2],
         )  # fmt: skip
         spring[i, 0], spring[i, 1], spring[i, 2] = sx, sy, sz
@@ -128,12 +153,12 @@ def ground_forces(  # type: ignore[no-untyped-def]
         total[i, 1] += m * (push * ny + gy)
         total[i, 2] += m * (push * nz + gz)
         total[i, 3] += m * push * rolling
-        total[i, 4] += m * r * (gy * nz - gz * ny)
-        total[i, 5] += m * r * (gz * nx - gx * nz)
-        total[i, 6] += m * r * (gx * ny - gy * nx)
+        total[i, 4] += m * (gy * nz - gz * ny)
+        total[i, 5] += m * (gz * nx - gx * nz)
+        total[i, 6] += m * (gx * ny - gy * nx)
 
 
-@kernel
+@threaded_kernel
 def finish_on_ground(  # type: ignore[no-untyped-def]
     surface, ground, dt, settle_speed, rows, count, row, plane,
     position, velocity, radius, soft, quiet_time,
@@ -147,11 +172,39 @@ def finish_on_ground(  # type: ignore[no-untyped-def]
     Returns:
         How many were brought back.
     """
-    rescued = 0
+    rescued = np.zeros(CHUNKS, np.int64)
+    for c in prange(CHUNKS):
+        _time_quiet(dt, settle_speed, chunk(rows, c), velocity, quiet_time)
+    for c in prange(CHUNKS):
+        rescued[c] = _finish(
+            surface, ground, chunk(row[:count], c), plane[c * count // CHUNKS :], position,
+            velocity, radius, soft, quiet_time,
+        )  # fmt: skip
+    # Whoever was not slow and on the ground has a negative or no time now.
+    for c in prange(CHUNKS):
+        _clear_negative(chunk(rows, c), quiet_time)
+    return rescued.sum()
+
+
+@kernel
+def _time_quiet(dt, settle_speed, rows, velocity, quiet_time):  # type: ignore[no-untyped-def]
+    """Add to the time of who is slow, as a negative one until it is seen to be on the ground."""
     for i in rows:
         speed2 = velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2
         quiet_time[i] = -quiet_time[i] - np.float32(dt) if speed2 < settle_speed**2 else 0.0
-    for c in range(count):
+
+
+@kernel
+def _clear_negative(rows, quiet_time):  # type: ignore[no-untyped-def]
+    for i in rows:
+        quiet_time[i] = max(quiet_time[i], np.float32(0.0))
+
+
+@kernel
+def _finish(surface, ground, row, plane, position, velocity, radius, soft, quiet_time):  # type: ignore[no-untyped-def]
+    """Bring back who sank of those listed, and keep the time of who is on the ground."""
+    rescued = 0
+    for c in range(row.size):
         i = row[c]
         r = np.float64(radius[i])
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
@@ -164,7 +217,4 @@ def finish_on_ground(  # type: ignore[no-untyped-def]
             distance = r
         if distance <= np.sqrt(3.0) * r:
             quiet_time[i] = -quiet_time[i]
-    # Whoever was not slow and on the ground has a negative or no time now.
-    for i in rows:
-        quiet_time[i] = max(quiet_time[i], np.float32(0.0))
     return rescued

@@ -237,7 +237,7 @@ def wall_forces(  # type: ignore[no-untyped-def]
         )
         # The point that touches is a radius from the centre, and goes round with the spin.
         ax, ay, az = turn_back(
-            p, body[i, 8] - twist[t, 3], body[i, 9] - twist[t, 4], body[i, 10] - twist[t, 5]
+            p, body[i, 12] - twist[t, 3], body[i, 13] - twist[t, 4], body[i, 14] - twist[t, 5]
         )
         push, gx, gy, gz, sx, sy, sz = contact_force(
             law, friction[i], overlap, nx, ny, nz,
@@ -266,12 +266,13 @@ def wall_forces(  # type: ignore[no-untyped-def]
         total[i, 1] += fy
         total[i, 2] += fz
         total[i, 3] += limit
-        total[i, 4] += ay * fz - az * fy
-        total[i, 5] += az * fx - ax * fz
-        total[i, 6] += ax * fy - ay * fx
-        total[i, 8] += limit * twist[t, 3]
-        total[i, 9] += limit * twist[t, 4]
-        total[i, 10] += limit * twist[t, 5]
+        share = 1.0 / np.float64(body[i, 3])
+        total[i, 4] += (ay * fz - az * fy) * share
+        total[i, 5] += (az * fx - ax * fz) * share
+        total[i, 6] += (ax * fy - ay * fx) * share
+        total[i, 12] += limit * twist[t, 3]
+        total[i, 13] += limit * twist[t, 4]
+        total[i, 14] += limit * twist[t, 5]
         qx, qy, qz = qx + ax, qy + ay, qz + az
         wrench[t, 0] -= fx
         wrench[t, 1] -= fy

@@ -1,0 +1,242 @@
+"""Who is near whom: pairs found cell by cell, and their contact history carried over.
+
+Chunks of the cells are worked at side by side; the list comes out in the order of cells, however
+many threads there are.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from machine_sim.particles.jit import kernel, threaded_kernel
+from machine_sim.particles.parts import CHUNKS
+
+__all__ = ["list_pairs"]
+
+
+@threaded_kernel
+def list_pairs(  # type: ignore[no-untyped-def]
+    order, start, cells, sizes, live, few, position, radius, skins, old_row,
+    old_first, old_second, old_touching, old_spring, old_count,
+    first, second, touching, spring, begin, end, slabs,
+):  # fmt: skip
+    """Fill the table with all pairs closer than touching plus the skins of both.
+
+    Args:
+        order, start, cells, sizes: of `sort_rows`.
+        live: which rows move by forces.
+        few: whether these are few: then only their cells are looked at, and all around them.
+        position, radius, skins: of the particles, by row.
+        old_row: row of each in the old table, -1 if it has none.
+        old_*: the old table. The rest: the new one.
+        slabs: out, the first pair of each layer of cells along y, and the end.
+
+    Returns:
+        Number of pairs, or -1 where the table is too small.
+    """
+    n = order.size
+    at, size = np.empty((3, n), np.float32), np.empty(n, np.float32)
+    for c in prange(CHUNKS):
+        _place(c * n // CHUNKS, (c + 1) * n // CHUNKS, order, position, radius, skins, at, size)
+    every = live.all()
+    # Each chunk of the cells fills a stretch of the table; then the stretches are put together.
+    found, room = np.zeros(CHUNKS, np.int64), first.size // CHUNKS
+    for c in prange(CHUNKS):
+        low, high = _cells_of(c, cells, start), _cells_of(c + 1, cells, start)
+        found[c] = _list_chunk(
+            low, high, order, start, cells, sizes, live, few, every, at, size,
+            first[c * room : (c + 1) * room], second[c * room : (c + 1) * room], begin, end,
+        )  # fmt: skip
+    if found.min() < 0:
+        return -1
+    count = 0
+    for c in range(CHUNKS):
+        mine = order[_cells_of(c, cells, start) : _cells_of(c + 1, cells, start)]
+        _move_stretch(c * room, found[c], count, mine, first, second, begin, end)
+        count += found[c]
+    nx, ny, nz = sizes
+    for slab in range(ny):
+        a = start[slab * nx * nz]
+        slabs[slab] = begin[order[a]] if a < n else count
+    slabs[ny] = count
+    new_row = np.full(old_row.max() + 1, -1, np.int32)
+    for i in range(old_row.size):
+        if old_row[i] >= 0:
+            new_row[old_row[i]] = i
+    for c in prange(CHUNKS):
+        touching[c * count // CHUNKS : (c + 1) * count // CHUNKS] = 0
+    for c in prange(CHUNKS):
+        _take_history(
+            c * old_count // CHUNKS, (c + 1) * old_count // CHUNKS, new_row, old_first, old_second,
+            old_touching, old_spring, second, begin, end, touching, spring,
+        )  # fmt: skip
+    return count
+
+
+@kernel
+def _place(low, high, order, position, radius, skins, at, size):  # type: ignore[no-untyped-def]
+    """Places and sizes in the order of cells.
+
+    float32 relative to a particle in the middle: near enough for a list with a skin.
+    """
+    middle = order[order.size // 2]
+    for a in range(low, high):
+        i = order[a]
+        for axis in range(3):
+            at[axis, a] = position[i, axis] - position[middle, axis]
+        size[a] = radius[i] + skins[i]
+
+
+@kernel
+def _cells_of(c, cells, start):  # type: ignore[no-untyped-def]
+    """First place of chunk `c`, that of a cell."""
+    a = c * cells.size // CHUNKS
+    return start[cells[a]] if a < cells.size else cells.size
+
+
+@kernel
+def _move_stretch(begins, found, to, rows, first, second, begin, end):  # type: ignore[no-untyped-def]
+    """Move what was found in a stretch of the table down to where it belongs."""
+    if begins > to:
+        for k in range(found):
+            first[to + k] = first[begins + k]
+            second[to + k] = second[begins + k]
+    for i in rows:
+        begin[i] += to
+        end[i] += to
+
+
+@kernel
+def _mark_near(around, own, others, mark):  # type: ignore[no-untyped-def]
+    """Mark which of those around (x, y, z, size by row of `around`) are near number `own`.
+
+    Marks up to a whole number of eight are written.
+    """
+    xa, ya, za, sa = around[0, own], around[1, own], around[2, own], around[3, own]
+    xs, ys, zs, sizes = around[0], around[1], around[2], around[3]
+    for m in range(np.uint64(others)):
+        dx, dy, dz, near = xs[m] - xa, ys[m] - ya, zs[m] - za, sizes[m] + sa
+        mark[m] = np.uint8(dx * dx + dy * dy + dz * dz < near * near)
+    for m in range(others, (others + 7) // 8 * 8):
+        mark[m] = np.uint8(0)
+
+
+@kernel
+def _list_chunk(  # type: ignore[no-untyped-def]
+    begins, ends, order, start, cells, sizes, live, few, every, at, size,
+    first, second, begin, end,
+):  # fmt: skip
+    """List the pairs of the cells at the places from `begins` to `ends`; -1 for want of room."""
+    nx, _, nz = sizes
+    x, y, z = at[0], at[1], at[2]
+    strips = 10 if few else 5
+    low, high = np.zeros(10, np.int64), np.zeros(10, np.int64)
+    around = np.empty((4, 512), np.float32)
+    row, place = np.empty(512, np.uint32), np.empty(512, np.int64)
+    mark = np.zeros(520, np.uint8)
+    count, a = 0, begins
+    while a < ends:
+        # All of one cell have the same others around: half of the 27 cells, in 5 strips along z,
+        # or all of them in 10.
+        c = cells[a]
+        end_of_cell = start[c + 1]
+        lively = not few
+        for b in range(a, end_of_cell):
+            lively |= live[order[b]]
+        if not lively:
+            for b in range(a, end_of_cell):
+                begin[order[b]] = end[order[b]] = count
+            a = end_of_cell
+            continue
+        low[0], high[0] = a, start[c + 2]
+        low[5], high[5] = start[c - 1], a
+        others = high[0] - low[0]
+        for strip in range(1, strips):
+            if strip != 5:
+                half = strip % 5
+                way = nz if half == 1 else (nx + half - 3) * nz
+                middle = c + way if strip < 5 else c - way
+                low[strip], high[strip] = start[middle - 1], start[middle + 2]
+            others += high[strip] - low[strip] if strip != 5 else high[5] - low[5]
+        if others > row.size:
+            around = np.empty((4, 2 * others), np.float32)
+            row, place = np.empty(2 * others, np.uint32), np.empty(2 * others, np.int64)
+            mark = np.zeros(2 * others + 8, np.uint8)
+        if count + (end_of_cell - a) * others > first.size:
+            return -1
+        m = 0
+        for strip in range(strips):
+            for b in range(low[strip], high[strip]):
+                around[0, m], around[1, m], around[2, m] = x[b], y[b], z[b]
+                around[3, m] = size[b]
+                row[m] = order[b]
+                place[m] = b
+                m += 1
+        words = mark[: mark.size // 8 * 8].view(np.uint64)
+        for own in range(end_of_cell - a):
+            i = row[own]
+            begin[i] = count
+            if few and not live[i]:
+                end[i] = count
+                continue
+            alive = live[i]
+            _mark_near(around, own, others, mark)
+            # Few are near: eight marks are passed over at a time.
+            for word in range(0 if few else own // 8, (others + 7) // 8):
+                if words[word] == 0:
+                    continue
+                if every:
+                    for m in range(max(8 * word, own + 1), 8 * word + 8):
+                        first[count] = i
+                        second[count] = row[min(m, others - 1)]
+                        count += np.int64(mark[m])
+                else:
+                    for m in range(8 * word, min(8 * word + 8, others)):
+                        if mark[m] == 0:
+                            continue
+                        j = row[m]
+                        # Each pair once: of two that are live by the one that comes first.
+                        if place[m] <= a + own and (not few or live[j] or m == own):
+                            continue
+                        if alive or live[j]:
+                            first[count] = i
+                            second[count] = j
+                            count += 1
+            end[i] = count
+        a = end_of_cell
+    return count
+
+
+@kernel
+def _take_history(  # type: ignore[no-untyped-def]
+    low, high, new_row, old_first, old_second, old_touching, old_spring, second, begin, end,
+    touching, spring,
+):  # fmt: skip
+    """Carry history from the old table to the new: of the old pairs those that touch have one."""
+    for m in range(low, high):
+        if old_touching[m] == 0:
+            continue
+        # Rows that were listed last before others were taken away may be beyond the end.
+        i = new_row[old_first[m]] if old_first[m] < new_row.size else -1
+        j = new_row[old_second[m]] if old_second[m] < new_row.size else -1
+        if i < 0 or j < 0:
+            continue
+        sign = np.float32(1.0)
+        k = _find(second, begin[i], end[i], j)
+        if k < 0:
+            k = _find(second, begin[j], end[j], i)
+            sign = np.float32(-1.0)
+        if k >= 0:
+            touching[k] = 1
+            for axis in range(3):
+                spring[k, axis] = sign * old_spring[m, axis]
+
+
+@kernel
+def _find(second, low, high, row):  # type: ignore[no-untyped-def]
+    """Place of `row` in second[low:high], -1 if it is not there."""
+    for k in range(low, high):
+        if second[k] == row:
+            return k
+    return -1
