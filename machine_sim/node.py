@@ -16,8 +16,9 @@ import numpy as np
 from std_msgs.msg import String
 
 from machine_sim.commands import CommandBoard, CommandParams
-from machine_sim.machine import load_description
-from machine_sim.machine.appearance import LINK_FRAMES, link_boxes, link_poses, shoe_look
+from machine_sim.machine import JOINT_NAMES, Excavator, load_description
+from machine_sim.machine.appearance import link_boxes, link_frames, link_poses, shoe_look
+from machine_sim.machine.pistons import piston_joints
 from machine_sim.machine.urdf import urdf_text
 from machine_sim.node_params import MachineNodeParams
 from machine_sim.params import MachineSimParams
@@ -38,7 +39,7 @@ from msg_bridge.nodes.inbox import Inbox
 from msg_bridge.nodes.lean_node import LeanNode
 from msg_bridge.nodes.listeners import unheard_topics
 from msg_bridge.nodes.machine_carrier import MachineCarrier
-from msg_bridge.nodes.machine_topics import MachineTopics, ToolWrench
+from msg_bridge.nodes.machine_topics import JointValues, MachineTopics, ToolWrench
 from msg_bridge.nodes.parameters import declare_parameters, on_change
 from msg_bridge.nodes.runtime import run_node
 
@@ -87,11 +88,13 @@ class MachineNode(LeanNode):
         self.diagnostics = Diagnostics(self, "machine_sim", self._description.name)
         self.diagnostics.add_task(self._diagnose)
         looks = (link_boxes(self._description), shoe_look(self._description))
+        frames = link_frames(self._description)
         self._topics = MachineTopics(
             self,
             prefix=self._prefix,
-            link_frames=LINK_FRAMES,
-            markers=MarkerSet(LINK_FRAMES, *looks, namespace=name or self._description.name),
+            link_frames=frames,
+            tool_frame="bucket",
+            markers=MarkerSet(frames, *looks, namespace=name or self._description.name),
             publish_tf=self._params.publish_tf,
         )
         self._facts: RunFacts | None = None
@@ -172,7 +175,8 @@ class MachineNode(LeanNode):
         )
         self._entered_life = -1
         self._topics.describe(
-            urdf_text(self._description, prefix=self._prefix, virtual_base=True), self._config()
+            urdf_text(self._description, prefix=self._prefix, virtual_base=True, pistons=True),
+            self._config(),
         )
         self._join(self.run)
 
@@ -265,10 +269,10 @@ class MachineNode(LeanNode):
 
         if due(params.state_rate):
             base = BaseState(*machine.base_pose, *machine.base_velocity)
-            joints = (machine.joint_positions, machine.joint_velocities, machine.joint_efforts)
             load = PayloadState(**asdict(sim.payload), time=tick * run.facts.tick)
             wrench = ToolWrench(*sim.tool_wrench, machine.tool_pose[0])
-            self._topics.state(joints, base, load, wrench, stamp)
+            self._topics.state(self._joint_values(machine), base, load, wrench, stamp)
+            self._topics.cylinders(machine.cylinders, tick * run.facts.tick)
         if due(params.particle_rate):
             self._topics.particles(sim.particles.store, stamp)
         if due(params.transform_rate) or due(params.marker_rate):
@@ -277,6 +281,17 @@ class MachineNode(LeanNode):
                 self._topics.transforms(*poses, stamp)
             if due(params.marker_rate):
                 self._topics.markers(poses, machine.tracks.shoe_poses, stamp)
+
+    def _joint_values(self, machine: Excavator) -> JointValues:
+        """All joints: those of the arm, then those of the pistons, which only follow."""
+        angles, rates = machine.joint_positions, machine.joint_velocities
+        pistons = piston_joints(self._description, angles.tolist(), rates.tolist())
+        return JointValues(
+            [*JOINT_NAMES, *pistons.names],
+            [*angles, *pistons.positions],
+            [*rates, *pistons.velocities],
+            [*machine.joint_efforts, *[0.0] * len(pistons.names)],
+        )
 
     def _stamp(self, run: MachineRun, tick: int) -> Any:
         return stamp_of_tick(tick, run.facts.tick)

@@ -172,11 +172,14 @@ class _Run:
 
 
 def _world(config: RunConfig, rng: np.random.Generator, seed: int) -> World:
-    """An excavator amid rough ground, its lip above it somewhere."""
+    """An excavator amid rough ground, its lip above it somewhere.
+
+    No pump holds it back: each joint goes as fast as it ever may, whatever the others do.
+    """
     site = rough(_GRID, _ROUGHNESS, _HILLS, rng)
     soil = Soil(site.grid, site.heights, config.soil)
     machine = MachineSim(
-        replace(config.machine, home=_posture(config.machine, rng)),
+        replace(config.machine, home=_posture(config.machine, rng), cylinders={}, supply=None),
         site.grid,
         soil.columns.height,
         params=config.stepping,

@@ -12,23 +12,21 @@ from numpy.typing import ArrayLike, NDArray
 from machine_sim.machine.description import LINK_NAMES, MachineDescription, Vec3
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.kinematics import rotation_matrix
+from machine_sim.machine.pistons import piston_parts, piston_values
 from machine_sim.machine.urdf import urdf_text
 
 __all__ = [
-    "LINK_FRAMES",
     "LinkPoses",
     "PaintedBox",
     "ShoeLook",
     "link_boxes",
+    "link_frames",
     "link_poses",
     "shoe_look",
 ]
 
 Array = NDArray[np.float64]
 Rgba = tuple[float, float, float, float]
-
-LINK_FRAMES = ("base_link", *LINK_NAMES[1:])
-"""Names of the links' frames, as in the URDF, in the order of `link_poses`."""
 
 _SHOE_COLOR = (0.33, 0.35, 0.36, 1.0)
 
@@ -37,11 +35,11 @@ _SHOE_LENGTH = 0.96
 
 
 class LinkPoses(NamedTuple):
-    """Poses of all links in the map frame, in the order of `LINK_FRAMES`.
+    """Poses of all links in the map frame, in the order of `link_frames`.
 
     Attributes:
-        positions: origins [m], shape (5, 3).
-        quaternions: link to map, x, y, z, w, unit ones, shape (5, 4).
+        positions: origins [m], shape (n, 3).
+        quaternions: link to map, x, y, z, w, unit ones, shape (n, 4).
     """
 
     positions: Array
@@ -67,6 +65,11 @@ class ShoeLook(NamedTuple):
     color: Rgba
 
 
+def link_frames(description: MachineDescription) -> list[str]:
+    """Names of the links' frames, as in the URDF: from the base to the tool, then the pistons'."""
+    return ["base_link", *LINK_NAMES[1:], *(part.link for part in piston_parts(description))]
+
+
 def link_poses(
     description: MachineDescription,
     base_position: ArrayLike,
@@ -84,7 +87,8 @@ def link_poses(
     Raises:
         MachineError: a quaternion of no length.
     """
-    swing, boom, arm, bucket = np.asarray(joints, dtype=np.float64).tolist()
+    angles = np.asarray(joints, dtype=np.float64).tolist()
+    swing, boom, arm, bucket = angles
     first = np.asarray(base_quaternion, dtype=np.float64)
     length = float(np.linalg.norm(first))
     if not 0.0 < length < math.inf:  # NaN fails
@@ -92,16 +96,25 @@ def link_poses(
     turn: list[float] = (first / length).tolist()
     at = np.array(base_position, dtype=np.float64)
     positions, quaternions = [at], [turn]
-    for offset, axis, angle in (
+    for origin, axis, angle in (
         (description.swing_origin, "z", swing),
         (description.boom_foot, "y", boom),
         ((description.boom_length, 0.0, 0.0), "y", arm),
         ((description.arm_length, 0.0, 0.0), "y", bucket),
     ):
-        at = at + rotation_matrix(turn) @ np.array(offset)
+        at = at + rotation_matrix(turn) @ np.array(origin)
         turn = _turned(turn, axis, angle)
         positions.append(at)
         quaternions.append(turn)
+    place = {name: k for k, name in enumerate(LINK_NAMES)}
+    values = piston_values(description, angles)
+    for part, value in zip(piston_parts(description), values, strict=True):
+        parent = place[part.parent]
+        offset = np.array([value, 0.0, 0.0] if part.slides else part.origin)
+        turn = quaternions[parent]
+        positions.append(positions[parent] + rotation_matrix(turn) @ offset)
+        quaternions.append(turn if part.slides else _turned(turn, "y", value))
+        place[part.link] = len(positions) - 1
     return LinkPoses(np.array(positions), np.array(quaternions))
 
 
@@ -113,7 +126,7 @@ def link_boxes(description: MachineDescription, *, prefix: str = "") -> list[Pai
         prefix: put before each link's name, as in the URDF.
     """
     boxes = []
-    for link in ET.fromstring(urdf_text(description, prefix=prefix)).iter("link"):
+    for link in ET.fromstring(urdf_text(description, prefix=prefix, pistons=True)).iter("link"):
         for visual in link.iter("visual"):
             origin = _numbers(visual, "origin", "xyz")
             _, pitch, _ = _numbers(visual, "origin", "rpy")

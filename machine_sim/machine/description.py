@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from machine_sim.machine.bucket import KEY_PAIRS, BucketShape
 from machine_sim.machine.errors import MachineError
+from machine_sim.machine.hydraulics import Cylinder, HydraulicSupply
+from machine_sim.machine.linkage import CylinderLinkage, Point, Rocker
 from machine_sim.machine.section import Section
 
 __all__ = [
@@ -81,7 +83,7 @@ class JointLimits:
 
     Attributes:
         lower, upper: angle limits [rad], infinite for a continuous joint.
-        torque: greatest drive and hold torque [N m].
+        torque: greatest drive and hold torque [N m]; with a cylinder, where that is strongest.
         speed: greatest speed [rad/s].
         acceleration: ramp of the speed [rad/s^2].
     """
@@ -141,6 +143,8 @@ class MachineDescription:
         boom_foot: boom pin in the upper frame [m].
         boom_length, arm_length: pin to pin [m].
         joints: limits by joint name (`JOINT_NAMES`).
+        cylinders: of the joints that cylinders turn, by joint name.
+        supply: pump and valves of the cylinders; None where there are none.
         home: joint angles [rad] to start with, shape (4,).
         tracks: the tracks.
         bucket: the tool.
@@ -153,6 +157,8 @@ class MachineDescription:
     boom_length: float
     arm_length: float
     joints: Mapping[str, JointLimits]
+    cylinders: Mapping[str, Cylinder]
+    supply: HydraulicSupply | None
     home: NDArray[np.float64]
     tracks: TrackShape
     bucket: BucketShape
@@ -181,26 +187,37 @@ def load_description(path: str | Path) -> MachineDescription:
 
 def _description(file: Section) -> MachineDescription:
     links = file.section("links")
-    joints = file.section("joints")
-    description = MachineDescription(
-        name=file.text("name"),
-        links={name: _link(links.section(name)) for name in LINK_NAMES},
-        swing_origin=_vec3(file, "swing_origin"),
-        boom_foot=_vec3(file, "boom_foot"),
-        boom_length=file.number("boom_length", positive=True),
-        arm_length=file.number("arm_length", positive=True),
-        joints={name: _joint(name, joints.section(name)) for name in JOINT_NAMES},
-        home=_home(file.section("home")),
-        tracks=_tracks(file.section("tracks")),
-        bucket=_bucket(file.section("bucket")),
-    )
-    for section in (links, joints, file):
-        section.done()
-    if description.boom_foot[1] != 0.0 or description.swing_origin[:2] != (0.0, 0.0):
+    supply = _supply(file.section("hydraulics")) if file.has("hydraulics") else None
+    swing_origin, boom_foot = _vec3(file, "swing_origin"), _vec3(file, "boom_foot")
+    if boom_foot[1] != 0.0 or swing_origin[:2] != (0.0, 0.0):
         raise MachineError(
             "boom_foot must lie in the plane y = 0 and swing_origin on the base frame's z axis:"
             " the arm's kinematics count on it"
         )
+    boom_length = file.number("boom_length", positive=True)
+    arm_length = file.number("arm_length", positive=True)
+    pins = {
+        "boom": (boom_foot[0], boom_foot[2]),
+        "arm": (boom_length, 0.0),
+        "bucket": (arm_length, 0.0),
+    }
+    joints, cylinders = _joints(file, pins, supply)
+    description = MachineDescription(
+        name=file.text("name"),
+        links={name: _link(links.section(name)) for name in LINK_NAMES},
+        swing_origin=swing_origin,
+        boom_foot=boom_foot,
+        boom_length=boom_length,
+        arm_length=arm_length,
+        joints=joints,
+        cylinders=cylinders,
+        supply=supply,
+        home=_home(file.section("home")),
+        tracks=_tracks(file.section("tracks")),
+        bucket=_bucket(file.section("bucket")),
+    )
+    for section in (links, file):
+        section.done()
     for name, angle in zip(JOINT_NAMES, description.home, strict=True):
         limits = description.joints[name]
         if not limits.lower <= angle <= limits.upper:
@@ -234,27 +251,127 @@ def _box(section: Section) -> Box:
     return box
 
 
-def _joint(name: str, section: Section) -> JointLimits:
-    limits = JointLimits(
-        lower=section.bound("lower", -math.inf),
-        upper=section.bound("upper", math.inf),
-        torque=section.number("torque", positive=True),
-        speed=section.number("speed", positive=True),
-        acceleration=section.number("acceleration", positive=True),
-    )
-    section.done()
-    endless = math.isinf(limits.lower) and math.isinf(limits.upper)
-    if endless != (name == "swing") or math.isinf(limits.lower) != math.isinf(limits.upper):
+def _joints(
+    file: Section, pins: Mapping[str, Point], supply: HydraulicSupply | None
+) -> tuple[dict[str, JointLimits], dict[str, Cylinder]]:
+    """All joints, and the cylinders of those that have one, pinned beside the joints' `pins`."""
+    sections = file.section("joints")
+    joints, cylinders = {}, {}
+    for name in JOINT_NAMES:
+        section = sections.section(name)
+        lower, upper = section.bound("lower", -math.inf), section.bound("upper", math.inf)
+        _check_range(name, lower, upper)
+        if section.has("cylinder") == section.has("torque"):
+            raise MachineError(
+                f"joints.{name}: a cylinder turns it or a motor does; give `cylinder` or `torque`"
+            )
+        if section.has("cylinder"):
+            if supply is None or name not in pins:
+                raise MachineError(
+                    f"joints.{name}.cylinder: give `hydraulics`, which feed it"
+                    if supply is None
+                    else f"joints.{name}: no cylinder turns a joint without end; give `torque`"
+                )
+            cylinder = _cylinder(name, section.section("cylinder"), pins[name], lower, upper)
+            cylinders[name] = cylinder
+            torque = _strongest(cylinder, supply)
+        else:
+            torque = section.number("torque", positive=True)
+        joints[name] = JointLimits(
+            lower,
+            upper,
+            torque,
+            speed=section.number("speed", positive=True),
+            acceleration=section.number("acceleration", positive=True),
+        )
+        section.done()
+    sections.done()
+    return joints, cylinders
+
+
+def _check_range(name: str, lower: float, upper: float) -> None:
+    endless = math.isinf(lower) and math.isinf(upper)
+    if endless != (name == "swing") or math.isinf(lower) != math.isinf(upper):
         raise MachineError(
             f"joints.{name}: only swing is continuous (lower and upper null);"
             " give the other joints both limits [rad]"
         )
-    if limits.lower >= limits.upper:
+    if lower >= upper:
         raise MachineError(
-            f"joints.{name}.lower is {limits.lower} and upper {limits.upper};"
+            f"joints.{name}.lower is {lower} and upper {upper};"
             " give a lower limit below the upper one"
         )
-    return limits
+
+
+def _cylinder(name: str, section: Section, joint: Point, lower: float, upper: float) -> Cylinder:
+    rocker = _rocker(section.section("rocker")) if section.has("rocker") else None
+    rod = _point(section, "rod") if section.has("rod") else None
+    try:
+        linkage = CylinderLinkage(joint, _point(section, "barrel"), rod, rocker, lower, upper)
+    except MachineError as error:
+        raise MachineError(f"joints.{name}.cylinder: {error}") from error
+    cylinder = Cylinder(
+        linkage,
+        bore=section.number("bore", positive=True),
+        rod_diameter=section.number("rod_diameter", positive=True),
+        count=section.count("count", low=1),
+        spread=section.number("spread", low=0.0),
+        cushion=section.number("cushion", positive=True),
+    )
+    section.done()
+    if cylinder.rod_diameter >= cylinder.bore:
+        raise MachineError(
+            f"joints.{name}.cylinder.rod_diameter is {cylinder.rod_diameter}; give less than the"
+            f" bore of {cylinder.bore} m"
+        )
+    if linkage.longest >= 2.0 * linkage.shortest:
+        raise MachineError(
+            f"joints.{name}.cylinder grows from {linkage.shortest:.3f} to {linkage.longest:.3f} m,"
+            " more than its rod is long; move a pin, or narrow the joint's limits"
+        )
+    return cylinder
+
+
+def _rocker(section: Section) -> Rocker:
+    rocker = Rocker(
+        pin=_point(section, "pin"),
+        length=section.number("length", positive=True),
+        coupler=section.number("coupler", positive=True),
+        ear=_point(section, "ear"),
+    )
+    section.done()
+    return rocker
+
+
+def _point(section: Section, key: str) -> Point:
+    x, z = section.vector(key, 2)
+    return x, z
+
+
+def _strongest(cylinder: Cylinder, supply: HydraulicSupply) -> float:
+    """Greatest torque within the joint's limits [N m], driven either way."""
+    linkage = cylinder.linkage
+    step = (linkage.upper - linkage.lower) / 100
+    lever = max(abs(linkage.lever(linkage.lower + k * step)) for k in range(101))
+    push = cylinder.force_limit(supply.relief_pressure, supply.return_pressure, pushes=True)
+    return lever * push
+
+
+def _supply(section: Section) -> HydraulicSupply:
+    supply = HydraulicSupply(
+        relief_pressure=section.number("relief_pressure", positive=True),
+        hold_pressure=section.number("hold_pressure", positive=True),
+        return_pressure=section.number("return_pressure", low=0.0),
+        pump_flow=section.number("pump_flow", positive=True),
+        pump_power=section.number("pump_power", positive=True),
+    )
+    section.done()
+    if not supply.return_pressure < supply.relief_pressure <= supply.hold_pressure:
+        raise MachineError(
+            "hydraulics: give return_pressure below relief_pressure, and hold_pressure no lower"
+            " than that"
+        )
+    return supply
 
 
 def _home(section: Section) -> NDArray[np.float64]:

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from machine_sim.ground import Ground
 from machine_sim.machine.description import JOINT_NAMES, MachineDescription
 from machine_sim.machine.errors import MachineError
+from machine_sim.machine.hydraulics import CylinderState, HydraulicArm
 from machine_sim.machine.joints import JointReference
 from machine_sim.machine.kinematics import cross, quaternion_of, rotation_matrix
 from machine_sim.machine.tracks import FastTracks, standing_pose
@@ -54,6 +55,7 @@ class Excavator:
     Attributes:
         description: what it is built from.
         tracks: its tracks, with shoe poses and loads.
+        hydraulics: its cylinders and what feeds them.
         body: its number in the physics client.
     """
 
@@ -84,7 +86,13 @@ class Excavator:
         self._base_com = np.array(description.links["base"].center_of_mass)
         self._tool_com = np.array(description.links["bucket"].center_of_mass)
         self._limits = [description.joints[name] for name in JOINT_NAMES]
-        self._torques = [limit.torque for limit in self._limits]
+        self.hydraulics = HydraulicArm(
+            JOINT_NAMES,
+            [limit.torque for limit in self._limits],
+            description.cylinders,
+            description.supply,
+        )
+        self._command = [0.0] * len(JOINT_NAMES)
         self._reference = JointReference(self._limits, description.home)
         self._tool_force: Array = np.zeros(3)
         self._tool_torque: Array = np.zeros(3)  # about the tool frame's origin
@@ -109,7 +117,10 @@ class Excavator:
         joints = _numbers(_in_order(joint_velocities), len(JOINT_NAMES), "joint velocities")
         tracks = _numbers(track_speeds, 2, "track speeds")
         top = self.description.tracks.max_speed
-        self._reference.command = joints
+        self._command = [
+            min(max(speed, -limit.speed), limit.speed)
+            for speed, limit in zip(joints, self._limits, strict=True)
+        ]
         self.tracks.command[:] = [min(max(speed, -top), top) for speed in tracks]
 
     def apply_tool_wrench(
@@ -149,15 +160,18 @@ class Excavator:
             self._tool_force[:] = 0.0
             self._tool_torque[:] = 0.0
             self._has_tool_wrench = False
-        reference = self._reference
+        reference, hydraulics = self._reference, self.hydraulics
+        reference.command = hydraulics.attainable(self._command, self._angles, self._efforts)
         reference.advance(dt, self._angles)
+        moves = [rate != 0.0 for rate in reference.rate]
+        torques = hydraulics.torque_limits(moves, self._angles, self._efforts)
         pybullet.setJointMotorControlArray(
             body,
             self._joints,
             pybullet.POSITION_CONTROL,
             reference.angle,
             reference.rate,
-            self._torques,
+            torques,
             self._position_gains,
             self._velocity_gains,
             physicsClientId=client,
@@ -206,6 +220,11 @@ class Excavator:
     def joint_efforts(self) -> Array:
         """Drive torques of swing, boom, arm, bucket in the last step [N m], shape (4,)."""
         return np.array(self._efforts)
+
+    @property
+    def cylinders(self) -> dict[str, CylinderState]:
+        """The cylinders, by the joint that they turn."""
+        return self.hydraulics.states(self._angles, self._rates, self._efforts)
 
     @property
     def base_pose(self) -> tuple[Array, Array]:

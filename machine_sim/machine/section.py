@@ -32,6 +32,11 @@ class Section:
         self._path = path
         self._asked: set[str] = set()
 
+    def has(self, key: str) -> bool:
+        """Whether an optional key is there."""
+        self._asked.add(key)
+        return key in self._values
+
     def number(self, key: str, *, low: float = -math.inf, positive: bool = False) -> float:
         """A finite number, at least `low`, or above zero if `positive`."""
         return self._number(key, self._take(key), low, positive)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from machine_sim.machine.description import Box, LinkShape, MachineDescription
+from machine_sim.machine.pistons import PistonPart, piston_parts
 
 __all__ = ["VIRTUAL_JOINTS", "urdf_text"]
 
@@ -33,7 +34,11 @@ _SIDE_SLABS = 6
 
 
 def urdf_text(
-    description: MachineDescription, *, prefix: str = "", virtual_base: bool = False
+    description: MachineDescription,
+    *,
+    prefix: str = "",
+    virtual_base: bool = False,
+    pistons: bool = False,
 ) -> str:
     """URDF of the machine; links base_link, upper, boom, arm, bucket.
 
@@ -42,6 +47,7 @@ def urdf_text(
         prefix: put before each link name, so that several machines share one TF tree.
         virtual_base: add the joints `VIRTUAL_JOINTS` from the link `map` to the base, so that
             joint states alone place the whole machine; the physics does without.
+        pistons: add the parts of the cylinders, which are only seen; see `pistons`.
     """
     foot, swing = description.boom_foot, description.swing_origin
     links = description.links
@@ -71,6 +77,9 @@ def urdf_text(
             f'  <limit {bounds}effort="{limits.torque!r}" velocity="{limits.speed!r}"/>',
             "</joint>",
         ]
+    if pistons:
+        for part in piston_parts(description):
+            lines += _piston(part, prefix)
     return "\n".join([*lines, "</robot>", ""])
 
 
@@ -83,14 +92,37 @@ def _link(frame: str, link: LinkShape, boxes: Sequence[Box], color: str) -> list
         "</inertial>",
     ]
     for box in boxes:
-        shape = (
-            f'<origin xyz="{_numbers(box.center)}" rpy="0 {box.pitch!r} 0"/>'
-            f'<geometry><box size="{_numbers(box.size)}"/></geometry>'
-        )
-        paint = f'<material name="{frame}_paint"><color rgba="{color}"/></material>'
-        lines.append(f"  <visual>{shape}{paint}</visual>")
-        lines.append(f"  <collision>{shape}</collision>")
+        lines.append(f"  <visual>{_shape(box)}{_paint(frame, color)}</visual>")
+        lines.append(f"  <collision>{_shape(box)}</collision>")
     return [*lines, "</link>"]
+
+
+def _piston(part: PistonPart, prefix: str) -> list[str]:
+    frame = f"{prefix}{part.link}"
+    kind, axis = ("prismatic", "1 0 0") if part.slides else ("continuous", "0 1 0")
+    bounds = f'lower="{part.lower!r}" upper="{part.upper!r}" ' if part.slides else ""
+    mimics = f'<mimic joint="{part.mimics}"/>' if part.mimics else ""
+    return [
+        f'<link name="{frame}">',
+        f"  <visual>{_shape(part.box)}{_paint(frame, part.color)}</visual>",
+        "</link>",
+        f'<joint name="{part.joint}" type="{kind}">',
+        f'  <parent link="{prefix}{part.parent}"/><child link="{frame}"/>',
+        f'  <origin xyz="{_numbers(part.origin)}"/><axis xyz="{axis}"/>',
+        f'  <limit {bounds}effort="0" velocity="1e3"/>{mimics}',
+        "</joint>",
+    ]
+
+
+def _shape(box: Box) -> str:
+    return (
+        f'<origin xyz="{_numbers(box.center)}" rpy="0 {box.pitch!r} 0"/>'
+        f'<geometry><box size="{_numbers(box.size)}"/></geometry>'
+    )
+
+
+def _paint(frame: str, color: str) -> str:
+    return f'<material name="{frame}_paint"><color rgba="{color}"/></material>'
 
 
 def _bucket_boxes(description: MachineDescription) -> list[Box]:

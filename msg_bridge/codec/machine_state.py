@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import array
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -27,10 +27,13 @@ __all__ = [
     "JOINT_NAMES",
     "VIRTUAL_JOINTS",
     "BaseState",
+    "CylinderFigures",
     "PayloadState",
     "from_command_state",
+    "from_cylinder_array",
     "from_payload_array",
     "to_command_state",
+    "to_cylinder_array",
     "to_joint_state",
     "to_payload_array",
 ]
@@ -47,6 +50,8 @@ VIRTUAL_JOINTS = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_
 """The joints from `map` to the base, from the map on."""
 
 _PAYLOAD_LABEL = "bank_m3,loose_m3,mass_kg,fill,time_s"
+
+_FIGURES = ("length_m", "speed_m_s", "force_n", "head_pa", "rod_pa")
 
 _LEVEL_ENOUGH = 1e-9
 """Cosine of the pitch below which yaw and roll turn about the same axis."""
@@ -83,6 +88,23 @@ class PayloadState(NamedTuple):
     mass: float
     fill: float
     time: float = 0.0
+
+
+class CylinderFigures(NamedTuple):
+    """The cylinders that turn one joint.
+
+    Attributes:
+        length: from pin to pin [m].
+        speed: of its growth [m/s].
+        force: push of all side by side [N], negative for a pull.
+        head_pressure, rod_pressure: on the two sides of the piston [Pa].
+    """
+
+    length: float
+    speed: float
+    force: float
+    head_pressure: float
+    rod_pressure: float
 
 
 def to_joint_state(
@@ -180,6 +202,38 @@ def from_payload_array(msg: Float64MultiArray) -> PayloadState:
         CodecError: another label, or other than one value for each name in it.
     """
     return PayloadState(*from_labelled_array(msg, _PAYLOAD_LABEL, "a payload is"))
+
+
+def to_cylinder_array(
+    cylinders: Mapping[str, tuple[float, float, float, float, float]], time: float
+) -> Float64MultiArray:
+    """Cylinders as one dimension of values whose label names each of them, with its unit.
+
+    Args:
+        cylinders: `CylinderFigures` by joint.
+        time: simulation time they are of [s]; an array message has no stamp.
+    """
+    figures = [value for cylinder in cylinders.values() for value in cylinder]
+    return to_labelled_array(_cylinder_label(list(cylinders)), [*figures, time])
+
+
+def from_cylinder_array(
+    msg: Float64MultiArray, joints: Sequence[str]
+) -> tuple[dict[str, CylinderFigures], float]:
+    """The cylinders of some joints that a message holds, and the time that they are of [s].
+
+    Raises:
+        CodecError: another label, or other than one value for each name in it.
+    """
+    *values, time = from_labelled_array(msg, _cylinder_label(joints), "cylinders are")
+    size = len(CylinderFigures._fields)
+    return {
+        joint: CylinderFigures(*values[k * size : (k + 1) * size]) for k, joint in enumerate(joints)
+    }, time
+
+
+def _cylinder_label(joints: Sequence[str]) -> str:
+    return ",".join([*(f"{joint}_{figure}" for joint in joints for figure in _FIGURES), "time_s"])
 
 
 def _angle_rates(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +21,7 @@ from msg_bridge.codec.machine_state import (
     BaseState,
     PayloadState,
     to_command_state,
+    to_cylinder_array,
     to_joint_state,
     to_payload_array,
 )
@@ -29,7 +30,7 @@ from msg_bridge.codec.particles import to_particle_cloud
 from msg_bridge.codec.poses import to_odometry, to_tf_message, to_transforms, to_wrench
 from msg_bridge.nodes.topics import MAP_FRAME
 
-__all__ = ["MachineTopics", "ToolWrench"]
+__all__ = ["JointValues", "MachineTopics", "ToolWrench"]
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,16 @@ class ToolWrench:
     rotation: ArrayLike
 
 
+@dataclass(frozen=True)
+class JointValues:
+    """Joints with their angles [rad] or lengths [m], speeds and efforts [N m] or [N], by name."""
+
+    names: Sequence[str]
+    positions: ArrayLike
+    velocities: ArrayLike
+    efforts: ArrayLike
+
+
 class MachineTopics:
     """Publishers of one machine's state, in its node's namespace."""
 
@@ -56,6 +67,7 @@ class MachineTopics:
         *,
         prefix: str,
         link_frames: Sequence[str],
+        tool_frame: str,
         markers: MarkerSet,
         publish_tf: bool,
     ) -> None:
@@ -63,16 +75,20 @@ class MachineTopics:
         Args:
             node: whose topics they are.
             prefix: put before each frame's name.
-            link_frames: frames of the links, the base's first and the tool's last.
+            link_frames: frames of the links from the base to the tool, then of what is only seen.
+            tool_frame: that of the tool.
             markers: how the machine looks.
             publish_tf: whether to publish `/tf` where its message is installed.
         """
         self._frames = [prefix + frame for frame in link_frames]
+        self._tool_frame = prefix + tool_frame
+        self._links = list(link_frames).index(tool_frame) + 1
         self._markers = markers
         publisher = node.create_publisher
         self._applied = publisher(JointState, "applied_commands", qos.STATE)
         self._joints = publisher(JointState, "joint_states", qos.STATE)
         self._odom = publisher(Odometry, "odom", qos.STATE)
+        self._cylinders = publisher(Float64MultiArray, "cylinders", qos.STATE)
         self._payload = publisher(Float64MultiArray, "payload", qos.STATE)
         self._wrench = publisher(WrenchStamped, "bucket/wrench", qos.STATE)
         self._particles = publisher(PointCloud2, "particles", qos.STATE)
@@ -100,23 +116,30 @@ class MachineTopics:
 
     def state(
         self,
-        joints: tuple[ArrayLike, ArrayLike, ArrayLike],
+        joints: JointValues,
         base: BaseState,
         payload: PayloadState,
         wrench: ToolWrench,
         stamp: Time,
     ) -> None:
-        """Publish joints (angles, speeds, efforts), base, load and the soil's reaction."""
-        self._joints.publish(to_joint_state(*joints, base, stamp))
+        """Publish joints, base, load and the soil's reaction."""
+        values = (joints.positions, joints.velocities, joints.efforts)
+        self._joints.publish(to_joint_state(*values, base, stamp, names=joints.names))
         self._odom.publish(to_odometry(base, self._frames[0], stamp, frame_id=MAP_FRAME))
         self._payload.publish(to_payload_array(payload))
-        reaction = to_wrench(wrench.force, wrench.torque, wrench.rotation, self._frames[-1], stamp)
+        reaction = to_wrench(wrench.force, wrench.torque, wrench.rotation, self._tool_frame, stamp)
         self._wrench.publish(reaction)
 
+    def cylinders(
+        self, cylinders: Mapping[str, tuple[float, float, float, float, float]], time: float
+    ) -> None:
+        """Publish the cylinders by joint, see `CylinderFigures`, as of `time` [s]."""
+        self._cylinders.publish(to_cylinder_array(cylinders, time))
+
     def transforms(self, positions: ArrayLike, quaternions: ArrayLike, stamp: Time) -> None:
-        """Publish the pose of every link in the map."""
+        """Publish the pose of every link in the map; of what is only seen on `/tf` alone."""
         messages = to_transforms(self._frames, positions, quaternions, stamp)
-        for message in messages:
+        for message in messages[: self._links]:
             self._transforms.publish(message)
         if self._tf is not None:
             self._tf.publish(to_tf_message(messages))

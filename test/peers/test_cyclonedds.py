@@ -80,8 +80,9 @@ def check_time(report) -> None:
 def check_joints(report) -> None:
     states = report["joint_states"]
     virtual = [f"base_{name}" for name in ("x", "y", "z", "yaw", "pitch", "roll")]
-    assert states["names"] == ["swing", "boom", "arm", "bucket", *virtual]
-    assert states["sizes"] == [10, 10, 10]
+    assert states["names"][:4] == ["swing", "boom", "arm", "bucket"]
+    assert states["names"][-6:] == virtual
+    assert states["sizes"] == 3 * [len(states["names"])]
     assert report["finite"]
 
 

@@ -15,7 +15,7 @@ from visualization_msgs.msg import MarkerArray
 
 from earthmoving_sim.dig_run import REACTION, DigRun
 from earthmoving_sim.run_config import load_run_config
-from machine_sim.machine.appearance import LINK_FRAMES, link_boxes, link_poses, shoe_look
+from machine_sim.machine.appearance import link_boxes, link_frames, link_poses, shoe_look
 from msg_bridge.bag.writer import BagWriter
 from msg_bridge.codec.chunks import to_chunk_cloud
 from msg_bridge.codec.headers import to_multi_array
@@ -64,7 +64,7 @@ class RecordedDig:
         self.run = DigRun(load_run_config("demo.yaml", asked), site)
         machine = self.run.machine.machine
         looks = (link_boxes(machine.description), shoe_look(machine.description))
-        self._markers = MarkerSet(LINK_FRAMES, *looks, namespace="excavator")
+        self._markers = MarkerSet(link_frames(machine.description), *looks, namespace="excavator")
         machine_node = {"machine": "machines/excavator.yaml", "command_delay": REACTION}
         config = {"machine_sim": machine_node}
         self._say("config", String(data=config_text(facts, config)))

@@ -16,7 +16,8 @@ from support.machine_scenes import excavator
 
 from machine_sim.machine import JOINT_NAMES as MACHINE_JOINTS
 from machine_sim.machine import rotation_matrix, urdf_text
-from machine_sim.machine.appearance import LINK_FRAMES, link_poses
+from machine_sim.machine.appearance import link_frames, link_poses
+from machine_sim.machine.pistons import piston_joints
 from machine_sim.machine.urdf import VIRTUAL_JOINTS as URDF_JOINTS
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.machine_state import (
@@ -24,10 +25,13 @@ from msg_bridge.codec.machine_state import (
     JOINT_NAMES,
     VIRTUAL_JOINTS,
     BaseState,
+    CylinderFigures,
     PayloadState,
     from_command_state,
+    from_cylinder_array,
     from_payload_array,
     to_command_state,
+    to_cylinder_array,
     to_joint_state,
     to_payload_array,
 )
@@ -73,7 +77,7 @@ def forward_kinematics(urdf, state):
     """Rotation and origin of each link of a URDF, root at 0, as robot_state_publisher has them."""
     values = dict(zip(state.name, state.position, strict=True))
     robot = ET.fromstring(urdf)
-    joints = {joint.find("child").get("link"): joint for joint in robot.iter("joint")}
+    joints = {joint.find("child").get("link"): joint for joint in robot.iter("joint") if len(joint)}
     frames = {}
 
     def frame(link):
@@ -86,7 +90,8 @@ def forward_kinematics(urdf, state):
                 assert shift.get("rpy") is None
                 origin = origin + turn @ np.array(shift.get("xyz").split(), dtype=float)
             axis = np.array(joint.find("axis").get("xyz").split(), dtype=float)
-            value = values[joint.get("name")]
+            alike = joint.find("mimic")
+            value = values[joint.get("name") if alike is None else alike.get("joint")]
             if joint.get("type") == "prismatic":
                 origin = origin + turn @ axis * value
             else:
@@ -115,24 +120,30 @@ def random_poses(count):
 
 def joint_state(position, turn, joints, velocity=STILL, spin=STILL):
     base = BaseState(position, turn, velocity, spin)
-    return over_the_wire(to_joint_state(joints, np.zeros(4), np.zeros(4), base, STAMP))
+    pistons = piston_joints(MACHINE, list(joints), [0.0] * 4)
+    names, positions = [*JOINT_NAMES, *pistons.names], [*joints, *pistons.positions]
+    still = np.zeros(len(names))
+    return over_the_wire(to_joint_state(positions, still, still, base, STAMP, names=names))
 
 
 def test_names_are_those_of_the_machine_and_its_urdf():
     assert JOINT_NAMES == MACHINE_JOINTS
     assert VIRTUAL_JOINTS == URDF_JOINTS
     state = joint_state(STILL, UPRIGHT, np.zeros(4))
-    robot = ET.fromstring(urdf_text(MACHINE, virtual_base=True))
-    assert sorted(state.name) == sorted(joint.get("name") for joint in robot.iter("joint"))
+    robot = ET.fromstring(urdf_text(MACHINE, virtual_base=True, pistons=True))
+    own = [joint for joint in robot.iter("joint") if "type" in joint.attrib]
+    assert sorted(state.name) == sorted(
+        joint.get("name") for joint in own if joint.find("mimic") is None
+    )
     assert state.header.stamp == STAMP
 
 
 def test_joint_values_place_every_link_of_the_urdf():
-    urdf = urdf_text(MACHINE, prefix="digger/", virtual_base=True)
+    urdf = urdf_text(MACHINE, prefix="digger/", virtual_base=True, pistons=True)
     for position, turn, joints in random_poses(150):
         frames = forward_kinematics(urdf, joint_state(position, turn, joints))
         where = link_poses(MACHINE, position, turn, joints)
-        for k, link in enumerate(LINK_FRAMES):
+        for k, link in enumerate(link_frames(MACHINE)):
             rotation, origin = frames[f"digger/{link}"]
             np.testing.assert_allclose(origin, where.positions[k], atol=1e-9)
             np.testing.assert_allclose(rotation, rotation_matrix(where.quaternions[k]), atol=1e-9)
@@ -161,7 +172,7 @@ def test_joint_values_place_the_links_where_the_physics_has_them(tmp_path):
             rotation, origin = frames["base_link"]
             np.testing.assert_allclose(rotation_matrix(turned), rotation, atol=1e-9)
             np.testing.assert_allclose(com - rotation_matrix(turned) @ middle, origin, atol=1e-9)
-            for k, link in enumerate(LINK_FRAMES[1:]):
+            for k, link in enumerate(link_frames(MACHINE)[1:5]):
                 state = pybullet.getLinkState(body, k, 0, 1, client)
                 np.testing.assert_allclose(state[4], frames[link][1], atol=1e-5)
                 np.testing.assert_allclose(rotation_matrix(state[5]), frames[link][0], atol=1e-5)
@@ -280,3 +291,15 @@ def test_other_array_is_no_payload(change):
     change(msg)
     with pytest.raises(CodecError, match="a payload is 5 values"):
         from_payload_array(msg)
+
+
+def test_cylinders_cross_with_their_names_and_time():
+    cylinders = {
+        "boom": CylinderFigures(2.1, 0.1, 3e5, 1.4e7, 5e5),
+        "arm": CylinderFigures(3.0, -0.2, -1e5, 5e5, 1.5e7),
+    }
+    msg = over_the_wire(to_cylinder_array(cylinders, 7.25))
+    assert msg.layout.dim[0].label.startswith("boom_length_m,boom_speed_m_s,boom_force_n,")
+    assert from_cylinder_array(msg, ["boom", "arm"]) == (cylinders, 7.25)
+    with pytest.raises(CodecError, match="arm_length_m"):
+        from_cylinder_array(msg, ["arm", "boom"])

@@ -11,7 +11,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from earthmoving_sim.machine_shape import machine_faces
 from machine_sim.machine import rotation_matrix
-from machine_sim.machine.appearance import LINK_FRAMES, link_boxes, link_poses, shoe_look
+from machine_sim.machine.appearance import link_boxes, link_frames, link_poses, shoe_look
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.markers import LinkBox, MarkerSet
 
@@ -27,7 +27,9 @@ AT_ORIGIN = ([[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0, 1.0]])
 
 
 def marker_set():
-    return MarkerSet(LINK_FRAMES, link_boxes(MACHINE), shoe_look(MACHINE), namespace="digger")
+    return MarkerSet(
+        link_frames(MACHINE), link_boxes(MACHINE), shoe_look(MACHINE), namespace="digger"
+    )
 
 
 def markers_at(position=POSITION, turn=TURN, joints=JOINTS, shoes=SHOES):
@@ -59,7 +61,7 @@ def test_boxes_have_the_corners_of_the_pictures():
     """All links but the bucket, whose faces are drawn there without their thickness."""
     faces = [face for _, face in machine_faces(MACHINE, POSITION, rotation_matrix(TURN), JOINTS)]
     faces = faces[: -len(MACHINE.bucket.plates())]
-    boxes = [marker for link in LINK_FRAMES[:4] for marker in of_link(markers_at(), link)]
+    boxes = [marker for link in link_frames(MACHINE)[:4] for marker in of_link(markers_at(), link)]
     assert len(boxes) == len(faces) // 6
     for k, box in enumerate(boxes):
         theirs = np.unique(np.round(np.concatenate(faces[6 * k : 6 * k + 6]), 9), axis=0)
@@ -131,7 +133,9 @@ def test_names_stay_when_the_machine_moves_and_are_one_each():
     there = [(marker.ns, marker.id) for marker in markers_at(POSITION + 1.0, joints=[0.0] * 4)]
     assert here == there
     assert len(set(here)) == len(here)
-    assert {name for name, _ in here} == {f"digger/{link}" for link in (*LINK_FRAMES, "tracks")}
+    assert {name for name, _ in here} == {
+        f"digger/{link}" for link in (*link_frames(MACHINE), "tracks")
+    }
 
 
 def test_second_pose_leaves_nothing_of_the_first():

@@ -1,0 +1,80 @@
+"""Pistons follow the arm: rods end at their pins, couplers at the bucket's ear."""
+
+import numpy as np
+import pytest
+
+from machine_sim.machine import JOINT_NAMES, rotation_matrix
+from machine_sim.machine.appearance import link_frames, link_poses
+from machine_sim.machine.pistons import piston_joints, piston_parts, piston_values
+
+
+def poses_at(description, joints):
+    """Rotation and origin by frame, of a machine that stands askew."""
+    poses = link_poses(description, [1.0, 2.0, 3.0], [0.1, -0.2, 0.3, 0.9], joints)
+    return {
+        name: (rotation_matrix(turn), at)
+        for name, at, turn in zip(link_frames(description), *poses, strict=True)
+    }
+
+
+def random_joints(description, count):
+    rng = np.random.default_rng(1)
+    for _ in range(count):
+        yield [
+            rng.uniform(max(limit.lower, -3.0), min(limit.upper, 3.0))
+            for limit in description.joints.values()
+        ]
+
+
+def test_rods_and_couplers_end_where_they_are_pinned(description):
+    for joints in random_joints(description, 50):
+        at = poses_at(description, joints)
+        for name, rods in (("boom", ("boom_rod_left", "boom_rod_right")), ("arm", ("arm_rod",))):
+            turn, origin = at[name]
+            x, z = description.cylinders[name].linkage.rod
+            for rod in rods:
+                local = turn.T @ (at[rod][1] - origin)
+                np.testing.assert_allclose(local[[0, 2]], [x, z], atol=1e-9)
+        rocker = description.cylinders["bucket"].linkage.rocker
+        turn, origin = at["bucket_coupler"]
+        end = origin + turn @ [rocker.coupler, 0.0, 0.0]
+        turn, origin = at["bucket"]
+        ear = [rocker.ear[0], 0.0, rocker.ear[1]]
+        np.testing.assert_allclose(turn.T @ (end - origin), ear, atol=1e-9)
+        np.testing.assert_allclose(at["bucket_rod"][1], at["bucket_coupler"][1], atol=1e-9)
+
+
+def test_boom_cylinders_stand_on_both_sides(description):
+    left, right = (
+        part for part in piston_parts(description) if part.link.startswith("boom_barrel")
+    )
+    assert left.origin[1] == -right.origin[1] == pytest.approx(0.31)
+    assert right.mimics == left.joint
+
+
+def test_rods_stay_in_their_barrels(description):
+    parts = {part.link: part for part in piston_parts(description)}
+    for rod, barrel in (("boom_rod_left", "boom_barrel_left"), ("arm_rod", "arm_barrel")):
+        tube = parts[barrel].box.size[0]
+        reach = parts[rod].box.size[0]
+        assert parts[rod].upper - reach < tube
+        assert parts[rod].lower > tube, "the rod's eye is outside at the shortest"
+
+
+def test_speeds_are_those_of_the_values(description):
+    joints, rates = [0.2, -0.3, 1.5, 0.8], [0.0, 0.3, -0.4, 0.5]
+    state = piston_joints(description, joints, rates)
+    step = 1e-6
+    later = [angle + step * rate for angle, rate in zip(joints, rates, strict=True)]
+    soon = piston_joints(description, later, rates)
+    growth = (np.array(soon.positions) - state.positions) / step
+    np.testing.assert_allclose(state.velocities, growth, atol=1e-3)
+    arm = description.cylinders["arm"].linkage
+    assert state.velocities[state.names.index("arm_rod_stroke")] == pytest.approx(
+        arm.lever(joints[JOINT_NAMES.index("arm")]) * rates[2], rel=1e-3
+    )
+
+
+def test_values_go_with_the_parts(description):
+    values = piston_values(description, [0.0, 0.0, 1.5, 0.0])
+    assert len(values) == len(piston_parts(description))
