@@ -95,8 +95,8 @@ class ContactTable:
         )
         _collect.on(threads)(
             np.float32(dt), self._ahead, pairs.first, pairs.second, pairs.bounds, pairs.touching,
-            pairs.spring, store.position, body, store.friction, store.rolling, store.cohesion,
-            self.first, self.second, self.entry, self.block, self.begin, self.size,
+            pairs.spring, store.position, body, store.inverse_mass, store.friction, store.rolling,
+            store.cohesion, self.first, self.second, self.entry, self.block, self.begin, self.size,
             self._waiting, self._wait, anew,
         )  # fmt: skip
 
@@ -160,7 +160,8 @@ def _ahead_of(dt, rows, mean, body, ahead):  # type: ignore[no-untyped-def]
 @threaded_kernel
 def _collect(  # type: ignore[no-untyped-def]
     dt, ahead, pair_first, pair_second, bounds, touching, pair_spring, position, body,
-    friction, rolling, bond, first, second, entry, block, begin, size, waiting, wait, anew,
+    inverse_mass, friction, rolling, bond, first, second, entry, block, begin, size, waiting, wait,
+    anew,
 ):  # fmt: skip
     """Bring the table up to date, part by part."""
     for part in prange(begin.size):
@@ -172,8 +173,8 @@ def _collect(  # type: ignore[no-untyped-def]
         _separate(begin[part], size[part], first, second, position, block)
         joined, wait[part] = _join(
             dt, ahead, pair_first, pair_second, waiting[low : low + wait[part]], touching,
-            pair_spring, position, body, friction, rolling, bond, first, second, entry, block,
-            begin[part] + size[part],
+            pair_spring, position, body, inverse_mass, friction, rolling, bond, first, second,
+            entry, block, begin[part] + size[part],
         )  # fmt: skip
         size[part] += joined
 
@@ -193,7 +194,7 @@ def _separate(begin, size, first, second, position, block):  # type: ignore[no-u
 @kernel
 def _join(  # type: ignore[no-untyped-def]
     dt, ahead, pair_first, pair_second, waiting, touching, pair_spring, position, body,
-    friction, rolling, bond, first, second, entry, block, begin,
+    inverse_mass, friction, rolling, bond, first, second, entry, block, begin,
 ):  # fmt: skip
     """Copy those of the waiting pairs that may touch to the slots from `begin` on.
 
@@ -219,7 +220,9 @@ def _join(  # type: ignore[no-untyped-def]
             b[s + BLOCK] = np.float32(position[j, 1] - position[i, 1])
             b[s + 2 * BLOCK] = np.float32(position[j, 2] - position[i, 2])
             b[s + 3 * BLOCK] = ri + rj
-            b[s + 4 * BLOCK] = np.float32(1.0) / (body[i, 7] + body[j, 7])
+            # One that rests counts with its own mass. As a wall it would make the contact twice as
+            # stiff while it sleeps, and each time it falls asleep or wakes its neighbours move.
+            b[s + 4 * BLOCK] = np.float32(1.0) / (inverse_mass[i] + inverse_mass[j])
             # Of two soils the weaker gives way.
             b[s + 5 * BLOCK] = min(friction[i], friction[j])
             b[s + 6 * BLOCK] = min(rolling[i], rolling[j])

@@ -57,6 +57,32 @@ def test_nobody_sleeps_where_that_is_not_asked() -> None:
     assert (resting_heap(sleeping=False).store.resting == 0).all()
 
 
+def test_who_lies_on_one_that_falls_asleep_does_not_rise() -> None:
+    world = engine(sleeping=False)
+    world.add([[0, 0, 0.06], [0, 0, 0.18]], np.zeros((2, 3)), LITRE, grow=False)
+    run(world, 2.0)
+    height = world.store.position[1, 2]
+    world._sleep.rouse(world.store, np.arange(2))
+    world.store.resting[0] = 1
+    world._pairs.stale = world._changed = True
+    run(world, 0.3)
+    assert world.store.resting.tolist() == [1, 0]
+    # A contact twice as stiff would lift it by half the overlap, 50 micrometres.
+    assert world.store.position[1, 2] == pytest.approx(height, abs=5e-6)
+
+
+def test_a_heap_woken_again_and_again_stays_as_it_is() -> None:
+    world = resting_heap()
+    before = world.store.position.copy()
+    for _ in range(40):
+        world._sleep.rouse(world.store, np.arange(COUNT))
+        world._pairs.stale = True
+        run(world, 0.55)
+    assert (world.store.resting == 1).all(), "at rest at once"
+    way = np.linalg.norm(world.store.position - before, axis=1) / (2.0 * world.store.radius)
+    assert way.max() < 0.005
+
+
 def test_a_hit_wakes_whom_it_hits_and_all_sleep_again() -> None:
     world = resting_heap()
     new = world.add([[0.05, 0.0, 1.5]], [[0.0, 0.0, -2.0]], LITRE, grow=False)
