@@ -12,7 +12,10 @@ from numba import prange
 from machine_sim.particles.jit import kernel, threaded_kernel
 from machine_sim.particles.parts import CHUNKS
 
-__all__ = ["list_pairs"]
+__all__ = ["RESTS", "list_pairs"]
+
+RESTS = 2
+"""Mark in `touching` of an old pair that touches and is listed no more, as both rest."""
 
 
 @threaded_kernel
@@ -29,11 +32,12 @@ def list_pairs(  # type: ignore[no-untyped-def]
         few: whether these are few: then only their cells are looked at, and all around them.
         position, radius, skins: of the particles, by row.
         old_row: row of each in the old table, -1 if it has none.
-        old_*: the old table. The rest: the new one.
+        old_*: the old table. Pairs that `RESTS` are marked in it, their rows made the present ones.
         slabs: out, the first pair of each layer of cells along y, and the end.
+        The rest: the new table.
 
     Returns:
-        Number of pairs, or -1 where the table is too small.
+        Number of pairs, or -1 where the table is too small; and how many old ones are so marked.
     """
     n = order.size
     at, size = np.empty((3, n), np.float32), np.empty(n, np.float32)
@@ -49,7 +53,7 @@ def list_pairs(  # type: ignore[no-untyped-def]
             first[c * room : (c + 1) * room], second[c * room : (c + 1) * room], begin, end,
         )  # fmt: skip
     if found.min() < 0:
-        return -1
+        return -1, 0
     count = 0
     for c in range(CHUNKS):
         mine = order[_cells_of(c, cells, start) : _cells_of(c + 1, cells, start)]
@@ -66,12 +70,13 @@ def list_pairs(  # type: ignore[no-untyped-def]
             new_row[old_row[i]] = i
     for c in prange(CHUNKS):
         touching[c * count // CHUNKS : (c + 1) * count // CHUNKS] = 0
+    rest = np.zeros(CHUNKS, np.int64)
     for c in prange(CHUNKS):
-        _take_history(
-            c * old_count // CHUNKS, (c + 1) * old_count // CHUNKS, new_row, old_first, old_second,
-            old_touching, old_spring, second, begin, end, touching, spring,
+        rest[c] = _take_history(
+            c * old_count // CHUNKS, (c + 1) * old_count // CHUNKS, new_row, live, old_first,
+            old_second, old_touching, old_spring, second, begin, end, touching, spring,
         )  # fmt: skip
-    return count
+    return count, rest.sum()
 
 
 @kernel
@@ -210,10 +215,15 @@ def _list_chunk(  # type: ignore[no-untyped-def]
 
 @kernel
 def _take_history(  # type: ignore[no-untyped-def]
-    low, high, new_row, old_first, old_second, old_touching, old_spring, second, begin, end,
+    low, high, new_row, live, old_first, old_second, old_touching, old_spring, second, begin, end,
     touching, spring,
 ):  # fmt: skip
-    """Carry history from the old table to the new: of the old pairs those that touch have one."""
+    """Carry history from the old table to the new: of the old pairs those that touch have one.
+
+    Returns:
+        How many are marked as both at rest.
+    """
+    rest = 0
     for m in range(low, high):
         if old_touching[m] == 0:
             continue
@@ -221,6 +231,11 @@ def _take_history(  # type: ignore[no-untyped-def]
         i = new_row[old_first[m]] if old_first[m] < new_row.size else -1
         j = new_row[old_second[m]] if old_second[m] < new_row.size else -1
         if i < 0 or j < 0:
+            continue
+        if not (live[i] or live[j]):
+            old_touching[m] = RESTS
+            old_first[m], old_second[m] = i, j
+            rest += 1
             continue
         sign = np.float32(1.0)
         k = _find(second, begin[i], end[i], j)
@@ -231,6 +246,7 @@ def _take_history(  # type: ignore[no-untyped-def]
             touching[k] = 1
             for axis in range(3):
                 spring[k, axis] = sign * old_spring[m, axis]
+    return rest
 
 
 @kernel

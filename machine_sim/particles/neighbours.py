@@ -12,6 +12,7 @@ from numba import prange
 from numpy.typing import NDArray
 
 from machine_sim.particles.cells import rows_around, sort_rows
+from machine_sim.particles.dormant import DormantSprings
 from machine_sim.particles.jit import kernel, threaded_kernel, use_threads
 from machine_sim.particles.listing import list_pairs
 from machine_sim.particles.parts import CHUNKS, chunk, cut_parts
@@ -59,6 +60,7 @@ class NeighbourList:
 
     Attributes:
         pairs: the present table.
+        dormant: springs of pairs that rest and are not listed.
         stale: whether rows changed, so that it must be built anew.
         builds: how often it was built.
         wear: how often among many that move, since its owner set it to 0 (few disorder little).
@@ -74,6 +76,8 @@ class NeighbourList:
         self._most_threads = threads
         self.pairs = PairTable(4096, 0)
         self._spare = PairTable(4096, 0)
+        self.dormant = DormantSprings()
+        self._live = np.zeros(0, np.bool_)
         self._origin: NDArray[np.float64] = np.zeros((0, 3))
         self._skins = np.zeros(0)
         self.stale = True
@@ -129,7 +133,7 @@ class NeighbourList:
         while not self._build(store, live, few, order, start, cells, sizes):
             self._spare = PairTable(2 * len(self._spare.first), 0)
         self.pairs, self._spare = self._spare, self.pairs
-        self._origin = store.position.copy()
+        self._origin, self._live = store.position.copy(), live.copy()
         store.pair_row[:] = np.arange(store.count, dtype=np.int32)
         self.builds += 1
         self.wear += not few
@@ -145,7 +149,7 @@ class NeighbourList:
             new.begin, new.end = np.zeros(room, np.int64), np.zeros(room, np.int64)
         new.begin[: store.count] = new.end[: store.count] = 0
         slabs = np.zeros(sizes[1] + 1, np.int64)
-        new.count = list_pairs.on(self.threads)(
+        new.count, rest = list_pairs.on(self.threads)(
             order, start, cells, sizes, live, few,
             store.position, store.radius, self._skins, store.pair_row,
             old.first, old.second, old.touching, old.spring, old.count,
@@ -153,6 +157,9 @@ class NeighbourList:
         )  # fmt: skip
         if new.count < 0:
             return False
+        self.dormant.give_back(store, self._live, new)
+        if rest:
+            self.dormant.keep(store, old, rest)
         new.bounds = cut_parts(slabs, 2 if few else 1)
         return True
 

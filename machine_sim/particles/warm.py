@@ -53,6 +53,8 @@ def _rest_and_wake(engine: ParticleEngine) -> None:
     engine.remove(engine.store.particle_id)
     engine.add([[0.0, -0.2, 0.28], [0.0, 0.9, 0.08], [1.0, 0.9, 0.08]], np.zeros((3, 3)), _LITRE,
                grow=False)  # fmt: skip
+    # One that comes against another: there is a spring to keep while they rest.
+    engine.add([1.0, 1.004, 0.08], [0.2, -0.2, 0.0], _LITRE, grow=False)
     engine.step(_STEP)
     engine.add([0.0, 0.9, 0.25], [0.0, 0.0, -3.0], _LITRE, grow=False)
     for k in range(20):

@@ -85,10 +85,30 @@ def test_nor_do_they_where_few_are_awake():
     check_apart(world)
 
 
-@pytest.mark.skipif(NUMBA_NUM_THREADS < 2, reason="one core: it would be compared with itself")
+more_threads = pytest.mark.skipif(
+    NUMBA_NUM_THREADS < 2, reason="one core: it would be compared with itself"
+)
+
+
+@more_threads
 def test_two_threads_give_the_same_bits(one):
     two = many(2)
     assert two.params.threads == 2
     assert two._pairs.pairs.bounds.size > 2
     for name in ("position", "velocity", "spin"):
         assert np.array_equal(getattr(one.store, name), getattr(two.store, name)), name
+
+
+@more_threads
+def test_nor_do_they_differ_where_some_rest_and_wake():
+    worlds = [many(1), many(2)]
+    for world in worlds:
+        for rests in (0, 2, 1):
+            # Springs are kept, then given back.
+            world.store.resting[:] = world.store.particle_id % 5 < rests
+            world._pairs.stale = world._changed = True
+            run(world, 0.01)
+            if rests == 2:
+                assert world._pairs.dormant.count > 1000
+    for name in ("position", "velocity", "spin"):
+        assert np.array_equal(*(getattr(world.store, name) for world in worlds)), name
