@@ -37,7 +37,7 @@ _CONTACT_SHARE = 0.05
 """Part of a particle's cross section on which it sticks. Cohesion and adhesion are measured over
 faces that touch all over; lumps touch at a few spots."""
 
-_STEEPENING = ((0.0, 0.0), (0.2, 3.4), (0.4, 5.8), (0.9, 10.5), (2.0, 14.0))
+_STEEPENING = ((0.0, 0.0), (0.2, 3.4), (0.4, 5.8), (0.9, 11.5), (2.0, 15.0))
 """By *bond number*, the force that parts two particles over the weight of one: how much steeper
 [deg] they pour where they hold together. An angle of repose is measured on soil as it coheres, so
 that so much less of it is left to friction."""
