@@ -4,7 +4,8 @@ Prints a table of wall time per step, and `--chart FILE` draws it. A fall is tim
 all steps are alike it is the median step; few particles fall several times. Beside it stand the
 same block as cubes in pybullet (the 2014 way of working), as many as can be waited for, and as
 spheres in LIGGGHTS where that is installed; `--peers` chooses, and without a name leaves them out.
-One core. Run from the repository root: `python benchmarks/particles.py`; takes about ten minutes.
+One core, or for our own particles `--threads`. Run from the repository root:
+`python benchmarks/particles.py`; takes about ten minutes.
 
 `liggghts.py` looks closer at LIGGGHTS, `cubes.py` at cubes in a box, `particle_features.py` at what
 sizes that vary, soil that sticks, growth and sleep cost.
@@ -76,11 +77,11 @@ def heap(engine: Engine, count: int) -> tuple[float, float]:
     return falling, timed(engine, 30)
 
 
-def ours(count: int) -> list[float]:
-    """All of `KINDS` [ms a step]."""
-    engine = particles(sleeping=False)
+def ours(count: int, threads: int) -> list[float]:
+    """All of `KINDS` [ms a step], on some cores."""
+    engine = particles(sleeping=False, threads=threads)
     falling, settled = heap(engine, count)
-    calm = particles(sleep_speed=0.05)
+    calm = particles(sleep_speed=0.05, threads=threads)
     place = engine.store.position
     calm.add(place, np.zeros_like(place), engine.store.volume_mm3, grow=False)
     resting = 0.0
@@ -92,7 +93,7 @@ def ours(count: int) -> list[float]:
     asleep = timed(calm, 60)
     assert resting >= ASLEEP, f"{100 * resting:.0f} % of {count} are asleep, which is no such scene"
     # Shaken enough to stay awake, unless it rides as one body.
-    return [falling, settled, asleep, bucket(particles(carried=False), count)]
+    return [falling, settled, asleep, bucket(particles(carried=False, threads=threads), count)]
 
 
 def peer(name: str, count: int) -> list[float]:
@@ -115,10 +116,13 @@ def peer(name: str, count: int) -> list[float]:
         engine.close()
 
 
-def measured(count: int, peers: list[str]) -> list[float]:
+def measured(count: int, peers: list[str], threads: int) -> list[float]:
     """A row of the table [ms a step]: medians over falls that take turns."""
     falls = min(math.ceil(ENOUGH / count), MOST_FALLS)
-    rows = [[*ours(count), *(t for name in peers for t in peer(name, count))] for _ in range(falls)]
+    rows = [
+        [*ours(count, threads), *(t for name in peers for t in peer(name, count))]
+        for _ in range(falls)
+    ]
     return [float(t) for t in np.median(rows, axis=0)]
 
 
@@ -159,6 +163,7 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--counts", type=int, nargs="+", default=COUNTS)
     options.add_argument("--peers", choices=PEERS, nargs="*", default=tuple(PEERS))
+    options.add_argument("--threads", type=int, default=1, help="cores that our particles may use")
     options.add_argument("--chart", type=Path, help="draw ms per step against N into this file")
     given = options.parse_args()
     peers = list(given.peers)
@@ -166,15 +171,15 @@ def main() -> None:
         print(f"{MISSING}\n")
         peers.remove("LIGGGHTS")
     print(load())
-    warm_up()
-    measured(20, peers)
+    warm_up(ParticleParams(threads=given.threads))
+    measured(20, peers, given.threads)
     names = [f"particles {kind}" for kind in KINDS]
     names += [f"{name} {kind}" for name in peers for kind in KINDS[:2]]
     print("ms per 5 ms step (us per particle)")
     print(f"{'N':>7}" + "".join(f"{name.removeprefix('particles '):>19}" for name in names))
     rows = []
     for count in given.counts:
-        rows.append(measured(count, peers))
+        rows.append(measured(count, peers, given.threads))
         cells = ("" if math.isnan(t) else f"{t:.3f} ({1e3 * t / count:.3f})" for t in rows[-1])
         print(f"{count:>7}" + "".join(f"{cell:>19}" for cell in cells), flush=True)
     if given.chart:
