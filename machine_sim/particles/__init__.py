@@ -3,8 +3,8 @@
 - `params`: the physics, with units and ranges; `grains`: how each soil's particles touch
 - `intake`: what is refused; `store`: the particles and the volume account
 - `law`: the contact law; `jit`: how kernels are compiled
-- `cells`: particles by place; `listing`, `neighbours`: near pairs; `parts`: what threads share out
-- `dormant`: springs of pairs that rest
+- `cells`: particles by place; `pair_table`, `listing`, `neighbours`: near pairs
+- `dormant`: springs of pairs that rest; `parts`: what threads share out
 - `contacts`: those that may touch in a step; `pairs`, `simd`: their forces
 - `plates`, `tool`, `walls`: tool geometry, its motion, and the forces on it
 - `soil_contact`: forces of the terrain

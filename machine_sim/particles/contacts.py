@@ -16,7 +16,7 @@ import numpy as np
 from numba import prange
 
 from machine_sim.particles.jit import kernel, threaded_kernel
-from machine_sim.particles.neighbours import PairTable
+from machine_sim.particles.pair_table import PairTable
 from machine_sim.particles.parts import CHUNKS, chunk
 from machine_sim.particles.simd import GROUP
 from machine_sim.particles.store import ParticleStore

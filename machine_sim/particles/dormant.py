@@ -10,17 +10,13 @@ pairs fall asleep and when they wake, never for those that sleep on.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.particles.jit import kernel
 from machine_sim.particles.listing import RESTS
+from machine_sim.particles.pair_table import PairTable
 from machine_sim.particles.store import ParticleStore
-
-if TYPE_CHECKING:
-    from machine_sim.particles.neighbours import PairTable
 
 __all__ = ["DormantSprings"]
 

@@ -15,10 +15,11 @@ from machine_sim.particles.cells import rows_around, sort_rows
 from machine_sim.particles.dormant import DormantSprings
 from machine_sim.particles.jit import kernel, threaded_kernel, use_threads
 from machine_sim.particles.listing import list_pairs
+from machine_sim.particles.pair_table import PairTable
 from machine_sim.particles.parts import CHUNKS, chunk, cut_parts
 from machine_sim.particles.store import ParticleStore
 
-__all__ = ["NeighbourList", "PairTable"]
+__all__ = ["NeighbourList"]
 
 _STEPS = 5.0
 """For how many steps a list should hold where particles move."""
@@ -26,33 +27,6 @@ _ROOM = 1.3
 """Room for acceleration: how far ahead a particle is looked for, over how far it comes."""
 _LONGEST = 0.35
 """Longest skin of a particle, in largest diameters, where a list holds for more than a step."""
-
-
-class PairTable:
-    """Listed pairs and their contact history.
-
-    Attributes:
-        first, second: rows of each pair, uint32.
-        touching, spring: history, see `pairs.pair_forces`.
-        begin, end: pairs of each row that is `first`, shape (n,).
-        bounds: of its parts, see `parts.cut_parts`.
-        count: number of pairs.
-    """
-
-    def __init__(self, room: int, rows: int) -> None:
-        self.first = np.zeros(room, np.uint32)
-        self.second = np.zeros(room, np.uint32)
-        self.touching = np.zeros(room, np.uint8)
-        self.spring = np.zeros((room, 3), np.float32)
-        self.begin = np.zeros(rows, np.int64)
-        self.end = np.zeros(rows, np.int64)
-        self.bounds = np.zeros(2, np.int64)
-        self.count = 0
-
-    @property
-    def parted(self) -> bool:
-        """Whether there is more than one region for several threads to work in."""
-        return len(self.bounds) > 2
 
 
 class NeighbourList:
