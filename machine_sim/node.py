@@ -24,6 +24,7 @@ from machine_sim.node_params import MachineNodeParams
 from machine_sim.params import MachineSimParams
 from machine_sim.particles import ParticleParams, warm_up
 from machine_sim.run import MachineRun, first_life
+from machine_sim.sensors import SensorParams, Sensors
 from msg_bridge.codec import qos
 from msg_bridge.codec.machine_state import BaseState, PayloadState
 from msg_bridge.codec.markers import MarkerSet
@@ -42,6 +43,7 @@ from msg_bridge.nodes.machine_carrier import MachineCarrier
 from msg_bridge.nodes.machine_topics import JointValues, MachineTopics, ToolWrench
 from msg_bridge.nodes.parameters import declare_parameters, on_change
 from msg_bridge.nodes.runtime import run_node
+from msg_bridge.nodes.sensor_topics import SensorTopics
 
 __all__ = ["MachineNode", "main"]
 
@@ -78,6 +80,7 @@ class MachineNode(LeanNode):
         on_change(self, MachineNodeParams, "", _CHANGEABLE, self._take_params)
         self._stepping = declare_parameters(self, MachineSimParams, "stepping.")
         self._particles = declare_parameters(self, ParticleParams, "particles.")
+        self._sensor_params = declare_parameters(self, SensorParams, "sensors.")
         commands = declare_parameters(self, CommandParams, "commands.")
         self._description = load_description(find_config(self._params.machine))
         self._board = CommandBoard(self._description, commands)
@@ -96,6 +99,9 @@ class MachineNode(LeanNode):
             tool_frame="bucket",
             markers=MarkerSet(frames, *looks, namespace=name or self._description.name),
             publish_tf=self._params.publish_tf,
+        )
+        self._sensor_topics = SensorTopics(
+            self, self._prefix, [imu.name for imu in self._description.imus]
         )
         self._facts: RunFacts | None = None
         self._keyframe: Keyframe | None = None
@@ -173,6 +179,7 @@ class MachineNode(LeanNode):
             keyframe,
             life=first_life(self.get_namespace(), facts.epoch, time.time()),
         )
+        self._sensors = Sensors(self._description, self._sensor_params, self._params.seed)
         self._entered_life = -1
         self._topics.describe(
             urdf_text(self._description, prefix=self._prefix, virtual_base=True, pistons=True),
@@ -273,6 +280,8 @@ class MachineNode(LeanNode):
             wrench = ToolWrench(*sim.tool_wrench, machine.tool_pose[0])
             self._topics.state(self._joint_values(machine), base, load, wrench, stamp)
             self._topics.cylinders(machine.cylinders, tick * run.facts.tick)
+        if due(self._sensor_params.rate):
+            self._tell_sensors(machine, tick * run.facts.tick, stamp)
         if due(params.particle_rate):
             self._topics.particles(sim.particles.store, stamp)
         if due(params.transform_rate) or due(params.marker_rate):
@@ -281,6 +290,15 @@ class MachineNode(LeanNode):
                 self._topics.transforms(*poses, stamp)
             if due(params.marker_rate):
                 self._topics.markers(poses, machine.tracks.shoe_poses, stamp)
+
+    def _tell_sensors(self, machine: Excavator, time: float, stamp: Any) -> None:
+        imus, encoders = self._sensors.read(machine, time)
+        for imu in imus:
+            frame = "base_link" if imu.frame == "base" else imu.frame
+            self._sensor_topics.imu(
+                imu.name, frame, imu.quaternion, imu.spin, imu.specific_force, stamp
+            )
+        self._sensor_topics.encoders(JOINT_NAMES, *encoders)
 
     def _joint_values(self, machine: Excavator) -> JointValues:
         """All joints: those of the arm, then those of the pistons, which only follow."""
@@ -302,6 +320,7 @@ class MachineNode(LeanNode):
             "machine_sim": asdict(self._params),
             "stepping": asdict(self._stepping),
             "particles": asdict(self._particles),
+            "sensors": asdict(self._sensor_params),
             "commands": asdict(self._board.params),
         }
         return config_text(self._facts, sections)

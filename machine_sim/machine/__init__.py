@@ -6,6 +6,7 @@
 - `kinematics`: joint angles to tool pose and back, without a physics engine
 - `linkage`, `hydraulics`: cylinders between links, what feeds them, how fast and hard they move
 - `pistons`: what is seen of them
+- `link_motion`: how every link moves
 - `joints`: ramps and limits of commanded joint speeds
 - `tracks`, `track_contact`: belts and shoes on the ground
 - `excavator`: all of it in pybullet, stepped by its owner

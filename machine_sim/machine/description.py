@@ -22,6 +22,7 @@ __all__ = [
     "LINK_NAMES",
     "Box",
     "BucketShape",
+    "ImuMount",
     "JointLimits",
     "LinkShape",
     "MachineDescription",
@@ -96,6 +97,21 @@ class JointLimits:
 
 
 @dataclass(frozen=True)
+class ImuMount:
+    """Where an inertial unit is.
+
+    Attributes:
+        name: of the unit.
+        link: that it is fixed to, with that link's axes.
+        position: in the link frame [m].
+    """
+
+    name: str
+    link: str
+    position: Vec3
+
+
+@dataclass(frozen=True)
 class TrackShape:
     """A pair of tracks, in SI units; config/machines/excavator.yaml explains each value."""
 
@@ -148,6 +164,7 @@ class MachineDescription:
         home: joint angles [rad] to start with, shape (4,).
         tracks: the tracks.
         bucket: the tool.
+        imus: inertial units, none if the file names none.
     """
 
     name: str
@@ -162,6 +179,7 @@ class MachineDescription:
     home: NDArray[np.float64]
     tracks: TrackShape
     bucket: BucketShape
+    imus: tuple[ImuMount, ...] = ()
 
     @property
     def mass(self) -> float:
@@ -215,6 +233,7 @@ def _description(file: Section) -> MachineDescription:
         home=_home(file.section("home")),
         tracks=_tracks(file.section("tracks")),
         bucket=_bucket(file.section("bucket")),
+        imus=_imus(file.section("imus")) if file.has("imus") else (),
     )
     for section in (links, file):
         section.done()
@@ -402,6 +421,18 @@ def _tracks(section: Section) -> TrackShape:
     )
     section.done()
     return shape
+
+
+def _imus(section: Section) -> tuple[ImuMount, ...]:
+    mounts = []
+    for name in section.names():
+        mount = section.section(name)
+        link = mount.text("link")
+        if link not in LINK_NAMES:
+            raise MachineError(f"imus.{name}.link is {link!r}; give one of {', '.join(LINK_NAMES)}")
+        mounts.append(ImuMount(name, link, _vec3(mount, "position")))
+        mount.done()
+    return tuple(mounts)
 
 
 def _bucket(section: Section) -> BucketShape:

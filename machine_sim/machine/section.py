@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
 from machine_sim.machine.errors import MachineError
 
 __all__ = ["Section"]
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 class Section:
@@ -70,6 +73,20 @@ class Section:
         return tuple(
             self._vector(f"{key}[{i}]", item, length, False) for i, item in enumerate(value)
         )
+
+    def names(self) -> list[str]:
+        """All keys, of a mapping whose keys are names that the file gives.
+
+        Raises:
+            MachineError: a name that a topic cannot have.
+        """
+        for key in self._values:
+            if not isinstance(key, str) or not _NAME.fullmatch(key):
+                raise MachineError(
+                    f"{self._path} names {key!r}; give a name of letters, digits and _ that begins"
+                    " with a letter"
+                )
+        return list(self._values)
 
     def section(self, key: str) -> Section:
         """A mapping inside this one."""

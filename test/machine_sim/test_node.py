@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TransformStamped, TwistStamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from sensor_msgs.msg import JointState, Joy, PointCloud2
+from sensor_msgs.msg import Imu, JointState, Joy, PointCloud2
 from std_msgs.msg import Bool, Float64MultiArray, String
 from support.node_scenes import SITE, TICK, Scene
 from visualization_msgs.msg import MarkerArray
@@ -44,6 +44,10 @@ PROFILES = {
     "joint_states": qos.STATE,
     "odom": qos.STATE,
     "payload": qos.STATE,
+    "cylinders": qos.STATE,
+    "imu/base": qos.STATE,
+    "imu/upper": qos.STATE,
+    "encoders": qos.STATE,
     "bucket/wrench": qos.STATE,
     "particles": qos.STATE,
     "transforms": qos.STATE,
@@ -179,6 +183,22 @@ def test_frames_are_prefixed_and_end_in_the_map(
     assert heard["particles"][0].header.frame_id == "map"
     assert {marker.header.frame_id for marker in heard["markers"][0].markers} == {"map"}
     assert from_payload_array(heard["payload"][0]).bank == 0.0
+
+
+def test_sensors_are_heard_with_their_frames_and_delay(ros: Ros) -> None:
+    imus = {
+        name: ros.collect(f"/excavator/imu/{name}", Imu, qos.STATE) for name in ("base", "upper")
+    }
+    encoders = ros.collect("/excavator/encoders", JointState, qos.STATE)
+    scene = Scene(ros)
+    scene.machine("/excavator", **{"sensors.encoder_delay": 0.04, "sensors.rate": 100.0})
+    ros.spin_until(lambda: len(encoders) > 12 and all(imus.values()))
+    assert imus["base"][0].header.frame_id == "excavator/base_link"
+    assert imus["upper"][0].header.frame_id == "excavator/upper"
+    assert imus["upper"][0].linear_acceleration.z == pytest.approx(9.81, abs=0.5)
+    assert list(encoders[-1].name) == list(NAMES)
+    told = tick_of_stamp(imus["base"][-1].header.stamp, TICK)
+    assert told - tick_of_stamp(encoders[-1].header.stamp, TICK) in range(2, 7)
 
 
 def test_states_come_at_their_rates_and_applied_commands_each_tick(ros: Ros) -> None:

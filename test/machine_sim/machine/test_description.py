@@ -84,3 +84,50 @@ def test_unreadable_file_is_refused(tmp_path):
     bad.write_text("a: [1")
     with pytest.raises(EarthmovingError, match="cannot be read"):
         load_description(bad)
+
+
+@pytest.mark.parametrize(
+    ("imus", "message"),
+    [
+        ({"cab roof": {"link": "upper", "position": [0, 0, 0]}}, "give a name of letters"),
+        ({"cab": {"link": "cab", "position": [0, 0, 0]}}, "imus.cab.link is 'cab'; give one of"),
+        ({"cab": {"link": "upper"}}, r"imus\.cab\.position is missing"),
+    ],
+)
+def test_inertial_units_are_checked(tmp_path, imus, message):
+    path = changed(tmp_path, lambda values: values.update(imus=imus))
+    with pytest.raises(MachineError, match=message):
+        load_description(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda v: v["joints"]["boom"].update(torque=1e5), "give `cylinder` or `torque`"),
+        (lambda v: v["joints"]["boom"].pop("cylinder"), "give `cylinder` or `torque`"),
+        (lambda v: v.pop("hydraulics"), "give `hydraulics`, which feed it"),
+        (
+            lambda v: v["joints"]["swing"].update(cylinder=v["joints"]["swing"].pop("torque")),
+            "no cylinder turns a joint without end",
+        ),
+        (
+            lambda v: v["joints"]["arm"]["cylinder"].update(rod_diameter=0.2),
+            "give less than the bore of 0.135 m",
+        ),
+        (
+            lambda v: v["joints"]["arm"]["cylinder"].update(barrel=[4.4, 0.6]),
+            "more than its rod is long",
+        ),
+        (
+            lambda v: v["joints"]["bucket"]["cylinder"]["rocker"].update(coupler=0.3),
+            "joints.bucket.cylinder: rocker and coupler do not reach",
+        ),
+        (
+            lambda v: v["hydraulics"].update(hold_pressure=1e7),
+            "give return_pressure below relief_pressure",
+        ),
+    ],
+)
+def test_cylinders_and_what_feeds_them_are_checked(tmp_path, change, message):
+    with pytest.raises(MachineError, match=message):
+        load_description(changed(tmp_path, change))
