@@ -7,7 +7,8 @@
 - `linkage`, `hydraulics`: cylinders between links, what feeds them, how fast and hard they move
 - `pistons`: what is seen of them
 - `joints`: ramps and limits of commanded joint speeds
-- `tracks`, `track_contact`: belts and shoes on the ground
+- `tracks`: what all tracks have in common; `fast_tracks`, `track_contact`: belts on their path;
+  `hinged_tracks`, `hinged_chain`, `hinged_gear`, `hinged_contact`: rigid shoes, hinged and driven
 - `excavator`: all of it in pybullet, stepped by its owner
 """
 
@@ -22,6 +23,8 @@ from machine_sim.machine.description import (
 )
 from machine_sim.machine.errors import MachineError, ReachError
 from machine_sim.machine.excavator import Excavator
+from machine_sim.machine.fast_tracks import FastTracks
+from machine_sim.machine.hinged_tracks import HingedTracks
 from machine_sim.machine.kinematics import (
     arm_angles,
     from_arm_plane,
@@ -31,7 +34,7 @@ from machine_sim.machine.kinematics import (
     tool_point,
     tool_pose,
 )
-from machine_sim.machine.tracks import FastTracks
+from machine_sim.machine.tracks import TrackModel, Tracks, fitted_with
 from machine_sim.machine.urdf import urdf_text
 
 __all__ = [
@@ -39,13 +42,17 @@ __all__ = [
     "BucketShape",
     "Excavator",
     "FastTracks",
+    "HingedTracks",
     "JointLimits",
     "LinkShape",
     "MachineDescription",
     "MachineError",
     "ReachError",
+    "TrackModel",
     "TrackShape",
+    "Tracks",
     "arm_angles",
+    "fitted_with",
     "from_arm_plane",
     "load_description",
     "rotation_matrix",
