@@ -98,7 +98,9 @@ class MachineSim:
         self._client: int = pybullet.connect(pybullet.DIRECT)
         pybullet.setTimeStep(self.params.physics_step, physicsClientId=self._client)
         pybullet.setGravity(0.0, 0.0, -9.81, physicsClientId=self._client)
-        self.machine = Excavator(description, self._client, self.ground, position, yaw)
+        self.machine = Excavator(
+            description, self._client, self.ground, position, yaw, self.params.tracks
+        )
         particle_params = particle_params or ParticleParams()
         kind = CubeEngine if particle_params.mode == "cubes" else ParticleEngine
         self.particles: SoilEngine = kind(particle_params, self.ground, soils=soils)

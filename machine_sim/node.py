@@ -16,7 +16,7 @@ import numpy as np
 from std_msgs.msg import String
 
 from machine_sim.commands import CommandBoard, CommandParams
-from machine_sim.machine import JOINT_NAMES, Excavator, load_description
+from machine_sim.machine import JOINT_NAMES, Excavator, fitted_with, load_description
 from machine_sim.machine.appearance import link_boxes, link_frames, link_poses, shoe_look
 from machine_sim.machine.pistons import piston_joints
 from machine_sim.machine.urdf import urdf_text
@@ -82,7 +82,8 @@ class MachineNode(LeanNode):
         self._particles = declare_parameters(self, ParticleParams, "particles.")
         self._sensor_params = declare_parameters(self, SensorParams, "sensors.")
         commands = declare_parameters(self, CommandParams, "commands.")
-        self._description = load_description(find_config(self._params.machine))
+        description = load_description(find_config(self._params.machine))
+        self._description = fitted_with(description, self._stepping.tracks)
         self._board = CommandBoard(self._description, commands)
         name = self.get_namespace().strip("/")
         self._prefix = self._params.frame_prefix or (f"{name}/" if name else "")

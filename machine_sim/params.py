@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
+from machine_sim.machine.tracks import TRACK_MODELS
 from msg_bridge.contract.parameters import Parameters, parameter
 
 __all__ = ["MachineSimParams"]
@@ -17,6 +19,12 @@ class MachineSimParams(Parameters):
         0.005, "time step of machines and particles", unit="s", low=0.001, high=0.01
     )
     steps_per_tick: int = parameter(2, "physics steps in one soil tick", low=1, high=20)
+    tracks: Literal["fast", "physics"] = parameter(
+        "fast",
+        "fast: shoes on the path of belts that cost nothing; physics: rigid shoes hinged to one"
+        " another and driven by the sprocket, 1 ms a step",
+        choices=TRACK_MODELS,
+    )
     release_per_tick: int = parameter(
         60, "particles made in one tick, at most; the rest of the soil waits", low=1, high=10_000
     )

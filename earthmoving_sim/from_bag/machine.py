@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from earthmoving_sim.from_bag.run import MachineState, Phase
 from earthmoving_sim.from_bag.words import BagOutcomeError
 from earthmoving_sim.outcome import PATH_EVERY
-from machine_sim.machine import MachineDescription, load_description, rotation_matrix, tool_pose
+from machine_sim.machine import (
+    MachineDescription,
+    fitted_with,
+    load_description,
+    rotation_matrix,
+    tool_pose,
+)
 from msg_bridge.config_files import ConfigError, find_config
 
 __all__ = ["LipPath", "lip_path", "machine_of_config", "shoe_poses"]
@@ -40,14 +46,16 @@ def machine_of_config(text: str, topic: str) -> MachineDescription:
         MachineError: the file is not good.
     """
     try:
-        name = str(yaml.safe_load(text)["machine_sim"]["machine"])
+        config = yaml.safe_load(text)
+        name = str(config["machine_sim"]["machine"])
+        tracks = config.get("stepping", {}).get("tracks", "fast")  # not said by older runs
     except (yaml.YAMLError, KeyError, TypeError) as error:
         raise BagOutcomeError(
             f"the configuration on {topic} names no machine file: {error!r}; it must have"
             " `machine` in a section machine_sim"
         ) from error
     try:
-        return load_description(find_config(name))
+        return fitted_with(load_description(find_config(name)), tracks)
     except ConfigError as error:
         raise BagOutcomeError(
             f"the machine of the run is described in {name!r} ({topic}), which is not here; put it"

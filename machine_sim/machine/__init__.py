@@ -8,7 +8,8 @@
 - `pistons`: what is seen of them
 - `link_motion`: how every link moves
 - `joints`: ramps and limits of commanded joint speeds
-- `tracks`, `track_contact`: belts and shoes on the ground
+- `tracks`: what all tracks have in common; `fast_tracks`, `track_contact`: belts on their path;
+  `hinged_tracks`, `hinged_chain`, `hinged_gear`, `hinged_contact`: rigid shoes, hinged and driven
 - `excavator`: all of it in pybullet, stepped by its owner
 """
 
@@ -23,6 +24,8 @@ from machine_sim.machine.description import (
 )
 from machine_sim.machine.errors import MachineError, ReachError
 from machine_sim.machine.excavator import Excavator
+from machine_sim.machine.fast_tracks import FastTracks
+from machine_sim.machine.hinged_tracks import HingedTracks
 from machine_sim.machine.kinematics import (
     arm_angles,
     from_arm_plane,
@@ -32,7 +35,7 @@ from machine_sim.machine.kinematics import (
     tool_point,
     tool_pose,
 )
-from machine_sim.machine.tracks import FastTracks
+from machine_sim.machine.tracks import TrackModel, Tracks, fitted_with
 from machine_sim.machine.urdf import urdf_text
 
 __all__ = [
@@ -40,13 +43,17 @@ __all__ = [
     "BucketShape",
     "Excavator",
     "FastTracks",
+    "HingedTracks",
     "JointLimits",
     "LinkShape",
     "MachineDescription",
     "MachineError",
     "ReachError",
+    "TrackModel",
     "TrackShape",
+    "Tracks",
     "arm_angles",
+    "fitted_with",
     "from_arm_plane",
     "load_description",
     "rotation_matrix",

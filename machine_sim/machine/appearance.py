@@ -139,7 +139,7 @@ def link_boxes(description: MachineDescription, *, prefix: str = "") -> list[Pai
 
 
 def shoe_look(description: MachineDescription) -> ShoeLook:
-    """What is seen of the tracks' shoes; `FastTracks.shoe_poses` says where."""
+    """What is seen of the tracks' shoes; `Tracks.shoe_poses` says where."""
     tracks = description.tracks
     size = (_SHOE_LENGTH * tracks.pitch, tracks.shoe_width, tracks.shoe_thickness)
     return ShoeLook(size, tracks.shoe_count, tracks.gauge, _SHOE_COLOR)

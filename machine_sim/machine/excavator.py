@@ -1,4 +1,4 @@
-"""One excavator in pybullet: base, upper body and arm as one multibody on fast tracks.
+"""One excavator in pybullet: base, upper body and arm as one multibody on its tracks.
 
 The owner of the physics client runs the loop::
 
@@ -6,7 +6,7 @@ The owner of the physics client runs the loop::
     client.stepSimulation()
     machine.after_step()      # read the new state once
 
-Nothing of the terrain is in pybullet: the tracks feel it through `FastTracks`, the bucket through
+Nothing of the terrain is in pybullet: the tracks feel it by themselves, the bucket through
 `apply_tool_wrench`. Collisions there are only between rigid machines.
 """
 
@@ -26,11 +26,12 @@ from numpy.typing import ArrayLike, NDArray
 from machine_sim.ground import Ground
 from machine_sim.machine.description import JOINT_NAMES, MachineDescription
 from machine_sim.machine.errors import MachineError
+from machine_sim.machine.fast_tracks import FastTracks
+from machine_sim.machine.hinged_tracks import HingedTracks
 from machine_sim.machine.hydraulics import CylinderState, HydraulicArm
 from machine_sim.machine.joints import JointReference
 from machine_sim.machine.kinematics import cross, quaternion_of, rotation_matrix
-from machine_sim.machine.tracks import FastTracks, standing_pose
-from machine_sim.machine.urdf import urdf_text
+from machine_sim.machine.tracks import TrackModel, Tracks, standing_pose
 
 __all__ = ["OVERTURNED_TILT", "Excavator"]
 
@@ -38,6 +39,11 @@ Array = NDArray[np.float64]
 
 OVERTURNED_TILT = 1.0
 """A base tilted more than this has fallen over [rad]; the tracks' edge is passed long before."""
+
+_TRACKS: dict[TrackModel, type[FastTracks] | type[HingedTracks]] = {
+    "fast": FastTracks,
+    "physics": HingedTracks,
+}
 
 _POSITION_GAIN = 0.1
 _VELOCITY_GAIN = 1.0
@@ -53,7 +59,7 @@ class Excavator:
     """A machine built from its description, standing on the ground.
 
     Attributes:
-        description: what it is built from.
+        description: what it is built from, with its tracks as they are.
         tracks: its tracks, with shoe poses and loads.
         hydraulics: its cylinders and what feeds them.
         body: its number in the physics client.
@@ -66,6 +72,7 @@ class Excavator:
         ground: Ground,
         position: tuple[float, float] = (0.0, 0.0),
         yaw: float = 0.0,
+        tracks: TrackModel = "fast",
     ) -> None:
         """
         Args:
@@ -74,14 +81,16 @@ class Excavator:
             ground: the terrain its tracks touch.
             position: where it is set down on the ground (x, y) [m], map frame.
             yaw: where it faces [rad], from +x counter-clockwise.
+            tracks: how they are simulated.
 
         Raises:
-            MachineError: a position off the map or not finite.
+            MachineError: a position off the map or not finite, or a description that tracks of
+                this model cannot be made of.
         """
         x, y = _numbers(position, 2, "position")
+        self.tracks: Tracks = _TRACKS[tracks](description, ground)
+        self.description = description = self.tracks.description
         place, rotation = standing_pose(description, ground, x, y, yaw)
-        self.description = description
-        self.tracks = FastTracks(description, ground)
         self._client: int = client if isinstance(client, int) else client._client
         self._base_com = np.array(description.links["base"].center_of_mass)
         self._tool_com = np.array(description.links["bucket"].center_of_mass)
@@ -265,7 +274,7 @@ class Excavator:
         handle, name = tempfile.mkstemp(suffix=".urdf")
         try:
             with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(urdf_text(self.description))
+                file.write(self.tracks.urdf())
             flags = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_MAINTAIN_LINK_ORDER
             body: int = pybullet.loadURDF(name, flags=flags, physicsClientId=client)
         finally:
@@ -274,7 +283,7 @@ class Excavator:
         for i in range(pybullet.getNumJoints(body, client)):
             joints[pybullet.getJointInfo(body, i, client)[1].decode()] = i
         order = [joints[joint] for joint in JOINT_NAMES]
-        for i in range(-1, len(order)):
+        for i in range(-1, len(joints)):
             # Bullet damps every body a little unless told not to.
             pybullet.changeDynamics(
                 body, i, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
@@ -286,6 +295,7 @@ class Excavator:
         pybullet.resetBasePositionAndOrientation(
             body, com.tolist(), quaternion_of(rotation), physicsClientId=client
         )
+        self.tracks.attach(client, body, place, rotation)
         self._position_gains = [_POSITION_GAIN] * len(order)
         self._velocity_gains = [_VELOCITY_GAIN] * len(order)
         return body, order

@@ -15,7 +15,7 @@ from numba import njit
 
 from machine_sim.ground import surface_at
 
-__all__ = ["track_step"]
+__all__ = ["add_wrench", "hull_step", "touch", "track_step"]
 
 _OUTER = 0.9
 """Where a shoe's two contact points are, in parts of its half width."""
@@ -25,7 +25,7 @@ _UPWARD = 0.3
 
 
 @njit(cache=True, inline="always")
-def _touch(px, py, pz, vx, vy, vz, laws, ground, frame, anchors, active, i):  # type: ignore[no-untyped-def]
+def touch(px, py, pz, vx, vy, vz, laws, ground, frame, anchors, active, i):  # type: ignore[no-untyped-def]
     """Force (fx, fy, fz) and normal load [N] of contact point `i` at p [m] moving with v [m/s]."""
     kn, cn, kt, ct, mu = laws
     height, slope_x, slope_y = surface_at(ground, frame[0], frame[1], frame[2], px, py)
@@ -55,6 +55,67 @@ def _touch(px, py, pz, vx, vy, vz, laws, ground, frame, anchors, active, i):  # 
         # The anchor follows, so that the spring alone gives the sliding force.
         anchors[i, 0], anchors[i, 1], anchors[i, 2] = px + fx / kt, py + fy / kt, pz + fz / kt
     return fx + load * nx, fy + load * ny, fz + load * nz, load
+
+
+@njit(cache=True, inline="always")
+def add_wrench(total, fx, fy, fz, rx, ry, rz):  # type: ignore[no-untyped-def]
+    """Add a force at r to a wrench about the origin of r."""
+    total[0] += fx
+    total[1] += fy
+    total[2] += fz
+    total[3] += ry * fz - rz * fy
+    total[4] += rz * fx - rx * fz
+    total[5] += rx * fy - ry * fx
+
+
+@njit(cache=True)
+def hull_step(  # type: ignore[no-untyped-def]
+    com,
+    rotation,
+    velocity,
+    spin,
+    base_com,
+    hull,
+    swing_cos,
+    swing_sin,
+    laws,
+    ground,
+    frame,
+    anchors,
+    active,
+    first,
+    total,
+):
+    """Add what the ground does to the corners of the upper body to the wrench `total`.
+
+    Arguments are those of `track_step`; the corners' contact points count from `first`.
+    """
+    r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
+    r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
+    r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
+    for k in range(hull.shape[0]):
+        lx = hull[k, 0] * swing_cos - hull[k, 1] * swing_sin - base_com[0]
+        ly = hull[k, 0] * swing_sin + hull[k, 1] * swing_cos - base_com[1]
+        lz = hull[k, 2] - base_com[2]
+        rx = r00 * lx + r01 * ly + r02 * lz
+        ry = r10 * lx + r11 * ly + r12 * lz
+        rz = r20 * lx + r21 * ly + r22 * lz
+        fx, fy, fz, load = touch(
+            com[0] + rx,
+            com[1] + ry,
+            com[2] + rz,
+            velocity[0] + spin[1] * rz - spin[2] * ry,
+            velocity[1] + spin[2] * rx - spin[0] * rz,
+            velocity[2] + spin[0] * ry - spin[1] * rx,
+            laws,
+            ground,
+            frame,
+            anchors,
+            active,
+            first + k,
+        )
+        if load > 0.0:
+            add_wrench(total, fx, fy, fz, rx, ry, rz)
 
 
 @njit(cache=True, inline="always")
@@ -160,7 +221,7 @@ def track_step(  # type: ignore[no-untyped-def]
                 rx = r00 * lx + r01 * ly + r02 * lz
                 ry = r10 * lx + r11 * ly + r12 * lz
                 rz = r20 * lx + r21 * ly + r22 * lz
-                fx, fy, fz, load = _touch(
+                fx, fy, fz, load = touch(
                     com[0] + rx,
                     com[1] + ry,
                     com[2] + rz,
@@ -177,7 +238,7 @@ def track_step(  # type: ignore[no-untyped-def]
                 if load > 0.0:
                     loads[side, k] += load
                     on_belt += fx * bx + fy * by + fz * bz
-                    _add(total, fx, fy, fz, rx, ry, rz)
+                    add_wrench(total, fx, fy, fz, rx, ry, rz)
         # The drive wants a speed change and the ground's force made up for, as far as it can.
         change = command[side] - speed[side]
         slower = command[side] * speed[side] <= 0.0 or abs(command[side]) < abs(speed[side])
@@ -189,38 +250,21 @@ def track_step(  # type: ignore[no-untyped-def]
         else:
             speed[side] += (effort + on_belt) / mass * dt
         travel[side] = (travel[side] + speed[side] * dt) % length
-    for k in range(hull.shape[0]):
-        lx = hull[k, 0] * swing_cos - hull[k, 1] * swing_sin - base_com[0]
-        ly = hull[k, 0] * swing_sin + hull[k, 1] * swing_cos - base_com[1]
-        lz = hull[k, 2] - base_com[2]
-        rx = r00 * lx + r01 * ly + r02 * lz
-        ry = r10 * lx + r11 * ly + r12 * lz
-        rz = r20 * lx + r21 * ly + r22 * lz
-        fx, fy, fz, load = _touch(
-            com[0] + rx,
-            com[1] + ry,
-            com[2] + rz,
-            velocity[0] + spin[1] * rz - spin[2] * ry,
-            velocity[1] + spin[2] * rx - spin[0] * rz,
-            velocity[2] + spin[0] * ry - spin[1] * rx,
-            laws,
-            ground,
-            frame,
-            anchors,
-            active,
-            4 * count + k,
-        )
-        if load > 0.0:
-            _add(total, fx, fy, fz, rx, ry, rz)
+    hull_step(
+        com,
+        rotation,
+        velocity,
+        spin,
+        base_com,
+        hull,
+        swing_cos,
+        swing_sin,
+        laws,
+        ground,
+        frame,
+        anchors,
+        active,
+        4 * count,
+        total,
+    )
     wrench[:] = total
-
-
-@njit(cache=True, inline="always")
-def _add(total, fx, fy, fz, rx, ry, rz):  # type: ignore[no-untyped-def]
-    """Add a force at r to a wrench about the origin of r."""
-    total[0] += fx
-    total[1] += fy
-    total[2] += fz
-    total[3] += ry * fz - rz * fy
-    total[4] += rz * fx - rx * fz
-    total[5] += rx * fy - ry * fx

@@ -1,12 +1,13 @@
-"""Fast tracks: one degree of freedom per belt, its shoes placed on the path and felt by the ground.
+"""Tracks of a machine: what the fast and the hinged ones have in common, and how they are set down.
 
-The shoes are no rigid bodies. They move on the stadium round sprocket and idler, touch the
-machine's own copy of the terrain, and what they feel comes back as one wrench on the base.
+- `fast`: belts of one degree of freedom each, shoes placed on the path (`FastTracks`)
+- `physics`: rigid shoes hinged to one another, driven by the sprocket's friction (`HingedTracks`)
 """
 
 from __future__ import annotations
 
 import math
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,71 +15,64 @@ from numpy.typing import NDArray
 from machine_sim.ground import Ground
 from machine_sim.machine.description import MachineDescription, TrackShape
 from machine_sim.machine.errors import MachineError
-from machine_sim.machine.track_contact import track_step
+from machine_sim.machine.hinged_gear import with_hinged_tracks
 
-__all__ = ["FastTracks", "standing_pose"]
+__all__ = ["TRACK_MODELS", "TrackModel", "Tracks", "fitted_with", "hull_corners", "standing_pose"]
 
 Array = NDArray[np.float64]
+
+TrackModel = Literal["fast", "physics"]
+
+TRACK_MODELS: tuple[TrackModel, ...] = ("fast", "physics")
+"""How tracks can be simulated."""
 
 GRAVITY = 9.81
 """[m/s^2]"""
 
 
-class FastTracks:
+def fitted_with(description: MachineDescription, model: TrackModel) -> MachineDescription:
+    """The machine as it is with tracks of that model: their count of shoes, and their radius."""
+    return with_hinged_tracks(description) if model == "physics" else description
+
+
+class Tracks(Protocol):
     """The two tracks of a machine on the ground.
 
     Attributes:
+        description: the machine as it is with them, `fitted_with`.
         command: wanted speeds left, right [m/s], shape (2,).
         travel: how far each belt has run, modulo its length [m], shape (2,).
         speed: belt speeds [m/s], shape (2,).
         shoe_poses: x, z [m] and pitch about +y [rad] of each shoe in the base frame, left track
-            first, shape (2, shoe_count, 3); y is plus and minus half the gauge.
+            first, shape (2, shoe_count, 3); y is plus and minus half the gauge, or near it.
         shoe_loads: normal load on each shoe [N], shape (2, shoe_count).
-        wrench: force [N] and torque about the base's centre of mass [N m] of the last step, map
-            frame, shape (6,).
+        wrench: force [N] and torque about the base's centre of mass [N m] of the ground on the
+            whole machine in the last step, map frame, shape (6,).
     """
 
-    def __init__(self, description: MachineDescription, ground: Ground) -> None:
-        """
-        Args:
-            description: the machine.
-            ground: what the shoes touch; its contact surface is read at each step.
-        """
-        shape = description.tracks
-        count = shape.shoe_count
-        self.command: Array = np.zeros(2)
-        self.travel: Array = np.zeros(2)
-        self.speed: Array = np.zeros(2)
-        self.shoe_poses: Array = np.zeros((2, count, 3))
-        self.shoe_loads: Array = np.zeros((2, count))
-        self.wrench: Array = np.zeros(6)
-        self._ground = ground
-        self._frame = ground.frame
-        self._base_com = np.array(description.links["base"].center_of_mass)
-        self._hull = _hull(description)
-        self._anchors: Array = np.zeros((4 * count + len(self._hull), 3))
-        self._active: NDArray[np.bool_] = np.zeros(len(self._anchors), dtype=np.bool_)
-        self._shape = (
-            0.5 * shape.axle_distance,
-            shape.sprocket_radius,
-            0.5 * shape.gauge,
-            0.5 * shape.shoe_width,
-            0.5 * shape.shoe_thickness,
-            shape.axle_height,
-        )
-        self._laws = (  # two contact points share one shoe's
-            0.5 * shape.normal_stiffness,
-            0.5 * shape.normal_damping,
-            0.5 * shape.tangential_stiffness,
-            0.5 * shape.tangential_damping,
-            shape.friction,
-        )
-        self._drive = (shape.belt_mass, shape.acceleration, shape.braking, shape.traction)
+    description: MachineDescription
+    command: Array
+    travel: Array
+    speed: Array
+    shoe_poses: Array
+    shoe_loads: Array
+    wrench: Array
 
     @property
     def shoes_in_contact(self) -> int:
         """Number of shoes that carry load."""
-        return int(np.count_nonzero(self.shoe_loads))
+
+    def urdf(self) -> str:
+        """URDF of the machine with what of the tracks is part of its multibody."""
+
+    def attach(self, client: int, body: int, position: Array, rotation: Array) -> None:
+        """Load what else there is of the tracks, and take hold of the multibody.
+
+        Args:
+            client: number of the physics client.
+            body: number of the machine's multibody in it, in place.
+            position, rotation: of the base frame, map frame [m], shapes (3,) and (3, 3).
+        """
 
     def step(
         self,
@@ -89,39 +83,17 @@ class FastTracks:
         spin: Array,
         swing: float,
     ) -> Array:
-        """Advance the belts and return the ground's wrench on the base, shape (6,).
+        """Advance the belts and return the wrench to put on the base, shape (6,).
 
         Args:
             dt: time step [s].
             com, rotation: base centre of mass [m] and base to map, shape (3, 3).
             velocity, spin: of the centre of mass [m/s] and angular [rad/s], map frame.
             swing: swing angle [rad]; the upper body's corners touch the ground too.
+
+        Raises:
+            MachineError: a track has come off its path; the run cannot go on.
         """
-        track_step(
-            dt,
-            com,
-            rotation,
-            velocity,
-            spin,
-            self._base_com,
-            self._hull,
-            math.cos(swing),
-            math.sin(swing),
-            self._shape,
-            self._laws,
-            self._drive,
-            self._ground.surface,
-            self._frame,
-            self.command,
-            self.travel,
-            self.speed,
-            self._anchors,
-            self._active,
-            self.shoe_poses,
-            self.shoe_loads,
-            self.wrench,
-        )
-        return self.wrench
 
 
 def standing_pose(
@@ -175,7 +147,7 @@ def _footprint(shape: TrackShape) -> tuple[Array, Array]:
     return along.ravel(), across.ravel()
 
 
-def _hull(description: MachineDescription) -> Array:
+def hull_corners(description: MachineDescription) -> Array:
     """Corners of the upper body's first box at swing 0 [m], base frame, shape (8, 3)."""
     boxes = description.links["upper"].boxes
     if not boxes:

@@ -20,23 +20,26 @@ DT = 0.005
 class Scene:
     """One client with one machine on a terrain z(x, y)."""
 
-    def __init__(self, description, surface=None, yaw=0.0, position=(0.0, 0.0)):
+    def __init__(
+        self, description, surface=None, yaw=0.0, position=(0.0, 0.0), tracks="fast", dt=DT
+    ):
+        self.dt = dt
         grid = Grid(257, 257, 0.1)
         x, y = np.meshgrid(grid.x(np.arange(257)), grid.y(np.arange(257)), indexing="ij")
         heights = np.zeros(grid.shape) if surface is None else surface(x, y)
         self.client = BulletClient(pybullet.DIRECT)
-        self.client.setTimeStep(DT)
+        self.client.setTimeStep(dt)
         self.client.setGravity(0.0, 0.0, -9.81)
         self.ground = Ground(grid, heights)
-        self.machine = Excavator(description, self.client, self.ground, position, yaw)
+        self.machine = Excavator(description, self.client, self.ground, position, yaw, tracks)
 
     def step(self):
-        self.machine.before_step(DT)
+        self.machine.before_step(self.dt)
         self.client.stepSimulation()
         self.machine.after_step()
 
     def run(self, seconds):
-        for _ in range(round(seconds / DT)):
+        for _ in range(round(seconds / self.dt)):
             self.step()
 
     @property
@@ -54,14 +57,14 @@ def scene(description) -> Callable[..., Scene]:
     """Make scenes; their clients are closed after the test."""
     made = []
 
-    def make(surface=None, *, slope_deg=None, yaw=0.0, position=(0.0, 0.0)):
+    def make(surface=None, *, slope_deg=None, **options):
         if slope_deg is not None:
             rise = math.tan(math.radians(slope_deg))
 
             def surface(x, y):
                 return rise * x
 
-        made.append(Scene(description, surface, yaw, position))
+        made.append(Scene(description, surface, **options))
         return made[-1]
 
     yield make

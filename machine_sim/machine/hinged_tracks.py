@@ -1,0 +1,273 @@
+"""Tracks of rigid shoes hinged to one another, which the rear sprocket drives by friction.
+
+The shoes are bodies in pybullet (`hinged_chain`), sprockets and idlers joints of the machine's
+multibody (`hinged_gear`). What the shoes feel of the ground, which is the machine's own copy of the
+terrain, and of the track's frame is worked out before each step (`hinged_contact`).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pybullet
+from numpy.typing import NDArray
+
+from machine_sim.ground import Ground
+from machine_sim.machine.description import MachineDescription
+from machine_sim.machine.errors import MachineError
+from machine_sim.machine.hinged_chain import ShoeChains
+from machine_sim.machine.hinged_contact import Gear, Supports, shoes_step
+from machine_sim.machine.hinged_gear import (
+    CORNER_ANGLE,
+    FLATS,
+    SIDES,
+    chain_poses,
+    machine_urdf,
+    with_hinged_tracks,
+)
+from machine_sim.machine.track_contact import hull_step
+from machine_sim.machine.tracks import Array, hull_corners
+
+__all__ = ["HingedTracks"]
+
+_ACCELERATION = 2.0
+"""Greatest of a belt [m/s^2]: whipped harder, its slack side buckles."""
+
+_TENSION, _TENSION_TIME = 0.55, 1.0
+"""A new chain is tightened with this part of the traction, for this long [s]."""
+
+_LOCK, _LOCK_FORCE = 0.02, 5.5
+"""Then the idler is held this far out [m], with up to this many times the traction."""
+
+_LEAD = 0.02
+"""Furthest a sprocket's reference goes from its angle [rad]: one that stalls is not wound up."""
+
+_IDLE = 0.015
+"""Part of its torque that a sprocket keeps where the brake holds the chain: strained against the
+brake, it would let go by and by and move the machine each time."""
+
+_SPROCKET_GAIN = 0.2
+"""Part of a sprocket's error that is made up for in one step."""
+
+_STRAY = 0.8
+"""A shoe this far off its path, in parts of the sprocket's radius, has come off. Into a hollow of
+the ground the chain sags half of that."""
+
+_STIFFEST, _MOST_DAMPED = 0.27, 0.36
+"""Bounds of a spring in parts of mass / step^2 and of a damper in parts of mass / step: with more,
+a shoe, which is light beside what it carries, rings from step to step."""
+
+
+class HingedTracks:
+    """The two tracks of a machine on the ground; attributes as in `Tracks`."""
+
+    def __init__(self, description: MachineDescription, ground: Ground) -> None:
+        """
+        Args:
+            description: the machine.
+            ground: what the shoes touch; its contact surface is read at each step.
+        """
+        self.description = with_hinged_tracks(description)
+        shape = self.description.tracks
+        count, hull = shape.shoe_count, hull_corners(description)
+        self.command: Array = np.zeros(2)
+        self.travel: Array = np.zeros(2)
+        self.speed: Array = np.zeros(2)
+        self.shoe_poses: Array = np.array([chain_poses(shape)] * 2)
+        self.shoe_loads: Array = np.zeros((2, count))
+        self.wrench: Array = np.zeros(6)
+        self._ground = ground
+        self._base_com = np.array(description.links["base"].center_of_mass)
+        self._gear = Gear(
+            0.5 * shape.axle_distance,
+            shape.sprocket_radius,
+            0.5 * shape.gauge,
+            0.5 * shape.shoe_width,
+            0.5 * shape.shoe_thickness,
+            shape.axle_height,
+        )
+        self._states: Array = np.zeros((2 * count, 13))
+        self._forces: Array = np.zeros((2 * count, 6))
+        self._grips: Array = np.full((2, count), math.nan)
+        self._anchors: Array = np.zeros((8 * count, 3))
+        self._active: NDArray[np.bool_] = np.zeros(8 * count, dtype=np.bool_)
+        self._strays: Array = np.zeros(2)
+        self._on_base: Array = np.zeros(6)
+        self._hull = (hull, np.zeros((len(hull), 3)), np.zeros(len(hull), dtype=np.bool_))
+        self._paces = [0.0, 0.0]  # the speeds that the belts are driven with [m/s]
+        self._angles = [0.0, 0.0]  # references of the sprockets [rad]
+        self._rates = [0.0, 0.0]  # [rad/s]
+        self._tightening = _TENSION_TIME
+
+    @property
+    def shoes_in_contact(self) -> int:
+        """Number of shoes that carry load."""
+        return int(np.count_nonzero(self.shoe_loads))
+
+    def urdf(self) -> str:
+        """URDF of the machine with sprockets and idlers."""
+        return machine_urdf(self.description)
+
+    def attach(self, client: int, body: int, position: Array, rotation: Array) -> None:
+        """Lay the chains round the wheels and tighten them; arguments as in `Tracks`."""
+        self._client, self._body = client, body
+        joints = range(pybullet.getNumJoints(body, client))
+        numbers = {pybullet.getJointInfo(body, i, client)[1].decode(): i for i in joints}
+        self._sprockets = [numbers[f"sprocket_{side}"] for side in SIDES]
+        self._idlers = [numbers[f"idler_{side}"] for side in SIDES]
+        shape = self.description.tracks
+        self._chains = ShoeChains(client, body, shape, position, rotation)
+        for idler in self._idlers:
+            pybullet.setJointMotorControl2(
+                body, idler, pybullet.VELOCITY_CONTROL, targetVelocity=0.1,
+                force=_TENSION * shape.traction, physicsClientId=client,
+            )  # fmt: skip
+
+    def step(
+        self,
+        dt: float,
+        com: Array,
+        rotation: Array,
+        velocity: Array,
+        spin: Array,
+        swing: float,
+    ) -> Array:
+        """Let ground and drive act on the shoes in the next step; see `Tracks`."""
+        self._chains.read(self._states)
+        if not np.isfinite(self._states).all():
+            raise MachineError(
+                "the tracks' motion is not finite any more; take a shorter time step"
+            )
+        supports, laws = self._springs(dt)
+        ground, frame = self._ground.surface, self._ground.frame
+        shoes_step(
+            com,
+            rotation,
+            velocity,
+            spin,
+            self._base_com,
+            self._gear,
+            supports,
+            laws,
+            (self._paces[0] == 0.0, self._paces[1] == 0.0),
+            ground,
+            frame,
+            self._states,
+            self._grips,
+            self._anchors,
+            self._active,
+            self._forces,
+            self.shoe_poses,
+            self.shoe_loads,
+            self.speed,
+            self._strays,
+            self._on_base,
+            self.wrench,
+        )
+        self._check()
+        hull, anchors, active = self._hull
+        on_hull = np.zeros(6)
+        hull_step(
+            com,
+            rotation,
+            velocity,
+            spin,
+            self._base_com,
+            hull,
+            math.cos(swing),
+            math.sin(swing),
+            laws,
+            ground,
+            frame,
+            anchors,
+            active,
+            0,
+            on_hull,
+        )
+        self.wrench += on_hull
+        shape = self.description.tracks
+        self.travel = (self.travel + self.speed * dt) % (shape.shoe_count * shape.sprocket_radius)
+        self._chains.push(self._forces, self._states[:, :3])
+        self._drive(dt)
+        self._tighten(dt)
+        return self._on_base + on_hull
+
+    def _springs(self, dt: float) -> tuple[Supports, tuple[float, float, float, float, float]]:
+        """The undercarriage's springs, and the laws of one of the four contact points of a shoe."""
+        shape = self.description.tracks
+        mass = shape.belt_mass / shape.shoe_count
+        stiffest, most = _STIFFEST * mass / dt**2, _MOST_DAMPED * mass / dt
+        stiffness = min(shape.normal_stiffness, stiffest)
+        damping = min(shape.normal_damping, most)
+        supports = Supports(
+            stiffness,
+            most,
+            2.0 * stiffness,
+            most,
+            2.0 * shape.traction / (shape.shoe_count - FLATS),
+            shape.normal_damping - damping,
+        )
+        laws = (
+            0.25 * stiffness,
+            0.25 * damping,
+            0.25 * min(shape.tangential_stiffness, stiffest),
+            0.25 * min(shape.tangential_damping, 0.75 * most),
+            shape.friction,
+        )
+        return supports, laws
+
+    def _drive(self, dt: float) -> None:
+        """Turn the sprockets so that the belts run as commanded; zero brakes and holds."""
+        shape = self.description.tracks
+        sprockets = pybullet.getJointStates(self._body, self._sprockets, self._client)
+        for k, (angle, *_) in enumerate(sprockets):
+            wanted, pace = float(self.command[k]), self._paces[k]
+            slower = wanted * pace <= 0.0 or abs(wanted) < abs(pace)
+            most = (shape.braking if slower else min(shape.acceleration, _ACCELERATION)) * dt
+            pace = min(max(wanted, pace - most), pace + most)
+            # A corner takes the chain along; right below the axle it moves the way the chain does.
+            off = (angle + 0.5 * CORNER_ANGLE) % CORNER_ANGLE - 0.5 * CORNER_ANGLE
+            rate = pace / (shape.sprocket_radius * math.cos(off))
+            target = self._angles[k] + rate * dt
+            self._angles[k] = min(max(target, angle - _LEAD), angle + _LEAD)
+            self._paces[k], self._rates[k] = pace, rate
+        torque = shape.traction * shape.sprocket_radius
+        pybullet.setJointMotorControlArray(
+            self._body,
+            self._sprockets,
+            pybullet.POSITION_CONTROL,
+            self._angles,
+            self._rates,
+            [torque if pace else _IDLE * torque for pace in self._paces],
+            [_SPROCKET_GAIN] * 2,
+            [1.0] * 2,
+            physicsClientId=self._client,
+        )
+
+    def _tighten(self, dt: float) -> None:
+        """Lock the idlers once the chains have been tightened for long enough."""
+        if self._tightening <= 0.0:
+            return
+        self._tightening -= dt
+        if self._tightening <= 0.0:
+            force = _LOCK_FORCE * self.description.tracks.traction
+            for idler in self._idlers:
+                pybullet.setJointMotorControl2(
+                    self._body, idler, pybullet.POSITION_CONTROL, targetPosition=_LOCK,
+                    positionGain=0.2, velocityGain=1.0, force=force, physicsClientId=self._client,
+                )  # fmt: skip
+
+    def _check(self) -> None:
+        """See that the shoes are where a track has them.
+
+        Raises:
+            MachineError: one is not.
+        """
+        limit = _STRAY * self.description.tracks.sprocket_radius
+        for side, stray in zip(SIDES, self._strays.tolist(), strict=True):
+            if stray > limit:
+                raise MachineError(
+                    f"the {side} track has come off its wheels: a shoe is {stray:.2f} m from its"
+                    " path. Drive more gently, take a shorter time step, or use tracks: fast"
+                )
