@@ -28,10 +28,11 @@ from machine_sim.machine.description import JOINT_NAMES, MachineDescription
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.fast_tracks import FastTracks
 from machine_sim.machine.hinged_tracks import HingedTracks
-from machine_sim.machine.hydraulics import CylinderState, HydraulicArm
+from machine_sim.machine.hydraulics import HydraulicArm
 from machine_sim.machine.joints import JointReference
 from machine_sim.machine.kinematics import cross, quaternion_of, rotation_matrix
 from machine_sim.machine.tracks import TrackModel, Tracks, standing_pose
+from msg_bridge.contract.cylinders import CylinderState
 
 __all__ = ["OVERTURNED_TILT", "Excavator"]
 

@@ -16,11 +16,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from machine_sim.machine.linkage import CylinderLinkage
+from msg_bridge.contract.cylinders import CylinderState
 
-__all__ = ["Cylinder", "CylinderState", "HydraulicArm", "HydraulicSupply"]
+__all__ = ["Cylinder", "HydraulicArm", "HydraulicSupply"]
 
 _CREEP = 0.15
 """Part of the full speed that a cushion lets through at the very end."""
@@ -80,23 +80,6 @@ class Cylinder:
             (self.rod_area, self.head_area) if pushes else (self.head_area, self.rod_area)
         )
         return pressure * behind - back * ahead
-
-
-class CylinderState(NamedTuple):
-    """How one cylinder of a joint is doing.
-
-    Attributes:
-        length: from pin to pin [m].
-        speed: of its growth [m/s].
-        force: push of all side by side [N], negative for a pull.
-        head_pressure, rod_pressure: on the two sides of the piston [Pa].
-    """
-
-    length: float
-    speed: float
-    force: float
-    head_pressure: float
-    rod_pressure: float
 
 
 class HydraulicArm:

@@ -21,13 +21,13 @@ from std_msgs.msg import Float64MultiArray, Header
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.labelled import from_labelled_array, to_labelled_array
 from msg_bridge.codec.rotations import rotation_of, yaw_pitch_roll
+from msg_bridge.contract.cylinders import CylinderState
 
 __all__ = [
     "COMMAND_NAMES",
     "JOINT_NAMES",
     "VIRTUAL_JOINTS",
     "BaseState",
-    "CylinderFigures",
     "PayloadState",
     "from_command_state",
     "from_cylinder_array",
@@ -88,23 +88,6 @@ class PayloadState(NamedTuple):
     mass: float
     fill: float
     time: float = 0.0
-
-
-class CylinderFigures(NamedTuple):
-    """The cylinders that turn one joint.
-
-    Attributes:
-        length: from pin to pin [m].
-        speed: of its growth [m/s].
-        force: push of all side by side [N], negative for a pull.
-        head_pressure, rod_pressure: on the two sides of the piston [Pa].
-    """
-
-    length: float
-    speed: float
-    force: float
-    head_pressure: float
-    rod_pressure: float
 
 
 def to_joint_state(
@@ -204,13 +187,11 @@ def from_payload_array(msg: Float64MultiArray) -> PayloadState:
     return PayloadState(*from_labelled_array(msg, _PAYLOAD_LABEL, "a payload is"))
 
 
-def to_cylinder_array(
-    cylinders: Mapping[str, tuple[float, float, float, float, float]], time: float
-) -> Float64MultiArray:
+def to_cylinder_array(cylinders: Mapping[str, CylinderState], time: float) -> Float64MultiArray:
     """Cylinders as one dimension of values whose label names each of them, with its unit.
 
     Args:
-        cylinders: `CylinderFigures` by joint.
+        cylinders: by joint.
         time: simulation time they are of [s]; an array message has no stamp.
     """
     figures = [value for cylinder in cylinders.values() for value in cylinder]
@@ -219,16 +200,16 @@ def to_cylinder_array(
 
 def from_cylinder_array(
     msg: Float64MultiArray, joints: Sequence[str]
-) -> tuple[dict[str, CylinderFigures], float]:
+) -> tuple[dict[str, CylinderState], float]:
     """The cylinders of some joints that a message holds, and the time that they are of [s].
 
     Raises:
         CodecError: another label, or other than one value for each name in it.
     """
     *values, time = from_labelled_array(msg, _cylinder_label(joints), "cylinders are")
-    size = len(CylinderFigures._fields)
+    size = len(CylinderState._fields)
     return {
-        joint: CylinderFigures(*values[k * size : (k + 1) * size]) for k, joint in enumerate(joints)
+        joint: CylinderState(*values[k * size : (k + 1) * size]) for k, joint in enumerate(joints)
     }, time
 
 

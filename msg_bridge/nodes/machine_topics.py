@@ -28,6 +28,7 @@ from msg_bridge.codec.machine_state import (
 from msg_bridge.codec.markers import MarkerSet
 from msg_bridge.codec.particles import to_particle_cloud
 from msg_bridge.codec.poses import to_odometry, to_tf_message, to_transforms, to_wrench
+from msg_bridge.contract.cylinders import CylinderState
 from msg_bridge.nodes.topics import MAP_FRAME
 
 __all__ = ["JointValues", "MachineTopics", "ToolWrench"]
@@ -130,10 +131,8 @@ class MachineTopics:
         reaction = to_wrench(wrench.force, wrench.torque, wrench.rotation, self._tool_frame, stamp)
         self._wrench.publish(reaction)
 
-    def cylinders(
-        self, cylinders: Mapping[str, tuple[float, float, float, float, float]], time: float
-    ) -> None:
-        """Publish the cylinders by joint, see `CylinderFigures`, as of `time` [s]."""
+    def cylinders(self, cylinders: Mapping[str, CylinderState], time: float) -> None:
+        """Publish the cylinders by joint, as of `time` [s]."""
         self._cylinders.publish(to_cylinder_array(cylinders, time))
 
     def transforms(self, positions: ArrayLike, quaternions: ArrayLike, stamp: Time) -> None:

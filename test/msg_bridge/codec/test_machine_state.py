@@ -25,7 +25,6 @@ from msg_bridge.codec.machine_state import (
     JOINT_NAMES,
     VIRTUAL_JOINTS,
     BaseState,
-    CylinderFigures,
     PayloadState,
     from_command_state,
     from_cylinder_array,
@@ -35,6 +34,7 @@ from msg_bridge.codec.machine_state import (
     to_joint_state,
     to_payload_array,
 )
+from msg_bridge.contract.cylinders import CylinderState
 
 MACHINE = excavator()
 STAMP = Time(sec=3, nanosec=40_000_000)
@@ -295,8 +295,8 @@ def test_other_array_is_no_payload(change):
 
 def test_cylinders_cross_with_their_names_and_time():
     cylinders = {
-        "boom": CylinderFigures(2.1, 0.1, 3e5, 1.4e7, 5e5),
-        "arm": CylinderFigures(3.0, -0.2, -1e5, 5e5, 1.5e7),
+        "boom": CylinderState(2.1, 0.1, 3e5, 1.4e7, 5e5),
+        "arm": CylinderState(3.0, -0.2, -1e5, 5e5, 1.5e7),
     }
     msg = over_the_wire(to_cylinder_array(cylinders, 7.25))
     assert msg.layout.dim[0].label.startswith("boom_length_m,boom_speed_m_s,boom_force_n,")
