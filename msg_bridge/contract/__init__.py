@@ -4,6 +4,7 @@
 - `rows`: row types of everything that crosses
 - `messages`: headers, chunks of rows, requests
 - `ledger`: where every cubic millimetre is
+- `cylinders`: how a hydraulic cylinder is doing
 - `parameters`: parameter sets checked when built
 - `errors`: the errors of the package
 """
