@@ -29,7 +29,7 @@ from machine_sim.resistance import Resistance
 from machine_sim.sweep import sweep_rows, track_rows
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
-from msg_bridge.contract.rows import CHANGED, LANDED, Kind, Rows, empty_rows
+from msg_bridge.contract.rows import CHANGED, LANDED, SWEEP, Kind, Rows, empty_rows, join_rows
 
 __all__ = ["MachineSim", "MachineStep"]
 
@@ -201,13 +201,10 @@ class MachineSim:
                 self._resist(dt)
         self._tool_poses.append(self.machine.tool_pose)
         self.payload = payload_in(self._bucket, self.particles, _TOOL)
-        sweeps = np.concatenate(
-            [
-                sweep_rows(self._bucket, start, self.machine.tool_pose, tool=_TOOL),
-                track_rows(self._tracks, standing, self._base, first_tool=_TOOL + 1),
-            ]
-        )
+        tool = sweep_rows(self._bucket, start, self.machine.tool_pose, tool=_TOOL)
+        tracks = track_rows(self._tracks, standing, self._base, first_tool=_TOOL + 1)
         landed = self._land()
+        sweeps = join_rows([tool, tracks], SWEEP)
         return MachineStep(sweeps, landed, self.pending.total_mm3, self.particles.total_volume_mm3)
 
     @property

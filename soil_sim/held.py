@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.contract.rows import Kind, Rows
+from msg_bridge.contract.rows import Kind, Rows, sources_of
 
 __all__ = ["HeldSoils"]
 
@@ -33,7 +33,7 @@ class HeldSoils:
 
     def book(self, conversions: Rows) -> None:
         """Count what CONVERSION rows of any sources moved."""
-        for source in np.unique(conversions["source"]).tolist():
+        for source in sources_of(conversions):
             own = conversions[conversions["source"] == source]
             volume = own["volume_mm3"].astype(np.int64)
             volume[own["kind"] != Kind.EXCAVATE] *= -1

@@ -22,6 +22,7 @@ from msg_bridge.contract.rows import (
     MAX_ROW_VOLUME,
     Rows,
     empty_rows,
+    join_rows,
 )
 from msg_bridge.exchange.soil_side import SoilExchange, TickInput
 from soil_sim.held import HeldSoils
@@ -128,7 +129,7 @@ class SoilSide:
                 self._places[int(row["source"])] = place
         released = [self._released(source) for source in self._still_absent()]
         self._releasing = []
-        landed = np.concatenate([tick.landed, *released])
+        landed = join_rows([tick.landed, *released], LANDED)
         return self.soil.step(tick.tick, tick.sweeps, landed)
 
     def _still_absent(self) -> list[int]:

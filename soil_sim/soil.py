@@ -28,6 +28,8 @@ from msg_bridge.contract.rows import (
     Kind,
     Rows,
     empty_rows,
+    join_rows,
+    sources_of,
 )
 from soil_sim.changes import Changes
 from soil_sim.columns import Columns
@@ -171,7 +173,8 @@ class Soil:
         on_map = answers["kind"] == Kind.DEPOSIT
         poured = self._deposit(answers[on_map])
         self.slip.relax(max(self.params.slip_budget - poured, 0))
-        return SoilStep(_joined([excavated, answers]), forces, self._changed(), refused)
+        conversions = join_rows([excavated, answers], CONVERSION)
+        return SoilStep(conversions, forces, self._changed(), refused)
 
     def _judge(self, tick: int, landed: Rows) -> Rows:
         """The answer to each landed row: on the map, beyond it, or not to be believed.
@@ -208,7 +211,7 @@ class Soil:
     def _cut(self, tick: int, sweeps: Rows) -> Rows:
         if sweeps.size == 0 and not self._swept.in_use:  # as in ticks without a machine
             return empty_rows(CONVERSION)
-        sources = np.unique(sweeps["source"]).tolist()
+        sources = sources_of(sweeps)
         by_source = [sweeps[sweeps["source"] == source] for source in sources]
         strokes = [pairs_that(Action.CUT, own) for own in by_source]
         swept = self.params.cut_mode == "swept"
@@ -226,7 +229,7 @@ class Soil:
                 pressed = press(self.columns, pairs_that(Action.PRESS, own))
                 self.slip.disturb(pressed, around=True)
         self.slip.disturb(self._swept.release(), around=True)
-        return _joined(parts)
+        return join_rows(parts, CONVERSION)
 
     def _deposit(self, rows: Rows) -> int:
         """Let soil land and run down; returns what that took of the budget."""
@@ -271,11 +274,3 @@ class Soil:
         changed["volume_mm3"] = arrays.firm[cells] + arrays.loose[cells]
         changed["revision"] = self.revision
         return changed
-
-
-def _joined(parts: list[Rows]) -> Rows:
-    """CONVERSION rows one after the other."""
-    some = [rows for rows in parts if rows.size]
-    if len(some) > 1:
-        return np.concatenate(some, dtype=CONVERSION)
-    return some[0] if some else empty_rows(CONVERSION)

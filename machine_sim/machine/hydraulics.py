@@ -107,6 +107,7 @@ class HydraulicArm:
         self._torques = list(torques)
         self._supply = supply
         self._turned = [(joints.index(name), cylinder) for name, cylinder in cylinders.items()]
+        self._levers: dict[int, tuple[float, float]] = {}  # by joint: an angle, the lever at it
 
     def attainable(
         self, speeds: Sequence[float], angles: Sequence[float], efforts: Sequence[float]
@@ -125,8 +126,7 @@ class HydraulicArm:
         for i, cylinder in self._turned:
             if speeds[i] == 0.0:
                 continue
-            angle = _within(cylinder, angles[i])
-            lever = cylinder.linkage.lever(angle)
+            angle, lever = self._lever(i, cylinder, angles[i])
             speed = lever * speeds[i] * self._cushioned(cylinder, angle, lever * speeds[i])
             given[i] = speed / lever
             demand += abs(speed) * (cylinder.head_area if speed > 0.0 else cylinder.rod_area)
@@ -151,7 +151,7 @@ class HydraulicArm:
         limits = self._torques.copy()
         for i, cylinder in self._turned:
             assert self._supply is not None
-            lever, supply = cylinder.linkage.lever(_within(cylinder, angles[i])), self._supply
+            lever, supply = self._lever(i, cylinder, angles[i])[1], self._supply
             limits[i] = abs(lever) * cylinder.force_limit(
                 supply.relief_pressure if moves[i] else supply.hold_pressure,
                 supply.return_pressure,
@@ -169,8 +169,7 @@ class HydraulicArm:
         """
         states = {}
         for name, (i, cylinder) in zip(self.cylinders, self._turned, strict=True):
-            angle = _within(cylinder, angles[i])
-            lever = cylinder.linkage.lever(angle)
+            angle, lever = self._lever(i, cylinder, angles[i])
             force = efforts[i] / lever
             states[name] = CylinderState(
                 cylinder.linkage.length(angle),
@@ -179,6 +178,17 @@ class HydraulicArm:
                 *self._pressures(cylinder, force),
             )
         return states
+
+    def _lever(self, joint: int, cylinder: Cylinder, angle: float) -> tuple[float, float]:
+        """The angle within the stroke [rad], and the lever there [m/rad]; the last is remembered.
+
+        A step asks for it several times at one angle.
+        """
+        angle = min(max(angle, cylinder.linkage.lower), cylinder.linkage.upper)
+        known = self._levers.get(joint)
+        if known is None or known[0] != angle:
+            known = self._levers[joint] = (angle, cylinder.linkage.lever(angle))
+        return known
 
     def _pressures(self, cylinder: Cylinder, force: float) -> tuple[float, float]:
         """Head and rod pressure [Pa] at a force [N]: one side is open to the tank."""
@@ -195,8 +205,3 @@ class HydraulicArm:
         length = linkage.length(angle)
         room = linkage.longest - length if speed > 0.0 else length - linkage.shortest
         return min(1.0, _CREEP + (1.0 - _CREEP) * max(room, 0.0) / cylinder.cushion)
-
-
-def _within(cylinder: Cylinder, angle: float) -> float:
-    """The joint's angle without the hair's breadth by which a loaded end stop is passed [rad]."""
-    return min(max(angle, cylinder.linkage.lower), cylinder.linkage.upper)

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 from machine_sim.machine.errors import MachineError
@@ -94,17 +95,17 @@ class CylinderLinkage:
                     " joint; move a pin, or narrow the joint's limits"
                 )
 
-    @property
+    @cached_property
     def extends(self) -> float:
         """+1 where the cylinder grows longer with the angle, -1 where it grows shorter."""
         return math.copysign(1.0, self.lever(0.5 * (self.lower + self.upper)))
 
-    @property
+    @cached_property
     def shortest(self) -> float:
         """Length at the end of the joint's range where the cylinder is in [m]."""
         return min(self.length(self.lower), self.length(self.upper))
 
-    @property
+    @cached_property
     def longest(self) -> float:
         """Length at the end of the joint's range where the cylinder is out [m]."""
         return max(self.length(self.lower), self.length(self.upper))

@@ -147,6 +147,8 @@ class ParticleEngine(SoilEngine):
     def unfreeze(self, ids: ArrayLike) -> None:
         """See `SoilEngine.unfreeze`."""
         rows = self.store.rows(ids)
+        if rows.size == 0:
+            return
         self._disturb(rows)
         self._pairs.stale = True
         self.store.frozen[rows] = False

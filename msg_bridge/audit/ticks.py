@@ -17,7 +17,7 @@ from msg_bridge.audit.gather import EpochData, Life
 from msg_bridge.audit.report import Check, Finding
 from msg_bridge.audit.streams import NumberedRows, Numbers, Spans, runs
 from msg_bridge.contract.messages import MachineHeader, SoilHeader, SourceReceipt, Stream, Verb
-from msg_bridge.contract.rows import Kind
+from msg_bridge.contract.rows import Kind, sources_of
 
 __all__ = [
     "UNKNOWN_TICK",
@@ -197,7 +197,7 @@ def released_rows(soil: SoilTicks, story: Story, conversions: NumberedRows) -> N
     at = np.searchsorted(soil.spans[Stream.CONVERSION].last, conversions.numbers)
     at = np.minimum(at, len(soil.headers) - 1)
     released = np.zeros(rows.size, dtype=np.bool_)
-    for source in np.unique(rows["source"]).tolist():
+    for source in sources_of(rows):
         taken = np.array(
             [_takes_part(source, *each) for each in zip(soil.headers, story.events, strict=True)]
         )

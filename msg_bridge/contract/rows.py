@@ -6,6 +6,7 @@ Lengths are in metres of the map frame, volumes in mm^3 of bank (undisturbed) so
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import IntEnum
 
 import numpy as np
@@ -23,6 +24,8 @@ __all__ = [
     "Kind",
     "Rows",
     "empty_rows",
+    "join_rows",
+    "sources_of",
 ]
 
 Rows = NDArray[np.void]
@@ -146,6 +149,27 @@ FORCE = np.dtype(
 )
 """The most the soil holds a tool that swept with, soil to machine: what resists its cut, zero too,
 and, where there is any, what bears it."""
+
+
+def join_rows(parts: Sequence[Rows], dtype: np.dtype[np.void]) -> Rows:
+    """Rows of `dtype`, one part after the other; a part that is all there is comes as it is.
+
+    NumPy would find the common type of the parts anew each time, field by field.
+    """
+    some = [rows for rows in parts if rows.size]
+    if len(some) > 1:
+        return np.concatenate(some, dtype=dtype)
+    return some[0] if some else empty_rows(dtype)
+
+
+def sources_of(rows: Rows) -> list[int]:
+    """Sources that rows name, in order, each once."""
+    sources = rows["source"]
+    if sources.size == 0:
+        return []
+    if (sources == sources[0]).all():  # nearly always
+        return [int(sources[0])]
+    return [int(source) for source in np.unique(sources)]
 
 
 def empty_rows(dtype: np.dtype[np.void], count: int = 0) -> Rows:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import MachineHeader, RowRange
-from msg_bridge.contract.rows import CONVERSION, Kind, Rows, empty_rows
+from msg_bridge.contract.rows import CONVERSION, Kind, Rows, empty_rows, join_rows, sources_of
 
 __all__ = ["Accounts", "signed_volume"]
 
@@ -72,7 +72,7 @@ class _Account:
     def book(self, numbers: NDArray[np.int64], rows: Rows) -> None:
         """Put rows in flight."""
         self._numbers = np.concatenate([self._numbers, numbers])
-        self._rows = np.concatenate([self._rows, rows])
+        self._rows = join_rows([self._rows, rows], CONVERSION)
 
     def volume_through(self, through: int) -> int:
         """Signed volume of its rows in flight up to number `through`."""
@@ -135,8 +135,7 @@ class Accounts:
         Raises:
             ExchangeError: naming the source.
         """
-        sources = np.unique(conversions["source"]).tolist()
-        for source in {*sources, *self._released}:
+        for source in {*sources_of(conversions), *self._released}:
             rows = conversions[conversions["source"] == source]
             if source in self._released:
                 if -signed_volume(rows) != self._released[source]:
@@ -152,7 +151,7 @@ class Accounts:
         outside = conversions["kind"] == Kind.OUTSIDE
         self._outside += int(conversions["volume_mm3"][outside].astype(np.int64).sum())
         numbers = np.arange(span.first, span.first + span.count, dtype=np.int64)
-        for source in np.unique(conversions["source"]).tolist():
+        for source in sources_of(conversions):
             if source not in self._released:
                 own = conversions["source"] == source
                 self._sources[source].book(numbers[own], conversions[own])

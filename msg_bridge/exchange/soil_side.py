@@ -35,7 +35,7 @@ from msg_bridge.contract.messages import (
     Stream,
     Verb,
 )
-from msg_bridge.contract.rows import LANDED, SWEEP, Rows, empty_rows
+from msg_bridge.contract.rows import LANDED, SWEEP, Rows, empty_rows, join_rows
 from msg_bridge.exchange.accounts import Accounts
 from msg_bridge.exchange.chunks import chunked
 from msg_bridge.exchange.source import Source
@@ -167,13 +167,13 @@ class SoilExchange:
         if wait and (late or not (self._sources or self._joining)):
             return None
         self._taken = tuple(n for n in self.joined if n not in late)
-        sweeps, landed = [empty_rows(SWEEP)], [empty_rows(LANDED)]
+        sweeps, landed = [], []
         for number in self._taken:
             source = self._sources[number]
             assert source.header is not None
             sweeps.append(source.sweeps.rows(source.header.sweeps))
             landed.append(source.landed.rows(source.header.landed))
-        return TickInput(self.tick + 1, np.concatenate(sweeps), np.concatenate(landed))
+        return TickInput(self.tick + 1, join_rows(sweeps, SWEEP), join_rows(landed, LANDED))
 
     def answer(
         self, conversions: Rows, forces: Rows, changed: Rows, *, revision: int, terrain_mm3: int

@@ -100,6 +100,7 @@ class Incoming:
         """`first` is the number of the first row expected."""
         self.stream = stream
         self._first = first
+        self._ready = 0  # rows from the first one expected on, before the first gap
         self._clear()
 
     @property
@@ -110,8 +111,7 @@ class Incoming:
     @property
     def received(self) -> int:
         """Last number up to which nothing is missing."""
-        missing = np.flatnonzero(~self._have)
-        return self._first - 1 + (int(missing[0]) if missing.size else self._have.size)
+        return self._first - 1 + self._ready
 
     def add(self, rows: Rows) -> int:
         """Take rows in any order, any number of times.
@@ -127,6 +127,13 @@ class Incoming:
                 f"{self.stream.name} rows must be a 1-D array of {self._buffer.dtype}, not"
                 f" {rows.ndim}-D of {rows.dtype}"
             )
+        if self._continues(rows):  # nearly always
+            end = self._ready + rows.size
+            self._grow(end)
+            self._buffer[self._ready : end] = rows
+            self._have[self._ready : end] = True
+            self._ready = end
+            return rows.size
         # The nearest number to the first one expected that is the same modulo 2**32.
         ahead = (rows["seq"].astype(np.int64) - self._first) % _MODULUS
         index = np.where(ahead >= _MODULUS // 2, ahead - _MODULUS, ahead)
@@ -144,18 +151,29 @@ class Incoming:
         fresh = ~self._have[index]
         self._buffer[index[fresh]] = rows[where[fresh]]
         self._have[index[fresh]] = True
+        self._find_gap()
         return int(fresh.sum())
+
+    def _continues(self, rows: Rows) -> bool:
+        """Whether rows are the next ones, in order, and none that follows is here already."""
+        if rows.size == 0:
+            return True
+        seq = rows["seq"]
+        if int(seq[0]) != (self._first + self._ready) % _MODULUS:
+            return False
+        if self._ready + rows.size > WINDOW:
+            return False
+        steps = seq[1:] - seq[:-1]  # modulo 2**32, as the numbers are
+        return bool((steps == 1).all()) and not self._have[self._ready :].any()
 
     def missing(self, span: RowRange) -> list[RowRange]:
         """Gaps in a range, as ranges."""
         low = max(span.first - self._first, 0)
         high = max(span.last + 1 - self._first, low)
-        if high == low:
+        if high == low or high <= self._ready:  # nearly always, and asked several times a tick
             return []
         self._grow(high)
         have = self._have[low:high]
-        if have.all():  # nearly always, and asked several times a tick
-            return []
         edges = np.flatnonzero(np.diff(np.concatenate([[True], have, [True]]).astype(np.int8)))
         begin, end = edges[0::2], edges[1::2]
         return [
@@ -177,14 +195,24 @@ class Incoming:
             return
         self._first = through + 1
         buffer, have = self._buffer[drop:], self._have[drop:]
+        if self._have.size == _ROOM and not have.any():  # nearly always
+            self._have[:drop] = False
+            self._ready = 0
+            return
         self._clear()
         if have.any():
             self._grow(have.size)
             self._buffer[: have.size], self._have[: have.size] = buffer, have
+            self._find_gap()
+
+    def _find_gap(self) -> None:
+        missing = np.flatnonzero(~self._have)
+        self._ready = int(missing[0]) if missing.size else self._have.size
 
     def _clear(self) -> None:
         self._buffer: Rows = empty_rows(STREAM_DTYPE[self.stream], _ROOM)
         self._have: NDArray[np.bool_] = np.zeros(_ROOM, dtype=np.bool_)
+        self._ready = 0
 
     def _grow(self, size: int) -> None:
         if size > self._have.size:

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
-from msg_bridge.contract.rows import FORCE, Action, Holds, Rows, empty_rows
+from msg_bridge.contract.rows import FORCE, Action, Holds, Rows, empty_rows, join_rows
 from soil_sim.columns import Columns
 from soil_sim.force.bearing import add_bearing
 from soil_sim.force.cutting import add_lip
@@ -61,7 +61,7 @@ class Resistance:
             self._strength,
         )  # fmt: skip
         borne = np.flatnonzero(found[1, :, 3:6].any(axis=1))
-        forces = np.concatenate([forces, forces[borne]])
+        forces = join_rows([forces, forces[borne]], FORCE)
         forces["holds"][found.shape[1] :] = Holds.BEARING
         values = np.concatenate([found[0], found[1, borne]])
         for n, name in enumerate(("x", "y", "z", "fx", "fy", "fz", "tx", "ty", "tz")):
