@@ -37,6 +37,7 @@ from earthmoving_sim.pictures.window import Window
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
 from machine_sim.machine import load_description
+from machine_sim.rig import Placement
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.rows import LANDED, SWEEP, Kind, Rows, empty_rows
@@ -172,9 +173,11 @@ def rutted() -> Soil:
     spread["x"], spread["y"] = x.reshape(-1), y.reshape(-1)
     soil.step(0, NO_SWEEPS, spread)
     machine = MachineSim(
-        load_description(find_config("machines/excavator.yaml")), grid, soil.columns.height,
-        soils=soil.loose_soils, position=(-5.0, -1.5),
-    )  # fmt: skip
+        [Placement(load_description(find_config("machines/excavator.yaml")), (-5.0, -1.5))],
+        grid,
+        soil.columns.height,
+        soils=soil.loose_soils,
+    )
     world = World(soil, {1: machine})
     for left, right, ticks in ((1.0, 1.0, 350), (0.55, 1.0, 350), (1.0, 1.0, 200)):
         machine.command(np.zeros(4), np.array([left, right]))

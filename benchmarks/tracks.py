@@ -18,7 +18,7 @@ import pybullet
 from numpy.typing import NDArray
 
 from machine_sim.ground import Ground
-from machine_sim.machine import Excavator, MachineError, load_description
+from machine_sim.machine import MachineError, TrackedMachine, load_description
 from machine_sim.machine.tracks import TRACK_MODELS, TrackModel
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
@@ -43,7 +43,7 @@ class Site:
         pybullet.setGravity(0.0, 0.0, -9.81, self.client)
         ground = Ground(GRID, heights)
         description = load_description(find_config("machines/excavator.yaml"))
-        self.machine = Excavator(description, self.client, ground, (x, 0.0), 0.0, model)
+        self.machine = TrackedMachine(description, self.client, ground, (x, 0.0), 0.0, model)
         self.steps, self.spent = 0, 0.0
 
     def drive(self, left: float, right: float, seconds: float) -> Array:

@@ -20,6 +20,7 @@ from machine_sim.core import MachineSim
 from machine_sim.operator import Command, Shift, View
 from machine_sim.operator.eyes import Eyes, Terrain
 from machine_sim.particles import warm_up
+from machine_sim.rig import Placement
 from msg_bridge.codec.machine_state import BaseState, PayloadState
 from msg_bridge.codec.poses import from_odometry, to_odometry
 from soil_sim.soil import Soil
@@ -59,14 +60,14 @@ class DigRun:
         self._dt = config.stepping.tick
         refuse_landslide(self.site, config)
         soil = Soil(self.site.grid, self.site.heights, config.soil)
+        start = config.run.start_x - config.shift.approach
         self.machine = MachineSim(
-            config.machine,
+            [Placement(config.machine, (start, config.run.start_y))],
             self.site.grid,
             soil.columns.height,
             params=config.stepping,
             particle_params=config.particles,
             soils=soil.loose_soils,
-            position=(config.run.start_x - config.shift.approach, config.run.start_y),
             seed=config.run.seed,
         )
         warm_up(config.particles)
@@ -115,7 +116,7 @@ class DigRun:
             self._worst = ledger.imbalance
         self._most = max(self._most, self.machine.particles.count)
         if self.world.tick % PATH_EVERY == 0:
-            rotation, pin = self.machine.machine.tool_pose
+            rotation, pin = self.machine.machine.tool.pose
             lip = rotation[:, 0] * self.machine.machine.description.bucket.tip_length + pin
             self._path.append((lip, self.operator.cycle, self.operator.phase))
 

@@ -1,15 +1,14 @@
-"""The machine side: one tick moves the machine, its tool, and the soil that is particles.
+"""The machine side: one tick moves machines, their tools, and the soil that is particles.
 
     release -> [drive -> carry, spill, fall -> load, resist] x steps -> settle
 
-`MachineSim` owns a machine and its particles and knows no messages and no clock; the exchange
-(`msg_bridge.exchange`) carries the rows it returns.
+`MachineSim` owns some machines and the particles that they share, and knows no messages and no
+clock; the exchange (`msg_bridge.exchange`) carries the rows it returns.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,24 +18,17 @@ from numpy.typing import NDArray
 
 from machine_sim.cubes import CubeEngine
 from machine_sim.ground import Ground
-from machine_sim.machine import Excavator, MachineDescription
-from machine_sim.machine.kinematics import rotation_matrix
+from machine_sim.machine import MachineError, TrackedMachine
 from machine_sim.params import MachineSimParams
-from machine_sim.particles import ParticleEngine, ParticleParams, Pose, SoilEngine
-from machine_sim.payload import payload_in
-from machine_sim.release import PendingSoil
-from machine_sim.resistance import Resistance
-from machine_sim.sweep import sweep_rows, track_rows
+from machine_sim.particles import ParticleEngine, ParticleParams, SoilEngine
+from machine_sim.payload import Payload
+from machine_sim.rig import Placement, Rig
+from machine_sim.tool_work import ToolWork
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.rows import CHANGED, LANDED, SWEEP, Kind, Rows, empty_rows, join_rows
 
 __all__ = ["MachineSim", "MachineStep"]
-
-_TOOL = 0
-
-_POSES = 4
-"""Poses of the tool at the ends of ticks that are remembered."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +36,9 @@ class MachineStep:
     """What one tick sends to the soil; rows are not numbered yet.
 
     Attributes:
-        sweeps: SWEEP rows of the tool and the tracks.
+        sweeps: SWEEP rows of all tools and tracks.
         landed: LANDED rows; their particles are frozen until answered.
-        pending_mm3, particles_mm3: the machine's accounts at the end of the tick.
+        pending_mm3, particles_mm3: the node's accounts at the end of the tick.
     """
 
     sweeps: Rows
@@ -56,78 +48,83 @@ class MachineStep:
 
 
 class MachineSim:
-    """One excavator, the ground it feels, and the soil it moves.
+    """Machines, the ground they feel, and the soil they move.
 
     Attributes:
         params: how it steps.
         ground: the copy of the terrain that tracks and particles touch.
-        machine: the excavator.
-        particles: the soil in the air, in the tool and at rest but not yet landed.
-        pending: soil excavated and not yet particles.
-        resistance: the soil that the tool cuts.
+        rigs: the machines with their tools at work, in the order given.
+        particles: the soil in the air, in tools and at rest but not yet landed.
         tick: number of ticks made.
-        payload: soil in the bucket at the end of the last tick.
     """
 
     def __init__(
         self,
-        description: MachineDescription,
+        machines: Sequence[Placement],
         grid: Grid,
         elevation: NDArray[np.floating],
         *,
         params: MachineSimParams | None = None,
         particle_params: ParticleParams | None = None,
         soils: Sequence[LooseSoil] = (LooseSoil(),),
-        position: tuple[float, float] = (0.0, 0.0),
-        yaw: float = 0.0,
         seed: int = 0,
     ) -> None:
         """
         Args:
-            description: dimensions, masses and limits of the machine.
-            grid, elevation: the terrain it starts on [m], shape (rows, cols).
+            machines: what they are and where they start.
+            grid, elevation: the terrain they start on [m], shape (rows, cols).
             params, particle_params: defaults as shipped.
             soils: all soils of the terrain, in the order of their ids.
-            position: where it starts (x, y) [m], map frame; it is set down on the ground.
-            yaw: where it faces [rad], from +x counter-clockwise.
             seed: of the scatter of released particles.
+
+        Raises:
+            MachineError: no machine, or one off the map.
         """
+        if not machines:
+            raise MachineError("there is no machine; give one placement or more")
         self.params = params or MachineSimParams()
         self.ground = Ground(grid, elevation)
         self.tick = 0
         self._client: int = pybullet.connect(pybullet.DIRECT)
         pybullet.setTimeStep(self.params.physics_step, physicsClientId=self._client)
         pybullet.setGravity(0.0, 0.0, -9.81, physicsClientId=self._client)
-        self.machine = Excavator(
-            description, self._client, self.ground, position, yaw, self.params.tracks
-        )
         particle_params = particle_params or ParticleParams()
         kind = CubeEngine if particle_params.mode == "cubes" else ParticleEngine
         self.particles: SoilEngine = kind(particle_params, self.ground, soils=soils)
-        self._bucket, self._tracks = description.bucket, description.tracks
-        self.particles.add_tool(_TOOL, self._bucket.plates(), self.machine.tool_pose)
-        self.payload = payload_in(self._bucket, self.particles, _TOOL)
-        masses = {name: link.mass for name, link in description.links.items()}
-        self.resistance = Resistance(
-            masses["bucket"], sum(masses.values()), self.params.physics_step
-        )
-        self._resisted = (np.zeros(3), np.zeros(3))
-        self._tool_poses = deque([self.machine.tool_pose], maxlen=_POSES)
-        self.pending = PendingSoil(
-            self._bucket,
-            np.random.default_rng(seed),
-            nominal_mm3=self.particles.params.nominal_volume,
-            per_tick=self.params.release_per_tick,
-        )
+        self.rigs: list[Rig] = []
+        for placement in machines:
+            rig = Rig(
+                placement,
+                self._client,
+                self.ground,
+                self.particles,
+                self.params,
+                first_number=sum(rig.numbers for rig in self.rigs),
+                seed=seed,
+            )
+            self.rigs.append(rig)
+        self._works = [work for rig in self.rigs for work in rig.tools.values()]
+        self._cutting = [work for work in self._works if work.pending is not None]
 
     @property
-    def tool_wrench(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Force [N] of the soil on the tool and torque about its frame's origin [N m], map axes.
+    def machine(self) -> TrackedMachine:
+        """The first machine, of most nodes the only one."""
+        return self.rigs[0].machine
 
-        The load in the tool and what resists its cut, as of the end of the last step.
-        """
-        force, torque = self.particles.tool_wrench(_TOOL)
-        return force + self._resisted[0], torque + self._resisted[1]
+    @property
+    def tool_work(self) -> ToolWork:
+        """The first tool of the first machine that has one."""
+        return self._works[0]
+
+    @property
+    def payload(self) -> Payload:
+        """What the first machine holds."""
+        return self.rigs[0].payload
+
+    @property
+    def pending_mm3(self) -> int:
+        """Bank volume that was excavated and is not yet particles [mm^3]."""
+        return sum(work.pending.total_mm3 for work in self._cutting if work.pending is not None)
 
     def apply(
         self,
@@ -147,12 +144,10 @@ class MachineSim:
                 one has moved on with the tool.
         """
         self.ground.update(changed["row"], changed["col"], changed["z"].astype(np.float64))
-        cut_at = self._tool_poses[max(-1 - ticks_since, -len(self._tool_poses))]
-        self.pending.receive(conversions, cut_at, self.tick)
+        self._receive(conversions[conversions["kind"] == Kind.EXCAVATE], ticks_since)
         if forces is not None:
-            own = forces[forces["tool"] == _TOOL]
-            if own.size:
-                self.resistance.hear(own, cut_at)
+            for work in self._works:
+                work.hear(forces, ticks_since)
         kind = conversions["kind"]
         gone = (kind == Kind.DEPOSIT) | (kind == Kind.OUTSIDE)
         self.particles.remove(conversions["particle_id"][gone])
@@ -166,7 +161,9 @@ class MachineSim:
             owed: CONVERSION rows of this source.
         """
         self.ground.replace(elevation)
-        self.resistance.forget()
+        for work in self._cutting:
+            assert work.resistance is not None
+            work.resistance.forget()
         nothing = empty_rows(CHANGED)
         self.apply(owed, nothing)
         # What the soil has not answered by now it has not taken: it is offered again.
@@ -174,7 +171,7 @@ class MachineSim:
         self.particles.unfreeze(store.particle_id[store.frozen])
 
     def command(self, joints: NDArray[np.float64], tracks: NDArray[np.float64]) -> None:
-        """Set joint velocities [rad/s] (swing, boom, arm, bucket) and track speeds [m/s].
+        """Set the first machine's joint velocities [rad/s] and track speeds [m/s].
 
         They hold until the next command; zero means hold the pose.
         """
@@ -184,51 +181,33 @@ class MachineSim:
         """Advance one tick."""
         self.tick += 1
         dt = self.params.physics_step
-        start, standing = self.machine.tool_pose, self._base
-        self.resistance.tick()
-        self.pending.release(self.particles, start, self.tick)
+        for rig in self.rigs:
+            rig.begin_tick(self.tick)
         for _ in range(self.params.steps_per_tick):
-            before = self.machine.tool_pose
             self.ground.advance(dt)
-            self.machine.before_step(dt)
+            for rig in self.rigs:
+                rig.before_step(dt)
             pybullet.stepSimulation(self._client)
-            self.machine.after_step()
-            self.particles.set_tool(_TOOL, before, self.machine.tool_pose)
+            for rig in self.rigs:
+                rig.after_step()
             self.particles.step(dt)
-            if self.params.load_acts:
-                self.machine.apply_tool_wrench(*self.particles.tool_wrench(_TOOL))
-            if self.params.cutting_acts:
-                self._resist(dt)
-        self._tool_poses.append(self.machine.tool_pose)
-        self.payload = payload_in(self._bucket, self.particles, _TOOL)
-        tool = sweep_rows(self._bucket, start, self.machine.tool_pose, tool=_TOOL)
-        tracks = track_rows(self._tracks, standing, self._base, first_tool=_TOOL + 1)
+            for rig in self.rigs:
+                rig.feel(dt)
+        sweeps = join_rows([rig.end_tick() for rig in self.rigs], SWEEP)
         landed = self._land()
-        sweeps = join_rows([tool, tracks], SWEEP)
-        return MachineStep(sweeps, landed, self.pending.total_mm3, self.particles.total_volume_mm3)
-
-    @property
-    def _base(self) -> Pose:
-        """Pose of the base frame: base to map, and its origin [m]."""
-        position, quaternion = self.machine.base_pose
-        return rotation_matrix(quaternion), position
+        return MachineStep(sweeps, landed, self.pending_mm3, self.particles.total_volume_mm3)
 
     def state_hash(self) -> str:
-        """SHA-256 [hex] of the machine's pose and motion, its particles and its pending soil."""
-        machine, store = self.machine, self.particles.store
+        """SHA-256 [hex] of poses and motions of machines and particles, and of pending soil."""
+        store = self.particles.store
         digest = hashlib.sha256()
         for array in (
-            machine.joint_positions,
-            machine.joint_velocities,
-            *machine.base_pose,
-            *machine.base_velocity,
+            *(array for rig in self.rigs for array in rig.state),
             store.particle_id,
             store.position,
             store.velocity,
             store.spin,
             store.volume_mm3,
-            np.array([self.pending.total_mm3]),
-            self.resistance.state,
         ):
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()
@@ -238,12 +217,20 @@ class MachineSim:
         self.particles.close()
         pybullet.disconnect(self._client)
 
-    def _resist(self, dt: float) -> None:
-        """Let the soil that the tool cuts and stands on act in the next physics step."""
-        machine = self.machine
-        self._resisted = self.resistance.step(machine.tool_pose, machine.tool_velocity, dt)
-        if self.resistance.holds:
-            machine.apply_tool_wrench(*self._resisted)
+    def _receive(self, excavated: Rows, ticks_since: int) -> None:
+        """Credit EXCAVATE rows to the tools that cut them: of several, the nearest."""
+        if excavated.size == 0:
+            return
+        if not self._cutting:
+            raise MachineError("soil was excavated for machines of which none can cut")
+        frames = [work.frame_at(ticks_since) for work in self._cutting]
+        nearest = np.zeros(excavated.size, dtype=np.int64)
+        if len(frames) > 1:
+            places = np.column_stack([excavated[name] for name in "xyz"]).astype(np.float64)
+            nearest = np.argmin([np.linalg.norm(places - at, axis=1) for _, at in frames], axis=0)
+        for k, (work, frame) in enumerate(zip(self._cutting, frames, strict=True)):
+            assert work.pending is not None
+            work.pending.receive(excavated[nearest == k], frame, self.tick)
 
     def _land(self) -> Rows:
         """Freeze what came to rest and offer it to the soil."""

@@ -16,7 +16,7 @@ import numpy as np
 from std_msgs.msg import String
 
 from machine_sim.commands import CommandBoard, CommandParams
-from machine_sim.machine import JOINT_NAMES, Excavator, fitted_with, load_description
+from machine_sim.machine import TrackedMachine, fitted_with, load_description
 from machine_sim.machine.appearance import link_boxes, link_frames, link_poses, shoe_look
 from machine_sim.machine.pistons import piston_joints
 from machine_sim.machine.urdf import urdf_text
@@ -278,7 +278,7 @@ class MachineNode(LeanNode):
         if due(params.state_rate):
             base = BaseState(*machine.base_pose, *machine.base_velocity)
             load = PayloadState(**asdict(sim.payload), time=tick * run.facts.tick)
-            wrench = ToolWrench(*sim.tool_wrench, machine.tool_pose[0])
+            wrench = ToolWrench(*sim.tool_work.wrench, machine.tool.pose[0])
             self._topics.state(self._joint_values(machine), base, load, wrench, stamp)
             self._topics.cylinders(machine.cylinders, tick * run.facts.tick)
         if due(self._sensor_params.rate):
@@ -292,21 +292,21 @@ class MachineNode(LeanNode):
             if due(params.marker_rate):
                 self._topics.markers(poses, machine.tracks.shoe_poses, stamp)
 
-    def _tell_sensors(self, machine: Excavator, time: float, stamp: Any) -> None:
+    def _tell_sensors(self, machine: TrackedMachine, time: float, stamp: Any) -> None:
         imus, encoders = self._sensors.read(machine, time)
         for imu in imus:
             frame = "base_link" if imu.frame == "base" else imu.frame
             self._sensor_topics.imu(
                 imu.name, frame, imu.quaternion, imu.spin, imu.specific_force, stamp
             )
-        self._sensor_topics.encoders(JOINT_NAMES, *encoders)
+        self._sensor_topics.encoders(self._description.joint_names, *encoders)
 
-    def _joint_values(self, machine: Excavator) -> JointValues:
+    def _joint_values(self, machine: TrackedMachine) -> JointValues:
         """All joints: those of the arm, then those of the pistons, which only follow."""
         angles, rates = machine.joint_positions, machine.joint_velocities
         pistons = piston_joints(self._description, angles.tolist(), rates.tolist())
         return JointValues(
-            [*JOINT_NAMES, *pistons.names],
+            [*self._description.joint_names, *pistons.names],
             [*angles, *pistons.positions],
             [*rates, *pistons.velocities],
             [*machine.joint_efforts, *[0.0] * len(pistons.names)],
@@ -336,7 +336,7 @@ class MachineNode(LeanNode):
             "phase": run.side.exchange.phase.value,
             "tick": run.tick,
             "particles": particles.count,
-            "pending_mm3": run.sim.pending.total_mm3,
+            "pending_mm3": run.sim.pending_mm3,
             "tunnelled": particles.tunnelled_tool + particles.tunnelled_ground,
             "payload_fill": f"{run.sim.payload.fill:.3f}",
             "emergency_stop": self._board.stopped,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machine_sim.machine.bucket import BucketShape
+from machine_sim.machine.tools import HoldingShape
 from machine_sim.particles import SoilEngine
 
 __all__ = ["Payload", "payload_in"]
@@ -29,11 +29,11 @@ class Payload:
     fill: float
 
 
-def payload_in(bucket: BucketShape, particles: SoilEngine, tool: int) -> Payload:
-    """Count the particles inside the bucket and in the heap on it."""
+def payload_in(shape: HoldingShape, particles: SoilEngine, tool: int) -> Payload:
+    """Count the particles inside a bucket or bed and in the heap on it."""
     store = particles.store
-    inside = bucket.contains_heaped(particles.tool_local(tool))
+    inside = shape.contains_heaped(particles.tool_local(tool))
     bank = int(store.volume_mm3[inside].sum()) * 1e-9
     swell = np.array([soil.swell for soil in particles.soils])
     loose = float((store.volume_mm3[inside] * (1.0 + swell[store.soil[inside]])).sum()) * 1e-9
-    return Payload(bank, loose, float(store.mass[inside].sum()), loose / bucket.heaped_capacity)
+    return Payload(bank, loose, float(store.mass[inside].sum()), loose / shape.heaped_capacity)

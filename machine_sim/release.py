@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.machine.bucket import BucketShape
+from machine_sim.machine.tools import CuttingShape
 from machine_sim.particles import Pose, SoilEngine
 from msg_bridge.contract.rows import MAX_ROW_VOLUME, Kind, Rows
 
@@ -91,16 +91,16 @@ class PendingSoil:
     """Parcels received and not yet turned into particles."""
 
     def __init__(
-        self, bucket: BucketShape, rng: np.random.Generator, *, nominal_mm3: int, per_tick: int
+        self, shape: CuttingShape, rng: np.random.Generator, *, nominal_mm3: int, per_tick: int
     ) -> None:
         """
         Args:
-            bucket: the tool the soil is cut with.
+            shape: of the tool that cuts.
             rng: scatters particles that appear at one place.
             nominal_mm3: bank volume of a particle [mm^3].
             per_tick: particles released in one tick, at most; the rest waits.
         """
-        self._bucket = bucket
+        self._shape = shape
         self._rng = rng
         self._nominal = nominal_mm3
         self._per_tick = per_tick
@@ -133,8 +133,21 @@ class PendingSoil:
             parcel.water += volume * int(row["moisture"])
             parcel.soil, parcel.place, parcel.tick = int(row["soil"]), place, tick
 
-    def release(self, particles: SoilEngine, pose: Pose, tick: int) -> int:
+    def release(
+        self,
+        particles: SoilEngine,
+        pose: Pose,
+        tick: int,
+        thrown: tuple[Vector, Vector] | None = None,
+    ) -> int:
         """Turn parcels into particles, at most as many as one tick may have.
+
+        Args:
+            particles: the engine that takes them.
+            pose: of the tool's frame, as parcels know it.
+            tick: number of the tick.
+            thrown: velocity of the tool [m/s] and angular [rad/s] that they come loose with; at
+                rest if not given.
 
         Returns:
             How many were made.
@@ -146,7 +159,7 @@ class PendingSoil:
         try:
             self._fill(batch, particles, tick)
             if batch.volumes:
-                self._place(particles, pose, batch)
+                self._place(particles, pose, batch, thrown)
         except Exception:
             self._take_back(batch)
             raise
@@ -216,16 +229,26 @@ class PendingSoil:
             return self._nominal
         return round(self._nominal * (1.0 + spread * self._rng.uniform(-1.0, 1.0)))
 
-    def _place(self, particles: SoilEngine, pose: Pose, batch: _Batch) -> None:
+    def _place(
+        self,
+        particles: SoilEngine,
+        pose: Pose,
+        batch: _Batch,
+        thrown: tuple[Vector, Vector] | None,
+    ) -> None:
         rotation, origin = pose
         volume = np.array(batch.volumes, dtype=np.int64)
         # Particles of one place scatter over the room their soil takes.
         spread = 0.5 * np.cbrt(volume * 1e-9)[:, None]
         local = np.array(batch.places) + spread * self._rng.uniform(-1.0, 1.0, (volume.size, 3))
-        local = self._bucket.clamped_inside(local, _CLEARANCE)
+        local = self._shape.made_room(local, _CLEARANCE, rotation[2])
+        arm = local @ rotation.T
+        velocity = np.zeros_like(local)
+        if thrown is not None:
+            velocity = thrown[0] + np.cross(thrown[1], arm)
         particles.add(
-            local @ rotation.T + origin,
-            np.zeros_like(local),
+            arm + origin,
+            velocity,
             volume,
             np.array(batch.soils, dtype=np.uint8),
             np.array(batch.moistures, dtype=np.uint8),

@@ -16,6 +16,7 @@ from machine_sim.machine import MachineDescription
 from machine_sim.node_params import MachineNodeParams
 from machine_sim.params import MachineSimParams
 from machine_sim.particles import ParticleParams
+from machine_sim.rig import Placement
 from machine_sim.side import MachineSide
 from msg_bridge.codec.sim_config import RunFacts
 from msg_bridge.contract.errors import ParameterError
@@ -73,14 +74,12 @@ class MachineRun:
         self._delay = 0 if facts.realtime else params.command_delay
         self._held: list[tuple[int, Callable[[], bool]]] = []  # commands, and when they count
         sim = MachineSim(
-            description,
+            [Placement(description, (params.x, params.y), math.radians(params.yaw))],
             keyframe.grid,
             keyframe.elevation,
             params=_in_step(stepping, facts),
             particle_params=particles,
             soils=facts.soils,
-            position=(params.x, params.y),
-            yaw=math.radians(params.yaw),
             seed=params.seed,
         )
         exchange = MachineExchange(params.source, epoch=facts.epoch, life=life)

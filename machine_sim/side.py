@@ -50,7 +50,7 @@ class MachineSide:
         """
         self._entered = False
         self.exchange.join(
-            pending_mm3=self.sim.pending.total_mm3,
+            pending_mm3=self.sim.pending_mm3,
             particles_mm3=self.sim.particles.total_volume_mm3,
         )
 

@@ -9,10 +9,12 @@ import numpy as np
 
 from machine_sim.machine.bucket import BucketShape
 from machine_sim.machine.description import TrackShape
+from machine_sim.machine.drum import DrumShape
+from machine_sim.milling import SPINS
 from machine_sim.particles import Pose
 from msg_bridge.contract.rows import SWEEP, Action, Rows, empty_rows
 
-__all__ = ["sweep_rows", "track_rows"]
+__all__ = ["drum_rows", "sweep_rows", "track_rows"]
 
 _PRESSING = 0.7
 """A plate that moves this much along its outward normal, in parts of its way, presses."""
@@ -49,6 +51,29 @@ def sweep_rows(bucket: BucketShape, start: Pose, end: Pose, *, tool: int) -> Row
     pressing = (length > _AT_REST) & ((way * outward).sum(axis=1) > _PRESSING * length)
     both = pressing.reshape(-1, 2).all(axis=1)
     rows["action"] = np.where(np.repeat(both, 2), Action.PRESS, Action.CUT)
+    return rows
+
+
+def drum_rows(drum: DrumShape, start: Pose, end: Pose, *, spin: float, tool: int) -> Rows:
+    """SWEEP rows of one tick of a drum: the tips of its picks all round, left end first.
+
+    It cuts while it spins; one that stands presses.
+
+    Args:
+        drum: the tool.
+        start, end: pose of the tool frame, spinning.
+        spin: how fast it turns [rad/s].
+        tool: number of the tool.
+    """
+    points = drum.key_points
+    rows = empty_rows(SWEEP, len(points))
+    a = points @ start[0].T + start[1]
+    b = points @ end[0].T + end[1]
+    rows["x0"], rows["y0"], rows["z0"] = a.T
+    rows["x1"], rows["y1"], rows["z1"] = b.T
+    rows["pair"] = np.arange(len(points)) // 2
+    rows["tool"] = tool
+    rows["action"] = Action.MILL if abs(spin) >= SPINS else Action.PRESS
     return rows
 
 

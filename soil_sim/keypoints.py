@@ -28,7 +28,7 @@ def collision_points(sweeps: Rows, between: int) -> NDArray[np.float64]:
     Returns:
         Shape (pairs * between, 3) [m], map frame; 7 pairs and h = 8 give the reference's 56.
     """
-    cutting = sweeps[sweeps["action"] == Action.CUT]
+    cutting = sweeps[sweeps["action"] != Action.PRESS]
     ends = np.stack([cutting["x1"], cutting["y1"], cutting["z1"]], axis=-1).astype(np.float64)
     left, right = ends[0::2], ends[1::2]
     parts = (np.arange(1, between + 1) / (between + 1))[None, :, None]

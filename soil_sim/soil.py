@@ -213,7 +213,7 @@ class Soil:
             return empty_rows(CONVERSION)
         sources = sources_of(sweeps)
         by_source = [sweeps[sweeps["source"] == source] for source in sources]
-        strokes = [pairs_that(Action.CUT, own) for own in by_source]
+        strokes = [pairs_that(own, Action.CUT, Action.MILL) for own in by_source]
         swept = self.params.cut_mode == "swept"
         if swept:
             self._swept.reserve(strokes)
@@ -226,7 +226,7 @@ class Soil:
                 self.slip.disturb(removed[:, 0].astype(np.int64), around=True)
             parts.append(self._excavated(tick, source, removed))
             if swept:
-                pressed = press(self.columns, pairs_that(Action.PRESS, own))
+                pressed = press(self.columns, pairs_that(own, Action.PRESS))
                 self.slip.disturb(pressed, around=True)
         self.slip.disturb(self._swept.release(), around=True)
         return join_rows(parts, CONVERSION)

@@ -29,7 +29,7 @@ _FAULTS = (
     "",
     "rows 2k and 2k+1 of a tool must be the left and right end of pair k; send all its pairs in "
     "order, 0 first, each twice",
-    "both ends of a pair must have the same action, 0 to cut or 1 to press",
+    "both ends of a pair must have the same action, 0 to cut, 1 to press or 2 to mill",
     f"a coordinate is not finite or beyond {_FARTHEST:g} m; send map coordinates in metres",
     f"its key points span more than {_LARGEST_TOOL:g} m; send key points of one tool in metres",
     f"a key point moves more than {_LONGEST_WAY:g} m in a tick; start where the last tick ended",
@@ -81,14 +81,14 @@ def first_of_tools(sweeps: Rows) -> NDArray[np.intp]:
     return np.flatnonzero(first)
 
 
-def pairs_that(action: Action, sweeps: Rows) -> SweptPairs:
+def pairs_that(sweeps: Rows, *actions: Action) -> SweptPairs:
     """The pairs that cut, or those that press, and how they are joined.
 
     Args:
-        action: which of both.
         sweeps: sound SWEEP rows of one source, by tool.
+        actions: which of them.
     """
-    rows = sweeps[sweeps["action"] == action]
+    rows = sweeps[np.isin(sweeps["action"], actions)]
     points = _key_points(rows).reshape(-1, 2, 2, 3).swapaxes(1, 2)
     tool, pair = rows["tool"][::2], rows["pair"][::2].astype(np.int64)
     joined = np.zeros(tool.size, dtype=np.bool_)
@@ -121,7 +121,7 @@ def _fault(points, pair, action):  # type: ignore[no-untyped-def]
     for n in range(pair.size):
         if pair[n] != n // 2:
             return 1
-        if action[n] > 1 or action[n] != action[n - n % 2]:
+        if action[n] > 2 or action[n] != action[n - n % 2]:
             return 2
         for t in range(2):
             for axis in range(3):

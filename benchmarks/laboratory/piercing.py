@@ -79,7 +79,7 @@ class PlateWatch:
         self._machine, self._engine = machine.machine, machine.particles
         self._bucket = self._machine.description.bucket
         self._shell = Shell(self._bucket.plates())
-        self._pose = self._machine.tool_pose
+        self._pose = self._machine.tool.pose
         self._step = self._engine.step
         self._engine.step = self.step  # type: ignore[method-assign]
 
@@ -90,7 +90,7 @@ class PlateWatch:
         ids = store.particle_id[~store.frozen]
         before = self._local(ids)
         self._step(dt)
-        self._pose = self._machine.tool_pose
+        self._pose = self._machine.tool.pose
         after = self._local(ids)
         self.pierced += int(self._shell.pierced(before, after).sum())
         inside = self._bucket.contains(after)

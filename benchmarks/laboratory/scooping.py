@@ -23,8 +23,9 @@ from benchmarks.laboratory.piercing import PlateWatch
 from earthmoving_sim.run_config import RunConfig, load_run_config
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
-from machine_sim.machine import JOINT_NAMES, MachineDescription, ReachError
-from machine_sim.machine.kinematics import arm_angles
+from machine_sim.machine import EXCAVATOR_JOINTS, MachineDescription, ReachError
+from machine_sim.machine.kinematics import arm_angles, arm_geometry
+from machine_sim.rig import Placement
 from msg_bridge.contract.grid import Grid
 from soil_sim.soil import Soil
 from soil_sim.terrain import rough
@@ -115,11 +116,11 @@ class _Run:
         self._world, self._tick = world, tick
         self._machine = world.machines[1]
         description = self._machine.machine.description
-        self._top = np.array([description.joints[name].speed for name in JOINT_NAMES])
+        self._top = np.array([description.joints[name].speed for name in EXCAVATOR_JOINTS])
         self._tip = description.bucket.tip_length
         self._corners = description.bucket.key_points
         self._watch = PlateWatch(self._machine)
-        self._rates = np.zeros(len(JOINT_NAMES))
+        self._rates = np.zeros(len(EXCAVATOR_JOINTS))
         self._tip_speed = self._dug = 0.0
         self._particles = self._imbalance = 0
 
@@ -151,7 +152,7 @@ class _Run:
     def _step(self) -> None:
         ledger = self._world.step()
         machine = self._machine.machine
-        velocity, spin = machine.tool_velocity
+        velocity, spin = machine.tool.velocity
         tip_speed = np.linalg.norm(velocity + np.cross(spin, self._lip))
         self._tip_speed = max(self._tip_speed, float(tip_speed))
         self._rates = np.maximum(self._rates, np.abs(machine.joint_velocities) / self._top)
@@ -162,12 +163,12 @@ class _Run:
     @property
     def _lip(self) -> NDArray[np.float64]:
         """From the bucket's pin to the middle of its lip [m], map axes."""
-        return self._machine.machine.tool_pose[0][:, 0] * self._tip
+        return self._machine.machine.tool.pose[0][:, 0] * self._tip
 
     @property
     def _depth(self) -> float:
         """Of the bucket's lowest corner under level ground [m]."""
-        rotation, origin = self._machine.machine.tool_pose
+        rotation, origin = self._machine.machine.tool.pose
         return -float((self._corners @ rotation[2]).min() + origin[2])
 
 
@@ -178,14 +179,15 @@ def _world(config: RunConfig, rng: np.random.Generator, seed: int) -> World:
     """
     site = rough(_GRID, _ROUGHNESS, _HILLS, rng)
     soil = Soil(site.grid, site.heights, config.soil)
+    home = _posture(config.machine, rng)
+    description = replace(config.machine, home=home, cylinders={}, supply=None)
     machine = MachineSim(
-        replace(config.machine, home=_posture(config.machine, rng), cylinders={}, supply=None),
+        [Placement(description, yaw=rng.uniform(-math.pi, math.pi))],
         site.grid,
         soil.columns.height,
         params=config.stepping,
         particle_params=config.particles,
         soils=soil.loose_soils,
-        yaw=rng.uniform(-math.pi, math.pi),
         seed=seed,
     )
     return World(soil, {1: machine})
@@ -196,7 +198,7 @@ def _posture(machine: MachineDescription, rng: np.random.Generator) -> NDArray[n
     while True:
         reach, height, attitude = (rng.uniform(*span) for span in (_REACH, _HEIGHT, _ATTITUDE))
         try:
-            angles = arm_angles(machine, reach, height - machine.swing_origin[2], attitude)
+            angles = arm_angles(machine, reach, height - arm_geometry(machine).swing[2], attitude)
         except ReachError:
             continue
         return np.array([rng.uniform(-math.pi, math.pi), *angles])

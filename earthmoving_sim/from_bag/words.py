@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.machine import JOINT_NAMES
+from machine_sim.machine import EXCAVATOR_JOINTS
 from machine_sim.operator import CycleReport
 from msg_bridge.codec.headers import from_multi_array
 from msg_bridge.codec.machine_state import BaseState
@@ -106,10 +106,10 @@ def _odom(msg: Any) -> tuple[Any, BaseState]:
 
 def _joints(msg: Any) -> tuple[Any, NDArray[np.float64]]:
     angles = dict(zip(msg.name, msg.position, strict=False))
-    missing = [name for name in JOINT_NAMES if name not in angles]
+    missing = [name for name in EXCAVATOR_JOINTS if name not in angles]
     if missing:
         raise BagOutcomeError(f"it has no angle of {', '.join(missing)}")
-    return msg.header.stamp, np.array([angles[name] for name in JOINT_NAMES])
+    return msg.header.stamp, np.array([angles[name] for name in EXCAVATOR_JOINTS])
 
 
 def _particles(msg: Any) -> tuple[Any, int]:

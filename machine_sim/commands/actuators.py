@@ -32,7 +32,7 @@ class Actuator:
 
 
 def actuators_of(description: MachineDescription) -> tuple[Actuator, ...]:
-    """The joints in the description's order (swing, boom, arm, bucket), then left, right track."""
+    """The joints in the description's order, then left, right track."""
     joints = [
         Actuator(name, limits.speed, "rad/s", limits) for name, limits in description.joints.items()
     ]

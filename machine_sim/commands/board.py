@@ -43,7 +43,7 @@ class AppliedCommand:
     """What takes effect in one tick; arrays are read-only.
 
     Attributes:
-        joints: velocities of swing, boom, arm, bucket [rad/s], shape (4,).
+        joints: velocities of all joints [rad/s], shape (joints,).
         tracks: velocities left, right [m/s], shape (2,).
         joint_sources, track_sources: the input each value came from.
     """
@@ -83,7 +83,7 @@ class CommandBoard:
         self._actuators = actuators_of(description)
         self._count = len(self._actuators) - 2
         self._inputs = Inputs(self._actuators, description.tracks.gauge, self.params)
-        self._joystick = Joystick(self._actuators, self.params)
+        self._joystick = Joystick(self._actuators, self.params, description.levers)
         self._claims: dict[int, _Claim] = {}
         self._tick_time = -np.inf
         self._stopped = False
@@ -94,7 +94,7 @@ class CommandBoard:
         return self._stopped
 
     def front(self, values: ArrayLike, now: float) -> None:
-        """Joint velocities swing, boom, arm, bucket [rad/s], shape (4,)."""
+        """Velocities of all joints in their order [rad/s], shape (joints,)."""
         self._take(self._inputs.front(values), "front", instant(now))
 
     def tracks(self, values: ArrayLike, now: float) -> None:
@@ -172,10 +172,10 @@ class CommandBoard:
 
         Args:
             now: [s].
-            joint_positions: angles of swing, boom, arm, bucket as they are [rad], shape (4,).
+            joint_positions: angles of all joints as they are [rad], shape (joints,).
 
         Raises:
-            CommandError: joint positions that are not 4 finite numbers.
+            CommandError: joint positions that are not one finite number for each joint.
         """
         time = instant(now)
         angles = numbers(joint_positions, "joint_positions", f"{self._count} angles [rad]")

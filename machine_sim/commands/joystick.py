@@ -1,10 +1,13 @@
-"""Levers and pedals of an excavator's cab, from the axes and buttons of a gamepad.
+"""Levers and pedals of a machine's cab, from the axes and buttons of a gamepad.
+
+Of an excavator, by the pattern that its operators are used to:
 
     ISO   left lever: swing, arm      right lever: bucket, boom
     SAE   left lever: swing, boom     right lever: bucket, arm
 
 Left swings left or curls the bucket in, forward moves the boom down or the arm out. ROS counts
-axes positive to the left and forward; joint angles count downward and inward.
+axes positive to the left and forward; joint angles count downward and inward. The file of any other
+machine says which axis moves which of its joints; one that it does not name has no lever.
 
 A gamepad sends all the time, touched or not, so what it sends at rest is no command. The levers
 together and the pedals together each count as moved from when one leaves its rest until all are
@@ -15,7 +18,7 @@ through the stop does not set the machine going.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -61,17 +64,23 @@ class Levers:
 class Joystick:
     """Reads joystick messages and knows which of them are commands."""
 
-    def __init__(self, actuators: Sequence[Actuator], params: CommandParams) -> None:
+    def __init__(
+        self,
+        actuators: Sequence[Actuator],
+        params: CommandParams,
+        levers: Mapping[str, tuple[str, float]],
+    ) -> None:
         """
         Args:
-            actuators: joints swing, boom, arm, bucket in any order, then left and right track.
+            actuators: joints in any order, then left and right track.
             params: pattern, axes and buttons.
+            levers: axis and sign of each joint; those of the pattern if there are none.
         """
         self._joints = tuple(actuators[:-2])
         self._tracks = tuple(actuators[-2:])
         self._params = params
         self._axes = params.joy_axes
-        self._pattern = _PATTERNS[params.joy_pattern]
+        self._lever_of = dict(levers) or _PATTERNS[params.joy_pattern]
         self._levers_moved = self._pedals_moved = False
         self._held = False  # through an emergency stop, and not yet seen at rest since
         # joy_node shows 0, which is half pressed, for a trigger that was never touched.
@@ -101,7 +110,11 @@ class Joystick:
                 )
         joints = []
         for joint in self._joints:
-            axis, sign = self._pattern[joint.name]
+            lever = self._lever_of.get(joint.name)
+            if lever is None:
+                joints.append(0.0)
+                continue
+            axis, sign = lever
             joints.append(sign * joint.speed * self._beyond_rest(given[self._axes[axis]]))
         pedals = [self._pedal(given, pressed, side) for side in ("left", "right")]
         left, right = (

@@ -1,33 +1,33 @@
-"""One excavator, from a data file: description, kinematics, tracks, physics.
+"""One machine, from a data file: description, kinematics, tracks, tools, physics.
 
-- `description`: the machine as data, read from YAML (`load_description`)
-- `bucket`: plates, key points and capacities of its tool
+- `description`: the machine as data; `machine_file`, `cylinder_file`, `tool_file` read it from YAML
+- `tools`: what touches soil: `bucket`, `bed` (both a `trough`), `drum`; `tool_boxes`: as seen
 - `urdf`: the same machine as URDF text
-- `kinematics`: joint angles to tool pose and back, without a physics engine
+- `kinematics`: an excavator's joint angles to tool pose and back, without a physics engine
 - `linkage`, `hydraulics`: cylinders between links, what feeds them, how fast and hard they move
 - `pistons`: what is seen of them
 - `link_motion`: how every link moves
 - `joints`: ramps and limits of commanded joint speeds
 - `tracks`: what all tracks have in common; `fast_tracks`, `track_contact`: belts on their path;
   `hinged_tracks`, `hinged_chain`, `hinged_gear`, `hinged_contact`: rigid shoes, hinged and driven
-- `excavator`: all of it in pybullet, stepped by its owner
+- `tracked_machine`: all of it in pybullet, stepped by its owner; `tool`: its tools there
 """
 
 from machine_sim.machine.bucket import BucketShape
 from machine_sim.machine.description import (
-    JOINT_NAMES,
+    Joint,
     JointLimits,
     LinkShape,
     MachineDescription,
     TrackShape,
-    load_description,
 )
 from machine_sim.machine.errors import MachineError, ReachError
-from machine_sim.machine.excavator import Excavator
 from machine_sim.machine.fast_tracks import FastTracks
 from machine_sim.machine.hinged_tracks import HingedTracks
 from machine_sim.machine.kinematics import (
+    EXCAVATOR_JOINTS,
     arm_angles,
+    arm_geometry,
     from_arm_plane,
     rotation_matrix,
     swing_toward,
@@ -35,24 +35,30 @@ from machine_sim.machine.kinematics import (
     tool_point,
     tool_pose,
 )
+from machine_sim.machine.machine_file import load_description
+from machine_sim.machine.tool import Tool
+from machine_sim.machine.tracked_machine import TrackedMachine
 from machine_sim.machine.tracks import TrackModel, Tracks, fitted_with
 from machine_sim.machine.urdf import urdf_text
 
 __all__ = [
-    "JOINT_NAMES",
+    "EXCAVATOR_JOINTS",
     "BucketShape",
-    "Excavator",
     "FastTracks",
     "HingedTracks",
+    "Joint",
     "JointLimits",
     "LinkShape",
     "MachineDescription",
     "MachineError",
     "ReachError",
+    "Tool",
     "TrackModel",
     "TrackShape",
+    "TrackedMachine",
     "Tracks",
     "arm_angles",
+    "arm_geometry",
     "fitted_with",
     "from_arm_plane",
     "load_description",

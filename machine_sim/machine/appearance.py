@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from machine_sim.machine.description import LINK_NAMES, MachineDescription, Vec3
+from machine_sim.machine.description import BASE, Axis, MachineDescription, Vec3
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.kinematics import rotation_matrix
 from machine_sim.machine.pistons import piston_parts, piston_values
@@ -67,7 +67,11 @@ class ShoeLook(NamedTuple):
 
 def link_frames(description: MachineDescription) -> list[str]:
     """Names of the links' frames, as in the URDF: from the base to the tool, then the pistons'."""
-    return ["base_link", *LINK_NAMES[1:], *(part.link for part in piston_parts(description))]
+    return [
+        "base_link",
+        *list(description.links)[1:],
+        *(part.link for part in piston_parts(description)),
+    ]
 
 
 def link_poses(
@@ -82,31 +86,25 @@ def link_poses(
         description: the machine.
         base_position: origin of `base_link` [m], shape (3,), map frame.
         base_quaternion: `base_link` to map, x, y, z, w; made a unit one.
-        joints: swing, boom, arm, bucket [rad].
+        joints: angles of its joints [rad].
 
     Raises:
         MachineError: a quaternion of no length.
     """
     angles = np.asarray(joints, dtype=np.float64).tolist()
-    swing, boom, arm, bucket = angles
     first = np.asarray(base_quaternion, dtype=np.float64)
     length = float(np.linalg.norm(first))
     if not 0.0 < length < math.inf:  # NaN fails
         raise MachineError(f"{base_quaternion!r} is no rotation; give a quaternion x, y, z, w")
     turn: list[float] = (first / length).tolist()
-    at = np.array(base_position, dtype=np.float64)
-    positions, quaternions = [at], [turn]
-    for origin, axis, angle in (
-        (description.swing_origin, "z", swing),
-        (description.boom_foot, "y", boom),
-        ((description.boom_length, 0.0, 0.0), "y", arm),
-        ((description.arm_length, 0.0, 0.0), "y", bucket),
-    ):
-        at = at + rotation_matrix(turn) @ np.array(origin)
-        turn = _turned(turn, axis, angle)
-        positions.append(at)
-        quaternions.append(turn)
-    place = {name: k for k, name in enumerate(LINK_NAMES)}
+    positions, quaternions = [np.array(base_position, dtype=np.float64)], [turn]
+    place = {BASE: 0}
+    for joint, angle in zip(description.joints.values(), angles, strict=True):
+        parent = place[joint.parent]
+        before = quaternions[parent]
+        positions.append(positions[parent] + rotation_matrix(before) @ np.array(joint.origin))
+        quaternions.append(_turned(before, joint.axis, angle))
+        place[joint.child] = len(positions) - 1
     values = piston_values(description, angles)
     for part, value in zip(piston_parts(description), values, strict=True):
         parent = place[part.parent]
@@ -145,10 +143,12 @@ def shoe_look(description: MachineDescription) -> ShoeLook:
     return ShoeLook(size, tracks.shoe_count, tracks.gauge, _SHOE_COLOR)
 
 
-def _turned(quaternion: list[float], axis: str, angle: float) -> list[float]:
-    """A rotation followed, in its own frame, by a turn [rad] about its y or z axis."""
+def _turned(quaternion: list[float], axis: Axis, angle: float) -> list[float]:
+    """A rotation followed, in its own frame, by a turn [rad] about one of its axes."""
     x, y, z, w = quaternion
     s, c = math.sin(0.5 * angle), math.cos(0.5 * angle)
+    if axis == "x":
+        return [c * x + s * w, c * y + s * z, c * z - s * y, c * w - s * x]
     if axis == "y":
         return [c * x - s * z, c * y + s * w, c * z + s * x, c * w - s * y]
     return [c * x + s * y, c * y - s * x, c * z + s * w, c * w - s * z]

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.machine.errors import MachineError
+from machine_sim.machine.trough import Trough
 
 __all__ = ["KEY_PAIRS", "BucketShape"]
 
@@ -29,7 +30,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class BucketShape:
+class BucketShape(Trough):
     """A bucket with parallel sides: a convex profile drawn across its width.
 
     Attributes:
@@ -48,78 +49,22 @@ class BucketShape:
         Raises:
             MachineError: a profile that is not seven points, not convex, or wound backwards.
         """
-        profile = np.array(self.profile, dtype=np.float64)
-        if profile.shape != (KEY_PAIRS, 2) or not np.isfinite(profile).all():
+        if np.shape(self.profile) != (KEY_PAIRS, 2):
             raise MachineError(
-                f"bucket.profile has shape {profile.shape}; give {KEY_PAIRS} finite points [x, z]"
+                f"bucket.profile has shape {np.shape(self.profile)}; give {KEY_PAIRS} points [x, z]"
             )
-        if not (np.isfinite(self.width) and self.width > 0.0):
-            raise MachineError(f"bucket.width is {self.width}; give a number of metres above 0")
-        if not (np.isfinite(self.plate) and self.plate > 0.0):
-            raise MachineError(f"bucket.plate is {self.plate}; give a number of metres above 0")
-        if profile[0, 1] != 0.0 or profile[0, 0] <= 0.0:
+        lip = np.asarray(self.profile, dtype=np.float64)[0]
+        if lip[1] != 0.0 or lip[0] <= 0.0:
             raise MachineError(
                 "bucket.profile[0] is the cutting lip and lies on the x axis of the bucket frame;"
-                f" give [length, 0.0] instead of {profile[0].tolist()}"
+                f" give [length, 0.0] instead of {lip.tolist()}"
             )
-        edge = np.roll(profile, -1, axis=0) - profile
-        turn = edge[:, 0] * np.roll(edge[:, 1], -1) - edge[:, 1] * np.roll(edge[:, 0], -1)
-        # All turns one way is not enough: a star turns one way too, but more than once round.
-        heading = np.unwrap(np.arctan2(edge[:, 1], edge[:, 0]))
-        if not (turn > 1e-12).all() or heading[-1] - heading[0] > 2.0 * np.pi:
-            worst = int(np.argmin(turn) + 1) % KEY_PAIRS
-            raise MachineError(
-                f"bucket.profile is not convex with its belly at +z (look at point {worst});"
-                " give the points from the lip round the heel to the rim, turning one way"
-            )
-        profile.setflags(write=False)
-        object.__setattr__(self, "profile", profile)
+        self._check("bucket", KEY_PAIRS)
 
     @property
     def tip_length(self) -> float:
         """Bucket pin to cutting lip [m]."""
         return float(self.profile[0, 0])
-
-    @cached_property
-    def mouth_length(self) -> float:
-        """Cutting lip to upper rim [m]."""
-        return float(np.hypot(*(self.profile[-1] - self.profile[0])))
-
-    @cached_property
-    def mouth_normal(self) -> Array:
-        """Unit normal of the mouth plane, out of the bucket, bucket frame, shape (3,)."""
-        dx, dz = (self.profile[-1] - self.profile[0]) / self.mouth_length
-        return np.array([-dz, 0.0, dx])
-
-    @cached_property
-    def struck_capacity(self) -> float:
-        """Volume filled level with the mouth [m^3]."""
-        x, z = self.profile.T
-        area = 0.5 * float(np.sum(x * np.roll(z, -1) - np.roll(x, -1) * z))
-        return area * self.width
-
-    @cached_property
-    def heaped_capacity(self) -> float:
-        """Struck volume and a 1:1 heap on the mouth [m^3], as ISO 7451 rates excavator buckets.
-
-        On a rectangle a x b (a <= b) the heap with slopes of 45 degrees is a hip roof of height
-        a/2 and volume a^2 (3b - a) / 12.
-        """
-        a, b = sorted((self.mouth_length, self.width))
-        return self.struck_capacity + a * a * (3.0 * b - a) / 12.0
-
-    def plates(self) -> list[Array]:
-        """Inside faces of the shell as convex planar polygons, bucket frame [m].
-
-        Returns:
-            Six floor strips, shape (4, 3) each, lip first, then the left and the right side,
-            shape (7, 3). Corners run counter-clockwise seen from outside the bucket.
-        """
-        left, right = self._edge(+1), self._edge(-1)
-        strips = [
-            np.array([left[k], left[k + 1], right[k + 1], right[k]]) for k in range(KEY_PAIRS - 1)
-        ]
-        return [*strips, left[::-1].copy(), right]
 
     @cached_property
     def key_points(self) -> Array:
@@ -137,27 +82,9 @@ class BucketShape:
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         return np.column_stack([normals[:, 0], np.zeros(KEY_PAIRS), normals[:, 1]])
 
-    def contains(self, points_local: ArrayLike) -> NDArray[np.bool_]:
-        """Which points [m], bucket frame, shape (n, 3), lie in the struck volume; shape (n,)."""
-        points = np.asarray(points_local, dtype=np.float64).reshape(-1, 3)
-        normals, offsets = self._half_planes
-        inside = (points[:, [0, 2]] @ normals.T <= offsets + 1e-12).all(axis=1)
-        return np.asarray(inside & (np.abs(points[:, 1]) <= 0.5 * self.width), dtype=np.bool_)
-
-    def contains_heaped(self, points_local: ArrayLike) -> NDArray[np.bool_]:
-        """Like `contains`, or in the room of a heap: the mouth prism, as high as the heap's ridge.
-
-        The prism reaches half the mouth's shorter side above the mouth plane.
-        """
-        points = np.asarray(points_local, dtype=np.float64).reshape(-1, 3)
-        lip, rim = self.profile[0], self.profile[-1]
-        from_lip = points[:, [0, 2]] - lip
-        along = from_lip @ ((rim - lip) / self.mouth_length)
-        above = from_lip @ self.mouth_normal[[0, 2]]
-        heap = (along >= 0.0) & (along <= self.mouth_length) & (above >= 0.0)
-        heap &= above <= 0.5 * min(self.mouth_length, self.width)
-        heap &= np.abs(points[:, 1]) <= 0.5 * self.width
-        return self.contains(points) | np.asarray(heap, dtype=np.bool_)
+    def made_room(self, points: ArrayLike, clearance: float, up: Array) -> Array:
+        """Where soil that is cut at some points [m], bucket frame, comes loose: in the bucket."""
+        return self.clamped_inside(points, clearance)
 
     def clamped_inside(self, points_local: ArrayLike, clearance: float) -> Array:
         """Points moved into the struck volume, at least `clearance` [m] away from every plate.
@@ -187,16 +114,3 @@ class BucketShape:
         share = np.where(reach > room, room / np.where(reach > room, reach, 1.0), 1.0)
         points[:, [0, 2]] = middle + arm * share.min(axis=1, keepdims=True)
         return points
-
-    @cached_property
-    def _half_planes(self) -> tuple[Array, Array]:
-        """Outward normals (7, 2) and offsets (7,) of strips and mouth (last): inside n.p <= d."""
-        edge = np.roll(self.profile, -1, axis=0) - self.profile
-        normals = np.column_stack([edge[:, 1], -edge[:, 0]])
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        return normals, np.einsum("ij,ij->i", normals, self.profile)
-
-    def _edge(self, side: int) -> Array:
-        """The profile on the left (+1) or right (-1) side, shape (7, 3)."""
-        y = np.full(KEY_PAIRS, 0.5 * side * self.width)
-        return np.column_stack([self.profile[:, 0], y, self.profile[:, 1]])

@@ -1,40 +1,37 @@
-"""A machine as data: dimensions, masses and limits, read from a YAML file and checked."""
+"""A machine as data: a tree of links and joints on two tracks, and the tools on it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Literal
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
-from machine_sim.machine.bucket import KEY_PAIRS, BucketShape
+from machine_sim.machine.bucket import BucketShape
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.hydraulics import Cylinder, HydraulicSupply
-from machine_sim.machine.linkage import CylinderLinkage, Point, Rocker
-from machine_sim.machine.section import Section
+from machine_sim.machine.tools import ToolMount
 
 __all__ = [
-    "JOINT_NAMES",
-    "LINK_NAMES",
+    "BASE",
+    "Axis",
     "Box",
-    "BucketShape",
     "ImuMount",
+    "Joint",
     "JointLimits",
     "LinkShape",
     "MachineDescription",
     "TrackShape",
-    "load_description",
+    "Vec3",
 ]
 
-JOINT_NAMES = ("swing", "boom", "arm", "bucket")
-"""Joints of an excavator, in the order of every array of joint values."""
+BASE = "base"
+"""The link that is on the tracks; all others hang on it by joints."""
 
-LINK_NAMES = ("base", "upper", "boom", "arm", "bucket")
-"""Links of an excavator, from the ground up; all but the base move with the joint before them."""
+Axis = Literal["x", "y", "z"]
 
 Vec3 = tuple[float, float, float]
 
@@ -63,12 +60,14 @@ class LinkShape:
         center_of_mass: in the link frame [m].
         inertia_box: edges of the solid box that has the link's moments of inertia [m].
         boxes: what is seen and what other rigid machines touch.
+        color: red, green, blue, 0 to 1.
     """
 
     mass: float
     center_of_mass: Vec3
     inertia_box: Vec3
     boxes: tuple[Box, ...]
+    color: Vec3
 
     @property
     def inertia(self) -> Vec3:
@@ -94,6 +93,22 @@ class JointLimits:
     torque: float
     speed: float
     acceleration: float
+
+
+@dataclass(frozen=True)
+class Joint(JointLimits):
+    """How a link hangs on another one, and what moves it.
+
+    Attributes:
+        parent, child: links before and behind it.
+        origin: of the child's frame in the parent's [m]; at angle 0 both have the same axes.
+        axis: of the child's frame that it turns about.
+    """
+
+    parent: str
+    child: str
+    origin: Vec3
+    axis: Axis
 
 
 @dataclass(frozen=True)
@@ -150,35 +165,33 @@ class TrackShape:
 
 @dataclass(frozen=True, eq=False)
 class MachineDescription:
-    """One type of excavator.
+    """One type of machine.
 
     Attributes:
         name: of the type.
-        links: shapes by link name (`LINK_NAMES`).
-        swing_origin: swing bearing in the base frame [m].
-        boom_foot: boom pin in the upper frame [m].
-        boom_length, arm_length: pin to pin [m].
-        joints: limits by joint name (`JOINT_NAMES`).
+        links: shapes by link name, `BASE` first, each after the one that it hangs on.
+        joints: by name, in the order of every array of joint values: that of the links they move.
         cylinders: of the joints that cylinders turn, by joint name.
         supply: pump and valves of the cylinders; None where there are none.
-        home: joint angles [rad] to start with, shape (4,).
+        home: joint angles [rad] to start with, shape (joints,).
         tracks: the tracks.
-        bucket: the tool.
+        hull: link whose first box meets the ground where the machine falls over.
+        tools: what touches soil, by name.
+        levers: axis and direction of the joystick that moves a joint, by joint name; an
+            excavator's levers need not be told.
         imus: inertial units, none if the file names none.
     """
 
     name: str
     links: Mapping[str, LinkShape]
-    swing_origin: Vec3
-    boom_foot: Vec3
-    boom_length: float
-    arm_length: float
-    joints: Mapping[str, JointLimits]
+    joints: Mapping[str, Joint]
     cylinders: Mapping[str, Cylinder]
     supply: HydraulicSupply | None
     home: NDArray[np.float64]
     tracks: TrackShape
-    bucket: BucketShape
+    hull: str
+    tools: Mapping[str, ToolMount]
+    levers: Mapping[str, tuple[str, float]]
     imus: tuple[ImuMount, ...] = ()
 
     @property
@@ -186,260 +199,19 @@ class MachineDescription:
         """Of the whole machine [kg]."""
         return sum(link.mass for link in self.links.values())
 
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """In the order of every array of joint values."""
+        return tuple(self.joints)
 
-def load_description(path: str | Path) -> MachineDescription:
-    """Read a machine file.
+    @property
+    def bucket(self) -> BucketShape:
+        """The bucket of a machine that has one.
 
-    Raises:
-        MachineError: the file cannot be read, or a key is missing, unknown or out of range.
-    """
-    path = Path(path)
-    try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise MachineError(
-            f"{path} cannot be read as YAML: {error}; give a machine file"
-        ) from error
-    return _description(Section(values, f"{path.name}: "))
-
-
-def _description(file: Section) -> MachineDescription:
-    links = file.section("links")
-    supply = _supply(file.section("hydraulics")) if file.has("hydraulics") else None
-    swing_origin, boom_foot = _vec3(file, "swing_origin"), _vec3(file, "boom_foot")
-    if boom_foot[1] != 0.0 or swing_origin[:2] != (0.0, 0.0):
-        raise MachineError(
-            "boom_foot must lie in the plane y = 0 and swing_origin on the base frame's z axis:"
-            " the arm's kinematics count on it"
-        )
-    boom_length = file.number("boom_length", positive=True)
-    arm_length = file.number("arm_length", positive=True)
-    pins = {
-        "boom": (boom_foot[0], boom_foot[2]),
-        "arm": (boom_length, 0.0),
-        "bucket": (arm_length, 0.0),
-    }
-    joints, cylinders = _joints(file, pins, supply)
-    description = MachineDescription(
-        name=file.text("name"),
-        links={name: _link(links.section(name)) for name in LINK_NAMES},
-        swing_origin=swing_origin,
-        boom_foot=boom_foot,
-        boom_length=boom_length,
-        arm_length=arm_length,
-        joints=joints,
-        cylinders=cylinders,
-        supply=supply,
-        home=_home(file.section("home")),
-        tracks=_tracks(file.section("tracks")),
-        bucket=_bucket(file.section("bucket")),
-        imus=_imus(file.section("imus")) if file.has("imus") else (),
-    )
-    for section in (links, file):
-        section.done()
-    for name, angle in zip(JOINT_NAMES, description.home, strict=True):
-        limits = description.joints[name]
-        if not limits.lower <= angle <= limits.upper:
-            raise MachineError(
-                f"home.{name} is {angle}; give an angle from {limits.lower} to {limits.upper} rad,"
-                f" the limits of joints.{name}"
-            )
-    return description
-
-
-def _vec3(section: Section, key: str, *, positive: bool = False) -> Vec3:
-    x, y, z = section.vector(key, 3, positive=positive)
-    return x, y, z
-
-
-def _link(section: Section) -> LinkShape:
-    link = LinkShape(
-        mass=section.number("mass", positive=True),
-        center_of_mass=_vec3(section, "center_of_mass"),
-        inertia_box=_vec3(section, "inertia_box", positive=True),
-        boxes=tuple(_box(box) for box in section.sections("boxes")),
-    )
-    section.done()
-    return link
-
-
-def _box(section: Section) -> Box:
-    size = _vec3(section, "size", positive=True)
-    box = Box(size, _vec3(section, "center"), section.number("pitch"))
-    section.done()
-    return box
-
-
-def _joints(
-    file: Section, pins: Mapping[str, Point], supply: HydraulicSupply | None
-) -> tuple[dict[str, JointLimits], dict[str, Cylinder]]:
-    """All joints, and the cylinders of those that have one, pinned beside the joints' `pins`."""
-    sections = file.section("joints")
-    joints, cylinders = {}, {}
-    for name in JOINT_NAMES:
-        section = sections.section(name)
-        lower, upper = section.bound("lower", -math.inf), section.bound("upper", math.inf)
-        _check_range(name, lower, upper)
-        if section.has("cylinder") == section.has("torque"):
-            raise MachineError(
-                f"joints.{name}: a cylinder turns it or a motor does; give `cylinder` or `torque`"
-            )
-        if section.has("cylinder"):
-            if supply is None or name not in pins:
-                raise MachineError(
-                    f"joints.{name}.cylinder: give `hydraulics`, which feed it"
-                    if supply is None
-                    else f"joints.{name}: no cylinder turns a joint without end; give `torque`"
-                )
-            cylinder = _cylinder(name, section.section("cylinder"), pins[name], lower, upper)
-            cylinders[name] = cylinder
-            torque = _strongest(cylinder, supply)
-        else:
-            torque = section.number("torque", positive=True)
-        joints[name] = JointLimits(
-            lower,
-            upper,
-            torque,
-            speed=section.number("speed", positive=True),
-            acceleration=section.number("acceleration", positive=True),
-        )
-        section.done()
-    sections.done()
-    return joints, cylinders
-
-
-def _check_range(name: str, lower: float, upper: float) -> None:
-    endless = math.isinf(lower) and math.isinf(upper)
-    if endless != (name == "swing") or math.isinf(lower) != math.isinf(upper):
-        raise MachineError(
-            f"joints.{name}: only swing is continuous (lower and upper null);"
-            " give the other joints both limits [rad]"
-        )
-    if lower >= upper:
-        raise MachineError(
-            f"joints.{name}.lower is {lower} and upper {upper};"
-            " give a lower limit below the upper one"
-        )
-
-
-def _cylinder(name: str, section: Section, joint: Point, lower: float, upper: float) -> Cylinder:
-    rocker = _rocker(section.section("rocker")) if section.has("rocker") else None
-    rod = _point(section, "rod") if section.has("rod") else None
-    try:
-        linkage = CylinderLinkage(joint, _point(section, "barrel"), rod, rocker, lower, upper)
-    except MachineError as error:
-        raise MachineError(f"joints.{name}.cylinder: {error}") from error
-    cylinder = Cylinder(
-        linkage,
-        bore=section.number("bore", positive=True),
-        rod_diameter=section.number("rod_diameter", positive=True),
-        count=section.count("count", low=1),
-        spread=section.number("spread", low=0.0),
-        cushion=section.number("cushion", positive=True),
-    )
-    section.done()
-    if cylinder.rod_diameter >= cylinder.bore:
-        raise MachineError(
-            f"joints.{name}.cylinder.rod_diameter is {cylinder.rod_diameter}; give less than the"
-            f" bore of {cylinder.bore} m"
-        )
-    if linkage.longest >= 2.0 * linkage.shortest:
-        raise MachineError(
-            f"joints.{name}.cylinder grows from {linkage.shortest:.3f} to {linkage.longest:.3f} m,"
-            " more than its rod is long; move a pin, or narrow the joint's limits"
-        )
-    return cylinder
-
-
-def _rocker(section: Section) -> Rocker:
-    rocker = Rocker(
-        pin=_point(section, "pin"),
-        length=section.number("length", positive=True),
-        coupler=section.number("coupler", positive=True),
-        ear=_point(section, "ear"),
-    )
-    section.done()
-    return rocker
-
-
-def _point(section: Section, key: str) -> Point:
-    x, z = section.vector(key, 2)
-    return x, z
-
-
-def _strongest(cylinder: Cylinder, supply: HydraulicSupply) -> float:
-    """Greatest torque within the joint's limits [N m], driven either way."""
-    linkage = cylinder.linkage
-    step = (linkage.upper - linkage.lower) / 100
-    lever = max(abs(linkage.lever(linkage.lower + k * step)) for k in range(101))
-    push = cylinder.force_limit(supply.relief_pressure, supply.return_pressure, pushes=True)
-    return lever * push
-
-
-def _supply(section: Section) -> HydraulicSupply:
-    supply = HydraulicSupply(
-        relief_pressure=section.number("relief_pressure", positive=True),
-        hold_pressure=section.number("hold_pressure", positive=True),
-        return_pressure=section.number("return_pressure", low=0.0),
-        pump_flow=section.number("pump_flow", positive=True),
-        pump_power=section.number("pump_power", positive=True),
-    )
-    section.done()
-    if not supply.return_pressure < supply.relief_pressure <= supply.hold_pressure:
-        raise MachineError(
-            "hydraulics: give return_pressure below relief_pressure, and hold_pressure no lower"
-            " than that"
-        )
-    return supply
-
-
-def _home(section: Section) -> NDArray[np.float64]:
-    home = np.array([section.number(name) for name in JOINT_NAMES])
-    section.done()
-    home.setflags(write=False)
-    return home
-
-
-def _tracks(section: Section) -> TrackShape:
-    shape = TrackShape(
-        axle_distance=section.number("axle_distance", positive=True),
-        sprocket_radius=section.number("sprocket_radius", positive=True),
-        shoe_count=section.count("shoe_count", low=12),
-        gauge=section.number("gauge", positive=True),
-        shoe_width=section.number("shoe_width", positive=True),
-        shoe_thickness=section.number("shoe_thickness", positive=True),
-        belt_mass=section.number("belt_mass", positive=True),
-        max_speed=section.number("max_speed", positive=True),
-        acceleration=section.number("acceleration", positive=True),
-        braking=section.number("braking", positive=True),
-        traction=section.number("traction", positive=True),
-        friction=section.number("friction", low=0.0),
-        normal_stiffness=section.number("normal_stiffness", positive=True),
-        normal_damping=section.number("normal_damping", low=0.0),
-        tangential_stiffness=section.number("tangential_stiffness", positive=True),
-        tangential_damping=section.number("tangential_damping", low=0.0),
-    )
-    section.done()
-    return shape
-
-
-def _imus(section: Section) -> tuple[ImuMount, ...]:
-    mounts = []
-    for name in section.names():
-        mount = section.section(name)
-        link = mount.text("link")
-        if link not in LINK_NAMES:
-            raise MachineError(f"imus.{name}.link is {link!r}; give one of {', '.join(LINK_NAMES)}")
-        mounts.append(ImuMount(name, link, _vec3(mount, "position")))
-        mount.done()
-    return tuple(mounts)
-
-
-def _bucket(section: Section) -> BucketShape:
-    shape = BucketShape(
-        profile=np.array(section.vectors("profile", KEY_PAIRS, 2)),
-        width=section.number("width", positive=True),
-        plate=section.number("plate", positive=True),
-    )
-    section.done()
-    return shape
+        Raises:
+            MachineError: it has none.
+        """
+        for tool in self.tools.values():
+            if isinstance(tool.shape, BucketShape):
+                return tool.shape
+        raise MachineError(f"a {self.name} has no bucket: give a machine that digs with one")

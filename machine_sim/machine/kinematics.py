@@ -9,18 +9,22 @@ the line from bucket pin to cutting lip below the horizontal, the sum of the thr
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.machine.description import MachineDescription
-from machine_sim.machine.errors import ReachError
+from machine_sim.machine.errors import MachineError, ReachError
 
 __all__ = [
+    "EXCAVATOR_JOINTS",
     "ArmAngles",
+    "ArmGeometry",
     "ToolPoint",
     "arm_angles",
+    "arm_geometry",
     "cross",
     "from_arm_plane",
     "pin_angles",
@@ -37,6 +41,58 @@ Array = NDArray[np.float64]
 
 _SLACK = 1e-9
 """Rounding by which an angle may seem beyond its limit [rad]."""
+
+
+EXCAVATOR_JOINTS = ("swing", "boom", "arm", "bucket")
+"""The joints of a machine whose arm is known here, from the base to the tool."""
+
+
+class ArmGeometry(NamedTuple):
+    """What of an excavator its arm's kinematics follow from.
+
+    Attributes:
+        swing: swing bearing in the base frame [m].
+        foot: boom pin in the upper frame, forward and up [m].
+        boom, arm, bucket: lengths pin to pin, and pin to lip [m].
+    """
+
+    swing: tuple[float, float, float]
+    foot: tuple[float, float]
+    boom: float
+    arm: float
+    bucket: float
+
+    @property
+    def lengths(self) -> tuple[float, float, float]:
+        """Of boom, arm and bucket [m]."""
+        return self.boom, self.arm, self.bucket
+
+
+@lru_cache(maxsize=16)
+def arm_geometry(description: MachineDescription) -> ArmGeometry:
+    """The arm of an excavator.
+
+    Raises:
+        MachineError: other joints than `EXCAVATOR_JOINTS`, or an arm that is not in the plane
+            y = 0 of a swing about the base's middle.
+    """
+    if description.joint_names != EXCAVATOR_JOINTS:
+        raise MachineError(
+            f"a {description.name} has joints {', '.join(description.joint_names)}; give a machine"
+            f" with {', '.join(EXCAVATOR_JOINTS)}"
+        )
+    swing, boom, arm, bucket = description.joints.values()
+    straight = boom.origin[1] == 0.0 and all(
+        joint.origin[1:] == (0.0, 0.0) for joint in (arm, bucket)
+    )
+    axes = (swing.axis, boom.axis, arm.axis, bucket.axis) == ("z", "y", "y", "y")
+    if not (straight and axes and swing.origin[:2] == (0.0, 0.0)):
+        raise MachineError(
+            "an excavator's swing turns about the base frame's z axis, its arm's joints about y, in"
+            " the plane y = 0 and each on the x axis of the link before it: change the origins"
+        )
+    lengths = (arm.origin[0], bucket.origin[0], description.bucket.tip_length)
+    return ArmGeometry(swing.origin, (boom.origin[0], boom.origin[2]), *lengths)
 
 
 class ArmAngles(NamedTuple):
@@ -59,9 +115,10 @@ def tool_point(
     description: MachineDescription, boom: float, arm: float, bucket: float
 ) -> ToolPoint:
     """Where the middle of the cutting lip is for given joint angles [rad]."""
-    r, z = description.boom_foot[0], description.boom_foot[2]
+    geometry = arm_geometry(description)
+    r, z = geometry.foot
     angle = 0.0
-    for length, joint in zip(_lengths(description), (boom, arm, bucket), strict=True):
+    for length, joint in zip(geometry.lengths, (boom, arm, bucket), strict=True):
         angle += joint
         r += length * math.cos(angle)
         z -= length * math.sin(angle)
@@ -82,7 +139,7 @@ def arm_angles(
         raise ReachError(
             f"reach {reach}, height {height}, attitude {attitude}: give finite numbers"
         )
-    third = description.bucket.tip_length
+    third = arm_geometry(description).bucket
     boom, arm = pin_angles(
         description, reach - third * math.cos(attitude), height + third * math.sin(attitude)
     )
@@ -97,8 +154,9 @@ def pin_angles(description: MachineDescription, reach: float, height: float) -> 
     Raises:
         ReachError: the point is too far or too near, or a joint would pass its limit.
     """
-    first, second, _ = _lengths(description)
-    r, z = reach - description.boom_foot[0], height - description.boom_foot[2]
+    geometry = arm_geometry(description)
+    first, second = geometry.boom, geometry.arm
+    r, z = reach - geometry.foot[0], height - geometry.foot[1]
     cosine = (r * r + z * z - first * first - second * second) / (2.0 * first * second)
     if not -1.0 <= cosine <= 1.0:
         raise ReachError(
@@ -132,11 +190,11 @@ def tool_pose(
     """
     swing, boom, arm, bucket = np.asarray(joints, dtype=np.float64)
     tip = tool_point(description, boom, arm, bucket)
-    third = description.bucket.tip_length
+    third = arm_geometry(description).bucket
     s, c = math.sin(tip.attitude), math.cos(tip.attitude)
     upper = base_rotation @ rotation_about_z(swing)
     pin = np.array([tip.reach - third * c, 0.0, tip.height + third * s])
-    origin = base_position + base_rotation @ np.array(description.swing_origin) + upper @ pin
+    origin = base_position + base_rotation @ np.array(arm_geometry(description).swing) + upper @ pin
     rotation = upper @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
     return rotation, origin
 
@@ -230,12 +288,8 @@ def _swing_frame(
     description: MachineDescription, base_position: ArrayLike, base_rotation: Array, swing: float
 ) -> tuple[Array, Array]:
     """Rotation swing frame to map and origin [m]."""
-    origin = base_position + base_rotation @ np.array(description.swing_origin)
+    origin = base_position + base_rotation @ np.array(arm_geometry(description).swing)
     return base_rotation @ rotation_about_z(swing), origin
-
-
-def _lengths(description: MachineDescription) -> tuple[float, float, float]:
-    return description.boom_length, description.arm_length, description.bucket.tip_length
 
 
 def _within_limits(description: MachineDescription, name: str, angle: float) -> float:

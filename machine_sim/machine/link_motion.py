@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.machine.appearance import link_poses
-from machine_sim.machine.description import LINK_NAMES, MachineDescription
+from machine_sim.machine.description import BASE, MachineDescription
 from machine_sim.machine.kinematics import cross, rotation_matrix
 
 __all__ = ["LinkMotion", "link_motions"]
@@ -56,25 +56,24 @@ def link_motions(
         description: the machine.
         base_position, base_quaternion: of `base_link`, map frame.
         base_velocity, base_spin: of its origin [m/s], and angular [rad/s], map frame.
-        joints, rates: swing, boom, arm, bucket [rad], [rad/s].
+        joints, rates: of its joints [rad], [rad/s].
 
     Raises:
         MachineError: a quaternion of no length.
     """
     poses = link_poses(description, base_position, base_quaternion, joints)
-    motions: dict[str, LinkMotion] = {}
-    before: LinkMotion | None = None
-    for k, name in enumerate(LINK_NAMES):
-        position, quaternion = poses.positions[k], poses.quaternions[k]
-        rotation = rotation_matrix(quaternion)
-        if before is None:
-            velocity = np.array(base_velocity, dtype=np.float64)
-            spin = np.array(base_spin, dtype=np.float64)
-        else:
-            # The swing turns about z, the arm's joints about y; the axis is the link's own.
-            axis = rotation[:, 2 if k == 1 else 1]
-            velocity = before.velocity + cross(before.spin, position - before.position)
-            spin = before.spin + axis * rates[k - 1]
-        before = LinkMotion(position, quaternion, rotation, velocity, spin)
-        motions[name] = before
+    base = LinkMotion(
+        poses.positions[0],
+        poses.quaternions[0],
+        rotation_matrix(poses.quaternions[0]),
+        np.array(base_velocity, dtype=np.float64),
+        np.array(base_spin, dtype=np.float64),
+    )
+    motions = {BASE: base}
+    for k, joint in enumerate(description.joints.values()):
+        position, quaternion = poses.positions[k + 1], poses.quaternions[k + 1]
+        rotation, before = rotation_matrix(quaternion), motions[joint.parent]
+        velocity = before.velocity + cross(before.spin, position - before.position)
+        spin = before.spin + rotation[:, "xyz".index(joint.axis)] * rates[k]
+        motions[joint.child] = LinkMotion(position, quaternion, rotation, velocity, spin)
     return motions

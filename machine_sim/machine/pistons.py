@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
-from machine_sim.machine.description import JOINT_NAMES, Box, MachineDescription, Vec3
+from machine_sim.machine.description import Box, MachineDescription, Vec3
 from machine_sim.machine.hydraulics import Cylinder
 from machine_sim.machine.linkage import LinkagePins, Point
 
@@ -29,7 +29,6 @@ _THICK = 0.12
 """Rockers and couplers as drawn [m]."""
 _MOMENT = 1e-4
 """Time over which the speeds of the parts are taken [s]."""
-_PARENTS = {"boom": "upper", "arm": "boom", "bucket": "arm"}
 
 
 class PistonPart(NamedTuple):
@@ -72,12 +71,13 @@ def piston_parts(description: MachineDescription) -> tuple[PistonPart, ...]:
     """The parts of all cylinders, each after the one that it hangs on."""
     parts: list[PistonPart] = []
     for name, cylinder in description.cylinders.items():
+        parent = description.joints[name].parent
         first: tuple[str, str] | None = None
         for side, y in _across(cylinder):
-            pair = _cylinder_parts(name, cylinder, side, y, first)
+            pair = _cylinder_parts(name, parent, cylinder, side, y, first)
             first = first or (pair[0].joint, pair[1].joint)
             parts += pair
-        parts += _bars(name, cylinder)
+        parts += _bars(name, parent, cylinder)
     return tuple(parts)
 
 
@@ -86,15 +86,16 @@ def piston_values(description: MachineDescription, joints: Sequence[float]) -> l
 
     Args:
         description: the machine.
-        joints: swing, boom, arm, bucket [rad].
+        joints: angles of its joints [rad].
 
     Returns:
         Angles [rad] and, of the joints that slide, lengths from pin to pin [m].
     """
     values = []
+    names = description.joint_names
     for name, cylinder in description.cylinders.items():
         linkage = cylinder.linkage
-        angle = min(max(joints[JOINT_NAMES.index(name)], linkage.lower), linkage.upper)
+        angle = min(max(joints[names.index(name)], linkage.lower), linkage.upper)
         pins = linkage.pins(angle)
         for _ in _across(cylinder):
             values += [_pitch(pins.barrel, pins.rod), math.dist(pins.barrel, pins.rod)]
@@ -109,7 +110,7 @@ def piston_joints(
 
     Args:
         description: the machine.
-        joints, rates: swing, boom, arm, bucket [rad], [rad/s].
+        joints, rates: of its joints [rad], [rad/s].
     """
     now = piston_values(description, joints)
     soon = piston_values(
@@ -136,7 +137,12 @@ def _across(cylinder: Cylinder) -> list[tuple[str, float]]:
 
 
 def _cylinder_parts(
-    name: str, cylinder: Cylinder, side: str, y: float, first: tuple[str, str] | None
+    name: str,
+    parent: str,
+    cylinder: Cylinder,
+    side: str,
+    y: float,
+    first: tuple[str, str] | None,
 ) -> list[PistonPart]:
     linkage = cylinder.linkage
     barrel, rod = f"{name}_barrel{side}", f"{name}_rod{side}"
@@ -149,7 +155,7 @@ def _cylinder_parts(
     turn, slide = first or (None, None)
     return [
         PistonPart(
-            barrel, _PARENTS[name], f"{barrel}_pin", False, pin, 0.0, 0.0, turn, tube_box, _BARREL
+            barrel, parent, f"{barrel}_pin", False, pin, 0.0, 0.0, turn, tube_box, _BARREL
         ),
         PistonPart(
             rod, barrel, f"{rod}_stroke", True, (0.0, 0.0, 0.0), linkage.shortest, linkage.longest,
@@ -158,7 +164,7 @@ def _cylinder_parts(
     ]  # fmt: skip
 
 
-def _bars(name: str, cylinder: Cylinder) -> list[PistonPart]:
+def _bars(name: str, parent: str, cylinder: Cylinder) -> list[PistonPart]:
     rocker = cylinder.linkage.rocker
     if rocker is None:
         return []
@@ -167,7 +173,7 @@ def _bars(name: str, cylinder: Cylinder) -> list[PistonPart]:
     link, coupler = f"{name}_rocker", f"{name}_coupler"
     return [
         PistonPart(
-            link, _PARENTS[name], f"{link}_pin", False, pin, 0.0, 0.0, None,
+            link, parent, f"{link}_pin", False, pin, 0.0, 0.0, None,
             _bar(rocker.length, 2.5 * _THICK), _BAR,
         ),
         PistonPart(

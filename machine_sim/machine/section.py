@@ -67,8 +67,8 @@ class Section:
         """A list of `length` finite numbers."""
         return self._vector(key, self._take(key), length, positive)
 
-    def vectors(self, key: str, count: int, length: int) -> tuple[tuple[float, ...], ...]:
-        """A list of `count` lists of `length` finite numbers."""
+    def vectors(self, key: str, count: int | None, length: int) -> tuple[tuple[float, ...], ...]:
+        """A list of `count` lists of `length` finite numbers, of any count if None."""
         value = self._list(key, count)
         return tuple(
             self._vector(f"{key}[{i}]", item, length, False) for i, item in enumerate(value)

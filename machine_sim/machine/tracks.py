@@ -148,10 +148,11 @@ def _footprint(shape: TrackShape) -> tuple[Array, Array]:
 
 
 def hull_corners(description: MachineDescription) -> Array:
-    """Corners of the upper body's first box at swing 0 [m], base frame, shape (8, 3)."""
-    boxes = description.links["upper"].boxes
+    """Corners of the hull's first box with its joint at 0 [m], base frame, shape (8, 3)."""
+    boxes = description.links[description.hull].boxes
     if not boxes:
         return np.zeros((0, 3))
+    origins = [j.origin for j in description.joints.values() if j.child == description.hull]
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
     corners = np.array(boxes[0].center) + 0.5 * signs * np.array(boxes[0].size)
-    return np.asarray(corners + np.array(description.swing_origin), dtype=np.float64)
+    return np.asarray(corners + np.array(origins or [(0.0, 0.0, 0.0)]), dtype=np.float64)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
-from machine_sim.machine.description import Box, LinkShape, MachineDescription
+from machine_sim.machine.description import BASE, Box, LinkShape, MachineDescription
 from machine_sim.machine.pistons import PistonPart, piston_parts
+from machine_sim.machine.tool_boxes import tool_boxes
 
 __all__ = ["VIRTUAL_JOINTS", "urdf_text"]
 
@@ -23,14 +22,7 @@ _VIRTUAL_AXES = (
     ("continuous", "0 1 0"),
     ("continuous", "1 0 0"),
 )
-_COLORS = {
-    "base": "0.25 0.25 0.27 1",
-    "upper": "0.95 0.70 0.10 1",
-    "boom": "0.95 0.70 0.10 1",
-    "arm": "0.95 0.70 0.10 1",
-    "bucket": "0.35 0.35 0.38 1",
-}
-_SIDE_SLABS = 6
+_AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 
 
 def urdf_text(
@@ -40,7 +32,7 @@ def urdf_text(
     virtual_base: bool = False,
     pistons: bool = False,
 ) -> str:
-    """URDF of the machine; links base_link, upper, boom, arm, bucket.
+    """URDF of the machine; the base is base_link, the other links have the names they have.
 
     Args:
         description: the machine.
@@ -49,32 +41,24 @@ def urdf_text(
             joint states alone place the whole machine; the physics does without.
         pistons: add the parts of the cylinders, which are only seen; see `pistons`.
     """
-    foot, swing = description.boom_foot, description.swing_origin
     links = description.links
-    shell = _bucket_boxes(description)
-    frames = {name: f"{prefix}{'base_link' if name == 'base' else name}" for name in links}
-    joints = (
-        ("swing", "base", "upper", swing, "0 0 1"),
-        ("boom", "upper", "boom", foot, "0 1 0"),
-        ("arm", "boom", "arm", (description.boom_length, 0.0, 0.0), "0 1 0"),
-        ("bucket", "arm", "bucket", (description.arm_length, 0.0, 0.0), "0 1 0"),
-    )
+    frames = {name: f"{prefix}{'base_link' if name == BASE else name}" for name in links}
     lines = ['<?xml version="1.0"?>', f'<robot name="{description.name}">']
     if virtual_base:
         lines += _virtual_base(frames["base"], prefix)
     for name, link in links.items():
-        boxes = (*link.boxes, *shell) if name == "bucket" else link.boxes
-        lines += _link(frames[name], link, boxes, _COLORS[name])
-    for name, parent, child, origin, axis in joints:
-        limits = description.joints[name]
+        tools = [tool.shape for tool in description.tools.values() if tool.link == name]
+        boxes = [*link.boxes, *(box for shape in tools for box in tool_boxes(shape))]
+        lines += _link(frames[name], link, boxes)
+    for name, joint in description.joints.items():
         bounds = ""
-        if math.isfinite(limits.lower):
-            bounds = f'lower="{limits.lower!r}" upper="{limits.upper!r}" '
+        if math.isfinite(joint.lower):
+            bounds = f'lower="{joint.lower!r}" upper="{joint.upper!r}" '
         lines += [
             f'<joint name="{name}" type="{"revolute" if bounds else "continuous"}">',
-            f'  <parent link="{frames[parent]}"/><child link="{frames[child]}"/>',
-            f'  <origin xyz="{_numbers(origin)}"/><axis xyz="{axis}"/>',
-            f'  <limit {bounds}effort="{limits.torque!r}" velocity="{limits.speed!r}"/>',
+            f'  <parent link="{frames[joint.parent]}"/><child link="{frames[joint.child]}"/>',
+            f'  <origin xyz="{_numbers(joint.origin)}"/><axis xyz="{_AXES[joint.axis]}"/>',
+            f'  <limit {bounds}effort="{joint.torque!r}" velocity="{joint.speed!r}"/>',
             "</joint>",
         ]
     if pistons:
@@ -83,8 +67,9 @@ def urdf_text(
     return "\n".join([*lines, "</robot>", ""])
 
 
-def _link(frame: str, link: LinkShape, boxes: Sequence[Box], color: str) -> list[str]:
+def _link(frame: str, link: LinkShape, boxes: Sequence[Box]) -> list[str]:
     ixx, iyy, izz = link.inertia
+    color = f"{_numbers(link.color)} 1"
     lines = [
         f'<link name="{frame}">',
         f'  <inertial><origin xyz="{_numbers(link.center_of_mass)}"/><mass value="{link.mass!r}"/>',
@@ -123,41 +108,6 @@ def _shape(box: Box) -> str:
 
 def _paint(frame: str, color: str) -> str:
     return f'<material name="{frame}_paint"><color rgba="{color}"/></material>'
-
-
-def _bucket_boxes(description: MachineDescription) -> list[Box]:
-    """The bucket's shell: a box for each floor strip, slabs for each side wall."""
-    bucket = description.bucket
-    plate, width = bucket.plate, bucket.width
-    boxes = []
-    for a, b in zip(bucket.profile[:-1], bucket.profile[1:], strict=True):
-        middle, edge = 0.5 * (a + b), b - a
-        boxes.append(
-            Box(
-                (float(np.hypot(*edge)), width, plate),
-                (float(middle[0]), 0.0, float(middle[1])),
-                math.atan2(-edge[1], edge[0]),
-            )
-        )
-    # A side wall in slabs that stand on the mouth and reach up to the shell.
-    along = (bucket.profile[-1] - bucket.profile[0]) / bucket.mouth_length
-    inward = -bucket.mouth_normal[[0, 2]]
-    local = bucket.profile - bucket.profile[0]
-    u, depth = local @ along, local @ inward
-    step = bucket.mouth_length / _SIDE_SLABS
-    for k in range(_SIDE_SLABS):
-        at = (k + 0.5) * step
-        high = float(np.interp(at, u, depth))
-        x, z = bucket.profile[0] + at * along + 0.5 * high * inward
-        boxes += [
-            Box(
-                (step, plate, high),
-                (float(x), side * 0.5 * (width + plate), float(z)),
-                math.atan2(-along[1], along[0]),
-            )
-            for side in (+1, -1)
-        ]
-    return boxes
 
 
 def _virtual_base(base: str, prefix: str) -> list[str]:

@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 
 from machine_sim.machine.description import MachineDescription
 from machine_sim.machine.errors import ReachError
-from machine_sim.machine.kinematics import pin_angles, rotation_about_z, to_arm_plane, tool_pose
+from machine_sim.machine.kinematics import (
+    arm_geometry,
+    pin_angles,
+    rotation_about_z,
+    to_arm_plane,
+    tool_pose,
+)
 from machine_sim.operator.view import View
 
 __all__ = ["ArmPlane", "Place"]
@@ -120,7 +126,7 @@ class ArmPlane:
         return _rise(view, float(view.joints[0]))
 
     def _axis(self, view: View) -> Array:
-        origin = np.array(self._machine.swing_origin)
+        origin = np.array(arm_geometry(self._machine).swing)
         return np.asarray(view.base_position + view.base_rotation @ origin, dtype=np.float64)
 
 

@@ -22,7 +22,7 @@ from std_msgs.msg import Float64MultiArray, Int64MultiArray, String
 
 from machine_sim.commands import TRACK_NAMES
 from machine_sim.ground import surface_at
-from machine_sim.machine import JOINT_NAMES, load_description
+from machine_sim.machine import EXCAVATOR_JOINTS, load_description
 from machine_sim.operator.eyes import Eyes, Terrain
 from machine_sim.operator.moment import Moment, MomentGatherer
 from machine_sim.operator.node_params import OperatorNodeParams
@@ -198,7 +198,7 @@ class OperatorNode(LeanNode):
         if self.shift.done:
             return
         self._last = to_command_state(
-            (*JOINT_NAMES, *TRACK_NAMES),
+            (*EXCAVATOR_JOINTS, *TRACK_NAMES),
             np.concatenate([command.joints, command.tracks]),
             stamp_of_tick(moment.tick, facts.tick),
         )
@@ -231,9 +231,9 @@ def _angles(msg: JointState) -> list[float]:
         CodecError: one of them is missing or no angle.
     """
     angles = dict(zip(msg.name, msg.position, strict=False))
-    own = [angles.get(name, math.nan) for name in JOINT_NAMES]
+    own = [angles.get(name, math.nan) for name in EXCAVATOR_JOINTS]
     if not all(map(math.isfinite, own)):
-        raise CodecError(f"the joint states need a finite angle of {', '.join(JOINT_NAMES)}")
+        raise CodecError(f"the joint states need a finite angle of {', '.join(EXCAVATOR_JOINTS)}")
     return own
 
 

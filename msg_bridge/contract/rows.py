@@ -41,6 +41,8 @@ class Action(IntEnum):
     CUT = 0
     PRESS = 1
     """Pushes soil down without taking it: a track shoe, the back of a bucket."""
+    MILL = 2
+    """Takes soil all round by picks that spin: a cutting drum; its last pair is its first again."""
 
 
 class Holds(IntEnum):
@@ -48,6 +50,7 @@ class Holds(IntEnum):
 
     CUT = 0  # what the tool cuts resists it
     BEARING = 1  # what the tool stands on bears it
+    MILL = 2  # what the picks of a drum cut resists them
 
 
 class Kind(IntEnum):

@@ -3,6 +3,7 @@
 - **Cut.** What resists the lip and the plate behind it (`soil_sim.force.cutting`), and the side of
   a tool that moves along its lip (`soil_sim.force.side`). The forces add up to a force and a torque
   about one point.
+- **Milling.** What resists the picks of a drum that spins (`soil_sim.force.milling`).
 - **Bearing.** Whether it cuts, presses or rests, soil under a tool bears it
   (`soil_sim.force.bearing`): this is what a machine leans on when the cut lifts its tracks, or when
   it stands on its bucket.
@@ -19,6 +20,7 @@ from msg_bridge.contract.rows import FORCE, Action, Holds, Rows, empty_rows, joi
 from soil_sim.columns import Columns
 from soil_sim.force.bearing import add_bearing
 from soil_sim.force.cutting import add_lip
+from soil_sim.force.milling import add_milling
 from soil_sim.force.side import add_side
 from soil_sim.force.strength import Strength, total_wrench
 from soil_sim.soils import SoilType
@@ -60,6 +62,8 @@ class Resistance:
             points, first_of_tools(sweeps), sweeps["action"], self._columns.arrays, self._frame,
             self._strength,
         )  # fmt: skip
+        milled = sweeps["action"][first_of_tools(sweeps)] == Action.MILL
+        forces["holds"][milled] = Holds.MILL
         borne = np.flatnonzero(found[1, :, 3:6].any(axis=1))
         forces = join_rows([forces, forces[borne]], FORCE)
         forces["holds"][found.shape[1] :] = Holds.BEARING
@@ -101,9 +105,14 @@ def _wrenches(  # type: ignore[no-untyped-def]
         out[:, n, :3] = middle
         # One pair alone is an edge without a plate, it has no rake; a plate alone that presses is a
         # track, which stands by itself.
+        sums[:] = 0.0
+        if action[first[n]] == Action.MILL:
+            if len(own) >= 8:
+                add_milling(own, middle, columns, frame, strength, sums)
+                total_wrench(sums, middle, out[0, n])
+            continue
         if len(own) < (4 if action[first[n]] == Action.CUT else 6):
             continue
-        sums[:] = 0.0
         add_lip(own, middle, columns, frame, strength, sums)
         add_side(own, middle, columns, frame, strength, sums)
         total_wrench(sums, middle, out[0, n])

@@ -9,13 +9,14 @@ from support.operator_scenes import tilted
 
 from earthmoving_sim.machine_shape import machine_faces, machine_outline
 from machine_sim.machine import tool_pose
+from machine_sim.machine.appearance import link_boxes
 from machine_sim.machine.kinematics import rotation_about_z
 
 MACHINE = excavator()
 POSITION = np.array([3.0, -2.0, 0.5])
 ROTATION = tilted(roll=0.05, pitch=-0.1, yaw=0.8)
 POSE = (POSITION, ROTATION, [0.7, -0.4, 1.3, 1.1])
-BUCKET_FACES = len(MACHINE.bucket.plates())
+BOXES = link_boxes(MACHINE)
 
 
 def encloses(polygon: np.ndarray, point: np.ndarray) -> bool:
@@ -28,15 +29,16 @@ def encloses(polygon: np.ndarray, point: np.ndarray) -> bool:
 
 def test_bucket_is_drawn_where_the_tool_is():
     rotation, pin = tool_pose(MACHINE, *POSE)
-    drawn = machine_faces(MACHINE, *POSE)[-BUCKET_FACES:]
-    for (_, face), plate in zip(drawn, MACHINE.bucket.plates(), strict=True):
-        np.testing.assert_allclose(face, plate @ rotation.T + pin, atol=1e-9)
+    first = next(k for k, box in enumerate(BOXES) if box.link == "bucket")
+    strip = np.array([face for _, face in machine_faces(MACHINE, *POSE)[6 * first : 6 * first + 6]])
+    middle = strip.reshape(-1, 3).mean(axis=0)
+    floor = MACHINE.bucket.plates()[0].mean(axis=0)
+    np.testing.assert_allclose(middle, floor @ rotation.T + pin, atol=1e-6)
 
 
 def test_every_box_has_six_faces_of_four_corners():
-    boxes = [box for link in MACHINE.links.values() for box in link.boxes]
-    faces = machine_faces(MACHINE, *POSE)[:-BUCKET_FACES]
-    assert len(faces) == 6 * len(boxes)
+    faces = machine_faces(MACHINE, *POSE)
+    assert len(faces) == 6 * len(BOXES)
     assert {face.shape for _, face in faces} == {(4, 3)}
 
 
@@ -51,7 +53,9 @@ def test_faces_of_a_box_are_flat_rectangles_of_its_size():
 
 def test_arm_is_drawn_from_the_boom_to_the_bucket():
     _, pin = tool_pose(MACHINE, *POSE)
-    arm = np.concatenate([f for c, f in machine_faces(MACHINE, *POSE) if c == "#d19c17"])
+    of_arm = [k for k, box in enumerate(BOXES) if box.link == "arm"]
+    faces = machine_faces(MACHINE, *POSE)
+    arm = np.concatenate([face for k in of_arm for _, face in faces[6 * k : 6 * k + 6]])
     assert np.linalg.norm(arm - pin, axis=1).min() < 0.5
 
 
@@ -97,7 +101,7 @@ def test_shoes_are_drawn_around_their_poses_on_both_sides():
     shoes = np.array([[[0.5, 0.03, np.pi]], [[-0.5, 0.75, 0.0]]])
     plain, with_shoes = machine_faces(MACHINE, *POSE), machine_faces(MACHINE, *POSE, shoes)
     assert len(with_shoes) == len(plain) + 2 * 6
-    drawn = with_shoes[-BUCKET_FACES - 12 : -BUCKET_FACES]
+    drawn = with_shoes[-12:]
     for k, (x, y, z) in enumerate(((0.5, 1.19, 0.03), (-0.5, -1.19, 0.75))):
         middle = np.mean([face.mean(axis=0) for _, face in drawn[6 * k : 6 * k + 6]], axis=0)
         assert middle == pytest.approx(ROTATION @ [x, y, z] + POSITION, abs=1e-9)

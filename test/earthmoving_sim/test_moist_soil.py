@@ -12,15 +12,16 @@ from support.machine_scenes import GRID, excavator, loosened
 
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
-from machine_sim.machine.kinematics import arm_angles
+from machine_sim.machine.kinematics import arm_angles, arm_geometry
 from machine_sim.particles import ParticleParams
+from machine_sim.rig import Placement
 from msg_bridge.contract.rows import CONVERSION, Kind, Rows, empty_rows
 from soil_sim.columns import Columns
 from soil_sim.params import SoilParams
 from soil_sim.soil import Soil
 
 DESCRIPTION = excavator()
-HIP = DESCRIPTION.swing_origin[2]
+HIP = arm_geometry(DESCRIPTION).swing[2]
 WET, DRY = 55, 5
 
 
@@ -60,7 +61,7 @@ class Book:
         """What the machine says it holds [mm^3 %]."""
         machine = self.world.machines[1]
         store = machine.particles.store
-        return machine.pending.water + water_of(store.volume_mm3, store.moisture)
+        return machine.tool_work.pending.water + water_of(store.volume_mm3, store.moisture)
 
 
 def world_on(moisture: NDArray[np.uint8], *, mode: str = "spheres") -> World:
@@ -68,7 +69,7 @@ def world_on(moisture: NDArray[np.uint8], *, mode: str = "spheres") -> World:
     angles = arm_angles(DESCRIPTION, 7.0, 0.1 - HIP, 2.0)
     soil = Soil(GRID, np.zeros(GRID.shape), SoilParams(soil="loam"), moisture=moisture)
     machine = MachineSim(
-        replace(DESCRIPTION, home=np.array([0.0, *angles])),
+        [Placement(replace(DESCRIPTION, home=np.array([0.0, *angles])))],
         soil.grid,
         soil.columns.height,
         particle_params=ParticleParams(nominal_volume=4_000_000, mode=mode),

@@ -11,10 +11,11 @@ import yaml
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
 from machine_sim.machine import load_description
-from machine_sim.machine.kinematics import arm_angles
+from machine_sim.machine.kinematics import arm_angles, arm_geometry
 from machine_sim.node_params import MachineNodeParams
 from machine_sim.params import MachineSimParams
 from machine_sim.particles import ParticleParams
+from machine_sim.rig import Placement
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
 from soil_sim.node_params import SoilNodeParams
@@ -63,10 +64,10 @@ def test_figures_are_those_of_the_reference(soil_params, machine) -> None:
 def test_it_digs_and_every_tick_balances(soil_params, machine) -> None:
     grid = Grid(65, 65, 0.4)  # its terrain is as large as need be
     soil = Soil(grid, np.zeros(grid.shape), soil_params)
-    down = -machine.swing_origin[2]
+    down = -arm_geometry(machine).swing[2]
     machine = replace(machine, home=np.array([0.0, *arm_angles(machine, 7.0, down + 0.1, 2.0)]))
     sim = MachineSim(
-        machine,
+        [Placement(machine)],
         grid,
         soil.columns.height,
         params=MachineSimParams(**sections("/**/machine_sim")["stepping"], steps_per_tick=1),

@@ -8,6 +8,7 @@ from support.soil_scenes import NO_SWEEPS, landings
 
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
+from machine_sim.rig import Placement
 from msg_bridge.contract.grid import Grid
 from soil_sim.params import SoilParams
 from soil_sim.soil import Soil
@@ -27,7 +28,7 @@ def loose_ground() -> Soil:
 def test_tracks_leave_ruts_where_they_went_and_nowhere_else() -> None:
     soil = loose_ground()
     machine = MachineSim(
-        excavator(), GRID, soil.columns.height, **loosened(soil), position=(-4.0, 0.0)
+        [Placement(excavator(), (-4.0, 0.0))], GRID, soil.columns.height, **loosened(soil)
     )
     world = World(soil, {1: machine})
     start = machine.machine.base_pose[0][0]

@@ -22,6 +22,7 @@ from support.node_scenes import (
 
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
+from machine_sim.rig import Placement
 from msg_bridge.codec.machine_state import from_command_state
 from msg_bridge.codec.stamps import tick_of_stamp
 from msg_bridge.contract.ledger import Ledger
@@ -80,7 +81,9 @@ def in_one_process(commands: dict[int, list[float]], ground: dict[str, object]) 
     """The run without topics, by the commands that were applied in another."""
     site = make_site(SiteParams(**{k.removeprefix("site."): v for k, v in ground.items()}))
     soil = Soil(site.grid, site.heights, SoilParams(swell=0.2))
-    machine = MachineSim(ready_to_dig(), soil.grid, soil.columns.height, **loosened(soil))
+    machine = MachineSim(
+        [Placement(ready_to_dig())], soil.grid, soil.columns.height, **loosened(soil)
+    )
     world = World(soil, {1: machine})
     told = Told({}, {}, commands, {0: world.ledger})
     for tick in range(1, TICKS + 1):

@@ -7,7 +7,8 @@ from support.machine_scenes import excavator, level_soil
 
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
-from machine_sim.machine.kinematics import arm_angles
+from machine_sim.machine.kinematics import arm_angles, arm_geometry
+from machine_sim.rig import Placement
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.loose_soil import LooseSoil
@@ -19,7 +20,7 @@ DESCRIPTION = excavator()
 def drag(world: World, ticks: int) -> list[Ledger]:
     """Every machine puts its lip in the ground before it and draws it in."""
     ledgers = []
-    start = DESCRIPTION.swing_origin[2]
+    start = arm_geometry(DESCRIPTION).swing[2]
     for tick in range(ticks):
         part = tick / ticks
         reach, depth = 7.0 - 1.5 * part, 0.25 * math.sin(math.pi * part)
@@ -31,12 +32,13 @@ def drag(world: World, ticks: int) -> list[Ledger]:
     return ledgers
 
 
-def ready(**options: object) -> MachineSim:
+def ready(position: tuple[float, float] = (0.0, 0.0), **options: object) -> MachineSim:
     """A machine whose lip is just above the ground already."""
-    angles = arm_angles(DESCRIPTION, 7.0, -DESCRIPTION.swing_origin[2] + 0.1, 2.0)
+    angles = arm_angles(DESCRIPTION, 7.0, -arm_geometry(DESCRIPTION).swing[2] + 0.1, 2.0)
     description = replace(DESCRIPTION, home=np.array([0.0, *angles]))
     soil = level_soil()
-    return MachineSim(description, soil.grid, soil.columns.height, **options)  # type: ignore[arg-type]
+    placements = [Placement(description, position)]
+    return MachineSim(placements, soil.grid, soil.columns.height, **options)  # type: ignore[arg-type]
 
 
 @pytest.fixture

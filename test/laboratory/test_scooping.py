@@ -63,7 +63,7 @@ def test_the_watch_sees_what_the_engine_is_blind_to(blind):
     machine = machine_on_level_ground()
     engine, bucket = machine.particles, machine.machine.description.bucket
     watch = PlateWatch(machine)
-    rotation, pin = machine.machine.tool_pose
+    rotation, pin = machine.machine.tool.pose
     if blind:
         engine.remove_tool(0)
         engine.add_tool(0, [square(0.1) + 50.0 * UP], (rotation, pin))

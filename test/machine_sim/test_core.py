@@ -4,6 +4,7 @@ from support.machine_scenes import machine_on_level_ground
 
 from machine_sim.core import MachineSim
 from machine_sim.machine import MachineError
+from machine_sim.params import MachineSimParams
 from msg_bridge.contract.rows import CHANGED, CONVERSION, Kind, empty_rows
 
 NOTHING = (empty_rows(CONVERSION), empty_rows(CHANGED))
@@ -69,9 +70,8 @@ def test_soil_that_leaves_the_map_is_offered_too(machine: MachineSim) -> None:
 def test_the_load_weighs_on_the_machine() -> None:
     boom = []
     for loaded in (True, False):
-        machine = machine_on_level_ground()
-        machine.params = type(machine.params)(load_acts=loaded)
-        pose = machine.machine.tool_pose
+        machine = machine_on_level_ground(params=MachineSimParams(load_acts=loaded))
+        pose = machine.machine.tool.pose
         rng = np.random.default_rng(0)
         local = np.column_stack(
             [rng.uniform(0.4, 1.1, 900), rng.uniform(-0.4, 0.4, 900), rng.uniform(0.1, 0.5, 900)]
@@ -87,7 +87,7 @@ def test_the_load_weighs_on_the_machine() -> None:
 
 def test_payload_is_what_is_in_the_bucket(machine: MachineSim) -> None:
     assert machine.payload.fill == 0.0
-    rotation, origin = machine.machine.tool_pose
+    rotation, origin = machine.machine.tool.pose
     local = np.array([[0.7, 0.0, 0.3], [0.8, 0.2, 0.2], [5.0, 0.0, 0.0]])
     machine.particles.add(local @ rotation.T + origin, np.zeros((3, 3)), 500_000)
     machine.step()

@@ -30,7 +30,7 @@ def pushed(resistance: Resistance, speed: float, steps: int) -> float:
 
 
 def lip(machine: MachineSim) -> np.ndarray:
-    rotation, origin = machine.machine.tool_pose
+    rotation, origin = machine.machine.tool.pose
     return origin + rotation @ np.array([1.45, 0.0, 0.0])
 
 
@@ -97,7 +97,7 @@ def test_more_than_the_machine_can_push_stalls_it_and_does_not_push_it_back() ->
     assert way[-1] < 0.3
     assert min(way) > -0.01
     assert max(way[75:]) - min(way[75:]) < 0.05
-    assert stalled.tool_wrench[0][1] < -10e3
+    assert stalled.tool_work.wrench[0][1] < -10e3
     free.close()
     stalled.close()
 
@@ -113,7 +113,7 @@ def test_digging_in_clay_is_felt_and_repeatable() -> None:
             machine.command(np.array(joints, dtype=np.float64), np.zeros(2))
             for _ in range(ticks):
                 world.step()
-                felt = max(felt, float(np.abs(machine.tool_wrench[0]).max()))
+                felt = max(felt, float(np.abs(machine.tool_work.wrench[0]).max()))
         found.append((machine.state_hash(), felt))
         machine.close()
     assert found[0] == found[1]

@@ -10,7 +10,6 @@ from support.machine_scenes import excavator
 
 from machine_sim.machine import rotation_matrix
 from machine_sim.machine.appearance import link_poses
-from machine_sim.machine.description import LINK_NAMES
 from machine_sim.machine.link_motion import link_motions
 from machine_sim.sensors import SensorParams, Sensors
 
@@ -94,7 +93,7 @@ def test_links_move_as_their_poses_do():
             return link_poses(MACHINE, where, turned, angles)
 
         before, after = at(-step), at(step)
-        for k, name in enumerate(LINK_NAMES):
+        for k, name in enumerate(excavator().links):
             motion = motions[name]
             speed = (after.positions[k] - before.positions[k]) / (2.0 * step)
             np.testing.assert_allclose(motion.velocity, speed, atol=1e-6)

@@ -108,7 +108,7 @@ def test_an_answer_is_taken_after_the_next_tick_and_not_sooner(
     assert side.poll() is None
     side.step()
     assert side.poll() is not None
-    assert side.sim.pending.total_mm3 == 700
+    assert side.sim.pending_mm3 == 700
 
 
 def test_the_answer_becomes_pending_soil_and_new_ground(side: MachineSide, books: Books) -> None:
@@ -119,7 +119,7 @@ def test_the_answer_becomes_pending_soil_and_new_ground(side: MachineSide, books
     assert answer is not None
     assert answer.conversions.size == 2
     assert (side.ready, side.tick, side.exchange.tick) == (True, 2, 1)
-    assert side.sim.pending.total_mm3 == 5_000_700
+    assert side.sim.pending_mm3 == 5_000_700
     assert side.sim.ground.elevation[0, 0] == 0.125
     assert side.poll() is None  # it is applied once
 
@@ -133,14 +133,14 @@ def test_what_was_cut_moves_on_with_the_tool_until_it_is_a_particle(
         books.answer()
         side.poll()
     side.step()
-    cut_at = side.sim.machine.tool_pose
+    cut_at = side.sim.machine.tool.pose
     books.answer(parcels=(5_000_000,))  # at the map's origin
     side.poll()
     side.step()
-    _, place = side.sim.machine.tool_pose
+    _, place = side.sim.machine.tool.pose
     assert np.linalg.norm(place - cut_at[1]) > 0.01
     side.poll()
-    (parcel,) = side.sim.pending._parcels.values()
+    (parcel,) = side.sim.tool_work.pending._parcels.values()
     np.testing.assert_allclose(parcel.place, cut_at[0].T @ -cut_at[1], atol=1e-12)
 
 
@@ -177,14 +177,14 @@ def test_who_comes_back_brings_its_soil_and_is_given_what_it_is_owed(
     side.step(leave=True)
     books.answer(parcels=(40,))  # moved in its last tick, which it does not take
     side.poll()
-    assert side.sim.pending.total_mm3 + side.sim.particles.total_volume_mm3 == 3_000_000
+    assert side.sim.pending_mm3 + side.sim.particles.total_volume_mm3 == 3_000_000
     side.join()
     books.height = 0.5
     books.to_soil()
     assert books.header.verb is Verb.RETURN
     books.answer()
     assert side.ready
-    assert side.sim.pending.total_mm3 + side.sim.particles.total_volume_mm3 == 3_000_040
+    assert side.sim.pending_mm3 + side.sim.particles.total_volume_mm3 == 3_000_040
     assert (side.sim.ground.elevation == 0.5).all()
 
 

@@ -10,7 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from machine_sim.core import MachineSim, MachineStep
-from machine_sim.machine.kinematics import arm_angles
+from machine_sim.machine.kinematics import arm_angles, arm_geometry
+from machine_sim.rig import Placement
 from msg_bridge.codec.chunks import to_chunk_cloud
 from msg_bridge.codec.headers import to_multi_array
 from msg_bridge.codec.stamps import stamp_of_tick
@@ -238,11 +239,11 @@ def scripted_run(machines: int = 1, **options: Any) -> RecordedRun:
 def recorded_dig(ticks: int) -> Recording:
     """An excavator that puts its lip in the ground before it and draws it in."""
     home = excavator()
-    down = -home.swing_origin[2]
+    down = -arm_geometry(home).swing[2]
     angles = arm_angles(home, 7.0, down + 0.1, 2.0)
     soil = level_soil()
     description = replace(home, home=np.array([0.0, *angles]))
-    machine = MachineSim(description, soil.grid, soil.columns.height)
+    machine = MachineSim([Placement(description)], soil.grid, soil.columns.height)
     run = RecordedRun(soil, {1: machine}, keyframe_every=30)
     for tick in range(ticks):
         part = tick / ticks

@@ -6,6 +6,7 @@ import numpy as np
 
 from machine_sim.core import MachineSim
 from machine_sim.machine import MachineDescription, load_description
+from machine_sim.rig import Placement
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
@@ -22,7 +23,8 @@ def excavator() -> MachineDescription:
 
 def machine_on_level_ground(**options: object) -> MachineSim:
     """An excavator in the middle of a map at height 0, facing +x."""
-    return MachineSim(excavator(), GRID, np.zeros(GRID.shape), **options)  # type: ignore[arg-type]
+    flat = np.zeros(GRID.shape)
+    return MachineSim([Placement(excavator())], GRID, flat, **options)  # type: ignore[arg-type]
 
 
 def loosened(soil: Soil) -> dict[str, list[LooseSoil]]:

@@ -18,7 +18,7 @@ from std_msgs.msg import Int64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
 from machine_sim.machine import MachineDescription
-from machine_sim.machine.kinematics import arm_angles
+from machine_sim.machine.kinematics import arm_angles, arm_geometry
 from machine_sim.node import MachineNode
 from msg_bridge.codec.headers import from_multi_array
 from msg_bridge.codec.machine_state import COMMAND_NAMES, to_command_state
@@ -130,7 +130,7 @@ def machine_file(folder: Path, machine: MachineDescription) -> str:
     home = [float(angle) for angle in machine.home]
     content["home"] = dict(zip(machine.joints, home, strict=True))
     path = folder / "ready.yaml"
-    path.write_text(yaml.safe_dump(content))
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
     return str(path)
 
 
@@ -138,7 +138,7 @@ def lip_at(
     machine: MachineDescription, reach: float, height: float, attitude: float
 ) -> NDArray[np.float64]:
     """Angles of boom, arm and bucket that put the lip somewhere before it [m] (level ground)."""
-    origin = float(machine.swing_origin[2])
+    origin = float(arm_geometry(machine).swing[2])
     return np.array(arm_angles(machine, reach, height - origin, attitude))
 
 

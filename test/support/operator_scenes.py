@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from machine_sim.machine import JOINT_NAMES, rotation_matrix, tool_pose
+from machine_sim.machine import EXCAVATOR_JOINTS, rotation_matrix, tool_pose
 from machine_sim.operator import Command, DigCycle, View
 from machine_sim.operator.arm import ArmPlane
 from msg_bridge.contract.grid import Grid
@@ -115,7 +115,7 @@ class ToyDig:
         self._fills, self._drag_time, self._emptying, self._dt = fills, drag_time, emptying, dt
         self._ground = view()
         self._joints = np.array(MACHINE.home, dtype=np.float64)
-        self._limits = [MACHINE.joints[name] for name in JOINT_NAMES]
+        self._limits = [MACHINE.joints[name] for name in EXCAVATOR_JOINTS]
         self._fill, self._passes, self._start = 0.0, 0, start_time
 
     @property

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from machine_sim.commands import CommandError
-from machine_sim.machine import JOINT_NAMES
+from machine_sim.machine import EXCAVATOR_JOINTS
 
 HOME = (0.0, -0.7, 1.85, 1.9)
 NONE = ("none",) * 4
@@ -29,7 +29,7 @@ def test_nobody_commands_at_first(board):
 
 
 def test_front_is_in_the_order_of_the_joints(board, description):
-    assert tuple(description.joints) == JOINT_NAMES
+    assert tuple(description.joints) == EXCAVATOR_JOINTS
     b = board()
     b.front([0.1, 0.2, 0.3, 0.4], 0.0)
     applied = b.at(0.0, HOME)

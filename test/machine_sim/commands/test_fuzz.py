@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from machine_sim.commands import TRACK_NAMES, CommandBoard, CommandError, CommandParams
-from machine_sim.machine import JOINT_NAMES
+from machine_sim.machine import EXCAVATOR_JOINTS
 
 HOME = (0.0, -0.7, 1.85, 1.9)
 PARAMS = CommandParams(check_stamps=True, joy_pedal_rest=1.0)
 
 speed = st.floats(-0.4, 0.4)
-names = st.lists(st.sampled_from(JOINT_NAMES + TRACK_NAMES), min_size=1, unique=True)
+names = st.lists(st.sampled_from(EXCAVATOR_JOINTS + TRACK_NAMES), min_size=1, unique=True)
 goals = {"swing": (-3.0, 3.0), "boom": (-1.0, 0.8), "arm": (0.6, 2.5), "bucket": (-0.5, 2.2)}
 axis = st.sampled_from([0.0, 0.05, 1.0, -1.0, 0.5])
 
@@ -29,7 +29,7 @@ def joint_velocities(draw):
 
 @st.composite
 def joint_goals(draw):
-    named = draw(st.lists(st.sampled_from(JOINT_NAMES), min_size=1, unique=True))
+    named = draw(st.lists(st.sampled_from(EXCAVATOR_JOINTS), min_size=1, unique=True))
     return "joints", (named, None, [draw(st.floats(*goals[name])) for name in named])
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from machine_sim.commands.goto import ARRIVED, velocity_toward
-from machine_sim.machine import JOINT_NAMES, JointLimits
+from machine_sim.machine import EXCAVATOR_JOINTS, JointLimits
 from machine_sim.machine.joints import JointReference
 
 PHYSICS_STEP = 0.005
@@ -82,12 +82,12 @@ def test_only_a_joint_without_limits_wraps():
 
 def test_board_brings_each_joint_to_its_angle(board, description):
     goal = np.array([-2.5, 0.3, 1.0, 0.4])
-    limits = [description.joints[name] for name in JOINT_NAMES]
+    limits = [description.joints[name] for name in EXCAVATOR_JOINTS]
     reference, b = JointReference(limits, description.home), board()
     for tick in range(1000):
         now = 0.01 * tick
         if tick % 20 == 0:
-            b.joints(JOINT_NAMES, [], goal, now)
+            b.joints(EXCAVATOR_JOINTS, [], goal, now)
         reference.command = b.at(now, reference.angle).joints.tolist()
         for _ in range(2):
             reference.advance(PHYSICS_STEP, reference.angle)

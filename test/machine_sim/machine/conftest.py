@@ -10,7 +10,7 @@ import pytest
 from pybullet_utils.bullet_client import BulletClient
 
 from machine_sim.ground import Ground
-from machine_sim.machine import Excavator, MachineDescription, load_description
+from machine_sim.machine import MachineDescription, TrackedMachine, load_description
 from msg_bridge.contract.grid import Grid
 
 MACHINE_FILE = Path(__file__).resolve().parents[3] / "config" / "machines" / "excavator.yaml"
@@ -31,7 +31,7 @@ class Scene:
         self.client.setTimeStep(dt)
         self.client.setGravity(0.0, 0.0, -9.81)
         self.ground = Ground(grid, heights)
-        self.machine = Excavator(description, self.client, self.ground, position, yaw, tracks)
+        self.machine = TrackedMachine(description, self.client, self.ground, position, yaw, tracks)
 
     def step(self):
         self.machine.before_step(self.dt)

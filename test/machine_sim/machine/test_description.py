@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from machine_sim.machine import JOINT_NAMES, MachineError, load_description
+from machine_sim.machine import EXCAVATOR_JOINTS, MachineError, load_description
 from msg_bridge.contract.errors import EarthmovingError
 
 FILE = Path(__file__).resolve().parents[3] / "config" / "machines" / "excavator.yaml"
@@ -18,13 +18,13 @@ def changed(tmp_path, edit):
     values = copy.deepcopy(VALUES)
     edit(values)
     path = tmp_path / "machine.yaml"
-    path.write_text(yaml.safe_dump(values))
+    path.write_text(yaml.safe_dump(values, sort_keys=False))
     return path
 
 
 def test_shipped_machine_weighs_what_its_links_do(description):
     assert description.mass == 18_200.0
-    assert tuple(description.joints) == JOINT_NAMES
+    assert tuple(description.joints) == EXCAVATOR_JOINTS
 
 
 def test_swing_is_continuous_and_the_arm_limited(description):
@@ -51,24 +51,45 @@ def swap(profile):
 @pytest.mark.parametrize(
     ("edit", "words"),
     [
-        (lambda v: v.pop("boom_length"), r"boom_length is missing; add it"),
+        (lambda v: v.pop("hull"), r"hull is missing; add it"),
+        (lambda v: v.update(hull="arm"), r"hull is 'arm'; give base, or .*: upper"),
         (lambda v: v["tracks"].update(guage=2.0), r"tracks has unknown key guage; .*gauge"),
         (lambda v: v["links"].update(mast={}), r"links has unknown key mast"),
         (lambda v: v["links"]["arm"].update(mass=-1.0), r"links.arm.mass is -1.0; .*above 0"),
         (lambda v: v["links"]["arm"].update(mass="heavy"), r"links.arm.mass is 'heavy'; .*number"),
         (lambda v: v["links"]["arm"].update(mass=True), r"links.arm.mass is True; give a number"),
-        (lambda v: v.update(arm_length=math.nan), r"arm_length is nan"),
-        (lambda v: v.update(boom_foot=[0.0, 1.0]), r"boom_foot is .*list of 3 numbers"),
-        (lambda v: v.update(boom_foot=[0.0, 1.0, 0.0]), r"boom_foot must lie in the plane"),
+        (
+            lambda v: v["joints"]["arm"].update(origin=[math.nan, 0.0, 0.0]),
+            r"joints.arm.origin is nan",
+        ),
+        (lambda v: v["joints"]["boom"].update(origin=[0.0, 1.0]), r"origin is .*list of 3 numbers"),
+        (
+            lambda v: v["joints"]["boom"].update(origin=[0.0, 1.0, 0.0]),
+            r"joints.boom: a cylinder turns a joint .* in the middle",
+        ),
+        (lambda v: v["joints"]["arm"].update(axis="w"), r"joints.arm.axis is 'w'; give one of x"),
+        (
+            lambda v: v["joints"]["arm"].update(parent="mast"),
+            r"joints.arm goes from 'mast' to 'arm'; let it begin at one of base, upper, boom",
+        ),
+        (lambda v: v["joints"]["arm"].update(child="boom"), r"joints.arm goes from .* to 'boom'"),
+        (lambda v: v["tools"]["bucket"].update(link="hand"), r"tools.bucket.link is 'hand'; .*arm"),
+        (lambda v: v["tools"]["bucket"].update(shape="fork"), r"shape is 'fork'; .*bucket, drum"),
         (lambda v: v["joints"]["arm"].update(lower=3.0), r"joints.arm.lower is 3.0 .*below"),
-        (lambda v: v["joints"]["arm"].update(lower=None), r"joints.arm: only swing is continuous"),
+        (lambda v: v["joints"]["arm"].update(lower=None), r"joints.arm: give both limits"),
         (lambda v: v["home"].update(boom=2.0), r"home.boom is 2.0; give an angle from -1.05 to"),
         (lambda v: v["tracks"].update(shoe_count=45.5), r"shoe_count is 45.5; .*whole number"),
         (lambda v: v["tracks"].update(friction=-0.1), r"friction is -0.1; give a number from 0"),
-        (lambda v: v["bucket"]["profile"].pop(), r"bucket.profile has 6 entries; .*7 entries"),
-        (lambda v: swap(v["bucket"]["profile"]), r"bucket.profile is not convex"),
-        (lambda v: v["bucket"]["profile"].reverse(), r"bucket.profile\[0\] is the cutting lip"),
-        (lambda v: v["bucket"].update(width=0.0), r"bucket.width is 0.0; .*above 0"),
+        (
+            lambda v: v["tools"]["bucket"]["profile"].pop(),
+            r"bucket.profile has 6 entries; .*7 entries",
+        ),
+        (lambda v: swap(v["tools"]["bucket"]["profile"]), r"bucket.profile is not convex"),
+        (
+            lambda v: v["tools"]["bucket"]["profile"].reverse(),
+            r"bucket.profile\[0\] is the cutting lip",
+        ),
+        (lambda v: v["tools"]["bucket"].update(width=0.0), r"bucket.width is 0.0; .*above 0"),
         (lambda v: v.update(tracks=3), r"tracks is 3; give a mapping"),
     ],
 )
@@ -108,7 +129,7 @@ def test_inertial_units_are_checked(tmp_path, imus, message):
         (lambda v: v.pop("hydraulics"), "give `hydraulics`, which feed it"),
         (
             lambda v: v["joints"]["swing"].update(cylinder=v["joints"]["swing"].pop("torque")),
-            "no cylinder turns a joint without end",
+            "a cylinder turns a joint with limits",
         ),
         (
             lambda v: v["joints"]["arm"]["cylinder"].update(rod_diameter=0.2),

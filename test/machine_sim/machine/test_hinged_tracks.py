@@ -10,7 +10,7 @@ import numpy as np
 import pybullet
 import pytest
 
-from machine_sim.machine import Excavator, MachineError
+from machine_sim.machine import MachineError, TrackedMachine
 
 from .conftest import DT
 
@@ -186,7 +186,7 @@ def test_motion_that_is_not_finite_is_told(scene):
 
 def test_two_machines_share_a_client(scene, description):
     s = scene(tracks="physics")
-    other = Excavator(description, s.client, s.ground, (0.0, 9.0), math.pi, "physics")
+    other = TrackedMachine(description, s.client, s.ground, (0.0, 9.0), math.pi, "physics")
     s.machine.command(STILL, [0.5, 0.5])
     start = other.base_pose[0]
     for _ in range(300):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from machine_sim.machine import JOINT_NAMES
+from machine_sim.machine import EXCAVATOR_JOINTS
 from machine_sim.machine.hydraulics import HydraulicArm
 
 from .conftest import DT
@@ -17,15 +17,15 @@ MIDDLE = [0.0, -0.3, 1.5, 0.8]
 
 @pytest.fixture
 def arm(description):
-    limits = [description.joints[name].torque for name in JOINT_NAMES]
-    return HydraulicArm(JOINT_NAMES, limits, description.cylinders, description.supply)
+    limits = [description.joints[name].torque for name in EXCAVATOR_JOINTS]
+    return HydraulicArm(EXCAVATOR_JOINTS, limits, description.cylinders, description.supply)
 
 
 def flow(description, angles, speeds):
     """What the cylinders take at joint speeds [m^3/s]."""
     total = 0.0
     for name, cylinder in description.cylinders.items():
-        i = JOINT_NAMES.index(name)
+        i = EXCAVATOR_JOINTS.index(name)
         speed = cylinder.linkage.lever(angles[i]) * speeds[i]
         total += abs(speed) * (cylinder.head_area if speed > 0.0 else cylinder.rod_area)
     return total
@@ -89,8 +89,8 @@ def test_pressures_balance_the_force(arm, description):
             force = (
                 state.head_pressure * cylinder.head_area - state.rod_pressure * cylinder.rod_area
             )
-            lever = cylinder.linkage.lever(MIDDLE[JOINT_NAMES.index(name)])
-            assert state.force == pytest.approx(efforts[JOINT_NAMES.index(name)] / lever)
+            lever = cylinder.linkage.lever(MIDDLE[EXCAVATOR_JOINTS.index(name)])
+            assert state.force == pytest.approx(efforts[EXCAVATOR_JOINTS.index(name)] / lever)
             assert force == pytest.approx(state.force, abs=1e-6)
             assert min(state.head_pressure, state.rod_pressure) == pytest.approx(
                 description.supply.return_pressure
@@ -108,8 +108,8 @@ def test_a_weak_arm_stalls_at_the_relief_pressure(scene, description):
     s.machine.command([0.0, 0.0, 0.5, 0.0], [0.0, 0.0])
     for _ in range(200):
         # Far more than the arm can pull at its tip.
-        _, origin = s.machine.tool_pose
-        s.machine.apply_tool_wrench([4e5, 0.0, 0.0], [0.0] * 3, origin)
+        _, origin = s.machine.tool.pose
+        s.machine.tool.push([4e5, 0.0, 0.0], [0.0] * 3, origin)
         s.step()
     state = s.machine.cylinders["arm"]
     assert s.machine.joint_positions[2] < before + 0.02

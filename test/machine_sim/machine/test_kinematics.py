@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from machine_sim.machine import (
-    JOINT_NAMES,
+    EXCAVATOR_JOINTS,
     ReachError,
     arm_angles,
     from_arm_plane,
@@ -19,12 +19,12 @@ from machine_sim.machine import (
     tool_point,
     tool_pose,
 )
-from machine_sim.machine.kinematics import pin_angles, quaternion_of
+from machine_sim.machine.kinematics import arm_geometry, pin_angles, quaternion_of
 
 from .conftest import MACHINE_FILE
 
 MACHINE = load_description(MACHINE_FILE)
-LIMITS = [MACHINE.joints[name] for name in JOINT_NAMES[1:]]
+LIMITS = [MACHINE.joints[name] for name in EXCAVATOR_JOINTS[1:]]
 ANGLES = st.tuples(*(st.floats(limit.lower, limit.upper) for limit in LIMITS))
 QUATERNIONS = st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1)
 
@@ -44,7 +44,7 @@ def test_inverse_gives_back_the_angles(angles):
 @given(ANGLES)
 def test_pin_angles_put_the_pin_where_the_forward_chain_does(angles):
     _, origin = tool_pose(MACHINE, np.zeros(3), np.eye(3), [0.0, *angles])
-    pin = origin - MACHINE.swing_origin
+    pin = origin - arm_geometry(MACHINE).swing
     np.testing.assert_allclose(pin_angles(MACHINE, pin[0], pin[2]), angles[:2], atol=1e-9)
 
 
@@ -92,7 +92,7 @@ def test_mouth_looks_up_to_carry_and_down_to_dump(pose, sign):
 
 
 def test_mouth_looks_toward_the_machine_to_dig():
-    angles = arm_angles(MACHINE, 8.0, -MACHINE.swing_origin[2] - 0.1, 1.85)
+    angles = arm_angles(MACHINE, 8.0, -arm_geometry(MACHINE).swing[2] - 0.1, 1.85)
     rotation, _ = tool_pose(MACHINE, np.zeros(3), np.eye(3), [0.0, *angles])
     assert (rotation @ MACHINE.bucket.mouth_normal)[0] < -0.9
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from machine_sim.machine import JOINT_NAMES, rotation_matrix
+from machine_sim.machine import EXCAVATOR_JOINTS, rotation_matrix
 from machine_sim.machine.appearance import link_frames, link_poses
 from machine_sim.machine.pistons import piston_joints, piston_parts, piston_values
 
@@ -71,7 +71,7 @@ def test_speeds_are_those_of_the_values(description):
     np.testing.assert_allclose(state.velocities, growth, atol=1e-3)
     arm = description.cylinders["arm"].linkage
     assert state.velocities[state.names.index("arm_rod_stroke")] == pytest.approx(
-        arm.lever(joints[JOINT_NAMES.index("arm")]) * rates[2], rel=1e-3
+        arm.lever(joints[EXCAVATOR_JOINTS.index("arm")]) * rates[2], rel=1e-3
     )
 
 

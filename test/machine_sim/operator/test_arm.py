@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.operator_scenes import ARM, MACHINE, lip, tilted, view
 
-from machine_sim.machine import JOINT_NAMES, ReachError, tool_pose
+from machine_sim.machine import EXCAVATOR_JOINTS, ReachError, tool_pose
 from machine_sim.operator.arm import Place
 
-LIMITS = [MACHINE.joints[name] for name in JOINT_NAMES[1:]]
+LIMITS = [MACHINE.joints[name] for name in EXCAVATOR_JOINTS[1:]]
 JOINTS = st.tuples(
     st.floats(-10.0, 10.0), *(st.floats(limit.lower, limit.upper) for limit in LIMITS)
 )

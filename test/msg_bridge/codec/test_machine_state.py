@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from support.machine_scenes import excavator
 
-from machine_sim.machine import JOINT_NAMES as MACHINE_JOINTS
+from machine_sim.machine import EXCAVATOR_JOINTS as MACHINE_JOINTS
 from machine_sim.machine import rotation_matrix, urdf_text
 from machine_sim.machine.appearance import link_frames, link_poses
 from machine_sim.machine.pistons import piston_joints

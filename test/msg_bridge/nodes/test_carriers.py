@@ -31,7 +31,7 @@ def held(machine: MachineNode) -> int:
     """What a machine holds [mm^3]."""
     assert machine.run is not None
     sim = machine.run.sim
-    return sim.pending.total_mm3 + sim.particles.total_volume_mm3
+    return sim.pending_mm3 + sim.particles.total_volume_mm3
 
 
 def balanced(scene: Scene) -> bool:

@@ -7,8 +7,9 @@ import pybullet
 import pytest
 from pybullet_utils.bullet_client import BulletClient
 
-from machine_sim.machine import Excavator, MachineError, rotation_matrix, tool_pose
+from machine_sim.machine import MachineError, TrackedMachine, rotation_matrix, tool_pose
 from machine_sim.machine.joints import LEAD
+from machine_sim.machine.kinematics import arm_geometry
 
 from .conftest import DT
 
@@ -29,9 +30,9 @@ def state(machine):
             machine.joint_positions,
             machine.joint_velocities,
             machine.joint_efforts,
-            machine.tool_pose[0].ravel(),
-            machine.tool_pose[1],
-            *machine.tool_velocity,
+            machine.tool.pose[0].ravel(),
+            machine.tool.pose[1],
+            *machine.tool.velocity,
             machine.tracks.travel,
             machine.tracks.speed,
             machine.tracks.shoe_loads.ravel(),
@@ -142,9 +143,9 @@ def test_bad_command_is_refused_and_changes_nothing(scene, joints, tracks):
 def test_bad_wrench_is_refused_and_changes_nothing(scene):
     s, untouched = scene(), scene()
     with pytest.raises(MachineError):
-        s.machine.apply_tool_wrench([0.0, math.nan, 0.0], np.zeros(3), np.zeros(3))
+        s.machine.tool.push([0.0, math.nan, 0.0], np.zeros(3), np.zeros(3))
     with pytest.raises(MachineError):
-        s.machine.apply_tool_wrench(np.ones(3) * 1e4, np.zeros(3), [0.0, math.inf, 0.0])
+        s.machine.tool.push(np.ones(3) * 1e4, np.zeros(3), [0.0, math.inf, 0.0])
     s.run(0.1)
     untouched.run(0.1)
     np.testing.assert_array_equal(state(s.machine), state(untouched.machine))
@@ -173,17 +174,17 @@ def test_tool_pose_is_that_of_the_kinematics(scene, description):
         rotation, origin = tool_pose(
             description, position, rotation_matrix(quaternion), s.machine.joint_positions
         )
-        np.testing.assert_allclose(s.machine.tool_pose[0], rotation, atol=1e-6)
-        np.testing.assert_allclose(s.machine.tool_pose[1], origin, atol=1e-6)
+        np.testing.assert_allclose(s.machine.tool.pose[0], rotation, atol=1e-6)
+        np.testing.assert_allclose(s.machine.tool.pose[1], origin, atol=1e-6)
 
 
 def test_tool_velocity_is_the_change_of_its_pose(scene):
     s = scene()
     drive(s, [0.5, -0.2, 0.4, -0.5], 0.8, [0.4, 0.2])
-    before, origin = s.machine.tool_pose
+    before, origin = s.machine.tool.pose
     s.step()
-    after, moved = s.machine.tool_pose
-    velocity, spin = s.machine.tool_velocity
+    after, moved = s.machine.tool.pose
+    velocity, spin = s.machine.tool.velocity
     np.testing.assert_allclose((moved - origin) / DT, velocity, atol=5e-3)
     turn = (after @ before.T - np.eye(3)) / DT
     np.testing.assert_allclose([turn[2, 1], turn[0, 2], turn[1, 0]], spin, atol=5e-3)
@@ -192,12 +193,12 @@ def test_tool_velocity_is_the_change_of_its_pose(scene):
 def test_pose_taken_before_a_step_stays_as_it_was(scene):
     s = scene()
     drive(s, [0.5, 0.0, 0.0, 0.0], 0.5)
-    rotation, origin = s.machine.tool_pose
+    rotation, origin = s.machine.tool.pose
     kept = rotation.copy(), origin.copy()
     s.run(0.1)
     np.testing.assert_array_equal(rotation, kept[0])
     np.testing.assert_array_equal(origin, kept[1])
-    assert not np.array_equal(s.machine.tool_pose[1], origin)
+    assert not np.array_equal(s.machine.tool.pose[1], origin)
 
 
 def test_tool_wrench_loads_the_joints_by_its_lever(scene, description):
@@ -206,8 +207,8 @@ def test_tool_wrench_loads_the_joints_by_its_lever(scene, description):
     force, torque = np.array([3e3, 1e3, -6e3]), np.array([500.0, -800.0, 300.0])
     offset = np.array([0.9, 0.2, 0.3])
     for _ in range(600):
-        rotation, origin = loaded.machine.tool_pose
-        loaded.machine.apply_tool_wrench(force, torque, origin + rotation @ offset)
+        rotation, origin = loaded.machine.tool.pose
+        loaded.machine.tool.push(force, torque, origin + rotation @ offset)
         loaded.step()
         free.step()
     base, quaternion = loaded.machine.base_pose
@@ -230,7 +231,7 @@ def test_tool_wrench_lasts_one_step(scene, description):
     s = scene()
     s.run(3.0)
     rest = s.machine.joint_efforts[1]
-    s.machine.apply_tool_wrench([0.0, 0.0, -2e4], np.zeros(3))
+    s.machine.tool.push([0.0, 0.0, -2e4], np.zeros(3))
     s.step()
     assert s.machine.joint_efforts[1] < rest - 1e4
     s.run(3.0)
@@ -243,7 +244,7 @@ def test_overloaded_joint_gives_way_and_is_not_wound_up(scene, description):
     limit = description.joints["bucket"].torque
     start = s.machine.joint_positions[3]
     for _ in range(10):
-        s.machine.apply_tool_wrench(np.zeros(3), [0.0, -1.5 * limit, 0.0])
+        s.machine.tool.push(np.zeros(3), [0.0, -1.5 * limit, 0.0])
         s.step()
     given = s.machine.joint_positions[3]
     assert given < start - 0.02
@@ -259,7 +260,7 @@ def test_load_at_full_reach_tips_the_machine_over_its_tracks(scene):
     assert not s.machine.overturned
     tilts = []
     for _ in range(400):
-        s.machine.apply_tool_wrench([0.0, 0.0, -6e4], np.zeros(3))
+        s.machine.tool.push([0.0, 0.0, -6e4], np.zeros(3))
         s.step()
         tilts.append(s.machine.tilt)
     assert max(tilts) > 0.15
@@ -268,7 +269,7 @@ def test_load_at_full_reach_tips_the_machine_over_its_tracks(scene):
 def test_fallen_machine_lies_on_its_roof_and_says_so(scene, description):
     s = scene()
     upside_down = pybullet.getQuaternionFromEuler((math.pi, 0.0, 0.0))
-    roof = description.swing_origin[2] + 1.3
+    roof = arm_geometry(description).swing[2] + 1.3
     s.client.resetBasePositionAndOrientation(s.machine.body, [0.0, 0.0, roof], upside_down)
     s.machine.after_step()
     s.run(10.0)
@@ -279,7 +280,7 @@ def test_fallen_machine_lies_on_its_roof_and_says_so(scene, description):
 
 def test_two_machines_share_a_client(description, scene):
     s = scene()
-    other = Excavator(description, s.client._client, s.ground, (0.0, 9.0), math.pi)
+    other = TrackedMachine(description, s.client._client, s.ground, (0.0, 9.0), math.pi)
     s.machine.command([0.0] * 4, [0.5, 0.5])
     start = other.base_pose[0]
     for _ in range(200):

@@ -1,0 +1,40 @@
+"""Shape of a truck's bed, or of any bin: plates that soil falls on, capacities for the payload.
+
+Side view in the frame of the link that carries it, x forward; the points go from the rear rim, over
+which it empties, along the floor to the front rim::
+
+        z                3 front rim
+        ^                |
+        |  0.            |         the mouth joins 3 and 0
+        |    '1----------2
+        o---------------------> x
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machine_sim.machine.trough import Trough
+
+__all__ = ["BedShape"]
+
+_POINTS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class BedShape(Trough):
+    """A bed with parallel sides, open above; attributes as in `Trough`."""
+
+    profile: NDArray[np.float64]
+    width: float
+    plate: float = 0.02
+
+    def __post_init__(self) -> None:
+        """
+        Raises:
+            MachineError: a profile of less than three points, not convex, or wound backwards.
+        """
+        self._check("bed", _POINTS)

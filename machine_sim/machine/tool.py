@@ -1,0 +1,115 @@
+"""A tool of a machine in pybullet: where it is, how it moves, and what pushes it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pybullet
+from numpy.typing import ArrayLike, NDArray
+
+from machine_sim.machine.description import LinkShape
+from machine_sim.machine.drum import DrumShape
+from machine_sim.machine.kinematics import cross, rotation_matrix
+from machine_sim.machine.numbers import finite_numbers
+from machine_sim.machine.tools import ToolShape
+
+__all__ = ["Tool"]
+
+Array = NDArray[np.float64]
+
+
+class Tool:
+    """What touches soil, fixed to a link, whose frame is its own.
+
+    Attributes:
+        shape: of the tool.
+        mass: of its link [kg].
+        inertia: of its link about its y axis [kg m^2].
+        spin: how fast a drum turns on its joint [rad/s], 0 for any other tool.
+    """
+
+    def __init__(
+        self, client: int, body: int, link: int, shape: ToolShape, of_link: LinkShape
+    ) -> None:
+        """
+        Args:
+            client, body, link: numbers of the physics client, the machine and the link there.
+            shape: of the tool.
+            of_link: what its link is.
+        """
+        self.shape = shape
+        self.mass = of_link.mass
+        self.inertia = of_link.inertia[1]
+        self._client, self._body, self._link = client, body, link
+        self._com = np.array(of_link.center_of_mass)
+        self._spins = isinstance(shape, DrumShape)
+        self._turn = 0.0
+        self.spin = 0.0
+        self._force: Array = np.zeros(3)
+        self._torque: Array = np.zeros(3)  # about the frame's origin
+        self._pushed = False
+
+    def push(self, force: ArrayLike, torque: ArrayLike, point: ArrayLike | None = None) -> None:
+        """Add a wrench for the next step only.
+
+        Args:
+            force: [N], map frame, shape (3,).
+            torque: about `point` [N m], map frame, shape (3,).
+            point: where the force acts [m], map frame; the frame's origin if not given.
+
+        Raises:
+            MachineError: a wrong length or a number that is not finite; nothing is added.
+        """
+        f = np.array(finite_numbers(force, 3, "tool force"))
+        t = np.array(finite_numbers(torque, 3, "tool torque"))
+        if point is not None:
+            at = np.array(finite_numbers(point, 3, "point of the wrench"))
+            t += cross(at - self._origin, f)
+        self._force += f
+        self._torque += t
+        self._pushed = True
+
+    def before_step(self) -> None:
+        """Give the physics engine what pushes it in the next step."""
+        if not self._pushed:
+            return
+        body, link, client, world = self._body, self._link, self._client, pybullet.WORLD_FRAME
+        at = self._origin.tolist()
+        pybullet.applyExternalForce(body, link, self._force.tolist(), at, world, client)
+        pybullet.applyExternalTorque(body, link, self._torque.tolist(), world, client)
+        self._force[:] = 0.0
+        self._torque[:] = 0.0
+        self._pushed = False
+
+    def after_step(self) -> None:
+        """Read where it is; every property is of this moment until the next call."""
+        state = pybullet.getLinkState(self._body, self._link, 1, 1, self._client)
+        # [4] and [5] are the link frame; [0] and [1] would be that of the centre of mass.
+        self._origin = np.array(state[4])
+        self._rotation = rotation_matrix(state[5])
+        self._com_velocity, self._spin = state[6], state[7]
+        if self._spins:
+            joint = pybullet.getJointState(self._body, self._link, self._client)
+            self._turn, self.spin = joint[0], joint[1]
+
+    @property
+    def pose(self) -> tuple[Array, Array]:
+        """Rotation tool to map, shape (3, 3), and the frame's origin [m], shape (3,)."""
+        return self._rotation, self._origin
+
+    @property
+    def frame(self) -> tuple[Array, Array]:
+        """The same for what is beside a tool and not on it: the frame of a drum does not spin."""
+        if not self._spins:
+            return self._rotation, self._origin
+        s, c = math.sin(self._turn), math.cos(self._turn)
+        back = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+        return self._rotation @ back, self._origin
+
+    @property
+    def velocity(self) -> tuple[Array, Array]:
+        """Velocity of the frame's origin [m/s], angular velocity [rad/s], map frame."""
+        spin = np.array(self._spin)
+        arm = self._rotation @ self._com
+        return np.array(self._com_velocity) - cross(spin, arm), spin

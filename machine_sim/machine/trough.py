@@ -1,0 +1,143 @@
+"""A vessel with parallel sides: what a bucket and a truck's bed have in common.
+
+A convex profile in the side view, drawn across the width; a straight *mouth* closes it, open.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from machine_sim.machine.errors import MachineError
+
+__all__ = ["Trough"]
+
+Array = NDArray[np.float64]
+
+
+class Trough:
+    """A profile, as it is drawn across a width.
+
+    Attributes:
+        profile: corners (x, z) [m] from one rim along the floor to the other, counter-clockwise
+            with x to the right and z up, shape (n, 2).
+        width: inside [m].
+        plate: thickness of the plates as drawn [m]; the physics takes them as thin.
+    """
+
+    profile: Array
+    width: float
+    plate: float
+
+    def _check(self, what: str, least: int) -> None:
+        """Copy the profile, read-only.
+
+        Args:
+            what: its name in messages.
+            least: corners at least.
+
+        Raises:
+            MachineError: numbers out of range, or a profile that is not convex or wound backwards.
+        """
+        profile = np.array(self.profile, dtype=np.float64)
+        if profile.ndim != 2 or profile.shape[1] != 2 or len(profile) < least:
+            raise MachineError(
+                f"{what}.profile has shape {profile.shape}; give {least} or more points [x, z]"
+            )
+        if not np.isfinite(profile).all():
+            raise MachineError(f"{what}.profile is not finite; give points [x, z] in metres")
+        for name in ("width", "plate"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0.0):
+                raise MachineError(f"{what}.{name} is {value}; give a number of metres above 0")
+        edge = np.roll(profile, -1, axis=0) - profile
+        turn = edge[:, 0] * np.roll(edge[:, 1], -1) - edge[:, 1] * np.roll(edge[:, 0], -1)
+        # All turns one way is not enough: a star turns one way too, but more than once round.
+        heading = np.unwrap(np.arctan2(edge[:, 1], edge[:, 0]))
+        if not (turn > 1e-12).all() or heading[-1] - heading[0] > 2.0 * np.pi:
+            worst = int(np.argmin(turn) + 1) % len(profile)
+            raise MachineError(
+                f"{what}.profile is not convex, or runs the wrong way round (look at point"
+                f" {worst}); give the points from rim to rim, turning one way"
+            )
+        profile.setflags(write=False)
+        object.__setattr__(self, "profile", profile)
+
+    @cached_property
+    def mouth_length(self) -> float:
+        """From rim to rim [m]; of a bucket, cutting lip to upper rim."""
+        return float(np.hypot(*(self.profile[-1] - self.profile[0])))
+
+    @cached_property
+    def mouth_normal(self) -> Array:
+        """Unit normal of the mouth plane, out of the vessel, shape (3,)."""
+        dx, dz = (self.profile[-1] - self.profile[0]) / self.mouth_length
+        return np.array([-dz, 0.0, dx])
+
+    @cached_property
+    def struck_capacity(self) -> float:
+        """Volume filled level with the mouth [m^3]."""
+        x, z = self.profile.T
+        area = 0.5 * float(np.sum(x * np.roll(z, -1) - np.roll(x, -1) * z))
+        return area * self.width
+
+    @cached_property
+    def heaped_capacity(self) -> float:
+        """Struck volume and a 1:1 heap on the mouth [m^3], as ISO 7451 rates excavator buckets.
+
+        On a rectangle a x b (a <= b) the heap with slopes of 45 degrees is a hip roof of height
+        a/2 and volume a^2 (3b - a) / 12.
+        """
+        a, b = sorted((self.mouth_length, self.width))
+        return self.struck_capacity + a * a * (3.0 * b - a) / 12.0
+
+    def plates(self) -> list[Array]:
+        """Inside faces of the shell as convex planar polygons [m].
+
+        Returns:
+            The strips of the floor, shape (4, 3) each, from the first rim on, then the left and
+            the right side, shape (n, 3). Corners run counter-clockwise seen from outside.
+        """
+        left, right = self._edge(+1), self._edge(-1)
+        strips = [
+            np.array([left[k], left[k + 1], right[k + 1], right[k]])
+            for k in range(len(self.profile) - 1)
+        ]
+        return [*strips, left[::-1].copy(), right]
+
+    def contains(self, points_local: ArrayLike) -> NDArray[np.bool_]:
+        """Which points [m], shape (n, 3), lie in the struck volume; shape (n,)."""
+        points = np.asarray(points_local, dtype=np.float64).reshape(-1, 3)
+        normals, offsets = self._half_planes
+        inside = (points[:, [0, 2]] @ normals.T <= offsets + 1e-12).all(axis=1)
+        return np.asarray(inside & (np.abs(points[:, 1]) <= 0.5 * self.width), dtype=np.bool_)
+
+    def contains_heaped(self, points_local: ArrayLike) -> NDArray[np.bool_]:
+        """Like `contains`, or in the room of a heap: the mouth prism, as high as the heap's ridge.
+
+        The prism reaches half the mouth's shorter side above the mouth plane.
+        """
+        points = np.asarray(points_local, dtype=np.float64).reshape(-1, 3)
+        lip, rim = self.profile[0], self.profile[-1]
+        from_lip = points[:, [0, 2]] - lip
+        along = from_lip @ ((rim - lip) / self.mouth_length)
+        above = from_lip @ self.mouth_normal[[0, 2]]
+        heap = (along >= 0.0) & (along <= self.mouth_length) & (above >= 0.0)
+        heap &= above <= 0.5 * min(self.mouth_length, self.width)
+        heap &= np.abs(points[:, 1]) <= 0.5 * self.width
+        return self.contains(points) | np.asarray(heap, dtype=np.bool_)
+
+    @cached_property
+    def _half_planes(self) -> tuple[Array, Array]:
+        """Outward normals (n, 2) and offsets (n,) of strips and mouth (last): inside n.p <= d."""
+        edge = np.roll(self.profile, -1, axis=0) - self.profile
+        normals = np.column_stack([edge[:, 1], -edge[:, 0]])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        return normals, np.einsum("ij,ij->i", normals, self.profile)
+
+    def _edge(self, side: int) -> Array:
+        """The profile on the left (+1) or right (-1) side, shape (n, 3)."""
+        y = np.full(len(self.profile), 0.5 * side * self.width)
+        return np.column_stack([self.profile[:, 0], y, self.profile[:, 1]])

@@ -1,0 +1,149 @@
+"""A machine at work: on the ground, in the physics engine, its tools in the soil."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machine_sim.ground import Ground
+from machine_sim.machine import MachineDescription, TrackedMachine
+from machine_sim.machine.kinematics import rotation_matrix
+from machine_sim.params import MachineSimParams
+from machine_sim.particles import Pose, SoilEngine
+from machine_sim.payload import Payload
+from machine_sim.sweep import track_rows
+from machine_sim.tool_work import ToolWork
+from msg_bridge.contract.rows import SWEEP, Rows, join_rows
+
+__all__ = ["Placement", "Rig"]
+
+_TRACKS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """A machine, and where it starts.
+
+    Attributes:
+        description: dimensions, masses and limits.
+        position: where it is set down on the ground (x, y) [m], map frame.
+        yaw: where it faces [rad], from +x counter-clockwise.
+    """
+
+    description: MachineDescription
+    position: tuple[float, float] = (0.0, 0.0)
+    yaw: float = 0.0
+
+
+class Rig:
+    """One machine of a node, with all that soil and it do to each other.
+
+    Attributes:
+        machine: in the physics engine.
+        tools: at work, by name.
+        numbers: how many numbers of tools it takes, its tracks' included.
+    """
+
+    def __init__(
+        self,
+        placement: Placement,
+        client: int,
+        ground: Ground,
+        particles: SoilEngine,
+        params: MachineSimParams,
+        *,
+        first_number: int,
+        seed: int,
+    ) -> None:
+        """
+        Args:
+            placement: the machine and where it starts.
+            client: number of the physics client.
+            ground: what it stands on.
+            particles: soil that it may touch.
+            params: how the node steps.
+            first_number: of its first tool in rows; the others and the tracks follow.
+            seed: of the scatter of released particles.
+
+        Raises:
+            MachineError: a place off the map, or tracks that the machine cannot have.
+        """
+        description = placement.description
+        self.machine = TrackedMachine(
+            description, client, ground, placement.position, placement.yaw, params.tracks
+        )
+        self.tools = {
+            name: ToolWork(
+                tool,
+                first_number + k,
+                particles,
+                params,
+                description.mass,
+                np.random.default_rng((seed, first_number + k)),
+            )
+            for k, (name, tool) in enumerate(self.machine.tools.items())
+        }
+        self.numbers = len(self.tools) + _TRACKS
+        self._track_number = first_number + len(self.tools)
+        self._standing = self._base
+
+    @property
+    def payload(self) -> Payload:
+        """Soil in all its tools at the end of the last tick; the fill is that of the fullest."""
+        held = [work.payload for work in self.tools.values() if work.payload is not None]
+        return Payload(
+            sum(each.bank for each in held),
+            sum(each.loose for each in held),
+            sum(each.mass for each in held),
+            max((each.fill for each in held), default=0.0),
+        )
+
+    def begin_tick(self, tick: int) -> None:
+        """Begin a tick of some number."""
+        self._standing = self._base
+        for work in self.tools.values():
+            work.begin_tick(tick)
+
+    def before_step(self, dt: float) -> None:
+        """Give the physics engine what acts on it in its next step of `dt` [s]."""
+        for work in self.tools.values():
+            work.before_step()
+        self.machine.before_step(dt)
+
+    def after_step(self) -> None:
+        """Take over where the physics engine has moved it to."""
+        self.machine.after_step()
+        for work in self.tools.values():
+            work.after_step()
+
+    def feel(self, dt: float) -> None:
+        """Let soil act on its tools in the next physics step of `dt` [s]."""
+        for work in self.tools.values():
+            work.feel(dt)
+
+    def end_tick(self) -> Rows:
+        """End a tick; SWEEP rows of its tools and its tracks."""
+        swept = [work.end_tick() for work in self.tools.values()]
+        tracks = self.machine.description.tracks
+        ruts = track_rows(tracks, self._standing, self._base, first_tool=self._track_number)
+        return join_rows([*swept, ruts], SWEEP)
+
+    @property
+    def state(self) -> Iterable[NDArray[np.generic]]:
+        """What the next ticks depend on, for a digest."""
+        machine = self.machine
+        yield machine.joint_positions
+        yield machine.joint_velocities
+        yield from machine.base_pose
+        yield from machine.base_velocity
+        for work in self.tools.values():
+            yield from work.state
+
+    @property
+    def _base(self) -> Pose:
+        """Pose of the base frame: base to map, and its origin [m]."""
+        position, quaternion = self.machine.base_pose
+        return rotation_matrix(quaternion), position

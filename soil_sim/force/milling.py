@@ -1,0 +1,121 @@
+"""What resists a drum whose picks mill soil or rock: a torque, and a thrust out of the face.
+
+The drum is cut into flats round it and strips along it. A flat whose middle is in the ground takes
+off, in a tick, what the drum advances square to it; the picks that pass there do the work
+
+    W = e * area * advance,
+
+with the *specific energy* e [J/m^3] of the ground. Over the way w that the picks go in the tick the
+force against them is W / w, and the force out of the face is that times a ratio.
+
+- **Rock.** One pick in a groove of depth d, as deep as you like: Goktan's peak force
+  (`soil_sim.force.pick`) over the groove's section d^2 tan(beta) does not depend on d,
+
+      e = m 4 pi sigma_t sin^2(a) / (cos(a) tan(beta)),    a = theta / 2 + psi,
+
+  with the breakout angle beta and m the mean of the force over its peak. For sigma_t = 3 MPa it is
+  8 MJ/m^3 or 2.2 kWh/m^3, within what is measured on a sandstone of 40 MPa at favourable spacing
+  (Bilgin, Copur, Balci, Mechanical Excavation in Mining and Civil Industries, 2013, ch. 4).
+- **Soil.** It is sheared off in passive failure and lifted over the drum:
+  e = 2 c sqrt(K_p) + gamma D, K_p = tan^2(pi/4 + phi/2).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from soil_sim.force.pick import goktan_force
+from soil_sim.force.strength import add_force, column_at
+
+__all__ = ["add_milling", "rock_energy"]
+
+_STRIPS = 4
+"""Strips along the drum."""
+_TIP = math.radians(80.0)
+_FRICTION = math.radians(10.0)
+_BREAKOUT = math.radians(60.0)
+"""Breakout angle of a groove, from the normal of the face."""
+_MEAN = 0.4
+"""Mean cutting force of a pick over its peak: chips break off."""
+_THRUST = 1.0
+"""Force out of the face over the force against the picks."""
+_OUTSIDE = 0.01
+"""How far outside the tips the ground is looked for [m]."""
+
+
+@njit(cache=True)
+def rock_energy(tensile):  # type: ignore[no-untyped-def]
+    """Specific energy [J/m^3] of rock with a tensile strength [Pa] under picks."""
+    return _MEAN * goktan_force(1.0, _TIP, tensile, _FRICTION) / math.tan(_BREAKOUT)
+
+
+@njit(cache=True)
+def add_milling(points, middle, columns, frame, strength, sums):  # type: ignore[no-untyped-def]
+    """Add what resists the picks of a drum in a tick; places from `middle`.
+
+    Args:
+        points: start and end of its key points [m], shape (rows, 2, 3), all round, left ends first,
+            the last pair where the first is.
+        middle: where places count from [m].
+        columns, frame: of the terrain.
+        strength: of its soils.
+        sums: of `add_force`.
+    """
+    pairs = len(points) // 2 - 1
+    axis_from, axis_to = np.zeros(3), np.zeros(3)
+    for row in range(2 * pairs):
+        axis_from += points[row, 0] / (2 * pairs)
+        axis_to += points[row, 1] / (2 * pairs)
+    advance = axis_to - axis_from
+    radius = math.sqrt(((0.5 * (points[0, 1] + points[1, 1]) - axis_to) ** 2).sum())
+    for k in range(pairs):
+        left = 0.5 * (points[2 * k, 1] + points[2 * k + 2, 1])
+        right = 0.5 * (points[2 * k + 1, 1] + points[2 * k + 3, 1])
+        out = 0.5 * (left + right) - axis_to
+        distance = math.sqrt((out**2).sum())
+        if distance < 1e-6:
+            continue
+        out /= distance
+        depth = (advance * out).sum()
+        if depth <= 0.0:
+            continue
+        before = 0.25 * (
+            points[2 * k, 0] + points[2 * k + 1, 0] + points[2 * k + 2, 0] + points[2 * k + 3, 0]
+        )
+        way = 0.5 * (left + right) - before - advance
+        spun = math.sqrt((way**2).sum())
+        if spun < 1e-6:
+            continue
+        across = points[2 * k + 2, 1] - points[2 * k, 1]
+        width = right - left
+        area = math.sqrt((across**2).sum()) * math.sqrt((width**2).sum()) / _STRIPS
+        for strip in range(_STRIPS):
+            at = left + (strip + 0.5) / _STRIPS * width
+            x, y = at[0] + _OUTSIDE * out[0], at[1] + _OUTSIDE * out[1]
+            i = column_at(x, y, frame)
+            if i < 0 or columns.height[i] <= at[2] + _OUTSIDE * out[2]:
+                continue
+            energy = _energy(i, at[2], 2.0 * radius, columns, strength)
+            against = energy * area * depth / spun
+            force = -against * way / spun - _THRUST * against * out
+            place = at - middle
+            add_force(sums, place[0], place[1], place[2], force[0], force[1], force[2])
+
+
+@njit(cache=True)
+def _energy(i, z, diameter, columns, strength):  # type: ignore[no-untyped-def]
+    """Specific energy [J/m^3] of the ground of a column at a height [m]."""
+    cover = columns.bulk[i] * columns.metres_per_mm3
+    if cover > 0.0 and z > columns.height[i] - cover:  # in loose soil
+        kind = columns.loose_soil[i]
+        density = columns.loose[i] / columns.bulk[i]
+        return strength.gamma[kind] * density * diameter
+    kind = columns.soil[i]
+    if strength.tensile[kind] > 0.0:
+        return rock_energy(strength.tensile[kind])
+    passive = math.tan(math.pi / 4 + 0.5 * strength.phi[kind])
+    cohesion = strength.cohesion[kind, columns.moisture[i]]
+    return 2.0 * cohesion * passive + strength.gamma[kind] * diameter
