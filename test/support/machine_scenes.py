@@ -16,9 +16,14 @@ from soil_sim.soil import Soil
 GRID = Grid(129, 129, 0.2)
 
 
+def shipped(name: str) -> MachineDescription:
+    """A machine that is shipped."""
+    return load_description(find_config(f"machines/{name}.yaml"))
+
+
 def excavator() -> MachineDescription:
     """The shipped excavator."""
-    return load_description(find_config("machines/excavator.yaml"))
+    return shipped("excavator")
 
 
 def machine_on_level_ground(**options: object) -> MachineSim:
