@@ -9,18 +9,16 @@ from __future__ import annotations
 
 import argparse
 import time
-from dataclasses import astuple
 
 import numpy as np
 
+from earthmoving_sim.operated import Operated
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
 from machine_sim.machine import load_description
 from machine_sim.operator import FaceCut, FaceParams, OperatorParams, Shift, ShiftParams
-from machine_sim.operator.eyes import Eyes, Terrain
 from machine_sim.particles import ParticleParams
 from machine_sim.rig import Placement
-from msg_bridge.codec.machine_state import BaseState, PayloadState
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
 from soil_sim.params import SoilParams
@@ -73,22 +71,15 @@ def work(kind: str, count: int, seconds: float) -> tuple[float, float, int]:
         else Shift(machine, OperatorParams(), ShiftParams(cycles=100, approach=0.5, longest=1e6))
         for _ in places
     ]
-    eyes = [Eyes() for _ in places]
     tick = sim.params.tick
+    operated = [
+        Operated(world, rig, operator, tick)
+        for rig, operator in zip(sim.rigs, operators, strict=True)
+    ]
     most, began = 0, time.perf_counter()
     while world.tick * tick < seconds:
-        for rig, operator, eye in zip(sim.rigs, operators, eyes, strict=True):
-            body = rig.machine
-            view = eye.see(
-                world.tick * tick,
-                body.joint_positions,
-                BaseState(*body.base_pose, *body.base_velocity),
-                PayloadState(*astuple(rig.payload)),
-                Terrain(GRID, soil.columns.height, soil.revision),
-                world.ledger,
-            )
-            command = operator.command(view, LOOK_EVERY * tick)
-            body.command(command.joints, command.tracks)
+        for each in operated:
+            each.act(LOOK_EVERY * tick)
         for _ in range(LOOK_EVERY):
             world.step()
         most = max(most, sim.particles.count)

@@ -245,4 +245,4 @@ class FaceCut:
         low, high = self._drum.radius, self._task.height - self._drum.radius
         step = (2.0 - self._task.overlap) * self._drum.radius
         count = max(math.ceil((high - low) / step), 0) + 1
-        return np.linspace(low, max(high, low), count).tolist()
+        return [float(height) for height in np.linspace(low, max(high, low), count)]

@@ -1,18 +1,15 @@
 """An excavator loads a dumper, which carries the soil away and tips it: the ledger closes."""
 
-from dataclasses import astuple
-
 import numpy as np
 import pytest
 from support.machine_scenes import loosened, shipped
 
+from earthmoving_sim.operated import Operated
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
 from machine_sim.operator import OperatorParams, Shift, ShiftParams
-from machine_sim.operator.eyes import Eyes, Terrain
 from machine_sim.particles import ParticleParams
 from machine_sim.rig import Placement
-from msg_bridge.codec.machine_state import BaseState, PayloadState
 from msg_bridge.contract.grid import Grid
 from soil_sim.params import SoilParams
 from soil_sim.soil import Soil
@@ -42,19 +39,10 @@ def test_a_truck_is_loaded_and_tips_its_load_elsewhere() -> None:
         imbalances.update(world.step().imbalance for _ in range(ticks))
 
     habits = OperatorParams(clearance=OVER_THE_RIM, empty=0.05)
-    operator, eyes = Shift(digger, habits, ShiftParams(cycles=2, longest=120.0)), Eyes()
+    operator = Shift(digger, habits, ShiftParams(cycles=2, longest=120.0))
+    operated = Operated(world, sim.rigs[0], operator, sim.params.tick)
     while operator.phase not in ("settle", "done"):
-        body = sim.machine
-        view = eyes.see(
-            world.tick * 0.01,
-            body.joint_positions,
-            BaseState(*body.base_pose, *body.base_velocity),
-            PayloadState(*astuple(sim.payload)),
-            Terrain(GRID, world.surface, soil.revision),
-            world.ledger,
-        )
-        command = operator.command(view, 0.02)
-        sim.command(command.joints, command.tracks)
+        operated.act(0.02)
         go_on(2)
     loaded = truck.payload
     assert operator.given_up == ""

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from support.machine_scenes import excavator, loosened, shipped
 
+from earthmoving_sim.operated import Operated
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
-from machine_sim.machine import MachineError, rotation_matrix
+from machine_sim.machine import MachineError
 from machine_sim.operator import FaceCut, FaceParams, View
 from machine_sim.particles import ParticleParams
 from machine_sim.rig import Placement
@@ -78,19 +79,9 @@ def test_it_cuts_a_face_in_passes(kind: str) -> None:
     before = soil.columns.height.copy()
     operator = FaceCut(HEADER, FaceParams(width=2.6, height=1.6, rounds=1, longest=200.0))
     phases, imbalances, torque = set(), set(), 0.0
+    operated = Operated(world, sim.rigs[0], operator, sim.params.tick)
     while not operator.done:
-        position, quaternion = sim.machine.base_pose
-        view = View(
-            world.tick * 0.01,
-            sim.machine.joint_positions,
-            position,
-            rotation_matrix(quaternion),
-            0.0,
-            GRID,
-            before,
-        )
-        command = operator.command(view, DT)
-        sim.command(command.joints, command.tracks)
+        operated.act(DT)
         for _ in range(2):
             imbalances.add(world.step().imbalance)
         phases.add(operator.phase)
