@@ -66,6 +66,8 @@ class DigRun:
             params=config.stepping,
             particle_params=config.particles,
             soils=soil.loose_soils,
+            soil=soil.columns.top_soil,
+            moisture=soil.columns.top_moisture,
             position=(config.run.start_x - config.shift.approach, config.run.start_y),
             seed=config.run.seed,
         )

@@ -29,6 +29,7 @@ from machine_sim.resistance import Resistance
 from machine_sim.sweep import sweep_rows, track_rows
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
+from msg_bridge.contract.messages import Keyframe
 from msg_bridge.contract.rows import CHANGED, LANDED, SWEEP, Kind, Rows, empty_rows, join_rows
 
 __all__ = ["MachineSim", "MachineStep"]
@@ -78,6 +79,8 @@ class MachineSim:
         params: MachineSimParams | None = None,
         particle_params: ParticleParams | None = None,
         soils: Sequence[LooseSoil] = (LooseSoil(),),
+        soil: NDArray[np.uint8] | None = None,
+        moisture: NDArray[np.uint8] | None = None,
         position: tuple[float, float] = (0.0, 0.0),
         yaw: float = 0.0,
         seed: int = 0,
@@ -88,12 +91,13 @@ class MachineSim:
             grid, elevation: the terrain it starts on [m], shape (rows, cols).
             params, particle_params: defaults as shipped.
             soils: all soils of the terrain, in the order of their ids.
+            soil, moisture: of its surface, id and % of saturation; zeros if not given.
             position: where it starts (x, y) [m], map frame; it is set down on the ground.
             yaw: where it faces [rad], from +x counter-clockwise.
             seed: of the scatter of released particles.
         """
         self.params = params or MachineSimParams()
-        self.ground = Ground(grid, elevation)
+        self.ground = Ground(grid, elevation, soils=soils, soil=soil, moisture=moisture)
         self.tick = 0
         self._client: int = pybullet.connect(pybullet.DIRECT)
         pybullet.setTimeStep(self.params.physics_step, physicsClientId=self._client)
@@ -146,7 +150,7 @@ class MachineSim:
             ticks_since: ticks done since the one that is answered, at most 3; what was cut in that
                 one has moved on with the tool.
         """
-        self.ground.update(changed["row"], changed["col"], changed["z"].astype(np.float64))
+        self.ground.follow(changed)
         cut_at = self._tool_poses[max(-1 - ticks_since, -len(self._tool_poses))]
         self.pending.receive(conversions, cut_at, self.tick)
         if forces is not None:
@@ -158,14 +162,14 @@ class MachineSim:
         self.particles.remove(conversions["particle_id"][gone])
         self.particles.unfreeze(conversions["particle_id"][kind == Kind.REFUSE])
 
-    def enter(self, elevation: NDArray[np.floating], owed: Rows) -> None:
+    def enter(self, keyframe: Keyframe, owed: Rows) -> None:
         """Take part from here on: the terrain as it is now, and what was answered while away.
 
         Args:
-            elevation: the surface [m], shape (rows, cols).
+            keyframe: the terrain.
             owed: CONVERSION rows of this source.
         """
-        self.ground.replace(elevation)
+        self.ground.replace(keyframe)
         self.resistance.forget()
         nothing = empty_rows(CHANGED)
         self.apply(owed, nothing)

@@ -9,6 +9,7 @@ one (and falls with it at once): the particle is lifted, not shot.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
@@ -16,6 +17,9 @@ from numpy.typing import NDArray
 
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.loose_soil import LooseSoil
+from msg_bridge.contract.messages import Keyframe
+from msg_bridge.contract.rows import Rows
 
 __all__ = ["RISE_SPEED", "Ground", "GroundError", "surface_at"]
 
@@ -34,10 +38,31 @@ class Ground:
         grid: where each height lies.
         elevation: the soil's surface [m], shape (rows, cols), float64.
         surface: the contact surface [m], same shape; `elevation` except where it still rises.
+        soils: all soils of the terrain, by id.
+        soil, moisture: id and moisture [% of saturation] of what the surface is of, uint8.
+        volume_mm3: bank volume of each column, float64; NaN where it is not known.
     """
 
-    def __init__(self, grid: Grid, elevation: NDArray[np.floating]) -> None:
+    def __init__(
+        self,
+        grid: Grid,
+        elevation: NDArray[np.floating],
+        *,
+        soils: Sequence[LooseSoil] = (LooseSoil(),),
+        soil: NDArray[np.uint8] | None = None,
+        moisture: NDArray[np.uint8] | None = None,
+    ) -> None:
+        """
+        Args:
+            grid, elevation, soils: see the attributes.
+            soil, moisture: see the attributes; zeros if not given.
+        """
         self.grid = grid
+        self.soils = tuple(soils)
+        zeros = np.zeros(grid.shape, dtype=np.uint8)
+        self.soil: NDArray[np.uint8] = self._known(zeros if soil is None else soil).copy()
+        self.moisture: NDArray[np.uint8] = (zeros if moisture is None else moisture).copy()
+        self.volume_mm3: NDArray[np.float64] = np.full(grid.shape, np.nan)
         self.elevation = self._heights(elevation)
         self.surface: NDArray[np.float64] = self.elevation.copy()
         self._rising: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
@@ -49,12 +74,27 @@ class Ground:
         """(x of row 0, y of column 0, 1/cell): what the kernels need to find a column."""
         return (self.grid.x_first, self.grid.y_first, 1.0 / self.grid.cell)
 
-    def replace(self, elevation: NDArray[np.floating]) -> None:
-        """Take over the whole terrain [m], shape (rows, cols); rises show bit by bit as ever."""
-        self.elevation[:] = self._heights(elevation)
+    def replace(self, keyframe: Keyframe) -> None:
+        """Take over the whole terrain; rises show bit by bit as ever."""
+        self.soil[:], self.moisture[:] = self._known(keyframe.soil), keyframe.moisture
+        self.volume_mm3[:] = keyframe.volume_mm3
+        self.elevation[:] = self._heights(keyframe.elevation)
         np.minimum(self.surface, self.elevation, out=self.surface)
         self._changed[:] = self._is_changed = True
         self._rising = np.flatnonzero(self.surface < self.elevation)
+
+    def follow(self, changed: Rows) -> None:
+        """Take over changed cells and what they are of now.
+
+        Args:
+            changed: CHANGED rows.
+        """
+        if changed.size == 0:
+            return
+        rows, cols, soil = changed["row"], changed["col"], self._known(changed["soil"])
+        self.update(rows, cols, changed["z"].astype(np.float64))
+        self.soil[rows, cols], self.moisture[rows, cols] = soil, changed["moisture"]
+        self.volume_mm3[rows, cols] = changed["volume_mm3"]
 
     def update(
         self,
@@ -94,6 +134,15 @@ class Ground:
         cells = self._rising
         surface[cells] = np.minimum(surface[cells] + RISE_SPEED * dt, elevation[cells])
         self._rising = cells[surface[cells] < elevation[cells]]
+
+    def _known(self, soil: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The ids of soils, each of which there is."""
+        if soil.max() >= len(self.soils):
+            raise GroundError(
+                f"the ground is of soil {soil.max()} and the machine knows {len(self.soils)}; start"
+                " it with the soils of this run"
+            )
+        return soil
 
     def _heights(self, elevation: NDArray[np.floating]) -> NDArray[np.float64]:
         """A copy of terrain heights as all machines feel them, near the soil or far from it.

@@ -79,6 +79,8 @@ class MachineRun:
             params=_in_step(stepping, facts),
             particle_params=particles,
             soils=facts.soils,
+            soil=keyframe.soil,
+            moisture=keyframe.moisture,
             position=(params.x, params.y),
             yaw=math.radians(params.yaw),
             seed=params.seed,
