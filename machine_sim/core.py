@@ -21,6 +21,7 @@ from machine_sim.cubes import CubeEngine
 from machine_sim.ground import Ground
 from machine_sim.machine import Excavator, MachineDescription
 from machine_sim.machine.kinematics import rotation_matrix
+from machine_sim.machine.tracks import sole_heights
 from machine_sim.params import MachineSimParams
 from machine_sim.particles import ParticleEngine, ParticleParams, Pose, SoilEngine
 from machine_sim.payload import payload_in
@@ -206,7 +207,8 @@ class MachineSim:
         self._tool_poses.append(self.machine.tool_pose)
         self.payload = payload_in(self._bucket, self.particles, _TOOL)
         tool = sweep_rows(self._bucket, start, self.machine.tool_pose, tool=_TOOL)
-        tracks = track_rows(self._tracks, standing, self._base, first_tool=_TOOL + 1)
+        soles = sole_heights(self.machine.tracks)
+        tracks = track_rows(self._tracks, standing, self._base, first_tool=_TOOL + 1, soles=soles)
         landed = self._land()
         sweeps = join_rows([tool, tracks], SWEEP)
         return MachineStep(sweeps, landed, self.pending.total_mm3, self.particles.total_volume_mm3)

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from machine_sim.pressed import At, Pressed
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
@@ -41,6 +42,8 @@ class Ground:
         soils: all soils of the terrain, by id.
         soil, moisture: id and moisture [% of saturation] of what the surface is of, uint8.
         volume_mm3: bank volume of each column, float64; NaN where it is not known.
+        level: the contact surface as if no track had pressed it [m], same shape.
+        sunk: how far soles have been below that [m], same shape; soles write it.
     """
 
     def __init__(
@@ -65,9 +68,17 @@ class Ground:
         self.volume_mm3: NDArray[np.float64] = np.full(grid.shape, np.nan)
         self.elevation = self._heights(elevation)
         self.surface: NDArray[np.float64] = self.elevation.copy()
+        self.level: NDArray[np.float64] = self.elevation.copy()
+        self._pressed = Pressed(grid.shape)
+        self._growth = 1.0 + max(soil.swell for soil in self.soils)
         self._rising: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self._changed: NDArray[np.bool_] = np.zeros(grid.shape, dtype=np.bool_)
         self._is_changed = False
+
+    @property
+    def sunk(self) -> NDArray[np.float64]:
+        """See the attributes."""
+        return self._pressed.sunk
 
     @property
     def frame(self) -> tuple[float, float, float]:
@@ -77,9 +88,11 @@ class Ground:
     def replace(self, keyframe: Keyframe) -> None:
         """Take over the whole terrain; rises show bit by bit as ever."""
         self.soil[:], self.moisture[:] = self._known(keyframe.soil), keyframe.moisture
-        self.volume_mm3[:] = keyframe.volume_mm3
-        self.elevation[:] = self._heights(keyframe.elevation)
+        elevation, volume = self._heights(keyframe.elevation), keyframe.volume_mm3.astype(float)
+        self._press(..., elevation, volume)
+        self.volume_mm3[:], self.elevation[:] = volume, elevation
         np.minimum(self.surface, self.elevation, out=self.surface)
+        self.level[:] = self.surface + self._pressed.packed
         self._changed[:] = self._is_changed = True
         self._rising = np.flatnonzero(self.surface < self.elevation)
 
@@ -92,25 +105,29 @@ class Ground:
         if changed.size == 0:
             return
         rows, cols, soil = changed["row"], changed["col"], self._known(changed["soil"])
-        self.update(rows, cols, changed["z"].astype(np.float64))
-        self.soil[rows, cols], self.moisture[rows, cols] = soil, changed["moisture"]
-        self.volume_mm3[rows, cols] = changed["volume_mm3"]
+        self.update(rows, cols, changed["z"].astype(np.float64), changed["volume_mm3"])
+        self.soil[rows, cols] = soil
+        self.moisture[rows, cols] = np.minimum(changed["moisture"], 100)
 
     def update(
         self,
         rows: NDArray[np.integer],
         cols: NDArray[np.integer],
         heights: NDArray[np.floating],
+        volume_mm3: NDArray[np.float64] | float = math.nan,
     ) -> None:
-        """Take over changed cells: `elevation[rows, cols] = heights` [m]."""
+        """Take over changed cells: `elevation[rows, cols] = heights` [m], and volumes if known."""
         if rows.size == 0:
             return
         if not np.isfinite(heights).all():
             raise GroundError("a changed cell has no finite height; resync from the terrain map")
+        self._press((rows, cols), heights, volume_mm3)
+        self.volume_mm3[rows, cols] = volume_mm3
         self.elevation[rows, cols] = heights
         self._changed[rows, cols] = self._is_changed = True
         lower = heights < self.surface[rows, cols]
         self.surface[rows[lower], cols[lower]] = heights[lower]
+        self.level[rows, cols] = self.surface[rows, cols] + self._pressed.packed[rows, cols]
         risen = np.ravel_multi_index((rows[~lower], cols[~lower]), self.grid.shape)
         self._rising = np.union1d(self._rising, risen)
 
@@ -133,7 +150,15 @@ class Ground:
         surface, elevation = self.surface.reshape(-1), self.elevation.reshape(-1)
         cells = self._rising
         surface[cells] = np.minimum(surface[cells] + RISE_SPEED * dt, elevation[cells])
+        self.level.reshape(-1)[cells] = surface[cells] + self._pressed.packed.reshape(-1)[cells]
         self._rising = cells[surface[cells] < elevation[cells]]
+
+    def _press(
+        self, at: At, heights: NDArray[np.floating], volume_mm3: NDArray[np.float64] | float
+    ) -> None:
+        """Find out which of the columns that come to these heights were pressed."""
+        moved = (volume_mm3 - self.volume_mm3[at]) / (1e9 * self.grid.cell**2)
+        self._pressed.follow(at, heights - self.elevation[at], moved, self._growth)
 
     def _known(self, soil: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The ids of soils, each of which there is."""
