@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from machine_sim.pressed import At, Pressed
+from machine_sim.pressed import Pressed
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
@@ -41,7 +41,7 @@ class Ground:
         surface: the contact surface [m], same shape; `elevation` except where it still rises.
         soils: all soils of the terrain, by id.
         soil, moisture: id and moisture [% of saturation] of what the surface is of, uint8.
-        volume_mm3: bank volume of each column, float64; NaN where it is not known.
+        volume_mm3: bank volume of each column, same shape, float64; NaN where it is not known.
         level: the contact surface as if no track had pressed it [m], same shape.
         sunk: how far soles have been below that [m], same shape; soles write it.
     """
@@ -65,15 +65,18 @@ class Ground:
         zeros = np.zeros(grid.shape, dtype=np.uint8)
         self.soil: NDArray[np.uint8] = self._known(zeros if soil is None else soil).copy()
         self.moisture: NDArray[np.uint8] = (zeros if moisture is None else moisture).copy()
-        self.volume_mm3: NDArray[np.float64] = np.full(grid.shape, np.nan)
         self.elevation = self._heights(elevation)
         self.surface: NDArray[np.float64] = self.elevation.copy()
         self.level: NDArray[np.float64] = self.elevation.copy()
-        self._pressed = Pressed(grid.shape)
-        self._growth = 1.0 + max(soil.swell for soil in self.soils)
+        self._pressed = Pressed(grid, max(soil.swell for soil in self.soils))
         self._rising: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self._changed: NDArray[np.bool_] = np.zeros(grid.shape, dtype=np.bool_)
         self._is_changed = False
+
+    @property
+    def volume_mm3(self) -> NDArray[np.float64]:
+        """See the attributes."""
+        return self._pressed.volume_mm3
 
     @property
     def sunk(self) -> NDArray[np.float64]:
@@ -88,9 +91,10 @@ class Ground:
     def replace(self, keyframe: Keyframe) -> None:
         """Take over the whole terrain; rises show bit by bit as ever."""
         self.soil[:], self.moisture[:] = self._known(keyframe.soil), keyframe.moisture
-        elevation, volume = self._heights(keyframe.elevation), keyframe.volume_mm3.astype(float)
-        self._press(..., elevation, volume)
-        self.volume_mm3[:], self.elevation[:] = volume, elevation
+        elevation = self._heights(keyframe.elevation)
+        rise, volume = (elevation - self.elevation).reshape(-1), keyframe.volume_mm3.reshape(-1)
+        self._pressed.follow(np.arange(rise.size), rise, volume.astype(np.float64))
+        self.elevation[:] = elevation
         np.minimum(self.surface, self.elevation, out=self.surface)
         self.level[:] = self.surface + self._pressed.packed
         self._changed[:] = self._is_changed = True
@@ -114,22 +118,24 @@ class Ground:
         rows: NDArray[np.integer],
         cols: NDArray[np.integer],
         heights: NDArray[np.floating],
-        volume_mm3: NDArray[np.float64] | float = math.nan,
+        volume_mm3: NDArray[np.float64] | None = None,
     ) -> None:
         """Take over changed cells: `elevation[rows, cols] = heights` [m], and volumes if known."""
         if rows.size == 0:
             return
         if not np.isfinite(heights).all():
             raise GroundError("a changed cell has no finite height; resync from the terrain map")
-        self._press((rows, cols), heights, volume_mm3)
-        self.volume_mm3[rows, cols] = volume_mm3
+        cells = np.ravel_multi_index((rows, cols), self.grid.shape)
+        volume = np.full(cells.size, np.nan)
+        if volume_mm3 is not None:
+            volume[:] = volume_mm3
+        self._pressed.follow(cells, heights - self.elevation[rows, cols], volume)
         self.elevation[rows, cols] = heights
         self._changed[rows, cols] = self._is_changed = True
         lower = heights < self.surface[rows, cols]
         self.surface[rows[lower], cols[lower]] = heights[lower]
         self.level[rows, cols] = self.surface[rows, cols] + self._pressed.packed[rows, cols]
-        risen = np.ravel_multi_index((rows[~lower], cols[~lower]), self.grid.shape)
-        self._rising = np.union1d(self._rising, risen)
+        self._rising = np.union1d(self._rising, cells[~lower])
 
     def take_changes(self) -> NDArray[np.bool_] | None:
         """Where the terrain changed or rose since this was asked last, shape (rows, cols).
@@ -152,13 +158,6 @@ class Ground:
         surface[cells] = np.minimum(surface[cells] + RISE_SPEED * dt, elevation[cells])
         self.level.reshape(-1)[cells] = surface[cells] + self._pressed.packed.reshape(-1)[cells]
         self._rising = cells[surface[cells] < elevation[cells]]
-
-    def _press(
-        self, at: At, heights: NDArray[np.floating], volume_mm3: NDArray[np.float64] | float
-    ) -> None:
-        """Find out which of the columns that come to these heights were pressed."""
-        moved = (volume_mm3 - self.volume_mm3[at]) / (1e9 * self.grid.cell**2)
-        self._pressed.follow(at, heights - self.elevation[at], moved, self._growth)
 
     def _known(self, soil: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The ids of soils, each of which there is."""

@@ -8,48 +8,67 @@ again; soil that comes or goes makes the ground forget as much of it.
 
 from __future__ import annotations
 
-from types import EllipsisType
-
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["At", "Pressed"]
+from msg_bridge.contract.grid import Grid
+
+__all__ = ["Pressed"]
 
 _NOTHING = 1e-4
 """Less than this [m] is what messages round."""
 
-At = tuple[NDArray[np.integer], NDArray[np.integer]] | EllipsisType
-"""Rows and columns, or all of them."""
-
 
 class Pressed:
-    """The memory of each column.
+    """The memory of each column; arrays have shape (rows, cols).
 
     Attributes:
-        packed: how far its surface was pressed below where it would be [m], shape (rows, cols).
-        sunk: how far a sole was below that, at least `packed` [m], likewise; soles write it.
+        volume_mm3: bank volume, float64; NaN where it is not known.
+        packed: how far the surface was pressed below where it would be [m].
+        sunk: how far a sole was below that, at least `packed` [m]; soles write it.
     """
 
-    def __init__(self, shape: tuple[int, int]) -> None:
-        """`shape` of the terrain: rows, cols."""
-        self.packed: NDArray[np.float64] = np.zeros(shape)
-        self.sunk: NDArray[np.float64] = np.zeros(shape)
+    def __init__(self, grid: Grid, swell: float) -> None:
+        """
+        Args:
+            grid: where each column stands.
+            swell: the largest of the soils.
+        """
+        self.volume_mm3: NDArray[np.float64] = np.full(grid.shape, np.nan)
+        self.packed: NDArray[np.float64] = np.zeros(grid.shape)
+        self.sunk: NDArray[np.float64] = np.zeros(grid.shape)
+        self._bank = 1e-3 / grid.cell_area_mm2  # height of a mm^3 [m]
+        self._loose = self._bank * (1.0 + swell)  # the most it can have
 
     def follow(
-        self, at: At, rise: NDArray[np.float64], moved: NDArray[np.float64], growth: float
+        self,
+        cells: NDArray[np.int64],
+        rise: NDArray[np.float64],
+        volume_mm3: NDArray[np.float64],
     ) -> None:
         """Follow columns that changed.
 
         Args:
-            at: their rows and columns, or all.
+            cells: their flat indices.
             rise: of their surface [m].
-            moved: bank volume that came, below 0 what went, as a height [m]; NaN if not known.
-            growth: room that loose soil takes at most, over its bank volume.
+            volume_mm3: bank volume they have now; NaN if not known.
         """
+        columns = (self.volume_mm3.reshape(-1), self.packed.reshape(-1), self.sunk.reshape(-1))
+        _follow(cells, rise, volume_mm3, *columns, self._bank, self._loose)
+
+
+@njit(cache=True)
+def _follow(cells, rise, volume, known, packed, sunk, bank, loose):  # type: ignore[no-untyped-def]
+    for n in range(cells.size):
+        i = cells[n]
+        came = volume[n] - known[i]
+        known[i] = volume[n]
         # Soil that goes takes at most the room of loose soil with it, and brings at least its own.
-        explained = np.fmax(rise, moved * np.where(moved < 0.0, growth, 1.0))
-        pressed = explained - rise
-        pressed[pressed < _NOTHING] = 0.0
-        forgotten = np.abs(explained)
-        self.packed[at] = np.maximum(self.packed[at] - forgotten, 0.0) + pressed
-        self.sunk[at] = np.maximum(self.sunk[at] - forgotten, self.packed[at])
+        least = came * (loose if came < 0.0 else bank)
+        explained = least if least > rise[n] else rise[n]  # what is not known explains nothing
+        pressed = explained - rise[n]
+        if pressed < _NOTHING:
+            pressed = 0.0
+        packed[i] = max(packed[i] - abs(explained), 0.0) + pressed
+        sunk[i] = max(sunk[i] - abs(explained), packed[i])
