@@ -63,9 +63,8 @@ def terrain(side: int) -> TerrainMap:
     rng = np.random.default_rng(1)
     grid = Grid(side, side, 0.2)
     volume = rng.integers(0, 10**12, grid.shape)
-    return TerrainMap(
-        Keyframe(1, 7, grid, rng.normal(size=grid.shape)), rng.random(grid.shape), volume
-    )
+    frame = Keyframe(1, 7, grid, rng.normal(size=grid.shape), volume)
+    return TerrainMap(frame, rng.random(grid.shape))
 
 
 def main() -> None:

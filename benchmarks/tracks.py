@@ -1,9 +1,10 @@
 """What tracks cost and how they drive: the fast ones beside the hinged ones.
 
-Each model does the same on firm ground: drives, stops, stands, pivots, climbs and holds on slopes,
-and at last drives about at random on rough ground. Prints a column for each: processor time per
-5 ms step with the whole machine, and what it did. Run from the repository root:
-`python benchmarks/tracks.py`; `--model physics` for one, `--minutes 10` to drive about for longer.
+Each model does the same on ground of one kind of soil, firm unless another is named: drives, stops,
+stands, pivots, climbs and holds on slopes, and at last drives about at random on rough ground.
+Prints a column for each: processor time per 5 ms step with the whole machine, and what it did. Run
+from the repository root: `python benchmarks/tracks.py`; `--model physics` for one, `--soil loam`
+for softer ground, `--minutes 10` to drive about for longer.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from machine_sim.machine import MachineError, TrackedMachine, load_description
 from machine_sim.machine.tracks import TRACK_MODELS, TrackModel
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.loose_soil import LooseSoil
+from soil_sim.soils import load_soils
 
 Array = NDArray[np.float64]
 Surface = Callable[[Array, Array], Array]
@@ -35,13 +38,16 @@ GRID = Grid(601, 601, 0.1)
 class Site:
     """A machine on its ground."""
 
-    def __init__(self, model: TrackModel, surface: Surface, x: float = 0.0) -> None:
+    def __init__(
+        self, model: TrackModel, soil: LooseSoil, surface: Surface, x: float = 0.0
+    ) -> None:
         across = np.arange(GRID.shape[0])
         heights = surface(*np.meshgrid(GRID.x(across), GRID.y(across), indexing="ij"))
         self.client = pybullet.connect(pybullet.DIRECT)
         pybullet.setTimeStep(DT, self.client)
         pybullet.setGravity(0.0, 0.0, -9.81, self.client)
-        ground = Ground(GRID, heights)
+        moisture = np.full(GRID.shape, soil.moisture, dtype=np.uint8)
+        ground = Ground(GRID, heights, soils=[soil], moisture=moisture)
         description = load_description(find_config("machines/excavator.yaml"))
         self.machine = TrackedMachine(description, self.client, ground, (x, 0.0), 0.0, model)
         self.steps, self.spent = 0, 0.0
@@ -100,10 +106,11 @@ def way(places: Array) -> float:
     return float(np.linalg.norm(places[-1] - places[0]))
 
 
-def on_level_ground(model: TrackModel) -> dict[str, str]:
-    """Cost, speed, stop, drift and pivot."""
-    site = Site(model, flat, -10.0)
+def on_level_ground(model: TrackModel, soil: LooseSoil) -> dict[str, str]:
+    """Cost, sinkage, speed, stop, drift and pivot."""
+    site = Site(model, soil, flat, -10.0)
     site.drive(0.0, 0.0, 2.0)
+    sunk = site.machine.tracks.sinkage.mean()
     site.drive(0.8, 0.8, 2.0)
     site.steps, site.spent = 0, 0.0
     driven = way(site.drive(0.8, 0.8, 5.0))
@@ -119,6 +126,7 @@ def on_level_ground(model: TrackModel) -> dict[str, str]:
     site.close()
     return {
         "cost, driving [ms a step]": f"{cost:.3f}",
+        "sinkage, standing [mm]": f"{1e3 * sunk:.0f}",
         "speed, 0.8 asked for [m/s]": f"{driven / 5.0:.3f}",
         "way to a stop from there [mm]": f"{1e3 * np.ptp(stop[:200, 0]):.0f}",
         "drift, standing [mm/min]": f"{1e3 * drift:.2f}",
@@ -126,9 +134,9 @@ def on_level_ground(model: TrackModel) -> dict[str, str]:
     }
 
 
-def on_a_slope(model: TrackModel, degrees: float) -> dict[str, str]:
+def on_a_slope(model: TrackModel, soil: LooseSoil, degrees: float) -> dict[str, str]:
     """Climb and hold."""
-    site = Site(model, slope(degrees), -5.0)
+    site = Site(model, soil, slope(degrees), -5.0)
     site.drive(0.0, 0.0, 2.0)
     climbed = way(site.drive(0.5, 0.5, 6.0))
     site.drive(0.0, 0.0, 2.0)
@@ -140,9 +148,9 @@ def on_a_slope(model: TrackModel, degrees: float) -> dict[str, str]:
     }
 
 
-def about(model: TrackModel, minutes: float, seed: int) -> dict[str, str]:
+def about(model: TrackModel, soil: LooseSoil, minutes: float, seed: int) -> dict[str, str]:
     """Random driving on rough ground."""
-    site, rng = Site(model, rough(seed)), np.random.default_rng(seed)
+    site, rng = Site(model, soil, rough(seed)), np.random.default_rng(seed)
     speeds = ((0.8, 0.8), (-0.8, -0.8), (0.6, 0.2), (-0.4, 0.4), (0.0, 0.0), (1.5, 1.5))
     told, driven, share = "yes", 0.0, []
     try:
@@ -172,16 +180,18 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--model", choices=TRACK_MODELS, help="only this one")
+    parser.add_argument("--soil", default="reference", help="kind of the ground, of soils.yaml")
     parser.add_argument("--minutes", type=float, default=1.0, help="of random driving")
     parser.add_argument("--seed", type=int, default=1, help="of random driving")
     asked = parser.parse_args()
     models = (asked.model,) if asked.model else TRACK_MODELS
+    soil = load_soils()[asked.soil].loose
     tables = []
     for model in models:
-        table = on_level_ground(model)
+        table = on_level_ground(model, soil)
         for degrees in (15.0, 25.0):
-            table |= on_a_slope(model, degrees)
-        tables.append(table | about(model, asked.minutes, asked.seed))
+            table |= on_a_slope(model, soil, degrees)
+        tables.append(table | about(model, soil, asked.minutes, asked.seed))
     print(f"{'':<42}" + "".join(f"{model:>12}" for model in models))
     for name in tables[0]:
         print(f"{name:<42}" + "".join(f"{table[name]:>12}" for table in tables))

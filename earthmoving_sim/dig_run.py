@@ -64,6 +64,8 @@ class DigRun:
             params=config.stepping,
             particle_params=config.particles,
             soils=soil.loose_soils,
+            soil=soil.columns.top_soil,
+            moisture=soil.columns.top_moisture,
             seed=config.run.seed,
         )
         warm_up(config.particles)

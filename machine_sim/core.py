@@ -26,6 +26,7 @@ from machine_sim.rig import Placement, Rig
 from machine_sim.tool_work import ToolWork
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
+from msg_bridge.contract.messages import Keyframe
 from msg_bridge.contract.rows import CHANGED, LANDED, SWEEP, Kind, Rows, empty_rows, join_rows
 
 __all__ = ["MachineSim", "MachineStep"]
@@ -67,6 +68,8 @@ class MachineSim:
         params: MachineSimParams | None = None,
         particle_params: ParticleParams | None = None,
         soils: Sequence[LooseSoil] = (LooseSoil(),),
+        soil: NDArray[np.uint8] | None = None,
+        moisture: NDArray[np.uint8] | None = None,
         seed: int = 0,
     ) -> None:
         """
@@ -75,6 +78,7 @@ class MachineSim:
             grid, elevation: the terrain they start on [m], shape (rows, cols).
             params, particle_params: defaults as shipped.
             soils: all soils of the terrain, in the order of their ids.
+            soil, moisture: of its surface, id and % of saturation; zeros if not given.
             seed: of the scatter of released particles.
 
         Raises:
@@ -83,7 +87,7 @@ class MachineSim:
         if not machines:
             raise MachineError("there is no machine; give one placement or more")
         self.params = params or MachineSimParams()
-        self.ground = Ground(grid, elevation)
+        self.ground = Ground(grid, elevation, soils=soils, soil=soil, moisture=moisture)
         self.tick = 0
         self._client: int = pybullet.connect(pybullet.DIRECT)
         pybullet.setTimeStep(self.params.physics_step, physicsClientId=self._client)
@@ -143,7 +147,7 @@ class MachineSim:
             ticks_since: ticks done since the one that is answered, at most 3; what was cut in that
                 one has moved on with the tool.
         """
-        self.ground.update(changed["row"], changed["col"], changed["z"].astype(np.float64))
+        self.ground.follow(changed)
         self._receive(conversions[conversions["kind"] == Kind.EXCAVATE], ticks_since)
         if forces is not None:
             for work in self._works:
@@ -153,14 +157,14 @@ class MachineSim:
         self.particles.remove(conversions["particle_id"][gone])
         self.particles.unfreeze(conversions["particle_id"][kind == Kind.REFUSE])
 
-    def enter(self, elevation: NDArray[np.floating], owed: Rows) -> None:
+    def enter(self, keyframe: Keyframe, owed: Rows) -> None:
         """Take part from here on: the terrain as it is now, and what was answered while away.
 
         Args:
-            elevation: the surface [m], shape (rows, cols).
+            keyframe: the terrain.
             owed: CONVERSION rows of this source.
         """
-        self.ground.replace(elevation)
+        self.ground.replace(keyframe)
         for work in self._cutting:
             assert work.resistance is not None
             work.resistance.forget()

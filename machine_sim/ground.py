@@ -9,13 +9,18 @@ one (and falls with it at once): the particle is lifted, not shot.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from machine_sim.pressed import Pressed
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.loose_soil import LooseSoil
+from msg_bridge.contract.messages import Keyframe
+from msg_bridge.contract.rows import Rows
 
 __all__ = ["RISE_SPEED", "Ground", "GroundError", "surface_at"]
 
@@ -34,45 +39,103 @@ class Ground:
         grid: where each height lies.
         elevation: the soil's surface [m], shape (rows, cols), float64.
         surface: the contact surface [m], same shape; `elevation` except where it still rises.
+        soils: all soils of the terrain, by id.
+        soil, moisture: id and moisture [% of saturation] of what the surface is of, uint8.
+        volume_mm3: bank volume of each column, same shape, float64; NaN where it is not known.
+        level: the contact surface as if no track had pressed it [m], same shape.
+        sunk: how far soles have been below that [m], same shape; soles write it.
     """
 
-    def __init__(self, grid: Grid, elevation: NDArray[np.floating]) -> None:
+    def __init__(
+        self,
+        grid: Grid,
+        elevation: NDArray[np.floating],
+        *,
+        soils: Sequence[LooseSoil] = (LooseSoil(),),
+        soil: NDArray[np.uint8] | None = None,
+        moisture: NDArray[np.uint8] | None = None,
+    ) -> None:
+        """
+        Args:
+            grid, elevation, soils: see the attributes.
+            soil, moisture: see the attributes; zeros if not given.
+        """
         self.grid = grid
+        self.soils = tuple(soils)
+        zeros = np.zeros(grid.shape, dtype=np.uint8)
+        self.soil: NDArray[np.uint8] = self._known(zeros if soil is None else soil).copy()
+        self.moisture: NDArray[np.uint8] = (zeros if moisture is None else moisture).copy()
         self.elevation = self._heights(elevation)
         self.surface: NDArray[np.float64] = self.elevation.copy()
+        self.level: NDArray[np.float64] = self.elevation.copy()
+        self._pressed = Pressed(grid, max(soil.swell for soil in self.soils))
         self._rising: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self._changed: NDArray[np.bool_] = np.zeros(grid.shape, dtype=np.bool_)
         self._is_changed = False
+
+    @property
+    def volume_mm3(self) -> NDArray[np.float64]:
+        """See the attributes."""
+        return self._pressed.volume_mm3
+
+    @property
+    def sunk(self) -> NDArray[np.float64]:
+        """See the attributes."""
+        return self._pressed.sunk
 
     @property
     def frame(self) -> tuple[float, float, float]:
         """(x of row 0, y of column 0, 1/cell): what the kernels need to find a column."""
         return (self.grid.x_first, self.grid.y_first, 1.0 / self.grid.cell)
 
-    def replace(self, elevation: NDArray[np.floating]) -> None:
-        """Take over the whole terrain [m], shape (rows, cols); rises show bit by bit as ever."""
-        self.elevation[:] = self._heights(elevation)
+    def replace(self, keyframe: Keyframe) -> None:
+        """Take over the whole terrain; rises show bit by bit as ever."""
+        self.soil[:], self.moisture[:] = self._known(keyframe.soil), keyframe.moisture
+        elevation = self._heights(keyframe.elevation)
+        rise, volume = (elevation - self.elevation).reshape(-1), keyframe.volume_mm3.reshape(-1)
+        self._pressed.follow(np.arange(rise.size), rise, volume.astype(np.float64))
+        self.elevation[:] = elevation
         np.minimum(self.surface, self.elevation, out=self.surface)
+        self.level[:] = self.surface + self._pressed.packed
         self._changed[:] = self._is_changed = True
         self._rising = np.flatnonzero(self.surface < self.elevation)
+
+    def follow(self, changed: Rows) -> None:
+        """Take over changed cells and what they are of now.
+
+        Args:
+            changed: CHANGED rows.
+        """
+        if changed.size == 0:
+            return
+        rows, cols, soil = changed["row"], changed["col"], self._known(changed["soil"])
+        self.update(rows, cols, changed["z"].astype(np.float64), changed["volume_mm3"])
+        self.soil[rows, cols] = soil
+        self.moisture[rows, cols] = np.minimum(changed["moisture"], 100)
 
     def update(
         self,
         rows: NDArray[np.integer],
         cols: NDArray[np.integer],
         heights: NDArray[np.floating],
+        volume_mm3: NDArray[np.float64] | None = None,
     ) -> None:
-        """Take over changed cells: `elevation[rows, cols] = heights` [m]."""
+        """Take over changed cells: `elevation[rows, cols] = heights` [m], and volumes if known."""
         if rows.size == 0:
             return
         if not np.isfinite(heights).all():
             raise GroundError("a changed cell has no finite height; resync from the terrain map")
+        cells = np.ravel_multi_index((rows, cols), self.grid.shape)
+        volume = np.full(cells.size, np.nan)
+        if volume_mm3 is not None:
+            volume[:] = volume_mm3
+        self._pressed.follow(cells, heights - self.elevation[rows, cols], volume)
         self.elevation[rows, cols] = heights
         self._changed[rows, cols] = self._is_changed = True
         lower = heights < self.surface[rows, cols]
         self.surface[rows[lower], cols[lower]] = heights[lower]
-        risen = np.ravel_multi_index((rows[~lower], cols[~lower]), self.grid.shape)
-        self._rising = np.union1d(self._rising, risen)
+        self.level[rows, cols] = self.surface[rows, cols] + self._pressed.packed[rows, cols]
+        self._rising = np.union1d(self._rising, cells[~lower])
 
     def take_changes(self) -> NDArray[np.bool_] | None:
         """Where the terrain changed or rose since this was asked last, shape (rows, cols).
@@ -93,7 +156,17 @@ class Ground:
         surface, elevation = self.surface.reshape(-1), self.elevation.reshape(-1)
         cells = self._rising
         surface[cells] = np.minimum(surface[cells] + RISE_SPEED * dt, elevation[cells])
+        self.level.reshape(-1)[cells] = surface[cells] + self._pressed.packed.reshape(-1)[cells]
         self._rising = cells[surface[cells] < elevation[cells]]
+
+    def _known(self, soil: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The ids of soils, each of which there is."""
+        if soil.max() >= len(self.soils):
+            raise GroundError(
+                f"the ground is of soil {soil.max()} and the machine knows {len(self.soils)}; start"
+                " it with the soils of this run"
+            )
+        return soil
 
     def _heights(self, elevation: NDArray[np.floating]) -> NDArray[np.float64]:
         """A copy of terrain heights as all machines feel them, near the soil or far from it.

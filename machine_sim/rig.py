@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from machine_sim.ground import Ground
 from machine_sim.machine import MachineDescription, TrackedMachine
 from machine_sim.machine.kinematics import rotation_matrix
+from machine_sim.machine.tracks import sole_heights
 from machine_sim.params import MachineSimParams
 from machine_sim.particles import Pose, SoilEngine
 from machine_sim.payload import Payload
@@ -128,7 +129,13 @@ class Rig:
         """End a tick; SWEEP rows of its tools and its tracks."""
         swept = [work.end_tick() for work in self.tools.values()]
         tracks = self.machine.description.tracks
-        ruts = track_rows(tracks, self._standing, self._base, first_tool=self._track_number)
+        ruts = track_rows(
+            tracks,
+            self._standing,
+            self._base,
+            first_tool=self._track_number,
+            soles=sole_heights(self.machine.tracks),
+        )
         return join_rows([*swept, ruts], SWEEP)
 
     @property

@@ -80,6 +80,8 @@ class MachineRun:
             params=_in_step(stepping, facts),
             particle_params=particles,
             soils=facts.soils,
+            soil=keyframe.soil,
+            moisture=keyframe.moisture,
             seed=params.seed,
         )
         exchange = MachineExchange(params.source, epoch=facts.epoch, life=life)

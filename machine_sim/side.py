@@ -98,5 +98,5 @@ class MachineSide:
         """Take over the terrain as it is, and what was answered before a return."""
         keyframe = self.exchange.keyframe
         assert keyframe is not None, "one that takes part has been sent the terrain"
-        self.sim.enter(keyframe.elevation, self.exchange.owed)
+        self.sim.enter(keyframe, self.exchange.owed)
         self._entered = True

@@ -6,6 +6,7 @@ Tracks are tools, too: their shoes press the soil they stand on.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machine_sim.machine.bucket import BucketShape
 from machine_sim.machine.description import TrackShape
@@ -77,7 +78,14 @@ def drum_rows(drum: DrumShape, start: Pose, end: Pose, *, spin: float, tool: int
     return rows
 
 
-def track_rows(tracks: TrackShape, start: Pose, end: Pose, *, first_tool: int) -> Rows:
+def track_rows(
+    tracks: TrackShape,
+    start: Pose,
+    end: Pose,
+    *,
+    first_tool: int,
+    soles: tuple[float, float] | NDArray[np.float64] = (0.0, 0.0),
+) -> Rows:
     """SWEEP rows of what the tracks press in a tick: front and rear edge of each, left track first.
 
     None while the machine stands: where it stands it has pressed already.
@@ -86,13 +94,14 @@ def track_rows(tracks: TrackShape, start: Pose, end: Pose, *, first_tool: int) -
         tracks: shape of the tracks.
         start, end: pose of the base frame, whose origin is on the ground.
         first_tool: number of the left track; the right one has the next.
+        soles: z of the soles in the base frame, left and right [m].
     """
     x, y = 0.5 * tracks.axle_distance, 0.5 * tracks.gauge
     half = 0.5 * tracks.shoe_width
     points = np.array(
         [
-            (along, side + edge, 0.0)
-            for side in (y, -y)
+            (along, side + edge, sole)
+            for side, sole in zip((y, -y), soles, strict=True)
             for along in (x, -x)
             for edge in (half, -half)
         ]

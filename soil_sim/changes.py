@@ -1,9 +1,9 @@
 """What a tick changed: which columns, by how much, and what their surface looks like now.
 
-Changed is a column whose firm or loose volume, or the room it takes, is another than a tick ago:
-not one that gave what it got. Where loose soil came to lie there is dirt, except on ground that was
-as steep as it can be, from which it only passes (reference, section 3.1.2, step 4). Where firm soil
-went and none lies on it, it was laid bare.
+Changed is a column whose firm or loose volume, or the room it takes, or what its surface is of, is
+another than a tick ago: not one that gave what it got. Where loose soil came to lie there is dirt,
+except on ground that was as steep as it can be, from which it only passes (reference, section
+3.1.2, step 4). Where firm soil went and none lies on it, it was laid bare.
 """
 
 from __future__ import annotations
@@ -74,7 +74,9 @@ class Changes:
         return Changed(touched[:count], touched, grown)
 
     def _layers(self) -> tuple[NDArray[np.int64], ...]:
-        return self._columns.firm, self._columns.loose, self._columns.bulk
+        columns = self._columns
+        surface = columns.top_soil.astype(np.int64) << 8 | columns.top_moisture
+        return columns.firm, columns.loose, columns.bulk, surface
 
 
 @njit(cache=True)
@@ -85,7 +87,7 @@ def _compare(columns, slope, rows, cols, cell, touched, grown, known, material):
     for n in range(touched.size):
         i = touched[n]
         same = firm[i] == known[i, 0] and loose[i] == known[i, 1] and bulk[i] == known[i, 2]
-        if not same:
+        if not (same and _surface(columns, i) == known[i, 3]):
             touched[n], touched[count] = touched[count], i
             count += 1
     for n in range(count):
@@ -103,7 +105,16 @@ def _compare(columns, slope, rows, cols, cell, touched, grown, known, material):
     for n in range(count):
         i = touched[n]
         known[i, 0], known[i, 1], known[i, 2] = firm[i], loose[i], bulk[i]
+        known[i, 3] = _surface(columns, i)
     return count
+
+
+@njit(cache=True, inline="always")
+def _surface(columns, i):  # type: ignore[no-untyped-def]
+    """Id and moisture of what the surface of a column is of, in one number."""
+    if columns.loose[i] > 0:
+        return np.int64(columns.loose_soil[i]) << 8 | np.int64(columns.loose_moisture[i])
+    return np.int64(columns.soil[i]) << 8 | np.int64(columns.moisture[i])
 
 
 @njit(cache=True)

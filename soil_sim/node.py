@@ -188,7 +188,8 @@ class SoilNode(LeanNode):
 
     def _terrain(self) -> TerrainMap:
         soil, epoch = self.run.side.soil, self.run.side.exchange.epoch
-        return self._with_layers(Keyframe(epoch, soil.revision, soil.grid, soil.columns.height))
+        surface = (soil.grid, soil.columns.height, *soil.layers)
+        return self._with_layers(Keyframe(epoch, soil.revision, *surface))
 
     def _send_keyframe(self, keyframe: Keyframe) -> None:
         self._topics.terrain(self._with_layers(keyframe), self._stamp())
@@ -200,10 +201,7 @@ class SoilNode(LeanNode):
         return TerrainMap(
             keyframe,
             columns.loose_depth,
-            columns.firm + columns.loose,
             columns.material,
-            columns.top_moisture,
-            columns.top_soil,
             **layers,
         )
 

@@ -61,7 +61,11 @@ class SoilSide:
         """
         self.soil = soil
         self.exchange = SoilExchange(
-            soil.grid, lambda: soil.columns.height, expected=expected, epoch=epoch
+            soil.grid,
+            lambda: soil.columns.height,
+            layers=lambda: soil.layers,
+            expected=expected,
+            epoch=epoch,
         )
         self._places: dict[int, tuple[float, float, float]] = {}
         self._held = HeldSoils()

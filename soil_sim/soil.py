@@ -56,7 +56,7 @@ class SoilStep:
     Attributes:
         conversions: CONVERSION rows, answers to landed rows in the order they came.
         forces: FORCE rows, one per tool that swept; none for a refused one.
-        changed: CHANGED rows, one per column whose firm or loose volume changed.
+        changed: CHANGED rows, one per column that is not as it was.
         refused: a sentence for each tool whose rows were left out: which, why, what to change.
     """
 
@@ -141,6 +141,12 @@ class Soil:
     def total_mm3(self) -> int:
         """Bank volume of the terrain [mm^3]."""
         return self._tiles.total_mm3
+
+    @property
+    def layers(self) -> tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.uint8]]:
+        """Bank volume of each column [mm^3], id and moisture [%] of the soil at its surface."""
+        columns = self.columns
+        return columns.firm + columns.loose, columns.top_soil, columns.top_moisture
 
     def verify(self) -> bool:
         """Count every column anew and compare with the running count."""
@@ -272,5 +278,8 @@ class Soil:
         changed["z"] = arrays.height[cells]
         changed["loose_depth"] = arrays.bulk[cells] * arrays.metres_per_mm3
         changed["volume_mm3"] = arrays.firm[cells] + arrays.loose[cells]
+        loose = arrays.loose[cells] > 0
+        changed["soil"] = np.where(loose, arrays.loose_soil[cells], arrays.soil[cells])
+        changed["moisture"] = np.where(loose, arrays.loose_moisture[cells], arrays.moisture[cells])
         changed["revision"] = self.revision
         return changed

@@ -66,6 +66,23 @@ class SoilType(Parameters):
         0.0, "uniaxial, of rock; 0: it is soil and is cut as such", unit="Pa", low=0.0, high=5e8
     )
     tensile_strength: float = parameter(0.0, "of rock", unit="Pa", low=0.0, high=5e7)
+    bearing_cohesion: float = parameter(
+        0.0, "Bekker's k_c, dry: tracks sink z deep under (k_c / b + k_phi) z^n", unit="N/m^(n+1)",
+        low=0.0, high=1e9,
+    )  # fmt: skip
+    bearing_friction: float = parameter(
+        0.0, "Bekker's k_phi, dry; 0: the ground does not give, and tracks grip it by friction",
+        unit="N/m^(n+2)", low=0.0, high=1e9,
+    )  # fmt: skip
+    bearing_exponent: float = parameter(1.0, "Bekker's n", low=0.05, high=2.0)
+    bearing_damp: float = parameter(
+        1.0, "k_c and k_phi half saturated, over dry", low=0.001, high=100.0
+    )
+    bearing_wet: float = parameter(1.0, "k_c and k_phi saturated, over dry", low=0.001, high=100.0)
+    shear_modulus: float = parameter(
+        0.01, "K: sheared so far, it resists tracks with 63 % of its strength", unit="m",
+        low=0.001, high=0.2,
+    )  # fmt: skip
     lump_spread: float = parameter(
         0.0, "of its lumps: the largest volume over the mean, minus 1", low=0.0, high=0.9
     )
@@ -113,6 +130,12 @@ class SoilType(Parameters):
             tool_friction=self.tool_friction,
             spread=self.lump_spread,
             moisture=self.moisture,
+            internal_friction=self.internal_friction,
+            bearing_cohesion=self.bearing_cohesion,
+            bearing_friction=self.bearing_friction,
+            bearing_exponent=self.bearing_exponent,
+            bearing=(1.0, self.bearing_damp, self.bearing_wet),
+            shear_modulus=self.shear_modulus,
         )
 
     def standing_height(self, moisture: float) -> float:

@@ -8,8 +8,9 @@
 - `pistons`: what is seen of them
 - `link_motion`: how every link moves
 - `joints`: ramps and limits of commanded joint speeds
-- `tracks`: what all tracks have in common; `fast_tracks`, `track_contact`: belts on their path;
-  `hinged_tracks`, `hinged_chain`, `hinged_gear`, `hinged_contact`: rigid shoes, hinged and driven
+- `tracks`: what all tracks have in common; `shoe_contact`: a shoe on soil; `fast_tracks`,
+  `track_contact`: belts on their path; `hinged_tracks`, `hinged_chain`, `hinged_gear`,
+  `hinged_contact`: rigid shoes, hinged and driven
 - `tracked_machine`: all of it in pybullet, stepped by its owner; `tool`: its tools there
 """
 

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from machine_sim.ground import Ground
 from machine_sim.machine.description import MachineDescription
+from machine_sim.machine.shoe_contact import bed_under
 from machine_sim.machine.track_contact import track_step
-from machine_sim.machine.tracks import Array, hull_corners
+from machine_sim.machine.tracks import Array, hull_corners, slip_of
 from machine_sim.machine.urdf import urdf_text
 
 __all__ = ["FastTracks"]
@@ -37,13 +38,16 @@ class FastTracks:
         self.speed: Array = np.zeros(2)
         self.shoe_poses: Array = np.zeros((2, count, 3))
         self.shoe_loads: Array = np.zeros((2, count))
+        self.sinkage: Array = np.zeros(2)
+        self._mean_paces: Array = np.zeros((2, 2))
         self.wrench: Array = np.zeros(6)
         self._ground = ground
-        self._frame = ground.frame
+        self._bed = bed_under(ground, shape.shoe_width)
         self._base_com = np.array(description.links["base"].center_of_mass)
         self._hull = hull_corners(description)
         self._anchors: Array = np.zeros((4 * count + len(self._hull), 3))
         self._active: NDArray[np.bool_] = np.zeros(len(self._anchors), dtype=np.bool_)
+        self._sheared: Array = np.zeros(len(self._anchors))
         self._shape = (
             0.5 * shape.axle_distance,
             shape.sprocket_radius,
@@ -60,6 +64,11 @@ class FastTracks:
             shape.friction,
         )
         self._drive = (shape.belt_mass, shape.acceleration, shape.braking, shape.traction)
+
+    @property
+    def slip(self) -> Array:
+        """See `Tracks`."""
+        return slip_of(self._mean_paces)
 
     @property
     def shoes_in_contact(self) -> int:
@@ -103,15 +112,18 @@ class FastTracks:
             self._shape,
             self._laws,
             self._drive,
+            self._bed,
             self._ground.surface,
-            self._frame,
             self.command,
             self.travel,
             self.speed,
             self._anchors,
             self._active,
+            self._sheared,
             self.shoe_poses,
             self.shoe_loads,
+            self.sinkage,
+            self._mean_paces,
             self.wrench,
         )
         return self.wrench

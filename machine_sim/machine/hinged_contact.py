@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from machine_sim.machine.track_contact import add_wrench, touch
+from machine_sim.machine.shoe_contact import tread
+from machine_sim.machine.track_contact import add_wrench, note_pace
 
 __all__ = ["Gear", "Supports", "shoes_step"]
 
@@ -90,6 +91,7 @@ def _support(x, y, z, vx, vy, vz, gear, supports, brake, grips, side, k):  # typ
 
 @njit(cache=True)
 def shoes_step(  # type: ignore[no-untyped-def]
+    dt,
     com,
     rotation,
     velocity,
@@ -99,15 +101,17 @@ def shoes_step(  # type: ignore[no-untyped-def]
     supports,
     laws,
     brakes,
-    ground,
-    frame,
+    bed,
     states,
     grips,
     anchors,
     active,
+    sheared,
     forces,
     shoes,
     loads,
+    sinkage,
+    paces,
     speed,
     strays,
     on_base,
@@ -116,21 +120,25 @@ def shoes_step(  # type: ignore[no-untyped-def]
     """Find what acts on each shoe and on the base, and how the belts run.
 
     Args:
+        dt: time step [s].
         com, rotation, velocity, spin: base centre of mass [m], base to map (3, 3), velocity of the
             centre of mass [m/s] and angular velocity [rad/s], map frame.
         base_com: centre of mass in the base frame [m].
         gear, supports: of the tracks.
         laws: kn, cn, kt, ct of one contact point and its friction coefficient.
         brakes: whether the brakes are on, left, right.
-        ground, frame: contact surface [m] and `Ground.frame`.
+        bed: the ground under the shoes.
         states: position [m], quaternion x, y, z, w, velocity [m/s], angular velocity [rad/s] of
             each shoe, map frame, shape (2 N, 13), left track first.
         grips: x [m] in the base frame where the brake holds each shoe, NaN if it does not, shape
             (2, N); updated.
-        anchors, active: of the contact points, four to a shoe, shapes (8 N, 3) and (8 N,); updated.
+        anchors, active, sheared: of the contact points, four to a shoe, shapes (8 N, 3), (8 N,) and
+            (8 N,); updated.
         forces: out, force [N] and torque about its middle [N m] on each shoe, shape (2 N, 6).
         shoes: out, x, z [m] and pitch [rad] of each shoe in the base frame, shape (2, N, 3).
         loads: out, normal load of each shoe [N], shape (2, N).
+        sinkage: out, `Tracks.sinkage` [m], shape (2,).
+        paces: as for `slip_of`; updated.
         speed: out, how fast each belt runs on its machine [m/s], shape (2,).
         strays: out, furthest distance of a shoe from its path [m], shape (2,).
         on_base: out, force [N] and torque about the centre of mass [N m] on the base, shape (6,).
@@ -140,12 +148,15 @@ def shoes_step(  # type: ignore[no-untyped-def]
     r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
     r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
     count = shoes.shape[1]
+    level, sunk, soils, moistures, table, frame = bed
+    area = 0.5 * gear.radius * gear.half_width  # a contact point's
     one = np.zeros(6)
     on_base[:] = 0.0
     wrench[:] = 0.0
     for side in range(2):
         y_track = gear.half_gauge if side == 0 else -gear.half_gauge
         along, running, stray = 0.0, 0, 0.0
+        carried, sinking = 0.0, 0.0
         for k in range(count):
             i = side * count + k
             px, py, pz = states[i, 0], states[i, 1], states[i, 2]
@@ -217,7 +228,7 @@ def shoes_step(  # type: ignore[no-untyped-def]
                 rx = u * ax + w * bx + gear.half_thickness * nx
                 ry = u * ay + w * by + gear.half_thickness * ny
                 rz = u * az + w * bz + gear.half_thickness * nz
-                fx, fy, fz, part = touch(
+                fx, fy, fz, part, depth = tread(
                     px + rx,
                     py + ry,
                     pz + rz,
@@ -225,16 +236,24 @@ def shoes_step(  # type: ignore[no-untyped-def]
                     vy + wz * rx - wx * rz,
                     vz + wx * ry - wy * rx,
                     laws,
-                    ground,
+                    area,
+                    level,
+                    sunk,
+                    soils,
+                    moistures,
+                    table,
                     frame,
                     anchors,
                     active,
+                    sheared,
                     c,
                 )
                 if part > 0.0:
                     load += part
+                    sinking += part * depth
                     add_wrench(one, fx, fy, fz, rx, ry, rz)
                     add_wrench(wrench, fx, fy, fz, dx + rx, dy + ry, dz + rz)
+            carried += load
             if borne and load > 0.0:
                 # Damping that would make a light shoe ring acts on the base that rests on it.
                 up = max(-supports.sole_damping * (cx * r02 + cy * r12 + cz * r22), -load)
@@ -244,4 +263,6 @@ def shoes_step(  # type: ignore[no-untyped-def]
             loads[side, k] = load
             forces[i] = one
         speed[side] = along / max(running, 1)
+        note_pace(paces, side, dt, speed[side], rotation, velocity, spin, base_com, y_track)
         strays[side] = stray
+        sinkage[side] = sinking / carried if carried > 0.0 else 0.0

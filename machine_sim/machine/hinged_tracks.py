@@ -26,8 +26,9 @@ from machine_sim.machine.hinged_gear import (
     machine_urdf,
     with_hinged_tracks,
 )
+from machine_sim.machine.shoe_contact import bed_under
 from machine_sim.machine.track_contact import hull_step
-from machine_sim.machine.tracks import Array, hull_corners
+from machine_sim.machine.tracks import Array, hull_corners, slip_of
 
 __all__ = ["HingedTracks"]
 
@@ -76,8 +77,11 @@ class HingedTracks:
         self.speed: Array = np.zeros(2)
         self.shoe_poses: Array = np.array([chain_poses(shape)] * 2)
         self.shoe_loads: Array = np.zeros((2, count))
+        self.sinkage: Array = np.zeros(2)
+        self._mean_paces: Array = np.zeros((2, 2))
         self.wrench: Array = np.zeros(6)
         self._ground = ground
+        self._bed = bed_under(ground, shape.shoe_width)
         self._base_com = np.array(description.links["base"].center_of_mass)
         self._gear = Gear(
             0.5 * shape.axle_distance,
@@ -92,6 +96,7 @@ class HingedTracks:
         self._grips: Array = np.full((2, count), math.nan)
         self._anchors: Array = np.zeros((8 * count, 3))
         self._active: NDArray[np.bool_] = np.zeros(8 * count, dtype=np.bool_)
+        self._sheared: Array = np.zeros(8 * count)
         self._strays: Array = np.zeros(2)
         self._on_base: Array = np.zeros(6)
         self._hull = (hull, np.zeros((len(hull), 3)), np.zeros(len(hull), dtype=np.bool_))
@@ -99,6 +104,11 @@ class HingedTracks:
         self._angles = [0.0, 0.0]  # references of the sprockets [rad]
         self._rates = [0.0, 0.0]  # [rad/s]
         self._tightening = _TENSION_TIME
+
+    @property
+    def slip(self) -> Array:
+        """See `Tracks`."""
+        return slip_of(self._mean_paces)
 
     @property
     def shoes_in_contact(self) -> int:
@@ -140,8 +150,8 @@ class HingedTracks:
                 "the tracks' motion is not finite any more; take a shorter time step"
             )
         supports, laws = self._springs(dt)
-        ground, frame = self._ground.surface, self._ground.frame
         shoes_step(
+            dt,
             com,
             rotation,
             velocity,
@@ -151,15 +161,17 @@ class HingedTracks:
             supports,
             laws,
             (self._paces[0] == 0.0, self._paces[1] == 0.0),
-            ground,
-            frame,
+            self._bed,
             self._states,
             self._grips,
             self._anchors,
             self._active,
+            self._sheared,
             self._forces,
             self.shoe_poses,
             self.shoe_loads,
+            self.sinkage,
+            self._mean_paces,
             self.speed,
             self._strays,
             self._on_base,
@@ -178,8 +190,8 @@ class HingedTracks:
             math.cos(swing),
             math.sin(swing),
             laws,
-            ground,
-            frame,
+            self._ground.surface,
+            self._ground.frame,
             anchors,
             active,
             0,

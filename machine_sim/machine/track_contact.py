@@ -1,9 +1,9 @@
-"""Kernel of the tracks: belts, shoes on the ground, and a hull that keeps a fallen machine up.
+"""Kernel of the fast tracks: belts and their shoes, and a hull that keeps a fallen machine up.
 
-Each contact point carries a spring and damper along the ground's normal and a bristle along its
-plane: a spring from the point to the anchor where it first touched. Beyond Coulomb's limit the
-point slides and drags its anchor along, so a machine at rest stays at rest on a slope (Dahl's and
-LuGre's models reduced to the stiff bristle).
+What the ground does to a shoe is in `shoe_contact`. Each corner of the hull carries a spring and
+damper along the ground's normal and a bristle along its plane: a spring from the corner to the
+anchor where it first touched. Beyond Coulomb's limit the corner slides and drags its anchor along
+(Dahl's and LuGre's models reduced to the stiff bristle), as shoes do.
 """
 
 from __future__ import annotations
@@ -14,8 +14,13 @@ import numpy as np
 from numba import njit
 
 from machine_sim.ground import surface_at
+from machine_sim.machine.shoe_contact import tread
 
-__all__ = ["add_wrench", "hull_step", "touch", "track_step"]
+__all__ = ["add_wrench", "hull_step", "note_pace", "touch", "track_step"]
+
+_PACE_TIME = 0.5
+"""Over about this long speeds are averaged to tell slip [s]: the chain of hinged tracks runs by
+fits and starts."""
 
 _OUTER = 0.9
 """Where a shoe's two contact points are, in parts of its half width."""
@@ -66,6 +71,25 @@ def add_wrench(total, fx, fy, fz, rx, ry, rz):  # type: ignore[no-untyped-def]
     total[3] += ry * fz - rz * fy
     total[4] += rz * fx - rx * fz
     total[5] += rx * fy - ry * fx
+
+
+@njit(cache=True, inline="always")
+def note_pace(paces, side, dt, belt, rotation, velocity, spin, base_com, across):  # type: ignore[no-untyped-def]
+    """Let the mean speeds of a belt and of its side over the ground follow the present ones.
+
+    Args:
+        paces: of belt and ground [m/s], shape (2, 2); the side's are updated.
+        side, dt, belt: number of the side, time step [s], speed of the belt [m/s].
+        rotation, velocity, spin, base_com: as for `track_step`.
+        across: y of the track's middle in the base frame [m].
+    """
+    ahead = 0.0
+    for i in range(3):
+        turn = rotation[i, 1] * base_com[2] + rotation[i, 2] * (across - base_com[1])
+        ahead += velocity[i] * rotation[i, 0] - spin[i] * turn
+    share = min(dt / _PACE_TIME, 1.0)
+    paces[side, 0] += share * (belt - paces[side, 0])
+    paces[side, 1] += share * (ahead - paces[side, 1])
 
 
 @njit(cache=True)
@@ -155,15 +179,18 @@ def track_step(  # type: ignore[no-untyped-def]
     shape,
     laws,
     drive,
+    bed,
     ground,
-    frame,
     command,
     travel,
     speed,
     anchors,
     active,
+    sheared,
     shoes,
     loads,
+    sinkage,
+    paces,
     wrench,
 ):
     """Advance both belts by `dt` and find the ground's wrench on the machine.
@@ -179,25 +206,30 @@ def track_step(  # type: ignore[no-untyped-def]
             thickness, axle height [m].
         laws: kn, cn, kt, ct of one contact point and its friction coefficient.
         drive: belt mass [kg], acceleration, braking [m/s^2], traction [N].
-        ground, frame: contact surface [m] and `Ground.frame`.
+        bed: the ground under the shoes.
+        ground: contact surface [m], which the hull touches.
         command: wanted belt speeds left, right [m/s].
         travel, speed: belt positions [m] and speeds [m/s], shape (2,); advanced.
-        anchors, active: of the contact points, shapes (n, 3) and (n,); updated. Shoes first, two
-            points each, then the hull.
+        anchors, active, sheared: of the contact points, shapes (n, 3), (n,) and (n,); updated.
+            Shoes first, two points each, then the hull.
         shoes: out, x, z [m] and pitch [rad] of each shoe in the base frame, shape (2, N, 3).
         loads: out, normal load of each shoe [N], shape (2, N).
+        sinkage: out, `Tracks.sinkage` [m], shape (2,).
+        paces: as for `slip_of`; updated.
         wrench: out, force [N] and torque about the centre of mass [N m], map frame, shape (6,).
     """
     half, radius, half_gauge, half_width, half_thick, axle = shape
     mass, acceleration, braking, traction = drive
     count = shoes.shape[1]
     length = 4.0 * half + 2.0 * math.pi * radius
+    area = length / count * half_width  # a contact point's
+    level, sunk, soils, moistures, table, frame = bed
     r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
     r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
     r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
     total = np.zeros(6)
     for side in range(2):
-        on_belt = 0.0
+        on_belt, carried, sinking = 0.0, 0.0, 0.0
         y_track = half_gauge if side == 0 else -half_gauge
         for k in range(count):
             s = (travel[side] + k * length / count) % length
@@ -221,7 +253,7 @@ def track_step(  # type: ignore[no-untyped-def]
                 rx = r00 * lx + r01 * ly + r02 * lz
                 ry = r10 * lx + r11 * ly + r12 * lz
                 rz = r20 * lx + r21 * ly + r22 * lz
-                fx, fy, fz, load = touch(
+                fx, fy, fz, load, depth = tread(
                     com[0] + rx,
                     com[1] + ry,
                     com[2] + rz,
@@ -229,16 +261,25 @@ def track_step(  # type: ignore[no-untyped-def]
                     velocity[1] + spin[2] * rx - spin[0] * rz + by * belt,
                     velocity[2] + spin[0] * ry - spin[1] * rx + bz * belt,
                     laws,
-                    ground,
+                    area,
+                    level,
+                    sunk,
+                    soils,
+                    moistures,
+                    table,
                     frame,
                     anchors,
                     active,
+                    sheared,
                     first + end,
                 )
                 if load > 0.0:
                     loads[side, k] += load
+                    carried += load
+                    sinking += load * depth
                     on_belt += fx * bx + fy * by + fz * bz
                     add_wrench(total, fx, fy, fz, rx, ry, rz)
+        sinkage[side] = sinking / carried if carried > 0.0 else 0.0
         # The drive wants a speed change and the ground's force made up for, as far as it can.
         change = command[side] - speed[side]
         slower = command[side] * speed[side] <= 0.0 or abs(command[side]) < abs(speed[side])
@@ -249,6 +290,7 @@ def track_step(  # type: ignore[no-untyped-def]
             speed[side] += change  # exactly, so that a belt told to stop does stop
         else:
             speed[side] += (effort + on_belt) / mass * dt
+        note_pace(paces, side, dt, speed[side], rotation, velocity, spin, base_com, y_track)
         travel[side] = (travel[side] + speed[side] * dt) % length
     hull_step(
         com,
@@ -261,7 +303,7 @@ def track_step(  # type: ignore[no-untyped-def]
         swing_sin,
         laws,
         ground,
-        frame,
+        bed.frame,
         anchors,
         active,
         4 * count,

@@ -12,12 +12,22 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.ground import Ground
+from machine_sim.ground import Ground, surface_at
 from machine_sim.machine.description import MachineDescription, TrackShape
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.hinged_gear import with_hinged_tracks
+from machine_sim.machine.shoe_contact import soil_laws
 
-__all__ = ["TRACK_MODELS", "TrackModel", "Tracks", "fitted_with", "hull_corners", "standing_pose"]
+__all__ = [
+    "TRACK_MODELS",
+    "TrackModel",
+    "Tracks",
+    "fitted_with",
+    "hull_corners",
+    "slip_of",
+    "sole_heights",
+    "standing_pose",
+]
 
 Array = NDArray[np.float64]
 
@@ -28,6 +38,9 @@ TRACK_MODELS: tuple[TrackModel, ...] = ("fast", "physics")
 
 GRAVITY = 9.81
 """[m/s^2]"""
+
+_STANDS = 0.01
+"""What is slower than this neither drives nor slides [m/s]."""
 
 
 def fitted_with(description: MachineDescription, model: TrackModel) -> MachineDescription:
@@ -46,6 +59,8 @@ class Tracks(Protocol):
         shoe_poses: x, z [m] and pitch about +y [rad] of each shoe in the base frame, left track
             first, shape (2, shoe_count, 3); y is plus and minus half the gauge, or near it.
         shoe_loads: normal load on each shoe [N], shape (2, shoe_count).
+        sinkage: how deep the soles of each side are below the ground as it was before tracks
+            pressed it [m], the mean by load, shape (2,).
         wrench: force [N] and torque about the base's centre of mass [N m] of the ground on the
             whole machine in the last step, map frame, shape (6,).
     """
@@ -56,7 +71,12 @@ class Tracks(Protocol):
     speed: Array
     shoe_poses: Array
     shoe_loads: Array
+    sinkage: Array
     wrench: Array
+
+    @property
+    def slip(self) -> Array:
+        """Slip of each side over the last half second, shape (2,); see `slip_of`."""
 
     @property
     def shoes_in_contact(self) -> int:
@@ -96,6 +116,34 @@ class Tracks(Protocol):
         """
 
 
+def slip_of(paces: Array) -> Array:
+    """How much faster belts run than their sides move over the ground, shape (2,).
+
+    As a part of the faster of the two: 1 spins on the spot, -1 slides with the brake on. What is
+    slower than 1 cm/s is 0.
+
+    Args:
+        paces: of belt and ground, left and right [m/s], shape (2, 2).
+    """
+    belt, ground = paces.T
+    fastest = np.maximum(np.abs(belt), np.abs(ground))
+    ahead = (belt - ground) * np.sign(np.where(np.abs(belt) < _STANDS, ground, belt))
+    slip = np.where(
+        fastest < _STANDS, 0.0, np.clip(ahead / np.maximum(fastest, _STANDS), -1.0, 1.0)
+    )
+    return np.asarray(slip, dtype=np.float64)
+
+
+def sole_heights(tracks: Tracks) -> Array:
+    """Where the soles that carry are, left and right: z [m] in the base frame, shape (2,)."""
+    shape, loads = tracks.description.tracks, tracks.shoe_loads
+    x, z = tracks.shoe_poses[:, :, 0], tracks.shoe_poses[:, :, 1]
+    carried = np.where(np.abs(x) < 0.5 * shape.axle_distance, loads, 0.0)
+    total = carried.sum(axis=1)
+    heights = ((z - 0.5 * shape.shoe_thickness) * carried).sum(axis=1) / np.maximum(total, 1.0)
+    return np.asarray(heights, dtype=np.float64)
+
+
 def standing_pose(
     description: MachineDescription, ground: Ground, x: float, y: float, yaw: float
 ) -> tuple[Array, Array]:
@@ -118,12 +166,10 @@ def standing_pose(
         )
     along, across = _footprint(description.tracks)
     c, s = math.cos(yaw), math.sin(yaw)
-    heights = [
-        ground.height(x + c * a - s * b, y + s * a + c * b)
-        for a, b in zip(along, across, strict=True)
-    ]
+    at = np.column_stack([x + c * along - s * across, y + s * along + c * across])
+    heights = np.array([surface_at(ground.level, *ground.frame, *point)[0] for point in at])
     fit = np.linalg.lstsq(
-        np.column_stack([np.ones_like(along), along, across]), np.array(heights), rcond=None
+        np.column_stack([np.ones_like(along), along, across]), heights, rcond=None
     )[0]
     forward = np.array([c, s, fit[1]])
     leftward = np.array([-s, c, fit[2]])
@@ -131,10 +177,32 @@ def standing_pose(
     normal /= np.linalg.norm(normal)
     forward /= np.linalg.norm(forward)
     rotation = np.column_stack([forward, np.cross(normal, forward), normal])
+    sink = _sinkage(description, ground, at, description.mass * GRAVITY * float(normal[2]))
+    return np.array([x, y, fit[0]]) - sink * normal, rotation
+
+
+def _sinkage(
+    description: MachineDescription, ground: Ground, points: Array, weight: float
+) -> float:
+    """How deep tracks sink under a weight [N] into what the ground is of at some points [m].
+
+    As deep as the contact's springs, or Bekker's pressure where that is deeper; no deeper than the
+    wheels are large.
+    """
     shape = description.tracks
     carrying = 2.0 * shape.axle_distance / shape.pitch  # shoes
-    sink = description.mass * GRAVITY * normal[2] / (carrying * shape.normal_stiffness)
-    return np.array([x, y, fit[0]]) - sink * normal, rotation
+    springs = weight / (carrying * shape.normal_stiffness)
+    pressure = weight / (2.0 * shape.axle_distance * shape.shoe_width)
+    grid = ground.grid
+    row = np.clip(np.rint(grid.row(points[:, 0])), 0, grid.rows - 1).astype(np.int64)
+    col = np.clip(np.rint(grid.col(points[:, 1])), 0, grid.cols - 1).astype(np.int64)
+    soil, moisture = ground.soil[row, col], ground.moisture[row, col]
+    laws = soil_laws(ground.soils, shape.shoe_width)[soil, moisture]
+    depths = [
+        max((pressure / modulus) ** (1.0 / exponent), springs) if modulus else springs
+        for modulus, exponent in laws[:, :2].tolist()
+    ]
+    return min(float(np.mean(depths)), shape.sprocket_radius)
 
 
 def _footprint(shape: TrackShape) -> tuple[Array, Array]:

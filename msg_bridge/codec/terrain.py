@@ -56,7 +56,8 @@ TERRAIN_CELL = np.dtype(
         ("epoch", "<u4"),  # likewise
     ]
 )
-"""A point of the terrain cloud; fields of the same name are those of a CHANGED row."""
+"""A point of the terrain cloud; fields of the same name are those of a CHANGED row, which holds
+soil and moisture as whole numbers."""
 
 _LARGEST_VOLUME = 2**53
 
@@ -72,31 +73,39 @@ class TerrainMap:
     """A keyframe with what a stranger wants to know besides. Arrays have shape (rows, cols).
 
     Attributes:
-        keyframe: the surface; to float32 precision once it has crossed.
+        keyframe: the surface and what it is of; heights to float32 precision once it has crossed.
         loose_depth: depth of loose soil [m]; likewise.
-        volume_mm3: bank volume above the floor, int64; exact.
         surface_material: what the surface looks like, uint8: 0 untouched, 1 dug, 2 dirt.
-        moisture: of the column [% of saturation], uint8.
-        soil: id of the soil at the surface, uint8.
         design_difference: elevation minus design [m], float32, NaN where nothing is designed.
 
-    Layers that are not given are zeros, the difference from a design NaN.
+    Materials that are not given are zeros, the difference from a design NaN.
     """
 
     keyframe: Keyframe
     loose_depth: NDArray[np.float64]
-    volume_mm3: NDArray[np.int64]
     surface_material: NDArray[np.uint8] = None  # type: ignore[assignment]
-    moisture: NDArray[np.uint8] = None  # type: ignore[assignment]
-    soil: NDArray[np.uint8] = None  # type: ignore[assignment]
     design_difference: NDArray[np.float32] = None  # type: ignore[assignment]
+
+    @property
+    def volume_mm3(self) -> NDArray[np.int64]:
+        """Bank volume above the floor; exact."""
+        return self.keyframe.volume_mm3
+
+    @property
+    def soil(self) -> NDArray[np.uint8]:
+        """Id of the soil at the surface."""
+        return self.keyframe.soil
+
+    @property
+    def moisture(self) -> NDArray[np.uint8]:
+        """Of the soil at the surface [% of saturation]."""
+        return self.keyframe.moisture
 
     def __post_init__(self) -> None:
         """Fill in the layers that are not given."""
         shape = self.keyframe.grid.shape
-        for name in _MOST:
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, np.zeros(shape, dtype=np.uint8))
+        if self.surface_material is None:
+            object.__setattr__(self, "surface_material", np.zeros(shape, dtype=np.uint8))
         if self.design_difference is None:
             nothing = np.full(shape, np.nan, dtype=np.float32)
             object.__setattr__(self, "design_difference", nothing)
@@ -164,27 +173,16 @@ def from_terrain_cloud(msg: PointCloud2, *, cell: float | None = None) -> Terrai
     """
     cells = _cells_of(msg)
     keyframe = _keyframe_of(cells, cell)
-    loose, volume = cells["loose_depth"].astype(np.float64), cells["volume_mm3"].astype(np.float64)
+    loose = cells["loose_depth"].astype(np.float64)
     # NaN fails every comparison.
     _check("loose_depth", (loose >= 0.0) & (loose < np.inf))
-    whole = volume == np.rint(volume)
-    _check("volume", (volume >= 0.0) & (volume < _LARGEST_VOLUME) & whole)
     difference = cells["design_difference"].copy()
     _check("design_difference", ~np.isinf(difference))
-    material, soil = _whole_numbers(cells, "surface_material"), _whole_numbers(cells, "soil")
-    return TerrainMap(
-        keyframe,
-        loose,
-        volume.astype(np.int64),
-        material,
-        _moisture_of(cells),
-        soil,
-        difference,
-    )
+    return TerrainMap(keyframe, loose, _whole_numbers(cells, "surface_material"), difference)
 
 
 def surface_of_terrain_cloud(msg: PointCloud2, *, cell: float | None = None) -> Keyframe:
-    """The surface alone, for who needs no more; the other fields are not looked at.
+    """The surface and what it is of, for who needs no more; other fields are not looked at.
 
     Args:
         msg, cell: as for `from_terrain_cloud`.
@@ -239,7 +237,11 @@ def _keyframe_of(cells: Rows, cell: float | None) -> Keyframe:
     epoch, revision = (_constant(cells, name) for name in ("epoch", "revision"))
     elevation = cells["z"].astype(np.float64)
     _check("elevation", np.isfinite(elevation))
-    return Keyframe(epoch, revision, grid, elevation)
+    volume = cells["volume_mm3"].astype(np.float64)
+    whole = volume == np.rint(volume)
+    _check("volume", (volume >= 0.0) & (volume < _LARGEST_VOLUME) & whole)
+    soil, moisture = _whole_numbers(cells, "soil"), _moisture_of(cells)
+    return Keyframe(epoch, revision, grid, elevation, volume.astype(np.int64), soil, moisture)
 
 
 def _moisture_of(cells: Rows) -> NDArray[np.uint8]:

@@ -1,4 +1,4 @@
-"""What a machine must know of a kind of soil: how it is once it is loose."""
+"""What a machine must know of a kind of soil: how it is once it is loose, and to drive on."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ __all__ = ["LooseSoil"]
 
 @dataclass(frozen=True)
 class LooseSoil:
-    """A kind of soil once it is dug; triples hold at 0, 50 and 100 % of saturation.
+    """A kind of soil once it is dug, and under tracks.
+
+    Triples hold at 0, 50 and 100 % of saturation. A plate of breadth b sinks z deep into it under
+    the pressure (bearing_cohesion / b + bearing_friction) z^bearing_exponent (Bekker).
 
     Attributes:
         swell: loose volume over bank volume, minus 1.
@@ -25,6 +28,14 @@ class LooseSoil:
         tool_friction: angle of friction against steel [deg].
         spread: of the sizes of its lumps: the largest volume over the mean, minus 1.
         moisture: as found [% of saturation].
+        internal_friction: angle of internal friction [deg].
+        bearing_cohesion: Bekker's modulus k_c, dry [N/m^(n + 1)].
+        bearing_friction: Bekker's modulus k_phi, dry [N/m^(n + 2)]; 0: it does not give, and tracks
+            grip it as friction of steel lets them.
+        bearing_exponent: Bekker's n.
+        bearing: both moduli over those when dry.
+        shear_modulus: Janosi's and Hanamoto's K [m]: sheared so far, soil resists with 63 % of its
+            strength.
 
     Raises:
         ParameterError: a figure that no soil has.
@@ -39,10 +50,16 @@ class LooseSoil:
     tool_friction: float = 20.0
     spread: float = 0.0
     moisture: int = 0
+    internal_friction: float = 30.0
+    bearing_cohesion: float = 0.0
+    bearing_friction: float = 0.0
+    bearing_exponent: float = 1.0
+    bearing: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    shear_modulus: float = 0.01
 
     def __post_init__(self) -> None:
         """Check the figures."""
-        for name in ("repose_angles", "stick"):
+        for name in ("repose_angles", "stick", "bearing"):
             if not isinstance(getattr(self, name), tuple) or len(getattr(self, name)) != 3:
                 raise ParameterError(
                     f"{name} of a loose soil are {getattr(self, name)}; give three"
@@ -57,6 +74,12 @@ class LooseSoil:
             ("tool_friction", self.tool_friction, 0.0, 89.0),
             ("spread", self.spread, 0.0, 0.9),
             ("moisture", self.moisture, 0.0, 100.0),
+            ("internal_friction", self.internal_friction, 0.0, 89.0),
+            ("bearing_cohesion", self.bearing_cohesion, 0.0, 1e12),
+            ("bearing_friction", self.bearing_friction, 0.0, 1e12),
+            ("bearing_exponent", self.bearing_exponent, 0.01, 3.0),
+            *(("bearing", factor, 0.0, 1e3) for factor in self.bearing),
+            ("shear_modulus", self.shear_modulus, 1e-4, 1.0),
         ):
             if isinstance(value, tuple) or not (math.isfinite(value) and low <= value <= high):
                 raise ParameterError(
@@ -66,6 +89,10 @@ class LooseSoil:
     def repose_angle(self, moisture: float) -> float:
         """Slope beyond which a heap slips [deg], at a moisture [% of saturation]."""
         return float(np.interp(moisture, (0.0, 50.0, 100.0), self.repose_angles))
+
+    def bears(self, moisture: float) -> float:
+        """Bekker's moduli over those when dry, at a moisture [% of saturation]."""
+        return float(np.interp(moisture, (0.0, 50.0, 100.0), self.bearing))
 
     def sticks(self, moisture: float) -> float:
         """Cohesion and adhesion over those when dry, at a moisture [% of saturation]."""

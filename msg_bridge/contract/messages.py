@@ -223,12 +223,26 @@ class Keyframe:
     Attributes:
         revision: of the terrain it shows.
         elevation: [m], shape (rows, cols), grid_map matrix order.
+        volume_mm3: bank volume of each column above the floor, int64, likewise.
+        soil: id of the kind at the surface, uint8, likewise.
+        moisture: its [% of saturation], uint8, likewise.
+
+    Layers that are not given are zeros.
     """
 
     epoch: int
     revision: int
     grid: Grid
     elevation: NDArray[np.float64]
+    volume_mm3: NDArray[np.int64] = None  # type: ignore[assignment]
+    soil: NDArray[np.uint8] = None  # type: ignore[assignment]
+    moisture: NDArray[np.uint8] = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        """Fill in the layers that are not given."""
+        for name, kind in (("volume_mm3", np.int64), ("soil", np.uint8), ("moisture", np.uint8)):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.zeros(self.grid.shape, dtype=kind))
 
 
 Message = MachineHeader | SoilHeader | RowChunk | Resend | Refusal | Keyframe

@@ -129,9 +129,11 @@ CHANGED = np.dtype(
         ("col", "<u4"),
         ("revision", "<u4"),
         ("seq", "<u4"),
+        ("soil", "u1"),  # id of the kind at the surface
+        ("moisture", "u1"),  # its, % of saturation
     ]
 )
-"""A column whose volume changed in a tick, slip included, soil to all."""
+"""A column that is another than a tick ago, slip included, soil to all."""
 
 FORCE = np.dtype(
     [

@@ -65,6 +65,9 @@ class TickInput:
     landed: Rows
 
 
+Layers = tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.uint8]]
+
+
 class SoilExchange:
     """Numbered streams to all machines, receipts from each, and the accounts.
 
@@ -81,6 +84,7 @@ class SoilExchange:
         grid: Grid,
         elevation: Callable[[], NDArray[np.float64]],
         *,
+        layers: Callable[[], Layers] | None = None,
         expected: Iterable[int] = (1,),
         epoch: int = 1,
     ) -> None:
@@ -88,6 +92,7 @@ class SoilExchange:
         Args:
             grid: of the terrain.
             elevation: gives the surface as it is now [m], shape (rows, cols).
+            layers: gives what it is of: `volume_mm3`, `soil` and `moisture` of a `Keyframe`.
             expected: sources without which tick 1 does not begin.
             epoch: number of this run.
         """
@@ -98,6 +103,7 @@ class SoilExchange:
         self.refused: dict[int, Refusal] = {}
         self._grid = grid
         self._elevation = elevation
+        self._layers = layers
         self._expected = frozenset(expected)
         self._sources: dict[int, Source] = {}
         self._joining: dict[int, MachineHeader] = {}
@@ -359,7 +365,9 @@ class SoilExchange:
 
     def _keyframe(self) -> Keyframe:
         assert self._last is not None
-        return Keyframe(self.epoch, self._last.revision, self._grid, self._elevation().copy())
+        layers = () if self._layers is None else self._layers()
+        surface = self._elevation().copy()
+        return Keyframe(self.epoch, self._last.revision, self._grid, surface, *layers)
 
     def _resend(self, request: Resend) -> None:
         if self._last is None:

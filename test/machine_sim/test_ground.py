@@ -3,6 +3,9 @@ import pytest
 
 from machine_sim.ground import RISE_SPEED, Ground, GroundError
 from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.loose_soil import LooseSoil
+from msg_bridge.contract.messages import Keyframe
+from msg_bridge.contract.rows import CHANGED, Rows, empty_rows
 
 GRID = Grid(11, 9, 0.5)
 
@@ -44,6 +47,32 @@ def test_a_rising_cell_that_is_dug_again_stops_rising() -> None:
     ground.update(at, at, np.array([0.01]))
     ground.advance(1.0)
     assert ground.surface[4, 4] == pytest.approx(0.01)
+
+
+def changed(z: float, soil: int, moisture: int) -> Rows:
+    rows = empty_rows(CHANGED, 1)
+    rows["row"], rows["col"], rows["z"], rows["volume_mm3"] = 3, 4, z, 5e7
+    rows["soil"], rows["moisture"] = soil, moisture
+    return rows
+
+
+def test_ground_knows_what_its_surface_is_of() -> None:
+    ground = Ground(GRID, np.zeros(GRID.shape), soils=[LooseSoil(), LooseSoil(0.2)])
+    ground.follow(changed(-0.1, 1, 40))
+    assert ground.surface[3, 4] == np.float32(-0.1)
+    assert (ground.soil[3, 4], ground.moisture[3, 4], ground.volume_mm3[3, 4]) == (1, 40, 5e7)
+    assert ground.soil.sum() == 1
+    of_all = np.full(GRID.shape, 1, dtype=np.uint8)
+    ground.replace(Keyframe(1, 2, GRID, np.zeros(GRID.shape), soil=of_all, moisture=7 * of_all))
+    assert (ground.soil == 1).all()
+    assert (ground.moisture == 7).all()
+
+
+def test_ground_of_a_soil_that_is_not_known_is_refused() -> None:
+    ground = Ground(GRID, np.zeros(GRID.shape))
+    with pytest.raises(GroundError, match="soil 1 and the machine knows 1"):
+        ground.follow(changed(-0.1, 1, 0))
+    assert ground.surface[3, 4] == 0.0
 
 
 def test_heights_that_are_not_finite_are_refused_and_change_nothing() -> None:

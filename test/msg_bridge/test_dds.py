@@ -169,7 +169,7 @@ def test_late_subscriber_gets_the_latest_terrain(parties: tuple[Party, Party]) -
     volume = np.arange(129 * 65).reshape(grid.shape)
     publisher = sender.node.create_publisher(PointCloud2, "map", qos.LATCHED)
     for revision in (6, 7):
-        terrain = TerrainMap(Keyframe(1, revision, grid, heights), 0.5 * heights, volume)
+        terrain = TerrainMap(Keyframe(1, revision, grid, heights, volume), 0.5 * heights)
         publisher.publish(to_terrain_cloud(terrain, "map", STAMP))
     heard = receiver.listen(PointCloud2, "map", qos.LATCHED)
     receiver.spin_until(lambda: bool(heard))

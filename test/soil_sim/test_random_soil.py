@@ -163,6 +163,8 @@ def expect_all_is_told(
     assert np.array_equal(said, (before != after).any(axis=0))
     assert np.array_equal(step.changed["volume_mm3"], after[:2].sum(axis=0)[said])
     assert step.changed["z"] == pytest.approx(soil.columns.height[said], abs=1e-5, rel=1e-6)
+    assert np.array_equal(step.changed["soil"], soil.columns.top_soil[said])
+    assert np.array_equal(step.changed["moisture"], soil.columns.top_moisture[said])
     depth = soil.columns.loose_depth[said]
     assert step.changed["loose_depth"] == pytest.approx(depth, abs=1e-5, rel=1e-6)
 

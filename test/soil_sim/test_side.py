@@ -95,6 +95,8 @@ def test_the_welcome_moves_nothing_and_shows_the_terrain(side: SoilSide) -> None
     said = digger.carry()
     assert [type(message) for message in said] == [SoilHeader, Keyframe]
     assert (said[1].elevation == side.soil.columns.height).all()
+    shown = (said[1].volume_mm3, said[1].soil, said[1].moisture)
+    assert all(map(np.array_equal, shown, side.soil.layers))
 
 
 def test_what_a_bucket_takes_is_told_in_conversions_and_balances(side: SoilSide) -> None:

@@ -288,3 +288,13 @@ def test_the_state_hash_knows_kinds_and_moisture() -> None:
         Soil(GRID, np.zeros(GRID.shape), params, soil=ids, moisture=ids + other).state_hash(),
     }
     assert len(hashes) == 3
+
+
+def test_machines_are_told_how_soil_bears_tracks_and_rock_does_not_give() -> None:
+    kinds = load_soils()
+    loam = kinds["loam"].loose
+    assert loam.bearing_friction == 1_515_040.0
+    assert (loam.bears(0), loam.bears(75), loam.bears(100)) == pytest.approx((1.0, 0.365, 0.13))
+    assert loam.internal_friction == kinds["loam"].internal_friction
+    for name in ("reference", "gravel", "rock"):
+        assert kinds[name].loose.bearing_friction == 0.0

@@ -120,7 +120,11 @@ class RecordedRun:
         self.soil = soil
         self.parties = dict(parties)
         self.soil_end = SoilExchange(
-            soil.grid, lambda: soil.columns.height, expected=self.parties, epoch=epoch
+            soil.grid,
+            lambda: soil.columns.height,
+            layers=lambda: soil.layers,
+            expected=self.parties,
+            epoch=epoch,
         )
         self.ends = {source: MachineExchange(source, epoch=epoch) for source in self.parties}
         self._every = keyframe_every
@@ -225,8 +229,8 @@ class RecordedRun:
 def terrain_cloud(soil: Soil, epoch: int, tick: int) -> Any:
     """The terrain as it is, as a message."""
     columns = soil.columns
-    frame = Keyframe(epoch, soil.revision, soil.grid, columns.height)
-    terrain = TerrainMap(frame, columns.loose_depth, columns.firm + columns.loose)
+    frame = Keyframe(epoch, soil.revision, soil.grid, columns.height, *soil.layers)
+    terrain = TerrainMap(frame, columns.loose_depth)
     return to_terrain_cloud(terrain, "map", stamp_of_tick(max(tick, 0), PERIOD))
 
 

@@ -12,16 +12,25 @@ from pybullet_utils.bullet_client import BulletClient
 from machine_sim.ground import Ground
 from machine_sim.machine import MachineDescription, TrackedMachine, load_description
 from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.loose_soil import LooseSoil
 
 MACHINE_FILE = Path(__file__).resolve().parents[3] / "config" / "machines" / "excavator.yaml"
 DT = 0.005
+FIRM = LooseSoil()
 
 
 class Scene:
     """One client with one machine on a terrain z(x, y)."""
 
     def __init__(
-        self, description, surface=None, yaw=0.0, position=(0.0, 0.0), tracks="fast", dt=DT
+        self,
+        description,
+        surface=None,
+        yaw=0.0,
+        position=(0.0, 0.0),
+        tracks="fast",
+        dt=DT,
+        soil=FIRM,
     ):
         self.dt = dt
         grid = Grid(257, 257, 0.1)
@@ -30,17 +39,33 @@ class Scene:
         self.client = BulletClient(pybullet.DIRECT)
         self.client.setTimeStep(dt)
         self.client.setGravity(0.0, 0.0, -9.81)
-        self.ground = Ground(grid, heights)
+        moisture = np.full(grid.shape, soil.moisture, dtype=np.uint8)
+        self.ground = Ground(grid, heights, soils=[soil], moisture=moisture)
         self.machine = TrackedMachine(description, self.client, self.ground, position, yaw, tracks)
 
-    def step(self):
+    def step(self, pull=0.0):
+        """One step; `pull` [N] drags backward on the map's x axis, on the ground."""
         self.machine.before_step(self.dt)
+        if pull:
+            point = self.machine.base_pose[0]
+            com = self.client.getBasePositionAndOrientation(self.machine.body)[0]
+            self.client.applyExternalForce(
+                self.machine.body,
+                -1,
+                [-pull, 0.0, 0.0],
+                [com[0], com[1], point[2]],
+                pybullet.WORLD_FRAME,
+            )
         self.client.stepSimulation()
         self.machine.after_step()
 
-    def run(self, seconds):
+    def run(self, seconds, pull=0.0):
         for _ in range(round(seconds / self.dt)):
-            self.step()
+            self.step(pull)
+
+    def dig(self, depth):
+        rows, cols = np.indices(self.ground.grid.shape).reshape(2, -1)
+        self.ground.update(rows, cols, self.ground.elevation[rows, cols] - depth)
 
     @property
     def place(self):

@@ -162,7 +162,7 @@ def test_ground_dug_away_lets_the_machine_down(scene):
     s = scene(tracks="physics")
     s.run(2.0)
     before = s.place[2]
-    s.ground.surface -= 0.1
+    s.dig(0.1)
     s.run(2.0)
     assert s.place[2] - before == pytest.approx(-0.1, abs=0.01)
 

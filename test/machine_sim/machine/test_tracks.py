@@ -158,6 +158,6 @@ def test_ground_dug_away_lets_the_machine_down(scene):
     s = scene()
     s.run(1.0)
     before = s.place[2]
-    s.ground.surface -= 0.1
+    s.dig(0.1)
     s.run(2.0)
     assert s.place[2] - before == pytest.approx(-0.1, abs=2e-3)

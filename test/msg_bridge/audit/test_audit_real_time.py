@@ -94,8 +94,8 @@ class Script:
 
     def keyframe(self) -> None:
         grid = Grid(2, 2, 0.2)
-        frame = Keyframe(1, self._revision, grid, np.zeros(grid.shape))
-        self.data.keyframes.add(TerrainMap(frame, np.zeros(grid.shape), self.cells.copy()))
+        frame = Keyframe(1, self._revision, grid, np.zeros(grid.shape), self.cells.copy())
+        self.data.keyframes.add(TerrainMap(frame, np.zeros(grid.shape)))
 
     def audit(self) -> EpochReport:
         self.keyframe()

@@ -18,12 +18,9 @@ GRID = Grid(3, 4, 0.5)
 HEIGHTS = np.arange(12.0).reshape(GRID.shape)
 NUMBERS = np.arange(12, dtype=np.uint8).reshape(GRID.shape)
 TERRAIN = TerrainMap(
-    Keyframe(1, 2, GRID, HEIGHTS),
+    Keyframe(1, 2, GRID, HEIGHTS, np.ones(GRID.shape, np.int64), NUMBERS, 9 * NUMBERS),
     0.1 * HEIGHTS,
-    np.ones(GRID.shape, np.int64),
-    surface_material=NUMBERS % 3,
-    moisture=9 * NUMBERS,
-    soil=NUMBERS,
+    NUMBERS % 3,
 )
 LAYERS = {
     "elevation": HEIGHTS,

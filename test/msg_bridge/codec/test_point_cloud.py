@@ -97,8 +97,10 @@ def test_cloud_says_what_a_point_is() -> None:
         ("col", 28, PointField.UINT32, 1),
         ("revision", 32, PointField.UINT32, 1),
         ("seq", 36, PointField.UINT32, 1),
+        ("soil", 40, PointField.UINT8, 1),
+        ("moisture", 41, PointField.UINT8, 1),
     ]
-    assert (msg.height, msg.width, msg.point_step, msg.row_step) == (1, 3, 40, 120)
+    assert (msg.height, msg.width, msg.point_step, msg.row_step) == (1, 3, 42, 126)
     assert (msg.header.frame_id, msg.header.stamp) == ("map", STAMP)
 
 
@@ -111,7 +113,7 @@ def test_small_fields_have_their_size() -> None:
 def test_organised_cloud_has_rows_and_columns() -> None:
     rows = random_rows(CHANGED, 6)
     msg = to_point_cloud(rows, "map", STAMP, height=2)
-    assert (msg.height, msg.width, msg.row_step) == (2, 3, 120)
+    assert (msg.height, msg.width, msg.row_step) == (2, 3, 126)
     assert from_point_cloud(msg, CHANGED).tobytes() == rows.tobytes()
 
 

@@ -33,7 +33,11 @@ def test_facts_cross_exactly(realtime: bool, tick: float) -> None:
         tick,
         realtime,
         0.1 * 3,
-        (LooseSoil(1e-5, 1e3 / 3), LooseSoil(0.1, 2e3, stick=(1.0, 1 / 3, 0.0))),
+        (
+            LooseSoil(1e-5, 1e3 / 3),
+            LooseSoil(0.1, 2e3, stick=(1.0, 1 / 3, 0.0)),
+            LooseSoil(bearing_friction=1e6 / 3, bearing=(1.0, 0.7, 0.1), shear_modulus=0.1 / 3),
+        ),
     )
     assert run_facts(config_text(facts, {})) == facts
 

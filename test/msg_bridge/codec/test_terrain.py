@@ -36,12 +36,14 @@ def terrain(rows: int = 3, cols: int = 5, cell: float = 0.2) -> TerrainMap:
     grid = Grid(rows, cols, cell)
     number = np.arange(rows * cols).reshape(rows, cols)
     return TerrainMap(
-        Keyframe(4, 77, grid, -3.0 + 0.25 * number),
+        Keyframe(
+            *(4, 77, grid, -3.0 + 0.25 * number),
+            volume_mm3=2**53 - 1 - number.astype(np.int64),
+            soil=(255 - number % 256).astype(np.uint8),
+            moisture=(number % 101).astype(np.uint8),
+        ),
         0.5 * number,
-        2**53 - 1 - number.astype(np.int64),
         (number % 3).astype(np.uint8),
-        (number % 101).astype(np.uint8),
-        (255 - number % 256).astype(np.uint8),
         np.where(number % 7 == 0, np.nan, 0.125 * number - 1.0).astype(np.float32),
     )
 
@@ -66,7 +68,13 @@ def same(a: TerrainMap, b: TerrainMap) -> bool:
 
 
 def bare(site: TerrainMap) -> TerrainMap:
-    return TerrainMap(site.keyframe, site.loose_depth, site.volume_mm3)
+    frame = site.keyframe
+    surface = (frame.epoch, frame.revision, frame.grid, frame.elevation)
+    return TerrainMap(Keyframe(*surface), site.loose_depth)
+
+
+def layers_of(site: TerrainMap) -> tuple[NDArray[Any], ...]:
+    return site.loose_depth, site.surface_material, site.design_difference
 
 
 @pytest.mark.parametrize(("rows", "cols"), [(3, 5), (5, 3), (2, 2), (40, 41)])
@@ -91,30 +99,29 @@ def test_every_per_cent_of_moisture_crosses() -> None:
 def test_layers_that_are_not_given_are_zeros_and_no_design() -> None:
     site = terrain()
     back = crossed(bare(site))
-    for layer in (back.surface_material, back.moisture, back.soil):
+    for layer in (back.surface_material, back.volume_mm3, back.moisture, back.soil):
         assert not layer.any()
         assert layer.shape == (3, 5)
     assert np.isnan(back.design_difference).all()
 
 
 @pytest.mark.parametrize("cell", [None, 0.2])
-def test_the_surface_alone_is_that_of_the_whole_terrain(cell: float | None) -> None:
+def test_the_surface_and_its_soil_are_those_of_the_whole_terrain(cell: float | None) -> None:
     site = terrain()
     alone = surface_of_terrain_cloud(to_terrain_cloud(site, "map", STAMP), cell=cell)
-    assert same(TerrainMap(alone, site.loose_depth, site.volume_mm3), bare(site))
+    assert same(TerrainMap(alone, *layers_of(site)), site)
 
 
 def test_arrays_in_column_order_cross() -> None:
     site = terrain()
     frame = site.keyframe
     turned = TerrainMap(
-        Keyframe(4, 77, frame.grid, np.asfortranarray(frame.elevation)),
-        np.asfortranarray(site.loose_depth),
-        np.asfortranarray(site.volume_mm3),
-        np.asfortranarray(site.surface_material),
-        np.asfortranarray(site.moisture),
-        np.asfortranarray(site.soil),
-        np.asfortranarray(site.design_difference),
+        Keyframe(
+            *(4, 77, frame.grid),
+            *(np.asfortranarray(layer) for layer in (frame.elevation, frame.volume_mm3)),
+            *(np.asfortranarray(layer) for layer in (frame.soil, frame.moisture)),
+        ),
+        *(np.asfortranarray(layer) for layer in layers_of(site)),
     )
     assert same(crossed(turned), site)
 
@@ -129,7 +136,7 @@ def test_heights_cross_to_float32_precision() -> None:
 def test_numbers_of_a_long_run_cross() -> None:
     site = terrain()
     frame = Keyframe(2**32 - 1, 2**32 - 2, site.keyframe.grid, site.keyframe.elevation)
-    back = crossed(TerrainMap(frame, site.loose_depth, site.volume_mm3)).keyframe
+    back = crossed(TerrainMap(frame, site.loose_depth)).keyframe
     assert (back.epoch, back.revision) == (frame.epoch, frame.revision)
 
 
@@ -184,8 +191,10 @@ def test_cloud_has_a_point_for_each_column_where_it_stands() -> None:
 
 def test_fields_shared_with_changed_rows_are_the_same() -> None:
     shared = [name for name in TERRAIN_CELL.names or () if name in (CHANGED.names or ())]
-    assert shared == ["x", "y", "z", "loose_depth", "volume_mm3", "revision"]
-    assert all(TERRAIN_CELL[name] == CHANGED[name] for name in shared)
+    as_colour = ["moisture", "soil"]  # whole numbers in rows
+    assert shared == ["x", "y", "z", "loose_depth", *as_colour, "volume_mm3", "revision"]
+    same_type = [name for name in shared if TERRAIN_CELL[name] == CHANGED[name]]
+    assert [name for name in shared if name not in same_type] == as_colour
 
 
 def test_a_point_has_48_bytes_and_what_viewers_colour_by_is_float32() -> None:
@@ -218,7 +227,7 @@ def test_info_counts_width_along_x_and_height_along_y() -> None:
 
 
 def other_shape(site: TerrainMap) -> TerrainMap:
-    return TerrainMap(site.keyframe, site.loose_depth.T, site.volume_mm3)
+    return TerrainMap(site.keyframe, site.loose_depth.T)
 
 
 def other_volume(volume: int) -> Callable[[TerrainMap], TerrainMap]:
@@ -231,6 +240,8 @@ def other_volume(volume: int) -> Callable[[TerrainMap], TerrainMap]:
 
 def other_layer(name: str, layer: NDArray[Any]) -> Callable[[TerrainMap], TerrainMap]:
     def spoil(site: TerrainMap) -> TerrainMap:
+        if name in ("soil", "moisture"):
+            return replace(site, keyframe=replace(site.keyframe, **{name: layer}))
         return replace(site, **{name: layer})
 
     return spoil
@@ -239,7 +250,7 @@ def other_layer(name: str, layer: NDArray[Any]) -> Callable[[TerrainMap], Terrai
 def other_numbers(epoch: int, revision: int) -> Callable[[TerrainMap], TerrainMap]:
     def spoil(site: TerrainMap) -> TerrainMap:
         frame = Keyframe(epoch, revision, site.keyframe.grid, site.keyframe.elevation)
-        return TerrainMap(frame, site.loose_depth, site.volume_mm3)
+        return TerrainMap(frame, site.loose_depth)
 
     return spoil
 

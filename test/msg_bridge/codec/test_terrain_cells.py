@@ -17,7 +17,7 @@ FOOT = 0.3048006096  # US survey foot [m]
 def read_cell(cell: float, shape: tuple[int, int]) -> float:
     grid = Grid(*shape, cell)
     level = np.zeros(shape)
-    terrain = TerrainMap(Keyframe(1, 0, grid, level), level, np.ones(shape, dtype=np.int64))
+    terrain = TerrainMap(Keyframe(1, 0, grid, level), level)
     return from_terrain_cloud(to_terrain_cloud(terrain, "map", Time())).keyframe.grid.cell
 
 

@@ -22,8 +22,7 @@ from msg_bridge.testing.ros import Ros
 def map_of(cell: float, epoch: int = 1) -> PointCloud2:
     grid = Grid(65, 65, cell)
     level = np.zeros(grid.shape)
-    volume = np.ones(grid.shape, dtype=np.int64)
-    return to_terrain_cloud(TerrainMap(Keyframe(epoch, 0, grid, level), level, volume), "m", Time())
+    return to_terrain_cloud(TerrainMap(Keyframe(epoch, 0, grid, level), level), "m", Time())
 
 
 class Reader(MapReader):

@@ -137,8 +137,7 @@ def test_after_a_stall_a_keyframe_is_taken_for_what_is_missing(ros: Ros) -> None
 
     def keyframe(revision: int, height: float) -> PointCloud2:
         frame = Keyframe(1, revision, GRID, np.full(GRID.shape, height))
-        zeros = np.zeros(GRID.shape)
-        layers = TerrainMap(frame, zeros, zeros.astype(np.int64))
+        layers = TerrainMap(frame, np.zeros(GRID.shape))
         return to_terrain_cloud(layers, "map", stamp_of_tick(0, TICK))
 
     terrain.publish(keyframe(0, 0.0))
