@@ -21,13 +21,13 @@ from machine_sim.machine import MachineDescription
 from machine_sim.machine.kinematics import arm_angles, arm_geometry
 from machine_sim.node import MachineNode
 from msg_bridge.codec.headers import from_multi_array
-from msg_bridge.codec.machine_state import COMMAND_NAMES, to_command_state
+from msg_bridge.codec.machine_state import to_command_state
 from msg_bridge.codec.stamps import stamp_of_tick
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.testing.ros import Ros
 from soil_sim.node import SoilNode
-from support.machine_scenes import excavator
+from support.machine_scenes import COMMAND_NAMES, excavator
 
 TICK = 0.01
 SITE: dict[str, Any] = {"site.terrain": "flat", "site.points": 65, "site.cell": 0.4}

@@ -10,11 +10,11 @@ import pytest
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Int64MultiArray, String
+from support.machine_scenes import COMMAND_NAMES
 from support.node_scenes import TICK, Scene
 
 from machine_sim.operator.node import OperatorNode
 from msg_bridge.codec import qos
-from msg_bridge.codec.machine_state import COMMAND_NAMES
 from msg_bridge.codec.stamps import tick_of_stamp
 from msg_bridge.testing.ros import Ros
 
