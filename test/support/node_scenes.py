@@ -165,12 +165,14 @@ def command_of(tick: int, velocities: ArrayLike) -> JointState:
     return to_command_state(COMMAND_NAMES, velocities, stamp_of_tick(tick, TICK))
 
 
-def dig(scene: Scene, machine: MachineNode, enough: Callable[[Ledger], bool]) -> Publisher:
+def dig(
+    scene: Scene, machine: MachineNode, enough: Callable[[Ledger], bool], name: str = ""
+) -> Publisher:
     """Have a machine that is ready to dig put its lip into the ground and draw it in.
 
-    Its `commands.command_timeout` must be long.
+    Its `commands.command_timeout` must be long. Of several in its node it is the first, of a name.
     """
-    name = f"{machine.get_namespace()}/joint_commands"
+    name = "/".join(filter(None, (machine.get_namespace(), name, "joint_commands")))
     publisher = scene.ros.publisher(name, JointState, subscriptions=1)
     scene.until_tick(1)
     way = (0.3, 0.6, 0.9)
