@@ -22,9 +22,8 @@ from msg_bridge.config_files import find_config
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.testing.ros import Ros
 
-LATCHED = dict.fromkeys(
-    ("config", "digger/robot_description", "truck/robot_description"), qos.LATCHED
-)
+URDFS = ("digger/robot_description", "truck/robot_description")
+LATCHED = dict.fromkeys(("config", *URDFS), qos.LATCHED)
 DUMPER, ROAD_HEADER = "machines/dumper.yaml", "machines/road_header.yaml"
 
 

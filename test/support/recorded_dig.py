@@ -143,10 +143,10 @@ class RecordedDig:
         self.recording.add("/diagnostics", DiagnosticArray(status=[status]))
 
 
-def write(folder: Path, recording: Recording, *, finish: bool = True) -> Path:
+def write(folder: Path, recording: Recording, *, finish: bool = True, cycles: str = CYCLES) -> Path:
     """A bag with the topic of cycles, even if there was none."""
     writer = BagWriter(folder, chunk_size=64 * 1024, compression="none")
-    writer.add_topic(CYCLES, "std_msgs/msg/String")
+    writer.add_topic(cycles, "std_msgs/msg/String")
     for topic, time, message in recording.messages:
         if topic not in writer.topics:
             kind = type(message)
