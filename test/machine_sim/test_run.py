@@ -12,7 +12,7 @@ from support.machine_scenes import GRID, excavator
 
 from machine_sim.commands import CommandBoard
 from machine_sim.machine.errors import MachineError
-from machine_sim.node_params import MachineNodeParams
+from machine_sim.node_params import MachineNodeParams, UnitParams
 from machine_sim.params import MachineSimParams
 from machine_sim.particles import ParticleParams
 from machine_sim.run import MachineRun, first_life
@@ -35,12 +35,16 @@ def make() -> Iterator[MakeRun]:
     made: list[MachineRun] = []
 
     def run(
-        *, tick: float = 0.01, realtime: bool = False, physics_step: float = 0.005, **params: Any
+        *others: UnitParams,
+        tick: float = 0.01,
+        realtime: bool = False,
+        physics_step: float = 0.005,
+        **params: Any,
     ) -> MachineRun:
         machine, of_node = excavator(), MachineNodeParams(**params)
         made.append(
             MachineRun(
-                [Unit(of_node, machine, CommandBoard(machine))],
+                [Unit(each, machine, CommandBoard(machine)) for each in (of_node, *others)],
                 of_node,
                 MachineSimParams(physics_step=physics_step),
                 ParticleParams(),
@@ -157,6 +161,25 @@ def test_a_machine_told_to_wait_steps_once_the_command_for_the_tick_has_come(
     assert not run.may_step
     run.cabs[0].hear(0.01, good)
     assert run.may_step
+
+
+def test_each_machine_of_a_node_is_waited_for_as_it_says(make: MakeRun) -> None:
+    run = make(
+        UnitParams(y=9.0), UnitParams(y=-9.0, await_commands_every=1), await_commands_every=1
+    )
+    Soil(run)
+    run.cabs[0].hear(0.0, good)
+    assert not run.may_step
+    run.cabs[2].hear(0.0, good)
+    assert run.may_step
+
+
+def test_each_machine_of_a_node_does_what_it_is_told(make: MakeRun) -> None:
+    run = make(UnitParams(y=9.0))
+    Soil(run)
+    run.cabs[1].board.front([0.0, 0.1, 0.0, 0.0], 0.0)
+    first, second = run.command(0.0)
+    assert (first.joints.tolist(), second.joints.tolist()) == ([0.0] * 4, [0.0, 0.1, 0.0, 0.0])
 
 
 def test_it_waits_at_every_so_many_ticks_only(make: MakeRun) -> None:
