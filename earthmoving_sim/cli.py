@@ -24,7 +24,7 @@ from msg_bridge.contract.errors import EarthmovingError
 
 __all__ = ["SUBCOMMANDS", "build_parser", "main"]
 
-SUBCOMMANDS = ("demo", "check", "audit")
+SUBCOMMANDS = ("demo", "check", "machine", "audit")
 
 EXIT_BAD_INPUT = 2  # as argparse does for a bad option
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells expect
@@ -34,6 +34,7 @@ examples:
   earthmoving check          is everything here that the simulation needs? if not, what to do
   earthmoving demo           an excavator digs, carries and dumps; writes its results under out/
   earthmoving demo --help    the demo's options
+  earthmoving machine check FILE   what is wrong with a machine file?
   earthmoving audit BAG      was one mm3 of soil lost in a recording? where?
 
 exit codes: 0 done, 1 the command's own finding (see its --help), 2 bad input, 130 interrupted

@@ -5,24 +5,20 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
-from dataclasses import astuple
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 
 from earthmoving_sim.machine_shape import machine_faces, machine_outline
+from earthmoving_sim.operated import Operated
 from earthmoving_sim.outcome import PATH_EVERY, Outcome
 from earthmoving_sim.run_config import RunConfig
 from earthmoving_sim.site import jacksboro_site, refuse_landslide
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
-from machine_sim.operator import Command, Shift, View
-from machine_sim.operator.eyes import Eyes, Terrain
+from machine_sim.operator import Command, Shift
 from machine_sim.particles import warm_up
 from machine_sim.rig import Placement
-from msg_bridge.codec.machine_state import BaseState, PayloadState
-from msg_bridge.codec.poses import from_odometry, to_odometry
 from soil_sim.soil import Soil
 from soil_sim.terrain import HeightMap
 
@@ -73,7 +69,7 @@ class DigRun:
         warm_up(config.particles)
         self.world = World(soil, {1: self.machine})
         self.operator = Shift(config.machine, config.operator, config.shift)
-        self._eyes = Eyes()
+        self._operated = Operated(self.world, self.machine.rigs[0], self.operator, self._dt)
         self._path: list[tuple[NDArray[np.float64], int, str]] = []
         self._worst = 0
         self._most = 0
@@ -89,7 +85,7 @@ class DigRun:
         last: int | None = None
         while self.world.tick != last:
             if self.world.tick % LOOK_EVERY == 0 and not self.operator.done:
-                command = self.operator.command(self._view(), LOOK_EVERY * self._dt)
+                command = self.operator.command(self._operated.view(), LOOK_EVERY * self._dt)
                 if self.operator.done:
                     last = self.world.tick + REACTION  # for that long nobody waits for a command
                 else:
@@ -120,19 +116,6 @@ class DigRun:
             lip = rotation[:, 0] * self.machine.machine.description.bucket.tip_length + pin
             self._path.append((lip, self.operator.cycle, self.operator.phase))
 
-    def _view(self) -> View:
-        """What the public topics would tell, bit by bit."""
-        machine, soil = self.machine.machine, self.world.soil
-        base = BaseState(*machine.base_pose, *machine.base_velocity)
-        return self._eyes.see(
-            self.world.tick * self._dt,
-            machine.joint_positions,
-            from_odometry(to_odometry(base, "base_link", Time())),
-            PayloadState(*astuple(self.machine.payload)),
-            Terrain(soil.grid, self.world.surface, soil.revision),
-            self.world.ledger,
-        )
-
     def _say(self, began: float) -> None:
         simulated = self.world.tick * self._dt
         wall = time.perf_counter() - began
@@ -154,7 +137,7 @@ class DigRun:
     def _outcome(self, wall: float) -> Outcome:
         columns = self.world.soil.columns
         particles = self.machine.particles
-        view = self._view()
+        view = self._operated.view()
         pose = (
             self.machine.machine.description,
             view.base_position,

@@ -40,10 +40,16 @@ TRIALS = [quarter + within for quarter in (0, 90, 180, 270) for within in (25, 3
 TRIAL_PX = 160
 
 
-def draw_site_3d(record: SiteRecord, path: Path) -> Path:
+def draw_site_3d(record: SiteRecord, path: Path, *, labels: bool = True) -> Path:
     """Write a 3-D view of the worked ground, and of the machine if it has faces, as PNG.
 
-    Returns the path.
+    Args:
+        record: what is drawn.
+        path: of the picture.
+        labels: whether to name the deepest cut and the highest fill.
+
+    Returns:
+        The path.
     """
     window = _window(record)
     ground = ground_mesh(record, window)
@@ -68,7 +74,8 @@ def draw_site_3d(record: SiteRecord, path: Path) -> Path:
     )
     axes.autoscale(False)
     axes.set_axis_off()
-    draw_labels(axes, record, window, camera)
+    if labels:
+        draw_labels(axes, record, window, camera)
     draw_edge_bar(axes, window, ground, camera)
     wide_m, tall_m = window.size
     about = (

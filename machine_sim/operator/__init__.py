@@ -7,11 +7,13 @@
 - `motion`: following way points with velocity commands.
 - `cycle`: dig, lift, swing, dump, return.
 - `shift`: drive up, dig so many bucketfuls, wait until all soil lies.
+- `face`: a road header's task: cut a face in passes.
 - `eyes`: the view, put together from what each topic told.
 - `node`: the operator as a ROS 2 node.
 """
 
 from machine_sim.operator.cycle import CycleReport, DigCycle
+from machine_sim.operator.face import FaceCut, FaceParams
 from machine_sim.operator.params import OperatorParams, ShiftParams
 from machine_sim.operator.shift import Shift
 from machine_sim.operator.view import Command, View
@@ -20,6 +22,8 @@ __all__ = [
     "Command",
     "CycleReport",
     "DigCycle",
+    "FaceCut",
+    "FaceParams",
     "OperatorParams",
     "Shift",
     "ShiftParams",

@@ -43,7 +43,7 @@ class Eyes:
 
         Args:
             time: simulation time [s].
-            joints: swing, boom, arm, bucket [rad], shape (4,).
+            joints: angles of the machine's joints [rad], shape (joints,).
             base: pose of the base, map frame.
             payload: soil in the bucket.
             terrain: the surface.

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -22,8 +22,9 @@ from std_msgs.msg import Float64MultiArray, Int64MultiArray, String
 
 from machine_sim.commands import TRACK_NAMES
 from machine_sim.ground import surface_at
-from machine_sim.machine import EXCAVATOR_JOINTS, load_description
+from machine_sim.machine import load_description
 from machine_sim.operator.eyes import Eyes, Terrain
+from machine_sim.operator.face import HEADER_JOINTS, FaceCut, FaceParams
 from machine_sim.operator.moment import Moment, MomentGatherer
 from machine_sim.operator.node_params import OperatorNodeParams
 from machine_sim.operator.params import OperatorParams, ShiftParams
@@ -57,8 +58,10 @@ _FIRST_LOOK = 2
 class OperatorNode(LeanNode):
     """A scripted operator at the levers of the machine in its namespace.
 
+    An excavator digs, a road header cuts a face.
+
     Attributes:
-        shift: what it is about.
+        task: what it is about.
         diagnostics: what `/diagnostics` says of it.
     """
 
@@ -73,8 +76,10 @@ class OperatorNode(LeanNode):
         super().__init__("operator", **{"namespace": "/excavator", **kwargs})
         params = declare_parameters(self, OperatorNodeParams)
         self._habits = declare_parameters(self, OperatorParams, "habits.")
-        self._task = declare_parameters(self, ShiftParams, "shift.")
+        self._shift = declare_parameters(self, ShiftParams, "shift.")
+        self._face = declare_parameters(self, FaceParams, "face.")
         self._description = load_description(find_config(params.machine))
+        self._joints = self._description.joint_names
         self.diagnostics = Diagnostics(self, "operator")
         self._facts: RunFacts | None = None
         surface_at(np.zeros((2, 2)), 0.0, 0.0, 1.0, 0.0, 0.0)  # compiled now, not at the first dig
@@ -95,12 +100,12 @@ class OperatorNode(LeanNode):
     @property
     def finished(self) -> bool:
         """Whether it has left the levers."""
-        return self.shift.done
+        return self.task.done
 
     @property
     def exit_code(self) -> int:
         """1 if it gave up, else 0."""
-        return 1 if self.shift.given_up else 0
+        return 1 if self.task.given_up else 0
 
     def stop(self) -> None:
         """See that its last words arrive."""
@@ -112,8 +117,12 @@ class OperatorNode(LeanNode):
         return self._facts is not None and not self._facts.realtime
 
     def _begin(self) -> None:
-        """Start the shift, in this run of the soil or in a new one."""
-        self.shift = Shift(self._description, self._habits, self._task)
+        """Start the task, in this run of the soil or in a new one."""
+        self.task: Shift | FaceCut
+        if self._joints == HEADER_JOINTS:
+            self.task = FaceCut(self._description, self._face)
+        else:
+            self.task = Shift(self._description, self._habits, self._shift)
         self._eyes = Eyes()
         self._moments = MomentGatherer(every=self._lockstep)
         self._last: JointState | None = None
@@ -144,7 +153,7 @@ class OperatorNode(LeanNode):
         before, self._facts = self._facts, facts
         if before is None or facts.epoch != before.epoch:
             if before is not None:
-                self.get_logger().info("the run has begun anew, and so does the shift")
+                self.get_logger().info("the run has begun anew, and so does the task")
             self._begin()
         self._terrain.follower.begin(facts.epoch)
         self._terrain.maps.set_cell(facts.cell)
@@ -152,7 +161,7 @@ class OperatorNode(LeanNode):
     def _on_joints(self, msg: JointState) -> None:
         if self._facts is not None:
             tick = tick_of_stamp(msg.header.stamp, self._facts.tick)
-            self._moments.joints(tick, _angles(msg))
+            self._moments.joints(tick, _angles(msg, self._joints))
 
     def _on_odom(self, msg: Odometry) -> None:
         if self._facts is not None:
@@ -177,7 +186,7 @@ class OperatorNode(LeanNode):
         follower, facts = self._terrain.follower, self._facts
         if facts is None or follower.epoch != facts.epoch:
             return
-        while not self.shift.done:
+        while not self.task.done:
             if self._lockstep:
                 follower.go_on_to(self._moments.next_tick or 0)
             moment = self._moments.take(follower.tick)
@@ -193,12 +202,12 @@ class OperatorNode(LeanNode):
         view = self._eyes.see(moment.tick * facts.tick, *state, terrain, moment.ledger)
         since = _FIRST_LOOK if self._last_tick is None else moment.tick - self._last_tick
         self._last_tick = moment.tick
-        command = self.shift.command(view, since * facts.tick)
+        command = self.task.command(view, since * facts.tick)
         self._tell(view.time)
-        if self.shift.done:
+        if self.task.done:
             return
         self._last = to_command_state(
-            (*EXCAVATOR_JOINTS, *TRACK_NAMES),
+            (*self._joints, *TRACK_NAMES),
             np.concatenate([command.joints, command.tracks]),
             stamp_of_tick(moment.tick, facts.tick),
         )
@@ -206,34 +215,34 @@ class OperatorNode(LeanNode):
 
     def _repeat(self) -> None:
         """Say again what was perhaps not heard: in lockstep the machine may be waiting for it."""
-        if self._lockstep and self._last is not None and not self.shift.done:
+        if self._lockstep and self._last is not None and not self.task.done:
             self._commands.publish(self._last)
 
     def _tell(self, time: float) -> None:
         """Publish what it is about, and how each cycle went."""
-        shift = self.shift
-        for report in shift.reports[self._reported :]:
+        task = self.task
+        for report in task.reports[self._reported :]:
             self._cycles.publish(String(data=json.dumps(asdict(report))))
             self._reported += 1
-        now = {"cycle": shift.cycle, "phase": shift.phase, "given_up": shift.given_up}
+        now = {"cycle": task.cycle, "phase": task.phase, "given_up": task.given_up}
         said = json.dumps(now)
         if said != self._said:
             self._said = said
             self._phases.publish(String(data=json.dumps({"time": time, **now})))
-            self.diagnostics.set("cycle", shift.cycle)
-            self.diagnostics.set("phase", shift.phase)
+            self.diagnostics.set("cycle", task.cycle)
+            self.diagnostics.set("phase", task.phase)
 
 
-def _angles(msg: JointState) -> list[float]:
-    """Angles of swing, boom, arm and bucket [rad].
+def _angles(msg: JointState, names: Sequence[str]) -> list[float]:
+    """Angles of some joints [rad], in the order of `names`.
 
     Raises:
         CodecError: one of them is missing or no angle.
     """
     angles = dict(zip(msg.name, msg.position, strict=False))
-    own = [angles.get(name, math.nan) for name in EXCAVATOR_JOINTS]
+    own = [angles.get(name, math.nan) for name in names]
     if not all(map(math.isfinite, own)):
-        raise CodecError(f"the joint states need a finite angle of {', '.join(EXCAVATOR_JOINTS)}")
+        raise CodecError(f"the joint states need a finite angle of {', '.join(names)}")
     return own
 
 

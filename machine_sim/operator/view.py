@@ -19,7 +19,7 @@ class View:
 
     Attributes:
         time: simulation time [s].
-        joints: swing, boom, arm, bucket [rad].
+        joints: angles of the machine's joints [rad].
         base_position: of base_link (3,) [m], map frame.
         base_rotation: base_link to map (3, 3).
         fill: soil in the bucket, in parts of its heaped capacity.
@@ -85,7 +85,7 @@ class Command:
     """What is done in a tick.
 
     Attributes:
-        joints: velocities of swing, boom, arm, bucket [rad/s].
+        joints: velocities of the machine's joints [rad/s].
         tracks: speeds of the left and right track [m/s].
     """
 

@@ -20,9 +20,14 @@ COMMAND_NAMES = (*EXCAVATOR_JOINTS, *TRACK_NAMES)
 """What an excavator is commanded."""
 
 
+def shipped(name: str) -> MachineDescription:
+    """A machine that is shipped."""
+    return load_description(find_config(f"machines/{name}.yaml"))
+
+
 def excavator() -> MachineDescription:
     """The shipped excavator."""
-    return load_description(find_config("machines/excavator.yaml"))
+    return shipped("excavator")
 
 
 def machine_on_level_ground(**options: object) -> MachineSim:

@@ -96,14 +96,14 @@ def test_it_ends_with_1_when_it_gave_up_and_leaves_the_levers(ros: Ros) -> None:
 def test_a_reset_begins_the_shift_anew(ros: Ros) -> None:
     commands = ros.collect("/excavator/joint_commands", JointState)
     scene, operator = working(ros)
-    ros.spin_until(lambda: operator.shift.phase == "reach")
-    first = operator.shift
+    ros.spin_until(lambda: operator.task.phase == "reach")
+    first = operator.task
     scene.trigger("/sim/reset")
-    ros.spin_until(lambda: operator.shift is not first)
+    ros.spin_until(lambda: operator.task is not first)
     del commands[:]
     scene.until_tick(10)
-    assert operator.shift.phase == "approach"
-    ros.spin_until(lambda: operator.shift.phase == "reach")
+    assert operator.task.phase == "approach"
+    ros.spin_until(lambda: operator.task.phase == "reach")
     assert scene.joined == (1,)
 
 
@@ -113,7 +113,7 @@ def test_after_a_pause_it_goes_on(ros: Ros) -> None:
     scene.pause()
     ros.spin_for(0.3)
     scene.pause(False)
-    ros.spin_until(lambda: operator.shift.phase == "reach")
+    ros.spin_until(lambda: operator.task.phase == "reach")
 
 
 def test_it_sees_in_real_time_too(ros: Ros) -> None:

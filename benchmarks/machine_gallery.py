@@ -1,0 +1,148 @@
+"""Pictures of machines at work: an excavator that loads a dumper, a road header that cuts a face.
+
+Run from the repository root: `python -m benchmarks.machine_gallery --folder docs/images`; it takes
+a minute or two.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from earthmoving_sim.machine_shape import machine_faces
+from earthmoving_sim.operated import Operated
+from earthmoving_sim.pictures.record import SiteRecord
+from earthmoving_sim.pictures.site_3d import draw_site_3d
+from earthmoving_sim.world import World
+from machine_sim.core import MachineSim
+from machine_sim.machine import TrackedMachine, load_description, rotation_matrix
+from machine_sim.operator import FaceCut, FaceParams, OperatorParams, Shift, ShiftParams
+from machine_sim.particles import ParticleParams, SoilEngine
+from machine_sim.rig import Placement
+from msg_bridge.config_files import find_config
+from msg_bridge.contract.grid import Grid
+from soil_sim.params import SoilParams
+from soil_sim.soil import Soil
+
+_GRAIN = "#7d5a38"
+_LOOK_EVERY = 2
+_GIVE_UP = 120.0
+"""Simulated time after which a scene is drawn as it is [s]."""
+
+_OCTAHEDRON = np.array(
+    [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)], dtype=np.float64
+)
+_OCTAHEDRON_FACES = [(x, y, z) for x in (0, 1) for y in (2, 3) for z in (4, 5)]
+
+
+def main() -> None:
+    """Draw both pictures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--folder", type=Path, default=Path("out"), help="where to write them")
+    folder = parser.parse_args().folder
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, draw in (("machines_loading", loading), ("machines_face", face)):
+        print(draw_site_3d(draw(), folder / f"{name}.png", labels=False))
+
+
+def loading() -> SiteRecord:
+    """The second bucket falls into a dumper's bed."""
+    grid = Grid(161, 161, 0.2)
+    soil = Soil(grid, np.zeros(grid.shape), SoilParams(repose_angle=35.0, swell=0.15))
+    sim = _simulate(soil, [("excavator", (-2.0, 0.0)), ("dumper", (0.35, 6.3))], 1_000_000)
+    habits = OperatorParams(clearance=2.8, empty=0.05)
+    operator = Shift(
+        sim.rigs[0].machine.description, habits, ShiftParams(cycles=2, longest=_GIVE_UP)
+    )
+
+    def falling() -> bool:
+        busy = operator.cycle == 2 and operator.phase == "dump"
+        return busy and sim.rigs[0].payload.fill < 0.5
+
+    return _work(soil, sim, operator, falling, "An excavator loads a dumper")
+
+
+def face() -> SiteRecord:
+    """The head goes across a face of rock for the first time."""
+    grid = Grid(141, 141, 0.1)
+    x = grid.x(np.arange(grid.rows))
+    heights, ids = np.zeros(grid.shape), np.zeros(grid.shape, np.uint8)
+    heights[x > 2.4], ids[x > 2.2] = 2.2, 1
+    soil = Soil(grid, heights, SoilParams(soil="loam", other_soils=["rock"]), soil=ids)
+    sim = _simulate(soil, [("road_header", (-2.6, 0.0))], 1_000_000)
+    task = FaceParams(width=3.2, height=1.8, rounds=1, longest=_GIVE_UP)
+    operator = FaceCut(sim.machine.description, task)
+
+    def across() -> bool:
+        return operator.phase == "slew" and abs(float(sim.machine.joint_positions[0])) < 0.05
+
+    return _work(soil, sim, operator, across, "A road header cuts a face of rock")
+
+
+def _simulate(
+    soil: Soil, machines: list[tuple[str, tuple[float, float]]], grain: int
+) -> MachineSim:
+    return MachineSim(
+        [
+            Placement(load_description(find_config(f"machines/{name}.yaml")), place)
+            for name, place in machines
+        ],
+        soil.grid,
+        soil.columns.height,
+        soils=soil.loose_soils,
+        particle_params=ParticleParams(nominal_volume=grain),
+    )
+
+
+def _work(
+    soil: Soil, sim: MachineSim, operator: Shift | FaceCut, enough: Callable[[], bool], title: str
+) -> SiteRecord:
+    """Let the first machine's operator work until there is something to be seen."""
+    world, machine, tick = World(soil, {1: sim}), sim.machine, sim.params.tick
+    operated = Operated(world, sim.rigs[0], operator, tick)
+    before = soil.columns.height.copy()
+    while not (operator.done or enough()):
+        operated.act(_LOOK_EVERY * tick)
+        for _ in range(_LOOK_EVERY):
+            world.step()
+        if world.tick % 500 == 0:
+            print(f"  {title}: {world.tick * tick:.0f} s, {operator.phase}", flush=True)
+    faces = [face for rig in sim.rigs for face in _faces(rig.machine)]
+    record = SiteRecord(
+        grid=soil.grid,
+        before=before,
+        after=soil.columns.height.copy(),
+        loose_depth=soil.columns.loose_depth,
+        lip_path=np.zeros((0, 3)),
+        lip_cycle=np.zeros(0, int),
+        lip_phase=np.zeros(0, str),
+        machine_outline=(),
+        title=title,
+        machine_faces=[*faces, *_grains(sim.particles)],
+        machine_position=(float(machine.base_pose[0][0]), float(machine.base_pose[0][1])),
+    )
+    world.close()
+    return record
+
+
+def _faces(machine: TrackedMachine) -> list[tuple[str, NDArray[np.float64]]]:
+    position, quaternion = machine.base_pose
+    pose = (position, rotation_matrix(quaternion), machine.joint_positions)
+    return machine_faces(machine.description, *pose, machine.tracks.shoe_poses)
+
+
+def _grains(particles: SoilEngine) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """Every particle as an octahedron."""
+    store = particles.store
+    for position, radius in zip(store.position, store.radius, strict=True):
+        corners = position + float(radius) * _OCTAHEDRON
+        for corner in _OCTAHEDRON_FACES:
+            yield _GRAIN, corners[list(corner)]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,147 @@
+"""Several machines of several kinds in one node: who sweeps, who gets what was cut, who is hit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.machine_scenes import GRID, level_soil, loosened, shipped
+
+from earthmoving_sim.world import World
+from machine_sim.core import MachineSim
+from machine_sim.machine import MachineError, arm_angles, arm_geometry
+from machine_sim.rig import Placement
+from msg_bridge.contract.rows import CHANGED, CONVERSION, Action, Kind, empty_rows
+
+EXCAVATOR, HEADER, DUMPER = (shipped(name) for name in ("excavator", "road_header", "dumper"))
+NOTHING = (empty_rows(CONVERSION), empty_rows(CHANGED))
+FLAT = np.zeros(GRID.shape)
+
+
+@pytest.fixture
+def simulate():
+    made = []
+
+    def make(*machines: Placement, **options: object) -> MachineSim:
+        made.append(MachineSim(machines, GRID, FLAT, **options))
+        return made[-1]
+
+    yield make
+    for sim in made:
+        sim.close()
+
+
+def go_on(sim: MachineSim, ticks: int) -> None:
+    for _ in range(ticks):
+        sim.step()
+        sim.apply(*NOTHING)
+
+
+def test_tools_and_tracks_are_numbered_through(simulate) -> None:
+    sim = simulate(Placement(EXCAVATOR, (-4.0, 0.0)), Placement(HEADER, (4.0, 0.0)))
+    for rig in sim.rigs:
+        rig.machine.command(np.zeros(len(rig.machine.description.joints)), [0.5, 0.5])
+    go_on(sim, 20)
+    sweeps = sim.step().sweeps
+    assert np.unique(sweeps["tool"]).tolist() == [0, 1, 2, 3, 4, 5]
+    tools = [sweeps[sweeps["tool"] == k] for k in range(6)]
+    assert [rows.size for rows in tools] == [14, 4, 4, 26, 4, 4]
+    assert (tools[3]["action"] == Action.PRESS).all()  # its head stands still
+
+
+def test_a_head_that_spins_mills(simulate) -> None:
+    sim = simulate(Placement(HEADER))
+    sim.machine.command({"head": 5.0}, [0.0, 0.0])
+    go_on(sim, 100)
+    sweeps = sim.step().sweeps
+    assert (sweeps["action"][:26] == Action.MILL).all()
+    assert sim.machine.joint_velocities[2] == pytest.approx(5.0, rel=0.01)
+
+
+def test_what_was_cut_goes_to_the_nearest_tool(simulate) -> None:
+    sim = simulate(Placement(EXCAVATOR, (-6.0, 0.0)), Placement(HEADER, (6.0, 0.0)))
+    works = [work for rig in sim.rigs for work in rig.tools.values()]
+    rows = empty_rows(CONVERSION, 2)
+    rows["kind"], rows["volume_mm3"] = Kind.EXCAVATE, [100, 200]
+    for k, work in enumerate(works):
+        rows["x"][k], rows["y"][k], rows["z"][k] = work.tool.pose[1]
+        rows["col"][k] = k
+    sim.apply(rows, NOTHING[1])
+    assert [work.pending.total_mm3 for work in works] == [100, 200]
+    assert sim.pending_mm3 == 300
+
+
+def test_machines_collide(simulate) -> None:
+    sim = simulate(Placement(DUMPER, (0.0, 0.0)), Placement(DUMPER, (6.0, 0.0), np.pi))
+    for rig in sim.rigs:
+        rig.machine.command([0.0], [1.0, 1.0])
+    go_on(sim, 400)
+    gap = sim.rigs[1].machine.base_pose[0][0] - sim.rigs[0].machine.base_pose[0][0]
+    assert 3.5 < gap < 6.0  # their frames and cabs meet; unhindered they would have met and gone by
+
+
+def test_commands_to_one_move_no_other(simulate) -> None:
+    sim = simulate(Placement(EXCAVATOR, (-5.0, 0.0)), Placement(DUMPER, (5.0, 0.0)))
+    sim.rigs[1].machine.command({"bed": -0.2}, [0.5, 0.5])
+    go_on(sim, 150)
+    first, second = (rig.machine for rig in sim.rigs)
+    assert np.linalg.norm(first.base_pose[0][:2] - [-5.0, 0.0]) < 0.02
+    assert second.base_pose[0][0] > 5.4
+    assert second.joint_positions[0] < -0.15
+
+
+def test_soil_in_a_bed_is_its_payload_and_rides_along(simulate) -> None:
+    sim = simulate(Placement(DUMPER))
+    machine, rig = sim.machine, sim.rigs[0]
+    rotation, origin = machine.tool.pose
+    rng = np.random.default_rng(0)
+    local = rng.uniform((0.4, -0.9, 0.2), (3.0, 0.9, 0.9), (150, 3))
+    sim.particles.add(local @ rotation.T + origin, np.zeros_like(local), 4_000_000)
+    go_on(sim, 150)
+    assert rig.payload.bank == pytest.approx(0.6)
+    assert rig.payload.mass == pytest.approx(960.0)
+    machine.command([0.0], [1.0, 1.0])
+    go_on(sim, 200)
+    machine.command([0.0], [0.0, 0.0])
+    go_on(sim, 50)
+    assert machine.base_pose[0][0] > 1.5
+    assert rig.payload.bank == pytest.approx(0.6)
+    machine.command([-0.2], [0.0, 0.0])
+    for _ in range(700):
+        step = sim.step()
+        landed = empty_rows(CONVERSION, step.landed.size)
+        landed["kind"], landed["particle_id"] = Kind.DEPOSIT, step.landed["particle_id"]
+        sim.apply(landed, NOTHING[1])
+    assert rig.payload.bank < 0.01
+
+
+def test_there_is_one_machine_at_least(simulate) -> None:
+    with pytest.raises(MachineError, match="give one placement or more"):
+        simulate()
+
+
+def test_two_kinds_dig_and_the_ledger_closes() -> None:
+    soil = level_soil()
+    angles = arm_angles(EXCAVATOR, 7.0, 0.1 - arm_geometry(EXCAVATOR).swing[2], 2.0)
+    digger = replace(EXCAVATOR, home=np.array([0.0, *angles]))
+    header = replace(HEADER, home=np.array([0.0, 0.1, 0.0]))
+    sim = MachineSim(
+        [Placement(digger, (-9.0, -4.0)), Placement(header, (-4.0, 5.0))],
+        GRID,
+        soil.columns.height,
+        **loosened(soil),
+    )
+    world = World(soil, {1: sim})
+    before = soil.total_mm3
+    imbalances, milled = set(), []
+    for tick in range(300):
+        down = 0.2 if tick < 150 else 0.0
+        sim.rigs[0].machine.command([0.0, down, 0.3, 0.3], [0.0, 0.0])
+        sim.rigs[1].machine.command([0.0, 0.25, 5.0], [0.0, 0.0])
+        ledger = world.step()
+        imbalances.add(ledger.imbalance)
+        milled.append(sim.rigs[1].machine.joint_efforts[2])
+    taken = before - soil.total_mm3
+    world.close()
+    assert imbalances == {0}
+    assert taken > 300_000_000
+    assert max(milled) > 2e3  # the head feels what it cuts
