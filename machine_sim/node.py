@@ -143,7 +143,7 @@ class MachineNode(LeanNode):
             frames=frames,
             link_count=len(machine.links),
             tool_frames={name: frame_of(mount.link) for name, mount in machine.tools.items()},
-            holds_soil=unit.holds_soil,
+            holds_soil=machine.holds_soil,
             markers=MarkerSet(frames, *looks, namespace=unit.name or namespace or machine.name),
             publish_tf=self._params.publish_tf,
         )

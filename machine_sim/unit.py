@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 from machine_sim.commands import TRACK_NAMES, CommandBoard, CommandParams
 from machine_sim.machine import MachineDescription, TrackModel, fitted_with, load_description
-from machine_sim.machine.tools import HoldingShape
 from machine_sim.node_params import UnitParams
 from machine_sim.rig import Placement
 from msg_bridge.config_files import find_config
@@ -53,13 +52,6 @@ class Unit:
     def command_names(self) -> tuple[str, ...]:
         """What can be commanded: its joints, then its tracks."""
         return (*self.description.joint_names, *TRACK_NAMES)
-
-    @property
-    def holds_soil(self) -> bool:
-        """Whether soil is carried in one of its tools."""
-        return any(
-            isinstance(mount.shape, HoldingShape) for mount in self.description.tools.values()
-        )
 
 
 def make_units(

@@ -44,6 +44,17 @@ def test_each_command_answers_a_state_and_says_which(ros: Ros) -> None:
     assert set(ticks) >= set(range(0, 60, TURN))
 
 
+def test_one_of_a_machine_that_holds_no_soil_needs_no_word_of_its_load(ros: Ros) -> None:
+    kind = {"machine": "machines/road_header.yaml"}
+    commands = ros.collect("/excavator/joint_commands", JointState)
+    scene = Scene(ros)
+    scene.machine(await_commands_every=TURN, **kind)
+    ros.add(OperatorNode, parameters=kind)
+    scene.until_tick(20)
+    assert list(commands[0].name) == ["turn", "lift", "head", "left_track", "right_track"]
+    assert set(ticks_of(commands)) >= set(range(0, 20, TURN))
+
+
 def test_machine_and_operator_take_turns(ros: Ros) -> None:
     applied = ros.collect("/excavator/applied_commands", JointState)
     commands = ros.collect("/excavator/joint_commands", JointState)
