@@ -1,8 +1,12 @@
-"""Soil, one excavator, the scripted operator and a recorder.
+"""Soil, one excavator or what a file names, the scripted operator and a recorder.
 
     ros2 launch earthmoving_sim dig.launch.py
 
-Arguments: `sync:=lockstep`, `operator:=false` (you drive), `record:=false`, `terrain:=FILE`.
+Arguments: `sync:=lockstep`, `operator:=false` (you drive), `record:=false`, `terrain:=FILE`;
+another file of the machines, their node's namespace, and that of the machine with the operator:
+
+    ros2 launch earthmoving_sim dig.launch.py \\
+        machines:=config/site_machines.yaml namespace:=/site operated:=/site/digger
 """
 
 from launch import LaunchDescription
@@ -22,7 +26,15 @@ def parameters(name: str) -> PathJoinSubstitution:
 
 def generate_launch_description() -> LaunchDescription:
     """What `ros2 launch` asks for."""
-    arguments = {"sync": "realtime", "operator": "true", "record": "true", "terrain": "rough"}
+    arguments = {
+        "sync": "realtime",
+        "operator": "true",
+        "record": "true",
+        "terrain": "rough",
+        "machines": parameters("machine_sim"),
+        "namespace": "/excavator",
+        "operated": LaunchConfiguration("namespace"),
+    }
     soil = {"sync": LaunchConfiguration("sync"), "site.terrain": LaunchConfiguration("terrain")}
     return LaunchDescription(
         [
@@ -46,14 +58,14 @@ def generate_launch_description() -> LaunchDescription:
             Node(
                 package=PACKAGE,
                 executable="machine_sim",
-                namespace="/excavator",
-                parameters=[parameters("machine_sim")],
+                namespace=LaunchConfiguration("namespace"),
+                parameters=[LaunchConfiguration("machines")],
                 output="screen",
             ),
             Node(
                 package=PACKAGE,
                 executable="operator",
-                namespace="/excavator",
+                namespace=LaunchConfiguration("operated"),
                 parameters=[parameters("operator")],
                 condition=IfCondition(LaunchConfiguration("operator")),
                 output="screen",

@@ -1,8 +1,9 @@
-"""A machine's node: takes commands, steps the machine and its particles, tells their state.
+"""A node of one machine or several: takes commands, steps them and their soil, tells their state.
 
-Its namespace is the machine's name. When it may step is told by `machine_sim.run`, what happens in
-a step by `machine_sim.core`; callbacks here only hand over. It takes the terrain, the length of a
-tick and the swell of the soil from the soil's own topics.
+Its namespace is the name of its only machine, or lies above those of several. When they may step is
+told by `machine_sim.run`, what happens in a step by `machine_sim.core`, what is told of each by
+`machine_sim.station`; callbacks here only hand over. It takes the terrain, the length of a tick and
+the swell of the soil from the soil's own topics.
 """
 
 from __future__ import annotations
@@ -10,27 +11,25 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
-import numpy as np
 from std_msgs.msg import String
 
-from machine_sim.commands import CommandBoard, CommandParams
-from machine_sim.machine import TrackedMachine, fitted_with, load_description
-from machine_sim.machine.appearance import link_boxes, link_frames, link_poses, shoe_look
-from machine_sim.machine.pistons import piston_joints
-from machine_sim.machine.urdf import urdf_text
-from machine_sim.node_params import MachineNodeParams
+from machine_sim.cab import Cab
+from machine_sim.commands import CommandParams
+from machine_sim.machine.appearance import frame_of, link_boxes, link_frames, shoe_look
+from machine_sim.node_params import MachineNodeParams, UnitParams
 from machine_sim.params import MachineSimParams
 from machine_sim.particles import ParticleParams, warm_up
 from machine_sim.run import MachineRun, first_life
-from machine_sim.sensors import SensorParams, Sensors
+from machine_sim.sensors import SensorParams
+from machine_sim.station import Station
+from machine_sim.unit import Unit, make_units
 from msg_bridge.codec import qos
-from msg_bridge.codec.machine_state import BaseState, PayloadState
 from msg_bridge.codec.markers import MarkerSet
 from msg_bridge.codec.sim_config import RunFacts, config_text, run_facts
 from msg_bridge.codec.stamps import stamp_of_tick
-from msg_bridge.config_files import find_config
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.messages import Keyframe, Message
 from msg_bridge.exchange.machine_side import Phase
@@ -40,10 +39,11 @@ from msg_bridge.nodes.inbox import Inbox
 from msg_bridge.nodes.lean_node import LeanNode
 from msg_bridge.nodes.listeners import unheard_topics
 from msg_bridge.nodes.machine_carrier import MachineCarrier
-from msg_bridge.nodes.machine_topics import JointValues, MachineTopics, ToolWrench
+from msg_bridge.nodes.machine_topics import MachineTopics
 from msg_bridge.nodes.parameters import declare_parameters, on_change
 from msg_bridge.nodes.runtime import run_node
 from msg_bridge.nodes.sensor_topics import SensorTopics
+from msg_bridge.nodes.shared_topics import SharedTopics
 
 __all__ = ["MachineNode", "main"]
 
@@ -60,10 +60,11 @@ _CHANGEABLE = ("state_rate", "particle_rate", "transform_rate", "marker_rate", "
 
 
 class MachineNode(LeanNode):
-    """One machine and the soil it moves.
+    """Machines and the soil they move.
 
     Attributes:
-        run: the machine in the present run of the soil; None until there is one.
+        units: the machines.
+        run: they in the present run of the soil; None until there is one.
         diagnostics: what `/diagnostics` says of it.
     """
 
@@ -81,29 +82,17 @@ class MachineNode(LeanNode):
         self._stepping = declare_parameters(self, MachineSimParams, "stepping.")
         self._particles = declare_parameters(self, ParticleParams, "particles.")
         self._sensor_params = declare_parameters(self, SensorParams, "sensors.")
-        commands = declare_parameters(self, CommandParams, "commands.")
-        description = load_description(find_config(self._params.machine))
-        self._description = fitted_with(description, self._stepping.tracks)
-        self._board = CommandBoard(self._description, commands)
-        name = self.get_namespace().strip("/")
-        self._prefix = self._params.frame_prefix or (f"{name}/" if name else "")
+        self._commands = declare_parameters(self, CommandParams, "commands.")
+        several = self._params.machines
+        each = {name: declare_parameters(self, UnitParams, f"{name}.") for name in several}
+        self.units = make_units(each or {"": self._params}, self._stepping.tracks, self._commands)
         warm_up(self._particles)
         self.run: MachineRun | None = None
-        self.diagnostics = Diagnostics(self, "machine_sim", self._description.name)
+        kinds = ", ".join(unit.description.name for unit in self.units)
+        self.diagnostics = Diagnostics(self, "machine_sim", kinds)
         self.diagnostics.add_task(self._diagnose)
-        looks = (link_boxes(self._description), shoe_look(self._description))
-        frames = link_frames(self._description)
-        self._topics = MachineTopics(
-            self,
-            prefix=self._prefix,
-            link_frames=frames,
-            tool_frame="bucket",
-            markers=MarkerSet(frames, *looks, namespace=name or self._description.name),
-            publish_tf=self._params.publish_tf,
-        )
-        self._sensor_topics = SensorTopics(
-            self, self._prefix, [imu.name for imu in self._description.imus]
-        )
+        self._topics = SharedTopics(self)
+        self._stations = [self._station(unit) for unit in self.units]
         self._facts: RunFacts | None = None
         self._keyframe: Keyframe | None = None
         self._leaving = False
@@ -115,7 +104,8 @@ class MachineNode(LeanNode):
         self._carrier = MachineCarrier(self, inbox, self._receive, refuse)
         inbox.subscribe(String, "/sim/config", qos.LATCHED, self._on_config)
         self._orders = Inbox(self, self._go_on)
-        self._commands = CommandTopics(self._orders, self._board, lambda: self.run, refuse)
+        for k, unit in enumerate(self.units):
+            CommandTopics(self._orders, unit.board, partial(self._cab, k), refuse, unit.folder)
         self.create_timer(_REMIND_PERIOD, self._on_silence)
 
     def stop(self) -> None:
@@ -133,12 +123,37 @@ class MachineNode(LeanNode):
         self._params = params
 
     def destroy_node(self) -> None:
-        """Free the machine, too."""
+        """Free the machines, too."""
         run = getattr(self, "run", None)  # not there if a parameter was bad
         if run is not None:
             run.close()
             self.run = None
         super().destroy_node()
+
+    def _station(self, unit: Unit) -> Station:
+        """A machine's topics."""
+        machine, namespace = unit.description, self.get_namespace().strip("/")
+        prefix, frames = unit.frame_prefix(namespace), link_frames(machine)
+        looks = (link_boxes(machine), shoe_look(machine))
+        topics = MachineTopics(
+            self,
+            unit.folder,
+            prefix=prefix,
+            command_names=unit.command_names,
+            frames=frames,
+            link_count=len(machine.links),
+            tool_frames={name: frame_of(mount.link) for name, mount in machine.tools.items()},
+            holds_soil=machine.holds_soil,
+            markers=MarkerSet(frames, *looks, namespace=unit.name or namespace or machine.name),
+            publish_tf=self._params.publish_tf,
+        )
+        imus = [imu.name for imu in machine.imus]
+        sensor_topics = SensorTopics(self, unit.folder, prefix=prefix, imus=imus)
+        return Station(unit, topics, sensor_topics, self._sensor_params, prefix)
+
+    def _cab(self, k: int) -> Cab | None:
+        """The levers of the machine of some number; None while there is no run."""
+        return None if self.run is None else self.run.cabs[k]
 
     # Entering a run.
 
@@ -169,23 +184,21 @@ class MachineNode(LeanNode):
             if self.run.facts.epoch == facts.epoch:
                 return
             self.run.close()
-            self._board.forget()
+            for unit in self.units:
+                unit.board.forget()
         self.run = MachineRun(
-            self._description,
+            self.units,
             self._params,
             self._stepping,
             self._particles,
-            self._board,
             facts,
             keyframe,
             life=first_life(self.get_namespace(), facts.epoch, time.time()),
         )
-        self._sensors = Sensors(self._description, self._sensor_params, self._params.seed)
         self._entered_life = -1
-        self._topics.describe(
-            urdf_text(self._description, prefix=self._prefix, virtual_base=True, pistons=True),
-            self._config(),
-        )
+        for k, station in enumerate(self._stations):
+            station.begin(self._params.seed, k)
+        self._topics.config(self._config(facts))
         self._join(self.run)
 
     def _join(self, run: MachineRun) -> None:
@@ -232,10 +245,10 @@ class MachineNode(LeanNode):
 
     def _do_step(self, run: MachineRun) -> None:
         began = time.perf_counter()
-        applied = run.command(time.monotonic())
+        stamp = self._stamp(run, run.side.next_tick)
         # Told before the step, so that who commands knows at once.
-        velocities = np.concatenate([applied.joints, applied.tracks])
-        self._topics.applied(velocities, self._stamp(run, run.side.next_tick))
+        for station, command in zip(self._stations, run.command(time.monotonic()), strict=True):
+            station.applied(command, stamp)
         run.side.step(leave=self._leaving)
         self._send(run)
         self._tell(run, run.tick)
@@ -269,84 +282,52 @@ class MachineNode(LeanNode):
 
     def _tell(self, run: MachineRun, tick: int) -> None:
         """Publish the state at the end of a tick, as far as it is due."""
-        sim, machine, params = run.sim, run.sim.machine, self._params
-        stamp = self._stamp(run, tick)
-
-        def due(rate: float) -> bool:
-            return run.due(tick, rate)
-
-        if due(params.state_rate):
-            base = BaseState(*machine.base_pose, *machine.base_velocity)
-            load = PayloadState(**asdict(sim.payload), time=tick * run.facts.tick)
-            wrench = ToolWrench(*sim.tool_work.wrench, machine.tool.pose[0])
-            self._topics.state(self._joint_values(machine), base, load, wrench, stamp)
-            self._topics.cylinders(machine.cylinders, tick * run.facts.tick)
-        if due(self._sensor_params.rate):
-            self._tell_sensors(machine, tick * run.facts.tick, stamp)
-        if due(params.particle_rate):
+        sim, stamp = run.sim, self._stamp(run, tick)
+        due = partial(run.due, tick)
+        for station, rig in zip(self._stations, sim.rigs, strict=True):
+            station.tell(rig, self._params, due, tick * run.facts.tick, stamp)
+        if due(self._params.particle_rate):
             self._topics.particles(sim.particles.store, stamp)
-        if due(params.transform_rate) or due(params.marker_rate):
-            poses = link_poses(self._description, *machine.base_pose, machine.joint_positions)
-            if due(params.transform_rate):
-                self._topics.transforms(*poses, stamp)
-            if due(params.marker_rate):
-                self._topics.markers(poses, machine.tracks.shoe_poses, stamp)
-
-    def _tell_sensors(self, machine: TrackedMachine, time: float, stamp: Any) -> None:
-        imus, encoders = self._sensors.read(machine, time)
-        for imu in imus:
-            frame = "base_link" if imu.frame == "base" else imu.frame
-            self._sensor_topics.imu(
-                imu.name, frame, imu.quaternion, imu.spin, imu.specific_force, stamp
-            )
-        self._sensor_topics.encoders(self._description.joint_names, *encoders)
-
-    def _joint_values(self, machine: TrackedMachine) -> JointValues:
-        """All joints: those of the arm, then those of the pistons, which only follow."""
-        angles, rates = machine.joint_positions, machine.joint_velocities
-        pistons = piston_joints(self._description, angles.tolist(), rates.tolist())
-        return JointValues(
-            [*self._description.joint_names, *pistons.names],
-            [*angles, *pistons.positions],
-            [*rates, *pistons.velocities],
-            [*machine.joint_efforts, *[0.0] * len(pistons.names)],
-        )
 
     def _stamp(self, run: MachineRun, tick: int) -> Any:
         return stamp_of_tick(tick, run.facts.tick)
 
-    def _config(self) -> str:
-        assert self._facts is not None
+    def _config(self, facts: RunFacts) -> str:
+        several = {unit.name: asdict(unit.params) for unit in self.units if unit.name}
         sections = {
             "machine_sim": asdict(self._params),
+            **({"machines": several} if several else {}),
             "stepping": asdict(self._stepping),
             "particles": asdict(self._particles),
             "sensors": asdict(self._sensor_params),
-            "commands": asdict(self._board.params),
+            "commands": asdict(self._commands),
         }
-        return config_text(self._facts, sections)
+        return config_text(facts, sections)
 
     def _diagnose(self) -> None:
         run = self.run
         if run is None:
             self.diagnostics.set("phase", "waiting for the soil")
             return
-        particles, machine = run.sim.particles, run.sim.machine
-        for key, value in {
+        sim, particles = run.sim, run.sim.particles
+        values: dict[str, Any] = {
             "phase": run.side.exchange.phase.value,
             "tick": run.tick,
             "particles": particles.count,
-            "pending_mm3": run.sim.pending_mm3,
+            "pending_mm3": sim.pending_mm3,
             "tunnelled": particles.tunnelled_tool + particles.tunnelled_ground,
-            "payload_fill": f"{run.sim.payload.fill:.3f}",
-            "emergency_stop": self._board.stopped,
-            "overturned": machine.overturned,
             "slowest_tick_ms": f"{1e3 * self._slowest:.2f}",
-        }.items():
-            self.diagnostics.set(key, value)
+        }
         self._slowest = 0.0
-        if machine.overturned:
-            self.diagnostics.problem("the machine has fallen over; begin anew by /sim/reset")
+        for station, rig in zip(self._stations, sim.rigs, strict=True):
+            values |= station.diagnosis(rig)
+        for key, value in values.items():
+            self.diagnostics.set(key, value)
+        pairs = zip(self.units, sim.rigs, strict=True)
+        fallen = [unit.name or "the machine" for unit, rig in pairs if rig.machine.overturned]
+        if fallen:
+            told = ", ".join(f"{name} has fallen over" for name in fallen)
+            self.diagnostics.problem(f"{told}; begin anew by /sim/reset")
         elif run.side.exchange.joined:
             self.diagnostics.clear()
 

@@ -1,21 +1,27 @@
-"""Parameters of a machine's node: which machine, where, and how often it tells its state."""
+"""Parameters of a machine's node: which machines, where, and how often it tells their state."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from collections import Counter
+from dataclasses import dataclass, fields
 
+from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.parameters import Parameters, parameter
 
-__all__ = ["MachineNodeParams"]
+__all__ = ["MachineNodeParams", "UnitParams"]
+
+_GROUPS = ("stepping", "particles", "sensors", "commands")
+"""Groups of the node's own parameters, after which no machine can be named."""
+
+_NAME = re.compile(r"[A-Za-z](_?[A-Za-z0-9])*_?")
+"""What may be a part of a topic's name."""
 
 
 @dataclass(frozen=True)
-class MachineNodeParams(Parameters):
-    """What a machine's node simulates and publishes; the node's namespace names the machine."""
+class UnitParams(Parameters):
+    """What is said of each machine of a node by itself."""
 
-    source: int = parameter(
-        1, "number of this machine in the exchange, no other machine's", low=1, high=65535
-    )
     machine: str = parameter(
         "machines/excavator.yaml", "machine file: a path, or the name of a shipped one"
     )
@@ -24,9 +30,10 @@ class MachineNodeParams(Parameters):
     yaw: float = parameter(
         0.0, "where it faces, from +x counter-clockwise", unit="deg", low=-360.0, high=360.0
     )
-    seed: int = parameter(0, "of the scatter of released soil", low=0, high=2**31)
     frame_prefix: str = parameter(
-        "", "put before the names of its frames; empty: its namespace and a slash"
+        "",
+        "put before the names of its frames; empty: a slash after its name among `machines`, or"
+        " after the node's namespace where it is the only one",
     )
     await_commands_every: int = parameter(
         0,
@@ -41,6 +48,26 @@ class MachineNodeParams(Parameters):
         " controller thinks, and the run repeats all the same",
         low=0, high=1000,
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class MachineNodeParams(UnitParams):
+    """What a machine's node simulates and publishes.
+
+    The node's namespace names its only machine, of which the inherited parameters speak. Those
+    named in `machines` have a group of them each, and topics in a namespace of their own below it.
+    """
+
+    machines: tuple[str, ...] = parameter(
+        (),
+        "names of its machines, if there are several; of each, <name>.machine, <name>.x and so on"
+        " are given, and not machine, x and so on",
+        items=str,
+    )
+    source: int = parameter(
+        1, "number of this node in the exchange, no other node's", low=1, high=65535
+    )
+    seed: int = parameter(0, "of the scatter of released soil", low=0, high=2**31)
     await_listeners: tuple[str, ...] = parameter(
         (),
         "names of nodes that must be subscribed to every topic before it joins, such as recorder",
@@ -65,3 +92,22 @@ class MachineNodeParams(Parameters):
     publish_tf: bool = parameter(
         True, "publish /tf (where tf2_msgs is installed): one publisher of a machine's frames"
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, times in Counter(self.machines).items():
+            if times > 1:
+                raise ParameterError(f"machines names {name!r} {times} times; name each once")
+            if not _NAME.fullmatch(name) or name in _GROUPS:
+                raise ParameterError(
+                    f"machines names {name!r}, which cannot be a machine's name; give letters,"
+                    f" digits and single underscores, a letter first, and none of"
+                    f" {', '.join(_GROUPS)}"
+                )
+        of_one = [each for each in fields(UnitParams) if getattr(self, each.name) != each.default]
+        if self.machines and of_one:
+            given = of_one[0].name
+            raise ParameterError(
+                f"{given} is given, and machines too; give it to each machine, as"
+                f" {self.machines[0]}.{given}, or leave machines empty"
+            )

@@ -1,4 +1,4 @@
-"""A run of one machine: what it is told, when it steps, and what is due to be told of it.
+"""A run of a node's machines: what they are told, when they step, and what is due to be told.
 
 Knows no messages' carrier and reads no clock: the caller says what time it is.
 """
@@ -7,17 +7,17 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
 
-from machine_sim.commands import AppliedCommand, CommandBoard
+from machine_sim.cab import Cab
+from machine_sim.commands import AppliedCommand
 from machine_sim.core import MachineSim
-from machine_sim.machine import MachineDescription
 from machine_sim.node_params import MachineNodeParams
 from machine_sim.params import MachineSimParams
 from machine_sim.particles import ParticleParams
-from machine_sim.rig import Placement
 from machine_sim.side import MachineSide
+from machine_sim.unit import Unit
 from msg_bridge.codec.sim_config import RunFacts
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.messages import Keyframe
@@ -28,26 +28,22 @@ __all__ = ["MachineRun", "first_life"]
 _CLOCKS_DIFFER = 2**16
 """By how much hosts may disagree on the time [s]."""
 
-_MOST_AHEAD = 2
-"""Ticks by which a command may come ahead, if not by a whole period of waiting."""
-
 
 class MachineRun:
-    """One machine in one run of the soil.
+    """The machines of a node in one run of the soil.
 
     Attributes:
         facts: of the run, as the soil tells them.
-        side: the machine and its end of the exchange.
-        board: what it is told.
+        side: the machines and their end of the exchange.
+        cabs: their levers, in the order given.
     """
 
     def __init__(
         self,
-        description: MachineDescription,
+        units: Sequence[Unit],
         params: MachineNodeParams,
         stepping: MachineSimParams,
         particles: ParticleParams,
-        board: CommandBoard,
         facts: RunFacts,
         keyframe: Keyframe,
         *,
@@ -55,12 +51,11 @@ class MachineRun:
     ) -> None:
         """
         Args:
-            description: the machine.
-            params: its place and number.
+            units: the machines.
+            params: their number in the exchange, and seed.
             stepping, particles: physics; the number of steps in a tick follows from the run's.
-            board: commands, which outlive a run.
             facts: of the run.
-            keyframe: the terrain it is set down on.
+            keyframe: the terrain they are set down on.
             life: number below 2**32 that no life of this source has had in this run.
 
         Raises:
@@ -68,13 +63,8 @@ class MachineRun:
             MachineError: a place off the map.
         """
         self.facts = facts
-        self.board = board
-        self._params = params
-        self._commanded = -1  # newest tick that a stamped command was for
-        self._delay = 0 if facts.realtime else params.command_delay
-        self._held: list[tuple[int, Callable[[], bool]]] = []  # commands, and when they count
         sim = MachineSim(
-            [Placement(description, (params.x, params.y), math.radians(params.yaw))],
+            [unit.placement for unit in units],
             keyframe.grid,
             keyframe.elevation,
             params=_in_step(stepping, facts),
@@ -86,10 +76,13 @@ class MachineRun:
         )
         exchange = MachineExchange(params.source, epoch=facts.epoch, life=life)
         self.side = MachineSide(sim, exchange)
+        self.cabs = [
+            Cab(unit, rig, self.side, facts) for unit, rig in zip(units, sim.rigs, strict=True)
+        ]
 
     @property
     def sim(self) -> MachineSim:
-        """The machine and its particles."""
+        """The machines and their particles."""
         return self.side.sim
 
     @property
@@ -98,56 +91,17 @@ class MachineRun:
         return self.side.tick
 
     @property
-    def sim_time(self) -> float:
-        """Simulation time reached [s]."""
-        return max(self.tick, 0) * self.facts.tick
+    def may_step(self) -> bool:
+        """Whether the next tick can be done: answers taken, and commands there if awaited."""
+        return self.side.ready and all(cab.answered for cab in self.cabs)
 
-    def command_time(self, wall: float) -> float:
-        """The time by which commands grow old [s]: the wall clock's only in real time.
+    def command(self, wall: float) -> list[AppliedCommand]:
+        """Give each machine what takes effect in the tick that begins now.
 
         Args:
             wall: a monotonic wall clock [s].
         """
-        return wall if self.facts.realtime else self.sim_time
-
-    def hear(self, stamp: float, deliver: Callable[[], bool]) -> None:
-        """Take a command that answers the state of time `stamp` [s]: now, or when it is to count.
-
-        A stamp far ahead, of another clock or of the run before, is no answer to anything.
-
-        Args:
-            stamp: of the message.
-            deliver: hands it to the board; whether it was good.
-        """
-        tick = round(stamp / self.facts.tick)
-        answers = tick <= max(self.tick, 0) + max(self._params.await_commands_every, _MOST_AHEAD)
-        if answers and self._delay and tick + self._delay > self.tick:
-            self._held.append((tick + self._delay, deliver))
-        elif not deliver():
-            return
-        if answers:
-            self._commanded = max(self._commanded, tick)
-
-    @property
-    def may_step(self) -> bool:
-        """Whether the next tick can be done: answers taken, and a command there if awaited."""
-        every, answered = self._params.await_commands_every, self.tick - self._delay
-        awaits = every > 0 and not self.facts.realtime and answered >= 0 and answered % every == 0
-        return self.side.ready and not (awaits and self._commanded < answered)
-
-    def command(self, wall: float) -> AppliedCommand:
-        """Give the machine what takes effect in the tick that begins now."""
-        self._deliver()
-        applied = self.board.at(self.command_time(wall), self.sim.machine.joint_positions)
-        self.sim.command(applied.joints, applied.tracks)
-        return applied
-
-    def _deliver(self) -> None:
-        """Hand over the commands whose time has come, in the order of their stamps."""
-        due = [each for each in self._held if each[0] <= self.tick]
-        self._held = [each for each in self._held if each[0] > self.tick]
-        for _, deliver in sorted(due, key=lambda each: each[0]):
-            deliver()
+        return [cab.command(wall) for cab in self.cabs]
 
     def due(self, tick: int, rate: float) -> bool:
         """Whether what is told `rate` times a simulated second is due after a tick."""
@@ -156,7 +110,7 @@ class MachineRun:
         return tick % max(1, round(1.0 / (rate * self.facts.tick))) == 0
 
     def close(self) -> None:
-        """Free what the machine holds."""
+        """Free what the machines hold."""
         self.sim.close()
 
 
@@ -167,7 +121,7 @@ def first_life(name: str, epoch: int, now: float) -> int:
     the same instant. In a run of more than 2**22 s (48 days) lives begin from 0 again.
 
     Args:
-        name: of the machine, its namespace.
+        name: of the machine's node, its namespace.
         epoch: of the run; the soil counts it up from the time at which it was started.
         now: seconds since 1970.
     """

@@ -94,7 +94,7 @@ class EncoderReading(NamedTuple):
 
 
 class Machine(Protocol):
-    """An excavator, as far as sensors look at it."""
+    """A machine, as far as sensors look at it."""
 
     @property
     def base_pose(self) -> tuple[Array, Array]: ...
@@ -113,16 +113,19 @@ class Sensors:
     would have it: the motion of a machine on tracks is too rough for single moments.
     """
 
-    def __init__(self, description: MachineDescription, params: SensorParams, seed: int) -> None:
+    def __init__(
+        self, description: MachineDescription, params: SensorParams, seed: int, number: int = 0
+    ) -> None:
         """
         Args:
             description: the machine, which says where its inertial units are.
             params: errors.
             seed: of the errors.
+            number: of the machine among those of its node, whose errors are others.
         """
         self._description = description
         self._params = params
-        self._random = np.random.default_rng((seed, _STREAM))
+        self._random = np.random.default_rng((seed, _STREAM, number))
         draw = self._random.normal
         count = len(description.imus)
         self._force_bias = params.accelerometer_bias * draw(size=(count, 3))

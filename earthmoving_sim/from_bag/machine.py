@@ -10,7 +10,12 @@ import yaml
 from numpy.typing import NDArray
 
 from earthmoving_sim.from_bag.run import MachineState, Phase
-from earthmoving_sim.from_bag.words import BagOutcomeError
+from earthmoving_sim.from_bag.words import (
+    MACHINE_CONFIG,
+    BagOutcomeError,
+    Place,
+    machine_section,
+)
 from earthmoving_sim.outcome import PATH_EVERY
 from machine_sim.machine import (
     MachineDescription,
@@ -34,25 +39,27 @@ class LipPath(NamedTuple):
     phase: NDArray[np.str_]
 
 
-def machine_of_config(text: str, topic: str) -> MachineDescription:
+def machine_of_config(text: str, place: Place) -> MachineDescription:
     """The machine that the configuration of its node names.
 
     Args:
         text: the configuration [YAML].
-        topic: where it was said, for messages.
+        place: of the machine.
 
     Raises:
         BagOutcomeError: it names no machine file, or one that is not here.
         MachineError: the file is not good.
     """
+    topic = place.node + MACHINE_CONFIG
     try:
-        config = yaml.safe_load(text)
-        name = str(config["machine_sim"]["machine"])
-        tracks = config.get("stepping", {}).get("tracks", "fast")  # not said by older runs
+        name = str(machine_section(text, place)["machine"])
+        tracks = (
+            yaml.safe_load(text).get("stepping", {}).get("tracks", "fast")
+        )  # not said by older runs
     except (yaml.YAMLError, KeyError, TypeError) as error:
         raise BagOutcomeError(
             f"the configuration on {topic} names no machine file: {error!r}; it must have"
-            " `machine` in a section machine_sim"
+            " `machine` in a section machine_sim, or of the machine's name in a section machines"
         ) from error
     try:
         return fitted_with(load_description(find_config(name)), tracks)

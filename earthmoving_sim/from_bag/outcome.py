@@ -22,7 +22,13 @@ from visualization_msgs.msg import (  # type: ignore[import-untyped, import-not-
 from earthmoving_sim.from_bag.machine import lip_path, machine_of_config, shoe_poses
 from earthmoving_sim.from_bag.run import RunTold, read_run
 from earthmoving_sim.from_bag.terrain import RecordedTerrain
-from earthmoving_sim.from_bag.words import MACHINE_CONFIG, PHASE, BagOutcomeError, words_of_run
+from earthmoving_sim.from_bag.words import (
+    MACHINE_CONFIG,
+    PHASE,
+    BagOutcomeError,
+    Place,
+    words_of_run,
+)
 from earthmoving_sim.machine_shape import machine_faces, machine_outline
 from earthmoving_sim.outcome import Outcome
 from machine_sim.machine import rotation_matrix
@@ -55,18 +61,18 @@ def outcome_of_bag(path: str | Path, progress: bool = False) -> Outcome:
         BagOutcomeError: a topic or a message is missing or wrong; says which.
     """
     reader = BagReader(path)
-    machine = _machine(reader)
-    types = {**{name: word.type for name, word in words_of_run(machine).items()}, **_TERRAIN}
+    place = _place(reader)
+    types = {**{name: word.type for name, word in words_of_run(place).items()}, **_TERRAIN}
     _check_topics(reader, types)
     went_on = _progress(reader, types) if progress else lambda: None
-    run = read_run(reader, machine, went_on)
-    terrain, markers = _terrain_and_markers(reader, run, machine + _MARKERS, went_on)
-    return _outcome(run, machine, terrain, markers)
+    run = read_run(reader, place, went_on)
+    terrain, markers = _terrain_and_markers(reader, run, place.machine + _MARKERS, went_on)
+    return _outcome(run, place, terrain, markers)
 
 
-def _outcome(run: RunTold, machine: str, terrain: RecordedTerrain, markers: Any) -> Outcome:
+def _outcome(run: RunTold, place: Place, terrain: RecordedTerrain, markers: Any) -> Outcome:
     site, after, loose_depth = terrain.end()
-    description = machine_of_config(run.machine_config, machine + MACHINE_CONFIG)
+    description = machine_of_config(run.machine_config, place)
     path = lip_path(description, run.states, run.phases)
     end = run.states[-1]
     turn = rotation_matrix(end.base.quaternion)
@@ -101,8 +107,8 @@ def _outcome(run: RunTold, machine: str, terrain: RecordedTerrain, markers: Any)
     )
 
 
-def _machine(reader: BagReader) -> str:
-    """Namespace of the one machine with an operator."""
+def _place(reader: BagReader) -> Place:
+    """The one machine with an operator."""
     operators = [name for name in reader.topics if name.endswith(PHASE)]
     if len(operators) != 1:
         found = ", ".join(operators) or "none"
@@ -110,7 +116,10 @@ def _machine(reader: BagReader) -> str:
             f"{reader.path} must have one topic <machine>{PHASE}, and has {found}; record a run"
             " with one operator"
         )
-    return operators[0].removesuffix(PHASE)
+    machine = operators[0].removesuffix(PHASE)
+    above = machine.rpartition("/")[0]  # of a node of several
+    own = machine + MACHINE_CONFIG in reader.topics or above + MACHINE_CONFIG not in reader.topics
+    return Place(machine, machine if own else above)
 
 
 def _check_topics(reader: BagReader, types: dict[str, str]) -> None:

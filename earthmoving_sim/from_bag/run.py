@@ -24,6 +24,8 @@ from earthmoving_sim.from_bag.words import (
     PHASE,
     PHASE_NAMES,
     BagOutcomeError,
+    Place,
+    machine_section,
     words_of_run,
 )
 from machine_sim.operator import CycleReport
@@ -102,19 +104,19 @@ class RunTold:
         return end.given_up or ("" if end.phase == "done" else _UNFINISHED)
 
 
-def read_run(reader: BagReader, machine: str, went_on: Callable[[], None]) -> RunTold:
+def read_run(reader: BagReader, place: Place, went_on: Callable[[], None]) -> RunTold:
     """Read all but the terrain of the last run in a bag.
 
     Args:
         reader: the bag; it has all topics of `words_of_run`.
-        machine: namespace of the machine.
+        place: of the machine.
         went_on: called after each message.
 
     Raises:
         BagOutcomeError: a message cannot be read, or something of the run was not recorded.
         BagReadError: the file is damaged.
     """
-    words = words_of_run(machine)
+    words = words_of_run(place)
     heard: dict[str, list[tuple[int, Any]]] = defaultdict(list)
     for topic, time, message in reader.messages(words):
         try:
@@ -124,16 +126,17 @@ def read_run(reader: BagReader, machine: str, went_on: Callable[[], None]) -> Ru
         if value is not None:
             heard[topic].append((time, value))
         went_on()
-    return _Run(reader, machine, heard).told()
+    return _Run(reader, place, heard).told()
 
 
 class _Run:
     """Takes the last run out of all that was heard."""
 
     def __init__(
-        self, reader: BagReader, machine: str, heard: dict[str, list[tuple[int, Any]]]
+        self, reader: BagReader, place: Place, heard: dict[str, list[tuple[int, Any]]]
     ) -> None:
-        self._reader, self._machine, self._heard = reader, machine, heard
+        self._reader, self._place, self._heard = reader, place, heard
+        self._machine = place.machine
         headers = heard[TICK_TOPIC]
         if not headers:
             raise self._lacks("a header of the soil", TICK_TOPIC)
@@ -158,7 +161,7 @@ class _Run:
         last = self._last(headers, ledgers, phases[-1])
         last_time, header = headers[last]
         cycles = self._of_run(self._machine + CYCLES)
-        counts = self._by_tick(PARTICLES)
+        counts = self._by_tick(self._place.node + PARTICLES)
         return RunTold(
             facts=self._facts,
             machine_config=self._machine_config(),
@@ -179,9 +182,9 @@ class _Run:
     def _of_run(self, topic: str) -> list[Any]:
         return [value for time, value in self._heard[topic] if time >= self._began]
 
-    def _by_tick(self, name: str) -> dict[int, Any]:
-        """What a stamped topic of the machine told of the end of each tick."""
-        topic, period = self._machine + name, self._facts.tick
+    def _by_tick(self, topic: str) -> dict[int, Any]:
+        """What a stamped topic told of the end of each tick."""
+        period = self._facts.tick
         try:
             return {tick_of_stamp(stamp, period): value for stamp, value in self._of_run(topic)}
         except EarthmovingError as error:
@@ -200,7 +203,7 @@ class _Run:
         return own[-1]
 
     def _machine_config(self) -> str:
-        topic = self._machine + MACHINE_CONFIG
+        topic = self._place.node + MACHINE_CONFIG
         if not self._heard[topic]:
             raise self._lacks("the machine's configuration", topic)
         return str(self._heard[topic][-1][1])
@@ -227,7 +230,9 @@ class _Run:
             raise self._lacks(f"tick {whole + 1} of {newest}", topic)
         if done:
             # A machine in lockstep does not wait for the command that does not come until then.
-            delay = 0 if self._facts.realtime else _command_delay(self._machine_config())
+            delay = (
+                0 if self._facts.realtime else _command_delay(self._machine_config(), self._place)
+            )
             return min(end.tick + delay, whole)
         # A file that breaks off may have lost rows of its last tick.
         return max(whole - 1, 1) if self._reader.truncated else whole
@@ -239,30 +244,31 @@ class _Run:
         return max(known)
 
     def _states(self, last: int) -> list[MachineState]:
-        bases, joints = self._by_tick(ODOM), self._by_tick(JOINTS)
+        names = (self._machine + ODOM, self._machine + JOINTS)
+        bases, joints = map(self._by_tick, names)
         both = sorted(tick for tick in bases.keys() & joints.keys() if tick <= last)
         if not both:
-            topics = f"{self._machine + ODOM} and {self._machine + JOINTS}"
-            raise self._lacks("a tick that is told of both", topics)
+            raise self._lacks("a tick that is told of both", " and ".join(names))
         return [MachineState(tick, bases[tick], joints[tick]) for tick in both]
 
     def _tunnelled(self) -> int:
         """As the machine's node, whatever its name, said last."""
         for said in reversed(self._of_run(DIAGNOSTICS)):
             for node, values in said.items():
-                own = node.rpartition("/")[0] == self._machine.strip("/")
+                own = node.rpartition("/")[0] == self._place.node.strip("/")
                 if own and values.get(_TUNNELLED, "").isdigit():
                     return int(values[_TUNNELLED])
-        raise self._lacks(f"{_TUNNELLED!r} of a node of {self._machine or '/'}", DIAGNOSTICS)
+        raise self._lacks(f"{_TUNNELLED!r} of a node of {self._place.node or '/'}", DIAGNOSTICS)
 
 
-def _command_delay(text: str) -> int:
+def _command_delay(text: str, place: Place) -> int:
     """Ticks for which the machine goes on once its operator has left the levers, in lockstep.
 
     Args:
         text: the configuration of its node [YAML]; 0 if it names no delay.
+        place: of the machine.
     """
     try:
-        return int(yaml.safe_load(text)["machine_sim"]["command_delay"])
+        return int(machine_section(text, place)["command_delay"])
     except (yaml.YAMLError, KeyError, TypeError, ValueError):
         return 0

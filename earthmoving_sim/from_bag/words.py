@@ -8,6 +8,7 @@ from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from machine_sim.machine import EXCAVATOR_JOINTS
@@ -34,7 +35,9 @@ __all__ = [
     "PHASE",
     "PHASE_NAMES",
     "BagOutcomeError",
+    "Place",
     "Word",
+    "machine_section",
     "words_of_run",
 ]
 
@@ -46,7 +49,7 @@ PHASE = "/operator/phase"  # below the machine's namespace, as all that follow
 CYCLES = "/operator/cycles"
 ODOM = "/odom"
 JOINTS = "/joint_states"
-PARTICLES = "/particles"
+PARTICLES = "/particles"  # below that of the machine's node, as the next
 MACHINE_CONFIG = "/config"
 
 PHASE_NAMES = ("cycle", "phase", "given_up")
@@ -66,9 +69,32 @@ class Word(NamedTuple):
     take: Callable[[Any], Any]
 
 
-def words_of_run(machine: str) -> dict[str, Word]:
-    """The topics that are read, for a machine in the namespace `machine`."""
-    return {**_OF_ALL, **{machine + name: word for name, word in _OF_MACHINE.items()}}
+class Place(NamedTuple):
+    """Namespaces of a machine and of the node that simulates it, alone or with others."""
+
+    machine: str
+    node: str
+
+
+def words_of_run(place: Place) -> dict[str, Word]:
+    """The topics that are read, of a machine at some place."""
+    return {
+        **_OF_ALL,
+        **{place.machine + name: word for name, word in _OF_MACHINE.items()},
+        **{place.node + name: word for name, word in _OF_NODE.items()},
+    }
+
+
+def machine_section(text: str, place: Place) -> Any:
+    """What the configuration of a node [YAML] says of one machine.
+
+    Raises:
+        KeyError, TypeError, YAMLError: it says nothing of it.
+    """
+    config = yaml.safe_load(text)
+    if place.machine == place.node:
+        return config["machine_sim"]
+    return config["machines"][place.machine.removeprefix(f"{place.node}/")]
 
 
 def _header(msg: Any) -> SoilHeader | None:
@@ -147,10 +173,12 @@ _OF_ALL: dict[str, Word] = {
     DIAGNOSTICS: Word("diagnostic_msgs/msg/DiagnosticArray", _diagnostics),
 }
 _OF_MACHINE: dict[str, Word] = {
-    MACHINE_CONFIG: Word("std_msgs/msg/String", _text),
     PHASE: Word("std_msgs/msg/String", _phase),
     CYCLES: Word("std_msgs/msg/String", _cycle),
     ODOM: Word("nav_msgs/msg/Odometry", _odom),
     JOINTS: Word("sensor_msgs/msg/JointState", _joints),
+}
+_OF_NODE: dict[str, Word] = {
+    MACHINE_CONFIG: Word("std_msgs/msg/String", _text),
     PARTICLES: Word("sensor_msgs/msg/PointCloud2", _particles),
 }

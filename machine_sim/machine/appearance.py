@@ -19,6 +19,7 @@ __all__ = [
     "LinkPoses",
     "PaintedBox",
     "ShoeLook",
+    "frame_of",
     "link_boxes",
     "link_frames",
     "link_poses",
@@ -65,11 +66,15 @@ class ShoeLook(NamedTuple):
     color: Rgba
 
 
+def frame_of(link: str) -> str:
+    """Name of a link's frame, as in the URDF."""
+    return "base_link" if link == BASE else link
+
+
 def link_frames(description: MachineDescription) -> list[str]:
-    """Names of the links' frames, as in the URDF: from the base to the tool, then the pistons'."""
+    """Names of the frames of all links, the base first, then of the pistons."""
     return [
-        "base_link",
-        *list(description.links)[1:],
+        *map(frame_of, description.links),
         *(part.link for part in piston_parts(description)),
     ]
 

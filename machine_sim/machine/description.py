@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from machine_sim.machine.bucket import BucketShape
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.hydraulics import Cylinder, HydraulicSupply
-from machine_sim.machine.tools import ToolMount
+from machine_sim.machine.tools import HoldingShape, ToolMount
 
 __all__ = [
     "BASE",
@@ -203,6 +203,11 @@ class MachineDescription:
     def joint_names(self) -> tuple[str, ...]:
         """In the order of every array of joint values."""
         return tuple(self.joints)
+
+    @property
+    def holds_soil(self) -> bool:
+        """Whether soil is carried in one of its tools."""
+        return any(isinstance(tool.shape, HoldingShape) for tool in self.tools.values())
 
     @property
     def bucket(self) -> BucketShape:

@@ -32,7 +32,7 @@ from machine_sim.operator.shift import Shift
 from msg_bridge.codec import qos
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.headers import from_multi_array
-from msg_bridge.codec.machine_state import from_payload_array, to_command_state
+from msg_bridge.codec.machine_state import PayloadState, from_payload_array, to_command_state
 from msg_bridge.codec.poses import from_odometry
 from msg_bridge.codec.sim_config import RunFacts, run_facts
 from msg_bridge.codec.stamps import stamp_of_seconds, stamp_of_tick, tick_of_stamp
@@ -90,10 +90,13 @@ class OperatorNode(LeanNode):
         self._inbox = Inbox(self, self._look)
         self._terrain = TerrainListener(self, self._inbox, self.diagnostics.refuse, self._look)
         self._hear(String, "/sim/config", qos.LATCHED, self._on_config)
-        # Of a machine's state payload comes last, of a tick the ledger: only they are waited for.
+        # Of a machine's state payload comes last, if it holds soil, of a tick the ledger: only they
+        # are waited for.
+        holds = self._holds = self._description.holds_soil
         self._hear(JointState, "joint_states", qos.STATE, self._on_joints, wakes=False)
-        self._hear(Odometry, "odom", qos.STATE, self._on_odom, wakes=False)
-        self._hear(Float64MultiArray, "payload", qos.STATE, self._on_payload)
+        self._hear(Odometry, "odom", qos.STATE, self._on_odom, wakes=not holds)
+        if holds:
+            self._hear(Float64MultiArray, "payload", qos.STATE, self._on_payload)
         self._hear(Int64MultiArray, "/soil/ledger", qos.ROWS, self._on_ledger)
         self.create_timer(_REPEAT_PERIOD, self._repeat)
 
@@ -167,6 +170,8 @@ class OperatorNode(LeanNode):
         if self._facts is not None:
             tick = tick_of_stamp(msg.header.stamp, self._facts.tick)
             self._moments.base(tick, from_odometry(msg))
+            if not self._holds:
+                self._moments.payload(tick, PayloadState(0.0, 0.0, 0.0, 0.0))
 
     def _on_payload(self, msg: Float64MultiArray) -> None:
         if self._facts is not None:

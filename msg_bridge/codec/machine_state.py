@@ -24,10 +24,9 @@ from msg_bridge.codec.rotations import rotation_of, yaw_pitch_roll
 from msg_bridge.contract.cylinders import CylinderState
 
 __all__ = [
-    "COMMAND_NAMES",
-    "JOINT_NAMES",
     "VIRTUAL_JOINTS",
     "BaseState",
+    "JointValues",
     "PayloadState",
     "from_command_state",
     "from_cylinder_array",
@@ -39,12 +38,6 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-
-JOINT_NAMES = ("swing", "boom", "arm", "bucket")
-"""Joints of an excavator, in the order of every array of joint values."""
-
-COMMAND_NAMES = (*JOINT_NAMES, "left_track", "right_track")
-"""What an excavator is commanded: joint velocities [rad/s], then track speeds [m/s]."""
 
 VIRTUAL_JOINTS = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll")
 """The joints from `map` to the base, from the map on."""
@@ -73,13 +66,22 @@ class BaseState(NamedTuple):
     spin: ArrayLike
 
 
+class JointValues(NamedTuple):
+    """Joints with their angles [rad] or lengths [m], speeds and efforts [N m] or [N], by name."""
+
+    names: Sequence[str]
+    positions: ArrayLike
+    velocities: ArrayLike
+    efforts: ArrayLike
+
+
 class PayloadState(NamedTuple):
-    """Soil in the tool.
+    """Soil in a machine's tools.
 
     Attributes:
-        bank, loose: bank volume, and volume as it lies in the tool [m^3].
+        bank, loose: bank volume, and volume as it lies in the tools [m^3].
         mass: [kg].
-        fill: loose volume in parts of the tool's heaped capacity.
+        fill: loose volume in parts of the tool's heaped capacity, of the fullest tool.
         time: simulation time it is of [s]; an array message has no stamp.
     """
 
@@ -90,35 +92,25 @@ class PayloadState(NamedTuple):
     time: float = 0.0
 
 
-def to_joint_state(
-    positions: ArrayLike,
-    velocities: ArrayLike,
-    efforts: ArrayLike,
-    base: BaseState,
-    stamp: Time,
-    *,
-    names: Sequence[str] = JOINT_NAMES,
-) -> JointState:
+def to_joint_state(joints: JointValues, base: BaseState, stamp: Time) -> JointState:
     """The state of every joint, the virtual ones of the base included (effort 0).
 
     At a pitch of 90 degrees the rates of yaw and roll are not defined; roll then stands still.
 
     Args:
-        positions, velocities, efforts: [rad], [rad/s], [N m] of the joints, in the order of
-            `names`.
+        joints: the machine's own.
         base: pose and motion of the base.
         stamp: end of the tick it is the state of.
-        names: of the machine's own joints.
 
     Raises:
         CodecError: other than one value for each name, or a quaternion that is none.
     """
     own = [
-        _doubles(values, len(names), what)
+        _doubles(values, len(joints.names), what)
         for values, what in (
-            (positions, "joint positions"),
-            (velocities, "joint velocities"),
-            (efforts, "joint efforts"),
+            (joints.positions, "joint positions"),
+            (joints.velocities, "joint velocities"),
+            (joints.efforts, "joint efforts"),
         )
     ]
     place = _doubles(base.position, 3, "base position")
@@ -130,7 +122,7 @@ def to_joint_state(
     own[2].extend([0.0] * len(VIRTUAL_JOINTS))
     return JointState(
         header=Header(stamp=stamp),
-        name=[*names, *VIRTUAL_JOINTS],
+        name=[*joints.names, *VIRTUAL_JOINTS],
         position=own[0],
         velocity=own[1],
         effort=own[2],
@@ -138,7 +130,7 @@ def to_joint_state(
 
 
 def to_command_state(names: Sequence[str], velocities: ArrayLike, stamp: Time) -> JointState:
-    """The command that takes effect at a tick, `COMMAND_NAMES` for an excavator.
+    """The command that takes effect at a tick.
 
     Args:
         names: joints and tracks.
@@ -153,7 +145,7 @@ def to_command_state(names: Sequence[str], velocities: ArrayLike, stamp: Time) -
     return JointState(header=Header(stamp=stamp), name=list(names), velocity=values)
 
 
-def from_command_state(msg: JointState, names: Sequence[str] = COMMAND_NAMES) -> Array:
+def from_command_state(msg: JointState, names: Sequence[str]) -> Array:
     """The velocities of a command, in the order of `names`, shape (len(names),).
 
     Raises:

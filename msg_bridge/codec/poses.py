@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Sequence
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -35,6 +35,7 @@ from msg_bridge.codec.machine_state import BaseState
 from msg_bridge.codec.rotations import rotation_of, unit_quaternion
 
 __all__ = [
+    "ToolWrench",
     "from_odometry",
     "to_odometry",
     "to_tf_message",
@@ -43,6 +44,20 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+
+
+class ToolWrench(NamedTuple):
+    """The soil's reaction at a tool, map frame.
+
+    Attributes:
+        force: [N], shape (3,).
+        torque: about the tool frame's origin [N m], shape (3,).
+        rotation: tool to map, shape (3, 3).
+    """
+
+    force: ArrayLike
+    torque: ArrayLike
+    rotation: ArrayLike
 
 
 def to_odometry(

@@ -45,7 +45,7 @@ class Times(Protocol):
 
 
 class CommandTopics:
-    """Subscriptions to the commands of one machine, in its node's namespace."""
+    """Subscriptions to the commands of one machine, in its node's namespace or a folder of it."""
 
     def __init__(
         self,
@@ -53,6 +53,7 @@ class CommandTopics:
         board: Board,
         times: Callable[[], Times | None],
         refuse: Callable[[str, str], None],
+        folder: str = "",
     ) -> None:
         """
         Args:
@@ -60,11 +61,13 @@ class CommandTopics:
             board: takes what comes.
             times: tells the time; None while there is no run, and commands are refused.
             refuse: told topic and reason of a command that is refused.
+            folder: put before each topic's name: empty, or a machine's name and a slash.
         """
         self._board, self._times = board, times
         self._refuse = refuse
 
-        def subscribe(kind: Any, topic: str, take: Callable[[Any, Times], None]) -> None:
+        def subscribe(kind: Any, name: str, take: Callable[[Any, Times], None]) -> None:
+            topic = folder + name
             profile = qos.STATE if kind is Bool else qos.COMMANDS
             inbox.subscribe(kind, topic, profile, partial(self._hear, topic, take))
 

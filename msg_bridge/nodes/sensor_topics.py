@@ -1,4 +1,4 @@
-"""What the sensors of a machine say, in its node's namespace."""
+"""What the sensors of a machine say."""
 
 from __future__ import annotations
 
@@ -18,16 +18,19 @@ __all__ = ["SensorTopics"]
 class SensorTopics:
     """Publishers of one machine's inertial units (`imu/<name>`) and joint `encoders`."""
 
-    def __init__(self, node: Node, prefix: str, imus: Sequence[str]) -> None:
+    def __init__(self, node: Node, folder: str = "", *, prefix: str, imus: Sequence[str]) -> None:
         """
         Args:
             node: whose topics they are.
+            folder: put before each topic's name: empty, or a machine's name and a slash.
             prefix: put before each frame's name.
             imus: names of the inertial units.
         """
         self._prefix = prefix
-        self._imus = {name: node.create_publisher(Imu, f"imu/{name}", qos.STATE) for name in imus}
-        self._encoders = node.create_publisher(JointState, "encoders", qos.STATE)
+        self._imus = {
+            name: node.create_publisher(Imu, f"{folder}imu/{name}", qos.STATE) for name in imus
+        }
+        self._encoders = node.create_publisher(JointState, f"{folder}encoders", qos.STATE)
 
     def imu(
         self,

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from support.bag_recording import Recording
 from support.bag_scenes import terrain_cloud
@@ -224,6 +225,38 @@ def test_last_run_of_a_bag_counts(dig, told, outcome) -> None:
     assert_same(outcome(Recording(older.messages + later)), told)
 
 
+def test_another_machine_in_the_bag_changes_nothing(dig, told, outcome) -> None:
+    recording = dig.recording.copy()
+    facts = RunFacts(1, TICK, False, 0.2, (LooseSoil(0.15),))
+    config = {"machine_sim": {"machine": "machines/dumper.yaml"}}
+    recording.add("/truck/config", String(data=config_text(facts, config)))
+    recording.add("/truck/joint_states", JointState(name=["bed"], position=[0.0]))
+    recording.add("/truck/applied_commands", JointState(name=["bed"], velocity=[0.0]))
+    values = [KeyValue(key="tunnelled", value="77")]
+    status = DiagnosticStatus(name="truck/machine_sim: machine_sim", values=values)
+    recording.add("/diagnostics", DiagnosticArray(status=[status]))
+    assert_same(outcome(recording), told)
+
+
+def test_machine_of_a_node_of_several_is_told_of_as_well(dig, told, outcome) -> None:
+    recording = Recording()
+    facts = RunFacts(1, TICK, False, 0.2, (LooseSoil(0.15),))
+    digger = {"machine": "machines/excavator.yaml", "command_delay": REACTION}
+    machines = {"truck": {"machine": "machines/dumper.yaml"}, "excavator": digger}
+    config = String(data=config_text(facts, {"machine_sim": {}, "machines": machines}))
+    for topic, time, message in dig.recording.messages:
+        of_node = topic in ("/excavator/config", "/excavator/particles")
+        here = f"/site{topic}" if topic.startswith("/excavator/") else topic
+        here = topic.replace("/excavator", "/site") if of_node else here
+        if here == "/diagnostics":
+            status = DiagnosticStatus(name="site/machine_sim", values=message.status[0].values)
+            message = DiagnosticArray(status=[status])
+        told_now = config if here == "/site/config" else message
+        recording.messages.append((here, time, told_now))
+    cycles = "/site/excavator/operator/cycles"
+    assert_same(outcome(recording, cycles=cycles), told)
+
+
 # What is missing
 
 
@@ -278,10 +311,10 @@ def test_bag_that_begins_in_the_middle_is_refused(dig, outcome) -> None:
 
 def test_machine_file_that_is_not_there_is_named(dig, outcome) -> None:
     recording = dig.recording.copy()
-    config = {"machine_sim": {"machine": "machines/road_header.yaml"}}
+    config = {"machine_sim": {"machine": "machines/grader.yaml"}}
     text = config_text(RunFacts(1, TICK, False, 0.2, (LooseSoil(0.15),)), config)
     recording.add("/excavator/config", String(data=text))
-    with pytest.raises(BagOutcomeError, match=r"described in 'machines/road_header.yaml'"):
+    with pytest.raises(BagOutcomeError, match=r"described in 'machines/grader.yaml'"):
         outcome(recording)
 
 

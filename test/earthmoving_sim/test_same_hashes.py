@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from support.machine_scenes import loosened
+from support.machine_scenes import COMMAND_NAMES, loosened
 from support.node_scenes import (
     SITE,
     TICK,
@@ -72,7 +72,10 @@ def over_topics(ros: Ros, machine_path: str, ground: dict[str, object]) -> Told:
     return Told(
         by_tick(soil_hashes),
         by_tick(machine_hashes),
-        {tick_of_stamp(m.header.stamp, TICK): from_command_state(m).tolist() for m in applied},
+        {
+            tick_of_stamp(m.header.stamp, TICK): from_command_state(m, COMMAND_NAMES).tolist()
+            for m in applied
+        },
         {ledger.tick: ledger for ledger in scene.ledgers},
     )
 

@@ -16,6 +16,7 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState, Joy, PointCloud2
 from std_msgs.msg import Bool, Float64MultiArray, String
+from support.machine_scenes import COMMAND_NAMES
 from support.node_scenes import SITE, TICK, Scene
 from visualization_msgs.msg import MarkerArray
 
@@ -23,7 +24,6 @@ from machine_sim.node import MachineNode
 from machine_sim.operator.node import OperatorNode
 from msg_bridge.codec import qos
 from msg_bridge.codec.machine_state import (
-    COMMAND_NAMES,
     VIRTUAL_JOINTS,
     from_command_state,
     from_payload_array,
@@ -114,7 +114,8 @@ class Levers:
         """What the machine would do now."""
         run = self.machine.run
         assert run is not None
-        now = run.board.at(run.sim_time, run.sim.machine.joint_positions)
+        cab = run.cabs[0]
+        now = cab.board.at(cab.sim_time, run.sim.machine.joint_positions)
         return [*now.joints.tolist(), *now.tracks.tolist()]
 
     def step(self) -> list[float]:
@@ -123,7 +124,7 @@ class Levers:
         wanted = self.scene.tick + 1 + AHEAD
         self.ros.spin_until(lambda: self.applied and self.ticks[-1] >= wanted)
         assert self.ticks[-1] == wanted
-        return from_command_state(self.applied[-1]).tolist()
+        return from_command_state(self.applied[-1], COMMAND_NAMES).tolist()
 
     @property
     def ticks(self) -> list[int]:
@@ -381,7 +382,7 @@ def test_with_check_stamps_a_command_of_another_time_is_refused(
     assert not any(levers.in_force())
     run = levers.machine.run
     assert run is not None
-    levers.send("joint_commands", joints(["arm"], run.sim_time, velocity=[0.1]))
+    levers.send("joint_commands", joints(["arm"], run.cabs[0].sim_time, velocity=[0.1]))
     ros.spin_until(lambda: any(levers.in_force()))
 
 
@@ -440,7 +441,7 @@ def test_before_there_is_a_run_commands_are_refused_but_for_the_emergency_stop(r
     stop = ros.publisher("/excavator/emergency_stop", Bool, subscriptions=1)
     front.publish(twist(0.1, 0.0))
     stop.publish(Bool(data=True))
-    ros.spin_until(lambda: machine._board.stopped)
+    ros.spin_until(lambda: machine.units[0].board.stopped)
     ros.spin_until(lambda: "refused cmd_vel" in machine.diagnostics.report().values)
     assert "once it has joined" in machine.diagnostics.report().values["last refused cmd_vel"]
 

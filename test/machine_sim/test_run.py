@@ -12,10 +12,11 @@ from support.machine_scenes import GRID, excavator
 
 from machine_sim.commands import CommandBoard
 from machine_sim.machine.errors import MachineError
-from machine_sim.node_params import MachineNodeParams
+from machine_sim.node_params import MachineNodeParams, UnitParams
 from machine_sim.params import MachineSimParams
 from machine_sim.particles import ParticleParams
 from machine_sim.run import MachineRun, first_life
+from machine_sim.unit import Unit
 from msg_bridge.codec.sim_config import RunFacts
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.loose_soil import LooseSoil
@@ -34,16 +35,19 @@ def make() -> Iterator[MakeRun]:
     made: list[MachineRun] = []
 
     def run(
-        *, tick: float = 0.01, realtime: bool = False, physics_step: float = 0.005, **params: Any
+        *others: UnitParams,
+        tick: float = 0.01,
+        realtime: bool = False,
+        physics_step: float = 0.005,
+        **params: Any,
     ) -> MachineRun:
-        machine = excavator()
+        machine, of_node = excavator(), MachineNodeParams(**params)
         made.append(
             MachineRun(
-                machine,
-                MachineNodeParams(**params),
+                [Unit(each, machine, CommandBoard(machine)) for each in (of_node, *others)],
+                of_node,
                 MachineSimParams(physics_step=physics_step),
                 ParticleParams(),
-                CommandBoard(machine),
                 RunFacts(EPOCH, tick, realtime, GRID.cell, (LooseSoil(0.25, 1700.0),)),
                 KEYFRAME,
                 life=5,
@@ -111,17 +115,18 @@ def test_a_place_off_the_map_is_refused(make: MakeRun) -> None:
 
 def test_commands_grow_old_by_simulation_time_in_lockstep_only(make: MakeRun) -> None:
     lockstep, realtime = make(), make(realtime=True)
-    assert (lockstep.sim_time, lockstep.command_time(77.0)) == (0.0, 0.0)
-    assert realtime.command_time(77.0) == 77.0
+    simulated, wall = lockstep.cabs[0], realtime.cabs[0]
+    assert (simulated.sim_time, simulated.command_time(77.0)) == (0.0, 0.0)
+    assert wall.command_time(77.0) == 77.0
     Soil(lockstep).ticks(3)
-    assert lockstep.command_time(77.0) == lockstep.sim_time == pytest.approx(0.03)
+    assert simulated.command_time(77.0) == simulated.sim_time == pytest.approx(0.03)
 
 
 def test_a_command_moves_the_machine_in_the_tick_that_begins_now(make: MakeRun) -> None:
     run = make()
     soil = Soil(run)
-    run.board.front([0.3, 0.0, 0.0, 0.0], run.command_time(0.0))
-    applied = run.command(0.0)
+    run.cabs[0].board.front([0.3, 0.0, 0.0, 0.0], run.cabs[0].command_time(0.0))
+    (applied,) = run.command(0.0)
     assert applied.joints.tolist() == [0.3, 0.0, 0.0, 0.0]
     before = run.sim.machine.joint_positions[0]
     run.side.step()
@@ -148,14 +153,33 @@ def test_a_machine_told_to_wait_steps_once_the_command_for_the_tick_has_come(
     run = make(await_commands_every=1)
     soil = Soil(run)
     assert not run.may_step
-    run.hear(0.0, good)
+    run.cabs[0].hear(0.0, good)
     assert run.may_step
     soil.ticks(1)
     assert not run.may_step
-    run.hear(0.0, good)
+    run.cabs[0].hear(0.0, good)
     assert not run.may_step
-    run.hear(0.01, good)
+    run.cabs[0].hear(0.01, good)
     assert run.may_step
+
+
+def test_each_machine_of_a_node_is_waited_for_as_it_says(make: MakeRun) -> None:
+    run = make(
+        UnitParams(y=9.0), UnitParams(y=-9.0, await_commands_every=1), await_commands_every=1
+    )
+    Soil(run)
+    run.cabs[0].hear(0.0, good)
+    assert not run.may_step
+    run.cabs[2].hear(0.0, good)
+    assert run.may_step
+
+
+def test_each_machine_of_a_node_does_what_it_is_told(make: MakeRun) -> None:
+    run = make(UnitParams(y=9.0))
+    Soil(run)
+    run.cabs[1].board.front([0.0, 0.1, 0.0, 0.0], 0.0)
+    first, second = run.command(0.0)
+    assert (first.joints.tolist(), second.joints.tolist()) == ([0.0] * 4, [0.0, 0.1, 0.0, 0.0])
 
 
 def test_it_waits_at_every_so_many_ticks_only(make: MakeRun) -> None:
@@ -164,7 +188,7 @@ def test_it_waits_at_every_so_many_ticks_only(make: MakeRun) -> None:
     for tick in range(7):
         if not run.may_step:
             waited.append(tick)
-        run.hear(run.sim_time, good)
+        run.cabs[0].hear(run.cabs[0].sim_time, good)
         soil.ticks(1)
     assert waited == [0, 3, 6]
 
@@ -172,7 +196,7 @@ def test_it_waits_at_every_so_many_ticks_only(make: MakeRun) -> None:
 def test_a_command_that_came_ahead_is_not_waited_for_again(make: MakeRun) -> None:
     run = make(await_commands_every=1)
     soil = Soil(run)
-    run.hear(0.02, good)
+    run.cabs[0].hear(0.02, good)
     for _ in range(3):
         assert run.may_step
         soil.ticks(1)
@@ -192,9 +216,9 @@ def test_a_command_counts_so_many_ticks_after_its_stamp_however_soon_it_comes(
 
         return deliver
 
-    run.hear(0.0, sent(0))
+    run.cabs[0].hear(0.0, sent(0))
     soil.ticks(2)
-    run.hear(0.02, sent(2))
+    run.cabs[0].hear(0.02, sent(2))
     assert counts == []
     soil.ticks(1)
     assert counts == [(0, 3)]
@@ -208,7 +232,7 @@ def test_the_machine_goes_on_for_the_delay_while_a_command_is_awaited(make: Make
     for tick in range(8):
         if not run.may_step:
             waited.append(tick)
-            run.hear((tick - 2) * 0.01, good)
+            run.cabs[0].hear((tick - 2) * 0.01, good)
         soil.ticks(1)
     assert waited == [2, 4, 6]
 
@@ -217,7 +241,7 @@ def test_a_command_that_comes_too_late_counts_at_once(make: MakeRun) -> None:
     run = make(command_delay=2)
     soil, delivered = Soil(run), []
     soil.ticks(5)
-    run.hear(0.01, lambda: not delivered.append(run.tick))
+    run.cabs[0].hear(0.01, lambda: not delivered.append(run.tick))
     assert delivered == [5]
 
 
@@ -225,14 +249,14 @@ def test_in_real_time_nothing_is_delayed(make: MakeRun) -> None:
     run = make(command_delay=5, realtime=True)
     Soil(run)
     delivered: list[int] = []
-    run.hear(0.0, lambda: not delivered.append(run.tick))
+    run.cabs[0].hear(0.0, lambda: not delivered.append(run.tick))
     assert delivered == [0]
 
 
 def test_a_command_that_is_refused_is_no_answer(make: MakeRun) -> None:
     run = make(await_commands_every=1)
     Soil(run)
-    run.hear(0.0, lambda: False)
+    run.cabs[0].hear(0.0, lambda: False)
     assert not run.may_step
 
 
@@ -275,5 +299,5 @@ def test_machines_that_begin_in_the_same_instant_have_lives_of_their_own() -> No
 def test_a_stamp_of_another_clock_is_no_answer(make: MakeRun) -> None:
     run = make(await_commands_every=1)
     Soil(run)
-    run.hear(1.7e9, good)  # seconds since 1970
+    run.cabs[0].hear(1.7e9, good)  # seconds since 1970
     assert not run.may_step

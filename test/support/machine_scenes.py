@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from machine_sim.commands import TRACK_NAMES
 from machine_sim.core import MachineSim
-from machine_sim.machine import MachineDescription, load_description
+from machine_sim.machine import EXCAVATOR_JOINTS, MachineDescription, load_description
 from machine_sim.rig import Placement
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
@@ -14,6 +15,9 @@ from soil_sim.params import SoilParams
 from soil_sim.soil import Soil
 
 GRID = Grid(129, 129, 0.2)
+
+COMMAND_NAMES = (*EXCAVATOR_JOINTS, *TRACK_NAMES)
+"""What an excavator is commanded."""
 
 
 def shipped(name: str) -> MachineDescription:

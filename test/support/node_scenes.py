@@ -21,13 +21,13 @@ from machine_sim.machine import MachineDescription
 from machine_sim.machine.kinematics import arm_angles, arm_geometry
 from machine_sim.node import MachineNode
 from msg_bridge.codec.headers import from_multi_array
-from msg_bridge.codec.machine_state import COMMAND_NAMES, to_command_state
+from msg_bridge.codec.machine_state import to_command_state
 from msg_bridge.codec.stamps import stamp_of_tick
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.testing.ros import Ros
 from soil_sim.node import SoilNode
-from support.machine_scenes import excavator
+from support.machine_scenes import COMMAND_NAMES, excavator
 
 TICK = 0.01
 SITE: dict[str, Any] = {"site.terrain": "flat", "site.points": 65, "site.cell": 0.4}
@@ -165,12 +165,14 @@ def command_of(tick: int, velocities: ArrayLike) -> JointState:
     return to_command_state(COMMAND_NAMES, velocities, stamp_of_tick(tick, TICK))
 
 
-def dig(scene: Scene, machine: MachineNode, enough: Callable[[Ledger], bool]) -> Publisher:
+def dig(
+    scene: Scene, machine: MachineNode, enough: Callable[[Ledger], bool], name: str = ""
+) -> Publisher:
     """Have a machine that is ready to dig put its lip into the ground and draw it in.
 
-    Its `commands.command_timeout` must be long.
+    Its `commands.command_timeout` must be long. Of several in its node it is the first, of a name.
     """
-    name = f"{machine.get_namespace()}/joint_commands"
+    name = "/".join(filter(None, (machine.get_namespace(), name, "joint_commands")))
     publisher = scene.ros.publisher(name, JointState, subscriptions=1)
     scene.until_tick(1)
     way = (0.3, 0.6, 0.9)

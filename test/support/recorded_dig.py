@@ -19,7 +19,7 @@ from machine_sim.machine.appearance import link_boxes, link_frames, link_poses, 
 from msg_bridge.bag.writer import BagWriter
 from msg_bridge.codec.chunks import to_chunk_cloud
 from msg_bridge.codec.headers import to_multi_array
-from msg_bridge.codec.machine_state import BaseState, to_joint_state
+from msg_bridge.codec.machine_state import BaseState, JointValues, to_joint_state
 from msg_bridge.codec.markers import MarkerSet
 from msg_bridge.codec.particles import to_particle_cloud
 from msg_bridge.codec.poses import to_odometry
@@ -115,8 +115,13 @@ class RecordedDig:
         machine, store = run.machine.machine, run.machine.particles.store
         if tick % 2 == 0:
             base = BaseState(*machine.base_pose, *machine.base_velocity)
-            joints = (machine.joint_positions, machine.joint_velocities, machine.joint_efforts)
-            self._say("joint_states", to_joint_state(*joints, base, stamp))
+            joints = JointValues(
+                machine.description.joint_names,
+                machine.joint_positions,
+                machine.joint_velocities,
+                machine.joint_efforts,
+            )
+            self._say("joint_states", to_joint_state(joints, base, stamp))
             self._say("odom", to_odometry(base, "base_link", stamp))
         if tick % 5 == 0:
             rows = (store.position, store.velocity, store.radius, store.particle_id)
@@ -138,10 +143,10 @@ class RecordedDig:
         self.recording.add("/diagnostics", DiagnosticArray(status=[status]))
 
 
-def write(folder: Path, recording: Recording, *, finish: bool = True) -> Path:
+def write(folder: Path, recording: Recording, *, finish: bool = True, cycles: str = CYCLES) -> Path:
     """A bag with the topic of cycles, even if there was none."""
     writer = BagWriter(folder, chunk_size=64 * 1024, compression="none")
-    writer.add_topic(CYCLES, "std_msgs/msg/String")
+    writer.add_topic(cycles, "std_msgs/msg/String")
     for topic, time, message in recording.messages:
         if topic not in writer.topics:
             kind = type(message)

@@ -10,11 +10,11 @@ import pytest
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Int64MultiArray, String
+from support.machine_scenes import COMMAND_NAMES
 from support.node_scenes import TICK, Scene
 
 from machine_sim.operator.node import OperatorNode
 from msg_bridge.codec import qos
-from msg_bridge.codec.machine_state import COMMAND_NAMES
 from msg_bridge.codec.stamps import tick_of_stamp
 from msg_bridge.testing.ros import Ros
 
@@ -42,6 +42,17 @@ def test_each_command_answers_a_state_and_says_which(ros: Ros) -> None:
     ticks = ticks_of(commands)
     assert ticks == sorted(ticks)  # one may be said again, none goes back
     assert set(ticks) >= set(range(0, 60, TURN))
+
+
+def test_one_of_a_machine_that_holds_no_soil_needs_no_word_of_its_load(ros: Ros) -> None:
+    kind = {"machine": "machines/road_header.yaml"}
+    commands = ros.collect("/excavator/joint_commands", JointState)
+    scene = Scene(ros)
+    scene.machine(await_commands_every=TURN, **kind)
+    ros.add(OperatorNode, parameters=kind)
+    scene.until_tick(20)
+    assert list(commands[0].name) == ["turn", "lift", "head", "left_track", "right_track"]
+    assert set(ticks_of(commands)) >= set(range(0, 20, TURN))
 
 
 def test_machine_and_operator_take_turns(ros: Ros) -> None:

@@ -12,19 +12,17 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
-from support.machine_scenes import excavator
+from support.machine_scenes import COMMAND_NAMES, excavator
 
-from machine_sim.machine import EXCAVATOR_JOINTS as MACHINE_JOINTS
-from machine_sim.machine import rotation_matrix, urdf_text
+from machine_sim.machine import EXCAVATOR_JOINTS, rotation_matrix, urdf_text
 from machine_sim.machine.appearance import link_frames, link_poses
 from machine_sim.machine.pistons import piston_joints
 from machine_sim.machine.urdf import VIRTUAL_JOINTS as URDF_JOINTS
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.machine_state import (
-    COMMAND_NAMES,
-    JOINT_NAMES,
     VIRTUAL_JOINTS,
     BaseState,
+    JointValues,
     PayloadState,
     from_command_state,
     from_cylinder_array,
@@ -121,13 +119,13 @@ def random_poses(count):
 def joint_state(position, turn, joints, velocity=STILL, spin=STILL):
     base = BaseState(position, turn, velocity, spin)
     pistons = piston_joints(MACHINE, list(joints), [0.0] * 4)
-    names, positions = [*JOINT_NAMES, *pistons.names], [*joints, *pistons.positions]
+    names, positions = [*EXCAVATOR_JOINTS, *pistons.names], [*joints, *pistons.positions]
     still = np.zeros(len(names))
-    return over_the_wire(to_joint_state(positions, still, still, base, STAMP, names=names))
+    return over_the_wire(to_joint_state(JointValues(names, positions, still, still), base, STAMP))
 
 
 def test_names_are_those_of_the_machine_and_its_urdf():
-    assert JOINT_NAMES == MACHINE_JOINTS
+    assert list(EXCAVATOR_JOINTS) == list(joint_state(STILL, UPRIGHT, HOME).name)[:4]
     assert VIRTUAL_JOINTS == URDF_JOINTS
     state = joint_state(STILL, UPRIGHT, np.zeros(4))
     robot = ET.fromstring(urdf_text(MACHINE, virtual_base=True, pistons=True))
@@ -206,8 +204,8 @@ def test_velocities_are_finite_with_the_nose_straight_up():
 def test_joints_own_values_come_first():
     values = [np.arange(4.0) + 10.0 * k for k in range(3)]
     base = BaseState(STILL, UPRIGHT, STILL, STILL)
-    state = over_the_wire(to_joint_state(*values, base, STAMP))
-    assert state.name[:4] == list(JOINT_NAMES)
+    state = over_the_wire(to_joint_state(JointValues(EXCAVATOR_JOINTS, *values), base, STAMP))
+    assert state.name[:4] == list(EXCAVATOR_JOINTS)
     for found, own in zip((state.position, state.velocity, state.effort), values, strict=True):
         assert len(found) == 10
         assert list(found[:4]) == own.tolist()
@@ -217,7 +215,7 @@ def test_joints_own_values_come_first():
 def test_other_number_of_joints_is_refused():
     base = BaseState(STILL, UPRIGHT, STILL, STILL)
     with pytest.raises(CodecError, match=r"joint velocities have shape \(3,\); give 4"):
-        to_joint_state(HOME, STILL, HOME, base, STAMP)
+        to_joint_state(JointValues(EXCAVATOR_JOINTS, HOME, STILL, HOME), base, STAMP)
 
 
 @pytest.mark.parametrize("turn", [[0.0] * 4, [math.nan, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
@@ -230,7 +228,7 @@ def test_base_without_a_rotation_is_refused(turn):
 def test_command_crosses_bit_by_bit(velocities):
     msg = over_the_wire(to_command_state(COMMAND_NAMES, velocities, STAMP))
     assert msg.header.stamp == STAMP
-    assert from_command_state(msg).tobytes() == np.array(velocities).tobytes()
+    assert from_command_state(msg, COMMAND_NAMES).tobytes() == np.array(velocities).tobytes()
 
 
 def test_command_of_another_machine_crosses():
@@ -256,7 +254,7 @@ def test_command_of_another_machine_crosses():
 def test_anything_else_is_no_command(change, says):
     parts = {"name": list(COMMAND_NAMES), "velocity": [0.0] * 6}
     with pytest.raises(CodecError, match=says):
-        from_command_state(over_the_wire(JointState(**{**parts, **change})))
+        from_command_state(over_the_wire(JointState(**{**parts, **change})), COMMAND_NAMES)
 
 
 def test_command_that_cannot_be_applied_is_not_sent():
