@@ -340,6 +340,7 @@ class MachineNode(LeanNode):
             "tunnelled": particles.tunnelled_tool + particles.tunnelled_ground,
             "payload_fill": f"{run.sim.payload.fill:.3f}",
             "emergency_stop": self._board.stopped,
+            "tilt_rad": f"{machine.tilt:.3f}",
             "overturned": machine.overturned,
             "slowest_tick_ms": f"{1e3 * self._slowest:.2f}",
         }.items():
