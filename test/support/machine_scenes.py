@@ -20,9 +20,12 @@ def excavator() -> MachineDescription:
     return load_description(find_config("machines/excavator.yaml"))
 
 
-def machine_on_level_ground(**options: object) -> MachineSim:
-    """An excavator in the middle of a map at height 0, facing +x."""
-    return MachineSim(excavator(), GRID, np.zeros(GRID.shape), **options)  # type: ignore[arg-type]
+def machine_on_level_ground(
+    description: MachineDescription | None = None, **options: object
+) -> MachineSim:
+    """The shipped machine, or another, in the middle of a map at height 0, facing +x."""
+    machine = description or excavator()
+    return MachineSim(machine, GRID, np.zeros(GRID.shape), **options)  # type: ignore[arg-type]
 
 
 def loosened(soil: Soil) -> dict[str, list[LooseSoil]]:
