@@ -23,6 +23,7 @@ def careless() -> Iterator[Callable[[TrackModel, int], Careless]]:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("model", TRACK_MODELS)
 def test_a_minute_of_careless_work_leaves_machine_and_ledger_sound(careless, model, seed) -> None:
