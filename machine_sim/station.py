@@ -105,6 +105,7 @@ class Station:
         values = {
             "payload_fill": f"{rig.payload.fill:.3f}",
             "emergency_stop": self.unit.board.stopped,
+            "tilt_rad": f"{rig.machine.tilt:.3f}",
             "overturned": rig.machine.overturned,
         }
         return {self.unit.folder + key: value for key, value in values.items()}

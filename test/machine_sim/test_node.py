@@ -8,6 +8,7 @@ import sys
 from typing import Any
 
 import numpy as np
+import pybullet
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
@@ -184,6 +185,21 @@ def test_frames_are_prefixed_and_end_in_the_map(
     assert heard["particles"][0].header.frame_id == "map"
     assert {marker.header.frame_id for marker in heard["markers"][0].markers} == {"map"}
     assert from_payload_array(heard["payload"][0]).bank == 0.0
+
+
+def test_a_machine_that_has_fallen_over_says_so(ros: Ros) -> None:
+    levers = Levers(ros)
+    node, machine = levers.machine, levers.machine.run.sim.machine
+    levers.scene.until_shown(node, "overturned", False)
+    assert float(levers.scene.shown(node)["tilt_rad"]) < 0.02
+    on_its_side = pybullet.getQuaternionFromEuler((0.5 * math.pi, 0.0, 0.0))
+    pybullet.resetBasePositionAndOrientation(
+        machine.body, [0.0, 0.0, 1.5], on_its_side, machine._client
+    )
+    machine.after_step()
+    levers.scene.until_shown(node, "overturned", True)
+    assert float(levers.scene.shown(node)["tilt_rad"]) == pytest.approx(0.5 * math.pi, abs=1e-3)
+    assert "fallen over" in node.diagnostics.report().message
 
 
 def test_sensors_are_heard_with_their_frames_and_delay(ros: Ros) -> None:

@@ -30,10 +30,12 @@ def excavator() -> MachineDescription:
     return shipped("excavator")
 
 
-def machine_on_level_ground(**options: object) -> MachineSim:
-    """An excavator in the middle of a map at height 0, facing +x."""
-    flat = np.zeros(GRID.shape)
-    return MachineSim([Placement(excavator())], GRID, flat, **options)  # type: ignore[arg-type]
+def machine_on_level_ground(
+    description: MachineDescription | None = None, **options: object
+) -> MachineSim:
+    """The shipped machine, or another, in the middle of a map at height 0, facing +x."""
+    placements = [Placement(description or excavator())]
+    return MachineSim(placements, GRID, np.zeros(GRID.shape), **options)  # type: ignore[arg-type]
 
 
 def loosened(soil: Soil) -> dict[str, list[LooseSoil]]:

@@ -32,6 +32,13 @@ def test_length_to_angle_and_back(linkage):
         assert linkage.length(linkage.angle(length)) == pytest.approx(length, abs=1e-9)
 
 
+def test_the_shipped_machine_goes_from_angle_to_length_and_back(description):
+    for cylinder in description.cylinders.values():
+        linkage = cylinder.linkage
+        for angle in angles(linkage, 1001):
+            assert linkage.angle(linkage.length(angle)) == pytest.approx(angle, abs=1e-9, rel=0.0)
+
+
 @BOTH
 def test_lever_is_the_growth_per_turn(linkage):
     step = 1e-6
