@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.machine_scenes import excavator, level_soil, machine_on_level_ground
+from support.machine_scenes import excavator, level_soil, loosened, machine_on_level_ground
 
 from earthmoving_sim.world import World
 from machine_sim.machine import MachineDescription
