@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
 from machine_sim.machine import MachineError, load_description, rotation_matrix
-from machine_sim.machine.tracks import TRACK_MODELS, TrackModel
+from machine_sim.machine.tracks.model import TRACK_MODELS, TrackModel
 from machine_sim.params import MachineSimParams
-from machine_sim.rig import Placement
+from machine_sim.work.rig import Placement
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
 from soil_sim.params import SoilParams

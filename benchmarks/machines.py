@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from machine_sim.ground import Ground
 from machine_sim.machine import MachineDescription, TrackedMachine, load_description
-from machine_sim.machine.tracks import TRACK_MODELS, TrackModel
+from machine_sim.machine.tracks.model import TRACK_MODELS, TrackModel
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil

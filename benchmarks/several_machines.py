@@ -18,7 +18,7 @@ from machine_sim.core import MachineSim
 from machine_sim.machine import load_description
 from machine_sim.operator import FaceCut, FaceParams, OperatorParams, Shift, ShiftParams
 from machine_sim.particles import ParticleParams
-from machine_sim.rig import Placement
+from machine_sim.work.rig import Placement
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
 from soil_sim.params import SoilParams

@@ -37,7 +37,7 @@ from earthmoving_sim.pictures.window import Window
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
 from machine_sim.machine import load_description
-from machine_sim.rig import Placement
+from machine_sim.work.rig import Placement
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.rows import LANDED, SWEEP, Kind, Rows, empty_rows

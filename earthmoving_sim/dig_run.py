@@ -18,7 +18,7 @@ from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
 from machine_sim.operator import Command, Shift
 from machine_sim.particles import warm_up
-from machine_sim.rig import Placement
+from machine_sim.work.rig import Placement
 from soil_sim.soil import Soil
 from soil_sim.terrain import HeightMap
 

@@ -68,9 +68,9 @@ def _standing(machine: "MachineDescription") -> Iterator[str]:
     import numpy as np
 
     from machine_sim.core import MachineSim
-    from machine_sim.machine.tracks import TRACK_MODELS
+    from machine_sim.machine.tracks.model import TRACK_MODELS
     from machine_sim.params import MachineSimParams
-    from machine_sim.rig import Placement
+    from machine_sim.work.rig import Placement
     from msg_bridge.contract.grid import Grid
 
     grid = Grid(129, 129, 0.2)

@@ -10,7 +10,7 @@ from builtin_interfaces.msg import Time
 from earthmoving_sim.world import World
 from machine_sim.operator import Command, View
 from machine_sim.operator.eyes import Eyes, Terrain
-from machine_sim.rig import Rig
+from machine_sim.work.rig import Rig
 from msg_bridge.codec.machine_state import BaseState, PayloadState
 from msg_bridge.codec.poses import from_odometry, to_odometry
 

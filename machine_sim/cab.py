@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from machine_sim.commands import AppliedCommand
-from machine_sim.rig import Rig
 from machine_sim.side import MachineSide
 from machine_sim.unit import Unit
+from machine_sim.work.rig import Rig
 from msg_bridge.codec.sim_config import RunFacts
 
 __all__ = ["Cab"]

@@ -21,9 +21,9 @@ from machine_sim.ground import Ground
 from machine_sim.machine import MachineError, TrackedMachine
 from machine_sim.params import MachineSimParams
 from machine_sim.particles import ParticleEngine, ParticleParams, SoilEngine
-from machine_sim.payload import Payload
-from machine_sim.rig import Placement, Rig
-from machine_sim.tool_work import ToolWork
+from machine_sim.work.payload import Payload
+from machine_sim.work.rig import Placement, Rig
+from machine_sim.work.tool_work import ToolWork
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.messages import Keyframe

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from machine_sim.machine.tracks import TRACK_MODELS
+from machine_sim.machine.tracks.model import TRACK_MODELS
 from msg_bridge.contract.parameters import Parameters, parameter
 
 __all__ = ["MachineSimParams"]

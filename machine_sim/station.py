@@ -13,9 +13,9 @@ from machine_sim.machine import TrackedMachine, urdf_text
 from machine_sim.machine.appearance import frame_of, link_poses
 from machine_sim.machine.pistons import piston_joints
 from machine_sim.node_params import MachineNodeParams
-from machine_sim.rig import Rig
 from machine_sim.sensors import SensorParams, Sensors
 from machine_sim.unit import Unit
+from machine_sim.work.rig import Rig
 from msg_bridge.codec.machine_state import BaseState, JointValues, PayloadState
 from msg_bridge.codec.poses import ToolWrench
 

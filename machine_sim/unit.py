@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from machine_sim.commands import TRACK_NAMES, CommandBoard, CommandParams
 from machine_sim.machine import MachineDescription, TrackModel, fitted_with, load_description
 from machine_sim.node_params import UnitParams
-from machine_sim.rig import Placement
+from machine_sim.work.rig import Placement
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.errors import ParameterError
 

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.laboratory.scenes import STEP, Plate, bench, stack
-from machine_sim.machine.bucket import BucketShape
-from machine_sim.machine.description import load_description
+from machine_sim.machine import load_description
+from machine_sim.machine.tools.bucket import BucketShape
 from machine_sim.particles import ParticleEngine, Pose
 from machine_sim.particles.sleep import ON_MAP
 from msg_bridge.config_files import find_config

@@ -25,7 +25,7 @@ from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
 from machine_sim.machine import EXCAVATOR_JOINTS, MachineDescription, ReachError
 from machine_sim.machine.kinematics import arm_angles, arm_geometry
-from machine_sim.rig import Placement
+from machine_sim.work.rig import Placement
 from msg_bridge.contract.grid import Grid
 from soil_sim.soil import Soil
 from soil_sim.terrain import rough

@@ -1,20 +1,16 @@
 """One machine, from a data file: description, kinematics, tracks, tools, physics.
 
-- `description`: the machine as data; `machine_file`, `cylinder_file`, `tool_file` read it from YAML
-- `tools`: what touches soil: `bucket`, `bed` (both a `trough`), `drum`; `tool_boxes`: as seen
-- `urdf`: the same machine as URDF text
+- `description`: the machine as data; `file/` reads it from YAML
+- `tools/`: buckets, drums and beds; `tracks/`: two models of them, on ground that gives
+- `urdf`: the same machine as URDF text; `appearance`: what it looks like, and where each link is
 - `kinematics`: an excavator's joint angles to tool pose and back, without a physics engine
 - `linkage`, `hydraulics`: cylinders between links, what feeds them, how fast and hard they move
 - `pistons`: what is seen of them
 - `link_motion`: how every link moves
 - `joints`: ramps and limits of commanded joint speeds
-- `tracks`: what all tracks have in common; `shoe_contact`: a shoe on soil; `fast_tracks`,
-  `track_contact`: belts on their path; `hinged_tracks`, `hinged_chain`, `hinged_gear`,
-  `hinged_contact`: rigid shoes, hinged and driven
-- `tracked_machine`: all of it in pybullet, stepped by its owner; `tool`: its tools there
+- `tracked_machine`: all of it in pybullet, stepped by its owner
 """
 
-from machine_sim.machine.bucket import BucketShape
 from machine_sim.machine.description import (
     Joint,
     JointLimits,
@@ -23,8 +19,7 @@ from machine_sim.machine.description import (
     TrackShape,
 )
 from machine_sim.machine.errors import MachineError, ReachError
-from machine_sim.machine.fast_tracks import FastTracks
-from machine_sim.machine.hinged_tracks import HingedTracks
+from machine_sim.machine.file.machine import load_description
 from machine_sim.machine.kinematics import (
     EXCAVATOR_JOINTS,
     arm_angles,
@@ -36,10 +31,12 @@ from machine_sim.machine.kinematics import (
     tool_point,
     tool_pose,
 )
-from machine_sim.machine.machine_file import load_description
-from machine_sim.machine.tool import Tool
+from machine_sim.machine.tools.bucket import BucketShape
+from machine_sim.machine.tools.tool import Tool
 from machine_sim.machine.tracked_machine import TrackedMachine
-from machine_sim.machine.tracks import TrackModel, Tracks, fitted_with
+from machine_sim.machine.tracks.fast import FastTracks
+from machine_sim.machine.tracks.hinged import HingedTracks
+from machine_sim.machine.tracks.model import TrackModel, Tracks, fitted_with
 from machine_sim.machine.urdf import urdf_text
 
 __all__ = [

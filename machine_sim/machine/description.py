@@ -10,10 +10,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.machine.bucket import BucketShape
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.hydraulics import Cylinder, HydraulicSupply
-from machine_sim.machine.tools import HoldingShape, ToolMount
+from machine_sim.machine.tools.bucket import BucketShape
+from machine_sim.machine.tools.shapes import HoldingShape, ToolMount
 
 __all__ = [
     "BASE",

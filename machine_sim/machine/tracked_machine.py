@@ -26,14 +26,14 @@ from numpy.typing import ArrayLike, NDArray
 from machine_sim.ground import Ground
 from machine_sim.machine.description import BASE, MachineDescription
 from machine_sim.machine.errors import MachineError
-from machine_sim.machine.fast_tracks import FastTracks
-from machine_sim.machine.hinged_tracks import HingedTracks
 from machine_sim.machine.hydraulics import HydraulicArm
 from machine_sim.machine.joints import JointReference
 from machine_sim.machine.kinematics import cross, quaternion_of, rotation_matrix
 from machine_sim.machine.numbers import finite_numbers
-from machine_sim.machine.tool import Tool
-from machine_sim.machine.tracks import TrackModel, Tracks, standing_pose
+from machine_sim.machine.tools.tool import Tool
+from machine_sim.machine.tracks.fast import FastTracks
+from machine_sim.machine.tracks.hinged import HingedTracks
+from machine_sim.machine.tracks.model import TrackModel, Tracks, standing_pose
 from msg_bridge.contract.cylinders import CylinderState
 
 __all__ = ["OVERTURNED_TILT", "TrackedMachine"]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from machine_sim.machine.description import BASE, Box, LinkShape, MachineDescription
 from machine_sim.machine.pistons import PistonPart, piston_parts
-from machine_sim.machine.tool_boxes import tool_boxes
+from machine_sim.machine.tools.boxes import tool_boxes
 
 __all__ = ["VIRTUAL_JOINTS", "urdf_text"]
 

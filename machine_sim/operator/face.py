@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from machine_sim.machine.description import MachineDescription
-from machine_sim.machine.drum import DrumShape
 from machine_sim.machine.errors import MachineError
+from machine_sim.machine.tools.drum import DrumShape
 from machine_sim.operator.cycle import CycleReport
 from machine_sim.operator.view import Command, View
 from msg_bridge.contract.parameters import Parameters, parameter

@@ -8,8 +8,8 @@ from contextlib import suppress
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.machine.bucket import BucketShape
 from machine_sim.machine.errors import ReachError
+from machine_sim.machine.tools.bucket import BucketShape
 from machine_sim.operator.arm import ArmPlane
 from machine_sim.operator.dig import DigReach
 from machine_sim.operator.params import OperatorParams

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from benchmarks.digging_about import Careless
-from machine_sim.machine.tracks import TRACK_MODELS, TrackModel
+from machine_sim.machine.tracks.model import TRACK_MODELS, TrackModel
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
 from machine_sim.machine.kinematics import arm_angles, arm_geometry
 from machine_sim.particles import ParticleParams
-from machine_sim.rig import Placement
+from machine_sim.work.rig import Placement
 from msg_bridge.contract.rows import CONVERSION, Kind, Rows, empty_rows
 from soil_sim.columns import Columns
 from soil_sim.params import SoilParams

@@ -15,7 +15,7 @@ from machine_sim.machine.kinematics import arm_angles, arm_geometry
 from machine_sim.node_params import MachineNodeParams
 from machine_sim.params import MachineSimParams
 from machine_sim.particles import ParticleParams
-from machine_sim.rig import Placement
+from machine_sim.work.rig import Placement
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
 from soil_sim.node_params import SoilNodeParams

@@ -10,9 +10,9 @@ from support.soil_scenes import NO_SWEEPS, landings
 
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
-from machine_sim.machine.tracks import TrackModel
+from machine_sim.machine.tracks.model import TrackModel
 from machine_sim.params import MachineSimParams
-from machine_sim.rig import Placement
+from machine_sim.work.rig import Placement
 from msg_bridge.contract.grid import Grid
 from soil_sim.params import SoilParams
 from soil_sim.soil import Soil

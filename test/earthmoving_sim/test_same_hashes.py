@@ -22,7 +22,7 @@ from support.node_scenes import (
 
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
-from machine_sim.rig import Placement
+from machine_sim.work.rig import Placement
 from msg_bridge.codec.machine_state import from_command_state
 from msg_bridge.codec.stamps import tick_of_stamp
 from msg_bridge.contract.ledger import Ledger

@@ -9,7 +9,7 @@ from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
 from machine_sim.operator import OperatorParams, Shift, ShiftParams
 from machine_sim.particles import ParticleParams
-from machine_sim.rig import Placement
+from machine_sim.work.rig import Placement
 from msg_bridge.contract.grid import Grid
 from soil_sim.params import SoilParams
 from soil_sim.soil import Soil

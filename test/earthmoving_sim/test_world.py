@@ -8,7 +8,7 @@ from support.machine_scenes import excavator, level_soil
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
 from machine_sim.machine.kinematics import arm_angles, arm_geometry
-from machine_sim.rig import Placement
+from machine_sim.work.rig import Placement
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.loose_soil import LooseSoil

@@ -9,7 +9,7 @@ from support.machine_scenes import GRID, level_soil, loosened, shipped
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
 from machine_sim.machine import MachineError, arm_angles, arm_geometry
-from machine_sim.rig import Placement
+from machine_sim.work.rig import Placement
 from msg_bridge.contract.rows import CHANGED, CONVERSION, Action, Kind, empty_rows
 
 EXCAVATOR, HEADER, DUMPER = (shipped(name) for name in ("excavator", "road_header", "dumper"))

@@ -11,7 +11,7 @@ import numpy as np
 
 from machine_sim.core import MachineSim, MachineStep
 from machine_sim.machine.kinematics import arm_angles, arm_geometry
-from machine_sim.rig import Placement
+from machine_sim.work.rig import Placement
 from msg_bridge.codec.chunks import to_chunk_cloud
 from msg_bridge.codec.headers import to_multi_array
 from msg_bridge.codec.stamps import stamp_of_tick

@@ -7,7 +7,7 @@ import numpy as np
 from machine_sim.commands import TRACK_NAMES
 from machine_sim.core import MachineSim
 from machine_sim.machine import EXCAVATOR_JOINTS, MachineDescription, load_description
-from machine_sim.rig import Placement
+from machine_sim.work.rig import Placement
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil

@@ -8,7 +8,7 @@ import pytest
 
 from machine_sim.machine import MachineError, fitted_with
 from machine_sim.machine.appearance import shoe_look
-from machine_sim.machine.hinged_gear import chain_poses, machine_urdf, with_hinged_tracks
+from machine_sim.machine.tracks.gear import chain_poses, machine_urdf, with_hinged_tracks
 
 
 def altered(description, **tracks):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from machine_sim.machine.tracks import TRACK_MODELS
+from machine_sim.machine.tracks.model import TRACK_MODELS
 
 from .conftest import DT
 

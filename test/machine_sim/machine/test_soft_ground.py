@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from machine_sim.machine.shoe_contact import soil_laws
+from machine_sim.machine.tracks.shoe import soil_laws
 from msg_bridge.contract.loose_soil import LooseSoil
 from soil_sim.soils import load_soils
 

@@ -10,7 +10,7 @@ from pybullet_utils.bullet_client import BulletClient
 from machine_sim.machine import MachineError, TrackedMachine, rotation_matrix, tool_pose
 from machine_sim.machine.joints import LEAD
 from machine_sim.machine.kinematics import arm_geometry
-from machine_sim.machine.tracks import TRACK_MODELS
+from machine_sim.machine.tracks.model import TRACK_MODELS
 
 from .conftest import DT
 

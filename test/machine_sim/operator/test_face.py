@@ -12,7 +12,7 @@ from machine_sim.core import MachineSim
 from machine_sim.machine import MachineError
 from machine_sim.operator import FaceCut, FaceParams, View
 from machine_sim.particles import ParticleParams
-from machine_sim.rig import Placement
+from machine_sim.work.rig import Placement
 from msg_bridge.contract.grid import Grid
 from soil_sim.params import SoilParams
 from soil_sim.soil import Soil

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.machine.errors import MachineError
-from machine_sim.machine.trough import Trough
+from machine_sim.machine.tools.trough import Trough
 
 __all__ = ["KEY_PAIRS", "BucketShape"]
 

@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 
 from machine_sim.machine.description import Box
-from machine_sim.machine.drum import DrumShape
-from machine_sim.machine.tools import ToolShape
-from machine_sim.machine.trough import Trough
+from machine_sim.machine.tools.drum import DrumShape
+from machine_sim.machine.tools.shapes import ToolShape
+from machine_sim.machine.tools.trough import Trough
 
 __all__ = ["tool_boxes"]
 

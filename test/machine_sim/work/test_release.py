@@ -7,7 +7,7 @@ from support.machine_scenes import GRID, excavator
 from machine_sim.cubes import CubeEngine
 from machine_sim.ground import Ground
 from machine_sim.particles import ParticleEngine, ParticleError, ParticleParams
-from machine_sim.release import PendingSoil, coarseness
+from machine_sim.work.release import PendingSoil, coarseness
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.rows import CONVERSION, Kind, Rows, empty_rows
 

@@ -3,7 +3,7 @@ import pytest
 from support.machine_scenes import excavator
 
 from machine_sim.machine.kinematics import tool_pose
-from machine_sim.sweep import sweep_rows, track_rows
+from machine_sim.work.sweep import sweep_rows, track_rows
 from msg_bridge.contract.rows import Action
 
 MACHINE = excavator()

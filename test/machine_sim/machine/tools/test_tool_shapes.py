@@ -7,8 +7,8 @@ import pytest
 from support.machine_scenes import shipped
 
 from machine_sim.machine import MachineError
-from machine_sim.machine.bed import BedShape
-from machine_sim.machine.drum import DrumShape
+from machine_sim.machine.tools.bed import BedShape
+from machine_sim.machine.tools.drum import DrumShape
 
 BED = BedShape(np.array([[-0.5, 0.5], [0.0, 0.0], [3.0, 0.0], [3.0, 1.0]]), 2.0)
 DRUM = DrumShape(0.5, 0.4, 1.2, offset=0.1)

@@ -9,10 +9,10 @@ import pybullet
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.machine.description import LinkShape
-from machine_sim.machine.drum import DrumShape
 from machine_sim.machine.kinematics import cross, rotation_matrix
 from machine_sim.machine.numbers import finite_numbers
-from machine_sim.machine.tools import ToolShape
+from machine_sim.machine.tools.drum import DrumShape
+from machine_sim.machine.tools.shapes import ToolShape
 
 __all__ = ["Tool"]
 

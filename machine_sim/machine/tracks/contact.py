@@ -1,6 +1,6 @@
 """Kernel of the fast tracks: belts and their shoes, and a hull that keeps a fallen machine up.
 
-What the ground does to a shoe is in `shoe_contact`. Each corner of the hull carries a spring and
+What the ground does to a shoe is in `shoe`. Each corner of the hull carries a spring and
 damper along the ground's normal and a bristle along its plane: a spring from the corner to the
 anchor where it first touched. Beyond Coulomb's limit the corner slides and drags its anchor along
 (Dahl's and LuGre's models reduced to the stiff bristle), as shoes do.
@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from machine_sim.ground import surface_at
-from machine_sim.machine.shoe_contact import tread
+from machine_sim.machine.tracks.shoe import tread
 
 __all__ = ["add_wrench", "hull_step", "note_pace", "touch", "track_step"]
 

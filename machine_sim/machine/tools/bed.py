@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.machine.trough import Trough
+from machine_sim.machine.tools.trough import Trough
 
 __all__ = ["BedShape"]
 

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from machine_sim.ground import Ground
 from machine_sim.machine import MachineDescription, TrackedMachine
 from machine_sim.machine.kinematics import rotation_matrix
-from machine_sim.machine.tracks import sole_heights
+from machine_sim.machine.tracks.model import sole_heights
 from machine_sim.params import MachineSimParams
 from machine_sim.particles import Pose, SoilEngine
-from machine_sim.payload import Payload
-from machine_sim.sweep import track_rows
-from machine_sim.tool_work import ToolWork
+from machine_sim.work.payload import Payload
+from machine_sim.work.sweep import track_rows
+from machine_sim.work.tool_work import ToolWork
 from msg_bridge.contract.rows import SWEEP, Rows, join_rows
 
 __all__ = ["Placement", "Rig"]

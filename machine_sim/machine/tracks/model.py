@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from machine_sim.ground import Ground, surface_at
 from machine_sim.machine.description import MachineDescription, TrackShape
 from machine_sim.machine.errors import MachineError
-from machine_sim.machine.hinged_gear import with_hinged_tracks
-from machine_sim.machine.shoe_contact import soil_laws
+from machine_sim.machine.tracks.gear import with_hinged_tracks
+from machine_sim.machine.tracks.shoe import soil_laws
 
 __all__ = [
     "TRACK_MODELS",

@@ -8,11 +8,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.machine.bucket import BucketShape
 from machine_sim.machine.description import TrackShape
-from machine_sim.machine.drum import DrumShape
-from machine_sim.milling import SPINS
+from machine_sim.machine.tools.bucket import BucketShape
+from machine_sim.machine.tools.drum import DrumShape
 from machine_sim.particles import Pose
+from machine_sim.work.milling import SPINS
 from msg_bridge.contract.rows import SWEEP, Action, Rows, empty_rows
 
 __all__ = ["drum_rows", "sweep_rows", "track_rows"]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machine_sim.machine.tools import HoldingShape
+from machine_sim.machine.tools.shapes import HoldingShape
 from machine_sim.particles import SoilEngine
 
 __all__ = ["Payload", "payload_in"]

@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.machine import Tool
-from machine_sim.machine.bed import BedShape
-from machine_sim.machine.drum import DrumShape
-from machine_sim.milling import Milling
+from machine_sim.machine.tools.bed import BedShape
+from machine_sim.machine.tools.drum import DrumShape
 from machine_sim.params import MachineSimParams
 from machine_sim.particles import Pose, SoilEngine
-from machine_sim.payload import Payload, payload_in
-from machine_sim.release import PendingSoil
-from machine_sim.resistance import Resistance
-from machine_sim.sweep import drum_rows, sweep_rows
+from machine_sim.work.milling import Milling
+from machine_sim.work.payload import Payload, payload_in
+from machine_sim.work.release import PendingSoil
+from machine_sim.work.resistance import Resistance
+from machine_sim.work.sweep import drum_rows, sweep_rows
 from msg_bridge.contract.rows import SWEEP, Rows, empty_rows
 
 __all__ = ["ToolWork"]

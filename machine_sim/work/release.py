@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.machine.tools import CuttingShape
+from machine_sim.machine.tools.shapes import CuttingShape
 from machine_sim.particles import Pose, SoilEngine
 from msg_bridge.contract.rows import MAX_ROW_VOLUME, Kind, Rows
 

@@ -6,7 +6,7 @@ and what bears it, square to the plates that touch the ground. The newest holds 
 point is kept in the tool frame and moves with the tool.
 
 Soil that does not give in pushes as hard as it is pushed. So the point is held as the tracks' shoes
-are (`machine.track_contact`), by a spring and a damper against the force's direction,
+are (`machine.tracks.contact`), by a spring and a damper against the force's direction,
 
     share * F = k x + c v,    0 <= share <= 1,
 

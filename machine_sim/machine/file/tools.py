@@ -6,12 +6,12 @@ from collections.abc import Callable, Collection
 
 import numpy as np
 
-from machine_sim.machine.bed import BedShape
-from machine_sim.machine.bucket import KEY_PAIRS, BucketShape
-from machine_sim.machine.drum import DrumShape
 from machine_sim.machine.errors import MachineError
-from machine_sim.machine.section import Section
-from machine_sim.machine.tools import ToolMount, ToolShape
+from machine_sim.machine.file.section import Section
+from machine_sim.machine.tools.bed import BedShape
+from machine_sim.machine.tools.bucket import KEY_PAIRS, BucketShape
+from machine_sim.machine.tools.drum import DrumShape
+from machine_sim.machine.tools.shapes import ToolMount, ToolShape
 
 __all__ = ["read_tools"]
 

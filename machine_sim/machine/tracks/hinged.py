@@ -1,7 +1,7 @@
 """Tracks of rigid shoes hinged to one another, which the rear sprocket drives by friction.
 
-The shoes are bodies in pybullet (`hinged_chain`), sprockets and idlers joints of the machine's
-multibody (`hinged_gear`). What the shoes feel of the ground, which is the machine's own copy of the
+The shoes are bodies in pybullet (`chain`), sprockets and idlers joints of the machine's
+multibody (`gear`). What the shoes feel of the ground, which is the machine's own copy of the
 terrain, and of the track's frame is worked out before each step (`hinged_contact`).
 """
 
@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from machine_sim.ground import Ground
 from machine_sim.machine.description import MachineDescription
 from machine_sim.machine.errors import MachineError
-from machine_sim.machine.hinged_chain import ShoeChains
-from machine_sim.machine.hinged_contact import Gear, Supports, shoes_step
-from machine_sim.machine.hinged_gear import (
+from machine_sim.machine.tracks.chain import ShoeChains
+from machine_sim.machine.tracks.contact import hull_step
+from machine_sim.machine.tracks.gear import (
     CORNER_ANGLE,
     FLATS,
     SIDES,
@@ -26,9 +26,9 @@ from machine_sim.machine.hinged_gear import (
     machine_urdf,
     with_hinged_tracks,
 )
-from machine_sim.machine.shoe_contact import bed_under
-from machine_sim.machine.track_contact import hull_step
-from machine_sim.machine.tracks import Array, hull_corners, slip_of
+from machine_sim.machine.tracks.hinged_contact import Gear, Supports, shoes_step
+from machine_sim.machine.tracks.model import Array, hull_corners, slip_of
+from machine_sim.machine.tracks.shoe import bed_under
 
 __all__ = ["HingedTracks"]
 

@@ -10,7 +10,7 @@ from support.machine_scenes import excavator, level_soil, loosened, machine_on_l
 
 from earthmoving_sim.world import World
 from machine_sim.machine import MachineDescription
-from machine_sim.machine.tracks import TRACK_MODELS, TrackModel
+from machine_sim.machine.tracks.model import TRACK_MODELS, TrackModel
 from machine_sim.params import MachineSimParams
 
 Array = NDArray[np.float64]

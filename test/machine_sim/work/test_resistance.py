@@ -7,7 +7,7 @@ from support.machine_scenes import level_soil, loosened, machine_on_level_ground
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
 from machine_sim.machine import MachineError
-from machine_sim.resistance import LAPSE, Resistance
+from machine_sim.work.resistance import LAPSE, Resistance
 from msg_bridge.contract.rows import CHANGED, CONVERSION, FORCE, Holds, Rows, empty_rows
 from soil_sim.soil import Soil
 

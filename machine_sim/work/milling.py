@@ -4,7 +4,7 @@ The soil answers a tick with the wrench of what the picks cut then; it comes a t
 and acts until the next. It never drives: where it would stop the drum within a step or two, as much
 of it acts as brakes what spin there is, and none against a drum that stands or turns the other way.
 That is a drum that stalls. One that stands in soil is borne by it like any other tool
-(`machine_sim.resistance`).
+(`machine_sim.work.resistance`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from machine_sim.machine import MachineError
 from machine_sim.machine.kinematics import cross
-from machine_sim.resistance import LAPSE, Resistance
+from machine_sim.work.resistance import LAPSE, Resistance
 from msg_bridge.contract.rows import Holds, Rows
 
 __all__ = ["SPINS", "Milling"]

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from machine_sim.ground import Ground
 from machine_sim.machine.description import MachineDescription
-from machine_sim.machine.shoe_contact import bed_under
-from machine_sim.machine.track_contact import track_step
-from machine_sim.machine.tracks import Array, hull_corners, slip_of
+from machine_sim.machine.tracks.contact import track_step
+from machine_sim.machine.tracks.model import Array, hull_corners, slip_of
+from machine_sim.machine.tracks.shoe import bed_under
 from machine_sim.machine.urdf import urdf_text
 
 __all__ = ["FastTracks"]

@@ -13,8 +13,8 @@ import pybullet
 from numpy.typing import NDArray
 
 from machine_sim.machine.description import TrackShape
-from machine_sim.machine.hinged_gear import SIDES, chain_poses
 from machine_sim.machine.kinematics import quaternion_of
+from machine_sim.machine.tracks.gear import SIDES, chain_poses
 
 __all__ = ["ShoeChains"]
 

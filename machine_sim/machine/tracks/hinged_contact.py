@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from machine_sim.machine.shoe_contact import tread
-from machine_sim.machine.track_contact import add_wrench, note_pace
+from machine_sim.machine.tracks.contact import add_wrench, note_pace
+from machine_sim.machine.tracks.shoe import tread
 
 __all__ = ["Gear", "Supports", "shoes_step"]
 

@@ -10,7 +10,6 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from machine_sim.machine.cylinder_file import read_cylinder, read_supply, strongest
 from machine_sim.machine.description import (
     BASE,
     Axis,
@@ -23,9 +22,10 @@ from machine_sim.machine.description import (
     Vec3,
 )
 from machine_sim.machine.errors import MachineError
+from machine_sim.machine.file.cylinders import read_cylinder, read_supply, strongest
+from machine_sim.machine.file.section import Section
+from machine_sim.machine.file.tools import read_tools
 from machine_sim.machine.hydraulics import Cylinder, HydraulicSupply
-from machine_sim.machine.section import Section
-from machine_sim.machine.tool_file import read_tools
 
 __all__ = ["LEVER_AXES", "load_description"]
 

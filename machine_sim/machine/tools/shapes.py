@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from machine_sim.machine.bed import BedShape
-from machine_sim.machine.bucket import BucketShape
-from machine_sim.machine.drum import DrumShape
+from machine_sim.machine.tools.bed import BedShape
+from machine_sim.machine.tools.bucket import BucketShape
+from machine_sim.machine.tools.drum import DrumShape
 
 __all__ = ["CuttingShape", "HoldingShape", "ToolMount", "ToolShape"]
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from machine_sim.machine.errors import MachineError
+from machine_sim.machine.file.section import Section
 from machine_sim.machine.hydraulics import Cylinder, HydraulicSupply
 from machine_sim.machine.linkage import CylinderLinkage, Point, Rocker
-from machine_sim.machine.section import Section
 
 __all__ = ["read_cylinder", "read_supply", "strongest"]
 

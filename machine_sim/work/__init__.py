@@ -1,0 +1,7 @@
+"""Machines at work: what they and the soil do to each other.
+
+- `sweep`: where tools and tracks went; `release`: what was cut becomes particles
+- `payload`: what a tool holds
+- `resistance`, `milling`: what tools feel of the soil they cut, press and mill
+- `tool_work`: one tool with all of that; `rig`: one machine with its tools
+"""
