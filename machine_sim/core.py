@@ -21,6 +21,7 @@ from machine_sim.ground import Ground
 from machine_sim.machine import MachineError, TrackedMachine
 from machine_sim.params import MachineSimParams
 from machine_sim.particles import ParticleEngine, ParticleParams, SoilEngine
+from machine_sim.work.bin import Bin, StandingBin
 from machine_sim.work.payload import Payload
 from machine_sim.work.rig import Placement, Rig
 from machine_sim.work.tool_work import ToolWork
@@ -55,6 +56,7 @@ class MachineSim:
         params: how it steps.
         ground: the copy of the terrain that tracks and particles touch.
         rigs: the machines with their tools at work, in the order given.
+        bins: what stands there to be filled, in the order given.
         particles: the soil in the air, in tools and at rest but not yet landed.
         tick: number of ticks made.
     """
@@ -70,6 +72,7 @@ class MachineSim:
         soils: Sequence[LooseSoil] = (LooseSoil(),),
         soil: NDArray[np.uint8] | None = None,
         moisture: NDArray[np.uint8] | None = None,
+        bins: Sequence[Bin] = (),
         seed: int = 0,
     ) -> None:
         """
@@ -79,10 +82,11 @@ class MachineSim:
             params, particle_params: defaults as shipped.
             soils: all soils of the terrain, in the order of their ids.
             soil, moisture: of its surface, id and % of saturation; zeros if not given.
+            bins: boxes that stand on it to be filled.
             seed: of the scatter of released particles.
 
         Raises:
-            MachineError: no machine, or one off the map.
+            MachineError: no machine, or one or a bin off the map.
         """
         if not machines:
             raise MachineError("there is no machine; give one placement or more")
@@ -107,6 +111,11 @@ class MachineSim:
                 seed=seed,
             )
             self.rigs.append(rig)
+        numbers = sum(rig.numbers for rig in self.rigs)
+        self.bins = [
+            StandingBin(spec, self._client, self.ground, self.particles, numbers + k)
+            for k, spec in enumerate(bins)
+        ]
         self._works = [work for rig in self.rigs for work in rig.tools.values()]
         self._cutting = [work for work in self._works if work.pending is not None]
 
@@ -197,6 +206,8 @@ class MachineSim:
             self.particles.step(dt)
             for rig in self.rigs:
                 rig.feel(dt)
+        for each in self.bins:
+            each.count()
         sweeps = join_rows([rig.end_tick() for rig in self.rigs], SWEEP)
         landed = self._land()
         return MachineStep(sweeps, landed, self.pending_mm3, self.particles.total_volume_mm3)

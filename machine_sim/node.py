@@ -19,7 +19,7 @@ from std_msgs.msg import String
 from machine_sim.cab import Cab
 from machine_sim.commands import CommandParams
 from machine_sim.machine.appearance import frame_of, link_boxes, link_frames, shoe_look
-from machine_sim.node_params import MachineNodeParams, UnitParams
+from machine_sim.node_params import BinParams, MachineNodeParams, UnitParams
 from machine_sim.params import MachineSimParams
 from machine_sim.particles import ParticleParams, warm_up
 from machine_sim.run import MachineRun, first_life
@@ -27,6 +27,7 @@ from machine_sim.sensors import SensorParams
 from machine_sim.station import Station
 from machine_sim.unit import Unit, make_units
 from msg_bridge.codec import qos
+from msg_bridge.codec.machine_state import PayloadState
 from msg_bridge.codec.markers import MarkerSet
 from msg_bridge.codec.sim_config import RunFacts, config_text, run_facts
 from msg_bridge.codec.stamps import stamp_of_tick
@@ -86,12 +87,15 @@ class MachineNode(LeanNode):
         several = self._params.machines
         each = {name: declare_parameters(self, UnitParams, f"{name}.") for name in several}
         self.units = make_units(each or {"": self._params}, self._stepping.tracks, self._commands)
+        self._bins = {
+            name: declare_parameters(self, BinParams, f"{name}.") for name in self._params.bins
+        }
         warm_up(self._particles)
         self.run: MachineRun | None = None
         kinds = ", ".join(unit.description.name for unit in self.units)
         self.diagnostics = Diagnostics(self, "machine_sim", kinds)
         self.diagnostics.add_task(self._diagnose)
-        self._topics = SharedTopics(self)
+        self._topics = SharedTopics(self, self._bins)
         self._stations = [self._station(unit) for unit in self.units]
         self._facts: RunFacts | None = None
         self._keyframe: Keyframe | None = None
@@ -193,6 +197,7 @@ class MachineNode(LeanNode):
             self._particles,
             facts,
             keyframe,
+            bins=[params.bin for params in self._bins.values()],
             life=first_life(self.get_namespace(), facts.epoch, time.time()),
         )
         self._entered_life = -1
@@ -286,6 +291,10 @@ class MachineNode(LeanNode):
         due = partial(run.due, tick)
         for station, rig in zip(self._stations, sim.rigs, strict=True):
             station.tell(rig, self._params, due, tick * run.facts.tick, stamp)
+        if due(self._params.state_rate):
+            for name, each in zip(self._bins, sim.bins, strict=True):
+                load = PayloadState(**asdict(each.payload), time=tick * run.facts.tick)
+                self._topics.payload(name, load)
         if due(self._params.particle_rate):
             self._topics.particles(sim.particles.store, stamp)
 
@@ -297,6 +306,7 @@ class MachineNode(LeanNode):
         sections = {
             "machine_sim": asdict(self._params),
             **({"machines": several} if several else {}),
+            "bins": {name: asdict(params) for name, params in self._bins.items()},
             "stepping": asdict(self._stepping),
             "particles": asdict(self._particles),
             "sensors": asdict(self._sensor_params),

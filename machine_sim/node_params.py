@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from dataclasses import dataclass, fields
 
+from machine_sim.work.bin import Bin
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.parameters import Parameters, parameter
 
-__all__ = ["MachineNodeParams", "UnitParams"]
+__all__ = ["BinParams", "MachineNodeParams", "UnitParams"]
 
 _GROUPS = ("stepping", "particles", "sensors", "commands")
 """Groups of the node's own parameters, after which no machine can be named."""
@@ -51,6 +53,30 @@ class UnitParams(Parameters):
 
 
 @dataclass(frozen=True)
+class BinParams(Parameters):
+    """What is said of each bin."""
+
+    x: float = parameter(0.0, "where its middle stands, map x", unit="m", low=-1e5, high=1e5)
+    y: float = parameter(0.0, "where its middle stands, map y", unit="m", low=-1e5, high=1e5)
+    yaw: float = parameter(
+        0.0,
+        "where its length points, from +x counter-clockwise",
+        unit="deg",
+        low=-360.0,
+        high=360.0,
+    )
+    length: float = parameter(4.0, "inside", unit="m", low=0.2, high=50.0)
+    width: float = parameter(2.4, "inside", unit="m", low=0.2, high=50.0)
+    height: float = parameter(1.5, "inside", unit="m", low=0.1, high=20.0)
+
+    @property
+    def bin(self) -> Bin:
+        """The bin, and where it stands."""
+        place = ((self.x, self.y), math.radians(self.yaw))
+        return Bin(*place, self.length, self.width, self.height)
+
+
+@dataclass(frozen=True)
 class MachineNodeParams(UnitParams):
     """What a machine's node simulates and publishes.
 
@@ -62,6 +88,12 @@ class MachineNodeParams(UnitParams):
         (),
         "names of its machines, if there are several; of each, <name>.machine, <name>.x and so on"
         " are given, and not machine, x and so on",
+        items=str,
+    )
+    bins: tuple[str, ...] = parameter(
+        (),
+        "names of boxes that stand there to be filled; of each, <name>.x, <name>.y, <name>.yaw and"
+        " its <name>.length, <name>.width and <name>.height are given",
         items=str,
     )
     source: int = parameter(
@@ -95,12 +127,15 @@ class MachineNodeParams(UnitParams):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, times in Counter(self.machines).items():
+        for name, times in Counter([*self.machines, *self.bins]).items():
+            where = "machines" if name in self.machines else "bins"
             if times > 1:
-                raise ParameterError(f"machines names {name!r} {times} times; name each once")
+                raise ParameterError(
+                    f"{where} names {name!r} {times} times; name each machine and each bin once"
+                )
             if not _NAME.fullmatch(name) or name in _GROUPS:
                 raise ParameterError(
-                    f"machines names {name!r}, which cannot be a machine's name; give letters,"
+                    f"{where} names {name!r}, which cannot be the name of one; give letters,"
                     f" digits and single underscores, a letter first, and none of"
                     f" {', '.join(_GROUPS)}"
                 )

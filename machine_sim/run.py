@@ -18,6 +18,7 @@ from machine_sim.params import MachineSimParams
 from machine_sim.particles import ParticleParams
 from machine_sim.side import MachineSide
 from machine_sim.unit import Unit
+from machine_sim.work.bin import Bin
 from msg_bridge.codec.sim_config import RunFacts
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.messages import Keyframe
@@ -47,6 +48,7 @@ class MachineRun:
         facts: RunFacts,
         keyframe: Keyframe,
         *,
+        bins: Sequence[Bin] = (),
         life: int,
     ) -> None:
         """
@@ -56,6 +58,7 @@ class MachineRun:
             stepping, particles: physics; the number of steps in a tick follows from the run's.
             facts: of the run.
             keyframe: the terrain they are set down on.
+            bins: boxes that stand there to be filled.
             life: number below 2**32 that no life of this source has had in this run.
 
         Raises:
@@ -72,6 +75,7 @@ class MachineRun:
             soils=facts.soils,
             soil=keyframe.soil,
             moisture=keyframe.moisture,
+            bins=bins,
             seed=params.seed,
         )
         exchange = MachineExchange(params.source, epoch=facts.epoch, life=life)

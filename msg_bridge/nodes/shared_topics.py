@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import String
+from std_msgs.msg import Float64MultiArray, String
 
 from msg_bridge.codec import qos
+from msg_bridge.codec.machine_state import PayloadState, to_payload_array
 from msg_bridge.codec.particles import to_particle_cloud
 from msg_bridge.nodes.topics import MAP_FRAME
 
@@ -19,15 +21,27 @@ __all__ = ["SharedTopics"]
 class SharedTopics:
     """Publishers in the namespace of a machines' node, one of each however many they are."""
 
-    def __init__(self, node: Node) -> None:
-        """`node`: whose topics they are."""
+    def __init__(self, node: Node, bins: Iterable[str] = ()) -> None:
+        """
+        Args:
+            node: whose topics they are.
+            bins: names of what stands there to be filled.
+        """
         self._particles = node.create_publisher(PointCloud2, "particles", qos.STATE)
         self._hash = node.create_publisher(String, "state_hash", qos.STATE)
         self._config = node.create_publisher(String, "config", qos.LATCHED)
+        self._payloads = {
+            name: node.create_publisher(Float64MultiArray, f"{name}/payload", qos.STATE)
+            for name in bins
+        }
 
     def config(self, text: str) -> None:
         """Publish the node's parameters as YAML."""
         self._config.publish(String(data=text))
+
+    def payload(self, name: str, payload: PayloadState) -> None:
+        """Publish what is in a bin."""
+        self._payloads[name].publish(to_payload_array(payload))
 
     def particles(self, store: Any, stamp: Time) -> None:
         """Publish all particles; `store` has position, velocity, radius, ids, volumes, soils."""

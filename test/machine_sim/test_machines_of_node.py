@@ -110,6 +110,19 @@ def test_each_machine_tells_its_state_by_its_own_names(ros: Ros) -> None:
     assert balanced(scene)
 
 
+def test_a_bin_beside_the_machines_tells_what_is_in_it(ros: Ros) -> None:
+    scene = Scene(ros)
+    told = ros.collect("/site/hopper/payload", Float64MultiArray, qos.STATE)
+    config = ros.collect("/site/config", String, qos.LATCHED)
+    node = digger_and_truck(scene, bins=["hopper"], **{"hopper.x": 6.0, "hopper.height": 2.0})
+    scene.until_tick(3)
+    assert node.run is not None
+    soil = np.array([[6.0, 0.1 * k, 0.5] for k in range(-5, 5)])
+    node.run.sim.particles.add(soil, np.zeros_like(soil), 1_000_000)
+    ros.spin_until(lambda: told and from_payload_array(told[-1]).bank == pytest.approx(0.01))
+    assert yaml.safe_load(config[0].data)["bins"]["hopper"]["height"] == 2.0
+
+
 def test_a_command_to_one_machine_moves_it_alone(ros: Ros) -> None:
     scene = Scene(ros)
     node = digger_and_truck(scene)
@@ -190,8 +203,8 @@ def test_an_excavator_and_a_road_header_take_part_in_nodes_of_their_own(ros: Ros
 @pytest.mark.parametrize(
     ("parameters", "says"),
     [
-        ({"machines": ["digger", "digger"]}, "'digger' 2 times; name each once"),
-        ({"machines": ["2nd"]}, "'2nd', which cannot be a machine's name; give letters"),
+        ({"machines": ["digger", "digger"]}, "'digger' 2 times; name each machine"),
+        ({"machines": ["2nd"]}, "'2nd', which cannot be the name of one; give letters"),
         ({"machines": ["a__b"]}, "'a__b', which cannot be"),
         ({"machines": ["particles"]}, "'particles', which cannot be"),
         ({"machines": ["a", "b"], "x": 2.0}, r"x is given, and machines too; .* as a\.x"),
@@ -199,6 +212,9 @@ def test_an_excavator_and_a_road_header_take_part_in_nodes_of_their_own(ros: Ros
         ({"machines": ["a", "b"], "b.x": "far"}, r"b\.x is 'far'; give a finite number"),
         ({"machines": ["a", "b"], "b.x": 5.0, "c.x": 9.0}, r"no parameter c\.x \(do you mean"),
         ({"digger.x": 1.0}, r"no parameter digger\.x"),
+        ({"bins": ["commands"]}, "bins names 'commands', which cannot be"),
+        ({"machines": ["a"], "bins": ["a"]}, "'a' 2 times; name each machine and each bin once"),
+        ({"bins": ["hopper"], "hopper.width": 0.0}, r"hopper\.width is 0"),
     ],
 )
 def test_bad_parameters_are_refused_with_a_sentence(

@@ -9,6 +9,7 @@ from support.machine_scenes import GRID, level_soil, loosened, shipped
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
 from machine_sim.machine import MachineError, arm_angles, arm_geometry
+from machine_sim.work.bin import Bin
 from machine_sim.work.rig import Placement
 from msg_bridge.contract.rows import CHANGED, CONVERSION, Action, Kind, empty_rows
 
@@ -112,6 +113,33 @@ def test_soil_in_a_bed_is_its_payload_and_rides_along(simulate) -> None:
         landed["kind"], landed["particle_id"] = Kind.DEPOSIT, step.landed["particle_id"]
         sim.apply(landed, NOTHING[1])
     assert rig.payload.bank < 0.01
+
+
+def test_a_bin_holds_what_falls_into_it_and_stops_a_machine(simulate) -> None:
+    sim = simulate(Placement(DUMPER, (-6.0, 0.0)), bins=[Bin((0.0, 0.0), np.pi / 2)])
+    rng = np.random.default_rng(0)
+    drop = rng.uniform((-0.9, -1.6, 0.2), (0.9, 1.6, 1.2), (200, 3))
+    aside = [[4.0, 4.0, 0.3]]
+    sim.particles.add([*drop, *aside], np.zeros((201, 3)), 4_000_000)
+    sim.machine.command([0.0], [1.0, 1.0])
+    go_on(sim, 700)
+    (hopper,) = sim.bins
+    assert hopper.payload.bank == pytest.approx(0.8)
+    assert hopper.payload.loose == pytest.approx(hopper.payload.fill * 19.4, rel=0.2)
+    assert sim.machine.base_pose[0][0] < -3.0  # its cab stands at the bin's wall
+
+
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [
+        (lambda: Bin((0.0, 0.0), length=0.0), "sizes above 0 m"),
+        (lambda: Bin((np.nan, 0.0)), "finite numbers"),
+        (lambda: Bin((999.0, 0.0)), "off the map: place the bin on it"),
+    ],
+)
+def test_bad_bins_are_refused(simulate, spec, words) -> None:
+    with pytest.raises(MachineError, match=words):
+        simulate(Placement(DUMPER), bins=[spec()])
 
 
 def test_there_is_one_machine_at_least(simulate) -> None:
