@@ -23,6 +23,9 @@ PYTHONS := $(or $(PYTHON),$(if $(ROS_DISTRO),/usr/bin/python3 python3,$(WHEELS_P
 IN_RANGE := import sys; assert (3, 10) <= sys.version_info[:2] <= (3, 13)
 USABLE := $(IN_RANGE); import ensurepip, venv$(if $(ROS_DISTRO),; import rclpy)
 
+# Tests of one file stay together: they share what its fixtures have made.
+PARALLEL := --numprocesses=auto --maxprocesses=4 --dist=loadfile
+
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 help: ## this list
@@ -96,7 +99,7 @@ test: setup ## lint, format, types and all fast tests (ARGS="-k name" narrows py
 	stage "Lint" $(BIN)/ruff check .; \
 	stage "Format" $(BIN)/ruff format --check .; \
 	stage "Types" $(BIN)/python -m mypy; \
-	stage "Tests" $(BIN)/python -m pytest $(ARGS); \
+	stage "Tests" $(BIN)/python -m pytest $(PARALLEL) $(ARGS); \
 	if [ -n "$$failed" ]; then echo "make test: failed:$$failed" >&2; exit 1; fi
 
 test-slow: setup ## the tests that take long: a colcon build, the whole demo
