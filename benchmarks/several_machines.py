@@ -2,7 +2,8 @@
 
 All machines of a row are in one node's simulation and one world, in this process, on one core; each
 has its operator. Excavators dig and dump on a plain, road headers cut a face. Run from the
-repository root: `python benchmarks/several_machines.py`, with `--seconds` of simulated time.
+repository root: `python benchmarks/several_machines.py`, with `--seconds` of simulated time;
+`--tracks physics` for rigid shoes.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ from earthmoving_sim.operated import Operated
 from earthmoving_sim.world import World
 from machine_sim.core import MachineSim
 from machine_sim.machine import load_description
+from machine_sim.machine.tracks.model import TRACK_MODELS, TrackModel
 from machine_sim.operator import FaceCut, FaceParams, OperatorParams, Shift, ShiftParams
+from machine_sim.params import MachineSimParams
 from machine_sim.particles import ParticleParams
 from machine_sim.work.rig import Placement
 from msg_bridge.config_files import find_config
@@ -37,15 +40,18 @@ def main() -> None:
     """Print a row for each number of machines of each kind."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=40.0, help="simulated time of each row")
-    seconds = parser.parse_args().seconds
+    parser.add_argument("--tracks", choices=TRACK_MODELS, default="fast", help="of which kind")
+    asked = parser.parse_args()
     print(f"{'machines':<24}{'x real time':>12}{'ms a tick':>11}{'particles at most':>19}")
     for kind in ("excavator", "road_header"):
         for count in range(1, MOST + 1):
-            ratio, each, most = work(kind, count, seconds)
+            ratio, each, most = work(kind, count, asked.seconds, asked.tracks)
             print(f"{count} x {kind:<20}{ratio:12.2f}{each:11.2f}{most:19d}", flush=True)
 
 
-def work(kind: str, count: int, seconds: float) -> tuple[float, float, int]:
+def work(
+    kind: str, count: int, seconds: float, tracks: TrackModel = "fast"
+) -> tuple[float, float, int]:
     """Let some machines work side by side.
 
     Returns:
@@ -61,6 +67,7 @@ def work(kind: str, count: int, seconds: float) -> tuple[float, float, int]:
         [Placement(machine, place) for place in places],
         GRID,
         soil.columns.height,
+        params=MachineSimParams(tracks=tracks),
         soils=soil.loose_soils,
         particle_params=ParticleParams(nominal_volume=2_000_000),
     )
