@@ -126,7 +126,13 @@ class MachineSim:
 
     @property
     def tool_work(self) -> ToolWork:
-        """The first tool of the first machine that has one."""
+        """The first tool of the first machine that has one.
+
+        Raises:
+            MachineError: none has one.
+        """
+        if not self._works:
+            raise MachineError("no machine has a tool; give one with `tools` in its file")
         return self._works[0]
 
     @property

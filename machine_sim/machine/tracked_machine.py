@@ -157,22 +157,8 @@ class TrackedMachine:
         pybullet.applyExternalTorque(body, -1, wrench[3:], world, client)
         for tool in self.tools.values():
             tool.before_step()
-        reference, hydraulics = self._reference, self.hydraulics
-        reference.command = hydraulics.attainable(self._command, self._angles, self._efforts)
-        reference.advance(dt, self._angles)
-        moves = [rate != 0.0 for rate in reference.rate]
-        torques = hydraulics.torque_limits(moves, self._angles, self._efforts)
-        pybullet.setJointMotorControlArray(
-            body,
-            self._joints,
-            pybullet.POSITION_CONTROL,
-            reference.angle,
-            reference.rate,
-            torques,
-            self._position_gains,
-            self._velocity_gains,
-            physicsClientId=client,
-        )
+        if self._joints:
+            self._drive(dt)
 
     def after_step(self) -> None:
         """Read the machine's state; every property is of this moment until the next call.
@@ -183,7 +169,8 @@ class TrackedMachine:
         body, client = self.body, self._client
         self._com_list, quaternion = pybullet.getBasePositionAndOrientation(body, client)
         velocity, spin = pybullet.getBaseVelocity(body, client)
-        states = pybullet.getJointStates(body, self._joints, client)
+        # A machine without joints is asked for none: pybullet has no answer to an empty list.
+        states = pybullet.getJointStates(body, self._joints, client) if self._joints else ()
         self._com = np.array(self._com_list)
         self._quaternion = np.array(quaternion)
         self._rotation = rotation_matrix(quaternion)
@@ -255,6 +242,25 @@ class TrackedMachine:
     def overturned(self) -> bool:
         """Whether the machine has fallen over."""
         return self.tilt > OVERTURNED_TILT
+
+    def _drive(self, dt: float) -> None:
+        """Give the joints' motors their targets for the next step of `dt` [s]."""
+        reference, hydraulics = self._reference, self.hydraulics
+        reference.command = hydraulics.attainable(self._command, self._angles, self._efforts)
+        reference.advance(dt, self._angles)
+        moves = [rate != 0.0 for rate in reference.rate]
+        torques = hydraulics.torque_limits(moves, self._angles, self._efforts)
+        pybullet.setJointMotorControlArray(
+            self.body,
+            self._joints,
+            pybullet.POSITION_CONTROL,
+            reference.angle,
+            reference.rate,
+            torques,
+            self._position_gains,
+            self._velocity_gains,
+            physicsClientId=self._client,
+        )
 
     def _in_order(self, velocities: Mapping[str, float] | ArrayLike) -> ArrayLike:
         if not isinstance(velocities, Mapping):

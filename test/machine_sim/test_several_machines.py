@@ -142,6 +142,17 @@ def test_bad_bins_are_refused(simulate, spec, words) -> None:
         simulate(Placement(DUMPER), bins=[spec()])
 
 
+def test_a_carrier_without_joints_and_tools_drives(simulate) -> None:
+    bare = replace(DUMPER, links={"base": DUMPER.links["base"]}, joints={}, cylinders={}, tools={})
+    sim = simulate(Placement(replace(bare, home=np.zeros(0))))
+    sim.machine.command([], [1.0, 1.0])
+    go_on(sim, 100)
+    assert sim.machine.base_pose[0][0] > 0.5
+    assert sim.payload.mass == 0.0
+    with pytest.raises(MachineError, match="give one with `tools`"):
+        _ = sim.tool_work
+
+
 def test_there_is_one_machine_at_least(simulate) -> None:
     with pytest.raises(MachineError, match="give one placement or more"):
         simulate()

@@ -64,7 +64,7 @@ def _description(file: Section) -> MachineDescription:
         home=_home(file.section("home"), joints),
         tracks=_tracks(file.section("tracks")),
         hull=_hull(file, joints),
-        tools=read_tools(file.section("tools"), links),
+        tools=read_tools(file.section("tools"), joints),
         levers=_levers(file.section("levers"), joints) if file.has("levers") else {},
         imus=_imus(file.section("imus"), links) if file.has("imus") else (),
     )

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from machine_sim.machine.description import Joint
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.file.section import Section
 from machine_sim.machine.tools.bed import BedShape
@@ -16,24 +17,33 @@ from machine_sim.machine.tools.shapes import ToolMount, ToolShape
 __all__ = ["read_tools"]
 
 
-def read_tools(section: Section, links: Collection[str]) -> dict[str, ToolMount]:
+def read_tools(section: Section, joints: Mapping[str, Joint]) -> dict[str, ToolMount]:
     """Read `tools`: by name, each with the link that it is fixed to and its shape.
 
     Args:
         section: of the file.
-        links: names of the machine's links.
+        joints: of the machine; a tool is fixed to a link that one of them moves.
 
     Raises:
-        MachineError: a shape there is none of, a link there is none of, or numbers out of range.
+        MachineError: a shape or a link there is none of, a drum that does not spin about its axis,
+            or numbers out of range.
     """
+    axes = {joint.child: joint.axis for joint in joints.values()}
     tools = {}
     for name in section.names():
         tool = section.section(name)
         link, shape = tool.text("link"), tool.text("shape")
-        if link not in links:
-            raise MachineError(f"tools.{name}.link is {link!r}; give one of {', '.join(links)}")
+        if link not in axes:
+            raise MachineError(
+                f"tools.{name}.link is {link!r}; give one that a joint moves: {', '.join(axes)}"
+            )
         if shape not in _SHAPES:
             raise MachineError(f"tools.{name}.shape is {shape!r}; give one of {', '.join(_SHAPES)}")
+        if shape == "drum" and axes[link] != "y":
+            raise MachineError(
+                f"tools.{name} is a drum on {link}, which turns about {axes[link]}; a drum spins"
+                " about y: give it a link with such a joint"
+            )
         tools[name] = ToolMount(link, _SHAPES[shape](tool))
         tool.done()
     return tools

@@ -74,6 +74,13 @@ def swap(profile):
         ),
         (lambda v: v["joints"]["arm"].update(child="boom"), r"joints.arm goes from .* to 'boom'"),
         (lambda v: v["tools"]["bucket"].update(link="hand"), r"tools.bucket.link is 'hand'; .*arm"),
+        (lambda v: v["tools"]["bucket"].update(link="base"), r"give one that a joint moves: upper"),
+        (
+            lambda v: v["tools"].update(
+                mill={"link": "upper", "shape": "drum", "radius": 0.5, "body": 0.4, "width": 1.0}
+            ),
+            r"tools.mill is a drum on upper, which turns about z",
+        ),
         (lambda v: v["tools"]["bucket"].update(shape="fork"), r"shape is 'fork'; .*bucket, drum"),
         (lambda v: v["joints"]["arm"].update(lower=3.0), r"joints.arm.lower is 3.0 .*below"),
         (lambda v: v["joints"]["arm"].update(lower=None), r"joints.arm: give both limits"),
