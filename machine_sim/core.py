@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations, product
 
 import numpy as np
 import pybullet
@@ -47,6 +48,10 @@ class MachineStep:
     landed: Rows
     pending_mm3: int
     particles_mm3: int
+
+
+_OVERLAP = 0.05
+"""How far two things may stand in one another when they are set down [m]."""
 
 
 class MachineSim:
@@ -116,6 +121,7 @@ class MachineSim:
             StandingBin(spec, self._client, self.ground, self.particles, numbers + k)
             for k, spec in enumerate(bins)
         ]
+        self._refuse_overlaps()
         self._works = [work for rig in self.rigs for work in rig.tools.values()]
         self._cutting = [work for work in self._works if work.pending is not None]
 
@@ -238,8 +244,27 @@ class MachineSim:
         self.particles.close()
         pybullet.disconnect(self._client)
 
+    def _refuse_overlaps(self) -> None:
+        """
+        Raises:
+            MachineError: two machines, or one and a bin, stand in one another.
+        """
+        pybullet.performCollisionDetection(self._client)
+        standing: list[tuple[str, list[int]]] = []
+        for rig in self.rigs:
+            x, y, _ = rig.machine.base_pose[0]
+            name = f"the {rig.machine.description.name} at ({x:.1f}, {y:.1f}) m"
+            standing.append((name, [rig.machine.body]))
+        standing += [(f"the bin at {each.spec.position} m", each.bodies) for each in self.bins]
+        for (one, first), (other, second) in combinations(standing, 2):
+            for a, b in product(first, second):
+                contacts = pybullet.getContactPoints(a, b, physicsClientId=self._client)
+                if any(contact[8] < -_OVERLAP for contact in contacts):
+                    self.close()
+                    raise MachineError(f"{one} and {other} stand in one another; move one away")
+
     def _receive(self, excavated: Rows, ticks_since: int) -> None:
-        """Credit EXCAVATE rows to the tools that cut them: of several, the nearest."""
+        """Credit EXCAVATE rows to the tools that cut them: of several, the nearest edge's."""
         if excavated.size == 0:
             return
         if not self._cutting:
@@ -248,7 +273,8 @@ class MachineSim:
         nearest = np.zeros(excavated.size, dtype=np.int64)
         if len(frames) > 1:
             places = np.column_stack([excavated[name] for name in "xyz"]).astype(np.float64)
-            nearest = np.argmin([np.linalg.norm(places - at, axis=1) for _, at in frames], axis=0)
+            away = [work.distances(places, ticks_since) for work in self._cutting]
+            nearest = np.argmin(away, axis=0)
         for k, (work, frame) in enumerate(zip(self._cutting, frames, strict=True)):
             assert work.pending is not None
             work.pending.receive(excavated[nearest == k], frame, self.tick)

@@ -28,6 +28,10 @@ RISE_SPEED = 0.3
 """Fastest rise of the contact surface [m/s]."""
 
 
+_SATURATED = 100
+"""Highest moisture there are figures for [%]."""
+
+
 class GroundError(EarthmovingError):
     """A terrain or a change of it that machines cannot stand on."""
 
@@ -64,7 +68,9 @@ class Ground:
         self.soils = tuple(soils)
         zeros = np.zeros(grid.shape, dtype=np.uint8)
         self.soil: NDArray[np.uint8] = self._known(zeros if soil is None else soil).copy()
-        self.moisture: NDArray[np.uint8] = (zeros if moisture is None else moisture).copy()
+        self.moisture: NDArray[np.uint8] = np.minimum(
+            zeros if moisture is None else moisture, _SATURATED
+        )
         self.elevation = self._heights(elevation)
         self.surface: NDArray[np.float64] = self.elevation.copy()
         self.level: NDArray[np.float64] = self.elevation.copy()
@@ -90,7 +96,10 @@ class Ground:
 
     def replace(self, keyframe: Keyframe) -> None:
         """Take over the whole terrain; rises show bit by bit as ever."""
-        self.soil[:], self.moisture[:] = self._known(keyframe.soil), keyframe.moisture
+        self.soil[:], self.moisture[:] = (
+            self._known(keyframe.soil),
+            np.minimum(keyframe.moisture, _SATURATED),
+        )
         elevation = self._heights(keyframe.elevation)
         rise, volume = (elevation - self.elevation).reshape(-1), keyframe.volume_mm3.reshape(-1)
         self._pressed.follow(np.arange(rise.size), rise, volume.astype(np.float64))
@@ -111,7 +120,7 @@ class Ground:
         rows, cols, soil = changed["row"], changed["col"], self._known(changed["soil"])
         self.update(rows, cols, changed["z"].astype(np.float64), changed["volume_mm3"])
         self.soil[rows, cols] = soil
-        self.moisture[rows, cols] = np.minimum(changed["moisture"], 100)
+        self.moisture[rows, cols] = np.minimum(changed["moisture"], _SATURATED)
 
     def update(
         self,

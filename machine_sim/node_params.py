@@ -127,17 +127,20 @@ class MachineNodeParams(UnitParams):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        taken = {*_GROUPS, *(each.name for each in fields(self))}
         for name, times in Counter([*self.machines, *self.bins]).items():
-            where = "machines" if name in self.machines else "bins"
+            where = " and ".join(
+                each for each in ("machines", "bins") if name in getattr(self, each)
+            )
             if times > 1:
                 raise ParameterError(
-                    f"{where} names {name!r} {times} times; name each machine and each bin once"
+                    f"{where} name {name!r} {times} times; name each machine and each bin once"
                 )
-            if not _NAME.fullmatch(name) or name in _GROUPS:
+            if not _NAME.fullmatch(name) or name in taken:
                 raise ParameterError(
-                    f"{where} names {name!r}, which cannot be the name of one; give letters,"
-                    f" digits and single underscores, a letter first, and none of"
-                    f" {', '.join(_GROUPS)}"
+                    f"{where} name {name!r}, which cannot be the name of one; give letters, digits"
+                    " and single underscores, a letter first, and nothing that is a parameter of"
+                    f" the node or a group of them ({', '.join(_GROUPS)})"
                 )
         of_one = [each for each in fields(UnitParams) if getattr(self, each.name) != each.default]
         if self.machines and of_one:

@@ -67,7 +67,7 @@ def make_units(
     Raises:
         ConfigError: a machine file that is not there.
         MachineError: one that is not good.
-        ParameterError: two machines at one place.
+        ParameterError: two machines at one place, or with the same names of frames.
     """
     units: list[Unit] = []
     for name, own in params.items():
@@ -77,6 +77,11 @@ def make_units(
             if other.placement.position == unit.placement.position:
                 raise ParameterError(
                     f"{other.name} and {name} are set down at one place; give {name}.x or {name}.y"
+                )
+            if other.frame_prefix("") == unit.frame_prefix(""):
+                raise ParameterError(
+                    f"frames of {other.name} and {name} would have one name; give"
+                    f" {other.name}.frame_prefix or {name}.frame_prefix"
                 )
         units.append(unit)
     return units

@@ -89,6 +89,7 @@ class FaceCut:
             raise MachineError(f"a {machine.name} has no drum: give it one among its tools")
         self._machine, self._task = machine, task
         turn, lift, head = machine.joints.values()
+        self._check(self._drum, head.speed)
         self._pivot = turn.origin[2] + lift.origin[2]
         self._boom = head.origin[0]
         self._swung = lift.origin[0] + self._boom
@@ -218,15 +219,28 @@ class FaceCut:
         fast, slow = (min(max(_GAIN * way, -most), most) for way in ways)
         return fast, slow
 
+    def _check(self, drum: DrumShape, fastest: float) -> None:
+        task = self._task
+        if task.spin > fastest:
+            raise MachineError(
+                f"spin is {task.spin} rad/s, the head reaches {fastest}; give that or less"
+            )
+        if task.width < drum.width or task.height < 2.0 * drum.radius:
+            raise MachineError(
+                f"a face {task.width} m wide and {task.height} m high is smaller than the head;"
+                f" give a width from {drum.width} m and a height from {2.0 * drum.radius} m up"
+            )
+
     def _turn_for(self, aside: float) -> float:
         if not 0.0 <= aside < self._swung:
             raise MachineError(f"a face {2.0 * aside:.2f} m wider than the head is beyond the boom")
         turn = math.asin(aside / self._swung)
-        upper = self._machine.joints["turn"].upper
-        if turn > upper:
+        limits = self._machine.joints["turn"]
+        most = min(limits.upper, -limits.lower)
+        if turn > most:
             raise MachineError(
-                f"the boom would have to turn {turn:.2f} rad, its limit is {upper}; give a face"
-                " that is not as wide"
+                f"the boom would have to turn {turn:.2f} rad to either side, its limit is {most};"
+                " give a face that is not as wide"
             )
         return turn
 

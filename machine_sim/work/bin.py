@@ -60,6 +60,7 @@ class StandingBin:
 
     Attributes:
         spec: the bin.
+        bodies: numbers of its walls in the physics client.
         payload: soil in it at the end of the last tick.
     """
 
@@ -84,6 +85,7 @@ class StandingBin:
         self._particles = particles
         rotation, origin = rotation_about_z(spec.yaw), np.array([x, y, ground.height(x, y)])
         particles.add_tool(number, self._shape.plates(), (rotation, origin), digs=False)
+        self.bodies: list[int] = []
         for box in tool_boxes(self._shape):
             pitch = np.array(pybullet.getQuaternionFromEuler([0.0, box.pitch, 0.0]))
             place, turn = pybullet.multiplyTransforms(
@@ -93,7 +95,8 @@ class StandingBin:
             solid = pybullet.createCollisionShape(
                 pybullet.GEOM_BOX, halfExtents=half, physicsClientId=client
             )
-            pybullet.createMultiBody(0.0, solid, -1, place, turn, physicsClientId=client)
+            body = pybullet.createMultiBody(0.0, solid, -1, place, turn, physicsClientId=client)
+            self.bodies.append(body)
         self.count()
 
     def count(self) -> None:

@@ -77,10 +77,10 @@ class Milling:
         Raises:
             MachineError: a wrench that is not finite; what was known before stays.
         """
-        self.borne.hear(rows, pose)  # which checks them
         milled = rows[rows["holds"] == Holds.MILL]
-        self._age = 0
         if milled.size == 0:
+            self.borne.hear(rows, pose)
+            self._age = 0
             self._clear()
             return
         place, force, torque = (
@@ -88,6 +88,8 @@ class Milling:
         )
         if not np.isfinite(np.concatenate([place, force, torque])).all():
             raise MachineError(f"the soil's wrench on the drum is {milled[0]}; give finite numbers")
+        self._age = 0
+        self.borne.forget()  # what bore it while it stood is milled away
         self._point = pose[0].T @ (place - pose[1])
         self._force, self._torque = force, torque
         self._strength = math.sqrt(float(force @ force + torque @ torque))

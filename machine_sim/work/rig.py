@@ -140,7 +140,7 @@ class Rig:
 
     @property
     def state(self) -> Iterable[NDArray[np.generic]]:
-        """What the next ticks depend on, for a digest."""
+        """What shows that two runs differ, for a digest."""
         machine = self.machine
         yield machine.joint_positions
         yield machine.joint_velocities

@@ -91,6 +91,17 @@ class ToolWork:
         """Its frame at the end of the tick that many ticks ago."""
         return self._frames[max(-1 - ticks_since, -len(self._frames))]
 
+    def distances(self, places: NDArray[np.float64], ticks_since: int) -> NDArray[np.float64]:
+        """From places [m], map frame, shape (n, 3), to its nearest key point then, shape (n,)."""
+        shape = self.tool.shape
+        if isinstance(shape, BedShape):
+            return np.full(len(places), np.inf)
+        rotation, origin = self.frame_at(ticks_since)
+        points = shape.key_points @ rotation.T + origin
+        return np.asarray(
+            np.linalg.norm(places[:, None] - points[None], axis=2).min(axis=1), dtype=np.float64
+        )
+
     def hear(self, forces: Rows, ticks_since: int) -> None:
         """Take the soil's FORCE rows of this node's tools, as of that many ticks ago."""
         if self.resistance is None:
@@ -138,7 +149,7 @@ class ToolWork:
 
     @property
     def state(self) -> Iterable[NDArray[np.generic]]:
-        """What the next ticks depend on, for a digest."""
+        """What shows that two runs differ, for a digest."""
         if self.pending is not None:
             yield np.array([self.pending.total_mm3])
         if self.resistance is not None:

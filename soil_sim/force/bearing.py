@@ -22,7 +22,7 @@ from numba import njit
 
 from soil_sim.force.strength import add_force, column_at
 
-__all__ = ["add_bearing"]
+__all__ = ["add_bearing", "bearing_capacity"]
 
 _STRIPS = 8
 """Strips of a plate, and of the lip."""
@@ -96,7 +96,7 @@ def add_bearing(points, middle, columns, frame, strength, sums):  # type: ignore
         breadth = pads[:count, 6].sum() / width
         for n in range(count):
             x, y, z, nx, ny, nz, area = pads[n]
-            force = area * _capacity(on[n], breadth, 0.0, columns, strength)
+            force = area * bearing_capacity(on[n], breadth, 0.0, columns, strength)
             add_force(sums, x, y, z, force * nx, force * ny, force * nz)
     _add_lip(points, middle, columns, frame, strength, sums)
 
@@ -128,13 +128,13 @@ def _add_lip(points, middle, columns, frame, strength, sums):  # type: ignore[no
             if j >= 0:
                 deep = min(deep, columns.height[j] - at[2])
         deep = max(deep, 0.0) if deep < math.inf else 0.0
-        force = _EDGE * width / _STRIPS * _capacity(i, _EDGE, deep, columns, strength)
+        force = _EDGE * width / _STRIPS * bearing_capacity(i, _EDGE, deep, columns, strength)
         at = at - middle
         add_force(sums, at[0], at[1], at[2], force * up[0], force * up[1], force * up[2])
 
 
 @njit(cache=True)
-def _capacity(i, breadth, deep, columns, strength):  # type: ignore[no-untyped-def]
+def bearing_capacity(i, breadth, deep, columns, strength):  # type: ignore[no-untyped-def]
     """Bearing capacity of column i [Pa], `deep` [m] below the soil beside.
 
     Loose soil as deep as the footing is broad has no cohesion.

@@ -1,5 +1,8 @@
 """What resists a drum whose picks mill soil or rock: a torque, and a thrust out of the face.
 
+A drum that stands takes nothing off. Every flat of it that has ground before it is borne by that,
+whichever way it looks (`soil_sim.force.bearing`).
+
 The drum is cut into flats round it and strips along it. A flat whose middle is in the ground takes
 off, in a tick, what the drum advances square to it; the picks that pass there do the work
 
@@ -27,10 +30,11 @@ import math
 import numpy as np
 from numba import njit
 
+from soil_sim.force.bearing import bearing_capacity
 from soil_sim.force.pick import goktan_force
 from soil_sim.force.strength import add_force, column_at
 
-__all__ = ["add_milling", "rock_energy"]
+__all__ = ["add_milling", "add_standing", "is_ring", "rock_energy"]
 
 _STRIPS = 4
 """Strips along the drum."""
@@ -50,6 +54,51 @@ _OUTSIDE = 0.01
 def rock_energy(tensile):  # type: ignore[no-untyped-def]
     """Specific energy [J/m^3] of rock with a tensile strength [Pa] under picks."""
     return _MEAN * goktan_force(1.0, _TIP, tensile, _FRICTION) / math.tan(_BREAKOUT)
+
+
+@njit(cache=True)
+def is_ring(points):  # type: ignore[no-untyped-def]
+    """Whether key points, shape (rows, 2, 3), are a drum's: the last pair is where the first is."""
+    rows = len(points)
+    if rows < 8:
+        return False
+    for side in range(2):
+        for axis in range(3):
+            if abs(points[side, 1, axis] - points[rows - 2 + side, 1, axis]) > 1e-6:
+                return False
+    return True
+
+
+@njit(cache=True)
+def add_standing(points, middle, columns, frame, strength, sums):  # type: ignore[no-untyped-def]
+    """Add what bears a drum that does not spin; arguments as in `add_milling`."""
+    pairs = len(points) // 2 - 1
+    axis = np.zeros(3)
+    for row in range(2 * pairs):
+        axis += points[row, 1] / (2 * pairs)
+    for k in range(pairs):
+        left = 0.5 * (points[2 * k, 1] + points[2 * k + 2, 1])
+        right = 0.5 * (points[2 * k + 1, 1] + points[2 * k + 3, 1])
+        out = 0.5 * (left + right) - axis
+        distance = math.sqrt((out**2).sum())
+        if distance < 1e-6:
+            continue
+        out /= distance
+        width = right - left
+        breadth = math.sqrt(((points[2 * k + 2, 1] - points[2 * k, 1]) ** 2).sum())
+        area = breadth * math.sqrt((width**2).sum()) / _STRIPS
+        for strip in range(_STRIPS):
+            at = left + (strip + 0.5) / _STRIPS * width
+            x, y = at[0] + _OUTSIDE * out[0], at[1] + _OUTSIDE * out[1]
+            i = column_at(x, y, frame)
+            if i < 0 or columns.height[i] <= at[2] + _OUTSIDE * out[2]:
+                continue
+            force = area * bearing_capacity(i, breadth, 0.0, columns, strength)
+            place = at - middle
+            add_force(
+                sums, place[0], place[1], place[2],
+                -force * out[0], -force * out[1], -force * out[2],
+            )  # fmt: skip
 
 
 @njit(cache=True)

@@ -20,7 +20,7 @@ from msg_bridge.contract.rows import FORCE, Action, Holds, Rows, empty_rows, joi
 from soil_sim.columns import Columns
 from soil_sim.force.bearing import add_bearing
 from soil_sim.force.cutting import add_lip
-from soil_sim.force.milling import add_milling
+from soil_sim.force.milling import add_milling, add_standing, is_ring
 from soil_sim.force.side import add_side
 from soil_sim.force.strength import Strength, total_wrench
 from soil_sim.soils import SoilType
@@ -110,6 +110,10 @@ def _wrenches(  # type: ignore[no-untyped-def]
             if len(own) >= 8:
                 add_milling(own, middle, columns, frame, strength, sums)
                 total_wrench(sums, middle, out[0, n])
+            continue
+        if is_ring(own):
+            add_standing(own, middle, columns, frame, strength, sums)
+            total_wrench(sums, middle, out[1, n])
             continue
         if len(own) < (4 if action[first[n]] == Action.CUT else 6):
             continue

@@ -212,8 +212,13 @@ def test_an_excavator_and_a_road_header_take_part_in_nodes_of_their_own(ros: Ros
         ({"machines": ["a", "b"], "b.x": "far"}, r"b\.x is 'far'; give a finite number"),
         ({"machines": ["a", "b"], "b.x": 5.0, "c.x": 9.0}, r"no parameter c\.x \(do you mean"),
         ({"digger.x": 1.0}, r"no parameter digger\.x"),
-        ({"bins": ["commands"]}, "bins names 'commands', which cannot be"),
+        ({"bins": ["commands"]}, "bins name 'commands', which cannot be"),
         ({"machines": ["a"], "bins": ["a"]}, "'a' 2 times; name each machine and each bin once"),
+        ({"machines": ["seed"]}, "'seed', which cannot be"),
+        (
+            {"machines": ["a", "b"], "b.x": 9.0, "a.frame_prefix": "b/"},
+            r"frames of a and b would have one name; give a\.frame_prefix or b\.frame_prefix",
+        ),
         ({"bins": ["hopper"], "hopper.width": 0.0}, r"hopper\.width is 0"),
     ],
 )

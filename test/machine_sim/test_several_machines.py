@@ -71,6 +71,24 @@ def test_what_was_cut_goes_to_the_nearest_tool(simulate) -> None:
     assert sim.pending_mm3 == 300
 
 
+def test_a_lip_is_nearer_than_the_pin_of_another_bucket(simulate) -> None:
+    sim = simulate(Placement(EXCAVATOR, (-4.0, 0.0)), Placement(EXCAVATOR, (-4.0, 8.0)))
+    first = sim.rigs[0].tools["bucket"]
+    rotation, pin = first.tool.pose
+    rows = empty_rows(CONVERSION, 1)
+    rows["kind"], rows["volume_mm3"] = Kind.EXCAVATE, 100
+    rows["x"], rows["y"], rows["z"] = pin + rotation @ [1.45, 0.6, 0.0]
+    sim.apply(rows, NOTHING[1])
+    assert first.pending.total_mm3 == 100
+
+
+def test_nothing_is_set_down_in_something_else(simulate) -> None:
+    with pytest.raises(MachineError, match=r"dumper at \(0\.0, 0\.0\) m and the dumper at"):
+        simulate(Placement(DUMPER), Placement(DUMPER, (0.5, 0.0)))
+    with pytest.raises(MachineError, match=r"the bin at .* stand in one another; move one away"):
+        simulate(Placement(EXCAVATOR), bins=[Bin((0.0, 0.0))])
+
+
 def test_machines_collide(simulate) -> None:
     sim = simulate(Placement(DUMPER, (0.0, 0.0)), Placement(DUMPER, (6.0, 0.0), np.pi))
     for rig in sim.rigs:

@@ -26,11 +26,15 @@ from machine_sim.machine.file.cylinders import read_cylinder, read_supply, stron
 from machine_sim.machine.file.section import Section
 from machine_sim.machine.file.tools import read_tools
 from machine_sim.machine.hydraulics import Cylinder, HydraulicSupply
+from machine_sim.machine.pistons import piston_parts
+from machine_sim.machine.urdf import VIRTUAL_JOINTS
 
 __all__ = ["LEVER_AXES", "load_description"]
 
 LEVER_AXES = ("left_x", "left_y", "right_x", "right_y")
 """Axes of a joystick that can move a joint; positive to the left and forward."""
+
+_TRACKS = ("left_track", "right_track")
 
 _AXES: tuple[Axis, ...] = ("x", "y", "z")
 
@@ -69,7 +73,25 @@ def _description(file: Section) -> MachineDescription:
         imus=_imus(file.section("imus"), links) if file.has("imus") else (),
     )
     file.done()
+    _refuse_clashes(description)
     return description
+
+
+def _refuse_clashes(machine: MachineDescription) -> None:
+    """
+    Raises:
+        MachineError: a link or joint is named as something else of the machine is.
+    """
+    parts = piston_parts(machine)
+    joints = {*_TRACKS, *VIRTUAL_JOINTS, *(part.joint for part in parts)}
+    links = {"map", "base_link", *(f"{name}_link" for name in VIRTUAL_JOINTS)}
+    links |= {part.link for part in parts}
+    taken = [*joints.intersection(machine.joints), *links.intersection(machine.links)]
+    if taken:
+        raise MachineError(
+            f"a joint or link is named {', '.join(taken)}, as something else of every machine or of"
+            " its cylinders is; give it another name"
+        )
 
 
 def _links(section: Section, joints: Mapping[str, Joint]) -> dict[str, LinkShape]:
@@ -201,10 +223,10 @@ def _levers(section: Section, joints: Mapping[str, Joint]) -> dict[str, tuple[st
     for name in section.names():
         lever = section.section(name)
         axis, direction = lever.text("axis"), lever.number("direction")
-        if name not in joints or axis not in LEVER_AXES:
+        if name not in joints or axis not in LEVER_AXES or direction == 0.0:
             raise MachineError(
                 f"levers.{name}: give a joint ({', '.join(joints)}) and an axis, one of"
-                f" {', '.join(LEVER_AXES)}"
+                f" {', '.join(LEVER_AXES)}, and a direction of 1 or -1"
             )
         levers[name] = (axis, math.copysign(1.0, direction))
         lever.done()

@@ -135,7 +135,10 @@ class Section:
 
     def _number(self, key: str, value: object, low: float, positive: bool) -> float:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise MachineError(f"{self._at(key)} is {value!r}; give a number")
+            # YAML takes 24e3 for a text: an exponent has a point before it and a sign.
+            looks = isinstance(value, str) and re.fullmatch(r"[-+\d.]+[eE]\d+", value)
+            how = ", with the exponent as in 24.0e+3" if looks else ""
+            raise MachineError(f"{self._at(key)} is {value!r}; give a number{how}")
         if not math.isfinite(value) or value < low or (positive and value <= 0.0):
             wanted = "above 0" if positive else f"from {low:g} up" if low > -math.inf else "finite"
             raise MachineError(f"{self._at(key)} is {value}; give a number {wanted}")

@@ -89,7 +89,9 @@ class DrumShape:
         local = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         half = max(0.5 * self.width - clearance, 0.0)
         along = self.offset + np.clip(local[:, 1] - self.offset, -half, half)
-        rise = up[[0, 2]] / max(float(np.hypot(up[0], up[2])), 1e-9)
+        upright = float(np.hypot(up[0], up[2]))
+        # Of a drum that lies on its end no side is up: one is as good as another.
+        rise = up[[0, 2]] / upright if upright > 1e-3 else np.array([1.0, 0.0])
         level = np.array([rise[1], -rise[0]])
         across = np.clip(local[:, [0, 2]] @ level / self.radius, -0.9, 0.9)
         way = across[:, None] * level + np.sqrt(1.0 - across**2)[:, None] * rise

@@ -74,6 +74,14 @@ def swap(profile):
         ),
         (lambda v: v["joints"]["arm"].update(child="boom"), r"joints.arm goes from .* to 'boom'"),
         (lambda v: v["tools"]["bucket"].update(link="hand"), r"tools.bucket.link is 'hand'; .*arm"),
+        (
+            lambda v: (
+                v["joints"].update(left_track=v["joints"].pop("bucket"))
+                or v["home"].update(left_track=v["home"].pop("bucket"))
+            ),
+            r"named left_track, as something else of every machine",
+        ),
+        (lambda v: v["links"]["arm"].update(mass="8e2"), r"'8e2'; .*exponent as in 24.0e\+3"),
         (lambda v: v["tools"]["bucket"].update(link="base"), r"give one that a joint moves: upper"),
         (
             lambda v: v["tools"].update(

@@ -35,6 +35,11 @@ def test_it_wants_a_road_header_and_a_face_in_reach() -> None:
         FaceCut(replace(HEADER, tools={}), FaceParams())
     with pytest.raises(MachineError, match="not as wide"):
         FaceCut(HEADER, FaceParams(width=6.5))
+    with pytest.raises(MachineError, match=r"the head reaches 5\.5; give that or less"):
+        FaceCut(HEADER, FaceParams(spin=7.0))
+    for small in ({"width": 1.0}, {"height": 0.5}):
+        with pytest.raises(MachineError, match=r"smaller than the head; give a width from 1\.3 m"):
+            FaceCut(HEADER, FaceParams(**small))
     with pytest.raises(MachineError, match="another height"):
         FaceCut(HEADER, FaceParams(height=6.0))
 

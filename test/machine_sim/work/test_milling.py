@@ -75,6 +75,14 @@ def test_a_drum_that_stands_is_borne() -> None:
     assert drum.step(POSE, sinking, DT)[0][2] > 0.0
 
 
+def test_what_bore_a_drum_is_gone_once_it_mills() -> None:
+    drum = milling()
+    drum.hear(answer(force=(0.0, 0.0, 50e3), torque=(0, 0, 0), holds=Holds.BEARING), POSE)
+    drum.hear(answer(), POSE)
+    force, _ = drum.step(POSE, (np.array([0.0, 0.0, -0.2]), np.array([0.0, 5.0, 0.0])), DT)
+    assert force == pytest.approx([-20e3, 0.0, 10e3])
+
+
 def test_a_wrench_that_is_not_finite_is_refused() -> None:
     drum = milling()
     drum.hear(answer(), POSE)

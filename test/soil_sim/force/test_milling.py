@@ -89,6 +89,23 @@ def test_a_drum_takes_away_what_it_swept_all_round_and_above():
     assert taken * 1e-9 == pytest.approx(below.mean() * 2 * RADIUS * WIDTH, rel=0.1)
 
 
+def test_what_bears_a_drum_that_stands_does_not_ask_how_it_stands():
+    heights = np.where(GRID.x(np.arange(65))[:, None] > 0.45, 3.0, 0.0) * np.ones(GRID.shape)
+    pushes = []
+    for angle in (0.0, 0.26, 1.57, 3.1, 4.0):
+        soil = Soil(GRID, heights, SoilParams(soil="loam"))
+        points = ring(angle, np.array([0.0, 0.0, 1.5]))
+        rows = drum(0.0, 0.0, action=Action.PRESS)
+        for end in "01":
+            rows[f"x{end}"], rows[f"y{end}"], rows[f"z{end}"] = points.T
+        rows["x1"] += 0.02
+        forces = soil.step(1, rows, NOTHING).forces
+        assert forces["fx"][forces["holds"] == Holds.CUT].tolist() == [0.0]
+        pushes.append(float(forces["fx"][forces["holds"] == Holds.BEARING].sum()))
+    assert max(pushes) < 0.0  # out of the wall
+    assert min(pushes) > 2.5 * max(pushes)
+
+
 def test_a_drum_that_stands_presses_and_takes_nothing():
     soil = ground()
     step = soil.step(1, drum(0.0, 0.0, z=0.3, action=Action.PRESS), NOTHING)

@@ -71,6 +71,11 @@ def test_soil_comes_loose_outside_the_tips_and_above_the_axis():
     assert (np.abs(placed[:, 1] - 0.1) <= 0.6).all()
 
 
+def test_of_a_drum_on_its_end_soil_comes_loose_beside_it():
+    placed = DRUM.made_room([[0.1, 0.2, -0.2]], 0.02, np.array([0.0, 1.0, 0.0]))
+    assert np.hypot(placed[0, 0], placed[0, 2]) == pytest.approx(0.52)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
