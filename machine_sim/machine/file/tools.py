@@ -34,8 +34,9 @@ def read_tools(section: Section, joints: Mapping[str, Joint]) -> dict[str, ToolM
         tool = section.section(name)
         link, shape = tool.text("link"), tool.text("shape")
         if link not in axes:
+            moved = ", ".join(axes) or "there is none, so add one with its joint"
             raise MachineError(
-                f"tools.{name}.link is {link!r}; give one that a joint moves: {', '.join(axes)}"
+                f"tools.{name}.link is {link!r}; give one that a joint moves: {moved}"
             )
         if shape not in _SHAPES:
             raise MachineError(f"tools.{name}.shape is {shape!r}; give one of {', '.join(_SHAPES)}")
