@@ -28,14 +28,17 @@ def demo(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def in_process(tmp_path_factory):
-    """The same in one process."""
-    return run_demo(tmp_path_factory.mktemp("in_process"), 0, "--in-process", "--no-pictures")
+    """The same in one process, and with every kernel compiled in it instead of cached before."""
+    folder = tmp_path_factory.mktemp("in_process")
+    options = ("--in-process", "--no-pictures")
+    return run_demo(folder, 0, *options, NUMBA_CACHE_DIR=str(folder / "cache"))
 
 
-def run_demo(folder, domain, *options):
+def run_demo(folder, domain, *options, **settings):
     command = [sys.executable, "-m", "earthmoving_sim", "demo", *options]
     env = {
         **os.environ,
+        **settings,
         "ROS_DOMAIN_ID": str(domain),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     }
