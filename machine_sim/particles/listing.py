@@ -20,14 +20,16 @@ RESTS = 2
 
 @threaded_kernel
 def list_pairs(  # type: ignore[no-untyped-def]
-    order, start, cells, sizes, live, few, position, radius, skins, old_row,
+    order, start, cells, sizes, strays, live, few, position, radius, skins, old_row,
     old_first, old_second, old_touching, old_spring, old_count,
     first, second, touching, spring, begin, end, slabs,
 ):  # fmt: skip
     """Fill the table with all pairs closer than touching plus the skins of both.
 
     Args:
-        order, start, cells, sizes: of `sort_rows`.
+        order, start, cells, sizes: of `sort_rows`, the strays not among them.
+        strays: rows too fast for the cells: each is compared with all others, and their pairs come
+            last.
         live: which rows move by forces.
         few: whether these are few: then only their cells are looked at, and all around them.
         position, radius, skins: of the particles, by row.
@@ -63,6 +65,9 @@ def list_pairs(  # type: ignore[no-untyped-def]
     for slab in range(ny):
         a = start[slab * nx * nz]
         slabs[slab] = begin[order[a]] if a < n else count
+    count = _list_strays(strays, live, position, radius, skins, first, second, begin, end, count)
+    if count < 0:
+        return -1, 0
     slabs[ny] = count
     new_row = np.full(old_row.max() + 1, -1, np.int32)
     for i in range(old_row.size):
@@ -210,6 +215,32 @@ def _list_chunk(  # type: ignore[no-untyped-def]
                             count += 1
             end[i] = count
         a = end_of_cell
+    return count
+
+
+@kernel
+def _list_strays(strays, live, position, radius, skins, first, second, begin, end, count):  # type: ignore[no-untyped-def]
+    """List the pairs of strays from number `count` on; the end, or -1 for want of room."""
+    n = radius.size
+    stray, near = np.zeros(n, np.bool_), np.empty(n, np.bool_)
+    for i in strays:
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        size = radius[i] + skins[i]
+        for j in range(np.uint64(n)):
+            dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
+            reach = size + radius[j] + skins[j]
+            near[j] = dx * dx + dy * dy + dz * dz < reach * reach
+        if count + n > first.size:
+            return -1
+        # Each pair once: of two strays by the one that comes first.
+        stray[i] = True
+        begin[i] = count
+        for j in range(n):
+            if near[j] and not stray[j] and (live[i] or live[j]):
+                first[count] = i
+                second[count] = j
+                count += 1
+        end[i] = count
     return count
 
 

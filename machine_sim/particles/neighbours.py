@@ -3,6 +3,9 @@
 A pair is listed when it is closer than touching plus the *skins* of both. A particle's skin is as
 far as it comes in the next steps, relative to the mean of all (a bucket that carries all of them
 wears out nothing), and a little more; the list holds until one has used its skin up.
+
+A few fast ones, crumbs that fall past a full bucket, would make the cells of all large or the list
+short-lived. They are *strays*: no cell holds them, each is compared with all others.
 """
 
 from __future__ import annotations
@@ -26,7 +29,13 @@ _STEPS = 5.0
 _ROOM = 1.3
 """Room for acceleration: how far ahead a particle is looked for, over how far it comes."""
 _LONGEST = 0.35
-"""Longest skin of a particle, in largest diameters, where a list holds for more than a step."""
+"""Longest skin of a particle in a cell, in largest diameters, where a list holds for more than a
+step."""
+_COMPARED = 1 << 16
+"""Most comparisons for strays in a build: each is a nanosecond."""
+_MOST_WITH_STRAYS = 1 << 13
+"""Most particles among which there are strays: the list of more is cut into parts (`parts`), and
+what strays touch lies in any."""
 
 
 class NeighbourList:
@@ -99,12 +108,19 @@ class NeighbourList:
             self._skins = np.zeros(max(store.count, 2 * len(self._skins)))
         self._skins[:] = 0.0
         longest = 2.0 * _LONGEST * float(store.radius.max())
-        largest = _lay_skins(moving, alone, store.velocity, dt, base, longest, self._skins)
+        most_strays = min(_COMPARED // store.count, moving.size // 2)
+        if store.count > _MOST_WITH_STRAYS:
+            most_strays = 0
+        largest, strays = _lay_skins(
+            moving, alone, store.velocity, dt, base, longest, most_strays, self._skins
+        )
         cell = 2.0 * float(store.radius.max()) + 2.0 * largest
         few = int(np.count_nonzero(live)) * 2 < store.count
         rows = rows_around(store.position, moving, cell) if few else np.arange(store.count)
-        order, start, cells, sizes = sort_rows(rows, store.position, cell)
-        while not self._build(store, live, few, order, start, cells, sizes):
+        if strays.size:
+            rows = rows[~np.isin(rows, strays)]
+        sorting = sort_rows(rows, store.position, cell)
+        while not self._build(store, live, few, sorting, strays):
             self._spare = PairTable(2 * len(self._spare.first), 0)
         self.pairs, self._spare = self._spare, self.pairs
         self._origin, self._live = store.position.copy(), live.copy()
@@ -114,7 +130,7 @@ class NeighbourList:
         self.stale = False
 
     def _build(  # type: ignore[no-untyped-def]
-        self, store: ParticleStore, live, few, order, start, cells, sizes
+        self, store: ParticleStore, live, few, sorting, strays
     ) -> bool:
         """Fill the spare table; False where it has too little room."""
         old, new = self.pairs, self._spare
@@ -122,9 +138,9 @@ class NeighbourList:
             room = max(store.count, 2 * len(new.begin))
             new.begin, new.end = np.zeros(room, np.int64), np.zeros(room, np.int64)
         new.begin[: store.count] = new.end[: store.count] = 0
-        slabs = np.zeros(sizes[1] + 1, np.int64)
+        slabs = np.zeros(sorting[3][1] + 1, np.int64)
         new.count, rest = list_pairs.on(self.threads)(
-            order, start, cells, sizes, live, few,
+            *sorting, strays, live, few,
             store.position, store.radius, self._skins, store.pair_row,
             old.first, old.second, old.touching, old.spring, old.count,
             new.first, new.second, new.touching, new.spring, new.begin, new.end, slabs,
@@ -134,7 +150,8 @@ class NeighbourList:
         self.dormant.give_back(store, self._live, new)
         if rest:
             self.dormant.keep(store, old, rest)
-        new.bounds = cut_parts(slabs, 2 if few else 1)
+        whole = np.array([0, new.count])
+        new.bounds = whole if strays.size else cut_parts(slabs, 2 if few else 1)
         return True
 
 
@@ -177,13 +194,14 @@ def _leaves(rows, position, velocity, origin, skins, dt, mean):  # type: ignore[
 
 
 @kernel
-def _lay_skins(rows, alone, velocity, dt, base, longest, skins):  # type: ignore[no-untyped-def]
+def _lay_skins(rows, alone, velocity, dt, base, longest, most_strays, skins):  # type: ignore[no-untyped-def]
     """Fill the `skins` of `rows` [m]: `base`, and the way relative to the mean in some steps.
 
-    `_STEPS` of them, fewer where the fastest would go farther than `longest`, but one at least.
+    `_STEPS` of them, fewer where more than `most_strays` would go farther than `longest`, but one
+    at least.
 
     Returns:
-        The longest skin [m].
+        The longest skin of those that are no strays [m], and the strays.
     """
     ux, uy, uz = 0.0, 0.0, 0.0
     for i in rows:
@@ -192,14 +210,36 @@ def _lay_skins(rows, alone, velocity, dt, base, longest, skins):  # type: ignore
         uz += velocity[i, 2]
     share = 1.0 / rows.size if alone else 0.0
     ux, uy, uz = ux * share, uy * share, uz * share
-    fastest = 0.0
     for i in rows:
         dx, dy, dz = velocity[i, 0] - ux, velocity[i, 1] - uy, velocity[i, 2] - uz
-        speed = np.sqrt(dx * dx + dy * dy + dz * dz)
-        skins[i] = speed
-        fastest = max(fastest, speed)
-    step = _ROOM * dt * fastest
-    steps = min(max(longest / max(step, 1e-12), 1.0), _STEPS)
+        skins[i] = np.sqrt(dx * dx + dy * dy + dz * dz)
+    step, steps = _ROOM * dt, _STEPS
+    limit = longest / (step * steps)
+    count = _faster(rows, skins, limit)
+    while count > most_strays and steps > 1.0:
+        steps -= 1.0
+        limit = longest / (step * steps)
+        count = _faster(rows, skins, limit)
+    if count > most_strays:
+        limit, count = np.inf, 0
+    strays = np.empty(count, np.int64)
+    count, fastest = 0, 0.0
     for i in rows:
-        skins[i] = base + _ROOM * dt * steps * skins[i]
-    return base + step * steps
+        if skins[i] > limit:
+            strays[count] = i
+            count += 1
+        else:
+            fastest = max(fastest, skins[i])
+    steps = min(max(longest / max(step * fastest, 1e-12), 1.0), _STEPS)
+    for i in rows:
+        skins[i] = base + step * steps * skins[i]
+    return base + step * steps * fastest, strays
+
+
+@kernel
+def _faster(rows, speed, limit):  # type: ignore[no-untyped-def]
+    """How many are."""
+    count = 0
+    for i in rows:
+        count += speed[i] > limit
+    return count
