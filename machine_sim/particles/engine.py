@@ -115,7 +115,6 @@ class ParticleEngine(SoilEngine):
             tool_rolling=grains.tool_rolling[kind],
             adhesion=grains.adhesion[kind],
         )
-        self._pairs.stale = True
         self._disturb(self.store.rows(ids))
         self._growing += n if grow else 0
         return ids
@@ -125,8 +124,9 @@ class ParticleEngine(SoilEngine):
         rows = self.store.rows(ids)
         if rows.size:
             self._disturb(rows)
-            self.store.remove(rows)
-            self._pairs.stale = self._changed = True
+            self._renew()
+            self._pairs.drop(self.store, self.store.remove(rows))
+            self._changed = True
 
     def _disturb(self, rows: NDArray[np.intp]) -> None:
         """Wake what touches some particles that will not be there as before."""
@@ -212,6 +212,9 @@ class ParticleEngine(SoilEngine):
         if self._pairs.worn(store, moving, dt):
             self._renew()
             self._pairs.build(store, moving, live, dt)
+        elif self._pairs.listed < store.count:
+            self._renew()
+            self._pairs.admit(store, moving, live, dt)
         laws = tuple(
             contact_law(dt / params.substeps, params.substeps_per_contact, restitution)
             for restitution in (params.restitution, params.wall_restitution)
@@ -321,7 +324,7 @@ class ParticleEngine(SoilEngine):
     def max_overlap(self) -> float:
         """Largest overlap of two particles as a fraction of the smaller contact radius."""
         pairs, store = self._pairs.pairs, self.store
-        if self._pairs.stale:
+        if self._pairs.stale or self._pairs.listed < store.count:
             raise ParticleError("particles were added or removed; step before asking the overlap")
         return float(
             pair_overlap(

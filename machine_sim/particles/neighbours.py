@@ -20,6 +20,7 @@ from machine_sim.particles.jit import kernel, threaded_kernel, use_threads
 from machine_sim.particles.listing import list_pairs
 from machine_sim.particles.pair_table import PairTable
 from machine_sim.particles.parts import CHUNKS, chunk, cut_parts
+from machine_sim.particles.relisting import admit_rows, common_way, drop_pairs
 from machine_sim.particles.store import ParticleStore
 
 __all__ = ["NeighbourList"]
@@ -72,6 +73,58 @@ class NeighbourList:
         """How many pay in a step with this list."""
         return use_threads(self._most_threads) if self.pairs.parted else 1
 
+    @property
+    def listed(self) -> int:
+        """How many particles are in it, the first so many rows."""
+        return len(self._live)
+
+    def drop(self, store: ParticleStore, kept: NDArray[np.intp]) -> None:
+        """Take out who was removed from the store.
+
+        Args:
+            store: the particles that are left.
+            kept: the rows they had, ascending.
+        """
+        if self.stale or self.pairs.parted:
+            self.stale = True
+            return
+        pairs, kept = self.pairs, kept[kept < self.listed]
+        pairs.count = drop_pairs(
+            kept, self.listed, pairs.first, pairs.second, pairs.touching, pairs.spring, pairs.count
+        )
+        pairs.bounds = np.array([0, pairs.count])
+        self._live, self._origin = self._live[kept], self._origin[kept]
+        self._skins[: kept.size] = self._skins[kept]
+        store.pair_row[: kept.size] = np.arange(kept.size, dtype=np.int32)
+
+    def admit(
+        self, store: ParticleStore, moving: NDArray[np.int64], live: NDArray[np.bool_], dt: float
+    ) -> None:
+        """List who was added to the store, behind the others; arguments as for `build`."""
+        listed, count, pairs = self.listed, store.count, self.pairs
+        alone = moving.size == count
+        old = moving[moving < listed]
+        way, drift = np.zeros(3), np.zeros(3)
+        if alone and old.size:
+            way, drift = common_way(old, store.position, self._origin), store.velocity[old].mean(0)
+        if len(self._skins) < count:
+            self._skins = np.concatenate([self._skins, np.zeros(count)])
+        base = self._skin * float(store.radius.mean())
+        speed = np.linalg.norm(store.velocity[listed:] - drift, axis=1)
+        self._skins[listed:count] = base + _ROOM * dt * _STEPS * speed
+        self._origin = np.concatenate([self._origin, store.position[listed:] - way])
+        self._live = np.concatenate([self._live, live[listed:]])
+        found = admit_rows(
+            listed, live, self._origin, store.radius, self._skins, pairs.first, pairs.second,
+            pairs.touching, pairs.spring, pairs.count,
+        )  # fmt: skip
+        if found < 0:
+            self.build(store, moving, live, dt)
+            return
+        pairs.count = found
+        pairs.bounds = np.array([0, found])
+        store.pair_row[listed:] = np.arange(listed, count, dtype=np.int32)
+
     def worn(self, store: ParticleStore, moving: NDArray[np.int64], dt: float) -> bool:
         """Whether it must be built before the next step of `dt` [s].
 
@@ -80,9 +133,14 @@ class NeighbourList:
             moving: rows that move.
             dt: [s].
         """
-        return self.stale or bool(
+        new = store.count - self.listed
+        if self.stale or (new and (self.pairs.parted or new * store.count > _COMPARED)):
+            self.stale = True
+            return True
+        old = moving[moving < self.listed] if new else moving
+        return old.size > 0 and bool(
             _worn.on(self.threads)(
-                moving, moving.size == store.count, store.position, store.velocity, self._origin,
+                old, old.size == self.listed, store.position, store.velocity, self._origin,
                 self._skins, dt,
             )
         )  # fmt: skip

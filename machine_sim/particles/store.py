@@ -171,12 +171,17 @@ class ParticleStore:
             raise ParticleError("no live particle has one of the ids given; ids are never reused")
         return np.asarray(rows, dtype=np.intp)
 
-    def remove(self, rows: NDArray[np.intp]) -> None:
-        """Take particles out; the others keep their order."""
+    def remove(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Take particles out; the others keep their order.
+
+        Returns:
+            The rows these had.
+        """
         keep = np.ones(self.count, dtype=np.bool_)
         keep[rows] = False
         kept = np.flatnonzero(keep)
         self.reorder(kept)
+        return kept
 
     def reorder(self, order: NDArray[np.intp]) -> None:
         """Make row `order[k]` row k; rows not named are dropped."""

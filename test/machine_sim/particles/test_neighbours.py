@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import pytest
-from support.particle_scenes import LITRE, STEP, engine
+from support.particle_scenes import LITRE, STEP, cloud, engine
 
 from machine_sim.particles import ParticleEngine
 
@@ -63,3 +65,79 @@ def test_a_first_row_far_away_spoils_nothing() -> None:
     found = listed(world)
     assert len(found) > 300
     assert touching(world, live) <= set(found)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_all_who_touch_are_listed_while_some_come_and_go(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    world = engine()
+    for _ in range(200):
+        count = int(rng.integers(1, 9))
+        if rng.uniform() < 0.3:
+            at = rng.uniform([-0.3, -0.3, 0.1], [0.3, 0.3, 0.7], (count, 3))
+            world.add(at, rng.normal(size=(count, 3)), LITRE // 4)
+        if rng.uniform() < 0.3 and world.count > 30:
+            ids = world.store.particle_id
+            world.remove(rng.choice(ids, count, replace=False))
+        if rng.uniform() < 0.05 and world.count:
+            world.freeze(world.store.particle_id[-1:])
+        store = world.store
+        live = (store.resting == 0) & ~store.frozen
+        if not live.any():
+            continue
+        near = by_id(world, touching(world, live))
+        world.step(STEP)
+        found = listed(world)
+        assert len(set(found)) == len(found)
+        assert near <= by_id(world, found)
+    assert world.pair_builds < 150, "most came and went without a new list"
+
+
+def test_history_stays_with_its_pair_when_others_go() -> None:
+    world = engine()
+    at = cloud(80, 0.08, (0.2, 0.2), 0.1)
+    world.add(at, np.zeros_like(at), LITRE // 4, grow=False)
+    for _ in range(80):
+        world.step(STEP)
+    world._renew()
+    before = springs(world)
+    gone = set(world.store.particle_id[::7].tolist())
+    world.remove(sorted(gone))
+    assert not world._pairs.stale
+    after = springs(world)
+    left = {pair: spring for pair, spring in before.items() if not gone & set(pair)}
+    assert 5 < len(left) < len(before)
+    assert after == left
+
+
+def by_id(world: ParticleEngine, pairs: Iterable[tuple[int, int]]) -> set[frozenset[int]]:
+    """Pairs of rows, which a step may reorder, as pairs of ids."""
+    ids = world.store.particle_id.tolist()
+    return {frozenset((ids[i], ids[j])) for i, j in pairs}
+
+
+def springs(world: ParticleEngine) -> dict[tuple[int, int], tuple[float, ...]]:
+    """Springs of the pairs that touch, by the ids of their particles."""
+    pairs, ids = world._pairs.pairs, world.store.particle_id
+    return {
+        (int(ids[pairs.first[k]]), int(ids[pairs.second[k]])): tuple(pairs.spring[k].tolist())
+        for k in range(pairs.count)
+        if pairs.touching[k]
+    }
+
+
+def test_a_few_fast_ones_do_not_wear_the_list_out() -> None:
+    """A column falls as one; crumbs beside it are at rest, seen from the map, or far faster."""
+    builds = []
+    for fast in (0, 5):
+        world = engine(gravity=0.0)
+        rng = np.random.default_rng(3)
+        at = rng.uniform([-0.5, -0.5, 4.5], [0.5, 0.5, 5.5], (400, 3))
+        speed = np.zeros_like(at)
+        at[:fast, 0] += 3.0 + np.arange(fast)
+        speed[:fast, 0] = 6.0
+        world.add(at, speed, LITRE // 10, grow=False)
+        for _ in range(40):
+            world.step(STEP)
+        builds.append(world.pair_builds)
+    assert builds[1] <= builds[0] + 40 // 4

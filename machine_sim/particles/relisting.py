@@ -1,0 +1,89 @@
+"""A pair list that stays good while a few particles come and go, without being made anew.
+
+Where soil is cut and lands some come and go in every tick. Pairs of those that go are taken out.
+Those that come are compared with all others, at the places where these were when they were listed:
+a list holds as long as nobody has left the common motion *since then* by more than its skin, and
+that must hold for pairs of new and old, too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machine_sim.particles.jit import kernel
+
+__all__ = ["admit_rows", "common_way", "drop_pairs"]
+
+
+@kernel
+def drop_pairs(kept, listed, first, second, touching, spring, pairs):  # type: ignore[no-untyped-def]
+    """Take out the pairs of rows that are gone, and number the others anew.
+
+    Args:
+        kept: rows that are left, ascending, in old numbers.
+        listed: how many rows there were.
+        first, second, touching, spring: of the pair table; updated.
+        pairs: how many.
+
+    Returns:
+        How many are left.
+    """
+    new_row = np.full(listed, -1, np.int64)
+    for k in range(kept.size):
+        new_row[kept[k]] = k
+    count = 0
+    for k in range(pairs):
+        i, j = new_row[first[k]], new_row[second[k]]
+        if i < 0 or j < 0:
+            continue
+        first[count], second[count], touching[count] = i, j, touching[k]
+        for axis in range(3):
+            spring[count, axis] = spring[k, axis]
+        count += 1
+    return count
+
+
+@kernel
+def common_way(rows, position, origin):  # type: ignore[no-untyped-def]
+    """Mean way [m] of some rows since they were listed, shape (3,)."""
+    way = np.zeros(3)
+    for i in rows:
+        for axis in range(3):
+            way[axis] += position[i, axis] - origin[i, axis]
+    return way / rows.size
+
+
+@kernel
+def admit_rows(  # type: ignore[no-untyped-def]
+    listed, live, origin, radius, skins, first, second, touching, spring, pairs
+):
+    """List the pairs of the rows from `listed` on behind the others.
+
+    Args:
+        listed: rows that are in the table already.
+        live: which rows move by forces; two that do not are no pair.
+        origin: where all were when they were listed [m]; for new ones where they would have been.
+        radius, skins: of all [m].
+        first, second, touching, spring: of the pair table; updated.
+        pairs: how many there are.
+
+    Returns:
+        How many there are now, or -1 where the table is too small.
+    """
+    near = np.empty(radius.size, np.bool_)
+    for i in range(listed, radius.size):
+        x, y, z = origin[i, 0], origin[i, 1], origin[i, 2]
+        size = radius[i] + skins[i]
+        for j in range(np.uint64(i)):
+            dx, dy, dz = origin[j, 0] - x, origin[j, 1] - y, origin[j, 2] - z
+            reach = size + radius[j] + skins[j]
+            near[j] = dx * dx + dy * dy + dz * dz < reach * reach
+        if pairs + i > first.size:
+            return -1
+        for j in range(i):
+            if near[j] and (live[i] or live[j]):
+                first[pairs], second[pairs], touching[pairs] = i, j, 0
+                for axis in range(3):
+                    spring[pairs, axis] = 0.0
+                pairs += 1
+    return pairs
