@@ -70,15 +70,14 @@ class ContactTable:
         self.block = np.zeros((blocks, QUANTITIES * BLOCK), np.float32)
 
     def collect(  # type: ignore[no-untyped-def]
-        self, store: ParticleStore, moving, alone: bool, body, pairs: PairTable, dt: float,
-        threads: int, *, anew: bool,
+        self, store: ParticleStore, seen, body, pairs: PairTable, dt: float, threads: int, *,
+        anew: bool,
     ) -> None:  # fmt: skip
         """Take over the pairs that may touch within `dt` [s], with their springs.
 
         Args:
             store: the particles.
-            moving: rows that move.
-            alone: whether these are all.
+            seen: rows whose motion counts: all, or those that move.
             body: records of all rows.
             pairs: where they are listed.
             dt: [s].
@@ -91,8 +90,9 @@ class ContactTable:
         if anew:
             self._lay_out(pairs)
         _look_ahead.on(threads)(
-            np.float32(dt), moving, alone, self._ahead, pairs.first, pairs.second, pairs.count, body
-        )
+            np.float32(dt), seen, seen.size == store.count, self._ahead, pairs.first, pairs.second,
+            pairs.count, body,
+        )  # fmt: skip
         _collect.on(threads)(
             np.float32(dt), self._ahead, pairs.first, pairs.second, pairs.bounds, pairs.touching,
             pairs.spring, store.position, body, store.inverse_mass, store.friction, store.rolling,
@@ -119,15 +119,15 @@ class ContactTable:
 
 
 @threaded_kernel
-def _look_ahead(dt, moving, alone, ahead, pair_first, pair_second, pairs, body):  # type: ignore[no-untyped-def]
+def _look_ahead(dt, seen, every, ahead, pair_first, pair_second, pairs, body):  # type: ignore[no-untyped-def]
     """Fill `ahead`: how far each comes toward another in `dt`, its own size included [m].
 
     Relative to the mean where all move, so that what moves together does not count as closing in.
     """
     sums = np.zeros((CHUNKS, 3), np.float32)
-    if alone:
+    if every:
         for c in prange(CHUNKS):
-            _add_up(chunk(moving, c), body, sums[c])
+            _add_up(chunk(seen, c), body, sums[c])
     else:
         for k in range(pairs):
             i, j = pair_first[k], pair_second[k]
@@ -136,9 +136,9 @@ def _look_ahead(dt, moving, alone, ahead, pair_first, pair_second, pairs, body):
     mean = np.zeros(3, np.float32)
     for c in range(CHUNKS):
         for axis in range(3):
-            mean[axis] += sums[c, axis] / np.float32(moving.size)
+            mean[axis] += sums[c, axis] / np.float32(seen.size)
     for c in prange(CHUNKS):
-        _ahead_of(dt, chunk(moving, c), mean, body, ahead)
+        _ahead_of(dt, chunk(seen, c), mean, body, ahead)
 
 
 @kernel

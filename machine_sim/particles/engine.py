@@ -40,6 +40,8 @@ __all__ = ["ParticleEngine"]
 
 _REORDER_EVERY = 50
 """Builds of the neighbour list among many between two sortings of the rows by place."""
+_MOST_MOVE = 0.75
+"""Part of all that moves where the others are reckoned with as if they moved, too."""
 
 
 class ParticleEngine(SoilEngine):
@@ -209,12 +211,14 @@ class ParticleEngine(SoilEngine):
             tools.end()
             return
         moving = np.concatenate([rows, riders]) if riders.size else rows
-        if self._pairs.worn(store, moving, dt):
+        # Ways are seen from the mean of all, but where many rest: those are then not looked at.
+        seen = np.arange(store.count) if moving.size > _MOST_MOVE * store.count else moving
+        if self._pairs.worn(store, seen, dt):
             self._renew()
-            self._pairs.build(store, moving, live, dt)
+            self._pairs.build(store, seen, live, dt)
         elif self._pairs.listed < store.count:
             self._renew()
-            self._pairs.admit(store, moving, live, dt)
+            self._pairs.admit(store, seen, live, dt)
         laws = tuple(
             contact_law(dt / params.substeps, params.substeps_per_contact, restitution)
             for restitution in (params.restitution, params.wall_restitution)
@@ -233,7 +237,7 @@ class ParticleEngine(SoilEngine):
         if self._growing:
             self._grow(dt, grounds)
         before = store.position[rows] if tools.tools else store.position[:0]
-        self._move(dt, laws, rows, moving, riders, in_tool, grounds)
+        self._move(dt, laws, rows, moving, seen, riders, in_tool, grounds)
         if tools.tools:
             self.tunnelled_tool += int(self._walls.crossed(store, rows, tools, before).sum())
         self.tunnelled_ground += finish_on_ground.on(threads)(
@@ -291,7 +295,7 @@ class ParticleEngine(SoilEngine):
         )  # fmt: skip
 
     def _move(  # type: ignore[no-untyped-def]
-        self, dt: float, laws: tuple[Law, ...], rows, moving, riders, in_tool, grounds: int
+        self, dt: float, laws: tuple[Law, ...], rows, moving, seen, riders, in_tool, grounds: int
     ) -> None:
         store, params, tools = self.store, self.params, self._tools
         contacts, walls = self._contacts, self._walls.table
@@ -303,10 +307,7 @@ class ParticleEngine(SoilEngine):
             store.velocity, store.spin, store.contact_radius, store.inverse_mass, store.resting,
         )  # fmt: skip
         self._changed = False
-        alone = moving.size == store.count
-        contacts.collect(
-            store, moving, alone, body, self._pairs.pairs, dt, threads, anew=self._anew
-        )
+        contacts.collect(store, seen, body, self._pairs.pairs, dt, threads, anew=self._anew)
         self._anew = False
         run_substeps.on(threads)(
             params.substeps, params.gravity, *laws, np.float32(params.ground_friction),

@@ -98,14 +98,14 @@ class NeighbourList:
         store.pair_row[: kept.size] = np.arange(kept.size, dtype=np.int32)
 
     def admit(
-        self, store: ParticleStore, moving: NDArray[np.int64], live: NDArray[np.bool_], dt: float
+        self, store: ParticleStore, seen: NDArray[np.int64], live: NDArray[np.bool_], dt: float
     ) -> None:
         """List who was added to the store, behind the others; arguments as for `build`."""
         listed, count, pairs = self.listed, store.count, self.pairs
-        alone = moving.size == count
-        old = moving[moving < listed]
+        every = seen.size == count
+        old = seen[seen < listed]
         way, drift = np.zeros(3), np.zeros(3)
-        if alone and old.size:
+        if every and old.size:
             way, drift = common_way(old, store.position, self._origin), store.velocity[old].mean(0)
         if len(self._skins) < count:
             self._skins = np.concatenate([self._skins, np.zeros(count)])
@@ -119,25 +119,25 @@ class NeighbourList:
             pairs.touching, pairs.spring, pairs.count,
         )  # fmt: skip
         if found < 0:
-            self.build(store, moving, live, dt)
+            self.build(store, seen, live, dt)
             return
         pairs.count = found
         pairs.bounds = np.array([0, found])
         store.pair_row[listed:] = np.arange(listed, count, dtype=np.int32)
 
-    def worn(self, store: ParticleStore, moving: NDArray[np.int64], dt: float) -> bool:
+    def worn(self, store: ParticleStore, seen: NDArray[np.int64], dt: float) -> bool:
         """Whether it must be built before the next step of `dt` [s].
 
         Args:
             store: the particles.
-            moving: rows that move.
+            seen: rows whose motion counts: all, or those that move.
             dt: [s].
         """
         new = store.count - self.listed
         if self.stale or (new and (self.pairs.parted or new * store.count > _COMPARED)):
             self.stale = True
             return True
-        old = moving[moving < self.listed] if new else moving
+        old = seen[seen < self.listed] if new else seen
         return old.size > 0 and bool(
             _worn.on(self.threads)(
                 old, old.size == self.listed, store.position, store.velocity, self._origin,
@@ -148,7 +148,7 @@ class NeighbourList:
     def build(
         self,
         store: ParticleStore,
-        moving: NDArray[np.int64],
+        seen: NDArray[np.int64],
         live: NDArray[np.bool_],
         dt: float,
     ) -> None:
@@ -156,25 +156,25 @@ class NeighbourList:
 
         Args:
             store: the particles.
-            moving: rows that move, one at least.
+            seen: rows whose motion counts, one at least: all, or those that move.
             live: which rows move by forces, shape (n,); two that do not are no pair.
             dt: [s].
         """
-        alone = moving.size == store.count
+        every = seen.size == store.count
         base = self._skin * float(store.radius.mean())
         if len(self._skins) < store.count:
             self._skins = np.zeros(max(store.count, 2 * len(self._skins)))
         self._skins[:] = 0.0
         longest = 2.0 * _LONGEST * float(store.radius.max())
-        most_strays = min(_COMPARED // store.count, moving.size // 2)
+        most_strays = min(_COMPARED // store.count, seen.size // 2)
         if store.count > _MOST_WITH_STRAYS:
             most_strays = 0
         largest, strays = _lay_skins(
-            moving, alone, store.velocity, dt, base, longest, most_strays, self._skins
+            seen, every, store.velocity, dt, base, longest, most_strays, self._skins
         )
         cell = 2.0 * float(store.radius.max()) + 2.0 * largest
         few = int(np.count_nonzero(live)) * 2 < store.count
-        rows = rows_around(store.position, moving, cell) if few else np.arange(store.count)
+        rows = rows_around(store.position, seen, cell) if few else np.arange(store.count)
         if strays.size:
             rows = rows[~np.isin(rows, strays)]
         sorting = sort_rows(rows, store.position, cell)
@@ -214,13 +214,13 @@ class NeighbourList:
 
 
 @threaded_kernel
-def _worn(rows, alone, position, velocity, origin, skins, dt):  # type: ignore[no-untyped-def]
+def _worn(rows, every, position, velocity, origin, skins, dt):  # type: ignore[no-untyped-def]
     """Whether one of `rows` may leave the mean motion by its skin within the next step.
 
     Where others rest beside them, none is meant.
     """
     way = np.zeros((CHUNKS, 3))
-    if alone:
+    if every:
         for c in prange(CHUNKS):
             _add_up(chunk(rows, c), position, velocity, origin, dt, way[c])
     mean = np.zeros(3)
@@ -252,7 +252,7 @@ def _leaves(rows, position, velocity, origin, skins, dt, mean):  # type: ignore[
 
 
 @kernel
-def _lay_skins(rows, alone, velocity, dt, base, longest, most_strays, skins):  # type: ignore[no-untyped-def]
+def _lay_skins(rows, every, velocity, dt, base, longest, most_strays, skins):  # type: ignore[no-untyped-def]
     """Fill the `skins` of `rows` [m]: `base`, and the way relative to the mean in some steps.
 
     `_STEPS` of them, fewer where more than `most_strays` would go farther than `longest`, but one
@@ -266,7 +266,7 @@ def _lay_skins(rows, alone, velocity, dt, base, longest, most_strays, skins):  #
         ux += velocity[i, 0]
         uy += velocity[i, 1]
         uz += velocity[i, 2]
-    share = 1.0 / rows.size if alone else 0.0
+    share = 1.0 / rows.size if every else 0.0
     ux, uy, uz = ux * share, uy * share, uz * share
     for i in rows:
         dx, dy, dz = velocity[i, 0] - ux, velocity[i, 1] - uy, velocity[i, 2] - uz
