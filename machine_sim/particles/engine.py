@@ -20,7 +20,7 @@ from machine_sim.particles.bodies import (
 )
 from machine_sim.particles.cells import spatial_order
 from machine_sim.particles.contacts import ContactTable
-from machine_sim.particles.growth import grow_radii, start_radii
+from machine_sim.particles.growth import grow_radii, growth_in, start_radii
 from machine_sim.particles.intake import checked_intake
 from machine_sim.particles.law import Law, contact_law
 from machine_sim.particles.motion import run_substeps
@@ -63,7 +63,7 @@ class ParticleEngine(SoilEngine):
             ParticleError: no soil.
         """
         super().__init__(params, ground, soils, params.substeps)
-        self._pairs = NeighbourList(params.skin, params.threads)
+        self._pairs = NeighbourList(params)
         self._walls = WallList()
         self._contacts = ContactTable()
         self._body = np.zeros((0, BODY_FLOATS), np.float32)
@@ -72,6 +72,7 @@ class ParticleEngine(SoilEngine):
         self._plane = np.zeros((0, 4))
         self._sleep = Sleep(params)
         self._growing = 0
+        self._fresh = False
         self._changed = True
         self._anew = True
 
@@ -119,6 +120,7 @@ class ParticleEngine(SoilEngine):
         )
         self._disturb(self.store.rows(ids))
         self._growing += n if grow else 0
+        self._fresh |= grow
         return ids
 
     def remove(self, ids: ArrayLike) -> None:
@@ -282,16 +284,17 @@ class ParticleEngine(SoilEngine):
     def _grow(self, dt: float, grounds: int) -> None:
         store, params, tools = self.store, self.params, self._tools
         pairs, walls = self._pairs.pairs, self._walls.table
-        start_radii(
-            params.release_size, pairs.first, pairs.second, pairs.count, store.position,
-            store.radius, store.contact_radius, store.inverse_mass, walls.count, walls.row,
-            walls.plate, tools.frame, tools.corner, tools.corners, tools.owner, tools.path[0],
-            grounds, self._ground_row, self._plane,
-        )  # fmt: skip
-        share = dt * (1.0 - params.release_size) / max(params.growth_time, dt)
+        if self._fresh:
+            start_radii(
+                params.release_size, pairs.first, pairs.second, pairs.count, store.position,
+                store.radius, store.contact_radius, store.inverse_mass, walls.count, walls.row,
+                walls.plate, tools.frame, tools.corner, tools.corners, tools.owner, tools.path[0],
+                grounds, self._ground_row, self._plane,
+            )  # fmt: skip
+            self._fresh = False
         self._growing = grow_radii(
             pairs.first, pairs.second, pairs.count, store.position, store.radius,
-            store.contact_radius, store.inverse_mass, share,
+            store.contact_radius, store.inverse_mass, growth_in(dt, params),
         )  # fmt: skip
 
     def _move(  # type: ignore[no-untyped-def]

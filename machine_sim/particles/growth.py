@@ -9,10 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from machine_sim.particles.jit import kernel
+from machine_sim.particles.params import ParticleParams
 from machine_sim.particles.plates import closest_in_polygon, plate_coordinates
 from machine_sim.particles.walls import to_tool
 
-__all__ = ["grow_radii", "start_radii"]
+__all__ = ["grow_radii", "growth_in", "start_radii"]
 
 _LEAST = np.float32(0.01)
 """Smallest contact radius, in radii: one released on another must push it somewhere."""
@@ -24,6 +25,11 @@ _PUSH = 0.01
 """Overlap, in sums of radii, up to which growth goes on at full speed."""
 _CREEP = 1.0 / 16.0
 """Share of the full growth speed that goes on against any pressure, so that all grow up."""
+
+
+def growth_in(dt: float, params: ParticleParams) -> float:
+    """How far a particle grows in a step of `dt` [s] at most, in radii."""
+    return dt * (1.0 - params.release_size) / max(params.growth_time, dt)
 
 
 @kernel

@@ -20,19 +20,19 @@ RESTS = 2
 
 @threaded_kernel
 def list_pairs(  # type: ignore[no-untyped-def]
-    order, start, cells, sizes, strays, live, few, position, radius, skins, old_row,
+    order, start, cells, shape, strays, live, few, position, sizes, skins, old_row,
     old_first, old_second, old_touching, old_spring, old_count,
     first, second, touching, spring, begin, end, slabs,
 ):  # fmt: skip
-    """Fill the table with all pairs closer than touching plus the skins of both.
+    """Fill the table with all pairs closer than their sizes and skins together.
 
     Args:
-        order, start, cells, sizes: of `sort_rows`, the strays not among them.
+        order, start, cells, shape: of `sort_rows`, the strays not among them.
         strays: rows too fast for the cells: each is compared with all others, and their pairs come
             last.
         live: which rows move by forces.
         few: whether these are few: then only their cells are looked at, and all around them.
-        position, radius, skins: of the particles, by row.
+        position, sizes, skins: of the particles, by row; see `neighbours`.
         old_row: row of each in the old table, -1 if it has none.
         old_*: the old table. Pairs that `RESTS` are marked in it, their rows made the present ones.
         slabs: out, the first pair of each layer of cells along y, and the end.
@@ -44,14 +44,14 @@ def list_pairs(  # type: ignore[no-untyped-def]
     n = order.size
     at, size = np.empty((3, n), np.float32), np.empty(n, np.float32)
     for c in prange(CHUNKS):
-        _place(c * n // CHUNKS, (c + 1) * n // CHUNKS, order, position, radius, skins, at, size)
+        _place(c * n // CHUNKS, (c + 1) * n // CHUNKS, order, position, sizes, skins, at, size)
     every = live.all()
     # Each chunk of the cells fills a stretch of the table; then the stretches are put together.
     found, room = np.zeros(CHUNKS, np.int64), first.size // CHUNKS
     for c in prange(CHUNKS):
         low, high = _cells_of(c, cells, start), _cells_of(c + 1, cells, start)
         found[c] = _list_chunk(
-            low, high, order, start, cells, sizes, live, few, every, at, size,
+            low, high, order, start, cells, shape, live, few, every, at, size,
             first[c * room : (c + 1) * room], second[c * room : (c + 1) * room], begin, end,
         )  # fmt: skip
     if found.min() < 0:
@@ -61,11 +61,11 @@ def list_pairs(  # type: ignore[no-untyped-def]
         mine = order[_cells_of(c, cells, start) : _cells_of(c + 1, cells, start)]
         _move_stretch(c * room, found[c], count, mine, first, second, begin, end)
         count += found[c]
-    nx, ny, nz = sizes
+    nx, ny, nz = shape
     for slab in range(ny):
         a = start[slab * nx * nz]
         slabs[slab] = begin[order[a]] if a < n else count
-    count = _list_strays(strays, live, position, radius, skins, first, second, begin, end, count)
+    count = _list_strays(strays, live, position, sizes, skins, first, second, begin, end, count)
     if count < 0:
         return -1, 0
     slabs[ny] = count
@@ -85,7 +85,7 @@ def list_pairs(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _place(low, high, order, position, radius, skins, at, size):  # type: ignore[no-untyped-def]
+def _place(low, high, order, position, sizes, skins, at, size):  # type: ignore[no-untyped-def]
     """Places and sizes in the order of cells.
 
     float32 relative to a particle in the middle: near enough for a list with a skin.
@@ -95,7 +95,7 @@ def _place(low, high, order, position, radius, skins, at, size):  # type: ignore
         i = order[a]
         for axis in range(3):
             at[axis, a] = position[i, axis] - position[middle, axis]
-        size[a] = radius[i] + skins[i]
+        size[a] = sizes[i] + skins[i]
 
 
 @kernel
@@ -134,11 +134,11 @@ def _mark_near(around, own, others, mark):  # type: ignore[no-untyped-def]
 
 @kernel
 def _list_chunk(  # type: ignore[no-untyped-def]
-    begins, ends, order, start, cells, sizes, live, few, every, at, size,
+    begins, ends, order, start, cells, shape, live, few, every, at, size,
     first, second, begin, end,
 ):  # fmt: skip
     """List the pairs of the cells at the places from `begins` to `ends`; -1 for want of room."""
-    nx, _, nz = sizes
+    nx, _, nz = shape
     x, y, z = at[0], at[1], at[2]
     strips = 10 if few else 5
     low, high = np.zeros(10, np.int64), np.zeros(10, np.int64)
@@ -219,16 +219,16 @@ def _list_chunk(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _list_strays(strays, live, position, radius, skins, first, second, begin, end, count):  # type: ignore[no-untyped-def]
+def _list_strays(strays, live, position, sizes, skins, first, second, begin, end, count):  # type: ignore[no-untyped-def]
     """List the pairs of strays from number `count` on; the end, or -1 for want of room."""
-    n = radius.size
+    n = live.size
     stray, near = np.zeros(n, np.bool_), np.empty(n, np.bool_)
     for i in strays:
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
-        size = radius[i] + skins[i]
+        size = sizes[i] + skins[i]
         for j in range(np.uint64(n)):
             dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
-            reach = size + radius[j] + skins[j]
+            reach = size + sizes[j] + skins[j]
             near[j] = dx * dx + dy * dy + dz * dz < reach * reach
         if count + n > first.size:
             return -1

@@ -4,6 +4,9 @@ A pair is listed when it is closer than touching plus the *skins* of both. A par
 far as it comes in the next steps, relative to the mean of all (a bucket that carries all of them
 wears out nothing), and a little more; the list holds until one has used its skin up.
 
+Particles just released are small and lie close. So a particle's *size* in the list is not its
+radius but what it grows to in the next steps; one that has outgrown it wears the list out, too.
+
 A few fast ones, crumbs that fall past a full bucket, would make the cells of all large or the list
 short-lived. They are *strays*: no cell holds them, each is compared with all others.
 """
@@ -16,9 +19,11 @@ from numpy.typing import NDArray
 
 from machine_sim.particles.cells import rows_around, sort_rows
 from machine_sim.particles.dormant import DormantSprings
-from machine_sim.particles.jit import kernel, threaded_kernel, use_threads
+from machine_sim.particles.growth import growth_in
+from machine_sim.particles.jit import inline_kernel, kernel, threaded_kernel, use_threads
 from machine_sim.particles.listing import list_pairs
 from machine_sim.particles.pair_table import PairTable
+from machine_sim.particles.params import ParticleParams
 from machine_sim.particles.parts import CHUNKS, chunk, cut_parts
 from machine_sim.particles.relisting import admit_rows, common_way, drop_pairs
 from machine_sim.particles.store import ParticleStore
@@ -32,8 +37,8 @@ _ROOM = 1.3
 _LONGEST = 0.35
 """Longest skin of a particle in a cell, in largest diameters, where a list holds for more than a
 step."""
-_COMPARED = 1 << 16
-"""Most comparisons for strays in a build: each is a nanosecond."""
+_COMPARED = 1 << 18
+"""Most comparisons for strays in a build: each is half a nanosecond."""
 _MOST_WITH_STRAYS = 1 << 13
 """Most particles among which there are strays: the list of more is cut into parts (`parts`), and
 what strays touch lies in any."""
@@ -50,20 +55,15 @@ class NeighbourList:
         wear: how often among many that move, since its owner set it to 0 (few disorder little).
     """
 
-    def __init__(self, skin: float, threads: int) -> None:
-        """
-        Args:
-            skin: least reach beyond touching, in mean diameters.
-            threads: cores that may work at it.
-        """
-        self._skin = skin
-        self._most_threads = threads
+    def __init__(self, params: ParticleParams) -> None:
+        self._params = params
         self.pairs = PairTable(4096, 0)
         self._spare = PairTable(4096, 0)
         self.dormant = DormantSprings()
         self._live = np.zeros(0, np.bool_)
         self._origin: NDArray[np.float64] = np.zeros((0, 3))
         self._skins = np.zeros(0)
+        self._sizes = np.zeros(0)
         self.stale = True
         self.builds = 0
         self.wear = 0
@@ -71,7 +71,7 @@ class NeighbourList:
     @property
     def threads(self) -> int:
         """How many pay in a step with this list."""
-        return use_threads(self._most_threads) if self.pairs.parted else 1
+        return use_threads(self._params.threads) if self.pairs.parted else 1
 
     @property
     def listed(self) -> int:
@@ -94,7 +94,7 @@ class NeighbourList:
         )
         pairs.bounds = np.array([0, pairs.count])
         self._live, self._origin = self._live[kept], self._origin[kept]
-        self._skins[: kept.size] = self._skins[kept]
+        self._skins, self._sizes = self._skins[kept], self._sizes[kept]
         store.pair_row[: kept.size] = np.arange(kept.size, dtype=np.int32)
 
     def admit(
@@ -107,15 +107,14 @@ class NeighbourList:
         way, drift = np.zeros(3), np.zeros(3)
         if every and old.size:
             way, drift = common_way(old, store.position, self._origin), store.velocity[old].mean(0)
-        if len(self._skins) < count:
-            self._skins = np.concatenate([self._skins, np.zeros(count)])
-        base = self._skin * float(store.radius.mean())
         speed = np.linalg.norm(store.velocity[listed:] - drift, axis=1)
-        self._skins[listed:count] = base + _ROOM * dt * _STEPS * speed
+        skins = self._base(store) + _ROOM * dt * _STEPS * speed
+        self._skins = np.concatenate([self._skins, skins])
+        self._sizes = np.concatenate([self._sizes, self._sizes_for(store, dt)[listed:]])
         self._origin = np.concatenate([self._origin, store.position[listed:] - way])
         self._live = np.concatenate([self._live, live[listed:]])
         found = admit_rows(
-            listed, live, self._origin, store.radius, self._skins, pairs.first, pairs.second,
+            listed, live, self._origin, self._sizes, self._skins, pairs.first, pairs.second,
             pairs.touching, pairs.spring, pairs.count,
         )  # fmt: skip
         if found < 0:
@@ -141,9 +140,23 @@ class NeighbourList:
         return old.size > 0 and bool(
             _worn.on(self.threads)(
                 old, old.size == self.listed, store.position, store.velocity, self._origin,
-                self._skins, dt,
+                self._skins, store.contact_radius, store.radius, self._sizes,
+                self._params.release_size, growth_in(dt, self._params), dt,
             )
         )  # fmt: skip
+
+    def _base(self, store: ParticleStore) -> float:
+        """Skin of one that does not move [m]."""
+        return self._params.skin * float(store.radius.mean())
+
+    def _sizes_for(self, store: ParticleStore, dt: float) -> NDArray[np.float64]:
+        """Size of each in a list that is made now [m]."""
+        sizes = np.empty(store.count)
+        _grow_ahead(
+            store.contact_radius, store.radius, self._params.release_size,
+            _STEPS * growth_in(dt, self._params), sizes,
+        )  # fmt: skip
+        return sizes
 
     def build(
         self,
@@ -161,18 +174,15 @@ class NeighbourList:
             dt: [s].
         """
         every = seen.size == store.count
-        base = self._skin * float(store.radius.mean())
-        if len(self._skins) < store.count:
-            self._skins = np.zeros(max(store.count, 2 * len(self._skins)))
-        self._skins[:] = 0.0
+        self._skins, self._sizes = np.zeros(store.count), self._sizes_for(store, dt)
         longest = 2.0 * _LONGEST * float(store.radius.max())
         most_strays = min(_COMPARED // store.count, seen.size // 2)
         if store.count > _MOST_WITH_STRAYS:
             most_strays = 0
         largest, strays = _lay_skins(
-            seen, every, store.velocity, dt, base, longest, most_strays, self._skins
+            seen, every, store.velocity, dt, self._base(store), longest, most_strays, self._skins
         )
-        cell = 2.0 * float(store.radius.max()) + 2.0 * largest
+        cell = 2.0 * float(self._sizes.max()) + 2.0 * largest
         few = int(np.count_nonzero(live)) * 2 < store.count
         rows = rows_around(store.position, seen, cell) if few else np.arange(store.count)
         if strays.size:
@@ -199,7 +209,7 @@ class NeighbourList:
         slabs = np.zeros(sorting[3][1] + 1, np.int64)
         new.count, rest = list_pairs.on(self.threads)(
             *sorting, strays, live, few,
-            store.position, store.radius, self._skins, store.pair_row,
+            store.position, self._sizes, self._skins, store.pair_row,
             old.first, old.second, old.touching, old.spring, old.count,
             new.first, new.second, new.touching, new.spring, new.begin, new.end, slabs,
         )  # fmt: skip
@@ -214,10 +224,12 @@ class NeighbourList:
 
 
 @threaded_kernel
-def _worn(rows, every, position, velocity, origin, skins, dt):  # type: ignore[no-untyped-def]
-    """Whether one of `rows` may leave the mean motion by its skin within the next step.
+def _worn(  # type: ignore[no-untyped-def]
+    rows, every, position, velocity, origin, skins, contact_radius, radius, sizes, start, growth, dt
+):
+    """Whether one of `rows` may leave its skin or outgrow its size within the next step.
 
-    Where others rest beside them, none is meant.
+    Seen from the mean motion where they are all there are.
     """
     way = np.zeros((CHUNKS, 3))
     if every:
@@ -229,7 +241,10 @@ def _worn(rows, every, position, velocity, origin, skins, dt):  # type: ignore[n
             mean[axis] += way[c, axis] / rows.size
     worn = np.zeros(CHUNKS, np.bool_)
     for c in prange(CHUNKS):
-        worn[c] = _leaves(chunk(rows, c), position, velocity, origin, skins, dt, mean)
+        part = chunk(rows, c)
+        worn[c] = _leaves(part, position, velocity, origin, skins, dt, mean) or _outgrows(
+            part, contact_radius, radius, sizes, start, growth
+        )
     return worn.any()
 
 
@@ -249,6 +264,28 @@ def _leaves(rows, position, velocity, origin, skins, dt, mean):  # type: ignore[
         if dx * dx + dy * dy + dz * dz > skins[i] * skins[i]:
             return True
     return False
+
+
+@kernel
+def _outgrows(rows, contact_radius, radius, sizes, start, growth):  # type: ignore[no-untyped-def]
+    found = False
+    for i in rows:
+        found |= _grown(contact_radius[i], radius[i], start, growth) > sizes[i]
+    return found
+
+
+@kernel
+def _grow_ahead(contact_radius, radius, start, growth, sizes):  # type: ignore[no-untyped-def]
+    """Fill `sizes` with what contact radii grow to [m]."""
+    for i in range(sizes.size):
+        sizes[i] = _grown(contact_radius[i], radius[i], start, growth)
+
+
+@inline_kernel
+def _grown(contact_radius, radius, start, growth):  # type: ignore[no-untyped-def]
+    """Contact radius after growing by `growth` radii; one just released starts at up to `start`."""
+    least = contact_radius if contact_radius > 0.0 else start * radius
+    return min(least + growth * radius, np.float64(radius))
 
 
 @kernel

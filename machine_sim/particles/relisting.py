@@ -55,7 +55,7 @@ def common_way(rows, position, origin):  # type: ignore[no-untyped-def]
 
 @kernel
 def admit_rows(  # type: ignore[no-untyped-def]
-    listed, live, origin, radius, skins, first, second, touching, spring, pairs
+    listed, live, origin, sizes, skins, first, second, touching, spring, pairs
 ):
     """List the pairs of the rows from `listed` on behind the others.
 
@@ -63,20 +63,20 @@ def admit_rows(  # type: ignore[no-untyped-def]
         listed: rows that are in the table already.
         live: which rows move by forces; two that do not are no pair.
         origin: where all were when they were listed [m]; for new ones where they would have been.
-        radius, skins: of all [m].
+        sizes, skins: of all [m].
         first, second, touching, spring: of the pair table; updated.
         pairs: how many there are.
 
     Returns:
         How many there are now, or -1 where the table is too small.
     """
-    near = np.empty(radius.size, np.bool_)
-    for i in range(listed, radius.size):
+    near = np.empty(live.size, np.bool_)
+    for i in range(listed, live.size):
         x, y, z = origin[i, 0], origin[i, 1], origin[i, 2]
-        size = radius[i] + skins[i]
+        size = sizes[i] + skins[i]
         for j in range(np.uint64(i)):
             dx, dy, dz = origin[j, 0] - x, origin[j, 1] - y, origin[j, 2] - z
-            reach = size + radius[j] + skins[j]
+            reach = size + sizes[j] + skins[j]
             near[j] = dx * dx + dy * dy + dz * dz < reach * reach
         if pairs + i > first.size:
             return -1

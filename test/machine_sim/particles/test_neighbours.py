@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from support.particle_scenes import LITRE, STEP, cloud, engine
 
 from machine_sim.particles import ParticleEngine
@@ -30,11 +29,12 @@ def listed(world: ParticleEngine) -> list[tuple[int, int]]:
     return [tuple(pair) for pair in np.sort(both.astype(np.int64), axis=1).tolist()]
 
 
-def touching(world: ParticleEngine, live: np.ndarray) -> set[tuple[int, int]]:
-    store = world.store
-    radius = store.radius.astype(float)
-    distance = np.linalg.norm(store.position[:, None] - store.position[None], axis=2)
-    near = distance < 1.03 * (radius[:, None] + radius[None])
+def touching(
+    position: NDArray[np.float64], radius: NDArray[np.float32], live: NDArray[np.bool_]
+) -> set[tuple[int, int]]:
+    distance = np.linalg.norm(position[:, None] - position[None], axis=2)
+    sums = radius.astype(float)[:, None] + radius[None]
+    near = distance < 1.03 * sums
     near &= live[:, None] | live[None]
     return {(int(i), int(j)) for i, j in zip(*np.nonzero(near), strict=True) if i < j}
 
@@ -51,7 +51,7 @@ def test_all_who_touch_are_listed_once(seed: int) -> None:
     world._pairs.build(store, np.flatnonzero(live), live, STEP)
     found = listed(world)
     assert len(set(found)) == len(found)
-    assert touching(world, live) <= set(found)
+    assert touching(store.position, store.radius, live) <= set(found)
 
 
 def test_a_first_row_far_away_spoils_nothing() -> None:
@@ -64,7 +64,7 @@ def test_a_first_row_far_away_spoils_nothing() -> None:
     world._pairs.build(world.store, np.arange(world.count), live, STEP)
     found = listed(world)
     assert len(found) > 300
-    assert touching(world, live) <= set(found)
+    assert touching(world.store.position, world.store.radius, live) <= set(found)
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -85,11 +85,15 @@ def test_all_who_touch_are_listed_while_some_come_and_go(seed: int) -> None:
         live = (store.resting == 0) & ~store.frozen
         if not live.any():
             continue
-        near = by_id(world, touching(world, live))
+        ids, before = store.particle_id.copy(), store.position.copy()
         world.step(STEP)
         found = listed(world)
         assert len(set(found)) == len(found)
-        assert near <= by_id(world, found)
+        # As large as they have grown in the step, where they were at its beginning.
+        near = touching(before, store.contact_radius[world.index_of(ids)], live)
+        by_id = {frozenset((int(ids[i]), int(ids[j]))) for i, j in near}
+        now = store.particle_id.tolist()
+        assert by_id <= {frozenset((now[i], now[j])) for i, j in found}
     assert world.pair_builds < 150, "most came and went without a new list"
 
 
@@ -108,12 +112,6 @@ def test_history_stays_with_its_pair_when_others_go() -> None:
     left = {pair: spring for pair, spring in before.items() if not gone & set(pair)}
     assert 5 < len(left) < len(before)
     assert after == left
-
-
-def by_id(world: ParticleEngine, pairs: Iterable[tuple[int, int]]) -> set[frozenset[int]]:
-    """Pairs of rows, which a step may reorder, as pairs of ids."""
-    ids = world.store.particle_id.tolist()
-    return {frozenset((ids[i], ids[j])) for i, j in pairs}
 
 
 def springs(world: ParticleEngine) -> dict[tuple[int, int], tuple[float, ...]]:
