@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from machine_sim.particles.jit import kernel, threaded_kernel
+from machine_sim.particles.jit import inline_kernel, kernel, threaded_kernel
 from machine_sim.particles.pair_table import PairTable
 from machine_sim.particles.parts import CHUNKS, chunk
 from machine_sim.particles.simd import GROUP
@@ -71,7 +71,7 @@ class ContactTable:
 
     def collect(  # type: ignore[no-untyped-def]
         self, store: ParticleStore, seen, body, pairs: PairTable, dt: float, threads: int, *,
-        anew: bool,
+        anew: bool, grown: bool,
     ) -> None:  # fmt: skip
         """Take over the pairs that may touch within `dt` [s], with their springs.
 
@@ -84,6 +84,7 @@ class ContactTable:
             threads: how many work at it.
             anew: forget the contacts of the step before; needed where the pairs, who rests or what
                 particles are like have changed since, and springs are to be given back before.
+            grown: whether contact radii have.
         """
         if len(self._ahead) < store.count:
             self._ahead = np.zeros(2 * store.count, np.float32)
@@ -97,7 +98,7 @@ class ContactTable:
             np.float32(dt), self._ahead, pairs.first, pairs.second, pairs.bounds, pairs.touching,
             pairs.spring, store.position, body, store.inverse_mass, store.friction, store.rolling,
             store.cohesion, self.first, self.second, self.entry, self.block, self.begin, self.size,
-            self._waiting, self._wait, anew,
+            self._waiting, self._wait, anew, grown,
         )  # fmt: skip
 
     def _lay_out(self, pairs: PairTable) -> None:
@@ -161,7 +162,7 @@ def _ahead_of(dt, rows, mean, body, ahead):  # type: ignore[no-untyped-def]
 def _collect(  # type: ignore[no-untyped-def]
     dt, ahead, pair_first, pair_second, bounds, touching, pair_spring, position, body,
     inverse_mass, friction, rolling, bond, first, second, entry, block, begin, size, waiting, wait,
-    anew,
+    anew, grown,
 ):  # fmt: skip
     """Bring the table up to date, part by part."""
     for part in prange(begin.size):
@@ -171,6 +172,8 @@ def _collect(  # type: ignore[no-untyped-def]
             for k in range(low, bounds[part + 1]):
                 waiting[k] = k
         _separate(begin[part], size[part], first, second, position, block)
+        if grown:
+            _resize(begin[part], size[part], first, second, body, bond, block)
         joined, wait[part] = _join(
             dt, ahead, pair_first, pair_second, waiting[low : low + wait[part]], touching,
             pair_spring, position, body, inverse_mass, friction, rolling, bond, first, second,
@@ -189,6 +192,25 @@ def _separate(begin, size, first, second, position, block):  # type: ignore[no-u
             b[s] = np.float32(position[j, 0] - position[i, 0])
             b[s + BLOCK] = np.float32(position[j, 1] - position[i, 1])
             b[s + 2 * BLOCK] = np.float32(position[j, 2] - position[i, 2])
+
+
+@kernel
+def _resize(begin, size, first, second, body, bond, block):  # type: ignore[no-untyped-def]
+    """Take the contact radii of contacts that stay."""
+    for start in range(begin, begin + size, BLOCK):
+        b = block[start // BLOCK]
+        for s in range(min(begin + size - start, BLOCK)):
+            i, j = first[start + s], second[start + s]
+            _measure(b, s, body[i, 3], body[j, 3], min(bond[i], bond[j]))
+
+
+@inline_kernel
+def _measure(b, s, ri, rj, bond):  # type: ignore[no-untyped-def]
+    """Fill in what goes by the contact radii [m] of slot `s`."""
+    least = min(ri, rj)
+    b[s + 3 * BLOCK] = ri + rj
+    b[s + 7 * BLOCK] = _BOND_AREA * least * least * bond
+    b[s + 8 * BLOCK] = least
 
 
 @kernel
@@ -214,20 +236,16 @@ def _join(  # type: ignore[no-untyped-def]
             first[slot], second[slot], entry[slot] = i, j, k
             b = block[slot // BLOCK]
             s = slot % BLOCK
-            ri, rj = body[i, 3], body[j, 3]
-            least = min(ri, rj)
             b[s] = np.float32(position[j, 0] - position[i, 0])
             b[s + BLOCK] = np.float32(position[j, 1] - position[i, 1])
             b[s + 2 * BLOCK] = np.float32(position[j, 2] - position[i, 2])
-            b[s + 3 * BLOCK] = ri + rj
+            # Of two soils the weaker gives way.
+            _measure(b, s, body[i, 3], body[j, 3], min(bond[i], bond[j]))
+            b[s + 5 * BLOCK] = min(friction[i], friction[j])
+            b[s + 6 * BLOCK] = min(rolling[i], rolling[j])
             # One that rests counts with its own mass. As a wall it would make the contact twice as
             # stiff while it sleeps, and each time it falls asleep or wakes its neighbours move.
             b[s + 4 * BLOCK] = np.float32(1.0) / (inverse_mass[i] + inverse_mass[j])
-            # Of two soils the weaker gives way.
-            b[s + 5 * BLOCK] = min(friction[i], friction[j])
-            b[s + 6 * BLOCK] = min(rolling[i], rolling[j])
-            b[s + 7 * BLOCK] = _BOND_AREA * least * least * min(bond[i], bond[j])
-            b[s + 8 * BLOCK] = least
             held = np.float32(touching[k])
             for axis in range(3):
                 b[s + (9 + axis) * BLOCK] = pair_spring[k, axis] * held

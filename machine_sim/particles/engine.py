@@ -27,7 +27,7 @@ from machine_sim.particles.motion import run_substeps
 from machine_sim.particles.neighbours import NeighbourList
 from machine_sim.particles.pairs import pair_overlap
 from machine_sim.particles.params import ParticleParams
-from machine_sim.particles.sleep import AWAKE, ON_MAP, Sleep, Touching
+from machine_sim.particles.sleep import Sleep, Touching, who_moves
 from machine_sim.particles.soil_contact import finish_on_ground, ground_planes
 from machine_sim.particles.soil_engine import SoilEngine
 from machine_sim.particles.store import ParticleError
@@ -205,11 +205,10 @@ class ParticleEngine(SoilEngine):
             self._pairs.wear = 0
         if self._sleep.wake(store, tools, ground, dt).size:
             self._pairs.stale = True
-        live = (store.resting == AWAKE) & ~store.frozen
-        rows, riders = np.flatnonzero(live), np.flatnonzero(store.resting > ON_MAP)
-        in_tool = store.resting[riders].astype(np.int64) - 2
+        rows, riders, in_tool = who_moves(store.resting, store.frozen)
         if rows.size == 0:
-            self._sleep.carry(store, tools, riders, in_tool)
+            if riders.size:
+                self._sleep.carry(store, tools, riders, in_tool)
             tools.end()
             return
         moving = np.concatenate([rows, riders]) if riders.size else rows
@@ -217,16 +216,17 @@ class ParticleEngine(SoilEngine):
         seen = np.arange(store.count) if moving.size > _MOST_MOVE * store.count else moving
         if self._pairs.worn(store, seen, dt):
             self._renew()
-            self._pairs.build(store, seen, live, dt)
+            self._pairs.build(store, seen, dt)
         elif self._pairs.listed < store.count:
             self._renew()
-            self._pairs.admit(store, seen, live, dt)
-        laws = tuple(
-            contact_law(dt / params.substeps, params.substeps_per_contact, restitution)
-            for restitution in (params.restitution, params.wall_restitution)
+            self._pairs.admit(store, seen, dt)
+        substep = dt / params.substeps
+        laws = (
+            contact_law(substep, params.substeps_per_contact, params.restitution),
+            contact_law(substep, params.substeps_per_contact, params.wall_restitution),
         )
         inside, near = tools.surround(rows, store.position, ground.grid.cell)
-        off_ground = (inside >= 0) & tools.digs[inside] if tools.tools else inside >= 0
+        off_ground = tools.lifts(inside)
         threads = self._pairs.threads
         grounds = ground_planes.on(threads)(
             ground.surface, ground.frame, dt, laws[1], rows, off_ground, near, store.position,
@@ -234,12 +234,13 @@ class ParticleEngine(SoilEngine):
             self._ground_row, self._plane,
         )  # fmt: skip
         self._walls.refresh(store, rows, tools, dt)
-        if self._growing or self._changed:
+        if self._changed:
             self._renew()
-        if self._growing:
+        grows = self._growing > 0
+        if grows:
             self._grow(dt, grounds)
         before = store.position[rows] if tools.tools else store.position[:0]
-        self._move(dt, laws, rows, moving, seen, riders, in_tool, grounds)
+        self._move(dt, laws, rows, moving, seen, riders, in_tool, grounds, grows)
         if tools.tools:
             self.tunnelled_tool += int(self._walls.crossed(store, rows, tools, before).sum())
         self.tunnelled_ground += finish_on_ground.on(threads)(
@@ -247,7 +248,8 @@ class ParticleEngine(SoilEngine):
             self._ground_row, self._plane, store.position, store.velocity, store.radius,
             store.soft, store.quiet_time,
         )  # fmt: skip
-        self._sleep.carry(store, tools, riders, in_tool)
+        if riders.size:
+            self._sleep.carry(store, tools, riders, in_tool)
         self._wake_touched(rows)
         touching = Touching(
             self._contacts, self._walls.table, grounds, self._ground_row, self._plane
@@ -298,8 +300,9 @@ class ParticleEngine(SoilEngine):
         )  # fmt: skip
 
     def _move(  # type: ignore[no-untyped-def]
-        self, dt: float, laws: tuple[Law, ...], rows, moving, seen, riders, in_tool, grounds: int
-    ) -> None:
+        self, dt: float, laws: tuple[Law, ...], rows, moving, seen, riders, in_tool, grounds: int,
+        grows: bool,
+    ) -> None:  # fmt: skip
         store, params, tools = self.store, self.params, self._tools
         contacts, walls = self._contacts, self._walls.table
         body, total = self._body, self._total
@@ -310,7 +313,9 @@ class ParticleEngine(SoilEngine):
             store.velocity, store.spin, store.contact_radius, store.inverse_mass, store.resting,
         )  # fmt: skip
         self._changed = False
-        contacts.collect(store, seen, body, self._pairs.pairs, dt, threads, anew=self._anew)
+        contacts.collect(
+            store, seen, body, self._pairs.pairs, dt, threads, anew=self._anew, grown=grows
+        )
         self._anew = False
         run_substeps.on(threads)(
             params.substeps, params.gravity, *laws, np.float32(params.ground_friction),

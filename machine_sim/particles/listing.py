@@ -45,13 +45,12 @@ def list_pairs(  # type: ignore[no-untyped-def]
     at, size = np.empty((3, n), np.float32), np.empty(n, np.float32)
     for c in prange(CHUNKS):
         _place(c * n // CHUNKS, (c + 1) * n // CHUNKS, order, position, sizes, skins, at, size)
-    every = live.all()
     # Each chunk of the cells fills a stretch of the table; then the stretches are put together.
     found, room = np.zeros(CHUNKS, np.int64), first.size // CHUNKS
     for c in prange(CHUNKS):
         low, high = _cells_of(c, cells, start), _cells_of(c + 1, cells, start)
         found[c] = _list_chunk(
-            low, high, order, start, cells, shape, live, few, every, at, size,
+            low, high, order, start, cells, shape, live, few, at, size,
             first[c * room : (c + 1) * room], second[c * room : (c + 1) * room], begin, end,
         )  # fmt: skip
     if found.min() < 0:
@@ -118,23 +117,23 @@ def _move_stretch(begins, found, to, rows, first, second, begin, end):  # type: 
 
 
 @kernel
-def _mark_near(around, own, others, mark):  # type: ignore[no-untyped-def]
+def _mark_near(around, lively, own, others, mark):  # type: ignore[no-untyped-def]
     """Mark which of those around (x, y, z, size by row of `around`) are near number `own`.
 
-    Marks up to a whole number of eight are written.
+    Two that are not `lively` are not. Marks up to a whole number of eight are written.
     """
     xa, ya, za, sa = around[0, own], around[1, own], around[2, own], around[3, own]
-    xs, ys, zs, sizes = around[0], around[1], around[2], around[3]
+    xs, ys, zs, sizes, alive = around[0], around[1], around[2], around[3], lively[own]
     for m in range(np.uint64(others)):
         dx, dy, dz, near = xs[m] - xa, ys[m] - ya, zs[m] - za, sizes[m] + sa
-        mark[m] = np.uint8(dx * dx + dy * dy + dz * dz < near * near)
+        mark[m] = np.uint8(dx * dx + dy * dy + dz * dz < near * near) & (alive | lively[m])
     for m in range(others, (others + 7) // 8 * 8):
         mark[m] = np.uint8(0)
 
 
 @kernel
 def _list_chunk(  # type: ignore[no-untyped-def]
-    begins, ends, order, start, cells, shape, live, few, every, at, size,
+    begins, ends, order, start, cells, shape, live, few, at, size,
     first, second, begin, end,
 ):  # fmt: skip
     """List the pairs of the cells at the places from `begins` to `ends`; -1 for want of room."""
@@ -144,17 +143,17 @@ def _list_chunk(  # type: ignore[no-untyped-def]
     low, high = np.zeros(10, np.int64), np.zeros(10, np.int64)
     around = np.empty((4, 512), np.float32)
     row, place = np.empty(512, np.uint32), np.empty(512, np.int64)
-    mark = np.zeros(520, np.uint8)
+    lively, mark = np.empty(512, np.uint8), np.zeros(520, np.uint8)
     count, a = 0, begins
     while a < ends:
         # All of one cell have the same others around: half of the 27 cells, in 5 strips along z,
         # or all of them in 10.
         c = cells[a]
         end_of_cell = start[c + 1]
-        lively = not few
+        awake = not few
         for b in range(a, end_of_cell):
-            lively |= live[order[b]]
-        if not lively:
+            awake |= live[order[b]]
+        if not awake:
             for b in range(a, end_of_cell):
                 begin[order[b]] = end[order[b]] = count
             a = end_of_cell
@@ -172,7 +171,7 @@ def _list_chunk(  # type: ignore[no-untyped-def]
         if others > row.size:
             around = np.empty((4, 2 * others), np.float32)
             row, place = np.empty(2 * others, np.uint32), np.empty(2 * others, np.int64)
-            mark = np.zeros(2 * others + 8, np.uint8)
+            lively, mark = np.empty(2 * others, np.uint8), np.zeros(2 * others + 8, np.uint8)
         if count + (end_of_cell - a) * others > first.size:
             return -1
         m = 0
@@ -180,8 +179,7 @@ def _list_chunk(  # type: ignore[no-untyped-def]
             for b in range(low[strip], high[strip]):
                 around[0, m], around[1, m], around[2, m] = x[b], y[b], z[b]
                 around[3, m] = size[b]
-                row[m] = order[b]
-                place[m] = b
+                row[m], place[m], lively[m] = order[b], b, live[order[b]]
                 m += 1
         words = mark[: mark.size // 8 * 8].view(np.uint64)
         for own in range(end_of_cell - a):
@@ -190,29 +188,24 @@ def _list_chunk(  # type: ignore[no-untyped-def]
             if few and not live[i]:
                 end[i] = count
                 continue
-            alive = live[i]
-            _mark_near(around, own, others, mark)
+            _mark_near(around, lively, own, others, mark)
             # Few are near: eight marks are passed over at a time.
             for word in range(0 if few else own // 8, (others + 7) // 8):
                 if words[word] == 0:
                     continue
-                if every:
+                if not few:
                     for m in range(max(8 * word, own + 1), 8 * word + 8):
                         first[count] = i
                         second[count] = row[min(m, others - 1)]
                         count += np.int64(mark[m])
                 else:
                     for m in range(8 * word, min(8 * word + 8, others)):
-                        if mark[m] == 0:
-                            continue
-                        j = row[m]
                         # Each pair once: of two that are live by the one that comes first.
-                        if place[m] <= a + own and (not few or live[j] or m == own):
+                        if mark[m] == 0 or m == own or (lively[m] and place[m] <= a + own):
                             continue
-                        if alive or live[j]:
-                            first[count] = i
-                            second[count] = j
-                            count += 1
+                        first[count] = i
+                        second[count] = row[m]
+                        count += 1
             end[i] = count
         a = end_of_cell
     return count

@@ -97,11 +97,10 @@ class NeighbourList:
         self._skins, self._sizes = self._skins[kept], self._sizes[kept]
         store.pair_row[: kept.size] = np.arange(kept.size, dtype=np.int32)
 
-    def admit(
-        self, store: ParticleStore, seen: NDArray[np.int64], live: NDArray[np.bool_], dt: float
-    ) -> None:
+    def admit(self, store: ParticleStore, seen: NDArray[np.int64], dt: float) -> None:
         """List who was added to the store, behind the others; arguments as for `build`."""
         listed, count, pairs = self.listed, store.count, self.pairs
+        live = _live(store)
         every = seen.size == count
         old = seen[seen < listed]
         way, drift = np.zeros(3), np.zeros(3)
@@ -118,7 +117,7 @@ class NeighbourList:
             pairs.touching, pairs.spring, pairs.count,
         )  # fmt: skip
         if found < 0:
-            self.build(store, seen, live, dt)
+            self.build(store, seen, dt)
             return
         pairs.count = found
         pairs.bounds = np.array([0, found])
@@ -158,21 +157,15 @@ class NeighbourList:
         )  # fmt: skip
         return sizes
 
-    def build(
-        self,
-        store: ParticleStore,
-        seen: NDArray[np.int64],
-        live: NDArray[np.bool_],
-        dt: float,
-    ) -> None:
+    def build(self, store: ParticleStore, seen: NDArray[np.int64], dt: float) -> None:
         """List anew for steps of `dt` [s], carrying the history over.
 
         Args:
             store: the particles.
             seen: rows whose motion counts, one at least: all, or those that move.
-            live: which rows move by forces, shape (n,); two that do not are no pair.
             dt: [s].
         """
+        live = _live(store)
         every = seen.size == store.count
         self._skins, self._sizes = np.zeros(store.count), self._sizes_for(store, dt)
         longest = 2.0 * _LONGEST * float(store.radius.max())
@@ -191,7 +184,7 @@ class NeighbourList:
         while not self._build(store, live, few, sorting, strays):
             self._spare = PairTable(2 * len(self._spare.first), 0)
         self.pairs, self._spare = self._spare, self.pairs
-        self._origin, self._live = store.position.copy(), live.copy()
+        self._origin, self._live = store.position.copy(), live
         store.pair_row[:] = np.arange(store.count, dtype=np.int32)
         self.builds += 1
         self.wear += not few
@@ -221,6 +214,11 @@ class NeighbourList:
         whole = np.array([0, new.count])
         new.bounds = whole if strays.size else cut_parts(slabs, 2 if few else 1)
         return True
+
+
+def _live(store: ParticleStore) -> NDArray[np.bool_]:
+    """Which rows move by forces, shape (n,); two that do not are no pair."""
+    return np.asarray((store.resting == 0) & ~store.frozen, dtype=np.bool_)
 
 
 @threaded_kernel

@@ -29,7 +29,7 @@ from machine_sim.particles.tool import RigidTool, ToolSet
 from machine_sim.particles.waking import by_tools, meet, near_spots, on_changed
 from machine_sim.particles.walls import WallTable
 
-__all__ = ["AWAKE", "ON_MAP", "Sleep", "Touching"]
+__all__ = ["AWAKE", "ON_MAP", "Sleep", "Touching", "who_moves"]
 
 AWAKE = 0
 """Values of the store's `resting`: awake, at rest on the map, or 2 + the number of the tool."""
@@ -267,7 +267,7 @@ class Sleep:
         Args:
             store: the particles.
             tools: before their `end`.
-            riders, tool: who rides, and in which.
+            riders, tool: who rides, one at least, and in which.
         """
         for t in np.unique(tool):
             load, centre = carry(
@@ -277,6 +277,20 @@ class Sleep:
             force = load * (self._down - self._acceleration[t])
             tools.wrench[t, :3] += force * tools.substeps
             tools.wrench[t, 3:] += np.cross(centre, force) * tools.substeps
+
+
+@kernel
+def who_moves(resting, frozen):  # type: ignore[no-untyped-def]
+    """Rows that move by forces, rows that ride in tools, and the numbers of these tools."""
+    rows, riders = np.empty(resting.size, np.int64), np.empty(resting.size, np.int64)
+    tool = np.empty(resting.size, np.int64)
+    free, riding = 0, 0
+    for i in range(resting.size):
+        rows[free] = i
+        free += resting[i] == 0 and not frozen[i]
+        riders[riding], tool[riding] = i, resting[i] - 2
+        riding += resting[i] > 1
+    return rows[:free], riders[:riding], tool[:riding]
 
 
 @kernel

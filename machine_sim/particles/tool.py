@@ -172,9 +172,10 @@ class ToolSet:
         """Lay out the poses of a step of `dt` [s]."""
         if not self.tools:
             return
-        start = np.stack([_packed(tool.start) for tool in self.tools])
-        end = np.stack([_packed(tool.end) for tool in self.tools])
-        pose_path(start, end, dt, self.path, self.twist)
+        for t, tool in enumerate(self.tools):
+            _pack(tool.start, self._start[t])
+            _pack(tool.end, self._end[t])
+        pose_path(self._start, self._end, dt, self.path, self.twist)
         self.wrench[:] = 0.0
 
     def surround(
@@ -200,6 +201,15 @@ class ToolSet:
             )  # fmt: skip
         return inside, near
 
+    def lifts(self, inside: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which of some particles the ground does not touch, by the tool each is in or -1.
+
+        What a digging tool holds, its plates keep the terrain from: a bucket half in the ground
+        lies below the surface of the columns it stands in. A box that stands on the ground or over
+        it does not.
+        """
+        return (inside >= 0) & self.digs[inside] if self.tools else inside >= 0
+
     def end(self) -> None:
         """Rest at the end pose until moved again."""
         self.wrench /= self.substeps
@@ -221,14 +231,16 @@ class ToolSet:
         self.hull = np.concatenate([np.zeros((0, 4)), *hulls])
         self.first_hull = np.concatenate([[0], np.cumsum([len(h) for h in hulls])]).astype(np.int64)
         self.digs = np.array([tool.digs for tool in self.tools], dtype=np.bool_)
+        self._start, self._end = np.zeros((count, 12)), np.zeros((count, 12))
         self.path = np.zeros((self.substeps + 1, count, 12))
         self.twist = np.zeros((count, 6))
         self.wrench = np.zeros((count, 6))
 
 
-def _packed(pose: Pose) -> NDArray[np.float64]:
+def _pack(pose: Pose, into: NDArray[np.float64]) -> None:
     """Rotation by rows, then position, shape (12,)."""
-    return np.concatenate([pose[0].reshape(-1), pose[1]])
+    into[:9] = pose[0].ravel()
+    into[9:] = pose[1]
 
 
 @kernel
@@ -277,12 +289,7 @@ def pose_path(start, end, dt, path, twist):  # type: ignore[no-untyped-def]
 
 @kernel
 def _surround(rows, position, pose, sphere, hull, first, digs, margin, inside, near):  # type: ignore[no-untyped-def]
-    """See `ToolSet.surround`.
-
-    What a digging tool holds, its plates keep the terrain from: a bucket half in the ground lies
-    below the surface of the columns it stands in. A box that stands on the ground or over it does
-    not.
-    """
+    """See `ToolSet.surround`."""
     for k in range(rows.size):
         i = rows[k]
         for t in range(pose.shape[0]):

@@ -156,7 +156,7 @@ def springs(world: ParticleEngine) -> Springs:
 
 def build(world: ParticleEngine, live: NDArray[np.bool_]) -> None:
     world.store.resting[:] = ~live
-    world._pairs.build(world.store, np.flatnonzero(live), live, STEP)
+    world._pairs.build(world.store, np.flatnonzero(live), STEP)
 
 
 def test_springs_of_a_heap_that_sleeps_and_wakes_are_as_they_were() -> None:

@@ -48,7 +48,7 @@ def test_all_who_touch_are_listed_once(seed: int) -> None:
     store.resting[asleep] = 1
     store.velocity[asleep] = 0.0
     live = store.resting == 0
-    world._pairs.build(store, np.flatnonzero(live), live, STEP)
+    world._pairs.build(store, np.flatnonzero(live), STEP)
     found = listed(world)
     assert len(set(found)) == len(found)
     assert touching(store.position, store.radius, live) <= set(found)
@@ -61,7 +61,7 @@ def test_a_first_row_far_away_spoils_nothing() -> None:
     at[0, 0] = 1e6
     world.add(at, np.zeros_like(at), LITRE // 2, grow=False)
     live = np.ones(world.count, dtype=np.bool_)
-    world._pairs.build(world.store, np.arange(world.count), live, STEP)
+    world._pairs.build(world.store, np.arange(world.count), STEP)
     found = listed(world)
     assert len(found) > 300
     assert touching(world.store.position, world.store.radius, live) <= set(found)
