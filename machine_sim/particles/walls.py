@@ -23,6 +23,8 @@ _BOND_GAP = 0.06
 _LEAST_AT_PLATE = np.float32(0.5)
 """Smallest radius a plate feels, in full radii. One released into a crowd starts as a point, and
 its neighbours would press a point through a plate."""
+_REACH = 1.2
+"""How far plates are listed from a particle that does not move, in radii."""
 
 
 class WallTable:
@@ -109,8 +111,8 @@ class WallList:
         if tools.tools:
             table = self.table
             _crossings(
-                rows, before, store.position,
-                tools.frame, tools.corner, tools.corners, tools.first, tools.sphere,
+                rows, before, store.position, store.radius,
+                tools.frame, tools.corner, tools.corners, tools.owner, tools.first, tools.sphere,
                 tools.path[0], tools.path[-1],
                 table.plate, table.side, table.begin, table.end, through,
             )  # fmt: skip
@@ -154,7 +156,7 @@ def _list_walls(  # type: ignore[no-untyped-def]
             vy = velocity[i, 1] - twist[t, 1] - (twist[t, 5] * qx - twist[t, 3] * qz)
             vz = velocity[i, 2] - twist[t, 2] - (twist[t, 3] * qy - twist[t, 4] * qx)
             speed = np.sqrt(vx * vx + vy * vy + vz * vz)
-            reach = 1.2 * radius[i] + 1.3 * speed * dt
+            reach = _REACH * radius[i] + 1.3 * speed * dt
             x, y, z = turn_back(pose[t], qx, qy, qz)
             cx, cy, cz = x - sphere[t, 0], y - sphere[t, 1], z - sphere[t, 2]
             if cx * cx + cy * cy + cz * cz > (sphere[t, 3] + reach) ** 2:
@@ -284,8 +286,8 @@ def wall_forces(  # type: ignore[no-untyped-def]
 
 @kernel
 def _crossings(  # type: ignore[no-untyped-def]
-    rows, before, after,
-    frame, corner, corners, first_plate, sphere, pose0, pose1,
+    rows, before, after, radius,
+    frame, corner, corners, owner, first_plate, sphere, pose0, pose1,
     contact_plate, contact_side, begin, end, through,
 ):  # fmt: skip
     """Mark in `through` whose path, seen from the tool, pierces a plate.
@@ -301,20 +303,35 @@ def _crossings(  # type: ignore[no-untyped-def]
             cx, cy, cz = x1 - sphere[t, 0], y1 - sphere[t, 1], z1 - sphere[t, 2]
             if cx * cx + cy * cy + cz * cz > (sphere[t, 3] + length) ** 2:
                 continue
+            if length <= _REACH * radius[i]:
+                # No plate is within reach but those it has a contact with.
+                for m in range(begin[i], end[i]):
+                    k = contact_plate[m]
+                    if owner[k] == t and _pierces(
+                        frame, corner, corners, k, x0, y0, z0, x1, y1, z1, contact_side[m]
+                    ):
+                        through[k_row] = True
+                continue
             for k in range(first_plate[t], first_plate[t + 1]):
-                a0, b0, h0 = plate_coordinates(frame, k, x0, y0, z0)
-                a1, b1, h1 = plate_coordinates(frame, k, x1, y1, z1)
-                if (h0 >= 0.0) == (h1 >= 0.0):
-                    continue
-                share = h0 / (h0 - h1)
-                _, _, inside = closest_in_polygon(
-                    corner, corners, k, a0 + share * (a1 - a0), b0 + share * (b1 - b0)
-                )
-                if not inside:
-                    continue
-                side = np.float32(1.0) if h0 >= 0.0 else np.float32(-1.0)
+                side = np.float32(0.0)
                 for m in range(begin[i], end[i]):
                     if contact_plate[m] == k:
                         side = contact_side[m]
-                if side * h1 < 0.0:
+                if _pierces(frame, corner, corners, k, x0, y0, z0, x1, y1, z1, side):
                     through[k_row] = True
+
+
+@kernel
+def _pierces(frame, corner, corners, k, x0, y0, z0, x1, y1, z1, side):  # type: ignore[no-untyped-def]
+    """Whether a path pierces plate `k` and ends on the other side than `side`, 0 for any."""
+    a0, b0, h0 = plate_coordinates(frame, k, x0, y0, z0)
+    a1, b1, h1 = plate_coordinates(frame, k, x1, y1, z1)
+    if (h0 >= 0.0) == (h1 >= 0.0):
+        return False
+    share = h0 / (h0 - h1)
+    _, _, inside = closest_in_polygon(
+        corner, corners, k, a0 + share * (a1 - a0), b0 + share * (b1 - b0)
+    )
+    if side == 0.0:
+        side = np.float32(1.0) if h0 >= 0.0 else np.float32(-1.0)
+    return inside and side * h1 < 0.0
