@@ -2,10 +2,8 @@
 
 - `params`: the physics, with units and ranges; `grains`: how each soil's particles touch
 - `intake`: what is refused; `store`: the particles and the volume account
-- `law`: the contact law; `jit`: how kernels are compiled
-- `cells`: particles by place; `pair_table`, `listing`, `neighbours`: near pairs
-- `dormant`: springs of pairs that rest; `parts`: what threads share out
-- `contacts`: those that may touch in a step; `pairs`, `simd`: their forces
+- `law`: the contact law; `jit`: how kernels are compiled; `parts`: what threads share out
+- `pairs`: particles against particles: who is near whom, who touches, and the forces
 - `plates`, `tool`, `walls`: tool geometry, its motion, and the forces on it
 - `soil_contact`: forces of the terrain
 - `growth`: released particles grow to size

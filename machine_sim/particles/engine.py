@@ -18,14 +18,14 @@ from machine_sim.particles.bodies import (
     finish_bodies,
     load_bodies,
 )
-from machine_sim.particles.cells import spatial_order
-from machine_sim.particles.contacts import ContactTable
 from machine_sim.particles.growth import grow_radii, growth_in, start_radii
 from machine_sim.particles.intake import checked_intake
 from machine_sim.particles.law import Law, contact_law
 from machine_sim.particles.motion import run_substeps
-from machine_sim.particles.neighbours import NeighbourList
-from machine_sim.particles.pairs import pair_overlap
+from machine_sim.particles.pairs.cells import spatial_order
+from machine_sim.particles.pairs.contacts import ContactTable
+from machine_sim.particles.pairs.forces import pair_overlap
+from machine_sim.particles.pairs.neighbours import NeighbourList
 from machine_sim.particles.params import ParticleParams
 from machine_sim.particles.sleep import Sleep, Touching, who_moves
 from machine_sim.particles.soil_contact import finish_on_ground, ground_planes

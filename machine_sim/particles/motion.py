@@ -7,7 +7,7 @@ from numba import prange
 
 from machine_sim.particles.bodies import advance_bodies, advance_riders
 from machine_sim.particles.jit import threaded_kernel
-from machine_sim.particles.pairs import pair_forces
+from machine_sim.particles.pairs.forces import pair_forces
 from machine_sim.particles.parts import CHUNKS, chunk, spread
 from machine_sim.particles.soil_contact import ground_forces
 from machine_sim.particles.walls import wall_forces

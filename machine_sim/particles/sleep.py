@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.ground import Ground
-from machine_sim.particles.contacts import ContactTable
 from machine_sim.particles.jit import kernel
+from machine_sim.particles.pairs.contacts import ContactTable
 from machine_sim.particles.params import ParticleParams
 from machine_sim.particles.riding import carry, who_is_held
 from machine_sim.particles.store import ParticleStore

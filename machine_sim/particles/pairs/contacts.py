@@ -16,9 +16,9 @@ import numpy as np
 from numba import prange
 
 from machine_sim.particles.jit import inline_kernel, kernel, threaded_kernel
-from machine_sim.particles.pair_table import PairTable
+from machine_sim.particles.pairs.simd import GROUP
+from machine_sim.particles.pairs.table import PairTable
 from machine_sim.particles.parts import CHUNKS, chunk
-from machine_sim.particles.simd import GROUP
 from machine_sim.particles.store import ParticleStore
 
 __all__ = ["BLOCK", "BOND_GAP", "ContactTable"]

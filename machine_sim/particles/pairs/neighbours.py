@@ -17,15 +17,15 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from machine_sim.particles.cells import rows_around, sort_rows
-from machine_sim.particles.dormant import DormantSprings
 from machine_sim.particles.growth import growth_in
 from machine_sim.particles.jit import inline_kernel, kernel, threaded_kernel, use_threads
-from machine_sim.particles.listing import list_pairs
-from machine_sim.particles.pair_table import PairTable
+from machine_sim.particles.pairs.cells import rows_around, sort_rows
+from machine_sim.particles.pairs.dormant import DormantSprings
+from machine_sim.particles.pairs.listing import list_pairs
+from machine_sim.particles.pairs.relisting import admit_rows, common_way, drop_pairs
+from machine_sim.particles.pairs.table import PairTable
 from machine_sim.particles.params import ParticleParams
 from machine_sim.particles.parts import CHUNKS, chunk, cut_parts
-from machine_sim.particles.relisting import admit_rows, common_way, drop_pairs
 from machine_sim.particles.store import ParticleStore
 
 __all__ = ["NeighbourList"]

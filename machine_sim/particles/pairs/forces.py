@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from machine_sim.particles.contacts import BLOCK, BOND_GAP
 from machine_sim.particles.jit import kernel
 from machine_sim.particles.law import contact_force
-from machine_sim.particles.simd import GROUP, gather_motion, scatter_forces
+from machine_sim.particles.pairs.contacts import BLOCK, BOND_GAP
+from machine_sim.particles.pairs.simd import GROUP, gather_motion, scatter_forces
 
 __all__ = ["pair_forces", "pair_overlap"]
 

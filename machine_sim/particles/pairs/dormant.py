@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.particles.jit import kernel
-from machine_sim.particles.listing import RESTS
-from machine_sim.particles.pair_table import PairTable
+from machine_sim.particles.pairs.listing import RESTS
+from machine_sim.particles.pairs.table import PairTable
 from machine_sim.particles.store import ParticleStore
 
 __all__ = ["DormantSprings"]

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from machine_sim.particles.simd import GROUP, gather_motion, scatter_forces
+from machine_sim.particles.pairs.simd import GROUP, gather_motion, scatter_forces
 
 STRIDE = 12
 

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from support.particle_scenes import LITRE, STEP, cloud, engine
 
 from machine_sim.particles import ParticleEngine, ParticleStore
-from machine_sim.particles.dormant import DormantSprings
-from machine_sim.particles.listing import RESTS
-from machine_sim.particles.pair_table import PairTable
+from machine_sim.particles.pairs.dormant import DormantSprings
+from machine_sim.particles.pairs.listing import RESTS
+from machine_sim.particles.pairs.table import PairTable
 
 Springs = dict[tuple[int, int], tuple[float, ...]]
 

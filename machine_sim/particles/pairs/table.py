@@ -12,7 +12,7 @@ class PairTable:
 
     Attributes:
         first, second: rows of each pair, uint32.
-        touching, spring: history, see `pairs.pair_forces`.
+        touching, spring: history, see `forces.pair_forces`.
         begin, end: pairs of each row that is `first`, shape (n,).
         bounds: of its parts, see `parts.cut_parts`.
         count: number of pairs.

@@ -1,0 +1,6 @@
+"""Particles against particles: who is near whom, who may touch, and the forces.
+
+    cells -> listing -> neighbours (the pair list, kept by relisting) -> contacts -> forces
+
+`dormant` keeps what friction remembers of pairs at rest.
+"""
