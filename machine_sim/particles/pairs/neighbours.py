@@ -179,7 +179,9 @@ class NeighbourList:
         few = int(np.count_nonzero(live)) * 2 < store.count
         rows = rows_around(store.position, seen, cell) if few else np.arange(store.count)
         if strays.size:
-            rows = rows[~np.isin(rows, strays)]
+            in_cells = np.ones(store.count, np.bool_)
+            in_cells[strays] = False
+            rows = rows[in_cells[rows]]
         sorting = sort_rows(rows, store.position, cell)
         while not self._build(store, live, few, sorting, strays):
             self._spare = PairTable(2 * len(self._spare.first), 0)
