@@ -24,12 +24,10 @@ from msg_bridge.contract.rows import (
     LANDED,
     MAX_ROW_VOLUME,
     SWEEP,
-    Action,
     Kind,
     Rows,
     empty_rows,
     join_rows,
-    sources_of,
 )
 from soil_sim.changes import Changes
 from soil_sim.columns import Columns
@@ -43,7 +41,7 @@ from soil_sim.press import press
 from soil_sim.slip import Slip
 from soil_sim.slip.noise import slip_noise
 from soil_sim.soils import MOIST, soil_tables
-from soil_sim.sweeps import pairs_that, sound_sweeps
+from soil_sim.sweeps import Sweeps, sound_sweeps, strokes_of
 from soil_sim.tiles import Tiles
 
 __all__ = ["Soil", "SoilStep"]
@@ -208,32 +206,27 @@ class Soil:
         rows["col"][on_map] = np.clip(np.rint(self.grid.col(y[on_map])), 0, last[1])
         return rows
 
-    def _resist(self, sweeps: Rows) -> Rows:
+    def _resist(self, sweeps: Sweeps) -> Rows:
         """What tools that begin to cut feel, by the soil as it stands."""
         if self.params.force_mode == "reference":
             return no_resistance(sweeps)
         return self._resistance.wrenches(sweeps)
 
-    def _cut(self, tick: int, sweeps: Rows) -> Rows:
-        if sweeps.size == 0 and not self._swept.in_use:  # as in ticks without a machine
-            return empty_rows(CONVERSION)
-        sources = sources_of(sweeps)
-        by_source = [sweeps[sweeps["source"] == source] for source in sources]
-        strokes = [pairs_that(own, Action.CUT, Action.MILL) for own in by_source]
+    def _cut(self, tick: int, sweeps: Sweeps) -> Rows:
+        strokes = strokes_of(sweeps)
         swept = self.params.cut_mode == "swept"
         if swept:
-            self._swept.reserve(strokes)
+            self._swept.reserve(stroke.cut for stroke in strokes)
         parts = []
-        for source, own, pairs in zip(sources, by_source, strokes, strict=True):
+        for stroke in strokes:
             if swept:
-                removed = self._swept.sweep(pairs)
+                removed = self._swept.sweep(stroke.cut)
             else:
-                removed = self._key_points.sweep(own)
+                removed = self._key_points.sweep(stroke.rows)
                 self.slip.disturb(removed[:, 0].astype(np.int64), around=True)
-            parts.append(self._excavated(tick, source, removed))
+            parts.append(self._excavated(tick, stroke.source, removed))
             if swept:
-                pressed = press(self.columns, pairs_that(own, Action.PRESS))
-                self.slip.disturb(pressed, around=True)
+                self.slip.disturb(press(self.columns, stroke.press), around=True)
         self.slip.disturb(self._swept.release(), around=True)
         return join_rows(parts, CONVERSION)
 

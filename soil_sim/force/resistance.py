@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
-from msg_bridge.contract.rows import FORCE, Action, Holds, Rows, empty_rows, join_rows
+from msg_bridge.contract.rows import FORCE, Action, Holds, Rows, empty_rows
 from soil_sim.columns import Columns
 from soil_sim.force.bearing import add_bearing
 from soil_sim.force.cutting import add_lip
@@ -24,9 +24,12 @@ from soil_sim.force.milling import add_milling, add_standing, is_ring
 from soil_sim.force.side import add_side
 from soil_sim.force.strength import Strength, total_wrench
 from soil_sim.soils import SoilType
-from soil_sim.sweeps import first_of_tools
+from soil_sim.sweeps import Sweeps
 
 __all__ = ["Resistance", "no_resistance"]
+
+_MILLS = int(Action.MILL)
+_MILL, _BEARING = int(Holds.MILL), int(Holds.BEARING)
 
 
 class Resistance:
@@ -43,7 +46,7 @@ class Resistance:
         grid = columns.grid
         self._frame = (grid.rows, grid.cols, grid.cell, grid.x_first, grid.y_first)
 
-    def wrenches(self, sweeps: Rows) -> Rows:
+    def wrenches(self, sweeps: Sweeps) -> Rows:
         """FORCE rows of a tick: what resists the cut of each tool, then what bears some of them.
 
         Call it before the tick's cut. The point of application is the mean of where the forces act
@@ -51,41 +54,49 @@ class Resistance:
         the depth above it.
 
         Args:
-            sweeps: sound SWEEP rows, by source and tool.
+            sweeps: sound ones.
         """
-        forces = no_resistance(sweeps)
-        if forces.size == 0:
-            return forces
-        axes = [sweeps[name] for name in ("x0", "y0", "z0", "x1", "y1", "z1")]
-        points = np.stack(axes, axis=-1).astype(np.float64).reshape(-1, 2, 3)
-        found = _wrenches(
-            points, first_of_tools(sweeps), sweeps["action"], self._columns.arrays, self._frame,
-            self._strength,
-        )  # fmt: skip
-        milled = sweeps["action"][first_of_tools(sweeps)] == Action.MILL
-        forces["holds"][milled] = Holds.MILL
-        borne = np.flatnonzero(found[1, :, 3:6].any(axis=1))
-        forces = join_rows([forces, forces[borne]], FORCE)
-        forces["holds"][found.shape[1] :] = Holds.BEARING
-        values = np.concatenate([found[0], found[1, borne]])
-        for n, name in enumerate(("x", "y", "z", "fx", "fy", "fz", "tx", "ty", "tz")):
-            forces[name] = values[:, n]
+        forces: Rows = _forces(*sweeps, self._columns.arrays, self._frame, self._strength)
         return forces
 
 
-def no_resistance(sweeps: Rows) -> Rows:
-    """One FORCE row of zeros a tool, at its first key point: no force is said to be zero.
-
-    Args:
-        sweeps: sound SWEEP rows, by source and tool.
-    """
-    if sweeps.size == 0:  # as in ticks without a machine
-        return empty_rows(FORCE)
-    first = sweeps[first_of_tools(sweeps)]
+def no_resistance(sweeps: Sweeps) -> Rows:
+    """One FORCE row of zeros a tool, at its first key point: no force is said to be zero."""
+    first = sweeps.rows[sweeps.first]
     forces = empty_rows(FORCE, first.size)
     forces["source"], forces["tool"] = first["source"], first["tool"]
     forces["x"], forces["y"], forces["z"] = first["x1"], first["y1"], first["z1"]
     return forces
+
+
+@njit(cache=True)
+def _forces(rows, points, first, columns, frame, strength):  # type: ignore[no-untyped-def]
+    """FORCE rows: what resists the cut of each tool, then what bears some of them."""
+    wrenches = _wrenches(points, first, rows["action"], columns, frame, strength)
+    tools = first.size
+    borne = np.zeros(tools, dtype=np.bool_)
+    for n in range(tools):
+        borne[n] = (wrenches[1, n, 3:6] != 0.0).any()
+    forces = np.zeros(tools + borne.sum(), FORCE)
+    for n in range(tools):
+        _write(forces[n], rows[first[n]], wrenches[0, n])
+        if rows[first[n]].action == _MILLS:
+            forces[n].holds = _MILL
+    k = tools
+    for n in np.flatnonzero(borne):
+        _write(forces[k], rows[first[n]], wrenches[1, n])
+        forces[k].holds = _BEARING
+        k += 1
+    return forces
+
+
+@njit(cache=True)
+def _write(force, row, wrench):  # type: ignore[no-untyped-def]
+    """Write a wrench on the tool of a SWEEP row into a FORCE row."""
+    force.source, force.tool = row.source, row.tool
+    force.x, force.y, force.z = wrench[0], wrench[1], wrench[2]
+    force.fx, force.fy, force.fz = wrench[3], wrench[4], wrench[5]
+    force.tx, force.ty, force.tz = wrench[6], wrench[7], wrench[8]
 
 
 @njit(cache=True)
