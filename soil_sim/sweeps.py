@@ -166,11 +166,8 @@ def _pairs_of_source(rows, points, start):  # type: ignore[no-untyped-def]
     end = start
     while end < rows.size and rows[end].source == rows[start].source:
         end += 1
-    return (
-        _pairs(rows[start:end], points[start:end], False),
-        _pairs(rows[start:end], points[start:end], True),
-        end,
-    )
+    own, key_points = rows[start:end], points[start:end]
+    return _pairs(own, key_points, False), _pairs(own, key_points, True), end
 
 
 @njit(cache=True)

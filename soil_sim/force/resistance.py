@@ -56,7 +56,11 @@ class Resistance:
         Args:
             sweeps: sound ones.
         """
-        forces: Rows = _forces(*sweeps, self._columns.arrays, self._frame, self._strength)
+        rows, points, first = sweeps
+        found = _wrenches(
+            points, first, rows["action"], self._columns.arrays, self._frame, self._strength
+        )
+        forces: Rows = _force_rows(rows, first, found)
         return forces
 
 
@@ -67,36 +71,6 @@ def no_resistance(sweeps: Sweeps) -> Rows:
     forces["source"], forces["tool"] = first["source"], first["tool"]
     forces["x"], forces["y"], forces["z"] = first["x1"], first["y1"], first["z1"]
     return forces
-
-
-@njit(cache=True)
-def _forces(rows, points, first, columns, frame, strength):  # type: ignore[no-untyped-def]
-    """FORCE rows: what resists the cut of each tool, then what bears some of them."""
-    wrenches = _wrenches(points, first, rows["action"], columns, frame, strength)
-    tools = first.size
-    borne = np.zeros(tools, dtype=np.bool_)
-    for n in range(tools):
-        borne[n] = (wrenches[1, n, 3:6] != 0.0).any()
-    forces = np.zeros(tools + borne.sum(), FORCE)
-    for n in range(tools):
-        _write(forces[n], rows[first[n]], wrenches[0, n])
-        if rows[first[n]].action == _MILLS:
-            forces[n].holds = _MILL
-    k = tools
-    for n in np.flatnonzero(borne):
-        _write(forces[k], rows[first[n]], wrenches[1, n])
-        forces[k].holds = _BEARING
-        k += 1
-    return forces
-
-
-@njit(cache=True)
-def _write(force, row, wrench):  # type: ignore[no-untyped-def]
-    """Write a wrench on the tool of a SWEEP row into a FORCE row."""
-    force.source, force.tool = row.source, row.tool
-    force.x, force.y, force.z = wrench[0], wrench[1], wrench[2]
-    force.fx, force.fy, force.fz = wrench[3], wrench[4], wrench[5]
-    force.tx, force.ty, force.tz = wrench[6], wrench[7], wrench[8]
 
 
 @njit(cache=True)
@@ -135,3 +109,32 @@ def _wrenches(  # type: ignore[no-untyped-def]
         add_bearing(own, middle, columns, frame, strength, sums)
         total_wrench(sums, middle, out[1, n])
     return out
+
+
+@njit(cache=True)
+def _force_rows(rows, first, wrenches):  # type: ignore[no-untyped-def]
+    """FORCE rows: what resists the cut of each tool, then what bears some of them."""
+    tools = first.size
+    borne = np.zeros(tools, dtype=np.bool_)
+    for n in range(tools):
+        borne[n] = (wrenches[1, n, 3:6] != 0.0).any()
+    forces = np.zeros(tools + borne.sum(), FORCE)
+    for n in range(tools):
+        _write(forces[n], rows[first[n]], wrenches[0, n])
+        if rows[first[n]].action == _MILLS:
+            forces[n].holds = _MILL
+    k = tools
+    for n in np.flatnonzero(borne):
+        _write(forces[k], rows[first[n]], wrenches[1, n])
+        forces[k].holds = _BEARING
+        k += 1
+    return forces
+
+
+@njit(cache=True)
+def _write(force, row, wrench):  # type: ignore[no-untyped-def]
+    """Write a wrench on the tool of a SWEEP row into a FORCE row."""
+    force.source, force.tool = row.source, row.tool
+    force.x, force.y, force.z = wrench[0], wrench[1], wrench[2]
+    force.fx, force.fy, force.fz = wrench[3], wrench[4], wrench[5]
+    force.tx, force.ty, force.tz = wrench[6], wrench[7], wrench[8]
