@@ -28,8 +28,8 @@ from soil_sim.sweeps import Sweeps
 
 __all__ = ["Resistance", "no_resistance"]
 
-_MILLS = int(Action.MILL)
-_MILL, _BEARING = int(Holds.MILL), int(Holds.BEARING)
+_CUT, _MILL = int(Action.CUT), int(Action.MILL)
+_HOLDS_MILL, _HOLDS_BEARING = int(Holds.MILL), int(Holds.BEARING)
 
 
 class Resistance:
@@ -57,9 +57,7 @@ class Resistance:
             sweeps: sound ones.
         """
         rows, points, first = sweeps
-        found = _wrenches(
-            points, first, rows["action"], self._columns.arrays, self._frame, self._strength
-        )
+        found = _wrenches(rows, points, first, self._columns.arrays, self._frame, self._strength)
         forces: Rows = _force_rows(rows, first, found)
         return forces
 
@@ -75,7 +73,7 @@ def no_resistance(sweeps: Sweeps) -> Rows:
 
 @njit(cache=True)
 def _wrenches(  # type: ignore[no-untyped-def]
-    points, first, action, columns, frame, strength
+    rows, points, first, columns, frame, strength
 ):
     """Point [m], force [N] and torque about the point [N m], shape (2, tools, 9).
 
@@ -85,13 +83,14 @@ def _wrenches(  # type: ignore[no-untyped-def]
     sums = np.empty(10)
     for n in range(first.size):
         end = first[n + 1] if n + 1 < first.size else len(points)
+        action = rows[first[n]].action
         own = points[first[n] : end]
         middle = 0.5 * (own[0, 1] + own[1, 1])
         out[:, n, :3] = middle
         # One pair alone is an edge without a plate, it has no rake; a plate alone that presses is a
         # track, which stands by itself.
         sums[:] = 0.0
-        if action[first[n]] == Action.MILL:
+        if action == _MILL:
             if len(own) >= 8:
                 add_milling(own, middle, columns, frame, strength, sums)
                 total_wrench(sums, middle, out[0, n])
@@ -100,7 +99,7 @@ def _wrenches(  # type: ignore[no-untyped-def]
             add_standing(own, middle, columns, frame, strength, sums)
             total_wrench(sums, middle, out[1, n])
             continue
-        if len(own) < (4 if action[first[n]] == Action.CUT else 6):
+        if len(own) < (4 if action == _CUT else 6):
             continue
         add_lip(own, middle, columns, frame, strength, sums)
         add_side(own, middle, columns, frame, strength, sums)
@@ -121,12 +120,12 @@ def _force_rows(rows, first, wrenches):  # type: ignore[no-untyped-def]
     forces = np.zeros(tools + borne.sum(), FORCE)
     for n in range(tools):
         _write(forces[n], rows[first[n]], wrenches[0, n])
-        if rows[first[n]].action == _MILLS:
-            forces[n].holds = _MILL
+        if rows[first[n]].action == _MILL:
+            forces[n].holds = _HOLDS_MILL
     k = tools
     for n in np.flatnonzero(borne):
         _write(forces[k], rows[first[n]], wrenches[1, n])
-        forces[k].holds = _BEARING
+        forces[k].holds = _HOLDS_BEARING
         k += 1
     return forces
 
