@@ -9,7 +9,7 @@
 - `landing`: landed particles become soil
 - `slip`: soil steeper than its angle of repose moves
 - `force`: what tools feel of it
-- `changes`: what a tick did; `tiles`: running volume and state hash
+- `changes`: what a tick did; `answers`: it in rows; `tiles`: running volume and state hash
 - `soils`: kinds of soil; `design`: cut and fill against what the ground shall become
 - `terrain`: where terrain comes from, files and made ground
 

@@ -54,11 +54,6 @@ class SweptCut:
         self._raster = Raster(grid.rows, grid.cols, grid.cell, grid.x_first, grid.y_first, per_side)
         self._refined = RefinedColumns(columns.height.size, per_side)
 
-    @property
-    def in_use(self) -> bool:
-        """Whether a tool stands in any column."""
-        return self._refined.count > 0
-
     def reserve(self, strokes: Iterable[SweptPairs]) -> None:
         """Make room for all sweeps of a tick, before the first of them cuts."""
         self._refined.reserve(sum(int(columns_under(*pairs, self._raster)) for pairs in strokes))
@@ -76,6 +71,8 @@ class SweptCut:
         refined.begin()
         columns, tables = self._columns.arrays, refined.arrays
         refined.count = paint(*pairs, columns, tables, self._raster, refined.count, refined.tick)
+        if refined.count == 0:  # in the air
+            return np.zeros((0, 7))
         removed: Removed = _take(columns, tables, refined.count, refined.per_side**2)
         return removed
 

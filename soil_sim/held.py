@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from msg_bridge.contract.rows import Kind, Rows, sources_of
@@ -16,6 +17,8 @@ from msg_bridge.contract.rows import Kind, Rows, sources_of
 __all__ = ["HeldSoils"]
 
 _KINDS = 256
+
+_EXCAVATE, _REFUSE = int(Kind.EXCAVATE), int(Kind.REFUSE)
 
 
 class _Held(NamedTuple):
@@ -34,15 +37,10 @@ class HeldSoils:
     def book(self, conversions: Rows) -> None:
         """Count what CONVERSION rows of any sources moved."""
         for source in sources_of(conversions):
-            own = conversions[conversions["source"] == source]
-            volume = own["volume_mm3"].astype(np.int64)
-            volume[own["kind"] != Kind.EXCAVATE] *= -1
-            volume[own["kind"] == Kind.REFUSE] = 0
             held = self._sources.get(source)
             if held is None:
                 held = self._sources[source] = _Held(*np.zeros((2, _KINDS), dtype=np.int64))
-            np.add.at(held.volume, own["soil"], volume)
-            np.add.at(held.water, own["soil"], volume * own["moisture"])
+            _book(conversions, source, *held)
 
     def mean(self, source: int) -> tuple[int, int]:
         """Soil that stands for all that a source holds.
@@ -57,3 +55,17 @@ class HeldSoils:
             return 0, 0
         moisture = round(int(held.water.sum()) / volume)
         return int(held.volume.argmax()), min(max(moisture, 0), 100)
+
+
+@njit(cache=True)
+def _book(conversions, source, volume, water):  # type: ignore[no-untyped-def]
+    """Count one source's conversions by kind."""
+    for n in range(conversions.size):
+        row = conversions[n]
+        if row.source != source or row.kind == _REFUSE:
+            continue
+        moved = np.int64(row.volume_mm3)
+        if row.kind != _EXCAVATE:
+            moved = -moved
+        volume[row.soil] += moved
+        water[row.soil] += moved * row.moisture

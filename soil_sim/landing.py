@@ -6,55 +6,76 @@ exactly the particle's volume.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.rows import Kind, Rows
 
-__all__ = ["landing_shares"]
+__all__ = ["Shares", "landing_shares"]
+
+_DEPOSIT = int(Kind.DEPOSIT)
 
 
-def landing_shares(
-    grid: Grid,
-    x: NDArray[np.floating],
-    y: NDArray[np.floating],
-    volume_mm3: NDArray[np.integer],
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+class Shares(NamedTuple):
+    """Soil that comes to columns, four shares for each particle.
+
+    Attributes:
+        cells: flat indices, shape (n,).
+        volume_mm3: bank volumes, shape (n,); some may be 0.
+        soil: ids of its kind, shape (n,).
+        moisture: of it [%], shape (n,).
+    """
+
+    cells: NDArray[np.int64]
+    volume_mm3: NDArray[np.int64]
+    soil: NDArray[np.uint8]
+    moisture: NDArray[np.uint8]
+
+
+def landing_shares(grid: Grid, answers: Rows) -> Shares:
     """Which columns particles that land go to, and how much each of them gets.
 
     Args:
         grid: of the terrain.
-        x, y: landing points on the map [m], map frame, shape (n,).
-        volume_mm3: bank volumes, shape (n,).
-
-    Returns:
-        (flat indices, bank volumes [mm^3]), shape (n, 4) each; some volumes may be 0.
+        answers: CONVERSION rows; those of the kind DEPOSIT are shared out.
     """
-    cells, shares = np.empty((2, x.size, 4), dtype=np.int64)
-    volume = volume_mm3.astype(np.int64)
-    _share(grid.rows, grid.cols, grid.row(x), grid.col(y), volume, cells, shares)
-    return cells, shares
+    shares: Shares = _share(answers, grid.rows, grid.cols, grid.cell, grid.x_first, grid.y_first)
+    return shares
 
 
 @njit(cache=True)
-def _share(rows, cols, row, col, volume, cells, shares):  # type: ignore[no-untyped-def]
-    """Share out `volume` [mm^3] at fractional indices (row, col)."""
-    for n in range(row.size):
+def _share(answers, rows, cols, cell, x_first, y_first):  # type: ignore[no-untyped-def]
+    """`Shares` of the DEPOSIT rows."""
+    count = 4 * np.sum(answers["kind"] == _DEPOSIT)
+    cells, volume = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+    soil, moisture = np.empty(count, dtype=np.uint8), np.empty(count, dtype=np.uint8)
+    end = 0
+    for n in range(answers.size):
+        landed = answers[n]
+        if landed.kind != _DEPOSIT:
+            continue
         # Half a cell beyond the outer grid points still belongs to the outer columns.
-        u = min(max(row[n], 0.0), rows - 1.0)
-        v = min(max(col[n], 0.0), cols - 1.0)
+        u = min(max((x_first - np.float64(landed.x)) / cell, 0.0), rows - 1.0)
+        v = min(max((y_first - np.float64(landed.y)) / cell, 0.0), cols - 1.0)
         i = min(np.int64(u), rows - 2)
         j = min(np.int64(v), cols - 2)
         u -= i
         v -= j
-        total = volume[n]
-        shares[n, 0] = np.int64(total * (1.0 - u) * (1.0 - v))
-        shares[n, 1] = np.int64(total * (1.0 - u) * v)
-        shares[n, 2] = np.int64(total * u * (1.0 - v))
-        shares[n, 3] = total - shares[n, :3].sum()
+        total = np.int64(landed.volume_mm3)
+        own = slice(end, end + 4)
+        end += 4
+        volume[own] = (
+            np.int64(total * (1.0 - u) * (1.0 - v)),
+            np.int64(total * (1.0 - u) * v),
+            np.int64(total * u * (1.0 - v)),
+            0,
+        )
+        volume[end - 1] = total - volume[own].sum()
         first = i * cols + j
-        cells[n, 0] = first
-        cells[n, 1] = first + 1
-        cells[n, 2] = first + cols
-        cells[n, 3] = first + cols + 1
+        cells[own] = first, first + 1, first + cols, first + cols + 1
+        soil[own], moisture[own] = landed.soil, landed.moisture
+    return Shares(cells, volume, soil, moisture)

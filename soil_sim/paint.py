@@ -30,6 +30,10 @@ _SLACK = 1e-9
 """Widening of a triangle's rows [subcolumns], so that neighbours leave no crack by rounding."""
 
 
+_ROUNDING = 1e-6
+"""Poses between two key points may lie this much [m] outside them, at coordinates up to 1e5 m."""
+
+
 class Raster(NamedTuple):
     """The grid of subcolumns, for kernels.
 
@@ -51,19 +55,27 @@ def columns_under(points, joined, raster):  # type: ignore[no-untyped-def]
     """Upper bound of the number of columns the pairs and plates can touch in the tick."""
     most = 0.0
     for n in range(points.shape[0]):
-        x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf
-        for m in range(n, n + 2 if joined[n] else n + 1):
-            for t in range(2):
-                for p in range(2):
-                    x0, x1 = min(x0, points[m, t, p, 0]), max(x1, points[m, t, p, 0])
-                    y0, y1 = min(y0, points[m, t, p, 1]), max(y1, points[m, t, p, 1])
-        # In columns from the first one's outer side; a little wider, lest rounding matters.
-        top = max(np.floor((raster.x_first - x1) / raster.cell + 0.499), 0.0)
-        bottom = min(np.floor((raster.x_first - x0) / raster.cell + 0.501), raster.rows - 1.0)
-        left = max(np.floor((raster.y_first - y1) / raster.cell + 0.499), 0.0)
-        right = min(np.floor((raster.y_first - y0) / raster.cell + 0.501), raster.cols - 1.0)
+        top, bottom, left, right = _under(points[n : n + 2 if joined[n] else n + 1], raster)
         most += max(bottom - top + 1.0, 0.0) * max(right - left + 1.0, 0.0)
     return np.int64(min(most, 1.0 * raster.rows * raster.cols))
+
+
+@njit(cache=True)
+def _under(points, raster):  # type: ignore[no-untyped-def]
+    """First and last row, first and last column, as floats, of the columns that pairs may touch."""
+    x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf
+    for m in range(points.shape[0]):
+        for t in range(2):
+            for p in range(2):
+                x0, x1 = min(x0, points[m, t, p, 0]), max(x1, points[m, t, p, 0])
+                y0, y1 = min(y0, points[m, t, p, 1]), max(y1, points[m, t, p, 1])
+    # In columns from the first one's outer side; a little wider, lest rounding matters.
+    return (
+        max(np.floor((raster.x_first - x1) / raster.cell + 0.499), 0.0),
+        min(np.floor((raster.x_first - x0) / raster.cell + 0.501), raster.rows - 1.0),
+        max(np.floor((raster.y_first - y1) / raster.cell + 0.499), 0.0),
+        min(np.floor((raster.y_first - y0) / raster.cell + 0.501), raster.cols - 1.0),
+    )
 
 
 @njit(cache=True)
@@ -82,6 +94,8 @@ def paint(points, joined, columns, refined, raster, count, tick):  # type: ignor
     """
     _follow(columns, refined, raster, count)
     for n in range(points.shape[0]):
+        if _in_the_air(points[n : n + 2 if joined[n] else n + 1], columns, refined, raster):
+            continue
         here = points[n]
         count = _sweep_edge(here[:, 0], here[:, 1], columns, refined, raster, count, tick)
         if joined[n]:
@@ -92,6 +106,26 @@ def paint(points, joined, columns, refined, raster, count, tick):  # type: ignor
                 )
             count = _sweep_plate(here, above, columns, refined, raster, count, tick)
     return count
+
+
+@njit(cache=True)
+def _in_the_air(points, columns, refined, raster):  # type: ignore[no-untyped-def]
+    """Whether pairs stay above all columns they pass; cheaper to see than to paint for nothing."""
+    lowest = np.inf
+    for m in range(points.shape[0]):
+        for t in range(2):
+            for p in range(2):
+                lowest = min(lowest, points[m, t, p, 2])
+    lowest -= _ROUNDING
+    top, bottom, left, right = _under(points, raster)
+    if bottom < top or right < left:
+        return True
+    for i in range(np.int64(top), np.int64(bottom) + 1):
+        for k in range(i * raster.cols + np.int64(left), i * raster.cols + np.int64(right) + 1):
+            slot = refined.slot_of[k]
+            if lowest <= columns.height[k] or (slot >= 0 and lowest <= refined.top[slot]):
+                return False
+    return True
 
 
 @njit(cache=True)

@@ -29,7 +29,7 @@ def press(columns: Columns, pairs: SweptPairs) -> NDArray[np.int64]:
     Returns:
         Flat indices of the columns packed, in order.
     """
-    if not pairs.joined.any():
+    if pairs.joined.size == 0:  # as with a machine that has no tracks
         return np.zeros(0, dtype=np.int64)
     grid = columns.grid
     packed: NDArray[np.int64] = _press(
@@ -41,7 +41,7 @@ def press(columns: Columns, pairs: SweptPairs) -> NDArray[np.int64]:
         grid.y_first,
         grid.cell,
     )
-    return np.unique(packed)
+    return np.unique(packed) if packed.size else packed
 
 
 @njit(cache=True)

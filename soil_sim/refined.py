@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 __all__ = ["RefinedArrays", "RefinedColumns"]
@@ -78,18 +79,12 @@ class RefinedColumns:
         Returns:
             (columns still refined, columns freed), flat indices.
         """
-        tables = self.arrays
-        seen = tables.seen[: self.count] == self.tick
-        kept = np.flatnonzero(seen)
-        gone = tables.cells[np.flatnonzero(~seen)]
-        tables.slot_of[gone] = -1
-        for table in tables[1:]:
-            table[: kept.size] = table[kept]
-        self.count = kept.size
-        stay = tables.cells[: self.count].copy()
-        tables.slot_of[stay] = np.arange(self.count)
+        if self.count == 0:
+            gone = np.zeros(0, dtype=np.int64)
+        else:
+            self.count, gone = _release(self.arrays, self.count, self.tick)
         self.tick += 1
-        return stay, np.sort(gone)
+        return self.arrays.cells[: self.count].copy(), np.sort(gone)
 
 
 def _tables(slot_of: NDArray[np.int64], slots: int, per_side: int) -> RefinedArrays:
@@ -102,3 +97,24 @@ def _tables(slot_of: NDArray[np.int64], slots: int, per_side: int) -> RefinedArr
         np.zeros(slots),
         np.zeros((slots, 4)),
     )
+
+
+@njit(cache=True)
+def _release(tables, count, tick):  # type: ignore[no-untyped-def]
+    """Free the slots that no tool was in; returns (slots in use, columns freed)."""
+    slot_of, cells, seen, sub, mean, top, _ = tables
+    gone = np.empty(count, dtype=np.int64)
+    kept = 0
+    for slot in range(count):
+        cell = cells[slot]
+        if seen[slot] != tick:
+            slot_of[cell] = -1
+            gone[slot - kept] = cell
+            continue
+        # What a sweep removed is not kept: the next one begins with none.
+        slot_of[cell] = kept
+        cells[kept], seen[kept] = cell, tick
+        mean[kept], top[kept] = mean[slot], top[slot]
+        sub[kept] = sub[slot]
+        kept += 1
+    return kept, gone[: count - kept]

@@ -125,16 +125,16 @@ class SoilSide:
         return tuple(self._releasing)
 
     def _step(self, tick: TickInput) -> SoilStep:
-        first = (tick.sweeps["pair"] == 0) & (tick.sweeps["tool"] == 0)  # where its bucket is
-        for row in tick.sweeps[first]:
-            place = (float(row["x1"]), float(row["y1"]), float(row["z1"]))
+        sweeps = tick.sweeps
+        first = (sweeps["pair"] | sweeps["tool"]) == 0  # where its bucket is
+        for x, y, z, source in sweeps[first][["x1", "y1", "z1", "source"]].tolist():
             # Rows are judged later; soil cannot be put down at a place that is none.
-            if all(map(math.isfinite, place)):
-                self._places[int(row["source"])] = place
+            if math.isfinite(x) and math.isfinite(y) and math.isfinite(z):
+                self._places[source] = (x, y, z)
         released = [self._released(source) for source in self._still_absent()]
         self._releasing = []
         landed = join_rows([tick.landed, *released], LANDED)
-        return self.soil.step(tick.tick, tick.sweeps, landed)
+        return self.soil.step(tick.tick, sweeps, landed)
 
     def _still_absent(self) -> list[int]:
         return [n for n in self._releasing if n in self.exchange.releasable]

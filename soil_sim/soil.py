@@ -18,22 +18,11 @@ from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
-from msg_bridge.contract.rows import (
-    CHANGED,
-    CONVERSION,
-    LANDED,
-    MAX_ROW_VOLUME,
-    SWEEP,
-    Action,
-    Kind,
-    Rows,
-    empty_rows,
-    join_rows,
-    sources_of,
-)
+from msg_bridge.contract.rows import CONVERSION, LANDED, SWEEP, Rows, join_rows
+from soil_sim.answers import answers_to, changed_rows, excavated_rows
 from soil_sim.changes import Changes
 from soil_sim.columns import Columns
-from soil_sim.cut import Removed, SweptCut
+from soil_sim.cut import SweptCut
 from soil_sim.errors import SoilError
 from soil_sim.force.resistance import Resistance, no_resistance
 from soil_sim.keypoints import KeyPointCut
@@ -42,8 +31,8 @@ from soil_sim.params import SoilParams
 from soil_sim.press import press
 from soil_sim.slip import Slip
 from soil_sim.slip.noise import slip_noise
-from soil_sim.soils import MOIST, soil_tables
-from soil_sim.sweeps import pairs_that, sound_sweeps
+from soil_sim.soils import soil_tables
+from soil_sim.sweeps import Sweeps, sound_sweeps, strokes_of
 from soil_sim.tiles import Tiles
 
 __all__ = ["Soil", "SoilStep"]
@@ -173,113 +162,46 @@ class Soil:
                 f"{sweeps.dtype.names} and {landed.dtype.names}"
             )
         sound, refused = sound_sweeps(sweeps)
-        answers = self._judge(tick, landed)
+        answers = answers_to(landed, tick, self.grid, len(self.kinds))
         forces = self._resist(sound)
         excavated = self._cut(tick, sound)
-        on_map = answers["kind"] == Kind.DEPOSIT
-        poured = self._deposit(answers[on_map])
+        poured = self._deposit(answers)
         self.slip.relax(max(self.params.slip_budget - poured, 0))
         conversions = join_rows([excavated, answers], CONVERSION)
         return SoilStep(conversions, forces, self._changed(), refused)
 
-    def _judge(self, tick: int, landed: Rows) -> Rows:
-        """The answer to each landed row: on the map, beyond it, or not to be believed.
-
-        Of a particle that a source names twice, only the first row is believed.
-        """
-        rows = empty_rows(CONVERSION, landed.size)
-        if landed.size == 0:  # as in most ticks
-            return rows
-        echoed = ("x", "y", "z", "volume_mm3", "particle_id", "source", "soil", "moisture")
-        for name in echoed:
-            rows[name] = landed[name]
-        rows["tick"] = tick
-        x, y = landed["x"].astype(np.float64), landed["y"].astype(np.float64)
-        named = landed["source"].astype(np.uint64) << np.uint64(32) | landed["particle_id"]
-        sound = np.zeros(landed.size, dtype=np.bool_)
-        sound[np.unique(named, return_index=True)[1]] = True
-        sound &= np.isfinite(x) & np.isfinite(y) & np.isfinite(landed["z"])
-        sound &= (landed["volume_mm3"] > 0) & (landed["soil"] < len(self.kinds))
-        sound &= landed["moisture"] < MOIST
-        on_map = sound & self.grid.contains(x, y)
-        rows["kind"] = np.where(on_map, Kind.DEPOSIT, np.where(sound, Kind.OUTSIDE, Kind.REFUSE))
-        last = (self.grid.rows - 1, self.grid.cols - 1)
-        rows["row"][on_map] = np.clip(np.rint(self.grid.row(x[on_map])), 0, last[0])
-        rows["col"][on_map] = np.clip(np.rint(self.grid.col(y[on_map])), 0, last[1])
-        return rows
-
-    def _resist(self, sweeps: Rows) -> Rows:
+    def _resist(self, sweeps: Sweeps) -> Rows:
         """What tools that begin to cut feel, by the soil as it stands."""
         if self.params.force_mode == "reference":
             return no_resistance(sweeps)
         return self._resistance.wrenches(sweeps)
 
-    def _cut(self, tick: int, sweeps: Rows) -> Rows:
-        if sweeps.size == 0 and not self._swept.in_use:  # as in ticks without a machine
-            return empty_rows(CONVERSION)
-        sources = sources_of(sweeps)
-        by_source = [sweeps[sweeps["source"] == source] for source in sources]
-        strokes = [pairs_that(own, Action.CUT, Action.MILL) for own in by_source]
+    def _cut(self, tick: int, sweeps: Sweeps) -> Rows:
+        strokes = strokes_of(sweeps)
         swept = self.params.cut_mode == "swept"
         if swept:
-            self._swept.reserve(strokes)
+            self._swept.reserve(stroke.cut for stroke in strokes)
         parts = []
-        for source, own, pairs in zip(sources, by_source, strokes, strict=True):
+        for stroke in strokes:
             if swept:
-                removed = self._swept.sweep(pairs)
+                removed = self._swept.sweep(stroke.cut)
             else:
-                removed = self._key_points.sweep(own)
+                removed = self._key_points.sweep(stroke.rows)
                 self.slip.disturb(removed[:, 0].astype(np.int64), around=True)
-            parts.append(self._excavated(tick, source, removed))
+            parts.append(excavated_rows(removed, tick, stroke.source, self.grid))
             if swept:
-                pressed = press(self.columns, pairs_that(own, Action.PRESS))
-                self.slip.disturb(pressed, around=True)
+                self.slip.disturb(press(self.columns, stroke.press), around=True)
         self.slip.disturb(self._swept.release(), around=True)
         return join_rows(parts, CONVERSION)
 
-    def _deposit(self, rows: Rows) -> int:
+    def _deposit(self, answers: Rows) -> int:
         """Let soil land and run down; returns what that took of the budget."""
-        if rows.size == 0:
+        if answers.size == 0:
             return 0
-        x, y = rows["x"].astype(np.float64), rows["y"].astype(np.float64)
-        cells, shares = landing_shares(self.grid, x, y, rows["volume_mm3"])
-        kinds = (np.repeat(rows["soil"], 4), np.repeat(rows["moisture"], 4))
-        return self.slip.pour(
-            cells.reshape(-1), shares.reshape(-1), *kinds, self.params.slip_budget
-        )
-
-    def _excavated(self, tick: int, source: int, removed: Removed) -> Rows:
-        """EXCAVATE rows of what was removed; volumes beyond a row's field are split."""
-        if removed.size == 0:
-            return empty_rows(CONVERSION)
-        volume = removed[:, 1].astype(np.int64)
-        pieces = -(-volume // MAX_ROW_VOLUME)
-        index = np.repeat(np.arange(volume.size), pieces)
-        first = np.concatenate([[0], np.cumsum(pieces)[:-1]])
-        nth = np.arange(index.size) - first[index]
-        rows = empty_rows(CONVERSION, index.size)
-        rows["volume_mm3"] = np.minimum(volume[index] - nth * MAX_ROW_VOLUME, MAX_ROW_VOLUME)
-        rows["x"], rows["y"], rows["z"] = removed[index, 2:5].T
-        rows["soil"], rows["moisture"] = removed[index, 5], removed[index, 6]
-        cell = removed[index, 0].astype(np.int64)
-        rows["row"], rows["col"] = np.divmod(cell, self.grid.cols)
-        rows["tick"], rows["source"], rows["kind"] = tick, source, Kind.EXCAVATE
-        return rows
+        return self.slip.pour(*landing_shares(self.grid, answers), self.params.slip_budget)
 
     def _changed(self) -> Rows:
-        cells, touched, grown = self._changes.take()
-        self._tiles.add(touched, grown)
-        self.revision += bool(cells.size)
-        changed = empty_rows(CHANGED, cells.size)
-        rows, cols = np.divmod(cells, self.grid.cols)
-        arrays = self.columns.arrays
-        changed["row"], changed["col"] = rows, cols
-        changed["x"], changed["y"] = self.grid.x(rows), self.grid.y(cols)
-        changed["z"] = arrays.height[cells]
-        changed["loose_depth"] = arrays.bulk[cells] * arrays.metres_per_mm3
-        changed["volume_mm3"] = arrays.firm[cells] + arrays.loose[cells]
-        loose = arrays.loose[cells] > 0
-        changed["soil"] = np.where(loose, arrays.loose_soil[cells], arrays.soil[cells])
-        changed["moisture"] = np.where(loose, arrays.loose_moisture[cells], arrays.moisture[cells])
-        changed["revision"] = self.revision
-        return changed
+        changed = self._changes.take()
+        self._tiles.add(changed.touched, changed.grown)
+        self.revision += bool(changed.cells.size)
+        return changed_rows(changed, self.columns, self.revision)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from msg_bridge.contract.rows import Action, Rows
 
-__all__ = ["SweptPairs", "first_of_tools", "pairs_that", "sound_sweeps"]
+__all__ = ["Stroke", "Sweeps", "SweptPairs", "sound_sweeps", "strokes_of"]
 
 _FARTHEST = 1e5
 """Largest coordinate of a key point [m]; there a float32 still tells centimetres apart."""
@@ -36,6 +36,22 @@ _FAULTS = (
 )
 """What is wrong and what to change, by the number of the fault."""
 
+_PRESS = int(Action.PRESS)
+
+
+class Sweeps(NamedTuple):
+    """Sound sweeps of a tick.
+
+    Attributes:
+        rows: SWEEP rows by source and tool, those of a tool in the order of its pairs.
+        points: start and end of each row's key point [m], map frame, shape (rows, 2, 3).
+        first: index of each tool's first row, shape (tools,).
+    """
+
+    rows: Rows
+    points: NDArray[np.float64]
+    first: NDArray[np.int64]
+
 
 class SweptPairs(NamedTuple):
     """The key-point pairs of one source that cut, or press, over a tick.
@@ -49,79 +65,87 @@ class SweptPairs(NamedTuple):
     joined: NDArray[np.bool_]
 
 
-def sound_sweeps(sweeps: Rows) -> tuple[Rows, tuple[str, ...]]:
-    """The rows of the tools that can be believed, and what is wrong with the others.
+class Stroke(NamedTuple):
+    """What the tools of one source do in a tick.
+
+    Attributes:
+        source: its number.
+        rows: its SWEEP rows.
+        cut: the pairs that cut or mill.
+        press: the pairs that press.
+    """
+
+    source: int
+    rows: Rows
+    cut: SweptPairs
+    press: SweptPairs
+
+
+def sound_sweeps(sweeps: Rows) -> tuple[Sweeps, tuple[str, ...]]:
+    """The sweeps of the tools that can be believed, and what is wrong with the others.
 
     Args:
         sweeps: SWEEP rows of one tick; a tool's rows in the order of its pairs.
 
     Returns:
-        (rows by source and tool, a sentence for each tool left out).
+        (sound sweeps, a sentence for each tool left out).
     """
-    if sweeps.size == 0:
-        return sweeps, ()
-    sweeps = sweeps[np.lexsort((sweeps["tool"], sweeps["source"]))]
-    source, tool = sweeps["source"], sweeps["tool"]
-    first = first_of_tools(sweeps)
-    faults = _faults(_key_points(sweeps), sweeps["pair"], sweeps["action"], first)
+    rows = sweeps[np.lexsort((sweeps["tool"], sweeps["source"]))]
+    points, first, faults = _read(rows)
     if not faults.any():
-        return sweeps, ()
+        return Sweeps(rows, points, first), ()
     refused = tuple(
-        f"source {source[first[n]]}, tool {tool[first[n]]} swept nothing: {_FAULTS[faults[n]]}"
+        f"source {rows['source'][first[n]]}, tool {rows['tool'][first[n]]} swept nothing:"
+        f" {_FAULTS[faults[n]]}"
         for n in np.flatnonzero(faults)
     )
-    return sweeps[np.repeat(faults == 0, np.diff(first, append=sweeps.size))], refused
+    rows = rows[np.repeat(faults == 0, np.diff(first, append=rows.size))]
+    points, first, _ = _read(rows)
+    return Sweeps(rows, points, first), refused
 
 
-def first_of_tools(sweeps: Rows) -> NDArray[np.intp]:
-    """Index of each tool's first row; `sweeps` by source and tool."""
-    first = np.ones(sweeps.size, dtype=np.bool_)
-    source, tool = sweeps["source"], sweeps["tool"]
-    first[1:] = (source[1:] != source[:-1]) | (tool[1:] != tool[:-1])
-    return np.flatnonzero(first)
-
-
-def pairs_that(sweeps: Rows, *actions: Action) -> SweptPairs:
-    """The pairs that cut, or those that press, and how they are joined.
-
-    Args:
-        sweeps: sound SWEEP rows of one source, by tool.
-        actions: which of them.
-    """
-    rows = sweeps[np.isin(sweeps["action"], actions)]
-    points = _key_points(rows).reshape(-1, 2, 2, 3).swapaxes(1, 2)
-    tool, pair = rows["tool"][::2], rows["pair"][::2].astype(np.int64)
-    joined = np.zeros(tool.size, dtype=np.bool_)
-    joined[:-1] = (tool[:-1] == tool[1:]) & (pair[:-1] + 1 == pair[1:])
-    return SweptPairs(np.ascontiguousarray(points), joined)
-
-
-def _key_points(sweeps: Rows) -> NDArray[np.float64]:
-    """Start and end of each row's key point [m], shape (rows, 2, 3)."""
-    axes = [sweeps[name] for name in ("x0", "y0", "z0", "x1", "y1", "z1")]
-    return np.stack(axes, axis=-1).astype(np.float64).reshape(-1, 2, 3)
+def strokes_of(sweeps: Sweeps) -> list[Stroke]:
+    """What each source does in a tick, by their numbers."""
+    strokes = []
+    start = 0
+    while start < sweeps.rows.size:
+        cut, press, end = _pairs_of_source(sweeps.rows, sweeps.points, start)
+        rows = sweeps.rows[start:end]
+        strokes.append(Stroke(int(rows["source"][0]), rows, cut, press))
+        start = end
+    return strokes
 
 
 @njit(cache=True)
-def _faults(points, pair, action, first):  # type: ignore[no-untyped-def]
-    """The fault of each tool, an index into `_FAULTS`; tools start at `first`."""
-    faults = np.zeros(first.size, dtype=np.int64)
-    for n in range(first.size):
-        end = first[n + 1] if n + 1 < first.size else pair.size
-        own = slice(first[n], end)
-        faults[n] = _fault(points[own], pair[own], action[own])
-    return faults
+def _read(rows):  # type: ignore[no-untyped-def]
+    """Key points, first rows and faults (indices into `_FAULTS`) of tools; rows by tool."""
+    points = np.empty((rows.size, 2, 3))
+    first = np.empty(rows.size, dtype=np.int64)
+    tools = 0
+    for n in range(rows.size):
+        row = rows[n]
+        points[n, 0] = row.x0, row.y0, row.z0
+        points[n, 1] = row.x1, row.y1, row.z1
+        if n == 0 or row.source != rows[n - 1].source or row.tool != rows[n - 1].tool:
+            first[tools] = n
+            tools += 1
+    first = first[:tools]
+    faults = np.zeros(tools, dtype=np.int64)
+    for n in range(tools):
+        end = first[n + 1] if n + 1 < tools else rows.size
+        faults[n] = _fault(rows[first[n] : end], points[first[n] : end])
+    return points, first, faults
 
 
 @njit(cache=True)
-def _fault(points, pair, action):  # type: ignore[no-untyped-def]
+def _fault(rows, points):  # type: ignore[no-untyped-def]
     """The first fault found in one tool's rows; 0 for a sound tool."""
-    if pair.size % 2 == 1:
+    if rows.size % 2 == 1:
         return 1
-    for n in range(pair.size):
-        if pair[n] != n // 2:
+    for n in range(rows.size):
+        if rows[n].pair != n // 2:
             return 1
-        if action[n] > 2 or action[n] != action[n - n % 2]:
+        if rows[n].action > 2 or rows[n].action != rows[n - n % 2].action:
             return 2
         for t in range(2):
             for axis in range(3):
@@ -134,3 +158,33 @@ def _fault(points, pair, action):  # type: ignore[no-untyped-def]
             if np.ptp(points[:, t, axis]) > _LARGEST_TOOL:
                 return 4
     return 0
+
+
+@njit(cache=True)
+def _pairs_of_source(rows, points, start):  # type: ignore[no-untyped-def]
+    """(pairs that cut, pairs that press, end) of the source whose rows begin at `start`."""
+    end = start
+    while end < rows.size and rows[end].source == rows[start].source:
+        end += 1
+    own, key_points = rows[start:end], points[start:end]
+    return _pairs(own, key_points, False), _pairs(own, key_points, True), end
+
+
+@njit(cache=True)
+def _pairs(rows, points, pressing):  # type: ignore[no-untyped-def]
+    """The pairs of one source's rows that press, or those that do not."""
+    left = np.empty(rows.size // 2, dtype=np.int64)  # index of each one's first row
+    count = 0
+    for n in range(0, rows.size, 2):
+        if (rows[n].action == _PRESS) == pressing:
+            left[count] = n
+            count += 1
+    ends = np.empty((count, 2, 2, 3))
+    joined = np.zeros(count, dtype=np.bool_)
+    for k in range(count):
+        for side in range(2):
+            ends[k, :, side] = points[left[k] + side]
+        if k > 0:
+            here, before = rows[left[k]], rows[left[k - 1]]
+            joined[k - 1] = here.tool == before.tool and here.pair == before.pair + 1
+    return SweptPairs(ends, joined)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from soil_sim.columns import Columns
@@ -35,12 +36,11 @@ class Tiles:
         self._shape = (-(-rows // TILE), -(-cols // TILE))
         self.volume_mm3: NDArray[np.int64] = np.zeros(self._shape, dtype=np.int64)
         self._digests = [b""] * (self._shape[0] * self._shape[1])
-        self._stale: set[int] = set()
+        self._stale: NDArray[np.bool_] = np.ones(len(self._digests), dtype=np.bool_)
         for tile in range(len(self._digests)):
             window = self._window(tile)
             held = columns.firm[window].sum() + columns.loose[window].sum()
             self.volume_mm3[divmod(tile, self._shape[1])] = held
-            self._stale.add(tile)
 
     @property
     def total_mm3(self) -> int:
@@ -49,14 +49,13 @@ class Tiles:
 
     def add(self, cells: NDArray[np.int64], grown: NDArray[np.int64]) -> None:
         """Note by how much columns (flat indices) grew [mm^3 bank], and that they were touched."""
-        rows, cols = np.divmod(cells, self._columns.grid.cols)
-        tiles = rows // TILE * self._shape[1] + cols // TILE
-        np.add.at(self.volume_mm3.reshape(-1), tiles, grown)
-        self._stale.update(set(tiles.tolist()))
+        if cells.size:
+            volume, tile_cols = self.volume_mm3.reshape(-1), self._shape[1]
+            _add(volume, self._stale, cells, grown, self._columns.grid.cols, tile_cols)
 
     def state_hash(self) -> str:
         """SHA-256 [hex] of volumes, kinds of soil and moisture of all columns, in tile order."""
-        for tile in sorted(self._stale):
+        for tile in np.flatnonzero(self._stale).tolist():
             window = self._window(tile)
             columns, digest = self._columns, hashlib.sha256()
             for layer in (
@@ -70,9 +69,18 @@ class Tiles:
             ):
                 digest.update(layer[window].tobytes())
             self._digests[tile] = digest.digest()
-        self._stale.clear()
+        self._stale[:] = False
         return hashlib.sha256(b"".join(self._digests)).hexdigest()
 
     def _window(self, tile: int) -> tuple[slice, slice]:
         i, j = divmod(tile, self._shape[1])
         return (slice(i * TILE, (i + 1) * TILE), slice(j * TILE, (j + 1) * TILE))
+
+
+@njit(cache=True)
+def _add(volume, stale, cells, grown, cols, tile_cols):  # type: ignore[no-untyped-def]
+    """Add what columns grew to the volume of their tiles, and note that those are stale."""
+    for n in range(cells.size):
+        tile = cells[n] // cols // TILE * tile_cols + cells[n] % cols // TILE
+        volume[tile] += grown[n]
+        stale[tile] = True

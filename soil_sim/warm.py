@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from msg_bridge.contract.grid import Grid
-from msg_bridge.contract.rows import LANDED, SWEEP, empty_rows
+from msg_bridge.contract.rows import LANDED, SWEEP, Action, empty_rows, join_rows
+from soil_sim.held import HeldSoils
 from soil_sim.params import SoilParams
 from soil_sim.soil import Soil
 
@@ -24,6 +25,7 @@ def warm_up(params: SoilParams) -> None:
     grid = Grid(16, 16, 0.2)
     soil = Soil(grid, np.zeros(grid.shape), params)
     soil.state_hash()
+    held = HeldSoils()
     landed = empty_rows(LANDED, 2)
     landed["volume_mm3"] = 200_000_000  # steep enough to slip
     landed["particle_id"] = (0, 1)
@@ -33,7 +35,11 @@ def warm_up(params: SoilParams) -> None:
         sweeps["y0"] = sweeps["y1"] = (0.5, -0.5, 0.5, -0.5)
         sweeps["z0"] = sweeps["z1"] = (-0.3, -0.3, 0.2, 0.2)
         sweeps["x0"], sweeps["x1"] = 0.1 * tick, 0.1 * (tick + 1)
-        soil.step(tick, sweeps, landed if tick == 1 else empty_rows(LANDED))
+        track = sweeps.copy()
+        track["tool"], track["action"] = 1, Action.PRESS
+        sweeps = join_rows([sweeps, track], SWEEP)
+        moved = soil.step(tick, sweeps, landed if tick == 1 else empty_rows(LANDED))
+        held.book(moved.conversions)
     soil.step(_TICKS + 1, empty_rows(SWEEP), empty_rows(LANDED))
     soil.state_hash()
     _come_down(params)

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
-from msg_bridge.contract.rows import FORCE, Action, Holds, Rows, empty_rows, join_rows
+from msg_bridge.contract.rows import FORCE, Action, Holds, Rows, empty_rows
 from soil_sim.columns import Columns
 from soil_sim.force.bearing import add_bearing
 from soil_sim.force.cutting import add_lip
@@ -24,9 +24,12 @@ from soil_sim.force.milling import add_milling, add_standing, is_ring
 from soil_sim.force.side import add_side
 from soil_sim.force.strength import Strength, total_wrench
 from soil_sim.soils import SoilType
-from soil_sim.sweeps import first_of_tools
+from soil_sim.sweeps import Sweeps
 
 __all__ = ["Resistance", "no_resistance"]
+
+_CUT, _MILL = int(Action.CUT), int(Action.MILL)
+_HOLDS_MILL, _HOLDS_BEARING = int(Holds.MILL), int(Holds.BEARING)
 
 
 class Resistance:
@@ -43,7 +46,7 @@ class Resistance:
         grid = columns.grid
         self._frame = (grid.rows, grid.cols, grid.cell, grid.x_first, grid.y_first)
 
-    def wrenches(self, sweeps: Rows) -> Rows:
+    def wrenches(self, sweeps: Sweeps) -> Rows:
         """FORCE rows of a tick: what resists the cut of each tool, then what bears some of them.
 
         Call it before the tick's cut. The point of application is the mean of where the forces act
@@ -51,37 +54,17 @@ class Resistance:
         the depth above it.
 
         Args:
-            sweeps: sound SWEEP rows, by source and tool.
+            sweeps: sound ones.
         """
-        forces = no_resistance(sweeps)
-        if forces.size == 0:
-            return forces
-        axes = [sweeps[name] for name in ("x0", "y0", "z0", "x1", "y1", "z1")]
-        points = np.stack(axes, axis=-1).astype(np.float64).reshape(-1, 2, 3)
-        found = _wrenches(
-            points, first_of_tools(sweeps), sweeps["action"], self._columns.arrays, self._frame,
-            self._strength,
-        )  # fmt: skip
-        milled = sweeps["action"][first_of_tools(sweeps)] == Action.MILL
-        forces["holds"][milled] = Holds.MILL
-        borne = np.flatnonzero(found[1, :, 3:6].any(axis=1))
-        forces = join_rows([forces, forces[borne]], FORCE)
-        forces["holds"][found.shape[1] :] = Holds.BEARING
-        values = np.concatenate([found[0], found[1, borne]])
-        for n, name in enumerate(("x", "y", "z", "fx", "fy", "fz", "tx", "ty", "tz")):
-            forces[name] = values[:, n]
+        rows, points, first = sweeps
+        found = _wrenches(rows, points, first, self._columns.arrays, self._frame, self._strength)
+        forces: Rows = _force_rows(rows, first, found)
         return forces
 
 
-def no_resistance(sweeps: Rows) -> Rows:
-    """One FORCE row of zeros a tool, at its first key point: no force is said to be zero.
-
-    Args:
-        sweeps: sound SWEEP rows, by source and tool.
-    """
-    if sweeps.size == 0:  # as in ticks without a machine
-        return empty_rows(FORCE)
-    first = sweeps[first_of_tools(sweeps)]
+def no_resistance(sweeps: Sweeps) -> Rows:
+    """One FORCE row of zeros a tool, at its first key point: no force is said to be zero."""
+    first = sweeps.rows[sweeps.first]
     forces = empty_rows(FORCE, first.size)
     forces["source"], forces["tool"] = first["source"], first["tool"]
     forces["x"], forces["y"], forces["z"] = first["x1"], first["y1"], first["z1"]
@@ -90,7 +73,7 @@ def no_resistance(sweeps: Rows) -> Rows:
 
 @njit(cache=True)
 def _wrenches(  # type: ignore[no-untyped-def]
-    points, first, action, columns, frame, strength
+    rows, points, first, columns, frame, strength
 ):
     """Point [m], force [N] and torque about the point [N m], shape (2, tools, 9).
 
@@ -100,13 +83,14 @@ def _wrenches(  # type: ignore[no-untyped-def]
     sums = np.empty(10)
     for n in range(first.size):
         end = first[n + 1] if n + 1 < first.size else len(points)
+        action = rows[first[n]].action
         own = points[first[n] : end]
         middle = 0.5 * (own[0, 1] + own[1, 1])
         out[:, n, :3] = middle
         # One pair alone is an edge without a plate, it has no rake; a plate alone that presses is a
         # track, which stands by itself.
         sums[:] = 0.0
-        if action[first[n]] == Action.MILL:
+        if action == _MILL:
             if len(own) >= 8:
                 add_milling(own, middle, columns, frame, strength, sums)
                 total_wrench(sums, middle, out[0, n])
@@ -115,7 +99,7 @@ def _wrenches(  # type: ignore[no-untyped-def]
             add_standing(own, middle, columns, frame, strength, sums)
             total_wrench(sums, middle, out[1, n])
             continue
-        if len(own) < (4 if action[first[n]] == Action.CUT else 6):
+        if len(own) < (4 if action == _CUT else 6):
             continue
         add_lip(own, middle, columns, frame, strength, sums)
         add_side(own, middle, columns, frame, strength, sums)
@@ -124,3 +108,32 @@ def _wrenches(  # type: ignore[no-untyped-def]
         add_bearing(own, middle, columns, frame, strength, sums)
         total_wrench(sums, middle, out[1, n])
     return out
+
+
+@njit(cache=True)
+def _force_rows(rows, first, wrenches):  # type: ignore[no-untyped-def]
+    """FORCE rows: what resists the cut of each tool, then what bears some of them."""
+    tools = first.size
+    borne = np.zeros(tools, dtype=np.bool_)
+    for n in range(tools):
+        borne[n] = (wrenches[1, n, 3:6] != 0.0).any()
+    forces = np.zeros(tools + borne.sum(), FORCE)
+    for n in range(tools):
+        _write(forces[n], rows[first[n]], wrenches[0, n])
+        if rows[first[n]].action == _MILL:
+            forces[n].holds = _HOLDS_MILL
+    k = tools
+    for n in np.flatnonzero(borne):
+        _write(forces[k], rows[first[n]], wrenches[1, n])
+        forces[k].holds = _HOLDS_BEARING
+        k += 1
+    return forces
+
+
+@njit(cache=True)
+def _write(force, row, wrench):  # type: ignore[no-untyped-def]
+    """Write a wrench on the tool of a SWEEP row into a FORCE row."""
+    force.source, force.tool = row.source, row.tool
+    force.x, force.y, force.z = wrench[0], wrench[1], wrench[2]
+    force.fx, force.fy, force.fz = wrench[3], wrench[4], wrench[5]
+    force.tx, force.ty, force.tz = wrench[6], wrench[7], wrench[8]

@@ -168,8 +168,9 @@ class Slip:
         self._push(cells, around, sunk=around)
 
     def _push(self, cells: NDArray[np.integer], around: bool, *, sunk: bool) -> None:
-        which = np.asarray(cells, dtype=np.int64)
-        disturb(self._columns.arrays, which, around, sunk, self._rule, self._ring)
+        if cells.size:
+            which = np.asarray(cells, dtype=np.int64)
+            disturb(self._columns.arrays, which, around, sunk, self._rule, self._ring)
 
     def pour(
         self,

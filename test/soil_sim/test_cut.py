@@ -6,6 +6,7 @@ from support.soil_scenes import NO_LANDED, bucket_sweep, drag, flat_soil, scoop,
 
 from msg_bridge.contract.rows import Action, Holds, Kind
 from soil_sim.keypoints import collision_points
+from soil_sim.params import SoilParams
 from soil_sim.soil import Soil
 
 
@@ -201,3 +202,21 @@ def test_reference_mode_lowers_four_grid_points_and_so_cuts_wider_on_coarse_grid
         assert soil.total_mm3 == start - taken
         widths.append(np.unique(rows["col"]).size * cell)
     assert np.mean(widths) == pytest.approx(width, abs=0.1)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_lone_column_that_reaches_the_tool_is_cut_as_in_level_ground(seed: int) -> None:
+    # A tool above all ground beneath it is passed over; one column that reaches it must be seen.
+    random = np.random.default_rng(seed)
+    start = np.append(random.uniform(-0.5, 0.5, 2), 0.2)
+    end = start + np.append(random.uniform(-0.3, 0.3, 2), -0.25)
+    sweep = bucket_sweep(tuple(start), tuple(end))
+    level = flat_soil(6.0, 0.1, repose_angle=80.0)
+    rows = level.step(0, sweep, NO_LANDED).conversions
+    picked = rows[random.integers(rows.size)]
+    heights = np.full(level.grid.shape, -1.0)
+    heights[picked["row"], picked["col"]] = 0.0
+    lone = Soil(level.grid, heights, SoilParams(repose_angle=80.0, dig_depth=19.0))
+    alone = lone.step(0, sweep, NO_LANDED).conversions
+    assert alone.size == 1
+    assert alone[0] == picked

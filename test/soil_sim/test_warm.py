@@ -10,7 +10,8 @@ PROBE = """\
 import numpy as np
 from numba.core import dispatcher
 from msg_bridge.contract.grid import Grid
-from msg_bridge.contract.rows import LANDED, SWEEP, empty_rows
+from msg_bridge.contract.rows import LANDED, SWEEP, Action, empty_rows
+from soil_sim.held import HeldSoils
 from soil_sim.params import SoilParams
 from soil_sim.soil import Soil
 from soil_sim.warm import warm_up
@@ -23,14 +24,16 @@ dispatcher.Dispatcher.compile = lambda self, sig: compiled.append(self) or compi
 grid = Grid(64, 64, 0.2)
 soil = Soil(grid, np.random.default_rng(1).random(grid.shape), params)
 for tick in range(1, 30):
-    sweeps = empty_rows(SWEEP, 6)
-    sweeps["pair"] = (0, 0, 1, 1, 2, 2)
-    sweeps["y0"] = sweeps["y1"] = (0.5, -0.5) * 3
-    sweeps["z0"] = sweeps["z1"] = (0.0, 0.0, 0.3, 0.3, 0.6, 0.6)
+    sweeps = empty_rows(SWEEP, 10)
+    sweeps["pair"] = (0, 0, 1, 1, 2, 2, 0, 0, 1, 1)
+    sweeps["tool"][6:], sweeps["action"][6:] = 1, Action.PRESS
+    sweeps["y0"] = sweeps["y1"] = (0.5, -0.5) * 5
+    sweeps["z0"] = sweeps["z1"] = (0.0, 0.0, 0.3, 0.3, 0.6, 0.6, 0.0, 0.0, 0.3, 0.3)
     sweeps["x0"], sweeps["x1"] = 0.05 * tick, 0.05 * (tick + 1)
     landed = empty_rows(LANDED, 3)
     landed["volume_mm3"], landed["particle_id"] = 50_000_000, 3 * tick + np.arange(3)
     moved = soil.step(tick, sweeps, landed)
+    HeldSoils().book(moved.conversions)
     soil.state_hash()
 assert moved.changed.size
 print(*(kernel.py_func.__name__ for kernel in compiled))
