@@ -199,25 +199,19 @@ class SoilExchange:
         """
         self.accounts.check(conversions)
         self.tick += 1
-        posted = {
-            stream: self._out[stream].append(rows)
-            for stream, rows in (
-                (Stream.CONVERSION, conversions),
-                (Stream.CHANGED, changed),
-                (Stream.FORCE, forces),
-            )
-        }
-        spans = {stream: span for stream, (_, span) in posted.items()}
-        self.accounts.book(spans[Stream.CONVERSION], posted[Stream.CONVERSION][0])
+        conversions, conversion_range = self._out[Stream.CONVERSION].append(conversions)
+        changed, changed_range = self._out[Stream.CHANGED].append(changed)
+        forces, force_range = self._out[Stream.FORCE].append(forces)
+        self.accounts.book(conversion_range, conversions)
         for number in self._taken:
             self._finish(self._sources[number])
         header = SoilHeader(
             self.epoch,
             self.tick,
             revision,
-            conversions=spans[Stream.CONVERSION],
-            changed=spans[Stream.CHANGED],
-            forces=spans[Stream.FORCE],
+            conversions=conversion_range,
+            changed=changed_range,
+            forces=force_range,
             receipts=(),
         )
         admitted = self._admit(header)
@@ -229,8 +223,9 @@ class SoilExchange:
         self._last = replace(header, receipts=receipts)
         self._said.append(self._last)
         # The header last: who has it can expect to have the rows.
-        for stream, (rows, _) in posted.items():
-            self._outbox.extend(chunked(self.epoch, stream, rows))
+        self._post(Stream.CONVERSION, conversions)
+        self._post(Stream.CHANGED, changed)
+        self._post(Stream.FORCE, forces)
         self._outbox.append(self._last)
         self._welcome(admitted)
         self._forget(header)
@@ -344,9 +339,9 @@ class SoilExchange:
 
     def _forget(self, answered: SoilHeader) -> None:
         """Forget rows that every source has; conversions once they are applied."""
+        has = [source.acknowledged for source in self._sources.values()] or [answered.spans]
         for stream in (Stream.CHANGED, Stream.FORCE):
-            has = [source.acknowledged[stream] for source in self._sources.values()]
-            self._out[stream].forget(min(has, default=answered.spans[stream].last))
+            self._out[stream].forget(min(spans[stream].last for spans in has))
         self._out[Stream.CONVERSION].forget(self.accounts.acknowledged_by_all)
 
     def _welcome(self, numbers: list[int]) -> None:
@@ -382,5 +377,8 @@ class SoilExchange:
             elif request.stream is Stream.OWED:
                 self._post_owed(source, wanted)
             elif request.stream in self._out:
-                rows = self._out[request.stream].again(wanted)
-                self._outbox.extend(chunked(self.epoch, request.stream, rows))
+                self._post(request.stream, self._out[request.stream].again(wanted))
+
+    def _post(self, stream: Stream, rows: Rows) -> None:
+        """Post rows to all."""
+        self._outbox.extend(chunked(self.epoch, stream, rows))
