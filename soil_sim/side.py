@@ -133,7 +133,7 @@ class SoilSide:
 
     def _note_places(self, sweeps: Rows) -> None:
         """Where the bucket of each machine is now."""
-        first = np.flatnonzero((sweeps["pair"] == 0) & (sweeps["tool"] == 0))
+        (first,) = ((sweeps["pair"] == 0) & (sweeps["tool"] == 0)).nonzero()
         columns = (sweeps[name][first].tolist() for name in ("source", "x1", "y1", "z1"))
         for source, *place in zip(*columns, strict=True):
             # Rows are judged later; soil cannot be put down at a place that is none.

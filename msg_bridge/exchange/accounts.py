@@ -179,9 +179,10 @@ class Accounts:
             outside = conversions["kind"] == Kind.OUTSIDE
             self._outside += int(conversions["volume_mm3"][outside].sum(dtype=np.int64))
             numbers = np.arange(span.first, span.first + span.count, dtype=np.int64)
-            for source in sources_of(conversions):
+            sources = sources_of(conversions)
+            for source in sources:
                 if source not in self._released:
-                    own = conversions["source"] == source
+                    own = conversions["source"] == source if len(sources) > 1 else slice(None)
                     self._sources[source].book(numbers[own], conversions[own])
         self._released.clear()
 

@@ -55,7 +55,7 @@ class Phase(Enum):
 
 @dataclass(frozen=True)
 class TickAnswer:
-    """The soil's complete answer to a tick.
+    """The soil's complete answer to a tick; its rows are not to be written to.
 
     Attributes:
         tick: the soil's tick that answers; in real time a later one than was sent.
@@ -376,7 +376,7 @@ def _changed_since(revision: int, changed: Rows) -> Rows:
     """CHANGED rows of revisions after one."""
     if changed.size == 0:
         return changed
-    # Revisions in rows are modulo 2**32, as sequence numbers are.
-    since = (changed["revision"].astype(np.int64) - revision) % 2**32
-    newer = (since > 0) & (since < 2**31)
-    return changed if newer.all() else changed[newer]
+    # Revisions in rows are modulo 2**32, as sequence numbers are: half of all others are later.
+    beyond_next = changed["revision"] - np.uint32((revision + 1) % 2**32)
+    later = beyond_next < 2**31 - 1
+    return changed if np.count_nonzero(later) == changed.size else changed[later]

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +52,7 @@ _KEPT = 64
 
 @dataclass(frozen=True)
 class TickInput:
-    """Everything the machines sent for one tick.
+    """Everything the machines sent for one tick; its rows are not to be written to.
 
     Attributes:
         tick: its number; 0 is the welcome, before anything has moved.
@@ -205,6 +205,8 @@ class SoilExchange:
         self.accounts.book(conversion_range, conversions)
         for number in self._taken:
             self._finish(self._sources[number])
+        self._taken = ()
+        admitted = self._admit(conversion_range.last)
         header = SoilHeader(
             self.epoch,
             self.tick,
@@ -212,21 +214,17 @@ class SoilExchange:
             conversions=conversion_range,
             changed=changed_range,
             forces=force_range,
-            receipts=(),
+            receipts=tuple(self._sources[n].receipt for n in self.joined),
         )
-        admitted = self._admit(header)
-        for number, source in self._sources.items():
-            if number not in admitted:  # to them it is the welcome
-                source.told(header)
-        self._taken = ()
-        receipts = tuple(self._sources[n].receipt for n in self.joined)
-        self._last = replace(header, receipts=receipts)
-        self._said.append(self._last)
+        for source in self._sources.values():
+            source.told(header)
+        self._last = header
+        self._said.append(header)
         # The header last: who has it can expect to have the rows.
         self._post(Stream.CONVERSION, conversions)
         self._post(Stream.CHANGED, changed)
         self._post(Stream.FORCE, forces)
-        self._outbox.append(self._last)
+        self._outbox.append(header)
         self._welcome(admitted)
         self._forget(header)
         self.ledger = self.accounts.ledger(self.tick, terrain_mm3)
@@ -315,10 +313,13 @@ class SoilExchange:
             self.accounts.leave(header.source)
             del self._sources[header.source]
 
-    def _admit(self, welcome: SoilHeader) -> list[int]:
-        """Let waiting sources in, as of the tick of `welcome`; returns their numbers."""
+    def _admit(self, published: int) -> list[int]:
+        """Let waiting sources in, as of this tick; returns their numbers.
+
+        Args:
+            published: last conversion row published so far.
+        """
         admitted = []
-        published = welcome.conversions.last
         for number, header in sorted(self._joining.items()):
             try:
                 if header.verb is Verb.RETURN:
@@ -332,7 +333,7 @@ class SoilExchange:
                 continue
             self.refused.pop(number, None)
             owed = self.accounts.owed(number)
-            self._sources[number] = Source(number, header.life, owed, welcome)
+            self._sources[number] = Source(number, header.life, owed, self.tick)
             admitted.append(number)
         self._joining.clear()
         return admitted

@@ -37,11 +37,11 @@ class Source:
         owed_count: how many.
     """
 
-    def __init__(self, source: int, life: int, owed: Rows, welcome: SoilHeader) -> None:
-        """`welcome` is the first header that lists it."""
+    def __init__(self, source: int, life: int, owed: Rows, tick: int) -> None:
+        """Welcome it in the header of `tick`, which it must be `told` next."""
         self.source = source
         self.life = life
-        self.taken = welcome.tick
+        self.taken = tick
         self.sweeps = Incoming(Stream.SWEEP)
         self.landed = Incoming(Stream.LANDED)
         self._streams = {Stream.SWEEP: self.sweeps, Stream.LANDED: self.landed}
@@ -49,7 +49,7 @@ class Source:
         self.owed_count = self.owed.append(owed)[1].count
         self._words: deque[MachineHeader] = deque()  # on ticks not taken yet, the oldest first
         # What it was told: (its tick that was answered, the answer), from what it certainly has on.
-        self._told = deque([(self.taken, welcome)])
+        self._told: deque[tuple[int, SoilHeader]] = deque()
         self._ticks = deque([self.taken], maxlen=AHEAD + 2)  # taken last
 
     @property
@@ -88,7 +88,8 @@ class Source:
         ):
             expected = stream.expected if had is None else had.last + 1
             check_span(span, stream.stream, expected)
-        if not all(0 <= held <= _MOST_HELD for held in (header.pending_mm3, header.particles_mm3)):
+        held = (header.pending_mm3, header.particles_mm3)
+        if min(held) < 0 or max(held) > _MOST_HELD:
             raise ExchangeError(
                 f"machine {self.source} says it holds {header.pending_mm3} + {header.particles_mm3}"
                 f" mm^3 of soil; each must be 0 to {_MOST_HELD}"

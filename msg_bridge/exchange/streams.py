@@ -15,7 +15,7 @@ import numpy as np
 
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import STREAM_DTYPE, RowRange, Stream
-from msg_bridge.contract.rows import Rows, join_rows
+from msg_bridge.contract.rows import Rows, empty_rows, join_rows
 from msg_bridge.exchange.early import EarlyRows
 
 __all__ = ["AHEAD", "WINDOW", "Incoming", "Outgoing", "check_span"]
@@ -101,6 +101,7 @@ class Incoming:
         self.stream = stream
         self._first = first
         self._dtype = STREAM_DTYPE[stream]
+        self._none = empty_rows(self._dtype)
         self._ready: deque[Rows] = deque()  # from the first one expected on, before the first gap
         self._received = first - 1
         self._early = EarlyRows(self._dtype)  # behind that gap
@@ -162,6 +163,10 @@ class Incoming:
         """The rows of a range that has no gap and is not forgotten; not to be written to."""
         if span.first < self._first or span.last > self._received:
             raise ExchangeError(f"{self.stream.name} rows {span.first}..{span.last} are not here")
+        if span.count == 0:
+            return self._none
+        if span.first == self._first and span.count == self._ready[0].size:  # nearly always
+            return self._ready[0]
         parts, number = [], self._first
         for rows in self._ready:
             if number > span.last:

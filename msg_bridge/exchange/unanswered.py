@@ -152,5 +152,7 @@ class Unanswered:
         spans = {}
         for stream, span in answer.spans.items():
             since = self._incoming[stream].expected
-            spans[stream] = RowRange(since, span.last + 1 - since)
+            if span.first != since:  # there were answers in between
+                span = RowRange(since, span.last + 1 - since)
+            spans[stream] = span
         return spans
