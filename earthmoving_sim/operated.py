@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple
 from typing import Protocol
-
-from builtin_interfaces.msg import Time
 
 from earthmoving_sim.world import World
 from machine_sim.operator import Command, View
 from machine_sim.operator.eyes import Eyes, Terrain
 from machine_sim.work.rig import Rig
 from msg_bridge.codec.machine_state import BaseState, PayloadState
-from msg_bridge.codec.poses import from_odometry, to_odometry
+from msg_bridge.codec.poses import through_odometry
 
 __all__ = ["Operated", "Operator"]
 
@@ -41,12 +38,12 @@ class Operated:
     def view(self) -> View:
         """What the public topics would tell, bit by bit."""
         world, machine = self._world, self._rig.machine
-        base = BaseState(*machine.base_pose, *machine.base_velocity)
+        base, payload = BaseState(*machine.base_pose, *machine.base_velocity), self._rig.payload
         return self._eyes.see(
             world.tick * self._tick,
             machine.joint_positions,
-            from_odometry(to_odometry(base, "base_link", Time())),
-            PayloadState(*astuple(self._rig.payload)),
+            through_odometry(base),
+            PayloadState(payload.bank, payload.loose, payload.mass, payload.fill),
             Terrain(world.soil.grid, world.surface, world.soil.revision),
             world.ledger,
         )

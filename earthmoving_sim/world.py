@@ -59,6 +59,8 @@ class World:
         self.soil = soil
         self.machines = dict(machines)
         self.answers: dict[int, TickAnswer] = {}
+        self._surface_revision: int | None = None
+        self._surface: NDArray[np.float64] = np.zeros((0, 0))
         self._soil_side = SoilSide(soil, expected=self.machines)
         self._machine_sides = {
             source: MachineSide(machine, MachineExchange(source))
@@ -76,8 +78,14 @@ class World:
 
     @property
     def surface(self) -> NDArray[np.float64]:
-        """Heights [m], shape (rows, cols), to the bits that messages carry (float32)."""
-        return self.soil.columns.height.astype(np.float32).astype(np.float64)
+        """Heights [m], shape (rows, cols), to the bits that messages carry (float32).
+
+        The same array until the terrain changes; not to be written to.
+        """
+        if self._surface_revision != self.soil.revision:
+            self._surface_revision = self.soil.revision
+            self._surface = self.soil.columns.height.astype(np.float32).astype(np.float64)
+        return self._surface
 
     def step(self) -> Ledger:
         """Advance all machines and the soil by one tick.

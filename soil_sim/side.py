@@ -7,7 +7,7 @@ What a node runs over topics and a world of one process runs directly. Messages 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,7 +67,7 @@ class SoilSide:
             expected=expected,
             epoch=epoch,
         )
-        self._places: dict[int, tuple[float, float, float]] = {}
+        self._places: dict[int, Sequence[float]] = {}  # x, y, z [m] by source
         self._held = HeldSoils()
         self._releasing: list[int] = []
 
@@ -125,16 +125,20 @@ class SoilSide:
         return tuple(self._releasing)
 
     def _step(self, tick: TickInput) -> SoilStep:
-        sweeps = tick.sweeps
-        first = (sweeps["pair"] | sweeps["tool"]) == 0  # where its bucket is
-        for x, y, z, source in sweeps[first][["x1", "y1", "z1", "source"]].tolist():
-            # Rows are judged later; soil cannot be put down at a place that is none.
-            if math.isfinite(x) and math.isfinite(y) and math.isfinite(z):
-                self._places[source] = (x, y, z)
+        self._note_places(tick.sweeps)
         released = [self._released(source) for source in self._still_absent()]
         self._releasing = []
         landed = join_rows([tick.landed, *released], LANDED)
-        return self.soil.step(tick.tick, sweeps, landed)
+        return self.soil.step(tick.tick, tick.sweeps, landed)
+
+    def _note_places(self, sweeps: Rows) -> None:
+        """Where the bucket of each machine is now."""
+        (first,) = ((sweeps["pair"] == 0) & (sweeps["tool"] == 0)).nonzero()
+        columns = (sweeps[name][first].tolist() for name in ("source", "x1", "y1", "z1"))
+        for source, *place in zip(*columns, strict=True):
+            # Rows are judged later; soil cannot be put down at a place that is none.
+            if all(map(math.isfinite, place)):
+                self._places[source] = place
 
     def _still_absent(self) -> list[int]:
         return [n for n in self._releasing if n in self.exchange.releasable]

@@ -250,7 +250,7 @@ def swing_toward(
 
 def rotation_matrix(quaternion: ArrayLike) -> Array:
     """Rotation matrix, shape (3, 3), of a quaternion (x, y, z, w), made a unit one first."""
-    x, y, z, w = (float(part) for part in np.asarray(quaternion, dtype=np.float64))
+    x, y, z, w = np.asarray(quaternion, dtype=np.float64).tolist()
     # A physics engine's quaternions are units only to about 1e-6; rotations must be better.
     scale = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
     x, y, z, w = x * scale, y * scale, z * scale, w * scale

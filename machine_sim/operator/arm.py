@@ -19,7 +19,6 @@ from machine_sim.machine.kinematics import (
     arm_geometry,
     pin_angles,
     rotation_about_z,
-    to_arm_plane,
     tool_pose,
 )
 from machine_sim.operator.view import View
@@ -58,6 +57,7 @@ class ArmPlane:
 
     def __init__(self, machine: MachineDescription) -> None:
         self._machine = machine
+        self._swing = np.array(arm_geometry(machine).swing)
         bucket = machine.bucket
         self._length = bucket.tip_length
         nx, _, nz = bucket.mouth_normal
@@ -88,7 +88,7 @@ class ArmPlane:
         _, pin = tool_pose(self._machine, view.base_position, view.base_rotation, view.joints)
         # Over a base that leans sideways the pin is not where the upper body faces.
         x, y, _ = (pin - self._axis(view)).tolist()
-        attitude = float(view.joints[1:].sum()) - _rise(view, view.joints[0])
+        attitude = float(view.joints[1:].sum()) - self.rise(view)
         return Place(math.atan2(y, x), math.hypot(x, y), float(pin[2]), attitude)
 
     def joints(self, view: View, place: Place) -> Array:
@@ -107,30 +107,29 @@ class ArmPlane:
 
     def _joints(self, view: View, place: Place) -> Array:
         axis = self._axis(view)
-        x, y = math.cos(place.azimuth), math.sin(place.azimuth)
-        target = np.array([axis[0] + place.radius * x, axis[1] + place.radius * y, place.height])
-        base = (self._machine, view.base_position, view.base_rotation)
-        across = to_arm_plane(*base, 0.0, target)
-        swing = math.atan2(across[1], across[0])
+        east, north = math.cos(place.azimuth), math.sin(place.azimuth)
+        target = [axis[0] + place.radius * east, axis[1] + place.radius * north, place.height]
+        away = np.array(target) - axis
+        x, y, _ = (away @ view.base_rotation).tolist()
         # The same direction again, whole turns away, as near as can be to where it is.
-        swing = view.joints[0] + math.remainder(swing - view.joints[0], 2 * math.pi)
-        reach, _, above = to_arm_plane(*base, swing, target)
-        boom, arm = pin_angles(self._machine, float(reach), float(above))
+        now = float(view.joints[0])
+        swing = now + math.remainder(math.atan2(y, x) - now, 2 * math.pi)
+        upper = view.base_rotation @ rotation_about_z(swing)
+        reach, _, above = (away @ upper).tolist()
+        boom, arm = pin_angles(self._machine, reach, above)
         limits = self._machine.joints["bucket"]
-        wanted = place.attitude + _rise(view, swing) - boom - arm
+        wanted = place.attitude + _rise(upper) - boom - arm
         bucket = min(max(wanted, limits.lower), limits.upper)
         return np.array([swing, boom, arm, bucket])
 
     def rise(self, view: View) -> float:
         """Angle by which the upper body looks up [rad]; below 0 it leans forward."""
-        return _rise(view, float(view.joints[0]))
+        return _rise(view.base_rotation @ rotation_about_z(float(view.joints[0])))
 
     def _axis(self, view: View) -> Array:
-        origin = np.array(arm_geometry(self._machine).swing)
-        return np.asarray(view.base_position + view.base_rotation @ origin, dtype=np.float64)
+        return np.asarray(view.base_position + view.base_rotation @ self._swing, dtype=np.float64)
 
 
-def _rise(view: View, swing: float) -> float:
-    """Angle at which the upper body looks up, over a base that leans [rad]."""
-    forward = (view.base_rotation @ rotation_about_z(swing))[:, 0]
-    return math.asin(max(-1.0, min(1.0, float(forward[2]))))
+def _rise(upper: Array) -> float:
+    """Angle at which the upper body looks up [rad], given its rotation to the map."""
+    return math.asin(max(-1.0, min(1.0, float(upper[2, 0]))))

@@ -122,7 +122,7 @@ class DigCycle:
             self._motion = self._begin(view)
         wanted = _SPILL if tips else self._motion.advance(view, self._arm, dt)
         most = np.array(self.params.lever_rates) * dt
-        self._levers = self._levers + np.clip(wanted - self._levers, -most, most)
+        self._levers = self._levers + np.minimum(np.maximum(wanted - self._levers, -most), most)
         brimful = self.phase == "dig" and view.fill > self.params.brimming
         if brimful or (self._motion.done and self._steady):
             self._end(view, dt)

@@ -8,6 +8,7 @@ waits.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -46,11 +47,16 @@ class Motion:
             start: where the bucket is.
             targets: in order, at least one.
         """
-        self._places = np.array([start, *(target.place for target in targets)])
-        self._places[:, 0] = np.unwrap(self._places[:, 0])  # the short way around
-        self._times = np.cumsum([0.0, *(max(target.duration, 1e-3) for target in targets)])
-        self._ease = min(_EASE, float(self._times[-1]))
-        self._total = float(self._times[-1]) + self._ease
+        places = np.array([start, *(target.place for target in targets)])
+        places[:, 0] = np.unwrap(places[:, 0])  # the short way around
+        times = np.cumsum([0.0, *(max(target.duration, 1e-3) for target in targets)])
+        # Plain numbers: what is looked up at every tick is too small for arrays.
+        self._rates = (np.diff(places, axis=0) / np.diff(times)[:, None]).tolist()
+        self._places: list[list[float]] = places.tolist()
+        self._times: list[float] = times.tolist()
+        self._way = self._times[-1]
+        self._ease = min(_EASE, self._way)
+        self._total: float = self._way + self._ease
         self._time = 0.0
 
     @property
@@ -69,8 +75,14 @@ class Motion:
         return np.asarray(velocity, dtype=np.float64)
 
     def _at(self, time: float) -> Place:
-        t = _eased(time, float(self._times[-1]), self._ease)
-        return Place(*(float(np.interp(t, self._times, column)) for column in self._places.T))
+        t = _eased(time, self._way, self._ease)
+        k = bisect_right(self._times, t) - 1
+        if k == len(self._rates):
+            return Place(*self._places[-1])
+        since = t - self._times[k]
+        return Place(
+            *(x + rate * since for x, rate in zip(self._places[k], self._rates[k], strict=True))
+        )
 
 
 def _eased(time: float, way: float, ease: float) -> float:

@@ -102,14 +102,16 @@ class SteadyBase:
     def __init__(self, time_constant: float) -> None:
         """`time_constant` is how long it looks before it believes a change [s]."""
         self._time_constant = time_constant
-        self._pose: NDArray[np.float64] | None = None
+        self._position: NDArray[np.float64] | None = None
+        self._rotation: NDArray[np.float64] = np.eye(3)  # on average, so not quite a rotation
 
     def see(self, view: View, dt: float) -> View:
         """The same view with the base as it stands on average, `dt` [s] after the last one."""
-        pose = np.column_stack([view.base_rotation, view.base_position])
-        if self._pose is None:
-            self._pose = pose
-        self._pose = self._pose + min(1.0, dt / self._time_constant) * (pose - self._pose)
+        if self._position is None:
+            self._position, self._rotation = view.base_position, view.base_rotation
+        part = min(1.0, dt / self._time_constant)
+        self._position = self._position + part * (view.base_position - self._position)
+        self._rotation = self._rotation + part * (view.base_rotation - self._rotation)
         # The mean of rotations near one another, made a rotation again.
-        u, _, v = np.linalg.svd(self._pose[:, :3])
-        return replace(view, base_rotation=u @ v, base_position=self._pose[:, 3])
+        u, _, v = np.linalg.svd(self._rotation)
+        return replace(view, base_rotation=u @ v, base_position=self._position)

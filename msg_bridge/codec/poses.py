@@ -7,6 +7,7 @@ no `odom` frame between `map` and the base, and the odometry is of `map` with ze
 from __future__ import annotations
 
 import importlib
+import math
 from collections.abc import Sequence
 from functools import cache
 from typing import Any, NamedTuple
@@ -37,6 +38,7 @@ from msg_bridge.codec.rotations import rotation_of, unit_quaternion
 __all__ = [
     "ToolWrench",
     "from_odometry",
+    "through_odometry",
     "to_odometry",
     "to_tf_message",
     "to_transforms",
@@ -74,18 +76,14 @@ def to_odometry(
     Raises:
         CodecError: a vector or quaternion that is none.
     """
-    inward = rotation_of(base.quaternion).T
-    twist = Twist(
-        linear=_vector3(inward @ _vector(base.velocity, "base velocity")),
-        angular=_vector3(inward @ _vector(base.spin, "base angular velocity")),
-    )
-    x, y, z = _vector(base.position, "base position").tolist()
-    pose = Pose(position=Point(x=x, y=y, z=z), orientation=_quaternion(base.quaternion))
+    position, (qx, qy, qz, qw), linear, angular = _inward(base)
+    x, y, z = position.tolist()
+    pose = Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
     return Odometry(
         header=Header(stamp=stamp, frame_id=frame_id),
         child_frame_id=child_frame_id,
         pose=PoseWithCovariance(pose=pose),
-        twist=TwistWithCovariance(twist=twist),
+        twist=TwistWithCovariance(twist=Twist(linear=_vector3(linear), angular=_vector3(angular))),
     )
 
 
@@ -100,14 +98,20 @@ def from_odometry(msg: Odometry, *, frame_id: str = "map") -> BaseState:
             f"the odometry's pose is in {msg.header.frame_id!r}; it must be in {frame_id!r}"
         )
     pose, twist = msg.pose.pose, msg.twist.twist
-    at, turn = pose.position, pose.orientation
-    quaternion = unit_quaternion([turn.x, turn.y, turn.z, turn.w])
-    outward = rotation_of(quaternion)
-    linear, angular = (np.array([v.x, v.y, v.z]) for v in (twist.linear, twist.angular))
-    base = (np.array([at.x, at.y, at.z]), outward @ linear, outward @ angular)
-    if not np.isfinite(base).all():
-        raise CodecError("the odometry has numbers that are not finite; its sender has failed")
-    return BaseState(base[0], np.array(quaternion), base[1], base[2])
+    turn = pose.orientation
+    position, linear, angular = (
+        np.array([v.x, v.y, v.z]) for v in (pose.position, twist.linear, twist.angular)
+    )
+    return _outward(position, (turn.x, turn.y, turn.z, turn.w), linear, angular)
+
+
+def through_odometry(base: BaseState) -> BaseState:
+    """A base as odometry tells of it: `from_odometry(to_odometry(base, ...))`, without a message.
+
+    Raises:
+        CodecError: a vector or quaternion that is none, or numbers that are not finite.
+    """
+    return _outward(*_inward(base))
 
 
 def to_transforms(
@@ -187,6 +191,33 @@ def _tf_message() -> Any:
         return importlib.import_module("tf2_msgs.msg").TFMessage
     except ImportError:
         return None
+
+
+def _inward(base: BaseState) -> tuple[Array, tuple[float, float, float, float], Array, Array]:
+    """Position and unit quaternion in the map frame, velocity and spin in the base's own."""
+    inward = rotation_of(base.quaternion).T
+    return (
+        _vector(base.position, "base position"),
+        unit_quaternion(base.quaternion),
+        inward @ _vector(base.velocity, "base velocity"),
+        inward @ _vector(base.spin, "base angular velocity"),
+    )
+
+
+def _outward(
+    position: Array, quaternion: tuple[float, float, float, float], linear: Array, angular: Array
+) -> BaseState:
+    """`_inward` back.
+
+    Raises:
+        CodecError: numbers that are no pose and motion.
+    """
+    quaternion = unit_quaternion(quaternion)
+    outward = rotation_of(quaternion)
+    velocity, spin = outward @ linear, outward @ angular
+    if not all(map(math.isfinite, (*position.tolist(), *velocity.tolist(), *spin.tolist()))):
+        raise CodecError("the odometry has numbers that are not finite; its sender has failed")
+    return BaseState(position, np.array(quaternion), velocity, spin)
 
 
 def _vector(values: ArrayLike, what: str) -> Array:

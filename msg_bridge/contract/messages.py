@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,7 +165,7 @@ class SoilHeader:
     forces: RowRange
     receipts: tuple[SourceReceipt, ...]
 
-    @property
+    @cached_property  # looked at many times a tick
     def spans(self) -> dict[Stream, RowRange]:
         """The rows it counts, by stream."""
         return {

@@ -25,6 +25,7 @@ __all__ = [
     "Rows",
     "empty_rows",
     "join_rows",
+    "rows_of",
     "sources_of",
 ]
 
@@ -172,9 +173,16 @@ def sources_of(rows: Rows) -> list[int]:
     sources = rows["source"]
     if sources.size == 0:
         return []
-    if (sources == sources[0]).all():  # nearly always
-        return [int(sources[0])]
+    first = int(sources[0])
+    if np.count_nonzero(sources == first) == sources.size:  # nearly always
+        return [first]
     return [int(source) for source in np.unique(sources)]
+
+
+def rows_of(rows: Rows, source: int) -> Rows:
+    """The rows of one source; the very array where all are."""
+    own = rows["source"] == source
+    return rows if np.count_nonzero(own) == rows.size else rows[own]
 
 
 def empty_rows(dtype: np.dtype[np.void], count: int = 0) -> Rows:

@@ -8,24 +8,49 @@ anywhere shows as an imbalance.
 
 from __future__ import annotations
 
+from collections import deque
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import MachineHeader, RowRange
-from msg_bridge.contract.rows import CONVERSION, Kind, Rows, empty_rows, join_rows, sources_of
+from msg_bridge.contract.rows import CONVERSION, Kind, Rows, join_rows, rows_of, sources_of
 
 __all__ = ["Accounts", "signed_volume"]
+
+_SIGNS = np.array([1, -1, -1, 0], dtype=np.int64)
+"""What a row's volume counts in flight, by its Kind."""
 
 
 def signed_volume(conversions: Rows) -> int:
     """What these rows put in flight: excavated soil +, deposited and outside soil -."""
-    volume = conversions["volume_mm3"].astype(np.int64)
-    kind = conversions["kind"]
-    out = int(volume[kind == Kind.EXCAVATE].sum())
-    back = int(volume[(kind == Kind.DEPOSIT) | (kind == Kind.OUTSIDE)].sum())
-    return out - back
+    return int(np.dot(_SIGNS[conversions["kind"]], conversions["volume_mm3"]))
+
+
+class _Flight(NamedTuple):
+    """Rows of one source that were published together.
+
+    Attributes:
+        numbers: theirs among all conversion rows, ascending.
+        rows: CONVERSION rows.
+        volume: signed.
+    """
+
+    numbers: NDArray[np.int64]
+    rows: Rows
+    volume: int
+
+    def through(self, number: int) -> int:
+        """How many of them are numbered up to and with `number`."""
+        return int(np.searchsorted(self.numbers, number, side="right"))
+
+    def cut(self, begin: int, end: int | None = None) -> _Flight:
+        """Some of them."""
+        rows = self.rows[begin:end]
+        return _Flight(self.numbers[begin:end], rows, signed_volume(rows))
 
 
 class _Account:
@@ -46,8 +71,7 @@ class _Account:
         self.applied = 0
         self.floor = 0
         self.abandoned = 0
-        self._numbers = np.zeros(0, dtype=np.int64)
-        self._rows = empty_rows(CONVERSION)
+        self._flights: deque[_Flight] = deque()  # in order, none without rows
 
     @property
     def held(self) -> int:
@@ -57,7 +81,7 @@ class _Account:
     @property
     def in_flight(self) -> int:
         """Signed volume of the rows it has not acknowledged."""
-        return signed_volume(self._rows)
+        return sum(flight.volume for flight in self._flights)
 
     @property
     def left_behind(self) -> int:
@@ -67,30 +91,32 @@ class _Account:
     @property
     def owed(self) -> Rows:
         """The rows it has not acknowledged, in order."""
-        return self._rows
+        return join_rows([flight.rows for flight in self._flights], CONVERSION)
 
     def book(self, numbers: NDArray[np.int64], rows: Rows) -> None:
         """Put rows in flight."""
-        self._numbers = np.concatenate([self._numbers, numbers])
-        self._rows = join_rows([self._rows, rows], CONVERSION)
+        self._flights.append(_Flight(numbers, rows, signed_volume(rows)))
 
     def volume_through(self, through: int) -> int:
         """Signed volume of its rows in flight up to number `through`."""
-        return signed_volume(self._rows[self._numbers <= through])
+        return sum(flight.cut(0, flight.through(through)).volume for flight in self._flights)
 
     def report(self, pending: int, particles: int, through: int) -> None:
         """Take its figures as of conversion row `through`."""
         self.pending, self.particles = pending, particles
         self.applied = through
         self.floor = max(self.floor, through)
-        keep = self._numbers > through
-        self._numbers, self._rows = self._numbers[keep], self._rows[keep]
+        while self._flights and self._flights[0].numbers[0] <= through:
+            flight = self._flights.popleft()
+            applied = flight.through(through)
+            if applied < flight.rows.size:
+                self._flights.appendleft(flight.cut(applied))
 
     def abandon(self) -> None:
         """Begin anew: what it held, and rows it will never apply, stay where they were lost."""
         self.abandoned += self.held + self.in_flight
         self.pending = self.particles = 0
-        self._numbers, self._rows = self._numbers[:0], self._rows[:0]
+        self._flights.clear()
 
     def release(self) -> int:
         """Hand over all of it; nothing is left."""
@@ -135,26 +161,29 @@ class Accounts:
         Raises:
             ExchangeError: naming the source.
         """
-        for source in {*sources_of(conversions), *self._released}:
-            rows = conversions[conversions["source"] == source]
-            if source in self._released:
-                if -signed_volume(rows) != self._released[source]:
-                    raise ExchangeError(
-                        f"{self._released[source]} mm^3 of machine {source} were released, but"
-                        f" conversion rows put {-signed_volume(rows)} mm^3 down"
-                    )
-            elif source not in self._sources or not self._sources[source].present:
+        for source, released in self._released.items():
+            put_down = -signed_volume(rows_of(conversions, source))
+            if put_down != released:
+                raise ExchangeError(
+                    f"{released} mm^3 of machine {source} were released, but conversion rows put"
+                    f" {put_down} mm^3 down"
+                )
+        for source in sources_of(conversions):
+            account = self._sources.get(source)
+            if source not in self._released and (account is None or not account.present):
                 raise ExchangeError(f"there are conversion rows for {source}, which has not joined")
 
     def book(self, span: RowRange, conversions: Rows) -> None:
         """Put published rows in flight, and count what left the map."""
-        outside = conversions["kind"] == Kind.OUTSIDE
-        self._outside += int(conversions["volume_mm3"][outside].astype(np.int64).sum())
-        numbers = np.arange(span.first, span.first + span.count, dtype=np.int64)
-        for source in sources_of(conversions):
-            if source not in self._released:
-                own = conversions["source"] == source
-                self._sources[source].book(numbers[own], conversions[own])
+        if conversions.size:
+            outside = conversions["kind"] == Kind.OUTSIDE
+            self._outside += int(conversions["volume_mm3"][outside].sum(dtype=np.int64))
+            numbers = np.arange(span.first, span.first + span.count, dtype=np.int64)
+            sources = sources_of(conversions)
+            for source in sources:
+                if source not in self._released:
+                    own = conversions["source"] == source if len(sources) > 1 else slice(None)
+                    self._sources[source].book(numbers[own], conversions[own])
         self._released.clear()
 
     def report(self, header: MachineHeader) -> None:
@@ -209,15 +238,16 @@ class Accounts:
 
     def ledger(self, tick: int, terrain: int) -> Ledger:
         """The ledger of a tick; the first one sets the sum that must stay."""
-        accounts = self._sources.values()
-        entries = {
-            "terrain": terrain,
-            "in_flight": sum(a.in_flight for a in accounts),
-            "pending": sum(a.pending for a in accounts if a.present),
-            "particles": sum(a.particles for a in accounts if a.present),
-            "absent": sum(a.abandoned + (0 if a.present else a.held) for a in accounts),
-            "outside": self._outside,
-        }
+        in_flight = pending = particles = absent = 0
+        for account in self._sources.values():
+            in_flight += account.in_flight
+            absent += account.abandoned
+            if account.present:
+                pending += account.pending
+                particles += account.particles
+            else:
+                absent += account.held
+        entries = (terrain, in_flight, pending, particles, absent, self._outside)
         if self._start is None:
-            self._start = sum(entries.values())
-        return Ledger(tick=tick, start=self._start, **entries)
+            self._start = sum(entries)
+        return Ledger(tick, *entries, self._start)

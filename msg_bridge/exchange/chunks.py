@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from msg_bridge.contract.messages import RowChunk, Stream
 from msg_bridge.contract.rows import Rows
 
@@ -15,7 +13,9 @@ CHUNK_ROWS = 2048
 
 def chunked(
     epoch: int, stream: Stream, rows: Rows, *, source: int = 0, life: int = 0
-) -> Iterator[RowChunk]:
+) -> list[RowChunk]:
     """Chunks of at most CHUNK_ROWS rows; none for no rows."""
-    for first in range(0, rows.size, CHUNK_ROWS):
-        yield RowChunk(epoch, stream, source, life, rows[first : first + CHUNK_ROWS])
+    return [
+        RowChunk(epoch, stream, source, life, rows[first : first + CHUNK_ROWS])
+        for first in range(0, rows.size, CHUNK_ROWS)
+    ]

@@ -34,7 +34,7 @@ from msg_bridge.contract.messages import (
     Stream,
     Verb,
 )
-from msg_bridge.contract.rows import CHANGED, CONVERSION, FORCE, Rows, empty_rows
+from msg_bridge.contract.rows import CHANGED, CONVERSION, FORCE, Rows, empty_rows, rows_of
 from msg_bridge.exchange.chunks import chunked
 from msg_bridge.exchange.entry import Entry
 from msg_bridge.exchange.streams import AHEAD, Outgoing
@@ -55,7 +55,7 @@ class Phase(Enum):
 
 @dataclass(frozen=True)
 class TickAnswer:
-    """The soil's complete answer to a tick.
+    """The soil's complete answer to a tick; its rows are not to be written to.
 
     Attributes:
         tick: the soil's tick that answers; in real time a later one than was sent.
@@ -194,7 +194,8 @@ class MachineExchange:
         sweeps, sweep_range = self._sweeps.append(sweeps)
         landed, landed_range = self._landed.append(landed)
         for rows in (sweeps, landed):
-            rows["source"] = self.source
+            if rows.size:
+                rows["source"] = self.source
         assert self._applied is not None
         self._sent = MachineHeader(
             self.epoch,
@@ -267,15 +268,12 @@ class MachineExchange:
         self.phase = Phase.READY
         self.tick = header.tick
         self._applied = header.conversions.last
-        own = {
-            stream: rows[stream][rows[stream]["source"] == self.source]
-            for stream in (Stream.CONVERSION, Stream.FORCE)
-        }
-        changed = rows[Stream.CHANGED]
-        # Revisions in rows are modulo 2**32, as sequence numbers are.
-        since = (changed["revision"].astype(np.int64) - self.keyframe.revision) % 2**32
-        changed = changed[(since > 0) & (since < 2**31)]
-        return TickAnswer(header.tick, own[Stream.CONVERSION], own[Stream.FORCE], changed)
+        return TickAnswer(
+            header.tick,
+            rows_of(rows[Stream.CONVERSION], self.source),
+            rows_of(rows[Stream.FORCE], self.source),
+            _changed_since(self.keyframe.revision, rows[Stream.CHANGED]),
+        )
 
     def remind(self) -> None:
         """Ask again for what has not come.
@@ -372,3 +370,13 @@ class MachineExchange:
 
     def _post(self, stream: Stream, rows: Rows) -> None:
         self._outbox.extend(chunked(self.epoch, stream, rows, source=self.source, life=self.life))
+
+
+def _changed_since(revision: int, changed: Rows) -> Rows:
+    """CHANGED rows of revisions after one."""
+    if changed.size == 0:
+        return changed
+    # Revisions in rows are modulo 2**32, as sequence numbers are: half of all others are later.
+    beyond_next = changed["revision"] - np.uint32((revision + 1) % 2**32)
+    later = beyond_next < 2**31 - 1
+    return changed if np.count_nonzero(later) == changed.size else changed[later]

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +52,7 @@ _KEPT = 64
 
 @dataclass(frozen=True)
 class TickInput:
-    """Everything the machines sent for one tick.
+    """Everything the machines sent for one tick; its rows are not to be written to.
 
     Attributes:
         tick: its number; 0 is the welcome, before anything has moved.
@@ -199,39 +199,32 @@ class SoilExchange:
         """
         self.accounts.check(conversions)
         self.tick += 1
-        posted = {
-            stream: self._out[stream].append(rows)
-            for stream, rows in (
-                (Stream.CONVERSION, conversions),
-                (Stream.CHANGED, changed),
-                (Stream.FORCE, forces),
-            )
-        }
-        spans = {stream: span for stream, (_, span) in posted.items()}
-        self.accounts.book(spans[Stream.CONVERSION], posted[Stream.CONVERSION][0])
+        conversions, conversion_range = self._out[Stream.CONVERSION].append(conversions)
+        changed, changed_range = self._out[Stream.CHANGED].append(changed)
+        forces, force_range = self._out[Stream.FORCE].append(forces)
+        self.accounts.book(conversion_range, conversions)
         for number in self._taken:
             self._finish(self._sources[number])
+        self._taken = ()
+        admitted = self._admit(conversion_range.last)
         header = SoilHeader(
             self.epoch,
             self.tick,
             revision,
-            conversions=spans[Stream.CONVERSION],
-            changed=spans[Stream.CHANGED],
-            forces=spans[Stream.FORCE],
-            receipts=(),
+            conversions=conversion_range,
+            changed=changed_range,
+            forces=force_range,
+            receipts=tuple(self._sources[n].receipt for n in self.joined),
         )
-        admitted = self._admit(header)
-        for number, source in self._sources.items():
-            if number not in admitted:  # to them it is the welcome
-                source.told(header)
-        self._taken = ()
-        receipts = tuple(self._sources[n].receipt for n in self.joined)
-        self._last = replace(header, receipts=receipts)
-        self._said.append(self._last)
+        for source in self._sources.values():
+            source.told(header)
+        self._last = header
+        self._said.append(header)
         # The header last: who has it can expect to have the rows.
-        for stream, (rows, _) in posted.items():
-            self._outbox.extend(chunked(self.epoch, stream, rows))
-        self._outbox.append(self._last)
+        self._post(Stream.CONVERSION, conversions)
+        self._post(Stream.CHANGED, changed)
+        self._post(Stream.FORCE, forces)
+        self._outbox.append(header)
         self._welcome(admitted)
         self._forget(header)
         self.ledger = self.accounts.ledger(self.tick, terrain_mm3)
@@ -320,10 +313,13 @@ class SoilExchange:
             self.accounts.leave(header.source)
             del self._sources[header.source]
 
-    def _admit(self, welcome: SoilHeader) -> list[int]:
-        """Let waiting sources in, as of the tick of `welcome`; returns their numbers."""
+    def _admit(self, published: int) -> list[int]:
+        """Let waiting sources in, as of this tick; returns their numbers.
+
+        Args:
+            published: last conversion row published so far.
+        """
         admitted = []
-        published = welcome.conversions.last
         for number, header in sorted(self._joining.items()):
             try:
                 if header.verb is Verb.RETURN:
@@ -337,16 +333,16 @@ class SoilExchange:
                 continue
             self.refused.pop(number, None)
             owed = self.accounts.owed(number)
-            self._sources[number] = Source(number, header.life, owed, welcome)
+            self._sources[number] = Source(number, header.life, owed, self.tick)
             admitted.append(number)
         self._joining.clear()
         return admitted
 
     def _forget(self, answered: SoilHeader) -> None:
         """Forget rows that every source has; conversions once they are applied."""
+        has = [source.acknowledged for source in self._sources.values()] or [answered.spans]
         for stream in (Stream.CHANGED, Stream.FORCE):
-            has = [source.acknowledged[stream] for source in self._sources.values()]
-            self._out[stream].forget(min(has, default=answered.spans[stream].last))
+            self._out[stream].forget(min(spans[stream].last for spans in has))
         self._out[Stream.CONVERSION].forget(self.accounts.acknowledged_by_all)
 
     def _welcome(self, numbers: list[int]) -> None:
@@ -382,5 +378,8 @@ class SoilExchange:
             elif request.stream is Stream.OWED:
                 self._post_owed(source, wanted)
             elif request.stream in self._out:
-                rows = self._out[request.stream].again(wanted)
-                self._outbox.extend(chunked(self.epoch, request.stream, rows))
+                self._post(request.stream, self._out[request.stream].again(wanted))
+
+    def _post(self, stream: Stream, rows: Rows) -> None:
+        """Post rows to all."""
+        self._outbox.extend(chunked(self.epoch, stream, rows))

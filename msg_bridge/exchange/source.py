@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 
+import numpy as np
+
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import (
     MachineHeader,
@@ -35,18 +37,19 @@ class Source:
         owed_count: how many.
     """
 
-    def __init__(self, source: int, life: int, owed: Rows, welcome: SoilHeader) -> None:
-        """`welcome` is the first header that lists it."""
+    def __init__(self, source: int, life: int, owed: Rows, tick: int) -> None:
+        """Welcome it in the header of `tick`, which it must be `told` next."""
         self.source = source
         self.life = life
-        self.taken = welcome.tick
+        self.taken = tick
         self.sweeps = Incoming(Stream.SWEEP)
         self.landed = Incoming(Stream.LANDED)
+        self._streams = {Stream.SWEEP: self.sweeps, Stream.LANDED: self.landed}
         self.owed = Outgoing(Stream.OWED)
         self.owed_count = self.owed.append(owed)[1].count
         self._words: deque[MachineHeader] = deque()  # on ticks not taken yet, the oldest first
-        # What it was told: (its tick that was answered, last rows), from what it certainly has on.
-        self._told = deque([(self.taken, _last_rows(welcome))])
+        # What it was told: (its tick that was answered, the answer), from what it certainly has on.
+        self._told: deque[tuple[int, SoilHeader]] = deque()
         self._ticks = deque([self.taken], maxlen=AHEAD + 2)  # taken last
 
     @property
@@ -55,9 +58,9 @@ class Source:
         return self._words[0] if self._words else None
 
     @property
-    def acknowledged(self) -> dict[Stream, int]:
-        """The soil's rows that it certainly has, the last number by stream."""
-        return self._told[0][1]
+    def acknowledged(self) -> dict[Stream, RowRange]:
+        """The soil's rows that it certainly has: the last of each stream that it was told of."""
+        return self._told[0][1].spans
 
     @property
     def receipt(self) -> SourceReceipt:
@@ -85,12 +88,13 @@ class Source:
         ):
             expected = stream.expected if had is None else had.last + 1
             check_span(span, stream.stream, expected)
-        if not all(0 <= held <= _MOST_HELD for held in (header.pending_mm3, header.particles_mm3)):
+        held = (header.pending_mm3, header.particles_mm3)
+        if min(held) < 0 or max(held) > _MOST_HELD:
             raise ExchangeError(
                 f"machine {self.source} says it holds {header.pending_mm3} + {header.particles_mm3}"
                 f" mm^3 of soil; each must be 0 to {_MOST_HELD}"
             )
-        applied = [rows[Stream.CONVERSION] for _, rows in self._told]
+        applied = [answer.conversions.last for _, answer in self._told]
         if header.conversions_received not in applied:
             raise ExchangeError(
                 f"machine {self.source} says it has applied conversion row"
@@ -105,13 +109,13 @@ class Source:
         Raises:
             ExchangeError: rows that are not a machine's to send, or another machine's.
         """
-        streams = {Stream.SWEEP: self.sweeps, Stream.LANDED: self.landed}
-        if chunk.stream not in streams:
+        stream = self._streams.get(chunk.stream)
+        if stream is None:
             raise ExchangeError(f"machines send no {chunk.stream.name} rows")
         names = chunk.rows.dtype.names or ()
-        if "source" in names and (chunk.rows["source"] != chunk.source).any():
+        if "source" in names and np.count_nonzero(chunk.rows["source"] != chunk.source):
             raise ExchangeError(f"machine {chunk.source} sends rows of another source")
-        streams[chunk.stream].add(chunk.rows)
+        stream.add(chunk.rows)
 
     def gaps(self) -> list[tuple[Stream, RowRange]]:
         """Rows the header counts that are not here."""
@@ -123,27 +127,27 @@ class Source:
 
     def complete(self) -> bool:
         """Whether the tick's header and all rows it counts are here."""
-        return self.header is not None and not self.gaps()
+        header = self.header
+        return header is not None and not (
+            self.sweeps.missing(header.sweeps) or self.landed.missing(header.landed)
+        )
 
     def finish(self) -> MachineHeader:
         """Forget the tick; returns its header."""
         header = self._words.popleft()
         self.sweeps.forget(header.sweeps.last)
         self.landed.forget(header.landed.last)
-        self.owed = Outgoing(Stream.OWED)
-        self.owed_count = 0
+        if self.owed_count:
+            self.owed.forget(self.owed_count)
+            self.owed_count = 0
         self.taken = header.tick
         self._ticks.append(header.tick)
         return header
 
     def told(self, header: SoilHeader) -> None:
         """Note a header that is sent to it, and what it has had since it sent the tick taken."""
-        self._told.append((self.taken, _last_rows(header)))
+        self._told.append((self.taken, header))
         # Its tick was sent after the answer to the one AHEAD + 1 before.
         certain = self._ticks[0] if len(self._ticks) == AHEAD + 2 else self._told[0][0]
         while self._told[0][0] < certain:
             self._told.popleft()
-
-
-def _last_rows(header: SoilHeader) -> dict[Stream, int]:
-    return {stream: span.last for stream, span in header.spans.items()}

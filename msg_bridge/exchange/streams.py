@@ -12,11 +12,11 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import STREAM_DTYPE, RowRange, Stream
-from msg_bridge.contract.rows import Rows, empty_rows
+from msg_bridge.contract.rows import Rows, empty_rows, join_rows
+from msg_bridge.exchange.early import EarlyRows
 
 __all__ = ["AHEAD", "WINDOW", "Incoming", "Outgoing", "check_span"]
 
@@ -31,7 +31,6 @@ WINDOW = 4_000_000
 """Rows one tick may count, and a row may run ahead of a gap; more means a broken number."""
 
 _MODULUS = 2**32
-_ROOM = 256
 
 
 def check_span(span: RowRange, stream: Stream, expected: int, *, skipping: bool = False) -> None:
@@ -65,27 +64,28 @@ class Outgoing:
         self._next = first
 
     def append(self, rows: Rows) -> tuple[Rows, RowRange]:
-        """Number a copy of some rows and remember it.
+        """Number a copy of some rows and remember it; no rows come back as they are.
 
         Returns:
             (the numbered rows, their range).
         """
         span = RowRange(self._next, rows.size)
+        if rows.size == 0:
+            return rows, span
         numbered = rows.copy()
-        numbered["seq"] = (span.first + np.arange(rows.size, dtype=np.int64)) % _MODULUS
         self._next += rows.size
-        if rows.size:
-            self._kept.append((span, numbered))
+        numbered["seq"] = np.arange(span.first, self._next)  # modulo 2**32, as the field is
+        self._kept.append((span, numbered))
         return numbered, span
 
     def again(self, wanted: RowRange) -> Rows:
         """The rows asked for again, as far as they are still kept."""
-        parts = [empty_rows(STREAM_DTYPE[self.stream])]
+        parts = []
         for span, rows in self._kept:
             if span.last >= wanted.first and span.first <= wanted.last:
                 begin = max(wanted.first - span.first, 0)
                 parts.append(rows[begin : wanted.last + 1 - span.first])
-        return np.concatenate(parts)
+        return join_rows(parts, STREAM_DTYPE[self.stream])
 
     def forget(self, through: int) -> None:
         """Drop what was sent together and ends with row `through` or before."""
@@ -100,8 +100,11 @@ class Incoming:
         """`first` is the number of the first row expected."""
         self.stream = stream
         self._first = first
-        self._ready = 0  # rows from the first one expected on, before the first gap
-        self._clear()
+        self._dtype = STREAM_DTYPE[stream]
+        self._none = empty_rows(self._dtype)
+        self._ready: deque[Rows] = deque()  # from the first one expected on, before the first gap
+        self._received = first - 1
+        self._early = EarlyRows(self._dtype)  # behind that gap
 
     @property
     def expected(self) -> int:
@@ -111,10 +114,10 @@ class Incoming:
     @property
     def received(self) -> int:
         """Last number up to which nothing is missing."""
-        return self._first - 1 + self._ready
+        return self._received
 
     def add(self, rows: Rows) -> int:
-        """Take rows in any order, any number of times.
+        """Take rows in any order, any number of times; those that are next are not copied.
 
         Returns:
             How many were new.
@@ -122,71 +125,55 @@ class Incoming:
         Raises:
             ExchangeError: rows of another type, or numbered far beyond any gap.
         """
-        if rows.dtype != self._buffer.dtype or rows.ndim != 1:
+        if rows.dtype != self._dtype or rows.ndim != 1:
             raise ExchangeError(
-                f"{self.stream.name} rows must be a 1-D array of {self._buffer.dtype}, not"
+                f"{self.stream.name} rows must be a 1-D array of {self._dtype}, not"
                 f" {rows.ndim}-D of {rows.dtype}"
             )
-        if self._continues(rows):  # nearly always
-            end = self._ready + rows.size
-            self._grow(end)
-            self._buffer[self._ready : end] = rows
-            self._have[self._ready : end] = True
-            self._ready = end
+        if rows.size == 0:
+            return 0
+        if not self._early and self._continues(rows):  # nearly always
+            self._append(rows)
             return rows.size
         # The nearest number to the first one expected that is the same modulo 2**32.
         ahead = (rows["seq"].astype(np.int64) - self._first) % _MODULUS
-        index = np.where(ahead >= _MODULUS // 2, ahead - _MODULUS, ahead)
-        new = index >= 0  # earlier rows were had and forgotten
-        rows, index = rows[new], index[new]
-        if index.size == 0:
+        numbers = self._first + np.where(ahead >= _MODULUS // 2, ahead - _MODULUS, ahead)
+        new = numbers > self._received
+        if not new.any():
             return 0
-        if int(index.max()) >= WINDOW:
+        furthest = int(numbers.max()) - self._first
+        if furthest >= WINDOW:
             raise ExchangeError(
-                f"a {self.stream.name} row is {int(index.max())} rows ahead of what has come;"
+                f"a {self.stream.name} row is {furthest} rows ahead of what has come;"
                 " the sender counts from another start"
             )
-        self._grow(int(index.max()) + 1)
-        index, where = np.unique(index, return_index=True)
-        fresh = ~self._have[index]
-        self._buffer[index[fresh]] = rows[where[fresh]]
-        self._have[index[fresh]] = True
-        self._find_gap()
-        return int(fresh.sum())
-
-    def _continues(self, rows: Rows) -> bool:
-        """Whether rows are the next ones, in order, and none that follows is here already."""
-        if rows.size == 0:
-            return True
-        seq = rows["seq"]
-        if int(seq[0]) != (self._first + self._ready) % _MODULUS:
-            return False
-        if self._ready + rows.size > WINDOW:
-            return False
-        steps = seq[1:] - seq[:-1]  # modulo 2**32, as the numbers are
-        return bool((steps == 1).all()) and not self._have[self._ready :].any()
+        fresh = self._early.add(numbers[new], rows[new])
+        self._append(self._early.take(self._received + 1))
+        return fresh
 
     def missing(self, span: RowRange) -> list[RowRange]:
-        """Gaps in a range, as ranges."""
-        low = max(span.first - self._first, 0)
-        high = max(span.last + 1 - self._first, low)
-        if high == low or high <= self._ready:  # nearly always, and asked several times a tick
+        """Gaps in a range, as ranges; what is forgotten is none."""
+        last = span.last
+        if last <= self._received:  # nearly always, and asked several times a tick
             return []
-        self._grow(high)
-        have = self._have[low:high]
-        edges = np.flatnonzero(np.diff(np.concatenate([[True], have, [True]]).astype(np.int8)))
-        begin, end = edges[0::2], edges[1::2]
-        return [
-            RowRange(self._first + low + int(b), int(e - b))
-            for b, e in zip(begin, end, strict=True)
-        ]
+        first = max(span.first, self._received + 1)
+        return self._early.missing(RowRange(first, last + 1 - first))
 
     def rows(self, span: RowRange) -> Rows:
-        """The rows of a range that has no gap and is not forgotten."""
-        low = span.first - self._first
-        if low < 0 or self.missing(span):
+        """The rows of a range that has no gap and is not forgotten; not to be written to."""
+        if span.first < self._first or span.last > self._received:
             raise ExchangeError(f"{self.stream.name} rows {span.first}..{span.last} are not here")
-        return self._buffer[low : low + span.count].copy()
+        if span.count == 0:
+            return self._none
+        if span.first == self._first and span.count == self._ready[0].size:  # nearly always
+            return self._ready[0]
+        parts, number = [], self._first
+        for rows in self._ready:
+            if number > span.last:
+                break
+            parts.append(rows[max(span.first - number, 0) : span.last + 1 - number])
+            number += rows.size
+        return join_rows(parts, self._dtype)
 
     def forget(self, through: int) -> None:
         """Drop rows up to and with `through`; they are taken for duplicates from now on."""
@@ -194,28 +181,25 @@ class Incoming:
         if drop <= 0:
             return
         self._first = through + 1
-        buffer, have = self._buffer[drop:], self._have[drop:]
-        if self._have.size == _ROOM and not have.any():  # nearly always
-            self._have[:drop] = False
-            self._ready = 0
-            return
-        self._clear()
-        if have.any():
-            self._grow(have.size)
-            self._buffer[: have.size], self._have[: have.size] = buffer, have
-            self._find_gap()
+        while self._ready and self._ready[0].size <= drop:
+            drop -= self._ready.popleft().size
+        if self._ready:
+            self._ready[0] = self._ready[0][drop:]
+        if through > self._received:
+            self._received = through
+            self._append(self._early.take(through + 1))
 
-    def _find_gap(self) -> None:
-        missing = np.flatnonzero(~self._have)
-        self._ready = int(missing[0]) if missing.size else self._have.size
+    def _continues(self, rows: Rows) -> bool:
+        """Whether rows are the next ones, in order."""
+        seq = rows["seq"]
+        if int(seq[0]) != (self._received + 1) % _MODULUS:
+            return False
+        if self._received + rows.size - self._first >= WINDOW:
+            return False
+        steps = seq[1:] - seq[:-1]  # modulo 2**32, as the numbers are
+        return not np.count_nonzero(steps != 1)
 
-    def _clear(self) -> None:
-        self._buffer: Rows = empty_rows(STREAM_DTYPE[self.stream], _ROOM)
-        self._have: NDArray[np.bool_] = np.zeros(_ROOM, dtype=np.bool_)
-        self._ready = 0
-
-    def _grow(self, size: int) -> None:
-        if size > self._have.size:
-            more = max(size, 2 * self._have.size) - self._have.size
-            self._buffer = np.concatenate([self._buffer, empty_rows(self._buffer.dtype, more)])
-            self._have = np.concatenate([self._have, np.zeros(more, dtype=np.bool_)])
+    def _append(self, rows: Rows) -> None:
+        if rows.size:
+            self._ready.append(rows)
+            self._received += rows.size

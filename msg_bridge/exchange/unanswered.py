@@ -65,7 +65,8 @@ class Unanswered:
     @property
     def lacks_rows(self) -> bool:
         """Whether the answer to the oldest is here, but for rows that it counts."""
-        return bool(self._ticks) and self._ticks[0].answer is not None and not self._complete
+        answer = self._ticks[0].answer if self._ticks else None
+        return answer is not None and bool(self._missing(self._spans(answer)))
 
     def add(self, sent: MachineHeader) -> None:
         """Note that a tick was sent."""
@@ -113,16 +114,18 @@ class Unanswered:
 
     def pop(self) -> Answered | None:
         """The oldest tick, once its answer and all rows that it counts are here."""
-        if not self._ticks or not self._complete:
+        answer = self._ticks[0].answer if self._ticks else None
+        if answer is None:
             return None
-        tick = self._ticks.popleft()
-        assert tick.answer is not None
+        spans = self._spans(answer)
+        if self._missing(spans):
+            return None
         rows = {}
-        for stream, span in self._spans(tick.answer).items():
+        for stream, span in spans.items():
             rows[stream] = self._incoming[stream].rows(span)
             self._incoming[stream].forget(span.last)
-        self._before = tick.answer.tick
-        return Answered(tick.sent, tick.answer, rows)
+        self._before = answer.tick
+        return Answered(self._ticks.popleft().sent, answer, rows)
 
     def gaps(self) -> list[tuple[Stream, RowRange]]:
         """Rows that answers count and that are not here."""
@@ -131,21 +134,16 @@ class Unanswered:
             key=lambda answer: answer.tick,
             default=None,
         )
-        return [] if newest is None else self._missing(newest)
+        return [] if newest is None else self._missing(self._spans(newest))
 
     def without_answer(self) -> list[MachineHeader]:
         """The machine's own words that no header of the soil has answered."""
         return [tick.sent for tick in self._ticks if tick.answer is None]
 
-    @property
-    def _complete(self) -> bool:
-        answer = self._ticks[0].answer
-        return answer is not None and not self._missing(answer)
-
-    def _missing(self, answer: SoilHeader) -> list[tuple[Stream, RowRange]]:
+    def _missing(self, spans: dict[Stream, RowRange]) -> list[tuple[Stream, RowRange]]:
         return [
             (stream, gap)
-            for stream, span in self._spans(answer).items()
+            for stream, span in spans.items()
             for gap in self._incoming[stream].missing(span)
         ]
 
@@ -154,5 +152,7 @@ class Unanswered:
         spans = {}
         for stream, span in answer.spans.items():
             since = self._incoming[stream].expected
-            spans[stream] = RowRange(since, span.last + 1 - since)
+            if span.first != since:  # there were answers in between
+                span = RowRange(since, span.last + 1 - since)
+            spans[stream] = span
         return spans

@@ -67,6 +67,16 @@ def test_the_machine_feels_the_terrain_the_soil_has(dug) -> None:
     assert felt == pytest.approx(world.soil.columns.height, abs=1e-6)
 
 
+def test_the_surface_is_that_of_the_last_tick_to_the_bits_of_messages(dug) -> None:
+    world, _ = dug
+    before = world.surface
+    assert world.surface is before
+    drag(world, 50)
+    after = world.soil.columns.height.astype(np.float32)
+    assert np.array_equal(world.surface, after)
+    assert not np.array_equal(before, after)
+
+
 def test_soil_that_lands_is_terrain_again(dug) -> None:
     world, _ = dug
     landed = 0

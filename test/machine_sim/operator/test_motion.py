@@ -45,6 +45,14 @@ def test_motion_passes_through_its_first_target():
     assert nearest < 0.02
 
 
+def test_set_point_goes_straight_from_place_to_place():
+    motion = Motion(START, TARGETS)
+    places = np.array([START, *(target.place for target in TARGETS)])
+    for time in np.linspace(0.0, TOTAL, 41).tolist():
+        way = [np.interp(_eased(time, 3.0, 1.0), [0.0, 1.0, 3.0], column) for column in places.T]
+        assert motion._at(time) == pytest.approx(way, abs=1e-12)
+
+
 def test_motion_turns_the_short_way_where_directions_jump():
     start, end = START._replace(azimuth=3.1), START._replace(azimuth=-3.1)
     behind = view(ARM.joints(view([3.0, 0.0, 1.0, 0.0]), start))

@@ -15,6 +15,7 @@ from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.machine_state import BaseState
 from msg_bridge.codec.poses import (
     from_odometry,
+    through_odometry,
     to_odometry,
     to_tf_message,
     to_transforms,
@@ -72,6 +73,20 @@ def test_odometry_of_a_quaternion_a_little_off_is_a_rotation():
     msg = to_odometry(driving(quaternion=np.array(TO_THE_LEFT) * (1.0 + 1e-6)), "base", STAMP)
     turn = msg.pose.pose.orientation
     assert math.hypot(turn.x, turn.y, turn.z, turn.w) == pytest.approx(1.0, abs=1e-15)
+
+
+def test_a_base_through_odometry_is_what_its_message_tells_to_the_last_bit():
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        base = BaseState(*(rng.normal(size=n) for n in (3, 4, 3, 3)))
+        told = from_odometry(over_the_wire(to_odometry(base, "base_link", STAMP)))
+        for part, wanted in zip(through_odometry(base), told, strict=True):
+            assert part.tobytes() == wanted.tobytes()
+
+
+def test_a_base_that_is_not_finite_does_not_come_through_odometry():
+    with pytest.raises(CodecError, match="not finite"):
+        through_odometry(driving(velocity=[0.0, math.nan, 0.0]))
 
 
 def test_odometry_of_another_frame_is_refused():

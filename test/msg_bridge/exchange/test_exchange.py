@@ -8,8 +8,9 @@ from support.exchange_parties import BookMachine, BookSoil, Driver
 
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import MachineHeader, RowChunk, RowRange, Stream, Verb
-from msg_bridge.contract.rows import CONVERSION, LANDED, SWEEP, Kind, empty_rows
+from msg_bridge.contract.rows import CHANGED, CONVERSION, LANDED, SWEEP, Kind, empty_rows
 from msg_bridge.exchange.direct import DirectTransport
+from msg_bridge.exchange.machine_side import _changed_since
 from msg_bridge.testing import LossyTransport
 
 
@@ -197,3 +198,12 @@ def test_rows_given_to_send_are_not_written_to() -> None:
     machine.send(sweeps, empty_rows(LANDED), pending_mm3=0, particles_mm3=0)
     assert not sweeps["source"].any()
     assert not sweeps["seq"].any()
+
+
+@pytest.mark.parametrize("keyframe", [5, 2**32 - 2])
+def test_changed_cells_older_than_the_keyframe_are_left_out(keyframe: int) -> None:
+    rows = empty_rows(CHANGED, 4)
+    rows["revision"] = (np.arange(-1, 3) + keyframe) % 2**32
+    assert np.array_equal(_changed_since(keyframe, rows), rows[2:])
+    assert _changed_since(keyframe - 2, rows) is rows
+    assert _changed_since(keyframe + 2, rows).size == 0

@@ -1,3 +1,5 @@
+import weakref
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -80,8 +82,39 @@ def test_numbers_go_on_beyond_32_bits() -> None:
     assert rows["seq"].max() < 100
 
 
-def test_a_burst_leaves_no_large_buffer_behind() -> None:
-    incoming = Incoming(Stream.LANDED)
-    incoming.add(numbered(100_000))
-    incoming.forget(100_000)
-    assert incoming._have.size < 1000
+def test_forgotten_rows_are_kept_nowhere() -> None:
+    incoming, rows = Incoming(Stream.LANDED), numbered(100)
+    kept = weakref.ref(rows)
+    incoming.add(rows)
+    incoming.forget(100)
+    del rows
+    assert kept() is None
+
+
+def test_rows_of_several_messages_come_as_one() -> None:
+    rows, incoming = numbered(30), Incoming(Stream.LANDED)
+    for part in (rows[:10], rows[10:25], rows[25:]):
+        incoming.add(part)
+    assert np.array_equal(incoming.rows(RowRange(5, 22)), rows[4:26])
+    incoming.forget(12)
+    assert np.array_equal(incoming.rows(RowRange(13, 15)), rows[12:27])
+    assert incoming.rows(RowRange(13, 0)).size == 0
+
+
+def test_rows_given_up_for_lost_are_forgotten_with_what_came_behind_them() -> None:
+    rows, incoming = numbered(20), Incoming(Stream.LANDED)
+    incoming.add(rows[[0, 1, 4, 5, 6, 9]])
+    incoming.forget(5)
+    assert (incoming.expected, incoming.received) == (6, 7)
+    assert np.array_equal(incoming.rows(RowRange(6, 2)), rows[5:7])
+    assert incoming.missing(RowRange(6, 10)) == [RowRange(8, 2), RowRange(11, 5)]
+    assert incoming.add(rows[:10]) == 2
+    assert np.array_equal(incoming.rows(RowRange(6, 5)), rows[5:10])
+
+
+def test_who_sends_again_sends_what_he_sent() -> None:
+    outgoing, rows = Outgoing(Stream.LANDED), empty_rows(LANDED, 3)
+    sent, _ = outgoing.append(rows)
+    rows["volume_mm3"] = 7
+    assert np.array_equal(outgoing.again(RowRange(1, 3)), sent)
+    assert not sent["volume_mm3"].any()
