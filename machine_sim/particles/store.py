@@ -156,9 +156,10 @@ class ParticleStore:
         Raises:
             ParticleError: an id that is not alive, or one given twice.
         """
-        wanted = np.atleast_1d(np.asarray(ids)).astype(np.int64)
+        wanted = np.atleast_1d(np.asarray(ids))
         if wanted.size == 0:
             return np.zeros(0, dtype=np.intp)
+        wanted = wanted.astype(np.int64)
         if np.unique(wanted).size != wanted.size:
             raise ParticleError("a particle id is given twice; give each id once")
         if self._by_id is None:

@@ -17,7 +17,7 @@ from machine_sim.work.milling import Milling
 from machine_sim.work.payload import Payload, payload_in
 from machine_sim.work.release import PendingSoil
 from machine_sim.work.resistance import Resistance
-from machine_sim.work.sweep import drum_rows, sweep_rows
+from machine_sim.work.sweep import BucketSweep, DrumSweep
 from msg_bridge.contract.rows import SWEEP, Rows, empty_rows
 
 __all__ = ["ToolWork"]
@@ -62,6 +62,7 @@ class ToolWork:
         self.payload: Payload | None = None
         self.pending: PendingSoil | None = None
         self.resistance: Resistance | Milling | None = None
+        self._sweep: BucketSweep | DrumSweep | None = None
         if not isinstance(shape, BedShape):
             self.pending = PendingSoil(
                 shape,
@@ -71,8 +72,10 @@ class ToolWork:
             )
         if isinstance(shape, DrumShape):
             self.resistance = Milling(tool.mass, machine_mass, tool.inertia, params.physics_step)
+            self._sweep = DrumSweep(shape, number)
         elif not isinstance(shape, BedShape):
             self.resistance = Resistance(tool.mass, machine_mass, params.physics_step)
+            self._sweep = BucketSweep(shape, number)
         self._resisted = (np.zeros(3), np.zeros(3))
         self._start = self._before = tool.pose
         self._frames = deque([tool.frame], maxlen=_POSES)
@@ -140,12 +143,12 @@ class ToolWork:
         """End a tick; SWEEP rows of what it swept."""
         self._frames.append(self.tool.frame)
         self._count()
-        shape, end = self.tool.shape, self.tool.pose
-        if isinstance(shape, BedShape):
+        sweep, end = self._sweep, self.tool.pose
+        if sweep is None:
             return empty_rows(SWEEP)
-        if isinstance(shape, DrumShape):
-            return drum_rows(shape, self._start, end, spin=self.tool.spin, tool=self.number)
-        return sweep_rows(shape, self._start, end, tool=self.number)
+        if isinstance(sweep, DrumSweep):
+            return sweep.rows(self._start, end, self.tool.spin)
+        return sweep.rows(self._start, end)
 
     @property
     def state(self) -> Iterable[NDArray[np.generic]]:

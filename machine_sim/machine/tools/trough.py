@@ -8,6 +8,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.machine.errors import MachineError
@@ -120,14 +121,17 @@ class Trough:
         The prism reaches half the mouth's shorter side above the mouth plane.
         """
         points = np.asarray(points_local, dtype=np.float64).reshape(-1, 3)
-        lip, rim = self.profile[0], self.profile[-1]
-        from_lip = points[:, [0, 2]] - lip
-        along = from_lip @ ((rim - lip) / self.mouth_length)
-        above = from_lip @ self.mouth_normal[[0, 2]]
-        heap = (along >= 0.0) & (along <= self.mouth_length) & (above >= 0.0)
-        heap &= above <= 0.5 * min(self.mouth_length, self.width)
-        heap &= np.abs(points[:, 1]) <= 0.5 * self.width
-        return self.contains(points) | np.asarray(heap, dtype=np.bool_)
+        held = np.zeros(len(points), dtype=np.bool_)
+        _hold_heaped(points, *self._half_planes, self._mouth, 0.5 * self.width, held)
+        return held
+
+    @cached_property
+    def _mouth(self) -> tuple[float, ...]:
+        """Lip (x, z), way to the rim (x, z), out of the vessel (x, z), length, height of a heap."""
+        (x, z), length = self.profile[0].tolist(), self.mouth_length
+        way = ((self.profile[-1] - self.profile[0]) / length).tolist()
+        out = self.mouth_normal[[0, 2]].tolist()
+        return (x, z, *way, *out, length, 0.5 * min(length, self.width))
 
     @cached_property
     def _half_planes(self) -> tuple[Array, Array]:
@@ -141,3 +145,21 @@ class Trough:
         """The profile on the left (+1) or right (-1) side, shape (n, 3)."""
         y = np.full(len(self.profile), 0.5 * side * self.width)
         return np.column_stack([self.profile[:, 0], y, self.profile[:, 1]])
+
+
+@njit(cache=True)
+def _hold_heaped(points, normals, offsets, mouth, half_width, held):  # type: ignore[no-untyped-def]
+    """See `Trough.contains_heaped`; `held` is the answer."""
+    lip_x, lip_z, way_x, way_z, out_x, out_z, length, height = mouth
+    for i in range(len(points)):
+        x, z = points[i, 0], points[i, 2]
+        if not abs(points[i, 1]) <= half_width:
+            continue
+        along = (x - lip_x) * way_x + (z - lip_z) * way_z
+        above = (x - lip_x) * out_x + (z - lip_z) * out_z
+        inside = 0.0 <= along <= length and 0.0 <= above <= height
+        if not inside:
+            inside = True
+            for k in range(len(offsets)):
+                inside &= normals[k, 0] * x + normals[k, 1] * z <= offsets[k] + 1e-12
+        held[i] = inside
