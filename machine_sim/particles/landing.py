@@ -33,14 +33,11 @@ def settled_rows(
         return rows
     free = np.ones(rows.size, dtype=np.bool_)
     for tool in tools:
-        local = tool.local(store.position[rows])
-        near = np.linalg.norm(local - tool.centre, axis=1) <= (
-            tool.reach + params.tool_clearance + store.radius[rows]
-        )
-        for k in np.flatnonzero(near):
-            gap = tool_gap(local[k], tool) - float(store.radius[rows[k]])
-            free[k] &= gap > params.tool_clearance
-        free &= ~tool.contains(local)
+        plates = tool.plates
+        _keep_free(
+            rows, store.position, store.radius, *tool.end, tool.centre, tool.reach, tool.hull,
+            plates.frame, plates.corner, plates.corners, params.tool_clearance, free,
+        )  # fmt: skip
     outside = ~ground.grid.contains(store.position[rows, 0], store.position[rows, 1])
     rows = rows[free | outside]
     return np.asarray(rows[np.argsort(store.particle_id[rows])], dtype=np.intp)
@@ -63,6 +60,27 @@ def _done_rows(position, quiet_time, frozen, half_x, half_y, settle_time):  # ty
             rows[count] = i
             count += 1
     return rows[:count].copy()
+
+
+@kernel
+def _keep_free(  # type: ignore[no-untyped-def]
+    rows, position, radius, rotation, origin, centre, reach, hull, frame, corner, corners,
+    clearance, free,
+):  # fmt: skip
+    """Strike those out of `free` that a tool holds or has within `clearance`."""
+    for k in range(rows.size):
+        i = rows[k]
+        qx, qy, qz = position[i, 0] - origin[0], position[i, 1] - origin[1], position[i, 2] - origin[2]
+        x = qx * rotation[0, 0] + qy * rotation[1, 0] + qz * rotation[2, 0]
+        y = qx * rotation[0, 1] + qy * rotation[1, 1] + qz * rotation[2, 1]
+        z = qx * rotation[0, 2] + qy * rotation[1, 2] + qz * rotation[2, 2]
+        far = reach + clearance + radius[i]
+        if (x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (z - centre[2]) ** 2 > far * far:
+            continue
+        held = len(hull) > 0
+        for h in range(len(hull)):
+            held &= hull[h, 0] * x + hull[h, 1] * y + hull[h, 2] * z < hull[h, 3]
+        free[k] &= not held and _gap(frame, corner, corners, x, y, z) - radius[i] > clearance
 
 
 @kernel
