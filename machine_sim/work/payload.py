@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machine_sim.machine.tools.shapes import HoldingShape
-from machine_sim.particles import SoilEngine
+from machine_sim.particles import Pose, SoilEngine
 
 __all__ = ["Payload", "payload_in"]
 
@@ -29,10 +29,10 @@ class Payload:
     fill: float
 
 
-def payload_in(shape: HoldingShape, particles: SoilEngine, tool: int) -> Payload:
-    """Count the particles inside a bucket or bed and in the heap on it."""
+def payload_in(shape: HoldingShape, particles: SoilEngine, pose: Pose) -> Payload:
+    """Count the particles inside a bucket or bed that stands at a pose, and in the heap on it."""
     store = particles.store
-    inside = np.flatnonzero(shape.contains_heaped(particles.tool_local(tool)))
+    inside = shape.rows_heaped(store.position, *pose)
     if inside.size == 0:
         return Payload(0.0, 0.0, 0.0, 0.0)
     volume = store.volume_mm3[inside]

@@ -161,4 +161,4 @@ class ToolWork:
     def _count(self) -> None:
         shape = self.tool.shape
         if not isinstance(shape, DrumShape):
-            self.payload = payload_in(shape, self._particles, self.number)
+            self.payload = payload_in(shape, self._particles, self.tool.pose)

@@ -115,14 +115,20 @@ class Trough:
         inside = (points[:, [0, 2]] @ normals.T <= offsets + 1e-12).all(axis=1)
         return np.asarray(inside & (np.abs(points[:, 1]) <= 0.5 * self.width), dtype=np.bool_)
 
-    def contains_heaped(self, points_local: ArrayLike) -> NDArray[np.bool_]:
-        """Like `contains`, or in the room of a heap: the mouth prism, as high as the heap's ridge.
+    def rows_heaped(self, points: Array, rotation: Array, origin: Array) -> NDArray[np.intp]:
+        """Rows of the points that it `contains` or has in the room of a heap, in order.
 
-        The prism reaches half the mouth's shorter side above the mouth plane.
+        That is the mouth prism, as high as the heap's ridge: half the mouth's shorter side above
+        the mouth plane.
+
+        Args:
+            points: [m], map frame, shape (n, 3), float64.
+            rotation, origin: pose of the vessel's frame, shapes (3, 3) and (3,).
         """
-        points = np.asarray(points_local, dtype=np.float64).reshape(-1, 3)
-        held = np.zeros(len(points), dtype=np.bool_)
-        _hold_heaped(points, *self._half_planes, self._mouth, 0.5 * self.width, held)
+        half = 0.5 * self.width
+        held: NDArray[np.intp] = _rows_heaped(
+            points, rotation, origin, *self._half_planes, self._mouth, half
+        )
         return held
 
     @cached_property
@@ -148,12 +154,17 @@ class Trough:
 
 
 @njit(cache=True)
-def _hold_heaped(points, normals, offsets, mouth, half_width, held):  # type: ignore[no-untyped-def]
-    """See `Trough.contains_heaped`; `held` is the answer."""
+def _rows_heaped(points, rotation, origin, normals, offsets, mouth, half_width):  # type: ignore[no-untyped-def]
+    """See `Trough.rows_heaped`."""
     lip_x, lip_z, way_x, way_z, out_x, out_z, length, height = mouth
+    rows = np.empty(len(points), dtype=np.intp)
+    count = 0
     for i in range(len(points)):
-        x, z = points[i, 0], points[i, 2]
-        if not abs(points[i, 1]) <= half_width:
+        a, b, c = points[i, 0] - origin[0], points[i, 1] - origin[1], points[i, 2] - origin[2]
+        x = a * rotation[0, 0] + b * rotation[1, 0] + c * rotation[2, 0]
+        y = a * rotation[0, 1] + b * rotation[1, 1] + c * rotation[2, 1]
+        z = a * rotation[0, 2] + b * rotation[1, 2] + c * rotation[2, 2]
+        if not abs(y) <= half_width:
             continue
         along = (x - lip_x) * way_x + (z - lip_z) * way_z
         above = (x - lip_x) * out_x + (z - lip_z) * out_z
@@ -162,4 +173,7 @@ def _hold_heaped(points, normals, offsets, mouth, half_width, held):  # type: ig
             inside = True
             for k in range(len(offsets)):
                 inside &= normals[k, 0] * x + normals[k, 1] * z <= offsets[k] + 1e-12
-        held[i] = inside
+        if inside:
+            rows[count] = i
+            count += 1
+    return rows[:count].copy()
