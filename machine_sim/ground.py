@@ -231,7 +231,7 @@ def _take_over(  # type: ignore[no-untyped-def]
     cells, heights, elevation, surface, packed, level, changed, rises, rising
 ):
     """See `Ground._take`; returns the cells that rise now, one that is lowered again among them."""
-    rows, cols = elevation.shape
+    cols = elevation.shape[1]
     waiting = np.empty(rising.size + cells.size, dtype=np.int64)
     waiting[: rising.size] = rising
     count = rising.size
@@ -252,7 +252,7 @@ def _take_over(  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def _rise(rising, step, elevation, surface, packed, level, changed, rises):  # type: ignore[no-untyped-def]
     """Let cells rise by `step` [m] at most; returns those that are not up yet."""
-    rows, cols = elevation.shape
+    cols = elevation.shape[1]
     left = np.empty(rising.size, dtype=np.int64)
     count = 0
     for n in range(rising.size):

@@ -25,7 +25,7 @@ def settled_rows(
     always does. A frozen one has landed already.
     """
     width, breadth = ground.grid.size
-    rows = _done_rows(
+    rows: NDArray[np.intp] = _done_rows(
         store.position, store.quiet_time, store.frozen, 0.5 * width, 0.5 * breadth,
         np.float32(params.settle_time),
     )  # fmt: skip
@@ -70,7 +70,8 @@ def _keep_free(  # type: ignore[no-untyped-def]
     """Strike those out of `free` that a tool holds or has within `clearance`."""
     for k in range(rows.size):
         i = rows[k]
-        qx, qy, qz = position[i, 0] - origin[0], position[i, 1] - origin[1], position[i, 2] - origin[2]
+        p = position[i]
+        qx, qy, qz = p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]
         x = qx * rotation[0, 0] + qy * rotation[1, 0] + qz * rotation[2, 0]
         y = qx * rotation[0, 1] + qy * rotation[1, 1] + qz * rotation[2, 1]
         z = qx * rotation[0, 2] + qy * rotation[1, 2] + qz * rotation[2, 2]

@@ -227,10 +227,8 @@ class Resistance:
         Returns:
             Force [N] on the tool and torque about its frame's origin [N m], map axes.
         """
-        wrench = np.zeros(6)
-        if self.holds:
-            wrench += self.cut.step(pose, velocity, dt)
-            wrench += self.bearing.step(pose, velocity, dt)
+        wrench = np.array(self.cut.step(pose, velocity, dt))
+        wrench += self.bearing.step(pose, velocity, dt)
         return wrench[:3], wrench[3:]
 
 

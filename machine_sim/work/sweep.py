@@ -31,15 +31,8 @@ _STANDS = 2e-4
 
 _CUT, _PRESS = int(Action.CUT), int(Action.PRESS)
 
-_ENDS = np.dtype(
-    {
-        "names": ["ends"],
-        "formats": [("<f4", 6)],
-        "offsets": [SWEEP.fields["x0"][1]],  # type: ignore[index]
-        "itemsize": SWEEP.itemsize,
-    }
-)
-"""SWEEP rows with x0 to z1 as one column."""
+_ENDS = np.dtype([("ends", "<f4", (6,)), ("rest", f"V{SWEEP.itemsize - 24}")])
+"""SWEEP rows with x0 to z1, which come first, as one column."""
 
 
 class _Strip:

@@ -25,6 +25,9 @@ __all__ = ["ToolWork"]
 _POSES = 4
 """Poses of the tool at the ends of ticks that are remembered."""
 
+_NOTHING = (np.zeros(3), np.zeros(3))
+"""No force and no torque."""
+
 
 class ToolWork:
     """One tool of a machine, in the particle engine and toward the soil.
@@ -76,7 +79,7 @@ class ToolWork:
         elif not isinstance(shape, BedShape):
             self.resistance = Resistance(tool.mass, machine_mass, params.physics_step)
             self._sweep = BucketSweep(shape, number)
-        self._resisted = (np.zeros(3), np.zeros(3))
+        self._resisted = _NOTHING
         self._start = self._before = tool.pose
         self._frames = deque([tool.frame], maxlen=_POSES)
         self._count()
@@ -134,10 +137,13 @@ class ToolWork:
         """Let its load, and the soil that it cuts and stands on, act in the next physics step."""
         if self._params.load_acts:
             self.tool.push(*self._particles.tool_wrench(self.number))
-        if self._params.cutting_acts and self.resistance is not None:
-            self._resisted = self.resistance.step(self.tool.frame, self.tool.velocity, dt)
-            if self.resistance.holds:
-                self.tool.push(*self._resisted)
+        resistance = self.resistance
+        if not self._params.cutting_acts or resistance is None:
+            return
+        self._resisted = _NOTHING
+        if resistance.holds:
+            self._resisted = resistance.step(self.tool.frame, self.tool.velocity, dt)
+            self.tool.push(*self._resisted)
 
     def end_tick(self) -> Rows:
         """End a tick; SWEEP rows of what it swept."""
