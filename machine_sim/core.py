@@ -169,11 +169,13 @@ class MachineSim:
                 one has moved on with the tool.
         """
         self.ground.follow(changed)
-        self._receive(conversions[conversions["kind"] == Kind.EXCAVATE], ticks_since)
         if forces is not None:
             for work in self._works:
                 work.hear(forces, ticks_since)
+        if conversions.size == 0:
+            return
         kind = conversions["kind"]
+        self._receive(conversions[kind == Kind.EXCAVATE], ticks_since)
         gone = (kind == Kind.DEPOSIT) | (kind == Kind.OUTSIDE)
         self.particles.remove(conversions["particle_id"][gone])
         self.particles.unfreeze(conversions["particle_id"][kind == Kind.REFUSE])
@@ -269,26 +271,27 @@ class MachineSim:
             return
         if not self._cutting:
             raise MachineError("soil was excavated for machines of which none can cut")
-        frames = [work.frame_at(ticks_since) for work in self._cutting]
-        nearest = np.zeros(excavated.size, dtype=np.int64)
-        if len(frames) > 1:
+        shares = [excavated]
+        if len(self._cutting) > 1:
             places = np.column_stack([excavated[name] for name in "xyz"]).astype(np.float64)
             away = [work.distances(places, ticks_since) for work in self._cutting]
             nearest = np.argmin(away, axis=0)
-        for k, (work, frame) in enumerate(zip(self._cutting, frames, strict=True)):
+            shares = [excavated[nearest == k] for k in range(len(away))]
+        for work, share in zip(self._cutting, shares, strict=True):
             assert work.pending is not None
-            work.pending.receive(excavated[nearest == k], frame, self.tick)
+            work.pending.receive(share, work.frame_at(ticks_since), self.tick)
 
     def _land(self) -> Rows:
         """Freeze what came to rest and offer it to the soil."""
         ids = self.particles.settled()[: self.params.landings_per_tick]
         rows = empty_rows(LANDED, ids.size)
-        if ids.size:
-            store = self.particles.store
-            at = self.particles.index_of(ids)
-            rows["x"], rows["y"], rows["z"] = store.position[at].T
-            rows["volume_mm3"] = store.volume_mm3[at]
-            rows["particle_id"] = ids
-            rows["soil"], rows["moisture"] = store.soil[at], store.moisture[at]
-            self.particles.freeze(ids)
+        if ids.size == 0:
+            return rows
+        store = self.particles.store
+        at = self.particles.index_of(ids)
+        rows["x"], rows["y"], rows["z"] = store.position[at].T
+        rows["volume_mm3"] = store.volume_mm3[at]
+        rows["particle_id"] = ids
+        rows["soil"], rows["moisture"] = store.soil[at], store.moisture[at]
+        self.particles.freeze(ids)
         return rows

@@ -75,7 +75,8 @@ class Ground:
         self.surface: NDArray[np.float64] = self.elevation.copy()
         self.level: NDArray[np.float64] = self.elevation.copy()
         self._pressed = Pressed(grid, max(soil.swell for soil in self.soils))
-        self._rising: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+        self._rising: NDArray[np.int64] = np.zeros(0, dtype=np.int64)  # flat indices, each once
+        self._rises: NDArray[np.bool_] = np.zeros(grid.shape, dtype=np.bool_)  # which they are
         self._changed: NDArray[np.bool_] = np.zeros(grid.shape, dtype=np.bool_)
         self._is_changed = False
 
@@ -107,7 +108,8 @@ class Ground:
         np.minimum(self.surface, self.elevation, out=self.surface)
         self.level[:] = self.surface + self._pressed.packed
         self._changed[:] = self._is_changed = True
-        self._rising = np.flatnonzero(self.surface < self.elevation)
+        self._rises[:] = self.surface < self.elevation
+        self._rising = np.flatnonzero(self._rises)
 
     def follow(self, changed: Rows) -> None:
         """Take over changed cells and what they are of now.
@@ -117,10 +119,12 @@ class Ground:
         """
         if changed.size == 0:
             return
-        rows, cols, soil = changed["row"], changed["col"], self._known(changed["soil"])
-        self.update(rows, cols, changed["z"].astype(np.float64), changed["volume_mm3"])
-        self.soil[rows, cols] = soil
-        self.moisture[rows, cols] = np.minimum(changed["moisture"], _SATURATED)
+        soil = self._known(changed["soil"])
+        cells = np.ravel_multi_index((changed["row"], changed["col"]), self.grid.shape)
+        heights, volume = (changed[name].astype(np.float64) for name in ("z", "volume_mm3"))
+        self._take(cells, heights, volume)
+        self.soil.reshape(-1)[cells] = soil
+        self.moisture.reshape(-1)[cells] = np.minimum(changed["moisture"], _SATURATED)
 
     def update(
         self,
@@ -132,19 +136,27 @@ class Ground:
         """Take over changed cells: `elevation[rows, cols] = heights` [m], and volumes if known."""
         if rows.size == 0:
             return
-        if not np.isfinite(heights).all():
-            raise GroundError("a changed cell has no finite height; resync from the terrain map")
-        cells = np.ravel_multi_index((rows, cols), self.grid.shape)
-        volume = np.full(cells.size, np.nan)
+        volume = np.full(rows.size, np.nan)
         if volume_mm3 is not None:
             volume[:] = volume_mm3
-        self._pressed.follow(cells, heights - self.elevation[rows, cols], volume)
-        self.elevation[rows, cols] = heights
-        self._changed[rows, cols] = self._is_changed = True
-        lower = heights < self.surface[rows, cols]
-        self.surface[rows[lower], cols[lower]] = heights[lower]
-        self.level[rows, cols] = self.surface[rows, cols] + self._pressed.packed[rows, cols]
-        self._rising = np.union1d(self._rising, cells[~lower])
+        cells = np.ravel_multi_index((rows, cols), self.grid.shape)
+        self._take(cells, np.ascontiguousarray(heights, dtype=np.float64), volume)
+
+    def _take(
+        self,
+        cells: NDArray[np.int64],
+        heights: NDArray[np.float64],
+        volume_mm3: NDArray[np.float64],
+    ) -> None:
+        """Take over changed cells by their flat indices; volumes are NaN where not known."""
+        if not np.isfinite(heights).all():
+            raise GroundError("a changed cell has no finite height; resync from the terrain map")
+        self._pressed.follow(cells, heights - self.elevation.reshape(-1)[cells], volume_mm3)
+        self._rising = _take_over(
+            cells, heights, self.elevation, self.surface, self._pressed.packed, self.level,
+            self._changed, self._rises, self._rising,
+        )  # fmt: skip
+        self._is_changed = True
 
     def take_changes(self) -> NDArray[np.bool_] | None:
         """Where the terrain changed or rose since this was asked last, shape (rows, cols).
@@ -161,12 +173,11 @@ class Ground:
         """Let the contact surface rise toward the soil's for `dt` [s]."""
         if self._rising.size == 0:
             return
-        self._changed.reshape(-1)[self._rising] = self._is_changed = True
-        surface, elevation = self.surface.reshape(-1), self.elevation.reshape(-1)
-        cells = self._rising
-        surface[cells] = np.minimum(surface[cells] + RISE_SPEED * dt, elevation[cells])
-        self.level.reshape(-1)[cells] = surface[cells] + self._pressed.packed.reshape(-1)[cells]
-        self._rising = cells[surface[cells] < elevation[cells]]
+        self._rising = _rise(
+            self._rising, RISE_SPEED * dt, self.elevation, self.surface, self._pressed.packed,
+            self.level, self._changed, self._rises,
+        )  # fmt: skip
+        self._is_changed = True
 
     def _known(self, soil: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The ids of soils, each of which there is."""
@@ -213,3 +224,44 @@ def surface_at(surface, x_first, y_first, inverse_cell, x, y):  # type: ignore[n
     slope_x = -((c - a) * (1 - v) + (d - b) * v) * inverse_cell
     slope_y = -((b - a) * (1 - u) + (d - c) * u) * inverse_cell
     return height, slope_x, slope_y
+
+
+@njit(cache=True)
+def _take_over(  # type: ignore[no-untyped-def]
+    cells, heights, elevation, surface, packed, level, changed, rises, rising
+):
+    """See `Ground._take`; returns the cells that rise now, one that is lowered again among them."""
+    cols = elevation.shape[1]
+    waiting = np.empty(rising.size + cells.size, dtype=np.int64)
+    waiting[: rising.size] = rising
+    count = rising.size
+    for n in range(cells.size):
+        i, j = cells[n] // cols, cells[n] % cols
+        elevation[i, j] = heights[n]
+        changed[i, j] = True
+        if heights[n] < surface[i, j]:
+            surface[i, j] = heights[n]
+        elif not rises[i, j]:
+            rises[i, j] = True
+            waiting[count] = cells[n]
+            count += 1
+        level[i, j] = surface[i, j] + packed[i, j]
+    return waiting[:count].copy()
+
+
+@njit(cache=True)
+def _rise(rising, step, elevation, surface, packed, level, changed, rises):  # type: ignore[no-untyped-def]
+    """Let cells rise by `step` [m] at most; returns those that are not up yet."""
+    cols = elevation.shape[1]
+    left = np.empty(rising.size, dtype=np.int64)
+    count = 0
+    for n in range(rising.size):
+        i, j = rising[n] // cols, rising[n] % cols
+        surface[i, j] = min(surface[i, j] + step, elevation[i, j])
+        level[i, j] = surface[i, j] + packed[i, j]
+        changed[i, j] = True
+        rises[i, j] = surface[i, j] < elevation[i, j]
+        if rises[i, j]:
+            left[count] = rising[n]
+            count += 1
+    return left[:count].copy()

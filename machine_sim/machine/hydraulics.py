@@ -16,6 +16,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 from machine_sim.machine.linkage import CylinderLinkage
 from msg_bridge.contract.cylinders import CylinderState
@@ -64,12 +66,12 @@ class Cylinder:
     spread: float
     cushion: float
 
-    @property
+    @cached_property
     def head_area(self) -> float:
         """Of all pistons on the side without a rod [m^2]."""
         return 0.25 * math.pi * self.count * self.bore**2
 
-    @property
+    @cached_property
     def rod_area(self) -> float:
         """Of all pistons on the side of the rod [m^2]."""
         return 0.25 * math.pi * self.count * (self.bore**2 - self.rod_diameter**2)
@@ -80,6 +82,14 @@ class Cylinder:
             (self.rod_area, self.head_area) if pushes else (self.head_area, self.rod_area)
         )
         return pressure * behind - back * ahead
+
+
+class _Stroke(NamedTuple):
+    """A joint angle within the stroke [rad], the cylinder's length [m] and lever [m/rad] there."""
+
+    angle: float
+    length: float
+    lever: float
 
 
 class HydraulicArm:
@@ -107,7 +117,7 @@ class HydraulicArm:
         self._torques = list(torques)
         self._supply = supply
         self._turned = [(joints.index(name), cylinder) for name, cylinder in cylinders.items()]
-        self._levers: dict[int, tuple[float, float]] = {}  # by joint: an angle, the lever at it
+        self._strokes: dict[int, _Stroke] = {}  # by joint, the last that was asked for
 
     def attainable(
         self, speeds: Sequence[float], angles: Sequence[float], efforts: Sequence[float]
@@ -126,8 +136,8 @@ class HydraulicArm:
         for i, cylinder in self._turned:
             if speeds[i] == 0.0:
                 continue
-            angle, lever = self._lever(i, cylinder, angles[i])
-            speed = lever * speeds[i] * self._cushioned(cylinder, angle, lever * speeds[i])
+            _, length, lever = self._stroke(i, cylinder, angles[i])
+            speed = lever * speeds[i] * self._cushioned(cylinder, length, lever * speeds[i])
             given[i] = speed / lever
             demand += abs(speed) * (cylinder.head_area if speed > 0.0 else cylinder.rod_area)
             head, rod = self._pressures(cylinder, efforts[i] / lever)
@@ -151,7 +161,7 @@ class HydraulicArm:
         limits = self._torques.copy()
         for i, cylinder in self._turned:
             assert self._supply is not None
-            lever, supply = self._lever(i, cylinder, angles[i])[1], self._supply
+            lever, supply = self._stroke(i, cylinder, angles[i]).lever, self._supply
             limits[i] = abs(lever) * cylinder.force_limit(
                 supply.relief_pressure if moves[i] else supply.hold_pressure,
                 supply.return_pressure,
@@ -169,25 +179,24 @@ class HydraulicArm:
         """
         states = {}
         for name, (i, cylinder) in zip(self.cylinders, self._turned, strict=True):
-            angle, lever = self._lever(i, cylinder, angles[i])
+            _, length, lever = self._stroke(i, cylinder, angles[i])
             force = efforts[i] / lever
             states[name] = CylinderState(
-                cylinder.linkage.length(angle),
+                length,
                 lever * rates[i],
                 force,
                 *self._pressures(cylinder, force),
             )
         return states
 
-    def _lever(self, joint: int, cylinder: Cylinder, angle: float) -> tuple[float, float]:
-        """The angle within the stroke [rad], and the lever there [m/rad]; the last is remembered.
-
-        A step asks for it several times at one angle.
-        """
-        angle = min(max(angle, cylinder.linkage.lower), cylinder.linkage.upper)
-        known = self._levers.get(joint)
-        if known is None or known[0] != angle:
-            known = self._levers[joint] = (angle, cylinder.linkage.lever(angle))
+    def _stroke(self, joint: int, cylinder: Cylinder, angle: float) -> _Stroke:
+        """Where a cylinder is at a joint angle [rad]; a step asks for it several times."""
+        linkage = cylinder.linkage
+        angle = min(max(angle, linkage.lower), linkage.upper)
+        known = self._strokes.get(joint)
+        if known is None or known.angle != angle:
+            known = _Stroke(angle, *linkage.length_and_lever(angle))
+            self._strokes[joint] = known
         return known
 
     def _pressures(self, cylinder: Cylinder, force: float) -> tuple[float, float]:
@@ -199,9 +208,8 @@ class HydraulicArm:
         return back, (back * head - force) / rod
 
     @staticmethod
-    def _cushioned(cylinder: Cylinder, angle: float, speed: float) -> float:
+    def _cushioned(cylinder: Cylinder, length: float, speed: float) -> float:
         """Part of the full speed that the cushions let through."""
         linkage = cylinder.linkage
-        length = linkage.length(angle)
         room = linkage.longest - length if speed > 0.0 else length - linkage.shortest
         return min(1.0, _CREEP + (1.0 - _CREEP) * max(room, 0.0) / cylinder.cushion)

@@ -52,8 +52,10 @@ class JointReference:
             step = limit.acceleration * dt
             wanted = min(max(self.command[i], -limit.speed), limit.speed)
             rate = min(max(wanted, rate - step), rate + step)
-            rate = min(rate, _braking_rate(limit.upper - angle, step, dt))
-            rate = max(rate, -_braking_rate(angle - limit.lower, step, dt))
+            if rate > 0.0:
+                rate = min(rate, _braking_rate(limit.upper - angle, step, dt))
+            elif rate < 0.0:
+                rate = max(rate, -_braking_rate(angle - limit.lower, step, dt))
             angle += rate * dt
             angle = min(max(angle, actual[i] - LEAD), actual[i] + LEAD)
             self.angle[i] = min(max(angle, limit.lower), limit.upper)

@@ -141,7 +141,12 @@ class CylinderLinkage:
 
         It is the lever arm, too: what the cylinder pushes with times this is the joint's torque.
         """
+        return self.length_and_lever(angle)[1]
+
+    def length_and_lever(self, angle: float) -> tuple[float, float]:
+        """`length` and `lever` at once: most of the work is to find the pins."""
         barrel, rod, ear = self.pins(angle)
+        length = math.dist(barrel, rod)
         if ear is None:
             way = _swept(self.joint, rod)
         else:
@@ -150,10 +155,10 @@ class CylinderLinkage:
             round_pin, along = _swept(self.rocker.pin, rod), _minus(rod, ear)
             share = _dot(along, round_pin)
             if share == 0.0:
-                return math.inf
+                return length, math.inf
             speed = _dot(along, _swept(self.joint, ear)) / share
             way = (speed * round_pin[0], speed * round_pin[1])
-        return _dot(_minus(rod, barrel), way) / math.dist(rod, barrel)
+        return length, _dot(_minus(rod, barrel), way) / length
 
     def angle(self, length: float) -> float:
         """Joint angle [rad] at a cylinder length [m].

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -20,7 +22,7 @@ def finite_numbers(values: ArrayLike, length: int, what: str) -> list[float]:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise MachineError(f"{what} {values!r}: give {length} numbers") from None
-    if array.shape != (length,) or not np.isfinite(array).all():
-        raise MachineError(f"{what} {values!r}: give {length} finite numbers")
     numbers: list[float] = array.tolist()
+    if array.shape != (length,) or not all(map(math.isfinite, numbers)):
+        raise MachineError(f"{what} {values!r}: give {length} finite numbers")
     return numbers

@@ -210,7 +210,12 @@ class TrackedMachine:
     @property
     def base_pose(self) -> tuple[Array, Array]:
         """Origin of `base_link` [m], shape (3,), and quaternion x, y, z, w, map frame."""
-        return self._com - self._rotation @ self._base_com, self._quaternion.copy()
+        return self.base_frame[1], self._quaternion.copy()
+
+    @property
+    def base_frame(self) -> tuple[Array, Array]:
+        """Rotation of `base_link` to map, shape (3, 3), and its origin [m], shape (3,)."""
+        return self._rotation, self._com - self._rotation @ self._base_com
 
     @property
     def base_velocity(self) -> tuple[Array, Array]:

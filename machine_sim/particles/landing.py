@@ -24,21 +24,22 @@ def settled_rows(
     farther than `tool_clearance` from its plates and outside its convex hull. One off the map
     always does. A frozen one has landed already.
     """
-    outside = ~ground.grid.contains(store.position[:, 0], store.position[:, 1])
-    rested = store.quiet_time >= np.float32(params.settle_time)
-    rows = np.flatnonzero((rested | outside) & ~store.frozen)
+    width, breadth = ground.grid.size
+    rows: NDArray[np.intp] = _done_rows(
+        store.position, store.quiet_time, store.frozen, 0.5 * width, 0.5 * breadth,
+        np.float32(params.settle_time),
+    )  # fmt: skip
+    if rows.size == 0:  # nearly always
+        return rows
     free = np.ones(rows.size, dtype=np.bool_)
     for tool in tools:
-        if rows.size:
-            local = tool.local(store.position[rows])
-            near = np.linalg.norm(local - tool.centre, axis=1) <= (
-                tool.reach + params.tool_clearance + store.radius[rows]
-            )
-            for k in np.flatnonzero(near):
-                gap = tool_gap(local[k], tool) - float(store.radius[rows[k]])
-                free[k] &= gap > params.tool_clearance
-            free &= ~tool.contains(local)
-    rows = rows[free | outside[rows]]
+        plates = tool.plates
+        _keep_free(
+            rows, store.position, store.radius, *tool.end, tool.centre, tool.reach, tool.hull,
+            plates.frame, plates.corner, plates.corners, params.tool_clearance, free,
+        )  # fmt: skip
+    outside = ~ground.grid.contains(store.position[rows, 0], store.position[rows, 1])
+    rows = rows[free | outside]
     return np.asarray(rows[np.argsort(store.particle_id[rows])], dtype=np.intp)
 
 
@@ -46,6 +47,41 @@ def tool_gap(local: NDArray[np.float64], tool: RigidTool) -> float:
     """Distance [m] of a point, tool frame, shape (3,), to the nearest plate."""
     plates = tool.plates
     return float(_gap(plates.frame, plates.corner, plates.corners, local[0], local[1], local[2]))
+
+
+@kernel
+def _done_rows(position, quiet_time, frozen, half_x, half_y, settle_time):  # type: ignore[no-untyped-def]
+    """Rows of those that have been slow for `settle_time`, or are off the map; none is frozen."""
+    rows = np.empty(len(frozen), dtype=np.intp)
+    count = 0
+    for i in range(len(frozen)):
+        inside = abs(position[i, 0]) <= half_x and abs(position[i, 1]) <= half_y
+        if (quiet_time[i] >= settle_time or not inside) and not frozen[i]:
+            rows[count] = i
+            count += 1
+    return rows[:count].copy()
+
+
+@kernel
+def _keep_free(  # type: ignore[no-untyped-def]
+    rows, position, radius, rotation, origin, centre, reach, hull, frame, corner, corners,
+    clearance, free,
+):  # fmt: skip
+    """Strike those out of `free` that a tool holds or has within `clearance`."""
+    for k in range(rows.size):
+        i = rows[k]
+        p = position[i]
+        qx, qy, qz = p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]
+        x = qx * rotation[0, 0] + qy * rotation[1, 0] + qz * rotation[2, 0]
+        y = qx * rotation[0, 1] + qy * rotation[1, 1] + qz * rotation[2, 1]
+        z = qx * rotation[0, 2] + qy * rotation[1, 2] + qz * rotation[2, 2]
+        far = reach + clearance + radius[i]
+        if (x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (z - centre[2]) ** 2 > far * far:
+            continue
+        held = len(hull) > 0
+        for h in range(len(hull)):
+            held &= hull[h, 0] * x + hull[h, 1] * y + hull[h, 2] * z < hull[h, 3]
+        free[k] &= not held and _gap(frame, corner, corners, x, y, z) - radius[i] > clearance
 
 
 @kernel

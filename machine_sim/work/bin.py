@@ -81,10 +81,11 @@ class StandingBin:
         x, y = spec.position
         if not ground.grid.contains(x, y):
             raise MachineError(f"({x}, {y}) m is off the map: place the bin on it")
-        self.spec, self._shape, self._number = spec, spec.shape, number
+        self.spec, self._shape = spec, spec.shape
         self._particles = particles
         rotation, origin = rotation_about_z(spec.yaw), np.array([x, y, ground.height(x, y)])
-        particles.add_tool(number, self._shape.plates(), (rotation, origin), digs=False)
+        self._pose = rotation, origin
+        particles.add_tool(number, self._shape.plates(), self._pose, digs=False)
         self.bodies: list[int] = []
         for box in tool_boxes(self._shape):
             pitch = np.array(pybullet.getQuaternionFromEuler([0.0, box.pitch, 0.0]))
@@ -101,4 +102,4 @@ class StandingBin:
 
     def count(self) -> None:
         """Count what is in it."""
-        self.payload: Payload = payload_in(self._shape, self._particles, self._number)
+        self.payload: Payload = payload_in(self._shape, self._particles, self._pose)

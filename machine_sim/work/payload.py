@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machine_sim.machine.tools.shapes import HoldingShape
-from machine_sim.particles import SoilEngine
+from machine_sim.particles import Pose, SoilEngine
 
 __all__ = ["Payload", "payload_in"]
 
@@ -29,11 +29,18 @@ class Payload:
     fill: float
 
 
-def payload_in(shape: HoldingShape, particles: SoilEngine, tool: int) -> Payload:
-    """Count the particles inside a bucket or bed and in the heap on it."""
+def payload_in(shape: HoldingShape, particles: SoilEngine, pose: Pose) -> Payload:
+    """Count the particles inside a bucket or bed that stands at a pose, and in the heap on it."""
     store = particles.store
-    inside = shape.contains_heaped(particles.tool_local(tool))
-    bank = int(store.volume_mm3[inside].sum()) * 1e-9
+    inside = shape.rows_heaped(store.position, *pose)
+    if inside.size == 0:
+        return Payload(0.0, 0.0, 0.0, 0.0)
+    volume = store.volume_mm3[inside]
     swell = np.array([soil.swell for soil in particles.soils])
-    loose = float((store.volume_mm3[inside] * (1.0 + swell[store.soil[inside]])).sum()) * 1e-9
-    return Payload(bank, loose, float(store.mass[inside].sum()), loose / shape.heaped_capacity)
+    loose = float((volume * (1.0 + swell[store.soil[inside]])).sum()) * 1e-9
+    return Payload(
+        int(volume.sum()) * 1e-9,
+        loose,
+        float(store.mass[inside].sum()),
+        loose / shape.heaped_capacity,
+    )

@@ -121,17 +121,20 @@ class PendingSoil:
 
     def receive(self, conversions: Rows, pose: Pose, tick: int) -> None:
         """Credit the EXCAVATE rows among `conversions`; the tool stands at `pose`."""
+        rows = conversions[conversions["kind"] == Kind.EXCAVATE]
         rotation, origin = pose
-        for row in conversions[conversions["kind"] == Kind.EXCAVATE]:
-            key = (int(row["row"]), int(row["col"]))
-            place = rotation.T @ (np.array([row["x"], row["y"], row["z"]]) - origin)
-            parcel = self._parcels.get(key)
+        x, y, z = (rows[name] - origin[k] for k, name in enumerate("xyz"))
+        # Column by column, not as a matrix: a product's last bits depend on how many rows it has.
+        places = np.column_stack([x * a + y * b + z * c for a, b, c in rotation.T.tolist()])
+        columns = (rows[name].tolist() for name in ("row", "col", "volume_mm3", "moisture", "soil"))
+        for row, col, volume, moisture, soil, place in zip(*columns, places, strict=True):
+            parcel = self._parcels.get((row, col))
             if parcel is None:
-                parcel = self._parcels[key] = _Parcel(0, 0, self._nominal, 0, place, tick)
-            volume = int(row["volume_mm3"])
+                parcel = _Parcel(0, 0, self._nominal, 0, place, tick)
+                self._parcels[row, col] = parcel
             parcel.volume += volume
-            parcel.water += volume * int(row["moisture"])
-            parcel.soil, parcel.place, parcel.tick = int(row["soil"]), place, tick
+            parcel.water += volume * moisture
+            parcel.soil, parcel.place, parcel.tick = soil, place, tick
 
     def release(
         self,
@@ -168,15 +171,14 @@ class PendingSoil:
     def _fill(self, batch: _Batch, particles: SoilEngine, tick: int) -> None:
         """Take particles out of parcels while there is room for them."""
         room = min(self._per_tick, particles.room)
-        for key in list(self._parcels):
-            parcel = self._parcels[key]
-            spread = particles.soils[parcel.soil].spread
-            while len(batch.volumes) < room:
+        for key, parcel in list(self._parcels.items()):
+            # None is smaller than its size, and most have less: no need to ask how full it is.
+            while parcel.volume >= parcel.size and len(batch.volumes) < room:
                 volume = self._coarse(batch, parcel, particles)
                 if parcel.volume < volume:
                     break
                 self._add(batch, parcel, volume, parcel.take(volume))
-                parcel.size = self._size(spread)
+                parcel.size = self._size(particles.soils[parcel.soil].spread)
             if parcel.volume < parcel.size and tick - parcel.tick > _IDLE_TICKS:
                 self._leave(parcel)
                 del self._parcels[key]

@@ -30,8 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.machine import MachineError
-from machine_sim.machine.kinematics import cross
-from msg_bridge.contract.rows import Holds, Rows
+from msg_bridge.contract.rows import FORCE, Holds, Rows
 
 __all__ = ["LAPSE", "Hold", "Resistance"]
 
@@ -41,6 +40,7 @@ Pose = tuple[Array, Array]
 LAPSE = 5
 """Ticks without an answer after which a wrench is gone."""
 
+_NAMES = FORCE.names or ()
 _POINT, _FORCE, _TORQUE = ("x", "y", "z"), ("fx", "fy", "fz"), ("tx", "ty", "tz")
 
 _CLEAR = 0.05
@@ -107,20 +107,23 @@ class Hold:
             pose: of the tool frame when it was at the place.
         """
         self.place, self.force, self.torque = wrench
-        self.strength = math.sqrt(self.force @ self.force)
+        self.strength = _length(self.force)
         self._point = pose[0].T @ (self.place - pose[1])
 
     def away(self, pose: Pose) -> float:
         """How far [m] the point is from its place."""
-        way = pose[0] @ self._point + pose[1] - self.place
-        return math.sqrt(way @ way)
+        return _length(pose[0] @ self._point + pose[1] - self.place)
 
-    def step(self, pose: Pose, velocity: tuple[Array, Array], dt: float) -> tuple[Array, Array]:
-        """Force [N] and torque about the tool frame's origin [N m] of the next physics step."""
+    def step(self, pose: Pose, velocity: tuple[Array, Array], dt: float) -> tuple[float, ...]:
+        """Force x, y, z [N] and torque about the tool frame's origin [N m] of the next step."""
         if self.strength == 0.0:
-            return np.zeros(3), np.zeros(3)
-        arm = pose[0] @ self._point
-        speed = -float((velocity[0] + cross(velocity[1], arm)) @ self.force) / self.strength
+            return (0.0,) * 6
+        ax, ay, az = (pose[0] @ self._point).tolist()
+        (vx, vy, vz), (wx, wy, wz) = velocity[0].tolist(), velocity[1].tolist()
+        (fx, fy, fz), (tx, ty, tz) = self.force.tolist(), self.torque.tolist()
+        # The point moves with v + w x a.
+        vx, vy, vz = vx + (wy * az - wz * ay), vy + (wz * ax - wx * az), vz + (wx * ay - wy * ax)
+        speed = -(vx * fx + vy * fy + vz * fz) / self.strength
         self.way += speed * dt
         pushed = self._stiffness * self.way + self._damping * speed
         held = min(max(pushed, 0.0), self.strength)
@@ -128,9 +131,12 @@ class Hold:
             self.way = min(max(self.way, -self._lifted), 0.0)
         elif held != pushed:  # the soil gives in: the spring starts from where it is now
             self.way = min(self.way, held / self._stiffness)
-        self.share = held / self.strength
-        force = self.share * self.force
-        return force, self.share * self.torque + cross(arm, force)
+        self.share = share = held / self.strength
+        fx, fy, fz = share * fx, share * fy, share * fz
+        tx = share * tx + (ay * fz - az * fy)
+        ty = share * ty + (az * fx - ax * fz)
+        tz = share * tz + (ax * fy - ay * fx)
+        return fx, fy, fz, tx, ty, tz
 
 
 class Resistance:
@@ -173,15 +179,16 @@ class Resistance:
             MachineError: a wrench that is not finite; what was known before stays.
         """
         wrenches = {}
-        for row in rows:
-            parts = [[float(row[name]) for name in names] for names in (_POINT, _FORCE, _TORQUE)]
+        for row in rows.tolist():
+            told = dict(zip(_NAMES, row, strict=True))
+            parts = [[told[name] for name in names] for names in (_POINT, _FORCE, _TORQUE)]
             if not all(math.isfinite(value) for part in parts for value in part):
                 raise MachineError(
                     f"the soil's wrench on the tool is {parts}; give finite metres, N and N m"
                 )
-            place, force, torque = (np.array(part) for part in parts)
-            if force.any():
-                wrenches[int(row["holds"])] = (place, force, torque)
+            if any(parts[1]):
+                place, force, torque = map(np.array, parts)
+                wrenches[told["holds"]] = (place, force, torque)
         self._age = 0
         self._hear_cut(wrenches.get(Holds.CUT), pose)
         if Holds.BEARING in wrenches:
@@ -195,8 +202,7 @@ class Resistance:
             if went > _CLEAR:
                 self.cut.forget()
             return
-        strength = math.sqrt(wrench[1] @ wrench[1])
-        if strength >= self.cut.strength or went >= _NEAR:
+        if _length(wrench[1]) >= self.cut.strength or went >= _NEAR:
             self.cut.take(wrench, pose)
 
     def tick(self) -> None:
@@ -221,9 +227,15 @@ class Resistance:
         Returns:
             Force [N] on the tool and torque about its frame's origin [N m], map axes.
         """
-        cut, bearing = (hold.step(pose, velocity, dt) for hold in (self.cut, self.bearing))
-        return cut[0] + bearing[0], cut[1] + bearing[1]
+        wrench = np.array(self.cut.step(pose, velocity, dt))
+        wrench += self.bearing.step(pose, velocity, dt)
+        return wrench[:3], wrench[3:]
 
 
 def _hold(mass: float, dt: float, lifted: float) -> Hold:
     return Hold(_STIFFNESS * mass / dt**2, _DAMPING * mass / dt, lifted)
+
+
+def _length(vector: Array) -> float:
+    x, y, z = vector.tolist()
+    return math.sqrt(x * x + y * y + z * z)

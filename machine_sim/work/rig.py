@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from machine_sim.ground import Ground
 from machine_sim.machine import MachineDescription, TrackedMachine
-from machine_sim.machine.kinematics import rotation_matrix
 from machine_sim.machine.tracks.model import sole_heights
 from machine_sim.params import MachineSimParams
-from machine_sim.particles import Pose, SoilEngine
+from machine_sim.particles import SoilEngine
 from machine_sim.work.payload import Payload
-from machine_sim.work.sweep import track_rows
+from machine_sim.work.sweep import TrackSweep
 from machine_sim.work.tool_work import ToolWork
 from msg_bridge.contract.rows import SWEEP, Rows, join_rows
 
@@ -88,8 +87,8 @@ class Rig:
             for k, (name, tool) in enumerate(self.machine.tools.items())
         }
         self.numbers = len(self.tools) + _TRACKS
-        self._track_number = first_number + len(self.tools)
-        self._standing = self._base
+        self._ruts = TrackSweep(self.machine.description.tracks, first_number + len(self.tools))
+        self._standing = self.machine.base_frame
 
     @property
     def payload(self) -> Payload:
@@ -104,7 +103,6 @@ class Rig:
 
     def begin_tick(self, tick: int) -> None:
         """Begin a tick of some number."""
-        self._standing = self._base
         for work in self.tools.values():
             work.begin_tick(tick)
 
@@ -128,14 +126,8 @@ class Rig:
     def end_tick(self) -> Rows:
         """End a tick; SWEEP rows of its tools and its tracks."""
         swept = [work.end_tick() for work in self.tools.values()]
-        tracks = self.machine.description.tracks
-        ruts = track_rows(
-            tracks,
-            self._standing,
-            self._base,
-            first_tool=self._track_number,
-            soles=sole_heights(self.machine.tracks),
-        )
+        stood, self._standing = self._standing, self.machine.base_frame
+        ruts = self._ruts.rows(stood, self._standing, sole_heights(self.machine.tracks))
         return join_rows([*swept, ruts], SWEEP)
 
     @property
@@ -148,9 +140,3 @@ class Rig:
         yield from machine.base_velocity
         for work in self.tools.values():
             yield from work.state
-
-    @property
-    def _base(self) -> Pose:
-        """Pose of the base frame: base to map, and its origin [m]."""
-        position, quaternion = self.machine.base_pose
-        return rotation_matrix(quaternion), position

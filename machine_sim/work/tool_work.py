@@ -17,13 +17,16 @@ from machine_sim.work.milling import Milling
 from machine_sim.work.payload import Payload, payload_in
 from machine_sim.work.release import PendingSoil
 from machine_sim.work.resistance import Resistance
-from machine_sim.work.sweep import drum_rows, sweep_rows
+from machine_sim.work.sweep import BucketSweep, DrumSweep
 from msg_bridge.contract.rows import SWEEP, Rows, empty_rows
 
 __all__ = ["ToolWork"]
 
 _POSES = 4
 """Poses of the tool at the ends of ticks that are remembered."""
+
+_NOTHING = (np.zeros(3), np.zeros(3))
+"""No force and no torque."""
 
 
 class ToolWork:
@@ -62,6 +65,7 @@ class ToolWork:
         self.payload: Payload | None = None
         self.pending: PendingSoil | None = None
         self.resistance: Resistance | Milling | None = None
+        self._sweep: BucketSweep | DrumSweep | None = None
         if not isinstance(shape, BedShape):
             self.pending = PendingSoil(
                 shape,
@@ -71,9 +75,11 @@ class ToolWork:
             )
         if isinstance(shape, DrumShape):
             self.resistance = Milling(tool.mass, machine_mass, tool.inertia, params.physics_step)
+            self._sweep = DrumSweep(shape, number)
         elif not isinstance(shape, BedShape):
             self.resistance = Resistance(tool.mass, machine_mass, params.physics_step)
-        self._resisted = (np.zeros(3), np.zeros(3))
+            self._sweep = BucketSweep(shape, number)
+        self._resisted = _NOTHING
         self._start = self._before = tool.pose
         self._frames = deque([tool.frame], maxlen=_POSES)
         self._count()
@@ -131,21 +137,24 @@ class ToolWork:
         """Let its load, and the soil that it cuts and stands on, act in the next physics step."""
         if self._params.load_acts:
             self.tool.push(*self._particles.tool_wrench(self.number))
-        if self._params.cutting_acts and self.resistance is not None:
-            self._resisted = self.resistance.step(self.tool.frame, self.tool.velocity, dt)
-            if self.resistance.holds:
-                self.tool.push(*self._resisted)
+        resistance = self.resistance
+        if not self._params.cutting_acts or resistance is None:
+            return
+        self._resisted = _NOTHING
+        if resistance.holds:
+            self._resisted = resistance.step(self.tool.frame, self.tool.velocity, dt)
+            self.tool.push(*self._resisted)
 
     def end_tick(self) -> Rows:
         """End a tick; SWEEP rows of what it swept."""
         self._frames.append(self.tool.frame)
         self._count()
-        shape, end = self.tool.shape, self.tool.pose
-        if isinstance(shape, BedShape):
+        sweep, end = self._sweep, self.tool.pose
+        if sweep is None:
             return empty_rows(SWEEP)
-        if isinstance(shape, DrumShape):
-            return drum_rows(shape, self._start, end, spin=self.tool.spin, tool=self.number)
-        return sweep_rows(shape, self._start, end, tool=self.number)
+        if isinstance(sweep, DrumSweep):
+            return sweep.rows(self._start, end, self.tool.spin)
+        return sweep.rows(self._start, end)
 
     @property
     def state(self) -> Iterable[NDArray[np.generic]]:
@@ -158,4 +167,4 @@ class ToolWork:
     def _count(self) -> None:
         shape = self.tool.shape
         if not isinstance(shape, DrumShape):
-            self.payload = payload_in(shape, self._particles, self.number)
+            self.payload = payload_in(shape, self._particles, self.tool.pose)

@@ -49,6 +49,19 @@ def test_a_rising_cell_that_is_dug_again_stops_rising() -> None:
     assert ground.surface[4, 4] == pytest.approx(0.01)
 
 
+def test_a_cell_that_is_told_again_rises_no_faster() -> None:
+    ground = Ground(GRID, np.zeros(GRID.shape))
+    at = np.array([4])
+    ground.update(at, at, np.array([0.2]))
+    ground.update(at, at, np.array([0.3]))
+    ground.advance(0.1)
+    assert ground.surface[4, 4] == pytest.approx(0.1 * RISE_SPEED)
+    ground.advance(10.0)
+    ground.update(at, at, np.array([0.4]))
+    ground.advance(0.1)
+    assert ground.surface[4, 4] == pytest.approx(0.3 + 0.1 * RISE_SPEED), "it rises anew"
+
+
 def changed(z: float, soil: int, moisture: int) -> Rows:
     rows = empty_rows(CHANGED, 1)
     rows["row"], rows["col"], rows["z"], rows["volume_mm3"] = 3, 4, z, 5e7

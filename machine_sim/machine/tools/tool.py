@@ -46,8 +46,7 @@ class Tool:
         self._spins = isinstance(shape, DrumShape)
         self._turn = 0.0
         self.spin = 0.0
-        self._force: Array = np.zeros(3)
-        self._torque: Array = np.zeros(3)  # about the frame's origin
+        self._force, self._torque = [0.0] * 3, [0.0] * 3  # torque about the frame's origin
         self._pushed = False
 
     def push(self, force: ArrayLike, torque: ArrayLike, point: ArrayLike | None = None) -> None:
@@ -61,13 +60,12 @@ class Tool:
         Raises:
             MachineError: a wrong length or a number that is not finite; nothing is added.
         """
-        f = np.array(finite_numbers(force, 3, "tool force"))
-        t = np.array(finite_numbers(torque, 3, "tool torque"))
+        f, t = finite_numbers(force, 3, "tool force"), finite_numbers(torque, 3, "tool torque")
         if point is not None:
             at = np.array(finite_numbers(point, 3, "point of the wrench"))
-            t += cross(at - self._origin, f)
-        self._force += f
-        self._torque += t
+            t = (np.array(t) + cross(at - self._origin, np.array(f))).tolist()
+        self._force = [a + b for a, b in zip(self._force, f, strict=True)]
+        self._torque = [a + b for a, b in zip(self._torque, t, strict=True)]
         self._pushed = True
 
     def before_step(self) -> None:
@@ -76,10 +74,9 @@ class Tool:
             return
         body, link, client, world = self._body, self._link, self._client, pybullet.WORLD_FRAME
         at = self._origin.tolist()
-        pybullet.applyExternalForce(body, link, self._force.tolist(), at, world, client)
-        pybullet.applyExternalTorque(body, link, self._torque.tolist(), world, client)
-        self._force[:] = 0.0
-        self._torque[:] = 0.0
+        pybullet.applyExternalForce(body, link, self._force, at, world, client)
+        pybullet.applyExternalTorque(body, link, self._torque, world, client)
+        self._force, self._torque = [0.0] * 3, [0.0] * 3
         self._pushed = False
 
     def after_step(self) -> None:

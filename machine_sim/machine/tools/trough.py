@@ -8,6 +8,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.machine.errors import MachineError
@@ -114,20 +115,29 @@ class Trough:
         inside = (points[:, [0, 2]] @ normals.T <= offsets + 1e-12).all(axis=1)
         return np.asarray(inside & (np.abs(points[:, 1]) <= 0.5 * self.width), dtype=np.bool_)
 
-    def contains_heaped(self, points_local: ArrayLike) -> NDArray[np.bool_]:
-        """Like `contains`, or in the room of a heap: the mouth prism, as high as the heap's ridge.
+    def rows_heaped(self, points: Array, rotation: Array, origin: Array) -> NDArray[np.intp]:
+        """Rows of the points that it `contains` or has in the room of a heap, in order.
 
-        The prism reaches half the mouth's shorter side above the mouth plane.
+        That is the mouth prism, as high as the heap's ridge: half the mouth's shorter side above
+        the mouth plane.
+
+        Args:
+            points: [m], map frame, shape (n, 3), float64.
+            rotation, origin: pose of the vessel's frame, shapes (3, 3) and (3,).
         """
-        points = np.asarray(points_local, dtype=np.float64).reshape(-1, 3)
-        lip, rim = self.profile[0], self.profile[-1]
-        from_lip = points[:, [0, 2]] - lip
-        along = from_lip @ ((rim - lip) / self.mouth_length)
-        above = from_lip @ self.mouth_normal[[0, 2]]
-        heap = (along >= 0.0) & (along <= self.mouth_length) & (above >= 0.0)
-        heap &= above <= 0.5 * min(self.mouth_length, self.width)
-        heap &= np.abs(points[:, 1]) <= 0.5 * self.width
-        return self.contains(points) | np.asarray(heap, dtype=np.bool_)
+        half = 0.5 * self.width
+        held: NDArray[np.intp] = _rows_heaped(
+            points, rotation, origin, *self._half_planes, self._mouth, half
+        )
+        return held
+
+    @cached_property
+    def _mouth(self) -> tuple[float, ...]:
+        """Lip (x, z), way to the rim (x, z), out of the vessel (x, z), length, height of a heap."""
+        (x, z), length = self.profile[0].tolist(), self.mouth_length
+        way = ((self.profile[-1] - self.profile[0]) / length).tolist()
+        out = self.mouth_normal[[0, 2]].tolist()
+        return (x, z, *way, *out, length, 0.5 * min(length, self.width))
 
     @cached_property
     def _half_planes(self) -> tuple[Array, Array]:
@@ -141,3 +151,29 @@ class Trough:
         """The profile on the left (+1) or right (-1) side, shape (n, 3)."""
         y = np.full(len(self.profile), 0.5 * side * self.width)
         return np.column_stack([self.profile[:, 0], y, self.profile[:, 1]])
+
+
+@njit(cache=True)
+def _rows_heaped(points, rotation, origin, normals, offsets, mouth, half_width):  # type: ignore[no-untyped-def]
+    """See `Trough.rows_heaped`."""
+    lip_x, lip_z, way_x, way_z, out_x, out_z, length, height = mouth
+    rows = np.empty(len(points), dtype=np.intp)
+    count = 0
+    for i in range(len(points)):
+        a, b, c = points[i, 0] - origin[0], points[i, 1] - origin[1], points[i, 2] - origin[2]
+        x = a * rotation[0, 0] + b * rotation[1, 0] + c * rotation[2, 0]
+        y = a * rotation[0, 1] + b * rotation[1, 1] + c * rotation[2, 1]
+        z = a * rotation[0, 2] + b * rotation[1, 2] + c * rotation[2, 2]
+        if not abs(y) <= half_width:
+            continue
+        along = (x - lip_x) * way_x + (z - lip_z) * way_z
+        above = (x - lip_x) * out_x + (z - lip_z) * out_z
+        inside = 0.0 <= along <= length and 0.0 <= above <= height
+        if not inside:
+            inside = True
+            for k in range(len(offsets)):
+                inside &= normals[k, 0] * x + normals[k, 1] * z <= offsets[k] + 1e-12
+        if inside:
+            rows[count] = i
+            count += 1
+    return rows[:count].copy()

@@ -10,6 +10,7 @@ import math
 from typing import Literal, Protocol
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from machine_sim.ground import Ground, surface_at
@@ -136,12 +137,25 @@ def slip_of(paces: Array) -> Array:
 
 def sole_heights(tracks: Tracks) -> Array:
     """Where the soles that carry are, left and right: z [m] in the base frame, shape (2,)."""
-    shape, loads = tracks.description.tracks, tracks.shoe_loads
-    x, z = tracks.shoe_poses[:, :, 0], tracks.shoe_poses[:, :, 1]
-    carried = np.where(np.abs(x) < 0.5 * shape.axle_distance, loads, 0.0)
-    total = carried.sum(axis=1)
-    heights = ((z - 0.5 * shape.shoe_thickness) * carried).sum(axis=1) / np.maximum(total, 1.0)
-    return np.asarray(heights, dtype=np.float64)
+    shape = tracks.description.tracks
+    heights: Array = np.zeros(2)
+    _find_soles(
+        tracks.shoe_poses, tracks.shoe_loads, 0.5 * shape.axle_distance, 0.5 * shape.shoe_thickness,
+        heights,
+    )  # fmt: skip
+    return heights
+
+
+@njit(cache=True)
+def _find_soles(poses, loads, half, thick, heights):  # type: ignore[no-untyped-def]
+    """See `sole_heights`: the mean by load of those between the axles, `half` from the middle."""
+    for side in range(2):
+        total = height = 0.0
+        for k in range(poses.shape[1]):
+            if abs(poses[side, k, 0]) < half:
+                total += loads[side, k]
+                height += (poses[side, k, 1] - thick) * loads[side, k]
+        heights[side] = height / max(total, 1.0)
 
 
 def standing_pose(

@@ -3,7 +3,7 @@ import pytest
 from support.machine_scenes import excavator
 
 from machine_sim.machine.kinematics import tool_pose
-from machine_sim.work.sweep import sweep_rows, track_rows
+from machine_sim.work.sweep import BucketSweep, TrackSweep
 from msg_bridge.contract.rows import Action
 
 MACHINE = excavator()
@@ -17,7 +17,7 @@ def moved(way: tuple[float, float, float]):
 
 
 def test_rows_are_the_key_points_left_before_right_lip_first() -> None:
-    rows = sweep_rows(BUCKET, DIGGING, moved((-0.01, 0, 0)), tool=3)
+    rows = BucketSweep(BUCKET, 3).rows(DIGGING, moved((-0.01, 0, 0)))
     assert rows.size == 14
     assert rows["pair"].tolist() == [k // 2 for k in range(14)]
     assert (rows["tool"] == 3).all()
@@ -28,25 +28,25 @@ def test_rows_are_the_key_points_left_before_right_lip_first() -> None:
 
 
 def test_a_bucket_drawn_in_lip_first_cuts() -> None:
-    rows = sweep_rows(BUCKET, DIGGING, moved((-0.01, 0, -0.002)), tool=0)
+    rows = BucketSweep(BUCKET, 0).rows(DIGGING, moved((-0.01, 0, -0.002)))
     assert (rows["action"][:6] == Action.CUT).all()
 
 
 def test_a_bucket_pushed_onto_its_back_presses() -> None:
     rotation, _ = DIGGING
     outward = rotation @ BUCKET.outward_normals[3]
-    rows = sweep_rows(BUCKET, DIGGING, moved(tuple(0.01 * outward)), tool=0)
+    rows = BucketSweep(BUCKET, 0).rows(DIGGING, moved(tuple(0.01 * outward)))
     assert (rows["action"][6:8] == Action.PRESS).all()
 
 
 def test_a_bucket_at_rest_counts_as_cutting() -> None:
-    assert (sweep_rows(BUCKET, DIGGING, DIGGING, tool=0)["action"] == Action.CUT).all()
+    assert (BucketSweep(BUCKET, 0).rows(DIGGING, DIGGING)["action"] == Action.CUT).all()
 
 
 def test_tracks_that_drive_press_what_is_under_their_shoes() -> None:
     start, end = (np.eye(3), np.zeros(3)), (np.eye(3), np.array([0.02, 0.0, 0.0]))
     tracks = MACHINE.tracks
-    rows = track_rows(tracks, start, end, first_tool=1)
+    rows = TrackSweep(tracks, 1).rows(start, end)
     assert rows["tool"].tolist() == [1] * 4 + [2] * 4
     assert rows["pair"].tolist() == [0, 0, 1, 1] * 2
     assert (rows["action"] == Action.PRESS).all()
@@ -61,4 +61,4 @@ def test_tracks_that_drive_press_what_is_under_their_shoes() -> None:
 
 def test_tracks_that_stand_press_no_more() -> None:
     pose = (np.eye(3), np.array([3.0, 1.0, 0.2]))
-    assert track_rows(MACHINE.tracks, pose, pose, first_tool=1).size == 0
+    assert TrackSweep(MACHINE.tracks, 1).rows(pose, pose).size == 0

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from machine_sim.machine import BucketShape, MachineError
+from machine_sim.machine.kinematics import rotation_about_z
 
 
 @pytest.fixture
@@ -48,12 +49,15 @@ def test_contains_is_the_struck_volume(bucket, inside):
 
 def test_heaped_room_is_the_prism_over_the_mouth(bucket, inside):
     points, within = inside
-    heaped = bucket.contains_heaped(points)
-    assert heaped[within].all()
+    here = (np.eye(3), np.zeros(3))
+    assert set(bucket.rows_heaped(points, *here)) >= set(np.flatnonzero(within))
     middle = 0.5 * (bucket.profile[0] + bucket.profile[-1])
     over = np.array([middle[0], 0.0, middle[1]]) + np.outer([0.59, 0.61], bucket.mouth_normal)
-    np.testing.assert_array_equal(bucket.contains_heaped(over), [True, False])
+    np.testing.assert_array_equal(bucket.rows_heaped(over, *here), [0])
     assert not bucket.contains(over).any()
+    rotation, origin = rotation_about_z(0.7), np.array([3.0, -4.0, 1.0])
+    moved = bucket.rows_heaped(over @ rotation.T + origin, rotation, origin)
+    np.testing.assert_array_equal(moved, [0])
 
 
 def test_plates_close_the_shell(bucket):

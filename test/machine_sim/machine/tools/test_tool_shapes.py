@@ -21,7 +21,7 @@ def test_bed_holds_what_is_below_its_mouth():
     assert BED.heaped_capacity > BED.struck_capacity
     inside = BED.contains([[1.5, 0.0, 0.3], [1.5, 1.1, 0.3], [1.5, 0.0, -0.1], [1.5, 0.0, 1.0]])
     assert inside.tolist() == [True, False, False, False]
-    assert BED.contains_heaped([[1.5, 0.0, 1.0]]).all()
+    assert BED.rows_heaped(np.array([[1.5, 0.0, 1.0]]), np.eye(3), np.zeros(3)).size == 1
     assert BED.mouth_normal[2] > 0.9
 
 
