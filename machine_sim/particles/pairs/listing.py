@@ -215,24 +215,30 @@ def _list_chunk(  # type: ignore[no-untyped-def]
 def _list_strays(strays, live, position, sizes, skins, first, second, begin, end, count):  # type: ignore[no-untyped-def]
     """List the pairs of strays from number `count` on; the end, or -1 for want of room."""
     n = live.size
-    stray, near = np.zeros(n, np.bool_), np.empty(n, np.bool_)
+    if strays.size == 0:
+        return count
+    around, lively = np.empty((4, n), np.float32), np.empty(n, np.uint8)
+    for j in range(n):
+        for axis in range(3):
+            around[axis, j] = position[j, axis] - position[strays[0], axis]
+        around[3, j], lively[j] = sizes[j] + skins[j], live[j]
+    mark, stray = np.zeros((n + 7) // 8 * 8, np.uint8), np.zeros(n, np.bool_)
+    words = mark.view(np.uint64)
     for i in strays:
-        x, y, z = position[i, 0], position[i, 1], position[i, 2]
-        size = sizes[i] + skins[i]
-        for j in range(np.uint64(n)):
-            dx, dy, dz = position[j, 0] - x, position[j, 1] - y, position[j, 2] - z
-            reach = size + sizes[j] + skins[j]
-            near[j] = dx * dx + dy * dy + dz * dz < reach * reach
         if count + n > first.size:
             return -1
+        _mark_near(around, lively, i, n, mark)
         # Each pair once: of two strays by the one that comes first.
         stray[i] = True
         begin[i] = count
-        for j in range(n):
-            if near[j] and not stray[j] and (live[i] or live[j]):
-                first[count] = i
-                second[count] = j
-                count += 1
+        for word in range(words.size):
+            if words[word] == 0:
+                continue
+            for j in range(8 * word, 8 * word + 8):
+                if mark[j] and not stray[j]:
+                    first[count] = i
+                    second[count] = j
+                    count += 1
         end[i] = count
     return count
 
