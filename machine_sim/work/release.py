@@ -172,13 +172,15 @@ class PendingSoil:
         """Take particles out of parcels while there is room for them."""
         room = min(self._per_tick, particles.room)
         for key, parcel in list(self._parcels.items()):
-            # None is smaller than its size, and most have less: no need to ask how full it is.
-            while parcel.volume >= parcel.size and len(batch.volumes) < room:
+            # Most have less than any particle takes: no need to ask how full the engine is.
+            least = min(parcel.size, MAX_ROW_VOLUME)
+            while parcel.volume >= least and len(batch.volumes) < room:
                 volume = self._coarse(batch, parcel, particles)
                 if parcel.volume < volume:
                     break
                 self._add(batch, parcel, volume, parcel.take(volume))
                 parcel.size = self._size(particles.soils[parcel.soil].spread)
+                least = min(parcel.size, MAX_ROW_VOLUME)
             if parcel.volume < parcel.size and tick - parcel.tick > _IDLE_TICKS:
                 self._leave(parcel)
                 del self._parcels[key]
