@@ -24,7 +24,8 @@ __all__ = [
 
 BODY_FLOATS = 16
 """Columns of a body: displacement [m] (3), contact radius [m], velocity [m/s] (3), 1/mass [1/kg],
-surface speed: spin times contact radius [m/s] (3), unused, spin [rad/s] (3), unused."""
+surface speed: spin times contact radius [m/s] (3), unused, spin [rad/s] (3), mass over moment of
+inertia [1/m^2]."""
 
 SUM_FLOATS = 16
 """Columns of a sum over contacts: force [N] (3), rolling limit [N], turning force: torque over
@@ -40,15 +41,20 @@ _INERTIA = np.float32(2.5)
 
 @threaded_kernel
 def load_bodies(  # type: ignore[no-untyped-def]
-    rows, body, total, velocity, spin, contact_radius, inverse_mass, resting
+    rows, body, total, velocity, spin, contact_radius, radius, inverse_mass, resting
 ):
     """Fill the records of `rows` and clear their sums; the others are columns of the store."""
     for c in prange(CHUNKS):
-        _load(chunk(rows, c), body, total, velocity, spin, contact_radius, inverse_mass, resting)
+        _load(
+            chunk(rows, c), body, total, velocity, spin, contact_radius, radius, inverse_mass,
+            resting,
+        )  # fmt: skip
 
 
 @kernel
-def _load(rows, body, total, velocity, spin, contact_radius, inverse_mass, resting):  # type: ignore[no-untyped-def]
+def _load(  # type: ignore[no-untyped-def]
+    rows, body, total, velocity, spin, contact_radius, radius, inverse_mass, resting
+):
     for i in rows:
         for axis in range(3):
             body[i, axis] = _ZERO
@@ -57,6 +63,7 @@ def _load(rows, body, total, velocity, spin, contact_radius, inverse_mass, resti
             body[i, 12 + axis] = spin[i, axis]
         body[i, 3] = contact_radius[i]
         body[i, 7] = inverse_mass[i] if resting[i] == 0 else _ZERO
+        body[i, 15] = _INERTIA / (radius[i] * radius[i])
         for k in range(SUM_FLOATS):
             total[i, k] = _ZERO
 
@@ -89,7 +96,7 @@ def advance_bodies(rows, body, total, radius, gravity, dt):  # type: ignore[no-u
             body[i, 1] += body[i, 5] * dt
             body[i, 2] += body[i, 6] * dt
             r, limit, arm = radius[i], total[i, 3], body[i, 3]
-            change *= _INERTIA / (r * r)
+            change *= body[i, 15]
             share = _ONE / max(limit, _TINY)
             mx, my, mz = total[i, 12] * share, total[i, 13] * share, total[i, 14] * share
             turn = arm * change

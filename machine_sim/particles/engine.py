@@ -310,7 +310,8 @@ class ParticleEngine(SoilEngine):
         threads = self._pairs.threads
         load_bodies.on(threads)(
             np.arange(store.count) if self._changed else moving, body, total,
-            store.velocity, store.spin, store.contact_radius, store.inverse_mass, store.resting,
+            store.velocity, store.spin, store.contact_radius, store.radius, store.inverse_mass,
+            store.resting,
         )  # fmt: skip
         self._changed = False
         contacts.collect(

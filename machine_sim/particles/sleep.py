@@ -155,17 +155,11 @@ class Sleep:
 
     def _feel(self, tools: ToolSet, dt: float) -> None:
         """Gravity as it is felt in the tools, which accelerate and turn."""
-        if not tools.tools:
-            return
-        speed = tools.twist[:, :3].copy()
-        for t, tool in enumerate(tools.tools):
-            (x, y, z), (ax, ay, az) = tool.start[0] @ tool.centre, tools.twist[t, 3:]
-            speed[t] += ay * z - az * y, az * x - ax * z, ax * y - ay * x
-        share = dt / (_SMOOTHING + dt)
-        self._acceleration += share * ((speed - self._speed) / dt - self._acceleration)
-        self._speed = speed
-        for t, tool in enumerate(tools.tools):
-            self.felt[t] = tool.start[0].T @ (self._down - self._acceleration[t])
+        if tools.tools:
+            _feel(
+                tools.path[0], tools.twist, tools.sphere, self._params.gravity, dt, self._speed,
+                self._acceleration, self.felt,
+            )  # fmt: skip
 
     def fall_asleep(
         self,
@@ -277,6 +271,33 @@ class Sleep:
             force = load * (self._down - self._acceleration[t])
             tools.wrench[t, :3] += force * tools.substeps
             tools.wrench[t, 3:] += np.cross(centre, force) * tools.substeps
+
+
+@kernel
+def _feel(pose, twist, sphere, gravity, dt, before, acceleration, felt):  # type: ignore[no-untyped-def]
+    """Smooth the acceleration of each tool's middle, and turn what is felt into its axes."""
+    share = dt / (_SMOOTHING + dt)
+    for t in range(pose.shape[0]):
+        p = pose[t]
+        cx, cy, cz = sphere[t, 0], sphere[t, 1], sphere[t, 2]
+        x = p[0] * cx + p[1] * cy + p[2] * cz
+        y = p[3] * cx + p[4] * cy + p[5] * cz
+        z = p[6] * cx + p[7] * cy + p[8] * cz
+        ax, ay, az = twist[t, 3], twist[t, 4], twist[t, 5]
+        speed = (
+            twist[t, 0] + ay * z - az * y,
+            twist[t, 1] + az * x - ax * z,
+            twist[t, 2] + ax * y - ay * x,
+        )
+        for axis in range(3):
+            now = (speed[axis] - before[t, axis]) / dt
+            acceleration[t, axis] += share * (now - acceleration[t, axis])
+            before[t, axis] = speed[axis]
+        down = -gravity - acceleration[t, 2]
+        for axis in range(3):
+            felt[t, axis] = (
+                p[6 + axis] * down - p[axis] * acceleration[t, 0] - p[3 + axis] * acceleration[t, 1]
+            )
 
 
 @kernel

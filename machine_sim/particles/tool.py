@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -29,29 +28,55 @@ def checked_pose(pose: Pose) -> Pose:
     position = np.array(pose[1], dtype=np.float64)
     if rotation.shape != (3, 3) or position.shape != (3,):
         raise ParticleError("a pose is a 3 x 3 rotation and a position of 3 coordinates")
-    if not math.isfinite(sum(position.tolist()) + sum(rotation.ravel().tolist())):
+    fault = _fault_of(rotation, position)
+    if fault == _NOT_FINITE:
         raise ParticleError("a tool pose is not finite; hold the last one")
-    if not _is_rotation(rotation.tolist()):
+    if fault == _NO_ROTATION:
         raise ParticleError("a tool pose has no rotation; give unit axes as columns")
     return rotation, position
 
 
-def _is_rotation(axes: list[list[float]]) -> bool:
-    """Whether rows, and so columns, are unit axes of a right-handed frame.
+_NOT_FINITE, _NO_ROTATION = 1, 2
+_SLACK = 1e-6
+"""How far axes may be from unit ones, and from right angles."""
 
-    In plain numbers: it is asked four times a tick, and every call of NumPy takes as long as this.
+
+@kernel
+def _fault_of(rotation, position):  # type: ignore[no-untyped-def]
+    """What is wrong with a pose, 0 if nothing.
+
+    Rows, and so columns, must be unit axes of a right-handed frame. A kernel: it is asked four
+    times a tick, and NumPy's calls take longer than all of it.
     """
-    (a, b, c), (d, e, f), (g, h, i) = axes
-    off = (
-        a * a + b * b + c * c - 1.0,
-        d * d + e * e + f * f - 1.0,
-        a * d + b * e + c * f,
-        # The third axis is the first crossed with the second.
-        b * f - c * e - g,
-        c * d - a * f - h,
-        a * e - b * d - i,
-    )
-    return max(off) < 1e-6 and min(off) > -1e-6
+    for i in range(3):
+        for j in range(3):
+            if not np.isfinite(rotation[i, j]):
+                return _NOT_FINITE
+        if not np.isfinite(position[i]):
+            return _NOT_FINITE
+    off = 0.0
+    for i in range(3):
+        for j in range(i, 3):
+            along = 0.0
+            for k in range(3):
+                along += rotation[i, k] * rotation[j, k]
+            off = max(off, abs(along - 1.0 if i == j else along))
+    # The third axis is the first crossed with the second.
+    for k in range(3):
+        m, n = (k + 1) % 3, (k + 2) % 3
+        cross = rotation[0, m] * rotation[1, n] - rotation[0, n] * rotation[1, m]
+        off = max(off, abs(cross - rotation[2, k]))
+    return 0 if off < _SLACK else _NO_ROTATION
+
+
+@kernel
+def _turn_cosine(start, end):  # type: ignore[no-untyped-def]
+    """Cosine of the angle between two rotations."""
+    trace = 0.0
+    for i in range(3):
+        for j in range(3):
+            trace += start[i, j] * end[i, j]
+    return 0.5 * (trace - 1.0)
 
 
 class RigidTool:
@@ -88,7 +113,7 @@ class RigidTool:
             ParticleError: no poses, or a turn by 90 degrees or more; nothing was set.
         """
         start, end = checked_pose(start), checked_pose(end)
-        if np.trace(start[0].T @ end[0]) <= 1.0:
+        if _turn_cosine(start[0], end[0]) <= 0.0:
             raise ParticleError("a tool turns by 90 deg or more in one step; use shorter steps")
         self.start, self.end = start, end
 
