@@ -2,5 +2,5 @@
 
     cells -> listing -> neighbours (the pair list, kept by relisting) -> contacts -> forces
 
-`dormant` keeps what friction remembers of pairs at rest.
+`skins` is how far a list looks ahead; `dormant` keeps what friction remembers of pairs at rest.
 """

@@ -14,26 +14,22 @@ short-lived. They are *strays*: no cell holds them, each is compared with all ot
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from machine_sim.particles.growth import growth_in
-from machine_sim.particles.jit import inline_kernel, kernel, threaded_kernel, use_threads
+from machine_sim.particles.jit import use_threads
 from machine_sim.particles.pairs.cells import rows_around, sort_rows
 from machine_sim.particles.pairs.dormant import DormantSprings
 from machine_sim.particles.pairs.listing import list_pairs
 from machine_sim.particles.pairs.relisting import admit_rows, common_way, drop_pairs
+from machine_sim.particles.pairs.skins import ROOM, STEPS, grow_ahead, is_worn, lay_skins
 from machine_sim.particles.pairs.table import PairTable
 from machine_sim.particles.params import ParticleParams
-from machine_sim.particles.parts import CHUNKS, chunk, cut_parts
+from machine_sim.particles.parts import cut_parts
 from machine_sim.particles.store import ParticleStore
 
 __all__ = ["NeighbourList"]
 
-_STEPS = 5.0
-"""For how many steps a list should hold where particles move."""
-_ROOM = 1.3
-"""Room for acceleration: how far ahead a particle is looked for, over how far it comes."""
 _LONGEST = 0.35
 """Longest skin of a particle in a cell, in largest diameters, where a list holds for more than a
 step."""
@@ -107,7 +103,7 @@ class NeighbourList:
         if every and old.size:
             way, drift = common_way(old, store.position, self._origin), store.velocity[old].mean(0)
         speed = np.linalg.norm(store.velocity[listed:] - drift, axis=1)
-        skins = self._base(store) + _ROOM * dt * _STEPS * speed
+        skins = self._base(store) + ROOM * dt * STEPS * speed
         self._skins = np.concatenate([self._skins, skins])
         self._sizes = np.concatenate([self._sizes, self._sizes_for(store, dt)[listed:]])
         self._origin = np.concatenate([self._origin, store.position[listed:] - way])
@@ -137,7 +133,7 @@ class NeighbourList:
             return True
         old = seen[seen < self.listed] if new else seen
         return old.size > 0 and bool(
-            _worn.on(self.threads)(
+            is_worn.on(self.threads)(
                 old, old.size == self.listed, store.position, store.velocity, self._origin,
                 self._skins, store.contact_radius, store.radius, self._sizes,
                 self._params.release_size, growth_in(dt, self._params), dt,
@@ -151,9 +147,9 @@ class NeighbourList:
     def _sizes_for(self, store: ParticleStore, dt: float) -> NDArray[np.float64]:
         """Size of each in a list that is made now [m]."""
         sizes = np.empty(store.count)
-        _grow_ahead(
+        grow_ahead(
             store.contact_radius, store.radius, self._params.release_size,
-            _STEPS * growth_in(dt, self._params), sizes,
+            STEPS * growth_in(dt, self._params), sizes,
         )  # fmt: skip
         return sizes
 
@@ -172,7 +168,7 @@ class NeighbourList:
         most_strays = min(_COMPARED // store.count, seen.size // 2)
         if store.count > _MOST_WITH_STRAYS:
             most_strays = 0
-        largest, strays = _lay_skins(
+        largest, strays = lay_skins(
             seen, every, store.velocity, dt, self._base(store), longest, most_strays, self._skins
         )
         cell = 2.0 * float(self._sizes.max()) + 2.0 * largest
@@ -221,120 +217,3 @@ class NeighbourList:
 def _live(store: ParticleStore) -> NDArray[np.bool_]:
     """Which rows move by forces, shape (n,); two that do not are no pair."""
     return np.asarray((store.resting == 0) & ~store.frozen, dtype=np.bool_)
-
-
-@threaded_kernel
-def _worn(  # type: ignore[no-untyped-def]
-    rows, every, position, velocity, origin, skins, contact_radius, radius, sizes, start, growth, dt
-):
-    """Whether one of `rows` may leave its skin or outgrow its size within the next step.
-
-    Seen from the mean motion where they are all there are.
-    """
-    way = np.zeros((CHUNKS, 3))
-    if every:
-        for c in prange(CHUNKS):
-            _add_up(chunk(rows, c), position, velocity, origin, dt, way[c])
-    mean = np.zeros(3)
-    for c in range(CHUNKS):
-        for axis in range(3):
-            mean[axis] += way[c, axis] / rows.size
-    worn = np.zeros(CHUNKS, np.bool_)
-    for c in prange(CHUNKS):
-        part = chunk(rows, c)
-        worn[c] = _leaves(part, position, velocity, origin, skins, dt, mean) or _outgrows(
-            part, contact_radius, radius, sizes, start, growth
-        )
-    return worn.any()
-
-
-@kernel
-def _add_up(rows, position, velocity, origin, dt, way):  # type: ignore[no-untyped-def]
-    for i in rows:
-        for axis in range(3):
-            way[axis] += position[i, axis] - origin[i, axis] + dt * velocity[i, axis]
-
-
-@kernel
-def _leaves(rows, position, velocity, origin, skins, dt, mean):  # type: ignore[no-untyped-def]
-    for i in rows:
-        dx = position[i, 0] - origin[i, 0] + dt * velocity[i, 0] - mean[0]
-        dy = position[i, 1] - origin[i, 1] + dt * velocity[i, 1] - mean[1]
-        dz = position[i, 2] - origin[i, 2] + dt * velocity[i, 2] - mean[2]
-        if dx * dx + dy * dy + dz * dz > skins[i] * skins[i]:
-            return True
-    return False
-
-
-@kernel
-def _outgrows(rows, contact_radius, radius, sizes, start, growth):  # type: ignore[no-untyped-def]
-    found = False
-    for i in rows:
-        found |= _grown(contact_radius[i], radius[i], start, growth) > sizes[i]
-    return found
-
-
-@kernel
-def _grow_ahead(contact_radius, radius, start, growth, sizes):  # type: ignore[no-untyped-def]
-    """Fill `sizes` with what contact radii grow to [m]."""
-    for i in range(sizes.size):
-        sizes[i] = _grown(contact_radius[i], radius[i], start, growth)
-
-
-@inline_kernel
-def _grown(contact_radius, radius, start, growth):  # type: ignore[no-untyped-def]
-    """Contact radius after growing by `growth` radii; one just released starts at up to `start`."""
-    least = contact_radius if contact_radius > 0.0 else start * radius
-    return min(least + growth * radius, np.float64(radius))
-
-
-@kernel
-def _lay_skins(rows, every, velocity, dt, base, longest, most_strays, skins):  # type: ignore[no-untyped-def]
-    """Fill the `skins` of `rows` [m]: `base`, and the way relative to the mean in some steps.
-
-    `_STEPS` of them, fewer where more than `most_strays` would go farther than `longest`, but one
-    at least.
-
-    Returns:
-        The longest skin of those that are no strays [m], and the strays.
-    """
-    ux, uy, uz = 0.0, 0.0, 0.0
-    for i in rows:
-        ux += velocity[i, 0]
-        uy += velocity[i, 1]
-        uz += velocity[i, 2]
-    share = 1.0 / rows.size if every else 0.0
-    ux, uy, uz = ux * share, uy * share, uz * share
-    for i in rows:
-        dx, dy, dz = velocity[i, 0] - ux, velocity[i, 1] - uy, velocity[i, 2] - uz
-        skins[i] = np.sqrt(dx * dx + dy * dy + dz * dz)
-    step, steps = _ROOM * dt, _STEPS
-    limit = longest / (step * steps)
-    count = _faster(rows, skins, limit)
-    while count > most_strays and steps > 1.0:
-        steps -= 1.0
-        limit = longest / (step * steps)
-        count = _faster(rows, skins, limit)
-    if count > most_strays:
-        limit, count = np.inf, 0
-    strays = np.empty(count, np.int64)
-    count, fastest = 0, 0.0
-    for i in rows:
-        if skins[i] > limit:
-            strays[count] = i
-            count += 1
-        else:
-            fastest = max(fastest, skins[i])
-    steps = min(max(longest / max(step * fastest, 1e-12), 1.0), _STEPS)
-    for i in rows:
-        skins[i] = base + step * steps * skins[i]
-    return base + step * steps * fastest, strays
-
-
-@kernel
-def _faster(rows, speed, limit):  # type: ignore[no-untyped-def]
-    """How many are."""
-    count = 0
-    for i in rows:
-        count += speed[i] > limit
-    return count
