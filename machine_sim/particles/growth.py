@@ -121,12 +121,12 @@ def grow_radii(  # type: ignore[no-untyped-def]
         How many are not full yet, frozen ones too: they grow once they are let go.
     """
     n = radius.size
-    room = np.empty(n, np.float64)
+    room, grows = np.empty(n, np.float64), np.empty(n, np.bool_)
     for i in range(n):
-        room[i] = share * radius[i]
+        room[i], grows[i] = share * radius[i], contact_radius[i] < radius[i]
     for k in range(pairs):
         i, j = first[k], second[k]
-        grows_i, grows_j = contact_radius[i] < radius[i], contact_radius[j] < radius[j]
+        grows_i, grows_j = grows[i], grows[j]
         if grows_i or grows_j:
             dx = position[j, 0] - position[i, 0]
             dy = position[j, 1] - position[i, 1]

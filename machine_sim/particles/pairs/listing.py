@@ -42,15 +42,17 @@ def list_pairs(  # type: ignore[no-untyped-def]
         Number of pairs, or -1 where the table is too small; and how many old ones are so marked.
     """
     n = order.size
-    at, size = np.empty((3, n), np.float32), np.empty(n, np.float32)
+    at, lively = np.empty((4, n), np.float32), np.empty(n, np.uint8)
     for c in prange(CHUNKS):
-        _place(c * n // CHUNKS, (c + 1) * n // CHUNKS, order, position, sizes, skins, at, size)
+        _place(
+            c * n // CHUNKS, (c + 1) * n // CHUNKS, order, position, sizes, skins, live, at, lively
+        )
     # Each chunk of the cells fills a stretch of the table; then the stretches are put together.
     found, room = np.zeros(CHUNKS, np.int64), first.size // CHUNKS
     for c in prange(CHUNKS):
         low, high = _cells_of(c, cells, start), _cells_of(c + 1, cells, start)
         found[c] = _list_chunk(
-            low, high, order, start, cells, shape, live, few, at, size,
+            low, high, order, start, cells, shape, few, at, lively,
             first[c * room : (c + 1) * room], second[c * room : (c + 1) * room], begin, end,
         )  # fmt: skip
     if found.min() < 0:
@@ -84,8 +86,8 @@ def list_pairs(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _place(low, high, order, position, sizes, skins, at, size):  # type: ignore[no-untyped-def]
-    """Places and sizes in the order of cells.
+def _place(low, high, order, position, sizes, skins, live, at, lively):  # type: ignore[no-untyped-def]
+    """Places, sizes and who is live in the order of cells.
 
     float32 relative to a particle in the middle: near enough for a list with a skin.
     """
@@ -94,7 +96,7 @@ def _place(low, high, order, position, sizes, skins, at, size):  # type: ignore[
         i = order[a]
         for axis in range(3):
             at[axis, a] = position[i, axis] - position[middle, axis]
-        size[a] = sizes[i] + skins[i]
+        at[3, a], lively[a] = sizes[i] + skins[i], live[i]
 
 
 @kernel
@@ -133,16 +135,15 @@ def _mark_near(around, lively, own, others, mark):  # type: ignore[no-untyped-de
 
 @kernel
 def _list_chunk(  # type: ignore[no-untyped-def]
-    begins, ends, order, start, cells, shape, live, few, at, size,
-    first, second, begin, end,
-):  # fmt: skip
+    begins, ends, order, start, cells, shape, few, at, lively_at, first, second, begin, end
+):
     """List the pairs of the cells at the places from `begins` to `ends`; -1 for want of room."""
     nx, _, nz = shape
-    x, y, z = at[0], at[1], at[2]
+    x, y, z, size = at[0], at[1], at[2], at[3]
     strips = 10 if few else 5
     low, high = np.zeros(10, np.int64), np.zeros(10, np.int64)
     around = np.empty((4, 512), np.float32)
-    row, place = np.empty(512, np.uint32), np.empty(512, np.int64)
+    row = np.empty(512, np.uint32)
     lively, mark = np.empty(512, np.uint8), np.zeros(520, np.uint8)
     count, a = 0, begins
     while a < ends:
@@ -152,7 +153,7 @@ def _list_chunk(  # type: ignore[no-untyped-def]
         end_of_cell = start[c + 1]
         awake = not few
         for b in range(a, end_of_cell):
-            awake |= live[order[b]]
+            awake |= lively_at[b] != 0
         if not awake:
             for b in range(a, end_of_cell):
                 begin[order[b]] = end[order[b]] = count
@@ -170,22 +171,24 @@ def _list_chunk(  # type: ignore[no-untyped-def]
             others += high[strip] - low[strip] if strip != 5 else high[5] - low[5]
         if others > row.size:
             around = np.empty((4, 2 * others), np.float32)
-            row, place = np.empty(2 * others, np.uint32), np.empty(2 * others, np.int64)
+            row = np.empty(2 * others, np.uint32)
             lively, mark = np.empty(2 * others, np.uint8), np.zeros(2 * others + 8, np.uint8)
         if count + (end_of_cell - a) * others > first.size:
             return -1
-        m = 0
+        m, after = 0, 0
         for strip in range(strips):
+            if strip == 5:
+                after = m  # here begin those that come before this cell in the order
             for b in range(low[strip], high[strip]):
                 around[0, m], around[1, m], around[2, m] = x[b], y[b], z[b]
                 around[3, m] = size[b]
-                row[m], place[m], lively[m] = order[b], b, live[order[b]]
+                row[m], lively[m] = order[b], lively_at[b]
                 m += 1
         words = mark[: mark.size // 8 * 8].view(np.uint64)
         for own in range(end_of_cell - a):
             i = row[own]
             begin[i] = count
-            if few and not live[i]:
+            if few and not lively[own]:
                 end[i] = count
                 continue
             _mark_near(around, lively, own, others, mark)
@@ -201,7 +204,8 @@ def _list_chunk(  # type: ignore[no-untyped-def]
                 else:
                     for m in range(8 * word, min(8 * word + 8, others)):
                         # Each pair once: of two that are live by the one that comes first.
-                        if mark[m] == 0 or m == own or (lively[m] and place[m] <= a + own):
+                        before = m < own or m >= after
+                        if mark[m] == 0 or m == own or (lively[m] and before):
                             continue
                         first[count] = i
                         second[count] = row[m]
