@@ -23,12 +23,13 @@ _REPOSE = (
     (23.7, 0.20, 0.02),
     (27.6, 0.30, 0.03),
     (30.4, 0.30, 0.05),
-    (34.3, 0.30, 0.09),
-    (39.5, 0.35, 0.155),
-    (43.0, 0.40, 0.20),
-    (47.0, 0.60, 0.30),
+    (33.4, 0.30, 0.09),
+    (37.9, 0.35, 0.155),
+    (40.7, 0.40, 0.20),
+    (44.8, 0.60, 0.30),
 )
-"""Angle of repose [deg] that 4000 particles pour to, by friction and rolling friction."""
+"""Angle of repose [deg] that some thousands pour to, by friction and rolling friction; a mean of
+several pours, of which each is off by a degree."""
 
 _PACKING = ((15.0, 0.66), (30.0, 0.60), (45.0, 0.60))
 """Part of the room of a heap that is particles, by its angle of repose [deg]."""
