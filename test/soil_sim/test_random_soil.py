@@ -124,9 +124,11 @@ def spoilt(rows: Rows, rng: np.random.Generator) -> Rows:
     return rows
 
 
-def volumes(soil: Soil) -> NDArray[np.int64]:
-    """Firm, loose and the room of the loose [mm^3], shape (3, rows, cols)."""
-    return np.stack([soil.columns.firm, soil.columns.loose, soil.columns.bulk])
+def state(soil: Soil) -> NDArray[np.int64]:
+    """Firm, loose and the room of the loose [mm^3], kind and moisture on top: (5, rows, cols)."""
+    columns = soil.columns
+    top = (columns.top_soil.astype(np.int64), columns.top_moisture.astype(np.int64))
+    return np.stack([columns.firm, columns.loose, columns.bulk, *top])
 
 
 def expect_sound(soil: Soil) -> None:
@@ -147,7 +149,7 @@ def expect_all_is_told(
     soil: Soil, before: NDArray[np.int64], step: SoilStep, landed: Rows, sweeps: Rows
 ) -> None:
     """Answers, changed rows and refusals are what happened, no more and no less."""
-    after = volumes(soil)
+    after = state(soil)
     volume = step.conversions["volume_mm3"].astype(np.int64)
     kind = step.conversions["kind"]
     deposited = int(volume[kind == Kind.DEPOSIT].sum())
@@ -176,7 +178,7 @@ def work(site: Site) -> None:
         soil, rng = site.soil(), np.random.default_rng(site.seed)
         states = hashlib.sha256()
         for tick in range(TICKS):
-            before = volumes(soil)
+            before = state(soil)
             sweeps, landed = random_input(soil, rng)
             step = soil.step(tick, sweeps, landed)
             if checked:
