@@ -13,11 +13,16 @@ from machine_sim.commands.errors import CommandError
 __all__ = ["instant", "number", "numbers", "shown"]
 
 
+_LONGEST = 160
+"""Most characters of a value in a message."""
+
+
 def shown(value: Any) -> str:
     """A value as text for an error, cut short when it is long."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
-    return reprlib.repr(value)
+    text = reprlib.repr(value)  # which keeps each level short, but not all of them together
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
 
 
 def numbers(values: Any, what: str, instead: str) -> list[float]:

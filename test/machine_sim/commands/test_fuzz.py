@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from machine_sim.commands import TRACK_NAMES, CommandBoard, CommandError, CommandParams
+from machine_sim.commands.checks import shown
 from machine_sim.machine import EXCAVATOR_JOINTS
 
 HOME = (0.0, -0.7, 1.85, 1.9)
@@ -167,3 +168,9 @@ def test_whatever_comes_is_taken_or_refused_with_a_sentence(description, name, a
     applied = board.at(0.0, HOME)
     assert np.isfinite(applied.joints).all()
     assert np.isfinite(applied.tracks).all()
+
+
+def test_a_value_of_many_levels_is_shown_short():
+    value = {"a" * 30: {"b" * 30: {"c" * 30: ["d" * 30] * 9}, "e" * 30: ["f" * 30] * 9}}
+    assert len(shown(value)) <= 160
+    assert shown([1.0, 2.0]) == "[1.0, 2.0]"
