@@ -43,12 +43,6 @@ def settled_rows(
     return np.asarray(rows[np.argsort(store.particle_id[rows])], dtype=np.intp)
 
 
-def tool_gap(local: NDArray[np.float64], tool: RigidTool) -> float:
-    """Distance [m] of a point, tool frame, shape (3,), to the nearest plate."""
-    plates = tool.plates
-    return float(_gap(plates.frame, plates.corner, plates.corners, local[0], local[1], local[2]))
-
-
 @kernel
 def _done_rows(position, quiet_time, frozen, half_x, half_y, settle_time):  # type: ignore[no-untyped-def]
     """Rows of those that have been slow for `settle_time`, or are off the map; none is frozen."""
@@ -81,11 +75,11 @@ def _keep_free(  # type: ignore[no-untyped-def]
         held = len(hull) > 0
         for h in range(len(hull)):
             held &= hull[h, 0] * x + hull[h, 1] * y + hull[h, 2] * z < hull[h, 3]
-        free[k] &= not held and _gap(frame, corner, corners, x, y, z) - radius[i] > clearance
+        free[k] &= not held and tool_gap(frame, corner, corners, x, y, z) - radius[i] > clearance
 
 
 @kernel
-def _gap(frame, corner, corners, x, y, z):  # type: ignore[no-untyped-def]
+def tool_gap(frame, corner, corners, x, y, z):  # type: ignore[no-untyped-def]
     """Distance of a point of the tool frame to the nearest plate."""
     nearest = 1e300
     for k in range(corners.size):

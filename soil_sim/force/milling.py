@@ -70,6 +70,32 @@ def is_ring(points):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def _facet(points, k, axis):  # type: ignore[no-untyped-def]
+    """Facet `k` of a drum between two pairs of key points, at the end of the tick.
+
+    Returns:
+        (middle of its left edge, of its right one, unit vector out from `axis`, whether it lies on
+        the axis and has none).
+    """
+    left = 0.5 * (points[2 * k, 1] + points[2 * k + 2, 1])
+    right = 0.5 * (points[2 * k + 1, 1] + points[2 * k + 3, 1])
+    out = 0.5 * (left + right) - axis
+    distance = math.sqrt((out**2).sum())
+    flat = distance < 1e-6
+    return left, right, out if flat else out / distance, flat
+
+
+@njit(cache=True)
+def _column_beside(at, out, columns, frame):  # type: ignore[no-untyped-def]
+    """The column whose ground touches a facet there from outside, -1 if none does."""
+    x, y = at[0] + _OUTSIDE * out[0], at[1] + _OUTSIDE * out[1]
+    i = column_at(x, y, frame)
+    if i < 0 or columns.height[i] <= at[2] + _OUTSIDE * out[2]:
+        return -1
+    return i
+
+
+@njit(cache=True)
 def add_standing(points, middle, columns, frame, strength, sums):  # type: ignore[no-untyped-def]
     """Add what bears a drum that does not spin; arguments as in `add_milling`."""
     pairs = len(points) // 2 - 1
@@ -77,21 +103,16 @@ def add_standing(points, middle, columns, frame, strength, sums):  # type: ignor
     for row in range(2 * pairs):
         axis += points[row, 1] / (2 * pairs)
     for k in range(pairs):
-        left = 0.5 * (points[2 * k, 1] + points[2 * k + 2, 1])
-        right = 0.5 * (points[2 * k + 1, 1] + points[2 * k + 3, 1])
-        out = 0.5 * (left + right) - axis
-        distance = math.sqrt((out**2).sum())
-        if distance < 1e-6:
+        left, right, out, flat = _facet(points, k, axis)
+        if flat:
             continue
-        out /= distance
         width = right - left
         breadth = math.sqrt(((points[2 * k + 2, 1] - points[2 * k, 1]) ** 2).sum())
         area = breadth * math.sqrt((width**2).sum()) / _STRIPS
         for strip in range(_STRIPS):
             at = left + (strip + 0.5) / _STRIPS * width
-            x, y = at[0] + _OUTSIDE * out[0], at[1] + _OUTSIDE * out[1]
-            i = column_at(x, y, frame)
-            if i < 0 or columns.height[i] <= at[2] + _OUTSIDE * out[2]:
+            i = _column_beside(at, out, columns, frame)
+            if i < 0:
                 continue
             force = area * bearing_capacity(i, breadth, 0.0, columns, strength)
             place = at - middle
@@ -121,13 +142,9 @@ def add_milling(points, middle, columns, frame, strength, sums):  # type: ignore
     advance = axis_to - axis_from
     radius = math.sqrt(((0.5 * (points[0, 1] + points[1, 1]) - axis_to) ** 2).sum())
     for k in range(pairs):
-        left = 0.5 * (points[2 * k, 1] + points[2 * k + 2, 1])
-        right = 0.5 * (points[2 * k + 1, 1] + points[2 * k + 3, 1])
-        out = 0.5 * (left + right) - axis_to
-        distance = math.sqrt((out**2).sum())
-        if distance < 1e-6:
+        left, right, out, flat = _facet(points, k, axis_to)
+        if flat:
             continue
-        out /= distance
         depth = (advance * out).sum()
         if depth <= 0.0:
             continue
@@ -143,9 +160,8 @@ def add_milling(points, middle, columns, frame, strength, sums):  # type: ignore
         area = math.sqrt((across**2).sum()) * math.sqrt((width**2).sum()) / _STRIPS
         for strip in range(_STRIPS):
             at = left + (strip + 0.5) / _STRIPS * width
-            x, y = at[0] + _OUTSIDE * out[0], at[1] + _OUTSIDE * out[1]
-            i = column_at(x, y, frame)
-            if i < 0 or columns.height[i] <= at[2] + _OUTSIDE * out[2]:
+            i = _column_beside(at, out, columns, frame)
+            if i < 0:
                 continue
             energy = _energy(i, at[2], 2.0 * radius, columns, strength)
             against = energy * area * depth / spun

@@ -123,7 +123,7 @@ class ContactTable:
 def _look_ahead(dt, seen, every, ahead, pair_first, pair_second, pairs, body):  # type: ignore[no-untyped-def]
     """Fill `ahead`: how far each comes toward another in `dt`, its own size included [m].
 
-    Relative to the mean where all move, so that what moves together does not count as closing in.
+    Relative to the mean where all are seen: what moves together is not closing in.
     """
     sums = np.zeros((CHUNKS, 3), np.float32)
     if every:

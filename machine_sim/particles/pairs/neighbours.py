@@ -1,11 +1,11 @@
 """Which particles may touch: a half Verlet list, rebuilt by counting sort when it has worn out.
 
-A pair is listed when it is closer than touching plus the *skins* of both. A particle's skin is as
+A pair is listed when it is closer than the *sizes* and the *skins* of both. A particle's skin is as
 far as it comes in the next steps, relative to the mean of all (a bucket that carries all of them
 wears out nothing), and a little more; the list holds until one has used its skin up.
 
-Particles just released are small and lie close. So a particle's *size* in the list is not its
-radius but what it grows to in the next steps; one that has outgrown it wears the list out, too.
+Its size is the contact radius that it grows to in these steps: particles just released are small
+and lie close. One that has outgrown it wears the list out, too.
 
 A few fast ones, crumbs that fall past a full bucket, would make the cells of all large or the list
 short-lived. They are *strays*: no cell holds them, each is compared with all others.

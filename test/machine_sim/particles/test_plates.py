@@ -35,11 +35,12 @@ def test_closest_point_agrees_with_brute_force(seed, corners):
     turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     ring = np.stack([np.cos(angle), 0.6 * np.sin(angle), np.zeros(corners)], axis=1)
     polygon = ring @ turn.T + rng.normal(size=3)
-    tool = RigidTool([polygon], pose())
     point = polygon.mean(axis=0) + rng.normal(size=3)
-    assert tool_gap(point, tool) == pytest.approx(brute_force(polygon, point), abs=0.01)
+    plates = RigidTool([polygon], pose()).plates
+    table = (plates.frame, plates.corner, plates.corners)
+    assert tool_gap(*table, *point) == pytest.approx(brute_force(polygon, point), abs=0.01)
     on_face = polygon.mean(axis=0) + 0.3 * np.cross(ring[0], ring[1]) @ turn.T
-    assert tool_gap(on_face, tool) <= np.linalg.norm(on_face - polygon.mean(axis=0)) + 1e-9
+    assert tool_gap(*table, *on_face) <= np.linalg.norm(on_face - polygon.mean(axis=0)) + 1e-9
 
 
 def test_the_hull_of_a_box_holds_its_inside():
