@@ -4,7 +4,7 @@
 - `intake`: what is refused; `store`: the particles and the volume account
 - `law`: the contact law; `jit`: how kernels are compiled; `parts`: what threads share out
 - `pairs`: particles against particles: who is near whom, who touches, and the forces
-- `plates`, `tool`, `walls`: tool geometry, its motion, and the forces on it
+- `plates`, `tool`: tool geometry and its motion; `walls`: particles against plates
 - `soil_contact`: forces of the terrain
 - `growth`: released particles grow to size
 - `bodies`, `motion`: the substeps; `landing`: who lands

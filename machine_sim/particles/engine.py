@@ -33,7 +33,9 @@ from machine_sim.particles.soil_engine import SoilEngine
 from machine_sim.particles.store import ParticleError
 from machine_sim.particles.tool import Pose, RigidTool
 from machine_sim.particles.waking import wake_touched
-from machine_sim.particles.walls import WallList
+from machine_sim.particles.walls.contacts import WallContacts
+from machine_sim.particles.walls.crossings import crossings
+from machine_sim.particles.walls.listing import WallList
 from msg_bridge.contract.loose_soil import LooseSoil
 
 __all__ = ["ParticleEngine"]
@@ -65,6 +67,7 @@ class ParticleEngine(SoilEngine):
         super().__init__(params, ground, soils, params.substeps)
         self._pairs = NeighbourList(params)
         self._walls = WallList()
+        self._wall_contacts = WallContacts()
         self._contacts = ContactTable()
         self._body = np.zeros((0, BODY_FLOATS), np.float32)
         self._total = np.zeros((0, SUM_FLOATS), np.float32)
@@ -225,24 +228,24 @@ class ParticleEngine(SoilEngine):
             contact_law(substep, params.substeps_per_contact, params.restitution),
             contact_law(substep, params.substeps_per_contact, params.wall_restitution),
         )
-        inside, near = tools.surround(rows, store.position, ground.grid.cell)
-        off_ground = tools.lifts(inside)
+        local = tools.local(rows, store.position)
+        inside, lifted, near = tools.surround(local, ground.grid.cell)
         threads = self._pairs.threads
         grounds = ground_planes.on(threads)(
-            ground.surface, ground.frame, dt, laws[1], rows, off_ground, near, store.position,
+            ground.surface, ground.frame, dt, laws[1], rows, lifted, near, store.position,
             store.velocity, store.radius, store.contact_radius, store.soft, store.ground_spring,
             self._ground_row, self._plane,
         )  # fmt: skip
-        self._walls.refresh(store, rows, tools, dt)
+        self._walls.refresh(store, rows, tools, local, dt)
         if self._changed:
             self._renew()
         grows = self._growing > 0
         if grows:
             self._grow(dt, grounds)
-        before = store.position[rows] if tools.tools else store.position[:0]
+        before = store.position.take(rows, axis=0) if tools.tools else store.position[:0]
         self._move(dt, laws, rows, moving, seen, riders, in_tool, grounds, grows)
         if tools.tools:
-            self.tunnelled_tool += int(self._walls.crossed(store, rows, tools, before).sum())
+            self.tunnelled_tool += crossings(self._walls.table, store, rows, tools, before)
         self.tunnelled_ground += finish_on_ground.on(threads)(
             ground.surface, ground.frame, dt, params.settle_speed, rows, grounds,
             self._ground_row, self._plane, store.position, store.velocity, store.radius,
@@ -274,7 +277,8 @@ class ParticleEngine(SoilEngine):
             self._pairs.stale = True
 
     def _make_room(self) -> None:
-        count = self.store.count
+        # Tools have records, too, in the last rows.
+        count = self.store.count + len(self._tools.tools)
         if len(self._body) < count:
             room = max(count, 2 * len(self._body))
             self._body = np.zeros((room, BODY_FLOATS), np.float32)
@@ -304,7 +308,7 @@ class ParticleEngine(SoilEngine):
         grows: bool,
     ) -> None:  # fmt: skip
         store, params, tools = self.store, self.params, self._tools
-        contacts, walls = self._contacts, self._walls.table
+        contacts, walls = self._contacts, self._wall_contacts
         body, total = self._body, self._total
         # Records of those that do not move stay good until rows change, or who moves.
         threads = self._pairs.threads
@@ -318,16 +322,17 @@ class ParticleEngine(SoilEngine):
             store, seen, body, self._pairs.pairs, dt, threads, anew=self._anew, grown=grows
         )
         self._anew = False
+        walls.lay_out(store, self._walls.table, tools, body, total)
         run_substeps.on(threads)(
             params.substeps, params.gravity, *laws, np.float32(params.ground_friction),
             np.float32(params.ground_rolling), rows, riders, in_tool, body, total,
             store.position, store.mass, store.radius, store.soft, store.ground_spring,
-            store.tool_friction, store.tool_rolling, store.adhesion,
             contacts.first, contacts.second, contacts.block, contacts.begin, contacts.size,
-            walls.count, walls.row, walls.plate, walls.spring, walls.side,
+            walls.count, walls.plate, walls.size, walls.row, walls.tool_row, walls.block,
             tools.frame, tools.corner, tools.corners, tools.owner, tools.path, tools.twist,
             tools.wrench, grounds, self._ground_row, self._plane,
         )  # fmt: skip
+        walls.give_back(self._walls.table)
         finish_bodies.on(threads)(rows, body, store.position, store.velocity, store.spin)
 
     @property

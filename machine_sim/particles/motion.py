@@ -10,7 +10,7 @@ from machine_sim.particles.jit import threaded_kernel
 from machine_sim.particles.pairs.forces import pair_forces
 from machine_sim.particles.parts import CHUNKS, chunk, spread
 from machine_sim.particles.soil_contact import ground_forces
-from machine_sim.particles.walls import wall_forces
+from machine_sim.particles.walls.forces import wall_forces
 
 __all__ = ["run_substeps"]
 
@@ -19,9 +19,9 @@ __all__ = ["run_substeps"]
 def run_substeps(  # type: ignore[no-untyped-def]
     substeps, gravity, law, wall_law, ground_friction, ground_rolling,
     rows, riders, rider_tool, body, total,
-    position, mass, radius, soft, ground_spring, tool_friction, tool_rolling, adhesion,
+    position, mass, radius, soft, ground_spring,
     first, second, block, begin, size,
-    walls, wall_row, wall_plate, wall_spring, wall_side,
+    walls, wall_plate, wall_size, wall_row, tool_row, wall_block,
     frame, corner, corners, owner, path, twist, wrench,
     grounds, ground_row, plane,
 ):  # fmt: skip
@@ -34,7 +34,7 @@ def run_substeps(  # type: ignore[no-untyped-def]
         rows: who moves by forces.
         riders, rider_tool: who rides in a tool, and in which.
         body, total: records and cleared sums, see `bodies`.
-        position ... adhesion: of the particles, columns of the store.
+        position ... ground_spring: of the particles, columns of the store.
         first ... size: contacts, see `ContactTable`; every other part is a seam.
         walls ... wrench: plate contacts, see `wall_forces`; path holds the poses by substep. The
             wrench sums over the substeps.
@@ -48,9 +48,8 @@ def run_substeps(  # type: ignore[no-untyped-def]
                 part = 2 * spread(r, parts) + kind
                 pair_forces(begin[part], size[part], first, second, block, body, total, law)
         wall_forces(
-            walls, wall_row, wall_plate, wall_spring, wall_side, position, mass, radius,
-            tool_friction, tool_rolling, adhesion, body, total,
-            frame, corner, corners, owner, path[s], twist, wrench, wall_law,
+            walls, wall_plate, wall_size, wall_row, tool_row, wall_block, body, total,
+            frame, corner, corners, owner, path[0], path[s], twist, wrench, wall_law,
         )  # fmt: skip
         for c in prange(CHUNKS):
             ground_forces(

@@ -34,11 +34,14 @@ class Plates:
         frame: origin, u, v, n of each plate [m], shape (plates, 12).
         corner: (a, b) of each corner [m], shape (plates, MAX_CORNERS, 2).
         corners: number of corners of each plate, shape (plates,), int64.
+        bounds: n, height of the plane along it, centre and radius of a ball around the corners [m],
+            tool frame, shape (8, plates).
     """
 
     frame: NDArray[np.float64]
     corner: NDArray[np.float64]
     corners: NDArray[np.int64]
+    bounds: NDArray[np.float64]
 
     @classmethod
     def from_polygons(cls, polygons: Sequence[ArrayLike]) -> Plates:
@@ -51,6 +54,7 @@ class Plates:
         frame = np.zeros((count, 12))
         corner = np.zeros((count, MAX_CORNERS, 2))
         corners = np.zeros(count, dtype=np.int64)
+        bounds = np.zeros((8, count))
         for k, polygon in enumerate(polygons):
             points = np.asarray(polygon, dtype=np.float64)
             fault = _fault(points)
@@ -60,7 +64,10 @@ class Plates:
             frame[k] = np.concatenate([points[0], u, v, n])
             corners[k] = len(points)
             corner[k, : len(points)] = (points - points[0]) @ np.stack([u, v], axis=1)
-        return cls(frame, corner, corners)
+            centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+            radius = np.linalg.norm(points - centre, axis=1).max()
+            bounds[:, k] = [*n, n @ points[0], *centre, radius]
+        return cls(frame, corner, corners, bounds)
 
 
 def _axes(

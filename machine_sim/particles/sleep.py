@@ -27,7 +27,7 @@ from machine_sim.particles.riding import carry, who_is_held
 from machine_sim.particles.store import ParticleStore
 from machine_sim.particles.tool import RigidTool, ToolSet
 from machine_sim.particles.waking import by_tools, meet, near_spots, on_changed
-from machine_sim.particles.walls import WallTable
+from machine_sim.particles.walls.listing import WallTable
 
 __all__ = ["AWAKE", "ON_MAP", "Sleep", "Touching", "who_moves"]
 

@@ -151,7 +151,11 @@ class ParticleStore:
         self._data["wall_row"][start:end] = -1
         self.next_id += count
         self.count = end
+        # Ids ascend: the new ones come last.
+        by_id = self._by_id
         self._bind()
+        if by_id is not None:
+            self._by_id = np.concatenate([by_id, np.arange(start, end)])
         return ids
 
     def rows(self, ids: ArrayLike) -> NDArray[np.intp]:
@@ -183,7 +187,10 @@ class ParticleStore:
         keep = np.ones(self.count, dtype=np.bool_)
         keep[rows] = False
         kept = np.flatnonzero(keep)
+        by_id = self._by_id
         self.reorder(kept)
+        if by_id is not None:
+            self._by_id = (np.cumsum(keep) - 1)[by_id[keep[by_id]]]
         return kept
 
     def reorder(self, order: NDArray[np.intp]) -> None:

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from machine_sim.particles.jit import kernel
+from machine_sim.particles.jit import inline_kernel, kernel
 from machine_sim.particles.plates import Plates, hull_planes
 from machine_sim.particles.store import ParticleError
 
-__all__ = ["Pose", "RigidTool", "ToolSet", "checked_pose", "pose_path"]
+__all__ = ["Pose", "RigidTool", "ToolSet", "checked_pose", "pose_path", "to_tool", "turn_back"]
 
 
 Pose = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -135,7 +135,7 @@ class ToolSet:
     Attributes:
         tools: in order of addition, which is their number in the arrays below.
         number: of each tool id.
-        frame, corner, corners: as in `Plates`, all tools one after another.
+        frame, corner, corners, bounds: as in `Plates`, all tools one after another.
         owner: tool of each plate, shape (plates,), int64.
         first: first plate of each tool, and the end, shape (tools + 1,), int64.
         substeps: of a step.
@@ -203,37 +203,43 @@ class ToolSet:
         pose_path(self._start, self._end, dt, self.path, self.twist)
         self.wrench[:] = 0.0
 
-    def surround(
-        self, rows: NDArray[np.int64], position: NDArray[np.float64], margin: float
-    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Which tool holds each of some particles, and which are near one that digs.
+    def local(self, rows: NDArray[np.int64], position: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Places of some particles at the start of the step, seen from each tool.
 
         Args:
             rows: of the particles.
-            position: of all [m], map frame, at the start of the step, shape (n, 3).
-            margin: distance from a digging tool's bounding sphere that still is near [m].
+            position: of all [m], map frame, shape (n, 3).
 
         Returns:
-            (inside, near), shape (rows,) each: number of the tool in whose hull it is, -1 for
-            none; and whether it is near a digging one.
+            [m], tool frames, shape (tools, 3, rows).
         """
-        inside = np.full(rows.size, -1, dtype=np.int64)
-        near = np.zeros(rows.size, dtype=np.bool_)
-        if self.tools:
-            _surround(
-                rows, position, self.path[0], self.sphere, self.hull, self.first_hull, self.digs,
-                margin, inside, near,
-            )  # fmt: skip
-        return inside, near
+        local = np.empty((len(self.tools), 3, rows.size))
+        _local(rows, position, self.path[0], local)
+        return local
 
-    def lifts(self, inside: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Which of some particles the ground does not touch, by the tool each is in or -1.
+    def surround(
+        self, local: NDArray[np.float64], margin: float
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which tool holds each of some particles, and what that means for the ground under it.
 
         What a digging tool holds, its plates keep the terrain from: a bucket half in the ground
         lies below the surface of the columns it stands in. A box that stands on the ground or over
         it does not.
+
+        Args:
+            local: their places, see `local`.
+            margin: distance from a digging tool's bounding sphere that still is near [m].
+
+        Returns:
+            (inside, lifted, near), shape (rows,) each: number of the tool in whose hull it is, -1
+            for none; whether that one digs; and whether it is near one that does.
         """
-        return (inside >= 0) & self.digs[inside] if self.tools else inside >= 0
+        inside = np.full(local.shape[2], -1, dtype=np.int64)
+        lifted, near = np.zeros((2, inside.size), dtype=np.bool_)
+        _surround(
+            local, self.sphere, self.hull, self.first_hull, self.digs, margin, inside, lifted, near
+        )
+        return inside, lifted, near
 
     def end(self) -> None:
         """Rest at the end pose until moved again."""
@@ -249,6 +255,7 @@ class ToolSet:
         self.frame = np.concatenate([empty.frame, *(p.frame for p in plates)])
         self.corner = np.concatenate([empty.corner, *(p.corner for p in plates)])
         self.corners = np.concatenate([empty.corners, *(p.corners for p in plates)])
+        self.bounds = np.concatenate([empty.bounds, *(p.bounds for p in plates)], axis=1)
         self.owner = np.repeat(np.arange(count, dtype=np.int64), np.asarray(sizes, dtype=np.int64))
         self.first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
         self.sphere = np.array([[*t.centre, t.reach] for t in self.tools]).reshape(count, 4)
@@ -312,23 +319,66 @@ def pose_path(start, end, dt, path, twist):  # type: ignore[no-untyped-def]
             path[substeps, t, k] = end[t, k]
 
 
+@inline_kernel
+def to_tool(pose, x, y, z):  # type: ignore[no-untyped-def]
+    """A point [m] of the map frame in the frame of a packed pose."""
+    return turn_back(pose, x - pose[9], y - pose[10], z - pose[11])
+
+
+@inline_kernel
+def turn_back(pose, x, y, z):  # type: ignore[no-untyped-def]
+    """A vector of map axes in the axes of a packed pose."""
+    return (
+        pose[0] * x + pose[3] * y + pose[6] * z,
+        pose[1] * x + pose[4] * y + pose[7] * z,
+        pose[2] * x + pose[5] * y + pose[8] * z,
+    )
+
+
 @kernel
-def _surround(rows, position, pose, sphere, hull, first, digs, margin, inside, near):  # type: ignore[no-untyped-def]
-    """See `ToolSet.surround`."""
-    for k in range(rows.size):
-        i = rows[k]
-        for t in range(pose.shape[0]):
-            p = pose[t]
-            qx, qy, qz = position[i, 0] - p[9], position[i, 1] - p[10], position[i, 2] - p[11]
-            x = p[0] * qx + p[3] * qy + p[6] * qz
-            y = p[1] * qx + p[4] * qy + p[7] * qz
-            z = p[2] * qx + p[5] * qy + p[8] * qz
-            dx, dy, dz = x - sphere[t, 0], y - sphere[t, 1], z - sphere[t, 2]
-            if dx * dx + dy * dy + dz * dz > (sphere[t, 3] + margin) ** 2:
-                continue
-            near[k] |= digs[t]
-            held = first[t + 1] > first[t]
-            for h in range(first[t], first[t + 1]):
-                held &= hull[h, 0] * x + hull[h, 1] * y + hull[h, 2] * z < hull[h, 3]
-            if held and inside[k] < 0:
-                inside[k] = t
+def _local(rows, position, pose, local):  # type: ignore[no-untyped-def]
+    """See `ToolSet.local`."""
+    for t in range(pose.shape[0]):
+        p = pose[t]
+        for n in range(rows.size):
+            i = rows[n]
+            local[t, 0, n], local[t, 1, n], local[t, 2, n] = to_tool(
+                p, position[i, 0], position[i, 1], position[i, 2]
+            )
+
+
+@kernel
+def _surround(local, sphere, hull, first, digs, margin, inside, lifted, near):  # type: ignore[no-untyped-def]
+    """See `ToolSet.surround`; plane by plane, so that many particles are looked at together."""
+    held = np.empty(inside.size, np.bool_)
+    for t in range(sphere.shape[0]):
+        around = _around(local[t], sphere[t], margin, held)
+        if around == 0:
+            continue
+        if digs[t]:
+            near |= held
+        if first[t + 1] == first[t]:
+            continue
+        for h in range(first[t], first[t + 1]):
+            _cut_off(local[t], hull[h, 0], hull[h, 1], hull[h, 2], hull[h, 3], held)
+        for n in range(inside.size):
+            if held[n] and inside[n] < 0:
+                inside[n], lifted[n] = t, digs[t]
+
+
+@kernel
+def _around(local, sphere, margin, within):  # type: ignore[no-untyped-def]
+    """Mark who is within a bounding sphere and some margin; returns how many are."""
+    count, far = 0, (sphere[3] + margin) ** 2
+    for n in range(np.uint64(within.size)):
+        x, y, z = local[0, n] - sphere[0], local[1, n] - sphere[1], local[2, n] - sphere[2]
+        within[n] = x * x + y * y + z * z <= far
+        count += within[n]
+    return count
+
+
+@kernel
+def _cut_off(local, nx, ny, nz, height, held):  # type: ignore[no-untyped-def]
+    """Unmark who is beyond a plane."""
+    for n in range(np.uint64(held.size)):
+        held[n] &= nx * local[0, n] + ny * local[1, n] + nz * local[2, n] < height

@@ -1,0 +1,173 @@
+"""The plate contacts of a step, plate by plate, laid out for the compiler as pairs are.
+
+Contacts of one plate fill blocks of their own: what is the plate's is then the same for all lanes
+of a vector. In a block, quantity q of slot s lies at `q * BLOCK + s`. Places and springs are in
+plate axes, (a, b, h) as in `plates`, taken once a step from float64 positions; the substeps go on
+in float32 displacements.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machine_sim.particles.jit import kernel
+from machine_sim.particles.pairs.simd import GROUP
+from machine_sim.particles.plates import plate_coordinates
+from machine_sim.particles.store import ParticleStore
+from machine_sim.particles.tool import ToolSet, to_tool
+from machine_sim.particles.walls.listing import WallTable
+
+__all__ = ["BLOCK", "WallContacts"]
+
+BLOCK = 64
+"""Contacts in a block, a multiple of the widest vector's lanes."""
+
+QUANTITIES = 16
+"""Place of the centre (3); arm from the tool's origin to it, map axes (3); radius, and its ratio to
+the contact radius; mass, friction, rolling friction, bond; spring (3); side."""
+
+_LEAST_AT_PLATE = np.float32(0.5)
+"""Smallest radius a plate feels, in full radii. One released into a crowd starts as a point, and
+its neighbours would press a point through a plate."""
+_PI = np.float32(np.pi)
+_ZERO = np.float32(0.0)
+
+
+class WallContacts:
+    """Plate contacts of one step.
+
+    Attributes:
+        plate, size: plate of each block, and its contacts, int64.
+        row: particle of each slot, uint32.
+        tool_row: the record of the plate's tool among the bodies, of each slot, uint32.
+        block: quantities, shape (blocks, QUANTITIES * BLOCK), float32.
+        count: number of blocks.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._slot = np.zeros(0, np.int64)
+        self._room(32)
+
+    def _room(self, blocks: int) -> None:
+        self.plate = np.zeros(blocks, np.int64)
+        self.size = np.zeros(blocks, np.int64)
+        self.row = np.zeros(blocks * BLOCK, np.uint32)
+        self.tool_row = np.zeros(blocks * BLOCK, np.uint32)
+        self.block = np.zeros((blocks, QUANTITIES * BLOCK), np.float32)
+
+    def lay_out(self, store: ParticleStore, table: WallTable, tools: ToolSet, body, total) -> None:  # type: ignore[no-untyped-def]
+        """Take over the listed contacts, with their springs.
+
+        Args:
+            store: the particles.
+            table: where they are listed.
+            tools: at the start of the step.
+            body, total: records and sums, see `bodies`; the last rows become the tools'.
+        """
+        if not tools.tools:
+            self.count = 0
+            return
+        blocks = table.count // BLOCK + len(tools.owner)
+        if blocks > len(self.plate):
+            self._room(2 * blocks)
+        if len(self._slot) < table.count:
+            self._slot = np.zeros(len(table.row), np.int64)
+        self.count = _lay_out(
+            table.count, table.row, table.plate, table.spring, table.side, store.position,
+            store.radius, store.mass, store.tool_friction, store.tool_rolling, store.adhesion,
+            tools.frame, tools.owner, tools.path[0], tools.twist, body, total,
+            self.plate, self.size, self.row, self.tool_row, self.block, self._slot,
+        )  # fmt: skip
+
+    def give_back(self, table: WallTable) -> None:
+        """Keep springs and sides in the table, from which the next one is listed."""
+        _give_back(table.count, self._slot, self.block, table.spring, table.side)
+
+
+@kernel
+def _lay_out(  # type: ignore[no-untyped-def]
+    count, listed_row, listed_plate, spring, side, position, radius, mass, friction, rolling,
+    adhesion, frame, owner, pose, twist, body, total, plate, size, row, tool_row, block, slot,
+):  # fmt: skip
+    """Fill the blocks, in the order of plates; returns how many."""
+    last = body.shape[0] - 1
+    for t in range(pose.shape[0]):
+        # A tool is a body with a spin: rolling friction holds particles back toward it. What
+        # moves otherwise is taken off contact by contact, since it depends on the place.
+        for c in range(body.shape[1]):
+            body[last - t, c] = _ZERO
+        for c in range(total.shape[1]):
+            total[last - t, c] = _ZERO
+        for axis in range(3):
+            body[last - t, 12 + axis] = twist[t, 3 + axis]
+    blocks, free = _blocks_of_plates(count, listed_plate, owner.size, plate, size)
+    for c in range(count):
+        i, k = listed_row[c], listed_plate[c]
+        t = owner[k]
+        at = free[k]
+        free[k] += 1
+        slot[c] = at
+        row[at], tool_row[at] = i, last - t
+        b = block[at // BLOCK]
+        s = at % BLOCK
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        b[s + 3 * BLOCK] = x - pose[t, 9]
+        b[s + 4 * BLOCK] = y - pose[t, 10]
+        b[s + 5 * BLOCK] = z - pose[t, 11]
+        x, y, z = to_tool(pose[t], x, y, z)
+        b[s], b[s + BLOCK], b[s + 2 * BLOCK] = plate_coordinates(frame, k, x, y, z)
+        r = max(body[i, 3], _LEAST_AT_PLATE * radius[i])
+        b[s + 6 * BLOCK], b[s + 7 * BLOCK] = r, r / body[i, 3]
+        b[s + 8 * BLOCK] = mass[i]
+        b[s + 9 * BLOCK], b[s + 10 * BLOCK] = friction[i], rolling[i]
+        b[s + 11 * BLOCK] = _PI * r * r * adhesion[i]
+        for axis in range(3):
+            b[s + (12 + axis) * BLOCK] = spring[c, axis]
+        b[s + 15 * BLOCK] = side[c]
+    for n in range(blocks):
+        _fill_up(n * BLOCK, size[n], row, tool_row, block[n])
+    return blocks
+
+
+@kernel
+def _blocks_of_plates(count, listed_plate, plates, plate, size):  # type: ignore[no-untyped-def]
+    """Give each plate blocks enough for its contacts.
+
+    Returns:
+        How many blocks, and the first slot of each plate.
+    """
+    contacts, first = np.zeros(plates, np.int64), np.zeros(plates, np.int64)
+    for c in range(count):
+        contacts[listed_plate[c]] += 1
+    blocks = 0
+    for k in range(plates):
+        first[k] = blocks * BLOCK
+        left = contacts[k]
+        while left > 0:
+            plate[blocks], size[blocks] = k, min(left, BLOCK)
+            left -= BLOCK
+            blocks += 1
+    return blocks, first
+
+
+@kernel
+def _fill_up(begin, size, row, tool_row, b):  # type: ignore[no-untyped-def]
+    """Fill up the last group of a block with copies of its last contact that weigh nothing."""
+    s = size
+    while s % GROUP != 0:
+        row[begin + s], tool_row[begin + s] = row[begin + s - 1], tool_row[begin + s - 1]
+        for q in range(QUANTITIES):
+            b[s + q * BLOCK] = b[s - 1 + q * BLOCK]
+        b[s + 8 * BLOCK] = b[s + 11 * BLOCK] = _ZERO
+        s += 1
+
+
+@kernel
+def _give_back(count, slot, block, spring, side):  # type: ignore[no-untyped-def]
+    for c in range(count):
+        b = block[slot[c] // BLOCK]
+        s = slot[c] % BLOCK
+        for axis in range(3):
+            spring[c, axis] = b[s + (12 + axis) * BLOCK]
+        side[c] = b[s + 15 * BLOCK]
