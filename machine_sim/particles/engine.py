@@ -243,7 +243,7 @@ class ParticleEngine(SoilEngine):
         if grows:
             self._grow(dt, grounds)
         before = store.position.take(rows, axis=0) if tools.tools else store.position[:0]
-        self._move(dt, laws, rows, moving, seen, riders, in_tool, grounds, grows)
+        self._move(dt, laws, rows, moving, riders, in_tool, grounds, grows)
         if tools.tools:
             self.tunnelled_tool += crossings(self._walls.table, store, rows, tools, before)
         self.tunnelled_ground += finish_on_ground.on(threads)(
@@ -304,7 +304,7 @@ class ParticleEngine(SoilEngine):
         )  # fmt: skip
 
     def _move(  # type: ignore[no-untyped-def]
-        self, dt: float, laws: tuple[Law, ...], rows, moving, seen, riders, in_tool, grounds: int,
+        self, dt: float, laws: tuple[Law, ...], rows, moving, riders, in_tool, grounds: int,
         grows: bool,
     ) -> None:  # fmt: skip
         store, params, tools = self.store, self.params, self._tools
@@ -318,9 +318,7 @@ class ParticleEngine(SoilEngine):
             store.resting,
         )  # fmt: skip
         self._changed = False
-        contacts.collect(
-            store, seen, body, self._pairs.pairs, dt, threads, anew=self._anew, grown=grows
-        )
+        contacts.collect(store, body, self._pairs.pairs, dt, threads, anew=self._anew, grown=grows)
         self._anew = False
         walls.lay_out(store, self._walls.table, tools, body, total)
         run_substeps.on(threads)(

@@ -124,21 +124,23 @@ def grow_radii(  # type: ignore[no-untyped-def]
     room, grows = np.empty(n, np.float64), np.empty(n, np.bool_)
     for i in range(n):
         room[i], grows[i] = share * radius[i], contact_radius[i] < radius[i]
+    # First which pairs, without branches: no processor guesses who grows.
+    listed, count = np.empty(pairs, np.int64), 0
     for k in range(pairs):
+        listed[count] = k
+        count += grows[first[k]] | grows[second[k]]
+    for k in listed[:count]:
         i, j = first[k], second[k]
-        grows_i, grows_j = grows[i], grows[j]
-        if grows_i or grows_j:
-            dx = position[j, 0] - position[i, 0]
-            dy = position[j, 1] - position[i, 1]
-            dz = position[j, 2] - position[i, 2]
-            reach = contact_radius[i] + contact_radius[j]
-            gap = np.sqrt(dx * dx + dy * dy + dz * dz) - reach + _PUSH * reach
-            if grows_i and grows_j:
-                gap *= 0.5
-            if grows_i:
-                room[i] = min(room[i], gap)
-            if grows_j:
-                room[j] = min(room[j], gap)
+        dx = position[j, 0] - position[i, 0]
+        dy = position[j, 1] - position[i, 1]
+        dz = position[j, 2] - position[i, 2]
+        reach = contact_radius[i] + contact_radius[j]
+        gap = np.sqrt(dx * dx + dy * dy + dz * dz) - reach + _PUSH * reach
+        if grows[i] and grows[j]:
+            gap *= 0.5
+        # Of one that does not grow the room has no meaning.
+        room[i] = min(room[i], gap)
+        room[j] = min(room[j], gap)
     growing = 0
     for i in range(n):
         if contact_radius[i] < radius[i]:

@@ -235,7 +235,7 @@ class ToolSet:
             for none; whether that one digs; and whether it is near one that does.
         """
         inside = np.full(local.shape[2], -1, dtype=np.int64)
-        lifted, near = np.zeros((2, inside.size), dtype=np.bool_)
+        lifted, near = np.zeros(inside.size, np.bool_), np.zeros(inside.size, np.bool_)
         _surround(
             local, self.sphere, self.hull, self.first_hull, self.digs, margin, inside, lifted, near
         )

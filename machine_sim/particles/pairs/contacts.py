@@ -18,7 +18,6 @@ from numba import prange
 from machine_sim.particles.jit import inline_kernel, kernel, threaded_kernel
 from machine_sim.particles.pairs.simd import GROUP
 from machine_sim.particles.pairs.table import PairTable
-from machine_sim.particles.parts import CHUNKS, chunk
 from machine_sim.particles.store import ParticleStore
 
 __all__ = ["BLOCK", "BOND_GAP", "ContactTable"]
@@ -55,7 +54,6 @@ class ContactTable:
         self.size = np.zeros(1, np.int64)
         self._waiting = np.zeros(0, np.uint32)
         self._wait = np.zeros(1, np.int64)
-        self._ahead = np.zeros(0, np.float32)
         self._room(32)
 
     @property
@@ -70,14 +68,13 @@ class ContactTable:
         self.block = np.zeros((blocks, QUANTITIES * BLOCK), np.float32)
 
     def collect(  # type: ignore[no-untyped-def]
-        self, store: ParticleStore, seen, body, pairs: PairTable, dt: float, threads: int, *,
+        self, store: ParticleStore, body, pairs: PairTable, dt: float, threads: int, *,
         anew: bool, grown: bool,
     ) -> None:  # fmt: skip
         """Take over the pairs that may touch within `dt` [s], with their springs.
 
         Args:
             store: the particles.
-            seen: rows whose motion counts: all, or those that move.
             body: records of all rows.
             pairs: where they are listed.
             dt: [s].
@@ -86,16 +83,10 @@ class ContactTable:
                 particles are like have changed since, and springs are to be given back before.
             grown: whether contact radii have.
         """
-        if len(self._ahead) < store.count:
-            self._ahead = np.zeros(2 * store.count, np.float32)
         if anew:
             self._lay_out(pairs)
-        _look_ahead.on(threads)(
-            np.float32(dt), seen, seen.size == store.count, self._ahead, pairs.first, pairs.second,
-            pairs.count, body,
-        )  # fmt: skip
         _collect.on(threads)(
-            np.float32(dt), self._ahead, pairs.first, pairs.second, pairs.bounds, pairs.touching,
+            np.float32(dt), pairs.first, pairs.second, pairs.bounds, pairs.touching,
             pairs.spring, store.position, body, store.inverse_mass, store.friction, store.rolling,
             store.cohesion, self.first, self.second, self.entry, self.block, self.begin, self.size,
             self._waiting, self._wait, anew, grown,
@@ -120,47 +111,8 @@ class ContactTable:
 
 
 @threaded_kernel
-def _look_ahead(dt, seen, every, ahead, pair_first, pair_second, pairs, body):  # type: ignore[no-untyped-def]
-    """Fill `ahead`: how far each comes toward another in `dt`, its own size included [m].
-
-    Relative to the mean where all are seen: what moves together is not closing in.
-    """
-    sums = np.zeros((CHUNKS, 3), np.float32)
-    if every:
-        for c in prange(CHUNKS):
-            _add_up(chunk(seen, c), body, sums[c])
-    else:
-        for k in range(pairs):
-            i, j = pair_first[k], pair_second[k]
-            ahead[i] = body[i, 3] * (np.float32(1.0) + _SLACK)
-            ahead[j] = body[j, 3] * (np.float32(1.0) + _SLACK)
-    mean = np.zeros(3, np.float32)
-    for c in range(CHUNKS):
-        for axis in range(3):
-            mean[axis] += sums[c, axis] / np.float32(seen.size)
-    for c in prange(CHUNKS):
-        _ahead_of(dt, chunk(seen, c), mean, body, ahead)
-
-
-@kernel
-def _add_up(rows, body, velocity):  # type: ignore[no-untyped-def]
-    for i in rows:
-        for axis in range(3):
-            velocity[axis] += body[i, 4 + axis]
-
-
-@kernel
-def _ahead_of(dt, rows, mean, body, ahead):  # type: ignore[no-untyped-def]
-    for i in rows:
-        x, y, z = body[i, 4] - mean[0], body[i, 5] - mean[1], body[i, 6] - mean[2]
-        ahead[i] = body[i, 3] * (np.float32(1.0) + _SLACK) + _HORIZON * dt * np.sqrt(
-            x * x + y * y + z * z
-        )
-
-
-@threaded_kernel
 def _collect(  # type: ignore[no-untyped-def]
-    dt, ahead, pair_first, pair_second, bounds, touching, pair_spring, position, body,
+    dt, pair_first, pair_second, bounds, touching, pair_spring, position, body,
     inverse_mass, friction, rolling, bond, first, second, entry, block, begin, size, waiting, wait,
     anew, grown,
 ):  # fmt: skip
@@ -175,7 +127,7 @@ def _collect(  # type: ignore[no-untyped-def]
         if grown:
             _resize(begin[part], size[part], first, second, body, bond, block)
         joined, wait[part] = _join(
-            dt, ahead, pair_first, pair_second, waiting[low : low + wait[part]], touching,
+            dt, pair_first, pair_second, waiting[low : low + wait[part]], touching,
             pair_spring, position, body, inverse_mass, friction, rolling, bond, first, second,
             entry, block, begin[part] + size[part],
         )  # fmt: skip
@@ -215,7 +167,7 @@ def _measure(b, s, ri, rj, bond):  # type: ignore[no-untyped-def]
 
 @kernel
 def _join(  # type: ignore[no-untyped-def]
-    dt, ahead, pair_first, pair_second, waiting, touching, pair_spring, position, body,
+    dt, pair_first, pair_second, waiting, touching, pair_spring, position, body,
     inverse_mass, friction, rolling, bond, first, second, entry, block, begin,
 ):  # fmt: skip
     """Copy those of the waiting pairs that may touch to the slots from `begin` on.
@@ -227,7 +179,7 @@ def _join(  # type: ignore[no-untyped-def]
     listed = np.empty(BLOCK, np.uint32)
     for start in range(0, waiting.size, BLOCK):
         count, left = _may_touch(
-            dt, ahead, pair_first, pair_second, start, min(start + BLOCK, waiting.size), waiting,
+            dt, pair_first, pair_second, start, min(start + BLOCK, waiting.size), waiting,
             left, touching, position, body, listed,
         )  # fmt: skip
         for m in range(count):
@@ -262,7 +214,7 @@ def _join(  # type: ignore[no-untyped-def]
 
 @kernel
 def _may_touch(  # type: ignore[no-untyped-def]
-    dt, ahead, pair_first, pair_second, low, high, waiting, left, touching, position, body, listed
+    dt, pair_first, pair_second, low, high, waiting, left, touching, position, body, listed
 ):
     """List those of the waiting pairs from `low` to `high` that may touch, without branches.
 
@@ -279,16 +231,15 @@ def _may_touch(  # type: ignore[no-untyped-def]
         x = np.float32(position[j, 0] - position[i, 0])
         y = np.float32(position[j, 1] - position[i, 1])
         z = np.float32(position[j, 2] - position[i, 2])
-        square = x * x + y * y + z * z
-        near = ahead[i] + ahead[j]
         vx = body[j, 4] - body[i, 4]
         vy = body[j, 5] - body[i, 5]
         vz = body[j, 6] - body[i, 6]
         way = max(-(vx * x + vy * y + vz * z), _ZERO) * _HORIZON * dt
         reach = (body[i, 3] + body[j, 3]) * (np.float32(1.0) + _SLACK)
-        distance = np.sqrt(square)
+        distance = np.sqrt(x * x + y * y + z * z)
         rests = body[i, 7] + body[j, 7] == _ZERO
-        may = (square < near * near) & ((distance - reach) * distance <= way)
+        # The way to go and the way they come are both times the distance.
+        may = (distance - reach) * distance <= way
         touching[k] *= may | rests
         may &= not rests
         listed[count] = k

@@ -145,6 +145,7 @@ def _list_chunk(  # type: ignore[no-untyped-def]
     around = np.empty((4, 512), np.float32)
     row = np.empty(512, np.uint32)
     lively, mark = np.empty(512, np.uint8), np.zeros(520, np.uint8)
+    marked = np.empty(mark.size // 8, np.int64)
     count, a = 0, begins
     while a < ends:
         # All of one cell have the same others around: half of the 27 cells, in 5 strips along z,
@@ -173,6 +174,7 @@ def _list_chunk(  # type: ignore[no-untyped-def]
             around = np.empty((4, 2 * others), np.float32)
             row = np.empty(2 * others, np.uint32)
             lively, mark = np.empty(2 * others, np.uint8), np.zeros(2 * others + 8, np.uint8)
+            marked = np.empty(mark.size // 8, np.int64)
         if count + (end_of_cell - a) * others > first.size:
             return -1
         m, after = 0, 0
@@ -192,10 +194,13 @@ def _list_chunk(  # type: ignore[no-untyped-def]
                 end[i] = count
                 continue
             _mark_near(around, lively, own, others, mark)
-            # Few are near: eight marks are passed over at a time.
+            # Few are near: eight marks are passed over at a time, and which without branches.
+            some = 0
             for word in range(0 if few else own // 8, (others + 7) // 8):
-                if words[word] == 0:
-                    continue
+                marked[some] = word
+                some += words[word] != 0
+            for n in range(some):
+                word = marked[n]
                 if not few:
                     for m in range(max(8 * word, own + 1), 8 * word + 8):
                         first[count] = i
@@ -257,10 +262,13 @@ def _take_history(  # type: ignore[no-untyped-def]
     Returns:
         How many are marked as both at rest.
     """
-    rest = 0
+    # Who has a history is looked for without branches: no processor guesses which pairs touch.
+    listed, count = np.empty(high - low, np.int64), 0
     for m in range(low, high):
-        if old_touching[m] == 0:
-            continue
+        listed[count] = m
+        count += old_touching[m] != 0
+    rest = 0
+    for m in listed[:count]:
         # Rows that were listed last before others were taken away may be beyond the end.
         i = new_row[old_first[m]] if old_first[m] < new_row.size else -1
         j = new_row[old_second[m]] if old_second[m] < new_row.size else -1
