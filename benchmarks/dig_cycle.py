@@ -23,7 +23,7 @@ from msg_bridge.contract.rows import LANDED, SWEEP, Rows, empty_rows
 from soil_sim.soil import Soil
 
 RUNS = 3
-VOLUMES = (1_000_000, 430_000)  # mm^3 bank: the demo's, and for 3,000 particles
+VOLUMES = (1_000_000, 415_000)  # mm^3 bank: the demo's, and for 3,000 particles
 SIZES = (129, 257, 513, 1025)
 PROFILE = ((0.0, 0.0), (-0.24, 0.28), (-0.5, 0.53), (-0.79, 0.7), (-1.1, 0.68))
 
