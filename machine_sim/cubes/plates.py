@@ -107,21 +107,21 @@ def pierced(
     for tool in tools.tools:
         plates = tool.plates
         start = (before - tool.start[1]) @ tool.start[0]
-        _pierced(plates.frame, plates.corner, plates.corners, start, tool.local(after), through)
+        _pierced(plates, start, tool.local(after), through)
     return through
 
 
 @kernel
-def _pierced(frame, corner, corners, start, end, through):  # type: ignore[no-untyped-def]
+def _pierced(plates, start, end, through):  # type: ignore[no-untyped-def]
     """Mark whose way from `start` to `end` [m], tool frame, pierces a plate."""
     for i in range(start.shape[0]):
-        for k in range(corners.size):
-            a0, b0, h0 = plate_coordinates(frame, k, start[i, 0], start[i, 1], start[i, 2])
-            a1, b1, h1 = plate_coordinates(frame, k, end[i, 0], end[i, 1], end[i, 2])
+        for k in range(plates.corners.size):
+            a0, b0, h0 = plate_coordinates(plates, k, start[i, 0], start[i, 1], start[i, 2])
+            a1, b1, h1 = plate_coordinates(plates, k, end[i, 0], end[i, 1], end[i, 2])
             if (h0 >= 0.0) == (h1 >= 0.0):
                 continue
             share = h0 / (h0 - h1)
             _, _, inside = closest_in_polygon(
-                corner, corners, k, a0 + share * (a1 - a0), b0 + share * (b1 - b0)
+                plates, k, a0 + share * (a1 - a0), b0 + share * (b1 - b0)
             )
             through[i] |= inside

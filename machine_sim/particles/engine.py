@@ -294,7 +294,7 @@ class ParticleEngine(SoilEngine):
             start_radii(
                 params.release_size, pairs.first, pairs.second, pairs.count, store.position,
                 store.radius, store.contact_radius, store.inverse_mass, walls.count, walls.row,
-                walls.plate, tools.frame, tools.corner, tools.corners, tools.owner, tools.path[0],
+                walls.plate, tools.plates, tools.owner, tools.path[0],
                 grounds, self._ground_row, self._plane,
             )  # fmt: skip
             self._fresh = False
@@ -327,7 +327,7 @@ class ParticleEngine(SoilEngine):
             store.position, store.mass, store.radius, store.soft, store.ground_spring,
             contacts.first, contacts.second, contacts.block, contacts.begin, contacts.size,
             walls.count, walls.plate, walls.size, walls.row, walls.tool_row, walls.block,
-            tools.frame, tools.corner, tools.corners, tools.owner, tools.path, tools.twist,
+            tools.plates, tools.owner, tools.path, tools.twist,
             tools.wrench, grounds, self._ground_row, self._plane,
         )  # fmt: skip
         walls.give_back(self._walls.table)

@@ -35,7 +35,7 @@ def growth_in(dt: float, params: ParticleParams) -> float:
 @kernel
 def start_radii(  # type: ignore[no-untyped-def]
     share, first, second, pairs, position, radius, contact_radius, inverse_mass,
-    walls, wall_row, wall_plate, frame, corner, corners, owner, pose,
+    walls, wall_row, wall_plate, plates, owner, pose,
     grounds, ground_row, plane,
 ):  # fmt: skip
     """Give each particle with contact radius 0 one that touches neither particle, plate nor ground.
@@ -46,7 +46,7 @@ def start_radii(  # type: ignore[no-untyped-def]
         share: largest contact radius to start with, in radii.
         first, second, pairs: the listed pairs.
         position, radius, contact_radius, inverse_mass: of the particles.
-        walls, wall_row, wall_plate, frame, corner, corners, owner, pose: plate contacts, tools.
+        walls, wall_row, wall_plate, plates, owner, pose: plate contacts, tools.
         grounds, ground_row, plane: ground contacts.
     """
     n = radius.size
@@ -71,8 +71,8 @@ def start_radii(  # type: ignore[no-untyped-def]
     for c in range(walls):
         i, k = wall_row[c], wall_plate[c]
         x, y, z = to_tool(pose[owner[k]], position[i, 0], position[i, 1], position[i, 2])
-        a, b, h = plate_coordinates(frame, k, x, y, z)
-        ca, cb, _inside = closest_in_polygon(corner, corners, k, a, b)
+        a, b, h = plate_coordinates(plates, k, x, y, z)
+        ca, cb, _inside = closest_in_polygon(plates, k, a, b)
         room[i] = min(room[i], np.sqrt((a - ca) ** 2 + (b - cb) ** 2 + h * h))
     for c in range(grounds):
         i = ground_row[c]

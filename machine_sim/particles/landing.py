@@ -36,7 +36,7 @@ def settled_rows(
         plates = tool.plates
         _keep_free(
             rows, store.position, store.radius, *tool.end, tool.centre, tool.reach, tool.hull,
-            plates.frame, plates.corner, plates.corners, params.tool_clearance, free,
+            plates, params.tool_clearance, free,
         )  # fmt: skip
     outside = ~ground.grid.contains(store.position[rows, 0], store.position[rows, 1])
     rows = rows[free | outside]
@@ -58,7 +58,7 @@ def _done_rows(position, quiet_time, frozen, half_x, half_y, settle_time):  # ty
 
 @kernel
 def _keep_free(  # type: ignore[no-untyped-def]
-    rows, position, radius, rotation, origin, centre, reach, hull, frame, corner, corners,
+    rows, position, radius, rotation, origin, centre, reach, hull, plates,
     clearance, free,
 ):  # fmt: skip
     """Strike those out of `free` that a tool holds or has within `clearance`."""
@@ -75,15 +75,15 @@ def _keep_free(  # type: ignore[no-untyped-def]
         held = len(hull) > 0
         for h in range(len(hull)):
             held &= hull[h, 0] * x + hull[h, 1] * y + hull[h, 2] * z < hull[h, 3]
-        free[k] &= not held and tool_gap(frame, corner, corners, x, y, z) - radius[i] > clearance
+        free[k] &= not held and tool_gap(plates, x, y, z) - radius[i] > clearance
 
 
 @kernel
-def tool_gap(frame, corner, corners, x, y, z):  # type: ignore[no-untyped-def]
+def tool_gap(plates, x, y, z):  # type: ignore[no-untyped-def]
     """Distance of a point of the tool frame to the nearest plate."""
     nearest = 1e300
-    for k in range(corners.size):
-        a, b, h = plate_coordinates(frame, k, x, y, z)
-        ca, cb, _ = closest_in_polygon(corner, corners, k, a, b)
+    for k in range(plates.corners.size):
+        a, b, h = plate_coordinates(plates, k, x, y, z)
+        ca, cb, _ = closest_in_polygon(plates, k, a, b)
         nearest = min(nearest, (a - ca) ** 2 + (b - cb) ** 2 + h * h)
     return np.sqrt(nearest)

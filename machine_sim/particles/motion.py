@@ -22,7 +22,7 @@ def run_substeps(  # type: ignore[no-untyped-def]
     position, mass, radius, soft, ground_spring,
     first, second, block, begin, size,
     walls, wall_plate, wall_size, wall_row, tool_row, wall_block,
-    frame, corner, corners, owner, path, twist, wrench,
+    plates, owner, path, twist, wrench,
     grounds, ground_row, plane,
 ):  # fmt: skip
     """Advance by `substeps` of the law's time step, semi-implicit Euler.
@@ -49,7 +49,7 @@ def run_substeps(  # type: ignore[no-untyped-def]
                 pair_forces(begin[part], size[part], first, second, block, body, total, law)
         wall_forces(
             walls, wall_plate, wall_size, wall_row, tool_row, wall_block, body, total,
-            frame, corner, corners, owner, path[0], path[s], twist, wrench, wall_law,
+            plates, owner, path[0], path[s], twist, wrench, wall_law,
         )  # fmt: skip
         for c in prange(CHUNKS):
             ground_forces(

@@ -8,7 +8,7 @@ u, v, n; a corner's are (a, b, 0).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,9 +26,8 @@ _SLIVER = 1e-9
 """Doubled area of a triangle over its longest side squared, below which it has no plane."""
 
 
-@dataclass(frozen=True)
-class Plates:
-    """Plates of a tool, in its frame.
+class Plates(NamedTuple):
+    """Plates of a tool, in its frame; or of all tools, each in its own.
 
     Attributes:
         frame: origin, u, v, n of each plate [m], shape (plates, 12).
@@ -68,6 +67,17 @@ class Plates:
             radius = np.linalg.norm(points - centre, axis=1).max()
             bounds[:, k] = [*n, n @ points[0], *centre, radius]
         return cls(frame, corner, corners, bounds)
+
+    @classmethod
+    def joined(cls, tools: Sequence[Plates]) -> Plates:
+        """Those of some tools one after another; none without tools."""
+        frame, corner, corners, bounds = zip(cls.from_polygons([]), *tools, strict=True)
+        return cls(
+            np.concatenate(frame),
+            np.concatenate(corner),
+            np.concatenate(corners),
+            np.concatenate(bounds, axis=1),
+        )
 
 
 def _axes(
@@ -194,8 +204,9 @@ def _distinct(planes: NDArray[np.float64], size: float) -> NDArray[np.float64]:
 
 
 @inline_kernel
-def plate_coordinates(frame, k, x, y, z):  # type: ignore[no-untyped-def]
+def plate_coordinates(plates, k, x, y, z):  # type: ignore[no-untyped-def]
     """(a, b, h) of a point (x, y, z) [m] of the tool frame at plate k."""
+    frame = plates.frame
     x -= frame[k, 0]
     y -= frame[k, 1]
     z -= frame[k, 2]
@@ -206,11 +217,12 @@ def plate_coordinates(frame, k, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inline_kernel
-def closest_in_polygon(corner, corners, k, a, b):  # type: ignore[no-untyped-def]
+def closest_in_polygon(plates, k, a, b):  # type: ignore[no-untyped-def]
     """Point of plate k closest to (a, b) in its plane, and whether that is (a, b) itself.
 
     The closest point of a convex polygon lies on an edge that (a, b) is outside of.
     """
+    corner, corners = plates.corner, plates.corners
     inside = True
     closest_a, closest_b = a, b
     best = 1e300

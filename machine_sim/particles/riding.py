@@ -19,7 +19,7 @@ _GROUNDED = 4
 @kernel
 def who_is_held(  # type: ignore[no-untyped-def]
     number, rows, calm, first, second, begin, size, position, contact_radius, resting, frozen,
-    grounds, ground_row, plane, walls, wall_row, wall_plate, frame, corner, corners, owner, pose,
+    grounds, ground_row, plane, walls, wall_row, wall_plate, plates, owner, pose,
     held, grounded,
 ):  # fmt: skip
     """Mark who of the calm rests on tool `number`, and who on something else; some on both.
@@ -52,8 +52,8 @@ def who_is_held(  # type: ignore[no-untyped-def]
         if state[i] == 0 or p < 0:
             continue
         x, y, z = to_tool(pose[owner[p]], position[i, 0], position[i, 1], position[i, 2])
-        a, b, h = plate_coordinates(frame, p, x, y, z)
-        ca, cb, _ = closest_in_polygon(corner, corners, p, a, b)
+        a, b, h = plate_coordinates(plates, p, x, y, z)
+        ca, cb, _ = closest_in_polygon(plates, p, a, b)
         if (a - ca) ** 2 + (b - cb) ** 2 + h * h < (_TOUCH * contact_radius[i]) ** 2:
             state[i] |= np.uint8(_HELD if owner[p] == number else _GROUNDED)
     spreads = True

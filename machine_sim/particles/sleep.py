@@ -122,7 +122,7 @@ class Sleep:
         if moving.any():
             by_tools(
                 dt, rows, store.position, store.radius, store.resting, moving, tools.path[0],
-                tools.twist, tools.sphere, tools.frame, tools.corner, tools.corners, tools.first,
+                tools.twist, tools.sphere, tools.plates, tools.first,
                 woken, met,
             )  # fmt: skip
             self._meet(store, tools, rows, moving & ~met, dt, woken, met)
@@ -219,7 +219,7 @@ class Sleep:
             t, rows, calm, contacts.first, contacts.second, contacts.begin, contacts.size,
             store.position, store.contact_radius, store.resting, store.frozen,
             touching.grounds, touching.ground_row, touching.plane,
-            walls.count, walls.row, walls.plate, tools.frame, tools.corner, tools.corners,
+            walls.count, walls.row, walls.plate, tools.plates,
             tools.owner, tools.path[-1], held, grounded,
         )  # fmt: skip
         moving = np.abs(tools.twist[t]).max() > _STILL

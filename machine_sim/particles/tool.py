@@ -135,7 +135,7 @@ class ToolSet:
     Attributes:
         tools: in order of addition, which is their number in the arrays below.
         number: of each tool id.
-        frame, corner, corners, bounds: as in `Plates`, all tools one after another.
+        plates: of all tools one after another.
         owner: tool of each plate, shape (plates,), int64.
         first: first plate of each tool, and the end, shape (tools + 1,), int64.
         substeps: of a step.
@@ -249,13 +249,8 @@ class ToolSet:
 
     def _collect(self) -> None:
         count = len(self.tools)
-        plates = [tool.plates for tool in self.tools]
-        sizes = [len(p.corners) for p in plates]
-        empty = Plates.from_polygons([])
-        self.frame = np.concatenate([empty.frame, *(p.frame for p in plates)])
-        self.corner = np.concatenate([empty.corner, *(p.corner for p in plates)])
-        self.corners = np.concatenate([empty.corners, *(p.corners for p in plates)])
-        self.bounds = np.concatenate([empty.bounds, *(p.bounds for p in plates)], axis=1)
+        sizes = [len(tool.plates.corners) for tool in self.tools]
+        self.plates = Plates.joined([tool.plates for tool in self.tools])
         self.owner = np.repeat(np.arange(count, dtype=np.int64), np.asarray(sizes, dtype=np.int64))
         self.first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
         self.sphere = np.array([[*t.centre, t.reach] for t in self.tools]).reshape(count, 4)

@@ -131,7 +131,7 @@ def on_changed(rows, position, radius, resting, changed, ground, woken):  # type
 
 @kernel
 def by_tools(  # type: ignore[no-untyped-def]
-    dt, rows, position, radius, resting, moving, pose, twist, sphere, frame, corner, corners, first,
+    dt, rows, position, radius, resting, moving, pose, twist, sphere, plates, first,
     woken, met,
 ):  # fmt: skip
     """Mark whom a tool comes by within `dt` [s], and the tools whose load comes by another one."""
@@ -152,10 +152,10 @@ def by_tools(  # type: ignore[no-untyped-def]
             if dx * dx + dy * dy + dz * dz > (sphere[t, 3] + reach) ** 2:
                 continue
             for p in range(first[t], first[t + 1]):
-                a, b, h = plate_coordinates(frame, p, x, y, z)
+                a, b, h = plate_coordinates(plates, p, x, y, z)
                 if abs(h) > reach:
                     continue
-                ca, cb, _ = closest_in_polygon(corner, corners, p, a, b)
+                ca, cb, _ = closest_in_polygon(plates, p, a, b)
                 if (a - ca) ** 2 + (b - cb) ** 2 + h * h < reach * reach:
                     woken[k] = True
                     if own >= 0:

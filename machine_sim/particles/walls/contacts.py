@@ -76,7 +76,7 @@ class WallContacts:
         self.count = _lay_out(
             table.count, table.row, table.plate, table.spring, table.side, store.position,
             store.radius, store.mass, store.tool_friction, store.tool_rolling, store.adhesion,
-            tools.frame, tools.owner, tools.path[0], tools.twist, body, total,
+            tools.plates, tools.owner, tools.path[0], tools.twist, body, total,
             self.plate, self.size, self.row, self.tool_row, self.block, self._slot,
         )  # fmt: skip
 
@@ -88,7 +88,7 @@ class WallContacts:
 @kernel
 def _lay_out(  # type: ignore[no-untyped-def]
     count, listed_row, listed_plate, spring, side, position, radius, mass, friction, rolling,
-    adhesion, frame, owner, pose, twist, body, total, plate, size, row, tool_row, block, slot,
+    adhesion, plates, owner, pose, twist, body, total, plate, size, row, tool_row, block, slot,
 ):  # fmt: skip
     """Fill the blocks, in the order of plates; returns how many."""
     last = body.shape[0] - 1
@@ -116,7 +116,7 @@ def _lay_out(  # type: ignore[no-untyped-def]
         b[s + 4 * BLOCK] = y - pose[t, 10]
         b[s + 5 * BLOCK] = z - pose[t, 11]
         x, y, z = to_tool(pose[t], x, y, z)
-        b[s], b[s + BLOCK], b[s + 2 * BLOCK] = plate_coordinates(frame, k, x, y, z)
+        b[s], b[s + BLOCK], b[s + 2 * BLOCK] = plate_coordinates(plates, k, x, y, z)
         r = max(body[i, 3], _LEAST_AT_PLATE * radius[i])
         b[s + 6 * BLOCK], b[s + 7 * BLOCK] = r, r / body[i, 3]
         b[s + 8 * BLOCK] = mass[i]

@@ -33,7 +33,7 @@ def crossings(
     return int(
         _crossings(
             rows, before, store.position, store.radius,
-            tools.frame, tools.corner, tools.corners, tools.owner, tools.first, tools.sphere,
+            tools.plates, tools.owner, tools.first, tools.sphere,
             tools.path[0], tools.path[-1], table.plate, table.side, table.begin, table.end,
         )
     )  # fmt: skip
@@ -41,7 +41,7 @@ def crossings(
 
 @kernel
 def _crossings(  # type: ignore[no-untyped-def]
-    rows, before, after, radius, frame, corner, corners, owner, first, sphere, start, last,
+    rows, before, after, radius, plates, owner, first, sphere, start, last,
     contact_plate, contact_side, begin, end,
 ):  # fmt: skip
     """How many paths, seen from a tool, pierce a plate.
@@ -76,7 +76,7 @@ def _crossings(  # type: ignore[no-untyped-def]
                 for m in range(begin[i], end[i]):
                     k = contact_plate[m]
                     if owner[k] == t and _pierces(
-                        frame, corner, corners, k, x0, y0, z0, x1, y1, z1, contact_side[m]
+                        plates, k, x0, y0, z0, x1, y1, z1, contact_side[m]
                     ):
                         through = True
                 continue
@@ -85,7 +85,7 @@ def _crossings(  # type: ignore[no-untyped-def]
                 for m in range(begin[i], end[i]):
                     if contact_plate[m] == k:
                         side = contact_side[m]
-                if _pierces(frame, corner, corners, k, x0, y0, z0, x1, y1, z1, side):
+                if _pierces(plates, k, x0, y0, z0, x1, y1, z1, side):
                     through = True
         count += through
     return count
@@ -107,16 +107,14 @@ def _way(start, end, sphere):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _pierces(frame, corner, corners, k, x0, y0, z0, x1, y1, z1, side):  # type: ignore[no-untyped-def]
+def _pierces(plates, k, x0, y0, z0, x1, y1, z1, side):  # type: ignore[no-untyped-def]
     """Whether a path pierces plate `k` and ends on the other side than `side`, 0 for any."""
-    a0, b0, h0 = plate_coordinates(frame, k, x0, y0, z0)
-    a1, b1, h1 = plate_coordinates(frame, k, x1, y1, z1)
+    a0, b0, h0 = plate_coordinates(plates, k, x0, y0, z0)
+    a1, b1, h1 = plate_coordinates(plates, k, x1, y1, z1)
     if (h0 >= 0.0) == (h1 >= 0.0):
         return False
     share = h0 / (h0 - h1)
-    _, _, inside = closest_in_polygon(
-        corner, corners, k, a0 + share * (a1 - a0), b0 + share * (b1 - b0)
-    )
+    _, _, inside = closest_in_polygon(plates, k, a0 + share * (a1 - a0), b0 + share * (b1 - b0))
     if side == 0.0:
         side = np.float32(1.0) if h0 >= 0.0 else np.float32(-1.0)
     return inside and side * h1 < 0.0

@@ -24,7 +24,7 @@ _TINY = np.float32(1e-20)
 
 @kernel
 def wall_forces(  # type: ignore[no-untyped-def]
-    blocks, plate, size, row, tool_row, block, body, total, frame, corner, corners, owner, start,
+    blocks, plate, size, row, tool_row, block, body, total, plates, owner, start,
     pose, twist, wrench, law,
 ):  # fmt: skip
     """Add the forces of plates to `total` and their reaction to `wrench`.
@@ -32,7 +32,7 @@ def wall_forces(  # type: ignore[no-untyped-def]
     Args:
         blocks, plate, size, row, tool_row, block: of `WallContacts`; springs and sides are updated.
         body, total: see `bodies`.
-        frame, corner, corners, owner, twist, wrench: of `ToolSet`.
+        plates, owner, twist, wrench: of `ToolSet`.
         start, pose: packed poses at the start of the step and now, shape (tools, 12).
         law: contact law.
     """
@@ -48,13 +48,13 @@ def wall_forces(  # type: ignore[no-untyped-def]
         for r in range(3):
             shift[r] = pose[t, 9 + r] - start[t, 9 + r]
             for c in range(3):
-                now = _along(frame, k, r, pose[t], c)
+                now = _along(plates.frame, k, r, pose[t], c)
                 axes[3 * r + c] = now
-                turned[3 * r + c] = now - _along(frame, k, r, start[t], c)
+                turned[3 * r + c] = now - _along(plates.frame, k, r, start[t], c)
         for c in range(6):
             speed[c] = twist[t, c]
         _to_plate(filled, b, w, axes, turned, shift, speed)
-        _closest(filled, w, corner[k], corners[k])
+        _closest(filled, w, plates.corner[k], plates.corners[k])
         _contact_maths(filled, b, w, law)
         _to_map(filled, b, w, axes)
         for s in range(0, filled, GROUP):

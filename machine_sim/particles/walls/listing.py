@@ -70,7 +70,7 @@ class WallList:
                 new.end = np.zeros(2 * store.count, np.int64)
             new.count = _list_walls(
                 dt, rows, local, store.position, store.velocity, store.radius, store.wall_row,
-                tools.frame, tools.corner, tools.corners, tools.bounds, tools.first,
+                tools.plates, tools.first,
                 tools.sphere, tools.path[0], tools.twist,
                 old.plate, old.spring, old.side, old.begin, old.end,
                 new.row, new.plate, new.spring, new.side, new.begin, new.end,
@@ -91,7 +91,7 @@ class WallList:
 @kernel
 def _list_walls(  # type: ignore[no-untyped-def]
     dt, rows, local, position, velocity, radius, old_row,
-    frame, corner, corners, bounds, first_plate, sphere, pose, twist,
+    plates, first_plate, sphere, pose, twist,
     old_plate, old_spring, old_side, old_begin, old_end,
     row, plate, spring, side, begin, end,
 ):  # fmt: skip
@@ -105,8 +105,8 @@ def _list_walls(  # type: ignore[no-untyped-def]
     reach, close = np.empty((tools, rows.size)), np.zeros((tools, rows.size), np.bool_)
     for t in range(tools):
         _reaches(dt, rows, position, velocity, radius, pose[t], twist[t], reach[t])
-        _mark_close(local[t], sphere[t], bounds, first_plate[t], first_plate[t + 1], reach[t],
-                    close[t])  # fmt: skip
+        low, high = first_plate[t], first_plate[t + 1]
+        _mark_close(local[t], sphere[t], plates.bounds, low, high, reach[t], close[t])
     count = 0
     for n in range(rows.size):
         i = rows[n]
@@ -116,10 +116,10 @@ def _list_walls(  # type: ignore[no-untyped-def]
                 continue
             x, y, z, far = local[t, 0, n], local[t, 1, n], local[t, 2, n], reach[t, n]
             for k in range(first_plate[t], first_plate[t + 1]):
-                a, b, h = plate_coordinates(frame, k, x, y, z)
+                a, b, h = plate_coordinates(plates, k, x, y, z)
                 if abs(h) > far:
                     continue
-                ca, cb, _ = closest_in_polygon(corner, corners, k, a, b)
+                ca, cb, _ = closest_in_polygon(plates, k, a, b)
                 if (a - ca) ** 2 + (b - cb) ** 2 + h * h > far * far:
                     continue
                 if count == row.size:

@@ -37,10 +37,9 @@ def test_closest_point_agrees_with_brute_force(seed, corners):
     polygon = ring @ turn.T + rng.normal(size=3)
     point = polygon.mean(axis=0) + rng.normal(size=3)
     plates = RigidTool([polygon], pose()).plates
-    table = (plates.frame, plates.corner, plates.corners)
-    assert tool_gap(*table, *point) == pytest.approx(brute_force(polygon, point), abs=0.01)
+    assert tool_gap(plates, *point) == pytest.approx(brute_force(polygon, point), abs=0.01)
     on_face = polygon.mean(axis=0) + 0.3 * np.cross(ring[0], ring[1]) @ turn.T
-    assert tool_gap(*table, *on_face) <= np.linalg.norm(on_face - polygon.mean(axis=0)) + 1e-9
+    assert tool_gap(plates, *on_face) <= np.linalg.norm(on_face - polygon.mean(axis=0)) + 1e-9
 
 
 def test_the_hull_of_a_box_holds_its_inside():

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from support.particle_scenes import LITRE, STEP, engine
 
-from machine_sim.particles import ParticleEngine
+from machine_sim.particles import ParticleEngine, Plates
 from machine_sim.particles.bodies import BODY_FLOATS, SUM_FLOATS, load_bodies
 from machine_sim.particles.landing import tool_gap
 from machine_sim.particles.law import contact_law
@@ -84,9 +84,11 @@ def test_all_plates_within_reach_are_listed_once(seed: int) -> None:
     for row in range(world.count):
         for plate, tool in enumerate(tools.owner):
             place, speed = seen_from(world, tool, row)
-            one = (tools.frame[[plate]], tools.corner[[plate]], tools.corners[[plate]])
+            one = Plates(
+                *(array[[plate]] for array in tools.plates[:3]), tools.plates.bounds[:, [plate]]
+            )
             reach = REACH * store.radius[row] + 1.3 * STEP * np.linalg.norm(speed)
-            if tool_gap(*one, *place) <= reach:
+            if tool_gap(one, *place) <= reach:
                 wanted.append((row, plate))
     found = list(zip(table.row[: table.count], table.plate[: table.count], strict=True))
     assert found == wanted
@@ -116,10 +118,10 @@ def force_of(
     pose, twist = tools.path[0, tool], tools.twist[tool]
     to_map = pose[:9].reshape(3, 3)
     place, speed = seen_from(world, tool, row)
-    origin, axes = tools.frame[plate, :3], tools.frame[plate, 3:].reshape(3, 3)
-    a, b, h = axes @ (place - origin)
+    origin, axes = np.split(tools.plates.frame[plate].reshape(4, 3), [1])
+    a, b, h = axes @ (place - origin[0])
     radius = max(float(store.contact_radius[row]), 0.5 * float(store.radius[row]))
-    outline = closest(tools.corner[plate, : tools.corners[plate]], np.array([a, b]))
+    outline = closest(tools.plates.corner[plate, : tools.plates.corners[plate]], np.array([a, b]))
     if outline is None:
         normal, overlap = np.array([0.0, 0.0, side]), radius - h * side
     else:
@@ -182,7 +184,7 @@ def test_forces_are_those_of_a_plain_reckoning(seed: int) -> None:
     contacts.lay_out(store, table, tools, body, total)
     wall_forces(
         contacts.count, contacts.plate, contacts.size, contacts.row, contacts.tool_row,
-        contacts.block, body, total, tools.frame, tools.corner, tools.corners, tools.owner,
+        contacts.block, body, total, tools.plates, tools.owner,
         tools.path[0], tools.path[0], tools.twist, tools.wrench, LAW,
     )  # fmt: skip
     contacts.give_back(table)
