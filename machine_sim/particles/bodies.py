@@ -130,17 +130,18 @@ def _finish(rows, body, position, velocity, spin):  # type: ignore[no-untyped-de
 
 
 @kernel
-def advance_riders(rows, tool, body, total, position, pose, wrench, dt):  # type: ignore[no-untyped-def]
+def advance_riders(rows, tool, body, total, position, tools, step, dt):  # type: ignore[no-untyped-def]
     """One substep of soil that rides in a tool: it goes along, and hands on what presses on it.
 
     Args:
         rows, tool: who rides, and in which tool.
         body, total: as above.
         position: [m], at the start of the step.
-        pose: packed poses of the tools now, shape (tools, 12).
-        wrench: of the tools, summed over substeps, shape (tools, 6).
+        tools: `ToolMotion`; the wrench sums over the substeps.
+        step: number of the substep.
         dt: [s].
     """
+    pose, wrench = tools.path[step], tools.wrench
     for k in range(rows.size):
         i, t = rows[k], tool[k]
         fx, fy, fz = total[i, 0], total[i, 1], total[i, 2]

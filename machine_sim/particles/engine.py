@@ -28,7 +28,7 @@ from machine_sim.particles.pairs.forces import pair_overlap
 from machine_sim.particles.pairs.neighbours import NeighbourList
 from machine_sim.particles.params import ParticleParams
 from machine_sim.particles.sleep import Sleep, Touching, who_moves
-from machine_sim.particles.soil_contact import finish_on_ground, ground_planes
+from machine_sim.particles.soil_contact import GroundContacts, finish_on_ground, ground_planes
 from machine_sim.particles.soil_engine import SoilEngine
 from machine_sim.particles.store import ParticleError
 from machine_sim.particles.tool import Pose, RigidTool
@@ -231,11 +231,12 @@ class ParticleEngine(SoilEngine):
         local = tools.local(rows, store.position)
         inside, lifted, near = tools.surround(local, ground.grid.cell)
         threads = self._pairs.threads
-        grounds = ground_planes.on(threads)(
+        count = ground_planes.on(threads)(
             ground.surface, ground.frame, dt, laws[1], rows, lifted, near, store.position,
             store.velocity, store.radius, store.contact_radius, store.soft, store.ground_spring,
             self._ground_row, self._plane,
         )  # fmt: skip
+        grounds = GroundContacts(self._ground_row[:count], self._plane[:count])
         self._walls.refresh(store, rows, tools, local, dt)
         if self._changed:
             self._renew()
@@ -248,15 +249,12 @@ class ParticleEngine(SoilEngine):
             self.tunnelled_tool += crossings(self._walls.table, store, rows, tools, before)
         self.tunnelled_ground += finish_on_ground.on(threads)(
             ground.surface, ground.frame, dt, params.settle_speed, rows, grounds,
-            self._ground_row, self._plane, store.position, store.velocity, store.radius,
-            store.soft, store.quiet_time,
+            store.position, store.velocity, store.radius, store.soft, store.quiet_time,
         )  # fmt: skip
         if riders.size:
             self._sleep.carry(store, tools, riders, in_tool)
         self._wake_touched(rows)
-        touching = Touching(
-            self._contacts, self._walls.table, grounds, self._ground_row, self._plane
-        )
+        touching = Touching(self._contacts.blocks, self._walls.table.listed, grounds)
         if self._sleep.fall_asleep(store, tools, rows, inside, touching, dt).size:
             self._changed = True
         tools.end()
@@ -268,11 +266,10 @@ class ParticleEngine(SoilEngine):
             self._anew = True
 
     def _wake_touched(self, rows: NDArray[np.int64]) -> None:
-        store, contacts = self.store, self._contacts
+        store = self.store
         if rows.size < store.count and wake_touched(
-            rows, contacts.first, contacts.second, contacts.begin, contacts.size, store.position,
-            store.velocity, store.contact_radius, store.radius, self.params.wake_speed,
-            store.resting, store.place, store.calm_time,
+            rows, self._contacts.blocks, store.position, store.velocity, store.contact_radius,
+            store.radius, self.params.wake_speed, store.resting, store.place, store.calm_time,
         ):  # fmt: skip
             self._pairs.stale = True
 
@@ -287,15 +284,13 @@ class ParticleEngine(SoilEngine):
             self._plane = np.zeros((room, 4))
             self._changed = True
 
-    def _grow(self, dt: float, grounds: int) -> None:
-        store, params, tools = self.store, self.params, self._tools
-        pairs, walls = self._pairs.pairs, self._walls.table
+    def _grow(self, dt: float, grounds: GroundContacts) -> None:
+        store, params, pairs = self.store, self.params, self._pairs.pairs
         if self._fresh:
             start_radii(
                 params.release_size, pairs.first, pairs.second, pairs.count, store.position,
-                store.radius, store.contact_radius, store.inverse_mass, walls.count, walls.row,
-                walls.plate, tools.plates, tools.owner, tools.path[0],
-                grounds, self._ground_row, self._plane,
+                store.radius, store.contact_radius, store.inverse_mass, self._walls.table.listed,
+                self._tools.motion, grounds,
             )  # fmt: skip
             self._fresh = False
         self._growing = grow_radii(
@@ -304,11 +299,10 @@ class ParticleEngine(SoilEngine):
         )  # fmt: skip
 
     def _move(  # type: ignore[no-untyped-def]
-        self, dt: float, laws: tuple[Law, ...], rows, moving, riders, in_tool, grounds: int,
-        grows: bool,
+        self, dt: float, laws: tuple[Law, ...], rows, moving, riders, in_tool,
+        grounds: GroundContacts, grows: bool,
     ) -> None:  # fmt: skip
         store, params, tools = self.store, self.params, self._tools
-        contacts, walls = self._contacts, self._wall_contacts
         body, total = self._body, self._total
         # Records of those that do not move stay good until rows change, or who moves.
         threads = self._pairs.threads
@@ -318,19 +312,18 @@ class ParticleEngine(SoilEngine):
             store.resting,
         )  # fmt: skip
         self._changed = False
-        contacts.collect(store, body, self._pairs.pairs, dt, threads, anew=self._anew, grown=grows)
+        self._contacts.collect(
+            store, body, self._pairs.pairs, dt, threads, anew=self._anew, grown=grows
+        )
         self._anew = False
-        walls.lay_out(store, self._walls.table, tools, body, total)
+        walls = self._wall_contacts.lay_out(store, self._walls.table, tools, body, total)
         run_substeps.on(threads)(
-            params.substeps, params.gravity, *laws, np.float32(params.ground_friction),
+            params.substeps, params.gravity, laws, np.float32(params.ground_friction),
             np.float32(params.ground_rolling), rows, riders, in_tool, body, total,
             store.position, store.mass, store.radius, store.soft, store.ground_spring,
-            contacts.first, contacts.second, contacts.block, contacts.begin, contacts.size,
-            walls.count, walls.plate, walls.size, walls.row, walls.tool_row, walls.block,
-            tools.plates, tools.owner, tools.path, tools.twist,
-            tools.wrench, grounds, self._ground_row, self._plane,
+            self._contacts.blocks, walls, tools.motion, grounds,
         )  # fmt: skip
-        walls.give_back(self._walls.table)
+        self._wall_contacts.give_back(self._walls.table)
         finish_bodies.on(threads)(rows, body, store.position, store.velocity, store.spin)
 
     @property

@@ -35,8 +35,7 @@ def growth_in(dt: float, params: ParticleParams) -> float:
 @kernel
 def start_radii(  # type: ignore[no-untyped-def]
     share, first, second, pairs, position, radius, contact_radius, inverse_mass,
-    walls, wall_row, wall_plate, plates, owner, pose,
-    grounds, ground_row, plane,
+    walls, tools, grounds,
 ):  # fmt: skip
     """Give each particle with contact radius 0 one that touches neither particle, plate nor ground.
 
@@ -46,8 +45,7 @@ def start_radii(  # type: ignore[no-untyped-def]
         share: largest contact radius to start with, in radii.
         first, second, pairs: the listed pairs.
         position, radius, contact_radius, inverse_mass: of the particles.
-        walls, wall_row, wall_plate, plates, owner, pose: plate contacts, tools.
-        grounds, ground_row, plane: ground contacts.
+        walls, tools, grounds: `ListedWalls`, `ToolMotion` and `GroundContacts`.
     """
     n = radius.size
     _part_coincident(first, second, pairs, position, radius, contact_radius)
@@ -68,14 +66,17 @@ def start_radii(  # type: ignore[no-untyped-def]
                 room[i] = min(room[i], d - contact_radius[j])
             else:
                 room[j] = min(room[j], d - contact_radius[i])
-    for c in range(walls):
-        i, k = wall_row[c], wall_plate[c]
-        x, y, z = to_tool(pose[owner[k]], position[i, 0], position[i, 1], position[i, 2])
-        a, b, h = plate_coordinates(plates, k, x, y, z)
-        ca, cb, _inside = closest_in_polygon(plates, k, a, b)
+    for c in range(walls.row.size):
+        i, k = walls.row[c], walls.plate[c]
+        x, y, z = to_tool(
+            tools.path[0, tools.owner[k]], position[i, 0], position[i, 1], position[i, 2]
+        )
+        a, b, h = plate_coordinates(tools.plates, k, x, y, z)
+        ca, cb, _inside = closest_in_polygon(tools.plates, k, a, b)
         room[i] = min(room[i], np.sqrt((a - ca) ** 2 + (b - cb) ** 2 + h * h))
-    for c in range(grounds):
-        i = ground_row[c]
+    plane = grounds.plane
+    for c in range(grounds.row.size):
+        i = grounds.row[c]
         distance = plane[c, 0] * position[i, 0] + plane[c, 1] * position[i, 1]
         distance += plane[c, 2] * position[i, 2] - plane[c, 3]
         room[i] = min(room[i], distance)

@@ -18,8 +18,7 @@ _GROUNDED = 4
 
 @kernel
 def who_is_held(  # type: ignore[no-untyped-def]
-    number, rows, calm, first, second, begin, size, position, contact_radius, resting, frozen,
-    grounds, ground_row, plane, walls, wall_row, wall_plate, plates, owner, pose,
+    number, rows, calm, position, contact_radius, resting, frozen, contacts, walls, grounds, tools,
     held, grounded,
 ):  # fmt: skip
     """Mark who of the calm rests on tool `number`, and who on something else; some on both.
@@ -29,33 +28,34 @@ def who_is_held(  # type: ignore[no-untyped-def]
 
     Args:
         rows, calm: who is awake, and which of them are calm, shape (rows,).
-        first ... size: of `ContactTable`.
         position ... frozen: of the store.
-        grounds, ground_row, plane: ground contacts, see `ground_planes`.
-        walls ... owner: plate contacts and plates.
-        pose: packed poses of the tools, shape (tools, 12).
+        contacts, walls, grounds: `ContactBlocks`, `ListedWalls` and `GroundContacts`.
+        tools: `ToolMotion`, at the end of the step.
         held, grounded: out, shape (rows,).
     """
     state = np.zeros(resting.size, np.uint8)
     for k in range(rows.size):
         if calm[k]:
             state[rows[k]] = 1
-    for c in range(grounds):
-        i = ground_row[c]
+    plane, pose = grounds.plane, tools.path[tools.path.shape[0] - 1]
+    for c in range(grounds.row.size):
+        i = grounds.row[c]
         if state[i] != 0:
             distance = plane[c, 0] * position[i, 0] + plane[c, 1] * position[i, 1]
             distance += plane[c, 2] * position[i, 2] - plane[c, 3]
             if distance < _TOUCH * contact_radius[i]:
                 state[i] |= np.uint8(_GROUNDED)
-    for c in range(walls):
-        i, p = wall_row[c], wall_plate[c]
+    owner = tools.owner
+    for c in range(walls.row.size):
+        i, p = walls.row[c], walls.plate[c]
         if state[i] == 0 or p < 0:
             continue
         x, y, z = to_tool(pose[owner[p]], position[i, 0], position[i, 1], position[i, 2])
-        a, b, h = plate_coordinates(plates, p, x, y, z)
-        ca, cb, _ = closest_in_polygon(plates, p, a, b)
+        a, b, h = plate_coordinates(tools.plates, p, x, y, z)
+        ca, cb, _ = closest_in_polygon(tools.plates, p, a, b)
         if (a - ca) ** 2 + (b - cb) ** 2 + h * h < (_TOUCH * contact_radius[i]) ** 2:
             state[i] |= np.uint8(_HELD if owner[p] == number else _GROUNDED)
+    first, second, begin, size = contacts.first, contacts.second, contacts.begin, contacts.size
     spreads = True
     while spreads:
         spreads = False

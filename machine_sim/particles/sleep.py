@@ -21,13 +21,14 @@ from numpy.typing import NDArray
 
 from machine_sim.ground import Ground
 from machine_sim.particles.jit import kernel
-from machine_sim.particles.pairs.contacts import ContactTable
+from machine_sim.particles.pairs.contacts import ContactBlocks
 from machine_sim.particles.params import ParticleParams
 from machine_sim.particles.riding import carry, who_is_held
+from machine_sim.particles.soil_contact import GroundContacts
 from machine_sim.particles.store import ParticleStore
 from machine_sim.particles.tool import RigidTool, ToolSet
 from machine_sim.particles.waking import by_tools, meet, near_spots, on_changed
-from machine_sim.particles.walls.listing import WallTable
+from machine_sim.particles.walls.listing import ListedWalls
 
 __all__ = ["AWAKE", "ON_MAP", "Sleep", "Touching", "who_moves"]
 
@@ -49,14 +50,12 @@ class Touching(NamedTuple):
     Attributes:
         contacts: between particles.
         walls: at plates.
-        grounds, ground_row, plane: on the ground, see `ground_planes`.
+        grounds: on the ground.
     """
 
-    contacts: ContactTable
-    walls: WallTable
-    grounds: int
-    ground_row: NDArray[np.int64]
-    plane: NDArray[np.float64]
+    contacts: ContactBlocks
+    walls: ListedWalls
+    grounds: GroundContacts
 
 
 class Sleep:
@@ -212,15 +211,12 @@ class Sleep:
         """
         held, grounded = np.zeros(rows.size, np.bool_), np.zeros(rows.size, np.bool_)
         loaded = bool((store.resting == t + 2).any())
-        contacts, walls = touching.contacts, touching.walls
-        if not loaded and not (calm & inside).any() and not (tools.owner[walls.plates] == t).any():
+        owner = tools.owner[touching.walls.plate]
+        if not loaded and not (calm & inside).any() and not (owner == t).any():
             return held, grounded
         who_is_held(
-            t, rows, calm, contacts.first, contacts.second, contacts.begin, contacts.size,
-            store.position, store.contact_radius, store.resting, store.frozen,
-            touching.grounds, touching.ground_row, touching.plane,
-            walls.count, walls.row, walls.plate, tools.plates,
-            tools.owner, tools.path[-1], held, grounded,
+            t, rows, calm, store.position, store.contact_radius, store.resting, store.frozen,
+            *touching, tools.motion, held, grounded,
         )  # fmt: skip
         moving = np.abs(tools.twist[t]).max() > _STILL
         stays = inside & calm & (~grounded if not moving else True)

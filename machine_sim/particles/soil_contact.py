@@ -13,15 +13,18 @@ on so deep a particle would fire it off.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import prange
+from numpy.typing import NDArray
 
 from machine_sim.ground import surface_at
 from machine_sim.particles.jit import kernel, threaded_kernel
 from machine_sim.particles.law import contact_force
 from machine_sim.particles.parts import CHUNKS, chunk
 
-__all__ = ["finish_on_ground", "ground_forces", "ground_planes"]
+__all__ = ["GroundContacts", "finish_on_ground", "ground_forces", "ground_planes"]
 
 _SOFT_PUSH = 100.0
 """Largest spring acceleration the ground gives a soft particle [m/s^2]."""
@@ -33,6 +36,18 @@ _STEEP = 10.0
 def _height(surface, ground, x, y):  # type: ignore[no-untyped-def]
     """Terrain height [m] at (x, y)."""
     return surface_at(surface, ground[0], ground[1], ground[2], x, y)[0]
+
+
+class GroundContacts(NamedTuple):
+    """Who may touch the ground within a step, and the plane each feels.
+
+    Attributes:
+        row: of the particles, int64, shape (n,).
+        plane: normal and offset [m], shape (n, 4): distance = normal.x - offset.
+    """
+
+    row: NDArray[np.int64]
+    plane: NDArray[np.float64]
 
 
 @threaded_kernel
@@ -51,8 +66,7 @@ def ground_planes(  # type: ignore[no-untyped-def]
             reset.
         soft: in and out; a particle that is not near stays soft while it lies so deep that the
             full push would be a harder one.
-        row: out, rows listed.
-        plane: out, normal and offset of each listed, shape (n, 4): distance = normal.x - offset.
+        row, plane: out, as in `GroundContacts`.
 
     Returns:
         How many are listed.
@@ -119,12 +133,13 @@ def _planes_of(  # type: ignore[no-untyped-def]
 
 @kernel
 def ground_forces(  # type: ignore[no-untyped-def]
-    low, high, row, plane, position, mass, soft, spring, body, total, law, friction, rolling
+    low, high, grounds, position, mass, soft, spring, body, total, law, friction, rolling
 ):
     """Add the ground's forces to `total`, and carry the tangential springs on.
 
     Of the contacts from number `low` to below `high`.
     """
+    row, plane = grounds.row, grounds.plane
     soft_overlap = _SOFT_PUSH / np.float64(law[0])
     for c in range(low, high):
         i = row[c]
@@ -160,7 +175,7 @@ def ground_forces(  # type: ignore[no-untyped-def]
 
 @threaded_kernel
 def finish_on_ground(  # type: ignore[no-untyped-def]
-    surface, ground, dt, settle_speed, rows, count, row, plane,
+    surface, ground, dt, settle_speed, rows, grounds,
     position, velocity, radius, soft, quiet_time,
 ):  # fmt: skip
     """Bring back who sank through the ground, and time who is slow on it.
@@ -172,12 +187,13 @@ def finish_on_ground(  # type: ignore[no-untyped-def]
     Returns:
         How many were brought back.
     """
+    row, plane = grounds.row, grounds.plane
     rescued = np.zeros(CHUNKS, np.int64)
     for c in prange(CHUNKS):
         _time_quiet(dt, settle_speed, chunk(rows, c), velocity, quiet_time)
     for c in prange(CHUNKS):
         rescued[c] = _finish(
-            surface, ground, chunk(row[:count], c), plane[c * count // CHUNKS :], position,
+            surface, ground, chunk(row, c), plane[c * row.size // CHUNKS :], position,
             velocity, radius, soft, quiet_time,
         )  # fmt: skip
     # Whoever was not slow and on the ground has a negative or no time now.

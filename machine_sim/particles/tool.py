@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +12,16 @@ from machine_sim.particles.jit import inline_kernel, kernel
 from machine_sim.particles.plates import Plates, hull_planes
 from machine_sim.particles.store import ParticleError
 
-__all__ = ["Pose", "RigidTool", "ToolSet", "checked_pose", "pose_path", "to_tool", "turn_back"]
+__all__ = [
+    "Pose",
+    "RigidTool",
+    "ToolMotion",
+    "ToolSet",
+    "checked_pose",
+    "pose_path",
+    "to_tool",
+    "turn_back",
+]
 
 
 Pose = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -129,6 +139,16 @@ class RigidTool:
         return np.asarray(inside.all(axis=1), dtype=np.bool_)
 
 
+class ToolMotion(NamedTuple):
+    """All tools of an engine in one step, for kernels; see `ToolSet`."""
+
+    plates: Plates
+    owner: NDArray[np.int64]
+    path: NDArray[np.float64]
+    twist: NDArray[np.float64]
+    wrench: NDArray[np.float64]
+
+
 class ToolSet:
     """All tools of an engine, their plates in one table for the kernels.
 
@@ -202,6 +222,11 @@ class ToolSet:
             _pack(tool.end, self._end[t])
         pose_path(self._start, self._end, dt, self.path, self.twist)
         self.wrench[:] = 0.0
+
+    @property
+    def motion(self) -> ToolMotion:
+        """What kernels are given of a step that has begun."""
+        return ToolMotion(self.plates, self.owner, self.path, self.twist, self.wrench)
 
     def local(self, rows: NDArray[np.int64], position: NDArray[np.float64]) -> NDArray[np.float64]:
         """Places of some particles at the start of the step, seen from each tool.

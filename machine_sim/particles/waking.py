@@ -31,8 +31,7 @@ against others that do not give way yet."""
 
 @kernel
 def wake_touched(  # type: ignore[no-untyped-def]
-    rows, first, second, begin, size, position, velocity, contact_radius, radius, speed,
-    resting, place, calm_time,
+    rows, contacts, position, velocity, contact_radius, radius, speed, resting, place, calm_time,
 ):  # fmt: skip
     """Wake who is touched by one that has gone its way.
 
@@ -41,7 +40,7 @@ def wake_touched(  # type: ignore[no-untyped-def]
 
     Args:
         rows: who moved in the step that ends.
-        first, second, begin, size: of `ContactTable`.
+        contacts: `ContactBlocks`.
         position, velocity, contact_radius, radius: of the store.
         speed: [m/s].
         resting, place, calm_time: of the store; updated.
@@ -49,6 +48,7 @@ def wake_touched(  # type: ignore[no-untyped-def]
     Returns:
         How many woke.
     """
+    first, second, begin, size = contacts.first, contacts.second, contacts.begin, contacts.size
     woken = 0
     for part in range(begin.size):
         for c in range(begin[part], begin[part] + size[part]):

@@ -12,15 +12,18 @@ The contacts of each part of the pair list (see `parts`) have blocks of their ow
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import prange
+from numpy.typing import NDArray
 
 from machine_sim.particles.jit import inline_kernel, kernel, threaded_kernel
 from machine_sim.particles.pairs.simd import GROUP
 from machine_sim.particles.pairs.table import PairTable
 from machine_sim.particles.store import ParticleStore
 
-__all__ = ["BLOCK", "BOND_GAP", "ContactTable"]
+__all__ = ["BLOCK", "BOND_GAP", "ContactBlocks", "ContactTable"]
 
 BLOCK = 128
 """Contacts in a block: 6 KB, inside the first-level cache."""
@@ -39,6 +42,22 @@ _SLACK = BOND_GAP
 """The least distance ahead, in sums of radii."""
 
 
+class ContactBlocks(NamedTuple):
+    """Contacts of one step, in blocks.
+
+    Attributes:
+        first, second: rows of each contact, uint32.
+        block: quantities, shape (blocks, QUANTITIES * BLOCK), float32.
+        begin, size: first slot of each part, a whole number of blocks, and its contacts.
+    """
+
+    first: NDArray[np.uint32]
+    second: NDArray[np.uint32]
+    block: NDArray[np.float32]
+    begin: NDArray[np.int64]
+    size: NDArray[np.int64]
+
+
 class ContactTable:
     """Contacts of one step.
 
@@ -55,6 +74,11 @@ class ContactTable:
         self._waiting = np.zeros(0, np.uint32)
         self._wait = np.zeros(1, np.int64)
         self._room(32)
+
+    @property
+    def blocks(self) -> ContactBlocks:
+        """What kernels are given."""
+        return ContactBlocks(self.first, self.second, self.block, self.begin, self.size)
 
     @property
     def count(self) -> int:

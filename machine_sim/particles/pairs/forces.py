@@ -67,15 +67,16 @@ def _block_maths(n, b, w, law):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def pair_forces(begin, size, first, second, block, body, total, law):  # type: ignore[no-untyped-def]
+def pair_forces(begin, size, contacts, body, total, law):  # type: ignore[no-untyped-def]
     """Add the contact forces of the contacts in some slots to `total`.
 
     Args:
         begin, size: first slot, that of a block, and how many.
-        first, second, block: of `ContactTable`; springs are updated.
+        contacts: `ContactBlocks`; springs are updated.
         body, total: see `bodies`. The sum of a body that cannot move has no meaning.
         law: contact law.
     """
+    first, second, block = contacts.first, contacts.second, contacts.block
     w = np.empty(_SCRATCH * BLOCK, np.float32)
     for at in range(begin, begin + size, BLOCK):
         b = block[at // BLOCK]

@@ -8,7 +8,10 @@ in float32 displacements.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from machine_sim.particles.jit import kernel
 from machine_sim.particles.pairs.simd import GROUP
@@ -17,7 +20,7 @@ from machine_sim.particles.store import ParticleStore
 from machine_sim.particles.tool import ToolSet, to_tool
 from machine_sim.particles.walls.listing import WallTable
 
-__all__ = ["BLOCK", "WallContacts"]
+__all__ = ["BLOCK", "WallBlocks", "WallContacts"]
 
 BLOCK = 64
 """Contacts in a block, a multiple of the widest vector's lanes."""
@@ -33,30 +36,42 @@ _PI = np.float32(np.pi)
 _ZERO = np.float32(0.0)
 
 
-class WallContacts:
-    """Plate contacts of one step.
+class WallBlocks(NamedTuple):
+    """Plate contacts of one step, in blocks.
 
     Attributes:
-        plate, size: plate of each block, and its contacts, int64.
+        plate, size: plate of each block, and its contacts, int64, shape (blocks,).
         row: particle of each slot, uint32.
         tool_row: the record of the plate's tool among the bodies, of each slot, uint32.
-        block: quantities, shape (blocks, QUANTITIES * BLOCK), float32.
-        count: number of blocks.
+        block: quantities, shape (blocks or more, QUANTITIES * BLOCK), float32.
     """
 
+    plate: NDArray[np.int64]
+    size: NDArray[np.int64]
+    row: NDArray[np.uint32]
+    tool_row: NDArray[np.uint32]
+    block: NDArray[np.float32]
+
+
+class WallContacts:
+    """Lays out the plate contacts of a step, and keeps the room for them."""
+
     def __init__(self) -> None:
-        self.count = 0
         self._slot = np.zeros(0, np.int64)
         self._room(32)
 
     def _room(self, blocks: int) -> None:
-        self.plate = np.zeros(blocks, np.int64)
-        self.size = np.zeros(blocks, np.int64)
-        self.row = np.zeros(blocks * BLOCK, np.uint32)
-        self.tool_row = np.zeros(blocks * BLOCK, np.uint32)
-        self.block = np.zeros((blocks, QUANTITIES * BLOCK), np.float32)
+        self._blocks = WallBlocks(
+            np.zeros(blocks, np.int64),
+            np.zeros(blocks, np.int64),
+            np.zeros(blocks * BLOCK, np.uint32),
+            np.zeros(blocks * BLOCK, np.uint32),
+            np.zeros((blocks, QUANTITIES * BLOCK), np.float32),
+        )
 
-    def lay_out(self, store: ParticleStore, table: WallTable, tools: ToolSet, body, total) -> None:  # type: ignore[no-untyped-def]
+    def lay_out(  # type: ignore[no-untyped-def]
+        self, store: ParticleStore, table: WallTable, tools: ToolSet, body, total
+    ) -> WallBlocks:
         """Take over the listed contacts, with their springs.
 
         Args:
@@ -64,33 +79,38 @@ class WallContacts:
             table: where they are listed.
             tools: at the start of the step.
             body, total: records and sums, see `bodies`; the last rows become the tools'.
+
+        Returns:
+            The blocks, good until the next call.
         """
+        blocks = self._blocks
         if not tools.tools:
-            self.count = 0
-            return
-        blocks = table.count // BLOCK + len(tools.owner)
-        if blocks > len(self.plate):
-            self._room(2 * blocks)
+            return blocks._replace(plate=blocks.plate[:0], size=blocks.size[:0])
+        most = table.count // BLOCK + len(tools.owner)
+        if most > len(blocks.plate):
+            self._room(2 * most)
+            blocks = self._blocks
         if len(self._slot) < table.count:
             self._slot = np.zeros(len(table.row), np.int64)
-        self.count = _lay_out(
-            table.count, table.row, table.plate, table.spring, table.side, store.position,
-            store.radius, store.mass, store.tool_friction, store.tool_rolling, store.adhesion,
-            tools.plates, tools.owner, tools.path[0], tools.twist, body, total,
-            self.plate, self.size, self.row, self.tool_row, self.block, self._slot,
+        count = _lay_out(
+            table.listed, table.spring, table.side, store.position, store.radius, store.mass,
+            store.tool_friction, store.tool_rolling, store.adhesion, tools.plates, tools.owner,
+            tools.path[0], tools.twist, body, total, blocks, self._slot,
         )  # fmt: skip
+        return blocks._replace(plate=blocks.plate[:count], size=blocks.size[:count])
 
     def give_back(self, table: WallTable) -> None:
         """Keep springs and sides in the table, from which the next one is listed."""
-        _give_back(table.count, self._slot, self.block, table.spring, table.side)
+        _give_back(table.count, self._slot, self._blocks.block, table.spring, table.side)
 
 
 @kernel
 def _lay_out(  # type: ignore[no-untyped-def]
-    count, listed_row, listed_plate, spring, side, position, radius, mass, friction, rolling,
-    adhesion, plates, owner, pose, twist, body, total, plate, size, row, tool_row, block, slot,
+    listed, spring, side, position, radius, mass, friction, rolling, adhesion, plates, owner, pose,
+    twist, body, total, blocks, slot,
 ):  # fmt: skip
     """Fill the blocks, in the order of plates; returns how many."""
+    row, tool_row, block = blocks.row, blocks.tool_row, blocks.block
     last = body.shape[0] - 1
     for t in range(pose.shape[0]):
         # A tool is a body with a spin: rolling friction holds particles back toward it. What
@@ -101,9 +121,9 @@ def _lay_out(  # type: ignore[no-untyped-def]
             total[last - t, c] = _ZERO
         for axis in range(3):
             body[last - t, 12 + axis] = twist[t, 3 + axis]
-    blocks, free = _blocks_of_plates(count, listed_plate, owner.size, plate, size)
-    for c in range(count):
-        i, k = listed_row[c], listed_plate[c]
+    count, free = _blocks_of_plates(listed.plate, owner.size, blocks.plate, blocks.size)
+    for c in range(listed.row.size):
+        i, k = listed.row[c], listed.plate[c]
         t = owner[k]
         at = free[k]
         free[k] += 1
@@ -125,21 +145,21 @@ def _lay_out(  # type: ignore[no-untyped-def]
         for axis in range(3):
             b[s + (12 + axis) * BLOCK] = spring[c, axis]
         b[s + 15 * BLOCK] = side[c]
-    for n in range(blocks):
-        _fill_up(n * BLOCK, size[n], row, tool_row, block[n])
-    return blocks
+    for n in range(count):
+        _fill_up(n * BLOCK, blocks.size[n], row, tool_row, block[n])
+    return count
 
 
 @kernel
-def _blocks_of_plates(count, listed_plate, plates, plate, size):  # type: ignore[no-untyped-def]
+def _blocks_of_plates(listed, plates, plate, size):  # type: ignore[no-untyped-def]
     """Give each plate blocks enough for its contacts.
 
     Returns:
         How many blocks, and the first slot of each plate.
     """
     contacts, first = np.zeros(plates, np.int64), np.zeros(plates, np.int64)
-    for c in range(count):
-        contacts[listed_plate[c]] += 1
+    for k in listed:
+        contacts[k] += 1
     blocks = 0
     for k in range(plates):
         first[k] = blocks * BLOCK

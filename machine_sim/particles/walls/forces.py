@@ -23,28 +23,27 @@ _TINY = np.float32(1e-20)
 
 
 @kernel
-def wall_forces(  # type: ignore[no-untyped-def]
-    blocks, plate, size, row, tool_row, block, body, total, plates, owner, start,
-    pose, twist, wrench, law,
-):  # fmt: skip
+def wall_forces(blocks, body, total, tools, step, law):  # type: ignore[no-untyped-def]
     """Add the forces of plates to `total` and their reaction to `wrench`.
 
     Args:
-        blocks, plate, size, row, tool_row, block: of `WallContacts`; springs and sides are updated.
+        blocks: `WallBlocks`; springs and sides are updated.
         body, total: see `bodies`.
-        plates, owner, twist, wrench: of `ToolSet`.
-        start, pose: packed poses at the start of the step and now, shape (tools, 12).
+        tools: `ToolMotion`.
+        step: number of the substep.
         law: contact law.
     """
+    plates, twist, wrench = tools.plates, tools.twist, tools.wrench
+    start, pose = tools.path[0], tools.path[step]
     w = np.empty(_SCRATCH * BLOCK, np.float32)
     axes, turned, shift = np.empty(9, np.float32), np.empty(9, np.float32), np.empty(3, np.float32)
     speed = np.empty(6, np.float32)
-    for n in range(blocks):
-        k = plate[n]
-        t, begin, b = owner[k], n * BLOCK, block[n]
-        filled = (size[n] + GROUP - 1) // GROUP * GROUP
+    for n in range(blocks.plate.size):
+        k = blocks.plate[n]
+        t, begin, b = tools.owner[k], n * BLOCK, blocks.block[n]
+        filled = (blocks.size[n] + GROUP - 1) // GROUP * GROUP
         for s in range(0, filled, GROUP):
-            gather_motion(body, tool_row, row, begin + s, w, BLOCK, s)
+            gather_motion(body, blocks.tool_row, blocks.row, begin + s, w, BLOCK, s)
         for r in range(3):
             shift[r] = pose[t, 9 + r] - start[t, 9 + r]
             for c in range(3):
@@ -58,10 +57,10 @@ def wall_forces(  # type: ignore[no-untyped-def]
         _contact_maths(filled, b, w, law)
         _to_map(filled, b, w, axes)
         for s in range(0, filled, GROUP):
-            scatter_forces(body, total, tool_row, row, begin + s, w, BLOCK, s)
+            scatter_forces(body, total, blocks.tool_row, blocks.row, begin + s, w, BLOCK, s)
         for c in range(3):
             force, moment = 0.0, 0.0
-            for s in range(size[n]):
+            for s in range(blocks.size[n]):
                 force += w[s + c * BLOCK]
                 moment += w[s + (9 + c) * BLOCK]
             wrench[t, c] -= force

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,10 +12,21 @@ from machine_sim.particles.plates import closest_in_polygon, plate_coordinates
 from machine_sim.particles.store import ParticleStore
 from machine_sim.particles.tool import ToolSet
 
-__all__ = ["REACH", "WallList", "WallTable"]
+__all__ = ["REACH", "ListedWalls", "WallList", "WallTable"]
 
 REACH = 1.2
 """How far plates are listed from a particle that does not move, in radii."""
+
+
+class ListedWalls(NamedTuple):
+    """Who may touch which plate within a step, in order of rows, then plates.
+
+    Attributes:
+        row, plate: of each contact, int64, shape (n,).
+    """
+
+    row: NDArray[np.int64]
+    plate: NDArray[np.int64]
 
 
 class WallTable:
@@ -37,9 +50,9 @@ class WallTable:
         self.count = 0
 
     @property
-    def plates(self) -> NDArray[np.int64]:
-        """Plate of each contact, shape (count,)."""
-        return self.plate[: self.count]
+    def listed(self) -> ListedWalls:
+        """Its contacts."""
+        return ListedWalls(self.row[: self.count], self.plate[: self.count])
 
 
 class WallList:

@@ -181,12 +181,8 @@ def test_forces_are_those_of_a_plain_reckoning(seed: int) -> None:
         at = store.position[row] - tools.path[0, tool, 9:] + arm
         wrench[tool] -= [*force, *np.cross(at, force)]
     contacts = WallContacts()
-    contacts.lay_out(store, table, tools, body, total)
-    wall_forces(
-        contacts.count, contacts.plate, contacts.size, contacts.row, contacts.tool_row,
-        contacts.block, body, total, tools.plates, tools.owner,
-        tools.path[0], tools.path[0], tools.twist, tools.wrench, LAW,
-    )  # fmt: skip
+    blocks = contacts.lay_out(store, table, tools, body, total)
+    wall_forces(blocks, body, total, tools.motion, 0, LAW)
     contacts.give_back(table)
     scale = np.abs(wanted).max(initial=1.0)
     np.testing.assert_allclose(total[:count], wanted, rtol=1e-3, atol=1e-5 * scale)
