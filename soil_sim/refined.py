@@ -115,6 +115,7 @@ def _release(tables, count, tick):  # type: ignore[no-untyped-def]
         slot_of[cell] = kept
         cells[kept], seen[kept] = cell, tick
         mean[kept], top[kept] = mean[slot], top[slot]
-        sub[kept] = sub[slot]
+        for q in range(sub.shape[1]):
+            sub[kept, q] = sub[slot, q]
         kept += 1
     return kept, gone[: count - kept]

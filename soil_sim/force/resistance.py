@@ -25,6 +25,7 @@ from soil_sim.force.side import add_side
 from soil_sim.force.strength import Strength, total_wrench
 from soil_sim.soils import SoilType
 from soil_sim.sweeps import Sweeps
+from soil_sim.vectors import plus, point_at, times
 
 __all__ = ["Resistance", "no_resistance"]
 
@@ -85,8 +86,9 @@ def _wrenches(  # type: ignore[no-untyped-def]
         end = first[n + 1] if n + 1 < first.size else len(points)
         action = rows[first[n]].action
         own = points[first[n] : end]
-        middle = 0.5 * (own[0, 1] + own[1, 1])
-        out[:, n, :3] = middle
+        middle = times(0.5, plus(point_at(own, 0, 1), point_at(own, 1, 1)))
+        for axis in range(3):
+            out[:, n, axis] = middle[axis]
         # One pair alone is an edge without a plate, it has no rake; a plate alone that presses is a
         # track, which stands by itself.
         sums[:] = 0.0
@@ -116,17 +118,19 @@ def _force_rows(rows, first, wrenches):  # type: ignore[no-untyped-def]
     tools = first.size
     borne = np.zeros(tools, dtype=np.bool_)
     for n in range(tools):
-        borne[n] = (wrenches[1, n, 3:6] != 0.0).any()
+        for axis in range(3, 6):
+            borne[n] |= wrenches[1, n, axis] != 0.0
     forces = np.zeros(tools + borne.sum(), FORCE)
     for n in range(tools):
         _write(forces[n], rows[first[n]], wrenches[0, n])
         if rows[first[n]].action == _MILL:
             forces[n].holds = _HOLDS_MILL
     k = tools
-    for n in np.flatnonzero(borne):
-        _write(forces[k], rows[first[n]], wrenches[1, n])
-        forces[k].holds = _HOLDS_BEARING
-        k += 1
+    for n in range(tools):
+        if borne[n]:
+            _write(forces[k], rows[first[n]], wrenches[1, n])
+            forces[k].holds = _HOLDS_BEARING
+            k += 1
     return forces
 
 

@@ -11,6 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from soil_sim.soils import MOIST, SoilType
+from soil_sim.vectors import cross, over
 
 __all__ = ["Strength", "add_force", "column_at", "total_wrench"]
 
@@ -59,8 +60,10 @@ class Strength(NamedTuple):
 
 
 @njit(cache=True)
-def add_force(sums, x, y, z, fx, fy, fz):  # type: ignore[no-untyped-def]
+def add_force(sums, at, force):  # type: ignore[no-untyped-def]
     """Add a force [N] at a place [m] to force, torque, place by strength, strength, shape (10,)."""
+    x, y, z = at
+    fx, fy, fz = force
     size = math.sqrt(fx * fx + fy * fy + fz * fz)
     sums[0] += fx
     sums[1] += fy
@@ -80,12 +83,15 @@ def total_wrench(sums, origin, out):  # type: ignore[no-untyped-def]
 
     The point is the mean of where the forces act, by their strength; places count from `origin`.
     """
-    out[:3] = origin
+    for axis in range(3):
+        out[axis] = origin[axis]
     if sums[9] > 0.0:
-        at = sums[6:9] / sums[9]
-        out[:3] += at
-        out[3:6] = sums[:3]
-        out[6:] = sums[3:6] - np.cross(at, sums[:3])
+        at = over((sums[6], sums[7], sums[8]), sums[9])
+        moved = cross(at, (sums[0], sums[1], sums[2]))
+        for axis in range(3):
+            out[axis] += at[axis]
+            out[3 + axis] = sums[axis]
+            out[6 + axis] = sums[3 + axis] - moved[axis]
 
 
 @njit(cache=True)

@@ -80,16 +80,16 @@ def _failures(moved, side):  # type: ignore[no-untyped-def]
                 continue
             count += 1
             block[i, j] = count
-            stack[0] = i, j
+            stack[0, 0], stack[0, 1] = i, j
             size = 1
             while size:
                 size -= 1
-                a, b = stack[size]
+                a, b = stack[size, 0], stack[size, 1]
                 for p in range(max(a - 1, 0), min(a + 2, block_rows)):
                     for q in range(max(b - 1, 0), min(b + 2, block_cols)):
                         if block[p, q] < 0:
                             block[p, q] = count
-                            stack[size] = p, q
+                            stack[size, 0], stack[size, 1] = p, q
                             size += 1
     number = np.zeros((rows, cols), dtype=np.int64)
     for i in range(rows):

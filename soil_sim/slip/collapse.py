@@ -238,13 +238,15 @@ def _firm_floor(columns, rule, held, box, lowest, floor):  # type: ignore[no-unt
     """Heights over `lowest` [m] to which the firm soil of a window stands, into `floor`."""
     row, _, col, _ = box
     kind = columns.soil[row * rule.cols + col]  # the window is all of one
-    if rule.faces.near[kind, :, 0].max() <= 0.0:
-        floor[:] = columns.floor - lowest
-        return
+    near = rule.faces.near
+    coheres = False
+    for moisture in range(near.shape[1]):
+        coheres |= near[kind, moisture, 0] > 0.0
     for r in range(floor.shape[0]):
         for c in range(floor.shape[1]):
             i = (row + r) * rule.cols + col + c
-            floor[r, c] = firm_that_stands(columns, rule, held, i) - lowest
+            stands = firm_that_stands(columns, rule, held, i) if coheres else columns.floor
+            floor[r, c] = stands - lowest
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

@@ -46,7 +46,9 @@ def examine(columns, rule, held, ring, budget):  # type: ignore[no-untyped-def]
     metres_per_mm3, floor = columns.metres_per_mm3, columns.floor
     queue, queued, ends = ring.queue, ring.queued, ring.ends
     count = offsets.shape[0]
-    flat = offsets[:, 0] * cols + offsets[:, 1]
+    flat = np.empty(count, dtype=np.int64)
+    for k in range(count):
+        flat[k] = offsets[k, 0] * cols + offsets[k, 1]
     most_at_once = LAYER * distance[0]
     looks = 0
     forward = True
