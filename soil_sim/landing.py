@@ -9,11 +9,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.rows import Kind, Rows
+from soil_sim.jit import kernel
 
 __all__ = ["Shares", "landing_shares"]
 
@@ -47,7 +47,7 @@ def landing_shares(grid: Grid, answers: Rows) -> Shares:
     return shares
 
 
-@njit(cache=True)
+@kernel()
 def _share(answers, rows, cols, cell, x_first, y_first):  # type: ignore[no-untyped-def]
     """`Shares` of the DEPOSIT rows."""
     count = 0

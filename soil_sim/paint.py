@@ -14,7 +14,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from soil_sim.jit import helper, kernel
 
 __all__ = ["Raster", "columns_under", "paint"]
 
@@ -50,7 +51,7 @@ class Raster(NamedTuple):
     per_side: int
 
 
-@njit(cache=True)
+@kernel()
 def columns_under(points, joined, raster):  # type: ignore[no-untyped-def]
     """Upper bound of the number of columns the pairs and plates can touch in the tick."""
     most = 0.0
@@ -60,7 +61,7 @@ def columns_under(points, joined, raster):  # type: ignore[no-untyped-def]
     return np.int64(min(most, 1.0 * raster.rows * raster.cols))
 
 
-@njit(cache=True)
+@helper()
 def _under(points, first, end, raster):  # type: ignore[no-untyped-def]
     """First and last row, first and last column, as floats, of what pairs `first` to `end` may
     touch."""
@@ -79,13 +80,14 @@ def _under(points, first, end, raster):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True)
-def paint(points, joined, columns, refined, raster, count, tick):  # type: ignore[no-untyped-def]
+@kernel()
+def paint(points, joined, height, floor, refined, raster, count, tick):  # type: ignore[no-untyped-def]
     """Lower subcolumns to what the pairs sweep, and sum what they lose.
 
     Args:
         points, joined: of `SweptPairs`.
-        columns, refined: of `ColumnArrays`, `RefinedArrays`.
+        height, floor: of `ColumnArrays`.
+        refined: of `RefinedArrays`.
         raster: of `Raster`.
         count: the number of refined columns.
         tick: number of the tick.
@@ -93,21 +95,21 @@ def paint(points, joined, columns, refined, raster, count, tick):  # type: ignor
     Returns:
         The number of refined columns.
     """
-    _follow(columns, refined, raster, count)
+    _follow(height, refined, raster, count)
     for n in range(points.shape[0]):
-        if _in_the_air(points, n, n + 2 if joined[n] else n + 1, columns, refined, raster):
+        if _in_the_air(points, n, n + 2 if joined[n] else n + 1, height, refined, raster):
             continue
         for edge in range(3 if joined[n] else 1):  # the pair itself, the left and right side
             a = n, (1 if edge == 2 else 0)
             b = (n, 1) if edge == 0 else (n + 1, edge - 1)
-            count = _sweep_edge(points, a, b, columns, refined, raster, count, tick)
+            count = _sweep_edge(points, a, b, height, floor, refined, raster, count, tick)
         if joined[n]:
-            count = _sweep_plate(points, n, columns, refined, raster, count, tick)
+            count = _sweep_plate(points, n, height, floor, refined, raster, count, tick)
     return count
 
 
-@njit(cache=True)
-def _in_the_air(points, first, end, columns, refined, raster):  # type: ignore[no-untyped-def]
+@helper(inline="always")
+def _in_the_air(points, first, end, height, refined, raster):  # type: ignore[no-untyped-def]
     """Whether pairs `first` to `end` stay above all columns they pass; cheaper than to paint."""
     lowest = np.inf
     for m in range(first, end):
@@ -121,16 +123,16 @@ def _in_the_air(points, first, end, columns, refined, raster):  # type: ignore[n
     for i in range(np.int64(top), np.int64(bottom) + 1):
         for k in range(i * raster.cols + np.int64(left), i * raster.cols + np.int64(right) + 1):
             slot = refined.slot_of[k]
-            if lowest <= columns.height[k] or (slot >= 0 and lowest <= refined.top[slot]):
+            if lowest <= height[k] or (slot >= 0 and lowest <= refined.top[slot]):
                 return False
     return True
 
 
-@njit(cache=True)
-def _follow(columns, refined, raster, count):  # type: ignore[no-untyped-def]
+@kernel()
+def _follow(height, refined, raster, count):  # type: ignore[no-untyped-def]
     """Soil that slipped or landed since lifts or lowers all subcolumns of its column alike."""
     for slot in range(count):
-        now = columns.height[refined.cells[slot]]
+        now = height[refined.cells[slot]]
         shift = now - refined.mean[slot]
         if shift != 0.0:
             refined.mean[slot] = now
@@ -138,8 +140,8 @@ def _follow(columns, refined, raster, count):  # type: ignore[no-untyped-def]
                 refined.sub[slot, q] += shift
 
 
-@njit(cache=True)
-def _sweep_plate(points, n, columns, refined, raster, count, tick):  # type: ignore[no-untyped-def]
+@helper(inline="always")
+def _sweep_plate(points, n, height, floor, refined, raster, count, tick):  # type: ignore[no-untyped-def]
     """Paint the plate between pairs n and n + 1 at poses through the tick."""
     poses = 1
     for m in range(n, n + 2):
@@ -149,12 +151,12 @@ def _sweep_plate(points, n, columns, refined, raster, count, tick):  # type: ign
         t = s / poses
         a, b = _pose(points, (n, 0), t), _pose(points, (n, 1), t)
         c, d = _pose(points, (n + 1, 0), t), _pose(points, (n + 1, 1), t)
-        count = _paint_quad(a, b, c, d, columns, refined, raster, count, tick)
+        count = _paint_quad(a, b, c, d, height, floor, refined, raster, count, tick)
     return count
 
 
-@njit(cache=True)
-def _sweep_edge(points, a, b, columns, refined, raster, count, tick):  # type: ignore[no-untyped-def]
+@helper(inline="always")
+def _sweep_edge(points, a, b, height, floor, refined, raster, count, tick):  # type: ignore[no-untyped-def]
     """Paint what the edge from key point a to b, each (pair, end), sweeps between poses."""
     poses = max(_poses(points, a, raster), _poses(points, b, raster))
     (m, p), (n, q) = a, b
@@ -162,12 +164,12 @@ def _sweep_edge(points, a, b, columns, refined, raster, count, tick):  # type: i
     from_b = points[n, 0, q, 0], points[n, 0, q, 1], points[n, 0, q, 2]
     for s in range(1, poses + 1):
         to_a, to_b = _pose(points, a, s / poses), _pose(points, b, s / poses)
-        count = _paint_quad(from_a, from_b, to_a, to_b, columns, refined, raster, count, tick)
+        count = _paint_quad(from_a, from_b, to_a, to_b, height, floor, refined, raster, count, tick)
         from_a, from_b = to_a, to_b
-    return _stand(from_a, from_b, columns, refined, raster, count, tick)
+    return _stand(from_a, from_b, height, floor, refined, raster, count, tick)
 
 
-@njit(cache=True, inline="always")
+@helper(inline="always")
 def _pose(points, which, t):  # type: ignore[no-untyped-def]
     """Where a key point (pair, end) is at a part t of the tick."""
     n, p = which
@@ -178,7 +180,7 @@ def _pose(points, which, t):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True)
+@helper()
 def _poses(points, which, raster):  # type: ignore[no-untyped-def]
     """Poses through the tick for the way of a key point (pair, end): half a subcolumn apart, at
     least one."""
@@ -191,8 +193,8 @@ def _poses(points, which, raster):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True)
-def _stand(a, b, columns, refined, raster, count, tick):  # type: ignore[no-untyped-def]
+@helper(inline="always")
+def _stand(a, b, height, floor, refined, raster, count, tick):  # type: ignore[no-untyped-def]
     """Note the columns in which the edge from a to b lies below the surface."""
     length = max(abs(b[0] - a[0]), abs(b[1] - a[1]))
     steps = np.int64(min(np.ceil(length / raster.cell * raster.per_side), 1e6))
@@ -202,23 +204,23 @@ def _stand(a, b, columns, refined, raster, count, tick):  # type: ignore[no-unty
         col = np.floor((raster.y_first - (1 - t) * a[1] - t * b[1]) / raster.cell + 0.5)
         if 0.0 <= row < raster.rows and 0.0 <= col < raster.cols:
             k = np.int64(row) * raster.cols + np.int64(col)
-            z = max((1 - t) * a[2] + t * b[2], columns.floor)
+            z = max((1 - t) * a[2] + t * b[2], floor)
             slot = refined.slot_of[k]
             if slot < 0:
-                if not z < columns.height[k]:
+                if not z < height[k]:
                     continue
                 slot = count
                 count += 1
-                _refine(k, columns, refined, slot)
+                _refine(k, height, refined, slot)
             if z <= refined.top[slot]:
                 refined.seen[slot] = tick
     return count
 
 
-@njit(cache=True)
-def _refine(k, columns, refined, slot):  # type: ignore[no-untyped-def]
+@helper()
+def _refine(k, height, refined, slot):  # type: ignore[no-untyped-def]
     """Give column k, level so far, a slot."""
-    top = columns.height[k]
+    top = height[k]
     refined.slot_of[k] = slot
     refined.cells[slot] = k
     refined.mean[slot] = top
@@ -229,15 +231,15 @@ def _refine(k, columns, refined, slot):  # type: ignore[no-untyped-def]
         refined.removed[slot, n] = 0.0
 
 
-@njit(cache=True)
-def _paint_quad(a, b, c, d, columns, refined, raster, count, tick):  # type: ignore[no-untyped-def]
+@helper()
+def _paint_quad(a, b, c, d, height, floor, refined, raster, count, tick):  # type: ignore[no-untyped-def]
     """Lower subcolumns to the two triangles (a, b, c) and (b, d, c) of four corners."""
-    count = _paint_triangle(a, b, c, columns, refined, raster, count, tick)
-    return _paint_triangle(b, d, c, columns, refined, raster, count, tick)
+    count = _paint_triangle(a, b, c, height, floor, refined, raster, count, tick)
+    return _paint_triangle(b, d, c, height, floor, refined, raster, count, tick)
 
 
-@njit(cache=True)
-def _paint_triangle(a, b, c, columns, refined, raster, count, tick):  # type: ignore[no-untyped-def]
+@helper()
+def _paint_triangle(a, b, c, height, floor, refined, raster, count, tick):  # type: ignore[no-untyped-def]
     """Lower the subcolumns whose samples lie under a triangle; returns the refined columns."""
     # In units of subcolumns, so that the sample of subcolumn (fi, fj) lies at (fi, fj).
     per_side = raster.per_side
@@ -252,7 +254,7 @@ def _paint_triangle(a, b, c, columns, refined, raster, count, tick):  # type: ig
         return count
     z_u = ((b[2] - a[2]) * (vc - va) - (c[2] - a[2]) * (vb - va)) / area
     z_v = ((ub - ua) * (c[2] - a[2]) - (uc - ua) * (b[2] - a[2])) / area
-    lowest = max(min(a[2], b[2], c[2]), columns.floor)
+    lowest = max(min(a[2], b[2], c[2]), floor)
     highest = max(a[2], b[2], c[2])
     # Clipped as floats: beyond the int range a cast is not defined.
     rows, cols = float(raster.rows * per_side), float(raster.cols * per_side)
@@ -273,11 +275,11 @@ def _paint_triangle(a, b, c, columns, refined, raster, count, tick):  # type: ig
             k = i * raster.cols + j
             slot = refined.slot_of[k]
             if slot < 0:
-                if not z < columns.height[k]:
+                if not z < height[k]:
                     continue
                 slot = count
                 count += 1
-                _refine(k, columns, refined, slot)
+                _refine(k, height, refined, slot)
             if z <= refined.top[slot]:
                 refined.seen[slot] = tick
             q = (fi - i * per_side) * per_side + fj - j * per_side
@@ -291,7 +293,7 @@ def _paint_triangle(a, b, c, columns, refined, raster, count, tick):  # type: ig
     return count
 
 
-@njit(cache=True, inline="always")
+@helper(inline="always")
 def _between(u, ua, va, ub, vb, lo, hi):  # type: ignore[no-untyped-def]
     """Widen (lo, hi) by where the side from a to b crosses row u, if it does."""
     if (ua <= u) != (ub <= u):

@@ -7,10 +7,10 @@ undisturbed. Firm soil does not give. A column counts as under the plate if its 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from soil_sim.columns import Columns, pack_column
+from soil_sim.jit import helper, kernel
 from soil_sim.sweeps import SweptPairs
 
 __all__ = ["press"]
@@ -44,7 +44,7 @@ def press(columns: Columns, pairs: SweptPairs) -> NDArray[np.int64]:
     return np.unique(packed) if packed.size else packed
 
 
-@njit(cache=True)
+@kernel()
 def _press(points, joined, columns, rows, cols, x_first, y_first, cell):  # type: ignore[no-untyped-def]
     """`press`; a column is told once for each triangle that packs it."""
     packed, count = np.empty(64, dtype=np.int64), np.int64(0)
@@ -69,7 +69,7 @@ def _press(points, joined, columns, rows, cols, x_first, y_first, cell):  # type
     return packed[:count]
 
 
-@njit(cache=True, inline="always")
+@helper(inline="always")
 def _corner(points, n, p, t):  # type: ignore[no-untyped-def]
     """Where an end of a pair is at a part t of the tick."""
     return (
@@ -79,7 +79,7 @@ def _corner(points, n, p, t):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True)
+@helper()
 def _press_triangle(  # type: ignore[no-untyped-def]
     a, b, c, columns, rows, cols, x_first, y_first, cell, packed, count
 ):

@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from msg_bridge.contract.rows import Action, Rows
+from soil_sim.jit import helper, kernel
 
 __all__ = ["Stroke", "Sweeps", "SweptPairs", "sound_sweeps", "strokes_of"]
 
@@ -116,7 +116,7 @@ def strokes_of(sweeps: Sweeps) -> list[Stroke]:
     return strokes
 
 
-@njit(cache=True)
+@kernel()
 def _read(rows):  # type: ignore[no-untyped-def]
     """Key points, first rows and faults (indices into `_FAULTS`) of tools; rows by tool."""
     points = np.empty((rows.size, 2, 3))
@@ -137,7 +137,7 @@ def _read(rows):  # type: ignore[no-untyped-def]
     return points, first, faults
 
 
-@njit(cache=True)
+@helper()
 def _fault(rows, points, first, end):  # type: ignore[no-untyped-def]
     """The first fault found in the rows of one tool, `first` to `end`; 0 for a sound tool."""
     if (end - first) % 2 == 1:
@@ -166,7 +166,7 @@ def _fault(rows, points, first, end):  # type: ignore[no-untyped-def]
     return 0
 
 
-@njit(cache=True)
+@kernel()
 def _pairs_of_source(rows, points, start):  # type: ignore[no-untyped-def]
     """(pairs that cut, pairs that press, end) of the source whose rows begin at `start`."""
     end = start
@@ -177,7 +177,7 @@ def _pairs_of_source(rows, points, start):  # type: ignore[no-untyped-def]
     return _pairs(rows, points, start, end, no), _pairs(rows, points, start, end, yes), end
 
 
-@njit(cache=True)
+@helper()
 def _pairs(rows, points, start, end, pressing):  # type: ignore[no-untyped-def]
     """The pairs of one source's rows, `start` to `end`, that press, or those that do not."""
     left = np.empty((end - start) // 2, dtype=np.int64)  # index of each one's first row

@@ -18,9 +18,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from soil_sim.force.strength import add_force, column_at
+from soil_sim.jit import helper
 from soil_sim.vectors import cross, dot, length, minus, over, plus, point_at, times
 
 __all__ = ["add_bearing", "bearing_capacity"]
@@ -41,7 +41,7 @@ _BESIDE = 1.5
 """Where the soil beside is looked for, in cells."""
 
 
-@njit(cache=True)
+@helper(inline="always")
 def add_bearing(points, middle, columns, frame, strength, sums):  # type: ignore[no-untyped-def]
     """Add what can bear a tool at the end of its tick; places from `middle`.
 
@@ -101,7 +101,7 @@ def add_bearing(points, middle, columns, frame, strength, sums):  # type: ignore
     _add_lip(points, middle, columns, frame, strength, sums)
 
 
-@njit(cache=True)
+@helper(inline="always")
 def _add_lip(points, middle, columns, frame, strength, sums):  # type: ignore[no-untyped-def]
     """Add what bears the lip's edge, along its plate."""
     left, right = point_at(points, 0, 1), point_at(points, 1, 1)
@@ -133,7 +133,7 @@ def _add_lip(points, middle, columns, frame, strength, sums):  # type: ignore[no
         add_force(sums, minus(at, middle), times(force, up))
 
 
-@njit(cache=True)
+@helper()
 def bearing_capacity(i, breadth, deep, columns, strength):  # type: ignore[no-untyped-def]
     """Bearing capacity of column i [Pa], `deep` [m] below the soil beside.
 

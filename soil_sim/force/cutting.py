@@ -30,11 +30,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from numba import njit
-
 from soil_sim.force.earthmoving import blade_force
 from soil_sim.force.pick import goktan_force
 from soil_sim.force.strength import add_force, column_at
+from soil_sim.jit import helper
 from soil_sim.vectors import cross, dot, length, minus, over, plus, point_at, times
 
 __all__ = ["AHEAD", "AT_REST", "STRIPS", "add_lip", "strip_force"]
@@ -82,7 +81,7 @@ class _Travel(NamedTuple):
     counts: float
 
 
-@njit(cache=True)
+@helper(inline="always")
 def _travel(points):  # type: ignore[no-untyped-def]
     """The travel of one tool by its key points, shape (rows, 2, 3)."""
     none = _Travel((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
@@ -122,7 +121,7 @@ def _travel(points):  # type: ignore[no-untyped-def]
     return _Travel(t, n, (ax, ay), width, rake, top - lip[2], counts)
 
 
-@njit(cache=True)
+@helper(inline="always")
 def add_lip(points, middle, columns, frame, strength, sums):  # type: ignore[no-untyped-def]
     """Add what resists the cut of a tool's lip in a tick; places from `middle`.
 
@@ -153,7 +152,7 @@ def add_lip(points, middle, columns, frame, strength, sums):  # type: ignore[no-
         add_force(sums, (x, y, z + depth / 3.0), minus(times(off, n), times(against, t)))
 
 
-@njit(cache=True)
+@helper()
 def strip_force(  # type: ignore[no-untyped-def]
     i, below, depth, width, rake, height, columns, strength
 ):

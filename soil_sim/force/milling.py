@@ -27,11 +27,10 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from soil_sim.force.bearing import bearing_capacity
 from soil_sim.force.pick import goktan_force
 from soil_sim.force.strength import add_force, column_at
+from soil_sim.jit import helper, kernel
 from soil_sim.vectors import dot, length, minus, over, plus, point_at, times
 
 __all__ = ["add_milling", "add_standing", "is_ring", "rock_energy"]
@@ -50,13 +49,13 @@ _OUTSIDE = 0.01
 """How far outside the tips the ground is looked for [m]."""
 
 
-@njit(cache=True)
+@kernel()
 def rock_energy(tensile):  # type: ignore[no-untyped-def]
     """Specific energy [J/m^3] of rock with a tensile strength [Pa] under picks."""
     return _MEAN * goktan_force(1.0, _TIP, tensile, _FRICTION) / math.tan(_BREAKOUT)
 
 
-@njit(cache=True)
+@helper(inline="always")
 def is_ring(points):  # type: ignore[no-untyped-def]
     """Whether key points, shape (rows, 2, 3), are a drum's: the last pair is where the first is."""
     rows = len(points)
@@ -69,7 +68,7 @@ def is_ring(points):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True)
+@helper()
 def _facet(points, k, axis):  # type: ignore[no-untyped-def]
     """Facet `k` of a drum between two pairs of key points, at the end of the tick.
 
@@ -85,7 +84,7 @@ def _facet(points, k, axis):  # type: ignore[no-untyped-def]
     return left, right, out if flat else over(out, distance), flat
 
 
-@njit(cache=True)
+@helper()
 def _column_beside(at, out, columns, frame):  # type: ignore[no-untyped-def]
     """The column whose ground touches a facet there from outside, -1 if none does."""
     x, y = at[0] + _OUTSIDE * out[0], at[1] + _OUTSIDE * out[1]
@@ -95,7 +94,7 @@ def _column_beside(at, out, columns, frame):  # type: ignore[no-untyped-def]
     return i
 
 
-@njit(cache=True, inline="always")
+@helper(inline="always")
 def _axis(points, pairs, time):  # type: ignore[no-untyped-def]
     """Mean of a drum's key points [m], at the start (0) or the end (1) of the tick."""
     axis = (0.0, 0.0, 0.0)
@@ -104,7 +103,7 @@ def _axis(points, pairs, time):  # type: ignore[no-untyped-def]
     return axis
 
 
-@njit(cache=True)
+@helper(inline="always")
 def add_standing(points, middle, columns, frame, strength, sums):  # type: ignore[no-untyped-def]
     """Add what bears a drum that does not spin; arguments as in `add_milling`."""
     pairs = len(points) // 2 - 1
@@ -125,7 +124,7 @@ def add_standing(points, middle, columns, frame, strength, sums):  # type: ignor
             add_force(sums, minus(at, middle), times(-force, out))
 
 
-@njit(cache=True)
+@helper(inline="always")
 def add_milling(points, middle, columns, frame, strength, sums):  # type: ignore[no-untyped-def]
     """Add what resists the picks of a drum in a tick; places from `middle`.
 
@@ -170,7 +169,7 @@ def add_milling(points, middle, columns, frame, strength, sums):  # type: ignore
             add_force(sums, minus(at, middle), force)
 
 
-@njit(cache=True)
+@helper(inline="always")
 def _energy(i, z, diameter, columns, strength):  # type: ignore[no-untyped-def]
     """Specific energy [J/m^3] of the ground of a column at a height [m]."""
     cover = columns.bulk[i] * columns.metres_per_mm3

@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
 from msg_bridge.contract.rows import FORCE, Action, Holds, Rows, empty_rows
 from soil_sim.columns import Columns
@@ -23,6 +22,7 @@ from soil_sim.force.cutting import add_lip
 from soil_sim.force.milling import add_milling, add_standing, is_ring
 from soil_sim.force.side import add_side
 from soil_sim.force.strength import Strength, total_wrench
+from soil_sim.jit import helper, kernel
 from soil_sim.soils import SoilType
 from soil_sim.sweeps import Sweeps
 from soil_sim.vectors import plus, point_at, times
@@ -72,7 +72,7 @@ def no_resistance(sweeps: Sweeps) -> Rows:
     return forces
 
 
-@njit(cache=True)
+@kernel()
 def _wrenches(  # type: ignore[no-untyped-def]
     rows, points, first, columns, frame, strength
 ):
@@ -112,7 +112,7 @@ def _wrenches(  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True)
+@kernel()
 def _force_rows(rows, first, wrenches):  # type: ignore[no-untyped-def]
     """FORCE rows: what resists the cut of each tool, then what bears some of them."""
     tools = first.size
@@ -134,7 +134,7 @@ def _force_rows(rows, first, wrenches):  # type: ignore[no-untyped-def]
     return forces
 
 
-@njit(cache=True)
+@helper()
 def _write(force, row, wrench):  # type: ignore[no-untyped-def]
     """Write a wrench on the tool of a SWEEP row into a FORCE row."""
     force.source, force.tool = row.source, row.tool

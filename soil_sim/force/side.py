@@ -11,10 +11,9 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from soil_sim.force.cutting import AHEAD, AT_REST, STRIPS, strip_force
 from soil_sim.force.strength import add_force, column_at
+from soil_sim.jit import helper
 from soil_sim.vectors import dot, length, minus, over, plus, point_at, times
 
 __all__ = ["add_side"]
@@ -23,7 +22,7 @@ _DRIFT = 0.02
 """Part of its way along its lip below which a tool goes straight."""
 
 
-@njit(cache=True)
+@helper(inline="always")
 def add_side(points, middle, columns, frame, strength, sums):  # type: ignore[no-untyped-def]
     """Add what resists the leading side of a tool in a tick; places from `middle`.
 
@@ -72,13 +71,13 @@ def add_side(points, middle, columns, frame, strength, sums):  # type: ignore[no
         add_force(sums, at, times(-against, t))
 
 
-@njit(cache=True)
+@helper()
 def _along(points, row, ax, ay):  # type: ignore[no-untyped-def]
     """Where a key point is at the end of the tick, along a side that goes level to (ax, ay) [m]."""
     return points[row, 1, 1] * ax - points[row, 1, 0] * ay
 
 
-@njit(cache=True)
+@helper(inline="always")
 def _upright(points, first, ax, ay, at):  # type: ignore[no-untyped-def]
     """Where the outline of a side is lowest at a place along it: x, y, z, and its highest z [m].
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from soil_sim.jit import helper
 from soil_sim.soils import MOIST, SoilType
 from soil_sim.vectors import cross, over
 
@@ -59,7 +59,7 @@ class Strength(NamedTuple):
         )
 
 
-@njit(cache=True)
+@helper()
 def add_force(sums, at, force):  # type: ignore[no-untyped-def]
     """Add a force [N] at a place [m] to force, torque, place by strength, strength, shape (10,)."""
     x, y, z = at
@@ -77,7 +77,7 @@ def add_force(sums, at, force):  # type: ignore[no-untyped-def]
     sums[9] += size
 
 
-@njit(cache=True)
+@helper()
 def total_wrench(sums, origin, out):  # type: ignore[no-untyped-def]
     """Point [m], force [N] and torque about the point [N m] of what `add_force` added up, into out.
 
@@ -94,7 +94,7 @@ def total_wrench(sums, origin, out):  # type: ignore[no-untyped-def]
             out[6 + axis] = sums[3 + axis] - moved[axis]
 
 
-@njit(cache=True)
+@helper()
 def column_at(x, y, frame):  # type: ignore[no-untyped-def]
     """Flat index of the column at a place [m]; -1 beyond the map."""
     rows, cols, cell, x_first, y_first = frame

@@ -7,10 +7,10 @@ among those of the same failure that gain, exactly. Soil never goes from one fai
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from soil_sim.columns import Columns, add_loose, take_from_column, whole_percent
+from soil_sim.jit import kernel
 
 __all__ = ["book"]
 
@@ -58,7 +58,7 @@ def _closed_failures(
         block *= 2
 
 
-@njit(cache=True)
+@kernel()
 def _failures(moved, side):  # type: ignore[no-untyped-def]
     """Number of the failure that each column that moved belongs to, from 1; 0 if it did not.
 
@@ -99,7 +99,7 @@ def _failures(moved, side):  # type: ignore[no-untyped-def]
     return number
 
 
-@njit(cache=True)
+@kernel()
 def _share_out(columns, cells, change, ends):  # type: ignore[no-untyped-def]
     """Take height [m] from the columns that lose and share what that was among those that gain.
 

@@ -10,9 +10,9 @@ nothing is looked at twice. That is much less work than to examine all who gave 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from soil_sim.columns import add_loose
+from soil_sim.jit import helper, kernel
 from soil_sim.slip.rule import push, uniform
 
 __all__ = ["pour"]
@@ -34,7 +34,7 @@ the distance. On a slope that is as steep as can be all are alike. Not at the ma
 columns differ."""
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def pour(columns, rule, held, ring, cells, volume, soil, moisture, first_of, budget):  # type: ignore[no-untyped-def]
     """Put loose soil onto columns, in at most about `budget` steps down; returns how many it took.
 
@@ -118,7 +118,7 @@ def pour(columns, rule, held, ring, cells, volume, soil, moisture, first_of, bud
     return steps
 
 
-@njit(cache=True)
+@helper()
 def _merge(cells, volume, soil, moisture, first_of):  # type: ignore[no-untyped-def]
     """Let what comes to one column of one soil come at once."""
     for m in range(cells.size):
@@ -130,7 +130,7 @@ def _merge(cells, volume, soil, moisture, first_of):  # type: ignore[no-untyped-
             volume[m] = 0
 
 
-@njit(cache=True)
+@helper()
 def _chosen(height, rule, held, i, top, tangent, forward):  # type: ignore[no-untyped-def]
     """(neighbour, excess [m]) that soil up to `top` is too steep against by most; -1 if none.
 
