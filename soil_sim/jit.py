@@ -15,12 +15,14 @@ from numba import njit
 
 __all__ = ["helper", "kernel"]
 
+_njit: Any = njit  # its stubs do not know all options
+
 
 def kernel(**options: Any) -> Any:
     """Compile a kernel that Python calls; `options` as of `numba.njit`."""
-    return njit(cache=True, no_cfunc_wrapper=True, **options)
+    return _njit(cache=True, no_cfunc_wrapper=True, **options)
 
 
 def helper(**options: Any) -> Any:
     """Compile what only kernels call; it lies in their cache, and Python cannot call it."""
-    return njit(no_cfunc_wrapper=True, no_cpython_wrapper=True, **options)
+    return _njit(no_cfunc_wrapper=True, no_cpython_wrapper=True, **options)

@@ -141,7 +141,7 @@ def bearing_capacity(i, breadth, deep, columns, strength):  # type: ignore[no-un
     """
     firm = max(0.0, 1.0 - columns.bulk[i] * columns.metres_per_mm3 / breadth)
     kind = columns.soil[i] if firm > 0.0 else columns.loose_soil[i]
-    cohesion = firm * strength.cohesion[kind, columns.moisture[i]]
-    gamma = strength.gamma[kind]
-    carried = cohesion * strength.n_c[kind] + gamma * deep * strength.n_q[kind]
-    return carried + 0.5 * breadth * gamma * strength.n_gamma[kind]
+    cohesion = firm * strength[kind].cohesion[columns.moisture[i]]
+    gamma = strength[kind].gamma
+    carried = cohesion * strength[kind].n_c + gamma * deep * strength[kind].n_q
+    return carried + 0.5 * breadth * gamma * strength[kind].n_gamma

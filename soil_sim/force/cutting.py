@@ -172,23 +172,23 @@ def strip_force(  # type: ignore[no-untyped-def]
     kind = columns.soil[i] if firm > 0.0 else columns.loose_soil[i]
     gamma = 0.0
     if firm < 1.0:
-        gamma = strength.gamma[columns.loose_soil[i]] * (columns.loose[i] / columns.bulk[i])
-    rock = firm > 0.0 and strength.tensile[kind] > 0.0
+        gamma = strength[columns.loose_soil[i]].gamma * (columns.loose[i] / columns.bulk[i])
+    rock = firm > 0.0 and strength[kind].tensile > 0.0
     against = off = 0.0
     if rock:
         picks = width / _PICK_SPACING
         against = picks * goktan_force(
-            firm * depth, _PICK_ANGLE, strength.tensile[kind], _PICK_FRICTION
+            firm * depth, _PICK_ANGLE, strength[kind].tensile, _PICK_FRICTION
         )
         off = _PICK_NORMAL * against
         depth *= 1.0 - firm
         cohesion = adhesion = above = 0.0
     else:
-        gamma = firm * strength.gamma[kind] + (1.0 - firm) * gamma
-        cohesion = firm * strength.cohesion[kind, columns.moisture[i]]
-        adhesion = strength.adhesion[kind, columns.moisture[i]]
+        gamma = firm * strength[kind].gamma + (1.0 - firm) * gamma
+        cohesion = firm * strength[kind].cohesion[columns.moisture[i]]
+        adhesion = strength[kind].adhesion[columns.moisture[i]]
     horizontal, vertical = blade_force(
-        width, depth, rake, gamma * above, gamma, strength.phi[kind], strength.delta[kind],
+        width, depth, rake, gamma * above, gamma, strength[kind].phi, strength[kind].delta,
         cohesion, adhesion,
     )  # fmt: skip
     return against + horizontal, off + vertical

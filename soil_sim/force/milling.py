@@ -176,10 +176,10 @@ def _energy(i, z, diameter, columns, strength):  # type: ignore[no-untyped-def]
     if cover > 0.0 and z > columns.height[i] - cover:  # in loose soil
         kind = columns.loose_soil[i]
         density = columns.loose[i] / columns.bulk[i]
-        return strength.gamma[kind] * density * diameter
+        return strength[kind].gamma * density * diameter
     kind = columns.soil[i]
-    if strength.tensile[kind] > 0.0:
-        return rock_energy(strength.tensile[kind])
-    passive = math.tan(math.pi / 4 + 0.5 * strength.phi[kind])
-    cohesion = strength.cohesion[kind, columns.moisture[i]]
-    return 2.0 * cohesion * passive + strength.gamma[kind] * diameter
+    if strength[kind].tensile > 0.0:
+        return rock_energy(strength[kind].tensile)
+    passive = math.tan(math.pi / 4 + 0.5 * strength[kind].phi)
+    cohesion = strength[kind].cohesion[columns.moisture[i]]
+    return 2.0 * cohesion * passive + strength[kind].gamma * diameter
