@@ -226,14 +226,15 @@ def surface_at(surface, x_first, y_first, inverse_cell, x, y):  # type: ignore[n
     return height, slope_x, slope_y
 
 
-@njit(cache=True)
+@njit(cache=True, no_cfunc_wrapper=True)
 def _take_over(  # type: ignore[no-untyped-def]
     cells, heights, elevation, surface, packed, level, changed, rises, rising
 ):
     """See `Ground._take`; returns the cells that rise now, one that is lowered again among them."""
     cols = elevation.shape[1]
     waiting = np.empty(rising.size + cells.size, dtype=np.int64)
-    waiting[: rising.size] = rising
+    for n in range(rising.size):  # not a slice, which compiles much longer
+        waiting[n] = rising[n]
     count = rising.size
     for n in range(cells.size):
         i, j = cells[n] // cols, cells[n] % cols
@@ -249,7 +250,7 @@ def _take_over(  # type: ignore[no-untyped-def]
     return waiting[:count].copy()
 
 
-@njit(cache=True)
+@njit(cache=True, no_cfunc_wrapper=True)
 def _rise(rising, step, elevation, surface, packed, level, changed, rises):  # type: ignore[no-untyped-def]
     """Let cells rise by `step` [m] at most; returns those that are not up yet."""
     cols = elevation.shape[1]

@@ -58,7 +58,7 @@ class Pressed:
         _follow(cells, rise, volume_mm3, *columns, self._bank, self._loose)
 
 
-@njit(cache=True)
+@njit(cache=True, no_cfunc_wrapper=True)
 def _follow(cells, rise, volume, known, packed, sunk, bank, loose):  # type: ignore[no-untyped-def]
     for n in range(cells.size):
         i = cells[n]

@@ -6,7 +6,6 @@ Rows are not numbered yet (`seq` 0); the exchange does that.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.rows import (
@@ -20,6 +19,7 @@ from msg_bridge.contract.rows import (
 from soil_sim.changes import Changed
 from soil_sim.columns import Columns
 from soil_sim.cut import Removed
+from soil_sim.jit import kernel
 from soil_sim.soils import MOIST
 
 __all__ = ["answers_to", "changed_rows", "excavated_rows"]
@@ -84,7 +84,7 @@ def changed_rows(changed: Changed, columns: Columns, revision: int) -> Rows:
     return rows
 
 
-@njit(cache=True)
+@kernel()
 def _answers(landed, first, tick, kinds, rows, cols, cell, x_first, y_first):  # type: ignore[no-untyped-def]
     """CONVERSION rows of landed ones; those of `first` are the first of their particle."""
     answers = np.zeros(landed.size, CONVERSION)
@@ -109,7 +109,7 @@ def _answers(landed, first, tick, kinds, rows, cols, cell, x_first, y_first):  #
     return answers
 
 
-@njit(cache=True)
+@kernel()
 def _excavated(removed, tick, source, cols):  # type: ignore[no-untyped-def]
     """CONVERSION rows of removed soil, as many for each column as its volume needs."""
     pieces = 0
@@ -131,7 +131,7 @@ def _excavated(removed, tick, source, cols):  # type: ignore[no-untyped-def]
     return rows
 
 
-@njit(cache=True)
+@kernel()
 def _changed(cells, columns, revision, cols, cell, x_first, y_first):  # type: ignore[no-untyped-def]
     """CHANGED rows of columns, by their flat indices."""
     rows = np.zeros(cells.size, CHANGED)

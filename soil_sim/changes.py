@@ -11,10 +11,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from soil_sim.columns import Columns, Material
+from soil_sim.jit import helper, kernel
 
 __all__ = ["Changed", "Changes"]
 
@@ -79,7 +79,7 @@ class Changes:
         return columns.firm, columns.loose, columns.bulk, surface
 
 
-@njit(cache=True)
+@kernel()
 def _compare(columns, slope, rows, cols, cell, touched, grown, known, material):  # type: ignore[no-untyped-def]
     """Move those that changed to the front of `touched`; returns how many there are."""
     firm, loose, bulk = columns.firm, columns.loose, columns.bulk
@@ -109,7 +109,7 @@ def _compare(columns, slope, rows, cols, cell, touched, grown, known, material):
     return count
 
 
-@njit(cache=True, inline="always")
+@helper(inline="always")
 def _surface(columns, i):  # type: ignore[no-untyped-def]
     """Id and moisture of what the surface of a column is of, in one number."""
     if columns.loose[i] > 0:
@@ -117,7 +117,7 @@ def _surface(columns, i):  # type: ignore[no-untyped-def]
     return np.int64(columns.soil[i]) << 8 | np.int64(columns.moisture[i])
 
 
-@njit(cache=True)
+@helper()
 def _was_steep(columns, slope, rows, cols, cell, known, i):  # type: ignore[no-untyped-def]
     """Whether a column was at its angle of repose against one of its four neighbours."""
     tangent = slope[columns.soil[i], columns.moisture[i]]

@@ -23,11 +23,11 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
 from soil_sim.errors import SoilError
+from soil_sim.jit import helper, kernel
 from soil_sim.soils import MOIST, SoilTables
 
 __all__ = [
@@ -215,7 +215,7 @@ class ColumnArrays(NamedTuple):
     floor: float
 
 
-@njit(cache=True, forceinline=True)
+@helper(forceinline=True)
 def settle_height(columns, i):  # type: ignore[no-untyped-def]
     """Let the surface of the column with flat index i follow its volumes, and note the column."""
     room = columns.firm[i] + columns.bulk[i]
@@ -226,7 +226,7 @@ def settle_height(columns, i):  # type: ignore[no-untyped-def]
         columns.touched[columns.touched[0]] = i
 
 
-@njit(cache=True, forceinline=True)
+@helper(forceinline=True)
 def whole_percent(mean, lot):  # type: ignore[no-untyped-def]
     """The whole per cent below or above a mean moisture [%], the latter as often as it is nearer.
 
@@ -241,7 +241,7 @@ def whole_percent(mean, lot):  # type: ignore[no-untyped-def]
     return np.uint8(low + (chance + slack < mean - low))
 
 
-@njit(cache=True, forceinline=True)
+@kernel(forceinline=True)
 def mixed_moisture(bank, moisture, other_bank, other_moisture):  # type: ignore[no-untyped-def]
     """Moisture [%] of two volumes [mm^3 bank] of soil together, at least one of them above 0."""
     if other_bank == 0 or moisture == other_moisture:
@@ -252,7 +252,7 @@ def mixed_moisture(bank, moisture, other_bank, other_moisture):  # type: ignore[
     return whole_percent((bank * moisture + other_bank * other_moisture) / both, both)
 
 
-@njit(cache=True, forceinline=True)
+@kernel(forceinline=True)
 def add_loose(columns, i, bank, bulk, soil, moisture):  # type: ignore[no-untyped-def]
     """Put `bank` mm^3 of loose soil that takes `bulk` mm^3 of room on the column with index i."""
     had = columns.loose[i]
@@ -273,7 +273,7 @@ def add_loose(columns, i, bank, bulk, soil, moisture):  # type: ignore[no-untype
     settle_height(columns, i)
 
 
-@njit(cache=True, forceinline=True)
+@kernel(forceinline=True)
 def take_loose(columns, i, bank):  # type: ignore[no-untyped-def]
     """Take `bank` mm^3, at most all, of the loose soil of a column; returns the room it took."""
     had = columns.loose[i]
@@ -291,7 +291,7 @@ def take_loose(columns, i, bank):  # type: ignore[no-untyped-def]
     return bulk
 
 
-@njit(cache=True, forceinline=True)
+@kernel(forceinline=True)
 def take_from_column(columns, i, bulk):  # type: ignore[no-untyped-def]
     """Lower the column with flat index i by `bulk` mm^3 of room, loose soil first.
 
@@ -315,7 +315,7 @@ def take_from_column(columns, i, bulk):  # type: ignore[no-untyped-def]
     return from_loose, from_firm
 
 
-@njit(cache=True, forceinline=True)
+@kernel(forceinline=True)
 def pack_column(columns, i, bulk):  # type: ignore[no-untyped-def]
     """Press `bulk` mm^3 of room out of a column's loose soil, down to its bank volume.
 

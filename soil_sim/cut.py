@@ -17,10 +17,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from soil_sim.columns import Columns, mixed_moisture, take_from_column
+from soil_sim.jit import kernel
 from soil_sim.paint import Raster, columns_under, paint
 from soil_sim.refined import RefinedColumns
 from soil_sim.sweeps import SweptPairs
@@ -70,7 +70,9 @@ class SweptCut:
         refined = self._refined
         refined.begin()
         columns, tables = self._columns.arrays, refined.arrays
-        refined.count = paint(*pairs, columns, tables, self._raster, refined.count, refined.tick)
+        refined.count = paint(
+            *pairs, columns.height, columns.floor, tables, self._raster, refined.count, refined.tick
+        )
         if refined.count == 0:  # in the air
             return np.zeros((0, 7))
         removed: Removed = _take(columns, tables, refined.count, refined.per_side**2)
@@ -89,7 +91,7 @@ class SweptCut:
         return gone
 
 
-@njit(cache=True)
+@kernel()
 def _take(columns, refined, count, parts):  # type: ignore[no-untyped-def]
     """Take the painted removal out of the columns, as whole mm^3 of bank volume."""
     cells, sub, mean, removed = refined.cells, refined.sub, refined.mean, refined.removed

@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from msg_bridge.contract.rows import Kind, Rows, sources_of
+from soil_sim.jit import kernel
 
 __all__ = ["HeldSoils"]
 
@@ -57,7 +57,7 @@ class HeldSoils:
         return int(held.volume.argmax()), min(max(moisture, 0), 100)
 
 
-@njit(cache=True)
+@kernel()
 def _book(conversions, source, volume, water):  # type: ignore[no-untyped-def]
     """Count one source's conversions by kind."""
     for n in range(conversions.size):

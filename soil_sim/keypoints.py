@@ -8,12 +8,12 @@ sampled at the end of a tick and the cut is as wide as the grid makes it.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from msg_bridge.contract.rows import Action, Rows
 from soil_sim.columns import Columns, mixed_moisture, take_from_column
 from soil_sim.cut import Removed
+from soil_sim.jit import kernel
 
 __all__ = ["KeyPointCut", "collision_points"]
 
@@ -63,7 +63,7 @@ class KeyPointCut:
         return removed
 
 
-@njit(cache=True)
+@kernel()
 def _lower(points, columns, rows, cols, x_first, y_first, cell):  # type: ignore[no-untyped-def]
     """Lower the four grid points around each point; returns what was removed."""
     out = np.empty((4 * points.shape[0], 7))

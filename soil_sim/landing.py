@@ -9,11 +9,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.rows import Kind, Rows
+from soil_sim.jit import kernel
 
 __all__ = ["Shares", "landing_shares"]
 
@@ -47,10 +47,12 @@ def landing_shares(grid: Grid, answers: Rows) -> Shares:
     return shares
 
 
-@njit(cache=True)
+@kernel()
 def _share(answers, rows, cols, cell, x_first, y_first):  # type: ignore[no-untyped-def]
     """`Shares` of the DEPOSIT rows."""
-    count = 4 * np.sum(answers["kind"] == _DEPOSIT)
+    count = 0
+    for n in range(answers.size):
+        count += 4 * (answers[n].kind == _DEPOSIT)
     cells, volume = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
     soil, moisture = np.empty(count, dtype=np.uint8), np.empty(count, dtype=np.uint8)
     end = 0
@@ -66,16 +68,14 @@ def _share(answers, rows, cols, cell, x_first, y_first):  # type: ignore[no-unty
         u -= i
         v -= j
         total = np.int64(landed.volume_mm3)
-        own = slice(end, end + 4)
-        end += 4
-        volume[own] = (
-            np.int64(total * (1.0 - u) * (1.0 - v)),
-            np.int64(total * (1.0 - u) * v),
-            np.int64(total * u * (1.0 - v)),
-            0,
-        )
-        volume[end - 1] = total - volume[own].sum()
-        first = i * cols + j
-        cells[own] = first, first + 1, first + cols, first + cols + 1
-        soil[own], moisture[own] = landed.soil, landed.moisture
+        left = total
+        for k in range(4):
+            down, across = k // 2, k % 2
+            part = total * (u if down else 1.0 - u) * (v if across else 1.0 - v)
+            share = np.int64(part) if k < 3 else left  # the last one takes what rounding left
+            left -= share
+            volume[end] = share
+            cells[end] = (i + down) * cols + j + across
+            soil[end], moisture[end] = landed.soil, landed.moisture
+            end += 1
     return Shares(cells, volume, soil, moisture)

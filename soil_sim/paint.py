@@ -14,7 +14,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from soil_sim.jit import helper, kernel
 
 __all__ = ["Raster", "columns_under", "paint"]
 
@@ -50,21 +51,22 @@ class Raster(NamedTuple):
     per_side: int
 
 
-@njit(cache=True)
+@kernel()
 def columns_under(points, joined, raster):  # type: ignore[no-untyped-def]
     """Upper bound of the number of columns the pairs and plates can touch in the tick."""
     most = 0.0
     for n in range(points.shape[0]):
-        top, bottom, left, right = _under(points[n : n + 2 if joined[n] else n + 1], raster)
+        top, bottom, left, right = _under(points, n, n + 2 if joined[n] else n + 1, raster)
         most += max(bottom - top + 1.0, 0.0) * max(right - left + 1.0, 0.0)
     return np.int64(min(most, 1.0 * raster.rows * raster.cols))
 
 
-@njit(cache=True)
-def _under(points, raster):  # type: ignore[no-untyped-def]
-    """First and last row, first and last column, as floats, of the columns that pairs may touch."""
+@helper()
+def _under(points, first, end, raster):  # type: ignore[no-untyped-def]
+    """First and last row, first and last column, as floats, of what pairs `first` to `end` may
+    touch."""
     x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf
-    for m in range(points.shape[0]):
+    for m in range(first, end):
         for t in range(2):
             for p in range(2):
                 x0, x1 = min(x0, points[m, t, p, 0]), max(x1, points[m, t, p, 0])
@@ -78,13 +80,14 @@ def _under(points, raster):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True)
-def paint(points, joined, columns, refined, raster, count, tick):  # type: ignore[no-untyped-def]
+@kernel()
+def paint(points, joined, height, floor, refined, raster, count, tick):  # type: ignore[no-untyped-def]
     """Lower subcolumns to what the pairs sweep, and sum what they lose.
 
     Args:
         points, joined: of `SweptPairs`.
-        columns, refined: of `ColumnArrays`, `RefinedArrays`.
+        height, floor: of `ColumnArrays`.
+        refined: of `RefinedArrays`.
         raster: of `Raster`.
         count: the number of refined columns.
         tick: number of the tick.
@@ -92,47 +95,44 @@ def paint(points, joined, columns, refined, raster, count, tick):  # type: ignor
     Returns:
         The number of refined columns.
     """
-    _follow(columns, refined, raster, count)
+    _follow(height, refined, raster, count)
     for n in range(points.shape[0]):
-        if _in_the_air(points[n : n + 2 if joined[n] else n + 1], columns, refined, raster):
+        if _in_the_air(points, n, n + 2 if joined[n] else n + 1, height, refined, raster):
             continue
-        here = points[n]
-        count = _sweep_edge(here[:, 0], here[:, 1], columns, refined, raster, count, tick)
+        for edge in range(3 if joined[n] else 1):  # the pair itself, the left and right side
+            a = n, (1 if edge == 2 else 0)
+            b = (n, 1) if edge == 0 else (n + 1, edge - 1)
+            count = _sweep_edge(points, a, b, height, floor, refined, raster, count, tick)
         if joined[n]:
-            above = points[n + 1]
-            for side in range(2):
-                count = _sweep_edge(
-                    here[:, side], above[:, side], columns, refined, raster, count, tick
-                )
-            count = _sweep_plate(here, above, columns, refined, raster, count, tick)
+            count = _sweep_plate(points, n, height, floor, refined, raster, count, tick)
     return count
 
 
-@njit(cache=True)
-def _in_the_air(points, columns, refined, raster):  # type: ignore[no-untyped-def]
-    """Whether pairs stay above all columns they pass; cheaper to see than to paint for nothing."""
+@helper(inline="always")
+def _in_the_air(points, first, end, height, refined, raster):  # type: ignore[no-untyped-def]
+    """Whether pairs `first` to `end` stay above all columns they pass; cheaper than to paint."""
     lowest = np.inf
-    for m in range(points.shape[0]):
+    for m in range(first, end):
         for t in range(2):
             for p in range(2):
                 lowest = min(lowest, points[m, t, p, 2])
     lowest -= _ROUNDING
-    top, bottom, left, right = _under(points, raster)
+    top, bottom, left, right = _under(points, first, end, raster)
     if bottom < top or right < left:
         return True
     for i in range(np.int64(top), np.int64(bottom) + 1):
         for k in range(i * raster.cols + np.int64(left), i * raster.cols + np.int64(right) + 1):
             slot = refined.slot_of[k]
-            if lowest <= columns.height[k] or (slot >= 0 and lowest <= refined.top[slot]):
+            if lowest <= height[k] or (slot >= 0 and lowest <= refined.top[slot]):
                 return False
     return True
 
 
-@njit(cache=True)
-def _follow(columns, refined, raster, count):  # type: ignore[no-untyped-def]
+@kernel()
+def _follow(height, refined, raster, count):  # type: ignore[no-untyped-def]
     """Soil that slipped or landed since lifts or lowers all subcolumns of its column alike."""
     for slot in range(count):
-        now = columns.height[refined.cells[slot]]
+        now = height[refined.cells[slot]]
         shift = now - refined.mean[slot]
         if shift != 0.0:
             refined.mean[slot] = now
@@ -140,55 +140,61 @@ def _follow(columns, refined, raster, count):  # type: ignore[no-untyped-def]
                 refined.sub[slot, q] += shift
 
 
-@njit(cache=True)
-def _sweep_plate(  # type: ignore[no-untyped-def]
-    lower, upper, columns, refined, raster, count, tick
-):
-    """Paint the plate between two pairs at poses through the tick."""
-    poses = max(
-        max(_poses(lower[:, 0], raster), _poses(lower[:, 1], raster)),
-        max(_poses(upper[:, 0], raster), _poses(upper[:, 1], raster)),
-    )
-    corners = np.empty((4, 3))
+@helper(inline="always")
+def _sweep_plate(points, n, height, floor, refined, raster, count, tick):  # type: ignore[no-untyped-def]
+    """Paint the plate between pairs n and n + 1 at poses through the tick."""
+    poses = 1
+    for m in range(n, n + 2):
+        for p in range(2):
+            poses = max(poses, _poses(points, (m, p), raster))
     for s in range(1, poses + 1):
         t = s / poses
-        for p in range(2):
-            for axis in range(3):
-                corners[p, axis] = (1 - t) * lower[0, p, axis] + t * lower[1, p, axis]
-                corners[2 + p, axis] = (1 - t) * upper[0, p, axis] + t * upper[1, p, axis]
-        count = _paint_quad(corners, columns, refined, raster, count, tick)
+        a, b = _pose(points, (n, 0), t), _pose(points, (n, 1), t)
+        c, d = _pose(points, (n + 1, 0), t), _pose(points, (n + 1, 1), t)
+        count = _paint_quad(a, b, c, d, height, floor, refined, raster, count, tick)
     return count
 
 
-@njit(cache=True)
-def _sweep_edge(a, b, columns, refined, raster, count, tick):  # type: ignore[no-untyped-def]
-    """Paint what the edge from a to b (each at start and end of the tick) sweeps between poses."""
-    poses = max(_poses(a, raster), _poses(b, raster))
-    corners = np.empty((4, 3))  # a, b before; a, b after
-    corners[0], corners[1] = a[0], b[0]
+@helper(inline="always")
+def _sweep_edge(points, a, b, height, floor, refined, raster, count, tick):  # type: ignore[no-untyped-def]
+    """Paint what the edge from key point a to b, each (pair, end), sweeps between poses."""
+    poses = max(_poses(points, a, raster), _poses(points, b, raster))
+    (m, p), (n, q) = a, b
+    from_a = points[m, 0, p, 0], points[m, 0, p, 1], points[m, 0, p, 2]
+    from_b = points[n, 0, q, 0], points[n, 0, q, 1], points[n, 0, q, 2]
     for s in range(1, poses + 1):
-        t = s / poses
-        for axis in range(3):
-            corners[2, axis] = (1 - t) * a[0, axis] + t * a[1, axis]
-            corners[3, axis] = (1 - t) * b[0, axis] + t * b[1, axis]
-        count = _paint_quad(corners, columns, refined, raster, count, tick)
-        corners[0], corners[1] = corners[2], corners[3]
-    return _stand(corners[0], corners[1], columns, refined, raster, count, tick)
+        to_a, to_b = _pose(points, a, s / poses), _pose(points, b, s / poses)
+        count = _paint_quad(from_a, from_b, to_a, to_b, height, floor, refined, raster, count, tick)
+        from_a, from_b = to_a, to_b
+    return _stand(from_a, from_b, height, floor, refined, raster, count, tick)
 
 
-@njit(cache=True)
-def _poses(point, raster):  # type: ignore[no-untyped-def]
-    """Poses through the tick for a key point's way: half a subcolumn apart, at least one."""
+@helper(inline="always")
+def _pose(points, which, t):  # type: ignore[no-untyped-def]
+    """Where a key point (pair, end) is at a part t of the tick."""
+    n, p = which
+    return (
+        (1 - t) * points[n, 0, p, 0] + t * points[n, 1, p, 0],
+        (1 - t) * points[n, 0, p, 1] + t * points[n, 1, p, 1],
+        (1 - t) * points[n, 0, p, 2] + t * points[n, 1, p, 2],
+    )
+
+
+@helper()
+def _poses(points, which, raster):  # type: ignore[no-untyped-def]
+    """Poses through the tick for the way of a key point (pair, end): half a subcolumn apart, at
+    least one."""
+    n, p = which
     way = 0.0
     for axis in range(3):
-        way = max(way, abs(point[1, axis] - point[0, axis]))
+        way = max(way, abs(points[n, 1, p, axis] - points[n, 0, p, axis]))
     return np.int64(
         min(max(np.ceil(way / (0.5 * raster.cell / raster.per_side)), 1.0), _MOST_POSES)
     )
 
 
-@njit(cache=True)
-def _stand(a, b, columns, refined, raster, count, tick):  # type: ignore[no-untyped-def]
+@helper(inline="always")
+def _stand(a, b, height, floor, refined, raster, count, tick):  # type: ignore[no-untyped-def]
     """Note the columns in which the edge from a to b lies below the surface."""
     length = max(abs(b[0] - a[0]), abs(b[1] - a[1]))
     steps = np.int64(min(np.ceil(length / raster.cell * raster.per_side), 1e6))
@@ -198,41 +204,42 @@ def _stand(a, b, columns, refined, raster, count, tick):  # type: ignore[no-unty
         col = np.floor((raster.y_first - (1 - t) * a[1] - t * b[1]) / raster.cell + 0.5)
         if 0.0 <= row < raster.rows and 0.0 <= col < raster.cols:
             k = np.int64(row) * raster.cols + np.int64(col)
-            z = max((1 - t) * a[2] + t * b[2], columns.floor)
+            z = max((1 - t) * a[2] + t * b[2], floor)
             slot = refined.slot_of[k]
             if slot < 0:
-                if not z < columns.height[k]:
+                if not z < height[k]:
                     continue
                 slot = count
                 count += 1
-                _refine(k, columns, refined, slot)
+                _refine(k, height, refined, slot)
             if z <= refined.top[slot]:
                 refined.seen[slot] = tick
     return count
 
 
-@njit(cache=True)
-def _refine(k, columns, refined, slot):  # type: ignore[no-untyped-def]
+@helper()
+def _refine(k, height, refined, slot):  # type: ignore[no-untyped-def]
     """Give column k, level so far, a slot."""
-    top = columns.height[k]
+    top = height[k]
     refined.slot_of[k] = slot
     refined.cells[slot] = k
     refined.mean[slot] = top
     refined.top[slot] = top
-    refined.sub[slot, :] = top
-    refined.removed[slot, :] = 0.0
+    for q in range(refined.sub.shape[1]):
+        refined.sub[slot, q] = top
+    for n in range(refined.removed.shape[1]):
+        refined.removed[slot, n] = 0.0
 
 
-@njit(cache=True)
-def _paint_quad(corners, columns, refined, raster, count, tick):  # type: ignore[no-untyped-def]
-    """Lower subcolumns to the two triangles (0, 1, 2) and (1, 3, 2) of four corners."""
-    a, b, c, d = corners[0], corners[1], corners[2], corners[3]
-    count = _paint_triangle(a, b, c, columns, refined, raster, count, tick)
-    return _paint_triangle(b, d, c, columns, refined, raster, count, tick)
+@helper()
+def _paint_quad(a, b, c, d, height, floor, refined, raster, count, tick):  # type: ignore[no-untyped-def]
+    """Lower subcolumns to the two triangles (a, b, c) and (b, d, c) of four corners."""
+    count = _paint_triangle(a, b, c, height, floor, refined, raster, count, tick)
+    return _paint_triangle(b, d, c, height, floor, refined, raster, count, tick)
 
 
-@njit(cache=True)
-def _paint_triangle(a, b, c, columns, refined, raster, count, tick):  # type: ignore[no-untyped-def]
+@helper()
+def _paint_triangle(a, b, c, height, floor, refined, raster, count, tick):  # type: ignore[no-untyped-def]
     """Lower the subcolumns whose samples lie under a triangle; returns the refined columns."""
     # In units of subcolumns, so that the sample of subcolumn (fi, fj) lies at (fi, fj).
     per_side = raster.per_side
@@ -247,7 +254,7 @@ def _paint_triangle(a, b, c, columns, refined, raster, count, tick):  # type: ig
         return count
     z_u = ((b[2] - a[2]) * (vc - va) - (c[2] - a[2]) * (vb - va)) / area
     z_v = ((ub - ua) * (c[2] - a[2]) - (uc - ua) * (b[2] - a[2])) / area
-    lowest = max(min(a[2], b[2], c[2]), columns.floor)
+    lowest = max(min(a[2], b[2], c[2]), floor)
     highest = max(a[2], b[2], c[2])
     # Clipped as floats: beyond the int range a cast is not defined.
     rows, cols = float(raster.rows * per_side), float(raster.cols * per_side)
@@ -268,11 +275,11 @@ def _paint_triangle(a, b, c, columns, refined, raster, count, tick):  # type: ig
             k = i * raster.cols + j
             slot = refined.slot_of[k]
             if slot < 0:
-                if not z < columns.height[k]:
+                if not z < height[k]:
                     continue
                 slot = count
                 count += 1
-                _refine(k, columns, refined, slot)
+                _refine(k, height, refined, slot)
             if z <= refined.top[slot]:
                 refined.seen[slot] = tick
             q = (fi - i * per_side) * per_side + fj - j * per_side
@@ -286,7 +293,7 @@ def _paint_triangle(a, b, c, columns, refined, raster, count, tick):  # type: ig
     return count
 
 
-@njit(cache=True, inline="always")
+@helper(inline="always")
 def _between(u, ua, va, ub, vb, lo, hi):  # type: ignore[no-untyped-def]
     """Widen (lo, hi) by where the side from a to b crosses row u, if it does."""
     if (ua <= u) != (ub <= u):

@@ -7,10 +7,10 @@ undisturbed. Firm soil does not give. A column counts as under the plate if its 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from soil_sim.columns import Columns, pack_column
+from soil_sim.jit import helper, kernel
 from soil_sim.sweeps import SweptPairs
 
 __all__ = ["press"]
@@ -44,39 +44,53 @@ def press(columns: Columns, pairs: SweptPairs) -> NDArray[np.int64]:
     return np.unique(packed) if packed.size else packed
 
 
-@njit(cache=True)
+@kernel()
 def _press(points, joined, columns, rows, cols, x_first, y_first, cell):  # type: ignore[no-untyped-def]
-    packed = [np.int64(0) for _ in range(0)]
-    corners = np.empty((4, 3))
+    """`press`; a column is told once for each triangle that packs it."""
+    packed, count = np.empty(64, dtype=np.int64), np.int64(0)
     for n in range(points.shape[0] - 1):
         if not joined[n]:
             continue
         way = 0.0
         for m in range(n, n + 2):
             for p in range(2):
-                way = max(way, np.abs(points[m, 1, p] - points[m, 0, p]).max())
+                for axis in range(3):
+                    way = max(way, abs(points[m, 1, p, axis] - points[m, 0, p, axis]))
         poses = min(max(1, int(np.ceil(2.0 * way / cell))), _MOST_POSES)
         for pose in range(1, poses + 1):
             t = pose / poses
             # Left and right of this pair, then of the next.
-            for m in range(2):
-                for p in range(2):
-                    start, end = points[n + m, 0, p], points[n + m, 1, p]
-                    corners[2 * m + p] = start + t * (end - start)
-            for third in (0, 3):
-                _press_triangle(
-                    corners[1], corners[2], corners[third],
-                    columns, rows, cols, x_first, y_first, cell, packed,
-                )  # fmt: skip
-    return np.array(packed, dtype=np.int64)
+            a, b = _corner(points, n, 0, t), _corner(points, n, 1, t)
+            c, d = _corner(points, n + 1, 0, t), _corner(points, n + 1, 1, t)
+            for third in (a, d):
+                packed, count = _press_triangle(
+                    b, c, third, columns, rows, cols, x_first, y_first, cell, packed, count
+                )
+    return packed[:count]
 
 
-@njit(cache=True)
-def _press_triangle(a, b, c, columns, rows, cols, x_first, y_first, cell, packed):  # type: ignore[no-untyped-def]
-    """Pack the columns whose centre is under a triangle down to it."""
+@helper(inline="always")
+def _corner(points, n, p, t):  # type: ignore[no-untyped-def]
+    """Where an end of a pair is at a part t of the tick."""
+    return (
+        points[n, 0, p, 0] + t * (points[n, 1, p, 0] - points[n, 0, p, 0]),
+        points[n, 0, p, 1] + t * (points[n, 1, p, 1] - points[n, 0, p, 1]),
+        points[n, 0, p, 2] + t * (points[n, 1, p, 2] - points[n, 0, p, 2]),
+    )
+
+
+@helper()
+def _press_triangle(  # type: ignore[no-untyped-def]
+    a, b, c, columns, rows, cols, x_first, y_first, cell, packed, count
+):
+    """Pack the columns whose centre is under a triangle down to it, and note them.
+
+    Returns:
+        (flat indices noted, with room for more; how many).
+    """
     area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
     if abs(area) < 1e-12:  # seen from above it is a line
-        return
+        return packed, count
     x0, x1 = min(a[0], b[0], c[0]), max(a[0], b[0], c[0])
     y0, y1 = min(a[1], b[1], c[1]), max(a[1], b[1], c[1])
     top = max(np.ceil((x_first - x1) / cell), 0.0)
@@ -84,7 +98,7 @@ def _press_triangle(a, b, c, columns, rows, cols, x_first, y_first, cell, packed
     left = max(np.ceil((y_first - y1) / cell), 0.0)
     right = min(np.floor((y_first - y0) / cell), cols - 1.0)
     if bottom < top or right < left:
-        return
+        return packed, count
     for i in range(np.int64(top), np.int64(bottom) + 1):
         x = x_first - i * cell
         for j in range(np.int64(left), np.int64(right) + 1):
@@ -96,4 +110,11 @@ def _press_triangle(a, b, c, columns, rows, cols, x_first, y_first, cell, packed
             k = i * cols + j
             over = columns.height[k] - (a[2] + u * (b[2] - a[2]) + v * (c[2] - a[2]))
             if over > 0.0 and pack_column(columns, k, over / columns.metres_per_mm3) > 0:
-                packed.append(k)
+                if count == packed.size:
+                    more = np.empty(2 * count, dtype=np.int64)
+                    for n in range(count):
+                        more[n] = packed[n]
+                    packed = more
+                packed[count] = k
+                count += 1
+    return packed, count

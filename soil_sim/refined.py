@@ -8,8 +8,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from soil_sim.jit import kernel
 
 __all__ = ["RefinedArrays", "RefinedColumns"]
 
@@ -99,7 +100,7 @@ def _tables(slot_of: NDArray[np.int64], slots: int, per_side: int) -> RefinedArr
     )
 
 
-@njit(cache=True)
+@kernel()
 def _release(tables, count, tick):  # type: ignore[no-untyped-def]
     """Free the slots that no tool was in; returns (slots in use, columns freed)."""
     slot_of, cells, seen, sub, mean, top, _ = tables
@@ -115,6 +116,7 @@ def _release(tables, count, tick):  # type: ignore[no-untyped-def]
         slot_of[cell] = kept
         cells[kept], seen[kept] = cell, tick
         mean[kept], top[kept] = mean[slot], top[slot]
-        sub[kept] = sub[slot]
+        for q in range(sub.shape[1]):
+            sub[kept, q] = sub[slot, q]
         kept += 1
     return kept, gone[: count - kept]

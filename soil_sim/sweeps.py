@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from msg_bridge.contract.rows import Action, Rows
+from soil_sim.jit import helper, kernel
 
 __all__ = ["Stroke", "Sweeps", "SweptPairs", "sound_sweeps", "strokes_of"]
 
@@ -116,7 +116,7 @@ def strokes_of(sweeps: Sweeps) -> list[Stroke]:
     return strokes
 
 
-@njit(cache=True)
+@kernel()
 def _read(rows):  # type: ignore[no-untyped-def]
     """Key points, first rows and faults (indices into `_FAULTS`) of tools; rows by tool."""
     points = np.empty((rows.size, 2, 3))
@@ -124,8 +124,8 @@ def _read(rows):  # type: ignore[no-untyped-def]
     tools = 0
     for n in range(rows.size):
         row = rows[n]
-        points[n, 0] = row.x0, row.y0, row.z0
-        points[n, 1] = row.x1, row.y1, row.z1
+        points[n, 0, 0], points[n, 0, 1], points[n, 0, 2] = row.x0, row.y0, row.z0
+        points[n, 1, 0], points[n, 1, 1], points[n, 1, 2] = row.x1, row.y1, row.z1
         if n == 0 or row.source != rows[n - 1].source or row.tool != rows[n - 1].tool:
             first[tools] = n
             tools += 1
@@ -133,57 +133,66 @@ def _read(rows):  # type: ignore[no-untyped-def]
     faults = np.zeros(tools, dtype=np.int64)
     for n in range(tools):
         end = first[n + 1] if n + 1 < tools else rows.size
-        faults[n] = _fault(rows[first[n] : end], points[first[n] : end])
+        faults[n] = _fault(rows, points, first[n], end)
     return points, first, faults
 
 
-@njit(cache=True)
-def _fault(rows, points):  # type: ignore[no-untyped-def]
-    """The first fault found in one tool's rows; 0 for a sound tool."""
-    if rows.size % 2 == 1:
+@helper()
+def _fault(rows, points, first, end):  # type: ignore[no-untyped-def]
+    """The first fault found in the rows of one tool, `first` to `end`; 0 for a sound tool."""
+    if (end - first) % 2 == 1:
         return 1
-    for n in range(rows.size):
-        if rows[n].pair != n // 2:
+    for n in range(first, end):
+        own = n - first
+        if rows[n].pair != own // 2:
             return 1
-        if rows[n].action > 2 or rows[n].action != rows[n - n % 2].action:
+        if rows[n].action > 2 or rows[n].action != rows[n - own % 2].action:
             return 2
-        for t in range(2):
-            for axis in range(3):
-                if not abs(points[n, t, axis]) <= _FARTHEST:
-                    return 3
-        if ((points[n, 1] - points[n, 0]) ** 2).sum() > _LONGEST_WAY**2:
+        way = 0.0
+        for axis in range(3):
+            start, stop = points[n, 0, axis], points[n, 1, axis]
+            if not (abs(start) <= _FARTHEST and abs(stop) <= _FARTHEST):
+                return 3
+            way += (stop - start) ** 2
+        if way > _LONGEST_WAY**2:
             return 5
     for t in range(2):
         for axis in range(3):
-            if np.ptp(points[:, t, axis]) > _LARGEST_TOOL:
+            low = high = points[first, t, axis]
+            for n in range(first, end):
+                low, high = min(low, points[n, t, axis]), max(high, points[n, t, axis])
+            if high - low > _LARGEST_TOOL:
                 return 4
     return 0
 
 
-@njit(cache=True)
+@kernel()
 def _pairs_of_source(rows, points, start):  # type: ignore[no-untyped-def]
     """(pairs that cut, pairs that press, end) of the source whose rows begin at `start`."""
     end = start
     while end < rows.size and rows[end].source == rows[start].source:
         end += 1
-    own, key_points = rows[start:end], points[start:end]
-    return _pairs(own, key_points, False), _pairs(own, key_points, True), end
+    # Of a type and not literals, for each of which Numba would compile `_pairs` anew.
+    no, yes = np.bool_(False), np.bool_(True)
+    return _pairs(rows, points, start, end, no), _pairs(rows, points, start, end, yes), end
 
 
-@njit(cache=True)
-def _pairs(rows, points, pressing):  # type: ignore[no-untyped-def]
-    """The pairs of one source's rows that press, or those that do not."""
-    left = np.empty(rows.size // 2, dtype=np.int64)  # index of each one's first row
+@helper()
+def _pairs(rows, points, start, end, pressing):  # type: ignore[no-untyped-def]
+    """The pairs of one source's rows, `start` to `end`, that press, or those that do not."""
+    left = np.empty((end - start) // 2, dtype=np.int64)  # index of each one's first row
     count = 0
-    for n in range(0, rows.size, 2):
+    for n in range(start, end, 2):
         if (rows[n].action == _PRESS) == pressing:
             left[count] = n
             count += 1
     ends = np.empty((count, 2, 2, 3))
     joined = np.zeros(count, dtype=np.bool_)
     for k in range(count):
-        for side in range(2):
-            ends[k, :, side] = points[left[k] + side]
+        for t in range(2):
+            for side in range(2):
+                for axis in range(3):
+                    ends[k, t, side, axis] = points[left[k] + side, t, axis]
         if k > 0:
             here, before = rows[left[k]], rows[left[k - 1]]
             joined[k - 1] = here.tool == before.tool and here.pair == before.pair + 1

@@ -12,10 +12,10 @@ from __future__ import annotations
 import hashlib
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from soil_sim.columns import Columns
+from soil_sim.jit import kernel
 
 __all__ = ["TILE", "Tiles"]
 
@@ -77,7 +77,7 @@ class Tiles:
         return (slice(i * TILE, (i + 1) * TILE), slice(j * TILE, (j + 1) * TILE))
 
 
-@njit(cache=True)
+@kernel()
 def _add(volume, stale, cells, grown, cols, tile_cols):  # type: ignore[no-untyped-def]
     """Add what columns grew to the volume of their tiles, and note that those are stale."""
     for n in range(cells.size):

@@ -1,4 +1,4 @@
-"""Compile every kernel before the first real tick."""
+"""Compile the kernels before the first real tick; those of drums with the first drum that comes."""
 
 from __future__ import annotations
 

@@ -18,9 +18,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from soil_sim.force.strength import add_force, column_at
+from soil_sim.jit import helper
+from soil_sim.vectors import cross, dot, length, minus, over, plus, point_at, times
 
 __all__ = ["add_bearing", "bearing_capacity"]
 
@@ -40,7 +41,7 @@ _BESIDE = 1.5
 """Where the soil beside is looked for, in cells."""
 
 
-@njit(cache=True)
+@helper(inline="always")
 def add_bearing(points, middle, columns, frame, strength, sums):  # type: ignore[no-untyped-def]
     """Add what can bear a tool at the end of its tick; places from `middle`.
 
@@ -52,33 +53,29 @@ def add_bearing(points, middle, columns, frame, strength, sums):  # type: ignore
         sums: of `add_force`.
     """
     plates = len(points) // 2 - 1
-    body = np.zeros(3)
+    body = (0.0, 0.0, 0.0)
     for row in range(len(points)):
-        body += points[row, 1] / len(points)
+        body = plus(body, over(point_at(points, row, 1), float(len(points))))
     on = np.empty(plates * _STRIPS, dtype=np.int64)  # columns pressed on
     pads = np.empty((plates * _STRIPS, 7))  # where, the way it bears, the area [m^2]
     count = 0
     for k in range(plates):
-        a, b, c, d = (
-            points[2 * k, 1],
-            points[2 * k + 1, 1],
-            points[2 * k + 2, 1],
-            points[2 * k + 3, 1],
-        )
-        out = np.cross(b - a, 0.5 * (c + d - a - b))
-        area = math.sqrt((out**2).sum())
+        a, b = point_at(points, 2 * k, 1), point_at(points, 2 * k + 1, 1)
+        c, d = point_at(points, 2 * k + 2, 1), point_at(points, 2 * k + 3, 1)
+        out = cross(minus(b, a), times(0.5, minus(minus(plus(c, d), a), b)))
+        area = length(out)
         if area < 1e-9:
             continue
-        out /= area
-        inward = (out * (body - a)).sum()
+        out = over(out, area)
+        inward = dot(out, minus(body, a))
         if inward > 0.0:
-            out = -out
+            out = times(-1.0, out)
         # A plate alone has no outside; an upright one does not rest on what its columns hold.
         if abs(inward) < 1e-6 or out[2] > -_UPRIGHT:
             continue
         for strip in range(_STRIPS):
             share = (strip + 0.5) / _STRIPS
-            at = 0.5 * ((1.0 - share) * (a + c) + share * (b + d))
+            at = times(0.5, plus(times(1.0 - share, plus(a, c)), times(share, plus(b, d))))
             i = column_at(at[0], at[1], frame)
             if i < 0:
                 continue
@@ -87,38 +84,42 @@ def add_bearing(points, middle, columns, frame, strength, sums):  # type: ignore
             dy = frame[4] - i % frame[1] * frame[2] - at[1]
             if columns.height[i] + _TOUCH > at[2] - (out[0] * dx + out[1] * dy) / out[2]:
                 on[count] = i
-                pads[count, :3] = at - middle
-                pads[count, 3:6] = -out
+                for axis in range(3):
+                    pads[count, axis] = at[axis] - middle[axis]
+                    pads[count, 3 + axis] = -out[axis]
                 pads[count, 6] = area / _STRIPS
                 count += 1
     if count:
-        width = math.sqrt(((points[1, 1] - points[0, 1]) ** 2).sum())
-        breadth = pads[:count, 6].sum() / width
+        breadth = 0.0
+        for n in range(count):
+            breadth += pads[n, 6]
+        breadth /= length(minus(point_at(points, 1, 1), point_at(points, 0, 1)))
         for n in range(count):
             x, y, z, nx, ny, nz, area = pads[n]
             force = area * bearing_capacity(on[n], breadth, 0.0, columns, strength)
-            add_force(sums, x, y, z, force * nx, force * ny, force * nz)
+            add_force(sums, (x, y, z), times(force, (nx, ny, nz)))
     _add_lip(points, middle, columns, frame, strength, sums)
 
 
-@njit(cache=True)
+@helper(inline="always")
 def _add_lip(points, middle, columns, frame, strength, sums):  # type: ignore[no-untyped-def]
     """Add what bears the lip's edge, along its plate."""
-    left, right = points[0, 1], points[1, 1]
-    up = 0.5 * (points[2, 1] + points[3, 1] - left - right)
-    length = math.sqrt((up**2).sum())
-    if length < 1e-6 or up[2] < _UPRIGHT * length:
+    left, right = point_at(points, 0, 1), point_at(points, 1, 1)
+    above = plus(point_at(points, 2, 1), point_at(points, 3, 1))
+    up = times(0.5, minus(minus(above, left), right))
+    long = length(up)
+    if long < 1e-6 or up[2] < _UPRIGHT * long:
         return
-    up /= length
-    across = right - left
-    width = math.sqrt((across**2).sum())
+    up = over(up, long)
+    across = minus(right, left)
+    width = length(across)
     level = math.hypot(across[0], across[1])
     if level < 1e-6:
         return
     # Beside: to either side of the lip, level.
     sx, sy = -across[1] / level * _BESIDE * frame[2], across[0] / level * _BESIDE * frame[2]
     for strip in range(_STRIPS):
-        at = left + (strip + 0.5) / _STRIPS * across
+        at = plus(left, times((strip + 0.5) / _STRIPS, across))
         i = column_at(at[0], at[1], frame)
         if i < 0 or columns.height[i] + _TOUCH <= at[2]:
             continue
@@ -129,11 +130,10 @@ def _add_lip(points, middle, columns, frame, strength, sums):  # type: ignore[no
                 deep = min(deep, columns.height[j] - at[2])
         deep = max(deep, 0.0) if deep < math.inf else 0.0
         force = _EDGE * width / _STRIPS * bearing_capacity(i, _EDGE, deep, columns, strength)
-        at = at - middle
-        add_force(sums, at[0], at[1], at[2], force * up[0], force * up[1], force * up[2])
+        add_force(sums, minus(at, middle), times(force, up))
 
 
-@njit(cache=True)
+@helper()
 def bearing_capacity(i, breadth, deep, columns, strength):  # type: ignore[no-untyped-def]
     """Bearing capacity of column i [Pa], `deep` [m] below the soil beside.
 
@@ -141,7 +141,7 @@ def bearing_capacity(i, breadth, deep, columns, strength):  # type: ignore[no-un
     """
     firm = max(0.0, 1.0 - columns.bulk[i] * columns.metres_per_mm3 / breadth)
     kind = columns.soil[i] if firm > 0.0 else columns.loose_soil[i]
-    cohesion = firm * strength.cohesion[kind, columns.moisture[i]]
-    gamma = strength.gamma[kind]
-    carried = cohesion * strength.n_c[kind] + gamma * deep * strength.n_q[kind]
-    return carried + 0.5 * breadth * gamma * strength.n_gamma[kind]
+    cohesion = firm * strength[kind].cohesion[columns.moisture[i]]
+    gamma = strength[kind].gamma
+    carried = cohesion * strength[kind].n_c + gamma * deep * strength[kind].n_q
+    return carried + 0.5 * breadth * gamma * strength[kind].n_gamma

@@ -30,12 +30,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numba import njit
-
 from soil_sim.force.earthmoving import blade_force
 from soil_sim.force.pick import goktan_force
 from soil_sim.force.strength import add_force, column_at
+from soil_sim.jit import helper
+from soil_sim.vectors import cross, dot, length, minus, over, plus, point_at, times
 
 __all__ = ["AHEAD", "AT_REST", "STRIPS", "add_lip", "strip_force"]
 
@@ -82,33 +81,34 @@ class _Travel(NamedTuple):
     counts: float
 
 
-@njit(cache=True)
+@helper(inline="always")
 def _travel(points):  # type: ignore[no-untyped-def]
     """The travel of one tool by its key points, shape (rows, 2, 3)."""
     none = _Travel((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
-    lip = 0.5 * (points[0, 1] + points[1, 1])
-    way = lip - 0.5 * (points[0, 0] + points[1, 0])
-    length = math.sqrt((way**2).sum())
-    if length < AT_REST:
+    left, right = point_at(points, 0, 1), point_at(points, 1, 1)
+    lip = times(0.5, plus(left, right))
+    way = minus(lip, times(0.5, plus(point_at(points, 0, 0), point_at(points, 1, 0))))
+    far = length(way)
+    if far < AT_REST:
         return none
-    t = way / length
-    n = np.cross(t, points[1, 1] - points[0, 1])
-    width = math.sqrt((n**2).sum())
+    t = over(way, far)
+    n = cross(t, minus(right, left))
+    width = length(n)
     if width < 1e-6:
         return none
-    n /= width
-    plate = 0.5 * (points[2, 1] + points[3, 1]) - lip
-    behind, beside = -(plate * t).sum(), (plate * n).sum()
-    rest = np.zeros(3)
+    n = over(n, width)
+    plate = minus(times(0.5, plus(point_at(points, 2, 1), point_at(points, 3, 1))), lip)
+    behind, beside = -dot(plate, t), dot(plate, n)
+    rest = (0.0, 0.0, 0.0)
     top = lip[2]
     for row in range(len(points)):
-        rest += points[row, 1] - lip
+        rest = plus(rest, minus(point_at(points, row, 1), lip))
         top = max(top, points[row, 1, 2])
     # The inside's normal is (beside, behind) in t and n; n is turned until the rest is there.
-    inside = (rest * t).sum() * beside + (rest * n).sum() * behind
+    inside = dot(rest, t) * beside + dot(rest, n) * behind
     alone = abs(inside) <= 1e-6 * len(points)
     if beside < 0.0 if alone else inside < 0.0:
-        n, beside = -n, -beside
+        n, beside = times(-1.0, n), -beside
     if beside <= 0.0 and behind <= 0.0:
         return none
     counts = min(1.0, 1.0 + n[2]) if t[2] < 0.0 else max(n[2], 0.0)
@@ -118,12 +118,10 @@ def _travel(points):  # type: ignore[no-untyped-def]
     if ahead > 1e-6:
         ax, ay = ax / ahead, ay / ahead
     rake = math.atan2(max(beside, 0.0), behind)
-    return _Travel(
-        (t[0], t[1], t[2]), (n[0], n[1], n[2]), (ax, ay), width, rake, top - lip[2], counts
-    )
+    return _Travel(t, n, (ax, ay), width, rake, top - lip[2], counts)
 
 
-@njit(cache=True)
+@helper(inline="always")
 def add_lip(points, middle, columns, frame, strength, sums):  # type: ignore[no-untyped-def]
     """Add what resists the cut of a tool's lip in a tick; places from `middle`.
 
@@ -137,11 +135,11 @@ def add_lip(points, middle, columns, frame, strength, sums):  # type: ignore[no-
     travel = _travel(points)
     if travel.counts <= 0.0:
         return
-    left, right = points[0, 1], points[1, 1]
+    left, right = point_at(points, 0, 1), point_at(points, 1, 1)
     t, n = travel.along, travel.off
     ahead = AHEAD * frame[2]
     for strip in range(STRIPS):
-        at = left + (strip + 0.5) / STRIPS * (right - left)
+        at = plus(left, times((strip + 0.5) / STRIPS, minus(right, left)))
         i = column_at(at[0] + ahead * travel.ahead[0], at[1] + ahead * travel.ahead[1], frame)
         if i < 0 or columns.height[i] <= at[2]:
             continue
@@ -150,14 +148,11 @@ def add_lip(points, middle, columns, frame, strength, sums):  # type: ignore[no-
         against, off = strip_force(
             i, below, depth, width, travel.rake, travel.height, columns, strength
         )
-        at -= middle
-        add_force(
-            sums, at[0], at[1], at[2] + depth / 3.0,
-            off * n[0] - against * t[0], off * n[1] - against * t[1], off * n[2] - against * t[2],
-        )  # fmt: skip
+        x, y, z = minus(at, middle)
+        add_force(sums, (x, y, z + depth / 3.0), minus(times(off, n), times(against, t)))
 
 
-@njit(cache=True)
+@helper()
 def strip_force(  # type: ignore[no-untyped-def]
     i, below, depth, width, rake, height, columns, strength
 ):
@@ -177,23 +172,23 @@ def strip_force(  # type: ignore[no-untyped-def]
     kind = columns.soil[i] if firm > 0.0 else columns.loose_soil[i]
     gamma = 0.0
     if firm < 1.0:
-        gamma = strength.gamma[columns.loose_soil[i]] * (columns.loose[i] / columns.bulk[i])
-    rock = firm > 0.0 and strength.tensile[kind] > 0.0
+        gamma = strength[columns.loose_soil[i]].gamma * (columns.loose[i] / columns.bulk[i])
+    rock = firm > 0.0 and strength[kind].tensile > 0.0
     against = off = 0.0
     if rock:
         picks = width / _PICK_SPACING
         against = picks * goktan_force(
-            firm * depth, _PICK_ANGLE, strength.tensile[kind], _PICK_FRICTION
+            firm * depth, _PICK_ANGLE, strength[kind].tensile, _PICK_FRICTION
         )
         off = _PICK_NORMAL * against
         depth *= 1.0 - firm
         cohesion = adhesion = above = 0.0
     else:
-        gamma = firm * strength.gamma[kind] + (1.0 - firm) * gamma
-        cohesion = firm * strength.cohesion[kind, columns.moisture[i]]
-        adhesion = strength.adhesion[kind, columns.moisture[i]]
+        gamma = firm * strength[kind].gamma + (1.0 - firm) * gamma
+        cohesion = firm * strength[kind].cohesion[columns.moisture[i]]
+        adhesion = strength[kind].adhesion[columns.moisture[i]]
     horizontal, vertical = blade_force(
-        width, depth, rake, gamma * above, gamma, strength.phi[kind], strength.delta[kind],
+        width, depth, rake, gamma * above, gamma, strength[kind].phi, strength[kind].delta,
         cohesion, adhesion,
     )  # fmt: skip
     return against + horizontal, off + vertical

@@ -68,9 +68,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from numba import njit
-
 from soil_sim.errors import SoilError
+from soil_sim.jit import helper, kernel
 
 __all__ = [
     "MAX_FRICTION",
@@ -192,7 +191,7 @@ def _check_angles(rake: float, phi: float, delta: float) -> None:
         raise SoilError(f"delta is {delta} rad; give an angle from 0 to below pi/2, in radians")
 
 
-@njit(cache=True, inline="always")
+@helper(inline="always")
 def _held(rake, phi, delta):  # type: ignore[no-untyped-def]
     """The nearest angles the theory holds for."""
     # Comparisons, as min and max would drop a NaN.
@@ -211,7 +210,7 @@ def _held(rake, phi, delta):  # type: ignore[no-untyped-def]
     return rake, phi, delta
 
 
-@njit(cache=True)
+@kernel()
 def wedge_factors(rake, phi, delta):  # type: ignore[no-untyped-def]
     """Kernel: (rake that counts, beta, N_gamma, N_c, N_q, N_a) of angles in rad.
 
@@ -234,7 +233,7 @@ def wedge_factors(rake, phi, delta):  # type: ignore[no-untyped-def]
     return rake, math.atan2(1.0, cot_beta), 0.5 * n_q, n_c, n_q, n_a
 
 
-@njit(cache=True)
+@kernel()
 def blade_force(width, depth, rake, surcharge, gamma, phi, delta, cohesion, adhesion):  # type: ignore[no-untyped-def]
     """Kernel: (horizontal, vertical) force [N] of the soil on a blade, as in `EarthForce`.
 

@@ -27,12 +27,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numba import njit
-
 from soil_sim.force.bearing import bearing_capacity
 from soil_sim.force.pick import goktan_force
 from soil_sim.force.strength import add_force, column_at
+from soil_sim.jit import helper, kernel
+from soil_sim.vectors import dot, length, minus, over, plus, point_at, times
 
 __all__ = ["add_milling", "add_standing", "is_ring", "rock_energy"]
 
@@ -50,13 +49,13 @@ _OUTSIDE = 0.01
 """How far outside the tips the ground is looked for [m]."""
 
 
-@njit(cache=True)
+@kernel()
 def rock_energy(tensile):  # type: ignore[no-untyped-def]
     """Specific energy [J/m^3] of rock with a tensile strength [Pa] under picks."""
     return _MEAN * goktan_force(1.0, _TIP, tensile, _FRICTION) / math.tan(_BREAKOUT)
 
 
-@njit(cache=True)
+@helper(inline="always")
 def is_ring(points):  # type: ignore[no-untyped-def]
     """Whether key points, shape (rows, 2, 3), are a drum's: the last pair is where the first is."""
     rows = len(points)
@@ -69,7 +68,7 @@ def is_ring(points):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True)
+@helper()
 def _facet(points, k, axis):  # type: ignore[no-untyped-def]
     """Facet `k` of a drum between two pairs of key points, at the end of the tick.
 
@@ -77,15 +76,15 @@ def _facet(points, k, axis):  # type: ignore[no-untyped-def]
         (middle of its left edge, of its right one, unit vector out from `axis`, whether it lies on
         the axis and has none).
     """
-    left = 0.5 * (points[2 * k, 1] + points[2 * k + 2, 1])
-    right = 0.5 * (points[2 * k + 1, 1] + points[2 * k + 3, 1])
-    out = 0.5 * (left + right) - axis
-    distance = math.sqrt((out**2).sum())
+    left = times(0.5, plus(point_at(points, 2 * k, 1), point_at(points, 2 * k + 2, 1)))
+    right = times(0.5, plus(point_at(points, 2 * k + 1, 1), point_at(points, 2 * k + 3, 1)))
+    out = minus(times(0.5, plus(left, right)), axis)
+    distance = length(out)
     flat = distance < 1e-6
-    return left, right, out if flat else out / distance, flat
+    return left, right, out if flat else over(out, distance), flat
 
 
-@njit(cache=True)
+@helper()
 def _column_beside(at, out, columns, frame):  # type: ignore[no-untyped-def]
     """The column whose ground touches a facet there from outside, -1 if none does."""
     x, y = at[0] + _OUTSIDE * out[0], at[1] + _OUTSIDE * out[1]
@@ -95,34 +94,37 @@ def _column_beside(at, out, columns, frame):  # type: ignore[no-untyped-def]
     return i
 
 
-@njit(cache=True)
+@helper(inline="always")
+def _axis(points, pairs, time):  # type: ignore[no-untyped-def]
+    """Mean of a drum's key points [m], at the start (0) or the end (1) of the tick."""
+    axis = (0.0, 0.0, 0.0)
+    for row in range(2 * pairs):
+        axis = plus(axis, over(point_at(points, row, time), 2.0 * pairs))
+    return axis
+
+
+@helper(inline="always")
 def add_standing(points, middle, columns, frame, strength, sums):  # type: ignore[no-untyped-def]
     """Add what bears a drum that does not spin; arguments as in `add_milling`."""
     pairs = len(points) // 2 - 1
-    axis = np.zeros(3)
-    for row in range(2 * pairs):
-        axis += points[row, 1] / (2 * pairs)
+    axis = _axis(points, pairs, 1)
     for k in range(pairs):
         left, right, out, flat = _facet(points, k, axis)
         if flat:
             continue
-        width = right - left
-        breadth = math.sqrt(((points[2 * k + 2, 1] - points[2 * k, 1]) ** 2).sum())
-        area = breadth * math.sqrt((width**2).sum()) / _STRIPS
+        width = minus(right, left)
+        breadth = length(minus(point_at(points, 2 * k + 2, 1), point_at(points, 2 * k, 1)))
+        area = breadth * length(width) / _STRIPS
         for strip in range(_STRIPS):
-            at = left + (strip + 0.5) / _STRIPS * width
+            at = plus(left, times((strip + 0.5) / _STRIPS, width))
             i = _column_beside(at, out, columns, frame)
             if i < 0:
                 continue
             force = area * bearing_capacity(i, breadth, 0.0, columns, strength)
-            place = at - middle
-            add_force(
-                sums, place[0], place[1], place[2],
-                -force * out[0], -force * out[1], -force * out[2],
-            )  # fmt: skip
+            add_force(sums, minus(at, middle), times(-force, out))
 
 
-@njit(cache=True)
+@helper(inline="always")
 def add_milling(points, middle, columns, frame, strength, sums):  # type: ignore[no-untyped-def]
     """Add what resists the picks of a drum in a tick; places from `middle`.
 
@@ -135,52 +137,49 @@ def add_milling(points, middle, columns, frame, strength, sums):  # type: ignore
         sums: of `add_force`.
     """
     pairs = len(points) // 2 - 1
-    axis_from, axis_to = np.zeros(3), np.zeros(3)
-    for row in range(2 * pairs):
-        axis_from += points[row, 0] / (2 * pairs)
-        axis_to += points[row, 1] / (2 * pairs)
-    advance = axis_to - axis_from
-    radius = math.sqrt(((0.5 * (points[0, 1] + points[1, 1]) - axis_to) ** 2).sum())
+    axis = _axis(points, pairs, 1)
+    advance = minus(axis, _axis(points, pairs, 0))
+    first = times(0.5, plus(point_at(points, 0, 1), point_at(points, 1, 1)))
+    radius = length(minus(first, axis))
     for k in range(pairs):
-        left, right, out, flat = _facet(points, k, axis_to)
+        left, right, out, flat = _facet(points, k, axis)
         if flat:
             continue
-        depth = (advance * out).sum()
+        depth = dot(advance, out)
         if depth <= 0.0:
             continue
-        before = 0.25 * (
-            points[2 * k, 0] + points[2 * k + 1, 0] + points[2 * k + 2, 0] + points[2 * k + 3, 0]
-        )
-        way = 0.5 * (left + right) - before - advance
-        spun = math.sqrt((way**2).sum())
+        corners = point_at(points, 2 * k, 0)
+        for row in range(2 * k + 1, 2 * k + 4):
+            corners = plus(corners, point_at(points, row, 0))
+        way = minus(minus(times(0.5, plus(left, right)), times(0.25, corners)), advance)
+        spun = length(way)
         if spun < 1e-6:
             continue
-        across = points[2 * k + 2, 1] - points[2 * k, 1]
-        width = right - left
-        area = math.sqrt((across**2).sum()) * math.sqrt((width**2).sum()) / _STRIPS
+        across = minus(point_at(points, 2 * k + 2, 1), point_at(points, 2 * k, 1))
+        width = minus(right, left)
+        area = length(across) * length(width) / _STRIPS
         for strip in range(_STRIPS):
-            at = left + (strip + 0.5) / _STRIPS * width
+            at = plus(left, times((strip + 0.5) / _STRIPS, width))
             i = _column_beside(at, out, columns, frame)
             if i < 0:
                 continue
             energy = _energy(i, at[2], 2.0 * radius, columns, strength)
             against = energy * area * depth / spun
-            force = -against * way / spun - _THRUST * against * out
-            place = at - middle
-            add_force(sums, place[0], place[1], place[2], force[0], force[1], force[2])
+            force = minus(over(times(-against, way), spun), times(_THRUST * against, out))
+            add_force(sums, minus(at, middle), force)
 
 
-@njit(cache=True)
+@helper(inline="always")
 def _energy(i, z, diameter, columns, strength):  # type: ignore[no-untyped-def]
     """Specific energy [J/m^3] of the ground of a column at a height [m]."""
     cover = columns.bulk[i] * columns.metres_per_mm3
     if cover > 0.0 and z > columns.height[i] - cover:  # in loose soil
         kind = columns.loose_soil[i]
         density = columns.loose[i] / columns.bulk[i]
-        return strength.gamma[kind] * density * diameter
+        return strength[kind].gamma * density * diameter
     kind = columns.soil[i]
-    if strength.tensile[kind] > 0.0:
-        return rock_energy(strength.tensile[kind])
-    passive = math.tan(math.pi / 4 + 0.5 * strength.phi[kind])
-    cohesion = strength.cohesion[kind, columns.moisture[i]]
-    return 2.0 * cohesion * passive + strength.gamma[kind] * diameter
+    if strength[kind].tensile > 0.0:
+        return rock_energy(strength[kind].tensile)
+    passive = math.tan(math.pi / 4 + 0.5 * strength[kind].phi)
+    cohesion = strength[kind].cohesion[columns.moisture[i]]
+    return 2.0 * cohesion * passive + strength[kind].gamma * diameter

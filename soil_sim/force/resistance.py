@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
 from msg_bridge.contract.rows import FORCE, Action, Holds, Rows, empty_rows
 from soil_sim.columns import Columns
@@ -22,9 +21,11 @@ from soil_sim.force.bearing import add_bearing
 from soil_sim.force.cutting import add_lip
 from soil_sim.force.milling import add_milling, add_standing, is_ring
 from soil_sim.force.side import add_side
-from soil_sim.force.strength import Strength, total_wrench
+from soil_sim.force.strength import Ground, strengths_of, total_wrench
+from soil_sim.jit import helper, kernel
 from soil_sim.soils import SoilType
 from soil_sim.sweeps import Sweeps
+from soil_sim.vectors import plus, point_at, times
 
 __all__ = ["Resistance", "no_resistance"]
 
@@ -41,8 +42,8 @@ class Resistance:
             columns: the terrain, read as it is when `wrenches` is called.
             kinds: the kinds of soil in it, by id.
         """
-        self._columns = columns
-        self._strength = Strength.of(kinds)
+        self._ground = Ground.of(columns.arrays)
+        self._strength = strengths_of(kinds)
         grid = columns.grid
         self._frame = (grid.rows, grid.cols, grid.cell, grid.x_first, grid.y_first)
 
@@ -57,7 +58,10 @@ class Resistance:
             sweeps: sound ones.
         """
         rows, points, first = sweeps
-        found = _wrenches(rows, points, first, self._columns.arrays, self._frame, self._strength)
+        tables = self._ground, self._frame, self._strength
+        found, drums = _wrenches(rows, points, first, *tables)
+        if drums:  # a kernel of its own: few machines have one, and it takes long to compile
+            _add_drums(rows, points, first, *tables, found)
         forces: Rows = _force_rows(rows, first, found)
         return forces
 
@@ -71,66 +75,85 @@ def no_resistance(sweeps: Sweeps) -> Rows:
     return forces
 
 
-@njit(cache=True)
+@kernel()
 def _wrenches(  # type: ignore[no-untyped-def]
     rows, points, first, columns, frame, strength
 ):
-    """Point [m], force [N] and torque about the point [N m], shape (2, tools, 9).
+    """(wrenches of the tools but drums, whether there are drums).
 
-    First of what resists the cut of each tool, then of what bears it.
+    Point [m], force [N] and torque about the point [N m], shape (2, tools, 9): first of what
+    resists the cut of each tool, then of what bears it.
     """
     out = np.zeros((2, first.size, 9))
     sums = np.empty(10)
+    drums = False
     for n in range(first.size):
         end = first[n + 1] if n + 1 < first.size else len(points)
         action = rows[first[n]].action
         own = points[first[n] : end]
-        middle = 0.5 * (own[0, 1] + own[1, 1])
-        out[:, n, :3] = middle
+        middle = times(0.5, plus(point_at(own, 0, 1), point_at(own, 1, 1)))
+        for axis in range(3):
+            out[:, n, axis] = middle[axis]
+        if action == _MILL or is_ring(own):
+            drums = True
+            continue
         # One pair alone is an edge without a plate, it has no rake; a plate alone that presses is a
         # track, which stands by itself.
-        sums[:] = 0.0
-        if action == _MILL:
-            if len(own) >= 8:
-                add_milling(own, middle, columns, frame, strength, sums)
-                total_wrench(sums, middle, out[0, n])
-            continue
-        if is_ring(own):
-            add_standing(own, middle, columns, frame, strength, sums)
-            total_wrench(sums, middle, out[1, n])
-            continue
         if len(own) < (4 if action == _CUT else 6):
             continue
+        sums[:] = 0.0
         add_lip(own, middle, columns, frame, strength, sums)
         add_side(own, middle, columns, frame, strength, sums)
         total_wrench(sums, middle, out[0, n])
         sums[:] = 0.0
         add_bearing(own, middle, columns, frame, strength, sums)
         total_wrench(sums, middle, out[1, n])
-    return out
+    return out, drums
 
 
-@njit(cache=True)
+@kernel()
+def _add_drums(  # type: ignore[no-untyped-def]
+    rows, points, first, columns, frame, strength, out
+):
+    """Add the wrenches of drums, that mill or stand, to those that `_wrenches` found."""
+    sums = np.empty(10)
+    for n in range(first.size):
+        end = first[n + 1] if n + 1 < first.size else len(points)
+        own = points[first[n] : end]
+        middle = times(0.5, plus(point_at(own, 0, 1), point_at(own, 1, 1)))
+        sums[:] = 0.0
+        if rows[first[n]].action == _MILL:
+            if len(own) >= 8:
+                add_milling(own, middle, columns, frame, strength, sums)
+                total_wrench(sums, middle, out[0, n])
+        elif is_ring(own):
+            add_standing(own, middle, columns, frame, strength, sums)
+            total_wrench(sums, middle, out[1, n])
+
+
+@kernel()
 def _force_rows(rows, first, wrenches):  # type: ignore[no-untyped-def]
     """FORCE rows: what resists the cut of each tool, then what bears some of them."""
     tools = first.size
     borne = np.zeros(tools, dtype=np.bool_)
     for n in range(tools):
-        borne[n] = (wrenches[1, n, 3:6] != 0.0).any()
+        for axis in range(3, 6):
+            borne[n] |= wrenches[1, n, axis] != 0.0
     forces = np.zeros(tools + borne.sum(), FORCE)
     for n in range(tools):
         _write(forces[n], rows[first[n]], wrenches[0, n])
         if rows[first[n]].action == _MILL:
             forces[n].holds = _HOLDS_MILL
     k = tools
-    for n in np.flatnonzero(borne):
-        _write(forces[k], rows[first[n]], wrenches[1, n])
-        forces[k].holds = _HOLDS_BEARING
-        k += 1
+    for n in range(tools):
+        if borne[n]:
+            _write(forces[k], rows[first[n]], wrenches[1, n])
+            forces[k].holds = _HOLDS_BEARING
+            k += 1
     return forces
 
 
-@njit(cache=True)
+@helper()
 def _write(force, row, wrench):  # type: ignore[no-untyped-def]
     """Write a wrench on the tool of a SWEEP row into a FORCE row."""
     force.source, force.tool = row.source, row.tool

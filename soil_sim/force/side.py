@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from soil_sim.force.cutting import AHEAD, AT_REST, STRIPS, strip_force
 from soil_sim.force.strength import add_force, column_at
+from soil_sim.jit import helper
+from soil_sim.vectors import dot, length, minus, over, plus, point_at, times
 
 __all__ = ["add_side"]
 
@@ -22,7 +22,7 @@ _DRIFT = 0.02
 """Part of its way along its lip below which a tool goes straight."""
 
 
-@njit(cache=True)
+@helper(inline="always")
 def add_side(points, middle, columns, frame, strength, sums):  # type: ignore[no-untyped-def]
     """Add what resists the leading side of a tool in a tick; places from `middle`.
 
@@ -33,26 +33,30 @@ def add_side(points, middle, columns, frame, strength, sums):  # type: ignore[no
         strength: of its soils.
         sums: of `add_force`.
     """
-    way = 0.5 * (points[0, 1] + points[1, 1] - points[0, 0] - points[1, 0])
-    length = math.sqrt((way**2).sum())
-    across = points[1, 1] - points[0, 1]
+    left, right = point_at(points, 0, 1), point_at(points, 1, 1)
+    moved = minus(minus(plus(left, right), point_at(points, 0, 0)), point_at(points, 1, 0))
+    way = times(0.5, moved)
+    far = length(way)
+    across = minus(right, left)
     level = math.hypot(across[0], across[1])
-    if length < AT_REST or level < 1e-6:
+    if far < AT_REST or level < 1e-6:
         return
-    t = way / length
-    drift = (t * across).sum() / math.sqrt((across**2).sum())
+    t = over(way, far)
+    drift = dot(t, across) / length(across)
     if abs(drift) < _DRIFT:
         return
     sign = 1.0 if drift > 0.0 else -1.0
     ax, ay = sign * across[0] / level, sign * across[1] / level  # to where it goes, level
-    side = points[(1 if drift > 0.0 else 0) :: 2, 1]
-    along = side[:, 1] * ax - side[:, 0] * ay
-    low, high = along.min(), along.max()
+    first = 1 if drift > 0.0 else 0  # rows first, first + 2, ... are of the side that leads
+    low, high = math.inf, -math.inf
+    for row in range(first, len(points), 2):
+        along = _along(points, row, ax, ay)
+        low, high = min(low, along), max(high, along)
     width = (high - low) / STRIPS
     if width < 1e-6:
         return
     for strip in range(STRIPS):
-        x, y, bottom, top = _upright(side, along, low + (strip + 0.5) * width)
+        x, y, bottom, top = _upright(points, first, ax, ay, low + (strip + 0.5) * width)
         i = column_at(x + AHEAD * frame[2] * ax, y + AHEAD * frame[2] * ay, frame)
         if i < 0 or columns.height[i] <= bottom:
             continue
@@ -63,23 +67,31 @@ def add_side(points, middle, columns, frame, strength, sums):  # type: ignore[no
         against, _ = strip_force(
             i, below, depth, wide, 0.5 * math.pi, top - bottom, columns, strength
         )
-        add_force(
-            sums, x - middle[0], y - middle[1], bottom + depth / 3.0 - middle[2],
-            -against * t[0], -against * t[1], -against * t[2],
-        )  # fmt: skip
+        at = x - middle[0], y - middle[1], bottom + depth / 3.0 - middle[2]
+        add_force(sums, at, times(-against, t))
 
 
-@njit(cache=True)
-def _upright(side, along, at):  # type: ignore[no-untyped-def]
-    """Where the outline of a side is lowest at a place along it: x, y, z, and its highest z [m]."""
+@helper()
+def _along(points, row, ax, ay):  # type: ignore[no-untyped-def]
+    """Where a key point is at the end of the tick, along a side that goes level to (ax, ay) [m]."""
+    return points[row, 1, 1] * ax - points[row, 1, 0] * ay
+
+
+@helper(inline="always")
+def _upright(points, first, ax, ay, at):  # type: ignore[no-untyped-def]
+    """Where the outline of a side is lowest at a place along it: x, y, z, and its highest z [m].
+
+    The side is of the key points `first`, `first` + 2 ... and goes level to (ax, ay).
+    """
     x = y = 0.0
     bottom, top = math.inf, -math.inf
-    for k in range(len(side)):
-        a, b = side[k], side[(k + 1) % len(side)]
-        u, v = along[k], along[(k + 1) % len(side)]
+    for row in range(first, len(points), 2):
+        after = row + 2 if row + 2 < len(points) else first
+        u, v = _along(points, row, ax, ay), _along(points, after, ax, ay)
         if (u - at) * (v - at) > 0.0 or u == v:
             continue
         part = (at - u) / (v - u)
+        a, b = point_at(points, row, 1), point_at(points, after, 1)
         z = a[2] + part * (b[2] - a[2])
         if z < bottom:
             x, y, bottom = a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1]), z

@@ -7,60 +7,76 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from soil_sim.columns import ColumnArrays
+from soil_sim.jit import helper
 from soil_sim.soils import MOIST, SoilType
+from soil_sim.vectors import cross, over
 
-__all__ = ["Strength", "add_force", "column_at", "total_wrench"]
+__all__ = ["STRENGTH", "Ground", "add_force", "column_at", "strengths_of", "total_wrench"]
 
 _GRAVITY = 9.81
 
 
-class Strength(NamedTuple):
-    """What kernels need of the kinds of soil, by id, and by id and moisture [%].
+class Ground(NamedTuple):
+    """What force kernels need of the terrain, as in `ColumnArrays`.
 
-    Attributes:
-        gamma: unit weight of firm soil [N/m³], shape (kinds,).
-        phi, delta: internal and tool friction [rad], shape (kinds,).
-        tensile: of rock [Pa], 0 for soil, shape (kinds,).
-        n_c, n_q, n_gamma: factors of bearing capacity [-], shape (kinds,).
-        cohesion, adhesion: [Pa], shape (kinds, MOIST).
+    No more of it, as each array that is handed on makes a kernel take longer to compile.
     """
 
-    gamma: NDArray[np.float64]
-    phi: NDArray[np.float64]
-    delta: NDArray[np.float64]
-    tensile: NDArray[np.float64]
-    n_c: NDArray[np.float64]
-    n_q: NDArray[np.float64]
-    n_gamma: NDArray[np.float64]
-    cohesion: NDArray[np.float64]
-    adhesion: NDArray[np.float64]
+    loose: NDArray[np.int64]
+    bulk: NDArray[np.int64]
+    height: NDArray[np.float64]
+    soil: NDArray[np.uint8]
+    loose_soil: NDArray[np.uint8]
+    moisture: NDArray[np.uint8]
+    metres_per_mm3: float
 
     @classmethod
-    def of(cls, kinds: Sequence[SoilType]) -> Strength:
-        """Tables of some kinds of soil, whose ids are their places in the sequence."""
-        stick = np.array([[kind.stick(m) for m in range(MOIST)] for kind in kinds])
-        phi = np.array([math.radians(kind.internal_friction) for kind in kinds])
-        tan = np.tan(np.maximum(phi, 1e-6))  # without friction N_c tends to 2 + pi
-        n_q = np.exp(math.pi * tan) * np.tan(math.pi / 4 + np.arctan(tan) / 2) ** 2
-        return cls(
-            np.array([kind.density * _GRAVITY for kind in kinds]),
-            phi,
-            np.array([math.radians(kind.tool_friction) for kind in kinds]),
-            np.array([kind.tensile_strength for kind in kinds]),
-            (n_q - 1.0) / tan,
-            n_q,
-            2.0 * (n_q + 1.0) * tan,
-            np.array([[kind.cohesion] for kind in kinds]) * stick,
-            np.array([[kind.adhesion] for kind in kinds]) * stick,
-        )
+    def of(cls, columns: ColumnArrays) -> Ground:
+        """That of a terrain, whose arrays it shares."""
+        return cls(*(getattr(columns, name) for name in cls._fields))
 
 
-@njit(cache=True)
-def add_force(sums, x, y, z, fx, fy, fz):  # type: ignore[no-untyped-def]
+STRENGTH = np.dtype(
+    [
+        ("gamma", np.float64),  # unit weight of firm soil [N/m³]
+        ("phi", np.float64),  # internal friction [rad]
+        ("delta", np.float64),  # tool friction [rad]
+        ("tensile", np.float64),  # of rock [Pa], 0 for soil
+        ("n_c", np.float64),  # factors of bearing capacity [-]
+        ("n_q", np.float64),
+        ("n_gamma", np.float64),
+        ("cohesion", np.float64, (MOIST,)),  # [Pa], by moisture [%]
+        ("adhesion", np.float64, (MOIST,)),
+    ]
+)
+"""What kernels need of a kind of soil."""
+
+
+def strengths_of(kinds: Sequence[SoilType]) -> NDArray[np.void]:
+    """Rows of `STRENGTH` for some kinds of soil, whose ids are their places in the sequence."""
+    stick = np.array([[kind.stick(m) for m in range(MOIST)] for kind in kinds])
+    phi = np.array([math.radians(kind.internal_friction) for kind in kinds])
+    tan = np.tan(np.maximum(phi, 1e-6))  # without friction N_c tends to 2 + pi
+    n_q = np.exp(math.pi * tan) * np.tan(math.pi / 4 + np.arctan(tan) / 2) ** 2
+    rows = np.zeros(len(kinds), STRENGTH)
+    rows["gamma"] = [kind.density * _GRAVITY for kind in kinds]
+    rows["phi"] = phi
+    rows["delta"] = [math.radians(kind.tool_friction) for kind in kinds]
+    rows["tensile"] = [kind.tensile_strength for kind in kinds]
+    rows["n_c"], rows["n_q"], rows["n_gamma"] = (n_q - 1.0) / tan, n_q, 2.0 * (n_q + 1.0) * tan
+    rows["cohesion"] = np.array([[kind.cohesion] for kind in kinds]) * stick
+    rows["adhesion"] = np.array([[kind.adhesion] for kind in kinds]) * stick
+    return rows
+
+
+@helper()
+def add_force(sums, at, force):  # type: ignore[no-untyped-def]
     """Add a force [N] at a place [m] to force, torque, place by strength, strength, shape (10,)."""
+    x, y, z = at
+    fx, fy, fz = force
     size = math.sqrt(fx * fx + fy * fy + fz * fz)
     sums[0] += fx
     sums[1] += fy
@@ -74,21 +90,24 @@ def add_force(sums, x, y, z, fx, fy, fz):  # type: ignore[no-untyped-def]
     sums[9] += size
 
 
-@njit(cache=True)
+@helper()
 def total_wrench(sums, origin, out):  # type: ignore[no-untyped-def]
     """Point [m], force [N] and torque about the point [N m] of what `add_force` added up, into out.
 
     The point is the mean of where the forces act, by their strength; places count from `origin`.
     """
-    out[:3] = origin
+    for axis in range(3):
+        out[axis] = origin[axis]
     if sums[9] > 0.0:
-        at = sums[6:9] / sums[9]
-        out[:3] += at
-        out[3:6] = sums[:3]
-        out[6:] = sums[3:6] - np.cross(at, sums[:3])
+        at = over((sums[6], sums[7], sums[8]), sums[9])
+        moved = cross(at, (sums[0], sums[1], sums[2]))
+        for axis in range(3):
+            out[axis] += at[axis]
+            out[3 + axis] = sums[axis]
+            out[6 + axis] = sums[3 + axis] - moved[axis]
 
 
-@njit(cache=True)
+@helper()
 def column_at(x, y, frame):  # type: ignore[no-untyped-def]
     """Flat index of the column at a place [m]; -1 beyond the map."""
     rows, cols, cell, x_first, y_first = frame

@@ -7,10 +7,10 @@ among those of the same failure that gain, exactly. Soil never goes from one fai
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from soil_sim.columns import Columns, add_loose, take_from_column, whole_percent
+from soil_sim.jit import kernel
 
 __all__ = ["book"]
 
@@ -58,7 +58,7 @@ def _closed_failures(
         block *= 2
 
 
-@njit(cache=True)
+@kernel()
 def _failures(moved, side):  # type: ignore[no-untyped-def]
     """Number of the failure that each column that moved belongs to, from 1; 0 if it did not.
 
@@ -80,16 +80,16 @@ def _failures(moved, side):  # type: ignore[no-untyped-def]
                 continue
             count += 1
             block[i, j] = count
-            stack[0] = i, j
+            stack[0, 0], stack[0, 1] = i, j
             size = 1
             while size:
                 size -= 1
-                a, b = stack[size]
+                a, b = stack[size, 0], stack[size, 1]
                 for p in range(max(a - 1, 0), min(a + 2, block_rows)):
                     for q in range(max(b - 1, 0), min(b + 2, block_cols)):
                         if block[p, q] < 0:
                             block[p, q] = count
-                            stack[size] = p, q
+                            stack[size, 0], stack[size, 1] = p, q
                             size += 1
     number = np.zeros((rows, cols), dtype=np.int64)
     for i in range(rows):
@@ -99,7 +99,7 @@ def _failures(moved, side):  # type: ignore[no-untyped-def]
     return number
 
 
-@njit(cache=True)
+@kernel()
 def _share_out(columns, cells, change, ends):  # type: ignore[no-untyped-def]
     """Take height [m] from the columns that lose and share what that was among those that gain.
 

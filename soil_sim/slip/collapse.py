@@ -16,10 +16,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from soil_sim.columns import Columns
+from soil_sim.jit import helper, kernel
 from soil_sim.slip.book import book
 from soil_sim.slip.face import firm_that_stands
 from soil_sim.slip.rule import SlipRule
@@ -233,21 +233,23 @@ def _least_around(values: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
     return least
 
 
-@njit(cache=True)
+@kernel()
 def _firm_floor(columns, rule, held, box, lowest, floor):  # type: ignore[no-untyped-def]
     """Heights over `lowest` [m] to which the firm soil of a window stands, into `floor`."""
     row, _, col, _ = box
     kind = columns.soil[row * rule.cols + col]  # the window is all of one
-    if rule.faces.near[kind, :, 0].max() <= 0.0:
-        floor[:] = columns.floor - lowest
-        return
+    near = rule.faces.near
+    coheres = False
+    for moisture in range(near.shape[1]):
+        coheres |= near[kind, moisture, 0] > 0.0
     for r in range(floor.shape[0]):
         for c in range(floor.shape[1]):
             i = (row + r) * rule.cols + col + c
-            floor[r, c] = firm_that_stands(columns, rule, held, i) - lowest
+            stands = firm_that_stands(columns, rule, held, i) if coheres else columns.floor
+            floor[r, c] = stands - lowest
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@helper(error_model="numpy", forceinline=True)
 def _gift(drop, spare_a, spare_b, limit, tolerance, part):  # type: ignore[no-untyped-def]
     """What one of a pair gives the other [m], from a to b; without a branch."""
     none = np.float32(0.0)
@@ -260,7 +262,7 @@ def _gift(drop, spare_a, spare_b, limit, tolerance, part):  # type: ignore[no-un
     return give if drop > none else -give
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@helper(error_model="numpy", forceinline=True)
 def _relax_pairs(plan, floor, a, b, stride, count, limit, tolerance, part):  # type: ignore[no-untyped-def]
     """Relax `count` pairs, a with b, a + stride with b + stride ...; returns whether any moved.
 
@@ -277,20 +279,20 @@ def _relax_pairs(plan, floor, a, b, stride, count, limit, tolerance, part):  # t
     return moved
 
 
-@njit(cache=True, error_model="numpy")
+@helper(error_model="numpy")
 def _relax_rows(plan, floor, a, b, count, limit, tolerance, part):  # type: ignore[no-untyped-def]
     """Relax the pairs of two rows, that begin at a and b."""
     return _relax_pairs(plan, floor, a, b, np.uint64(1), count, limit, tolerance, part)
 
 
-@njit(cache=True, error_model="numpy")
+@helper(error_model="numpy")
 def _relax_row(plan, floor, a, count, limit, tolerance, part):  # type: ignore[no-untyped-def]
     """Relax the pairs of neighbours in a row, a with a + 1, a + 2 with a + 3 ..."""
     b, two = a + np.uint64(1), np.uint64(2)
     return _relax_pairs(plan, floor, a, b, two, count, limit, tolerance, part)
 
 
-@njit(cache=True)
+@kernel()
 def _sweep(plan, floor, cols, steps, limits, tolerances, part, backward):  # type: ignore[no-untyped-def]
     """Relax all pairs of a window once, in every direction; returns whether anything moved."""
     rows = plan.size // cols
@@ -316,7 +318,7 @@ def _sweep(plan, floor, cols, steps, limits, tolerances, part, backward):  # typ
     return moved
 
 
-@njit(cache=True)
+@kernel()
 def _alike(columns, slope, cols, row, row_end, col, col_end):  # type: ignore[no-untyped-def]
     """Whether all columns of a window are of one soil, and loose and firm soil as steep."""
     kind, moisture = columns.soil[row * cols + col], columns.moisture[row * cols + col]

@@ -8,9 +8,9 @@ stands too steep above what it left, is put into the ring in turn.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from soil_sim.columns import add_loose, settle_height, take_loose
+from soil_sim.jit import helper, kernel
 from soil_sim.slip.face import is_too_high, push_too_high_over
 from soil_sim.slip.rule import push, uniform
 
@@ -20,7 +20,7 @@ LAYER = 0.25
 """Thickness of what moves at once, at most, in parts of a cell."""
 
 
-@njit(cache=True)
+@kernel()
 def disturb(columns, cells, around, sunk, rule, ring):  # type: ignore[no-untyped-def]
     """Put columns into the ring, with `around` all their neighbours, with `sunk` what is too high
     above them and farther away."""
@@ -37,7 +37,7 @@ def disturb(columns, cells, around, sunk, rule, ring):  # type: ignore[no-untype
                     push(r * rule.cols + c, ring)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def examine(columns, rule, held, ring, budget):  # type: ignore[no-untyped-def]
     """Examine columns that wait, with at most about `budget` looks around; returns how many."""
     firm, loose, height = columns.firm, columns.loose, columns.height
@@ -46,7 +46,9 @@ def examine(columns, rule, held, ring, budget):  # type: ignore[no-untyped-def]
     metres_per_mm3, floor = columns.metres_per_mm3, columns.floor
     queue, queued, ends = ring.queue, ring.queued, ring.ends
     count = offsets.shape[0]
-    flat = offsets[:, 0] * cols + offsets[:, 1]
+    flat = np.empty(count, dtype=np.int64)
+    for k in range(count):
+        flat[k] = offsets[k, 0] * cols + offsets[k, 1]
     most_at_once = LAYER * distance[0]
     looks = 0
     forward = True
@@ -124,7 +126,7 @@ def examine(columns, rule, held, ring, budget):  # type: ignore[no-untyped-def]
     return looks
 
 
-@njit(cache=True, forceinline=True)
+@helper(forceinline=True)
 def _may_slip(height, flat, distance, i, gentlest, tolerance):  # type: ignore[no-untyped-def]
     """Whether a column is steeper against any neighbour than the gentlest soil may be."""
     highest = height[i] - tolerance
@@ -134,7 +136,7 @@ def _may_slip(height, flat, distance, i, gentlest, tolerance):  # type: ignore[n
     return False
 
 
-@njit(cache=True)
+@helper()
 def push_steep_above(columns, rule, i, ring):  # type: ignore[no-untyped-def]
     """Put those into the ring that stand too steep or too high above column i, which got lower."""
     height, loose, slope = columns.height, columns.loose, rule.slope
@@ -161,7 +163,7 @@ def push_steep_above(columns, rule, i, ring):  # type: ignore[no-untyped-def]
         push_too_high_over(columns, rule, i, ring)
 
 
-@njit(cache=True, forceinline=True)
+@helper(inline="always")
 def _slip(columns, i, j, excess, firm_excess, most_at_once):  # type: ignore[no-untyped-def]
     """Move half of an excess of height [m] from column i to j; returns whether anything went.
 

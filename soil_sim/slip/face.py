@@ -22,9 +22,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from soil_sim.jit import helper, kernel
 from soil_sim.slip.rule import Faces, push
 from soil_sim.soils import SoilTables
 
@@ -123,7 +123,7 @@ def _carried(tables: SoilTables, distance: Array, cell: float) -> Array:
     return np.ascontiguousarray(carried_height(tables.stands[..., None], way, friction)[..., index])
 
 
-@njit(cache=True)
+@helper()
 def firm_that_stands(columns, rule, held, i):  # type: ignore[no-untyped-def]
     """Height [m] to which the firm soil of column i stands over all columns around."""
     kind, moisture = columns.soil[i], columns.moisture[i]
@@ -151,14 +151,14 @@ def firm_that_stands(columns, rule, held, i):  # type: ignore[no-untyped-def]
     return stands
 
 
-@njit(cache=True)
+@helper(inline="always")
 def is_too_high(columns, rule, held, i):  # type: ignore[no-untyped-def]
     """Whether some of the firm soil of column i does not stand."""
     base = columns.floor + columns.firm[i] * columns.metres_per_mm3
     return base - firm_that_stands(columns, rule, held, i) > rule.tolerance
 
 
-@njit(cache=True)
+@kernel()
 def which_are_too_high(columns, rule, held):  # type: ignore[no-untyped-def]
     """Whether some of the firm soil of each column of the map does not stand, flat."""
     found = np.empty(held.size, dtype=np.bool_)
@@ -167,7 +167,7 @@ def which_are_too_high(columns, rule, held):  # type: ignore[no-untyped-def]
     return found
 
 
-@njit(cache=True)
+@helper()
 def push_too_high_over(columns, rule, i, ring):  # type: ignore[no-untyped-def]
     """Push those into the ring that are too high above column i and farther than soil slips."""
     faces = rule.faces

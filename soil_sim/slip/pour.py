@@ -10,9 +10,9 @@ nothing is looked at twice. That is much less work than to examine all who gave 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from soil_sim.columns import add_loose
+from soil_sim.jit import helper, kernel
 from soil_sim.slip.rule import push, uniform
 
 __all__ = ["pour"]
@@ -34,7 +34,7 @@ the distance. On a slope that is as steep as can be all are alike. Not at the ma
 columns differ."""
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def pour(columns, rule, held, ring, cells, volume, soil, moisture, first_of, budget):  # type: ignore[no-untyped-def]
     """Put loose soil onto columns, in at most about `budget` steps down; returns how many it took.
 
@@ -49,24 +49,29 @@ def pour(columns, rule, held, ring, cells, volume, soil, moisture, first_of, bud
     count = rule.distance.size
     # Ties go to alternate ends of the list, or a heap would drift to one side: it is here twice.
     flat, limit = np.empty(2 * count, dtype=np.int64), np.empty(2 * count)
-    flat[:count] = rule.offsets[:, 0] * cols + rule.offsets[:, 1]
-    flat[count:] = flat[:count][::-1]
+    far = np.empty(2 * count)
+    for k in range(count):
+        back = 2 * count - 1 - k
+        flat[k] = flat[back] = rule.offsets[k, 0] * cols + rule.offsets[k, 1]
+        far[k] = far[back] = _FAR * rule.distance[k]
     even = rule.uneven == 0.0 and steeper.size == 0
     limit_of = np.nan
-    far = np.empty(2 * count)
-    far[:count] = _FAR * rule.distance
-    far[count:] = far[:count][::-1]
     thin, thick = _THIN * rule.distance[0], _THICK * rule.distance[0]
     steps = 0
-    waiting = np.flatnonzero(volume)
-    first_of[cells] = 0
-    while waiting.size:
+    waiting, left = np.empty(volume.size, dtype=np.int64), 0
+    for m in range(volume.size):
+        first_of[cells[m]] = 0
+        if volume[m] != 0:
+            waiting[left] = m
+            left += 1
+    while left:
         # In turns, so that what comes to many columns at once rises everywhere at once.
-        for m in waiting:
+        for n in range(left):
+            m = waiting[n]
             i, growth, tangent = cells[m], columns.growth[soil[m]], slope[soil[m], moisture[m]]
             if tangent != limit_of:
-                limit[:count] = tangent * rule.distance
-                limit[count:] = limit[:count][::-1]
+                for k in range(count):
+                    limit[k] = limit[2 * count - 1 - k] = tangent * rule.distance[k]
                 limit_of = tangent
             metres = growth * metres_per_mm3
             moving = volume[m]
@@ -105,11 +110,15 @@ def pour(columns, rule, held, ring, cells, volume, soil, moisture, first_of, bud
                         push(i, ring)  # it may be less steep than what came
                 steps += 1
                 i, moving = target, onward
-        waiting = waiting[volume[waiting] > 0]
+        turn, left = left, 0
+        for n in range(turn):
+            if volume[waiting[n]] > 0:
+                waiting[left] = waiting[n]
+                left += 1
     return steps
 
 
-@njit(cache=True)
+@helper()
 def _merge(cells, volume, soil, moisture, first_of):  # type: ignore[no-untyped-def]
     """Let what comes to one column of one soil come at once."""
     for m in range(cells.size):
@@ -121,7 +130,7 @@ def _merge(cells, volume, soil, moisture, first_of):  # type: ignore[no-untyped-
             volume[m] = 0
 
 
-@njit(cache=True)
+@helper()
 def _chosen(height, rule, held, i, top, tangent, forward):  # type: ignore[no-untyped-def]
     """(neighbour, excess [m]) that soil up to `top` is too steep against by most; -1 if none.
 

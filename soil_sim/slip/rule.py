@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from soil_sim.jit import helper, kernel
 
 __all__ = ["Faces", "Ring", "SlipRule", "push", "uniform"]
 
@@ -71,7 +72,7 @@ class Ring(NamedTuple):
     ends: NDArray[np.int64]
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def uniform(random):  # type: ignore[no-untyped-def]
     """The next random number from 0 to 1 (xorshift64*, Vigna 2016); the state is changed."""
     x = random[0]
@@ -82,7 +83,7 @@ def uniform(random):  # type: ignore[no-untyped-def]
     return ((x * np.uint64(2685821657736338717)) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
-@njit(cache=True, forceinline=True)
+@helper(forceinline=True)
 def push(i, ring):  # type: ignore[no-untyped-def]
     """Put a column into the ring if it is not there yet."""
     if ring.queued[i] == 0:

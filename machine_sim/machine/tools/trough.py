@@ -153,7 +153,7 @@ class Trough:
         return np.column_stack([self.profile[:, 0], y, self.profile[:, 1]])
 
 
-@njit(cache=True)
+@njit(cache=True, no_cfunc_wrapper=True)
 def _rows_heaped(points, rotation, origin, normals, offsets, mouth, half_width):  # type: ignore[no-untyped-def]
     """See `Trough.rows_heaped`."""
     lip_x, lip_z, way_x, way_z, out_x, out_z, length, height = mouth

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
 
 from machine_sim.ground import surface_at
@@ -92,7 +91,7 @@ def note_pace(paces, side, dt, belt, rotation, velocity, spin, base_com, across)
     paces[side, 1] += share * (ahead - paces[side, 1])
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def hull_step(  # type: ignore[no-untyped-def]
     com,
     rotation,
@@ -165,7 +164,7 @@ def _on_path(s, half, radius):  # type: ignore[no-untyped-def]
     return half - (s - arc), -radius, 3.0 * math.pi, 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, no_cfunc_wrapper=True)
 def track_step(  # type: ignore[no-untyped-def]
     dt,
     com,
@@ -227,7 +226,8 @@ def track_step(  # type: ignore[no-untyped-def]
     r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
     r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
     r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
-    total = np.zeros(6)
+    for n in range(6):
+        wrench[n] = 0.0
     for side in range(2):
         on_belt, carried, sinking = 0.0, 0.0, 0.0
         y_track = half_gauge if side == 0 else -half_gauge
@@ -278,7 +278,7 @@ def track_step(  # type: ignore[no-untyped-def]
                     carried += load
                     sinking += load * depth
                     on_belt += fx * bx + fy * by + fz * bz
-                    add_wrench(total, fx, fy, fz, rx, ry, rz)
+                    add_wrench(wrench, fx, fy, fz, rx, ry, rz)
         sinkage[side] = sinking / carried if carried > 0.0 else 0.0
         # The drive wants a speed change and the ground's force made up for, as far as it can.
         change = command[side] - speed[side]
@@ -307,6 +307,5 @@ def track_step(  # type: ignore[no-untyped-def]
         anchors,
         active,
         4 * count,
-        total,
+        wrench,
     )
-    wrench[:] = total

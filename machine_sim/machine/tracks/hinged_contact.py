@@ -89,7 +89,7 @@ def _support(x, y, z, vx, vy, vz, gear, supports, brake, grips, side, k):  # typ
     return fx, fy, fz, borne
 
 
-@njit(cache=True)
+@njit(cache=True, no_cfunc_wrapper=True)
 def shoes_step(  # type: ignore[no-untyped-def]
     dt,
     com,

@@ -146,7 +146,7 @@ def sole_heights(tracks: Tracks) -> Array:
     return heights
 
 
-@njit(cache=True)
+@njit(cache=True, no_cfunc_wrapper=True)
 def _find_soles(poses, loads, half, thick, heights):  # type: ignore[no-untyped-def]
     """See `sole_heights`: the mean by load of those between the axles, `half` from the middle."""
     for side in range(2):
