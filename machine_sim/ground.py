@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from machine_sim.jit import kernel
 from machine_sim.pressed import Pressed
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.grid import Grid
@@ -226,7 +227,7 @@ def surface_at(surface, x_first, y_first, inverse_cell, x, y):  # type: ignore[n
     return height, slope_x, slope_y
 
 
-@njit(cache=True, no_cfunc_wrapper=True)
+@kernel
 def _take_over(  # type: ignore[no-untyped-def]
     cells, heights, elevation, surface, packed, level, changed, rises, rising
 ):
@@ -250,7 +251,7 @@ def _take_over(  # type: ignore[no-untyped-def]
     return waiting[:count].copy()
 
 
-@njit(cache=True, no_cfunc_wrapper=True)
+@kernel
 def _rise(rising, step, elevation, surface, packed, level, changed, rises):  # type: ignore[no-untyped-def]
     """Let cells rise by `step` [m] at most; returns those that are not up yet."""
     cols = elevation.shape[1]

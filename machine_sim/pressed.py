@@ -9,9 +9,9 @@ again; soil that comes or goes makes the ground forget as much of it.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from machine_sim.jit import kernel
 from msg_bridge.contract.grid import Grid
 
 __all__ = ["Pressed"]
@@ -58,7 +58,7 @@ class Pressed:
         _follow(cells, rise, volume_mm3, *columns, self._bank, self._loose)
 
 
-@njit(cache=True, no_cfunc_wrapper=True)
+@kernel
 def _follow(cells, rise, volume, known, packed, sunk, bank, loose):  # type: ignore[no-untyped-def]
     for n in range(cells.size):
         i = cells[n]

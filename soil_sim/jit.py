@@ -4,7 +4,7 @@ Numba makes three functions of each: the kernel, one through which Python calls 
 With tables of a dozen arrays as arguments the latter two take as long to compile as the first, so
 what nobody calls is left out.
 
-No fast maths, as in `machine_sim.particles.jit`: a run would not repeat.
+No fast maths, as in `machine_sim.jit`: a run would not repeat.
 """
 
 from __future__ import annotations

@@ -8,8 +8,8 @@ import numpy as np
 import pybullet
 from numpy.typing import ArrayLike, NDArray
 
+from machine_sim.jit import kernel
 from machine_sim.machine.kinematics import quaternion_of
-from machine_sim.particles.jit import kernel
 from machine_sim.particles.plates import closest_in_polygon, plate_coordinates
 from machine_sim.particles.tool import Pose, RigidTool, ToolSet
 

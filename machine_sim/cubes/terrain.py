@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from machine_sim.ground import surface_at
-from machine_sim.particles.jit import inline_kernel, kernel
+from machine_sim.jit import inline_kernel, kernel
 
 __all__ = ["finish_on_ground", "stand_on_ground"]
 

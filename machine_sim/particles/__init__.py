@@ -2,7 +2,7 @@
 
 - `params`: the physics, with units and ranges; `grains`: how each soil's particles touch
 - `intake`: what is refused; `store`: the particles and the volume account
-- `law`: the contact law; `jit`: how kernels are compiled; `parts`: what threads share out
+- `law`: the contact law; `parts`: what threads share out
 - `pairs`: particles against particles: who is near whom, who touches, and the forces
 - `plates`, `tool`: tool geometry and its motion; `walls`: particles against plates
 - `soil_contact`: forces of the terrain

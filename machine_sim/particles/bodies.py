@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from machine_sim.particles.jit import kernel, threaded_kernel
+from machine_sim.jit import kernel, threaded_kernel
 from machine_sim.particles.parts import CHUNKS, chunk
 
 __all__ = [

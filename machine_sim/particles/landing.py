@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.ground import Ground
-from machine_sim.particles.jit import kernel
+from machine_sim.jit import kernel
 from machine_sim.particles.params import ParticleParams
 from machine_sim.particles.plates import closest_in_polygon, plate_coordinates
 from machine_sim.particles.store import ParticleStore

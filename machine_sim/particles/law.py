@@ -15,7 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from machine_sim.particles.jit import inline_kernel
+from machine_sim.jit import inline_kernel
 
 __all__ = ["Law", "contact_force", "contact_law"]
 

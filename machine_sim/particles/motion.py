@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
+from machine_sim.jit import threaded_kernel
 from machine_sim.particles.bodies import advance_bodies, advance_riders
-from machine_sim.particles.jit import threaded_kernel
 from machine_sim.particles.pairs.forces import pair_forces
 from machine_sim.particles.parts import CHUNKS, chunk, spread
 from machine_sim.particles.soil_contact import ground_forces

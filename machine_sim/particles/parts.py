@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.particles.jit import inline_kernel
+from machine_sim.jit import inline_kernel
 
 __all__ = ["CHUNKS", "chunk", "cut_parts", "spread"]
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from machine_sim.particles.jit import inline_kernel
+from machine_sim.jit import inline_kernel
 from machine_sim.particles.store import ParticleError
 
 __all__ = ["MAX_CORNERS", "Plates", "closest_in_polygon", "hull_planes", "plate_coordinates"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machine_sim.particles.jit import kernel
+from machine_sim.jit import kernel
 from machine_sim.particles.plates import closest_in_polygon, plate_coordinates
 from machine_sim.particles.tool import to_tool
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.ground import Ground
-from machine_sim.particles.jit import kernel
+from machine_sim.jit import kernel
 from machine_sim.particles.pairs.contacts import ContactBlocks
 from machine_sim.particles.params import ParticleParams
 from machine_sim.particles.riding import carry, who_is_held

@@ -20,7 +20,7 @@ from numba import prange
 from numpy.typing import NDArray
 
 from machine_sim.ground import surface_at
-from machine_sim.particles.jit import kernel, threaded_kernel
+from machine_sim.jit import kernel, threaded_kernel
 from machine_sim.particles.law import contact_force
 from machine_sim.particles.parts import CHUNKS, chunk
 

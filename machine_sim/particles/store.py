@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from machine_sim.particles.jit import kernel
+from machine_sim.jit import kernel
 from msg_bridge.contract.errors import EarthmovingError
 
 __all__ = ["ParticleError", "ParticleStore"]

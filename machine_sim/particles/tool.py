@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from machine_sim.particles.jit import inline_kernel, kernel
+from machine_sim.jit import inline_kernel, kernel
 from machine_sim.particles.plates import Plates, hull_planes
 from machine_sim.particles.store import ParticleError
 

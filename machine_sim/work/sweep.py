@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from machine_sim.jit import kernel
 from machine_sim.machine.description import TrackShape
 from machine_sim.machine.tools.bucket import BucketShape
 from machine_sim.machine.tools.drum import DrumShape
@@ -155,7 +155,7 @@ class TrackSweep:
         return strip.rows.copy()
 
 
-@njit(cache=True, no_cfunc_wrapper=True)
+@kernel
 def _go(points, rotation, origin, end_rotation, end_origin, ends, ways):  # type: ignore[no-untyped-def]
     """See `_Strip`."""
     for i in range(len(points)):
@@ -167,7 +167,7 @@ def _go(points, rotation, origin, end_rotation, end_origin, ends, ways):  # type
             ends[i, k], ends[i, 3 + k], ways[i, k] = a, b, b - a
 
 
-@njit(cache=True, no_cfunc_wrapper=True)
+@kernel
 def _judge(ways, rotation, normals, action):  # type: ignore[no-untyped-def]
     """Whether each pair of key points presses, both ends of it, or cuts.
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from machine_sim.jit import kernel
 from machine_sim.machine.errors import MachineError
 
 __all__ = ["Trough"]
@@ -153,7 +153,7 @@ class Trough:
         return np.column_stack([self.profile[:, 0], y, self.profile[:, 1]])
 
 
-@njit(cache=True, no_cfunc_wrapper=True)
+@kernel
 def _rows_heaped(points, rotation, origin, normals, offsets, mouth, half_width):  # type: ignore[no-untyped-def]
     """See `Trough.rows_heaped`."""
     lip_x, lip_z, way_x, way_z, out_x, out_z, length, height = mouth

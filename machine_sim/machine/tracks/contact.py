@@ -13,6 +13,7 @@ import math
 from numba import njit
 
 from machine_sim.ground import surface_at
+from machine_sim.jit import kernel
 from machine_sim.machine.tracks.shoe import tread
 
 __all__ = ["add_wrench", "hull_step", "note_pace", "touch", "track_step"]
@@ -164,7 +165,7 @@ def _on_path(s, half, radius):  # type: ignore[no-untyped-def]
     return half - (s - arc), -radius, 3.0 * math.pi, 0.0
 
 
-@njit(cache=True, no_cfunc_wrapper=True)
+@kernel
 def track_step(  # type: ignore[no-untyped-def]
     dt,
     com,

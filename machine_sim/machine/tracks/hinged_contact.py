@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from machine_sim.jit import kernel
 from machine_sim.machine.tracks.contact import add_wrench, note_pace
 from machine_sim.machine.tracks.shoe import tread
 
@@ -89,7 +90,7 @@ def _support(x, y, z, vx, vy, vz, gear, supports, brake, grips, side, k):  # typ
     return fx, fy, fz, borne
 
 
-@njit(cache=True, no_cfunc_wrapper=True)
+@kernel
 def shoes_step(  # type: ignore[no-untyped-def]
     dt,
     com,

@@ -10,10 +10,10 @@ import math
 from typing import Literal, Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from machine_sim.ground import Ground, surface_at
+from machine_sim.jit import kernel
 from machine_sim.machine.description import MachineDescription, TrackShape
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.tracks.gear import with_hinged_tracks
@@ -146,7 +146,7 @@ def sole_heights(tracks: Tracks) -> Array:
     return heights
 
 
-@njit(cache=True, no_cfunc_wrapper=True)
+@kernel
 def _find_soles(poses, loads, half, thick, heights):  # type: ignore[no-untyped-def]
     """See `sole_heights`: the mean by load of those between the axles, `half` from the middle."""
     for side in range(2):

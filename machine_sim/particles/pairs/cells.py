@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.particles.jit import kernel
+from machine_sim.jit import kernel
 from machine_sim.particles.store import ParticleStore
 
 __all__ = ["rows_around", "sort_rows", "spatial_order"]

@@ -18,7 +18,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from machine_sim.particles.jit import inline_kernel, kernel, threaded_kernel
+from machine_sim.jit import inline_kernel, kernel, threaded_kernel
 from machine_sim.particles.pairs.simd import GROUP
 from machine_sim.particles.pairs.table import PairTable
 from machine_sim.particles.store import ParticleStore
@@ -199,7 +199,7 @@ def _join(  # type: ignore[no-untyped-def]
     Returns:
         How many, and how many still wait.
     """
-    slot, left = begin, 0
+    slot, left = begin, np.int64(0)  # typed, or `_may_touch` is compiled once more for this 0
     listed = np.empty(BLOCK, np.uint32)
     for start in range(0, waiting.size, BLOCK):
         count, left = _may_touch(

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.particles.jit import kernel
+from machine_sim.jit import kernel
 from machine_sim.particles.pairs.listing import RESTS
 from machine_sim.particles.pairs.table import PairTable
 from machine_sim.particles.store import ParticleStore

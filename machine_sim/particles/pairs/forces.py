@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machine_sim.particles.jit import kernel
+from machine_sim.jit import kernel
 from machine_sim.particles.law import contact_force
 from machine_sim.particles.pairs.contacts import BLOCK, BOND_GAP
 from machine_sim.particles.pairs.simd import GROUP, gather_motion, scatter_forces

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from machine_sim.particles.jit import kernel, threaded_kernel
+from machine_sim.jit import kernel, threaded_kernel
 from machine_sim.particles.parts import CHUNKS
 
 __all__ = ["RESTS", "list_pairs"]
@@ -57,7 +57,7 @@ def list_pairs(  # type: ignore[no-untyped-def]
         )  # fmt: skip
     if found.min() < 0:
         return -1, 0
-    count = 0
+    count = np.int64(0)  # typed, or what it is given to is compiled once more for this 0
     for c in range(CHUNKS):
         mine = order[_cells_of(c, cells, start) : _cells_of(c + 1, cells, start)]
         _move_stretch(c * room, found[c], count, mine, first, second, begin, end)

@@ -16,8 +16,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from machine_sim.jit import use_threads
 from machine_sim.particles.growth import growth_in
-from machine_sim.particles.jit import use_threads
 from machine_sim.particles.pairs.cells import rows_around, sort_rows
 from machine_sim.particles.pairs.dormant import DormantSprings
 from machine_sim.particles.pairs.listing import list_pairs

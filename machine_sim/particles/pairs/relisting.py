@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machine_sim.particles.jit import kernel
+from machine_sim.jit import kernel
 
 __all__ = ["admit_rows", "common_way", "drop_pairs"]
 

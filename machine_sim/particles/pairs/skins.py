@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from machine_sim.particles.jit import inline_kernel, kernel, threaded_kernel
+from machine_sim.jit import inline_kernel, kernel, threaded_kernel
 from machine_sim.particles.parts import CHUNKS, chunk
 
 __all__ = ["ROOM", "STEPS", "grow_ahead", "is_worn", "lay_skins"]

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.particles.jit import kernel
+from machine_sim.jit import kernel
 from machine_sim.particles.pairs.simd import GROUP
 from machine_sim.particles.plates import plate_coordinates
 from machine_sim.particles.store import ParticleStore

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.particles.jit import kernel
+from machine_sim.jit import kernel
 from machine_sim.particles.plates import closest_in_polygon, plate_coordinates
 from machine_sim.particles.store import ParticleStore
 from machine_sim.particles.tool import ToolSet, to_tool

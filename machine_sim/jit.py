@@ -1,6 +1,8 @@
-"""How the kernels of this folder are compiled.
+"""How the kernels of machines and particles are compiled.
 
 One thread unless more are asked for: a second process on the machine stalls every barrier.
+
+No entries for C, which nobody calls and which take as long to compile as a small kernel.
 
 No fast maths: where the compiler may reorder sums or fuse a product into one, a kernel that another
 takes in comes out with other last bits than when it is called, and which of the two runs depends on
@@ -20,15 +22,21 @@ from numba import njit
 
 __all__ = ["ThreadedKernel", "inline_kernel", "kernel", "threaded_kernel", "use_threads"]
 
+_njit: Any = njit  # its stubs do not know all options
+
+
+def _compiled(**options: Any) -> Any:
+    return _njit(cache=True, error_model="numpy", no_cfunc_wrapper=True, **options)
+
 
 def kernel(function: Any) -> Any:
     """Compile a kernel over arrays and scalars."""
-    return njit(cache=True, error_model="numpy")(function)
+    return _compiled()(function)
 
 
 def inline_kernel(function: Any) -> Any:
     """Compile a helper that its callers take in whole, so that their loops stay vectorised."""
-    return njit(cache=True, error_model="numpy", forceinline=True)(function)
+    return _compiled(forceinline=True)(function)
 
 
 class ThreadedKernel:
@@ -43,7 +51,7 @@ class ThreadedKernel:
         name = function.__name__ + "_threaded"
         twin = FunctionType(function.__code__, function.__globals__, name)
         twin.__qualname__, twin.__module__ = name, function.__module__
-        self._several = njit(cache=True, error_model="numpy", parallel=True)(twin)
+        self._several = _compiled(parallel=True)(twin)
 
     def on(self, threads: int) -> Any:
         """The kernel for a number of threads."""
