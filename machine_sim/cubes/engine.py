@@ -23,8 +23,9 @@ from machine_sim.cubes.terrain import finish_on_ground, stand_on_ground
 from machine_sim.ground import Ground
 from machine_sim.particles.intake import checked_intake
 from machine_sim.particles.params import ParticleParams
+from machine_sim.particles.pose import Pose
 from machine_sim.particles.soil_engine import SoilEngine
-from machine_sim.particles.tool import Pose, RigidTool
+from machine_sim.particles.tool import RigidTool
 from msg_bridge.contract.loose_soil import LooseSoil
 
 __all__ = ["CubeEngine"]

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from machine_sim.jit import kernel
 from machine_sim.machine.kinematics import quaternion_of
 from machine_sim.particles.plates import closest_in_polygon, plate_coordinates
-from machine_sim.particles.tool import Pose, RigidTool, ToolSet
+from machine_sim.particles.pose import Pose
+from machine_sim.particles.tool import RigidTool, ToolSet
 
 __all__ = ["PlateBodies", "pierced"]
 

@@ -4,7 +4,7 @@
 - `intake`: what is refused; `store`: the particles and the volume account
 - `law`: the contact law; `parts`: what threads share out
 - `pairs`: particles against particles: who is near whom, who touches, and the forces
-- `plates`, `tool`: tool geometry and its motion; `walls`: particles against plates
+- `plates`, `pose`, `tool`: tool geometry and its motion; `walls`: particles against plates
 - `soil_contact`: forces of the terrain
 - `growth`: released particles grow to size
 - `bodies`, `motion`: the substeps; `landing`: who lands
@@ -15,9 +15,10 @@
 from machine_sim.particles.engine import ParticleEngine
 from machine_sim.particles.params import ParticleParams
 from machine_sim.particles.plates import Plates
+from machine_sim.particles.pose import Pose
 from machine_sim.particles.soil_engine import SoilEngine
 from machine_sim.particles.store import ParticleError, ParticleStore
-from machine_sim.particles.tool import Pose, RigidTool
+from machine_sim.particles.tool import RigidTool
 from machine_sim.particles.warm import warm_up
 
 __all__ = [

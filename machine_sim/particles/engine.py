@@ -27,11 +27,12 @@ from machine_sim.particles.pairs.contacts import ContactTable
 from machine_sim.particles.pairs.forces import pair_overlap
 from machine_sim.particles.pairs.neighbours import NeighbourList
 from machine_sim.particles.params import ParticleParams
+from machine_sim.particles.pose import Pose
 from machine_sim.particles.sleep import Sleep, Touching, who_moves
 from machine_sim.particles.soil_contact import GroundContacts, finish_on_ground, ground_planes
 from machine_sim.particles.soil_engine import SoilEngine
 from machine_sim.particles.store import ParticleError
-from machine_sim.particles.tool import Pose, RigidTool
+from machine_sim.particles.tool import RigidTool
 from machine_sim.particles.waking import wake_touched
 from machine_sim.particles.walls.contacts import WallContacts
 from machine_sim.particles.walls.crossings import crossings

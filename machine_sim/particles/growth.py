@@ -11,7 +11,7 @@ import numpy as np
 from machine_sim.jit import kernel
 from machine_sim.particles.params import ParticleParams
 from machine_sim.particles.plates import closest_in_polygon, plate_coordinates
-from machine_sim.particles.tool import to_tool
+from machine_sim.particles.pose import to_tool
 
 __all__ = ["grow_radii", "growth_in", "start_radii"]
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from machine_sim.jit import inline_kernel
 
-__all__ = ["Law", "contact_force", "contact_law"]
+__all__ = ["Law", "contact_force", "contact_law", "contact_sums"]
 
 Law = tuple[np.float32, np.float32, np.float32, np.float32, np.float32]
 """Normal stiffness [1/s^2], normal damping [1/s], the same two across, substep [s]."""
@@ -102,3 +102,33 @@ def contact_force(law, friction, overlap, nx, ny, nz, vx, vy, vz, sx, sy, sz):  
     sy = (gy - damping_t * vy) * inverse
     sz = (gz - damping_t * vz) * inverse
     return push, -gx, -gy, -gz, sx, sy, sz
+
+
+@inline_kernel
+def contact_sums(mass, hold, push, gx, gy, gz, nx, ny, nz):  # type: ignore[no-untyped-def]
+    """What a contact adds up to on its second body.
+
+    Args:
+        mass: effective mass [kg], 0 where they do not touch.
+        hold: what holds them together [N].
+        push, gx, gy, gz: of `contact_force`.
+        nx, ny, nz: unit normal from the first body to the second.
+
+    Returns:
+        Force [N], its moment about the centre over the radius [N], three components each, and the
+        push [N], of which rolling friction is a share.
+    """
+    push *= mass
+    gx *= mass
+    gy *= mass
+    gz *= mass
+    normal = push - hold
+    return (
+        normal * nx + gx,
+        normal * ny + gy,
+        normal * nz + gz,
+        gy * nz - gz * ny,
+        gz * nx - gx * nz,
+        gx * ny - gy * nx,
+        push,
+    )

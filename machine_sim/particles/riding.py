@@ -6,7 +6,7 @@ import numpy as np
 
 from machine_sim.jit import kernel
 from machine_sim.particles.plates import closest_in_polygon, plate_coordinates
-from machine_sim.particles.tool import to_tool
+from machine_sim.particles.pose import to_tool
 
 __all__ = ["carry", "who_is_held"]
 

@@ -12,8 +12,9 @@ from machine_sim.ground import Ground
 from machine_sim.particles.grains import GrainTables
 from machine_sim.particles.landing import settled_rows
 from machine_sim.particles.params import ParticleParams
+from machine_sim.particles.pose import Pose
 from machine_sim.particles.store import ParticleError, ParticleStore
-from machine_sim.particles.tool import Pose, ToolSet
+from machine_sim.particles.tool import ToolSet
 from msg_bridge.contract.loose_soil import LooseSoil
 
 __all__ = ["SoilEngine"]

@@ -12,7 +12,7 @@ import numpy as np
 
 from machine_sim.jit import kernel
 from machine_sim.particles.plates import closest_in_polygon, plate_coordinates
-from machine_sim.particles.tool import to_tool
+from machine_sim.particles.pose import to_tool
 
 __all__ = ["by_tools", "meet", "near_spots", "on_changed", "wake_touched"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from machine_sim.jit import kernel
-from machine_sim.particles.law import contact_force
+from machine_sim.particles.law import contact_force, contact_sums
 from machine_sim.particles.pairs.contacts import BLOCK, BOND_GAP
 from machine_sim.particles.pairs.simd import GROUP, gather_motion, scatter_forces
 
@@ -51,18 +51,11 @@ def _block_maths(n, b, w, law):  # type: ignore[no-untyped-def]
         b[s + 9 * BLOCK] = sx * touches
         b[s + 10 * BLOCK] = sy * touches
         b[s + 11 * BLOCK] = sz * touches
-        mass = b[s + 4 * BLOCK] * touches
-        push *= mass
-        gx *= mass
-        gy *= mass
-        gz *= mass
-        normal = push - b[s + 7 * BLOCK] * hold
-        w[s] = normal * nx + gx
-        w[s + BLOCK] = normal * ny + gy
-        w[s + 2 * BLOCK] = normal * nz + gz
-        w[s + 3 * BLOCK] = gy * nz - gz * ny
-        w[s + 4 * BLOCK] = gz * nx - gx * nz
-        w[s + 5 * BLOCK] = gx * ny - gy * nx
+        fx, fy, fz, tx, ty, tz, push = contact_sums(
+            b[s + 4 * BLOCK] * touches, b[s + 7 * BLOCK] * hold, push, gx, gy, gz, nx, ny, nz
+        )
+        w[s], w[s + BLOCK], w[s + 2 * BLOCK] = fx, fy, fz
+        w[s + 3 * BLOCK], w[s + 4 * BLOCK], w[s + 5 * BLOCK] = tx, ty, tz
         w[s + 6 * BLOCK] = push * b[s + 6 * BLOCK]
 
 

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from machine_sim.jit import kernel
 from machine_sim.particles.pairs.simd import GROUP
 from machine_sim.particles.plates import plate_coordinates
+from machine_sim.particles.pose import to_tool
 from machine_sim.particles.store import ParticleStore
-from machine_sim.particles.tool import ToolSet, to_tool
+from machine_sim.particles.tool import ToolSet
 from machine_sim.particles.walls.listing import WallTable
 
 __all__ = ["BLOCK", "WallBlocks", "WallContacts"]

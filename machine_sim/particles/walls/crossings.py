@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from machine_sim.jit import kernel
 from machine_sim.particles.plates import closest_in_polygon, plate_coordinates
+from machine_sim.particles.pose import to_tool
 from machine_sim.particles.store import ParticleStore
-from machine_sim.particles.tool import ToolSet, to_tool
+from machine_sim.particles.tool import ToolSet
 from machine_sim.particles.walls.listing import REACH, WallTable
 
 __all__ = ["crossings"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from machine_sim.jit import inline_kernel, kernel
-from machine_sim.particles.law import contact_force
+from machine_sim.particles.law import contact_force, contact_sums
 from machine_sim.particles.pairs.simd import GROUP, gather_motion, scatter_forces
 from machine_sim.particles.walls.contacts import BLOCK
 
@@ -185,18 +185,11 @@ def _contact_maths(n, b, w, law):  # type: ignore[no-untyped-def]
         b[s + 13 * BLOCK] = sy * touches
         b[s + 14 * BLOCK] = sz * touches
         b[s + 15 * BLOCK] = side
-        mass = b[s + 8 * BLOCK] * touches
-        push *= mass
-        gx *= mass
-        gy *= mass
-        gz *= mass
-        normal = push - hold
-        w[s] = normal * nx + gx
-        w[s + BLOCK] = normal * ny + gy
-        w[s + 2 * BLOCK] = normal * nz + gz
-        w[s + 3 * BLOCK] = gy * nz - gz * ny
-        w[s + 4 * BLOCK] = gz * nx - gx * nz
-        w[s + 5 * BLOCK] = gx * ny - gy * nx
+        fx, fy, fz, tx, ty, tz, push = contact_sums(
+            b[s + 8 * BLOCK] * touches, hold, push, gx, gy, gz, nx, ny, nz
+        )
+        w[s], w[s + BLOCK], w[s + 2 * BLOCK] = fx, fy, fz
+        w[s + 3 * BLOCK], w[s + 4 * BLOCK], w[s + 5 * BLOCK] = tx, ty, tz
         w[s + 6 * BLOCK] = push * b[s + 10 * BLOCK]
 
 
