@@ -2,6 +2,9 @@
 
 One thread unless more are asked for: a second process on the machine stalls every barrier.
 
+A division by zero gives infinity or NaN, as in NumPy: a check in a loop would keep it from being
+vectorised.
+
 No entries for C, which nobody calls and which take as long to compile as a small kernel.
 
 No fast maths: where the compiler may reorder sums or fuse a product into one, a kernel that another

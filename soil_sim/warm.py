@@ -1,4 +1,4 @@
-"""Compile the kernels before the first real tick; those of drums with the first drum that comes."""
+"""Compile every kernel before the first real tick."""
 
 from __future__ import annotations
 
@@ -37,7 +37,9 @@ def warm_up(params: SoilParams) -> None:
         sweeps["x0"], sweeps["x1"] = 0.1 * tick, 0.1 * (tick + 1)
         track = sweeps.copy()
         track["tool"], track["action"] = 1, Action.PRESS
-        sweeps = join_rows([sweeps, track], SWEEP)
+        drum = sweeps.copy()
+        drum["tool"], drum["action"] = 2, Action.MILL
+        sweeps = join_rows([sweeps, track, drum], SWEEP)
         moved = soil.step(tick, sweeps, landed if tick == 1 else empty_rows(LANDED))
         held.book(moved.conversions)
     soil.step(_TICKS + 1, empty_rows(SWEEP), empty_rows(LANDED))

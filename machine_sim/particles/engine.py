@@ -229,8 +229,8 @@ class ParticleEngine(SoilEngine):
             contact_law(substep, params.substeps_per_contact, params.restitution),
             contact_law(substep, params.substeps_per_contact, params.wall_restitution),
         )
-        local = tools.local(rows, store.position)
-        inside, lifted, near = tools.surround(local, ground.grid.cell)
+        places = tools.places(rows, store.position)
+        inside, lifted, near = tools.surround(places, ground.grid.cell)
         threads = self._pairs.threads
         count = ground_planes.on(threads)(
             ground.surface, ground.frame, dt, laws[1], rows, lifted, near, store.position,
@@ -238,7 +238,7 @@ class ParticleEngine(SoilEngine):
             self._ground_row, self._plane,
         )  # fmt: skip
         grounds = GroundContacts(self._ground_row[:count], self._plane[:count])
-        self._walls.refresh(store, rows, tools, local, dt)
+        self._walls.refresh(store, rows, tools, places, dt)
         if self._changed:
             self._renew()
         grows = self._growing > 0

@@ -48,7 +48,7 @@ def who_is_held(  # type: ignore[no-untyped-def]
     owner = tools.owner
     for c in range(walls.row.size):
         i, p = walls.row[c], walls.plate[c]
-        if state[i] == 0 or p < 0:
+        if state[i] == 0:
             continue
         x, y, z = to_tool(pose[owner[p]], position[i, 0], position[i, 1], position[i, 2])
         a, b, h = plate_coordinates(tools.plates, p, x, y, z)

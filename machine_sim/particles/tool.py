@@ -155,7 +155,7 @@ class ToolSet:
         """What kernels are given of a step that has begun."""
         return ToolMotion(self.plates, self.owner, self.path, self.twist, self.wrench)
 
-    def local(self, rows: NDArray[np.int64], position: NDArray[np.float64]) -> NDArray[np.float64]:
+    def places(self, rows: NDArray[np.int64], position: NDArray[np.float64]) -> NDArray[np.float64]:
         """Places of some particles at the start of the step, seen from each tool.
 
         Args:
@@ -165,12 +165,12 @@ class ToolSet:
         Returns:
             [m], tool frames, shape (tools, 3, rows).
         """
-        local = np.empty((len(self.tools), 3, rows.size))
-        _local(rows, position, self.path[0], local)
-        return local
+        places = np.empty((len(self.tools), 3, rows.size))
+        _places(rows, position, self.path[0], places)
+        return places
 
     def surround(
-        self, local: NDArray[np.float64], margin: float
+        self, places: NDArray[np.float64], margin: float
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
         """Which tool holds each of some particles, and what that means for the ground under it.
 
@@ -179,17 +179,17 @@ class ToolSet:
         it does not.
 
         Args:
-            local: their places, see `local`.
+            places: theirs, see `places`.
             margin: distance from a digging tool's bounding sphere that still is near [m].
 
         Returns:
             (inside, lifted, near), shape (rows,) each: number of the tool in whose hull it is, -1
             for none; whether that one digs; and whether it is near one that does.
         """
-        inside = np.full(local.shape[2], -1, dtype=np.int64)
+        inside = np.full(places.shape[2], -1, dtype=np.int64)
         lifted, near = np.zeros(inside.size, np.bool_), np.zeros(inside.size, np.bool_)
         _surround(
-            local, self.sphere, self.hull, self.first_hull, self.digs, margin, inside, lifted, near
+            places, self.sphere, self.hull, self.first_hull, self.digs, margin, inside, lifted, near
         )
         return inside, lifted, near
 
@@ -217,23 +217,23 @@ class ToolSet:
 
 
 @kernel
-def _local(rows, position, pose, local):  # type: ignore[no-untyped-def]
-    """See `ToolSet.local`."""
+def _places(rows, position, pose, places):  # type: ignore[no-untyped-def]
+    """See `ToolSet.places`."""
     for t in range(pose.shape[0]):
         p = pose[t]
         for n in range(rows.size):
             i = rows[n]
-            local[t, 0, n], local[t, 1, n], local[t, 2, n] = to_tool(
+            places[t, 0, n], places[t, 1, n], places[t, 2, n] = to_tool(
                 p, position[i, 0], position[i, 1], position[i, 2]
             )
 
 
 @kernel
-def _surround(local, sphere, hull, first, digs, margin, inside, lifted, near):  # type: ignore[no-untyped-def]
+def _surround(places, sphere, hull, first, digs, margin, inside, lifted, near):  # type: ignore[no-untyped-def]
     """See `ToolSet.surround`; plane by plane, so that many particles are looked at together."""
     held = np.empty(inside.size, np.bool_)
     for t in range(sphere.shape[0]):
-        around = _around(local[t], sphere[t], margin, held)
+        around = _around(places[t], sphere[t], margin, held)
         if around == 0:
             continue
         if digs[t]:
@@ -241,25 +241,25 @@ def _surround(local, sphere, hull, first, digs, margin, inside, lifted, near):  
         if first[t + 1] == first[t]:
             continue
         for h in range(first[t], first[t + 1]):
-            _cut_off(local[t], hull[h, 0], hull[h, 1], hull[h, 2], hull[h, 3], held)
+            _cut_off(places[t], hull[h, 0], hull[h, 1], hull[h, 2], hull[h, 3], held)
         for n in range(inside.size):
             if held[n] and inside[n] < 0:
                 inside[n], lifted[n] = t, digs[t]
 
 
 @kernel
-def _around(local, sphere, margin, within):  # type: ignore[no-untyped-def]
+def _around(places, sphere, margin, within):  # type: ignore[no-untyped-def]
     """Mark who is within a bounding sphere and some margin; returns how many are."""
     count, far = 0, (sphere[3] + margin) ** 2
     for n in range(np.uint64(within.size)):
-        x, y, z = local[0, n] - sphere[0], local[1, n] - sphere[1], local[2, n] - sphere[2]
+        x, y, z = places[0, n] - sphere[0], places[1, n] - sphere[1], places[2, n] - sphere[2]
         within[n] = x * x + y * y + z * z <= far
         count += within[n]
     return count
 
 
 @kernel
-def _cut_off(local, nx, ny, nz, height, held):  # type: ignore[no-untyped-def]
+def _cut_off(places, nx, ny, nz, height, held):  # type: ignore[no-untyped-def]
     """Unmark who is beyond a plane."""
     for n in range(np.uint64(held.size)):
-        held[n] &= nx * local[0, n] + ny * local[1, n] + nz * local[2, n] < height
+        held[n] &= nx * places[0, n] + ny * places[1, n] + nz * places[2, n] < height

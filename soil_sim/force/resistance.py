@@ -60,7 +60,7 @@ class Resistance:
         rows, points, first = sweeps
         tables = self._ground, self._frame, self._strength
         found, drums = _wrenches(rows, points, first, *tables)
-        if drums:  # a kernel of its own: few machines have one, and it takes long to compile
+        if drums:  # a kernel of its own: few machines have one
             _add_drums(rows, points, first, *tables, found)
         forces: Rows = _force_rows(rows, first, found)
         return forces

@@ -110,7 +110,16 @@ def _lay_out(  # type: ignore[no-untyped-def]
     listed, spring, side, position, radius, mass, friction, rolling, adhesion, plates, owner, pose,
     twist, body, total, blocks, slot,
 ):  # fmt: skip
-    """Fill the blocks, in the order of plates; returns how many."""
+    """Fill the blocks, in the order of plates; returns how many.
+
+    Args:
+        listed, spring, side: of the table.
+        position ... adhesion: of the particles.
+        plates, owner, twist: of the tools; pose: theirs at the start of the step.
+        body, total: in and out, see `WallContacts.lay_out`.
+        blocks: out.
+        slot: out, where each listed contact went.
+    """
     row, tool_row, block = blocks.row, blocks.tool_row, blocks.block
     last = body.shape[0] - 1
     for t in range(pose.shape[0]):
@@ -152,17 +161,22 @@ def _lay_out(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _blocks_of_plates(listed, plates, plate, size):  # type: ignore[no-untyped-def]
-    """Give each plate blocks enough for its contacts.
+def _blocks_of_plates(listed, many, plate, size):  # type: ignore[no-untyped-def]
+    """Give each of `many` plates blocks enough for its contacts.
+
+    Args:
+        listed: plate of each contact.
+        many: how many plates there are.
+        plate, size: out, of each block.
 
     Returns:
         How many blocks, and the first slot of each plate.
     """
-    contacts, first = np.zeros(plates, np.int64), np.zeros(plates, np.int64)
+    contacts, first = np.zeros(many, np.int64), np.zeros(many, np.int64)
     for k in listed:
         contacts[k] += 1
     blocks = 0
-    for k in range(plates):
+    for k in range(many):
         first[k] = blocks * BLOCK
         left = contacts[k]
         while left > 0:

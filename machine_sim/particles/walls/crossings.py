@@ -64,7 +64,8 @@ def _crossings(  # type: ignore[no-untyped-def]
         through = False
         for t in range(ways.size):
             if begin[i] == end[i] and own + ways[t] <= REACH * radius[i]:
-                # No plate was within reach, and none has come nearer than that.
+                # No plate was within reach, and none has come nearer than that: a tool turns by
+                # less than a right angle in a step.
                 continue
             x0, y0, z0 = to_tool(start[t], before[n, 0], before[n, 1], before[n, 2])
             x1, y1, z1 = to_tool(last[t], after[i, 0], after[i, 1], after[i, 2])

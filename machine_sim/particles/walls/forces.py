@@ -85,6 +85,11 @@ def _to_plate(n, b, w, axes, turned, shift, twist):  # type: ignore[no-untyped-d
     In: displacement (0-2), velocity (3-5), surface speed at the contact radius (6-8). Out: place of
     the centre (0-2), its velocity relative to the tool there (3-5), surface speed relative to the
     tool's spin (6-8), all in plate axes; arm from the tool's origin (9-11), map axes.
+
+    Args:
+        axes: u, v, n of the plate now, map axes, shape (9,).
+        turned, shift: how these, and the tool's origin [m], have changed in the step.
+        twist: of the tool.
     """
     ux, uy, uz = axes[0], axes[1], axes[2]
     vx, vy, vz = axes[3], axes[4], axes[5]

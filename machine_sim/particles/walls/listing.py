@@ -62,14 +62,14 @@ class WallList:
         self.table = WallTable(1024, 0)
         self._spare = WallTable(1024, 0)
 
-    def refresh(self, store: ParticleStore, rows, tools: ToolSet, local, dt: float) -> None:  # type: ignore[no-untyped-def]
+    def refresh(self, store: ParticleStore, rows, tools: ToolSet, places, dt: float) -> None:  # type: ignore[no-untyped-def]
         """List all plates that one of `rows` may touch within the next `dt` [s].
 
         Args:
             store: the particles.
             rows: of those that move.
             tools: which have begun the step.
-            local: places of these, see `ToolSet.local`.
+            places: of these, see `ToolSet.places`.
             dt: [s].
         """
         old = self.table
@@ -82,7 +82,7 @@ class WallList:
                 new.begin = np.zeros(2 * store.count, np.int64)
                 new.end = np.zeros(2 * store.count, np.int64)
             new.count = _list_walls(
-                dt, rows, local, store.position, store.velocity, store.radius, store.wall_row,
+                dt, rows, places, store.position, store.velocity, store.radius, store.wall_row,
                 tools.plates, tools.first,
                 tools.sphere, tools.path[0], tools.twist,
                 old.plate, old.spring, old.side, old.begin, old.end,
@@ -103,7 +103,7 @@ class WallList:
 
 @kernel
 def _list_walls(  # type: ignore[no-untyped-def]
-    dt, rows, local, position, velocity, radius, old_row,
+    dt, rows, places, position, velocity, radius, old_row,
     plates, first_plate, sphere, pose, twist,
     old_plate, old_spring, old_side, old_begin, old_end,
     row, plate, spring, side, begin, end,
@@ -119,7 +119,7 @@ def _list_walls(  # type: ignore[no-untyped-def]
     for t in range(tools):
         _reaches(dt, rows, position, velocity, radius, pose[t], twist[t], reach[t])
         low, high = first_plate[t], first_plate[t + 1]
-        _mark_close(local[t], sphere[t], plates.bounds, low, high, reach[t], close[t])
+        _mark_close(places[t], sphere[t], plates.bounds, low, high, reach[t], close[t])
     count = 0
     for n in range(rows.size):
         i = rows[n]
@@ -127,7 +127,7 @@ def _list_walls(  # type: ignore[no-untyped-def]
         for t in range(tools):
             if not close[t, n]:
                 continue
-            x, y, z, far = local[t, 0, n], local[t, 1, n], local[t, 2, n], reach[t, n]
+            x, y, z, far = places[t, 0, n], places[t, 1, n], places[t, 2, n], reach[t, n]
             for k in range(first_plate[t], first_plate[t + 1]):
                 a, b, h = plate_coordinates(plates, k, x, y, z)
                 if abs(h) > far:
@@ -168,11 +168,11 @@ def _reaches(dt, rows, position, velocity, radius, pose, twist, reach):  # type:
 
 
 @kernel
-def _mark_close(local, sphere, bounds, low, high, reach, close):  # type: ignore[no-untyped-def]
+def _mark_close(places, sphere, bounds, low, high, reach, close):  # type: ignore[no-untyped-def]
     """Mark who may be within reach of one of the plates from `low` to `high`, many at a time."""
     around = 0
     for n in range(np.uint64(reach.size)):
-        x, y, z = local[0, n] - sphere[0], local[1, n] - sphere[1], local[2, n] - sphere[2]
+        x, y, z = places[0, n] - sphere[0], places[1, n] - sphere[1], places[2, n] - sphere[2]
         far = sphere[3] + reach[n]
         around += x * x + y * y + z * z <= far * far
     if around == 0:
@@ -181,7 +181,7 @@ def _mark_close(local, sphere, bounds, low, high, reach, close):  # type: ignore
         nx, ny, nz, height = bounds[0, k], bounds[1, k], bounds[2, k], bounds[3, k]
         cx, cy, cz, size = bounds[4, k], bounds[5, k], bounds[6, k], bounds[7, k]
         for n in range(np.uint64(reach.size)):
-            x, y, z = local[0, n], local[1, n], local[2, n]
+            x, y, z = places[0, n], places[1, n], places[2, n]
             above = abs(nx * x + ny * y + nz * z - height)
             x -= cx
             y -= cy
