@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from msg_bridge.contract.grid import Grid
 from soil_sim.errors import SoilError, TerrainError
+from soil_sim.jit import kernel
 from soil_sim.terrain.files import load_heights_with_gaps
 from soil_sim.terrain.georeference import Georeference
 from soil_sim.terrain.geotiff import same_crs
@@ -321,7 +321,7 @@ def _between(heights: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np
     return np.asarray(np.where(s == 1.0, heights[i + 1], mixed))
 
 
-@njit(cache=True)
+@kernel()
 def _follow(indices, difference, room, limit, kept, kept_room, totals):  # type: ignore[no-untyped-def]
     """Put new differences [m] and rooms [mm^3] in the place of the old, and follow the totals.
 
