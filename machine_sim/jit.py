@@ -10,9 +10,6 @@ No entries for C, which nobody calls and which take as long to compile as a smal
 No fast maths: where the compiler may reorder sums or fuse a product into one, a kernel that another
 takes in comes out with other last bits than when it is called, and which of the two runs depends on
 whether they were compiled now or come from the cache. A run would not repeat. It saves 0 to 10 %.
-
-Numba's cache notices a change of the file a kernel is in, not of the kernels it calls: after an
-edit of a kernel that other files use, delete `__pycache__`.
 """
 
 from __future__ import annotations
@@ -23,23 +20,25 @@ from typing import Any
 import numba
 from numba import njit
 
+from msg_bridge.kernel_cache import cached
+
 __all__ = ["ThreadedKernel", "inline_kernel", "kernel", "threaded_kernel", "use_threads"]
 
 _njit: Any = njit  # its stubs do not know all options
 
 
-def _compiled(**options: Any) -> Any:
-    return _njit(cache=True, error_model="numpy", no_cfunc_wrapper=True, **options)
+def _compiled(function: Any, **options: Any) -> Any:
+    return cached(_njit(error_model="numpy", no_cfunc_wrapper=True, **options)(function))
 
 
 def kernel(function: Any) -> Any:
     """Compile a kernel over arrays and scalars."""
-    return _compiled()(function)
+    return _compiled(function)
 
 
 def inline_kernel(function: Any) -> Any:
     """Compile a helper that its callers take in whole, so that their loops stay vectorised."""
-    return _compiled(forceinline=True)(function)
+    return _compiled(function, forceinline=True)
 
 
 class ThreadedKernel:
@@ -54,7 +53,7 @@ class ThreadedKernel:
         name = function.__name__ + "_threaded"
         twin = FunctionType(function.__code__, function.__globals__, name)
         twin.__qualname__, twin.__module__ = name, function.__module__
-        self._several = _compiled(parallel=True)(twin)
+        self._several = _compiled(twin, parallel=True)
 
     def on(self, threads: int) -> Any:
         """The kernel for a number of threads."""

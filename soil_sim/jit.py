@@ -13,6 +13,8 @@ from typing import Any
 
 from numba import njit
 
+from msg_bridge.kernel_cache import cached
+
 __all__ = ["helper", "kernel"]
 
 _njit: Any = njit  # its stubs do not know all options
@@ -20,7 +22,11 @@ _njit: Any = njit  # its stubs do not know all options
 
 def kernel(**options: Any) -> Any:
     """Compile a kernel that Python calls; `options` as of `numba.njit`."""
-    return _njit(cache=True, no_cfunc_wrapper=True, **options)
+
+    def compiled(function: Any) -> Any:
+        return cached(_njit(no_cfunc_wrapper=True, **options)(function))
+
+    return compiled
 
 
 def helper(**options: Any) -> Any:
