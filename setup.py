@@ -30,7 +30,13 @@ setup(
     packages=find_packages(
         include=[
             f"{package}{inside}"
-            for package in ("soil_sim", "machine_sim", "msg_bridge", "earthmoving_sim")
+            for package in (
+                "soil_sim",
+                "machine_sim",
+                "msg_bridge",
+                "dig_operator",
+                "earthmoving_sim",
+            )
             for inside in ("", ".*")
         ]
     ),
@@ -60,10 +66,10 @@ setup(
     entry_points={
         "console_scripts": [
             "earthmoving = earthmoving_sim.cli:main",
-            "soil_sim = soil_sim.node:main",
-            "machine_sim = machine_sim.node:main",
-            "recorder = msg_bridge.recorder.node:main",
-            "operator = machine_sim.operator.node:main",
+            "soil_sim = soil_sim.node.soil_node:main",
+            "machine_sim = machine_sim.node.machine_node:main",
+            "exchange_recorder = msg_bridge.recorder.recorder_node:main",
+            "dig_operator = dig_operator.node:main",
         ]
     },
 )

@@ -13,20 +13,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from earthmoving_sim.machine_shape import machine_faces
-from earthmoving_sim.operated import Operated
-from earthmoving_sim.pictures.record import SiteRecord
+from dig_operator import BehaviourParams, DigTask, DigTaskParams, FaceCuttingParams, FaceCuttingTask
+from earthmoving_sim.machine_polygons import machine_faces
+from earthmoving_sim.operated_machine import OperatedMachine
 from earthmoving_sim.pictures.site_3d import draw_site_3d
+from earthmoving_sim.pictures.site_record import SiteRecord
 from earthmoving_sim.world import World
-from machine_sim.core import MachineSim
-from machine_sim.machine import TrackedMachine, load_description, rotation_matrix
-from machine_sim.operator import FaceCut, FaceParams, OperatorParams, Shift, ShiftParams
-from machine_sim.particles import ParticleParams, SoilEngine
-from machine_sim.work.rig import Placement
+from machine_sim.dem import ParticleParams, SoilEngine
+from machine_sim.machine import TrackedMachine, load_machine_spec, rotation_matrix
+from machine_sim.simulated_machine import Placement
+from machine_sim.simulation import MachineSim
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
-from soil_sim.params import SoilParams
 from soil_sim.soil import Soil
+from soil_sim.soils.params import SoilParams
 
 _GRAIN = "#7d5a38"
 _LOOK_EVERY = 2
@@ -54,14 +54,14 @@ def loading() -> SiteRecord:
     grid = Grid(161, 161, 0.2)
     soil = Soil(grid, np.zeros(grid.shape), SoilParams(repose_angle=35.0, swell=0.15))
     sim = _simulate(soil, [("excavator", (-2.0, 0.0)), ("dumper", (0.35, 6.3))], 1_000_000)
-    habits = OperatorParams(clearance=2.8, empty=0.05)
-    operator = Shift(
-        sim.rigs[0].machine.description, habits, ShiftParams(cycles=2, longest=_GIVE_UP)
+    behaviour = BehaviourParams(clearance=2.8, empty_threshold=0.05)
+    operator = DigTask(
+        sim.simulated_machines[0].machine.spec, behaviour, DigTaskParams(cycles=2, timeout=_GIVE_UP)
     )
 
     def falling() -> bool:
         busy = operator.cycle == 2 and operator.phase == "dump"
-        return busy and sim.rigs[0].payload.fill < 0.5
+        return busy and sim.simulated_machines[0].payload.fill < 0.5
 
     return _work(soil, sim, operator, falling, "An excavator loads a dumper")
 
@@ -72,10 +72,10 @@ def face() -> SiteRecord:
     x = grid.x(np.arange(grid.rows))
     heights, ids = np.zeros(grid.shape), np.zeros(grid.shape, np.uint8)
     heights[x > 2.4], ids[x > 2.2] = 2.2, 1
-    soil = Soil(grid, heights, SoilParams(soil="loam", other_soils=["rock"]), soil=ids)
+    soil = Soil(grid, heights, SoilParams(soil="loam", additional_soils=["rock"]), soil=ids)
     sim = _simulate(soil, [("road_header", (-2.6, 0.0))], 1_000_000)
-    task = FaceParams(width=3.2, height=1.8, rounds=1, longest=_GIVE_UP)
-    operator = FaceCut(sim.machine.description, task)
+    task = FaceCuttingParams(width=3.2, height=1.8, rounds=1, timeout=_GIVE_UP)
+    operator = FaceCuttingTask(sim.machine.spec, task)
 
     def across() -> bool:
         return operator.phase == "slew" and abs(float(sim.machine.joint_positions[0])) < 0.05
@@ -88,7 +88,7 @@ def _simulate(
 ) -> MachineSim:
     return MachineSim(
         [
-            Placement(load_description(find_config(f"machines/{name}.yaml")), place)
+            Placement(load_machine_spec(find_config(f"machines/{name}.yaml")), place)
             for name, place in machines
         ],
         soil.grid,
@@ -99,19 +99,23 @@ def _simulate(
 
 
 def _work(
-    soil: Soil, sim: MachineSim, operator: Shift | FaceCut, enough: Callable[[], bool], title: str
+    soil: Soil,
+    sim: MachineSim,
+    operator: DigTask | FaceCuttingTask,
+    enough: Callable[[], bool],
+    title: str,
 ) -> SiteRecord:
     """Let the first machine's operator work until there is something to be seen."""
-    world, machine, tick = World(soil, {1: sim}), sim.machine, sim.params.tick
-    operated = Operated(world, sim.rigs[0], operator, tick)
+    world, machine, tick = World(soil, {1: sim}), sim.machine, sim.params.tick_period
+    operated = OperatedMachine(world, sim.simulated_machines[0], operator, tick)
     before = soil.columns.height.copy()
     while not (operator.done or enough()):
-        operated.act(_LOOK_EVERY * tick)
+        operated.observe_and_command(_LOOK_EVERY * tick)
         for _ in range(_LOOK_EVERY):
             world.step()
         if world.tick % 500 == 0:
             print(f"  {title}: {world.tick * tick:.0f} s, {operator.phase}", flush=True)
-    faces = [face for rig in sim.rigs for face in _faces(rig.machine)]
+    faces = [face for rig in sim.simulated_machines for face in _faces(rig.machine)]
     record = SiteRecord(
         grid=soil.grid,
         before=before,
@@ -122,7 +126,7 @@ def _work(
         lip_phase=np.zeros(0, str),
         machine_outline=(),
         title=title,
-        machine_faces=[*faces, *_grains(sim.particles)],
+        machine_faces=[*faces, *_materials(sim.particles)],
         machine_position=(float(machine.base_pose[0][0]), float(machine.base_pose[0][1])),
     )
     world.close()
@@ -132,13 +136,13 @@ def _work(
 def _faces(machine: TrackedMachine) -> list[tuple[str, NDArray[np.float64]]]:
     position, quaternion = machine.base_pose
     pose = (position, rotation_matrix(quaternion), machine.joint_positions)
-    return machine_faces(machine.description, *pose, machine.tracks.shoe_poses)
+    return machine_faces(machine.spec, *pose, machine.tracks.shoe_poses)
 
 
-def _grains(particles: SoilEngine) -> Iterator[tuple[str, NDArray[np.float64]]]:
+def _materials(particles: SoilEngine) -> Iterator[tuple[str, NDArray[np.float64]]]:
     """Every particle as an octahedron."""
-    store = particles.store
-    for position, radius in zip(store.position, store.radius, strict=True):
+    state = particles.state
+    for position, radius in zip(state.position, state.radius, strict=True):
         corners = position + float(radius) * _OCTAHEDRON
         for corner in _OCTAHEDRON_FACES:
             yield _GRAIN, corners[list(corner)]

@@ -78,7 +78,7 @@ class ReferenceSoil:
         """Soil above height 0 [m^3], holes counted negative."""
         return float(self.height.sum()) * self.grid.cell**2
 
-    def land(self, x: Floats, y: Floats, volume: Floats) -> None:
+    def deposit(self, x: Floats, y: Floats, volume: Floats) -> None:
         """Let dirt land, one piece after the other, each until it rests (CreatePile, 3.1.2).
 
         Args:
@@ -92,7 +92,7 @@ class ReferenceSoil:
             raise SoilError("dirt must land on the map and have a volume of at least 0")
         row, col = self.grid.row(x), self.grid.col(y)
         rise = volume / self.grid.cell**2
-        _land(self.height, self.offsets, self._allowed, row, col, rise)
+        _deposit(self.height, self.offsets, self._allowed, row, col, rise)
 
     def dig(self, left: Floats, right: Floats) -> float:
         """Lower the map to a bucket's key points and to points between them (3.3.1).
@@ -116,13 +116,13 @@ class ReferenceSoil:
             How many times it was looked through.
         """
         passes = 1
-        while _look_through(
+        while _relax_cells(
             self.height, self.offsets, self._allowed, self._tolerance, self._stack, self._stacked
         ):
             passes += 1
         return passes
 
-    def steepest_excess(self) -> float:
+    def max_slope_excess(self) -> float:
         """Largest height [m] by which any two neighbours exceed the slope allowed; 0 if none do."""
         return float(_steepest(self.height, self.offsets, self._allowed))
 
@@ -157,7 +157,7 @@ def _lowest_neighbour(height, offsets, allowed, row, col, top):  # type: ignore[
 
 
 @njit
-def _land(height, offsets, allowed, row, col, rise):  # type: ignore[no-untyped-def]
+def _deposit(height, offsets, allowed, row, col, rise):  # type: ignore[no-untyped-def]
     """Share each `rise` [m] among four grid points, and let it run down from each."""
     rows, cols = height.shape
     for n in range(row.size):
@@ -212,7 +212,7 @@ def _dig(height, low, left, right, between):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _look_through(height, offsets, allowed, tolerance, stack, stacked):  # type: ignore[no-untyped-def]
+def _relax_cells(height, offsets, allowed, tolerance, stack, stacked):  # type: ignore[no-untyped-def]
     """Look at every grid point once; what is too steep moves, and where it goes is looked at next.
 
     Half an excess moves: then neither of the two stands too steep over the other. Returns how

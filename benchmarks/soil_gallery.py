@@ -19,10 +19,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-from earthmoving_sim.pictures.raster import Camera
-from earthmoving_sim.pictures.record import SiteRecord
-from earthmoving_sim.pictures.scene import ground_mesh
+from earthmoving_sim.pictures.map_window import Window
+from earthmoving_sim.pictures.mesh import ground_mesh
+from earthmoving_sim.pictures.rasterizer import Camera
 from earthmoving_sim.pictures.shading import render
+from earthmoving_sim.pictures.site_record import SiteRecord
 from earthmoving_sim.pictures.style import (
     BOLD,
     DPI,
@@ -33,20 +34,19 @@ from earthmoving_sim.pictures.style import (
     add_title,
     new_figure,
 )
-from earthmoving_sim.pictures.window import Window
 from earthmoving_sim.world import World
-from machine_sim.core import MachineSim
-from machine_sim.machine import load_description
-from machine_sim.work.rig import Placement
+from machine_sim.machine import load_machine_spec
+from machine_sim.simulated_machine import Placement
+from machine_sim.simulation import MachineSim
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
-from msg_bridge.contract.rows import LANDED, SWEEP, Kind, Rows, empty_rows
-from soil_sim.columns import Material
-from soil_sim.params import SoilParams
+from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, ConversionKind, Rows, empty_rows
+from soil_sim.columns.state import SurfaceMaterial
 from soil_sim.soil import Soil
-from soil_sim.soils import load_soils
+from soil_sim.soils.params import SoilParams
+from soil_sim.soils.soil_types import load_soil_types
 
-NO_SWEEPS, NO_LANDED = empty_rows(SWEEP), empty_rows(LANDED)
+NO_SWEEPS, NO_DEPOSIT_REQUESTS = empty_rows(SWEEP), empty_rows(DEPOSIT_REQUEST)
 
 GRASS = (0.44, 0.51, 0.30)
 DUG_SHADE = 0.80  # firm soil laid bare is darker than the same soil loose
@@ -63,9 +63,9 @@ BUCKET = ((0.0, 0.0), (-0.4, 0.0), (-0.7, 0.1), (-0.9, 0.3), (-1.0, 0.5), (-1.0,
 
 def landings(x: float, y: float, volumes: NDArray[np.integer], moisture: int) -> Rows:
     """LANDED rows at one place [m], of volumes [mm^3] at a moisture [%]."""
-    rows = empty_rows(LANDED, volumes.size)
+    rows = empty_rows(DEPOSIT_REQUEST, volumes.size)
     rows["x"], rows["y"], rows["volume_mm3"] = x, y, volumes
-    rows["moisture"], rows["source"] = moisture, 1
+    rows["moisture"], rows["machine_id"] = moisture, 1
     rows["particle_id"] = np.arange(1, volumes.size + 1)
     return rows
 
@@ -76,7 +76,7 @@ def bucket(start: NDArray[np.float64], end: NDArray[np.float64], width: float = 
     for n, (x, z) in enumerate(BUCKET):
         for side, y in ((0, width / 2), (1, -width / 2)):
             row = rows[2 * n + side]
-            row["pair"], row["source"] = n, 1
+            row["pair"], row["machine_id"] = n, 1
             for axis, offset, a, b in zip("xyz", (x, y, z), start, end, strict=True):
                 row[f"{axis}0"], row[f"{axis}1"] = a + offset, b + offset
     return rows
@@ -84,10 +84,10 @@ def bucket(start: NDArray[np.float64], end: NDArray[np.float64], width: float = 
 
 def pile(name: str, reach: float = 2.0, parts: int = 800) -> Soil:
     """A pile of a shipped soil, as found, that a cone of its angle makes `reach` [m] in radius."""
-    kind = load_soils()[name]
+    kind = load_soil_types()[name]
     grid = Grid(65, 65, 0.1)
     soil = Soil(grid, np.zeros(grid.shape), SoilParams(soil=name))
-    bulk = math.pi / 3 * math.tan(kind.angle(kind.moisture)) * reach**3
+    bulk = math.pi / 3 * math.tan(kind.repose_angle_at(kind.moisture)) * reach**3
     volumes = np.array([round(bulk * 1e9 / (1 + kind.swell) / parts)])
     for tick in range(parts):
         soil.step(tick, NO_SWEEPS, landings(0.0, 0.0, volumes, kind.moisture))
@@ -108,17 +108,17 @@ def trench(name: str) -> Soil:
     grid = Grid(49, 71, 0.1)
     heights = np.zeros(grid.shape)
     heights[:, np.abs(grid.y(np.arange(grid.cols))) < 0.8] = -1.5
-    soil = Soil(grid, heights, SoilParams(soil=name, slip_budget=100))
-    soil.columns.material[heights < 0.0] = Material.DUG
-    soil.slip.disturb_all()
+    soil = Soil(grid, heights, SoilParams(soil=name, max_cell_visits_per_tick=100))
+    soil.columns.material[heights < 0.0] = SurfaceMaterial.EXCAVATED
+    soil.relaxation.mark_all_disturbed()
     return soil
 
 
 def at_rest(soil: Soil) -> int:
     """Let a terrain come to rest; returns the ticks that took."""
     ticks = 0
-    while soil.slip.waiting:
-        soil.step(ticks, NO_SWEEPS, NO_LANDED)
+    while soil.relaxation.num_pending:
+        soil.step(ticks, NO_SWEEPS, NO_DEPOSIT_REQUESTS)
         ticks += 1
     return ticks
 
@@ -144,8 +144,8 @@ def dug_pit() -> Soil:
             )
             lip = np.stack([steps[:, 0], np.full(len(steps), across), steps[:, 1]], axis=1)
             for a, b in pairwise(lip):
-                rows = soil.step(tick, bucket(a, b), NO_LANDED).conversions
-                rows = rows[rows["kind"] == Kind.EXCAVATE]
+                rows = soil.step(tick, bucket(a, b), NO_DEPOSIT_REQUESTS).conversions
+                rows = rows[rows["kind"] == ConversionKind.EXCAVATE]
                 dug.append(rows["volume_mm3"].astype(np.int64))
                 moist.append(soil.columns.moisture[rows["row"], rows["col"]])
                 side.append(np.full(rows.size, across))
@@ -166,14 +166,14 @@ def rutted() -> Soil:
     """Loose loam over which an excavator drove ahead, to the left, and ahead again."""
     grid, depth = Grid(151, 91, 0.1), 0.25
     soil = Soil(grid, np.zeros(grid.shape), SoilParams(soil="loam"))
-    growth = 1.0 + soil.kinds[0].swell
+    growth = 1.0 + soil.soil_types[0].swell
     x, y = np.meshgrid(grid.x(np.arange(151)), grid.y(np.arange(91)), indexing="ij")
     volumes = np.full(grid.rows * grid.cols, round(depth / growth / soil.columns.metres_per_mm3))
-    spread = landings(0.0, 0.0, volumes, soil.kinds[0].moisture)
+    spread = landings(0.0, 0.0, volumes, soil.soil_types[0].moisture)
     spread["x"], spread["y"] = x.reshape(-1), y.reshape(-1)
     soil.step(0, NO_SWEEPS, spread)
     machine = MachineSim(
-        [Placement(load_description(find_config("machines/excavator.yaml")), (-5.0, -1.5))],
+        [Placement(load_machine_spec(find_config("machines/excavator.yaml")), (-5.0, -1.5))],
         grid,
         soil.columns.height,
         soils=soil.loose_soils,
@@ -193,10 +193,10 @@ def rutted() -> Soil:
 def ground_colours(soil: Soil) -> NDArray[np.float64]:
     """Of each column, shape (rows, cols, 3): grass, or the soil's colour, darker where moist."""
     columns = soil.columns
-    own = np.array([kind.colour for kind in soil.kinds])[columns.top_soil]
-    own = np.where((columns.material == Material.DUG)[..., None], DUG_SHADE * own, own)
+    own = np.array([kind.colour for kind in soil.soil_types])[columns.top_soil]
+    own = np.where((columns.material == SurfaceMaterial.EXCAVATED)[..., None], DUG_SHADE * own, own)
     own = EXPOSURE * own * (1.0 - (1.0 - WET_SHADE) * columns.moisture[..., None] / 100.0)
-    grass = (columns.material == Material.UNTOUCHED) & ~_on_edge(soil)
+    grass = (columns.material == SurfaceMaterial.UNDISTURBED) & ~_on_edge(soil)
     return np.asarray(np.where(grass[..., None], GRASS, own), dtype=np.float64)
 
 
@@ -273,10 +273,10 @@ def draw_piles(path: Path) -> None:
     wide, gap, row = 2.75, 0.2, 1.95
     figure = new_figure(0.3 + 3 * (wide + gap), 1.0 + 3 * row)
     view = Camera(math.radians(-60.0), math.radians(24.0))
-    for n, (name, kind) in enumerate(load_soils().items()):
+    for n, (name, kind) in enumerate(load_soil_types().items()):
         soil = pile(name)
         place = (0.3 + n % 3 * (wide + gap), 0.5 + (2 - n // 3) * row)
-        asked, found = math.degrees(kind.angle(kind.moisture)), measured_angle(soil)
+        asked, found = math.degrees(kind.repose_angle_at(kind.moisture)), measured_angle(soil)
         axes = draw(figure, place, wide, soil, view)
         caption(axes, name, f"{kind.moisture} % moist · {asked:.1f}° asked, {found:.1f}° measured")
         print(f"  {name}: {asked:.2f} deg asked, {found:.2f} measured")
@@ -298,7 +298,7 @@ def draw_trench(path: Path) -> None:
     caption(axes, "dry sand, as cut", "walls 1.5 m high, 0.1 m cells")
     tick = 0
     while sand.columns.loose.sum() < half:
-        sand.step(tick, NO_SWEEPS, NO_LANDED)
+        sand.step(tick, NO_SWEEPS, NO_DEPOSIT_REQUESTS)
         tick += 1
     caption(draw(figure, places[1], wide, sand, view), "dry sand, half way", "half has fallen")
     loose = fallen.columns.loose.sum() / 1e9
@@ -306,7 +306,7 @@ def draw_trench(path: Path) -> None:
     caption(axes, "dry sand, at rest", f"{loose:.1f} m³ fell; it lies at 34°")
     clay = trench("dry clay")
     at_rest(clay)
-    stands = clay.kinds[0].standing_height(0)
+    stands = clay.soil_types[0].critical_height(0)
     axes = draw(figure, places[3], wide, clay, view)
     caption(axes, "dry clay, at rest", f"a cut of it stands up to {stands:.1f} m; nothing fell")
     print(
@@ -322,7 +322,7 @@ def draw_pit(path: Path) -> None:
     wide = 7.8
     figure = new_figure(wide + 0.6, 6.5)
     draw(figure, (0.3, 0.55), wide, soil, Camera(math.radians(-62.0), math.radians(35.0)))
-    own = EXPOSURE * np.array(soil.kinds[0].colour)
+    own = EXPOSURE * np.array(soil.soil_types[0].colour)
     keys = (("untouched", GRASS), ("dug, dry", DUG_SHADE * own), ("dirt, dry", own),
             ("dug, wet", DUG_SHADE * WET_SHADE * own), ("dirt, wet", WET_SHADE * own))  # fmt: skip
     legend = add_axes(figure, 0.3, 0.12, wide, 0.3)
@@ -331,9 +331,9 @@ def draw_pit(path: Path) -> None:
         legend.text(n + 0.1, 0, name, size=LABEL, color=INK, va="center")
     legend.set_xlim(-0.3, 4.8)
     legend.set_axis_off()
-    dug = int((soil.columns.material == Material.DUG).sum())
-    dirt = int((soil.columns.material == Material.DIRT).sum())
-    print(f"  {dug} columns laid bare, {dirt} under dirt, verified {soil.verify()}")
+    dug = int((soil.columns.material == SurfaceMaterial.EXCAVATED).sum())
+    dirt = int((soil.columns.material == SurfaceMaterial.LOOSE).sum())
+    print(f"  {dug} columns laid bare, {dirt} under dirt, verified {soil.verify_volume()}")
     about = "8.5 × 7.3 m, 0.06 m cells; half of it dry, half of it wet"
     add_title(figure, "What a surface looks like: a pit in loam and its heaps", about, 0.3)
     write(figure, path)
@@ -345,7 +345,9 @@ def draw_ruts(path: Path) -> None:
     wide = 7.8
     figure = new_figure(wide + 0.6, 6.4)
     draw(figure, (0.3, 0.3), wide, soil, Camera(math.radians(-62.0), math.radians(38.0)), 6.0)
-    print(f"  ruts to {0.25 - float(soil.columns.height.min()):.3f} m, verified {soil.verify()}")
+    print(
+        f"  ruts to {0.25 - float(soil.columns.height.min()):.3f} m, verified {soil.verify_volume()}"
+    )
     about = (
         "15 × 9 m, 0.1 m cells; 0.25 m of loose loam, packed toward bank density; heights six times"
     )

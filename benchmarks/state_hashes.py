@@ -24,23 +24,23 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from benchmarks.digging_about import Careless
-from earthmoving_sim.dig_run import DigRun
-from earthmoving_sim.operated import Operated
+from benchmarks.random_digging import RandomOperator
+from dig_operator import BehaviourParams, DigTask, DigTaskParams, FaceCuttingParams, FaceCuttingTask
+from earthmoving_sim.operated_machine import OperatedMachine
 from earthmoving_sim.run_config import load_run_config
+from earthmoving_sim.single_process_dig import SingleProcessDig
 from earthmoving_sim.world import World
-from machine_sim.core import MachineSim
-from machine_sim.machine import MachineDescription, load_description
-from machine_sim.machine.kinematics import arm_angles, arm_geometry
-from machine_sim.operator import FaceCut, FaceParams, OperatorParams, Shift, ShiftParams
+from machine_sim.dem import ParticleParams
+from machine_sim.machine import MachineSpec, load_machine_spec
+from machine_sim.machine.arm_kinematics import arm_geometry, solve_arm_angles
 from machine_sim.params import MachineSimParams
-from machine_sim.particles import ParticleParams
-from machine_sim.work.rig import Placement
+from machine_sim.simulated_machine import Placement
+from machine_sim.simulation import MachineSim
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
-from msg_bridge.contract.rows import LANDED, SWEEP, empty_rows
-from soil_sim.params import SoilParams
+from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, empty_rows
 from soil_sim.soil import Soil
+from soil_sim.soils.params import SoilParams
 
 Hashes = list[str]
 Scene = Callable[[], Hashes]
@@ -49,9 +49,9 @@ STRIDE = 100
 """Ticks between hashes."""
 
 
-def machine_file(name: str) -> MachineDescription:
+def machine_file(name: str) -> MachineSpec:
     """Return a shipped machine."""
-    return load_description(find_config(f"machines/{name}.yaml"))
+    return load_machine_spec(find_config(f"machines/{name}.yaml"))
 
 
 def machines_on(
@@ -97,15 +97,17 @@ def world_hash(world: World) -> str:
 
 
 def operated(
-    soil: Soil, sim: MachineSim, operators: list[Shift | FaceCut], seconds: float
+    soil: Soil, sim: MachineSim, operators: list[DigTask | FaceCuttingTask], seconds: float
 ) -> Hashes:
     """Run machines with scripted operators."""
-    world, tick = HashedWorld(soil, {1: sim}), sim.params.tick
-    pairs = zip(sim.rigs, operators, strict=False)  # machines beyond the operators stand still
-    driven = [Operated(world, rig, each, tick) for rig, each in pairs]
+    world, tick = HashedWorld(soil, {1: sim}), sim.params.tick_period
+    pairs = zip(
+        sim.simulated_machines, operators, strict=False
+    )  # machines beyond the operators stand still
+    driven = [OperatedMachine(world, rig, each, tick) for rig, each in pairs]
     while world.tick * tick < seconds:
         for each in driven:
-            each.act(2 * tick)
+            each.observe_and_command(2 * tick)
         for _ in range(2):
             world.step()
     world.close()
@@ -114,7 +116,7 @@ def operated(
 
 def demo(**asked: object) -> Hashes:
     """Two cycles of `earthmoving demo`."""
-    run = DigRun(load_run_config("demo.yaml", {"cycles": 2, **asked}))
+    run = SingleProcessDig(load_run_config("demo.yaml", {"cycles": 2, **asked}))
     hashes: Hashes = []
     step = run.world.step
 
@@ -138,7 +140,9 @@ def face(soil_name: str) -> Hashes:
     soil = Soil(grid, heights, SoilParams(soil=soil_name))
     machine = machine_file("road_header")
     sim = machines_on(soil, [Placement(machine, (-6.0, 0.0))], MachineSimParams(), 2_000_000)
-    return operated(soil, sim, [FaceCut(machine, FaceParams(rounds=100, longest=1e6))], 20.0)
+    return operated(
+        soil, sim, [FaceCuttingTask(machine, FaceCuttingParams(rounds=100, timeout=1e6))], 20.0
+    )
 
 
 def excavators(tracks: str, count: int, seconds: float) -> Hashes:
@@ -147,12 +151,12 @@ def excavators(tracks: str, count: int, seconds: float) -> Hashes:
     soil = Soil(grid, np.zeros(grid.shape), SoilParams(repose_angle=35.0, swell=0.15))
     digger = machine_file("excavator")
     places = [Placement(digger, (-2.0, -12.0 * k)) for k in range(count)]
-    params = MachineSimParams(tracks=tracks)  # type: ignore[arg-type]
+    params = MachineSimParams(track_model=tracks)  # type: ignore[arg-type]
     truck = Placement(machine_file("dumper"), (0.35, 6.3))
     sim = machines_on(soil, [*places, truck], params, 2_000_000)
-    habits = OperatorParams(clearance=2.8, empty=0.05)
-    operators: list[Shift | FaceCut] = [
-        Shift(digger, habits, ShiftParams(cycles=2, longest=120.0)) for _ in places
+    behaviour = BehaviourParams(clearance=2.8, empty_threshold=0.05)
+    operators: list[DigTask | FaceCuttingTask] = [
+        DigTask(digger, behaviour, DigTaskParams(cycles=2, timeout=120.0)) for _ in places
     ]
     return operated(soil, sim, operators, seconds)
 
@@ -170,7 +174,7 @@ def two_nodes() -> Hashes:
     down = -arm_geometry(machine).swing[2]
     for tick in range(500):
         part = tick / 500
-        wanted = arm_angles(machine, 7.0 - 2.0 * part, down - 0.5 * np.sin(np.pi * part), 2.0)
+        wanted = solve_arm_angles(machine, 7.0 - 2.0 * part, down - 0.5 * np.sin(np.pi * part), 2.0)
         for number, sim in world.machines.items():
             gap = wanted - sim.machine.joint_positions[1:]
             sim.command(np.array([0.1 * number, *(5.0 * gap)]), np.array([0.1, 0.1 * number]))
@@ -186,9 +190,11 @@ def reference_2014() -> Hashes:
     grid = Grid(65, 65, 0.4)
     soil = Soil(grid, np.zeros(grid.shape), SoilParams.from_mapping(nodes["soil_sim"]["soil"]))
     own = nodes["machine_sim"]
-    machine = load_description(find_config(own["machine"]))
+    machine = load_machine_spec(find_config(own["machine"]))
     down = -arm_geometry(machine).swing[2]
-    machine = replace(machine, home=np.array([0.0, *arm_angles(machine, 7.0, down + 0.1, 2.0)]))
+    machine = replace(
+        machine, home=np.array([0.0, *solve_arm_angles(machine, 7.0, down + 0.1, 2.0)])
+    )
     sim = MachineSim(
         [Placement(machine)],
         grid,
@@ -199,7 +205,7 @@ def reference_2014() -> Hashes:
     world = HashedWorld(soil, {1: sim})
     for tick in range(500):
         part = tick / 500
-        wanted = arm_angles(machine, 7.0 - 2.0 * part, down - 0.5 * np.sin(np.pi * part), 2.0)
+        wanted = solve_arm_angles(machine, 7.0 - 2.0 * part, down - 0.5 * np.sin(np.pi * part), 2.0)
         gap = wanted - sim.machine.joint_positions[1:]
         sim.command(np.array([0.0, *(5.0 * gap)]), np.zeros(2))
         world.step()
@@ -209,7 +215,7 @@ def reference_2014() -> Hashes:
 
 def random_driving(soil_name: str, tracks: str) -> Hashes:
     """A machine drives and digs at random on rolling ground."""
-    operator = Careless(tracks, 1, soil_name)  # type: ignore[arg-type]
+    operator = RandomOperator(tracks, 1, soil_name)  # type: ignore[arg-type]
     hashes: Hashes = []
     step = operator.world.step
 
@@ -232,13 +238,13 @@ def relaxation(**params: float | str) -> Hashes:
     heights[:48] = 4.0
     kinds = np.zeros(grid.shape, np.uint8)
     kinds[:, 32:64], kinds[:, 64:] = 1, 2
-    chosen = {"soil": "loam", "other_soils": ("dry sand", "wet clay"), **params}
+    chosen = {"soil": "loam", "additional_soils": ("dry sand", "wet clay"), **params}
     soil = Soil(grid, heights, SoilParams(**chosen), soil=kinds)  # type: ignore[arg-type]
     cells = np.arange(grid.rows * grid.cols, dtype=np.int64)
-    soil.slip.disturb(cells)
+    soil.relaxation.mark_disturbed(cells)
     rng, hashes = np.random.default_rng(3), []
     for tick in range(1, 201):
-        landed = empty_rows(LANDED, 20)
+        landed = empty_rows(DEPOSIT_REQUEST, 20)
         landed["x"], landed["y"] = rng.normal(-5.0, 0.6, (2, 20))
         landed["volume_mm3"] = rng.integers(1, 40_000_000, 20)
         landed["particle_id"] = np.arange(20) + 20 * tick
@@ -257,21 +263,21 @@ def scenes() -> dict[str, Scene]:
     made: dict[str, Scene] = {
         "demo": demo,
         "demo, seed 3": lambda: demo(seed=3, cycles=1),
-        "truck": lambda: excavators("fast", 1, 40.0),
-        "two excavators": lambda: excavators("fast", 2, 12.0),
-        "physics tracks": lambda: excavators("physics", 1, 8.0),
+        "truck": lambda: excavators("kinematic", 1, 40.0),
+        "two excavators": lambda: excavators("kinematic", 2, 12.0),
+        "physics tracks": lambda: excavators("dynamic", 1, 8.0),
         "two nodes": two_nodes,
         "face, loam": lambda: face("loam"),
         "face, rock": lambda: face("rock"),
         "reference 2014": reference_2014,
         "relaxation": relaxation,
         "relaxation, noise": lambda: relaxation(
-            angle_noise=4.0, shape_noise=0.5, normal_noise=8.0, noise_seed=5
+            repose_angle_noise=4.0, redistribution_noise=0.5, surface_tilt_noise=8.0, noise_seed=5
         ),
     }
     for name in SOILS:
-        made[f"random, {name}"] = lambda name=name: random_driving(name, "fast")  # type: ignore[misc]
-    made["random, loam, physics tracks"] = lambda: random_driving("loam", "physics")
+        made[f"random, {name}"] = lambda name=name: random_driving(name, "kinematic")  # type: ignore[misc]
+    made["random, loam, physics tracks"] = lambda: random_driving("loam", "dynamic")
     return made
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from msg_bridge.audit.report import AuditReport, EpochReport
+    from msg_bridge.audit.report import AuditReport, RunReport
 
 __all__ = ["SUMMARY", "add_arguments", "run"]
 
@@ -28,14 +28,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Audit and print; 0 if sound, else 1."""
-    from msg_bridge.audit.audit import audit_bag
+    from msg_bridge.audit.bag_audit import audit_bag
 
     report = audit_bag(args.bag, _progress() if sys.stderr.isatty() else None)
     if args.json:
-        print(json.dumps(report.as_dict(), indent=2))
+        print(json.dumps(report.to_dict(), indent=2))
     else:
         print("\n".join(_lines(report)))
-    return 0 if report.sound else 1
+    return 0 if report.passed else 1
 
 
 def _progress() -> Callable[[float], None]:
@@ -51,11 +51,11 @@ def _lines(report: "AuditReport") -> Iterator[str]:
     yield f"{report.path}: {report.messages:,} messages"
     for finding in report.findings:
         yield f"  ✗ {finding.text}"
-    for epoch in report.epochs:
+    for epoch in report.runs:
         yield ""
-        yield from _epoch_lines(epoch)
+        yield from _run_lines(epoch)
     yield ""
-    if report.sound:
+    if report.passed:
         yield "Sound: every check was made, and not 1 mm3 is missing or too much."
     elif report.balanced:
         yield "Not sound as a whole: what could be checked adds up, but see ✗ and ? above."
@@ -63,22 +63,22 @@ def _lines(report: "AuditReport") -> Iterator[str]:
         yield "Not sound: see ✗ and ? above."
 
 
-def _epoch_lines(epoch: "EpochReport") -> Iterator[str]:
-    yield f"epoch {epoch.epoch}"
+def _run_lines(epoch: "RunReport") -> Iterator[str]:
+    yield f"epoch {epoch.run_id}"
     if epoch.audited is not None:
         yield f"  ticks     {epoch.ticks:,}, from {epoch.audited[0]} to {epoch.audited[1]}"
     for name, count in epoch.rows.items():
-        again = epoch.repeats.get(name, 0)
+        again = epoch.duplicates.get(name, 0)
         came = f", {again:,} of them came again" if again else ""
         yield f"  rows      {name.lower():<12}{count:>14,}{came}"
     for name, volume in epoch.moved_mm3.items():
         if volume:
             yield f"  moved     {name.lower():<12}{volume:>22,} mm3"
-    if epoch.worst_imbalance_mm3 is None:
+    if epoch.max_imbalance_mm3 is None:
         yield "  imbalance not computed"
     else:
-        where = f" (tick {epoch.worst_tick})" if epoch.worst_imbalance_mm3 else ""
-        yield f"  imbalance {epoch.worst_imbalance_mm3:+,} mm3 at worst, in any tick{where}"
+        where = f" (tick {epoch.max_imbalance_tick})" if epoch.max_imbalance_mm3 else ""
+        yield f"  imbalance {epoch.max_imbalance_mm3:+,} mm3 at worst, in any tick{where}"
     failed = {finding.check for finding in epoch.findings}
     for check in epoch.checks:
         sign = "✗" if check.check in failed else "✓" if check.done else "?"

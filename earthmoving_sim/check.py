@@ -23,16 +23,14 @@ __all__ = ["SUMMARY", "CheckResult", "Status", "add_arguments", "all_checks", "r
 
 SUMMARY = "check that this machine has what the simulation needs"
 
-OLDEST_PYTHON, NEWEST_PYTHON = (3, 10), (3, 13)  # the range that has ros-jazzy-* wheels
+MIN_PYTHON, MAX_PYTHON = (3, 10), (3, 13)  # the range that has ros-jazzy-* wheels
 ROS_DISTRO = "jazzy"
 
 MIB = 2**20
-SHARED_MEMORY_WANTED = 256 * MIB  # one 32 MiB Fast DDS segment for each of a handful of nodes
-MEMORY_WANTED = (
-    2048 * MIB
-)  # soil, machine and viewer processes with numba loaded, with room to spare
-DISK_WANTED = 1024 * MIB  # about half a minute of a recorder at its full 29 MB/s
-CORES_WANTED = 2  # soil and machine nodes run side by side
+MIN_SHARED_MEMORY = 256 * MIB  # one 32 MiB Fast DDS segment for each of a handful of nodes
+MIN_MEMORY = 2048 * MIB  # soil, machine and viewer processes with numba loaded, with room to spare
+MIN_DISK = 1024 * MIB  # about half a minute of a recorder at its full 29 MB/s
+MIN_CORES = 2  # soil and machine nodes run side by side
 
 PROBE_TIMEOUT_S = 120.0  # a first numba compile on a slow, busy machine
 
@@ -145,9 +143,9 @@ def check_python() -> CheckResult:
     """The running Python is in the supported range."""
     version = sys.version_info[:2]
     detail = f"{sys.version.split()[0]} at {sys.executable}"
-    if OLDEST_PYTHON <= version <= NEWEST_PYTHON:
+    if MIN_PYTHON <= version <= MAX_PYTHON:
         return CheckResult("Python", Status.OK, detail)
-    oldest, newest = (f"{major}.{minor}" for major, minor in (OLDEST_PYTHON, NEWEST_PYTHON))
+    oldest, newest = (f"{major}.{minor}" for major, minor in (MIN_PYTHON, MAX_PYTHON))
     return CheckResult(
         "Python",
         Status.MISSING,
@@ -260,11 +258,11 @@ def check_output(folder: Path) -> CheckResult:
             "Run from a folder you may write to, or name one with --output.",
         )
     free = shutil.disk_usage(existing).free
-    return _enough(
+    return _capacity_check(
         "output folder",
-        free >= DISK_WANTED,
-        f"{folder} ({_size(free)} free)",
-        f"A long recording needs more than {_size(DISK_WANTED)}: free some, or write elsewhere.",
+        free >= MIN_DISK,
+        f"{folder} ({_format_bytes(free)} free)",
+        f"A long recording needs more than {_format_bytes(MIN_DISK)}: free some, or write elsewhere.",
     )
 
 
@@ -276,10 +274,10 @@ def check_shared_memory(folder: Path = Path("/dev/shm")) -> CheckResult:
         advice = f"{slower}: mount a tmpfs there that this user can write to."
         return CheckResult(name, Status.WARNING, f"{folder} cannot be written", advice)
     usage = shutil.disk_usage(folder)
-    return _enough(
+    return _capacity_check(
         name,
-        usage.free >= SHARED_MEMORY_WANTED,
-        f"{folder} ({_size(usage.free)} free of {_size(usage.total)})",
+        usage.free >= MIN_SHARED_MEMORY,
+        f"{folder} ({_format_bytes(usage.free)} free of {_format_bytes(usage.total)})",
         f"{slower}. In a container: `docker run --shm-size=1g`; else remove what fills it, such as "
         "fastrtps_* of processes that were killed.",
     )
@@ -288,11 +286,11 @@ def check_shared_memory(folder: Path = Path("/dev/shm")) -> CheckResult:
 def check_cores() -> CheckResult:
     """There are cores enough for the soil and the machines to run side by side."""
     cores = len(os.sched_getaffinity(0))
-    return _enough(
+    return _capacity_check(
         "cores",
-        cores >= CORES_WANTED,
+        cores >= MIN_CORES,
         f"{cores} to use",
-        f"With fewer than {CORES_WANTED}, soil and machines take turns: slower than real time.",
+        f"With fewer than {MIN_CORES}, soil and machines take turns: slower than real time.",
     )
 
 
@@ -300,11 +298,11 @@ def check_memory(meminfo: Path = Path("/proc/meminfo")) -> CheckResult:
     """There is free memory for the nodes; `meminfo` is the kernel's own account."""
     fields = dict(line.split(":", 1) for line in meminfo.read_text().splitlines() if ":" in line)
     available = int(fields["MemAvailable"].split()[0]) * 1024  # the kernel's "kB" is KiB
-    return _enough(
+    return _capacity_check(
         "memory",
-        available >= MEMORY_WANTED,
-        f"{_size(available)} free",
-        f"Less than {_size(MEMORY_WANTED)}: close other programs, or use a smaller map.",
+        available >= MIN_MEMORY,
+        f"{_format_bytes(available)} free",
+        f"Less than {_format_bytes(MIN_MEMORY)}: close other programs, or use a smaller map.",
     )
 
 
@@ -329,13 +327,13 @@ def probe(code: str) -> str | None:
     return lines[-1] if lines else f"exit code {done.returncode}"
 
 
-def _enough(name: str, is_enough: bool, detail: str, advice: str) -> CheckResult:
+def _capacity_check(name: str, is_enough: bool, detail: str, advice: str) -> CheckResult:
     """A check of something that can be too small, but never stops a run."""
     if is_enough:
         return CheckResult(name, Status.OK, detail)
     return CheckResult(name, Status.WARNING, detail, advice)
 
 
-def _size(count: int) -> str:
+def _format_bytes(count: int) -> str:
     """A number of bytes, to read."""
     return f"{count / 1024**3:.1f} GiB" if count >= 1024**3 else f"{count / MIB:.0f} MiB"

@@ -71,7 +71,7 @@ class _Unavailable:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one subcommand; returns the process's exit code. `argv` defaults to the command line."""
-    _print_any_character()
+    _replace_unprintable_characters()
     if threading.current_thread() is threading.main_thread():
         # A kill ends a command as Ctrl-C does: what it has started is stopped, too.
         signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -97,7 +97,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"%(prog)s {_version()}")
     subparsers = parser.add_subparsers(dest="subcommand", metavar="COMMAND", required=True)
     for name in SUBCOMMANDS:
-        module = _load(name)
+        module = _load_subcommand(name)
         subparser = subparsers.add_parser(
             name,
             help=module.SUMMARY,
@@ -109,7 +109,7 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _load(name: str) -> _Subcommand:
+def _load_subcommand(name: str) -> _Subcommand:
     try:
         return cast("_Subcommand", importlib.import_module(f"earthmoving_sim.{name}"))
     except ImportError as error:
@@ -123,7 +123,7 @@ def _version() -> str:
         return "(not installed: run `make setup`)"
 
 
-def _print_any_character() -> None:
+def _replace_unprintable_characters() -> None:
     """Let a terminal that cannot show a character get a `?` instead of an exception."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from msg_bridge.contract.errors import EarthmovingError
 
 if TYPE_CHECKING:  # light at import, so that `--help` is quick
-    from earthmoving_sim.outcome import Outcome
+    from earthmoving_sim.dig_outcome import DigOutcome
     from earthmoving_sim.run_config import RunConfig
     from soil_sim.terrain import HeightMap
 
@@ -69,17 +69,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run it; 0 if all cycles were done and the ledger closed at every tick, else 1."""
+    from earthmoving_sim.demo_site import jacksboro_site
     from earthmoving_sim.report import print_summary, write_pictures
     from earthmoving_sim.run_config import load_run_config
-    from earthmoving_sim.site import jacksboro_site
     from soil_sim.terrain import load_terrain
 
     try:
         args.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise EarthmovingError(f"--out {args.out} cannot be made: {error}; name another") from error
-    asked = {"cycles": args.cycles, "seed": args.seed}
-    config = load_run_config(args.config, {k: v for k, v in asked.items() if v is not None})
+    overrides = {"cycles": args.cycles, "seed": args.seed}
+    config = load_run_config(args.config, {k: v for k, v in overrides.items() if v is not None})
     heights = tuple(args.height_range) if args.height_range else None
     site = jacksboro_site()
     if args.terrain:
@@ -89,23 +89,23 @@ def run(args: argparse.Namespace) -> int:
     if not args.no_pictures:
         for path in write_pictures(outcome, args.out):
             print(f"  picture   {path}")
-    return 0 if outcome.balanced else 1
+    return 0 if outcome.is_balanced else 1
 
 
-def _in_process(config: RunConfig, site: HeightMap) -> Outcome:
-    from earthmoving_sim.dig_run import DigRun
+def _in_process(config: RunConfig, site: HeightMap) -> DigOutcome:
+    from earthmoving_sim.single_process_dig import SingleProcessDig
 
     print("Compiling kernels (some seconds the first time) and setting up the site ...", flush=True)
-    dig = DigRun(config, site)
+    dig = SingleProcessDig(config, site)
     try:
         return dig.run(progress=True)
     finally:
         dig.close()
 
 
-def _as_nodes(config: RunConfig, site: HeightMap, args: argparse.Namespace) -> Outcome:
-    from earthmoving_sim.as_nodes.run import run_nodes
-    from earthmoving_sim.from_bag.outcome import outcome_of_bag
+def _as_nodes(config: RunConfig, site: HeightMap, args: argparse.Namespace) -> DigOutcome:
+    from earthmoving_sim.multi_process.dig import run_multi_process_dig
+    from earthmoving_sim.recorded_run.outcome import outcome_from_bag
 
     now = datetime.now(timezone.utc).strftime("%Y-%m-%dT%H-%M-%SZ")
     bag = args.bag or Path("bags", f"demo-{now}")
@@ -114,8 +114,8 @@ def _as_nodes(config: RunConfig, site: HeightMap, args: argparse.Namespace) -> O
         " first time ...",
         flush=True,
     )
-    run_nodes(config, site, args.out / "nodes", bag, realtime=args.realtime)
+    run_multi_process_dig(config, site, args.out / "nodes", bag, realtime=args.realtime)
     print(f"Reading {bag} ...", flush=True)
-    outcome = outcome_of_bag(bag)
+    outcome = outcome_from_bag(bag)
     print(f"  bag       {bag}: `earthmoving audit {bag}` counts every cubic millimetre again\n")
     return outcome

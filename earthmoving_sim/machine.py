@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from machine_sim.machine import MachineDescription
+    from machine_sim.machine import MachineSpec
 
 __all__ = ["SUMMARY", "add_arguments", "run"]
 
 SUMMARY = "check a machine file: what is wrong with it, or what machine it makes"
 
-_SETTLES = 200
+_SETTLE_STEPS = 200
 """Steps of 5 ms that a machine is let stand."""
-_LEANS = 5.0
+_MAX_TILT_DEG = 5.0
 """Tilt on level ground from which on a machine does not stand on its tracks [deg]."""
 
 
@@ -31,16 +31,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Check and print; bad files raise with the reason."""
-    from machine_sim.machine import load_description
+    from machine_sim.machine import load_machine_spec
     from msg_bridge.config_files import find_config
 
     path = args.file if args.file.exists() else find_config(str(args.file))
-    description = load_description(path)
-    print("\n".join(_lines(description)))
+    spec = load_machine_spec(path)
+    print("\n".join(_summary_lines(spec)))
     return 0
 
 
-def _lines(machine: "MachineDescription") -> Iterator[str]:
+def _summary_lines(machine: "MachineSpec") -> Iterator[str]:
     """What machine it is, to read."""
     yield f"{machine.name}: {machine.mass:,.0f} kg"
     for name, link in machine.links.items():
@@ -60,26 +60,30 @@ def _lines(machine: "MachineDescription") -> Iterator[str]:
         yield f"  tool    {name:<10}{kind} on {mount.link}{of}"
     if not machine.tools:
         yield "  tool    none: it drives, and touches no soil but by its tracks"
-    yield from _standing(machine)
+    yield from _standing_lines(machine)
 
 
-def _standing(machine: "MachineDescription") -> Iterator[str]:
+def _standing_lines(machine: "MachineSpec") -> Iterator[str]:
     """How it stands on level ground with tracks of each model."""
     import numpy as np
 
-    from machine_sim.core import MachineSim
-    from machine_sim.machine.tracks.model import TRACK_MODELS
+    from machine_sim.machine.tracks.track_model import TRACK_MODELS
     from machine_sim.params import MachineSimParams
-    from machine_sim.work.rig import Placement
+    from machine_sim.simulated_machine import Placement
+    from machine_sim.simulation import MachineSim
     from msg_bridge.contract.grid import Grid
 
     grid = Grid(129, 129, 0.2)
     for model in TRACK_MODELS:
-        params = MachineSimParams(tracks=model, steps_per_tick=1)
+        params = MachineSimParams(track_model=model, steps_per_tick=1)
         sim = MachineSim([Placement(machine)], grid, np.zeros(grid.shape), params=params)
-        for _ in range(_SETTLES):
+        for _ in range(_SETTLE_STEPS):
             sim.step()
         tilt = np.degrees(sim.machine.tilt)
-        tips = "; it tips up: move masses toward the middle of its tracks" if tilt > _LEANS else ""
+        tips = (
+            "; it tips up: move masses toward the middle of its tracks"
+            if tilt > _MAX_TILT_DEG
+            else ""
+        )
         yield f"  tracks  {model:<10}stands tilted by {tilt:.1f} deg{tips}"
         sim.close()

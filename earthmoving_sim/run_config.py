@@ -9,14 +9,14 @@ from typing import Any
 
 import yaml
 
-from machine_sim.machine import MachineDescription, load_description
-from machine_sim.operator import OperatorParams, ShiftParams
+from dig_operator import BehaviourParams, DigTaskParams
+from machine_sim.dem import ParticleParams
+from machine_sim.machine import MachineSpec, load_machine_spec
 from machine_sim.params import MachineSimParams
-from machine_sim.particles import ParticleParams
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.parameters import Parameters, parameter
-from soil_sim.params import SoilParams
+from soil_sim.soils.params import SoilParams
 
 __all__ = ["RunConfig", "RunParams", "load_run_config"]
 
@@ -40,13 +40,13 @@ class RunConfig:
         soil, particles, stepping, operator, shift, run: parameters of the parts.
     """
 
-    machine: MachineDescription
+    machine: MachineSpec
     machine_file: Path
     soil: SoilParams
     particles: ParticleParams
     stepping: MachineSimParams
-    operator: OperatorParams
-    shift: ShiftParams
+    behaviour: BehaviourParams
+    task: DigTaskParams
     run: RunParams
 
 
@@ -54,13 +54,13 @@ _SECTIONS: dict[str, type[Parameters]] = {
     "soil": SoilParams,
     "particles": ParticleParams,
     "stepping": MachineSimParams,
-    "operator": OperatorParams,
-    "shift": ShiftParams,
+    "behaviour": BehaviourParams,
+    "task": DigTaskParams,
     "run": RunParams,
 }
 
 
-def load_run_config(name: str | Path, asked: Mapping[str, Any] | None = None) -> RunConfig:
+def load_run_config(name: str | Path, overrides: Mapping[str, Any] | None = None) -> RunConfig:
     """Read a file like `config/demo.yaml`.
 
     Args:
@@ -86,16 +86,16 @@ def load_run_config(name: str | Path, asked: Mapping[str, Any] | None = None) ->
         raise ParameterError(f"{path} has {extra}; its sections are {', '.join(sorted(known))}")
     parts: dict[str, Any] = {}
     for section, kind in _SECTIONS.items():
-        parts[section] = _part(path, section, kind, content.get(section))
-    for section in ("shift", "run"):
+        parts[section] = _section_params(path, section, kind, content.get(section))
+    for section in ("task", "run"):
         own = asdict(parts[section])
-        above = {name: value for name, value in (asked or {}).items() if name in own}
+        above = {name: value for name, value in (overrides or {}).items() if name in own}
         parts[section] = _SECTIONS[section].from_mapping({**own, **above})
     machine_file = find_config(str(content.get("machine", "machines/excavator.yaml"))).resolve()
-    return RunConfig(machine=load_description(machine_file), machine_file=machine_file, **parts)
+    return RunConfig(machine=load_machine_spec(machine_file), machine_file=machine_file, **parts)
 
 
-def _part(path: Path, section: str, kind: type[Parameters], values: Any) -> Parameters:
+def _section_params(path: Path, section: str, kind: type[Parameters], values: Any) -> Parameters:
     """The parameters of one section; none given are all defaults."""
     values = {} if values is None else values
     if not isinstance(values, Mapping):

@@ -16,13 +16,13 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.core import MachineSim
-from machine_sim.side import MachineSide
+from machine_sim.endpoint import MachineEndpoint
+from machine_sim.simulation import MachineSim
 from msg_bridge.contract.errors import ExchangeError, ParameterError
 from msg_bridge.contract.ledger import Ledger
-from msg_bridge.exchange.direct import DirectTransport
-from msg_bridge.exchange.machine_side import MachineExchange, TickAnswer
-from soil_sim.side import SoilSide
+from msg_bridge.exchange.direct_transport import DirectTransport
+from msg_bridge.exchange.machine_exchange import MachineExchange, TickAnswer
+from soil_sim.endpoint import SoilEndpoint
 from soil_sim.soil import Soil
 
 __all__ = ["World"]
@@ -49,11 +49,11 @@ class World:
         Raises:
             ParameterError: a machine knows other soils than the terrain has.
         """
-        for source, machine in machines.items():
+        for machine_id, machine in machines.items():
             known, there = machine.particles.soils, soil.loose_soils
             if known != there:
                 raise ParameterError(
-                    f"machine {source} knows the soils {known}, the terrain has {there}; give"
+                    f"machine {machine_id} knows the soils {known}, the terrain has {there}; give"
                     " MachineSim the terrain's"
                 )
         self.soil = soil
@@ -61,20 +61,22 @@ class World:
         self.answers: dict[int, TickAnswer] = {}
         self._surface_revision: int | None = None
         self._surface: NDArray[np.float64] = np.zeros((0, 0))
-        self._soil_side = SoilSide(soil, expected=self.machines)
-        self._machine_sides = {
-            source: MachineSide(machine, MachineExchange(source))
-            for source, machine in self.machines.items()
+        self._soil_endpoint = SoilEndpoint(soil, expected=self.machines)
+        self._machine_endpoints = {
+            machine_id: MachineEndpoint(machine, MachineExchange(machine_id))
+            for machine_id, machine in self.machines.items()
         }
-        self._transport = DirectTransport(self._soil_side, list(self._machine_sides.values()))
-        for side in self._machine_sides.values():
+        self._transport = DirectTransport(
+            self._soil_endpoint, list(self._machine_endpoints.values())
+        )
+        for side in self._machine_endpoints.values():
             side.join()
         self.ledger = self._soil_tick()
 
     @property
     def tick(self) -> int:
         """Number of the last tick done; 0 before the first."""
-        return self._soil_side.tick
+        return self._soil_endpoint.tick
 
     @property
     def surface(self) -> NDArray[np.float64]:
@@ -93,25 +95,25 @@ class World:
         Returns:
             The ledger of the tick.
         """
-        for side in self._machine_sides.values():
+        for side in self._machine_endpoints.values():
             side.step()
         self.ledger = self._soil_tick()
-        for source, side in self._machine_sides.items():
+        for machine_id, side in self._machine_endpoints.items():
             answer = side.poll()
             if answer is not None:
-                self.answers[source] = answer
-            elif not side.ready:
+                self.answers[machine_id] = answer
+            elif not side.is_ready:
                 raise ExchangeError("the direct transport lost the soil's answer")
         return self.ledger
 
     def _soil_tick(self) -> Ledger:
-        self._transport.carry()
-        done = self._soil_side.advance()
+        self._transport.deliver()
+        done = self._soil_endpoint.advance()
         if done is None:
             raise ExchangeError("the direct transport lost a machine's tick")
-        for reason in done.step.refused:
+        for reason in done.step.rejected_tools:
             _log.warning("tick %d: %s", done.ledger.tick, reason)
-        self._transport.carry()
+        self._transport.deliver()
         return done.ledger
 
     def state_hash(self) -> str:

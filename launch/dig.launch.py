@@ -6,7 +6,7 @@ Arguments: `sync:=lockstep`, `operator:=false` (you drive), `record:=false`, `te
 another file of the machines, their node's namespace, and that of the machine with the operator:
 
     ros2 launch earthmoving_sim dig.launch.py \\
-        machines:=config/site_machines.yaml namespace:=/site operated:=/site/digger
+        machines:=config/site_machines.yaml namespace:=/site operated_machine:=/site/digger
 """
 
 from launch import LaunchDescription
@@ -33,7 +33,7 @@ def generate_launch_description() -> LaunchDescription:
         "terrain": "rough",
         "machines": parameters("machine_sim"),
         "namespace": "/excavator",
-        "operated": LaunchConfiguration("namespace"),
+        "operated_machine": LaunchConfiguration("namespace"),
     }
     soil = {"sync": LaunchConfiguration("sync"), "site.terrain": LaunchConfiguration("terrain")}
     return LaunchDescription(
@@ -44,8 +44,8 @@ def generate_launch_description() -> LaunchDescription:
             ),
             Node(
                 package=PACKAGE,
-                executable="recorder",
-                parameters=[parameters("recorder")],
+                executable="exchange_recorder",
+                parameters=[parameters("exchange_recorder")],
                 condition=IfCondition(LaunchConfiguration("record")),
                 output="screen",
             ),
@@ -64,9 +64,9 @@ def generate_launch_description() -> LaunchDescription:
             ),
             Node(
                 package=PACKAGE,
-                executable="operator",
-                namespace=LaunchConfiguration("operated"),
-                parameters=[parameters("operator")],
+                executable="dig_operator",
+                namespace=LaunchConfiguration("operated_machine"),
+                parameters=[parameters("dig_operator")],
                 condition=IfCondition(LaunchConfiguration("operator")),
                 output="screen",
             ),

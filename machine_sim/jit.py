@@ -27,18 +27,18 @@ __all__ = ["ThreadedKernel", "inline_kernel", "kernel", "threaded_kernel", "use_
 _njit: Any = njit  # its stubs do not know all options
 
 
-def _compiled(function: Any, **options: Any) -> Any:
+def _compile(function: Any, **options: Any) -> Any:
     return cached(_njit(error_model="numpy", no_cfunc_wrapper=True, **options)(function))
 
 
 def kernel(function: Any) -> Any:
     """Compile a kernel over arrays and scalars."""
-    return _compiled(function)
+    return _compile(function)
 
 
 def inline_kernel(function: Any) -> Any:
     """Compile a helper that its callers take in whole, so that their loops stay vectorised."""
-    return _compiled(function, forceinline=True)
+    return _compile(function, forceinline=True)
 
 
 class ThreadedKernel:
@@ -48,16 +48,16 @@ class ThreadedKernel:
     """
 
     def __init__(self, function: FunctionType) -> None:
-        self._one = kernel(function)
+        self._serial = kernel(function)
         # Numba's cache tells kernels apart by name, not by how they are compiled.
         name = function.__name__ + "_threaded"
         twin = FunctionType(function.__code__, function.__globals__, name)
         twin.__qualname__, twin.__module__ = name, function.__module__
-        self._several = _compiled(twin, parallel=True)
+        self._parallel = _compile(twin, parallel=True)
 
-    def on(self, threads: int) -> Any:
+    def for_threads(self, threads: int) -> Any:
         """The kernel for a number of threads."""
-        return self._one if threads == 1 else self._several
+        return self._serial if threads == 1 else self._parallel
 
 
 def threaded_kernel(function: Any) -> ThreadedKernel:

@@ -15,8 +15,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.machine.description import MachineDescription
 from machine_sim.machine.link_motion import LinkMotion, link_motions
+from machine_sim.machine.spec import MachineSpec
 from msg_bridge.contract.parameters import Parameters, parameter
 
 __all__ = ["EncoderReading", "ImuReading", "SensorParams", "Sensors"]
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 _GRAVITY = np.array([0.0, 0.0, -9.81])
 
-_STREAM = 1
+_RNG_STREAM = 1
 """Tells the numbers drawn here from those that scatter released soil by the same seed."""
 
 
@@ -34,7 +34,7 @@ class SensorParams(Parameters):
     """Rates and errors of the machine's sensors; none as shipped."""
 
     rate: float = parameter(
-        50.0, "imu/<name> and encoders; 0: not at all", unit="1/s of simulated time",
+        50.0, "imu/<name>/data and joint_states_measured; 0: not at all", unit="Hz of simulated time",
         low=0.0, high=1000.0,
     )  # fmt: skip
     accelerometer_noise: float = parameter(
@@ -76,7 +76,7 @@ class ImuReading(NamedTuple):
     name: str
     frame: str
     quaternion: Array
-    spin: Array
+    angular_velocity: Array
     specific_force: Array
 
 
@@ -93,7 +93,7 @@ class EncoderReading(NamedTuple):
     speeds: Array
 
 
-class Machine(Protocol):
+class MachineMotion(Protocol):
     """A machine, as far as sensors look at it."""
 
     @property
@@ -114,7 +114,7 @@ class Sensors:
     """
 
     def __init__(
-        self, description: MachineDescription, params: SensorParams, seed: int, number: int = 0
+        self, spec: MachineSpec, params: SensorParams, seed: int, machine_index: int = 0
     ) -> None:
         """
         Args:
@@ -123,26 +123,26 @@ class Sensors:
             seed: of the errors.
             number: of the machine among those of its node, whose errors are others.
         """
-        self._description = description
+        self._machine_spec = spec
         self._params = params
-        self._random = np.random.default_rng((seed, _STREAM, number))
-        draw = self._random.normal
-        count = len(description.imus)
-        self._force_bias = params.accelerometer_bias * draw(size=(count, 3))
-        self._spin_bias = params.gyro_bias * draw(size=(count, 3))
+        self._rng = np.random.default_rng((seed, _RNG_STREAM, machine_index))
+        draw = self._rng.normal
+        count = len(spec.imus)
+        self._accelerometer_bias = params.accelerometer_bias * draw(size=(count, 3))
+        self._gyro_bias = params.gyro_bias * draw(size=(count, 3))
         self._last: tuple[float, list[Array]] | None = None
-        self._past: deque[EncoderReading] = deque()
+        self._history: deque[EncoderReading] = deque()
 
-    def read(self, machine: Machine, time: float) -> tuple[list[ImuReading], EncoderReading]:
+    def read(self, machine: MachineMotion, time: float) -> tuple[list[ImuReading], EncoderReading]:
         """What the sensors say at simulation time `time` [s], later than the last time."""
         angles, speeds = machine.joint_positions, machine.joint_velocities
         motions = link_motions(
-            self._description, *machine.base_pose, *machine.base_velocity, angles, speeds
+            self._machine_spec, *machine.base_pose, *machine.base_velocity, angles, speeds
         )
         return self._imus(motions, time), self._encoders(EncoderReading(time, angles, speeds))
 
     def _imus(self, motions: dict[str, LinkMotion], time: float) -> list[ImuReading]:
-        units = self._description.imus
+        units = self._machine_spec.imus
         velocities = [motions[unit.link].velocity_at(unit.position) for unit in units]
         before = self._last
         self._last = (time, velocities)
@@ -153,26 +153,28 @@ class Sensors:
             if before is not None and time > before[0]:
                 acceleration = (velocities[k] - before[1][k]) / (time - before[0])
             force = motion.rotation.T @ (acceleration - _GRAVITY)
-            spin = motion.rotation.T @ motion.spin
+            angular_velocity = motion.rotation.T @ motion.angular_velocity
             readings.append(
                 ImuReading(
                     unit.name,
                     unit.link,
                     motion.quaternion,
-                    spin + self._spin_bias[k] + self._noise(self._params.gyro_noise, 3),
-                    force + self._force_bias[k] + self._noise(self._params.accelerometer_noise, 3),
+                    angular_velocity + self._gyro_bias[k] + self._noise(self._params.gyro_noise, 3),
+                    force
+                    + self._accelerometer_bias[k]
+                    + self._noise(self._params.accelerometer_noise, 3),
                 )
             )
         return readings
 
     def _encoders(self, now: EncoderReading) -> EncoderReading:
         """The newest reading that is old enough, or the oldest there is."""
-        self._past.append(now)
+        self._history.append(now)
         # Half a nanosecond: sums of time steps are not exact.
         due = now.time - self._params.encoder_delay + 5e-10
-        while len(self._past) > 1 and self._past[1].time <= due:
-            self._past.popleft()
-        time, angles, speeds = self._past[0]
+        while len(self._history) > 1 and self._history[1].time <= due:
+            self._history.popleft()
+        time, angles, speeds = self._history[0]
         return EncoderReading(
             time,
             angles + self._noise(self._params.encoder_noise, angles.size),
@@ -180,4 +182,4 @@ class Sensors:
         )
 
     def _noise(self, deviation: float, count: int) -> Array:
-        return deviation * self._random.normal(size=count)
+        return deviation * self._rng.normal(size=count)

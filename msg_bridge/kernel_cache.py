@@ -35,7 +35,7 @@ _PACKAGES = frozenset({"soil_sim", "machine_sim", "msg_bridge"})
 
 def cached(kernel: Any) -> Any:
     """Let a dispatcher, as returned by `numba.njit`, keep its machine code between processes."""
-    kernel._cache = _KernelCache(kernel.py_func)
+    kernel._cache = _KernelCache(kernel.py_func)  # type: ignore[no-untyped-call]
     return kernel
 
 

@@ -18,28 +18,28 @@ from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
-from msg_bridge.contract.rows import CONVERSION, LANDED, SWEEP, Rows, join_rows
-from soil_sim.answers import answers_to, changed_rows, excavated_rows
-from soil_sim.changes import Changes
-from soil_sim.columns import Columns
-from soil_sim.cut import SweptCut
+from msg_bridge.contract.rows import CONVERSION, DEPOSIT_REQUEST, SWEEP, Rows, join_rows
+from soil_sim.columns.changes import ChangeTracker
+from soil_sim.columns.state import Columns
+from soil_sim.columns.tile_checksum import TileChecksums
+from soil_sim.compaction import compact
+from soil_sim.deposition import bilinear_shares
 from soil_sim.errors import SoilError
-from soil_sim.force.resistance import Resistance, no_resistance
-from soil_sim.keypoints import KeyPointCut
-from soil_sim.landing import landing_shares
-from soil_sim.params import SoilParams
-from soil_sim.press import press
-from soil_sim.slip import Slip
-from soil_sim.slip.noise import slip_noise
-from soil_sim.soils import soil_tables
-from soil_sim.sweeps import Sweeps, sound_sweeps, strokes_of
-from soil_sim.tiles import Tiles
+from soil_sim.excavation.keypoint_cut import KeyPointCut
+from soil_sim.excavation.swept_cut import SweptCut
+from soil_sim.row_output import convert_deposit_requests, excavation_rows, map_update_rows
+from soil_sim.slope_failure import SlopeRelaxation
+from soil_sim.slope_failure.noise import relaxation_noise
+from soil_sim.soils.params import SoilParams
+from soil_sim.soils.soil_types import build_soil_tables
+from soil_sim.tool_force.tool_forces import ToolForces, zero_tool_forces
+from soil_sim.tool_sweeps import ValidSweeps, group_by_machine, validate_sweeps
 
-__all__ = ["Soil", "SoilStep"]
+__all__ = ["Soil", "SoilStepResult"]
 
 
 @dataclass(frozen=True)
-class SoilStep:
+class SoilStepResult:
     """What one tick moved; rows are not numbered yet (`seq` 0).
 
     Attributes:
@@ -51,8 +51,8 @@ class SoilStep:
 
     conversions: Rows
     forces: Rows
-    changed: Rows
-    refused: tuple[str, ...]
+    map_updates: Rows
+    rejected_tools: tuple[str, ...]
 
 
 class Soil:
@@ -81,36 +81,42 @@ class Soil:
             heights: surface of the undisturbed soil [m], shape (rows, cols).
             params: defaults to the reference's soil.
             soil: kind of each column, shape (rows, cols): 0 the ground's own, 1 and on those of
-                `params.other_soils`; all 0 if not given.
+                `params.additional_soils`; all 0 if not given.
             moisture: of each column [%], shape (rows, cols); if not given, that of its soil.
 
         Raises:
             ParameterError, SoilError, ConfigError: soils or layers that cannot be.
         """
         self.params = params or SoilParams()
-        self.kinds = self.params.kinds()
+        self.soil_types = self.params.soil_types()
         self.columns = Columns(
             grid,
             heights,
-            dig_depth=self.params.dig_depth,
-            tables=soil_tables(self.kinds),
+            soil_depth=self.params.soil_depth,
+            tables=build_soil_tables(self.soil_types),
             soil=soil,
             moisture=moisture,
         )
         if moisture is None:
             found = [kind.moisture for kind in self.loose_soils]
             self.columns.moisture[:] = np.array(found, dtype=np.uint8)[self.columns.soil]
-        self.slip = Slip(
+        self.relaxation = SlopeRelaxation(
             self.columns,
-            radius=self.params.slip_radius,
-            tolerance=self.params.slip_tolerance,
-            noise=slip_noise(self.params, grid, self.kinds[0].angle(self.kinds[0].moisture)),
+            radius=self.params.relaxation_radius,
+            tolerance=self.params.relaxation_tolerance,
+            noise=relaxation_noise(
+                self.params, grid, self.soil_types[0].repose_angle_at(self.soil_types[0].moisture)
+            ),
         )
-        self._swept = SweptCut(self.columns, self.slip.held, resolution=self.params.cut_resolution)
-        self._key_points = KeyPointCut(self.columns, between=self.params.key_points_between)
-        self._resistance = Resistance(self.columns, self.kinds)
-        self._changes = Changes(self.columns)
-        self._tiles = Tiles(self.columns)
+        self._swept_cut = SweptCut(
+            self.columns, self.relaxation.occupied, resolution=self.params.cut_resolution
+        )
+        self._keypoint_cut = KeyPointCut(
+            self.columns, num_interpolated=self.params.num_interpolated_key_points
+        )
+        self._tool_forces = ToolForces(self.columns, self.soil_types)
+        self._changes = ChangeTracker(self.columns)
+        self._tile_checksums = TileChecksums(self.columns)
         self.revision = 0
 
     @property
@@ -121,7 +127,7 @@ class Soil:
     @property
     def loose_soils(self) -> tuple[LooseSoil, ...]:
         """What a machine must know of the kinds of soil, by id."""
-        soils = (kind.loose for kind in self.kinds)
+        soils = (kind.loose_soil for kind in self.soil_types)
         if self.params.moisture < 0:
             return tuple(soils)
         return tuple(replace(soil, moisture=self.params.moisture) for soil in soils)
@@ -129,7 +135,7 @@ class Soil:
     @property
     def total_mm3(self) -> int:
         """Bank volume of the terrain [mm^3]."""
-        return self._tiles.total_mm3
+        return self._tile_checksums.total_mm3
 
     @property
     def layers(self) -> tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.uint8]]:
@@ -137,15 +143,15 @@ class Soil:
         columns = self.columns
         return columns.firm + columns.loose, columns.top_soil, columns.top_moisture
 
-    def verify(self) -> bool:
+    def verify_volume(self) -> bool:
         """Count every column anew and compare with the running count."""
         return self.columns.total_mm3 == self.total_mm3
 
     def state_hash(self) -> str:
-        """SHA-256 [hex] of the firm and loose volumes of all columns; see `soil_sim.tiles`."""
-        return self._tiles.state_hash()
+        """SHA-256 [hex] of the firm and loose volumes of all columns; see `soil_sim.columns.tile_checksum`."""
+        return self._tile_checksums.state_hash()
 
-    def step(self, tick: int, sweeps: Rows, landed: Rows) -> SoilStep:
+    def step(self, tick: int, sweeps: Rows, deposit_requests: Rows) -> SoilStepResult:
         """Advance one tick.
 
         Args:
@@ -156,52 +162,62 @@ class Soil:
         Raises:
             SoilError: not rows, or not the number of a tick; nothing was changed.
         """
-        if sweeps.dtype != SWEEP or landed.dtype != LANDED or not 0 <= tick < 2**32:
+        if (
+            sweeps.dtype != SWEEP
+            or deposit_requests.dtype != DEPOSIT_REQUEST
+            or not 0 <= tick < 2**32
+        ):
             raise SoilError(
                 f"tick {tick} needs SWEEP and LANDED rows and a number in 32 bits; got rows with "
-                f"{sweeps.dtype.names} and {landed.dtype.names}"
+                f"{sweeps.dtype.names} and {deposit_requests.dtype.names}"
             )
-        sound, refused = sound_sweeps(sweeps)
-        answers = answers_to(landed, tick, self.grid, len(self.kinds))
-        forces = self._resist(sound)
-        excavated = self._cut(tick, sound)
+        sound, rejected_tools = validate_sweeps(sweeps)
+        answers = convert_deposit_requests(deposit_requests, tick, self.grid, len(self.soil_types))
+        forces = self._compute_tool_forces(sound)
+        excavated = self._excavate(tick, sound)
         poured = self._deposit(answers)
-        self.slip.relax(max(self.params.slip_budget - poured, 0))
+        self.relaxation.relax(max(self.params.max_cell_visits_per_tick - poured, 0))
         conversions = join_rows([excavated, answers], CONVERSION)
-        return SoilStep(conversions, forces, self._changed(), refused)
+        return SoilStepResult(conversions, forces, self._collect_map_updates(), rejected_tools)
 
-    def _resist(self, sweeps: Sweeps) -> Rows:
+    def _compute_tool_forces(self, sweeps: ValidSweeps) -> Rows:
         """What tools that begin to cut feel, by the soil as it stands."""
         if self.params.force_mode == "reference":
-            return no_resistance(sweeps)
-        return self._resistance.wrenches(sweeps)
+            return zero_tool_forces(sweeps)
+        return self._tool_forces.compute(sweeps)
 
-    def _cut(self, tick: int, sweeps: Sweeps) -> Rows:
-        strokes = strokes_of(sweeps)
+    def _excavate(self, tick: int, sweeps: ValidSweeps) -> Rows:
+        strokes = group_by_machine(sweeps)
         swept = self.params.cut_mode == "swept"
         if swept:
-            self._swept.reserve(stroke.cut for stroke in strokes)
+            self._swept_cut.reserve(stroke.cut_pairs for stroke in strokes)
         parts = []
         for stroke in strokes:
             if swept:
-                removed = self._swept.sweep(stroke.cut)
+                removed = self._swept_cut.excavate(stroke.cut_pairs)
             else:
-                removed = self._key_points.sweep(stroke.rows)
-                self.slip.disturb(removed[:, 0].astype(np.int64), around=True)
-            parts.append(excavated_rows(removed, tick, stroke.source, self.grid))
+                removed = self._keypoint_cut.excavate(stroke.rows)
+                self.relaxation.mark_disturbed(
+                    removed[:, 0].astype(np.int64), include_neighbours=True
+                )
+            parts.append(excavation_rows(removed, tick, stroke.machine_id, self.grid))
             if swept:
-                self.slip.disturb(press(self.columns, stroke.press), around=True)
-        self.slip.disturb(self._swept.release(), around=True)
+                self.relaxation.mark_disturbed(
+                    compact(self.columns, stroke.press_pairs), include_neighbours=True
+                )
+        self.relaxation.mark_disturbed(self._swept_cut.end_tick(), include_neighbours=True)
         return join_rows(parts, CONVERSION)
 
     def _deposit(self, answers: Rows) -> int:
         """Let soil land and run down; returns what that took of the budget."""
         if answers.size == 0:
             return 0
-        return self.slip.pour(*landing_shares(self.grid, answers), self.params.slip_budget)
+        return self.relaxation.deposit_with_runout(
+            *bilinear_shares(self.grid, answers), self.params.max_cell_visits_per_tick
+        )
 
-    def _changed(self) -> Rows:
-        changed = self._changes.take()
-        self._tiles.add(changed.touched, changed.grown)
+    def _collect_map_updates(self) -> Rows:
+        changed = self._changes.collect()
+        self._tile_checksums.apply_changes(changed.touched, changed.volume_change_mm3)
         self.revision += bool(changed.cells.size)
-        return changed_rows(changed, self.columns, self.revision)
+        return map_update_rows(changed, self.columns, self.revision)

@@ -19,7 +19,7 @@ def kernels_of(package):
             continue
         for name, value in vars(importlib.import_module(info.name)).items():
             several = isinstance(value, ThreadedKernel)
-            for kernel in (value.on(1), value.on(2)) if several else (value,):
+            for kernel in (value.for_threads(1), value.for_threads(2)) if several else (value,):
                 if isinstance(kernel, Dispatcher):
                     found[f"{info.name}.{name}"] = kernel
     return found

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from sensor_msgs.msg import JointState
 
-from machine_sim.node import MachineNode
+from machine_sim.node.machine_node import MachineNode
 from msg_bridge.codec.qos import STATE
-from soil_sim.node import SoilNode
+from soil_sim.node.soil_node import SoilNode
 
 README = Path(__file__).resolve().parents[1] / "README.md"
 CODE = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
@@ -31,7 +31,7 @@ def test_there_is_an_example_of_each() -> None:
 
 
 def test_the_controller_moves_the_machine(ros, ros_process) -> None:
-    ros.add(SoilNode, parameters={"site.terrain": "flat", "site.points": 65})
+    ros.add(SoilNode, parameters={"site.terrain": "flat", "site.num_points": 65})
     ros.add(MachineNode)
     states = ros.collect("/excavator/joint_states", JointState, STATE)
     ros.spin_until(lambda: states, what="the machine")

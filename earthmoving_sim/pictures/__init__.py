@@ -14,10 +14,10 @@ site_3d     draw_site_3d: pit and spoil heap in 3-D at true scale
 
 from earthmoving_sim.pictures.bucket_path import draw_bucket_path
 from earthmoving_sim.pictures.cut_fill import draw_cut_fill
-from earthmoving_sim.pictures.plan import surface_image
-from earthmoving_sim.pictures.record import SiteRecord
+from earthmoving_sim.pictures.map_window import Window, to_image
+from earthmoving_sim.pictures.plan_view import surface_image
 from earthmoving_sim.pictures.site_3d import draw_site_3d
-from earthmoving_sim.pictures.window import Window, to_image
+from earthmoving_sim.pictures.site_record import SiteRecord
 
 __all__ = [
     "SiteRecord",

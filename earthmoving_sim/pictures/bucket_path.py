@@ -12,14 +12,15 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from earthmoving_sim.pictures.plan import (
+from earthmoving_sim.pictures.map_window import window_around
+from earthmoving_sim.pictures.plan_view import (
     contour_levels,
     draw_machine,
     draw_scale_bar,
     height_scale,
     surface_image,
 )
-from earthmoving_sim.pictures.record import SiteRecord
+from earthmoving_sim.pictures.site_record import SiteRecord
 from earthmoving_sim.pictures.style import (
     BOLD,
     GREY,
@@ -34,7 +35,6 @@ from earthmoving_sim.pictures.style import (
     phase_colours,
     save,
 )
-from earthmoving_sim.pictures.window import window_around
 from msg_bridge.contract.grid import Grid
 
 __all__ = ["dig_azimuth", "draw_bucket_path", "heights_at"]
@@ -42,8 +42,8 @@ __all__ = ["dig_azimuth", "draw_bucket_path", "heights_at"]
 LEFT, PLAN, GAP, SIDE, RIGHT, BELOW, ABOVE = 0.72, 6.0, 0.85, 7.0, 0.25, 1.32, 1.1  # [in]
 FOOT, BETWEEN, BAR = 0.62, 0.95, 0.12  # below and between the right-hand panels, colour bar [in]
 
-AROUND_M = 1.2  # ground shown in the side view beyond what was dug [m]
-MOST_NAMED = 6  # with more cycles than this, only the first and the last are in the legend
+PROFILE_MARGIN_M = 1.2  # ground shown in the side view beyond what was dug [m]
+MAX_LABELLED_CYCLES = 6  # with more cycles than this, only the first and the last are in the legend
 
 # Dark to light, all of it dark enough to be seen on the pale ground.
 CYCLE_COLOURS = LinearSegmentedColormap.from_list(
@@ -56,7 +56,7 @@ def draw_bucket_path(record: SiteRecord, path: Path) -> Path:
 
     Returns the path.
     """
-    seen = [record.worked_points, record.lip_path[:, :2], record.outline_points]
+    seen = [record.changed_points, record.lip_path[:, :2], record.outline_points]
     window = window_around(record.grid, np.concatenate(seen))
     tall = PLAN * window.size[1] / window.size[0]
     tall = max(tall, 5.2)
@@ -70,7 +70,12 @@ def draw_bucket_path(record: SiteRecord, path: Path) -> Path:
 
     limits = height_scale(window, record.after)
     heights = surface_image(
-        plan, window, record.after, limits, levels=contour_levels(limits, at_most=8), labelled=False
+        plan,
+        window,
+        record.after,
+        limits,
+        levels=contour_levels(limits, max_steps=8),
+        labelled=False,
     )
     draw_machine(plan, record)
     draw_plan(plan, record)
@@ -104,10 +109,10 @@ def draw_plan(axes: Axes, record: SiteRecord) -> None:
     azimuth = dig_azimuth(record)
     if azimuth is not None:
         reach = _dig_reach(record)
-        ends = record.machine_base + np.outer([0.0, reach[1]], [np.cos(azimuth), np.sin(azimuth)])
+        ends = record.machine_origin + np.outer([0.0, reach[1]], [np.cos(azimuth), np.sin(azimuth)])
         profile = {"color": INK, "lw": 1.0, "ls": (0, (6, 3))}
         axes.plot(*ends.T, **profile, zorder=5)  # type: ignore[arg-type]
-        axes.plot(*record.machine_base, "+", color=INK, ms=8, mew=1.2, zorder=6)
+        axes.plot(*record.machine_origin, "+", color=INK, ms=8, mew=1.2, zorder=6)
         keys.append(Line2D([], [], **profile, label="profile"))  # type: ignore[arg-type]
     if keys:
         legend = axes.legend(
@@ -136,12 +141,12 @@ def draw_side(axes: Axes, record: SiteRecord) -> None:
     path = _radial(record)
     direction = np.array([np.cos(azimuth), np.sin(azimuth)])
     r = np.linspace(*_dig_reach(record), 400)
-    points = record.machine_base + np.outer(r, direction)
+    points = record.machine_origin + np.outer(r, direction)
     shown = [heights_at(record.grid, h, points) for h in (record.before, record.after)]
     _set_equal_limits(axes, r, np.concatenate([*shown, path[dug, 1]]))
 
     r = np.linspace(*axes.get_xlim(), 400)
-    points = record.machine_base + np.outer(r, direction)
+    points = record.machine_origin + np.outer(r, direction)
     before, after = (heights_at(record.grid, h, points) for h in (record.before, record.after))
     axes.fill_between(r, after, axes.get_ylim()[0], fc="#d9c9ae", ec="none")
     axes.fill_between(r, before, after, where=list(before > after), fc="#efe6d6", ec="none")
@@ -151,7 +156,11 @@ def draw_side(axes: Axes, record: SiteRecord) -> None:
     colours = CYCLE_COLOURS(np.linspace(0.0, 1.0, max(len(cycles), 2)))
     for cycle, colour in zip(cycles, colours, strict=False):
         of_cycle = np.where((dug & (record.lip_cycle == cycle))[:, None], path, np.nan)
-        label = f"cycle {cycle}" if len(cycles) <= MOST_NAMED or cycle in cycles[[0, -1]] else None
+        label = (
+            f"cycle {cycle}"
+            if len(cycles) <= MAX_LABELLED_CYCLES or cycle in cycles[[0, -1]]
+            else None
+        )
         axes.plot(*of_cycle.T, color=colour, lw=1.4, label=label)
     axes.legend(fontsize=SMALL, loc="best", framealpha=0.9, edgecolor="none", ncols=2)
 
@@ -198,7 +207,7 @@ def draw_heights(axes: Axes, record: SiteRecord) -> None:
 
 def dig_azimuth(record: SiteRecord) -> float | None:
     """Mean direction from the machine to where it dug, from +x toward +y [rad]; None if nowhere."""
-    offset = record.lip_path[record.lip_phase == "dig", :2] - record.machine_base
+    offset = record.lip_path[record.lip_phase == "dig", :2] - record.machine_origin
     if not len(offset):
         return None
     mean = (offset / np.maximum(np.linalg.norm(offset, axis=1, keepdims=True), 1e-9)).mean(axis=0)
@@ -245,14 +254,14 @@ def _phase_lines(
 
 def _radial(record: SiteRecord) -> NDArray[np.float64]:
     """Horizontal distance from the machine and height of the lip [m], shape [n, 2]."""
-    r = np.linalg.norm(record.lip_path[:, :2] - record.machine_base, axis=1)
+    r = np.linalg.norm(record.lip_path[:, :2] - record.machine_origin, axis=1)
     return np.stack([r, record.lip_path[:, 2]], axis=1)
 
 
 def _dig_reach(record: SiteRecord) -> tuple[float, float]:
     """The least and greatest distance from the machine that the side view shows [m]."""
     r = _radial(record)[record.lip_phase == "dig", 0]
-    return max(0.0, float(r.min()) - AROUND_M), float(r.max()) + AROUND_M
+    return max(0.0, float(r.min()) - PROFILE_MARGIN_M), float(r.max()) + PROFILE_MARGIN_M
 
 
 def _travelled(record: SiteRecord) -> NDArray[np.float64]:

@@ -10,17 +10,18 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
-from earthmoving_sim.pictures.plan import (
+from earthmoving_sim.pictures.map_window import Window, window_around
+from earthmoving_sim.pictures.plan_view import (
     contour_levels,
     draw_contours,
+    draw_key_map,
     draw_machine,
     draw_scale_bar,
     height_scale,
     hillshade,
-    key_map,
     surface_image,
 )
-from earthmoving_sim.pictures.record import WORKED_M, SiteRecord
+from earthmoving_sim.pictures.site_record import MIN_CHANGE_M, SiteRecord
 from earthmoving_sim.pictures.style import (
     BOLD,
     CHANGE_COLOURS,
@@ -35,7 +36,6 @@ from earthmoving_sim.pictures.style import (
     new_figure,
     save,
 )
-from earthmoving_sim.pictures.window import Window, window_around
 
 __all__ = ["draw_cut_fill", "volume_lines"]
 
@@ -48,14 +48,14 @@ def draw_cut_fill(record: SiteRecord, path: Path) -> Path:
 
     Returns the path. The volumes in the third are summed over the whole map.
     """
-    window = window_around(record.grid, _centre_of_work(record))
+    window = window_around(record.grid, _changed_or_path_points(record))
     tall = PANEL * window.size[1] / window.size[0]
     figure = new_figure(LEFT + 3 * PANEL + 2 * GAP + RIGHT, BELOW + tall + ABOVE)
     lefts = [LEFT + i * (PANEL + GAP) for i in range(3)]
     before, after, change = (add_axes(figure, left, BELOW, PANEL, tall) for left in lefts)
 
     limits = height_scale(window, record.before, record.after)
-    levels = contour_levels(limits, at_most=12)
+    levels = contour_levels(limits, max_steps=12)
     heights = surface_image(before, window, record.before, limits, levels=levels)
     surface_image(after, window, record.after, limits, levels=levels)
     draw_machine(after, record)
@@ -78,16 +78,16 @@ def draw_cut_fill(record: SiteRecord, path: Path) -> Path:
     shape = record.grid.size[0] / record.grid.size[1]
     wide = size * min(shape, 1.6)
     key = add_axes(figure, lefts[2] + PANEL - wide, BELOW + tall + 0.2, wide, wide / shape)
-    key_map(key, record, window)
+    draw_key_map(key, record, window)
     step = f"{levels[1] - levels[0]:.3g}" if len(levels) > 1 else "1"
     about = f"{record.grid.cell:g} m columns · contours every {step} m · x and y in the map frame"
     add_title(figure, record.title, about, LEFT)
     return save(figure, path)
 
 
-def _centre_of_work(record: SiteRecord) -> NDArray[np.float64]:
+def _changed_or_path_points(record: SiteRecord) -> NDArray[np.float64]:
     """Points the picture must hold: worked ground, else the bucket's path, else nothing."""
-    worked = record.worked_points
+    worked = record.changed_points
     return worked if len(worked) else record.lip_path[:, :2]
 
 
@@ -103,11 +103,11 @@ def change_image(axes: Axes, window: Window, record: SiteRecord) -> ScalarMappab
         origin="lower",
         interpolation="bilinear",
     )
-    levels = contour_levels(limits, at_most=12)
+    levels = contour_levels(limits, max_steps=12)
     draw_contours(axes, window, change, levels[np.abs(levels) > 1e-9], form="{:+.{}f}")
     # Untouched ground is exactly 0, so a contour there would wander: the zero line is drawn where
     # the change becomes worth the name, on either side.
-    zero = [side for side in (-WORKED_M, WORKED_M) if change.min() < side < change.max()]
+    zero = [side for side in (-MIN_CHANGE_M, MIN_CHANGE_M) if change.min() < side < change.max()]
     if zero:
         axes.contour(
             window.x, window.y, change, levels=zero, colors=INK, linewidths=1.0, linestyles="solid"

@@ -7,21 +7,25 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from earthmoving_sim.pictures.raster import Camera, barycentric, rasterise
-from earthmoving_sim.pictures.scene import Mesh
+from earthmoving_sim.pictures.mesh import Mesh
+from earthmoving_sim.pictures.rasterizer import Camera, barycentric, rasterize
 
 __all__ = ["render"]
 
-FINER = 2  # the picture is made this many times finer and averaged, against jagged edges
-SUN_LEFT = np.radians(65.0)  # azimuth of the sun, clockwise from the camera's
+SUPERSAMPLING = 2  # the picture is made this many times finer and averaged, against jagged edges
+SUN_AZIMUTH_OFFSET = np.radians(65.0)  # azimuth of the sun, clockwise from the camera's
 SUN_ELEVATION = np.radians(42.0)
-SUN, SKY, BOUNCE = 0.82, 0.40, 0.20  # light from the sun, from above, and from the ground
+SUN, SKY, GROUND_LIGHT = 0.82, 0.40, 0.20  # light from the sun, from above, and from the ground
 SUN_TINT, SKY_TINT = np.array([1.06, 1.0, 0.9]), np.array([0.92, 0.99, 1.12])
 SHADOW_PX = 1400  # width of the picture that the sun sees
 SHADOW_BIAS_PX = 2.0  # points are lifted off their surface by this, or it would shade itself
-SOFTNESS_PX = (-1.5, 0.0, 1.5)  # places beside a point whose shadows are averaged: a soft edge
+SHADOW_OFFSETS_PX = (
+    -1.5,
+    0.0,
+    1.5,
+)  # places beside a point whose shadows are averaged: a soft edge
 EDGE_SHADE = 0.55  # brightness of lines between the machine's faces
-PIXELS_AT_ONCE = 2**18
+MAX_PIXELS_PER_BATCH = 2**18
 
 # Brightness noise on the ground; one seed, so the same record gives the same picture.
 GRAIN_M = 0.06  # size of a grain [m]
@@ -40,52 +44,52 @@ def render(
         scale: pixels a metre.
         shape: height and width [px]; row 0 is the lowest.
     """
-    fine = FINER * scale
+    fine = SUPERSAMPLING * scale
     view = camera.view(mesh.points)
     view = np.concatenate([(view[:, :2] - origin) * fine - 0.5, view[:, 2:] * fine], axis=1)
-    fine_shape = (FINER * shape[0], FINER * shape[1])
-    faces, _ = rasterise(view, mesh.triangles, fine_shape)
-    sun = Camera(camera.azimuth - SUN_LEFT, SUN_ELEVATION)
+    fine_shape = (SUPERSAMPLING * shape[0], SUPERSAMPLING * shape[1])
+    faces, _ = rasterize(view, mesh.triangles, fine_shape)
+    sun = Camera(camera.azimuth - SUN_AZIMUTH_OFFSET, SUN_ELEVATION)
     shadow = ShadowMap(mesh, sun)
     picture = np.zeros((faces.size, 4), dtype=np.float32)
     seen = np.flatnonzero(faces.ravel() >= 0)
-    for some in np.array_split(seen, 1 + seen.size // PIXELS_AT_ONCE):
+    for some in np.array_split(seen, 1 + seen.size // MAX_PIXELS_PER_BATCH):
         face = faces.ravel()[some]
         row, column = np.divmod(some, fine_shape[1])
-        shares = barycentric(view[mesh.triangles[face]], column, row)
-        picture[some, :3] = _lit(mesh, face, shares, camera, sun, shadow)
+        weights = barycentric(view[mesh.triangles[face]], column, row)
+        picture[some, :3] = _shade(mesh, face, weights, camera, sun, shadow)
         picture[some, 3] = 1.0
     image = picture.reshape(*fine_shape, 4)
     image[_part_edges(np.where(faces >= 0, mesh.parts[faces], 0)), :3] *= EDGE_SHADE
-    return _averaged(image)
+    return _downsample(image)
 
 
-def _lit(
+def _shade(
     mesh: Mesh,
     face: NDArray[np.intp],
-    shares: NDArray[np.float64],
+    weights: NDArray[np.float64],
     camera: Camera,
     sun: Camera,
     shadow: ShadowMap,
 ) -> NDArray[np.float64]:
     """Colours of points in triangles [k], given by shares of their corners [k, 3]."""
     triangles = mesh.triangles[face]
-    normal = _between(mesh.normals[triangles], shares)
+    normal = _interpolate(mesh.normals[triangles], weights)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     normal *= np.where(normal @ camera.toward < 0.0, -1.0, 1.0)[:, None]  # faces have two sides
-    place = _between(mesh.points[triangles], shares)
-    facing = np.clip(normal @ sun.toward, 0.0, None) * shadow.lit(place, normal)
+    place = _interpolate(mesh.points[triangles], weights)
+    facing = np.clip(normal @ sun.toward, 0.0, None) * shadow.sunlit_fraction(place, normal)
     sky = 0.5 + 0.5 * normal[:, 2]
     light = SUN * facing[:, None] * SUN_TINT + SKY * sky[:, None] * SKY_TINT
-    colours = _between(mesh.colours[triangles], shares)
+    colours = _interpolate(mesh.colours[triangles], weights)
     ground = mesh.parts[face] == 0
-    colours[ground] *= _grain(place[ground])[:, None]
-    return np.asarray(np.clip(colours * (light + BOUNCE), 0.0, 1.0), dtype=np.float64)
+    colours[ground] *= _brightness_noise(place[ground])[:, None]
+    return np.asarray(np.clip(colours * (light + GROUND_LIGHT), 0.0, 1.0), dtype=np.float64)
 
 
-def _between(corners: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
+def _interpolate(corners: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
     """What lies between corners [k, 3, 3] by their shares [k, 3], shape [k, 3]."""
-    return np.asarray(np.einsum("kci,kc->ki", corners, shares), dtype=np.float64)
+    return np.asarray(np.einsum("kci,kc->ki", corners, weights), dtype=np.float64)
 
 
 class ShadowMap:
@@ -99,24 +103,26 @@ class ShadowMap:
         self._scale = SHADOW_PX / float(max(size[0], size[1]))
         shape = np.ceil(size[1::-1] * self._scale).astype(int) + 1
         pixels = (view - self._origin) * self._scale
-        _, self._depths = rasterise(pixels, mesh.triangles, (int(shape[0]), int(shape[1])))
+        _, self._depths = rasterize(pixels, mesh.triangles, (int(shape[0]), int(shape[1])))
 
-    def lit(self, points: NDArray[np.float64], normal: NDArray[np.float64]) -> NDArray[np.float64]:
+    def sunlit_fraction(
+        self, points: NDArray[np.float64], normal: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         """Share of the sun, 0 to 1, shape [n], at points [m] with unit normals, shape [n, 3]."""
         points = points + normal * (SHADOW_BIAS_PX / self._scale)
         pixels = (self._sun.view(points) - self._origin) * self._scale
         depth = pixels[:, 2] - SHADOW_BIAS_PX
         height, width = self._depths.shape
-        lit = np.zeros(len(points))
-        for up in SOFTNESS_PX:
+        sunlit_fraction = np.zeros(len(points))
+        for up in SHADOW_OFFSETS_PX:
             row = np.rint(pixels[:, 1] + up).astype(np.int64).clip(0, height - 1)
-            for right in SOFTNESS_PX:
+            for right in SHADOW_OFFSETS_PX:
                 column = np.rint(pixels[:, 0] + right).astype(np.int64).clip(0, width - 1)
-                lit += depth <= self._depths[row, column]
-        return np.asarray(lit / len(SOFTNESS_PX) ** 2, dtype=np.float64)
+                sunlit_fraction += depth <= self._depths[row, column]
+        return np.asarray(sunlit_fraction / len(SHADOW_OFFSETS_PX) ** 2, dtype=np.float64)
 
 
-def _grain(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _brightness_noise(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Fine brightness noise about 1 fixed to places on the ground [m], shape [n, 3] to [n]."""
     place = points / GRAIN_M
     corner = np.floor(place).astype(np.int64)
@@ -140,9 +146,13 @@ def _part_edges(parts: NDArray[np.intp]) -> NDArray[np.bool_]:
     return edge
 
 
-def _averaged(image: NDArray[np.float32]) -> NDArray[np.float64]:
+def _downsample(image: NDArray[np.float32]) -> NDArray[np.float64]:
     """An image at its final size, with straight alpha: colours of covered pixels only."""
-    height, width = image.shape[0] // FINER, image.shape[1] // FINER
-    mean = image.reshape(height, FINER, width, FINER, 4).mean(axis=(1, 3)).astype(np.float64)
+    height, width = image.shape[0] // SUPERSAMPLING, image.shape[1] // SUPERSAMPLING
+    mean = (
+        image.reshape(height, SUPERSAMPLING, width, SUPERSAMPLING, 4)
+        .mean(axis=(1, 3))
+        .astype(np.float64)
+    )
     mean[..., :3] /= np.maximum(mean[..., 3:], 1e-6)
     return np.asarray(np.clip(mean, 0.0, 1.0), dtype=np.float64)

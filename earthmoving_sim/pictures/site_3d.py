@@ -8,10 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from earthmoving_sim.pictures.raster import Camera, rasterise
-from earthmoving_sim.pictures.record import WORKED_M, SiteRecord
-from earthmoving_sim.pictures.scene import Mesh, ground_mesh, joined, machine_mesh
+from earthmoving_sim.pictures.map_window import Window, window_around
+from earthmoving_sim.pictures.mesh import Mesh, ground_mesh, machine_mesh, merge_meshes
+from earthmoving_sim.pictures.rasterizer import Camera, rasterize
 from earthmoving_sim.pictures.shading import render
+from earthmoving_sim.pictures.site_record import MIN_CHANGE_M, SiteRecord
 from earthmoving_sim.pictures.style import (
     BOLD,
     DPI,
@@ -25,18 +26,19 @@ from earthmoving_sim.pictures.style import (
     nice_length,
     save,
 )
-from earthmoving_sim.pictures.window import Window, window_around
 
 __all__ = ["best_camera", "draw_site_3d"]
 
 WIDTH, ABOVE, BORDER = 10.5, 1.0, 0.35  # [in]
-TALLEST = 8.0  # [in]
+MAX_HEIGHT = 8.0  # [in]
 ELEVATION = np.radians(36.0)  # high enough to see into a pit, low enough to see a heap stand up
-FACE_MACHINE = 0.4  # preference for a view of the machine across its work
-NEARLY_MOST = 0.95  # share of the greatest cut or fill that counts as its extreme too
+MACHINE_FACING_WEIGHT = 0.4  # preference for a view of the machine across its work
+EXTREME_FRACTION = 0.95  # share of the greatest cut or fill that counts as its extreme too
 # Azimuths tried [deg], none along an edge of the block, where it would look flat; and the width of
 # the small picture that each is judged by.
-TRIALS = [quarter + within for quarter in (0, 90, 180, 270) for within in (25, 35, 45, 55, 65)]
+TRIAL_AZIMUTHS = [
+    quarter + within for quarter in (0, 90, 180, 270) for within in (25, 35, 45, 55, 65)
+]
 TRIAL_PX = 160
 
 
@@ -54,12 +56,12 @@ def draw_site_3d(record: SiteRecord, path: Path, *, labels: bool = True) -> Path
     window = _window(record)
     ground = ground_mesh(record, window)
     machine = machine_mesh(record)
-    mesh = joined(ground, machine) if machine else ground
+    mesh = merge_meshes(ground, machine) if machine else ground
     camera = best_camera(record, window, mesh)
 
     view = camera.view(mesh.points)[:, :2]
     low, size = view.min(axis=0), np.ptp(view, axis=0)
-    per_metre = min((WIDTH - 2 * BORDER) / size[0], TALLEST / size[1])  # [in]
+    per_metre = min((WIDTH - 2 * BORDER) / size[0], MAX_HEIGHT / size[1])  # [in]
     wide, tall = size * per_metre
     figure = new_figure(WIDTH, BORDER + tall + 0.35 + ABOVE)
     left = 0.5 * (WIDTH - wide)
@@ -89,7 +91,7 @@ def draw_site_3d(record: SiteRecord, path: Path, *, labels: bool = True) -> Path
 def _window(record: SiteRecord) -> Window:
     """The part of the site that is drawn: worked ground, and the machine if it is drawn."""
     machine = [polygon[:, :2] for _, polygon in record.machine_faces]
-    return window_around(record.grid, np.concatenate([record.worked_points, *machine]))
+    return window_around(record.grid, np.concatenate([record.changed_points, *machine]))
 
 
 def best_camera(record: SiteRecord, window: Window, mesh: Mesh) -> Camera:
@@ -101,20 +103,22 @@ def best_camera(record: SiteRecord, window: Window, mesh: Mesh) -> Camera:
     change = window.crop(record.change).ravel()
     ground = len(change)  # ground comes first in the mesh
     lowest = np.where(mesh.triangles.max(axis=1) < ground, mesh.triangles.min(axis=1), -1)
-    kind = np.where(lowest >= 0, np.sign(change[lowest]) * (np.abs(change[lowest]) > WORKED_M), 0)
-    cameras = [Camera(float(np.radians(trial)), float(ELEVATION)) for trial in TRIALS]
+    kind = np.where(
+        lowest >= 0, np.sign(change[lowest]) * (np.abs(change[lowest]) > MIN_CHANGE_M), 0
+    )
+    cameras = [Camera(float(np.radians(trial)), float(ELEVATION)) for trial in TRIAL_AZIMUTHS]
     scale = TRIAL_PX / float(np.hypot(*window.size))
 
     work = np.zeros(2)
-    if record.machine_faces and len(record.worked_points):
-        work = record.worked_points.mean(axis=0) - record.machine_base
-        work *= FACE_MACHINE / max(float(np.linalg.norm(work)), 1e-9)
+    if record.machine_faces and len(record.changed_points):
+        work = record.changed_points.mean(axis=0) - record.machine_origin
+        work *= MACHINE_FACING_WEIGHT / max(float(np.linalg.norm(work)), 1e-9)
 
     def seen(camera: Camera) -> float:
         view = camera.view(mesh.points) * scale
         view -= view.min(axis=0)
         wide, tall = np.ceil(view[:, :2].max(axis=0)).astype(int).tolist()
-        faces, _ = rasterise(view, mesh.triangles, (tall + 1, wide + 1))
+        faces, _ = rasterize(view, mesh.triangles, (tall + 1, wide + 1))
         kinds = kind[faces[faces >= 0]]
         cut, fill = int((kinds < 0).sum()), int((kinds > 0).sum())
         return (min(cut, fill) + 0.1 * max(cut, fill)) * (1.0 + float(camera.toward[:2] @ work))
@@ -127,10 +131,10 @@ def draw_labels(axes: Axes, record: SiteRecord, window: Window, camera: Camera) 
     change, after = window.crop(record.change), window.crop(record.after)
     for name, sign in (("pit", -1.0), ("spoil heap", 1.0)):
         most = float((sign * change).max())
-        if most <= WORKED_M:
+        if most <= MIN_CHANGE_M:
             continue
         # Of a flat floor the far end is named: the near one may hide behind the pit's rim.
-        row, column = np.nonzero(sign * change >= NEARLY_MOST * most)
+        row, column = np.nonzero(sign * change >= EXTREME_FRACTION * most)
         points = np.stack([window.x[column], window.y[row], after[row, column]], axis=1)
         x, y, _ = max(camera.view(points).tolist(), key=lambda point: point[2])
         extreme = f"{most:.2f} m deep" if sign < 0 else f"{most:.2f} m high"

@@ -122,11 +122,11 @@ def halo(width: float = 2.5, colour: str = "white") -> list[AbstractPathEffect]:
     return [withStroke(linewidth=width, foreground=colour)]
 
 
-def nice_step(span: float, at_most: int) -> float:
+def nice_step(span: float, max_steps: int) -> float:
     """The least of 1, 2, 5 x 10^k that divides a span into at most that many steps."""
     if not span > 0.0:
         return 1.0
-    rough = span / at_most
+    rough = span / max_steps
     decade = 10.0 ** np.floor(np.log10(rough))
     return float(
         next(f * decade for f in (1.0, 2.0, 5.0, 10.0) if f * decade >= rough * (1 - 1e-9))

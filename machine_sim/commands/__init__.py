@@ -11,15 +11,15 @@ No ROS, no physics, no clock: the caller says what time it is.
 """
 
 from machine_sim.commands.actuators import TRACK_NAMES
-from machine_sim.commands.board import AppliedCommand, CommandBoard, Source
+from machine_sim.commands.arbiter import AppliedCommand, CommandArbiter, CommandSource
 from machine_sim.commands.errors import CommandError
 from machine_sim.commands.params import CommandParams
 
 __all__ = [
     "TRACK_NAMES",
     "AppliedCommand",
-    "CommandBoard",
+    "CommandArbiter",
     "CommandError",
     "CommandParams",
-    "Source",
+    "CommandSource",
 ]

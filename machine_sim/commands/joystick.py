@@ -23,13 +23,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from machine_sim.commands.actuators import Actuator
-from machine_sim.commands.checks import numbers
 from machine_sim.commands.errors import CommandError
 from machine_sim.commands.params import CommandParams
+from machine_sim.commands.validation import validate_numbers
 
-__all__ = ["Joystick", "Levers"]
+__all__ = ["Joystick", "JoystickReading"]
 
-_PATTERNS = {
+_LEVER_PATTERNS = {
     "iso": {
         "swing": ("left_x", 1.0),
         "arm": ("left_y", -1.0),
@@ -47,7 +47,7 @@ _PATTERNS = {
 
 
 @dataclass(frozen=True)
-class Levers:
+class JoystickReading:
     """What one message of the joystick says.
 
     Attributes:
@@ -58,7 +58,7 @@ class Levers:
 
     joints: tuple[float, ...]
     tracks: tuple[float, float]
-    rested: tuple[bool, bool]
+    pedals_at_rest: tuple[bool, bool]
 
 
 class Joystick:
@@ -80,13 +80,15 @@ class Joystick:
         self._tracks = tuple(actuators[-2:])
         self._params = params
         self._axes = params.joy_axes
-        self._lever_of = dict(levers) or _PATTERNS[params.joy_pattern]
+        self._axis_of_joint = dict(levers) or _LEVER_PATTERNS[params.joy_pattern]
         self._levers_moved = self._pedals_moved = False
-        self._held = False  # through an emergency stop, and not yet seen at rest since
+        self._must_return_to_rest = (
+            False  # through an emergency stop, and not yet seen at rest since
+        )
         # joy_node shows 0, which is half pressed, for a trigger that was never touched.
-        self._ready = [params.joy_pedal_rest == 0.0] * 2
+        self._pedal_seen_at_rest = [params.joy_pedal_rest == 0.0] * 2
 
-    def read(self, axes: Any, buttons: Any) -> Levers:
+    def read(self, axes: Any, buttons: Any) -> JoystickReading:
         """What a message says; changes nothing.
 
         A button that is not in the message is not pressed.
@@ -95,51 +97,54 @@ class Joystick:
             CommandError: too few axes, a number that is not finite, or an axis far beyond 1.
         """
         need = max(self._axes.values()) + 1
-        given = numbers(axes, "the joystick's axes", f"at least {need} axes from -1 to 1")
-        pressed = numbers(buttons, "the joystick's buttons", "0 or 1 for each")
+        given = validate_numbers(axes, "the joystick's axes", f"at least {need} axes from -1 to 1")
+        pressed = validate_numbers(buttons, "the joystick's buttons", "0 or 1 for each")
         if len(given) < need:
             raise CommandError(
                 f"the joystick has {len(given)} axes and needs {need}; use a game controller, or"
                 " set the joy_ parameters to the axes of yours"
             )
         for name, index in self._axes.items():
-            if index >= 0 and abs(given[index]) > self._params.unit_mistake:
+            if index >= 0 and abs(given[index]) > self._params.unit_error_factor:
                 raise CommandError(
                     f"axis {index} (joy_{name}) of the joystick is {given[index]:g}; give values"
                     " from -1 to 1, 1 to the left and forward"
                 )
         joints = []
         for joint in self._joints:
-            lever = self._lever_of.get(joint.name)
+            lever = self._axis_of_joint.get(joint.name)
             if lever is None:
                 joints.append(0.0)
                 continue
             axis, sign = lever
-            joints.append(sign * joint.speed * self._beyond_rest(given[self._axes[axis]]))
+            joints.append(sign * joint.max_speed * self._beyond_deadzone(given[self._axes[axis]]))
         pedals = [self._pedal(given, pressed, side) for side in ("left", "right")]
         left, right = (
-            pedal * track.speed for pedal, track in zip(pedals, self._tracks, strict=True)
+            pedal * track.max_speed for pedal, track in zip(pedals, self._tracks, strict=True)
         )
         # Adding zero turns -0.0 into 0.0.
-        return Levers(
+        return JoystickReading(
             tuple(velocity + 0.0 for velocity in joints),
             (left + 0.0, right + 0.0),
             (left == 0.0, right == 0.0),
         )
 
-    def take(self, levers: Levers, *, stopped: bool) -> dict[int, float]:
+    def select_commands(self, levers: JoystickReading, *, stopped: bool) -> dict[int, float]:
         """What a message commands: velocities by actuator index, none if it is no command.
 
         Args:
             levers: what it says.
             stopped: whether the emergency stop is pressed.
         """
-        for side, rested in enumerate(levers.rested):
-            self._ready[side] |= rested
-        tracks = [v if ready else 0.0 for v, ready in zip(levers.tracks, self._ready, strict=True)]
+        for side, pedals_at_rest in enumerate(levers.pedals_at_rest):
+            self._pedal_seen_at_rest[side] |= pedals_at_rest
+        tracks = [
+            v if ready else 0.0
+            for v, ready in zip(levers.tracks, self._pedal_seen_at_rest, strict=True)
+        ]
         levers_off, pedals_off = any(levers.joints), any(tracks)
-        if stopped or self._held:
-            self._held = levers_off or pedals_off
+        if stopped or self._must_return_to_rest:
+            self._must_return_to_rest = levers_off or pedals_off
             return {}
         commands: dict[int, float] = {}
         if levers_off or self._levers_moved:
@@ -151,14 +156,14 @@ class Joystick:
 
     def stop(self) -> None:
         """The emergency stop was pressed: nothing counts until all is seen at rest."""
-        self._held = True
-        self.forget()
+        self._must_return_to_rest = True
+        self.reset()
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """What was moved until now is no command any more."""
         self._levers_moved = self._pedals_moved = False
 
-    def _beyond_rest(self, deflection: float) -> float:
+    def _beyond_deadzone(self, deflection: float) -> float:
         """Deflection beyond the deadzone, -1 to 1, from zero at its edge."""
         zone = self._params.joy_deadzone
         beyond = min(max(abs(deflection) - zone, 0.0) / (1.0 - zone), 1.0)
@@ -170,7 +175,7 @@ class Joystick:
             return 0.0
         params = self._params
         way = params.joy_pedal_full - params.joy_pedal_rest
-        pedal = self._beyond_rest((axes[index] - params.joy_pedal_rest) / way)
+        pedal = self._beyond_deadzone((axes[index] - params.joy_pedal_rest) / way)
         button = params.joy_left_reverse if side == "left" else params.joy_right_reverse
         reverse = 0 <= button < len(buttons) and buttons[button] != 0.0
         return -pedal if reverse else pedal

@@ -23,14 +23,14 @@ class CommandParams(Parameters):
     check_stamps: bool = parameter(
         False, "refuse stamped commands that are older than the timeout, or from the future"
     )
-    stamp_lead: float = parameter(
+    max_stamp_lead: float = parameter(
         0.05,
         "how far a stamp may be ahead of the machine's clock, which hears of time by message",
         unit="s",
         low=0.0,
         high=10.0,
     )
-    unit_mistake: float = parameter(
+    unit_error_factor: float = parameter(
         10.0,
         "a value this many times what the actuator can do is taken for a mistake of units",
         low=1.0,

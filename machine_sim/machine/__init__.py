@@ -11,59 +11,59 @@
 - `tracked_machine`: all of it in pybullet, stepped by its owner
 """
 
-from machine_sim.machine.description import (
-    Joint,
-    JointLimits,
-    LinkShape,
-    MachineDescription,
-    TrackShape,
-)
-from machine_sim.machine.errors import MachineError, ReachError
-from machine_sim.machine.file.machine import load_description
-from machine_sim.machine.kinematics import (
+from machine_sim.machine.arm_kinematics import (
     EXCAVATOR_JOINTS,
-    arm_angles,
     arm_geometry,
-    from_arm_plane,
+    map_to_swing_frame,
     rotation_matrix,
-    swing_toward,
-    to_arm_plane,
+    solve_arm_angles,
+    swing_angle_toward,
+    swing_frame_to_map,
     tool_point,
     tool_pose,
 )
+from machine_sim.machine.errors import MachineError, ReachError
+from machine_sim.machine.spec import (
+    Joint,
+    JointLimits,
+    LinkSpec,
+    MachineSpec,
+    TrackSpec,
+)
+from machine_sim.machine.spec_file.loader import load_machine_spec
 from machine_sim.machine.tools.bucket import BucketShape
 from machine_sim.machine.tools.tool import Tool
 from machine_sim.machine.tracked_machine import TrackedMachine
-from machine_sim.machine.tracks.fast import FastTracks
-from machine_sim.machine.tracks.hinged import HingedTracks
-from machine_sim.machine.tracks.model import TrackModel, Tracks, fitted_with
+from machine_sim.machine.tracks.dynamic import DynamicTracks
+from machine_sim.machine.tracks.kinematic import KinematicTracks
+from machine_sim.machine.tracks.track_model import TrackModel, Tracks, with_track_model
 from machine_sim.machine.urdf import urdf_text
 
 __all__ = [
     "EXCAVATOR_JOINTS",
     "BucketShape",
-    "FastTracks",
-    "HingedTracks",
+    "DynamicTracks",
     "Joint",
     "JointLimits",
-    "LinkShape",
-    "MachineDescription",
+    "KinematicTracks",
+    "LinkSpec",
     "MachineError",
+    "MachineSpec",
     "ReachError",
     "Tool",
     "TrackModel",
-    "TrackShape",
+    "TrackSpec",
     "TrackedMachine",
     "Tracks",
-    "arm_angles",
     "arm_geometry",
-    "fitted_with",
-    "from_arm_plane",
-    "load_description",
+    "load_machine_spec",
+    "map_to_swing_frame",
     "rotation_matrix",
-    "swing_toward",
-    "to_arm_plane",
+    "solve_arm_angles",
+    "swing_angle_toward",
+    "swing_frame_to_map",
     "tool_point",
     "tool_pose",
     "urdf_text",
+    "with_track_model",
 ]

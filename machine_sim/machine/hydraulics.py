@@ -19,12 +19,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from machine_sim.machine.linkage import CylinderLinkage
-from msg_bridge.contract.cylinders import CylinderState
+from machine_sim.machine.cylinder_linkage import CylinderLinkage
+from msg_bridge.contract.cylinder_state import CylinderState
 
-__all__ = ["Cylinder", "HydraulicArm", "HydraulicSupply"]
+__all__ = ["Cylinder", "HydraulicSupply", "HydraulicSystem"]
 
-_CREEP = 0.15
+_MIN_CUSHION_SPEED = 0.15
 """Part of the full speed that a cushion lets through at the very end."""
 
 
@@ -33,15 +33,15 @@ class HydraulicSupply:
     """Pump and valves.
 
     Attributes:
-        relief_pressure: most that the pump side reaches [Pa].
-        hold_pressure: at which a cylinder that is locked in yields [Pa].
+        main_relief_pressure: most that the pump side reaches [Pa].
+        port_relief_pressure: at which a cylinder that is locked in yields [Pa].
         return_pressure: on the way back to the tank [Pa].
         pump_flow: most that all pumps give together [m^3/s].
         pump_power: most that they take [W].
     """
 
-    relief_pressure: float
-    hold_pressure: float
+    main_relief_pressure: float
+    port_relief_pressure: float
     return_pressure: float
     pump_flow: float
     pump_power: float
@@ -64,7 +64,7 @@ class Cylinder:
     rod_diameter: float
     count: int
     spread: float
-    cushion: float
+    cushion_length: float
 
     @cached_property
     def head_area(self) -> float:
@@ -84,15 +84,15 @@ class Cylinder:
         return pressure * behind - back * ahead
 
 
-class _Stroke(NamedTuple):
+class _CylinderGeometry(NamedTuple):
     """A joint angle within the stroke [rad], the cylinder's length [m] and lever [m/rad] there."""
 
     angle: float
     length: float
-    lever: float
+    lever_arm: float
 
 
-class HydraulicArm:
+class HydraulicSystem:
     """The cylinders of a machine and what feeds them.
 
     Attributes:
@@ -116,10 +116,14 @@ class HydraulicArm:
         self.cylinders = dict(cylinders)
         self._torques = list(torques)
         self._supply = supply
-        self._turned = [(joints.index(name), cylinder) for name, cylinder in cylinders.items()]
-        self._strokes: dict[int, _Stroke] = {}  # by joint, the last that was asked for
+        self._driven_joints = [
+            (joints.index(name), cylinder) for name, cylinder in cylinders.items()
+        ]
+        self._geometry_cache: dict[
+            int, _CylinderGeometry
+        ] = {}  # by joint, the last that was asked for
 
-    def attainable(
+    def attainable_speeds(
         self, speeds: Sequence[float], angles: Sequence[float], efforts: Sequence[float]
     ) -> list[float]:
         """Joint speeds that the pump can feed [rad/s].
@@ -133,18 +137,22 @@ class HydraulicArm:
         if self._supply is None:
             return given
         demand, pressure = 0.0, self._supply.return_pressure
-        for i, cylinder in self._turned:
+        for i, cylinder in self._driven_joints:
             if speeds[i] == 0.0:
                 continue
-            _, length, lever = self._stroke(i, cylinder, angles[i])
-            speed = lever * speeds[i] * self._cushioned(cylinder, length, lever * speeds[i])
-            given[i] = speed / lever
+            _, length, lever_arm = self._geometry_at(i, cylinder, angles[i])
+            speed = (
+                lever_arm
+                * speeds[i]
+                * self._cushion_factor(cylinder, length, lever_arm * speeds[i])
+            )
+            given[i] = speed / lever_arm
             demand += abs(speed) * (cylinder.head_area if speed > 0.0 else cylinder.rod_area)
-            head, rod = self._pressures(cylinder, efforts[i] / lever)
+            head, rod = self._pressures(cylinder, efforts[i] / lever_arm)
             pressure = max(pressure, head if speed > 0.0 else rod)
         flow = min(self._supply.pump_flow, self._supply.pump_power / pressure)
         if demand > flow:
-            for i, _ in self._turned:
+            for i, _ in self._driven_joints:
                 given[i] *= flow / demand
         return given
 
@@ -159,13 +167,13 @@ class HydraulicArm:
             efforts: torques of the last step [N m]; their sign says whether a cylinder pushes.
         """
         limits = self._torques.copy()
-        for i, cylinder in self._turned:
+        for i, cylinder in self._driven_joints:
             assert self._supply is not None
-            lever, supply = self._stroke(i, cylinder, angles[i]).lever, self._supply
-            limits[i] = abs(lever) * cylinder.force_limit(
-                supply.relief_pressure if moves[i] else supply.hold_pressure,
+            lever_arm, supply = self._geometry_at(i, cylinder, angles[i]).lever_arm, self._supply
+            limits[i] = abs(lever_arm) * cylinder.force_limit(
+                supply.main_relief_pressure if moves[i] else supply.port_relief_pressure,
                 supply.return_pressure,
-                pushes=efforts[i] * lever >= 0.0,
+                pushes=efforts[i] * lever_arm >= 0.0,
             )
         return limits
 
@@ -178,25 +186,25 @@ class HydraulicArm:
             angles, rates, efforts: of the joints [rad, rad/s, N m].
         """
         states = {}
-        for name, (i, cylinder) in zip(self.cylinders, self._turned, strict=True):
-            _, length, lever = self._stroke(i, cylinder, angles[i])
-            force = efforts[i] / lever
+        for name, (i, cylinder) in zip(self.cylinders, self._driven_joints, strict=True):
+            _, length, lever_arm = self._geometry_at(i, cylinder, angles[i])
+            force = efforts[i] / lever_arm
             states[name] = CylinderState(
                 length,
-                lever * rates[i],
+                lever_arm * rates[i],
                 force,
                 *self._pressures(cylinder, force),
             )
         return states
 
-    def _stroke(self, joint: int, cylinder: Cylinder, angle: float) -> _Stroke:
+    def _geometry_at(self, joint: int, cylinder: Cylinder, angle: float) -> _CylinderGeometry:
         """Where a cylinder is at a joint angle [rad]; a step asks for it several times."""
         linkage = cylinder.linkage
         angle = min(max(angle, linkage.lower), linkage.upper)
-        known = self._strokes.get(joint)
+        known = self._geometry_cache.get(joint)
         if known is None or known.angle != angle:
-            known = _Stroke(angle, *linkage.length_and_lever(angle))
-            self._strokes[joint] = known
+            known = _CylinderGeometry(angle, *linkage.length_and_lever_arm(angle))
+            self._geometry_cache[joint] = known
         return known
 
     def _pressures(self, cylinder: Cylinder, force: float) -> tuple[float, float]:
@@ -208,8 +216,12 @@ class HydraulicArm:
         return back, (back * head - force) / rod
 
     @staticmethod
-    def _cushioned(cylinder: Cylinder, length: float, speed: float) -> float:
+    def _cushion_factor(cylinder: Cylinder, length: float, speed: float) -> float:
         """Part of the full speed that the cushions let through."""
         linkage = cylinder.linkage
-        room = linkage.longest - length if speed > 0.0 else length - linkage.shortest
-        return min(1.0, _CREEP + (1.0 - _CREEP) * max(room, 0.0) / cylinder.cushion)
+        room = linkage.max_length - length if speed > 0.0 else length - linkage.min_length
+        return min(
+            1.0,
+            _MIN_CUSHION_SPEED
+            + (1.0 - _MIN_CUSHION_SPEED) * max(room, 0.0) / cylinder.cushion_length,
+        )

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from machine_sim.machine.appearance import link_poses
-from machine_sim.machine.description import BASE, MachineDescription
-from machine_sim.machine.kinematics import cross, rotation_matrix
+from machine_sim.machine.arm_kinematics import cross, rotation_matrix
+from machine_sim.machine.spec import BASE, MachineSpec
+from machine_sim.machine.visuals import link_poses
 
 __all__ = ["LinkMotion", "link_motions"]
 
@@ -33,20 +33,20 @@ class LinkMotion:
     quaternion: Array
     rotation: Array
     velocity: Array
-    spin: Array
+    angular_velocity: Array
 
     def velocity_at(self, point: ArrayLike) -> Array:
         """Velocity of a point of the link [m], link frame, shape (3,)."""
         arm = self.rotation @ np.asarray(point, dtype=np.float64)
-        return self.velocity + cross(self.spin, arm)
+        return self.velocity + cross(self.angular_velocity, arm)
 
 
 def link_motions(
-    description: MachineDescription,
+    spec: MachineSpec,
     base_position: ArrayLike,
     base_quaternion: ArrayLike,
     base_velocity: ArrayLike,
-    base_spin: ArrayLike,
+    base_angular_velocity: ArrayLike,
     joints: ArrayLike,
     rates: Sequence[float] | Array,
 ) -> dict[str, LinkMotion]:
@@ -61,19 +61,21 @@ def link_motions(
     Raises:
         MachineError: a quaternion of no length.
     """
-    poses = link_poses(description, base_position, base_quaternion, joints)
+    poses = link_poses(spec, base_position, base_quaternion, joints)
     base = LinkMotion(
         poses.positions[0],
         poses.quaternions[0],
         rotation_matrix(poses.quaternions[0]),
         np.array(base_velocity, dtype=np.float64),
-        np.array(base_spin, dtype=np.float64),
+        np.array(base_angular_velocity, dtype=np.float64),
     )
     motions = {BASE: base}
-    for k, joint in enumerate(description.joints.values()):
+    for k, joint in enumerate(spec.joints.values()):
         position, quaternion = poses.positions[k + 1], poses.quaternions[k + 1]
         rotation, before = rotation_matrix(quaternion), motions[joint.parent]
-        velocity = before.velocity + cross(before.spin, position - before.position)
-        spin = before.spin + rotation[:, "xyz".index(joint.axis)] * rates[k]
-        motions[joint.child] = LinkMotion(position, quaternion, rotation, velocity, spin)
+        velocity = before.velocity + cross(before.angular_velocity, position - before.position)
+        angular_velocity = before.angular_velocity + rotation[:, "xyz".index(joint.axis)] * rates[k]
+        motions[joint.child] = LinkMotion(
+            position, quaternion, rotation, velocity, angular_velocity
+        )
     return motions

@@ -23,18 +23,18 @@ import numpy as np
 import pybullet
 from numpy.typing import ArrayLike, NDArray
 
-from machine_sim.ground import Ground
-from machine_sim.machine.description import BASE, MachineDescription
+from machine_sim.ground.contact_surface import Ground
+from machine_sim.machine.arm_kinematics import cross, quaternion_from_matrix, rotation_matrix
 from machine_sim.machine.errors import MachineError
-from machine_sim.machine.hydraulics import HydraulicArm
-from machine_sim.machine.joints import JointReference
-from machine_sim.machine.kinematics import cross, quaternion_of, rotation_matrix
-from machine_sim.machine.numbers import finite_numbers
+from machine_sim.machine.hydraulics import HydraulicSystem
+from machine_sim.machine.joint_reference import JointReference
+from machine_sim.machine.spec import BASE, MachineSpec
 from machine_sim.machine.tools.tool import Tool
-from machine_sim.machine.tracks.fast import FastTracks
-from machine_sim.machine.tracks.hinged import HingedTracks
-from machine_sim.machine.tracks.model import TrackModel, Tracks, standing_pose
-from msg_bridge.contract.cylinders import CylinderState
+from machine_sim.machine.tracks.dynamic import DynamicTracks
+from machine_sim.machine.tracks.kinematic import KinematicTracks
+from machine_sim.machine.tracks.track_model import TrackModel, Tracks, standing_pose
+from machine_sim.machine.validation import finite_numbers
+from msg_bridge.contract.cylinder_state import CylinderState
 
 __all__ = ["OVERTURNED_TILT", "TrackedMachine"]
 
@@ -43,16 +43,16 @@ Array = NDArray[np.float64]
 OVERTURNED_TILT = 1.0
 """A base tilted more than this has fallen over [rad]; the tracks' edge is passed long before."""
 
-_TRACKS: dict[TrackModel, type[FastTracks] | type[HingedTracks]] = {
-    "fast": FastTracks,
-    "physics": HingedTracks,
+_TRACK_CLASSES: dict[TrackModel, type[KinematicTracks] | type[DynamicTracks]] = {
+    "kinematic": KinematicTracks,
+    "dynamic": DynamicTracks,
 }
 
 _POSITION_GAIN = 0.1
 _VELOCITY_GAIN = 1.0
 
 
-class Client(Protocol):
+class PhysicsClient(Protocol):
     """A `pybullet_utils.bullet_client.BulletClient`, as far as it is needed here."""
 
     _client: int
@@ -71,12 +71,12 @@ class TrackedMachine:
 
     def __init__(
         self,
-        description: MachineDescription,
-        client: Client | int,
+        spec: MachineSpec,
+        client: PhysicsClient | int,
         ground: Ground,
         position: tuple[float, float] = (0.0, 0.0),
         yaw: float = 0.0,
-        tracks: TrackModel = "fast",
+        track_model: TrackModel = "kinematic",
     ) -> None:
         """
         Args:
@@ -92,35 +92,35 @@ class TrackedMachine:
                 this model cannot be made of.
         """
         x, y = finite_numbers(position, 2, "position")
-        self.tracks: Tracks = _TRACKS[tracks](description, ground)
-        self.description = description = self.tracks.description
-        place, rotation = standing_pose(description, ground, x, y, yaw)
+        self.tracks: Tracks = _TRACK_CLASSES[track_model](spec, ground)
+        self.spec = spec = self.tracks.spec
+        place, rotation = standing_pose(spec, ground, x, y, yaw)
         self._client: int = client if isinstance(client, int) else client._client
-        self._base_com = np.array(description.links[BASE].center_of_mass)
-        names = description.joint_names
-        self._limits = list(description.joints.values())
-        self.hydraulics = HydraulicArm(
+        self._base_com = np.array(spec.links[BASE].center_of_mass)
+        names = spec.joint_names
+        self._limits = list(spec.joints.values())
+        self.hydraulics = HydraulicSystem(
             names,
             [limit.torque for limit in self._limits],
-            description.cylinders,
-            description.supply,
+            spec.cylinders,
+            spec.supply,
         )
         self._command = [0.0] * len(names)
-        self._reference = JointReference(self._limits, description.home)
+        self._reference = JointReference(self._limits, spec.home)
         self.body, self._joints = self._load(place, rotation)
-        children = [joint.child for joint in description.joints.values()]
+        children = [joint.child for joint in spec.joints.values()]
         self.tools = {
             name: Tool(
                 self._client,
                 self.body,
                 self._joints[children.index(mount.link)],
                 mount.shape,
-                description.links[mount.link],
+                spec.links[mount.link],
             )
-            for name, mount in description.tools.items()
+            for name, mount in spec.tools.items()
         }
         # The joint that turns the hull, whose corners meet the ground where the machine falls over.
-        self._hull_joint = children.index(description.hull) if description.hull != BASE else None
+        self._hull_joint = children.index(spec.hull) if spec.hull != BASE else None
         self.after_step()
 
     def command(
@@ -137,10 +137,10 @@ class TrackedMachine:
             MachineError: an unknown joint, a wrong length, or a number that is not finite; the
                 command before stays in force.
         """
-        values = self._in_order(joint_velocities)
+        values = self._ordered_velocities(joint_velocities)
         joints = finite_numbers(values, len(self._limits), "joint velocities")
         tracks = finite_numbers(track_speeds, 2, "track speeds")
-        top = self.description.tracks.max_speed
+        top = self.spec.tracks.max_speed
         self._command = [
             min(max(speed, -limit.speed), limit.speed)
             for speed, limit in zip(joints, self._limits, strict=True)
@@ -150,7 +150,12 @@ class TrackedMachine:
     def before_step(self, dt: float) -> None:
         """Give the physics engine what acts on the machine in its next step of `dt` [s]."""
         wrench = self.tracks.step(
-            dt, self._com, self._rotation, self._com_velocity, self._spin, self._hull_angle
+            dt,
+            self._com,
+            self._rotation,
+            self._com_velocity,
+            self._angular_velocity,
+            self._hull_angle,
         ).tolist()
         body, client, world = self.body, self._client, pybullet.WORLD_FRAME
         pybullet.applyExternalForce(body, -1, wrench[:3], self._com_list, world, client)
@@ -168,20 +173,20 @@ class TrackedMachine:
         """
         body, client = self.body, self._client
         self._com_list, quaternion = pybullet.getBasePositionAndOrientation(body, client)
-        velocity, spin = pybullet.getBaseVelocity(body, client)
+        velocity, angular_velocity = pybullet.getBaseVelocity(body, client)
         # A machine without joints is asked for none: pybullet has no answer to an empty list.
         states = pybullet.getJointStates(body, self._joints, client) if self._joints else ()
         self._com = np.array(self._com_list)
         self._quaternion = np.array(quaternion)
         self._rotation = rotation_matrix(quaternion)
         self._com_velocity = np.array(velocity)
-        self._spin = np.array(spin)
+        self._angular_velocity = np.array(angular_velocity)
         self._angles = [state[0] for state in states]
         self._rates = [state[1] for state in states]
         self._efforts = [state[3] for state in states]
         for tool in self.tools.values():
             tool.after_step()
-        if not math.isfinite(sum(velocity) + sum(spin) + sum(self._rates)):
+        if not math.isfinite(sum(velocity) + sum(angular_velocity) + sum(self._rates)):
             raise MachineError(
                 "the machine's motion is not finite any more; look for a tool wrench far beyond"
                 " its strength, or take a shorter time step"
@@ -221,7 +226,9 @@ class TrackedMachine:
     def base_velocity(self) -> tuple[Array, Array]:
         """Velocity of `base_link`'s origin [m/s] and angular velocity [rad/s], map frame."""
         arm = self._rotation @ self._base_com
-        return self._com_velocity - cross(self._spin, arm), self._spin.copy()
+        return self._com_velocity - cross(
+            self._angular_velocity, arm
+        ), self._angular_velocity.copy()
 
     @property
     def tool(self) -> Tool:
@@ -232,7 +239,7 @@ class TrackedMachine:
         """
         for tool in self.tools.values():
             return tool
-        raise MachineError(f"a {self.description.name} has no tool; give it `tools`")
+        raise MachineError(f"a {self.spec.name} has no tool; give it `tools`")
 
     @property
     def _hull_angle(self) -> float:
@@ -251,7 +258,7 @@ class TrackedMachine:
     def _drive(self, dt: float) -> None:
         """Give the joints' motors their targets for the next step of `dt` [s]."""
         reference, hydraulics = self._reference, self.hydraulics
-        reference.command = hydraulics.attainable(self._command, self._angles, self._efforts)
+        reference.command = hydraulics.attainable_speeds(self._command, self._angles, self._efforts)
         reference.advance(dt, self._angles)
         moves = [rate != 0.0 for rate in reference.rate]
         torques = hydraulics.torque_limits(moves, self._angles, self._efforts)
@@ -267,10 +274,10 @@ class TrackedMachine:
             physicsClientId=self._client,
         )
 
-    def _in_order(self, velocities: Mapping[str, float] | ArrayLike) -> ArrayLike:
+    def _ordered_velocities(self, velocities: Mapping[str, float] | ArrayLike) -> ArrayLike:
         if not isinstance(velocities, Mapping):
             return velocities
-        names = self.description.joint_names
+        names = self.spec.joint_names
         unknown = sorted(str(name) for name in velocities if name not in names)
         if unknown:
             raise MachineError(
@@ -292,18 +299,18 @@ class TrackedMachine:
         joints = {}
         for i in range(pybullet.getNumJoints(body, client)):
             joints[pybullet.getJointInfo(body, i, client)[1].decode()] = i
-        order = [joints[joint] for joint in self.description.joints]
+        order = [joints[joint] for joint in self.spec.joints]
         for i in range(-1, len(joints)):
             # Bullet damps every body a little unless told not to.
             pybullet.changeDynamics(
                 body, i, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
                 physicsClientId=client,
             )  # fmt: skip
-        for i, angle in zip(order, self.description.home.tolist(), strict=True):
+        for i, angle in zip(order, self.spec.home.tolist(), strict=True):
             pybullet.resetJointState(body, i, angle, 0.0, client)
         com = place + rotation @ self._base_com  # where pybullet counts a base's position
         pybullet.resetBasePositionAndOrientation(
-            body, com.tolist(), quaternion_of(rotation), physicsClientId=client
+            body, com.tolist(), quaternion_from_matrix(rotation), physicsClientId=client
         )
         self.tracks.attach(client, body, place, rotation)
         self._position_gains = [_POSITION_GAIN] * len(order)

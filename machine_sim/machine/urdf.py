@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from machine_sim.machine.description import BASE, Box, LinkShape, MachineDescription
-from machine_sim.machine.pistons import PistonPart, piston_parts
-from machine_sim.machine.tools.boxes import tool_boxes
+from machine_sim.machine.cylinder_visuals import CylinderPart, cylinder_parts
+from machine_sim.machine.spec import BASE, Box, LinkSpec, MachineSpec
+from machine_sim.machine.tools.tool_boxes import tool_boxes
 
-__all__ = ["VIRTUAL_JOINTS", "urdf_text"]
+__all__ = ["BASE_JOINTS", "urdf_text"]
 
-VIRTUAL_JOINTS = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll")
+BASE_JOINTS = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll")
 """Joints from `map` to the base in a URDF that carries the base's pose as joint values."""
 
 _VIRTUAL_AXES = (
@@ -26,31 +26,31 @@ _AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 
 
 def urdf_text(
-    description: MachineDescription,
+    spec: MachineSpec,
     *,
     prefix: str = "",
     virtual_base: bool = False,
-    pistons: bool = False,
+    include_cylinders: bool = False,
 ) -> str:
     """URDF of the machine; the base is base_link, the other links have the names they have.
 
     Args:
         description: the machine.
         prefix: put before each link name, so that several machines share one TF tree.
-        virtual_base: add the joints `VIRTUAL_JOINTS` from the link `map` to the base, so that
+        virtual_base: add the joints `BASE_JOINTS` from the link `map` to the base, so that
             joint states alone place the whole machine; the physics does without.
         pistons: add the parts of the cylinders, which are only seen; see `pistons`.
     """
-    links = description.links
+    links = spec.links
     frames = {name: f"{prefix}{'base_link' if name == BASE else name}" for name in links}
-    lines = ['<?xml version="1.0"?>', f'<robot name="{description.name}">']
+    lines = ['<?xml version="1.0"?>', f'<robot name="{spec.name}">']
     if virtual_base:
         lines += _virtual_base(frames["base"], prefix)
     for name, link in links.items():
-        tools = [tool.shape for tool in description.tools.values() if tool.link == name]
+        tools = [tool.shape for tool in spec.tools.values() if tool.link == name]
         boxes = [*link.boxes, *(box for shape in tools for box in tool_boxes(shape))]
         lines += _link(frames[name], link, boxes)
-    for name, joint in description.joints.items():
+    for name, joint in spec.joints.items():
         bounds = ""
         if math.isfinite(joint.lower):
             bounds = f'lower="{joint.lower!r}" upper="{joint.upper!r}" '
@@ -61,13 +61,13 @@ def urdf_text(
             f'  <limit {bounds}effort="{joint.torque!r}" velocity="{joint.speed!r}"/>',
             "</joint>",
         ]
-    if pistons:
-        for part in piston_parts(description):
-            lines += _piston(part, prefix)
+    if include_cylinders:
+        for part in cylinder_parts(spec):
+            lines += _cylinder_part(part, prefix)
     return "\n".join([*lines, "</robot>", ""])
 
 
-def _link(frame: str, link: LinkShape, boxes: Sequence[Box]) -> list[str]:
+def _link(frame: str, link: LinkSpec, boxes: Sequence[Box]) -> list[str]:
     ixx, iyy, izz = link.inertia
     color = f"{_numbers(link.color)} 1"
     lines = [
@@ -77,24 +77,24 @@ def _link(frame: str, link: LinkShape, boxes: Sequence[Box]) -> list[str]:
         "</inertial>",
     ]
     for box in boxes:
-        lines.append(f"  <visual>{_shape(box)}{_paint(frame, color)}</visual>")
+        lines.append(f"  <visual>{_shape(box)}{_material(frame, color)}</visual>")
         lines.append(f"  <collision>{_shape(box)}</collision>")
     return [*lines, "</link>"]
 
 
-def _piston(part: PistonPart, prefix: str) -> list[str]:
+def _cylinder_part(part: CylinderPart, prefix: str) -> list[str]:
     frame = f"{prefix}{part.link}"
-    kind, axis = ("prismatic", "1 0 0") if part.slides else ("continuous", "0 1 0")
-    bounds = f'lower="{part.lower!r}" upper="{part.upper!r}" ' if part.slides else ""
-    mimics = f'<mimic joint="{part.mimics}"/>' if part.mimics else ""
+    kind, axis = ("prismatic", "1 0 0") if part.is_prismatic else ("continuous", "0 1 0")
+    bounds = f'lower="{part.lower!r}" upper="{part.upper!r}" ' if part.is_prismatic else ""
+    mimic = f'<mimic joint="{part.mimic}"/>' if part.mimic else ""
     return [
         f'<link name="{frame}">',
-        f"  <visual>{_shape(part.box)}{_paint(frame, part.color)}</visual>",
+        f"  <visual>{_shape(part.box)}{_material(frame, part.color)}</visual>",
         "</link>",
         f'<joint name="{part.joint}" type="{kind}">',
         f'  <parent link="{prefix}{part.parent}"/><child link="{frame}"/>',
         f'  <origin xyz="{_numbers(part.origin)}"/><axis xyz="{axis}"/>',
-        f'  <limit {bounds}effort="0" velocity="1e3"/>{mimics}',
+        f'  <limit {bounds}effort="0" velocity="1e3"/>{mimic}',
         "</joint>",
     ]
 
@@ -106,15 +106,15 @@ def _shape(box: Box) -> str:
     )
 
 
-def _paint(frame: str, color: str) -> str:
+def _material(frame: str, color: str) -> str:
     return f'<material name="{frame}_paint"><color rgba="{color}"/></material>'
 
 
 def _virtual_base(base: str, prefix: str) -> list[str]:
     lines = ['<link name="map"/>']
     parent = "map"
-    for name, (kind, axis) in zip(VIRTUAL_JOINTS, _VIRTUAL_AXES, strict=True):
-        child = base if name == VIRTUAL_JOINTS[-1] else f"{prefix}{name}_link"
+    for name, (kind, axis) in zip(BASE_JOINTS, _VIRTUAL_AXES, strict=True):
+        child = base if name == BASE_JOINTS[-1] else f"{prefix}{name}_link"
         bounds = 'lower="-1e5" upper="1e5" ' if kind == "prismatic" else ""
         if child != base:
             lines.append(f'<link name="{child}"/>')

@@ -12,7 +12,7 @@
 Nothing here imports `msg_bridge.exchange`: an audit by the code that is audited proves nothing.
 """
 
-from msg_bridge.audit.audit import audit_bag
+from msg_bridge.audit.bag_audit import audit_bag
 from msg_bridge.audit.report import AuditReport
 
 __all__ = ["AuditReport", "audit_bag"]

@@ -12,20 +12,25 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from msg_bridge.audit.audit_window import Window
+from msg_bridge.audit.differences import difference_finding
+from msg_bridge.audit.membership import (
+    MembershipChange,
+    MembershipEvent,
+    MembershipTimeline,
+    SoilTicks,
+)
+from msg_bridge.audit.numbered_rows import NumberedRows, Numbers, contiguous_ranges
 from msg_bridge.audit.report import Check, CheckResult, Finding
-from msg_bridge.audit.series import series_finding
-from msg_bridge.audit.streams import NumberedRows, Numbers, runs
-from msg_bridge.audit.ticks import Event, Happening, SoilTicks, Story
-from msg_bridge.audit.window import Window
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import MachineHeader, Stream, Verb
-from msg_bridge.contract.rows import Kind
+from msg_bridge.contract.rows import ConversionKind
 
 __all__ = ["ACCOUNTS", "AccountsAudit", "audit_accounts"]
 
 ACCOUNTS = ("terrain", "in_flight", "pending", "particles", "absent", "outside")
 
-_SHOWN = 10  # machines' headers that do not add up, told one by one
+_MAX_FINDINGS = 10  # machines' headers that do not add up, told one by one
 
 
 @dataclass
@@ -45,7 +50,7 @@ class AccountsAudit:
     notes: list[str] = field(default_factory=list)
 
 
-class _Account:
+class _MachineAccount:
     """One source: what it last said it holds, and the volumes moved for it.
 
     Attributes:
@@ -55,55 +60,59 @@ class _Account:
         abandoned: what its former lives held and can no longer come back.
     """
 
-    def __init__(self, source: int, conversions: NumberedRows, released: NDArray[np.bool_]) -> None:
-        own = conversions.rows["source"] == source
+    def __init__(
+        self, machine_id: int, conversions: NumberedRows, released: NDArray[np.bool_]
+    ) -> None:
+        own = conversions.rows["machine_id"] == machine_id
         rows = conversions.rows[own]
         volume = rows["volume_mm3"].astype(np.int64)
         released = released[own]
-        back = np.isin(rows["kind"], (Kind.DEPOSIT, Kind.OUTSIDE)) & ~released
-        signed = np.where(rows["kind"] == Kind.EXCAVATE, volume, np.where(back, -volume, 0))
+        back = np.isin(rows["kind"], (ConversionKind.DEPOSIT, ConversionKind.OUTSIDE)) & ~released
+        signed = np.where(
+            rows["kind"] == ConversionKind.EXCAVATE, volume, np.where(back, -volume, 0)
+        )
         self._numbers = conversions.numbers[own]
-        self._moved = np.concatenate([[0], np.cumsum(signed)])
-        self._released = np.concatenate([[0], np.cumsum(np.where(released, volume, 0))])
+        self._cumulative_net_volume = np.concatenate([[0], np.cumsum(signed)])
+        self._cumulative_released = np.concatenate([[0], np.cumsum(np.where(released, volume, 0))])
         self.present = False
-        self.pending = self.particles = self.abandoned = 0
+        self.pending = self.particles = self.lost_with_session = 0
         self.received = 0
 
     @property
-    def held(self) -> int:
+    def reported_total(self) -> int:
         return self.pending + self.particles
 
-    def moved(self, first: int, last: int) -> int:
+    def net_volume(self, first: int, last: int) -> int:
         """Signed volume of rows `first` + 1 to `last`: excavated +, given back -."""
         low, high = np.searchsorted(self._numbers, (first, last), side="right")
-        return int(self._moved[max(high, low)] - self._moved[low])
+        return int(self._cumulative_net_volume[max(high, low)] - self._cumulative_net_volume[low])
 
     def released(self, last: int) -> int:
         """What was put down for it up to row `last`."""
-        return int(self._released[np.searchsorted(self._numbers, last, side="right")])
+        return int(self._cumulative_released[np.searchsorted(self._numbers, last, side="right")])
 
     def expected(self, received: int) -> int:
         """What it should hold once it has rows up to `received`."""
-        return self.held + self.moved(self.received, received)
+        return self.reported_total + self.net_volume(self.received, received)
 
-    def report(self, header: MachineHeader) -> None:
+    def update(self, header: MachineHeader) -> None:
         """Take its figures."""
         self.pending, self.particles = header.pending_mm3, header.particles_mm3
         self.received = header.conversions_received
 
-    def begin_empty(self, published: int) -> None:
+    def start_empty_session(self, published: int) -> None:
         """Begin a life that holds nothing; what the former one held is left where it was lost."""
-        self.abandoned += self.expected(published)
+        self.lost_with_session += self.expected(published)
         self.pending = self.particles = 0
         self.received = published
 
-    def figures(self, last: int) -> tuple[int, int, int, int]:
+    def balances(self, last: int) -> tuple[int, int, int, int]:
         """(in flight, pending, particles, absent) after conversion row `last`."""
-        flight = self.moved(self.received, last)
-        absent = self.abandoned - self.released(last)
+        flight = self.net_volume(self.received, last)
+        absent = self.lost_with_session - self.released(last)
         if self.present:
             return flight, self.pending, self.particles, absent
-        absent += self.held
+        absent += self.reported_total
         if absent + flight == 0:  # released: what was on its way to it went with the rest
             return 0, 0, 0, 0
         return flight, 0, 0, absent
@@ -112,7 +121,7 @@ class _Account:
 def audit_accounts(
     soil: SoilTicks,
     window: Window,
-    story: Story,
+    timeline: MembershipTimeline,
     conversions: NumberedRows,
     released: NDArray[np.bool_],
     terrain: Numbers | None,
@@ -125,7 +134,7 @@ def audit_accounts(
         terrain: of each soil tick; None if it is not known.
     """
     result = AccountsAudit()
-    books = _Books(soil, window, story, conversions, released, result)
+    books = _AccountReplay(soil, window, timeline, conversions, released, result)
     computed, known = books.run()
     if terrain is None:
         why = "the terrain is not known at any tick"
@@ -136,7 +145,7 @@ def audit_accounts(
     low, high = int(ticks[0]), int(ticks[-1])
     base = ledgers.get(low)
     start = int(computed[0].sum())
-    detail = f"ticks {low}..{high}, {books.reports} machine headers"
+    detail = f"ticks {low}..{high}, {books.num_headers} machine headers"
     from_start = soil.from_start and window.first == 0
     if not from_start:
         # What left, or went, before the bag begins is in no row of it.
@@ -149,7 +158,7 @@ def audit_accounts(
     result.start = start
     result.imbalance = computed.sum(axis=1) - start
     what = "the sum of all accounts is off"
-    finding = series_finding(Check.ACCOUNTS, what, ticks, result.imbalance)
+    finding = difference_finding(Check.ACCOUNTS, what, ticks, result.imbalance)
     result.findings += [finding] if finding else []
     done = from_start and not books.unknown
     detail += "".join(f"; {each}" for each in books.unknown)
@@ -158,29 +167,29 @@ def audit_accounts(
     return result
 
 
-class _Books:
+class _AccountReplay:
     """Walks through the ticks."""
 
     def __init__(
         self,
         soil: SoilTicks,
         window: Window,
-        story: Story,
+        timeline: MembershipTimeline,
         conversions: NumberedRows,
         released: NDArray[np.bool_],
         result: AccountsAudit,
     ) -> None:
-        self._soil, self._window, self._story, self._result = soil, window, story, result
-        self._conversions, self._released = conversions, released
-        self._accounts: dict[int, _Account] = {}
-        self._wrong = 0
-        self.reports = 0
+        self._soil, self._window, self._story, self._result = soil, window, timeline, result
+        self._conversions, self._cumulative_released = conversions, released
+        self._accounts: dict[int, _MachineAccount] = {}
+        self._num_wrong_headers = 0
+        self.num_headers = 0
         self.unknown: list[str] = []
 
     def run(self) -> tuple[Numbers, np.ndarray]:
         """(accounts of each tick, shape (ticks, 6), terrain 0; whether each tick is known)."""
         last_rows = self._soil.spans[Stream.CONVERSION].last
-        left = self._conversions.rows["kind"] == Kind.OUTSIDE
+        left = self._conversions.rows["kind"] == ConversionKind.OUTSIDE
         volume = self._conversions.rows["volume_mm3"].astype(np.int64)
         outside = np.concatenate([[0], np.cumsum(np.where(left, volume, 0))])
         outside = outside[self._conversions.count_through(last_rows)]
@@ -188,33 +197,35 @@ class _Books:
         for index in range(self._window.last + 1):
             last = int(last_rows[index])
             for event in self._story.events[index]:
-                self._take(event, index, last)
+                self._apply_event(event, index, last)
             if index < self._window.first:
                 continue
-            figures = np.array([a.figures(last) for a in self._accounts.values()], dtype=np.int64)
-            computed.append([0, *figures.reshape(-1, 4).sum(axis=0).tolist(), int(outside[index])])
-            known.append(not any(event.lacks_header for event in self._story.events[index]))
+            balances = np.array([a.balances(last) for a in self._accounts.values()], dtype=np.int64)
+            computed.append([0, *balances.reshape(-1, 4).sum(axis=0).tolist(), int(outside[index])])
+            known.append(not any(event.is_header_missing for event in self._story.events[index]))
         return np.array(computed, dtype=np.int64), np.array(known, dtype=np.bool_)
 
-    def _take(self, event: Event, index: int, last: int) -> None:
-        source = event.life[0]
-        new = source not in self._accounts
+    def _apply_event(self, event: MembershipEvent, index: int, last: int) -> None:
+        machine_id = event.session_id[0]
+        new = machine_id not in self._accounts
         if new:
-            self._accounts[source] = _Account(source, self._conversions, self._released)
-        account, header = self._accounts[source], event.header
-        if event.what is Happening.DROPPED:
+            self._accounts[machine_id] = _MachineAccount(
+                machine_id, self._conversions, self._cumulative_released
+            )
+        account, header = self._accounts[machine_id], event.header
+        if event.change is MembershipChange.DROPPED:
             account.present = False
             return
-        account.present = event.what is not Happening.LEFT
-        if event.what is Happening.ENTERED:
-            returns = event.owed > 0 if header is None else header.verb is Verb.RETURN
+        account.present = event.change is not MembershipChange.LEFT
+        if event.change is MembershipChange.JOINED:
+            returns = event.backlog > 0 if header is None else header.verb is Verb.REJOIN
             if not returns:
-                account.begin_empty(last)
+                account.start_empty_session(last)
                 return
             if new and not self._soil.from_start:
                 tick = int(self._soil.ticks[index])
                 self.unknown.append(
-                    f"machine {source} comes back in tick {tick} from before the bag begins"
+                    f"machine {machine_id} comes back in tick {tick} from before the bag begins"
                 )
         if header is not None:
             # Where the bag begins, it may lack rows between two of a machine's headers.
@@ -222,31 +233,36 @@ class _Books:
             all_here = self._soil.from_start or bool((numbers[:1] <= account.received + 1).all())
             if not new and all_here and index >= self._window.first:
                 self._check(account, header, event, int(self._soil.ticks[index]), last)
-            account.report(header)
-            self.reports += 1
+            account.update(header)
+            self.num_headers += 1
 
     def _check(
-        self, account: _Account, header: MachineHeader, event: Event, tick: int, last: int
+        self,
+        account: _MachineAccount,
+        header: MachineHeader,
+        event: MembershipEvent,
+        tick: int,
+        last: int,
     ) -> None:
         """A machine holds what it held and what it was given since."""
-        excess = header.held_mm3 - account.expected(header.conversions_received)
+        excess = header.soil_mm3 - account.expected(header.conversions_received)
         backwards = header.conversions_received < account.received
         ahead = header.conversions_received > last
         if not (excess or backwards or ahead):
             return
-        self._wrong += 1
-        if self._wrong > _SHOWN:
+        self._num_wrong_headers += 1
+        if self._num_wrong_headers > _MAX_FINDINGS:
             return
-        which = "on its return before" if event.what is Happening.ENTERED else "in"
-        text = f"machine {header.source} {which} tick {tick} "
+        which = "on its return before" if event.change is MembershipChange.JOINED else "in"
+        text = f"machine {header.machine_id} {which} tick {tick} "
         if backwards or ahead:
             text += f"has conversions up to {header.conversions_received}, which cannot be"
         else:
             text += (
                 f"holds {abs(excess)} mm3 too {'much' if excess > 0 else 'little'}:"
-                f" {header.held_mm3} mm3, where conversions"
+                f" {header.soil_mm3} mm3, where conversions"
                 f" {account.received + 1}..{header.conversions_received} make"
-                f" {header.held_mm3 - excess} mm3"
+                f" {header.soil_mm3 - excess} mm3"
             )
         self._result.findings.append(Finding(Check.ACCOUNTS, text, tick, tick))
 
@@ -264,7 +280,7 @@ def _compare(
         result.checks.append(CheckResult(Check.LEDGER, False, "the bag has no ledger"))
         return
     there = np.array([int(tick) in ledgers for tick in ticks])
-    for first, last in runs(ticks[~there].tolist()):
+    for first, last in contiguous_ranges(ticks[~there].tolist()):
         which = f"ledger of tick {first} is" if first == last else f"ledgers of {first}..{last} are"
         text = f"the {which} missing"
         result.findings.append(Finding(Check.COMPLETENESS, text, first, last))
@@ -273,10 +289,12 @@ def _compare(
     for column, name in enumerate(ACCOUNTS):
         told = np.array([getattr(ledger, name) for ledger in published], dtype=np.int64)
         what = f"the ledger's {name} differs"
-        finding = series_finding(Check.LEDGER, what, ticks[both], told - computed[both, column])
+        finding = difference_finding(Check.LEDGER, what, ticks[both], told - computed[both, column])
         result.findings += [finding] if finding else []
     told = np.array([ledger.start for ledger in published], dtype=np.int64)
-    finding = series_finding(Check.LEDGER, "the ledger's start differs", ticks[both], told - start)
+    finding = difference_finding(
+        Check.LEDGER, "the ledger's start differs", ticks[both], told - start
+    )
     result.findings += [finding] if finding else []
     detail = f"{len(published)} ledgers, every account"
     result.checks.append(CheckResult(Check.LEDGER, bool(published), detail))

@@ -21,14 +21,14 @@ class Keyframes:
 
     Attributes:
         grid: of the first; maps of another grid are not kept.
-        contradicting: revisions of which there were two different maps.
-        misplaced: revisions that came after newer ones, or on another grid; not kept.
+        conflicting: revisions of which there were two different maps.
+        out_of_order: revisions that came after newer ones, or on another grid; not kept.
     """
 
     def __init__(self) -> None:
         self.grid: Grid | None = None
-        self.contradicting: list[int] = []
-        self.misplaced: list[int] = []
+        self.conflicting: list[int] = []
+        self.out_of_order: list[int] = []
         self._revisions: list[int] = []
         self._first: Volumes = np.zeros(0, dtype=np.int64)
         self._last: Volumes = self._first
@@ -47,10 +47,10 @@ class Keyframes:
             self._first = self._last = volume
             self._revisions.append(revision)
         elif terrain.keyframe.grid != self.grid or revision < self._revisions[-1]:
-            self.misplaced.append(revision)
+            self.out_of_order.append(revision)
         elif revision == self._revisions[-1]:
             if (volume != self._last).any():
-                self.contradicting.append(revision)
+                self.conflicting.append(revision)
         else:
             changed = np.flatnonzero(volume != self._last)
             self._changes.append((changed, volume[changed]))

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from enum import Enum
 from typing import Any
 
-__all__ = ["AuditReport", "Check", "CheckResult", "EpochReport", "Finding"]
+__all__ = ["AuditReport", "Check", "CheckResult", "Finding", "RunReport"]
 
 
 class Check(Enum):
@@ -22,9 +22,9 @@ class Check(Enum):
     """Every machine holds what its conversions make, and the sum of all accounts stays."""
     LEDGER = "ledger"
     """The published ledger is the one recomputed, in every account and at every tick."""
-    LANDINGS = "landings"
+    DEPOSIT_REQUESTS = "deposit requests"
     """Each landed row has one answer of its volume; no particle is paid twice."""
-    OWED = "owed rows"
+    BACKLOG = "backlog rows"
     """A machine that returns is sent copies of the rows it lacks, and no others."""
 
 
@@ -59,7 +59,7 @@ class CheckResult:
 
 
 @dataclass(frozen=True)
-class EpochReport:
+class RunReport:
     """The audit of one run between resets.
 
     Attributes:
@@ -72,23 +72,23 @@ class EpochReport:
             DEPOSIT and OUTSIDE that absent machines had left.
         keyframes: terrain maps checked, the first included.
         start_mm3: sum of all accounts at the first tick audited.
-        worst_imbalance_mm3: of all ticks audited; None if it could not be computed.
-        worst_tick: where.
+        max_imbalance_mm3: of all ticks audited; None if it could not be computed.
+        max_imbalance_tick: where.
         checks: how far each check went.
         findings: what is wrong.
         notes: what else one should know.
     """
 
-    epoch: int
+    run_id: int
     recorded: tuple[int, int] | None = None
     audited: tuple[int, int] | None = None
     rows: dict[str, int] = field(default_factory=dict)
-    repeats: dict[str, int] = field(default_factory=dict)
+    duplicates: dict[str, int] = field(default_factory=dict)
     moved_mm3: dict[str, int] = field(default_factory=dict)
     keyframes: int = 0
     start_mm3: int | None = None
-    worst_imbalance_mm3: int | None = None
-    worst_tick: int | None = None
+    max_imbalance_mm3: int | None = None
+    max_imbalance_tick: int | None = None
     checks: tuple[CheckResult, ...] = ()
     findings: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
@@ -99,7 +99,7 @@ class EpochReport:
         return 0 if self.audited is None else self.audited[1] - self.audited[0] + 1
 
     @property
-    def gaps(self) -> tuple[Finding, ...]:
+    def completeness_findings(self) -> tuple[Finding, ...]:
         """What is missing from the bag, or not what its headers say."""
         return tuple(f for f in self.findings if f.check is Check.COMPLETENESS)
 
@@ -114,7 +114,7 @@ class EpochReport:
         return tuple(each for each in self.checks if not each.done)
 
     @property
-    def sound(self) -> bool:
+    def passed(self) -> bool:
         """Whether every check was made and found nothing."""
         return not self.findings and not self.unchecked and bool(self.checks)
 
@@ -127,34 +127,34 @@ class AuditReport:
         path: the bag.
         messages: number of messages read.
         truncated: files that break off.
-        epochs: one report for each run in it.
+        runs: one report for each run in it.
         findings: what is wrong with the bag as a whole.
     """
 
     path: str
     messages: int
     truncated: tuple[str, ...]
-    epochs: tuple[EpochReport, ...]
+    runs: tuple[RunReport, ...]
     findings: tuple[Finding, ...]
 
     @property
     def balanced(self) -> bool:
         """Whether nothing was found in what could be checked, a broken end apart."""
-        return bool(self.epochs) and not any(
-            epoch.findings or epoch.worst_imbalance_mm3 != 0 for epoch in self.epochs
+        return bool(self.runs) and not any(
+            run_id.findings or run_id.max_imbalance_mm3 != 0 for run_id in self.runs
         )
 
     @property
-    def sound(self) -> bool:
+    def passed(self) -> bool:
         """Whether the bag is whole, every check was made, and none found anything."""
-        return not self.findings and bool(self.epochs) and all(e.sound for e in self.epochs)
+        return not self.findings and bool(self.runs) and all(e.passed for e in self.runs)
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Everything, in types that JSON has."""
         told: dict[str, Any] = _plain(asdict(self))
-        told["sound"], told["balanced"] = self.sound, self.balanced
-        for epoch, entry in zip(self.epochs, told["epochs"], strict=True):
-            entry["ticks"], entry["sound"] = epoch.ticks, epoch.sound
+        told["passed"], told["balanced"] = self.passed, self.balanced
+        for run_id, entry in zip(self.runs, told["runs"], strict=True):
+            entry["ticks"], entry["passed"] = run_id.ticks, run_id.passed
         return told
 
 

@@ -8,7 +8,14 @@ from typing import Any
 
 import yaml
 
-__all__ = ["INFINITE", "BagFacts", "OfferedQos", "TopicFacts", "metadata_text", "qos_text"]
+__all__ = [
+    "INFINITE",
+    "BagMetadata",
+    "OfferedQos",
+    "TopicMetadata",
+    "to_metadata_yaml",
+    "to_qos_yaml",
+]
 
 INFINITE = 2**63 - 1
 """A duration without end [ns]; also the starting time of a bag without messages."""
@@ -34,23 +41,23 @@ class OfferedQos:
     lifespan: int = INFINITE
     lease: int = INFINITE
 
-    def as_mapping(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """As it stands in YAML."""
         return {
             "history": self.history,
             "depth": self.depth,
             "reliability": self.reliability,
             "durability": self.durability,
-            "deadline": _duration(self.deadline),
-            "lifespan": _duration(self.lifespan),
+            "deadline": _duration_entry(self.deadline),
+            "lifespan": _duration_entry(self.lifespan),
             "liveliness": self.liveliness,
-            "liveliness_lease_duration": _duration(self.lease),
+            "liveliness_lease_duration": _duration_entry(self.lease),
             "avoid_ros_namespace_conventions": False,
         }
 
 
 @dataclass(frozen=True)
-class TopicFacts:
+class TopicMetadata:
     """A topic of a bag.
 
     Attributes:
@@ -65,7 +72,7 @@ class TopicFacts:
 
 
 @dataclass(frozen=True)
-class BagFacts:
+class BagMetadata:
     """A bag of one file.
 
     Attributes:
@@ -75,18 +82,18 @@ class BagFacts:
     """
 
     file: str
-    topics: tuple[TopicFacts, ...]
+    topics: tuple[TopicMetadata, ...]
     first: int | None
     last: int | None
     custom: Mapping[str, str]
 
 
-def qos_text(offered: Sequence[OfferedQos]) -> str:
+def to_qos_yaml(offered: Sequence[OfferedQos]) -> str:
     """What stands in an MCAP channel's `offered_qos_profiles`: a YAML list."""
-    return _dump([each.as_mapping() for each in offered])
+    return _dump([each.to_dict() for each in offered])
 
 
-def metadata_text(facts: BagFacts) -> str:
+def to_metadata_yaml(facts: BagMetadata) -> str:
     """The content of metadata.yaml."""
     count = sum(topic.count for topic in facts.topics)
     start, length = INFINITE, 0
@@ -101,7 +108,7 @@ def metadata_text(facts: BagFacts) -> str:
         "storage_identifier": "mcap",
         **times,
         "message_count": count,
-        "topics_with_message_count": [_topic(topic) for topic in facts.topics],
+        "topics_with_message_count": [_topic_entry(topic) for topic in facts.topics],
         # Of whole files or messages; the chunks inside an MCAP file tell their own.
         "compression_format": "",
         "compression_mode": "",
@@ -113,25 +120,25 @@ def metadata_text(facts: BagFacts) -> str:
     return _dump({"rosbag2_bagfile_information": information})
 
 
-def _topic(topic: TopicFacts) -> dict[str, Any]:
+def _topic_entry(topic: TopicMetadata) -> dict[str, Any]:
     return {
         "topic_metadata": {
             "name": topic.name,
             "type": topic.type_name,
             "serialization_format": "cdr",
-            "offered_qos_profiles": [each.as_mapping() for each in topic.offered],
+            "offered_qos_profiles": [each.to_dict() for each in topic.offered],
             "type_description_hash": topic.type_hash,
         },
         "message_count": topic.count,
     }
 
 
-def _duration(nanoseconds: int) -> dict[str, int]:
+def _duration_entry(nanoseconds: int) -> dict[str, int]:
     seconds, rest = divmod(nanoseconds, _NANO)
     return {"sec": seconds, "nsec": rest}
 
 
-class _Plain(yaml.SafeDumper):
+class _NoAliasDumper(yaml.SafeDumper):
     """Writes what stands in two places twice, as rosbag2 does, not as an alias."""
 
     def ignore_aliases(self, data: Any) -> bool:
@@ -139,4 +146,4 @@ class _Plain(yaml.SafeDumper):
 
 
 def _dump(content: Any) -> str:
-    return yaml.dump(content, Dumper=_Plain, sort_keys=False, allow_unicode=True)
+    return yaml.dump(content, Dumper=_NoAliasDumper, sort_keys=False, allow_unicode=True)

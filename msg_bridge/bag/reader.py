@@ -18,7 +18,7 @@ from typing import Any
 import yaml
 from mcap.records import Channel, Message
 
-from msg_bridge.bag.reader_files import BagReadError, McapFile, records, survey
+from msg_bridge.bag.mcap_index import BagReadError, McapFile, index_file, records
 
 __all__ = ["BagReadError", "BagReader", "TopicInfo"]
 
@@ -53,8 +53,8 @@ class BagReader:
         """
         self.path = Path(path)
         self.files = _files(self.path)
-        self._files = [survey(number, file) for number, file in enumerate(self.files)]
-        self.truncated = tuple(file.path.name for file in self._files if not file.whole)
+        self._files = [index_file(number, file) for number, file in enumerate(self.files)]
+        self.truncated = tuple(file.path.name for file in self._files if not file.is_complete)
         self.topics = _topics(self._files)
         if not any(file.counts.total() for file in self._files):
             raise BagReadError(f"{self.path} holds no messages; was anything published meanwhile?")
@@ -73,17 +73,19 @@ class BagReader:
         Raises:
             BagReadError: a topic or its message type is not there, or the file is damaged.
         """
-        classes = {name: _message_class(self.topics[name].type) for name in self._wanted(topics)}
-        return self._decoded(classes)
+        classes = {
+            name: _message_class(self.topics[name].type) for name in self._validate_topics(topics)
+        }
+        return self._decode(classes)
 
     def raw_messages(self, topics: Iterable[str] | None = None) -> Iterator[tuple[str, int, bytes]]:
         """(topic, log time [ns], CDR bytes) in order of log time; arguments as `messages`."""
-        return self._in_order(self._wanted(topics))
+        return self._merge_by_time(self._validate_topics(topics))
 
     def __iter__(self) -> Iterator[tuple[str, int, Any]]:
         return self.messages()
 
-    def _wanted(self, topics: Iterable[str] | None) -> frozenset[str]:
+    def _validate_topics(self, topics: Iterable[str] | None) -> frozenset[str]:
         wanted = frozenset(self.topics if topics is None else topics)
         unknown = sorted(wanted - set(self.topics))
         if unknown:
@@ -92,10 +94,10 @@ class BagReader:
             )
         return wanted
 
-    def _decoded(self, classes: dict[str, Any]) -> Iterator[tuple[str, int, Any]]:
+    def _decode(self, classes: dict[str, Any]) -> Iterator[tuple[str, int, Any]]:
         from rclpy.serialization import deserialize_message
 
-        for topic, time, data in self._in_order(frozenset(classes)):
+        for topic, time, data in self._merge_by_time(frozenset(classes)):
             try:
                 message = deserialize_message(data, classes[topic])
             except Exception as error:  # RCLError and others, by kind of damage
@@ -103,13 +105,13 @@ class BagReader:
                 raise BagReadError(f"{what} is no {self.topics[topic].type}: {error}") from error
             yield topic, time, message
 
-    def _in_order(self, wanted: frozenset[str]) -> Iterator[tuple[str, int, bytes]]:
-        parts = sorted(part for file in self._files for part in file.parts)
+    def _merge_by_time(self, wanted: frozenset[str]) -> Iterator[tuple[str, int, bytes]]:
+        segments = sorted(part for file in self._files for part in file.segments)
         waiting: list[tuple[int, int, str, bytes]] = []  # a heap; second is the order of reading
         read = 0
         streams = [file.path.open("rb") for file in self._files]
         try:
-            for part in parts:
+            for part in segments:
                 while waiting and waiting[0][0] < part.start_ns:
                     time, _, topic, data = heapq.heappop(waiting)
                     yield topic, time, data
@@ -117,7 +119,7 @@ class BagReader:
                 for record in records(file, streams[part.file], part):
                     if isinstance(record, Message):
                         channel = file.channels[record.channel_id]
-                        if channel.topic in wanted and _is_ros2(file, channel):
+                        if channel.topic in wanted and _is_ros2_message(file, channel):
                             read += 1
                             entry = (record.log_time, read, channel.topic, record.data)
                             heapq.heappush(waiting, entry)
@@ -137,7 +139,7 @@ def _files(path: Path) -> list[Path]:
         raise BagReadError(f"there is no bag {path}; give an .mcap file or a folder that holds one")
     metadata = path / "metadata.yaml"
     if not metadata.is_file():  # a recorder that was killed has not written it
-        files = sorted(path.glob("*.mcap"), key=_natural)
+        files = sorted(path.glob("*.mcap"), key=_natural_sort_key)
         if not files:
             raise BagReadError(f"{path} holds neither metadata.yaml nor an .mcap file")
         return files
@@ -156,7 +158,7 @@ def _files(path: Path) -> list[Path]:
     return files
 
 
-def _natural(path: Path) -> list[tuple[int, str]]:
+def _natural_sort_key(path: Path) -> list[tuple[int, str]]:
     """Sorts bag_10 after bag_9."""
     return [
         (int(part or 0), "") if part.isdigit() else (0, part)
@@ -164,7 +166,7 @@ def _natural(path: Path) -> list[tuple[int, str]]:
     ]
 
 
-def _is_ros2(file: McapFile, channel: Channel) -> bool:
+def _is_ros2_message(file: McapFile, channel: Channel) -> bool:
     return channel.message_encoding == "cdr" and channel.schema_id in file.schemas
 
 
@@ -172,7 +174,7 @@ def _topics(files: list[McapFile]) -> dict[str, TopicInfo]:
     topics: dict[str, TopicInfo] = {}
     for file in files:
         for channel in file.channels.values():
-            if not _is_ros2(file, channel):
+            if not _is_ros2_message(file, channel):
                 continue
             name, kind = channel.topic, file.schemas[channel.schema_id].name
             known = topics.get(name, TopicInfo(kind, 0))

@@ -18,8 +18,14 @@ from typing import IO, cast
 
 from mcap.writer import CompressionType, Writer
 
-from msg_bridge.bag.metadata import BagFacts, OfferedQos, TopicFacts, metadata_text, qos_text
-from msg_bridge.bag.schemas import schema_text, type_hash
+from msg_bridge.bag.message_schemas import schema_text, type_hash
+from msg_bridge.bag.metadata import (
+    BagMetadata,
+    OfferedQos,
+    TopicMetadata,
+    to_metadata_yaml,
+    to_qos_yaml,
+)
 from msg_bridge.contract.errors import EarthmovingError
 
 __all__ = ["CHUNK_SIZE", "COMPRESSIONS", "BagError", "BagWriter"]
@@ -37,8 +43,8 @@ COMPRESSIONS = {
 3 ms of CPU time a megabyte, 2.0 times with lz4 for about 1 ms. Terrain maps are most of a bag, some
 MB/s: with zstd that is a few percent of one core, and the disk holds a third more."""
 
-_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-_SEQUENCE = 2**32
+_DISK_FULL_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_SEQUENCE_MODULUS = 2**32
 
 
 class BagError(EarthmovingError):
@@ -91,13 +97,13 @@ class BagWriter:
             self.folder.mkdir(parents=True, exist_ok=True)
             taken = next(self.folder.iterdir(), None)
         except OSError as error:
-            raise _error(self.folder, error) from error
+            raise _to_bag_error(self.folder, error) from error
         if taken is not None:
             raise BagError(
                 f"{self.folder} is not empty ({taken.name} is there); give another path, or move"
                 " what is there away"
             )
-        self._stream = _File(self.file)
+        self._stream = _AtomicFile(self.file)
         # It needs no more of a stream than _File has.
         self._mcap = Writer(
             cast(IO[bytes], self._stream),
@@ -112,9 +118,9 @@ class BagWriter:
         return self._stream.tell()
 
     @property
-    def broken(self) -> bool:
+    def has_failed(self) -> bool:
         """Whether a write has failed; nothing more can be written then."""
-        return self._stream.broken
+        return self._stream.has_failed
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -147,7 +153,7 @@ class BagWriter:
             text = schema_text(type_name).encode()
             self._schemas[type_name] = self._mcap.register_schema(type_name, "ros2msg", text)
         unique = tuple(dict.fromkeys(offered))
-        metadata = {"offered_qos_profiles": qos_text(unique), "topic_type_hash": hash_of_type}
+        metadata = {"offered_qos_profiles": to_qos_yaml(unique), "topic_type_hash": hash_of_type}
         schema = self._schemas[type_name]
         channel = self._mcap.register_channel(topic, "cdr", schema, metadata)
         self._topics[topic] = _Topic(channel, type_name, hash_of_type, unique)
@@ -168,7 +174,7 @@ class BagWriter:
         """
         about = self._topics[topic]
         self._mcap.add_message(
-            about.channel, log_time, data, publish_time, sequence=sequence % _SEQUENCE
+            about.channel, log_time, data, publish_time, sequence=sequence % _SEQUENCE_MODULUS
         )
         about.count += 1
         self.messages += 1
@@ -197,19 +203,19 @@ class BagWriter:
         if self._stream.closed:
             return
         try:
-            if not self._stream.broken:
+            if not self._stream.has_failed:
                 self._mcap.finish()  # type: ignore[no-untyped-call]
         finally:
             self._stream.close()
-        if not self._stream.broken:
-            self._write_metadata(metadata_text(self._facts(custom or {})))
+        if not self._stream.has_failed:
+            self._write_metadata(to_metadata_yaml(self._build_metadata(custom or {})))
 
-    def _facts(self, custom: Mapping[str, str]) -> BagFacts:
+    def _build_metadata(self, custom: Mapping[str, str]) -> BagMetadata:
         topics = tuple(
-            TopicFacts(name, each.type_name, each.type_hash, each.offered, each.count)
+            TopicMetadata(name, each.type_name, each.type_hash, each.offered, each.count)
             for name, each in self._topics.items()
         )
-        return BagFacts(
+        return BagMetadata(
             file=self.file.name,
             topics=topics,
             first=self._first,
@@ -226,10 +232,10 @@ class BagWriter:
         except OSError as error:
             with contextlib.suppress(OSError):
                 half.unlink(missing_ok=True)
-            raise _error(path, error) from error
+            raise _to_bag_error(path, error) from error
 
 
-class _File:
+class _AtomicFile:
     """A file without buffer in which every write stands as a whole or not at all.
 
     Attributes:
@@ -239,28 +245,28 @@ class _File:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._size = 0
-        self.broken = False
+        self.has_failed = False
         try:
             self._raw = FileIO(path, "xb")
         except OSError as error:
-            raise _error(path, error) from error
+            raise _to_bag_error(path, error) from error
 
     @property
     def closed(self) -> bool:
         return self._raw.closed
 
     def write(self, data: bytes) -> int:
-        if self.broken:
+        if self.has_failed:
             raise BagError(f"{self._path} could not be written before; begin another bag")
         rest = memoryview(data)
         try:
             while rest:
                 rest = rest[self._raw.write(rest) :]
         except OSError as error:
-            self.broken = True
+            self.has_failed = True
             with contextlib.suppress(OSError):
                 self._raw.truncate(self._size)
-            raise _error(self._path, error) from error
+            raise _to_bag_error(self._path, error) from error
         self._size += len(data)
         return len(data)
 
@@ -274,9 +280,9 @@ class _File:
         self._raw.close()
 
 
-def _error(path: Path, error: OSError) -> BagError:
+def _to_bag_error(path: Path, error: OSError) -> BagError:
     what = error.strerror or str(error)
-    if error.errno in _NO_ROOM:
+    if error.errno in _DISK_FULL_ERRNOS:
         return BagError(
             f"there is no room for {path} ({what}); free some, or record elsewhere. What was"
             " recorded until now can be read"

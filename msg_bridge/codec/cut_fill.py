@@ -8,7 +8,7 @@ from typing import NamedTuple
 from std_msgs.msg import Float64MultiArray
 
 from msg_bridge.codec.errors import CodecError
-from msg_bridge.codec.labelled import from_labelled_array, to_labelled_array
+from msg_bridge.codec.labelled_array import from_labelled_array, to_labelled_array
 
 __all__ = ["CutFillState", "from_cut_fill_array", "to_cut_fill_array"]
 

@@ -12,7 +12,7 @@ from geometry_msgs.msg import Point, Pose, Quaternion
 from numpy.typing import NDArray
 from std_msgs.msg import Float32MultiArray, Header, MultiArrayDimension, MultiArrayLayout
 
-from msg_bridge.codec.point_cloud import bytes_of
+from msg_bridge.codec.point_cloud import to_byte_array
 from msg_bridge.codec.terrain import TerrainMap
 
 __all__ = ["grid_map_type", "to_grid_map"]
@@ -68,5 +68,5 @@ def _matrix(layer: NDArray[Any]) -> Float32MultiArray:
     ]
     data = np.ascontiguousarray(layer.T, dtype="<f4")
     message = Float32MultiArray(layout=MultiArrayLayout(dim=dims, data_offset=0))
-    message.data.frombytes(bytes_of(data).tobytes())
+    message.data.frombytes(to_byte_array(data).tobytes())
     return message

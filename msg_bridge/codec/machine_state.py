@@ -19,12 +19,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header
 
 from msg_bridge.codec.errors import CodecError
-from msg_bridge.codec.labelled import from_labelled_array, to_labelled_array
-from msg_bridge.codec.rotations import rotation_of, yaw_pitch_roll
-from msg_bridge.contract.cylinders import CylinderState
+from msg_bridge.codec.labelled_array import from_labelled_array, to_labelled_array
+from msg_bridge.codec.rotations import rotation_matrix, yaw_pitch_roll
+from msg_bridge.contract.cylinder_state import CylinderState
 
 __all__ = [
-    "VIRTUAL_JOINTS",
+    "BASE_JOINTS",
     "BaseState",
     "JointValues",
     "PayloadState",
@@ -39,14 +39,14 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-VIRTUAL_JOINTS = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll")
+BASE_JOINTS = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll")
 """The joints from `map` to the base, from the map on."""
 
 _PAYLOAD_LABEL = "bank_m3,loose_m3,mass_kg,fill,time_s"
 
 _FIGURES = ("length_m", "speed_m_s", "force_n", "head_pa", "rod_pa")
 
-_LEVEL_ENOUGH = 1e-9
+_MIN_COS_PITCH = 1e-9
 """Cosine of the pitch below which yaw and roll turn about the same axis."""
 
 
@@ -63,7 +63,7 @@ class BaseState(NamedTuple):
     position: ArrayLike
     quaternion: ArrayLike
     velocity: ArrayLike
-    spin: ArrayLike
+    angular_velocity: ArrayLike
 
 
 class JointValues(NamedTuple):
@@ -106,23 +106,23 @@ def to_joint_state(joints: JointValues, base: BaseState, stamp: Time) -> JointSt
         CodecError: other than one value for each name, or a quaternion that is none.
     """
     own = [
-        _doubles(values, len(joints.names), what)
+        _to_double_array(values, len(joints.names), what)
         for values, what in (
             (joints.positions, "joint positions"),
             (joints.velocities, "joint velocities"),
             (joints.efforts, "joint efforts"),
         )
     ]
-    place = _doubles(base.position, 3, "base position")
-    motion = _doubles(base.velocity, 3, "base velocity")
-    angles = yaw_pitch_roll(rotation_of(base.quaternion))
-    spin = _doubles(base.spin, 3, "base angular velocity")
+    place = _to_double_array(base.position, 3, "base position")
+    motion = _to_double_array(base.velocity, 3, "base velocity")
+    angles = yaw_pitch_roll(rotation_matrix(base.quaternion))
+    angular_velocity = _to_double_array(base.angular_velocity, 3, "base angular velocity")
     own[0].extend([*place, *angles])
-    own[1].extend([*motion, *_angle_rates(angles, spin)])
-    own[2].extend([0.0] * len(VIRTUAL_JOINTS))
+    own[1].extend([*motion, *_angle_rates(angles, angular_velocity)])
+    own[2].extend([0.0] * len(BASE_JOINTS))
     return JointState(
         header=Header(stamp=stamp),
-        name=[*joints.names, *VIRTUAL_JOINTS],
+        name=[*joints.names, *BASE_JOINTS],
         position=own[0],
         velocity=own[1],
         effort=own[2],
@@ -140,7 +140,7 @@ def to_command_state(names: Sequence[str], velocities: ArrayLike, stamp: Time) -
     Raises:
         CodecError: other than one finite value for each name.
     """
-    values = _doubles(velocities, len(names), "commanded velocities")
+    values = _to_double_array(velocities, len(names), "commanded velocities")
     _check_finite(names, values)
     return JointState(header=Header(stamp=stamp), name=list(names), velocity=values)
 
@@ -210,19 +210,22 @@ def _cylinder_label(joints: Sequence[str]) -> str:
 
 
 def _angle_rates(
-    angles: tuple[float, float, float], spin: Sequence[float]
+    angles: tuple[float, float, float], angular_velocity: Sequence[float]
 ) -> tuple[float, float, float]:
     """Rates of yaw, pitch, roll [rad/s] that make the angular velocity `spin`, map frame."""
     yaw, pitch, _ = angles
     s, c = math.sin(yaw), math.cos(yaw)
     # The frame after the yaw: roll's axis there is (cos pitch, 0, -sin pitch).
-    x, y = c * spin[0] + s * spin[1], c * spin[1] - s * spin[0]
+    x, y = (
+        c * angular_velocity[0] + s * angular_velocity[1],
+        c * angular_velocity[1] - s * angular_velocity[0],
+    )
     level = math.cos(pitch)
-    roll = x / level if abs(level) > _LEVEL_ENOUGH else 0.0
-    return spin[2] + math.sin(pitch) * roll, y, roll
+    roll = x / level if abs(level) > _MIN_COS_PITCH else 0.0
+    return angular_velocity[2] + math.sin(pitch) * roll, y, roll
 
 
-def _doubles(values: ArrayLike, count: int, what: str) -> array.array[float]:
+def _to_double_array(values: ArrayLike, count: int, what: str) -> array.array[float]:
     """The values as a message takes them; nothing else is as fast."""
     found = np.asarray(values, dtype=np.float64)
     if found.shape != (count,):

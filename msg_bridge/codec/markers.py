@@ -23,7 +23,7 @@ from visualization_msgs.msg import (  # type: ignore[import-untyped, import-not-
 
 from msg_bridge.codec.errors import CodecError
 
-__all__ = ["LinkBox", "MarkerSet", "TrackLook"]
+__all__ = ["LinkBox", "MarkerSet", "TrackAppearance"]
 
 Array = NDArray[np.float64]
 Vec3 = tuple[float, float, float]
@@ -48,7 +48,7 @@ class LinkBox(NamedTuple):
     color: Rgba
 
 
-class TrackLook(NamedTuple):
+class TrackAppearance(NamedTuple):
     """How the shoes of a pair of tracks look.
 
     Attributes:
@@ -84,7 +84,7 @@ class MarkerSet:
         Args:
             links: names of the links, in the order of their poses; the tracks are on the first.
             boxes: as `LinkBox`.
-            tracks: as `TrackLook`; a machine without has none.
+            tracks: as `TrackAppearance`; a machine without has none.
             namespace: the machine's name.
             frame_id: frame of the poses.
 
@@ -108,7 +108,7 @@ class MarkerSet:
             marker.scale, marker.color = _size(box.size), _color(box.color)
             seen[box.link] += 1
             self._boxes.append(marker)
-        self._tracks = _Tracks(TrackLook(*tracks), frame_id, namespace) if tracks else None
+        self._tracks = _Tracks(TrackAppearance(*tracks), frame_id, namespace) if tracks else None
         shown = [*self._boxes, *(self._tracks.markers if self._tracks else ())]
         self._stamps = [marker.header for marker in shown]
         self._message = MarkerArray(markers=shown)
@@ -157,13 +157,13 @@ class MarkerSet:
         for marker, middle, quaternion in zip(
             self._boxes, middles.tolist(), turns.tolist(), strict=True
         ):
-            _place(marker.pose, middle, quaternion)
+            _set_pose(marker.pose, middle, quaternion)
 
 
 class _Tracks:
     """Both tracks' shoes, each a list of square bars in the frame of the base."""
 
-    def __init__(self, look: TrackLook, frame_id: str, namespace: str) -> None:
+    def __init__(self, look: TrackAppearance, frame_id: str, namespace: str) -> None:
         length, across, thick = look.shoe_size
         bars = max(round(length / thick), 1)
         self._shape = (2, look.shoe_count, 3)
@@ -187,7 +187,7 @@ class _Tracks:
         along = poses[:, :, 0, None] + np.cos(pitch) * self._along
         above = poses[:, :, 1, None] - np.sin(pitch) * self._along
         for side, marker in enumerate(self.markers):
-            _place(marker.pose, origin, turn)
+            _set_pose(marker.pose, origin, turn)
             xs, zs = along[side].ravel().tolist(), above[side].ravel().tolist()
             for point, x, z in zip(marker.points, xs, zs, strict=True):
                 point.x = x
@@ -211,7 +211,7 @@ def _marker(kind: int, frame_id: str, namespace: str, number: int) -> Marker:
     return marker
 
 
-def _place(pose: Pose, position: Sequence[float], quaternion: Sequence[float]) -> None:
+def _set_pose(pose: Pose, position: Sequence[float], quaternion: Sequence[float]) -> None:
     at, turn = pose.position, pose.orientation
     at.x, at.y, at.z = position
     turn.x, turn.y, turn.z, turn.w = quaternion

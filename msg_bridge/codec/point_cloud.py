@@ -19,7 +19,7 @@ from std_msgs.msg import Header
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.contract.rows import Rows
 
-__all__ = ["bytes_of", "from_point_cloud", "point_fields", "to_point_cloud"]
+__all__ = ["from_point_cloud", "point_fields", "to_byte_array", "to_point_cloud"]
 
 _DATATYPES = {
     np.dtype("u1"): PointField.UINT8,
@@ -54,7 +54,7 @@ def to_point_cloud(rows: Rows, frame_id: str, stamp: Time, *, height: int = 1) -
         is_bigendian=False,
         point_step=rows.dtype.itemsize,
         row_step=width * rows.dtype.itemsize,
-        data=bytes_of(rows),
+        data=to_byte_array(rows),
         is_dense=True,
     )
 
@@ -88,7 +88,7 @@ def from_point_cloud(msg: PointCloud2, dtype: np.dtype[np.void]) -> Rows:
     return rows
 
 
-def bytes_of(values: NDArray[Any]) -> array.array[int]:
+def to_byte_array(values: NDArray[Any]) -> array.array[int]:
     """The bytes of an array in row-major order, copied once, as a message takes them.
 
     Given an array.array, a message keeps it; anything else it would copy again or, if

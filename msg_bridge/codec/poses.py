@@ -33,12 +33,12 @@ from std_msgs.msg import Header
 
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.machine_state import BaseState
-from msg_bridge.codec.rotations import rotation_of, unit_quaternion
+from msg_bridge.codec.rotations import rotation_matrix, unit_quaternion
 
 __all__ = [
     "ToolWrench",
     "from_odometry",
-    "through_odometry",
+    "odometry_round_trip",
     "to_odometry",
     "to_tf_message",
     "to_transforms",
@@ -76,7 +76,7 @@ def to_odometry(
     Raises:
         CodecError: a vector or quaternion that is none.
     """
-    position, (qx, qy, qz, qw), linear, angular = _inward(base)
+    position, (qx, qy, qz, qw), linear, angular = _to_base_frame(base)
     x, y, z = position.tolist()
     pose = Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
     return Odometry(
@@ -102,16 +102,16 @@ def from_odometry(msg: Odometry, *, frame_id: str = "map") -> BaseState:
     position, linear, angular = (
         np.array([v.x, v.y, v.z]) for v in (pose.position, twist.linear, twist.angular)
     )
-    return _outward(position, (turn.x, turn.y, turn.z, turn.w), linear, angular)
+    return _to_map_frame(position, (turn.x, turn.y, turn.z, turn.w), linear, angular)
 
 
-def through_odometry(base: BaseState) -> BaseState:
+def odometry_round_trip(base: BaseState) -> BaseState:
     """A base as odometry tells of it: `from_odometry(to_odometry(base, ...))`, without a message.
 
     Raises:
         CodecError: a vector or quaternion that is none, or numbers that are not finite.
     """
-    return _outward(*_inward(base))
+    return _to_map_frame(*_to_base_frame(base))
 
 
 def to_transforms(
@@ -193,18 +193,20 @@ def _tf_message() -> Any:
         return None
 
 
-def _inward(base: BaseState) -> tuple[Array, tuple[float, float, float, float], Array, Array]:
+def _to_base_frame(
+    base: BaseState,
+) -> tuple[Array, tuple[float, float, float, float], Array, Array]:
     """Position and unit quaternion in the map frame, velocity and spin in the base's own."""
-    inward = rotation_of(base.quaternion).T
+    inward = rotation_matrix(base.quaternion).T
     return (
         _vector(base.position, "base position"),
         unit_quaternion(base.quaternion),
         inward @ _vector(base.velocity, "base velocity"),
-        inward @ _vector(base.spin, "base angular velocity"),
+        inward @ _vector(base.angular_velocity, "base angular velocity"),
     )
 
 
-def _outward(
+def _to_map_frame(
     position: Array, quaternion: tuple[float, float, float, float], linear: Array, angular: Array
 ) -> BaseState:
     """`_inward` back.
@@ -213,11 +215,13 @@ def _outward(
         CodecError: numbers that are no pose and motion.
     """
     quaternion = unit_quaternion(quaternion)
-    outward = rotation_of(quaternion)
-    velocity, spin = outward @ linear, outward @ angular
-    if not all(map(math.isfinite, (*position.tolist(), *velocity.tolist(), *spin.tolist()))):
+    outward = rotation_matrix(quaternion)
+    velocity, angular_velocity = outward @ linear, outward @ angular
+    if not all(
+        map(math.isfinite, (*position.tolist(), *velocity.tolist(), *angular_velocity.tolist()))
+    ):
         raise CodecError("the odometry has numbers that are not finite; its sender has failed")
-    return BaseState(position, np.array(quaternion), velocity, spin)
+    return BaseState(position, np.array(quaternion), velocity, angular_velocity)
 
 
 def _vector(values: ArrayLike, what: str) -> Array:

@@ -6,7 +6,7 @@ subscribers ask for; since all publishers are reliable, any subscriber of yours 
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-__all__ = ["COMMANDS", "LATCHED", "ROWS", "STATE"]
+__all__ = ["COMMANDS", "ROWS", "STATE", "TRANSIENT_LOCAL"]
 
 
 def _keep_last(
@@ -26,7 +26,7 @@ ROWS = _keep_last(256)
 """Rows, tick headers, requests, refusals, the ledger. Keep-last, so that no slow subscriber blocks
 a writer; what is lost is asked for again."""
 
-LATCHED = _keep_last(1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+TRANSIENT_LOCAL = _keep_last(1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """What a late subscriber needs the latest of: terrain map, elevation, info, robot description,
 configuration."""
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from msg_bridge.codec.errors import CodecError
 
-__all__ = ["rotation_of", "unit_quaternion", "yaw_pitch_roll"]
+__all__ = ["rotation_matrix", "unit_quaternion", "yaw_pitch_roll"]
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ def unit_quaternion(quaternion: ArrayLike) -> tuple[float, float, float, float]:
     raise CodecError(f"{quaternion!r} is no rotation; give a quaternion x, y, z, w")
 
 
-def rotation_of(quaternion: ArrayLike) -> Array:
+def rotation_matrix(quaternion: ArrayLike) -> Array:
     """Rotation matrix, shape (3, 3), of a quaternion x, y, z, w, made a unit one first.
 
     Raises:

@@ -13,14 +13,14 @@ from std_msgs.msg import Header
 
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.rotations import unit_quaternion
-from msg_bridge.codec.stamps import stamp_of_seconds
+from msg_bridge.codec.stamps import stamp_from_seconds
 
-__all__ = ["to_encoder_state", "to_imu"]
+__all__ = ["to_encoder_joint_state", "to_imu"]
 
 
 def to_imu(
     quaternion: ArrayLike,
-    spin: ArrayLike,
+    angular_velocity: ArrayLike,
     specific_force: ArrayLike,
     frame_id: str,
     stamp: Time,
@@ -42,12 +42,12 @@ def to_imu(
     return Imu(
         header=Header(stamp=stamp, frame_id=frame_id),
         orientation=Quaternion(x=x, y=y, z=z, w=w),
-        angular_velocity=_vector3(spin, "angular velocity"),
+        angular_velocity=_vector3(angular_velocity, "angular velocity"),
         linear_acceleration=_vector3(specific_force, "specific force"),
     )
 
 
-def to_encoder_state(
+def to_encoder_joint_state(
     names: Sequence[str], time: float, angles: ArrayLike, speeds: ArrayLike
 ) -> JointState:
     """What encoders say of the joints `names`, stamped with the time [s] that it is of.
@@ -62,7 +62,7 @@ def to_encoder_state(
             f" {len(names)} of each"
         )
     return JointState(
-        header=Header(stamp=stamp_of_seconds(time)),
+        header=Header(stamp=stamp_from_seconds(time)),
         name=list(names),
         position=positions.tolist(),
         velocity=velocities.tolist(),

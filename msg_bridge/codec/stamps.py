@@ -10,12 +10,12 @@ from builtin_interfaces.msg import Time
 
 from msg_bridge.codec.errors import CodecError
 
-__all__ = ["seconds_of_stamp", "stamp_of_seconds", "stamp_of_tick", "tick_of_stamp"]
+__all__ = ["seconds_from_stamp", "stamp_from_seconds", "stamp_from_tick", "tick_from_stamp"]
 
 _NANO = 10**9
 
 
-def stamp_of_seconds(seconds: float) -> Time:
+def stamp_from_seconds(seconds: float) -> Time:
     """The stamp nearest to a simulation time [s].
 
     Raises:
@@ -26,12 +26,12 @@ def stamp_of_seconds(seconds: float) -> Time:
     return _stamp(round(Fraction(seconds) * _NANO))
 
 
-def seconds_of_stamp(stamp: Time) -> float:
+def seconds_from_stamp(stamp: Time) -> float:
     """Simulation time of a stamp [s], the nearest float64."""
     return _nanoseconds(stamp) / _NANO
 
 
-def stamp_of_tick(tick: int, period: float) -> Time:
+def stamp_from_tick(tick: int, period: float) -> Time:
     """The end of a tick; tick 0 ends at time 0.
 
     Args:
@@ -41,18 +41,18 @@ def stamp_of_tick(tick: int, period: float) -> Time:
     Raises:
         CodecError: the period is not positive, or the time is beyond what a stamp can hold.
     """
-    return _stamp(round(tick * _exact(period)))
+    return _stamp(round(tick * _period_in_nanoseconds(period)))
 
 
-def tick_of_stamp(stamp: Time, period: float) -> int:
+def tick_from_stamp(stamp: Time, period: float) -> int:
     """The tick that ends at a stamp.
 
     Raises:
         CodecError: no tick ends there.
     """
     nanoseconds = _nanoseconds(stamp)
-    tick = round(nanoseconds / _exact(period))
-    if round(tick * _exact(period)) != nanoseconds:
+    tick = round(nanoseconds / _period_in_nanoseconds(period))
+    if round(tick * _period_in_nanoseconds(period)) != nanoseconds:
         raise CodecError(
             f"no tick of {period} s ends at {nanoseconds} ns; sender and receiver differ in it"
         )
@@ -60,7 +60,7 @@ def tick_of_stamp(stamp: Time, period: float) -> int:
 
 
 @cache
-def _exact(period: float) -> Fraction:
+def _period_in_nanoseconds(period: float) -> Fraction:
     """A tick's length [ns], as the decimal number that it is written as: 0.01 is 1/100 then."""
     if not (math.isfinite(period) and period >= 1e-9):
         raise CodecError(f"a tick of {period} s is not at least a nanosecond long")

@@ -24,7 +24,7 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
 from msg_bridge.codec.errors import CodecError
-from msg_bridge.codec.point_cloud import bytes_of, from_point_cloud, to_point_cloud
+from msg_bridge.codec.point_cloud import from_point_cloud, to_byte_array, to_point_cloud
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.messages import Keyframe
@@ -34,7 +34,7 @@ __all__ = [
     "TERRAIN_CELL",
     "TerrainMap",
     "from_terrain_cloud",
-    "surface_of_terrain_cloud",
+    "keyframe_from_terrain_cloud",
     "to_elevation_image",
     "to_map_info",
     "to_terrain_cloud",
@@ -53,18 +53,18 @@ TERRAIN_CELL = np.dtype(
         ("design_difference", "<f4"),  # elevation minus design [m], NaN where there is none
         ("volume_mm3", "<f8"),  # exact: whole numbers below 2**53
         ("revision", "<u4"),  # the same in every cell
-        ("epoch", "<u4"),  # likewise
+        ("run_id", "<u4"),  # likewise
     ]
 )
 """A point of the terrain cloud; fields of the same name are those of a CHANGED row, which holds
 soil and moisture as whole numbers."""
 
-_LARGEST_VOLUME = 2**53
+_MAX_VOLUME_MM3 = 2**53
 
-_MOST = {"surface_material": 2, "moisture": 100, "soil": 255}
+_MAX_VALUES = {"surface_material": 2, "moisture": 100, "soil": 255}
 """Largest value of each layer of whole numbers."""
 
-_FRACTION = (np.arange(_MOST["moisture"] + 1) / 100.0).astype(np.float32)
+_MOISTURE_FRACTIONS = (np.arange(_MAX_VALUES["moisture"] + 1) / 100.0).astype(np.float32)
 """Moistures as they cross, by per cent."""
 
 
@@ -125,11 +125,11 @@ def to_terrain_cloud(terrain: TerrainMap, frame_id: str, stamp: Time) -> PointCl
         ("loose_depth", terrain.loose_depth),
         ("volume_mm3", volume),
         ("design_difference", terrain.design_difference),
-        *((name, getattr(terrain, name)) for name in _MOST),
+        *((name, getattr(terrain, name)) for name in _MAX_VALUES),
     ):
         if layer.shape != grid.shape:
             raise CodecError(f"{name} has shape {layer.shape} on a grid of {grid.shape}")
-    for name, most in _MOST.items():
+    for name, most in _MAX_VALUES.items():
         layer = getattr(terrain, name)
         if layer.dtype != np.uint8 or layer.max() > most:
             raise CodecError(
@@ -138,10 +138,10 @@ def to_terrain_cloud(terrain: TerrainMap, frame_id: str, stamp: Time) -> PointCl
             )
     if np.isinf(terrain.design_difference).any():
         raise CodecError("design_difference is infinite; give NaN where nothing is designed")
-    for name, number in (("revision", frame.revision), ("epoch", frame.epoch)):
+    for name, number in (("revision", frame.revision), ("run_id", frame.run_id)):
         if not 0 <= number < 2**32:
             raise CodecError(f"{name} {number} does not fit 32 bits; number them from 0")
-    if volume.min() < 0 or volume.max() >= _LARGEST_VOLUME:
+    if volume.min() < 0 or volume.max() >= _MAX_VOLUME_MM3:
         raise CodecError(
             f"columns hold {volume.min()} to {volume.max()} mm^3; a message carries 0 to 2**53"
         )
@@ -150,12 +150,12 @@ def to_terrain_cloud(terrain: TerrainMap, frame_id: str, stamp: Time) -> PointCl
     cells["z"] = frame.elevation
     cells["loose_depth"] = terrain.loose_depth
     cells["surface_material"] = terrain.surface_material
-    cells["moisture"] = _FRACTION[terrain.moisture]
+    cells["moisture"] = _MOISTURE_FRACTIONS[terrain.moisture]
     cells["soil"] = terrain.soil
     cells["design_difference"] = terrain.design_difference
     cells["volume_mm3"] = volume
     cells["revision"] = frame.revision
-    cells["epoch"] = frame.epoch
+    cells["run_id"] = frame.run_id
     return to_point_cloud(cells.reshape(-1), frame_id, stamp, height=grid.rows)
 
 
@@ -171,8 +171,8 @@ def from_terrain_cloud(msg: PointCloud2, *, cell: float | None = None) -> Terrai
     Raises:
         CodecError: not the points of a grid around the origin, or not a terrain; says why.
     """
-    cells = _cells_of(msg)
-    keyframe = _keyframe_of(cells, cell)
+    cells = _cells_from_cloud(msg)
+    keyframe = _keyframe_from_cells(cells, cell)
     loose = cells["loose_depth"].astype(np.float64)
     # NaN fails every comparison.
     _check("loose_depth", (loose >= 0.0) & (loose < np.inf))
@@ -181,7 +181,7 @@ def from_terrain_cloud(msg: PointCloud2, *, cell: float | None = None) -> Terrai
     return TerrainMap(keyframe, loose, _whole_numbers(cells, "surface_material"), difference)
 
 
-def surface_of_terrain_cloud(msg: PointCloud2, *, cell: float | None = None) -> Keyframe:
+def keyframe_from_terrain_cloud(msg: PointCloud2, *, cell: float | None = None) -> Keyframe:
     """The surface and what it is of, for who needs no more; other fields are not looked at.
 
     Args:
@@ -190,7 +190,7 @@ def surface_of_terrain_cloud(msg: PointCloud2, *, cell: float | None = None) -> 
     Raises:
         CodecError: as `from_terrain_cloud`, but for what the other fields hold.
     """
-    return _keyframe_of(_cells_of(msg), cell)
+    return _keyframe_from_cells(_cells_from_cloud(msg), cell)
 
 
 def to_elevation_image(keyframe: Keyframe, frame_id: str, stamp: Time) -> Image:
@@ -224,7 +224,7 @@ def to_map_info(grid: Grid, stamp: Time) -> MapMetaData:
     )
 
 
-def _cells_of(msg: PointCloud2) -> Rows:
+def _cells_from_cloud(msg: PointCloud2) -> Rows:
     """The points of a message, shape (rows, cols)."""
     cells = from_point_cloud(msg, TERRAIN_CELL)
     if msg.height < 2 or msg.width < 2:
@@ -232,19 +232,19 @@ def _cells_of(msg: PointCloud2) -> Rows:
     return cells.reshape(msg.height, msg.width)
 
 
-def _keyframe_of(cells: Rows, cell: float | None) -> Keyframe:
+def _keyframe_from_cells(cells: Rows, cell: float | None) -> Keyframe:
     grid = _grid_of(cells, cell)
-    epoch, revision = (_constant(cells, name) for name in ("epoch", "revision"))
+    run_id, revision = (_constant(cells, name) for name in ("run_id", "revision"))
     elevation = cells["z"].astype(np.float64)
     _check("elevation", np.isfinite(elevation))
     volume = cells["volume_mm3"].astype(np.float64)
     whole = volume == np.rint(volume)
-    _check("volume", (volume >= 0.0) & (volume < _LARGEST_VOLUME) & whole)
-    soil, moisture = _whole_numbers(cells, "soil"), _moisture_of(cells)
-    return Keyframe(epoch, revision, grid, elevation, volume.astype(np.int64), soil, moisture)
+    _check("volume", (volume >= 0.0) & (volume < _MAX_VOLUME_MM3) & whole)
+    soil, moisture = _whole_numbers(cells, "soil"), _moisture_percent(cells)
+    return Keyframe(run_id, revision, grid, elevation, volume.astype(np.int64), soil, moisture)
 
 
-def _moisture_of(cells: Rows) -> NDArray[np.uint8]:
+def _moisture_percent(cells: Rows) -> NDArray[np.uint8]:
     """Moistures [%]; fractions are rounded to whole per cents."""
     moisture = cells["moisture"].copy()
     _check("moisture", (moisture >= 0.0) & (moisture <= 1.0))
@@ -254,7 +254,7 @@ def _moisture_of(cells: Rows) -> NDArray[np.uint8]:
 def _whole_numbers(cells: Rows, name: str) -> NDArray[np.uint8]:
     """A layer of whole numbers."""
     values = cells[name].copy()
-    proper = (values >= 0.0) & (values <= _MOST[name]) & (values == np.rint(values))
+    proper = (values >= 0.0) & (values <= _MAX_VALUES[name]) & (values == np.rint(values))
     _check(name, proper)
     return values.astype(np.uint8)
 
@@ -277,7 +277,7 @@ def _positions(grid: Grid) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
 def _grid_of(cells: Rows, cell: float | None) -> Grid:
     """The grid whose points these are; of those to be told apart by float32, the roundest."""
     rows, cols = cells.shape
-    guess = _likely_cell(cells["x"][:, 0], cells["y"][0])
+    guess = _estimate_cell(cells["x"][:, 0], cells["y"][0])
     candidates = [float(f"{guess:.{n}g}") for n in range(1, 18)] if cell is None else [cell]
     for candidate in candidates:
         try:
@@ -295,7 +295,7 @@ def _grid_of(cells: Rows, cell: float | None) -> Grid:
     )
 
 
-def _likely_cell(*axes: NDArray[np.float32]) -> float:
+def _estimate_cell(*axes: NDArray[np.float32]) -> float:
     """The middle of all side lengths [m] that float32 rounds to these positions of rows, cols."""
     position = np.concatenate(axes)
     steps = np.concatenate([0.5 * (axis.size - 1) - np.arange(axis.size) for axis in axes])
@@ -323,5 +323,5 @@ def _float_image(values: NDArray[np.floating], encoding: str, frame_id: str, sta
         encoding=encoding,
         is_bigendian=0,
         step=data.strides[0],
-        data=bytes_of(data),
+        data=to_byte_array(data),
     )

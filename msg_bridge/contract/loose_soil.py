@@ -17,7 +17,7 @@ class LooseSoil:
     """A kind of soil once it is dug, and under tracks.
 
     Triples hold at 0, 50 and 100 % of saturation. A plate of breadth b sinks z deep into it under
-    the pressure (bearing_cohesion / b + bearing_friction) z^bearing_exponent (Bekker).
+    the pressure (bekker_k_c / b + bekker_k_phi) z^bekker_n (Bekker).
 
     Attributes:
         swell: loose volume over bank volume, minus 1.
@@ -29,12 +29,12 @@ class LooseSoil:
         spread: of the sizes of its lumps: the largest volume over the mean, minus 1.
         moisture: as found [% of saturation].
         internal_friction: angle of internal friction [deg].
-        bearing_cohesion: Bekker's modulus k_c, dry [N/m^(n + 1)].
-        bearing_friction: Bekker's modulus k_phi, dry [N/m^(n + 2)]; 0: it does not give, and tracks
+        bekker_k_c: Bekker's modulus k_c, dry [N/m^(n + 1)].
+        bekker_k_phi: Bekker's modulus k_phi, dry [N/m^(n + 2)]; 0: it does not give, and tracks
             grip it as friction of steel lets them.
-        bearing_exponent: Bekker's n.
+        bekker_n: Bekker's n.
         bearing: both moduli over those when dry.
-        shear_modulus: Janosi's and Hanamoto's K [m]: sheared so far, soil resists with 63 % of its
+        janosi_k: Janosi's and Hanamoto's K [m]: sheared so far, soil resists with 63 % of its
             strength.
 
     Raises:
@@ -46,20 +46,20 @@ class LooseSoil:
     repose_angles: tuple[float, float, float] = (30.0, 30.0, 30.0)
     cohesion: float = 0.0
     adhesion: float = 0.0
-    stick: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    moisture_strength_factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
     tool_friction: float = 20.0
-    spread: float = 0.0
+    size_spread: float = 0.0
     moisture: int = 0
     internal_friction: float = 30.0
-    bearing_cohesion: float = 0.0
-    bearing_friction: float = 0.0
-    bearing_exponent: float = 1.0
-    bearing: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    shear_modulus: float = 0.01
+    bekker_k_c: float = 0.0
+    bekker_k_phi: float = 0.0
+    bekker_n: float = 1.0
+    moisture_bearing_factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    janosi_k: float = 0.01
 
     def __post_init__(self) -> None:
         """Check the figures."""
-        for name in ("repose_angles", "stick", "bearing"):
+        for name in ("repose_angles", "moisture_strength_factors", "moisture_bearing_factors"):
             if not isinstance(getattr(self, name), tuple) or len(getattr(self, name)) != 3:
                 raise ParameterError(
                     f"{name} of a loose soil are {getattr(self, name)}; give three"
@@ -70,16 +70,22 @@ class LooseSoil:
             *(("repose_angles", angle, 0.0, 90.0) for angle in self.repose_angles),
             ("cohesion", self.cohesion, 0.0, 1e9),
             ("adhesion", self.adhesion, 0.0, 1e9),
-            *(("stick", factor, 0.0, 1e3) for factor in self.stick),
+            *(
+                ("moisture_strength_factors", factor, 0.0, 1e3)
+                for factor in self.moisture_strength_factors
+            ),
             ("tool_friction", self.tool_friction, 0.0, 89.0),
-            ("spread", self.spread, 0.0, 0.9),
+            ("size_spread", self.size_spread, 0.0, 0.9),
             ("moisture", self.moisture, 0.0, 100.0),
             ("internal_friction", self.internal_friction, 0.0, 89.0),
-            ("bearing_cohesion", self.bearing_cohesion, 0.0, 1e12),
-            ("bearing_friction", self.bearing_friction, 0.0, 1e12),
-            ("bearing_exponent", self.bearing_exponent, 0.01, 3.0),
-            *(("bearing", factor, 0.0, 1e3) for factor in self.bearing),
-            ("shear_modulus", self.shear_modulus, 1e-4, 1.0),
+            ("bekker_k_c", self.bekker_k_c, 0.0, 1e12),
+            ("bekker_k_phi", self.bekker_k_phi, 0.0, 1e12),
+            ("bekker_n", self.bekker_n, 0.01, 3.0),
+            *(
+                ("moisture_bearing_factors", factor, 0.0, 1e3)
+                for factor in self.moisture_bearing_factors
+            ),
+            ("janosi_k", self.janosi_k, 1e-4, 1.0),
         ):
             if isinstance(value, tuple) or not (math.isfinite(value) and low <= value <= high):
                 raise ParameterError(
@@ -90,10 +96,10 @@ class LooseSoil:
         """Slope beyond which a heap slips [deg], at a moisture [% of saturation]."""
         return float(np.interp(moisture, (0.0, 50.0, 100.0), self.repose_angles))
 
-    def bears(self, moisture: float) -> float:
+    def moisture_bearing_factor(self, moisture: float) -> float:
         """Bekker's moduli over those when dry, at a moisture [% of saturation]."""
-        return float(np.interp(moisture, (0.0, 50.0, 100.0), self.bearing))
+        return float(np.interp(moisture, (0.0, 50.0, 100.0), self.moisture_bearing_factors))
 
-    def sticks(self, moisture: float) -> float:
+    def moisture_strength_factor(self, moisture: float) -> float:
         """Cohesion and adhesion over those when dry, at a moisture [% of saturation]."""
-        return float(np.interp(moisture, (0.0, 50.0, 100.0), self.stick))
+        return float(np.interp(moisture, (0.0, 50.0, 100.0), self.moisture_strength_factors))

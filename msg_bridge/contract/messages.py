@@ -18,19 +18,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
-from msg_bridge.contract.rows import CHANGED, CONVERSION, FORCE, LANDED, SWEEP, Rows
+from msg_bridge.contract.rows import CONVERSION, DEPOSIT_REQUEST, FORCE, MAP_UPDATE, SWEEP, Rows
 
 __all__ = [
     "STREAM_DTYPE",
+    "JoinRejected",
     "Keyframe",
     "MachineHeader",
+    "MachineReceipt",
     "Message",
-    "Refusal",
-    "Resend",
+    "RetransmitRequest",
     "RowChunk",
     "RowRange",
     "SoilHeader",
-    "SourceReceipt",
     "Stream",
     "Verb",
 ]
@@ -41,7 +41,7 @@ class Verb(IntEnum):
 
     JOIN = 0
     """Take part from the next tick on, holding nothing."""
-    RETURN = 1
+    REJOIN = 1
     """Take part again, holding what it held when it left."""
     STEP = 2
     LEAVE = 3
@@ -53,22 +53,22 @@ class Stream(IntEnum):
 
     HEADER = 0
     SWEEP = 1
-    LANDED = 2
+    DEPOSIT_REQUEST = 2
     CONVERSION = 3
-    CHANGED = 4
+    MAP_UPDATE = 4
     FORCE = 5
-    OWED = 6
+    BACKLOG = 6
     """Conversion rows of a machine that came back, from before its return."""
     KEYFRAME = 7
 
 
 STREAM_DTYPE: dict[Stream, np.dtype[np.void]] = {
     Stream.SWEEP: SWEEP,
-    Stream.LANDED: LANDED,
+    Stream.DEPOSIT_REQUEST: DEPOSIT_REQUEST,
     Stream.CONVERSION: CONVERSION,
-    Stream.CHANGED: CHANGED,
+    Stream.MAP_UPDATE: MAP_UPDATE,
     Stream.FORCE: FORCE,
-    Stream.OWED: CONVERSION,
+    Stream.BACKLOG: CONVERSION,
 }
 """Row type of each stream of rows."""
 
@@ -105,43 +105,43 @@ class MachineHeader:
             is missing, since in real time a late machine leaves out numbers.
     """
 
-    epoch: int
-    source: int
-    life: int
+    run_id: int
+    machine_id: int
+    session_id: int
     tick: int
     verb: Verb
     sweeps: RowRange = RowRange()
-    landed: RowRange = RowRange()
+    deposit_requests: RowRange = RowRange()
     conversions_received: int = 0
     conversions_durable: int = 0
     pending_mm3: int = 0
     particles_mm3: int = 0
-    previous: int = -1
+    previous_tick: int = -1
 
     @property
-    def held_mm3(self) -> int:
+    def soil_mm3(self) -> int:
         """All soil the machine holds."""
         return self.pending_mm3 + self.particles_mm3
 
 
 @dataclass(frozen=True)
-class SourceReceipt:
+class MachineReceipt:
     """What the soil holds of one source.
 
     Attributes:
         source, life: whose.
-        landed_received: last landed row received.
-        landed_durable: last landed row the machine may forget.
+        deposit_requests_received: last landed row received.
+        deposit_requests_durable: last landed row the machine may forget.
         owed: conversion rows it is owed from before its return.
         tick: the last of its ticks that was taken; older than the header's own where the soil went
             on without it.
     """
 
-    source: int
-    life: int
-    landed_received: int
-    landed_durable: int
-    owed: int = 0
+    machine_id: int
+    session_id: int
+    deposit_requests_received: int
+    deposit_requests_durable: int
+    backlog: int = 0
     tick: int = 0
 
 
@@ -157,20 +157,20 @@ class SoilHeader:
         receipts: one per joined source; a source listed here takes part from the next tick on.
     """
 
-    epoch: int
+    run_id: int
     tick: int
     revision: int
     conversions: RowRange
-    changed: RowRange
+    map_updates: RowRange
     forces: RowRange
-    receipts: tuple[SourceReceipt, ...]
+    receipts: tuple[MachineReceipt, ...]
 
     @cached_property  # looked at many times a tick
     def spans(self) -> dict[Stream, RowRange]:
         """The rows it counts, by stream."""
         return {
             Stream.CONVERSION: self.conversions,
-            Stream.CHANGED: self.changed,
+            Stream.MAP_UPDATE: self.map_updates,
             Stream.FORCE: self.forces,
         }
 
@@ -184,36 +184,36 @@ class RowChunk:
             sends to all.
     """
 
-    epoch: int
+    run_id: int
     stream: Stream
-    source: int
-    life: int
+    machine_id: int
+    session_id: int
     rows: Rows
 
 
 @dataclass(frozen=True)
-class Resend:
+class RetransmitRequest:
     """A request: rows [first, first + count) of a stream, or the header of tick `first`.
 
     Attributes:
         source, life: the machine that asks or is asked.
     """
 
-    epoch: int
-    source: int
-    life: int
+    run_id: int
+    machine_id: int
+    session_id: int
     stream: Stream
     first: int
     count: int = 1
 
 
 @dataclass(frozen=True)
-class Refusal:
+class JoinRejected:
     """The soil's no to a join, with what to change."""
 
-    epoch: int
-    source: int
-    life: int
+    run_id: int
+    machine_id: int
+    session_id: int
     reason: str
 
 
@@ -231,7 +231,7 @@ class Keyframe:
     Layers that are not given are zeros.
     """
 
-    epoch: int
+    run_id: int
     revision: int
     grid: Grid
     elevation: NDArray[np.float64]
@@ -246,4 +246,4 @@ class Keyframe:
                 object.__setattr__(self, name, np.zeros(self.grid.shape, dtype=kind))
 
 
-Message = MachineHeader | SoilHeader | RowChunk | Resend | Refusal | Keyframe
+Message = MachineHeader | SoilHeader | RowChunk | RetransmitRequest | JoinRejected | Keyframe

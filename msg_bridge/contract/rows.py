@@ -13,20 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "CHANGED",
     "CONVERSION",
+    "DEPOSIT_REQUEST",
     "FORCE",
-    "LANDED",
+    "MAP_UPDATE",
     "MAX_ROW_VOLUME",
     "SWEEP",
-    "Action",
-    "Holds",
-    "Kind",
+    "ConversionKind",
     "Rows",
+    "SoilReaction",
+    "SweepAction",
     "empty_rows",
     "join_rows",
-    "rows_of",
-    "sources_of",
+    "machine_ids_in",
+    "rows_of_machine",
 ]
 
 Rows = NDArray[np.void]
@@ -36,17 +36,17 @@ MAX_ROW_VOLUME = 2**32 - 1
 """Largest volume one row carries [mm^3]; more is split into several rows."""
 
 
-class Action(IntEnum):
+class SweepAction(IntEnum):
     """What a tool does to the soil it sweeps."""
 
     CUT = 0
-    PRESS = 1
+    COMPACT = 1
     """Pushes soil down without taking it: a track shoe, the back of a bucket."""
     MILL = 2
     """Takes soil all round by picks that spin: a cutting drum; its last pair is its first again."""
 
 
-class Holds(IntEnum):
+class SoilReaction(IntEnum):
     """What a FORCE row is of."""
 
     CUT = 0  # what the tool cuts resists it
@@ -54,7 +54,7 @@ class Holds(IntEnum):
     MILL = 2  # what the picks of a drum cut resists them
 
 
-class Kind(IntEnum):
+class ConversionKind(IntEnum):
     """What a conversion row says was moved."""
 
     EXCAVATE = 0
@@ -63,7 +63,7 @@ class Kind(IntEnum):
     """A landed particle became terrain."""
     OUTSIDE = 2
     """A landed particle had left the map."""
-    REFUSE = 3
+    REJECT = 3
     """A landed row was malformed: the particle stays a particle."""
 
 
@@ -78,13 +78,13 @@ SWEEP = np.dtype(
         ("seq", "<u4"),
         ("pair", "<u2"),  # rows 2k and 2k+1 of a tool are the left and right end of pair k
         ("tool", "<u2"),
-        ("source", "<u2"),
+        ("machine_id", "<u2"),
         ("action", "u1"),  # Action
     ]
 )
 """A tool's key points over one tick, machine to soil; both ends of a pair, lip first."""
 
-LANDED = np.dtype(
+DEPOSIT_REQUEST = np.dtype(
     [
         ("x", "<f4"),
         ("y", "<f4"),
@@ -92,7 +92,7 @@ LANDED = np.dtype(
         ("volume_mm3", "<u4"),
         ("particle_id", "<u4"),
         ("seq", "<u4"),
-        ("source", "<u2"),
+        ("machine_id", "<u2"),
         ("soil", "u1"),
         ("moisture", "u1"),
     ]
@@ -110,7 +110,7 @@ CONVERSION = np.dtype(
         ("col", "<u4"),
         ("particle_id", "<u4"),
         ("volume_mm3", "<u4"),
-        ("source", "<u2"),
+        ("machine_id", "<u2"),
         ("soil", "u1"),
         ("moisture", "u1"),  # % of saturation
         ("kind", "u1"),  # Kind
@@ -119,7 +119,7 @@ CONVERSION = np.dtype(
 """What was actually moved, soil to all. EXCAVATE: x, y, z is the centroid of the removed soil, and
 `moisture` is that of what was taken. An answer to a landed row repeats its soil and moisture."""
 
-CHANGED = np.dtype(
+MAP_UPDATE = np.dtype(
     [
         ("x", "<f4"),
         ("y", "<f4"),
@@ -149,8 +149,8 @@ FORCE = np.dtype(
         ("tz", "<f4"),
         ("seq", "<u4"),
         ("tool", "<u2"),
-        ("source", "<u2"),
-        ("holds", "u1"),  # Holds
+        ("machine_id", "<u2"),
+        ("reaction", "u1"),  # Holds
     ]
 )
 """The most the soil holds a tool that swept with, soil to machine: what resists its cut, zero too,
@@ -168,20 +168,20 @@ def join_rows(parts: Sequence[Rows], dtype: np.dtype[np.void]) -> Rows:
     return some[0] if some else empty_rows(dtype)
 
 
-def sources_of(rows: Rows) -> list[int]:
+def machine_ids_in(rows: Rows) -> list[int]:
     """Sources that rows name, in order, each once."""
-    sources = rows["source"]
+    sources = rows["machine_id"]
     if sources.size == 0:
         return []
     first = int(sources[0])
     if np.count_nonzero(sources == first) == sources.size:  # nearly always
         return [first]
-    return [int(source) for source in np.unique(sources)]
+    return [int(machine_id) for machine_id in np.unique(sources)]
 
 
-def rows_of(rows: Rows, source: int) -> Rows:
+def rows_of_machine(rows: Rows, machine_id: int) -> Rows:
     """The rows of one source; the very array where all are."""
-    own = rows["source"] == source
+    own = rows["machine_id"] == machine_id
     return rows if np.count_nonzero(own) == rows.size else rows[own]
 
 

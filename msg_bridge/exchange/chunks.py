@@ -5,17 +5,17 @@ from __future__ import annotations
 from msg_bridge.contract.messages import RowChunk, Stream
 from msg_bridge.contract.rows import Rows
 
-__all__ = ["CHUNK_ROWS", "chunked"]
+__all__ = ["MAX_ROWS_PER_CHUNK", "split_into_chunks"]
 
-CHUNK_ROWS = 2048
+MAX_ROWS_PER_CHUNK = 2048
 """Rows in one message, at most: a lost one is then cheap to send again."""
 
 
-def chunked(
-    epoch: int, stream: Stream, rows: Rows, *, source: int = 0, life: int = 0
+def split_into_chunks(
+    run_id: int, stream: Stream, rows: Rows, *, machine_id: int = 0, session_id: int = 0
 ) -> list[RowChunk]:
-    """Chunks of at most CHUNK_ROWS rows; none for no rows."""
+    """Chunks of at most MAX_ROWS_PER_CHUNK rows; none for no rows."""
     return [
-        RowChunk(epoch, stream, source, life, rows[first : first + CHUNK_ROWS])
-        for first in range(0, rows.size, CHUNK_ROWS)
+        RowChunk(run_id, stream, machine_id, session_id, rows[first : first + MAX_ROWS_PER_CHUNK])
+        for first in range(0, rows.size, MAX_ROWS_PER_CHUNK)
     ]

@@ -14,15 +14,15 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
-__all__ = ["REFUSAL_WARNS_FOR", "Diagnostics", "Level", "Report"]
+__all__ = ["REJECTION_WARN_TIME", "Diagnostics", "Level", "Report"]
 
-REFUSAL_WARNS_FOR = 10.0
+REJECTION_WARN_TIME = 10.0
 """How long a refused input keeps the level at WARN [s]."""
 
 _PERIOD = 1.0  # s between publications, wall time
 _LOG_PERIOD = 1.0  # s between two log lines about one topic
 
-_LONGEST_REASON = 500
+_MAX_REASON_LENGTH = 500
 """Characters shown of a reason: it may quote a message of any size, and is published again."""
 
 
@@ -44,7 +44,7 @@ class Report:
 
 
 @dataclass
-class _Refusals:
+class _RejectionLog:
     """Of one topic."""
 
     last_at: float
@@ -80,7 +80,7 @@ class Diagnostics:
         self._now = now
         self._values: dict[str, Any] = {}
         self._counts: Counter[str] = Counter()
-        self._refusals: dict[str, _Refusals] = {}
+        self._rejections: dict[str, _RejectionLog] = {}
         self._problem: tuple[Level, str] | None = None
         self._tasks: list[Callable[[], None]] = []
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -96,7 +96,7 @@ class Diagnostics:
         """Add n to the counter `key`."""
         self._counts[key] += n
 
-    def refuse(self, topic: str, reason: str) -> None:
+    def reject(self, topic: str, reason: str) -> None:
         """Say that a message was refused: counted, logged at most once a second for a topic.
 
         Args:
@@ -104,20 +104,20 @@ class Diagnostics:
             reason: a sentence for its sender.
         """
         now = self._now()
-        if len(reason) > _LONGEST_REASON:
-            reason = f"{reason[:_LONGEST_REASON]} ..."
+        if len(reason) > _MAX_REASON_LENGTH:
+            reason = f"{reason[:_MAX_REASON_LENGTH]} ..."
         self.count(f"refused {topic}")
         self.set(f"last refused {topic}", reason)
-        refusals = self._refusals.get(topic)
-        if refusals is None:
-            refusals = self._refusals[topic] = _Refusals(now, -float("inf"))
-        refusals.last_at = now
-        if now - refusals.last_logged < _LOG_PERIOD:
-            refusals.unlogged += 1
+        rejection_log = self._rejections.get(topic)
+        if rejection_log is None:
+            rejection_log = self._rejections[topic] = _RejectionLog(now, -float("inf"))
+        rejection_log.last_at = now
+        if now - rejection_log.last_logged < _LOG_PERIOD:
+            rejection_log.unlogged += 1
             return
-        more = f" ({refusals.unlogged} more refused since)" if refusals.unlogged else ""
+        more = f" ({rejection_log.unlogged} more refused since)" if rejection_log.unlogged else ""
         self._node.get_logger().warning(f"refused a message on {topic}: {reason}{more}")
-        refusals.last_logged, refusals.unlogged = now, 0
+        rejection_log.last_logged, rejection_log.unlogged = now, 0
 
     def problem(self, text: str, level: Level = Level.WARN) -> None:
         """Raise the level until `clear`, with a sentence on what is wrong."""
@@ -133,8 +133,8 @@ class Diagnostics:
 
     def report(self) -> Report:
         """What would be published now, tasks not called."""
-        since = self._now() - REFUSAL_WARNS_FOR
-        refused = [topic for topic, r in self._refusals.items() if r.last_at >= since]
+        since = self._now() - REJECTION_WARN_TIME
+        refused = [topic for topic, r in self._rejections.items() if r.last_at >= since]
         level, sentences = Level.OK, []
         if self._problem is not None:
             level, text = self._problem

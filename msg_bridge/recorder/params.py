@@ -29,7 +29,7 @@ class RecorderParams(Parameters):
     chunk_size: int = parameter(
         CHUNK_SIZE, "of a chunk before compression", unit="bytes", low=1024, high=1 << 30
     )
-    latched_period: float = parameter(
+    repeat_transient_local_period: float = parameter(
         5.0,
         "time after which the newest of a latched topic is written again, 0 for never",
         unit="s",
@@ -39,7 +39,7 @@ class RecorderParams(Parameters):
     scan_period: float = parameter(
         0.1, "wall time between two looks for new topics", unit="s", low=0.01, high=10.0
     )
-    nice: int = parameter(
+    niceness: int = parameter(
         10,
         "by how much it yields to other processes: who records must not make a tick late",
         low=0,
@@ -51,8 +51,8 @@ class RecorderParams(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _must_be_expression("include", self.include)
-        _must_be_expression("exclude", self.exclude)
+        _validate_regex("include", self.include)
+        _validate_regex("exclude", self.exclude)
 
     @property
     def folder(self) -> Path:
@@ -61,14 +61,14 @@ class RecorderParams(Parameters):
             return Path(self.path).expanduser()
         return Path("bags", datetime.now(timezone.utc).strftime("%Y-%m-%dT%H-%M-%SZ"))
 
-    def wants(self, topic: str) -> bool:
+    def is_selected(self, topic: str) -> bool:
         """Whether a topic is to be recorded."""
         if self.exclude and re.search(self.exclude, topic):
             return False
         return re.search(self.include, topic) is not None
 
 
-def _must_be_expression(name: str, text: str) -> None:
+def _validate_regex(name: str, text: str) -> None:
     try:
         re.compile(text)
     except re.error as error:

@@ -6,6 +6,6 @@
   former do
 """
 
-from msg_bridge.testing.lossy import LossyTransport
+from msg_bridge.testing.lossy_transport import LossyTransport
 
 __all__ = ["LossyTransport"]

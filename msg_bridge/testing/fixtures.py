@@ -9,7 +9,7 @@ A complete test of a node of yours against the soil's, both in the test's own pr
     from std_srvs.srv import Trigger
     from msg_bridge.codec.qos import LATCHED
     from sensor_msgs.msg import PointCloud2
-    from soil_sim.node import SoilNode
+    from soil_sim.node.soil_node import SoilNode
     from your_package.planner import Planner
 
     def test_planner_plans_where_the_terrain_is_high(ros):
@@ -30,8 +30,8 @@ and of a process:
 Fixtures:
 
 - `ros_domain`: the id of a ROS domain of this test alone, on this machine alone
-- `ros`: a `msg_bridge.testing.ros.Ros` in that domain
-- `ros_process`: starts a `msg_bridge.testing.process.RosProcess` in that domain
+- `ros`: a `msg_bridge.testing.ros_context.Ros` in that domain
+- `ros_process`: starts a `msg_bridge.testing.ros_process.RosProcess` in that domain
 
 Nodes are heard only in their own domain and on this machine, so tests may run beside one another,
 beside a running simulation, and in a network full of robots.
@@ -48,10 +48,10 @@ from typing import Any, Protocol
 import pytest
 
 from msg_bridge.config_files import find_config
-from msg_bridge.dds import PROFILE_VARIABLE
-from msg_bridge.testing.domain import own_domain
-from msg_bridge.testing.process import RosProcess
-from msg_bridge.testing.ros import Ros
+from msg_bridge.dds_profile import PROFILE_VARIABLE
+from msg_bridge.testing.ros_context import Ros
+from msg_bridge.testing.ros_process import RosProcess
+from msg_bridge.testing.ros_domain import reserve_domain
 
 __all__ = ["StartProcess", "ros", "ros_domain", "ros_process"]
 
@@ -71,7 +71,7 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[int]
     machine only, the shipped Fast DDS profile unless another is chosen, and log files in the
     test's temporary folder.
     """
-    with own_domain() as domain:
+    with reserve_domain() as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         monkeypatch.delenv("ROS_LOCALHOST_ONLY", raising=False)  # would stand above the former
@@ -105,7 +105,7 @@ def ros_process(ros: Ros, tmp_path: Path) -> Iterator[StartProcess]:
         folder.mkdir()
         process = RosProcess(command, folder, **kwargs)
         started.append(process)
-        ros.watch(process.trouble)
+        ros.fail_on(process.failure_reason)
         return process
 
     yield start

@@ -2,13 +2,13 @@
 
 from soil_sim.terrain.files import (
     SUFFIXES,
-    load_heights_with_gaps,
+    load_heights_with_nodata,
     load_terrain,
     load_terrain_with_layers,
     save_terrain,
 )
 from soil_sim.terrain.georeference import Georeference
-from soil_sim.terrain.heights import HEIGHT_LIMIT, HeightMap
+from soil_sim.terrain.height_map import HEIGHT_LIMIT, HeightMap
 from soil_sim.terrain.layers import (
     LAYER_KINDS,
     Layers,
@@ -17,8 +17,8 @@ from soil_sim.terrain.layers import (
     save_layer,
     soil_ids,
 )
-from soil_sim.terrain.made import flat, rough, slope
 from soil_sim.terrain.north_up import from_north_up, to_north_up
+from soil_sim.terrain.synthetic import flat, rough, slope
 
 __all__ = [
     "HEIGHT_LIMIT",
@@ -29,7 +29,7 @@ __all__ = [
     "Layers",
     "flat",
     "from_north_up",
-    "load_heights_with_gaps",
+    "load_heights_with_nodata",
     "load_layer",
     "load_terrain",
     "load_terrain_with_layers",

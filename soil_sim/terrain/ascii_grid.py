@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from soil_sim.errors import TerrainError
 from soil_sim.terrain.georeference import Georeference
-from soil_sim.terrain.heights import HeightMap, elevations_for_file
-from soil_sim.terrain.north_up import matrix_from_picture, to_north_up
-from soil_sim.terrain.reading import Reading
+from soil_sim.terrain.height_map import HeightMap, validated_elevations
+from soil_sim.terrain.north_up import matrix_from_north_up, to_north_up
+from soil_sim.terrain.raster import TerrainRaster
 
 __all__ = ["read_ascii_grid", "write_ascii_grid", "write_ascii_values"]
 
@@ -38,12 +38,12 @@ _NODATA = -9999.0  # what a file means that names none
 _Lines = Iterator[tuple[int, list[str]]]  # line number from 1, words
 
 
-def read_ascii_grid(path: Path, *, gaps: bool = False) -> Reading:
+def read_ascii_grid(path: Path, *, keep_nodata: bool = False) -> TerrainRaster:
     """Read a grid; its coordinates are taken for metres.
 
     Args:
         path: the file.
-        gaps: missing values become NaN, else they are refused.
+        keep_nodata: missing values become NaN, else they are refused.
 
     Raises:
         TerrainError: the line and what is wrong in it, or the keys that are missing.
@@ -54,30 +54,30 @@ def read_ascii_grid(path: Path, *, gaps: bool = False) -> Reading:
         raise TerrainError(f"byte {error.start} is no ASCII; save it as plain text") from error
     lines = ((n, words) for n, line in enumerate(text.splitlines(), 1) if (words := line.split()))
     header, first = _read_header(lines)
-    cols, rows = _count(header, "ncols"), _count(header, "nrows")
+    cols, rows = _parse_count(header, "ncols"), _parse_count(header, "nrows")
     cell = header["cellsize"]
     if not cell > 0.0:
         raise TerrainError(f"cellsize is {cell:g}; give a positive spacing in metres")
     picture, numbers = _read_rows(first, lines, rows, cols)
     empty = picture == header.get("nodata_value", _NODATA)
-    if empty.any() and not gaps:
+    if empty.any() and not keep_nodata:
         row, col = np.argwhere(empty)[0]
         raise TerrainError(
             f"line {numbers[row]}, value {col + 1} is {picture[row, col]:g}, which means no height;"
             f" {empty.sum()} of {empty.size} cells have none: fill such gaps or crop them away"
         )
     picture[empty] = np.nan
-    easting = _centre(header, "xll", cols * cell, cell)
-    northing = _centre(header, "yll", rows * cell, cell)
+    easting = _center_coordinate(header, "xll", cols * cell, cell)
+    northing = _center_coordinate(header, "yll", rows * cell, cell)
     at_origin = abs(easting) < 1e-9 * cell and abs(northing) < 1e-9 * cell
     place = None if at_origin else Georeference("", easting, northing)
-    return Reading(matrix_from_picture(picture), cell, place)
+    return TerrainRaster(matrix_from_north_up(picture), cell, place)
 
 
 def write_ascii_grid(path: Path, height_map: HeightMap) -> None:
     """Write elevations with all their digits; ground without georeference is centred on (0, 0)."""
     write_ascii_values(
-        path, elevations_for_file(height_map), height_map.grid.cell, height_map.georeference
+        path, validated_elevations(height_map), height_map.grid.cell, height_map.georeference
     )
 
 
@@ -116,7 +116,7 @@ def _read_header(lines: _Lines) -> tuple[dict[str, float], tuple[int, list[str]]
             )
         if key in header or len(words) != 2:
             raise TerrainError(f"line {number} must be {key} and one number, given once")
-        header[key] = _number(words[1], f"line {number}, {key}")
+        header[key] = _parse_number(words[1], f"line {number}, {key}")
         first = (number, [])
     missing = [key for key in ("ncols", "nrows", "cellsize") if key not in header]
     missing += [
@@ -145,7 +145,7 @@ def _read_rows(
                 f"line {number} has {len(words)} values, not ncols = {cols}; write each row of"
                 " the grid on one line"
             )
-        picture.append(np.array([_number(word, f"line {number}") for word in words]))
+        picture.append(np.array([_parse_number(word, f"line {number}") for word in words]))
         numbers.append(number)
         number, words = next(lines, (0, []))
     if len(picture) != rows:
@@ -156,7 +156,7 @@ def _read_rows(
     return np.stack(picture), numbers
 
 
-def _number(word: str, where: str) -> float:
+def _parse_number(word: str, where: str) -> float:
     try:
         value = float(word) if "_" not in word else math.nan  # Python reads 1_0 as 10
     except ValueError:
@@ -166,14 +166,14 @@ def _number(word: str, where: str) -> float:
     return value
 
 
-def _count(header: dict[str, float], key: str) -> int:
+def _parse_count(header: dict[str, float], key: str) -> int:
     value = header[key]
     if not (value.is_integer() and value >= 2):
         raise TerrainError(f"{key} is {value:g}; give a whole number, at least 2")
     return int(value)
 
 
-def _centre(header: dict[str, float], axis: str, extent: float, cell: float) -> float:
+def _center_coordinate(header: dict[str, float], axis: str, extent: float, cell: float) -> float:
     """Easting or northing of the grid's centre [m] from that of its south-west cell."""
     if f"{axis}corner" in header:
         return header[f"{axis}corner"] + 0.5 * extent

@@ -27,24 +27,24 @@ from numpy.typing import NDArray
 from msg_bridge.contract.grid import Grid
 from soil_sim.errors import TerrainError
 from soil_sim.terrain.ascii_grid import read_ascii_grid, write_ascii_grid
+from soil_sim.terrain.file_access import (
+    SUFFIXES,
+    atomic_write,
+    check_file_exists,
+    validate_suffix,
+    wrap_read_errors,
+)
 from soil_sim.terrain.georeference import Georeference
 from soil_sim.terrain.geotiff import read_geotiff, write_geotiff
-from soil_sim.terrain.heights import HeightMap
+from soil_sim.terrain.height_map import HeightMap
 from soil_sim.terrain.layers import Layers, layers_from_arrays
 from soil_sim.terrain.numpy_files import read_npy, read_npz, write_npy, write_npz
-from soil_sim.terrain.paths import (
-    SUFFIXES,
-    check_exists,
-    checked_suffix,
-    while_reading,
-    while_writing,
-)
 from soil_sim.terrain.png import read_png, write_png
-from soil_sim.terrain.reading import Reading
+from soil_sim.terrain.raster import TerrainRaster
 
 __all__ = [
     "SUFFIXES",
-    "load_heights_with_gaps",
+    "load_heights_with_nodata",
     "load_terrain",
     "load_terrain_with_layers",
     "save_terrain",
@@ -74,9 +74,9 @@ def load_terrain(
             missing or wrong, or its heights cannot be ground. The message starts with the path.
     """
     path = Path(path)
-    with while_reading(path):
-        reading = _read(path, cell, vertical_scale, height_range, gaps=False)
-        grid, heights, place = _scaled(reading, cell, vertical_scale)
+    with wrap_read_errors(path):
+        reading = _read_file(path, cell, vertical_scale, height_range, keep_nodata=False)
+        grid, heights, place = _apply_scale(reading, cell, vertical_scale)
         return HeightMap(grid, heights, place)
 
 
@@ -101,14 +101,14 @@ def load_terrain_with_layers(
     """
     path = Path(path)
     height_map = load_terrain(path, cell=cell, vertical_scale=vertical_scale)
-    with while_reading(path):
-        if checked_suffix(path) != ".npz":
+    with wrap_read_errors(path):
+        if validate_suffix(path) != ".npz":
             raise TerrainError("it has no room for layers; give an .npz, or use load_layer")
         arrays = read_npz(path).layers
         return height_map, layers_from_arrays(arrays, height_map.grid.shape, percent=percent)
 
 
-def load_heights_with_gaps(
+def load_heights_with_nodata(
     path: str | os.PathLike[str],
     *,
     cell: float | None = None,
@@ -127,9 +127,9 @@ def load_heights_with_gaps(
         TerrainError: as `load_terrain`, but for missing heights.
     """
     path = Path(path)
-    with while_reading(path):
-        reading = _read(path, cell, vertical_scale, height_range, gaps=True)
-        return _scaled(reading, cell, vertical_scale)
+    with wrap_read_errors(path):
+        reading = _read_file(path, cell, vertical_scale, height_range, keep_nodata=True)
+        return _apply_scale(reading, cell, vertical_scale)
 
 
 def save_terrain(
@@ -153,15 +153,15 @@ def save_terrain(
             format cannot hold. The message starts with the path.
     """
     path = Path(path)
-    with while_writing(path) as part:
-        suffix = checked_suffix(path)
+    with atomic_write(path) as part:
+        suffix = validate_suffix(path)
         _check_arguments(suffix, None, 1.0, height_range)
         if layers is not None and suffix != ".npz":
             raise TerrainError("layers go into .npz only; write each by save_layer")
         if suffix == ".npy":
             write_npy(part, height_map)
         elif suffix == ".npz":
-            arrays = (layers or Layers()).file_arrays(height_map.grid)
+            arrays = (layers or Layers()).to_npz_arrays(height_map.grid)
             arrays["heights"] = height_map.heights
             write_npz(part, height_map.grid.cell, height_map.georeference, arrays)
         elif suffix == ".png":
@@ -172,34 +172,37 @@ def save_terrain(
             write_geotiff(part, height_map)
 
 
-def _read(
+def _read_file(
     path: Path,
     cell: float | None,
     vertical_scale: float,
     height_range: HeightRange | None,
     *,
-    gaps: bool,
-) -> Reading:
-    suffix = checked_suffix(path)
+    keep_nodata: bool,
+) -> TerrainRaster:
+    suffix = validate_suffix(path)
     _check_arguments(suffix, cell, vertical_scale, height_range)
-    check_exists(path)
+    check_file_exists(path)
     if suffix == ".npy":
         return read_npy(path)
     if suffix == ".npz":
         archive = read_npz(path)
         assert archive.heights is not None
-        return Reading(archive.heights, archive.cell, archive.georeference)
+        return TerrainRaster(archive.heights, archive.cell, archive.georeference)
     if suffix == ".png":
         return read_png(path, height_range)
     if suffix == ".asc":
-        return read_ascii_grid(path, gaps=gaps)
+        return read_ascii_grid(path, keep_nodata=keep_nodata)
     return read_geotiff(
-        path, cell_given=cell is not None, scale_given=vertical_scale != 1.0, gaps=gaps
+        path,
+        has_cell=cell is not None,
+        has_vertical_scale=vertical_scale != 1.0,
+        keep_nodata=keep_nodata,
     )
 
 
-def _scaled(
-    reading: Reading, cell: float | None, vertical_scale: float
+def _apply_scale(
+    reading: TerrainRaster, cell: float | None, vertical_scale: float
 ) -> tuple[Grid, NDArray[np.float64], Georeference | None]:
     """Grid, heights [m] and place of what was read."""
     if cell is None:
@@ -215,14 +218,14 @@ def _scaled(
 def _check_arguments(
     suffix: str, cell: float | None, vertical_scale: float, height_range: HeightRange | None
 ) -> None:
-    if cell is not None and not _positive(cell):
+    if cell is not None and not _is_positive_number(cell):
         raise TerrainError(f"cell is {cell!r}; give a positive spacing in metres")
-    if not _positive(vertical_scale):
+    if not _is_positive_number(vertical_scale):
         raise TerrainError(f"vertical_scale is {vertical_scale!r}; give a positive number")
     if height_range is not None and suffix != ".png":
         raise TerrainError("height_range is for .png only; leave it out")
 
 
-def _positive(value: object) -> bool:
+def _is_positive_number(value: object) -> bool:
     real = isinstance(value, (int, float)) and not isinstance(value, bool)
     return real and 0.0 < float(value) < math.inf  # type: ignore[arg-type]

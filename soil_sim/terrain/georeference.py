@@ -40,7 +40,7 @@ class Georeference:
             if not (real and math.isfinite(value)):
                 raise TerrainError(f"{name} is {value!r}; give a finite number of metres")
 
-    def moved(self, east: float, north: float, up: float = 0.0) -> Georeference:
+    def translated(self, east: float, north: float, up: float = 0.0) -> Georeference:
         """The georeference of a map whose origin lies this much further [m] in this map frame."""
         return dataclasses.replace(
             self,

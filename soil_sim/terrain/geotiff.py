@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from soil_sim.errors import TerrainError
 from soil_sim.terrain.georeference import Georeference
-from soil_sim.terrain.heights import HeightMap, elevations_for_file, height_array
-from soil_sim.terrain.north_up import matrix_from_picture, to_north_up
-from soil_sim.terrain.reading import Reading
+from soil_sim.terrain.height_map import HeightMap, as_height_array, validated_elevations
+from soil_sim.terrain.north_up import matrix_from_north_up, to_north_up
+from soil_sim.terrain.raster import TerrainRaster
 
 __all__ = [
     "read_geotiff",
@@ -29,7 +29,7 @@ __all__ = [
     "write_geotiff_values",
 ]
 
-_SQUARE = 1e-6
+_SQUARE_PIXEL_TOLERANCE = 1e-6
 """Relative difference of a pixel's sides that is rounding."""
 
 _Z0 = "EARTHMOVING_SIM_Z0"
@@ -38,22 +38,22 @@ _NODATA = -9999.0
 
 
 def read_geotiff(
-    path: Path, *, cell_given: bool, scale_given: bool = False, gaps: bool = False
-) -> Reading:
+    path: Path, *, has_cell: bool, has_vertical_scale: bool = False, keep_nodata: bool = False
+) -> TerrainRaster:
     """Read the heights of band 1, its scale and offset applied.
 
     Args:
         path: the file.
-        cell_given: the caller brings the spacing, so one that is not in metres may pass.
-        scale_given: the caller brings the vertical unit, so heights need not be in metres.
-        gaps: missing heights become NaN, else they are refused.
+        has_cell: the caller brings the spacing, so one that is not in metres may pass.
+        has_vertical_scale: the caller brings the vertical unit, so heights need not be in metres.
+        keep_nodata: missing heights become NaN, else they are refused.
 
     Raises:
         TerrainError: a damaged file, several bands, missing heights, heights in another unit
             than metres, or a grid that is not north-up, square and in metres.
     """
-    reading, unit = _read(path, cell_given=cell_given, gaps=gaps)
-    if unit.lower() not in _METRES and not scale_given:
+    reading, unit = _read_raster(path, has_cell=has_cell, keep_nodata=keep_nodata)
+    if unit.lower() not in _METRES and not has_vertical_scale:
         raise TerrainError(
             f"its heights are in {unit!r}, not metres; give vertical_scale, the metres in one of it"
         )
@@ -62,27 +62,27 @@ def read_geotiff(
     return dataclasses.replace(reading, heights=reading.heights - reading.georeference.elevation)
 
 
-def read_geotiff_values(path: Path) -> Reading:
+def read_geotiff_values(path: Path) -> TerrainRaster:
     """Read the values of band 1 for what they are, NaN where they are missing.
 
     Raises:
         TerrainError: a damaged file, several bands, or a grid that is not north-up.
     """
-    return _read(path, cell_given=True, gaps=True)[0]
+    return _read_raster(path, has_cell=True, keep_nodata=True)[0]
 
 
-def _read(path: Path, *, cell_given: bool, gaps: bool) -> tuple[Reading, str]:
+def _read_raster(path: Path, *, has_cell: bool, keep_nodata: bool) -> tuple[TerrainRaster, str]:
     """Band 1 and its unit."""
-    rasterio = _rasterio()
+    rasterio = _import_rasterio()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
             with rasterio.open(path, driver="GTiff") as dataset:
-                matrix = matrix_from_picture(_values(dataset, gaps))
+                matrix = matrix_from_north_up(_read_band(dataset, keep_nodata))
                 unit = dataset.units[0] or ""
                 if dataset.transform.is_identity:  # a plain TIFF
-                    return Reading(matrix), unit
-                return _located(rasterio, dataset, matrix, cell_given), unit
+                    return TerrainRaster(matrix), unit
+                return _georeferenced_raster(rasterio, dataset, matrix, has_cell), unit
     except (
         rasterio.errors.RasterioError,
         rasterio.errors.RasterioIOError,
@@ -103,7 +103,7 @@ def write_geotiff(path: Path, height_map: HeightMap) -> None:
     place = height_map.georeference
     write_geotiff_values(
         path,
-        elevations_for_file(height_map),
+        validated_elevations(height_map),
         height_map.grid.cell,
         place,
         nodata=_NODATA,
@@ -127,7 +127,7 @@ def write_geotiff_values(
     Raises:
         TerrainError: the georeference's crs is not one that PROJ knows.
     """
-    rasterio = _rasterio()
+    rasterio = _import_rasterio()
     place = georeference or Georeference("", 0.0, 0.0)
     picture = to_north_up(values)
     rows, cols = picture.shape
@@ -163,7 +163,7 @@ def same_crs(one: str, other: str) -> bool:
     """Whether two texts name one coordinate reference system; an empty text fits any."""
     if not one or not other or one == other:
         return True
-    rasterio = _rasterio()
+    rasterio = _import_rasterio()
     try:
         systems = [rasterio.crs.CRS.from_user_input(text) for text in (one, other)]
     except rasterio.errors.CRSError:
@@ -171,7 +171,7 @@ def same_crs(one: str, other: str) -> bool:
     return bool(systems[0] == systems[1])
 
 
-def _rasterio() -> Any:
+def _import_rasterio() -> Any:
     """rasterio, loaded only by those who read or write a GeoTIFF: it brings all of GDAL."""
     try:
         import rasterio
@@ -184,14 +184,14 @@ def _rasterio() -> Any:
     return rasterio
 
 
-def _values(dataset: Any, gaps: bool) -> NDArray[np.float64]:
+def _read_band(dataset: Any, keep_nodata: bool) -> NDArray[np.float64]:
     """Values of the only band, shape (height, width); missing ones NaN, or refused without gaps."""
     if dataset.count != 1:
         raise TerrainError(f"it has {dataset.count} bands; export one band of elevations")
-    picture = height_array(dataset.read(1), "values")
+    picture = as_height_array(dataset.read(1), "values")
     missing = dataset.read_masks(1) == 0
     empty = np.argwhere(missing | ~np.isfinite(picture))
-    if empty.size and not gaps:
+    if empty.size and not keep_nodata:
         row, col = empty[0]
         raise TerrainError(
             f"{len(empty)} of {picture.size} pixels have no height, the first at row {row},"
@@ -202,27 +202,31 @@ def _values(dataset: Any, gaps: bool) -> NDArray[np.float64]:
     return picture
 
 
-def _located(rasterio: Any, dataset: Any, matrix: NDArray[np.float64], cell_given: bool) -> Reading:
+def _georeferenced_raster(
+    rasterio: Any, dataset: Any, matrix: NDArray[np.float64], has_cell: bool
+) -> TerrainRaster:
     """The reading with spacing and place, where they are in metres."""
     t = dataset.transform
     if not (t.a > 0.0 and t.e < 0.0 and t.b == 0.0 and t.d == 0.0):
         raise TerrainError("it is not north-up; turn it so with gdalwarp")
-    unusable = _why_no_spacing(rasterio, dataset)
-    if unusable and not cell_given:
+    unusable = _spacing_problem(rasterio, dataset)
+    if unusable and not has_cell:
         raise TerrainError(
             f"{unusable}; reproject it with gdalwarp (-t_srs of a projected system in metres,"
             " -tr with equal sides), or give cell, the spacing to take it for, in metres"
         )
     if unusable:
-        return Reading(matrix)
+        return TerrainRaster(matrix)
     easting, northing = t.c + 0.5 * dataset.width * t.a, t.f + 0.5 * dataset.height * t.e
     crs = _crs_text(rasterio, dataset.crs)
-    z0 = _z0(dataset.tags())
+    z0 = _elevation_of_z0(dataset.tags())
     at_origin = not (crs or z0) and abs(easting) < 1e-9 * t.a and abs(northing) < 1e-9 * t.a
-    return Reading(matrix, t.a, None if at_origin else Georeference(crs, easting, northing, z0))
+    return TerrainRaster(
+        matrix, t.a, None if at_origin else Georeference(crs, easting, northing, z0)
+    )
 
 
-def _z0(tags: dict[str, str]) -> float:
+def _elevation_of_z0(tags: dict[str, str]) -> float:
     """Elevation of z = 0 [m] that a file of ours states, 0 for another's."""
     try:
         z0 = float(tags.get(_Z0, "0"))
@@ -235,7 +239,7 @@ def _z0(tags: dict[str, str]) -> float:
     return z0
 
 
-def _why_no_spacing(rasterio: Any, dataset: Any) -> str:
+def _spacing_problem(rasterio: Any, dataset: Any) -> str:
     """Why the pixel size is no spacing in metres; empty if it is one."""
     t = dataset.transform
     if dataset.crs and dataset.crs.is_geographic:
@@ -247,7 +251,7 @@ def _why_no_spacing(rasterio: Any, dataset: Any) -> str:
             unit, metres = "unknown", 0.0
         if metres != 1.0:
             return f"its coordinates are in units of {unit}, not metres"
-    if abs(t.a + t.e) > _SQUARE * t.a:
+    if abs(t.a + t.e) > _SQUARE_PIXEL_TOLERANCE * t.a:
         return f"its pixels are not square ({t.a:g} x {-t.e:g} m)"
     return ""
 

@@ -28,13 +28,18 @@ from numpy.typing import ArrayLike, NDArray
 from msg_bridge.contract.grid import Grid
 from soil_sim.errors import TerrainError
 from soil_sim.terrain.ascii_grid import read_ascii_grid, write_ascii_values
+from soil_sim.terrain.file_access import (
+    atomic_write,
+    check_file_exists,
+    validate_suffix,
+    wrap_read_errors,
+)
 from soil_sim.terrain.georeference import Georeference
 from soil_sim.terrain.geotiff import read_geotiff_values, same_crs, write_geotiff_values
-from soil_sim.terrain.heights import height_array
+from soil_sim.terrain.height_map import as_height_array
 from soil_sim.terrain.numpy_files import LAYER_NAMES, read_npy, read_npz, write_npz
-from soil_sim.terrain.paths import check_exists, checked_suffix, while_reading, while_writing
 from soil_sim.terrain.png import read_png_values, write_png_values
-from soil_sim.terrain.reading import Reading
+from soil_sim.terrain.raster import TerrainRaster
 
 __all__ = [
     "LAYER_KINDS",
@@ -49,7 +54,7 @@ __all__ = [
 LAYER_KINDS = LAYER_NAMES
 """What `kind` may be."""
 
-_PICTURES = (".png", ".asc", ".tif", ".tiff")
+_NORTH_UP_SUFFIXES = (".png", ".asc", ".tif", ".tiff")
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +78,7 @@ class Layers:
             if layer is not None:
                 _check_layer(layer, kind)
 
-    def file_arrays(self, grid: Grid) -> dict[str, NDArray[Any]]:
+    def to_npz_arrays(self, grid: Grid) -> dict[str, NDArray[Any]]:
         """What an `.npz` holds of them, by name.
 
         Raises:
@@ -84,7 +89,7 @@ class Layers:
             layer = getattr(self, kind)
             if layer is not None:
                 _check_shape(layer.shape, grid, kind)
-                arrays[kind] = _as_stored(layer, kind)
+                arrays[kind] = _to_file_values(layer, kind)
         return arrays
 
 
@@ -116,16 +121,16 @@ def load_layer(
             starts with the path.
     """
     path = Path(path)
-    with while_reading(path):
-        suffix = checked_suffix(path)
+    with wrap_read_errors(path):
+        suffix = validate_suffix(path)
         _check_kind(kind)
-        check_exists(path)
-        reading, percent = _read(path, suffix, kind, percent)
+        check_file_exists(path)
+        reading, percent = _read_layer(path, suffix, kind, percent)
         advice = ""
-        if suffix in _PICTURES:
+        if suffix in _NORTH_UP_SUFFIXES:
             advice = f", as a north-up picture {grid.rows} pixels wide and {grid.cols} high"
         _check_shape(reading.heights.shape, grid, kind, advice)
-        _check_place(reading, grid, georeference)
+        _check_georeference(reading, grid, georeference)
         if kind == "soil":
             if percent:
                 raise TerrainError("percent is for moisture only; leave it out")
@@ -155,15 +160,15 @@ def save_layer(
             message starts with the path.
     """
     path = Path(path)
-    with while_writing(path) as part:
-        suffix = checked_suffix(path)
+    with atomic_write(path) as part:
+        suffix = validate_suffix(path)
         _check_kind(kind)
         _check_layer(layer, kind)
         _check_shape(layer.shape, grid, kind)
         if suffix == ".npy":
-            np.save(part, _as_stored(layer, kind), allow_pickle=False)
+            np.save(part, _to_file_values(layer, kind), allow_pickle=False)
         elif suffix == ".npz":
-            write_npz(part, grid.cell, georeference, {kind: _as_stored(layer, kind)})
+            write_npz(part, grid.cell, georeference, {kind: _to_file_values(layer, kind)})
         elif suffix == ".png":
             place = vars(georeference) if georeference else None
             record = {"kind": kind, "cell": grid.cell, "georeference": place}
@@ -172,7 +177,7 @@ def save_layer(
             values = layer if kind == "soil" else layer / 100.0
             write_ascii_values(part, values, grid.cell, georeference)
         else:
-            write_geotiff_values(part, _as_stored(layer, kind), grid.cell, georeference)
+            write_geotiff_values(part, _to_file_values(layer, kind), grid.cell, georeference)
 
 
 def layers_from_arrays(
@@ -206,9 +211,9 @@ def soil_ids(values: ArrayLike) -> NDArray[np.uint8]:
     Raises:
         TerrainError: a cell without a value, or one that is no whole number from 0 to 255.
     """
-    array = height_array(values, "soil ids")
-    _check_no_gaps(array, "soil")
-    _refuse(
+    array = as_height_array(values, "soil ids")
+    _check_no_nodata(array, "soil")
+    _reject_values(
         (array != np.rint(array)) | (array < 0.0) | (array > 255.0),
         array,
         "are no soil ids",
@@ -227,11 +232,11 @@ def moisture_percent(values: ArrayLike, *, percent: bool = False) -> NDArray[np.
     Raises:
         TerrainError: a cell without a value, or with one out of range.
     """
-    array = height_array(values, "moistures")
-    _check_no_gaps(array, "moisture")
+    array = as_height_array(values, "moistures")
+    _check_no_nodata(array, "moisture")
     top = 100.0 if percent else 1.0
     hint = "" if percent else ", or percent=True for moisture in percent"
-    _refuse(
+    _reject_values(
         (array < 0.0) | (array > top),
         array,
         f"are no moisture from 0 to {top:g}",
@@ -240,24 +245,24 @@ def moisture_percent(values: ArrayLike, *, percent: bool = False) -> NDArray[np.
     return np.rint(array * (100.0 / top)).astype(np.uint8)
 
 
-def _read(path: Path, suffix: str, kind: str, percent: bool) -> tuple[Reading, bool]:
+def _read_layer(path: Path, suffix: str, kind: str, percent: bool) -> tuple[TerrainRaster, bool]:
     """The values of a layer, NaN where missing, and whether moisture is in percent."""
     if suffix == ".npy":
         return read_npy(path, f"values of {kind}"), percent
     if suffix == ".npz":
-        archive = read_npz(path, needs_heights=False)
+        archive = read_npz(path, require_heights=False)
         if kind not in archive.layers:
             have = ", ".join(archive.layers) or "none"
             raise TerrainError(f"it holds no array {kind!r} (layers in it: {have}); add it")
-        return Reading(archive.layers[kind], archive.cell, archive.georeference), percent
+        return TerrainRaster(archive.layers[kind], archive.cell, archive.georeference), percent
     if suffix == ".png":
         values, record = read_png_values(path)
         if record is None:
-            return Reading(values), percent
+            return TerrainRaster(values), percent
         cell, place = _from_record(record, kind)
-        return Reading(values, cell, place), kind == "moisture"
+        return TerrainRaster(values, cell, place), kind == "moisture"
     if suffix == ".asc":
-        return read_ascii_grid(path, gaps=True), percent
+        return read_ascii_grid(path, keep_nodata=True), percent
     return read_geotiff_values(path), percent
 
 
@@ -295,7 +300,9 @@ def _check_shape(shape: tuple[int, ...], grid: Grid, kind: str, advice: str = ""
         )
 
 
-def _check_place(reading: Reading, grid: Grid, georeference: Georeference | None) -> None:
+def _check_georeference(
+    reading: TerrainRaster, grid: Grid, georeference: Georeference | None
+) -> None:
     """Refuse a layer that says it lies elsewhere than the terrain."""
     if reading.cell is not None and not math.isclose(reading.cell, grid.cell, rel_tol=1e-6):
         raise TerrainError(
@@ -318,7 +325,7 @@ def _check_place(reading: Reading, grid: Grid, georeference: Georeference | None
         )
 
 
-def _check_no_gaps(array: NDArray[np.float64], kind: str) -> None:
+def _check_no_nodata(array: NDArray[np.float64], kind: str) -> None:
     gaps = int(np.isnan(array).sum())
     if gaps:
         raise TerrainError(
@@ -326,7 +333,9 @@ def _check_no_gaps(array: NDArray[np.float64], kind: str) -> None:
         )
 
 
-def _refuse(bad: NDArray[np.bool_], array: NDArray[np.float64], what: str, advice: str) -> None:
+def _reject_values(
+    bad: NDArray[np.bool_], array: NDArray[np.float64], what: str, advice: str
+) -> None:
     if bad.any():
         row, col = np.argwhere(bad)[0]
         raise TerrainError(
@@ -335,6 +344,6 @@ def _refuse(bad: NDArray[np.bool_], array: NDArray[np.float64], what: str, advic
         )
 
 
-def _as_stored(layer: NDArray[np.uint8], kind: str) -> NDArray[Any]:
+def _to_file_values(layer: NDArray[np.uint8], kind: str) -> NDArray[Any]:
     """Ids as they are, percent as a fraction."""
     return layer if kind == "soil" else (layer / 100.0).astype(np.float32)

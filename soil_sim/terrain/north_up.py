@@ -19,11 +19,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from msg_bridge.contract.grid import Grid
 from soil_sim.terrain.georeference import Georeference
-from soil_sim.terrain.heights import HeightMap, height_array
+from soil_sim.terrain.height_map import HeightMap, as_height_array
 
 _Value = TypeVar("_Value", bound=np.generic)
 
-__all__ = ["from_north_up", "matrix_from_picture", "to_north_up"]
+__all__ = ["from_north_up", "matrix_from_north_up", "to_north_up"]
 
 
 def from_north_up(
@@ -40,7 +40,7 @@ def from_north_up(
         TerrainError: the heights cannot be ground, see `HeightMap`.
         ParameterError: no grid has such a spacing.
     """
-    heights = matrix_from_picture(height_array(picture))
+    heights = matrix_from_north_up(as_height_array(picture))
     return HeightMap(Grid(heights.shape[0], heights.shape[1], cell), heights, georeference)
 
 
@@ -49,6 +49,6 @@ def to_north_up(matrix: NDArray[_Value]) -> NDArray[_Value]:
     return np.rot90(matrix, -1)
 
 
-def matrix_from_picture(picture: NDArray[_Value]) -> NDArray[_Value]:
+def matrix_from_north_up(picture: NDArray[_Value]) -> NDArray[_Value]:
     """A picture, shape (height, width), in matrix order, shape (width, height)."""
     return np.rot90(picture)

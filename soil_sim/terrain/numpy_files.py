@@ -19,19 +19,19 @@ from numpy.typing import NDArray
 
 from soil_sim.errors import TerrainError
 from soil_sim.terrain.georeference import Georeference
-from soil_sim.terrain.heights import HeightMap, height_array
-from soil_sim.terrain.reading import Reading
+from soil_sim.terrain.height_map import HeightMap, as_height_array
+from soil_sim.terrain.raster import TerrainRaster
 
-__all__ = ["LAYER_NAMES", "Archive", "read_npy", "read_npz", "write_npy", "write_npz"]
+__all__ = ["LAYER_NAMES", "NpzContents", "read_npy", "read_npz", "write_npy", "write_npz"]
 
 LAYER_NAMES = ("soil", "moisture")
 """What layers are called, in archives and elsewhere."""
 
 _REQUIRED = ("heights", "cell")
-_PLACE = ("crs", "easting", "northing", "elevation")
+_GEOREFERENCE_KEYS = ("crs", "easting", "northing", "elevation")
 
 # What NumPy and the zip reader raise on broken bytes; an OSError is the caller's.
-_BROKEN = (
+_READ_ERRORS = (
     ValueError,
     EOFError,
     KeyError,
@@ -44,7 +44,7 @@ _BROKEN = (
 )
 
 
-class Archive(NamedTuple):
+class NpzContents(NamedTuple):
     """What an `.npz` holds.
 
     Attributes:
@@ -60,7 +60,7 @@ class Archive(NamedTuple):
     layers: dict[str, NDArray[np.float64]]
 
 
-def read_npy(path: Path, what: str = "heights") -> Reading:
+def read_npy(path: Path, what: str = "heights") -> TerrainRaster:
     """Read one array; `what` is its name in errors.
 
     Raises:
@@ -69,22 +69,22 @@ def read_npy(path: Path, what: str = "heights") -> Reading:
     try:
         # Mapped, so that a header that promises more than the file holds is found at once.
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except _BROKEN as error:
+    except _READ_ERRORS as error:
         raise TerrainError(
             f"it holds no complete array of numbers ({error}); write it again with numpy.save"
         ) from error
     if not isinstance(array, np.ndarray):
         array.close()
         raise TerrainError("it is an archive of arrays; give it the suffix .npz")
-    return Reading(height_array(array, what).copy())
+    return TerrainRaster(as_height_array(array, what).copy())
 
 
-def read_npz(path: Path, *, needs_heights: bool = True) -> Archive:
+def read_npz(path: Path, *, require_heights: bool = True) -> NpzContents:
     """Read a whole map and its layers.
 
     Args:
         path: the file.
-        needs_heights: whether heights and cell must be there.
+        require_heights: whether heights and cell must be there.
 
     Raises:
         TerrainError: a damaged archive, an array missing, unknown or of the wrong kind.
@@ -92,21 +92,21 @@ def read_npz(path: Path, *, needs_heights: bool = True) -> Archive:
     try:
         with np.load(path, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
-    except (*_BROKEN, AttributeError, TypeError) as error:
+    except (*_READ_ERRORS, AttributeError, TypeError) as error:
         raise TerrainError(
             f"it holds no complete archive of numbers ({error}); write it with numpy.savez"
         ) from error
-    _check_names(arrays, needs_heights)
+    _check_names(arrays, require_heights)
     place = None
-    if any(name in arrays for name in _PLACE):
-        place = Georeference(*(_single(name, arrays[name]) for name in _PLACE))
+    if any(name in arrays for name in _GEOREFERENCE_KEYS):
+        place = Georeference(*(_scalar(name, arrays[name]) for name in _GEOREFERENCE_KEYS))
     heights, cell = arrays.get("heights"), arrays.get("cell")
-    return Archive(
-        None if heights is None else height_array(heights),
+    return NpzContents(
+        None if heights is None else as_height_array(heights),
         None if cell is None else _number("cell", cell),
         place,
         {
-            name: height_array(arrays[name], f"values of {name}")
+            name: as_height_array(arrays[name], f"values of {name}")
             for name in LAYER_NAMES
             if name in arrays
         },
@@ -124,25 +124,27 @@ def write_npz(
     """Write arrays, shape (rows, cols), under their names, with spacing [m] and place."""
     entries: dict[str, Any] = {**arrays, "cell": cell}
     if georeference is not None:
-        entries.update({name: getattr(georeference, name) for name in _PLACE})
+        entries.update({name: getattr(georeference, name) for name in _GEOREFERENCE_KEYS})
     np.savez_compressed(path, **entries)
 
 
-def _check_names(arrays: dict[str, Any], needs_heights: bool) -> None:
-    required = _REQUIRED if needs_heights or "heights" in arrays else ()
-    wanted = required + (_PLACE if any(name in arrays for name in _PLACE) else ())
+def _check_names(arrays: dict[str, Any], require_heights: bool) -> None:
+    required = _REQUIRED if require_heights or "heights" in arrays else ()
+    wanted = required + (
+        _GEOREFERENCE_KEYS if any(name in arrays for name in _GEOREFERENCE_KEYS) else ()
+    )
     missing = [name for name in wanted if name not in arrays]
-    known = _REQUIRED + _PLACE + LAYER_NAMES
+    known = _REQUIRED + _GEOREFERENCE_KEYS + LAYER_NAMES
     unknown = [name for name in arrays if name not in known]
     if missing or unknown:
         raise TerrainError(
             f"it holds the arrays {', '.join(arrays) or 'none'}; give it {', '.join(_REQUIRED)}"
-            f" and, for georeferenced ground, {', '.join(_PLACE)}, for layers"
+            f" and, for georeferenced ground, {', '.join(_GEOREFERENCE_KEYS)}, for layers"
             f" {', '.join(LAYER_NAMES)}, and nothing else"
         )
 
 
-def _single(name: str, array: Any) -> Any:
+def _scalar(name: str, array: Any) -> Any:
     """A text or number as Python has it."""
     if np.ndim(array) != 0 or array.dtype.kind not in "iufU":
         raise TerrainError(f"{name} is {array!r}; give one number (for crs, one text)")
@@ -150,7 +152,7 @@ def _single(name: str, array: Any) -> Any:
 
 
 def _number(name: str, array: Any) -> float:
-    value = _single(name, array)
+    value = _scalar(name, array)
     if isinstance(value, str):
         raise TerrainError(f"{name} is {value!r}; give a number of metres")
     return float(value)

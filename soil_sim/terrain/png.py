@@ -17,19 +17,19 @@ from PIL import Image, PngImagePlugin
 
 from soil_sim.errors import TerrainError
 from soil_sim.terrain.georeference import Georeference
-from soil_sim.terrain.heights import HeightMap
-from soil_sim.terrain.north_up import matrix_from_picture, to_north_up
-from soil_sim.terrain.reading import Reading
+from soil_sim.terrain.height_map import HeightMap
+from soil_sim.terrain.north_up import matrix_from_north_up, to_north_up
+from soil_sim.terrain.raster import TerrainRaster
 
 __all__ = ["read_png", "read_png_values", "write_png", "write_png_values"]
 
 _KEY = "earthmoving_sim terrain"
-_LEVELS = 65535
+_MAX_GREY = 65535
 _LAYER_KEY = "earthmoving_sim layer"
 _SIXTEEN_BIT = ("I;16", "I;16L", "I;16B", "I")  # Pillow before 11 opens 16-bit grey as "I"
 
 
-def read_png(path: Path, height_range: tuple[float, float] | None) -> Reading:
+def read_png(path: Path, height_range: tuple[float, float] | None) -> TerrainRaster:
     """Read a picture of heights.
 
     Args:
@@ -45,17 +45,19 @@ def read_png(path: Path, height_range: tuple[float, float] | None) -> Reading:
             f"its pixels are {mode!r}, too coarse for heights or coloured; export a 16-bit"
             " greyscale PNG without alpha"
         )
-    record = _record(info.get(_KEY))
+    record = _parse_record(info.get(_KEY))
     if height_range is None and record is None:
         raise TerrainError(
             "a PNG does not state its heights; give height_range=(low, high) in metres"
         )
-    low, high = checked_range(height_range if height_range is not None else record["height_range"])
-    picture = low + values * ((high - low) / _LEVELS)
+    low, high = validate_height_range(
+        height_range if height_range is not None else record["height_range"]
+    )
+    picture = low + values * ((high - low) / _MAX_GREY)
     if record is None:
-        return Reading(matrix_from_picture(picture))
+        return TerrainRaster(matrix_from_north_up(picture))
     place = Georeference(**record["georeference"]) if record["georeference"] else None
-    return Reading(matrix_from_picture(picture), record["cell"], place)
+    return TerrainRaster(matrix_from_north_up(picture), record["cell"], place)
 
 
 def write_png(path: Path, height_map: HeightMap, height_range: tuple[float, float] | None) -> None:
@@ -73,7 +75,7 @@ def write_png(path: Path, height_map: HeightMap, height_range: tuple[float, floa
     lowest, highest = float(heights.min()), float(heights.max())
     if height_range is None:
         height_range = (lowest, highest if highest > lowest else lowest + 1.0)
-    low, high = checked_range(height_range)
+    low, high = validate_height_range(height_range)
     if lowest < low or highest > high:
         raise TerrainError(
             f"heights reach from {lowest} to {highest} m, beyond the height_range of {low} to"
@@ -88,8 +90,8 @@ def write_png(path: Path, height_map: HeightMap, height_range: tuple[float, floa
     chunk = PngImagePlugin.PngInfo()
     chunk.add_itxt(_KEY, json.dumps(record))
     # Divided first: the inverse of a tiny range would overflow.
-    values = np.rint((to_north_up(heights) - low) / (high - low) * _LEVELS)
-    picture = np.ascontiguousarray(values.clip(0, _LEVELS).astype(np.uint16))
+    values = np.rint((to_north_up(heights) - low) / (high - low) * _MAX_GREY)
+    picture = np.ascontiguousarray(values.clip(0, _MAX_GREY).astype(np.uint16))
     Image.fromarray(picture).save(path, format="PNG", pnginfo=chunk)
 
 
@@ -118,7 +120,7 @@ def read_png_values(path: Path) -> tuple[NDArray[np.float64], Any]:
         raise TerrainError(
             f"its text chunk {_LAYER_KEY!r} is damaged ({error}); remove the chunk"
         ) from error
-    return matrix_from_picture(values), record
+    return matrix_from_north_up(values), record
 
 
 def write_png_values(path: Path, values: NDArray[np.uint8], record: dict[str, Any]) -> None:
@@ -129,7 +131,7 @@ def write_png_values(path: Path, values: NDArray[np.uint8], record: dict[str, An
     Image.fromarray(picture).save(path, format="PNG", pnginfo=chunk)
 
 
-def checked_range(height_range: Any) -> tuple[float, float]:
+def validate_height_range(height_range: Any) -> tuple[float, float]:
     """(low, high) [m] from what a caller or a file gives.
 
     Raises:
@@ -157,7 +159,7 @@ def _decode(path: Path) -> tuple[str, NDArray[np.float64], dict[Any, Any]]:
         raise TerrainError(f"it is no complete PNG ({error}); export it again") from error
 
 
-def _record(text: Any) -> Any:
+def _parse_record(text: Any) -> Any:
     """What a file of ours says about itself, None for another's."""
     if text is None:
         return None
@@ -168,7 +170,7 @@ def _record(text: Any) -> Any:
         if isinstance(cell, bool) or not isinstance(cell, (int, float)):
             raise TypeError("cell is no number")
         record["cell"] = float(cell)
-        checked_range(record["height_range"])
+        validate_height_range(record["height_range"])
     except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
         raise TerrainError(
             f"its text chunk {_KEY!r} is damaged ({error}); remove the chunk and give cell and"

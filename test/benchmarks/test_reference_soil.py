@@ -1,4 +1,4 @@
-"""The baseline of `benchmarks/soil.py` does what the reference describes."""
+"""The baseline of `benchmarks/soil_step_cost.py` does what the reference describes."""
 
 import math
 
@@ -17,8 +17,8 @@ def flat(n: int = 41, cell: float = 0.4, **how: float) -> ReferenceSoil:
     return ReferenceSoil(grid, np.zeros(grid.shape), **how)
 
 
-def land(soil: ReferenceSoil, x: float, y: float, volume: float, times: int = 1) -> None:
-    soil.land(np.full(times, x), np.full(times, y), np.full(times, volume))
+def deposit(soil: ReferenceSoil, x: float, y: float, volume: float, times: int = 1) -> None:
+    soil.deposit(np.full(times, x), np.full(times, y), np.full(times, volume))
 
 
 def trench(n: int = 61) -> ReferenceSoil:
@@ -40,7 +40,7 @@ def test_neighbours_are_those_of_the_gauss_circle(square: int, count: int) -> No
 
 def test_a_landing_is_shared_by_distance_among_the_four_nearest_points() -> None:
     soil = flat()
-    land(soil, -0.1, -0.3, 0.016)  # a quarter and three quarters of a cell from the middle
+    deposit(soil, -0.1, -0.3, 0.016)  # a quarter and three quarters of a cell from the middle
     expected = np.zeros((41, 41))
     expected[20:22, 20:22] = 0.1 * np.array(
         [[0.75 * 0.25, 0.75 * 0.75], [0.25 * 0.25, 0.25 * 0.75]]
@@ -50,7 +50,7 @@ def test_a_landing_is_shared_by_distance_among_the_four_nearest_points() -> None
 
 def test_a_landing_on_the_rim_of_the_outer_columns_stays_on_the_map() -> None:
     soil = flat()
-    land(soil, 8.2, -8.2, 0.016)
+    deposit(soil, 8.2, -8.2, 0.016)
     assert soil.height[0, 40] == pytest.approx(0.1)
     assert soil.volume == pytest.approx(0.016)
 
@@ -58,17 +58,17 @@ def test_a_landing_on_the_rim_of_the_outer_columns_stays_on_the_map() -> None:
 @pytest.mark.parametrize("angle", [30.0, 34.0])
 def test_many_landings_on_one_spot_make_a_cone(angle: float) -> None:
     soil = flat(angle=math.radians(angle))
-    land(soil, 0.1, 0.1, 0.01, times=4000)
+    deposit(soil, 0.1, 0.1, 0.01, times=4000)
     cone = (3 * 40.0 * math.tan(math.radians(angle)) ** 2 / math.pi) ** (1 / 3)
     assert soil.volume == pytest.approx(40.0, rel=1e-9)
     assert soil.height.max() == pytest.approx(cone, rel=0.05)
-    assert soil.steepest_excess() <= 1e-9
+    assert soil.max_slope_excess() <= 1e-9
 
 
 def test_only_what_lands_on_a_steep_wall_runs_down() -> None:
     soil = trench()
     before = soil.height.copy()
-    land(soil, 0.0, 1.51, 0.001)
+    deposit(soil, 0.0, 1.51, 0.001)
     assert (soil.height >= before).all()
     assert soil.volume == pytest.approx(before.sum() * 0.04 + 0.001, rel=1e-12)
 
@@ -76,9 +76,9 @@ def test_only_what_lands_on_a_steep_wall_runs_down() -> None:
 def test_a_trench_collapses_until_no_slope_is_too_steep() -> None:
     soil = trench()
     before = soil.volume
-    assert soil.steepest_excess() == pytest.approx(2.0 - 0.2 * THIRTY)
+    assert soil.max_slope_excess() == pytest.approx(2.0 - 0.2 * THIRTY)
     assert soil.collapse() > 1
-    assert soil.steepest_excess() <= 0.002 * 0.2
+    assert soil.max_slope_excess() <= 0.002 * 0.2
     assert soil.volume == pytest.approx(before, rel=1e-12)
     assert soil.height.min() > -2.0
 
@@ -95,7 +95,7 @@ def test_a_column_at_the_corner_collapses_into_the_map() -> None:
     soil = flat(n=17, cell=0.2)
     soil.height[0, 0] = 1.0
     soil.collapse()
-    assert soil.steepest_excess() <= 0.002 * 0.2
+    assert soil.max_slope_excess() <= 0.002 * 0.2
     assert soil.volume == pytest.approx(0.04, rel=1e-12)
 
 
@@ -122,9 +122,9 @@ def test_a_bucket_in_the_air_or_off_the_map_digs_nothing() -> None:
 def test_dirt_off_the_map_is_refused() -> None:
     soil = flat()
     with pytest.raises(SoilError, match="on the map"):
-        land(soil, 100.0, 0.0, 0.01)
+        deposit(soil, 100.0, 0.0, 0.01)
     with pytest.raises(SoilError, match="at least 0"):
-        land(soil, 0.0, 0.0, math.nan)
+        deposit(soil, 0.0, 0.0, math.nan)
     assert not soil.height.any()
 
 

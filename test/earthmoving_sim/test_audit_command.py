@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap_ros2.reader import read_ros2_messages
-from support.bag_recording import Recording, machine_topic
-from support.bag_scenes import scripted_run
+from support.recorded_exchange import scripted_run
+from support.recorded_messages import Recording, machine_topic
 
 from earthmoving_sim import cli
 
 
 @pytest.fixture(scope="module")
 def recording() -> Recording:
-    run = scripted_run(keyframe_every=15)
+    run = scripted_run(map_interval_ticks=15)
     for _ in range(30):
         run.step()
     run.keyframe()
@@ -63,9 +63,9 @@ def test_json_tells_the_whole_report(recording, tmp_path, capsys) -> None:
     path = recording.write(tmp_path / "a.mcap")
     assert cli.main(["audit", str(path), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told["sound"] is True
-    (epoch,) = told["epochs"]
-    assert epoch["worst_imbalance_mm3"] == 0
+    assert told["passed"] is True
+    (epoch,) = told["runs"]
+    assert epoch["max_imbalance_mm3"] == 0
     assert epoch["audited"] == [0, 30]
     assert {check["check"] for check in epoch["checks"]} >= {"ledger", "keyframes", "landings"}
 

@@ -17,11 +17,11 @@ from earthmoving_sim.pictures import (
 )
 from earthmoving_sim.pictures.bucket_path import dig_azimuth, heights_at
 from earthmoving_sim.pictures.cut_fill import volume_lines
-from earthmoving_sim.pictures.raster import Camera, rasterise
-from earthmoving_sim.pictures.scene import ground_mesh
+from earthmoving_sim.pictures.map_window import window_around
+from earthmoving_sim.pictures.mesh import ground_mesh
+from earthmoving_sim.pictures.rasterizer import Camera, rasterize
 from earthmoving_sim.pictures.site_3d import best_camera
 from earthmoving_sim.pictures.style import nice_length, nice_step, phase_colours
-from earthmoving_sim.pictures.window import window_around
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.grid import Grid
 
@@ -56,7 +56,7 @@ def site(**changes) -> SiteRecord:
 @pytest.fixture(autouse=True)
 def coarse_shading(monkeypatch):
     """Render quickly: no test looks at how smooth an edge is."""
-    monkeypatch.setattr(shading, "FINER", 1)
+    monkeypatch.setattr(shading, "SUPERSAMPLING", 1)
     monkeypatch.setattr(shading, "SHADOW_PX", 300)
 
 
@@ -175,8 +175,8 @@ def test_height_that_is_not_finite_is_refused():
 
 
 def test_machine_base_is_the_given_position_or_else_the_middle_of_the_outline():
-    assert site(machine_position=(2.0, 3.0)).machine_base.tolist() == [2.0, 3.0]
-    assert site().machine_base.tolist() == [0.0, 0.0]
+    assert site(machine_position=(2.0, 3.0)).machine_origin.tolist() == [2.0, 3.0]
+    assert site().machine_origin.tolist() == [0.0, 0.0]
 
 
 def test_dig_azimuth_points_from_the_machine_to_the_pit():
@@ -195,7 +195,7 @@ def test_nearer_triangle_hides_the_farther_one_where_they_overlap():
     far = [[0, 0, 5], [8, 0, 5], [0, 8, 5]]
     near = [[0, 0, 2], [3, 0, 2], [0, 3, 2]]
     points = np.array(far + near, dtype=np.float64)
-    faces, depths = rasterise(points, np.arange(6).reshape(2, 3), (10, 10))
+    faces, depths = rasterize(points, np.arange(6).reshape(2, 3), (10, 10))
     assert (faces[0, 0], faces[1, 5], faces[9, 9]) == (1, 0, -1)
     assert depths[0, 0] == pytest.approx(2.0, abs=1e-6)
 
@@ -213,7 +213,7 @@ def test_camera_sees_over_the_heap_into_the_pit():
     pit = (np.abs(x - 2.0) < 1.0) & (np.abs(y) < 0.5)
     wall = (np.abs(x) < 0.5) & (np.abs(y) < 3.0)
     record = site(before=0 * x, after=3.0 * wall - 0.5 * pit, machine_faces=[])
-    window = window_around(GRID, record.worked_points)
+    window = window_around(GRID, record.changed_points)
     camera = best_camera(record, window, ground_mesh(record, window))
     assert camera.toward[0] > 0.0, "on the pit's side of the wall"
 

@@ -9,19 +9,19 @@ import pytest
 import yaml
 
 from earthmoving_sim.world import World
-from machine_sim.core import MachineSim
-from machine_sim.machine import load_description
-from machine_sim.machine.kinematics import arm_angles, arm_geometry
-from machine_sim.node_params import MachineNodeParams
+from machine_sim.dem import ParticleParams
+from machine_sim.machine import load_machine_spec
+from machine_sim.machine.arm_kinematics import arm_geometry, solve_arm_angles
+from machine_sim.node.params import MachineNodeParams
 from machine_sim.params import MachineSimParams
-from machine_sim.particles import ParticleParams
-from machine_sim.work.rig import Placement
+from machine_sim.simulated_machine import Placement
+from machine_sim.simulation import MachineSim
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
-from soil_sim.node_params import SoilNodeParams
-from soil_sim.params import SoilParams
-from soil_sim.site import SiteParams
+from soil_sim.node.params import SoilNodeParams
+from soil_sim.site.site import SiteParams
 from soil_sim.soil import Soil
+from soil_sim.soils.params import SoilParams
 
 
 def sections(node: str) -> dict:
@@ -36,20 +36,20 @@ def soil_params() -> SoilParams:
 
 @pytest.fixture
 def machine():
-    return load_description(find_config(sections("/**/machine_sim")["machine"]))
+    return load_machine_spec(find_config(sections("/**/machine_sim")["machine"]))
 
 
 def test_figures_are_those_of_the_reference(soil_params, machine) -> None:
     own = sections("soil_sim")
     site = SiteParams.from_mapping(own["site"])
-    assert (site.points - 1) * site.cell == pytest.approx(102.4)
-    assert SoilNodeParams(tick=own["tick"]).tick == 0.005
+    assert (site.num_points - 1) * site.cell == pytest.approx(102.4)
+    assert SoilNodeParams(tick_period=own["tick_period"]).tick_period == 0.005
     assert (soil_params.repose_angle, soil_params.swell, soil_params.cut_mode) == (
         30.0,
         0.0,
         "reference",
     )
-    assert 7 * soil_params.key_points_between == 56
+    assert 7 * soil_params.num_interpolated_key_points == 56
     rest = sections("/**/machine_sim")
     assert MachineNodeParams(machine=rest["machine"]).machine == "machines/reference_2014.yaml"
     assert MachineSimParams(**rest["stepping"]).physics_step == 0.005
@@ -65,7 +65,9 @@ def test_it_digs_and_every_tick_balances(soil_params, machine) -> None:
     grid = Grid(65, 65, 0.4)  # its terrain is as large as need be
     soil = Soil(grid, np.zeros(grid.shape), soil_params)
     down = -arm_geometry(machine).swing[2]
-    machine = replace(machine, home=np.array([0.0, *arm_angles(machine, 7.0, down + 0.1, 2.0)]))
+    machine = replace(
+        machine, home=np.array([0.0, *solve_arm_angles(machine, 7.0, down + 0.1, 2.0)])
+    )
     sim = MachineSim(
         [Placement(machine)],
         grid,
@@ -77,7 +79,7 @@ def test_it_digs_and_every_tick_balances(soil_params, machine) -> None:
     most, imbalances = 0, set()
     for tick in range(500):
         part = tick / 500
-        wanted = arm_angles(machine, 7.0 - 2.0 * part, down - 0.5 * np.sin(np.pi * part), 2.0)
+        wanted = solve_arm_angles(machine, 7.0 - 2.0 * part, down - 0.5 * np.sin(np.pi * part), 2.0)
         sim.command(
             np.array([0.0, *(5.0 * (wanted - sim.machine.joint_positions[1:]))]), np.zeros(2)
         )
@@ -86,4 +88,4 @@ def test_it_digs_and_every_tick_balances(soil_params, machine) -> None:
     world.close()
     assert imbalances == {0}
     assert most >= 3
-    assert not any(np.isnan(sim.particles.store.position).ravel())
+    assert not any(np.isnan(sim.particles.state.position).ravel())

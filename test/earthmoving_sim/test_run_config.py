@@ -27,17 +27,17 @@ def test_shipped_demo_loads():
     assert config.soil.repose_angle == 35.0
     assert config.soil.swell == 0.15
     assert config.particles.nominal_volume == 1_000_000
-    assert config.stepping.tick == pytest.approx(0.01)
-    assert (config.operator.near, config.operator.far) == (4.4, 7.3)
-    assert config.shift.cycles == 5
+    assert config.stepping.tick_period == pytest.approx(0.01)
+    assert (config.behaviour.min_radius, config.behaviour.max_radius) == (4.4, 7.3)
+    assert config.task.cycles == 5
     assert config.machine.bucket.width == 1.2
 
 
 def test_what_is_not_named_keeps_its_default(written):
-    config = load_run_config(written("operator: {far: 7.0}"))
-    assert config.operator.far == 7.0
-    assert config.operator.near == 4.4
-    assert config.shift.cycles == 5
+    config = load_run_config(written("behaviour: {max_radius: 7.0}"))
+    assert config.behaviour.max_radius == 7.0
+    assert config.behaviour.min_radius == 4.4
+    assert config.task.cycles == 5
 
 
 @pytest.mark.parametrize("text", ["", "# only a comment", "run:", "operator: {}"])
@@ -46,12 +46,12 @@ def test_empty_file_or_section_is_all_defaults(written, text):
 
 
 def test_values_asked_for_stand_above_those_of_the_file(written):
-    config = load_run_config(written("shift: {cycles: 3}\nrun: {seed: 4}"), {"cycles": 7})
-    assert (config.shift.cycles, config.run.seed) == (7, 4)
+    config = load_run_config(written("task: {cycles: 3}\nrun: {seed: 4}"), {"cycles": 7})
+    assert (config.task.cycles, config.run.seed) == (7, 4)
 
 
 def test_values_asked_for_are_checked_too(written):
-    with pytest.raises(ParameterError, match=r"ShiftParams.cycles is 0"):
+    with pytest.raises(ParameterError, match=r"DigTaskParams.cycles is 0"):
         load_run_config(written(""), {"cycles": 0})
 
 
@@ -76,14 +76,20 @@ def test_machine_of_ones_own_is_used(written, tmp_path):
         ("soil: {swel: 0.1}", "SoilParams has no parameter swel; it has .*swell"),
         ("soil: {swell: much}", "SoilParams.swell is 'much'; give a finite number"),
         ("soil: {swell: .nan}", "SoilParams.swell is nan; give a finite number"),
-        ("shift: {cycles: 2.5}", "ShiftParams.cycles is 2.5; give a whole number"),
-        ("shift: {cycles: true}", "ShiftParams.cycles is True; give a whole number"),
+        ("task: {cycles: 2.5}", "DigTaskParams.cycles is 2.5; give a whole number"),
+        ("task: {cycles: true}", "DigTaskParams.cycles is True; give a whole number"),
         (
             "shift: {approach: -1.0}",
-            "ShiftParams.approach is -1.0 m; give a value from 0.0 to 20.0 m",
+            "DigTaskParams.approach is -1.0 m; give a value from 0.0 to 20.0 m",
         ),
-        ("stepping: {load_acts: 1}", "MachineSimParams.load_acts is 1; give true or false"),
-        ("operator: {near: 7.0, far: 7.5}", "far is 7.5 m and near 7.0 m; give a far .* 1 m more"),
+        (
+            "stepping: {payload_coupling: 1}",
+            "MachineSimParams.payload_coupling is 1; give true or false",
+        ),
+        (
+            "behaviour: {min_radius: 7.0, max_radius: 7.5}",
+            "max_radius is 7.5 m and min_radius 7.0 m; give a max_radius .* 1 m more",
+        ),
         ("soil: {swell: 0.1", "mine.yaml is not YAML"),
         ("\x00", "mine.yaml is not YAML"),
     ],

@@ -6,13 +6,13 @@ import pytest
 from support.machine_scenes import excavator, level_soil
 
 from earthmoving_sim.world import World
-from machine_sim.core import MachineSim
-from machine_sim.machine.kinematics import arm_angles, arm_geometry
-from machine_sim.work.rig import Placement
+from machine_sim.machine.arm_kinematics import arm_geometry, solve_arm_angles
+from machine_sim.simulated_machine import Placement
+from machine_sim.simulation import MachineSim
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.loose_soil import LooseSoil
-from msg_bridge.contract.rows import Kind
+from msg_bridge.contract.rows import ConversionKind
 
 DESCRIPTION = excavator()
 
@@ -24,7 +24,7 @@ def drag(world: World, ticks: int) -> list[Ledger]:
     for tick in range(ticks):
         part = tick / ticks
         reach, depth = 7.0 - 1.5 * part, 0.25 * math.sin(math.pi * part)
-        wanted = arm_angles(DESCRIPTION, reach, -start - depth + 0.05, 2.0 + 0.5 * part)
+        wanted = solve_arm_angles(DESCRIPTION, reach, -start - depth + 0.05, 2.0 + 0.5 * part)
         for machine in world.machines.values():
             error = np.array(wanted) - machine.machine.joint_positions[1:]
             machine.command(np.array([0.0, *(5.0 * error)]), np.zeros(2))
@@ -34,10 +34,10 @@ def drag(world: World, ticks: int) -> list[Ledger]:
 
 def ready(position: tuple[float, float] = (0.0, 0.0), **options: object) -> MachineSim:
     """A machine whose lip is just above the ground already."""
-    angles = arm_angles(DESCRIPTION, 7.0, -arm_geometry(DESCRIPTION).swing[2] + 0.1, 2.0)
-    description = replace(DESCRIPTION, home=np.array([0.0, *angles]))
+    angles = solve_arm_angles(DESCRIPTION, 7.0, -arm_geometry(DESCRIPTION).swing[2] + 0.1, 2.0)
+    spec = replace(DESCRIPTION, home=np.array([0.0, *angles]))
     soil = level_soil()
-    placements = [Placement(description, position)]
+    placements = [Placement(spec, position)]
     return MachineSim(placements, soil.grid, soil.columns.height, **options)  # type: ignore[arg-type]
 
 
@@ -55,7 +55,7 @@ def test_every_tick_of_a_dig_balances(dug) -> None:
     assert ledgers[-1].particles > 100_000_000
     assert any(ledger.in_flight > 0 for ledger in ledgers)
     assert any(ledger.pending > 0 for ledger in ledgers)
-    assert world.soil.verify()
+    assert world.soil.verify_volume()
 
 
 def test_the_machine_feels_the_terrain_the_soil_has(dug) -> None:
@@ -83,7 +83,7 @@ def test_soil_that_lands_is_terrain_again(dug) -> None:
     for _ in range(400):
         world.step()
         answers = world.answers[1].conversions
-        landed += int((answers["kind"] == Kind.DEPOSIT).sum())
+        landed += int((answers["kind"] == ConversionKind.DEPOSIT).sum())
     assert landed > 0
     assert world.soil.columns.loose.sum() > 0
     assert world.ledger.imbalance == 0
@@ -96,7 +96,7 @@ def test_one_tampered_parcel_shows_in_the_ledger() -> None:
     tampered = []
 
     def apply(conversions, *others, **kwargs) -> None:
-        excavated = np.flatnonzero(conversions["kind"] == Kind.EXCAVATE)
+        excavated = np.flatnonzero(conversions["kind"] == ConversionKind.EXCAVATE)
         if excavated.size and not tampered:
             conversions["volume_mm3"][excavated[0]] -= 1
             tampered.append(True)
@@ -146,7 +146,7 @@ def test_a_tool_that_cannot_be_believed_is_said_loudly_and_moves_nothing(
     ledgers = drag(world, 60)
     world.close()
     assert {ledger.terrain for ledger in ledgers} == {ledgers[0].start}
-    assert "source 1, tool 0 swept nothing" in caplog.text
+    assert "machine 1, tool 0 swept nothing" in caplog.text
 
 
 @pytest.mark.parametrize("name", ["swell", "density", "cohesion"])
@@ -158,8 +158,8 @@ def test_machine_and_soil_must_agree_on_loose_soil(name) -> None:
 
 
 def test_machine_and_soil_must_agree_on_which_soil_swells_how() -> None:
-    soil = level_soil(swell=0.2, other_soils=("reference",))
-    machine = ready(soils=[kind.loose for kind in reversed(soil.kinds)])
+    soil = level_soil(swell=0.2, additional_soils=("reference",))
+    machine = ready(soils=[kind.loose_soil for kind in reversed(soil.soil_types)])
     with pytest.raises(ParameterError, match="knows the soils"):
         World(soil, {1: machine})
     machine.close()

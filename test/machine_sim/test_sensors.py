@@ -9,8 +9,8 @@ import pytest
 from support.machine_scenes import excavator
 
 from machine_sim.machine import rotation_matrix
-from machine_sim.machine.appearance import link_poses
 from machine_sim.machine.link_motion import link_motions
+from machine_sim.machine.visuals import link_poses
 from machine_sim.sensors import SensorParams, Sensors
 
 MACHINE = excavator()
@@ -45,7 +45,7 @@ def test_at_rest_a_unit_feels_gravity_in_its_own_axes(pitch):
         for reading in readings:
             expected = [-9.81 * math.sin(pitch), 0.0, 9.81 * math.cos(pitch)]
             np.testing.assert_allclose(reading.specific_force, expected, atol=1e-9)
-            np.testing.assert_allclose(reading.spin, 0.0, atol=1e-12)
+            np.testing.assert_allclose(reading.angular_velocity, 0.0, atol=1e-12)
     assert [reading.name for reading in readings] == ["base", "upper"]
 
 
@@ -54,8 +54,8 @@ def test_a_unit_on_the_upper_body_feels_the_swing():
     for k in range(20):
         (base, upper), _ = units.read(moment(rate * k * STEP, rate), k * STEP)
     mount = next(imu for imu in MACHINE.imus if imu.name == "upper")
-    np.testing.assert_allclose(upper.spin, [0.0, 0.0, rate], atol=1e-12)
-    np.testing.assert_allclose(base.spin, 0.0, atol=1e-12)
+    np.testing.assert_allclose(upper.angular_velocity, [0.0, 0.0, rate], atol=1e-12)
+    np.testing.assert_allclose(base.angular_velocity, 0.0, atol=1e-12)
     # Toward the axis; over a reading's time the direction turns a little.
     assert upper.specific_force[0] == pytest.approx(-(rate**2) * mount.position[0], rel=0.02)
     assert abs(upper.specific_force[1]) < 0.02
@@ -73,14 +73,20 @@ def test_braking_is_felt_forward():
 def test_links_move_as_their_poses_do():
     rng, step = np.random.default_rng(3), 1e-6
     for _ in range(20):
-        place, velocity, spin = rng.normal(size=(3, 3))
+        place, velocity, angular_velocity = rng.normal(size=(3, 3))
         turn, joints, rates = rng.normal(size=4), rng.uniform(-1.0, 1.0, 4), rng.normal(size=4)
         turn /= np.linalg.norm(turn)
-        motions = link_motions(MACHINE, place, turn, velocity, spin, joints, rates)
+        motions = link_motions(MACHINE, place, turn, velocity, angular_velocity, joints, rates)
 
-        def at(time, turn=turn, start=(place, joints), speed=(velocity, rates), spin=spin):
-            angle = np.linalg.norm(spin) * time
-            x, y, z = np.sin(0.5 * angle) * spin / np.linalg.norm(spin)
+        def at(
+            time,
+            turn=turn,
+            start=(place, joints),
+            speed=(velocity, rates),
+            angular_velocity=angular_velocity,
+        ):
+            angle = np.linalg.norm(angular_velocity) * time
+            x, y, z = np.sin(0.5 * angle) * angular_velocity / np.linalg.norm(angular_velocity)
             w = np.cos(0.5 * angle)
             a, b, c, d = turn
             turned = [
@@ -102,9 +108,9 @@ def test_links_move_as_their_poses_do():
             ) / (2.0 * step)
             skew = turning @ motion.rotation.T
             found = [skew[2, 1], skew[0, 2], skew[1, 0]]
-            np.testing.assert_allclose(motion.spin, found, atol=1e-6)
+            np.testing.assert_allclose(motion.angular_velocity, found, atol=1e-6)
             point = rng.normal(size=3)
-            expected = speed + np.cross(motion.spin, motion.rotation @ point)
+            expected = speed + np.cross(motion.angular_velocity, motion.rotation @ point)
             np.testing.assert_allclose(motion.velocity_at(point), expected, atol=1e-5)
 
 
@@ -132,7 +138,7 @@ def test_errors_have_the_sizes_asked_for_and_are_the_same_again():
         units = sensors(seed, **asked)
         readings = [units.read(moment(), k * STEP) for k in range(2000)]
         forces = np.array([imus[0].specific_force for imus, _ in readings])
-        spins = np.array([imus[1].spin for imus, _ in readings])
+        spins = np.array([imus[1].angular_velocity for imus, _ in readings])
         angles = np.array([encoders.angles for _, encoders in readings])
         speeds = np.array([encoders.speeds for _, encoders in readings])
         return forces - [0.0, 0.0, 9.81], spins, angles - moment().joint_positions, speeds
@@ -150,7 +156,7 @@ def test_a_bias_stays_for_a_run_and_is_another_in_each():
         units = sensors(seed, accelerometer_bias=0.1, gyro_bias=0.01)
         first, later = (units.read(moment(), k * STEP)[0][0] for k in range(2))
         np.testing.assert_array_equal(first.specific_force, later.specific_force)
-        return np.concatenate([first.specific_force - [0.0, 0.0, 9.81], first.spin])
+        return np.concatenate([first.specific_force - [0.0, 0.0, 9.81], first.angular_velocity])
 
     biases = np.array([bias(seed) for seed in range(200)])
     assert biases[:, :3].std() == pytest.approx(0.1, rel=0.15)

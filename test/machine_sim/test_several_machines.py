@@ -4,17 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.machine_scenes import GRID, level_soil, loosened, shipped
+from support.machine_scenes import GRID, level_soil, load_shipped_machine, loose_soil_options
 
 from earthmoving_sim.world import World
-from machine_sim.core import MachineSim
-from machine_sim.machine import MachineError, arm_angles, arm_geometry
-from machine_sim.work.bin import Bin
-from machine_sim.work.rig import Placement
-from msg_bridge.contract.rows import CHANGED, CONVERSION, Action, Kind, empty_rows
+from machine_sim.machine import MachineError, arm_geometry, solve_arm_angles
+from machine_sim.simulated_bin import BinSpec
+from machine_sim.simulated_machine import Placement
+from machine_sim.simulation import MachineSim
+from msg_bridge.contract.rows import CONVERSION, MAP_UPDATE, ConversionKind, SweepAction, empty_rows
 
-EXCAVATOR, HEADER, DUMPER = (shipped(name) for name in ("excavator", "road_header", "dumper"))
-NOTHING = (empty_rows(CONVERSION), empty_rows(CHANGED))
+EXCAVATOR, HEADER, DUMPER = (
+    load_shipped_machine(name) for name in ("excavator", "road_header", "dumper")
+)
+NOTHING = (empty_rows(CONVERSION), empty_rows(MAP_UPDATE))
 FLAT = np.zeros(GRID.shape)
 
 
@@ -39,14 +41,14 @@ def go_on(sim: MachineSim, ticks: int) -> None:
 
 def test_tools_and_tracks_are_numbered_through(simulate) -> None:
     sim = simulate(Placement(EXCAVATOR, (-4.0, 0.0)), Placement(HEADER, (4.0, 0.0)))
-    for rig in sim.rigs:
-        rig.machine.command(np.zeros(len(rig.machine.description.joints)), [0.5, 0.5])
+    for rig in sim.simulated_machines:
+        rig.machine.command(np.zeros(len(rig.machine.spec.joints)), [0.5, 0.5])
     go_on(sim, 20)
     sweeps = sim.step().sweeps
     assert np.unique(sweeps["tool"]).tolist() == [0, 1, 2, 3, 4, 5]
     tools = [sweeps[sweeps["tool"] == k] for k in range(6)]
     assert [rows.size for rows in tools] == [14, 4, 4, 26, 4, 4]
-    assert (tools[3]["action"] == Action.PRESS).all()  # its head stands still
+    assert (tools[3]["action"] == SweepAction.COMPACT).all()  # its head stands still
 
 
 def test_a_head_that_spins_mills(simulate) -> None:
@@ -54,15 +56,15 @@ def test_a_head_that_spins_mills(simulate) -> None:
     sim.machine.command({"head": 5.0}, [0.0, 0.0])
     go_on(sim, 100)
     sweeps = sim.step().sweeps
-    assert (sweeps["action"][:26] == Action.MILL).all()
+    assert (sweeps["action"][:26] == SweepAction.MILL).all()
     assert sim.machine.joint_velocities[2] == pytest.approx(5.0, rel=0.01)
 
 
 def test_what_was_cut_goes_to_the_nearest_tool(simulate) -> None:
     sim = simulate(Placement(EXCAVATOR, (-6.0, 0.0)), Placement(HEADER, (6.0, 0.0)))
-    works = [work for rig in sim.rigs for work in rig.tools.values()]
+    works = [work for rig in sim.simulated_machines for work in rig.tools.values()]
     rows = empty_rows(CONVERSION, 2)
-    rows["kind"], rows["volume_mm3"] = Kind.EXCAVATE, [100, 200]
+    rows["kind"], rows["volume_mm3"] = ConversionKind.EXCAVATE, [100, 200]
     for k, work in enumerate(works):
         rows["x"][k], rows["y"][k], rows["z"][k] = work.tool.pose[1]
         rows["col"][k] = k
@@ -73,10 +75,10 @@ def test_what_was_cut_goes_to_the_nearest_tool(simulate) -> None:
 
 def test_a_lip_is_nearer_than_the_pin_of_another_bucket(simulate) -> None:
     sim = simulate(Placement(EXCAVATOR, (-4.0, 0.0)), Placement(EXCAVATOR, (-4.0, 8.0)))
-    first = sim.rigs[0].tools["bucket"]
+    first = sim.simulated_machines[0].tools["bucket"]
     rotation, pin = first.tool.pose
     rows = empty_rows(CONVERSION, 1)
-    rows["kind"], rows["volume_mm3"] = Kind.EXCAVATE, 100
+    rows["kind"], rows["volume_mm3"] = ConversionKind.EXCAVATE, 100
     rows["x"], rows["y"], rows["z"] = pin + rotation @ [1.45, 0.6, 0.0]
     sim.apply(rows, NOTHING[1])
     assert first.pending.total_mm3 == 100
@@ -86,23 +88,26 @@ def test_nothing_is_set_down_in_something_else(simulate) -> None:
     with pytest.raises(MachineError, match=r"dumper at \(0\.0, 0\.0\) m and the dumper at"):
         simulate(Placement(DUMPER), Placement(DUMPER, (0.5, 0.0)))
     with pytest.raises(MachineError, match=r"the bin at .* stand in one another; move one away"):
-        simulate(Placement(EXCAVATOR), bins=[Bin((0.0, 0.0))])
+        simulate(Placement(EXCAVATOR), bins=[BinSpec((0.0, 0.0))])
 
 
 def test_machines_collide(simulate) -> None:
     sim = simulate(Placement(DUMPER, (0.0, 0.0)), Placement(DUMPER, (6.0, 0.0), np.pi))
-    for rig in sim.rigs:
+    for rig in sim.simulated_machines:
         rig.machine.command([0.0], [1.0, 1.0])
     go_on(sim, 400)
-    gap = sim.rigs[1].machine.base_pose[0][0] - sim.rigs[0].machine.base_pose[0][0]
+    gap = (
+        sim.simulated_machines[1].machine.base_pose[0][0]
+        - sim.simulated_machines[0].machine.base_pose[0][0]
+    )
     assert 3.5 < gap < 6.0  # their frames and cabs meet; unhindered they would have met and gone by
 
 
 def test_commands_to_one_move_no_other(simulate) -> None:
     sim = simulate(Placement(EXCAVATOR, (-5.0, 0.0)), Placement(DUMPER, (5.0, 0.0)))
-    sim.rigs[1].machine.command({"bed": -0.2}, [0.5, 0.5])
+    sim.simulated_machines[1].machine.command({"bed": -0.2}, [0.5, 0.5])
     go_on(sim, 150)
-    first, second = (rig.machine for rig in sim.rigs)
+    first, second = (rig.machine for rig in sim.simulated_machines)
     assert np.linalg.norm(first.base_pose[0][:2] - [-5.0, 0.0]) < 0.02
     assert second.base_pose[0][0] > 5.4
     assert second.joint_positions[0] < -0.15
@@ -110,7 +115,7 @@ def test_commands_to_one_move_no_other(simulate) -> None:
 
 def test_soil_in_a_bed_is_its_payload_and_rides_along(simulate) -> None:
     sim = simulate(Placement(DUMPER))
-    machine, rig = sim.machine, sim.rigs[0]
+    machine, rig = sim.machine, sim.simulated_machines[0]
     rotation, origin = machine.tool.pose
     rng = np.random.default_rng(0)
     local = rng.uniform((0.4, -0.9, 0.2), (3.0, 0.9, 0.9), (150, 3))
@@ -127,14 +132,17 @@ def test_soil_in_a_bed_is_its_payload_and_rides_along(simulate) -> None:
     machine.command([-0.2], [0.0, 0.0])
     for _ in range(700):
         step = sim.step()
-        landed = empty_rows(CONVERSION, step.landed.size)
-        landed["kind"], landed["particle_id"] = Kind.DEPOSIT, step.landed["particle_id"]
+        landed = empty_rows(CONVERSION, step.deposit_requests.size)
+        landed["kind"], landed["particle_id"] = (
+            ConversionKind.DEPOSIT,
+            step.deposit_requests["particle_id"],
+        )
         sim.apply(landed, NOTHING[1])
     assert rig.payload.bank < 0.01
 
 
 def test_a_bin_holds_what_falls_into_it_and_stops_a_machine(simulate) -> None:
-    sim = simulate(Placement(DUMPER, (-6.0, 0.0)), bins=[Bin((0.0, 0.0), np.pi / 2)])
+    sim = simulate(Placement(DUMPER, (-6.0, 0.0)), bins=[BinSpec((0.0, 0.0), np.pi / 2)])
     rng = np.random.default_rng(0)
     drop = rng.uniform((-0.9, -1.6, 0.2), (0.9, 1.6, 1.2), (200, 3))
     aside = [[4.0, 4.0, 0.3]]
@@ -150,9 +158,9 @@ def test_a_bin_holds_what_falls_into_it_and_stops_a_machine(simulate) -> None:
 @pytest.mark.parametrize(
     ("spec", "words"),
     [
-        (lambda: Bin((0.0, 0.0), length=0.0), "sizes above 0 m"),
-        (lambda: Bin((np.nan, 0.0)), "finite numbers"),
-        (lambda: Bin((999.0, 0.0)), "off the map: place the bin on it"),
+        (lambda: BinSpec((0.0, 0.0), length=0.0), "sizes above 0 m"),
+        (lambda: BinSpec((np.nan, 0.0)), "finite numbers"),
+        (lambda: BinSpec((999.0, 0.0)), "off the map: place the bin on it"),
     ],
 )
 def test_bad_bins_are_refused(simulate, spec, words) -> None:
@@ -168,7 +176,7 @@ def test_a_carrier_without_joints_and_tools_drives(simulate) -> None:
     assert sim.machine.base_pose[0][0] > 0.5
     assert sim.payload.mass == 0.0
     with pytest.raises(MachineError, match="give one with `tools`"):
-        _ = sim.tool_work
+        _ = sim.tool_coupling
 
 
 def test_there_is_one_machine_at_least(simulate) -> None:
@@ -178,25 +186,25 @@ def test_there_is_one_machine_at_least(simulate) -> None:
 
 def test_two_kinds_dig_and_the_ledger_closes() -> None:
     soil = level_soil()
-    angles = arm_angles(EXCAVATOR, 7.0, 0.1 - arm_geometry(EXCAVATOR).swing[2], 2.0)
+    angles = solve_arm_angles(EXCAVATOR, 7.0, 0.1 - arm_geometry(EXCAVATOR).swing[2], 2.0)
     digger = replace(EXCAVATOR, home=np.array([0.0, *angles]))
     header = replace(HEADER, home=np.array([0.0, 0.1, 0.0]))
     sim = MachineSim(
         [Placement(digger, (-9.0, -4.0)), Placement(header, (-4.0, 5.0))],
         GRID,
         soil.columns.height,
-        **loosened(soil),
+        **loose_soil_options(soil),
     )
     world = World(soil, {1: sim})
     before = soil.total_mm3
     imbalances, milled = set(), []
     for tick in range(300):
         down = 0.2 if tick < 150 else 0.0
-        sim.rigs[0].machine.command([0.0, down, 0.3, 0.3], [0.0, 0.0])
-        sim.rigs[1].machine.command([0.0, 0.25, 5.0], [0.0, 0.0])
+        sim.simulated_machines[0].machine.command([0.0, down, 0.3, 0.3], [0.0, 0.0])
+        sim.simulated_machines[1].machine.command([0.0, 0.25, 5.0], [0.0, 0.0])
         ledger = world.step()
         imbalances.add(ledger.imbalance)
-        milled.append(sim.rigs[1].machine.joint_efforts[2])
+        milled.append(sim.simulated_machines[1].machine.joint_efforts[2])
     taken = before - soil.total_mm3
     world.close()
     assert imbalances == {0}

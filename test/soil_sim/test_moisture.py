@@ -6,15 +6,22 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.soil_scenes import NO_LANDED, NO_SWEEPS, bucket_sweep, flat_soil, landings, scoop
+from support.soil_scenes import (
+    NO_DEPOSIT_REQUESTS,
+    NO_SWEEPS,
+    bucket_sweep,
+    flat_soil,
+    make_deposit_requests,
+    scoop,
+)
 
 from msg_bridge.contract.grid import Grid
-from msg_bridge.contract.rows import CONVERSION, Kind, Rows, empty_rows
-from soil_sim.columns import Columns, add_loose, mixed_moisture, take_loose
-from soil_sim.held import HeldSoils
-from soil_sim.params import SoilParams
+from msg_bridge.contract.rows import CONVERSION, ConversionKind, Rows, empty_rows
+from soil_sim.columns.state import Columns, add_loose, mix_moisture, remove_loose
 from soil_sim.soil import Soil
-from soil_sim.soils import SoilType, soil_tables
+from soil_sim.soil_inventory import SoilInventory
+from soil_sim.soils.params import SoilParams
+from soil_sim.soils.soil_types import SoilType, build_soil_tables
 
 GRID = Grid(41, 41, 0.2)
 BOTH = pytest.mark.parametrize("mode", ["swept", "reference"])
@@ -42,7 +49,9 @@ def wet_and_dry(mode: str = "swept") -> Soil:
 
 
 def small() -> Columns:
-    return Columns(GRID, np.zeros(GRID.shape), dig_depth=1.0, tables=soil_tables([SoilType()]))
+    return Columns(
+        GRID, np.zeros(GRID.shape), soil_depth=1.0, tables=build_soil_tables([SoilType()])
+    )
 
 
 # What is cut
@@ -51,7 +60,9 @@ def small() -> Columns:
 @BOTH
 def test_firm_soil_comes_out_as_moist_as_its_column(mode: str) -> None:
     soil = wet_and_dry(mode)
-    rows = soil.step(0, bucket_sweep((0.5, 0, 0.1), (0.5, 0, -0.2)), NO_LANDED).conversions
+    rows = soil.step(
+        0, bucket_sweep((0.5, 0, 0.1), (0.5, 0, -0.2)), NO_DEPOSIT_REQUESTS
+    ).conversions
     assert set(rows["moisture"].tolist()) == {10, 80}
     assert np.array_equal(rows["moisture"], soil.columns.moisture[rows["row"], rows["col"]])
 
@@ -59,12 +70,14 @@ def test_firm_soil_comes_out_as_moist_as_its_column(mode: str) -> None:
 @BOTH
 def test_loose_soil_and_the_firm_under_it_come_out_as_moist_as_both_together(mode: str) -> None:
     soil = wet_and_dry(mode)
-    soil.slip.relax = lambda budget=None: 0  # type: ignore[method-assign]
+    soil.relaxation.relax = lambda budget=None: 0  # type: ignore[method-assign]
     columns = soil.columns
     for i in range(columns.firm.size):
         add_loose(columns.arrays, i, 4_000_000, 5_000_000, 0, 30)
     had = columns.firm.copy()
-    rows = soil.step(0, bucket_sweep((0.5, 0, 0.2), (0.5, 0, -0.2)), NO_LANDED).conversions
+    rows = soil.step(
+        0, bucket_sweep((0.5, 0, 0.2), (0.5, 0, -0.2)), NO_DEPOSIT_REQUESTS
+    ).conversions
     at = (rows["row"], rows["col"])
     total = np.bincount(np.ravel_multi_index(at, GRID.shape), rows["volume_mm3"], had.size)
     firm = (had - columns.firm)[at]
@@ -83,7 +96,7 @@ def test_water_that_leaves_the_columns_is_in_the_rows(mode: str) -> None:
     for tick in range(60):
         x = 0.02 * tick
         sweep = bucket_sweep((x, 0, -0.3), (x + 0.02, 0, -0.3))
-        out += water_in(soil.step(tick, sweep, NO_LANDED).conversions)
+        out += water_in(soil.step(tick, sweep, NO_DEPOSIT_REQUESTS).conversions)
     # Each row is rounded by less than one per cent, up as often as down.
     assert before - water_of(soil.columns) == pytest.approx(out, rel=5e-3)
 
@@ -92,11 +105,16 @@ def test_water_that_leaves_the_columns_is_in_the_rows(mode: str) -> None:
 
 
 def test_answers_repeat_soil_and_moisture() -> None:
-    soil = Soil(GRID, np.zeros(GRID.shape), SoilParams(soil="loam", other_soils=("gravel",)))
-    rows = landings([0.0, 50.0, 0.5, 1.0], 0.0, 500_000)
+    soil = Soil(GRID, np.zeros(GRID.shape), SoilParams(soil="loam", additional_soils=("gravel",)))
+    rows = make_deposit_requests([0.0, 50.0, 0.5, 1.0], 0.0, 500_000)
     rows["moisture"], rows["soil"] = (60, 70, 101, 90), (0, 1, 0, 1)
     answers = soil.step(0, NO_SWEEPS, rows).conversions
-    kinds = [Kind.DEPOSIT, Kind.OUTSIDE, Kind.REFUSE, Kind.DEPOSIT]
+    kinds = [
+        ConversionKind.DEPOSIT,
+        ConversionKind.OUTSIDE,
+        ConversionKind.REJECT,
+        ConversionKind.DEPOSIT,
+    ]
     assert answers["kind"].tolist() == kinds
     assert answers["moisture"].tolist() == [60, 70, 101, 90]
     assert answers["soil"].tolist() == [0, 1, 0, 1]
@@ -106,7 +124,7 @@ def test_what_is_poured_wets_the_ground_as_much_as_it_is_wet() -> None:
     soil = flat_soil(6.0, 0.1, repose_angle=35.0, swell=0.15)
     start, poured = water_of(soil.columns), 0
     for tick in range(200):
-        rows = landings(0.05 * (tick % 3), 0.03 * (tick % 5), 1_000_000)
+        rows = make_deposit_requests(0.05 * (tick % 3), 0.03 * (tick % 5), 1_000_000)
         rows["moisture"] = 20 if tick % 2 else 90
         poured += water_in(rows)
         soil.step(tick, NO_SWEEPS, rows)
@@ -123,7 +141,7 @@ def test_a_mixture_is_between_what_is_mixed_and_near_its_mean(
     bank, moisture = parts[0]
     for volume, other in parts[1:]:
         mean = (bank * moisture + volume * other) / (bank + volume)
-        mixed = int(mixed_moisture(bank, np.uint8(moisture), volume, np.uint8(other)))
+        mixed = int(mix_moisture(bank, np.uint8(moisture), volume, np.uint8(other)))
         assert abs(mixed - mean) < 1.0
         assert min(moisture, other) <= mixed <= max(moisture, other)
         bank, moisture = bank + volume, mixed
@@ -132,9 +150,9 @@ def test_a_mixture_is_between_what_is_mixed_and_near_its_mean(
 @given(st.integers(1, 2**50), st.integers(1, 2**50), st.integers(0, 100))
 def test_soils_of_one_moisture_keep_it(bank: int, other: int, moisture: int) -> None:
     wet = np.uint8(moisture)
-    assert mixed_moisture(bank, wet, other, wet) == moisture
-    assert mixed_moisture(0, np.uint8(1), other, wet) == moisture
-    assert mixed_moisture(bank, wet, 0, np.uint8(1)) == moisture
+    assert mix_moisture(bank, wet, other, wet) == moisture
+    assert mix_moisture(0, np.uint8(1), other, wet) == moisture
+    assert mix_moisture(bank, wet, 0, np.uint8(1)) == moisture
 
 
 @pytest.mark.parametrize(("below", "above"), [(0, 100), (40, 60), (60, 40), (40, 41)])
@@ -158,7 +176,7 @@ def test_taking_leaves_the_moisture_of_what_stays(parts: list[tuple[int, int]]) 
         add_loose(columns.arrays, 3, volume, volume, 0, moisture)
     wet = columns.loose_moisture.flat[3]
     while columns.loose.flat[3]:
-        take_loose(columns.arrays, 3, 1 + columns.loose.flat[3] // 2)
+        remove_loose(columns.arrays, 3, 1 + columns.loose.flat[3] // 2)
         assert columns.loose_moisture.flat[3] == wet
 
 
@@ -167,11 +185,11 @@ def test_equal_work_on_wet_and_dry_ground_ends_in_equal_states() -> None:
     for wetter in (0, 0, 1):
         soil = wet_and_dry()
         scoop(soil, depth=0.3, length=1.5)
-        rows = landings([0.0, 0.5], [0.0, 0.2], 5_000_000)
+        rows = make_deposit_requests([0.0, 0.5], [0.0, 0.2], 5_000_000)
         rows["moisture"] = 40 + wetter
         soil.step(900, NO_SWEEPS, rows)
         for tick in range(901, 930):
-            soil.step(tick, NO_SWEEPS, NO_LANDED)
+            soil.step(tick, NO_SWEEPS, NO_DEPOSIT_REQUESTS)
         hashes.append(soil.state_hash())
     assert hashes[0] == hashes[1]
     assert hashes[0] != hashes[2]
@@ -180,10 +198,10 @@ def test_equal_work_on_wet_and_dry_ground_ends_in_equal_states() -> None:
 # What machines hold
 
 
-def moved(*rows: tuple[Kind, int, int, int], source: int = 1) -> Rows:
+def moved(*rows: tuple[ConversionKind, int, int, int], machine_id: int = 1) -> Rows:
     """CONVERSION rows of (kind, volume, soil, moisture)."""
     out = empty_rows(CONVERSION, len(rows))
-    out["source"] = source
+    out["machine_id"] = machine_id
     for name, values in zip(
         ("kind", "volume_mm3", "soil", "moisture"), zip(*rows, strict=True), strict=True
     ):
@@ -192,15 +210,19 @@ def moved(*rows: tuple[Kind, int, int, int], source: int = 1) -> Rows:
 
 
 def test_what_a_source_holds_is_of_most_of_what_it_took_and_has_not_put_down() -> None:
-    held = HeldSoils()
-    assert held.mean(1) == (0, 0)
-    held.book(moved((Kind.EXCAVATE, 4000, 2, 90), (Kind.EXCAVATE, 1000, 1, 10)))
-    held.book(moved((Kind.EXCAVATE, 7, 3, 77), source=2))
-    assert held.mean(1) == (2, 74)
-    held.book(moved((Kind.REFUSE, 4000, 2, 90), (Kind.OUTSIDE, 2000, 2, 90)))
-    assert held.mean(1) == (2, 63)
-    held.book(moved((Kind.DEPOSIT, 2000, 2, 90)))
-    assert held.mean(1) == (1, 10)
-    held.book(moved((Kind.DEPOSIT, 1000, 1, 10)))
-    assert held.mean(1) == (0, 0)
-    assert held.mean(2) == (3, 77)
+    held = SoilInventory()
+    assert held.majority_soil(1) == (0, 0)
+    held.record_conversions(
+        moved((ConversionKind.EXCAVATE, 4000, 2, 90), (ConversionKind.EXCAVATE, 1000, 1, 10))
+    )
+    held.record_conversions(moved((ConversionKind.EXCAVATE, 7, 3, 77), machine_id=2))
+    assert held.majority_soil(1) == (2, 74)
+    held.record_conversions(
+        moved((ConversionKind.REJECT, 4000, 2, 90), (ConversionKind.OUTSIDE, 2000, 2, 90))
+    )
+    assert held.majority_soil(1) == (2, 63)
+    held.record_conversions(moved((ConversionKind.DEPOSIT, 2000, 2, 90)))
+    assert held.majority_soil(1) == (1, 10)
+    held.record_conversions(moved((ConversionKind.DEPOSIT, 1000, 1, 10)))
+    assert held.majority_soil(1) == (0, 0)
+    assert held.majority_soil(2) == (3, 77)

@@ -17,20 +17,20 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Int64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
-from machine_sim.machine import MachineDescription
-from machine_sim.machine.kinematics import arm_angles, arm_geometry
-from machine_sim.node import MachineNode
-from msg_bridge.codec.headers import from_multi_array
+from machine_sim.machine import MachineSpec
+from machine_sim.machine.arm_kinematics import arm_geometry, solve_arm_angles
+from machine_sim.node.machine_node import MachineNode
 from msg_bridge.codec.machine_state import to_command_state
-from msg_bridge.codec.stamps import stamp_of_tick
+from msg_bridge.codec.stamps import stamp_from_tick
+from msg_bridge.codec.tick_headers import from_multi_array
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.ledger import Ledger
-from msg_bridge.testing.ros import Ros
-from soil_sim.node import SoilNode
+from msg_bridge.testing.ros_context import Ros
+from soil_sim.node.soil_node import SoilNode
 from support.machine_scenes import COMMAND_NAMES, excavator
 
 TICK = 0.01
-SITE: dict[str, Any] = {"site.terrain": "flat", "site.points": 65, "site.cell": 0.4}
+SITE: dict[str, Any] = {"site.terrain": "flat", "site.num_points": 65, "site.cell": 0.4}
 
 
 class Scene:
@@ -46,7 +46,7 @@ class Scene:
         self.ros = ros
         self._ledgers = ros.collect("/soil/ledger", Int64MultiArray)
         self._diagnostics = ros.collect("/diagnostics", DiagnosticArray)
-        given = {"sync": "lockstep", "tick": TICK, **SITE, **parameters}
+        given = {"sync": "lockstep", "tick_period": TICK, **SITE, **parameters}
         self.soil: SoilNode = ros.add(SoilNode, parameters=given)
 
     @property
@@ -62,7 +62,7 @@ class Scene:
 
     @property
     def joined(self) -> tuple[int, ...]:
-        return self.soil.run.side.exchange.joined
+        return self.soil.run.endpoint.exchange.joined
 
     def machine(self, namespace: str = "/excavator", **parameters: Any) -> MachineNode:
         """A machine's node; it has not joined yet."""
@@ -118,13 +118,13 @@ class Scene:
             raise AssertionError(f"{error}; they are {self.shown(node)}") from None
 
 
-def ready_to_dig() -> MachineDescription:
+def ready_to_dig() -> MachineSpec:
     """The excavator with its lip just above level ground, 7 m before it."""
     machine = excavator()
     return replace(machine, home=np.array([0.0, *lip_at(machine, 7.0, 0.1, 2.0)]))
 
 
-def machine_file(folder: Path, machine: MachineDescription) -> str:
+def machine_file(folder: Path, machine: MachineSpec) -> str:
     """A machine file of the excavator with another home."""
     content = yaml.safe_load(find_config("machines/excavator.yaml").read_text())
     home = [float(angle) for angle in machine.home]
@@ -135,20 +135,20 @@ def machine_file(folder: Path, machine: MachineDescription) -> str:
 
 
 def lip_at(
-    machine: MachineDescription, reach: float, height: float, attitude: float
+    machine: MachineSpec, reach: float, height: float, attitude: float
 ) -> NDArray[np.float64]:
     """Angles of boom, arm and bucket that put the lip somewhere before it [m] (level ground)."""
     origin = float(arm_geometry(machine).swing[2])
-    return np.array(arm_angles(machine, reach, height - origin, attitude))
+    return np.array(solve_arm_angles(machine, reach, height - origin, attitude))
 
 
-def drag_angles(machine: MachineDescription, part: float) -> NDArray[np.float64]:
+def drag_angles(machine: MachineSpec, part: float) -> NDArray[np.float64]:
     """Angles of boom, arm, bucket at a part, 0 to 1, of a drag through the ground."""
     depth = 0.35 * np.sin(np.pi * part) - 0.1 * (1.0 - part)
     return lip_at(machine, 7.0 - 1.5 * part, -depth, 2.0 + 0.5 * part)
 
 
-def drag_command(machine: MachineDescription, tick: int, ticks: int) -> NDArray[np.float64]:
+def drag_velocities(machine: MachineSpec, tick: int, ticks: int) -> NDArray[np.float64]:
     """What to do in the tick after `tick`: drive a little, then drag; shape (6,)."""
     command = np.zeros(6)
     if tick < 30:
@@ -160,9 +160,9 @@ def drag_command(machine: MachineDescription, tick: int, ticks: int) -> NDArray[
     return command
 
 
-def command_of(tick: int, velocities: ArrayLike) -> JointState:
+def joint_command(tick: int, velocities: ArrayLike) -> JointState:
     """A `joint_commands` message that answers the state of a tick."""
-    return to_command_state(COMMAND_NAMES, velocities, stamp_of_tick(tick, TICK))
+    return to_command_state(COMMAND_NAMES, velocities, stamp_from_tick(tick, TICK))
 
 
 def dig(

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dig_operator import Command, DigCycle, Observation
+from dig_operator.bucket_kinematics import BucketKinematics
 from machine_sim.machine import EXCAVATOR_JOINTS, rotation_matrix, tool_pose
-from machine_sim.operator import Command, DigCycle, View
-from machine_sim.operator.arm import ArmPlane
 from msg_bridge.contract.grid import Grid
 from support.machine_scenes import excavator
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Surface = Callable[[Array, Array], Array]
 
 MACHINE = excavator()
-ARM = ArmPlane(MACHINE)
+ARM = BucketKinematics(MACHINE)
 
 
 def flat(x: Array, y: Array) -> Array:
@@ -45,7 +45,7 @@ def tilted(*, roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0) -> Array:
     return rotation_matrix(quaternion)
 
 
-def view(
+def observation(
     joints: ArrayLike = MACHINE.home,
     *,
     surface: Surface = flat,
@@ -53,11 +53,11 @@ def view(
     rotation: Array | None = None,
     fill: float = 0.0,
     time: float = 0.0,
-) -> View:
+) -> Observation:
     """What is seen from a machine on a 24 m map with heights surface(x, y) [m]."""
     grid = Grid(121, 121, 0.2)
     x, y = np.meshgrid(grid.x(np.arange(121)), grid.y(np.arange(121)), indexing="ij")
-    return View(
+    return Observation(
         time=time,
         joints=np.array(joints, dtype=np.float64),
         base_position=np.array(position, dtype=np.float64),
@@ -68,24 +68,24 @@ def view(
     )
 
 
-def lip(seen: View, joints: ArrayLike | None = None) -> Array:
+def lip(seen: Observation, joints: ArrayLike | None = None) -> Array:
     """Where the middle of the cutting lip is [m], map frame, shape (3,)."""
     at = seen.joints if joints is None else joints
     rotation, pin = tool_pose(MACHINE, seen.base_position, seen.base_rotation, at)
-    return np.asarray(pin + rotation[:, 0] * MACHINE.bucket.tip_length)
+    return np.asarray(pin + rotation[:, 0] * MACHINE.bucket.tip_radius)
 
 
-class Moment(NamedTuple):
+class DigStep(NamedTuple):
     """What was seen and done in one tick."""
 
     phase: str
-    passes: int
-    seen: View
+    num_passes: int
+    seen: Observation
     command: Command
     lip: Array
 
 
-class ToyDig:
+class KinematicDig:
     """An operator on a machine that does what it is told, at once, over level ground.
 
     The bucket fills evenly while it drags, and empties evenly once it stands open.
@@ -111,9 +111,9 @@ class ToyDig:
             start_time: simulation time at the first tick [s].
         """
         self.operator = operator
-        self.moments: list[Moment] = []
+        self.moments: list[DigStep] = []
         self._fills, self._drag_time, self._emptying, self._dt = fills, drag_time, emptying, dt
-        self._ground = view()
+        self._ground = observation()
         self._joints = np.array(MACHINE.home, dtype=np.float64)
         self._limits = [MACHINE.joints[name] for name in EXCAVATOR_JOINTS]
         self._fill, self._passes, self._start = 0.0, 0, start_time
@@ -127,28 +127,28 @@ class ToyDig:
             if before is None or before.phase != now.phase
         ]
 
-    def during(self, phase: str) -> list[Moment]:
+    def during(self, phase: str) -> list[DigStep]:
         return [moment for moment in self.moments if moment.phase == phase]
 
-    def run(self, cycles: int = 1, longest: float = 200.0) -> ToyDig:
+    def run(self, cycles: int = 1, timeout: float = 200.0) -> KinematicDig:
         """Until so many cycles are reported.
 
         Raises:
             AssertionError: it took longer than `longest` [s] of simulated time.
         """
         while len(self.operator.reports) < cycles:
-            assert len(self.moments) * self._dt < longest, self.operator.phase
+            assert len(self.moments) * self._dt < timeout, self.operator.phase
             self._tick()
         return self
 
-    def run_until(self, phase: str, longest: float = 100.0) -> ToyDig:
+    def run_until(self, phase: str, timeout: float = 100.0) -> KinematicDig:
         """Until a phase has begun.
 
         Raises:
             AssertionError: it took longer than `longest` [s] of simulated time.
         """
         while self.operator.phase != phase:
-            assert len(self.moments) * self._dt < longest, self.operator.phase
+            assert len(self.moments) * self._dt < timeout, self.operator.phase
             self._tick()
         return self
 
@@ -157,9 +157,9 @@ class ToyDig:
         if phase == "dig" and (not self.moments or self.moments[-1].phase != "dig"):
             self._passes += 1
         time = self._start + len(self.moments) * self._dt
-        seen = view(self._joints, fill=self._fill, time=time)
+        seen = observation(self._joints, fill=self._fill, time=time)
         command = self.operator.command(seen, self._dt)
-        self.moments.append(Moment(phase, self._passes, seen, command, lip(seen)))
+        self.moments.append(DigStep(phase, self._passes, seen, command, lip(seen)))
         for k, limit in enumerate(self._limits):
             speed = min(max(command.joints[k], -limit.speed), limit.speed)
             self._joints[k] = min(max(self._joints[k] + speed * self._dt, limit.lower), limit.upper)
@@ -169,6 +169,6 @@ class ToyDig:
         if phase == "dig":
             goal = self._fills[min(self._passes, len(self._fills)) - 1]
             self._fill = min(self._fill + goal * self._dt / self._drag_time, goal)
-        opened = self._joints[1:].sum() < ARM.level - 1.5
+        opened = self._joints[1:].sum() < ARM.level_attitude - 1.5
         if phase == "dump" and opened:
             self._fill = max(self._fill - self._emptying * self._dt, 0.0)

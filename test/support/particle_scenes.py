@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.ground import Ground
-from machine_sim.particles import ParticleEngine, ParticleParams, Pose
+from machine_sim.dem import ParticleEngine, ParticleParams, Pose
+from machine_sim.ground.contact_surface import Ground
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 

@@ -13,25 +13,25 @@ from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-from earthmoving_sim.dig_run import REACTION, DigRun
 from earthmoving_sim.run_config import load_run_config
-from machine_sim.machine.appearance import link_boxes, link_frames, link_poses, shoe_look
+from earthmoving_sim.single_process_dig import COMMAND_DELAY_TICKS, SingleProcessDig
+from machine_sim.machine.visuals import link_frame_names, link_poses, link_visual_boxes, shoe_visual
 from msg_bridge.bag.writer import BagWriter
-from msg_bridge.codec.chunks import to_chunk_cloud
-from msg_bridge.codec.headers import to_multi_array
 from msg_bridge.codec.machine_state import BaseState, JointValues, to_joint_state
 from msg_bridge.codec.markers import MarkerSet
 from msg_bridge.codec.particles import to_particle_cloud
 from msg_bridge.codec.poses import to_odometry
-from msg_bridge.codec.sim_config import RunFacts, config_text
-from msg_bridge.codec.stamps import stamp_of_tick
+from msg_bridge.codec.row_chunks import to_chunk_cloud
+from msg_bridge.codec.run_config import RunFacts, to_config_yaml
+from msg_bridge.codec.stamps import stamp_from_tick
+from msg_bridge.codec.tick_headers import to_multi_array
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.messages import RowChunk, SoilHeader, Stream
-from soil_sim.side import SoilSide
+from soil_sim.endpoint import SoilEndpoint
 from soil_sim.terrain import HeightMap, rough
-from support.bag_recording import Recording
-from support.bag_scenes import terrain_cloud
+from support.recorded_exchange import terrain_cloud
+from support.recorded_messages import Recording
 
 TICK = 0.01
 CYCLES, PHASE = "/excavator/operator/cycles", "/excavator/operator/phase"
@@ -44,100 +44,102 @@ def small_site() -> HeightMap:
 
 
 class RecordedDig:
-    """A DigRun in one process, whose messages are written as its nodes would."""
+    """A SingleProcessDig in one process, whose messages are written as its nodes would."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, site: HeightMap, **asked: Any) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, site: HeightMap, **overrides: Any) -> None:
         self.recording = Recording()
-        self._said = ""
-        self.seen = 0  # most particles told of
-        take = SoilSide.take_outbox
+        self._last_phase = ""
+        self.max_published_particles = 0  # most particles told of
+        take = SoilEndpoint.drain_outbox
 
-        def watched(side: SoilSide) -> list:
+        def watched(side: SoilEndpoint) -> list:
             messages = take(side)
             for message in messages:
-                self._say_soil(message, side.tick)
+                self._publish_soil(message, side.tick)
             return messages
 
-        monkeypatch.setattr(SoilSide, "take_outbox", watched)
+        monkeypatch.setattr(SoilEndpoint, "drain_outbox", watched)
         facts = RunFacts(1, TICK, False, 0.2, (LooseSoil(0.15),))
-        self.recording.add("/sim/config", String(data=config_text(facts, {})))
-        self.run = DigRun(load_run_config("demo.yaml", asked), site)
+        self.recording.add("/sim/config", String(data=to_config_yaml(facts, {})))
+        self.run = SingleProcessDig(load_run_config("demo.yaml", overrides), site)
         machine = self.run.machine.machine
-        looks = (link_boxes(machine.description), shoe_look(machine.description))
-        self._markers = MarkerSet(link_frames(machine.description), *looks, namespace="excavator")
-        machine_node = {"machine": "machines/excavator.yaml", "command_delay": REACTION}
+        looks = (link_visual_boxes(machine.spec), shoe_visual(machine.spec))
+        self._markers = MarkerSet(link_frame_names(machine.spec), *looks, namespace="excavator")
+        machine_node = {"machine": "machines/excavator.yaml", "command_delay": COMMAND_DELAY_TICKS}
         config = {"machine_sim": machine_node}
-        self._say("config", String(data=config_text(facts, config)))
-        self._say_tick(self.run.world.ledger)
-        self._watch(self.run)
+        self._publish("config", String(data=to_config_yaml(facts, config)))
+        self._publish_tick(self.run.world.ledger)
+        self._instrument(self.run)
         self.outcome = self.run.run()
-        self._diagnose()
+        self._publish_diagnostics()
 
-    def _watch(self, run: DigRun) -> None:
+    def _instrument(self, run: SingleProcessDig) -> None:
         step, command = run.world.step, run.operator.command
 
         def stepped():
             ledger = step()
-            self._say_tick(ledger)
+            self._publish_tick(ledger)
             return ledger
 
         def commanded(view, dt):
             made = command(view, dt)
             shift = run.operator
-            now = {"cycle": shift.cycle, "phase": shift.phase, "given_up": shift.given_up}
-            if json.dumps(now) != self._said:
-                self._said = json.dumps(now)
-                self._say("operator/phase", String(data=json.dumps({"time": view.time, **now})))
+            now = {"cycle": shift.cycle, "phase": shift.phase, "abort_reason": shift.abort_reason}
+            if json.dumps(now) != self._last_phase:
+                self._last_phase = json.dumps(now)
+                self._publish("operator/phase", String(data=json.dumps({"time": view.time, **now})))
             return made
 
         run.world.step, run.operator.command = stepped, commanded
 
-    def _say(self, name: str, message: Any) -> None:
+    def _publish(self, name: str, message: Any) -> None:
         self.recording.add(f"/excavator/{name}", message)
 
-    def _say_soil(self, message: Any, tick: int) -> None:
+    def _publish_soil(self, message: Any, tick: int) -> None:
         if isinstance(message, SoilHeader):
             self.recording.add("/soil/tick", to_multi_array(message))
-        elif isinstance(message, RowChunk) and message.stream is Stream.CHANGED:
-            cloud = to_chunk_cloud(message, "map", stamp_of_tick(tick, TICK))
-            self.recording.add("/terrain/changes", cloud)
+        elif isinstance(message, RowChunk) and message.stream is Stream.MAP_UPDATE:
+            cloud = to_chunk_cloud(message, "map", stamp_from_tick(tick, TICK))
+            self.recording.add("/terrain/map_updates", cloud)
 
-    def _say_tick(self, ledger: Any) -> None:
+    def _publish_tick(self, ledger: Any) -> None:
         """All that is told of the end of a tick, as often as nodes do."""
         run, tick = self.run, ledger.tick
-        stamp = stamp_of_tick(tick, TICK)
+        stamp = stamp_from_tick(tick, TICK)
         self.recording.add("/soil/ledger", to_multi_array(ledger))
         if tick % 200 == 0:
             self.recording.add("/terrain/map", terrain_cloud(run.world.soil, 1, tick))
         if tick % 100 == 0:
             text = f"{tick} {run.world.state_hash()}"
             self.recording.add("/soil/state_hash", String(data=text))
-        machine, store = run.machine.machine, run.machine.particles.store
+        machine, state = run.machine.machine, run.machine.particles.state
         if tick % 2 == 0:
             base = BaseState(*machine.base_pose, *machine.base_velocity)
             joints = JointValues(
-                machine.description.joint_names,
+                machine.spec.joint_names,
                 machine.joint_positions,
                 machine.joint_velocities,
                 machine.joint_efforts,
             )
-            self._say("joint_states", to_joint_state(joints, base, stamp))
-            self._say("odom", to_odometry(base, "base_link", stamp))
+            self._publish("joint_states", to_joint_state(joints, base, stamp))
+            self._publish("odom", to_odometry(base, "base_link", stamp))
         if tick % 5 == 0:
-            rows = (store.position, store.velocity, store.radius, store.particle_id)
-            more = (store.volume_mm3, store.soil, "map", stamp)
-            self._say("particles", to_particle_cloud(*rows, *more))
-            self.seen = max(self.seen, run.machine.particles.count)
+            rows = (state.position, state.velocity, state.radius, state.particle_id)
+            more = (state.volume_mm3, state.soil, "map", stamp)
+            self._publish("particles", to_particle_cloud(*rows, *more))
+            self.max_published_particles = max(
+                self.max_published_particles, run.machine.particles.count
+            )
         if tick % 10 == 0:
-            poses = link_poses(machine.description, *machine.base_pose, machine.joint_positions)
+            poses = link_poses(machine.spec, *machine.base_pose, machine.joint_positions)
             markers = self._markers.at(poses, machine.tracks.shoe_poses, stamp)
             # The set's one message: it is changed by the next.
             copy = deserialize_message(serialize_message(markers), MarkerArray)
-            self._say("markers", copy)
+            self._publish("markers", copy)
 
-    def _diagnose(self) -> None:
+    def _publish_diagnostics(self) -> None:
         particles = self.run.machine.particles
-        tunnelled = particles.tunnelled_tool + particles.tunnelled_ground
+        tunnelled = particles.num_plate_tunnellings + particles.num_ground_tunnellings
         values = [KeyValue(key="tunnelled", value=str(tunnelled))]
         status = DiagnosticStatus(name="excavator/machine_sim: machine_sim", values=values)
         self.recording.add("/diagnostics", DiagnosticArray(status=[status]))

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
-from msg_bridge.contract.rows import LANDED, SWEEP, Rows, empty_rows
-from soil_sim.params import SoilParams
+from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, Rows, empty_rows
 from soil_sim.soil import Soil
+from soil_sim.soils.params import SoilParams
 
 BUCKET_PROFILE = ((0, 0), (-0.4, 0), (-0.7, 0.1), (-0.9, 0.3), (-1, 0.5), (-1, 0.8), (-0.9, 1.0))
 """(x, z) of a bucket's seven key points behind and above its lip [m]."""
 
 NO_SWEEPS = empty_rows(SWEEP)
-NO_LANDED = empty_rows(LANDED)
+NO_DEPOSIT_REQUESTS = empty_rows(DEPOSIT_REQUEST)
 
 
 def flat_soil(size: float = 12.0, cell: float = 0.2, **params: object) -> Soil:
@@ -28,11 +28,11 @@ def flat_soil(size: float = 12.0, cell: float = 0.2, **params: object) -> Soil:
     return Soil(grid, np.zeros(grid.shape), SoilParams(**params))  # type: ignore[arg-type]
 
 
-def landings(x: object, y: object, volume_mm3: int) -> Rows:
+def make_deposit_requests(x: object, y: object, volume_mm3: int) -> Rows:
     """LANDED rows of one source, `volume_mm3` each."""
     x, y = np.broadcast_arrays(np.atleast_1d(x), np.atleast_1d(y))  # type: ignore[arg-type]
-    rows = empty_rows(LANDED, x.size)
-    rows["x"], rows["y"], rows["volume_mm3"], rows["source"] = x, y, volume_mm3, 1
+    rows = empty_rows(DEPOSIT_REQUEST, x.size)
+    rows["x"], rows["y"], rows["volume_mm3"], rows["machine_id"] = x, y, volume_mm3, 1
     rows["particle_id"] = np.arange(1, x.size + 1)
     return rows
 
@@ -51,7 +51,7 @@ def tool_sweep(
     for pair, (x, z) in enumerate(profile):
         for side, y in ((0, width / 2), (1, -width / 2)):
             row = rows[2 * pair + side]
-            row["pair"], row["source"] = pair, 1
+            row["pair"], row["machine_id"] = pair, 1
             for axis, offset, a, b in zip("xyz", (x, y, z), start, end, strict=True):
                 row[f"{axis}0"], row[f"{axis}1"] = a + offset, b + offset
     return rows
@@ -64,17 +64,19 @@ def bucket_sweep(
     return tool_sweep(BUCKET_PROFILE, start, end, width)
 
 
-def drag(soil: Soil, profile: Sequence[tuple[float, float]], *, depth: float, step: float) -> float:
+def drag_tool(
+    soil: Soil, profile: Sequence[tuple[float, float]], *, depth: float, step: float
+) -> float:
     """Drag a tool 1 m toward +x from where it stands in the soil, which does not slip.
 
     Returns:
         The volume the soil lost [m^3].
     """
-    soil.slip.relax = lambda budget=None: 0  # type: ignore[method-assign]
+    soil.relaxation.relax = lambda budget=None: 0  # type: ignore[method-assign]
     before = soil.total_mm3
     x = np.linspace(-0.5, 0.5, round(1.0 / step) + 1)
     for tick, (a, b) in enumerate(pairwise([x[0], *x])):
-        soil.step(tick, tool_sweep(profile, (a, 0, -depth), (b, 0, -depth)), NO_LANDED)
+        soil.step(tick, tool_sweep(profile, (a, 0, -depth), (b, 0, -depth)), NO_DEPOSIT_REQUESTS)
     return (before - soil.total_mm3) / 1e9
 
 
@@ -91,18 +93,20 @@ def scoop(soil: Soil, *, depth: float, length: float, speed: float = 1.0, y: flo
         path.append((length / 2, y, path[-1][2] + step))
     taken = 0
     for tick, (a, b) in enumerate(pairwise(path)):
-        moved = soil.step(tick, bucket_sweep(a, b), NO_LANDED).conversions
+        moved = soil.step(tick, bucket_sweep(a, b), NO_DEPOSIT_REQUESTS).conversions
         taken += int(moved["volume_mm3"].astype(np.int64).sum())
     return taken
 
 
-def pile(cell: float, angle: float, volume: float, radius: float = 4.0, parts: int = 4000) -> Soil:
+def pour_pile(
+    cell: float, angle: float, volume: float, radius: float = 4.0, parts: int = 4000
+) -> Soil:
     """A pile of `volume` [m^3] landed at one point, a little at a time, at rest."""
     reach = (3 * volume / math.pi / math.tan(math.radians(angle))) ** (1 / 3)
-    soil = flat_soil(3.2 * reach, cell, repose_angle=angle, slip_radius=radius)
+    soil = flat_soil(3.2 * reach, cell, repose_angle=angle, relaxation_radius=radius)
     for tick in range(parts):
-        soil.step(tick, NO_SWEEPS, landings(0.0, 0.0, round(volume * 1e9 / parts)))
-    while soil.slip.relax(10**7):
+        soil.step(tick, NO_SWEEPS, make_deposit_requests(0.0, 0.0, round(volume * 1e9 / parts)))
+    while soil.relaxation.relax(10**7):
         pass
     return soil
 

@@ -17,24 +17,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.machine.tools.trough import Trough
+from machine_sim.machine.tools.open_container import OpenContainer
 
 __all__ = ["BedShape"]
 
-_POINTS = 3
+_MIN_PROFILE_POINTS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class BedShape(Trough):
-    """A bed with parallel sides, open above; attributes as in `Trough`."""
+class BedShape(OpenContainer):
+    """A bed with parallel sides, open above; attributes as in `OpenContainer`."""
 
     profile: NDArray[np.float64]
     width: float
-    plate: float = 0.02
+    plate_thickness: float = 0.02
 
     def __post_init__(self) -> None:
         """
         Raises:
             MachineError: a profile of less than three points, not convex, or wound backwards.
         """
-        self._check("bed", _POINTS)
+        self._validate("bed", _MIN_PROFILE_POINTS)

@@ -19,18 +19,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.machine.errors import MachineError
-from machine_sim.machine.tools.trough import Trough
+from machine_sim.machine.tools.open_container import OpenContainer
 
-__all__ = ["KEY_PAIRS", "BucketShape"]
+__all__ = ["NUM_KEY_POINT_PAIRS", "BucketShape"]
 
-KEY_PAIRS = 7
+NUM_KEY_POINT_PAIRS = 7
 """Pairs of key points along the bucket's side edges, as many as the reference work uses."""
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class BucketShape(Trough):
+class BucketShape(OpenContainer):
     """A bucket with parallel sides: a convex profile drawn across its width.
 
     Attributes:
@@ -42,16 +42,16 @@ class BucketShape(Trough):
 
     profile: Array
     width: float
-    plate: float = 0.03
+    plate_thickness: float = 0.03
 
     def __post_init__(self) -> None:
         """
         Raises:
             MachineError: a profile that is not seven points, not convex, or wound backwards.
         """
-        if np.shape(self.profile) != (KEY_PAIRS, 2):
+        if np.shape(self.profile) != (NUM_KEY_POINT_PAIRS, 2):
             raise MachineError(
-                f"bucket.profile has shape {np.shape(self.profile)}; give {KEY_PAIRS} points [x, z]"
+                f"bucket.profile has shape {np.shape(self.profile)}; give {NUM_KEY_POINT_PAIRS} points [x, z]"
             )
         lip = np.asarray(self.profile, dtype=np.float64)[0]
         if lip[1] != 0.0 or lip[0] <= 0.0:
@@ -59,10 +59,10 @@ class BucketShape(Trough):
                 "bucket.profile[0] is the cutting lip and lies on the x axis of the bucket frame;"
                 f" give [length, 0.0] instead of {lip.tolist()}"
             )
-        self._check("bucket", KEY_PAIRS)
+        self._validate("bucket", NUM_KEY_POINT_PAIRS)
 
     @property
-    def tip_length(self) -> float:
+    def tip_radius(self) -> float:
         """Bucket pin to cutting lip [m]."""
         return float(self.profile[0, 0])
 
@@ -80,13 +80,13 @@ class BucketShape(Trough):
         strips = self._half_planes[0][:-1]
         normals = np.vstack([strips[:1], strips[:-1] + strips[1:], strips[-1:]])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        return np.column_stack([normals[:, 0], np.zeros(KEY_PAIRS), normals[:, 1]])
+        return np.column_stack([normals[:, 0], np.zeros(NUM_KEY_POINT_PAIRS), normals[:, 1]])
 
-    def made_room(self, points: ArrayLike, clearance: float, up: Array) -> Array:
+    def release_points(self, points: ArrayLike, clearance: float, up: Array) -> Array:
         """Where soil that is cut at some points [m], bucket frame, comes loose: in the bucket."""
-        return self.clamped_inside(points, clearance)
+        return self.clamp_inside(points, clearance)
 
-    def clamped_inside(self, points_local: ArrayLike, clearance: float) -> Array:
+    def clamp_inside(self, points_local: ArrayLike, clearance: float) -> Array:
         """Points moved into the struck volume, at least `clearance` [m] away from every plate.
 
         A point that is there already stays; another goes straight toward the bucket's middle in

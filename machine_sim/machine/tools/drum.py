@@ -19,9 +19,9 @@ __all__ = ["DrumShape"]
 
 Array = NDArray[np.float64]
 
-_KEY_PAIRS = 12
+_NUM_KEY_POINT_PAIRS = 12
 """Pairs of key points round the tips: a polygon within 3.5 % of the circle."""
-_SIDES = 8
+_NUM_BODY_FLATS = 8
 """Flats of the body."""
 
 
@@ -38,7 +38,7 @@ class DrumShape:
     """
 
     radius: float
-    body: float
+    body_radius: float
     width: float
     offset: float = 0.0
     vanes: int = 4
@@ -48,9 +48,9 @@ class DrumShape:
         Raises:
             MachineError: numbers out of range.
         """
-        if not (0.0 < self.body < self.radius < math.inf):
+        if not (0.0 < self.body_radius < self.radius < math.inf):
             raise MachineError(
-                f"drum.body is {self.body} and radius {self.radius}; give a body above 0 m, and"
+                f"drum.body_radius is {self.body_radius} and radius {self.radius}; give a body above 0 m, and"
                 " tips of the picks farther out than that"
             )
         if not 0.0 < self.width < math.inf:
@@ -61,22 +61,24 @@ class DrumShape:
     @cached_property
     def key_points(self) -> Array:
         """Tips of the picks [m], shape (26, 3): row 2k left, 2k + 1 right, the ring closed."""
-        left, right = (self._rim(_KEY_PAIRS, self.radius, side) for side in (1, -1))
+        left, right = (self._rim(_NUM_KEY_POINT_PAIRS, self.radius, side) for side in (1, -1))
         ring = np.stack([left, right], axis=1)
         return np.concatenate([ring, ring[:1]]).reshape(-1, 3)
 
     def plates(self) -> list[Array]:
         """The body's flats and ends and the vanes, as convex planar polygons [m]."""
-        left, right = (self._rim(_SIDES, self.body, side) for side in (1, -1))
-        flats = [np.array([left[k], left[k - 1], right[k - 1], right[k]]) for k in range(_SIDES)]
-        roots = [self._rim(self.vanes, 0.98 * self.body, side) for side in (1, -1)]
+        left, right = (self._rim(_NUM_BODY_FLATS, self.body_radius, side) for side in (1, -1))
+        flats = [
+            np.array([left[k], left[k - 1], right[k - 1], right[k]]) for k in range(_NUM_BODY_FLATS)
+        ]
+        roots = [self._rim(self.vanes, 0.98 * self.body_radius, side) for side in (1, -1)]
         tips = [self._rim(self.vanes, self.radius, side) for side in (1, -1)]
         vanes = [
             np.array([roots[0][k], tips[0][k], tips[1][k], roots[1][k]]) for k in range(self.vanes)
         ]
         return [*flats, left, right[::-1].copy(), *vanes]
 
-    def made_room(self, points: ArrayLike, clearance: float, up: Array) -> Array:
+    def release_points(self, points: ArrayLike, clearance: float, up: Array) -> Array:
         """Where soil that is cut at some points comes loose: out of the drum, on its upper half.
 
         What is cut below the axis comes round with the picks to as far in front of it.

@@ -8,12 +8,12 @@ from machine_sim.machine.tools.bed import BedShape
 from machine_sim.machine.tools.bucket import BucketShape
 from machine_sim.machine.tools.drum import DrumShape
 
-__all__ = ["CuttingShape", "HoldingShape", "ToolMount", "ToolShape"]
+__all__ = ["ContainerShape", "CuttingShape", "ToolMount", "ToolShape"]
 
 ToolShape = BucketShape | DrumShape | BedShape
 CuttingShape = BucketShape | DrumShape
 """Those that go into the ground."""
-HoldingShape = BucketShape | BedShape
+ContainerShape = BucketShape | BedShape
 """Those that soil is carried in."""
 
 

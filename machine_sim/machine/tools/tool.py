@@ -8,11 +8,11 @@ import numpy as np
 import pybullet
 from numpy.typing import ArrayLike, NDArray
 
-from machine_sim.machine.description import LinkShape
-from machine_sim.machine.kinematics import cross, rotation_matrix
-from machine_sim.machine.numbers import finite_numbers
+from machine_sim.machine.arm_kinematics import cross, rotation_matrix
+from machine_sim.machine.spec import LinkSpec
 from machine_sim.machine.tools.drum import DrumShape
 from machine_sim.machine.tools.shapes import ToolShape
+from machine_sim.machine.validation import finite_numbers
 
 __all__ = ["Tool"]
 
@@ -30,7 +30,7 @@ class Tool:
     """
 
     def __init__(
-        self, client: int, body: int, link: int, shape: ToolShape, of_link: LinkShape
+        self, client: int, body: int, link: int, shape: ToolShape, of_link: LinkSpec
     ) -> None:
         """
         Args:
@@ -43,9 +43,9 @@ class Tool:
         self.inertia = of_link.inertia[1]
         self._client, self._body, self._link = client, body, link
         self._com = np.array(of_link.center_of_mass)
-        self._spins = isinstance(shape, DrumShape)
-        self._turn = 0.0
-        self.spin = 0.0
+        self._is_drum = isinstance(shape, DrumShape)
+        self._joint_angle = 0.0
+        self.drum_speed = 0.0
         self._force, self._torque = [0.0] * 3, [0.0] * 3  # torque about the frame's origin
         self._pushed = False
 
@@ -85,10 +85,10 @@ class Tool:
         # [4] and [5] are the link frame; [0] and [1] would be that of the centre of mass.
         self._origin = np.array(state[4])
         self._rotation = rotation_matrix(state[5])
-        self._com_velocity, self._spin = state[6], state[7]
-        if self._spins:
+        self._com_velocity, self._angular_velocity = state[6], state[7]
+        if self._is_drum:
             joint = pybullet.getJointState(self._body, self._link, self._client)
-            self._turn, self.spin = joint[0], joint[1]
+            self._joint_angle, self.drum_speed = joint[0], joint[1]
 
     @property
     def pose(self) -> tuple[Array, Array]:
@@ -98,15 +98,15 @@ class Tool:
     @property
     def frame(self) -> tuple[Array, Array]:
         """The same for what is beside a tool and not on it: the frame of a drum does not spin."""
-        if not self._spins:
+        if not self._is_drum:
             return self._rotation, self._origin
-        s, c = math.sin(self._turn), math.cos(self._turn)
+        s, c = math.sin(self._joint_angle), math.cos(self._joint_angle)
         back = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
         return self._rotation @ back, self._origin
 
     @property
     def velocity(self) -> tuple[Array, Array]:
         """Velocity of the frame's origin [m/s], angular velocity [rad/s], map frame."""
-        spin = np.array(self._spin)
+        spin = np.array(self._angular_velocity)
         arm = self._rotation @ self._com
         return np.array(self._com_velocity) - cross(spin, arm), spin

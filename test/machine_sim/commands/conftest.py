@@ -5,18 +5,18 @@ from pathlib import Path
 
 import pytest
 
-from machine_sim.commands import CommandBoard, CommandParams
-from machine_sim.machine import MachineDescription, load_description
+from machine_sim.commands import CommandArbiter, CommandParams
+from machine_sim.machine import MachineSpec, load_machine_spec
 
 MACHINE_FILE = Path(__file__).resolve().parents[3] / "config" / "machines" / "excavator.yaml"
 
 
 @pytest.fixture(scope="session")
-def description() -> MachineDescription:
-    return load_description(MACHINE_FILE)
+def spec() -> MachineSpec:
+    return load_machine_spec(MACHINE_FILE)
 
 
 @pytest.fixture
-def board(description) -> Callable[..., CommandBoard]:
+def arbiter(spec) -> Callable[..., CommandArbiter]:
     """Make a board, with other parameters than the shipped ones by name."""
-    return lambda **params: CommandBoard(description, CommandParams(**params))
+    return lambda **params: CommandArbiter(spec, CommandParams(**params))

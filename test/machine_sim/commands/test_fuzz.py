@@ -9,8 +9,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from machine_sim.commands import TRACK_NAMES, CommandBoard, CommandError, CommandParams
-from machine_sim.commands.checks import shown
+from machine_sim.commands import TRACK_NAMES, CommandArbiter, CommandError, CommandParams
+from machine_sim.commands.validation import format_value
 from machine_sim.machine import EXCAVATOR_JOINTS
 
 HOME = (0.0, -0.7, 1.85, 1.9)
@@ -89,18 +89,18 @@ bad = st.one_of(
 stale = st.one_of(joint_velocities(), joint_goals(), calls("twist", speed, speed))
 
 
-def call(board, name, arguments, now, stamp):
+def call(arbiter, name, arguments, now, stamp):
     if name == "emergency_stop":
-        board.emergency_stop(*arguments)
+        arbiter.emergency_stop(*arguments)
     elif name in ("front", "tracks"):
-        getattr(board, name)(*arguments, now)
+        getattr(arbiter, name)(*arguments, now)
     else:
-        getattr(board, name)(*arguments, now, stamp=stamp, sim_now=now)
+        getattr(arbiter, name)(*arguments, now, stamp=stamp, sim_now=now)
 
 
-def refused(board, name, arguments, now, stamp):
+def refused(arbiter, name, arguments, now, stamp):
     try:
-        call(board, name, arguments, now, stamp)
+        call(arbiter, name, arguments, now, stamp)
     except CommandError as error:
         return str(error)
     return None
@@ -131,8 +131,8 @@ steps = st.lists(
 
 @settings(max_examples=300, deadline=None)
 @given(steps=steps)
-def test_bad_inputs_leave_no_trace(description, steps):
-    spared, told = CommandBoard(description, PARAMS), CommandBoard(description, PARAMS)
+def test_bad_inputs_leave_no_trace(spec, steps):
+    spared, told = CommandArbiter(spec, PARAMS), CommandArbiter(spec, PARAMS)
     now = 0.0
     for passed, (kind, command), tick in steps:
         now += passed
@@ -143,9 +143,9 @@ def test_bad_inputs_leave_no_trace(description, steps):
         else:
             assert refused(told, *command, now, stamp), command
         if tick:
-            assert same(spared.at(now, HOME), told.at(now, HOME))
-        assert spared.stopped == told.stopped
-    assert same(spared.at(now, HOME), told.at(now, HOME))
+            assert same(spared.command_at(now, HOME), told.command_at(now, HOME))
+        assert spared.is_stopped == told.is_stopped
+    assert same(spared.command_at(now, HOME), told.command_at(now, HOME))
 
 
 anything = st.recursive(
@@ -160,17 +160,17 @@ anything = st.recursive(
     name=st.sampled_from(["front", "tracks", "joints", "twist", "joy", "emergency_stop"]),
     arguments=st.tuples(anything, anything, anything),
 )
-def test_whatever_comes_is_taken_or_refused_with_a_sentence(description, name, arguments):
-    board = CommandBoard(description)
+def test_whatever_comes_is_taken_or_refused_with_a_sentence(spec, name, arguments):
+    arbiter = CommandArbiter(spec)
     count = {"joints": 3, "twist": 2, "joy": 2}.get(name, 1)
-    sentence = refused(board, name, arguments[:count], 0.0, None)
+    sentence = refused(arbiter, name, arguments[:count], 0.0, None)
     assert sentence is None or 20 < len(sentence) < 400
-    applied = board.at(0.0, HOME)
+    applied = arbiter.command_at(0.0, HOME)
     assert np.isfinite(applied.joints).all()
     assert np.isfinite(applied.tracks).all()
 
 
 def test_a_value_of_many_levels_is_shown_short():
     value = {"a" * 30: {"b" * 30: {"c" * 30: ["d" * 30] * 9}, "e" * 30: ["f" * 30] * 9}}
-    assert len(shown(value)) <= 160
+    assert len(format_value(value)) <= 160
     assert shown([1.0, 2.0]) == "[1.0, 2.0]"

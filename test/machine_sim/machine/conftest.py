@@ -9,8 +9,8 @@ import pybullet
 import pytest
 from pybullet_utils.bullet_client import BulletClient
 
-from machine_sim.ground import Ground
-from machine_sim.machine import MachineDescription, TrackedMachine, load_description
+from machine_sim.ground.contact_surface import Ground
+from machine_sim.machine import MachineSpec, TrackedMachine, load_machine_spec
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 
@@ -24,11 +24,11 @@ class Scene:
 
     def __init__(
         self,
-        description,
+        spec,
         surface=None,
         yaw=0.0,
         position=(0.0, 0.0),
-        tracks="fast",
+        tracks="kinematic",
         dt=DT,
         soil=FIRM,
     ):
@@ -41,7 +41,7 @@ class Scene:
         self.client.setGravity(0.0, 0.0, -9.81)
         moisture = np.full(grid.shape, soil.moisture, dtype=np.uint8)
         self.ground = Ground(grid, heights, soils=[soil], moisture=moisture)
-        self.machine = TrackedMachine(description, self.client, self.ground, position, yaw, tracks)
+        self.machine = TrackedMachine(spec, self.client, self.ground, position, yaw, tracks)
 
     def step(self, pull=0.0):
         """One step; `pull` [N] drags backward on the map's x axis, on the ground."""
@@ -65,7 +65,7 @@ class Scene:
 
     def dig(self, depth):
         rows, cols = np.indices(self.ground.grid.shape).reshape(2, -1)
-        self.ground.update(rows, cols, self.ground.elevation[rows, cols] - depth)
+        self.ground.set_heights(rows, cols, self.ground.elevation[rows, cols] - depth)
 
     @property
     def place(self):
@@ -73,12 +73,12 @@ class Scene:
 
 
 @pytest.fixture(scope="session")
-def description() -> MachineDescription:
-    return load_description(MACHINE_FILE)
+def spec() -> MachineSpec:
+    return load_machine_spec(MACHINE_FILE)
 
 
 @pytest.fixture
-def scene(description) -> Callable[..., Scene]:
+def scene(spec) -> Callable[..., Scene]:
     """Make scenes; their clients are closed after the test."""
     made = []
 
@@ -89,7 +89,7 @@ def scene(description) -> Callable[..., Scene]:
             def surface(x, y):
                 return rise * x
 
-        made.append(Scene(description, surface, **options))
+        made.append(Scene(spec, surface, **options))
         return made[-1]
 
     yield make

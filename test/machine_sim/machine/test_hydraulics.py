@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from machine_sim.machine import EXCAVATOR_JOINTS
-from machine_sim.machine.hydraulics import HydraulicArm
+from machine_sim.machine.hydraulics import HydraulicSystem
 
 from .conftest import DT
 
@@ -16,92 +16,100 @@ MIDDLE = [0.0, -0.3, 1.5, 0.8]
 
 
 @pytest.fixture
-def arm(description):
-    limits = [description.joints[name].torque for name in EXCAVATOR_JOINTS]
-    return HydraulicArm(EXCAVATOR_JOINTS, limits, description.cylinders, description.supply)
+def arm(spec):
+    limits = [spec.joints[name].torque for name in EXCAVATOR_JOINTS]
+    return HydraulicSystem(EXCAVATOR_JOINTS, limits, spec.cylinders, spec.supply)
 
 
-def flow(description, angles, speeds):
+def flow(spec, angles, speeds):
     """What the cylinders take at joint speeds [m^3/s]."""
     total = 0.0
-    for name, cylinder in description.cylinders.items():
+    for name, cylinder in spec.cylinders.items():
         i = EXCAVATOR_JOINTS.index(name)
-        speed = cylinder.linkage.lever(angles[i]) * speeds[i]
+        speed = cylinder.linkage.lever_arm(angles[i]) * speeds[i]
         total += abs(speed) * (cylinder.head_area if speed > 0.0 else cylinder.rod_area)
     return total
 
 
 def test_one_slow_joint_gets_what_it_asks_for(arm):
-    assert arm.attainable([0.1, -0.1, 0.0, 0.0], MIDDLE, REST) == pytest.approx([0.1, -0.1, 0, 0])
+    assert arm.attainable_speeds([0.1, -0.1, 0.0, 0.0], MIDDLE, REST) == pytest.approx(
+        [0.1, -0.1, 0, 0]
+    )
 
 
-def test_joints_together_share_the_pump_and_swing_has_its_own(arm, description):
+def test_joints_together_share_the_pump_and_swing_has_its_own(arm, spec):
     wanted = [1.1, -0.45, 1.1, 1.1]
-    given = arm.attainable(wanted, MIDDLE, REST)
+    given = arm.attainable_speeds(wanted, MIDDLE, REST)
     assert given[0] == 1.1
     shares = [a / b for a, b in zip(given[1:], wanted[1:], strict=True)]
     assert shares == pytest.approx([shares[0]] * 3)
     assert shares[0] < 0.6
-    assert flow(description, MIDDLE, given) == pytest.approx(description.supply.pump_flow)
+    assert flow(spec, MIDDLE, given) == pytest.approx(spec.supply.pump_flow)
 
 
-def test_at_high_pressure_the_pump_gives_its_power_and_no_more(arm, description):
-    supply, boom = description.supply, description.cylinders["boom"]
-    lever = boom.linkage.lever(MIDDLE[1])
+def test_at_high_pressure_the_pump_gives_its_power_and_no_more(arm, spec):
+    supply, boom = spec.supply, spec.cylinders["boom"]
+    lever_arm = boom.linkage.lever_arm(MIDDLE[1])
     pressure = 30e6
     force = pressure * boom.head_area - supply.return_pressure * boom.rod_area
-    given = arm.attainable([0, -0.45, 0, 0], MIDDLE, [0, lever * force, 0, 0])
-    taken = flow(description, MIDDLE, given)
+    given = arm.attainable_speeds([0, -0.45, 0, 0], MIDDLE, [0, lever_arm * force, 0, 0])
+    taken = flow(spec, MIDDLE, given)
     assert taken * pressure == pytest.approx(supply.pump_power)
     assert taken < supply.pump_flow
 
 
-def test_a_cushion_slows_toward_the_end_and_not_away_from_it(arm, description):
-    linkage = description.cylinders["arm"].linkage
-    near = [0.0, -0.3, linkage.angle(linkage.longest - 0.01), 0.8]
-    toward = arm.attainable([0, 0, 0.2, 0], near, REST)[2]
-    away = arm.attainable([0, 0, -0.2, 0], near, REST)[2]
+def test_a_cushion_slows_toward_the_end_and_not_away_from_it(arm, spec):
+    linkage = spec.cylinders["arm"].linkage
+    near = [0.0, -0.3, linkage.angle(linkage.max_length - 0.01), 0.8]
+    toward = arm.attainable_speeds([0, 0, 0.2, 0], near, REST)[2]
+    away = arm.attainable_speeds([0, 0, -0.2, 0], near, REST)[2]
     assert 0.02 < toward < 0.1
     assert away == pytest.approx(-0.2)
 
 
-def test_torque_follows_lever_area_and_direction(arm, description):
-    supply, boom = description.supply, description.cylinders["boom"]
+def test_torque_follows_lever_area_and_direction(arm, spec):
+    supply, boom = spec.supply, spec.cylinders["boom"]
     for angle in (-1.0, -0.3, 0.5):
         angles = [0.0, angle, 1.5, 0.8]
-        lever = boom.linkage.lever(angle)
-        lifting = [0.0, math.copysign(1e5, lever), 0.0, 0.0]
+        lever_arm = boom.linkage.lever_arm(angle)
+        lifting = [0.0, math.copysign(1e5, lever_arm), 0.0, 0.0]
         push = arm.torque_limits([True] * 4, angles, lifting)[1]
         pull = arm.torque_limits([True] * 4, angles, [-e for e in lifting])[1]
         head, rod, back = boom.head_area, boom.rod_area, supply.return_pressure
-        assert push == pytest.approx(abs(lever) * (supply.relief_pressure * head - back * rod))
-        assert pull == pytest.approx(abs(lever) * (supply.relief_pressure * rod - back * head))
+        assert push == pytest.approx(
+            abs(lever_arm) * (supply.main_relief_pressure * head - back * rod)
+        )
+        assert pull == pytest.approx(
+            abs(lever_arm) * (supply.main_relief_pressure * rod - back * head)
+        )
         held = arm.torque_limits([False] * 4, angles, lifting)[1]
-        assert held == pytest.approx(abs(lever) * (supply.hold_pressure * head - back * rod))
-    assert arm.torque_limits([True] * 4, MIDDLE, REST)[0] == description.joints["swing"].torque
+        assert held == pytest.approx(
+            abs(lever_arm) * (supply.port_relief_pressure * head - back * rod)
+        )
+    assert arm.torque_limits([True] * 4, MIDDLE, REST)[0] == spec.joints["swing"].torque
 
 
-def test_pressures_balance_the_force(arm, description):
+def test_pressures_balance_the_force(arm, spec):
     for effort in (-2e5, -1e3, 0.0, 1e3, 2e5):
         efforts = [0.0, effort, effort, 0.3 * effort]
         for name, state in arm.states(MIDDLE, [0.1] * 4, efforts).items():
-            cylinder = description.cylinders[name]
+            cylinder = spec.cylinders[name]
             force = (
                 state.head_pressure * cylinder.head_area - state.rod_pressure * cylinder.rod_area
             )
-            lever = cylinder.linkage.lever(MIDDLE[EXCAVATOR_JOINTS.index(name)])
-            assert state.force == pytest.approx(efforts[EXCAVATOR_JOINTS.index(name)] / lever)
+            lever_arm = cylinder.linkage.lever_arm(MIDDLE[EXCAVATOR_JOINTS.index(name)])
+            assert state.force == pytest.approx(efforts[EXCAVATOR_JOINTS.index(name)] / lever_arm)
             assert force == pytest.approx(state.force, abs=1e-6)
             assert min(state.head_pressure, state.rod_pressure) == pytest.approx(
-                description.supply.return_pressure
+                spec.supply.return_pressure
             )
-            assert state.speed == pytest.approx(0.1 * lever)
+            assert state.speed == pytest.approx(0.1 * lever_arm)
 
 
 # The machine.
 
 
-def test_a_weak_arm_stalls_at_the_relief_pressure(scene, description):
+def test_a_weak_arm_stalls_at_the_relief_pressure(scene, spec):
     s = scene()
     s.run(0.5)
     before = s.machine.joint_positions[2]
@@ -113,10 +121,10 @@ def test_a_weak_arm_stalls_at_the_relief_pressure(scene, description):
         s.step()
     state = s.machine.cylinders["arm"]
     assert s.machine.joint_positions[2] < before + 0.02
-    assert state.head_pressure == pytest.approx(description.supply.relief_pressure, rel=0.08)
+    assert state.head_pressure == pytest.approx(spec.supply.main_relief_pressure, rel=0.08)
 
 
-def test_holding_at_rest_the_boom_carries_the_front_on_its_heads(scene, description):
+def test_holding_at_rest_the_boom_carries_the_front_on_its_heads(scene, spec):
     s = scene()
     s.run(2.0)
     held = s.machine.joint_positions

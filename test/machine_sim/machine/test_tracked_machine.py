@@ -8,9 +8,9 @@ import pytest
 from pybullet_utils.bullet_client import BulletClient
 
 from machine_sim.machine import MachineError, TrackedMachine, rotation_matrix, tool_pose
-from machine_sim.machine.joints import LEAD
-from machine_sim.machine.kinematics import arm_geometry
-from machine_sim.machine.tracks.model import TRACK_MODELS
+from machine_sim.machine.arm_kinematics import arm_geometry
+from machine_sim.machine.joint_reference import MAX_REFERENCE_LEAD
+from machine_sim.machine.tracks.track_model import TRACK_MODELS
 
 from .conftest import DT
 
@@ -55,7 +55,7 @@ def test_joint_follows_its_commanded_velocity(scene, joint):
     assert worst < 2e-3
 
 
-def test_swing_stops_where_its_ramp_ends(scene, description):
+def test_swing_stops_where_its_ramp_ends(scene, spec):
     s = scene()
     s.run(0.5)
     drive(s, [0.5, 0.0, 0.0, 0.0], 2.0)
@@ -65,7 +65,7 @@ def test_swing_stops_where_its_ramp_ends(scene, description):
     for _ in range(300):
         s.step()
         furthest = max(furthest, s.machine.joint_positions[0] - start)
-    ramp = 0.5**2 / (2.0 * description.joints["swing"].acceleration)
+    ramp = 0.5**2 / (2.0 * spec.joints["swing"].acceleration)
     assert furthest < ramp + 0.004
     assert abs(s.machine.joint_velocities[0]) < 1e-4
 
@@ -90,9 +90,9 @@ def test_arm_holds_while_driving_over_a_sill(scene, tracks):
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_limits_are_reached_and_not_passed(scene, description, sign):
+def test_limits_are_reached_and_not_passed(scene, spec, sign):
     s = scene()
-    limits = [description.joints[name] for name in ("boom", "arm", "bucket")]
+    limits = [spec.joints[name] for name in ("boom", "arm", "bucket")]
     s.machine.command([0.0, sign, sign, sign], STILL)
     low = high = s.machine.joint_positions[1:]
     for _ in range(round(5.0 / DT)):
@@ -126,7 +126,7 @@ def test_mapping_moves_the_named_joint_and_holds_the_others(scene):
         ([0.1, 0.0, 0.0, 0.0], [0.5, 0.5, 0.5]),
         ({"blade": 0.1}, [0.0, 0.0]),
         ({"arm": math.nan}, [0.0, 0.0]),
-        ("fast", [0.0, 0.0]),
+        ("kinematic", [0.0, 0.0]),
         (None, [0.0, 0.0]),
     ],
 )
@@ -168,13 +168,13 @@ def test_equal_commands_give_bit_identical_states(scene):
     np.testing.assert_array_equal(runs[0], runs[1])
 
 
-def test_tool_pose_is_that_of_the_kinematics(scene, description):
+def test_tool_pose_is_that_of_the_kinematics(scene, spec):
     s = scene(slope_deg=10, yaw=1.0)
     for command in ([0.4, -0.2, 0.3, -0.5], [-0.8, 0.3, -0.6, 0.4]):
         drive(s, command, 1.0, [0.2, -0.1])
         position, quaternion = s.machine.base_pose
         rotation, origin = tool_pose(
-            description, position, rotation_matrix(quaternion), s.machine.joint_positions
+            spec, position, rotation_matrix(quaternion), s.machine.joint_positions
         )
         np.testing.assert_allclose(s.machine.tool.pose[0], rotation, atol=1e-6)
         np.testing.assert_allclose(s.machine.tool.pose[1], origin, atol=1e-6)
@@ -203,7 +203,7 @@ def test_pose_taken_before_a_step_stays_as_it_was(scene):
     assert not np.array_equal(s.machine.tool.pose[1], origin)
 
 
-def test_tool_wrench_loads_the_joints_by_its_lever(scene, description):
+def test_tool_wrench_loads_the_joints_by_its_lever(scene, spec):
     """Virtual work: the efforts change by minus the wrench's power per unit joint speed."""
     loaded, free = scene(), scene()
     force, torque = np.array([3e3, 1e3, -6e3]), np.array([500.0, -800.0, 300.0])
@@ -215,12 +215,10 @@ def test_tool_wrench_loads_the_joints_by_its_lever(scene, description):
         free.step()
     base, quaternion = loaded.machine.base_pose
     frame, joints, h = rotation_matrix(quaternion), loaded.machine.joint_positions, 1e-5
-    now, _ = tool_pose(description, base, frame, joints)
+    now, _ = tool_pose(spec, base, frame, joints)
     expected = []
     for step in np.eye(4) * h:
-        ahead, behind = (
-            tool_pose(description, base, frame, joints + sign * step) for sign in (1, -1)
-        )
+        ahead, behind = (tool_pose(spec, base, frame, joints + sign * step) for sign in (1, -1))
         speed = (ahead[1] + ahead[0] @ offset - behind[1] - behind[0] @ offset) / (2.0 * h)
         turn = (ahead[0] - behind[0]) @ now.T / (2.0 * h)
         expected.append(-(force @ speed + torque @ [turn[2, 1], turn[0, 2], turn[1, 0]]))
@@ -229,7 +227,7 @@ def test_tool_wrench_loads_the_joints_by_its_lever(scene, description):
     np.testing.assert_allclose(change, expected, rtol=1e-3, atol=300.0)
 
 
-def test_tool_wrench_lasts_one_step(scene, description):
+def test_tool_wrench_lasts_one_step(scene, spec):
     s = scene()
     s.run(3.0)
     rest = s.machine.joint_efforts[1]
@@ -240,10 +238,10 @@ def test_tool_wrench_lasts_one_step(scene, description):
     assert s.machine.joint_efforts[1] == pytest.approx(rest, rel=1e-2)
 
 
-def test_overloaded_joint_gives_way_and_is_not_wound_up(scene, description):
+def test_overloaded_joint_gives_way_and_is_not_wound_up(scene, spec):
     s = scene()
     s.run(0.5)
-    limit = description.joints["bucket"].torque
+    limit = spec.joints["bucket"].torque
     start = s.machine.joint_positions[3]
     for _ in range(10):
         s.machine.tool.push(np.zeros(3), [0.0, -1.5 * limit, 0.0])
@@ -252,7 +250,9 @@ def test_overloaded_joint_gives_way_and_is_not_wound_up(scene, description):
     assert given < start - 0.02
     assert abs(s.machine.joint_efforts[3]) <= limit * (1.0 + 1e-6)
     s.run(2.0)
-    assert s.machine.joint_positions[3] < start - 2.0 * LEAD  # it does not spring back
+    assert (
+        s.machine.joint_positions[3] < start - 2.0 * MAX_REFERENCE_LEAD
+    )  # it does not spring back
 
 
 def test_load_at_full_reach_tips_the_machine_over_its_tracks(scene):
@@ -268,10 +268,10 @@ def test_load_at_full_reach_tips_the_machine_over_its_tracks(scene):
     assert max(tilts) > 0.15
 
 
-def test_fallen_machine_lies_on_its_roof_and_says_so(scene, description):
+def test_fallen_machine_lies_on_its_roof_and_says_so(scene, spec):
     s = scene()
     upside_down = pybullet.getQuaternionFromEuler((math.pi, 0.0, 0.0))
-    roof = arm_geometry(description).swing[2] + 1.3
+    roof = arm_geometry(spec).swing[2] + 1.3
     s.client.resetBasePositionAndOrientation(s.machine.body, [0.0, 0.0, roof], upside_down)
     s.machine.after_step()
     s.run(10.0)
@@ -280,9 +280,9 @@ def test_fallen_machine_lies_on_its_roof_and_says_so(scene, description):
     assert np.linalg.norm(s.machine.base_velocity[0]) < 0.1
 
 
-def test_two_machines_share_a_client(description, scene):
+def test_two_machines_share_a_client(spec, scene):
     s = scene()
-    other = TrackedMachine(description, s.client._client, s.ground, (0.0, 9.0), math.pi)
+    other = TrackedMachine(spec, s.client._client, s.ground, (0.0, 9.0), math.pi)
     s.machine.command([0.0] * 4, [0.5, 0.5])
     start = other.base_pose[0]
     for _ in range(200):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from machine_sim.machine import urdf_text
-from machine_sim.machine.urdf import VIRTUAL_JOINTS
+from machine_sim.machine.urdf import BASE_JOINTS
 
 
 def tree(text):
@@ -21,16 +21,16 @@ def tree(text):
     return robot, links, parents
 
 
-def test_links_form_one_chain(description):
-    _, links, parents = tree(urdf_text(description))
+def test_links_form_one_chain(spec):
+    _, links, parents = tree(urdf_text(spec))
     assert links == ["base_link", "upper", "boom", "arm", "bucket"]
     assert parents == {"upper": "base_link", "boom": "upper", "arm": "boom", "bucket": "arm"}
 
 
-def test_joint_limits_are_those_of_the_description(description):
-    robot, _, _ = tree(urdf_text(description))
+def test_joint_limits_are_those_of_the_description(spec):
+    robot, _, _ = tree(urdf_text(spec))
     for joint in robot.iter("joint"):
-        limits, limit = description.joints[joint.get("name")], joint.find("limit")
+        limits, limit = spec.joints[joint.get("name")], joint.find("limit")
         assert float(limit.get("effort")) == limits.torque
         assert joint.get("type") == ("revolute" if math.isfinite(limits.lower) else "continuous")
         if math.isfinite(limits.lower):
@@ -40,34 +40,34 @@ def test_joint_limits_are_those_of_the_description(description):
             )
 
 
-def test_masses_add_up(description):
-    robot, _, _ = tree(urdf_text(description))
+def test_masses_add_up(spec):
+    robot, _, _ = tree(urdf_text(spec))
     masses = [float(mass.get("value")) for mass in robot.iter("mass")]
-    assert sum(masses) == description.mass
+    assert sum(masses) == spec.mass
 
 
-def test_only_primitive_shapes(description):
-    robot, _, _ = tree(urdf_text(description))
+def test_only_primitive_shapes(spec):
+    robot, _, _ = tree(urdf_text(spec))
     shapes = {shape.tag for geometry in robot.iter("geometry") for shape in geometry}
     assert shapes == {"box"}
 
 
-def test_virtual_base_hangs_the_machine_under_map(description):
-    robot, links, parents = tree(urdf_text(description, prefix="digger/", virtual_base=True))
+def test_virtual_base_hangs_the_machine_under_map(spec):
+    robot, links, parents = tree(urdf_text(spec, prefix="digger/", virtual_base=True))
     at, up = "digger/bucket", []
     while at in parents:
         at = parents[at]
         up.append(at)
     assert at == "map"
     assert len(up) == len(links) - 1
-    assert [j.get("name") for j in robot.iter("joint")][:6] == list(VIRTUAL_JOINTS)
+    assert [j.get("name") for j in robot.iter("joint")][:6] == list(BASE_JOINTS)
 
 
-def test_drawn_bucket_follows_its_profile(description):
+def test_drawn_bucket_follows_its_profile(spec):
     """Each floor strip's box, turned by its pitch, ends at its two profile points."""
-    robot, _, _ = tree(urdf_text(description))
+    robot, _, _ = tree(urdf_text(spec))
     bucket = next(link for link in robot.iter("link") if link.get("name") == "bucket")
-    profile = description.bucket.profile
+    profile = spec.bucket.profile
     for visual, a, b in zip(
         list(bucket.iter("visual"))[:6], profile[:-1], profile[1:], strict=True
     ):

@@ -5,11 +5,11 @@ from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReli
 from rosbags.rosbag2.metadata import parse_qos
 
 from msg_bridge.bag.metadata import (
-    BagFacts,
+    BagMetadata,
     OfferedQos,
-    TopicFacts,
-    metadata_text,
-    qos_text,
+    TopicMetadata,
+    to_metadata_yaml,
+    to_qos_yaml,
 )
 
 # Every value and every key in the order of a rosbag2 recording.
@@ -68,40 +68,40 @@ rosbag2_bagfile_information:
   ros_distro: jazzy
 """
 
-MAP = TopicFacts(
+MAP = TopicMetadata(
     "/terrain/map",
     "sensor_msgs/msg/PointCloud2",
     "RIHS01_abc",
     (OfferedQos(durability="transient_local"),),
     2,
 )
-ROSOUT = TopicFacts("/rosout", "rcl_interfaces/msg/Log", "RIHS01_def", (), 3)
+ROSOUT = TopicMetadata("/rosout", "rcl_interfaces/msg/Log", "RIHS01_def", (), 3)
 START = 1_700_000_000_000_000_000
 
 
-def facts(*topics, first=START, last=START + 250, custom=None) -> BagFacts:
-    return BagFacts("dig_0.mcap", topics, first, last, custom or {})
+def facts(*topics, first=START, last=START + 250, custom=None) -> BagMetadata:
+    return BagMetadata("dig_0.mcap", topics, first, last, custom or {})
 
 
 def test_content_is_that_of_rosbag2():
-    assert yaml.safe_load(metadata_text(facts(MAP, ROSOUT))) == yaml.safe_load(EXPECTED)
+    assert yaml.safe_load(to_metadata_yaml(facts(MAP, ROSOUT))) == yaml.safe_load(EXPECTED)
 
 
 def test_nothing_is_referred_to_by_alias():
-    text = metadata_text(facts(MAP, MAP))
+    text = to_metadata_yaml(facts(MAP, MAP))
     assert "&" not in text
     assert "*" not in text
 
 
 def test_bag_without_messages_starts_at_the_end_of_time():
-    content = yaml.safe_load(metadata_text(facts(first=None, last=None)))
+    content = yaml.safe_load(to_metadata_yaml(facts(first=None, last=None)))
     information = content["rosbag2_bagfile_information"]
     assert information["starting_time"] == {"nanoseconds_since_epoch": 2**63 - 1}
     assert (information["duration"], information["message_count"]) == ({"nanoseconds": 0}, 0)
 
 
 def test_custom_values_are_texts_by_name():
-    content = yaml.safe_load(metadata_text(facts(custom={"lost": '{"/a": 3}', "site": "Ø"})))
+    content = yaml.safe_load(to_metadata_yaml(facts(custom={"lost": '{"/a": 3}', "site": "Ø"})))
     custom = content["rosbag2_bagfile_information"]["custom_data"]
     assert custom == {"lost": '{"/a": 3}', "site": "Ø"}
 
@@ -120,7 +120,7 @@ def test_offered_qos_is_read_back_as_it_was_given():
             lease=3_000_000_000,
         ),
     ]
-    first, second = parse_qos(qos_text(offers))
+    first, second = parse_qos(to_qos_yaml(offers))
     assert first.history is QosHistory.UNKNOWN
     assert first.reliability is QosReliability.RELIABLE
     assert second.history is QosHistory.KEEP_ALL

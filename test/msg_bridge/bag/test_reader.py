@@ -8,7 +8,7 @@ import yaml
 from builtin_interfaces.msg import Time
 from mcap.writer import CompressionType, Writer
 from std_msgs.msg import Int64MultiArray, String
-from support.bag_recording import write_mcap
+from support.recorded_messages import write_mcap
 
 from msg_bridge.bag.reader import BagReader, BagReadError, TopicInfo
 

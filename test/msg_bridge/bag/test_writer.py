@@ -20,8 +20,8 @@ from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Reader
 from std_msgs.msg import Int64MultiArray, MultiArrayLayout, String
 
+from msg_bridge.bag.message_schemas import SchemaError, type_hash
 from msg_bridge.bag.metadata import OfferedQos
-from msg_bridge.bag.schemas import SchemaError, type_hash
 from msg_bridge.bag.writer import COMPRESSIONS, BagError, BagWriter
 
 WORDS, NUMBERS = "/words", "/numbers"

@@ -10,32 +10,37 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Int64MultiArray
 
 from msg_bridge.codec.cdr import cdr_to_array, cdr_to_rows, rows_to_cdr
-from msg_bridge.codec.chunks import chunk_of_cdr, chunk_to_cdr, from_chunk_cloud, to_chunk_cloud
 from msg_bridge.codec.errors import CodecError
-from msg_bridge.codec.headers import message_of_cdr, message_to_cdr, to_multi_array
 from msg_bridge.codec.point_cloud import from_point_cloud, to_point_cloud
+from msg_bridge.codec.row_chunks import (
+    chunk_from_cdr,
+    chunk_to_cdr,
+    from_chunk_cloud,
+    to_chunk_cloud,
+)
+from msg_bridge.codec.tick_headers import message_from_cdr, message_to_cdr, to_multi_array
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import (
     STREAM_DTYPE,
     MachineHeader,
-    Resend,
+    MachineReceipt,
+    RetransmitRequest,
     RowChunk,
     RowRange,
     SoilHeader,
-    SourceReceipt,
     Stream,
     Verb,
 )
 
 STAMP = Time(sec=12, nanosec=340_000_000)
-RECEIPTS = tuple(SourceReceipt(n, 7, 1, 2, 3, 4) for n in range(3))
+RECEIPTS = tuple(MachineReceipt(n, 7, 1, 2, 3, 4) for n in range(3))
 MESSAGES = (
     MachineHeader(1, 2, 3, -1, Verb.STEP, RowRange(5, 6), RowRange(7, 8), 9, 10, -(2**63), 12),
     *(
         SoilHeader(1, 5, 9, RowRange(11, 2), RowRange(21, 3), RowRange(31, 4), RECEIPTS[:n])
         for n in range(4)
     ),
-    Resend(1, 2, 7, Stream.LANDED, 120, 40),
+    RetransmitRequest(1, 2, 7, Stream.DEPOSIT_REQUEST, 120, 40),
     Ledger(5, 2**62, -3, 4, 5, 6, 7, 2**62),
 )
 
@@ -74,38 +79,44 @@ def test_rows_are_read_from_what_rclpy_sends(stream, count):
 
 def test_other_fields_are_left_to_the_slow_way():
     data = rows_to_cdr(random_rows(STREAM_DTYPE[Stream.FORCE], 2), "map", STAMP)
-    assert cdr_to_rows(data, STREAM_DTYPE[Stream.LANDED]) is None
+    assert cdr_to_rows(data, STREAM_DTYPE[Stream.DEPOSIT_REQUEST]) is None
 
 
 @pytest.mark.parametrize("part", [0, 3, 11, 15, 30, 200, -1])
 def test_cut_bytes_are_not_read(part):
-    data = rows_to_cdr(random_rows(STREAM_DTYPE[Stream.LANDED], 2), "map", STAMP)
-    assert cdr_to_rows(data[:part], STREAM_DTYPE[Stream.LANDED]) is None
+    data = rows_to_cdr(random_rows(STREAM_DTYPE[Stream.DEPOSIT_REQUEST], 2), "map", STAMP)
+    assert cdr_to_rows(data[:part], STREAM_DTYPE[Stream.DEPOSIT_REQUEST]) is None
 
 
 def test_a_length_that_lies_is_not_believed():
-    data = bytearray(rows_to_cdr(random_rows(STREAM_DTYPE[Stream.LANDED], 2), "map", STAMP))
+    data = bytearray(
+        rows_to_cdr(random_rows(STREAM_DTYPE[Stream.DEPOSIT_REQUEST], 2), "map", STAMP)
+    )
     data[12:16] = b"\xff\xff\xff\xff"
-    assert cdr_to_rows(bytes(data), STREAM_DTYPE[Stream.LANDED]) is None
+    assert cdr_to_rows(bytes(data), STREAM_DTYPE[Stream.DEPOSIT_REQUEST]) is None
 
 
 def test_a_chunk_crosses_as_bytes():
-    rows = random_rows(STREAM_DTYPE[Stream.LANDED], 5)
-    rows["source"] = 2
-    chunk = RowChunk(4, Stream.LANDED, 2, 9, rows)
+    rows = random_rows(STREAM_DTYPE[Stream.DEPOSIT_REQUEST], 5)
+    rows["machine_id"] = 2
+    chunk = RowChunk(4, Stream.DEPOSIT_REQUEST, 2, 9, rows)
     data = chunk_to_cdr(chunk, "map", STAMP)
     for back in (
-        chunk_of_cdr(data, Stream.LANDED),
-        chunk_of_cdr(bytes(serialize_message(to_chunk_cloud(chunk, "map", STAMP))), Stream.LANDED),
-        from_chunk_cloud(deserialize_message(data, PointCloud2), Stream.LANDED),
+        chunk_from_cdr(data, Stream.DEPOSIT_REQUEST),
+        chunk_from_cdr(
+            bytes(serialize_message(to_chunk_cloud(chunk, "map", STAMP))), Stream.DEPOSIT_REQUEST
+        ),
+        from_chunk_cloud(deserialize_message(data, PointCloud2), Stream.DEPOSIT_REQUEST),
     ):
-        assert (back.epoch, back.source, back.life) == (4, 2, 9)
+        assert (back.run_id, back.machine_id, back.session_id) == (4, 2, 9)
         assert back.rows.tobytes() == rows.tobytes()
 
 
 def test_a_chunk_without_rows_is_refused():
-    data = rows_to_cdr(random_rows(STREAM_DTYPE[Stream.LANDED], 0), "map", STAMP)
-    assert chunk_of_cdr(data, Stream.LANDED) is None  # without its tags it is another cloud
+    data = rows_to_cdr(random_rows(STREAM_DTYPE[Stream.DEPOSIT_REQUEST], 0), "map", STAMP)
+    assert (
+        chunk_from_cdr(data, Stream.DEPOSIT_REQUEST) is None
+    )  # without its tags it is another cloud
 
 
 @pytest.mark.parametrize("message", MESSAGES)
@@ -115,15 +126,15 @@ def test_headers_are_the_bytes_of_the_array(message):
     assert deserialize_message(data, Int64MultiArray) == deserialize_message(
         serialize_message(msg), Int64MultiArray
     )
-    assert message_of_cdr(data) == message
-    assert message_of_cdr(bytes(serialize_message(msg))) == message
+    assert message_from_cdr(data) == message
+    assert message_from_cdr(bytes(serialize_message(msg))) == message
 
 
 def test_a_wrong_array_is_refused_as_ever():
     msg = to_multi_array(MESSAGES[0])
     msg.data = array.array("q", [99, *msg.data[1:]])
     with pytest.raises(CodecError, match="kinds are"):
-        message_of_cdr(bytes(serialize_message(msg)))
+        message_from_cdr(bytes(serialize_message(msg)))
 
 
 @pytest.mark.parametrize("part", [0, 3, 9, 20, 60, -1])

@@ -15,12 +15,12 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from support.machine_scenes import COMMAND_NAMES, excavator
 
 from machine_sim.machine import EXCAVATOR_JOINTS, rotation_matrix, urdf_text
-from machine_sim.machine.appearance import link_frames, link_poses
-from machine_sim.machine.pistons import piston_joints
-from machine_sim.machine.urdf import VIRTUAL_JOINTS as URDF_JOINTS
+from machine_sim.machine.cylinder_visuals import cylinder_joint_states
+from machine_sim.machine.urdf import BASE_JOINTS as URDF_JOINTS
+from machine_sim.machine.visuals import link_frame_names, link_poses
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.machine_state import (
-    VIRTUAL_JOINTS,
+    BASE_JOINTS,
     BaseState,
     JointValues,
     PayloadState,
@@ -32,7 +32,7 @@ from msg_bridge.codec.machine_state import (
     to_joint_state,
     to_payload_array,
 )
-from msg_bridge.contract.cylinders import CylinderState
+from msg_bridge.contract.cylinder_state import CylinderState
 
 MACHINE = excavator()
 STAMP = Time(sec=3, nanosec=40_000_000)
@@ -116,9 +116,9 @@ def random_poses(count):
         yield rng.uniform(-50.0, 50.0, 3), quaternion(yaw, pitch, roll), np.array(joints)
 
 
-def joint_state(position, turn, joints, velocity=STILL, spin=STILL):
-    base = BaseState(position, turn, velocity, spin)
-    pistons = piston_joints(MACHINE, list(joints), [0.0] * 4)
+def joint_state(position, turn, joints, velocity=STILL, angular_velocity=STILL):
+    base = BaseState(position, turn, velocity, angular_velocity)
+    pistons = cylinder_joint_states(MACHINE, list(joints), [0.0] * 4)
     names, positions = [*EXCAVATOR_JOINTS, *pistons.names], [*joints, *pistons.positions]
     still = np.zeros(len(names))
     return over_the_wire(to_joint_state(JointValues(names, positions, still, still), base, STAMP))
@@ -126,9 +126,9 @@ def joint_state(position, turn, joints, velocity=STILL, spin=STILL):
 
 def test_names_are_those_of_the_machine_and_its_urdf():
     assert list(EXCAVATOR_JOINTS) == list(joint_state(STILL, UPRIGHT, HOME).name)[:4]
-    assert VIRTUAL_JOINTS == URDF_JOINTS
+    assert BASE_JOINTS == URDF_JOINTS
     state = joint_state(STILL, UPRIGHT, np.zeros(4))
-    robot = ET.fromstring(urdf_text(MACHINE, virtual_base=True, pistons=True))
+    robot = ET.fromstring(urdf_text(MACHINE, virtual_base=True, include_cylinders=True))
     own = [joint for joint in robot.iter("joint") if "type" in joint.attrib]
     assert sorted(state.name) == sorted(
         joint.get("name") for joint in own if joint.find("mimic") is None
@@ -137,11 +137,11 @@ def test_names_are_those_of_the_machine_and_its_urdf():
 
 
 def test_joint_values_place_every_link_of_the_urdf():
-    urdf = urdf_text(MACHINE, prefix="digger/", virtual_base=True, pistons=True)
+    urdf = urdf_text(MACHINE, prefix="digger/", virtual_base=True, include_cylinders=True)
     for position, turn, joints in random_poses(150):
         frames = forward_kinematics(urdf, joint_state(position, turn, joints))
         where = link_poses(MACHINE, position, turn, joints)
-        for k, link in enumerate(link_frames(MACHINE)):
+        for k, link in enumerate(link_frame_names(MACHINE)):
             rotation, origin = frames[f"digger/{link}"]
             np.testing.assert_allclose(origin, where.positions[k], atol=1e-9)
             np.testing.assert_allclose(rotation, rotation_matrix(where.quaternions[k]), atol=1e-9)
@@ -170,7 +170,7 @@ def test_joint_values_place_the_links_where_the_physics_has_them(tmp_path):
             rotation, origin = frames["base_link"]
             np.testing.assert_allclose(rotation_matrix(turned), rotation, atol=1e-9)
             np.testing.assert_allclose(com - rotation_matrix(turned) @ middle, origin, atol=1e-9)
-            for k, link in enumerate(link_frames(MACHINE)[1:5]):
+            for k, link in enumerate(link_frame_names(MACHINE)[1:5]):
                 state = pybullet.getLinkState(body, k, 0, 1, client)
                 np.testing.assert_allclose(state[4], frames[link][1], atol=1e-5)
                 np.testing.assert_allclose(rotation_matrix(state[5]), frames[link][0], atol=1e-5)
@@ -183,16 +183,18 @@ def test_velocities_are_the_time_derivatives_of_the_positions():
     dt = 1e-6
     for _ in range(50):
         turn = quaternion(*rng.uniform([-3.0, -1.3, -3.0], [3.0, 1.3, 3.0]))
-        place, velocity, spin = rng.uniform(-1.0, 1.0, (3, 3))
+        place, velocity, angular_velocity = rng.uniform(-1.0, 1.0, (3, 3))
         before, after = (
             np.array(
                 joint_state(
-                    place + velocity * t, product(np.append(0.5 * spin * t, 1.0), turn), HOME
+                    place + velocity * t,
+                    product(np.append(0.5 * angular_velocity * t, 1.0), turn),
+                    HOME,
                 ).position
             )
             for t in (-dt, dt)
         )
-        found = joint_state(place, turn, HOME, velocity, spin).velocity
+        found = joint_state(place, turn, HOME, velocity, angular_velocity).velocity
         np.testing.assert_allclose(found, (after - before) / (2.0 * dt), atol=1e-7)
 
 

@@ -9,9 +9,9 @@ from rclpy.serialization import deserialize_message, serialize_message
 from support.machine_scenes import excavator
 from visualization_msgs.msg import Marker, MarkerArray
 
-from earthmoving_sim.machine_shape import machine_faces
+from earthmoving_sim.machine_polygons import machine_faces
 from machine_sim.machine import rotation_matrix, tool_pose
-from machine_sim.machine.appearance import link_boxes, link_frames, link_poses, shoe_look
+from machine_sim.machine.visuals import link_frame_names, link_poses, link_visual_boxes, shoe_visual
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.markers import LinkBox, MarkerSet
 
@@ -28,7 +28,10 @@ AT_ORIGIN = ([[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0, 1.0]])
 
 def marker_set():
     return MarkerSet(
-        link_frames(MACHINE), link_boxes(MACHINE), shoe_look(MACHINE), namespace="digger"
+        link_frame_names(MACHINE),
+        link_visual_boxes(MACHINE),
+        shoe_visual(MACHINE),
+        namespace="digger",
     )
 
 
@@ -59,7 +62,7 @@ def as_set(points):
 
 def test_boxes_have_the_corners_of_the_pictures():
     faces = [face for _, face in machine_faces(MACHINE, POSITION, rotation_matrix(TURN), JOINTS)]
-    boxes = [marker for link in link_frames(MACHINE) for marker in of_link(markers_at(), link)]
+    boxes = [marker for link in link_frame_names(MACHINE) for marker in of_link(markers_at(), link)]
     assert len(boxes) == len(faces) // 6
     for k, box in enumerate(boxes):
         theirs = np.unique(np.round(np.concatenate(faces[6 * k : 6 * k + 6]), 9), axis=0)
@@ -80,7 +83,7 @@ def test_bucket_is_drawn_around_its_plates():
 
 def test_every_box_of_the_urdf_is_there_in_its_colour():
     markers = markers_at()
-    boxes = link_boxes(MACHINE)
+    boxes = link_visual_boxes(MACHINE)
     cubes = [marker for marker in markers if marker.type == Marker.CUBE]
     assert len(cubes) == len(boxes)
     for marker, box in zip(cubes, boxes, strict=True):
@@ -92,7 +95,7 @@ def test_every_box_of_the_urdf_is_there_in_its_colour():
 def test_shoes_bars_lie_in_their_shoes():
     """Each bar's middle is on the line of its shoe; the middles' mean is the shoe's middle."""
     tracks = MACHINE.tracks
-    length = shoe_look(MACHINE).shoe_size[0]
+    length = shoe_visual(MACHINE).shoe_size[0]
     for side, marker in enumerate(of_link(markers_at(), "tracks")):
         assert marker.type == Marker.CUBE_LIST
         bars = len(marker.points) // tracks.shoe_count
@@ -131,7 +134,7 @@ def test_names_stay_when_the_machine_moves_and_are_one_each():
     assert here == there
     assert len(set(here)) == len(here)
     assert {name for name, _ in here} == {
-        f"digger/{link}" for link in (*link_frames(MACHINE), "tracks")
+        f"digger/{link}" for link in (*link_frame_names(MACHINE), "tracks")
     }
 
 

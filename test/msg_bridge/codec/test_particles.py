@@ -6,7 +6,7 @@ from builtin_interfaces.msg import Time
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 
-from machine_sim.particles.store import ParticleStore
+from machine_sim.dem.state import ParticleState
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.particles import PARTICLE, from_particle_cloud, to_particle_cloud
 
@@ -14,9 +14,9 @@ STAMP = Time(sec=3, nanosec=40_000_000)
 
 
 def some_particles(count):
-    store = ParticleStore(1000)
+    state = ParticleState(1000)
     rng = np.random.default_rng(3)
-    store.add(
+    state.add(
         count,
         position=rng.uniform(-50.0, 50.0, (count, 3)),
         velocity=rng.normal(size=(count, 3)),
@@ -24,29 +24,29 @@ def some_particles(count):
         volume_mm3=rng.integers(0, 2**32, count),
         soil=rng.integers(0, 256, count),
     )
-    return store
+    return state
 
 
-def cloud_of(store, **change):
+def cloud_of(state, **change):
     names = ("position", "velocity", "radius", "particle_id", "volume_mm3", "soil")
-    columns = {name: getattr(store, name) for name in names}
+    columns = {name: getattr(state, name) for name in names}
     return to_particle_cloud(**{**columns, **change}, frame_id="map", stamp=STAMP)
 
 
 @pytest.mark.parametrize("count", [0, 1, 500])
 def test_particles_cross(count):
-    store = some_particles(count)
-    msg = deserialize_message(serialize_message(cloud_of(store)), PointCloud2)
+    state = some_particles(count)
+    msg = deserialize_message(serialize_message(cloud_of(state)), PointCloud2)
     rows = from_particle_cloud(msg)
     assert rows.size == count
     assert (msg.header.frame_id, msg.header.stamp) == ("map", STAMP)
     for axis, name in enumerate("xyz"):
-        np.testing.assert_array_equal(rows[name], store.position[:, axis].astype("f4"))
-        np.testing.assert_array_equal(rows[f"v{name}"], store.velocity[:, axis].astype("f4"))
-    np.testing.assert_array_equal(rows["diameter"], 2.0 * store.radius)
-    np.testing.assert_array_equal(rows["id"], store.particle_id)
-    np.testing.assert_array_equal(rows["volume_mm3"], store.volume_mm3)
-    np.testing.assert_array_equal(rows["soil"], store.soil)
+        np.testing.assert_array_equal(rows[name], state.position[:, axis].astype("f4"))
+        np.testing.assert_array_equal(rows[f"v{name}"], state.velocity[:, axis].astype("f4"))
+    np.testing.assert_array_equal(rows["diameter"], 2.0 * state.radius)
+    np.testing.assert_array_equal(rows["id"], state.particle_id)
+    np.testing.assert_array_equal(rows["volume_mm3"], state.volume_mm3)
+    np.testing.assert_array_equal(rows["soil"], state.soil)
 
 
 def test_a_point_is_packed():
@@ -57,16 +57,16 @@ def test_a_point_is_packed():
 
 @pytest.mark.parametrize("volume", [-1, 2**32])
 def test_volume_that_does_not_fit_is_refused(volume):
-    store = some_particles(3)
+    state = some_particles(3)
     with pytest.raises(CodecError, match="make smaller particles"):
-        cloud_of(store, volume_mm3=np.array([1, volume, 1]))
+        cloud_of(state, volume_mm3=np.array([1, volume, 1]))
 
 
 @pytest.mark.parametrize("name", ["position", "velocity", "radius", "volume_mm3", "soil"])
 def test_columns_of_different_lengths_are_refused(name):
-    store = some_particles(3)
+    state = some_particles(3)
     with pytest.raises(CodecError, match="one row for each particle"):
-        cloud_of(store, **{name: getattr(store, name)[:1]})
+        cloud_of(state, **{name: getattr(state, name)[:1]})
 
 
 def test_other_cloud_is_no_particles():

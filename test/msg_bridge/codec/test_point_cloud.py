@@ -16,10 +16,10 @@ from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.point_cloud import from_point_cloud, to_point_cloud
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.rows import (
-    CHANGED,
     CONVERSION,
+    DEPOSIT_REQUEST,
     FORCE,
-    LANDED,
+    MAP_UPDATE,
     SWEEP,
     Rows,
     empty_rows,
@@ -27,9 +27,9 @@ from msg_bridge.contract.rows import (
 
 ROW_TYPES = {
     "sweep": SWEEP,
-    "landed": LANDED,
+    "deposit_requests": DEPOSIT_REQUEST,
     "conversion": CONVERSION,
-    "changed": CHANGED,
+    "map_updates": MAP_UPDATE,
     "force": FORCE,
 }
 STAMP = Time(sec=3, nanosec=40_000_000)
@@ -86,7 +86,7 @@ def test_every_other_row_of_an_array_crosses() -> None:
 
 
 def test_cloud_says_what_a_point_is() -> None:
-    msg = over_the_wire(to_point_cloud(random_rows(CHANGED, 3), "map", STAMP))
+    msg = over_the_wire(to_point_cloud(random_rows(MAP_UPDATE, 3), "map", STAMP))
     assert [(f.name, f.offset, f.datatype, f.count) for f in msg.fields] == [
         ("x", 0, PointField.FLOAT32, 1),
         ("y", 4, PointField.FLOAT32, 1),
@@ -105,16 +105,18 @@ def test_cloud_says_what_a_point_is() -> None:
 
 
 def test_small_fields_have_their_size() -> None:
-    fields = {f.name: f.datatype for f in to_point_cloud(empty_rows(LANDED), "map", STAMP).fields}
-    assert fields["source"] == PointField.UINT16
+    fields = {
+        f.name: f.datatype for f in to_point_cloud(empty_rows(DEPOSIT_REQUEST), "map", STAMP).fields
+    }
+    assert fields["machine_id"] == PointField.UINT16
     assert fields["soil"] == PointField.UINT8
 
 
 def test_organised_cloud_has_rows_and_columns() -> None:
-    rows = random_rows(CHANGED, 6)
+    rows = random_rows(MAP_UPDATE, 6)
     msg = to_point_cloud(rows, "map", STAMP, height=2)
     assert (msg.height, msg.width, msg.row_step) == (2, 3, 126)
-    assert from_point_cloud(msg, CHANGED).tobytes() == rows.tobytes()
+    assert from_point_cloud(msg, MAP_UPDATE).tobytes() == rows.tobytes()
 
 
 def test_receiving_copies_nothing() -> None:
@@ -221,16 +223,16 @@ def no_data(msg: PointCloud2) -> None:
     ],
 )
 def test_malformed_cloud_is_refused(spoil: Callable[[PointCloud2], None], sentence: str) -> None:
-    msg = to_point_cloud(random_rows(LANDED, 3), "map", STAMP)
-    from_point_cloud(msg, LANDED)
+    msg = to_point_cloud(random_rows(DEPOSIT_REQUEST, 3), "map", STAMP)
+    from_point_cloud(msg, DEPOSIT_REQUEST)
     msg = over_the_wire(msg)  # one of its own: messages sent share their fields
     spoil(msg)
     with pytest.raises(CodecError, match=sentence):
-        from_point_cloud(over_the_wire(msg), LANDED)
+        from_point_cloud(over_the_wire(msg), DEPOSIT_REQUEST)
 
 
 def test_rows_of_another_type_are_refused() -> None:
-    msg = to_point_cloud(random_rows(LANDED, 3), "map", STAMP)
+    msg = to_point_cloud(random_rows(DEPOSIT_REQUEST, 3), "map", STAMP)
     with pytest.raises(CodecError, match="lacks"):
         from_point_cloud(msg, SWEEP)
 

@@ -15,7 +15,7 @@ from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.machine_state import BaseState
 from msg_bridge.codec.poses import (
     from_odometry,
-    through_odometry,
+    odometry_round_trip,
     to_odometry,
     to_tf_message,
     to_transforms,
@@ -40,7 +40,7 @@ def driving(**change):
         "position": [1.0, 2.0, 3.0],
         "quaternion": TO_THE_LEFT,
         "velocity": [0.0, 2.0, 0.0],
-        "spin": [0.1, 0.0, 0.3],
+        "angular_velocity": [0.1, 0.0, 0.3],
     }
     return BaseState(**{**parts, **change})
 
@@ -60,10 +60,10 @@ def test_odometry_has_the_pose_in_map_and_the_twist_in_the_base():
 def test_odometry_gives_the_motion_in_map_back():
     rng = np.random.default_rng(2)
     for _ in range(20):
-        place, velocity, spin = rng.normal(size=(3, 3))
+        place, velocity, angular_velocity = rng.normal(size=(3, 3))
         turn = rng.normal(size=4)
         turn /= np.linalg.norm(turn)
-        sent = BaseState(place, turn, velocity, spin)
+        sent = BaseState(place, turn, velocity, angular_velocity)
         back = from_odometry(over_the_wire(to_odometry(sent, "base_link", STAMP)))
         for found, given in zip(back, sent, strict=True):
             np.testing.assert_allclose(found, given, atol=1e-14)
@@ -80,13 +80,13 @@ def test_a_base_through_odometry_is_what_its_message_tells_to_the_last_bit():
     for _ in range(50):
         base = BaseState(*(rng.normal(size=n) for n in (3, 4, 3, 3)))
         told = from_odometry(over_the_wire(to_odometry(base, "base_link", STAMP)))
-        for part, wanted in zip(through_odometry(base), told, strict=True):
+        for part, wanted in zip(odometry_round_trip(base), told, strict=True):
             assert part.tobytes() == wanted.tobytes()
 
 
 def test_a_base_that_is_not_finite_does_not_come_through_odometry():
     with pytest.raises(CodecError, match="not finite"):
-        through_odometry(driving(velocity=[0.0, math.nan, 0.0]))
+        odometry_round_trip(driving(velocity=[0.0, math.nan, 0.0]))
 
 
 def test_odometry_of_another_frame_is_refused():
@@ -96,7 +96,7 @@ def test_odometry_of_another_frame_is_refused():
     assert from_odometry(msg, frame_id="odom").position[0] == 1.0
 
 
-@pytest.mark.parametrize("part", ["position", "velocity", "spin"])
+@pytest.mark.parametrize("part", ["position", "velocity", "angular_velocity"])
 def test_odometry_that_is_not_finite_is_refused(part):
     msg = to_odometry(driving(**{part: [0.0, math.nan, 0.0]}), "base_link", STAMP)
     with pytest.raises(CodecError, match="not finite"):

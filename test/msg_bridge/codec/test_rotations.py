@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from msg_bridge.codec.errors import CodecError
-from msg_bridge.codec.rotations import rotation_of, unit_quaternion, yaw_pitch_roll
+from msg_bridge.codec.rotations import rotation_matrix, unit_quaternion, yaw_pitch_roll
 
 ANGLES = st.floats(-3.1, 3.1)
 
@@ -45,11 +45,11 @@ def test_quaternion_turns_as_its_axis_says():
     for axis in range(3):
         parts = [0.0, 0.0, 0.0, 5.0 * math.cos(half)]  # of any length
         parts[axis] = 5.0 * math.sin(half)
-        np.testing.assert_allclose(rotation_of(parts), about(axis, 0.7), atol=1e-15)
+        np.testing.assert_allclose(rotation_matrix(parts), about(axis, 0.7), atol=1e-15)
         assert np.linalg.norm(unit_quaternion(parts)) == pytest.approx(1.0, abs=1e-15)
 
 
 @pytest.mark.parametrize("parts", [[0.0] * 4, [1.0] * 3, [math.inf, 0.0, 0.0, 1.0]])
 def test_what_is_no_quaternion_is_refused(parts):
     with pytest.raises(CodecError, match="no rotation"):
-        rotation_of(parts)
+        rotation_matrix(parts)

@@ -19,14 +19,14 @@ from msg_bridge.codec.terrain import (
     TERRAIN_CELL,
     TerrainMap,
     from_terrain_cloud,
-    surface_of_terrain_cloud,
+    keyframe_from_terrain_cloud,
     to_elevation_image,
     to_map_info,
     to_terrain_cloud,
 )
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.messages import Keyframe
-from msg_bridge.contract.rows import CHANGED, Rows
+from msg_bridge.contract.rows import MAP_UPDATE, Rows
 
 STAMP = Time(sec=2)
 
@@ -55,8 +55,8 @@ def crossed(site: TerrainMap, *, cell: float | None = None) -> TerrainMap:
 
 def same(a: TerrainMap, b: TerrainMap) -> bool:
     return (
-        (a.keyframe.epoch, a.keyframe.revision, a.keyframe.grid)
-        == (b.keyframe.epoch, b.keyframe.revision, b.keyframe.grid)
+        (a.keyframe.run_id, a.keyframe.revision, a.keyframe.grid)
+        == (b.keyframe.run_id, b.keyframe.revision, b.keyframe.grid)
         and np.array_equal(a.keyframe.elevation, b.keyframe.elevation)
         and np.array_equal(a.loose_depth, b.loose_depth)
         and np.array_equal(a.volume_mm3, b.volume_mm3)
@@ -69,7 +69,7 @@ def same(a: TerrainMap, b: TerrainMap) -> bool:
 
 def bare(site: TerrainMap) -> TerrainMap:
     frame = site.keyframe
-    surface = (frame.epoch, frame.revision, frame.grid, frame.elevation)
+    surface = (frame.run_id, frame.revision, frame.grid, frame.elevation)
     return TerrainMap(Keyframe(*surface), site.loose_depth)
 
 
@@ -108,7 +108,7 @@ def test_layers_that_are_not_given_are_zeros_and_no_design() -> None:
 @pytest.mark.parametrize("cell", [None, 0.2])
 def test_the_surface_and_its_soil_are_those_of_the_whole_terrain(cell: float | None) -> None:
     site = terrain()
-    alone = surface_of_terrain_cloud(to_terrain_cloud(site, "map", STAMP), cell=cell)
+    alone = keyframe_from_terrain_cloud(to_terrain_cloud(site, "map", STAMP), cell=cell)
     assert same(TerrainMap(alone, *layers_of(site)), site)
 
 
@@ -137,7 +137,7 @@ def test_numbers_of_a_long_run_cross() -> None:
     site = terrain()
     frame = Keyframe(2**32 - 1, 2**32 - 2, site.keyframe.grid, site.keyframe.elevation)
     back = crossed(TerrainMap(frame, site.loose_depth)).keyframe
-    assert (back.epoch, back.revision) == (frame.epoch, frame.revision)
+    assert (back.run_id, back.revision) == (frame.run_id, frame.revision)
 
 
 def test_received_terrain_can_be_worked_on() -> None:
@@ -190,10 +190,10 @@ def test_cloud_has_a_point_for_each_column_where_it_stands() -> None:
 
 
 def test_fields_shared_with_changed_rows_are_the_same() -> None:
-    shared = [name for name in TERRAIN_CELL.names or () if name in (CHANGED.names or ())]
+    shared = [name for name in TERRAIN_CELL.names or () if name in (MAP_UPDATE.names or ())]
     as_colour = ["moisture", "soil"]  # whole numbers in rows
     assert shared == ["x", "y", "z", "loose_depth", *as_colour, "volume_mm3", "revision"]
-    same_type = [name for name in shared if TERRAIN_CELL[name] == CHANGED[name]]
+    same_type = [name for name in shared if TERRAIN_CELL[name] == MAP_UPDATE[name]]
     assert [name for name in shared if name not in same_type] == as_colour
 
 
@@ -247,9 +247,9 @@ def other_layer(name: str, layer: NDArray[Any]) -> Callable[[TerrainMap], Terrai
     return spoil
 
 
-def other_numbers(epoch: int, revision: int) -> Callable[[TerrainMap], TerrainMap]:
+def other_numbers(run_id: int, revision: int) -> Callable[[TerrainMap], TerrainMap]:
     def spoil(site: TerrainMap) -> TerrainMap:
-        frame = Keyframe(epoch, revision, site.keyframe.grid, site.keyframe.elevation)
+        frame = Keyframe(run_id, revision, site.keyframe.grid, site.keyframe.elevation)
         return TerrainMap(frame, site.loose_depth)
 
     return spoil
@@ -320,7 +320,7 @@ def one_row(cells: Rows) -> Rows:
         (setting("soil", -1.0, (2, 0)), "no proper soil"),
         (setting("design_difference", -np.inf, (2, 0)), "no proper design_difference"),
         (setting("revision", 78, (2, 2)), "revision is not the same"),
-        (setting("epoch", 5, (0, 1)), "epoch is not the same"),
+        (setting("run_id", 5, (0, 1)), "epoch is not the same"),
         (setting("x", 0.1, (1, 2)), "x and y are not those of 3 x 5 cells"),
         (setting("x", np.nan, (0, 0)), "x and y are not those of 3 x 5 cells"),
         (setting("y", 9.0, (2, 4)), "x and y are not those of 3 x 5 cells"),
@@ -341,4 +341,4 @@ def test_cloud_that_is_no_terrain_is_refused(spoil: Callable[[Rows], Rows], sent
 
 def test_rows_are_no_terrain() -> None:
     with pytest.raises(CodecError, match=r"lacks surface_material, .* epoch"):
-        from_terrain_cloud(to_point_cloud(np.zeros(4, dtype=CHANGED), "map", STAMP, height=2))
+        from_terrain_cloud(to_point_cloud(np.zeros(4, dtype=MAP_UPDATE), "map", STAMP, height=2))

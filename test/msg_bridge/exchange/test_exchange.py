@@ -4,32 +4,39 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.exchange_parties import BookMachine, BookSoil, Driver
+from support.exchange_fakes import ExchangeDriver, FakeMachine, FakeSoil
 
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import MachineHeader, RowChunk, RowRange, Stream, Verb
-from msg_bridge.contract.rows import CHANGED, CONVERSION, LANDED, SWEEP, Kind, empty_rows
-from msg_bridge.exchange.direct import DirectTransport
-from msg_bridge.exchange.machine_side import _changed_since
+from msg_bridge.contract.rows import (
+    CONVERSION,
+    DEPOSIT_REQUEST,
+    MAP_UPDATE,
+    SWEEP,
+    ConversionKind,
+    empty_rows,
+)
+from msg_bridge.exchange.direct_transport import DirectTransport
+from msg_bridge.exchange.machine_exchange import _updates_since
 from msg_bridge.testing import LossyTransport
 
 
-def driver(count: int = 1, seed: int = 0, **loss: float) -> Driver:
+def driver(count: int = 1, seed: int = 0, **loss: float) -> ExchangeDriver:
     """A soil and `count` machines, joined; over a bad transport if any loss is given."""
     sources = tuple(range(1, count + 1))
-    soil = BookSoil(np.random.default_rng(seed), expected=sources)
-    machines = [BookMachine(np.random.default_rng(seed + n), n) for n in sources]
+    soil = FakeSoil(np.random.default_rng(seed), expected=sources)
+    machines = [FakeMachine(np.random.default_rng(seed + n), n) for n in sources]
     ends = [machine.exchange for machine in machines]
     for end in ends:
         end.join()
     if loss:
-        return Driver(
+        return ExchangeDriver(
             soil, machines, LossyTransport(soil.exchange, ends, np.random.default_rng(7), **loss)
         )
-    return Driver(soil, machines, DirectTransport(soil.exchange, ends))
+    return ExchangeDriver(soil, machines, DirectTransport(soil.exchange, ends))
 
 
-def imbalances(run: Driver) -> set[int]:
+def imbalances(run: ExchangeDriver) -> set[int]:
     return {ledger.imbalance for ledger in run.soil.ledgers}
 
 
@@ -75,7 +82,7 @@ def test_one_bad_row_on_purpose_shows_as_imbalance(tamper: str) -> None:
     honest = machine.apply
 
     def apply(conversions: np.ndarray) -> None:
-        excavated = np.flatnonzero(conversions["kind"] == Kind.EXCAVATE)
+        excavated = np.flatnonzero(conversions["kind"] == ConversionKind.EXCAVATE)
         if excavated.size and tamper_once:
             tamper_once.clear()
             k = excavated[:1]
@@ -118,9 +125,9 @@ def test_messages_of_an_older_epoch_are_ignored() -> None:
 @pytest.mark.parametrize(
     ("stream", "rows", "message"),
     [
-        (Stream.LANDED, empty_rows(SWEEP, 1), "1-D array"),
+        (Stream.DEPOSIT_REQUEST, empty_rows(SWEEP, 1), "1-D array"),
         (Stream.CONVERSION, empty_rows(CONVERSION, 1), "machines send no"),
-        (Stream.LANDED, empty_rows(LANDED, 1), "another source"),
+        (Stream.DEPOSIT_REQUEST, empty_rows(DEPOSIT_REQUEST, 1), "another source"),
     ],
 )
 def test_rows_that_do_not_belong_are_refused_and_change_nothing(
@@ -128,8 +135,8 @@ def test_rows_that_do_not_belong_are_refused_and_change_nothing(
 ) -> None:
     run = driver()
     run.ticks(3)
-    if stream is Stream.LANDED and rows.dtype == SWEEP:
-        rows["source"] = 1
+    if stream is Stream.DEPOSIT_REQUEST and rows.dtype == SWEEP:
+        rows["machine_id"] = 1
     with pytest.raises(ExchangeError, match=message):
         run.soil.exchange.receive(RowChunk(1, stream, 1, 1, rows))
     run.ticks(3)
@@ -141,7 +148,7 @@ def test_a_header_that_counts_wrongly_is_refused(span: RowRange) -> None:
     run = driver()
     run.machines[0].rows_per_tick = 3
     run.ticks(3)
-    messages = run.held_back(run.machines[0])
+    messages = run.hold_next_tick(run.machines[0])
     header = messages[-1]
     assert isinstance(header, MachineHeader)
     with pytest.raises(ExchangeError, match="a header counts"):
@@ -156,7 +163,7 @@ def test_conversions_for_a_source_that_takes_no_part_are_refused() -> None:
     run = driver()
     run.ticks(3)
     stranger = empty_rows(CONVERSION, 1)
-    stranger["source"] = 77
+    stranger["machine_id"] = 77
     nothing = (run.soil.exchange.tick, run.soil.terrain)
     with pytest.raises(ExchangeError, match="77, which has not joined"):
         run.soil.exchange.answer(
@@ -173,7 +180,9 @@ def test_a_machine_is_one_tick_ahead_of_its_answers_and_no_further() -> None:
         machine.step()
     assert machine.exchange.sent_tick == machine.exchange.tick + 2
     with pytest.raises(ExchangeError, match="are answered"):
-        machine.exchange.send(empty_rows(SWEEP), empty_rows(LANDED), pending_mm3=0, particles_mm3=0)
+        machine.exchange.send(
+            empty_rows(SWEEP), empty_rows(DEPOSIT_REQUEST), pending_mm3=0, particles_mm3=0
+        )
 
 
 @pytest.mark.parametrize("loss", [{}, {"drop": 0.3, "duplicate": 0.2, "delay": 0.5}])
@@ -191,19 +200,19 @@ def test_rows_given_to_send_are_not_written_to() -> None:
     run.until(lambda: run.machines[0].exchange.joined)
     machine = run.machines[0].exchange
     while machine.waiting:
-        run.transport.carry()
+        run.transport.deliver()
         run.soil.step()
         machine.poll()
     sweeps = empty_rows(SWEEP, 2)
-    machine.send(sweeps, empty_rows(LANDED), pending_mm3=0, particles_mm3=0)
-    assert not sweeps["source"].any()
+    machine.send(sweeps, empty_rows(DEPOSIT_REQUEST), pending_mm3=0, particles_mm3=0)
+    assert not sweeps["machine_id"].any()
     assert not sweeps["seq"].any()
 
 
 @pytest.mark.parametrize("keyframe", [5, 2**32 - 2])
 def test_changed_cells_older_than_the_keyframe_are_left_out(keyframe: int) -> None:
-    rows = empty_rows(CHANGED, 4)
+    rows = empty_rows(MAP_UPDATE, 4)
     rows["revision"] = (np.arange(-1, 3) + keyframe) % 2**32
-    assert np.array_equal(_changed_since(keyframe, rows), rows[2:])
-    assert _changed_since(keyframe - 2, rows) is rows
-    assert _changed_since(keyframe + 2, rows).size == 0
+    assert np.array_equal(_updates_since(keyframe, rows), rows[2:])
+    assert _updates_since(keyframe - 2, rows) is rows
+    assert _updates_since(keyframe + 2, rows).size == 0

@@ -5,8 +5,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Log
 from rclpy.node import Node
 
-from msg_bridge.nodes.diagnostics import REFUSAL_WARNS_FOR, Diagnostics, Level
-from msg_bridge.testing.ros import Ros
+from msg_bridge.nodes.diagnostics import REJECTION_WARN_TIME, Diagnostics, Level
+from msg_bridge.testing.ros_context import Ros
 
 
 class Clock:
@@ -68,8 +68,8 @@ def test_tasks_are_called_before_each_publication(ros: Ros, diagnostics: Diagnos
 
 
 def test_a_refusal_is_counted_and_warns(diagnostics: Diagnostics) -> None:
-    diagnostics.refuse("cmd_vel", "NaN")
-    diagnostics.refuse("cmd_vel", "too old")
+    diagnostics.reject("cmd_vel", "NaN")
+    diagnostics.reject("cmd_vel", "too old")
     report = diagnostics.report()
     assert report.level is Level.WARN
     assert report.message == "messages refused on cmd_vel"
@@ -77,8 +77,8 @@ def test_a_refusal_is_counted_and_warns(diagnostics: Diagnostics) -> None:
 
 
 def test_a_refusal_warns_for_a_while_only(diagnostics: Diagnostics, clock: Clock) -> None:
-    diagnostics.refuse("cmd_vel", "NaN")
-    clock.time += REFUSAL_WARNS_FOR
+    diagnostics.reject("cmd_vel", "NaN")
+    clock.time += REJECTION_WARN_TIME
     assert diagnostics.report().level is Level.WARN
     clock.time += 0.1
     report = diagnostics.report()
@@ -95,10 +95,10 @@ def test_refusals_are_logged_once_a_second_for_each_topic(
         return [msg.msg for msg in logged if "refused" in msg.msg]
 
     for _ in range(3):
-        diagnostics.refuse("cmd_vel", "NaN")
-    diagnostics.refuse("joy", "no axes")
+        diagnostics.reject("cmd_vel", "NaN")
+    diagnostics.reject("joy", "no axes")
     clock.time += 1.0
-    diagnostics.refuse("cmd_vel", "too old")
+    diagnostics.reject("cmd_vel", "too old")
     ros.spin_until(lambda: len(said()) >= 3)
     assert said() == [
         "refused a message on cmd_vel: NaN",
@@ -111,7 +111,7 @@ def test_a_problem_stands_until_it_is_cleared(diagnostics: Diagnostics) -> None:
     diagnostics.problem("no machine has joined")
     assert diagnostics.report().level is Level.WARN
     diagnostics.problem("the ledger is off by 3 mm3", Level.ERROR)
-    diagnostics.refuse("joy", "no axes")
+    diagnostics.reject("joy", "no axes")
     report = diagnostics.report()
     assert report.level is Level.ERROR
     assert report.message == "the ledger is off by 3 mm3; messages refused on joy"

@@ -12,14 +12,14 @@ from rclpy.node import Node
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from msg_bridge.codec.qos import LATCHED
+from msg_bridge.codec.qos import TRANSIENT_LOCAL
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.parameters import Parameters, parameter
-from msg_bridge.nodes.parameters import declare_parameters
-from msg_bridge.testing import domain
-from msg_bridge.testing.domain import NoDomainError, own_domain
+from msg_bridge.nodes.ros_parameters import declare_parameters
+from msg_bridge.testing import ros_domain as domain
 from msg_bridge.testing.fixtures import StartProcess
-from msg_bridge.testing.ros import LeakedNodesError, Ros
+from msg_bridge.testing.ros_context import LeakedNodesError, Ros
+from msg_bridge.testing.ros_domain import NoFreeDomainError, reserve_domain
 
 # A node as a process: publishes what it was given, ends with the exit code it was given.
 ECHO = """\
@@ -27,7 +27,7 @@ import sys
 from rclpy.node import Node
 from std_msgs.msg import String
 from msg_bridge.codec.qos import LATCHED
-from msg_bridge.nodes.runtime import run_node
+from msg_bridge.nodes.process_main import run_node
 
 class Echo(Node):
     def __init__(self):
@@ -60,7 +60,7 @@ class Hello(Node):
     def __init__(self, **kwargs):
         super().__init__("hello", **kwargs)
         self.params = declare_parameters(self, HelloParams)
-        publisher = self.create_publisher(String, "said", LATCHED)
+        publisher = self.create_publisher(String, "said", TRANSIENT_LOCAL)
         publisher.publish(String(data=self.params.greeting))
         self.create_service(Trigger, "ask", self.answer)
 
@@ -78,7 +78,7 @@ def test_processes_at_once_get_different_domains(tmp_path: Path, ros_domain: int
     # Both, by their locks alone, since they are made to try the domain of this test first.
     (tmp_path / "conftest.py").write_text(
         "import itertools\n"
-        "from msg_bridge.testing import domain\n"
+        "from msg_bridge.testing import ros_domain as domain\n"
         f"domain._next = itertools.count({ros_domain - 1})\n"
         'pytest_plugins = ["msg_bridge.testing.fixtures"]\n'
     )
@@ -116,12 +116,12 @@ def test_processes_at_once_get_different_domains(tmp_path: Path, ros_domain: int
 def test_a_domain_is_free_again_when_its_test_has_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(domain, "DOMAINS", range(1, 3))
-    with own_domain(tmp_path) as first, own_domain(tmp_path) as second:
+    monkeypatch.setattr(domain, "TEST_DOMAIN_IDS", range(1, 3))
+    with reserve_domain(tmp_path) as first, reserve_domain(tmp_path) as second:
         assert {first, second} == {1, 2}
-        with pytest.raises(NoDomainError, match="run fewer tests"), own_domain(tmp_path):
+        with pytest.raises(NoFreeDomainError, match="run fewer tests"), reserve_domain(tmp_path):
             pass
-    with own_domain(tmp_path) as again:
+    with reserve_domain(tmp_path) as again:
         assert again in (1, 2)
 
 
@@ -145,7 +145,7 @@ def test_a_node_that_refuses_to_be_made_leaves_nothing(ros: Ros) -> None:
 
 def test_what_was_published_before_is_collected(ros: Ros) -> None:
     ros.add(Hello)
-    heard = ros.collect("said", String, LATCHED)
+    heard = ros.collect("said", String, TRANSIENT_LOCAL)
     ros.spin_until(lambda: heard)
     assert [msg.data for msg in heard] == ["hello"]
 
@@ -207,7 +207,7 @@ def test_a_process_gets_parameters_and_names(
     ros: Ros, ros_process: StartProcess, echo: list[str]
 ) -> None:
     process = ros_process(echo, parameters={"text": "1.0"}, namespace="/site", name="parrot")
-    heard = ros.collect("/site/said", String, LATCHED)
+    heard = ros.collect("/site/said", String, TRANSIENT_LOCAL)
     ros.spin_until(lambda: heard and "/site/parrot" in ros.node_names())
     assert heard[0].data == "1.0"
     assert process.wait_for_output("ready to echo (.*)")[1] == "1.0"

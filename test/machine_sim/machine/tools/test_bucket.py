@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from machine_sim.machine import BucketShape, MachineError
-from machine_sim.machine.kinematics import rotation_about_z
+from machine_sim.machine.arm_kinematics import rotation_about_z
 
 
 @pytest.fixture
-def bucket(description):
-    return description.bucket
+def bucket(spec):
+    return spec.bucket
 
 
 @pytest.fixture
@@ -32,11 +32,11 @@ def test_capacities_are_those_of_a_one_cubic_metre_bucket(bucket):
 
 def test_heap_is_the_integral_of_a_one_to_one_roof(bucket):
     n = 1000
-    u = (np.arange(n) + 0.5) / n * bucket.mouth_length
+    u = (np.arange(n) + 0.5) / n * bucket.opening_length
     w = (np.arange(n) + 0.5) / n * bucket.width
     u, w = np.meshgrid(u, w)
-    roof = np.minimum(np.minimum(u, bucket.mouth_length - u), np.minimum(w, bucket.width - w))
-    heap = roof.mean() * bucket.mouth_length * bucket.width
+    roof = np.minimum(np.minimum(u, bucket.opening_length - u), np.minimum(w, bucket.width - w))
+    heap = roof.mean() * bucket.opening_length * bucket.width
     assert bucket.heaped_capacity - bucket.struck_capacity == pytest.approx(heap, rel=1e-4)
 
 
@@ -50,13 +50,13 @@ def test_contains_is_the_struck_volume(bucket, inside):
 def test_heaped_room_is_the_prism_over_the_mouth(bucket, inside):
     points, within = inside
     here = (np.eye(3), np.zeros(3))
-    assert set(bucket.rows_heaped(points, *here)) >= set(np.flatnonzero(within))
+    assert set(bucket.indices_in_heap(points, *here)) >= set(np.flatnonzero(within))
     middle = 0.5 * (bucket.profile[0] + bucket.profile[-1])
-    over = np.array([middle[0], 0.0, middle[1]]) + np.outer([0.59, 0.61], bucket.mouth_normal)
-    np.testing.assert_array_equal(bucket.rows_heaped(over, *here), [0])
+    over = np.array([middle[0], 0.0, middle[1]]) + np.outer([0.59, 0.61], bucket.opening_normal)
+    np.testing.assert_array_equal(bucket.indices_in_heap(over, *here), [0])
     assert not bucket.contains(over).any()
     rotation, origin = rotation_about_z(0.7), np.array([3.0, -4.0, 1.0])
-    moved = bucket.rows_heaped(over @ rotation.T + origin, rotation, origin)
+    moved = bucket.indices_in_heap(over @ rotation.T + origin, rotation, origin)
     np.testing.assert_array_equal(moved, [0])
 
 
@@ -102,14 +102,14 @@ def test_outward_normals_leave_the_bucket(bucket):
 
 
 def test_mouth_normal_leaves_through_the_mouth(bucket):
-    assert bucket.mouth_normal @ [1.0, 0.0, 0.0] == pytest.approx(0.0, abs=0.1)
-    assert bucket.mouth_normal[2] < -0.95
-    assert np.linalg.norm(bucket.mouth_normal) == pytest.approx(1.0)
+    assert bucket.opening_normal @ [1.0, 0.0, 0.0] == pytest.approx(0.0, abs=0.1)
+    assert bucket.opening_normal[2] < -0.95
+    assert np.linalg.norm(bucket.opening_normal) == pytest.approx(1.0)
 
 
 def test_clamped_points_keep_clear_of_every_plate(bucket, inside):
     points, _ = inside
-    moved = bucket.clamped_inside(points, 0.05)
+    moved = bucket.clamp_inside(points, 0.05)
     assert bucket.contains(moved).all()
     for plate in bucket.plates():
         normal = np.cross(plate[1] - plate[0], plate[2] - plate[1])
@@ -119,12 +119,12 @@ def test_clamped_points_keep_clear_of_every_plate(bucket, inside):
 
 def test_points_with_room_stay_where_they_are(bucket):
     points = np.array([[0.7, 0.1, 0.3], [0.8, -0.5, 0.2]])
-    np.testing.assert_array_equal(bucket.clamped_inside(points, 0.05), points)
+    np.testing.assert_array_equal(bucket.clamp_inside(points, 0.05), points)
 
 
 def test_clearance_without_room_is_refused(bucket):
     with pytest.raises(MachineError, match="smaller"):
-        bucket.clamped_inside(np.zeros((1, 3)), 0.7)
+        bucket.clamp_inside(np.zeros((1, 3)), 0.7)
 
 
 def test_star_is_no_bucket():

@@ -1,0 +1,266 @@
+"""The operator's node: an example of an autonomy stack that plugs in by public topics alone.
+
+It sees what anybody can subscribe to (joints, odometry, payload, terrain, ledger) and sends what
+anybody can send (`joint_commands`). Each command is stamped with the time of the state it answers,
+so that a machine told to wait for it (`command_wait_period`) takes turns with it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from nav_msgs.msg import Odometry
+from rclpy.duration import Duration
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, Int64MultiArray, String
+
+from dig_operator.dig_task import DigTask
+from dig_operator.face_cutting import ROAD_HEADER_JOINTS, FaceCuttingParams, FaceCuttingTask
+from dig_operator.node_params import DigOperatorNodeParams
+from dig_operator.observation_builder import ObservationBuilder, TerrainSnapshot
+from dig_operator.params import BehaviourParams, DigTaskParams
+from dig_operator.sample_synchronizer import SampleSynchronizer, SyncedSample
+from machine_sim.commands import TRACK_NAMES
+from machine_sim.ground.contact_surface import surface_at
+from machine_sim.machine import load_machine_spec
+from msg_bridge.codec import qos
+from msg_bridge.codec.errors import CodecError
+from msg_bridge.codec.machine_state import PayloadState, from_payload_array, to_command_state
+from msg_bridge.codec.poses import from_odometry
+from msg_bridge.codec.run_config import RunFacts, parse_run_facts
+from msg_bridge.codec.stamps import stamp_from_seconds, stamp_from_tick, tick_from_stamp
+from msg_bridge.codec.tick_headers import from_multi_array
+from msg_bridge.config_files import find_config
+from msg_bridge.contract.errors import EarthmovingError
+from msg_bridge.contract.ledger import Ledger
+from msg_bridge.nodes.diagnostics import Diagnostics
+from msg_bridge.nodes.process_main import run_node
+from msg_bridge.nodes.ros_parameters import declare_parameters
+from msg_bridge.nodes.sim_node import SimNode
+from msg_bridge.nodes.subscription_poller import SubscriptionPoller
+from msg_bridge.nodes.terrain_subscriber import TerrainSubscriber
+
+__all__ = ["DigOperatorNode", "main"]
+
+_REPEAT_PERIOD = 0.1
+"""Wall time after which the last command is sent again while nothing new is seen [s]."""
+
+_INITIAL_INTERVAL_TICKS = 2
+"""Ticks that the first look is taken to last."""
+
+
+class DigOperatorNode(SimNode):
+    """A scripted operator at the levers of the machine in its namespace.
+
+    An excavator digs, a road header cuts a face.
+
+    Attributes:
+        task: what it is about.
+        diagnostics: what `/diagnostics` says of it.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        """
+        Args:
+            kwargs: for `rclpy.node.Node`; the namespace is `/excavator` if not given.
+
+        Raises:
+            EarthmovingError: a bad parameter or machine file.
+        """
+        super().__init__("dig_operator", **{"namespace": "/excavator", **kwargs})
+        params = declare_parameters(self, DigOperatorNodeParams)
+        self._behaviour = declare_parameters(self, BehaviourParams, "behaviour.")
+        self._task_params = declare_parameters(self, DigTaskParams, "task.")
+        self._face_params = declare_parameters(self, FaceCuttingParams, "face.")
+        self._machine_spec = load_machine_spec(find_config(params.machine))
+        self._joints = self._machine_spec.joint_names
+        self.diagnostics = Diagnostics(self, "dig_operator")
+        self._facts: RunFacts | None = None
+        surface_at(np.zeros((2, 2)), 0.0, 0.0, 1.0, 0.0, 0.0)  # compiled now, not at the first dig
+        self._start_task()
+        self._commands = self.create_publisher(JointState, "joint_commands", qos.STATE)
+        self._phases = self.create_publisher(String, "operator/phase", qos.ROWS)
+        self._cycles = self.create_publisher(String, "operator/cycles", qos.ROWS)
+        self._poller = SubscriptionPoller(self, self._process_samples)
+        self._terrain = TerrainSubscriber(
+            self, self._poller, self.diagnostics.reject, self._process_samples
+        )
+        self._subscribe(String, "/sim/config", qos.TRANSIENT_LOCAL, self._on_config)
+        # Of a machine's state payload comes last, if it holds soil, of a tick the ledger: only they
+        # are waited for.
+        holds = self._holds_soil = self._machine_spec.can_carry_soil
+        self._subscribe(JointState, "joint_states", qos.STATE, self._on_joints, wakes=False)
+        self._subscribe(Odometry, "odom", qos.STATE, self._on_odom, wakes=not holds)
+        if holds:
+            self._subscribe(Float64MultiArray, "payload", qos.STATE, self._on_payload)
+        self._subscribe(Int64MultiArray, "/soil/ledger", qos.ROWS, self._on_ledger)
+        self.create_timer(_REPEAT_PERIOD, self._repeat_last_command)
+
+    @property
+    def finished(self) -> bool:
+        """Whether it has left the levers."""
+        return self.task.done
+
+    @property
+    def exit_code(self) -> int:
+        """1 if it gave up, else 0."""
+        return 1 if self.task.abort_reason else 0
+
+    def stop(self) -> None:
+        """See that its last words arrive."""
+        for publisher in (self._phases, self._cycles):
+            publisher.wait_for_all_acked(Duration(seconds=2.0))
+
+    @property
+    def _lockstep(self) -> bool:
+        return self._facts is not None and not self._facts.realtime
+
+    def _start_task(self) -> None:
+        """Start the task, in this run of the soil or in a new one."""
+        self.task: DigTask | FaceCuttingTask
+        if self._joints == ROAD_HEADER_JOINTS:
+            self.task = FaceCuttingTask(self._machine_spec, self._face_params)
+        else:
+            self.task = DigTask(self._machine_spec, self._behaviour, self._task_params)
+        self._observation_builder = ObservationBuilder()
+        self._synchronizer = SampleSynchronizer(every_tick=self._lockstep)
+        self._last_command: JointState | None = None
+        self._last_tick: int | None = None
+        self._last_status, self._num_reported = "", 0
+
+    # What it is told.
+
+    def _subscribe(
+        self,
+        kind: Any,
+        topic: str,
+        profile: Any,
+        take: Callable[[Any], None],
+        *,
+        wakes: bool = True,
+    ) -> None:
+        def on_message(msg: Any) -> None:
+            try:
+                take(msg)
+            except EarthmovingError as error:
+                self.diagnostics.reject(topic, str(error))
+
+        self._poller.subscribe(kind, topic, profile, on_message, triggers=wakes)
+
+    def _on_config(self, msg: String) -> None:
+        facts = parse_run_facts(msg.data)
+        before, self._facts = self._facts, facts
+        if before is None or facts.run_id != before.run_id:
+            if before is not None:
+                self.get_logger().info("the run has begun anew, and so does the task")
+            self._start_task()
+        self._terrain.follower.start_run(facts.run_id)
+        self._terrain.maps.set_cell(facts.cell)
+
+    def _on_joints(self, msg: JointState) -> None:
+        if self._facts is not None:
+            tick = tick_from_stamp(msg.header.stamp, self._facts.tick_period)
+            self._synchronizer.add_joints(tick, _joint_angles(msg, self._joints))
+
+    def _on_odom(self, msg: Odometry) -> None:
+        if self._facts is not None:
+            tick = tick_from_stamp(msg.header.stamp, self._facts.tick_period)
+            self._synchronizer.add_base(tick, from_odometry(msg))
+            if not self._holds_soil:
+                self._synchronizer.add_payload(tick, PayloadState(0.0, 0.0, 0.0, 0.0))
+
+    def _on_payload(self, msg: Float64MultiArray) -> None:
+        if self._facts is not None:
+            payload = from_payload_array(msg)
+            tick = tick_from_stamp(stamp_from_seconds(payload.time), self._facts.tick_period)
+            self._synchronizer.add_payload(tick, payload)
+
+    def _on_ledger(self, msg: Int64MultiArray) -> None:
+        ledger = from_multi_array(msg)
+        if isinstance(ledger, Ledger):
+            self._synchronizer.add_ledger(ledger)
+
+    # What it does.
+
+    def _process_samples(self) -> None:
+        """Answer a new moment with a command."""
+        follower, facts = self._terrain.follower, self._facts
+        if facts is None or follower.run_id != facts.run_id:
+            return
+        while not self.task.done:
+            if self._lockstep:
+                follower.advance_to(self._synchronizer.next_tick or 0)
+            moment = self._synchronizer.pop_next(follower.tick)
+            if moment is None:
+                return
+            self._send_command(moment, facts)
+
+    def _send_command(self, moment: SyncedSample, facts: RunFacts) -> None:
+        follower = self._terrain.follower
+        assert follower.grid is not None, "a tick of terrain is known"
+        terrain = TerrainSnapshot(follower.grid, follower.elevation, follower.revision)
+        state = (moment.joints, moment.base, moment.payload)
+        observation = self._observation_builder.build(
+            moment.tick * facts.tick_period, *state, terrain, moment.ledger
+        )
+        since = (
+            _INITIAL_INTERVAL_TICKS if self._last_tick is None else moment.tick - self._last_tick
+        )
+        self._last_tick = moment.tick
+        command = self.task.command(observation, since * facts.tick_period)
+        self._publish_progress(observation.time)
+        if self.task.done:
+            return
+        self._last_command = to_command_state(
+            (*self._joints, *TRACK_NAMES),
+            np.concatenate([command.joints, command.tracks]),
+            stamp_from_tick(moment.tick, facts.tick_period),
+        )
+        self._commands.publish(self._last_command)
+
+    def _repeat_last_command(self) -> None:
+        """Say again what was perhaps not heard: in lockstep the machine may be waiting for it."""
+        if self._lockstep and self._last_command is not None and not self.task.done:
+            self._commands.publish(self._last_command)
+
+    def _publish_progress(self, time: float) -> None:
+        """Publish what it is about, and how each cycle went."""
+        task = self.task
+        for report in task.reports[self._num_reported :]:
+            self._cycles.publish(String(data=json.dumps(asdict(report))))
+            self._num_reported += 1
+        now = {"cycle": task.cycle, "phase": task.phase, "abort_reason": task.abort_reason}
+        said = json.dumps(now)
+        if said != self._last_status:
+            self._last_status = said
+            self._phases.publish(String(data=json.dumps({"time": time, **now})))
+            self.diagnostics.set("cycle", task.cycle)
+            self.diagnostics.set("phase", task.phase)
+
+
+def _joint_angles(msg: JointState, names: Sequence[str]) -> list[float]:
+    """Angles of some joints [rad], in the order of `names`.
+
+    Raises:
+        CodecError: one of them is missing or no angle.
+    """
+    angles = dict(zip(msg.name, msg.position, strict=False))
+    own = [angles.get(name, math.nan) for name in names]
+    if not all(map(math.isfinite, own)):
+        raise CodecError(f"the joint states need a finite angle of {', '.join(names)}")
+    return own
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until its task is done or it is stopped."""
+    return run_node(DigOperatorNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

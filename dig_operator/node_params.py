@@ -1,0 +1,18 @@
+"""Parameters of the operator's node."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from msg_bridge.contract.parameters import Parameters, parameter
+
+__all__ = ["DigOperatorNodeParams"]
+
+
+@dataclass(frozen=True)
+class DigOperatorNodeParams(Parameters):
+    """Which machine the operator knows how to handle."""
+
+    machine: str = parameter(
+        "machines/excavator.yaml", "machine file, the same as the machine's node has"
+    )

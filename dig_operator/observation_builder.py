@@ -1,0 +1,64 @@
+"""ObservationBuilder: the view of one moment, put together from what each topic told of it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dig_operator.observation import Observation
+from machine_sim.machine.arm_kinematics import rotation_matrix
+from msg_bridge.codec.machine_state import BaseState, PayloadState
+from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.ledger import Ledger
+
+__all__ = ["ObservationBuilder", "TerrainSnapshot"]
+
+
+class TerrainSnapshot(NamedTuple):
+    """The surface at the end of a tick: its grid, elevation [m] and revision."""
+
+    grid: Grid
+    elevation: NDArray[np.float64]
+    revision: int
+
+
+class ObservationBuilder:
+    """Sees one moment after the other, and so what has changed in between."""
+
+    def __init__(self) -> None:
+        self._revision: int | None = None
+
+    def build(
+        self,
+        time: float,
+        joints: ArrayLike,
+        base: BaseState,
+        payload: PayloadState,
+        terrain: TerrainSnapshot,
+        ledger: Ledger,
+    ) -> Observation:
+        """The view at the end of a tick.
+
+        Args:
+            time: simulation time [s].
+            joints: angles of the machine's joints [rad], shape (joints,).
+            base: pose of the base, map frame.
+            payload: soil in the bucket.
+            terrain: the surface.
+            ledger: of the tick.
+        """
+        changed = terrain.revision != self._revision
+        self._revision = terrain.revision
+        return Observation(
+            time=time,
+            joints=np.array(joints, dtype=np.float64),
+            base_position=np.array(base.position, dtype=np.float64),
+            base_rotation=rotation_matrix(base.quaternion),
+            fill=payload.fill,
+            bank=payload.bank,
+            grid=terrain.grid,
+            elevation=terrain.elevation,
+            is_soil_moving=changed or ledger.particles != 0 or ledger.in_flight != 0,
+        )

@@ -1,0 +1,150 @@
+"""The worked ground, cut out of the site as a block, and the machine on it, as a mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.colors import to_rgb
+from numpy.typing import NDArray
+
+from earthmoving_sim.pictures.map_window import Window
+from earthmoving_sim.pictures.plan_view import surface_normals
+from earthmoving_sim.pictures.site_record import SiteRecord
+
+__all__ = ["Mesh", "ground_mesh", "machine_mesh", "merge_meshes"]
+
+GRASS, DRY_GRASS = (0.43, 0.49, 0.29), (0.58, 0.57, 0.38)
+LOOSE, BANK = (0.56, 0.41, 0.27), (0.45, 0.31, 0.20)  # dumped soil is drier, so lighter
+TOPSOIL, SUBSOIL = (0.47, 0.36, 0.26), (0.74, 0.63, 0.50)  # the block's sides, top and bottom
+
+LOOSE_M, CUT_M = 0.005, 0.02  # loose soil deeper, or a cut deeper, than this is bare earth [m]
+GRAIN, PATCHES = 0.05, 0.6  # strength of the colour noise, and of the mixture of grasses
+NOISE_SEED = 7  # one seed: the same record gives the same picture
+
+BLOCK_DEPTH_M = 0.5  # the block goes this far below its lowest point [m]
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles with a normal and a colour at each point.
+
+    Attributes:
+        points: positions [m], map frame, shape [n, 3].
+        normals: unit normals, shape [n, 3].
+        colours: red, green and blue from 0 to 1, shape [n, 3].
+        triangles: three points each, shape [m, 3].
+        parts: the flat face a triangle belongs to, from 1, or 0 for ground, shape [m].
+    """
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    colours: NDArray[np.float64]
+    triangles: NDArray[np.intp]
+    parts: NDArray[np.intp]
+
+
+def merge_meshes(*meshes: Mesh) -> Mesh:
+    """Several meshes as one."""
+    starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes[:-1])])
+    return Mesh(
+        points=np.concatenate([mesh.points for mesh in meshes]),
+        normals=np.concatenate([mesh.normals for mesh in meshes]),
+        colours=np.concatenate([mesh.colours for mesh in meshes]),
+        triangles=np.concatenate(
+            [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)]
+        ),
+        parts=np.concatenate([mesh.parts for mesh in meshes]),
+    )
+
+
+def ground_mesh(record: SiteRecord, window: Window) -> Mesh:
+    """The ground at the end, two triangles between every four columns, as a block with sides."""
+    heights = window.crop(record.after)
+    x, y = np.meshgrid(window.x, window.y)
+    points = np.stack([x, y, heights], axis=-1)
+    tall, wide = heights.shape
+    top = Mesh(
+        points=points.reshape(-1, 3),
+        normals=surface_normals(heights, record.grid.cell).reshape(-1, 3),
+        colours=_ground_colours(record, window).reshape(-1, 3),
+        triangles=_strip_triangles(tall, wide),
+        parts=np.zeros(2 * (tall - 1) * (wide - 1), dtype=np.intp),
+    )
+    floor = float(heights.min()) - BLOCK_DEPTH_M
+    sides = (
+        (points[0], (0.0, -1.0, 0.0)),
+        (points[-1], (0.0, 1.0, 0.0)),
+        (points[:, 0], (-1.0, 0.0, 0.0)),
+        (points[:, -1], (1.0, 0.0, 0.0)),
+    )
+    return merge_meshes(top, *(_side(edge, normal, floor) for edge, normal in sides))
+
+
+def _strip_triangles(tall: int, wide: int) -> NDArray[np.intp]:
+    """Two triangles for each square of a lattice of points, shape [2 * squares, 3]."""
+    index = np.arange(tall * wide).reshape(tall, wide)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+    return np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3).astype(np.intp)
+
+
+def _side(edge: NDArray[np.float64], normal: tuple[float, float, float], floor: float) -> Mesh:
+    """A wall from an edge of the ground, shape [k, 3], down to the block's floor [m]."""
+    bottom = edge.copy()
+    bottom[:, 2] = floor
+    count = len(edge)
+    triangles = _strip_triangles(2, count)
+    return Mesh(
+        points=np.concatenate([edge, bottom]),
+        normals=np.tile(normal, (2 * count, 1)),
+        colours=np.repeat([TOPSOIL, SUBSOIL], count, axis=0),
+        triangles=triangles,
+        parts=np.zeros(len(triangles), dtype=np.intp),
+    )
+
+
+def _ground_colours(record: SiteRecord, window: Window) -> NDArray[np.float64]:
+    """Grass, or bare earth where soil was cut or lies loose, shape [height, width, 3]."""
+    noise = np.random.default_rng(NOISE_SEED)
+    loose = window.crop(record.loose_depth) > LOOSE_M
+    cut = window.crop(record.change) < -CUT_M
+    patches = PATCHES * _smooth(noise.random(loose.shape), max(1, round(0.8 / record.grid.cell)))
+    colours = (1 - patches[..., None]) * np.array(GRASS) + patches[..., None] * np.array(DRY_GRASS)
+    colours[cut] = BANK
+    colours[loose] = LOOSE
+    grain = noise.normal(1.0, GRAIN, (*loose.shape, 1))
+    return np.asarray(np.clip(colours * grain, 0.0, 1.0), dtype=np.float64)
+
+
+def _smooth(image: NDArray[np.float64], radius: int) -> NDArray[np.float64]:
+    """Running mean over a square, twice, stretched to 0..1."""
+    kernel = np.ones(2 * radius + 1) / (2 * radius + 1)
+    for axis in (0, 1, 0, 1):
+        padded = np.pad(
+            image, [(radius, radius) if a == axis else (0, 0) for a in (0, 1)], "reflect"
+        )
+        image = np.apply_along_axis(np.convolve, axis, padded, kernel, "valid")
+    return np.asarray((image - image.min()) / max(float(np.ptp(image)), 1e-12), dtype=np.float64)
+
+
+def machine_mesh(record: SiteRecord) -> Mesh | None:
+    """The machine's faces, each cut into a fan of triangles, or None where there are none."""
+    meshes = []
+    for i, (colour, polygon) in enumerate(record.machine_faces):
+        a, b, c = polygon[0], polygon[1], polygon[2]
+        normal = np.cross(b - a, c - a)
+        length = float(np.linalg.norm(normal))
+        if length == 0.0:
+            continue
+        count = len(polygon)
+        fan = np.stack([np.zeros(count - 2), np.arange(1, count - 1), np.arange(2, count)], axis=1)
+        meshes.append(
+            Mesh(
+                points=np.asarray(polygon, dtype=np.float64),
+                normals=np.tile(normal / length, (count, 1)),
+                colours=np.tile(to_rgb(colour), (count, 1)),
+                triangles=fan.astype(np.intp),
+                parts=np.full(count - 2, i + 1, dtype=np.intp),
+            )
+        )
+    return merge_meshes(*meshes) if meshes else None

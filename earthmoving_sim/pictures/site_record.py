@@ -1,0 +1,112 @@
+"""What a run leaves to be drawn: the ground before and after, the bucket's path, the machine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.typing import ColorType
+from numpy.typing import NDArray
+
+from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.grid import Grid
+
+__all__ = ["MIN_CHANGE_M", "SiteRecord"]
+
+MIN_CHANGE_M = 0.01  # change of height from which a column counts as worked [m]
+
+
+@dataclass(frozen=True, eq=False)
+class SiteRecord:
+    """A site before and after a run, and how the machine worked it. Everything in the map frame.
+
+    Attributes:
+        grid: where the columns lie.
+        before: height of each column when the run began [m], shape [rows, cols].
+        after: height of each column when it ended [m], shape [rows, cols].
+        loose_depth: depth of loose soil on each column at the end [m], shape [rows, cols].
+        lip_path: middle of the bucket's lip over time [m], shape [n, 3].
+        lip_cycle: number of the cycle each point belongs to, from 1, shape [n].
+        lip_phase: name of the phase each point belongs to, such as "dig", shape [n].
+        machine_outline: name and plan-view polygon [m], shape [k, 2], of each part of the machine
+            as it ended.
+        title: what the run was, the pictures' heading.
+        machine_faces: colour and convex polygon [m], shape [k, 3], of each face of the machine as
+            it ended; none leaves it out of the 3-D view.
+        machine_position: x, y of the machine's swing axis [m]; None takes the outlines' middle.
+
+    Raises:
+        ParameterError: an array has not the shape above, or a height is not a finite number.
+    """
+
+    grid: Grid
+    before: NDArray[np.float64]
+    after: NDArray[np.float64]
+    loose_depth: NDArray[np.float64]
+    lip_path: NDArray[np.float64]
+    lip_cycle: NDArray[np.integer]
+    lip_phase: NDArray[np.str_]
+    machine_outline: Sequence[tuple[str, NDArray[np.float64]]]
+    title: str
+    machine_faces: Sequence[tuple[ColorType, NDArray[np.float64]]] = ()
+    machine_position: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("before", "after", "loose_depth"):
+            heights = getattr(self, name)
+            _expect_shape(name, heights, self.grid.shape)
+            if not np.isfinite(heights).all():
+                raise ParameterError(f"{name} has values that are not finite; fill the gaps first")
+        points = len(self.lip_path)
+        _expect_shape("lip_path", self.lip_path, (points, 3))
+        _expect_shape("lip_cycle", self.lip_cycle, (points,))
+        _expect_shape("lip_phase", self.lip_phase, (points,))
+        for name, polygon in self.machine_outline:
+            _expect_shape(f"machine_outline {name!r}", polygon, (len(polygon), 2))
+        for i, (_, polygon) in enumerate(self.machine_faces):
+            _expect_shape(f"machine_faces[{i}]", polygon, (len(polygon), 3))
+
+    @property
+    def change(self) -> NDArray[np.float64]:
+        """Height after less height before [m], shape [rows, cols]: cut is negative."""
+        return self.after - self.before
+
+    @property
+    def cut_volume(self) -> float:
+        """Volume below the old and above the new surface [m^3]."""
+        return float(-np.minimum(self.change, 0.0).sum() * self.grid.cell**2)
+
+    @property
+    def fill_volume(self) -> float:
+        """Volume above the old and below the new surface [m^3]."""
+        return float(np.maximum(self.change, 0.0).sum() * self.grid.cell**2)
+
+    @property
+    def machine_origin(self) -> NDArray[np.float64]:
+        """x, y that distances from the machine are measured from [m], shape [2].
+
+        `machine_position`, or else the middle of the outlines' bounding box, or else the origin.
+        """
+        if self.machine_position is not None:
+            return np.asarray(self.machine_position, dtype=np.float64)
+        if not self.machine_outline:
+            return np.zeros(2)
+        corners = self.outline_points
+        return np.asarray(0.5 * (corners.min(axis=0) + corners.max(axis=0)), dtype=np.float64)
+
+    @property
+    def outline_points(self) -> NDArray[np.float64]:
+        """All corners of the machine's outlines, x, y [m], shape [n, 2]."""
+        return np.concatenate([np.empty((0, 2)), *(polygon for _, polygon in self.machine_outline)])
+
+    @property
+    def changed_points(self) -> NDArray[np.float64]:
+        """Centres of the columns whose height changed by more than 1 cm, x, y [m], shape [n, 2]."""
+        rows, cols = np.nonzero(np.abs(self.change) > MIN_CHANGE_M)
+        return np.stack([self.grid.x(rows), self.grid.y(cols)], axis=1)
+
+
+def _expect_shape(name: str, array: NDArray[np.generic], shape: tuple[int, ...]) -> None:
+    if np.shape(array) != shape:
+        raise ParameterError(f"{name} has shape {np.shape(array)}; give an array of shape {shape}")

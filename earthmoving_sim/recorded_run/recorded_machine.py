@@ -1,0 +1,123 @@
+"""The machine of a recorded run: its description, the path of its lip, the shoes of its tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from earthmoving_sim.dig_outcome import PATH_INTERVAL_TICKS
+from earthmoving_sim.recorded_run.run_record import MachineState, OperatorPhase
+from earthmoving_sim.recorded_run.topic_decoders import (
+    MACHINE_CONFIG_SUFFIX,
+    Namespaces,
+    RecordedRunError,
+    machine_config_section,
+)
+from machine_sim.machine import (
+    MachineSpec,
+    load_machine_spec,
+    rotation_matrix,
+    tool_pose,
+    with_track_model,
+)
+from msg_bridge.config_files import ConfigError, find_config
+
+__all__ = ["LipPath", "lip_path", "load_recorded_machine", "shoe_poses"]
+
+_TRACKS_SUFFIX = "/tracks"  # how the namespace of the tracks' markers ends
+
+
+class LipPath(NamedTuple):
+    """Lip positions [m], shape (n, 3), with the operator's cycle and phase, shape (n,) each."""
+
+    points: NDArray[np.float64]
+    cycle: NDArray[np.int64]
+    phase: NDArray[np.str_]
+
+
+def load_recorded_machine(text: str, namespaces: Namespaces) -> MachineSpec:
+    """The machine that the configuration of its node names.
+
+    Args:
+        text: the configuration [YAML].
+        place: of the machine.
+
+    Raises:
+        RecordedRunError: it names no machine file, or one that is not here.
+        MachineError: the file is not good.
+    """
+    topic = namespaces.node + MACHINE_CONFIG_SUFFIX
+    try:
+        name = str(machine_config_section(text, namespaces)["machine"])
+        tracks = (
+            yaml.safe_load(text).get("stepping", {}).get("track_model", "kinematic")
+        )  # not said by older runs
+    except (yaml.YAMLError, KeyError, TypeError) as error:
+        raise RecordedRunError(
+            f"the configuration on {topic} names no machine file: {error!r}; it must have"
+            " `machine` in a section machine_sim, or of the machine's name in a section machines"
+        ) from error
+    try:
+        return with_track_model(load_machine_spec(find_config(name)), tracks)
+    except ConfigError as error:
+        raise RecordedRunError(
+            f"the machine of the run is described in {name!r} ({topic}), which is not here; put it"
+            f" there. {error}"
+        ) from error
+
+
+def lip_path(
+    spec: MachineSpec, states: Sequence[MachineState], phases: Sequence[OperatorPhase]
+) -> LipPath:
+    """Where the middle of the cutting lip was, every `PATH_INTERVAL_TICKS` ticks or as often as is known.
+
+    A point has the phase that its tick was done in, which the operator told at an earlier tick.
+    """
+    told_at = np.array([phase.tick for phase in phases])
+    points, during = [], []
+    due = PATH_INTERVAL_TICKS
+    for state in states:
+        if state.tick < due:
+            continue
+        due = (state.tick // PATH_INTERVAL_TICKS + 1) * PATH_INTERVAL_TICKS
+        turn = rotation_matrix(state.base.quaternion)
+        rotation, pin = tool_pose(spec, state.base.position, turn, state.joints)
+        points.append(rotation[:, 0] * spec.bucket.tip_radius + pin)
+        newest = int(np.searchsorted(told_at, state.tick)) - 1
+        during.append(phases[max(newest, 0)])
+    return LipPath(
+        np.array(points).reshape(-1, 3),
+        np.array([phase.cycle for phase in during], dtype=np.int64),
+        np.array([phase.phase for phase in during], dtype=np.str_),
+    )
+
+
+def shoe_poses(markers: Any, shoe_count: int) -> NDArray[np.float64] | None:
+    """Where the shoes of both tracks are, read back from how `codec.markers` shows them.
+
+    Args:
+        markers: a `visualization_msgs/MarkerArray`.
+        shoe_count: of one track.
+
+    Returns:
+        x, z [m] and pitch [rad] of each shoe in the base frame, left track first, shape
+        (2, shoe_count, 3); None if no such tracks are among the markers.
+    """
+    sides = {each.id: each for each in markers.markers if each.ns.endswith(_TRACKS_SUFFIX)}
+    if set(sides) != {0, 1}:
+        return None
+    poses = np.zeros((2, shoe_count, 3))
+    for side in (0, 1):
+        points = np.array([(point.x, point.z) for point in sides[side].points])
+        # A shoe is a row of bars; with one bar only it would not show how it is turned.
+        if points.size == 0 or len(points) % shoe_count or len(points) < 2 * shoe_count:
+            return None
+        bars = points.reshape(shoe_count, -1, 2)
+        along = bars[:, -1] - bars[:, 0]
+        poses[side, :, :2] = bars.mean(axis=1)
+        poses[side, :, 2] = np.arctan2(-along[:, 1], along[:, 0])
+    return poses

@@ -1,0 +1,184 @@
+"""What small messages of a recorded run say: which are read, and what is kept of each."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any, NamedTuple
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from dig_operator import CycleReport
+from machine_sim.machine import EXCAVATOR_JOINTS
+from msg_bridge.codec.machine_state import BaseState
+from msg_bridge.codec.poses import from_odometry
+from msg_bridge.codec.run_config import RunFacts, parse_run_facts
+from msg_bridge.codec.tick_headers import from_multi_array
+from msg_bridge.contract.errors import EarthmovingError
+from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.messages import SoilHeader
+from msg_bridge.contract.topics import SOIL_HEADER_TOPIC
+
+__all__ = [
+    "CYCLES_SUFFIX",
+    "DIAGNOSTICS_TOPIC",
+    "JOINT_STATES_SUFFIX",
+    "LEDGER_TOPIC",
+    "MACHINE_CONFIG_SUFFIX",
+    "ODOM_SUFFIX",
+    "PARTICLES_SUFFIX",
+    "PHASE_FIELDS",
+    "PHASE_SUFFIX",
+    "SIM_CONFIG_TOPIC",
+    "STATE_HASH_TOPIC",
+    "Namespaces",
+    "RecordedRunError",
+    "TopicDecoder",
+    "machine_config_section",
+    "run_topic_decoders",
+]
+
+SIM_CONFIG_TOPIC = "/sim/config"
+LEDGER_TOPIC = "/soil/ledger"
+STATE_HASH_TOPIC = "/soil/state_hash"
+DIAGNOSTICS_TOPIC = "/diagnostics"
+PHASE_SUFFIX = "/operator/phase"  # below the machine's namespace, as all that follow
+CYCLES_SUFFIX = "/operator/cycles"
+ODOM_SUFFIX = "/odom"
+JOINT_STATES_SUFFIX = "/joint_states"
+PARTICLES_SUFFIX = "/particles"  # below that of the machine's node, as the next
+MACHINE_CONFIG_SUFFIX = "/config"
+
+PHASE_FIELDS = ("cycle", "phase", "abort_reason")
+"""What a message on the operator's phase tells beside its time."""
+
+_CYCLE_FIELDS = tuple(field.name for field in fields(CycleReport))
+
+
+class RecordedRunError(EarthmovingError):
+    """A bag does not tell what a run did."""
+
+
+class TopicDecoder(NamedTuple):
+    """Type of a topic's messages, and what is kept of one: None for nothing."""
+
+    type: str
+    decode: Callable[[Any], Any]
+
+
+class Namespaces(NamedTuple):
+    """Namespaces of a machine and of the node that simulates it, alone or with others."""
+
+    machine: str
+    node: str
+
+
+def run_topic_decoders(namespaces: Namespaces) -> dict[str, TopicDecoder]:
+    """The topics that are read, of a machine at some place."""
+    return {
+        **_GLOBAL_DECODERS,
+        **{namespaces.machine + name: word for name, word in _MACHINE_DECODERS.items()},
+        **{namespaces.node + name: word for name, word in _NODE_DECODERS.items()},
+    }
+
+
+def machine_config_section(text: str, namespaces: Namespaces) -> Any:
+    """What the configuration of a node [YAML] says of one machine.
+
+    Raises:
+        KeyError, TypeError, YAMLError: it says nothing of it.
+    """
+    config = yaml.safe_load(text)
+    if namespaces.machine == namespaces.node:
+        return config["machine_sim"]
+    return config["machines"][namespaces.machine.removeprefix(f"{namespaces.node}/")]
+
+
+def _decode_soil_header(msg: Any) -> SoilHeader | None:
+    header = from_multi_array(msg)
+    return header if isinstance(header, SoilHeader) else None
+
+
+def _decode_ledger(msg: Any) -> Ledger | None:
+    ledger = from_multi_array(msg)
+    return ledger if isinstance(ledger, Ledger) else None
+
+
+def _decode_run_facts(msg: Any) -> RunFacts:
+    return parse_run_facts(msg.data)
+
+
+def _decode_state_hash(msg: Any) -> tuple[int, str]:
+    tick, _, digest = msg.data.partition(" ")
+    if not tick.isdigit() or not digest:
+        raise RecordedRunError(f"{msg.data!r} is no tick and hash")
+    return int(tick), digest
+
+
+def _decode_diagnostics(msg: Any) -> dict[str, dict[str, str]]:
+    """Values of each node."""
+    return {
+        status.name.partition(":")[0]: {each.key: each.value for each in status.values}
+        for status in msg.status
+    }
+
+
+def _decode_odometry(msg: Any) -> tuple[Any, BaseState]:
+    return msg.header.stamp, from_odometry(msg)
+
+
+def _decode_joint_angles(msg: Any) -> tuple[Any, NDArray[np.float64]]:
+    angles = dict(zip(msg.name, msg.position, strict=False))
+    missing = [name for name in EXCAVATOR_JOINTS if name not in angles]
+    if missing:
+        raise RecordedRunError(f"it has no angle of {', '.join(missing)}")
+    return msg.header.stamp, np.array([angles[name] for name in EXCAVATOR_JOINTS])
+
+
+def _decode_particle_count(msg: Any) -> tuple[Any, int]:
+    return msg.header.stamp, msg.width
+
+
+def _decode_text(msg: Any) -> str:
+    return str(msg.data)
+
+
+def _decode_phase(msg: Any) -> dict[str, Any]:
+    return _parse_object(msg.data, ("time", *PHASE_FIELDS))
+
+
+def _decode_cycle_report(msg: Any) -> CycleReport:
+    return CycleReport(**_parse_object(msg.data, _CYCLE_FIELDS))
+
+
+def _parse_object(text: str, names: tuple[str, ...]) -> dict[str, Any]:
+    """A JSON object of certain names."""
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise RecordedRunError(f"it must be JSON: {error}") from None
+    if not isinstance(found, dict) or set(found) != set(names):
+        raise RecordedRunError(f"it must be an object of {', '.join(names)}; it is {text!r}")
+    return found
+
+
+_GLOBAL_DECODERS: dict[str, TopicDecoder] = {
+    SIM_CONFIG_TOPIC: TopicDecoder("std_msgs/msg/String", _decode_run_facts),
+    SOIL_HEADER_TOPIC: TopicDecoder("std_msgs/msg/Int64MultiArray", _decode_soil_header),
+    LEDGER_TOPIC: TopicDecoder("std_msgs/msg/Int64MultiArray", _decode_ledger),
+    STATE_HASH_TOPIC: TopicDecoder("std_msgs/msg/String", _decode_state_hash),
+    DIAGNOSTICS_TOPIC: TopicDecoder("diagnostic_msgs/msg/DiagnosticArray", _decode_diagnostics),
+}
+_MACHINE_DECODERS: dict[str, TopicDecoder] = {
+    PHASE_SUFFIX: TopicDecoder("std_msgs/msg/String", _decode_phase),
+    CYCLES_SUFFIX: TopicDecoder("std_msgs/msg/String", _decode_cycle_report),
+    ODOM_SUFFIX: TopicDecoder("nav_msgs/msg/Odometry", _decode_odometry),
+    JOINT_STATES_SUFFIX: TopicDecoder("sensor_msgs/msg/JointState", _decode_joint_angles),
+}
+_NODE_DECODERS: dict[str, TopicDecoder] = {
+    MACHINE_CONFIG_SUFFIX: TopicDecoder("std_msgs/msg/String", _decode_text),
+    PARTICLES_SUFFIX: TopicDecoder("sensor_msgs/msg/PointCloud2", _decode_particle_count),
+}

@@ -1,0 +1,181 @@
+"""A run: the scripted operator digs in a world of one process, and all is written down."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dig_operator import Command, DigTask
+from earthmoving_sim.demo_site import check_slope_stability, jacksboro_site
+from earthmoving_sim.dig_outcome import PATH_INTERVAL_TICKS, DigOutcome
+from earthmoving_sim.machine_polygons import machine_faces, machine_outline
+from earthmoving_sim.operated_machine import OperatedMachine
+from earthmoving_sim.run_config import RunConfig
+from earthmoving_sim.world import World
+from machine_sim.dem import warm_up
+from machine_sim.simulated_machine import Placement
+from machine_sim.simulation import MachineSim
+from soil_sim.soil import Soil
+from soil_sim.terrain import HeightMap
+
+__all__ = ["COMMAND_DELAY_TICKS", "COMMAND_INTERVAL_TICKS", "SingleProcessDig"]
+
+COMMAND_INTERVAL_TICKS = 2
+"""Ticks between commands of the operator."""
+
+COMMAND_DELAY_TICKS = 2
+"""Ticks from what the operator sees until its command counts.
+
+As nodes, soil and machine go on while the operator thinks, and it still does the same run.
+"""
+
+_PROGRESS_INTERVAL_TICKS = 100
+"""Ticks between lines of progress."""
+
+
+class SingleProcessDig:
+    """An excavator on the demo's site with an operator at its levers.
+
+    Attributes:
+        world: soil and machine.
+        operator: who works the levers.
+    """
+
+    def __init__(self, config: RunConfig, site: HeightMap | None = None) -> None:
+        """
+        Args:
+            config: parameters of all parts.
+            site: the terrain; the demo's own if not given.
+        """
+        self.config = config
+        self.site = site or jacksboro_site()
+        self._dt = config.stepping.tick_period
+        check_slope_stability(self.site, config)
+        soil = Soil(self.site.grid, self.site.heights, config.soil)
+        start = config.run.start_x - config.task.approach
+        self.machine = MachineSim(
+            [Placement(config.machine, (start, config.run.start_y))],
+            self.site.grid,
+            soil.columns.height,
+            params=config.stepping,
+            particle_params=config.particles,
+            soils=soil.loose_soils,
+            soil=soil.columns.top_soil,
+            moisture=soil.columns.top_moisture,
+            seed=config.run.seed,
+        )
+        warm_up(config.particles)
+        self.world = World(soil, {1: self.machine})
+        self.operator = DigTask(config.machine, config.behaviour, config.task)
+        self._operated_machine = OperatedMachine(
+            self.world, self.machine.simulated_machines[0], self.operator, self._dt
+        )
+        self._lip_path: list[tuple[NDArray[np.float64], int, str]] = []
+        self._max_imbalance = 0
+        self._max_particles = 0
+
+    def run(self, *, progress: bool = False) -> DigOutcome:
+        """Do the whole shift.
+
+        Args:
+            progress: print how it goes.
+        """
+        began = time.perf_counter()
+        coming: deque[tuple[int, Command]] = deque()
+        last: int | None = None
+        while self.world.tick != last:
+            if self.world.tick % COMMAND_INTERVAL_TICKS == 0 and not self.operator.done:
+                command = self.operator.command(
+                    self._operated_machine.observation(), COMMAND_INTERVAL_TICKS * self._dt
+                )
+                if self.operator.done:
+                    last = (
+                        self.world.tick + COMMAND_DELAY_TICKS
+                    )  # for that long nobody waits for a command
+                else:
+                    coming.append((self.world.tick + COMMAND_DELAY_TICKS, command))
+            while coming and coming[0][0] <= self.world.tick:
+                _, command = coming.popleft()
+                self.machine.command(command.joints, command.tracks)
+            self._step()
+            if progress and self.world.tick % _PROGRESS_INTERVAL_TICKS == 0:
+                self._print_progress(began)
+        wall_time = time.perf_counter() - began
+        if progress:
+            self._print_progress(began)
+            print()
+        return self._outcome(wall_time)
+
+    def close(self) -> None:
+        """Free the world."""
+        self.world.close()
+
+    def _step(self) -> None:
+        ledger = self.world.step()
+        if abs(ledger.imbalance) > abs(self._max_imbalance):
+            self._max_imbalance = ledger.imbalance
+        self._max_particles = max(self._max_particles, self.machine.particles.count)
+        if self.world.tick % PATH_INTERVAL_TICKS == 0:
+            rotation, pin = self.machine.machine.tool.pose
+            lip = rotation[:, 0] * self.machine.machine.spec.bucket.tip_radius + pin
+            self._lip_path.append((lip, self.operator.cycle, self.operator.phase))
+
+    def _print_progress(self, began: float) -> None:
+        simulated_time = self.world.tick * self._dt
+        wall_time = time.perf_counter() - began
+        ledger = self.world.ledger
+        line = (
+            f"cycle {self.operator.cycle}/{self.config.task.cycles}"
+            f"  {self.operator.phase:<6}"
+            f" bucket {100 * self.machine.payload.fill:3.0f} %"
+            f"  particles {self.machine.particles.count:5d}"
+            f"  in transit {(ledger.pending + ledger.particles) / 1e9:5.2f} m3"
+            f"  imbalance {ledger.imbalance} mm3"
+            f"  {simulated_time:5.1f} s  {simulated_time / max(wall_time, 1e-9):4.1f} x real time"
+        )
+        if sys.stdout.isatty():
+            print("\r" + line.ljust(118), end="", flush=True)
+        else:
+            print(line, flush=True)
+
+    def _outcome(self, wall_time: float) -> DigOutcome:
+        columns = self.world.soil.columns
+        particles = self.machine.particles
+        observation = self._operated_machine.observation()
+        pose = (
+            self.machine.machine.spec,
+            observation.base_position,
+            observation.base_rotation,
+            observation.joints,
+        )
+        return DigOutcome(
+            site=self.site,
+            grid=self.site.grid,
+            after=columns.height.copy(),
+            loose_depth=columns.loose_depth,
+            cycles=list(self.operator.reports),
+            ledger=self.world.ledger,
+            max_imbalance=self._max_imbalance,
+            moved_volume=sum(cycle.moved_volume for cycle in self.operator.reports),
+            simulated_time=self.world.tick * self._dt,
+            wall_time=wall_time,
+            max_particles=self._max_particles,
+            tunnelled=particles.num_plate_tunnellings + particles.num_ground_tunnellings,
+            abort_reason=self.operator.abort_reason,
+            state_hash=self.world.state_hash(),
+            state_tick=self.world.tick,
+            run_mode="one process",
+            lip_path=np.array([lip for lip, _, _ in self._lip_path]).reshape(-1, 3),
+            lip_cycle=np.array([cycle for _, cycle, _ in self._lip_path], dtype=np.int64),
+            lip_phase=np.array([phase for _, _, phase in self._lip_path], dtype=np.str_),
+            machine_faces=machine_faces(*pose, self.machine.machine.tracks.shoe_poses),
+            machine_outline=machine_outline(*pose),
+            machine_position=(
+                float(observation.base_position[0]),
+                float(observation.base_position[1]),
+            ),
+        )

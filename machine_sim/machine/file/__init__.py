@@ -1,5 +1,0 @@
-"""Machine files: YAML, every key checked, into a `MachineDescription`.
-
-- `section`: strict reading of one mapping
-- `machine`: links, joints, tracks, sensors; `cylinders`, `tools`: what it says of those
-"""

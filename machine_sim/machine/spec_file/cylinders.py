@@ -1,0 +1,83 @@
+"""The cylinders in a machine file, and what feeds them."""
+
+from __future__ import annotations
+
+from machine_sim.machine.cylinder_linkage import CylinderLinkage, Point, Rocker
+from machine_sim.machine.errors import MachineError
+from machine_sim.machine.hydraulics import Cylinder, HydraulicSupply
+from machine_sim.machine.spec_file.section import Section
+
+__all__ = ["max_joint_torque", "read_cylinder", "read_supply"]
+
+
+def read_cylinder(
+    name: str, section: Section, joint: Point, lower: float, upper: float
+) -> Cylinder:
+    rocker = _read_rocker(section.section("rocker")) if section.has("rocker") else None
+    rod = _read_point(section, "rod") if section.has("rod") else None
+    try:
+        linkage = CylinderLinkage(joint, _read_point(section, "barrel"), rod, rocker, lower, upper)
+    except MachineError as error:
+        raise MachineError(f"joints.{name}.cylinder: {error}") from error
+    cylinder = Cylinder(
+        linkage,
+        bore=section.number("bore", positive=True),
+        rod_diameter=section.number("rod_diameter", positive=True),
+        count=section.count("count", low=1),
+        spread=section.number("spread", low=0.0),
+        cushion_length=section.number("cushion_length", positive=True),
+    )
+    section.reject_unknown_keys()
+    if cylinder.rod_diameter >= cylinder.bore:
+        raise MachineError(
+            f"joints.{name}.cylinder.rod_diameter is {cylinder.rod_diameter}; give less than the"
+            f" bore of {cylinder.bore} m"
+        )
+    if linkage.max_length >= 2.0 * linkage.min_length:
+        raise MachineError(
+            f"joints.{name}.cylinder grows from {linkage.min_length:.3f} to {linkage.max_length:.3f} m,"
+            " more than its rod is long; move a pin, or narrow the joint's limits"
+        )
+    return cylinder
+
+
+def _read_rocker(section: Section) -> Rocker:
+    rocker = Rocker(
+        pin=_read_point(section, "pin"),
+        length=section.number("length", positive=True),
+        coupler_length=section.number("coupler_length", positive=True),
+        coupler_pin=_read_point(section, "coupler_pin"),
+    )
+    section.reject_unknown_keys()
+    return rocker
+
+
+def _read_point(section: Section, key: str) -> Point:
+    x, z = section.vector(key, 2)
+    return x, z
+
+
+def max_joint_torque(cylinder: Cylinder, supply: HydraulicSupply) -> float:
+    """Greatest torque within the joint's limits [N m], driven either way."""
+    linkage = cylinder.linkage
+    step = (linkage.upper - linkage.lower) / 100
+    lever_arm = max(abs(linkage.lever_arm(linkage.lower + k * step)) for k in range(101))
+    push = cylinder.force_limit(supply.main_relief_pressure, supply.return_pressure, pushes=True)
+    return lever_arm * push
+
+
+def read_supply(section: Section) -> HydraulicSupply:
+    supply = HydraulicSupply(
+        main_relief_pressure=section.number("main_relief_pressure", positive=True),
+        port_relief_pressure=section.number("port_relief_pressure", positive=True),
+        return_pressure=section.number("return_pressure", low=0.0),
+        pump_flow=section.number("pump_flow", positive=True),
+        pump_power=section.number("pump_power", positive=True),
+    )
+    section.reject_unknown_keys()
+    if not supply.return_pressure < supply.main_relief_pressure <= supply.port_relief_pressure:
+        raise MachineError(
+            "hydraulics: give return_pressure below main_relief_pressure, and port_relief_pressure no lower"
+            " than that"
+        )
+    return supply

@@ -1,0 +1,133 @@
+"""A machine's command topics, handed to whoever decides on them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Protocol
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import TwistStamped
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Bool, Float64MultiArray
+
+from msg_bridge.codec import qos
+from msg_bridge.codec.stamps import seconds_from_stamp
+from msg_bridge.contract.errors import EarthmovingError
+from msg_bridge.nodes.subscription_poller import SubscriptionPoller
+
+__all__ = ["CommandClock", "CommandReceiver", "CommandSubscriptions"]
+
+
+class CommandReceiver(Protocol):
+    """Takes commands; each method refuses what cannot be meant by an EarthmovingError."""
+
+    def front(self, values: Any, now: float) -> None: ...
+    def tracks(self, values: Any, now: float) -> None: ...
+    def joints(
+        self, names: Any, velocity: Any, position: Any, now: float, *, stamp: Any, sim_now: Any
+    ) -> None: ...
+    def twist(
+        self, linear: float, angular: float, now: float, *, stamp: Any, sim_now: Any
+    ) -> None: ...
+    def joy(self, axes: Any, buttons: Any, now: float, *, stamp: Any, sim_now: Any) -> None: ...
+    def emergency_stop(self, active: bool) -> None: ...
+
+
+class CommandClock(Protocol):
+    """Tells a command's time of arrival."""
+
+    @property
+    def sim_time(self) -> float: ...
+    def command_time(self, wall: float) -> float: ...
+    def receive(self, stamp: float, deliver: Callable[[], bool]) -> None: ...
+
+
+class CommandSubscriptions:
+    """Subscriptions to the commands of one machine, in its node's namespace or a folder of it."""
+
+    def __init__(
+        self,
+        poller: SubscriptionPoller,
+        receiver: CommandReceiver,
+        clock: Callable[[], CommandClock | None],
+        reject: Callable[[str, str], None],
+        topic_prefix: str = "",
+    ) -> None:
+        """
+        Args:
+            inbox: of the machine's node, for its commands.
+            board: takes what comes.
+            times: tells the time; None while there is no run, and commands are refused.
+            refuse: told topic and reason of a command that is refused.
+            folder: put before each topic's name: empty, or a machine's name and a slash.
+        """
+        self._receiver, self._clock = receiver, clock
+        self._reject = reject
+
+        def subscribe(kind: Any, name: str, take: Callable[[Any, CommandClock], None]) -> None:
+            topic = topic_prefix + name
+            profile = qos.STATE if kind is Bool else qos.COMMANDS
+            poller.subscribe(kind, topic, profile, partial(self._on_message, topic, take))
+
+        subscribe(Float64MultiArray, "front_velocity_controller/commands", self._front)
+        subscribe(Float64MultiArray, "track_velocity_controller/commands", self._tracks)
+        subscribe(JointState, "joint_commands", self._joints)
+        subscribe(TwistStamped, "cmd_vel", self._twist)
+        subscribe(Joy, "joy", self._joy)
+        subscribe(Bool, "emergency_stop", self._stop)
+
+    def _on_message(self, topic: str, take: Callable[[Any, CommandClock], None], msg: Any) -> None:
+        clock = self._clock()
+        if clock is None and not isinstance(msg, Bool):
+            self._reject(topic, "the machine takes no part yet; command it once it has joined")
+            return
+        deliver = partial(self._deliver, topic, take, msg, clock)
+        if clock is not None and isinstance(msg, (JointState, TwistStamped)):
+            clock.receive(seconds_from_stamp(msg.header.stamp), deliver)
+        else:
+            deliver()
+
+    def _deliver(self, topic: str, take: Callable[[Any, Any], None], msg: Any, clock: Any) -> bool:
+        """Hand a command to the board; whether it was good."""
+        try:
+            take(msg, clock)
+        except EarthmovingError as error:
+            self._reject(topic, str(error))
+            return False
+        return True
+
+    def _front(self, msg: Float64MultiArray, clock: CommandClock) -> None:
+        self._receiver.front(msg.data, _now(clock))
+
+    def _tracks(self, msg: Float64MultiArray, clock: CommandClock) -> None:
+        self._receiver.tracks(msg.data, _now(clock))
+
+    def _joints(self, msg: JointState, clock: CommandClock) -> None:
+        self._receiver.joints(
+            msg.name, msg.velocity, msg.position, _now(clock), **_stamp_arguments(msg, clock)
+        )
+
+    def _twist(self, msg: TwistStamped, clock: CommandClock) -> None:
+        twist = msg.twist
+        self._receiver.twist(
+            twist.linear.x, twist.angular.z, _now(clock), **_stamp_arguments(msg, clock)
+        )
+
+    def _joy(self, msg: Joy, clock: CommandClock) -> None:
+        self._receiver.joy(msg.axes, msg.buttons, _now(clock), **_stamp_arguments(msg, clock))
+
+    def _stop(self, msg: Bool, clock: CommandClock) -> None:
+        self._receiver.emergency_stop(bool(msg.data))
+
+
+def _now(clock: CommandClock) -> float:
+    return clock.command_time(time.monotonic())
+
+
+def _stamp_arguments(msg: Any, clock: CommandClock) -> dict[str, float | None]:
+    """When the message says it was made; a zero stamp says nothing."""
+    stamp: Time = msg.header.stamp
+    said = stamp.sec or stamp.nanosec
+    return {"stamp": seconds_from_stamp(stamp) if said else None, "sim_now": clock.sim_time}

@@ -1,0 +1,109 @@
+"""Carries a machine's exchange over topics: the same messages as the direct transport."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Int64MultiArray, String
+
+from msg_bridge.codec import qos
+from msg_bridge.codec.row_chunks import chunk_to_cdr
+from msg_bridge.codec.tick_headers import from_join_rejected_string, message_to_cdr
+from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.messages import Message, RetransmitRequest, RowChunk, SoilHeader, Stream
+from msg_bridge.contract.topics import (
+    CONVERSION_BACKLOG_TOPIC,
+    JOIN_REJECTIONS_TOPIC,
+    MACHINE_HEADER_TOPIC,
+    MAP_FRAME,
+    SOIL_HEADER_TOPIC,
+    STREAM_TOPICS,
+    TERRAIN_MAP_TOPIC,
+)
+from msg_bridge.nodes.map_decoder import MapDecoder
+from msg_bridge.nodes.message_decoding import decode_array, decode_chunk
+from msg_bridge.nodes.subscription_poller import SubscriptionPoller
+
+__all__ = ["MachineTransport"]
+
+_SENT_STREAMS = (Stream.SWEEP, Stream.DEPOSIT_REQUEST)
+_RECEIVED_STREAMS = (Stream.CONVERSION, Stream.MAP_UPDATE, Stream.FORCE)
+
+
+class MachineTransport:
+    """Topics of the exchange as a machine uses them.
+
+    Attributes:
+        maps: to be told the side length of a column once that is known.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        poller: SubscriptionPoller,
+        receive: Callable[[Message], None],
+        reject: Callable[[str, str], None],
+    ) -> None:
+        """
+        Args:
+            node: whose topics they are; `soil_tick` and `conversion_backlog` lie in its namespace.
+            inbox: of the node, for what the soil sends.
+            receive: takes each message; may raise ExchangeError.
+            refuse: told topic and reason of a message that cannot be taken.
+        """
+        self._receive = receive
+        self._reject = reject
+        self.maps = MapDecoder(lambda keyframe: self._receive(keyframe), reject)
+        self._tick = node.create_publisher(Int64MultiArray, MACHINE_HEADER_TOPIC, qos.ROWS)
+        self._rows = {
+            stream: node.create_publisher(PointCloud2, STREAM_TOPICS[stream], qos.ROWS)
+            for stream in _SENT_STREAMS
+        }
+
+        def subscribe(
+            kind: Any,
+            topic: str,
+            profile: Any,
+            decode: Callable[[Any], Message],
+            *,
+            triggers: bool = True,
+            raw: bool = True,
+        ) -> None:
+            take = partial(self._on_message, topic, decode)
+            poller.subscribe(kind, topic, profile, take, triggers=triggers, raw=raw)
+
+        subscribe(Int64MultiArray, SOIL_HEADER_TOPIC, qos.ROWS, _decode_soil_message)
+        for stream in _RECEIVED_STREAMS:
+            decode = partial(decode_chunk, stream=stream)
+            # The header comes after the rows that it counts.
+            subscribe(PointCloud2, STREAM_TOPICS[stream], qos.ROWS, decode, triggers=False)
+        backlog = partial(decode_chunk, stream=Stream.BACKLOG)
+        subscribe(PointCloud2, CONVERSION_BACKLOG_TOPIC, qos.ROWS, backlog)
+        subscribe(String, JOIN_REJECTIONS_TOPIC, qos.ROWS, from_join_rejected_string, raw=False)
+        poller.subscribe(PointCloud2, TERRAIN_MAP_TOPIC, qos.TRANSIENT_LOCAL, self.maps.read)
+
+    def send(self, messages: Iterable[Message], stamp: Time) -> None:
+        """Publish what the machine has to say; rows are stamped with the end of their tick."""
+        for message in messages:
+            if isinstance(message, RowChunk):
+                self._rows[message.stream].publish(chunk_to_cdr(message, MAP_FRAME, stamp))
+            else:
+                self._tick.publish(message_to_cdr(message))  # type: ignore[arg-type]
+
+    def _on_message(self, topic: str, decode: Callable[[Any], Message], msg: Any) -> None:
+        try:
+            self._receive(decode(msg))
+        except ExchangeError as error:
+            self._reject(topic, str(error))
+
+
+def _decode_soil_message(data: bytes) -> Message:
+    message = decode_array(data)
+    if not isinstance(message, (SoilHeader, RetransmitRequest)):
+        raise ExchangeError(f"a {type(message).__name__} is nothing the soil says here")
+    return message

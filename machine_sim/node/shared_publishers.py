@@ -1,0 +1,62 @@
+"""What the machines of a node have in common: particles, the hash of their state, parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Float64MultiArray, String
+
+from msg_bridge.codec import qos
+from msg_bridge.codec.machine_state import PayloadState, to_payload_array
+from msg_bridge.codec.particles import to_particle_cloud
+from msg_bridge.contract.topics import MAP_FRAME
+
+__all__ = ["SharedPublishers"]
+
+
+class SharedPublishers:
+    """Publishers in the namespace of a machines' node, one of each however many they are."""
+
+    def __init__(self, node: Node, bins: Iterable[str] = ()) -> None:
+        """
+        Args:
+            node: whose topics they are.
+            bins: names of what stands there to be filled.
+        """
+        self._particles = node.create_publisher(PointCloud2, "particles", qos.STATE)
+        self._hash = node.create_publisher(String, "state_hash", qos.STATE)
+        self._config = node.create_publisher(String, "config", qos.TRANSIENT_LOCAL)
+        self._payloads = {
+            name: node.create_publisher(Float64MultiArray, f"{name}/payload", qos.STATE)
+            for name in bins
+        }
+
+    def publish_config(self, text: str) -> None:
+        """Publish the node's parameters as YAML."""
+        self._config.publish(String(data=text))
+
+    def publish_payload(self, name: str, payload: PayloadState) -> None:
+        """Publish what is in a bin."""
+        self._payloads[name].publish(to_payload_array(payload))
+
+    def publish_particles(self, store: Any, stamp: Time) -> None:
+        """Publish all particles; `store` has position, velocity, radius, ids, volumes, soils."""
+        cloud = to_particle_cloud(
+            store.position,
+            store.velocity,
+            store.radius,
+            store.particle_id,
+            store.volume_mm3,
+            store.soil,
+            MAP_FRAME,
+            stamp,
+        )
+        self._particles.publish(cloud)
+
+    def publish_state_hash(self, tick: int, digest: str) -> None:
+        """Publish the hash [hex] of the machines' state after a tick, as `tick digest`."""
+        self._hash.publish(String(data=f"{tick} {digest}"))

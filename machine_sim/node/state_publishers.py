@@ -1,0 +1,138 @@
+"""What a machine tells everybody: its state, its load, its looks, what it is told to do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import TransformStamped, WrenchStamped
+from nav_msgs.msg import Odometry
+from numpy.typing import ArrayLike
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
+from visualization_msgs.msg import MarkerArray
+
+from msg_bridge.codec import qos
+from msg_bridge.codec.machine_state import (
+    BaseState,
+    JointValues,
+    PayloadState,
+    to_command_state,
+    to_cylinder_array,
+    to_joint_state,
+    to_payload_array,
+)
+from msg_bridge.codec.markers import MarkerSet
+from msg_bridge.codec.poses import (
+    ToolWrench,
+    to_odometry,
+    to_tf_message,
+    to_transforms,
+    to_wrench,
+)
+from msg_bridge.contract.cylinder_state import CylinderState
+from msg_bridge.contract.topics import MAP_FRAME
+
+__all__ = ["StatePublishers"]
+
+
+class StatePublishers:
+    """Publishers of one machine's state, in its node's namespace or a folder of it."""
+
+    def __init__(
+        self,
+        node: Node,
+        topic_prefix: str = "",
+        *,
+        frame_prefix: str,
+        command_names: Sequence[str],
+        frames: Sequence[str],
+        link_count: int,
+        tool_frames: Mapping[str, str],
+        has_payload: bool,
+        markers: MarkerSet,
+        publish_tf: bool,
+    ) -> None:
+        """
+        Args:
+            node: whose topics they are.
+            folder: put before each topic's name: empty, or a machine's name and a slash.
+            prefix: put before each frame's name.
+            command_names: of what is commanded.
+            frames: of the links, the base first, then of what is only seen.
+            link_count: how many of them are the links'.
+            tool_frames: that of each tool, by the tool's name.
+            holds_soil: whether it tells a payload.
+            markers: how the machine looks.
+            publish_tf: whether to publish `/tf` where its message is installed.
+        """
+        self._command_names = tuple(command_names)
+        self._frames = [frame_prefix + frame for frame in frames]
+        self._link_count = link_count
+        self._tool_frames = {tool: frame_prefix + frame for tool, frame in tool_frames.items()}
+        self._markers = markers
+
+        def publisher(kind: type, topic: str, profile: QoSProfile = qos.STATE) -> Publisher:
+            return node.create_publisher(kind, topic_prefix + topic, profile)
+
+        self._applied = publisher(JointState, "applied_commands")
+        self._joints = publisher(JointState, "joint_states")
+        self._odom = publisher(Odometry, "odom")
+        self._cylinders = publisher(Float64MultiArray, "cylinders")
+        self._payload = publisher(Float64MultiArray, "payload") if has_payload else None
+        self._wrenches = {tool: publisher(WrenchStamped, f"{tool}/wrench") for tool in tool_frames}
+        self._transforms = publisher(TransformStamped, "transforms")
+        self._marker_array = publisher(MarkerArray, "markers")
+        self._description = publisher(String, "robot_description", qos.TRANSIENT_LOCAL)
+        tf = to_tf_message([]) if publish_tf else None
+        self._tf = None if tf is None else node.create_publisher(type(tf), "/tf", qos.STATE)
+
+    def publish_description(self, urdf: str) -> None:
+        """Publish what the machine is."""
+        self._description.publish(String(data=urdf))
+
+    def publish_applied_command(self, velocities: ArrayLike, stamp: Time) -> None:
+        """Publish the command that takes effect in the tick that ends at `stamp`.
+
+        Args:
+            velocities: of the joints [rad/s], then the tracks [m/s], in the order of their names.
+            stamp: end of the tick.
+        """
+        self._applied.publish(to_command_state(self._command_names, velocities, stamp))
+
+    def publish_state(
+        self,
+        joints: JointValues,
+        base: BaseState,
+        payload: PayloadState,
+        wrenches: Mapping[str, ToolWrench],
+        stamp: Time,
+    ) -> None:
+        """Publish joints, base, load and the soil's reaction at each tool."""
+        self._joints.publish(to_joint_state(joints, base, stamp))
+        self._odom.publish(to_odometry(base, self._frames[0], stamp, frame_id=MAP_FRAME))
+        if self._payload is not None:
+            self._payload.publish(to_payload_array(payload))
+        for tool, wrench in wrenches.items():
+            self._wrenches[tool].publish(to_wrench(*wrench, self._tool_frames[tool], stamp))
+
+    def publish_cylinders(self, cylinders: Mapping[str, CylinderState], time: float) -> None:
+        """Publish the cylinders by joint, as of `time` [s]."""
+        self._cylinders.publish(to_cylinder_array(cylinders, time))
+
+    def publish_transforms(self, positions: ArrayLike, quaternions: ArrayLike, stamp: Time) -> None:
+        """Publish the pose of every link in the map; of what is only seen on `/tf` alone."""
+        messages = to_transforms(self._frames, positions, quaternions, stamp)
+        for message in messages[: self._link_count]:
+            self._transforms.publish(message)
+        if self._tf is not None:
+            self._tf.publish(to_tf_message(messages))
+
+    def publish_markers(
+        self, link_poses: tuple[ArrayLike, ArrayLike], shoe_poses: ArrayLike, stamp: Time
+    ) -> None:
+        """Publish how the machine looks."""
+        self._marker_array.publish(self._markers.at(link_poses, shoe_poses, stamp))

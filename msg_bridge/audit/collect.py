@@ -1,0 +1,215 @@
+"""Gathering what an audit needs from a bag, sorted by run, in whatever order it was recorded."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from msg_bridge.audit.keyframes import Keyframes
+from msg_bridge.audit.report import Check, Finding
+from msg_bridge.bag.reader import BagReader
+from msg_bridge.codec.errors import CodecError
+from msg_bridge.codec.row_chunks import from_chunk_cloud
+from msg_bridge.codec.terrain import from_terrain_cloud
+from msg_bridge.codec.tick_headers import from_multi_array
+from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.messages import MachineHeader, SoilHeader, Stream, Verb
+from msg_bridge.contract.rows import Rows
+
+__all__ = ["CollectedMessages", "RunData", "SessionKey", "StreamKey", "collect_messages"]
+
+SessionKey = tuple[int, int]
+"""(source, life)."""
+
+StreamKey = tuple[Stream, int, int]
+"""(stream, source, life); 0, 0 for what the soil sends to all."""
+
+_ROW_TOPICS = {
+    "/soil/conversions": Stream.CONVERSION,
+    "/terrain/map_updates": Stream.MAP_UPDATE,
+    "/soil/forces": Stream.FORCE,
+    "/soil/tool_sweeps": Stream.SWEEP,
+    "/soil/deposit_requests": Stream.DEPOSIT_REQUEST,
+}
+_KEYFRAME_TOPIC = "/terrain/map"
+_SOIL_HEADER_TOPIC = "/soil/tick"
+_LEDGER_TOPIC = "/soil/ledger"
+_MACHINE_HEADER_SUFFIX = "/soil_tick"  # below each machine's namespace
+_BACKLOG_SUFFIX = "/conversion_backlog"  # likewise
+
+_PROGRESS_STEPS = 100
+
+
+@dataclass
+class RunData:
+    """All of one run.
+
+    Attributes:
+        soil: soil headers by tick.
+        steps: machine headers with verb STEP or LEAVE by life and tick.
+        joins: machine headers with verb JOIN or RETURN by life.
+        chunks: rows as they came, by stream.
+        keyframes: terrain maps.
+        ledgers: by tick.
+        findings: headers that contradict one another.
+    """
+
+    soil: dict[int, SoilHeader] = field(default_factory=dict)
+    steps: dict[SessionKey, dict[int, MachineHeader]] = field(default_factory=dict)
+    joins: dict[SessionKey, MachineHeader] = field(default_factory=dict)
+    chunks: dict[StreamKey, list[Rows]] = field(default_factory=lambda: defaultdict(list))
+    keyframes: Keyframes = field(default_factory=Keyframes)
+    ledgers: dict[int, Ledger] = field(default_factory=dict)
+    findings: list[Finding] = field(default_factory=list)
+
+
+@dataclass
+class CollectedMessages:
+    """All of a bag.
+
+    Attributes:
+        runs: by number.
+        topics: those of the exchange that the bag has.
+        messages: how many were read.
+        findings: messages that cannot be read, and ledgers of no run.
+    """
+
+    runs: dict[int, RunData]
+    topics: frozenset[str]
+    messages: int
+    findings: list[Finding]
+
+
+def collect_messages(
+    reader: BagReader, progress: Callable[[float], None] | None = None
+) -> CollectedMessages:
+    """Read all messages of the exchange.
+
+    Args:
+        reader: the bag.
+        progress: told now and then which part [0, 1] is read.
+
+    Raises:
+        BagReadError: the file is damaged, or a message type is not installed.
+    """
+    collector = _Collector()
+    topics = frozenset(name for name in reader.topics if collector.handler(name) is not None)
+    total = sum(reader.topics[name].count for name in topics)
+    step = max(1, total // _PROGRESS_STEPS)
+    read = 0
+    if topics:
+        for topic, time, message in reader.messages(topics):
+            read += 1
+            if progress is not None and read % step == 0:
+                progress(read / total)
+            handler = collector.handler(topic)
+            assert handler is not None
+            try:
+                handler(topic, time, message)
+            except (CodecError, AttributeError) as error:  # AttributeError: another message type
+                collector.add_unreadable(topic, time, str(error))
+    return collector.finish(topics, read)
+
+
+class _Collector:
+    """Puts each message where it belongs."""
+
+    def __init__(self) -> None:
+        self._runs_by_id: dict[int, RunData] = defaultdict(RunData)
+        self._ledgers: list[tuple[int, Ledger]] = []
+        self._soil_header_times: dict[int, dict[int, int]] = defaultdict(dict)  # by tick, by epoch
+        self._unreadable_messages: dict[str, list[tuple[int, str]]] = defaultdict(list)
+        self._last_map: Any = None
+
+    def handler(self, topic: str) -> Callable[[str, int, Any], None] | None:
+        """What takes messages of a topic; None if the audit does not need it."""
+        if topic in _ROW_TOPICS or topic.endswith(_BACKLOG_SUFFIX):
+            return self._handle_rows
+        if topic == _SOIL_HEADER_TOPIC or topic.endswith(_MACHINE_HEADER_SUFFIX):
+            return self._handle_header
+        return {_KEYFRAME_TOPIC: self._handle_keyframe, _LEDGER_TOPIC: self._handle_ledger}.get(
+            topic
+        )
+
+    def add_unreadable(self, topic: str, time: int, reason: str) -> None:
+        self._unreadable_messages[topic].append((time, reason))
+
+    def finish(self, topics: frozenset[str], messages: int) -> CollectedMessages:
+        findings = [
+            Finding(
+                Check.COMPLETENESS,
+                f"{len(wrong)} message(s) on {topic} cannot be read; the first, logged at"
+                f" {wrong[0][0]} ns: {wrong[0][1]}. If another version recorded the bag, audit it"
+                " with that one",
+            )
+            for topic, wrong in self._unreadable_messages.items()
+        ]
+        orphans = [
+            ledger.tick
+            for time, ledger in self._ledgers
+            if not self._assign_ledger_to_run(time, ledger)
+        ]
+        if orphans and self._soil_header_times:
+            findings.append(
+                Finding(
+                    Check.LEDGER,
+                    f"{len(orphans)} ledger(s) are of ticks without a soil header, the first of"
+                    f" tick {orphans[0]}",
+                    min(orphans),
+                    max(orphans),
+                )
+            )
+        return CollectedMessages(dict(sorted(self._runs_by_id.items())), topics, messages, findings)
+
+    def _handle_rows(self, topic: str, time: int, message: Any) -> None:
+        chunk = from_chunk_cloud(message, _ROW_TOPICS.get(topic, Stream.BACKLOG))
+        key = (chunk.stream, chunk.machine_id, chunk.session_id)
+        self._runs_by_id[chunk.run_id].chunks[key].append(chunk.rows)
+
+    def _handle_header(self, topic: str, time: int, message: Any) -> None:
+        header = from_multi_array(message)
+        if isinstance(header, SoilHeader):
+            data = self._runs_by_id[header.run_id]
+            self._soil_header_times[header.tick].setdefault(header.run_id, time)
+            self._store_header(data, data.soil, header.tick, header, "the soil", header.tick)
+        elif isinstance(header, MachineHeader):
+            data = self._runs_by_id[header.run_id]
+            session_id = (header.machine_id, header.session_id)
+            who = f"machine {header.machine_id}, life {header.session_id},"
+            if header.verb in (Verb.JOIN, Verb.REJOIN):
+                self._store_header(data, data.joins, session_id, header, who, header.tick)
+            else:
+                steps = data.steps.setdefault(session_id, {})
+                self._store_header(data, steps, header.tick, header, who, header.tick)
+
+    def _store_header(
+        self, data: RunData, where: dict[Any, Any], key: Any, header: Any, who: str, tick: int
+    ) -> None:
+        """Keep the first of equal headers; others of the same tick contradict it."""
+        if where.setdefault(key, header) != header:
+            text = f"{who} sent two different headers of tick {tick}"
+            data.findings.append(Finding(Check.COMPLETENESS, text, tick, tick))
+
+    def _handle_keyframe(self, topic: str, time: int, message: Any) -> None:
+        if message == self._last_map:  # written again for those who read a part of the bag
+            return
+        terrain = from_terrain_cloud(message)
+        self._runs_by_id[terrain.keyframe.run_id].keyframes.add(terrain)
+        self._last_map = message
+
+    def _handle_ledger(self, topic: str, time: int, message: Any) -> None:
+        ledger = from_multi_array(message)
+        if isinstance(ledger, Ledger):
+            self._ledgers.append((time, ledger))
+
+    def _assign_ledger_to_run(self, time: int, ledger: Ledger) -> bool:
+        """Ledgers do not say their epoch: it is that of the soil header logged nearest to it."""
+        times = self._soil_header_times.get(ledger.tick)
+        if not times:
+            return False
+        run_id = min(times, key=lambda each: abs(times[each] - time))
+        data = self._runs_by_id[run_id]
+        self._store_header(data, data.ledgers, ledger.tick, ledger, "the ledger", ledger.tick)
+        return True

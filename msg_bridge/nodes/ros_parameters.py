@@ -1,0 +1,257 @@
+"""Parameter dataclasses as ROS parameters: declared, read, checked, and changed while running.
+
+A dataclass made with `msg_bridge.contract.parameters.parameter` says all there is to say about a
+parameter, so a node only names the dataclass:
+
+    soil = declare_parameters(self, SoilParams, "soil.")
+
+Values come from `--params-file`, `-p` and `parameter_overrides` as usual. They are checked before
+they are declared, so that the user reads this package's sentence and not rclpy's exception.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import sys
+from collections.abc import Callable, Collection
+from dataclasses import fields
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.parameters import Parameters, check_value, item_type
+
+__all__ = [
+    "declare_parameters",
+    "known_parameters",
+    "on_parameter_change",
+    "parameter_descriptor",
+    "reject_unknown_overrides",
+    "unknown_overrides",
+]
+
+P = TypeVar("P", bound=Parameters)
+
+_TYPES = {
+    bool: Parameter.Type.BOOL,
+    int: Parameter.Type.INTEGER,
+    float: Parameter.Type.DOUBLE,
+    str: Parameter.Type.STRING,
+}
+_LIST_TYPES = {
+    bool: Parameter.Type.BOOL_ARRAY,
+    int: Parameter.Type.INTEGER_ARRAY,
+    float: Parameter.Type.DOUBLE_ARRAY,
+    str: Parameter.Type.STRING_ARRAY,
+}
+_INT64 = 2**63
+
+
+def declare_parameters(
+    node: Node, params_class: type[P], prefix: str = "", changeable: Collection[str] = ()
+) -> P:
+    """Declare every field of a parameter dataclass to ROS and read its value.
+
+    Args:
+        prefix: set before each field's name, with its dot: "soil." makes `soil.repose_angle`.
+        changeable: fields that may be set while the node runs (see `on_parameter_change`); the others are
+            read-only.
+
+    Returns:
+        The dataclass, holding what the user gave and else the defaults.
+
+    Raises:
+        ParameterError: a value of a wrong type or outside its range, or a name declared before.
+    """
+    _check_field_names(params_class, changeable)
+    values = {}
+    for field in fields(params_class):
+        name = prefix + field.name
+        value = field.default
+        override = _overrides(node).get(name)
+        if override is not None:
+            value = _from_ros(field, override.value)
+            check_value(name, field, value)
+        values[field.name] = value
+    made = params_class(**values)
+    for field in fields(params_class):
+        descriptor = parameter_descriptor(field, read_only=field.name not in changeable)
+        try:
+            _declare(node, prefix + field.name, getattr(made, field.name), descriptor)
+        except ParameterException as error:
+            raise ParameterError(
+                f"parameter {prefix}{field.name} of {_of(node)} cannot be declared: {error}"
+            ) from error
+    return made
+
+
+def parameter_descriptor(
+    field: dataclasses.Field[Any], *, read_only: bool = True
+) -> ParameterDescriptor:
+    """What ROS is told of a field: type, meaning with unit, range, allowed values."""
+    meta = field.metadata
+    items = item_type(field)
+    kind = items or type(field.default)
+    descriptor = ParameterDescriptor(
+        type=(_LIST_TYPES if items else _TYPES)[kind].value,
+        description=meta["doc"] + (f" [{meta['unit']}]" if meta["unit"] else ""),
+        read_only=read_only,
+    )
+    if meta["choices"]:
+        descriptor.additional_constraints = f"one of: {', '.join(meta['choices'])}"
+    low, high = meta["low"], meta["high"]
+    if math.isinf(low) and math.isinf(high):
+        return descriptor
+    if items:  # ROS has ranges of single numbers only
+        descriptor.additional_constraints = f"each from {low} to {high}"
+    elif kind is int:
+        # A side without a limit gets the largest number there is: a range has both.
+        first = -_INT64 if math.isinf(low) else math.ceil(low)
+        last = _INT64 - 1 if math.isinf(high) else math.floor(high)
+        descriptor.integer_range = [IntegerRange(from_value=first, to_value=last)]
+    elif kind is float:
+        largest = sys.float_info.max
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=max(low, -largest), to_value=min(high, largest))
+        ]
+    return descriptor
+
+
+def on_parameter_change(
+    node: Node,
+    params_class: type[P],
+    prefix: str,
+    changeable: Collection[str],
+    apply: Callable[[P], None],
+) -> None:
+    """Let parameters declared as changeable be set while the node runs.
+
+    A request is checked as one new dataclass. If that is not good, the request is refused with
+    the reason and nothing changes; else ROS holds the new values and `apply` gets the dataclass.
+
+    Args:
+        params_class, prefix, changeable: as given to `declare_parameters`.
+        apply: takes the new parameters; it must not refuse them.
+    """
+    _check_field_names(params_class, changeable)
+    by_name = {prefix + field.name: field for field in fields(params_class)}
+
+    def with_changes(changed: list[Parameter]) -> P | None:
+        """The dataclass as it would be; `None` if the request is about other parameters."""
+        ours = [parameter for parameter in changed if parameter.name in by_name]
+        if not any(by_name[parameter.name].name in changeable for parameter in ours):
+            return None
+        values = {}
+        for parameter in [*(node.get_parameter(name) for name in by_name), *ours]:
+            field = by_name[parameter.name]
+            values[field.name] = _from_ros(field, parameter.value)
+            check_value(parameter.name, field, values[field.name])
+        return params_class(**values)
+
+    def check(changed: list[Parameter]) -> SetParametersResult:
+        try:
+            with_changes(changed)
+        except ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def take(changed: list[Parameter]) -> None:
+        new = with_changes(changed)
+        if new is not None:
+            apply(new)
+
+    # Applied only after the request is through: a later check of another part may refuse it.
+    node.add_on_set_parameters_callback(check)
+    node.add_post_set_parameters_callback(take)
+
+
+def unknown_overrides(node: Node) -> list[str]:
+    """Names the user gave values for and the node has not declared, sorted: typing errors.
+
+    To be asked when the node has declared all it has.
+    """
+    return sorted(
+        name
+        for name in _overrides(node)
+        if not node.has_parameter(name) and not name.startswith("qos_overrides.")
+    )
+
+
+def known_parameters(node: Node) -> list[str]:
+    """Names of all parameters the node has declared, sorted."""
+    return sorted(node.list_parameters([], 0).names)
+
+
+def reject_unknown_overrides(node: Node) -> None:
+    """Raise if the user gave a value for a parameter that the node does not have.
+
+    Raises:
+        ParameterError: names the unknown ones, what they may have been meant to be, and all known.
+    """
+    unknown = unknown_overrides(node)
+    if not unknown:
+        return
+    known = known_parameters(node)
+    named = []
+    for name in unknown:
+        close = difflib.get_close_matches(name, known, n=1)
+        named.append(f"{name} (do you mean {close[0]}?)" if close else name)
+    raise ParameterError(
+        f"{_of(node)} has no parameter {', '.join(named)}; it has {', '.join(known)}"
+    )
+
+
+def _overrides(node: Node) -> dict[str, Parameter]:
+    # rclpy offers no way to see the overrides of parameters that are not declared.
+    return dict(node._parameter_overrides)
+
+
+def _declare(node: Node, name: str, value: Any, descriptor: ParameterDescriptor) -> None:
+    if not isinstance(value, tuple):
+        node.declare_parameter(name, value, descriptor, ignore_override=True)
+        return
+    # rclpy takes an empty list for bytes unless the type is given, and with a type it takes no
+    # value: so the type is declared, the value is set, and then it becomes read-only if it is to.
+    kind = Parameter.Type(descriptor.type)
+    bare = ParameterDescriptor(type=descriptor.type)
+    node.declare_parameter(name, kind, bare, ignore_override=True)
+    node.set_parameters_atomically([Parameter(name, kind, list(value))])
+    node.set_descriptor(name, descriptor)
+
+
+def _from_ros(field: dataclasses.Field[Any], value: Any) -> Any:
+    """A value as the dataclass has it: `cell: 1` in YAML is a whole number, meant as 1.0."""
+    items = item_type(field)
+    if items is None:
+        return _to_float(value) if isinstance(field.default, float) else value
+    if value is None:  # what `[]` in YAML or on the command line comes as
+        return ()
+    if isinstance(value, (str, bytes, bool, int, float)):
+        return value  # to be refused with a sentence
+    return tuple(_to_float(item) if items is float else item for item in value)
+
+
+def _to_float(value: Any) -> Any:
+    whole = isinstance(value, int) and not isinstance(value, bool)
+    return float(value) if whole else value
+
+
+def _check_field_names(params_class: type[Parameters], names: Collection[str]) -> None:
+    strangers = set(names) - {field.name for field in fields(params_class)}
+    if strangers:
+        raise TypeError(f"{params_class.__name__} has no field {', '.join(sorted(strangers))}")
+
+
+def _of(node: Node) -> str:
+    return str(node.get_fully_qualified_name())

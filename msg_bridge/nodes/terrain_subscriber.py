@@ -1,0 +1,94 @@
+"""The terrain as any node can follow it: by the public topics, without taking part."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Int64MultiArray
+
+from msg_bridge.codec import qos
+from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.messages import Message, Stream
+from msg_bridge.contract.topics import SOIL_HEADER_TOPIC, STREAM_TOPICS, TERRAIN_MAP_TOPIC
+from msg_bridge.exchange.terrain_follower import TerrainFollower
+from msg_bridge.nodes.map_decoder import MapDecoder
+from msg_bridge.nodes.message_decoding import decode_array, decode_chunk
+from msg_bridge.nodes.subscription_poller import SubscriptionPoller
+
+__all__ = ["TerrainSubscriber"]
+
+_STALL_TIME = 0.5
+"""Wall time without a new tick after which a keyframe is taken for what is missing [s]."""
+
+
+class TerrainSubscriber:
+    """Subscriptions that keep a `TerrainFollower` up to date.
+
+    Attributes:
+        follower: grid, elevation and revision of the terrain, and the tick they are of.
+        maps: to be told the side length of a column where it must be exact; see `MapDecoder`.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        poller: SubscriptionPoller,
+        reject: Callable[[str, str], None],
+        on_resync: Callable[[], None],
+    ) -> None:
+        """
+        Args:
+            node: whose subscriptions they are.
+            inbox: of the node, which must have something to wake it in every tick: the ledger,
+                say, which is published last.
+            resynced: called when a keyframe was taken while nothing came.
+            refuse: told topic and reason of a message that cannot be taken.
+        """
+        self.follower = TerrainFollower()
+        self._on_resync, self._reject = on_resync, reject
+        self.maps = MapDecoder(self.follower.receive, reject, guess=True)
+        self._last_tick = -1
+
+        def subscribe(
+            kind: Any, topic: str, profile: Any, decode: Callable[[Any], Message], *, raw: bool
+        ) -> None:
+            take = partial(self._take, topic, decode)
+            poller.subscribe(kind, topic, profile, take, triggers=False, raw=raw)
+
+        changes, rows = (
+            STREAM_TOPICS[Stream.MAP_UPDATE],
+            partial(decode_chunk, stream=Stream.MAP_UPDATE),
+        )
+        poller.subscribe(
+            PointCloud2, TERRAIN_MAP_TOPIC, qos.TRANSIENT_LOCAL, self.maps.read, triggers=False
+        )
+        subscribe(PointCloud2, changes, qos.ROWS, rows, raw=True)
+        subscribe(Int64MultiArray, SOIL_HEADER_TOPIC, qos.ROWS, _decode_soil_message, raw=True)
+        # A timer of the node's own clock would stop with simulation time.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(_STALL_TIME, self._on_stall, clock=steady)
+
+    def _take(self, topic: str, decode: Callable[[Any], Any], msg: Any) -> None:
+        try:
+            self.follower.receive(decode(msg))
+        except ExchangeError as error:
+            self._reject(topic, str(error))
+
+    def _on_stall(self) -> None:
+        stalled = self.follower.tick == self._last_tick
+        self._last_tick = self.follower.tick
+        if stalled and self.follower.resync():
+            self._on_resync()
+
+
+def _decode_soil_message(data: bytes) -> Message:
+    message = decode_array(data)
+    if isinstance(message, Ledger):
+        raise ExchangeError("a ledger is nothing the soil says here")
+    return message

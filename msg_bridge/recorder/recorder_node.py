@@ -1,0 +1,280 @@
+"""The recorder's node: finds topics, listens to all of them, and says how it goes.
+
+python -m msg_bridge.recorder.recorder_node --ros-args -p path:=bags/dig -p exclude:=/camera/
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from std_msgs.msg import String
+
+from msg_bridge.bag.message_schemas import SchemaError
+from msg_bridge.bag.writer import BagWriter
+from msg_bridge.codec import qos
+from msg_bridge.nodes.diagnostics import Diagnostics
+from msg_bridge.nodes.process_main import run_node
+from msg_bridge.nodes.ros_parameters import declare_parameters
+from msg_bridge.recorder.params import RecorderParams
+from msg_bridge.recorder.raw_subscriptions import (
+    RawSubscriptions,
+    advertised_type_hash,
+    all_transient_local,
+    offered_qos,
+)
+from msg_bridge.recorder.recording import BagRecording, RecordedMessage
+
+__all__ = ["RecorderNode", "main"]
+
+# All wall time [s].
+_POLL_PERIOD = 0.02
+_REPORT_PERIOD = 1.0
+_TERMINAL_PERIOD = 0.5  # on a terminal
+_LOG_PERIOD = 5.0  # elsewhere
+_MAX_DRAIN_TIME = 1.0
+
+_SCANS_PER_PUBLISHER_CHECK = 10
+"""Who publishes on known topics is costlier to learn, and changes less often."""
+
+_MAX_MESSAGES_BEFORE_CLOCK = 10_000
+"""Messages kept until the first /clock; then simulation time is taken to begin at 0."""
+
+_CLOCK = struct.Struct("<iI")  # rosgraph_msgs/Clock, after the 4 bytes that begin every CDR
+
+
+class RecorderNode(Node):
+    """Records until it is stopped.
+
+    Attributes:
+        recording: the bag and its figures.
+        diagnostics: what `/diagnostics` says of it.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        """
+        Args:
+            kwargs: for `rclpy.node.Node`.
+
+        Raises:
+            ParameterError: a parameter is not good.
+            BagError: the bag cannot be written where it is to be written.
+        """
+        super().__init__("exchange_recorder", **kwargs)
+        params = self._params = declare_parameters(self, RecorderParams)
+        writer = BagWriter(
+            params.folder, compression=params.compression, chunk_size=params.chunk_size
+        )
+        self.recording = BagRecording(writer, params.repeat_transient_local_period)
+        self._subscriptions = RawSubscriptions(self)
+        self._skipped: set[str] = set()
+        self._scans = 0
+        self._stopped = False
+        self._clock_topic = self.resolve_topic_name("/clock")
+        self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)
+        self._sim_time: int | None = None  # ns
+        self._messages_before_clock: list[RecordedMessage] = []  # what came before the first /clock
+        self._is_terminal = params.progress and sys.stdout.isatty()
+        self._status = self.create_publisher(String, "/recorder/status", qos.TRANSIENT_LOCAL)
+        self.diagnostics = Diagnostics(self)
+        self.diagnostics.add_task(self._update_diagnostics)
+        self._start_timers()
+        self.get_logger().info(f"recording into {self.recording.path}")
+        self._scan()
+
+    def stop(self) -> None:
+        """Take what has arrived, and finish the bag; a second call does nothing.
+
+        Raises:
+            BagError: the bag cannot be written. If that was raised before, it is not again: what
+                has been written stays, and can be read.
+        """
+        if self._stopped:
+            return
+        self._stopped = True
+        if not self.recording.has_failed:
+            deadline = time.monotonic() + _MAX_DRAIN_TIME
+            while self._poll() and time.monotonic() < deadline:
+                pass
+            self._write_messages_before_clock(0)
+            self._check_publishers()
+        self.recording.close()
+        if not self.recording.has_failed:
+            self._end_line()
+            print(self.recording.summary(), flush=True)
+
+    def _start_timers(self) -> None:
+        periods = [
+            (_POLL_PERIOD, self._poll),
+            (self._params.scan_period, self._scan),
+            (_REPORT_PERIOD, self._publish_status),
+        ]
+        if self._params.progress:
+            periods.append(
+                (_TERMINAL_PERIOD if self._is_terminal else _LOG_PERIOD, self._print_progress)
+            )
+        # Timers of the node's own clock would stop with simulation time.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        for period, callback in periods:
+            self.create_timer(period, callback, clock=steady)
+
+    # Finding topics.
+
+    def _scan(self) -> None:
+        """Listen to topics that are new; now and then see who publishes on the others."""
+        self._scans += 1
+        if self._scans % _SCANS_PER_PUBLISHER_CHECK == 0:
+            self._check_publishers()
+        known = {*self._subscriptions.topics, *self._skipped}
+        for topic, _ in self.get_topic_names_and_types():
+            if topic in known:
+                continue
+            if not (self._is_recorded(topic) or self._is_clock(topic)):
+                self._skipped.add(topic)
+            elif publishers := self.get_publishers_info_by_topic(topic):
+                self._add_topic(topic, publishers)
+
+    def _add_topic(self, topic: str, publishers: list[TopicEndpointInfo]) -> None:
+        types = sorted({each.topic_type for each in publishers})
+        if len(types) > 1:
+            self._warn(f"{topic} has types {', '.join(types)}; only the first is recorded")
+        try:
+            self._subscriptions.add(topic, types[0], publishers)
+            if self._is_recorded(topic):
+                self.recording.add_topic(
+                    topic,
+                    types[0],
+                    [offered_qos(p) for p in publishers],
+                    advertised_type_hash(publishers[0]),
+                )
+        except SchemaError as error:
+            self._subscriptions.drop(topic)
+            self._skipped.add(topic)
+            self._warn(f"{topic} is not recorded: {error}")
+            return
+        self._update_publishers(topic, publishers)
+
+    def _check_publishers(self) -> None:
+        """Look who publishes on each topic now, and see that all are heard."""
+        for topic in self._subscriptions.topics:
+            publishers = self.get_publishers_info_by_topic(topic)
+            if self._subscriptions.qos_incompatible(topic, publishers) and not self._stopped:
+                self._poll()
+                self._subscriptions.resubscribe(topic, publishers)
+            self._update_publishers(topic, publishers)
+
+    def _update_publishers(self, topic: str, publishers: list[TopicEndpointInfo]) -> None:
+        if self._is_recorded(topic):
+            identities = frozenset(bytes(each.endpoint_gid) for each in publishers)
+            transient_local = bool(publishers) and all_transient_local(publishers)
+            self.recording.update_publishers(topic, identities, transient_local=transient_local)
+
+    def _is_recorded(self, topic: str) -> bool:
+        return self._params.is_selected(topic)
+
+    def _is_clock(self, topic: str) -> bool:
+        """Whether it tells the simulation time to go by."""
+        return self._uses_sim_time and topic == self._clock_topic
+
+    # Recording.
+
+    def _poll(self) -> int:
+        """Write what has arrived; returns how many messages that were."""
+        heard = self._subscriptions.take()
+        for each in heard:
+            self._write(each)
+        now = self._sim_time if self._uses_sim_time else time.time_ns()
+        if now is not None and not self._stopped:
+            self.recording.repeat_transient_local(now)
+        return len(heard)
+
+    def _write(self, heard: RecordedMessage) -> None:
+        """Write a message, at the time when it arrived.
+
+        Of simulation time that is what /clock told last before it. The node's clock may be ahead
+        of that when the message is looked at.
+        """
+        if not self._uses_sim_time:
+            self.recording.write(heard, heard.received_time)
+            return
+        if self._is_clock(heard.topic):
+            seconds, nanoseconds = _CLOCK.unpack_from(heard.data, 4)
+            self._sim_time = seconds * 10**9 + nanoseconds
+            self._write_messages_before_clock(self._sim_time)
+            if not self._is_recorded(heard.topic):
+                return
+        if self._sim_time is not None:
+            self.recording.write(heard, self._sim_time)
+            return
+        self._messages_before_clock.append(heard)
+        if len(self._messages_before_clock) == _MAX_MESSAGES_BEFORE_CLOCK:
+            self._sim_time = 0
+            self._write_messages_before_clock(0)
+
+    def _write_messages_before_clock(self, log_time: int) -> None:
+        """Write what came before there was a time, at the first one there is."""
+        early, self._messages_before_clock = self._messages_before_clock, []
+        for heard in early:
+            self.recording.write(heard, log_time)
+
+    # Telling.
+
+    def _publish_status(self) -> None:
+        """Say what is recorded, when it is in the file."""
+        self.recording.flush()
+        self._status.publish(String(data=json.dumps(self.recording.status())))
+
+    def _update_diagnostics(self) -> None:
+        status = self.recording.status()
+        for key in ("path", "topics", "messages", "bytes", "num_lost"):
+            self.diagnostics.set(key, status[key])
+        if status["num_lost"]:
+            self.diagnostics.problem(self.recording.loss_text())
+        else:
+            self.diagnostics.clear()
+
+    def _print_progress(self) -> None:
+        if self._is_terminal:
+            print(f"\r{self.recording.progress()}\x1b[K", end="", flush=True)
+        else:
+            self.get_logger().info(self.recording.progress())
+
+    def _warn(self, text: str) -> None:
+        self._end_line()
+        self.get_logger().warning(text)
+
+    def _end_line(self) -> None:
+        """Let what follows not be written over."""
+        if self._is_terminal:
+            print(f"\r{self.recording.progress()}\x1b[K", flush=True)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the recorder as a process until SIGINT or SIGTERM.
+
+    Args:
+        args: the command line with the program's name first, `sys.argv` by default.
+
+    Returns:
+        The exit code: 0, or 2 with a sentence on stderr.
+    """
+    return run_node(_make, args)
+
+
+def _make() -> RecorderNode:
+    """A recorder with the process to itself, which may therefore yield to others."""
+    node = RecorderNode()
+    os.nice(int(node.get_parameter("niceness").value))
+    return node
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,89 @@
+"""A transport as bad as it gets: it drops, duplicates, delays and reorders messages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from msg_bridge.contract.messages import Message, RowChunk
+from msg_bridge.exchange.machine_exchange import MachineExchange
+from msg_bridge.exchange.soil_exchange import SoilExchange
+
+__all__ = ["LossyTransport"]
+
+
+class LossyTransport:
+    """Carries messages between soil and machines, badly but repeatably.
+
+    Attributes:
+        dropped, duplicated: messages so treated.
+    """
+
+    def __init__(
+        self,
+        soil: SoilExchange,
+        machines: Sequence[MachineExchange],
+        rng: np.random.Generator,
+        *,
+        drop: float = 0.1,
+        duplicate: float = 0.1,
+        delay: float = 0.2,
+        rows_per_message: int = 16,
+    ) -> None:
+        """
+        Args:
+            soil, machines: the ends to connect.
+            rng: decides the fate of each message.
+            drop, duplicate: probability of each, per message and receiver.
+            delay: probability that a message waits, round after round; later ones overtake it.
+            rows_per_message: chunks are cut to this, so that rows meet different fates.
+        """
+        self._soil = soil
+        self._machines = machines
+        self._rng = rng
+        self._drop, self._duplicate, self._delay = drop, duplicate, delay
+        self._rows = rows_per_message
+        self._messages_in_transit: list[tuple[SoilExchange | MachineExchange, Message]] = []
+        self.dropped = 0
+        self.duplicated = 0
+
+    def deliver(self) -> int:
+        """One round: take what is sent, lose some, hand over some in random order.
+
+        Returns:
+            How many messages were handed over; with 0, call `request_missing` on the ends.
+        """
+        for machine in self._machines:
+            for message in machine.drain_outbox():
+                self._take(self._soil, message)
+        for message in self._soil.drain_outbox():
+            for machine in self._machines:
+                self._take(machine, message)
+        order = self._rng.permutation(len(self._messages_in_transit))
+        late = self._rng.random(len(self._messages_in_transit)) < self._delay
+        due = [self._messages_in_transit[i] for i in order if not late[i]]
+        self._messages_in_transit = [self._messages_in_transit[i] for i in order if late[i]]
+        for end, message in due:
+            end.receive(message)
+        return len(due)
+
+    def _take(self, end: SoilExchange | MachineExchange, message: Message) -> None:
+        for piece in self._pieces(message):
+            fate = self._rng.random()
+            if fate < self._drop:
+                self.dropped += 1
+                continue
+            self._messages_in_transit.append((end, piece))
+            if fate > 1.0 - self._duplicate:
+                self.duplicated += 1
+                self._messages_in_transit.append((end, piece))
+
+    def _pieces(self, message: Message) -> list[Message]:
+        if not isinstance(message, RowChunk):
+            return [message]
+        return [
+            replace(message, rows=message.rows[i : i + self._rows])
+            for i in range(0, message.rows.size, self._rows)
+        ]

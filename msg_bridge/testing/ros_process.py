@@ -1,0 +1,161 @@
+"""A node running as a process of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import signal
+import subprocess
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from msg_bridge.testing.ros_context import DEADLINE
+
+__all__ = ["RosProcess"]
+
+_POLL_PERIOD = 0.02  # s between two looks at a process
+
+
+class RosProcess:
+    """A node as a process, with its output.
+
+    Attributes:
+        pid: its process id.
+    """
+
+    def __init__(
+        self,
+        command: Sequence[str | os.PathLike[str]],
+        folder: Path,
+        *,
+        parameters: Mapping[str, Any] | None = None,
+        namespace: str = "",
+        name: str = "",
+        env: Mapping[str, str] | None = None,
+    ) -> None:
+        """
+        Args:
+            command: program and arguments; ROS arguments are added.
+            folder: for its output and parameter file; a new one.
+            parameters: values by name, given as a parameter file.
+            namespace, name: of the node, in place of its own.
+            env: environment variables to set beside this process's.
+        """
+        words = [os.fspath(word) for word in command]
+        ros = []
+        if parameters:
+            file = folder / "parameters.yaml"
+            values = {"/**": {"ros__parameters": {k: _plain(v) for k, v in parameters.items()}}}
+            file.write_text(yaml.safe_dump(values))
+            ros += ["--params-file", str(file)]
+        if namespace:
+            ros += ["-r", f"__ns:={namespace}"]
+        if name:
+            ros += ["-r", f"__node:={name}"]
+        self._command = [*words, "--ros-args", *ros] if ros else words
+        self._expected_to_run = True
+        self._file = folder / "output.txt"
+        with self._file.open("wb") as output:
+            self._process = subprocess.Popen(
+                self._command,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, "PYTHONUNBUFFERED": "1", **(env or {})},
+                start_new_session=True,  # so that all it starts can be killed with it
+            )
+        self.pid = self._process.pid
+
+    def __str__(self) -> str:
+        return " ".join(self._command)
+
+    @property
+    def output(self) -> str:
+        """What it has written so far, stdout and stderr together."""
+        return self._file.read_text(errors="replace")
+
+    @property
+    def running(self) -> bool:
+        """Whether it has not ended."""
+        return self._process.poll() is None
+
+    def wait_for_output(self, pattern: str, timeout: float = DEADLINE) -> re.Match[str]:
+        """Wait until it has written something that matches a regular expression.
+
+        Raises:
+            AssertionError: it did not in time, or ended without.
+        """
+        deadline = time.monotonic() + timeout
+        while True:
+            ended = not self.running  # before the look at its output, which is then complete
+            match = re.search(pattern, self.output, re.MULTILINE)
+            if match:
+                return match
+            assert not ended, self._describe(f"ended without writing {pattern!r}")
+            assert time.monotonic() < deadline, self._describe(
+                f"did not write {pattern!r} within {timeout:g} s"
+            )
+            time.sleep(_POLL_PERIOD)
+
+    def interrupt(self, number: int = signal.SIGINT) -> None:
+        """Send a signal and do not wait."""
+        self._expected_to_run = False
+        self._process.send_signal(number)
+
+    def stop(
+        self, number: int = signal.SIGINT, *, expect: int | None = 0, timeout: float = DEADLINE
+    ) -> int:
+        """Send a signal and wait for the end.
+
+        Args:
+            number: the signal.
+            expect: the exit code it must have, `None` for any.
+
+        Returns:
+            The exit code; minus the signal's number if a signal ended it.
+
+        Raises:
+            AssertionError: another exit code, or no end in time, or it had ended before.
+        """
+        assert self.running, self._describe("had ended before it was to be stopped")
+        self.interrupt(number)
+        return self.wait(expect=expect, timeout=timeout)
+
+    def wait(self, *, expect: int | None = 0, timeout: float = DEADLINE) -> int:
+        """Wait until it ends by itself; else as `stop`."""
+        self._expected_to_run = False
+        try:
+            code = self._process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(self._describe(f"did not end within {timeout:g} s")) from None
+        assert expect is None or code == expect, self._describe(f"should have ended with {expect}")
+        return code
+
+    def kill(self) -> None:
+        """End it and all that it started, at once, without a chance to clean up."""
+        self._expected_to_run = False
+        # Also if it has ended itself: what it started may run on in its session.
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.pid, signal.SIGKILL)
+        self._process.wait()
+
+    def failure_reason(self) -> str | None:
+        """What is wrong if it should be running and is not."""
+        if not self._expected_to_run or self.running:
+            return None
+        return self._describe("has ended unexpectedly")
+
+    def _describe(self, what: str) -> str:
+        code = self._process.poll()
+        state = "it is running" if code is None else f"its exit code is {code}"
+        return f"{self} {what}; {state} and its output:\n{self.output or '(nothing)'}"
+
+
+def _plain(value: Any) -> Any:
+    """A value as YAML of ROS parameters has it."""
+    return list(value) if isinstance(value, tuple) else value

@@ -1,0 +1,103 @@
+"""What the soil tells everybody: time, terrain, ledger, configuration, cut and fill."""
+
+from __future__ import annotations
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from nav_msgs.msg import MapMetaData
+from numpy.typing import NDArray
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import Bool, Float64MultiArray, Int64MultiArray, String
+
+from msg_bridge.codec import qos
+from msg_bridge.codec.cut_fill import CutFillState, to_cut_fill_array
+from msg_bridge.codec.grid_map import grid_map_type, to_grid_map
+from msg_bridge.codec.terrain import (
+    TerrainMap,
+    to_elevation_image,
+    to_map_info,
+    to_terrain_cloud,
+    to_tilt_image,
+)
+from msg_bridge.codec.tick_headers import message_to_cdr
+from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.topics import (
+    CUT_FILL_TOPIC,
+    MAP_FRAME,
+    SURFACE_TILT_TOPIC,
+    TERRAIN_MAP_TOPIC,
+)
+
+__all__ = ["SoilPublishers"]
+
+
+class SoilPublishers:
+    """Publishers of the soil's state."""
+
+    def __init__(
+        self, node: Node, *, design: bool = False, tilt: NDArray[np.float32] | None = None
+    ) -> None:
+        """
+        Args:
+            node: whose topics they are.
+            design: whether the ground has a design, and so something to cut and to fill.
+            tilt: how the surface of loose soil leans, shape (rows, cols, 2); None if it does not.
+        """
+        self._tilt = tilt
+        self._surface_tilt = (
+            None
+            if tilt is None
+            else node.create_publisher(Image, SURFACE_TILT_TOPIC, qos.TRANSIENT_LOCAL)
+        )
+        self._clock = node.create_publisher(Clock, "/clock", qos.STATE)
+        self._ledger = node.create_publisher(Int64MultiArray, "/soil/ledger", qos.ROWS)
+        self._hash = node.create_publisher(String, "/soil/state_hash", qos.STATE)
+        self._map = node.create_publisher(PointCloud2, TERRAIN_MAP_TOPIC, qos.TRANSIENT_LOCAL)
+        self._elevation = node.create_publisher(Image, "/terrain/elevation", qos.TRANSIENT_LOCAL)
+        self._info = node.create_publisher(MapMetaData, "/terrain/info", qos.TRANSIENT_LOCAL)
+        kind = grid_map_type()
+        self._grid_map = kind and node.create_publisher(
+            kind, "/terrain/grid_map", qos.TRANSIENT_LOCAL
+        )
+        self._cut_fill = (
+            node.create_publisher(Float64MultiArray, CUT_FILL_TOPIC, qos.TRANSIENT_LOCAL)
+            if design
+            else None
+        )
+        self._config = node.create_publisher(String, "/sim/config", qos.TRANSIENT_LOCAL)
+        self._paused = node.create_publisher(Bool, "/sim/paused", qos.TRANSIENT_LOCAL)
+
+    def tick(self, ledger: Ledger, stamp: Time) -> None:
+        """Publish the time and the account of a tick."""
+        self._clock.publish(Clock(clock=stamp))
+        self._ledger.publish(message_to_cdr(ledger))
+
+    def terrain(self, terrain: TerrainMap, stamp: Time) -> None:
+        """Publish the whole terrain."""
+        self._map.publish(to_terrain_cloud(terrain, MAP_FRAME, stamp))
+        self._elevation.publish(to_elevation_image(terrain.keyframe, MAP_FRAME, stamp))
+        if self._grid_map is not None:
+            self._grid_map.publish(to_grid_map(terrain, MAP_FRAME, stamp))
+
+    def cut_fill(self, state: CutFillState) -> None:
+        """Publish how far the ground is from its design, where it has one."""
+        if self._cut_fill is not None:
+            self._cut_fill.publish(to_cut_fill_array(state))
+
+    def begin(self, terrain: TerrainMap, config: str, stamp: Time) -> None:
+        """Publish what a run begins with: its configuration [YAML], then its terrain."""
+        self._config.publish(String(data=config))
+        self._info.publish(to_map_info(terrain.keyframe.grid, stamp))
+        if self._surface_tilt is not None and self._tilt is not None:
+            self._surface_tilt.publish(to_tilt_image(self._tilt, MAP_FRAME, stamp))
+        self.terrain(terrain, stamp)
+
+    def state_hash(self, tick: int, digest: str) -> None:
+        """Publish the hash [hex] of the terrain after a tick, as `tick digest`."""
+        self._hash.publish(String(data=f"{tick} {digest}"))
+
+    def paused(self, paused: bool) -> None:
+        """Publish whether time stands still."""
+        self._paused.publish(Bool(data=paused))

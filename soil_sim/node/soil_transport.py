@@ -1,0 +1,157 @@
+"""Carries the soil's exchange over topics, to machines that are found by their topics."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Int64MultiArray, String
+
+from msg_bridge.codec import qos
+from msg_bridge.codec.row_chunks import chunk_to_cdr
+from msg_bridge.codec.tick_headers import message_to_cdr, to_join_rejected_string
+from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.messages import (
+    JoinRejected,
+    Keyframe,
+    MachineHeader,
+    Message,
+    RetransmitRequest,
+    RowChunk,
+    Stream,
+    Verb,
+)
+from msg_bridge.contract.topics import (
+    CONVERSION_BACKLOG_TOPIC,
+    JOIN_REJECTIONS_TOPIC,
+    MACHINE_HEADER_TOPIC,
+    MAP_FRAME,
+    SOIL_HEADER_TOPIC,
+    STREAM_TOPICS,
+    machine_namespace_of,
+)
+from msg_bridge.nodes.message_decoding import decode_array, decode_chunk
+from msg_bridge.nodes.subscription_poller import SubscriptionPoller
+
+__all__ = ["SoilTransport"]
+
+_SENT_STREAMS = (Stream.CONVERSION, Stream.MAP_UPDATE, Stream.FORCE)
+_RECEIVED_STREAMS = (Stream.SWEEP, Stream.DEPOSIT_REQUEST)
+
+_DISCOVERY_PERIOD = 0.2
+"""Time between looks for machines that are not known yet [s, wall]."""
+
+
+class SoilTransport:
+    """Topics of the exchange as the soil uses them.
+
+    Attributes:
+        machines: namespace of each machine heard of, by source.
+        heard: wall clock [s, monotonic] at which each source was last heard.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        poller: SubscriptionPoller,
+        receive: Callable[[Message], None],
+        send_keyframe: Callable[[Keyframe], None],
+        reject: Callable[[str, str], None],
+    ) -> None:
+        """
+        Args:
+            node: whose topics they are.
+            inbox: of the node, for what machines send.
+            receive: takes each message; may raise ExchangeError.
+            send_keyframe: publishes the terrain, with all its layers.
+            refuse: told topic and reason of a message that cannot be taken.
+        """
+        self.machines: dict[int, str] = {}
+        self.last_message_times: dict[int, float] = {}
+        self._node, self._poller = node, poller
+        self._receive = receive
+        self._send_keyframe = send_keyframe
+        self._reject = reject
+        self._backlog_publishers: dict[str, Publisher] = {}  # by namespace
+        self._tick = node.create_publisher(Int64MultiArray, SOIL_HEADER_TOPIC, qos.ROWS)
+        self._rejections = node.create_publisher(String, JOIN_REJECTIONS_TOPIC, qos.ROWS)
+        self._rows = {
+            stream: node.create_publisher(PointCloud2, STREAM_TOPICS[stream], qos.ROWS)
+            for stream in _SENT_STREAMS
+        }
+        for stream in _RECEIVED_STREAMS:
+            topic = STREAM_TOPICS[stream]
+            take = partial(self._take_rows, topic, stream)
+            # A machine's header comes after the rows that it counts.
+            poller.subscribe(PointCloud2, topic, qos.ROWS, take, triggers=False, raw=True)
+        node.create_timer(_DISCOVERY_PERIOD, self._discover_machines)
+        self._discover_machines()
+
+    def send(self, messages: Iterable[Message], stamp: Time) -> None:
+        """Publish what the soil has to say; rows are stamped with the end of their tick."""
+        for message in messages:
+            if isinstance(message, RowChunk):
+                self._rows_publisher(message).publish(chunk_to_cdr(message, MAP_FRAME, stamp))
+            elif isinstance(message, Keyframe):
+                self._send_keyframe(message)
+            elif isinstance(message, JoinRejected):
+                self._rejections.publish(to_join_rejected_string(message))
+            else:
+                self._tick.publish(message_to_cdr(message))
+
+    def _rows_publisher(self, chunk: RowChunk) -> Publisher:
+        if chunk.stream is Stream.BACKLOG:
+            return self._backlog_publishers[self.machines[chunk.machine_id]]
+        return self._rows[chunk.stream]
+
+    def _discover_machines(self) -> None:
+        """Listen to machines that have appeared."""
+        for topic, _ in self._node.get_topic_names_and_types():
+            namespace = machine_namespace_of(topic)
+            if namespace is not None and namespace not in self._backlog_publishers:
+                self._subscribe_to_machine(namespace)
+
+    def _subscribe_to_machine(self, namespace: str) -> None:
+        topic = f"{namespace}/{MACHINE_HEADER_TOPIC}"
+        backlog = f"{namespace}/{CONVERSION_BACKLOG_TOPIC}"
+        self._backlog_publishers[namespace] = self._node.create_publisher(
+            PointCloud2, backlog, qos.ROWS
+        )
+        take = partial(self._take_header, topic, namespace)
+        self._poller.subscribe(Int64MultiArray, topic, qos.ROWS, take, raw=True)
+
+    def _take_rows(self, topic: str, stream: Stream, data: bytes) -> None:
+        self._take(topic, lambda: decode_chunk(data, stream))
+
+    def _take_header(self, topic: str, namespace: str, data: bytes) -> None:
+        self._take(topic, lambda: self._decode_machine_message(namespace, data))
+
+    def _decode_machine_message(self, namespace: str, data: bytes) -> Message:
+        message = decode_array(data)
+        if not isinstance(message, (MachineHeader, RetransmitRequest)):
+            raise ExchangeError(f"a {type(message).__name__} is nothing a machine says here")
+        owner = self.machines.get(message.machine_id, namespace)
+        if owner != namespace and self._node.count_publishers(f"{owner}/{MACHINE_HEADER_TOPIC}"):
+            reason = (
+                f"source {message.machine_id} is {owner}; give {namespace} another `machine_id`"
+            )
+            if isinstance(message, MachineHeader) and message.verb in (Verb.JOIN, Verb.REJOIN):
+                no = JoinRejected(message.run_id, message.machine_id, message.session_id, reason)
+                self._rejections.publish(to_join_rejected_string(no))
+            raise ExchangeError(reason)
+        self.machines[message.machine_id] = namespace
+        return message
+
+    def _take(self, topic: str, decode: Callable[[], Any]) -> None:
+        try:
+            message = decode()
+            self.last_message_times[message.machine_id] = time.monotonic()
+            self._receive(message)
+        except ExchangeError as error:
+            self._reject(topic, str(error))

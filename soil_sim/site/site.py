@@ -1,0 +1,262 @@
+"""The site a node begins with: ground from a file, or made, with its soils and its design."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.parameters import Parameters, parameter
+from soil_sim.errors import SoilError, TerrainError
+from soil_sim.site.design import (
+    DEFAULT_TOLERANCE,
+    CutFill,
+    DesignSurface,
+    compare_to_design,
+    load_design,
+)
+from soil_sim.soil import Soil
+from soil_sim.soils.params import SoilParams
+from soil_sim.terrain import (
+    Georeference,
+    HeightMap,
+    Layers,
+    flat,
+    load_layer,
+    load_terrain,
+    load_terrain_with_layers,
+    rough,
+)
+
+__all__ = ["Site", "SiteParams", "make_site"]
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class SiteParams(Parameters):
+    """Where the ground comes from, what it is of, and what it shall become."""
+
+    terrain: str = parameter(
+        "rough", "flat, rough, or the path of a .npy, .npz, .png, .asc or .tif file"
+    )
+    cell: float = parameter(
+        0.2,
+        "spacing of grid points of made ground, and of a file that states none",
+        unit="m",
+        low=0.01,
+        high=1000.0,
+    )
+    num_points: int = parameter(257, "grid points along each side of made ground", low=2, high=8193)
+    roughness: float = parameter(
+        0.1, "root mean square height of rough ground", unit="m", low=0.0, high=10.0
+    )
+    seed: int = parameter(0, "of rough ground", low=0, high=2**31)
+    png_min_height: float = parameter(
+        0.0, "height of black in a .png", unit="m", low=-9000.0, high=9000.0
+    )
+    png_max_height: float = parameter(
+        0.0, "height of white in a .png; equal to png_min_height: none given", unit="m",
+        low=-9000.0, high=9000.0,
+    )  # fmt: skip
+    vertical_scale: float = parameter(
+        1.0, "metres per unit of the heights in the files terrain and design; 0.3048 for feet",
+        low=1e-6, high=1e6,
+    )  # fmt: skip
+    soil_map: str = parameter(
+        "", "path of a file with the id of the soil in each cell; empty: the terrain's own, if it"
+        " is a .npz with soil, else 0 everywhere",
+    )  # fmt: skip
+    moisture_map: str = parameter(
+        "", "path of a file with the moisture of each cell, 0..1 of saturation; empty: the"
+        " terrain's own, if it is a .npz with moisture, else as its soil has it",
+    )  # fmt: skip
+    design: str = parameter(
+        "", "path of a file with the surface that the ground shall become; empty: none"
+    )
+    design_tolerance: float = parameter(
+        DEFAULT_TOLERANCE,
+        "difference from the design that passes for done",
+        unit="m",
+        low=0.0,
+        high=10.0,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """What a run begins with.
+
+    Attributes:
+        ground: its heights, and where it lies.
+        layers: its soils and its moisture, on the grid of the ground.
+        design: what it shall become, likewise; None if nothing is designed.
+        tolerance: difference from the design that passes for done [m].
+    """
+
+    ground: HeightMap
+    layers: Layers = field(default_factory=Layers)
+    design: DesignSurface | None = None
+    tolerance: float = DEFAULT_TOLERANCE
+
+    @property
+    def grid(self) -> Grid:
+        """Where each column stands."""
+        return self.ground.grid
+
+    @property
+    def heights(self) -> NDArray[np.float64]:
+        """Surface [m], shape (rows, cols)."""
+        return self.ground.heights
+
+    @property
+    def georeference(self) -> Georeference | None:
+        """Where the ground lies, None for ground that is nowhere."""
+        return self.ground.georeference
+
+    def make_soil(self, params: SoilParams) -> Soil:
+        """The untouched soil of the site.
+
+        Raises:
+            SoilError: an id that no kind of soil has, or a layer that is not of the ground.
+            ParameterError: a moisture beside that of the site, or as `SoilParams.soil_types`.
+        """
+        ids, moisture = self.layers.soil, self.layers.moisture
+        if ids is not None and ids.max() > len(params.additional_soils):
+            raise SoilError(
+                f"the ids in site.soil_map, or in the site's terrain, go to {ids.max()}, and"
+                f" soil.additional_soils names {len(params.additional_soils)} kinds, the ids from 1 on; name"
+                " one for each id, or correct the ids"
+            )
+        if moisture is not None and params.moisture >= 0:
+            raise ParameterError(
+                f"soil.moisture is {params.moisture} and the site has its own, by"
+                " site.moisture_map or in its terrain; leave one of them out"
+            )
+        return Soil(self.grid, self.heights, params, soil=ids, moisture=moisture)
+
+    def cut_fill(self, elevation: NDArray[np.float64]) -> CutFill | None:
+        """How far a surface [m], shape (rows, cols), is from the design; None without one."""
+        if self.design is None:
+            return None
+        return compare_to_design(self.design, elevation, tolerance=self.tolerance)
+
+
+_CORRELATION_LENGTH = 4.0
+"""Of rough ground [m]: hummocks about as large as a machine."""
+
+_SUFFIXES_WITHOUT_SPACING = (".npy", ".png")
+"""Files that may state none; of others it is an error."""
+
+
+def make_site(params: SiteParams) -> Site:
+    """The site that the parameters name.
+
+    Raises:
+        TerrainError: a file is missing or is not what it shall be; begins with the parameter.
+        ParameterError: a parameter that no file is there for.
+    """
+    made = params.terrain in ("flat", "rough")
+    files = [name for name in ("" if made else params.terrain, params.design) if name]
+    if params.vertical_scale != 1.0 and not files:
+        raise ParameterError(
+            f"site.vertical_scale is {params.vertical_scale} and no file has heights to scale;"
+            " leave it out, or give a file in site.terrain or site.design"
+        )
+    if params.png_min_height != params.png_max_height and not any(map(_is_png, files)):
+        raise ParameterError(
+            "site.png_min_height and site.png_max_height are of a .png and no file is one; leave them out"
+        )
+    if made:
+        ground, own = _synthetic_terrain(params), Layers()
+    else:
+        with _prefix_errors("site.terrain"):
+            ground, own = _load_terrain_file(params)
+    place = ground.georeference
+    soil, moisture, design = own.soil, own.moisture, None
+    if params.soil_map:
+        with _prefix_errors("site.soil_map"):
+            soil = load_layer(params.soil_map, ground.grid, kind="soil", georeference=place)
+    if params.moisture_map:
+        with _prefix_errors("site.moisture_map"):
+            moisture = load_layer(
+                params.moisture_map, ground.grid, kind="moisture", georeference=place
+            )
+    if params.design:
+        with _prefix_errors("site.design"):
+            design = _load_design_surface(params, ground)
+    return Site(ground, Layers(soil, moisture), design, params.design_tolerance)
+
+
+def _synthetic_terrain(params: SiteParams) -> HeightMap:
+    grid = Grid(params.num_points, params.num_points, params.cell)
+    if params.terrain == "flat" or params.roughness == 0.0:
+        return flat(grid)
+    length = min(max(_CORRELATION_LENGTH, grid.cell), min(grid.size))
+    rng = np.random.default_rng(params.seed)
+    return rough(grid, rms=params.roughness, correlation_length=length, rng=rng)
+
+
+def _load_terrain_file(params: SiteParams) -> tuple[HeightMap, Layers]:
+    path = params.terrain
+    if Path(path).suffix.lower() == ".npz":
+        return load_terrain_with_layers(path, vertical_scale=params.vertical_scale)
+
+    def load(cell: float | None) -> HeightMap:
+        return load_terrain(
+            path,
+            cell=cell,
+            vertical_scale=params.vertical_scale,
+            height_range=_height_range(params, path),
+        )
+
+    return _load_with_fallback_spacing(load, path, params.cell), Layers()
+
+
+def _load_design_surface(params: SiteParams, ground: HeightMap) -> DesignSurface:
+    def load(cell: float | None) -> DesignSurface:
+        return load_design(
+            params.design,
+            ground.grid,
+            georeference=ground.georeference,
+            cell=cell,
+            vertical_scale=params.vertical_scale,
+            height_range=_height_range(params, params.design),
+        )
+
+    return _load_with_fallback_spacing(load, params.design, ground.grid.cell)
+
+
+def _load_with_fallback_spacing(load: Callable[[float | None], T], path: str, cell: float) -> T:
+    """What a file holds, by the spacing that it states and else by `cell` [m]."""
+    try:
+        return load(None)
+    except TerrainError:
+        if Path(path).suffix.lower() not in _SUFFIXES_WITHOUT_SPACING:
+            raise
+        return load(cell)  # whatever else was wrong is so still
+
+
+def _height_range(params: SiteParams, path: str) -> tuple[float, float] | None:
+    given = params.png_min_height != params.png_max_height and _is_png(path)
+    return (params.png_min_height, params.png_max_height) if given else None
+
+
+def _is_png(path: str) -> bool:
+    return Path(path).suffix.lower() == ".png"
+
+
+@contextmanager
+def _prefix_errors(name: str) -> Iterator[None]:
+    """Errors of the block begin with the parameter they are about."""
+    try:
+        yield
+    except SoilError as error:
+        raise TerrainError(f"{name}: {error}") from error

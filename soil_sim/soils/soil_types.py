@@ -1,0 +1,219 @@
+"""Kinds of soil: what each is like, dry, damp and wet; read from `config/soils.yaml`.
+
+A column holds a kind's number, its id, and its moisture in per cent of saturation. What depends on
+moisture is given at 0, 50 and 100 % and lies on straight lines in between.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from msg_bridge.config_files import find_config
+from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.loose_soil import LooseSoil
+from msg_bridge.contract.parameters import Parameters, parameter
+from soil_sim.errors import SoilError
+
+__all__ = ["MOISTURE_LEVELS", "SoilTables", "SoilType", "build_soil_tables", "load_soil_types"]
+
+MOISTURE_LEVELS = 101
+"""Steps of moisture: 0 to 100 % of saturation."""
+
+_GRAVITY = 9.81
+
+
+@dataclass(frozen=True)
+class SoilType(Parameters):
+    """One kind of soil; `config/soils.yaml` tells where the figures of the shipped ones come from.
+
+    Angles and factors that end in `_damp` and `_wet` hold at 50 and 100 % of saturation.
+    """
+
+    repose_angle: float = parameter(
+        30.0, "slope beyond which it slips when loose and dry", unit="deg", low=1.0, high=80.0
+    )
+    repose_angle_damp: float = parameter(
+        30.0, "the same, half saturated", unit="deg", low=1.0, high=80.0
+    )
+    repose_angle_wet: float = parameter(30.0, "the same, saturated", unit="deg", low=1.0, high=80.0)
+    swell: float = parameter(0.0, "part by which it grows when loosened", low=0.0, high=1.0)
+    density: float = parameter(
+        1600.0, "of undisturbed (bank) soil", unit="kg/m3", low=500.0, high=4000.0
+    )
+    cohesion: float = parameter(0.0, "of undisturbed soil, dry", unit="Pa", low=0.0, high=1e8)
+    adhesion: float = parameter(0.0, "to steel, dry", unit="Pa", low=0.0, high=1e6)
+    strength_factor_damp: float = parameter(
+        1.0, "cohesion and adhesion half saturated, over dry", low=0.0, high=100.0
+    )
+    strength_factor_wet: float = parameter(
+        1.0, "cohesion and adhesion saturated, over dry", low=0.0, high=100.0
+    )
+    internal_friction: float = parameter(
+        30.0, "angle of internal friction", unit="deg", low=0.0, high=60.0
+    )
+    tool_friction: float = parameter(
+        20.0, "angle of friction against steel", unit="deg", low=0.0, high=45.0
+    )
+    compressive_strength: float = parameter(
+        0.0, "uniaxial, of rock; 0: it is soil and is cut as such", unit="Pa", low=0.0, high=5e8
+    )
+    tensile_strength: float = parameter(0.0, "of rock", unit="Pa", low=0.0, high=5e7)
+    bekker_k_c: float = parameter(
+        0.0, "Bekker's k_c, dry: tracks sink z deep under (k_c / b + k_phi) z^n", unit="N/m^(n+1)",
+        low=0.0, high=1e9,
+    )  # fmt: skip
+    bekker_k_phi: float = parameter(
+        0.0, "Bekker's k_phi, dry; 0: the ground does not give, and tracks grip it by friction",
+        unit="N/m^(n+2)", low=0.0, high=1e9,
+    )  # fmt: skip
+    bekker_n: float = parameter(1.0, "Bekker's n", low=0.05, high=2.0)
+    bekker_factor_damp: float = parameter(
+        1.0, "k_c and k_phi half saturated, over dry", low=0.001, high=100.0
+    )
+    bekker_factor_wet: float = parameter(
+        1.0, "k_c and k_phi saturated, over dry", low=0.001, high=100.0
+    )
+    janosi_k: float = parameter(
+        0.01, "K: sheared so far, it resists tracks with 63 % of its strength", unit="m",
+        low=0.001, high=0.2,
+    )  # fmt: skip
+    lump_size_spread: float = parameter(
+        0.0, "of its lumps: the largest volume over the mean, minus 1", low=0.0, high=0.9
+    )
+    moisture: int = parameter(0, "as found, of saturation", unit="%", low=0, high=100)
+    colour: tuple[float, ...] = parameter(
+        (0.55, 0.42, 0.3), "of dry soil: red, green, blue", low=0.0, high=1.0
+    )
+    sources: str = parameter("", "where these figures come from")
+
+    def __post_init__(self) -> None:
+        """Check what two parameters say together."""
+        super().__post_init__()
+        if len(self.colour) != 3:
+            raise ParameterError(f"colour has {len(self.colour)} parts; give red, green and blue")
+        if (self.compressive_strength > 0.0) != (self.tensile_strength > 0.0):
+            raise ParameterError(
+                "of compressive_strength and tensile_strength one is 0; rock needs both, soil none"
+            )
+
+    @property
+    def is_rock(self) -> bool:
+        """Whether it is cut as rock."""
+        return self.compressive_strength > 0.0
+
+    def repose_angle_at(self, moisture: float) -> float:
+        """Angle of repose [rad] at a moisture [%]."""
+        angles = (self.repose_angle, self.repose_angle_damp, self.repose_angle_wet)
+        return math.radians(float(np.interp(moisture, (0.0, 50.0, 100.0), angles)))
+
+    def moisture_strength_factor(self, moisture: float) -> float:
+        """Cohesion and adhesion at a moisture [%], over those when dry."""
+        factors = (1.0, self.strength_factor_damp, self.strength_factor_wet)
+        return float(np.interp(moisture, (0.0, 50.0, 100.0), factors))
+
+    @property
+    def loose_soil(self) -> LooseSoil:
+        """What a machine must know of it. Broken rock does not cohere."""
+        return LooseSoil(
+            swell=self.swell,
+            density=self.density,
+            repose_angles=(self.repose_angle, self.repose_angle_damp, self.repose_angle_wet),
+            cohesion=0.0 if self.is_rock else self.cohesion,
+            adhesion=self.adhesion,
+            moisture_strength_factors=(1.0, self.strength_factor_damp, self.strength_factor_wet),
+            tool_friction=self.tool_friction,
+            size_spread=self.lump_size_spread,
+            moisture=self.moisture,
+            internal_friction=self.internal_friction,
+            bekker_k_c=self.bekker_k_c,
+            bekker_k_phi=self.bekker_k_phi,
+            bekker_n=self.bekker_n,
+            moisture_bearing_factors=(1.0, self.bekker_factor_damp, self.bekker_factor_wet),
+            janosi_k=self.janosi_k,
+        )
+
+    def critical_height(self, moisture: float) -> float:
+        """Height [m] to which a vertical face of undisturbed soil stands.
+
+        4 c / gamma * tan(45 deg + phi / 2), the critical height of a vertical cut (Terzaghi,
+        Theoretical Soil Mechanics, 1943, art. 57), without tension cracks.
+        """
+        cohesion = self.cohesion * self.moisture_strength_factor(moisture)
+        passive = math.tan(math.pi / 4 + math.radians(self.internal_friction) / 2)
+        return 4.0 * cohesion / (self.density * _GRAVITY) * passive
+
+
+class SoilTables(NamedTuple):
+    """What kernels need of the kinds of soil, by id, and by id and moisture [%].
+
+    Attributes:
+        growth: bulk volume of loosened soil over its bank volume, shape (kinds,).
+        slope: tangent of the angle of repose, shape (kinds, MOISTURE_LEVELS).
+        stands: height of an upright face that firm soil carries [m], shape (kinds, MOISTURE_LEVELS).
+        internal_friction: angle of internal friction [rad], shape (kinds,).
+    """
+
+    bulking_factor: NDArray[np.float64]
+    repose_tan: NDArray[np.float64]
+    critical_height: NDArray[np.float64]
+    internal_friction: NDArray[np.float64]
+
+
+def build_soil_tables(kinds: Sequence[SoilType]) -> SoilTables:
+    """Tables of some kinds of soil, whose ids are their places in the sequence.
+
+    Raises:
+        SoilError: none, or more than an id can tell apart.
+    """
+    if not 1 <= len(kinds) <= 256:
+        raise SoilError(f"there are {len(kinds)} kinds of soil; give 1 to 256")
+    return SoilTables(
+        np.array([1.0 + kind.swell for kind in kinds]),
+        np.array(
+            [[math.tan(kind.repose_angle_at(m)) for m in range(MOISTURE_LEVELS)] for kind in kinds]
+        ),
+        np.array([[kind.critical_height(m) for m in range(MOISTURE_LEVELS)] for kind in kinds]),
+        np.radians([kind.internal_friction for kind in kinds]),
+    )
+
+
+def load_soil_types(name: str = "soils.yaml") -> dict[str, SoilType]:
+    """The kinds of soil in a file, by name, in its order.
+
+    Args:
+        name: path of the file, or the name of a shipped one.
+
+    Raises:
+        ConfigError: no such file.
+        SoilError: not a mapping of names to figures.
+        ParameterError: an unknown figure, or one outside its range.
+    """
+    path = find_config(name)
+    content = _read_yaml_mapping(path)
+    kinds = {}
+    for soil, figures in content.items():
+        if not isinstance(figures, dict):
+            raise SoilError(f"{path}: {soil!r} must be a mapping of figures, not {figures!r}")
+        try:
+            kinds[str(soil)] = SoilType.from_mapping(figures)
+        except ParameterError as error:
+            raise ParameterError(f"{path}: {soil}: {error}") from None
+    return kinds
+
+
+def _read_yaml_mapping(path: Path) -> dict[Any, Any]:
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise SoilError(f"{path} is no YAML: {error}") from None
+    if not isinstance(content, dict) or not content:
+        raise SoilError(f"{path} must map names of soils to their figures")
+    return content

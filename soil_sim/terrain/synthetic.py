@@ -1,0 +1,90 @@
+"""Terrain that is made: level, sloping or rough ground, with nothing read from a file."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msg_bridge.contract.grid import Grid
+from soil_sim.errors import TerrainError
+from soil_sim.terrain.height_map import HeightMap
+
+__all__ = ["flat", "rough", "slope"]
+
+_MARGIN = 2.5
+"""Margin beyond the map in correlation lengths: the spectral filter joins opposite edges, and at
+this distance the correlation is down to exp(-2.5**2) = 0.2 %."""
+
+
+def flat(grid: Grid, height: float = 0.0) -> HeightMap:
+    """Level ground at `height` [m].
+
+    Raises:
+        TerrainError: the height is not finite or beyond `HEIGHT_LIMIT`.
+    """
+    return HeightMap(grid, np.full(grid.shape, height, dtype=np.float64))
+
+
+def slope(grid: Grid, angle: float, direction: float) -> HeightMap:
+    """A plane through z = 0 at the map's centre.
+
+    Args:
+        grid: where the heights lie.
+        angle: inclination [rad], from 0 to below pi/2.
+        direction: where the ground rises steepest [rad], from +x counter-clockwise.
+
+    Raises:
+        TerrainError: an angle outside its range, or so steep that heights leave `HEIGHT_LIMIT`.
+    """
+    if not 0.0 <= angle < 0.5 * math.pi:
+        raise TerrainError(f"angle is {angle!r} rad; give one from 0 to below pi/2")
+    if not math.isfinite(direction):
+        raise TerrainError(f"direction is {direction!r} rad; give a finite angle from +x")
+    x = grid.x(np.arange(grid.rows))[:, None]
+    y = grid.y(np.arange(grid.cols))[None, :]
+    ahead = x * math.cos(direction) + y * math.sin(direction)
+    return HeightMap(grid, math.tan(angle) * ahead)
+
+
+def rough(grid: Grid, rms: float, correlation_length: float, rng: np.random.Generator) -> HeightMap:
+    """Random ground: a Gaussian field with Gaussian correlation, mean height 0.
+
+    Heights a distance d apart correlate as exp(-(d / correlation_length)**2).
+
+    Args:
+        grid: where the heights lie.
+        rms: root mean square of the heights [m], met exactly by every map.
+        correlation_length: distance at which the correlation is 1/e [m], from one cell to the
+            shorter side of the map.
+        rng: the source of chance; the same state gives the same ground.
+
+    Raises:
+        TerrainError: a negative rms or a correlation length outside its range.
+    """
+    if not (math.isfinite(rms) and rms >= 0.0):
+        raise TerrainError(f"rms is {rms!r} m; give a finite height, not negative")
+    longest = min(grid.size)
+    if not grid.cell <= correlation_length <= longest:
+        raise TerrainError(
+            f"correlation_length is {correlation_length!r} m; give one from a cell,"
+            f" {grid.cell:g} m, to the shorter side of the map, {longest:g} m"
+        )
+    field = _correlated_noise(grid, correlation_length, rng)
+    field -= field.mean()
+    return HeightMap(grid, field * (rms / math.sqrt(np.mean(field * field))))
+
+
+def _correlated_noise(grid: Grid, length: float, rng: np.random.Generator) -> NDArray[np.float64]:
+    """White noise filtered in the spectrum, shape (rows, cols); the amplitude is arbitrary.
+
+    exp(-(d/L)**2) has the spectrum exp(-(k L)**2 / 4); the filter is that spectrum's square root.
+    """
+    margin = math.ceil(_MARGIN * length / grid.cell)
+    rows, cols = grid.rows + margin, grid.cols + margin
+    noise = np.fft.rfft2(rng.standard_normal((rows, cols)))
+    kx = 2.0 * np.pi * np.fft.fftfreq(rows, grid.cell)[:, None]
+    ky = 2.0 * np.pi * np.fft.rfftfreq(cols, grid.cell)[None, :]
+    noise *= np.exp(-(kx * kx + ky * ky) * length * length / 8.0)
+    return np.asarray(np.fft.irfft2(noise, s=(rows, cols))[: grid.rows, : grid.cols])

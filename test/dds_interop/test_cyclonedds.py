@@ -1,0 +1,161 @@
+"""A stranger on another DDS, who knows ROS 2 messages only, hears our nodes and drives a machine.
+
+The stranger is `cyclone_peer.py`, a process of its own without rclpy or anything of this package.
+"""
+
+import importlib.util
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from machine_sim.node.machine_node import MachineNode
+from msg_bridge.contract.grid import Grid
+from soil_sim.node.soil_node import SoilNode
+from soil_sim.terrain import HeightMap, save_terrain
+
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec("cyclonedds") is None,
+    reason="cyclonedds is not installed (it has wheels for x86_64 only)",
+)
+
+PEER = Path(__file__).with_name("cyclone_peer.py")
+TIMEOUT = 240.0  # s: the peer itself waits up to 30 s for each thing, and says what did not come
+SPEED, TRAVEL = 0.2, 0.1  # rad/s and rad the peer has the boom go
+
+# What the peer must do without.
+OURS = {"earthmoving_sim", "machine_sim", "msg_bridge", "soil_sim"}
+ROS = {"builtin_interfaces", "rclpy", "rosidl_runtime_py", "sensor_msgs", "std_msgs"}
+
+UINT32, FLOAT32, FLOAT64 = 6, 7, 8  # as PointField numbers them
+
+
+@pytest.fixture
+def site() -> HeightMap:
+    """Nearly flat ground of which every cell has a height of its own.
+
+    The message of its map is more than twice as large as a UDP packet can be.
+    """
+    grid = Grid(65, 67, 0.4)
+    number = np.arange(grid.rows * grid.cols).reshape(grid.shape)
+    return HeightMap(grid, 0.25 + 1e-5 * number)
+
+
+def test_peer_on_another_dds_hears_the_nodes_and_drives_the_machine(
+    ros, ros_process, site, tmp_path
+) -> None:
+    save_terrain(tmp_path / "site.npz", site)
+    soil = ros.add(
+        SoilNode,
+        parameters={"site.terrain": str(tmp_path / "site.npz"), "machine_timeout": 30.0},
+    )
+    ros.add(MachineNode)
+    ros.spin_until(lambda: soil.run.tick >= 10)  # the map was published before the first
+    peer = ros_process([sys.executable, "-I", PEER, str(ros.domain)])
+    ros.spin_until(lambda: re.search(r"^REPORT .*\n", peer.output, re.MULTILINE), TIMEOUT)
+    peer.stop()
+    report = json.loads(peer.output.partition("REPORT ")[2])
+
+    assert not {*report["modules"]} & (OURS | ROS)
+    check_time(report)
+    check_joints(report)
+    check_ledger(report, soil.run.endpoint.soil.columns.total_mm3)
+    check_map(report["map"], site, soil.run.endpoint.soil.columns.total_mm3)
+    check_motion(report["front"], SPEED)
+    check_motion(report["joints"], -SPEED)
+    check_refusal(report)
+
+
+def check_time(report) -> None:
+    clock = report["clock"]
+    assert clock[0] > 0.0
+    assert clock[-1] > clock[0]
+    # A tick may be told again while time stands still.
+    assert (np.diff(clock) >= 0.0).all()
+
+
+def check_joints(report) -> None:
+    states = report["joint_states"]
+    virtual = [f"base_{name}" for name in ("x", "y", "z", "yaw", "pitch", "roll")]
+    assert states["names"][:4] == ["swing", "boom", "arm", "bucket"]
+    assert states["names"][-6:] == virtual
+    assert states["sizes"] == 3 * [len(states["names"])]
+    assert report["finite"]
+
+
+def check_ledger(report, terrain_mm3: int) -> None:
+    ledger = report["ledger"]
+    accounts = ["terrain", "in_flight", "pending", "particles", "absent", "outside"]
+    assert list(ledger) == ["kind", "tick", *accounts, "start", "imbalance"]
+    assert ledger["terrain"] == terrain_mm3
+    assert sum(ledger[account] for account in accounts) == ledger["start"]
+    assert report["imbalances"] == [0]  # in every ledger heard
+    ticks = report["ledger_ticks"]
+    assert ledger["tick"] > ticks[0] >= 0
+    assert ticks == sorted(ticks)
+
+
+def check_map(found, site: HeightMap, terrain_mm3: int) -> None:
+    """The map that the peer decoded is the site, and holds the soil that the ledger counts."""
+    rows, cols = site.grid.shape
+    assert found["shape"] == [rows, cols]
+    assert found["frame_id"] == "map"
+    assert found["stamp"] == [0, 0]  # the one from before the first tick
+    assert found["fields"] == [
+        ["x", 0, FLOAT32, 1],
+        ["y", 4, FLOAT32, 1],
+        ["z", 8, FLOAT32, 1],
+        ["loose_depth", 12, FLOAT32, 1],
+        ["surface_material", 16, FLOAT32, 1],
+        ["moisture", 20, FLOAT32, 1],
+        ["soil", 24, FLOAT32, 1],
+        ["design_difference", 28, FLOAT32, 1],
+        ["volume_mm3", 32, FLOAT64, 1],
+        ["revision", 40, UINT32, 1],
+        ["run_id", 44, UINT32, 1],
+    ]
+    assert found["bytes"] == [48, 48 * cols, 48 * cols * rows]  # of a point, a row, all
+    assert len(found["some"]) > 40
+    # Index (0, 0) is the +x, +y corner.
+    expected = [
+        [row, col, 0.4 * (32 - row), 0.4 * (33 - col), site.heights[row, col]]
+        for row, col, *_ in found["some"]
+    ]
+    np.testing.assert_allclose(found["some"], expected, rtol=0.0, atol=1e-6)
+    assert found["mm3"] == terrain_mm3
+
+
+def boom_at(speed: float) -> list[float]:
+    """A command as it is applied: joints, then tracks."""
+    return [0.0, speed, 0.0, 0.0, 0.0, 0.0]
+
+
+def check_motion(found, speed: float) -> None:
+    """The boom went as it was told, and nothing else did."""
+    assert found["applied_names"] == ["swing", "boom", "arm", "bucket", "left_track", "right_track"]
+    assert boom_at(speed) in found["applied"]
+    # Until it has come, what was in force before still is.
+    known = [boom_at(each) for each in (0.0, SPEED, -SPEED)]
+    assert [each for each in found["applied"] if each not in known] == []
+    assert np.sign(speed) * found["moved"]["boom"] >= TRAVEL
+    assert found["speed"] == pytest.approx(speed, rel=0.02)
+    others = [found["moved"][joint] for joint in ("swing", "arm", "bucket", "base_x", "base_y")]
+    assert np.abs(others).max() < 0.01
+
+
+def check_refusal(report) -> None:
+    """What is no number was refused whole, and the sender can read why."""
+    assert report["refused_before"] is None
+    refusal = report["refusal"]
+    assert refusal["name"] == "excavator/machine_sim: machine_sim"
+    assert refusal["level"] == 1  # WARN
+    assert refusal["message"] == "messages refused on front_velocity_controller/commands"
+    key = "refused front_velocity_controller/commands"
+    assert int(refusal["values"][key]) >= 1
+    assert "not finite" in refusal["values"][f"last {key}"]
+    # The last good command stays in force until it is too old.
+    known = [boom_at(-SPEED), boom_at(0.0)]
+    assert [each for each in report["applied_after_nan"] if each not in known] == []

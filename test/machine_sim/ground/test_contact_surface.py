@@ -1,0 +1,100 @@
+import numpy as np
+import pytest
+
+from machine_sim.ground.contact_surface import MAX_RISE_SPEED, Ground, GroundError
+from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.loose_soil import LooseSoil
+from msg_bridge.contract.messages import Keyframe
+from msg_bridge.contract.rows import MAP_UPDATE, Rows, empty_rows
+
+GRID = Grid(11, 9, 0.5)
+
+
+def sloping() -> Ground:
+    x, y = GRID.x(np.arange(11))[:, None], GRID.y(np.arange(9))[None, :]
+    return Ground(GRID, 0.3 * x - 0.2 * y + 1.0)
+
+
+def test_height_between_grid_points_is_bilinear() -> None:
+    ground = sloping()
+    assert ground.height(0.37, -0.81) == pytest.approx(0.3 * 0.37 + 0.2 * 0.81 + 1.0)
+
+
+def test_the_edge_goes_on_level_beyond_the_map() -> None:
+    ground = sloping()
+    assert ground.height(99.0, 0.0) == pytest.approx(ground.height(2.5, 0.0))
+
+
+def test_lowered_cells_fall_at_once_and_raised_ones_rise_slowly() -> None:
+    ground = Ground(GRID, np.zeros(GRID.shape))
+    cells = np.array([2, 5])
+    ground.set_heights(cells, cells, np.array([-0.4, 0.1]))
+    assert ground.surface[2, 2] == -0.4
+    assert ground.surface[5, 5] == 0.0
+    ground.advance(0.1)
+    assert ground.surface[5, 5] == pytest.approx(0.1 * MAX_RISE_SPEED)
+    for _ in range(10):
+        ground.advance(0.1)
+    assert ground.surface[5, 5] == 0.1
+    assert np.array_equal(ground.surface, ground.elevation)
+
+
+def test_a_rising_cell_that_is_dug_again_stops_rising() -> None:
+    ground = Ground(GRID, np.zeros(GRID.shape))
+    at = np.array([4])
+    ground.set_heights(at, at, np.array([0.2]))
+    ground.advance(0.1)
+    ground.set_heights(at, at, np.array([0.01]))
+    ground.advance(1.0)
+    assert ground.surface[4, 4] == pytest.approx(0.01)
+
+
+def test_a_cell_that_is_told_again_rises_no_faster() -> None:
+    ground = Ground(GRID, np.zeros(GRID.shape))
+    at = np.array([4])
+    ground.set_heights(at, at, np.array([0.2]))
+    ground.set_heights(at, at, np.array([0.3]))
+    ground.advance(0.1)
+    assert ground.surface[4, 4] == pytest.approx(0.1 * MAX_RISE_SPEED)
+    ground.advance(10.0)
+    ground.set_heights(at, at, np.array([0.4]))
+    ground.advance(0.1)
+    assert ground.surface[4, 4] == pytest.approx(0.3 + 0.1 * MAX_RISE_SPEED), "it rises anew"
+
+
+def changed(z: float, soil: int, moisture: int) -> Rows:
+    rows = empty_rows(MAP_UPDATE, 1)
+    rows["row"], rows["col"], rows["z"], rows["volume_mm3"] = 3, 4, z, 5e7
+    rows["soil"], rows["moisture"] = soil, moisture
+    return rows
+
+
+def test_ground_knows_what_its_surface_is_of() -> None:
+    ground = Ground(GRID, np.zeros(GRID.shape), soils=[LooseSoil(), LooseSoil(0.2)])
+    ground.apply_changes(changed(-0.1, 1, 40))
+    assert ground.surface[3, 4] == np.float32(-0.1)
+    assert (ground.soil[3, 4], ground.moisture[3, 4], ground.volume_mm3[3, 4]) == (1, 40, 5e7)
+    assert ground.soil.sum() == 1
+    of_all = np.full(GRID.shape, 1, dtype=np.uint8)
+    ground.apply_keyframe(
+        Keyframe(1, 2, GRID, np.zeros(GRID.shape), soil=of_all, moisture=7 * of_all)
+    )
+    assert (ground.soil == 1).all()
+    assert (ground.moisture == 7).all()
+
+
+def test_ground_of_a_soil_that_is_not_known_is_refused() -> None:
+    ground = Ground(GRID, np.zeros(GRID.shape))
+    with pytest.raises(GroundError, match="soil 1 and the machine knows 1"):
+        ground.apply_changes(changed(-0.1, 1, 0))
+    assert ground.surface[3, 4] == 0.0
+
+
+def test_heights_that_are_not_finite_are_refused_and_change_nothing() -> None:
+    ground = sloping()
+    before = ground.elevation.copy()
+    with pytest.raises(GroundError, match="finite"):
+        ground.set_heights(np.array([1]), np.array([1]), np.array([np.nan]))
+    assert np.array_equal(ground.elevation, before)
+    with pytest.raises(GroundError, match="shape"):
+        Ground(GRID, np.zeros((3, 3)))

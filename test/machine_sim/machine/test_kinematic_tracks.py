@@ -1,0 +1,163 @@
+"""Fast tracks: they drive, turn, stop, hold on slopes and slide where friction ends."""
+
+import math
+
+import numpy as np
+import pytest
+
+from machine_sim.machine import MachineError
+
+from .conftest import DT
+
+
+def test_speed_is_the_commanded_one(scene):
+    s = scene(position=(-8.0, 0.0))
+    s.machine.command([0.0] * 4, [0.8, 0.8])
+    s.run(1.0)
+    start = s.place
+    s.run(3.0)
+    way = s.place - start
+    assert way[0] / 3.0 == pytest.approx(0.8, rel=0.02)
+    assert abs(way[1]) < 1e-3
+
+
+def test_reverse_is_as_fast(scene):
+    s = scene(position=(8.0, 0.0))
+    s.machine.command([0.0] * 4, [-0.8, -0.8])
+    s.run(1.0)
+    start = s.place
+    s.run(2.0)
+    assert (s.place - start)[0] / 2.0 == pytest.approx(-0.8, rel=0.02)
+
+
+def test_opposed_tracks_pivot_on_the_spot(scene):
+    s = scene()
+    s.machine.command([0.0] * 4, [-0.5, 0.5])
+    s.run(1.0)
+    start = s.place
+    places = []
+    for _ in range(12):
+        s.run(1.0)
+        places.append(s.place)
+    _, spin = s.machine.base_velocity
+    assert 0.2 < spin[2] < 0.42  # slower than without slip: 2 * 0.5 / 2.38
+    assert np.linalg.norm(np.array(places) - start, axis=1).max() < 1.0
+    assert s.machine.tilt < 0.02
+
+
+def test_machine_stops_at_once(scene):
+    s = scene()
+    s.run(1.0)
+    s.machine.command([0.0] * 4, [0.8, 0.8])
+    s.run(2.0)
+    start = s.place
+    s.machine.command([0.0] * 4, [0.0, 0.0])
+    way = []
+    for _ in range(200):
+        s.step()
+        way.append((s.place - start)[0])
+    assert max(way) <= 0.05
+    assert np.ptp(way[-40:]) < 2e-3
+    np.testing.assert_array_equal(s.machine.tracks.speed, 0.0)
+
+
+@pytest.mark.parametrize("slope", [15, 25])
+@pytest.mark.parametrize("yaw", [0.0, 0.5 * math.pi])
+def test_machine_holds_on_a_slope(scene, slope, yaw):
+    s = scene(slope_deg=slope, yaw=yaw)
+    s.run(2.0)
+    start = s.place
+    s.run(5.0)
+    assert np.linalg.norm(s.place - start) < 0.002
+
+
+def test_machine_holds_facing_downhill(scene):
+    """The arm's weight is over the idlers: it rocks for longer, then stays just as well."""
+    s = scene(slope_deg=25, yaw=math.pi)
+    s.run(8.0)
+    start = s.place
+    s.run(5.0)
+    assert np.linalg.norm(s.place - start) < 0.002
+
+
+def test_machine_slides_where_friction_ends(scene):
+    """mu = 0.8 holds to 38.7 degrees."""
+    s = scene(slope_deg=41, yaw=0.0)
+    s.run(2.0)
+    assert s.place[0] < -0.3
+
+
+def test_shoes_carry_the_weight(scene, spec):
+    s = scene()
+    s.run(3.0)
+    tracks = s.machine.tracks
+    weight = spec.mass * 9.81
+    assert tracks.shoe_loads.sum() == pytest.approx(weight, rel=1e-3)
+    assert tracks.wrench[2] == pytest.approx(weight, rel=1e-3)
+    assert 30 <= tracks.shoes_in_contact <= 36  # 16.5 pitches on the ground on each side
+
+
+def test_shoes_lie_on_the_path_a_pitch_apart(scene, spec):
+    s = scene()
+    s.machine.command([0.0] * 4, [0.5, 0.3])
+    s.run(1.0)
+    shape = spec.tracks
+    for side in range(2):
+        x, z, pitch = s.machine.tracks.shoe_poses[side].T
+        over = np.maximum(np.abs(x) - 0.5 * shape.axle_distance, 0.0)
+        distance = np.hypot(over, z - shape.axle_height)
+        np.testing.assert_allclose(distance, shape.sprocket_radius, atol=1e-9)
+        gaps = np.hypot(np.diff(x), np.diff(z))
+        assert gaps.max() <= shape.pitch + 1e-9
+        assert gaps.min() > 0.95 * shape.pitch  # chords of the wheels
+        # Outside of a shoe is its local z: down below, back behind, up above, forward in front.
+        outward = np.column_stack([np.sin(pitch), np.cos(pitch)])
+        spoke = np.column_stack([np.sign(x) * over, z - shape.axle_height])
+        np.testing.assert_allclose(outward * shape.sprocket_radius, spoke, atol=1e-9)
+
+
+@pytest.mark.parametrize(("height", "touches"), [(1.95, True), (1.975, False)])
+def test_soles_reach_round_the_front_wheels(scene, spec, height, touches):
+    """Nose down, the furthest sole is half the axle distance, radius and half a shoe ahead."""
+    s = scene()
+    nose_down = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+    com = [0.0, 0.0, height] + nose_down @ spec.links["base"].center_of_mass
+    s.machine.tracks.step(DT, com, nose_down, np.zeros(3), np.zeros(3), 0.0)
+    assert (s.machine.tracks.shoes_in_contact > 0) == touches  # 1.572 + 0.36 + 0.03 = 1.962 m
+
+
+def test_left_track_is_the_first(scene):
+    s = scene()
+    s.machine.command([0.0] * 4, [0.0, 0.5])
+    s.run(2.0)
+    assert s.machine.base_velocity[1][2] > 0.1  # a faster right track turns left
+
+
+def test_faster_than_the_machine_is_as_fast_as_it_can(scene, spec):
+    s = scene(position=(-8.0, 0.0))
+    s.machine.command([0.0] * 4, [9.0, 9.0])
+    s.run(2.0)
+    assert s.machine.tracks.speed == pytest.approx(spec.tracks.max_speed)
+
+
+def test_machine_is_set_down_along_the_ground(scene):
+    s = scene(slope_deg=20, yaw=0.7, position=(2.0, -3.0))
+    assert s.machine.tilt == pytest.approx(math.radians(20))
+    assert s.place[2] == pytest.approx(2.0 * math.tan(math.radians(20)), abs=0.03)
+    forward = s.machine.base_pose[1]
+    assert np.linalg.norm(forward) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("position", [(99.0, 0.0), (math.nan, 0.0), (0.0, 0.0, 0.0)])
+def test_machine_off_the_map_is_refused(scene, position):
+    with pytest.raises(MachineError):
+        scene(position=position)
+
+
+def test_ground_dug_away_lets_the_machine_down(scene):
+    s = scene()
+    s.run(1.0)
+    before = s.place[2]
+    s.dig(0.1)
+    s.run(2.0)
+    assert s.place[2] - before == pytest.approx(-0.1, abs=2e-3)

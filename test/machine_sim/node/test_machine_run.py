@@ -1,0 +1,312 @@
+"""A machine in a run: its stepping, its waiting for commands, what is due to be told."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from support.machine_scenes import GRID, excavator
+
+from machine_sim.commands import CommandArbiter
+from machine_sim.dem import ParticleParams
+from machine_sim.machine.errors import MachineError
+from machine_sim.node.machine_instance import MachineInstance
+from machine_sim.node.machine_run import MachineRun, first_session_id
+from machine_sim.node.params import MachineInstanceParams, MachineNodeParams
+from machine_sim.params import MachineSimParams
+from msg_bridge.codec.run_config import RunFacts
+from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.loose_soil import LooseSoil
+from msg_bridge.contract.messages import Keyframe
+from msg_bridge.contract.rows import CONVERSION, FORCE, MAP_UPDATE, empty_rows
+from msg_bridge.exchange.soil_exchange import SoilExchange
+
+EPOCH = 4
+KEYFRAME = Keyframe(EPOCH, 0, GRID, np.zeros(GRID.shape))
+
+MakeRun = Callable[..., MachineRun]
+
+
+@pytest.fixture
+def make() -> Iterator[MakeRun]:
+    made: list[MachineRun] = []
+
+    def run(
+        *others: MachineInstanceParams,
+        tick: float = 0.01,
+        realtime: bool = False,
+        physics_step: float = 0.005,
+        **params: Any,
+    ) -> MachineRun:
+        machine, of_node = excavator(), MachineNodeParams(**params)
+        made.append(
+            MachineRun(
+                [
+                    MachineInstance(each, machine, CommandArbiter(machine))
+                    for each in (of_node, *others)
+                ],
+                of_node,
+                MachineSimParams(physics_step=physics_step),
+                ParticleParams(),
+                RunFacts(EPOCH, tick, realtime, GRID.cell, (LooseSoil(0.25, 1700.0),)),
+                KEYFRAME,
+                session_id=5,
+            )
+        )
+        return made[-1]
+
+    yield run
+    for each in made:
+        each.close()
+
+
+def good() -> bool:
+    """A command that the board takes."""
+    return True
+
+
+class Soil:
+    """Answers a run's ticks with nothing moved."""
+
+    def __init__(self, run: MachineRun) -> None:
+        self.run = run
+        self.exchange = SoilExchange(GRID, lambda: np.zeros(GRID.shape), run_id=EPOCH)
+        run.endpoint.join()
+        self.answer()
+
+    def answer(self) -> None:
+        for message in self.run.endpoint.drain_outbox():
+            self.exchange.receive(message)
+        assert self.exchange.poll() is not None
+        nothing = (empty_rows(CONVERSION), empty_rows(FORCE), empty_rows(MAP_UPDATE))
+        self.exchange.answer(*nothing, revision=0, terrain_mm3=0)
+        for message in self.exchange.drain_outbox():
+            self.run.endpoint.receive(message)
+        self.run.endpoint.poll()
+
+    def ticks(self, count: int) -> None:
+        for _ in range(count):
+            self.run.apply_commands(0.0)
+            self.run.endpoint.step()
+            self.answer()
+
+
+def test_the_run_s_facts_make_the_machine(make: MakeRun) -> None:
+    run = make(tick=0.02, machine_id=6, x=3.0, y=-2.0, yaw=90.0)
+    assert run.sim.params.steps_per_tick == 4
+    assert run.sim.particles.soils == run.facts.soils
+    assert (run.endpoint.exchange.run_id, run.endpoint.exchange.machine_id) == (EPOCH, 6)
+    position, quaternion = run.sim.machine.base_pose
+    assert position[:2] == pytest.approx([3.0, -2.0])
+    assert quaternion == pytest.approx([0, 0, math.sqrt(0.5), math.sqrt(0.5)])
+
+
+def test_a_tick_that_is_no_whole_number_of_physics_steps_is_refused(make: MakeRun) -> None:
+    with pytest.raises(ParameterError, match=r"0\.012 s, not a whole number .* 0\.005 s; set"):
+        make(tick=0.012)
+    with pytest.raises(ParameterError, match="whole number"):
+        make(tick=0.001)
+
+
+def test_a_place_off_the_map_is_refused(make: MakeRun) -> None:
+    with pytest.raises(MachineError):
+        make(x=500.0)
+
+
+def test_commands_grow_old_by_simulation_time_in_lockstep_only(make: MakeRun) -> None:
+    lockstep, realtime = make(), make(realtime=True)
+    simulated, wall = lockstep.schedulers[0], realtime.schedulers[0]
+    assert (simulated.sim_time, simulated.command_time(77.0)) == (0.0, 0.0)
+    assert wall.command_time(77.0) == 77.0
+    Soil(lockstep).ticks(3)
+    assert simulated.command_time(77.0) == simulated.sim_time == pytest.approx(0.03)
+
+
+def test_a_command_moves_the_machine_in_the_tick_that_begins_now(make: MakeRun) -> None:
+    run = make()
+    soil = Soil(run)
+    run.schedulers[0].arbiter.front([0.3, 0.0, 0.0, 0.0], run.schedulers[0].command_time(0.0))
+    (applied,) = run.apply_commands(0.0)
+    assert applied.joints.tolist() == [0.3, 0.0, 0.0, 0.0]
+    before = run.sim.machine.joint_positions[0]
+    run.endpoint.step()
+    soil.answer()
+    soil.ticks(20)
+    assert run.sim.machine.joint_positions[0] > before + 0.02
+
+
+def test_a_machine_steps_as_soon_as_it_is_answered(make: MakeRun) -> None:
+    run = make()
+    assert not run.can_step
+    soil = Soil(run)
+    for _ in range(2):  # one ahead of the soil's answers
+        assert run.can_step
+        run.endpoint.step()
+    assert not run.can_step
+    soil.answer()
+    assert run.can_step
+
+
+def test_a_machine_told_to_wait_steps_once_the_command_for_the_tick_has_come(
+    make: MakeRun,
+) -> None:
+    run = make(command_wait_period=1)
+    soil = Soil(run)
+    assert not run.can_step
+    run.schedulers[0].receive(0.0, good)
+    assert run.can_step
+    soil.ticks(1)
+    assert not run.can_step
+    run.schedulers[0].receive(0.0, good)
+    assert not run.can_step
+    run.schedulers[0].receive(0.01, good)
+    assert run.can_step
+
+
+def test_each_machine_of_a_node_is_waited_for_as_it_says(make: MakeRun) -> None:
+    run = make(
+        MachineInstanceParams(y=9.0),
+        MachineInstanceParams(y=-9.0, command_wait_period=1),
+        command_wait_period=1,
+    )
+    Soil(run)
+    run.schedulers[0].receive(0.0, good)
+    assert not run.can_step
+    run.schedulers[2].receive(0.0, good)
+    assert run.can_step
+
+
+def test_each_machine_of_a_node_does_what_it_is_told(make: MakeRun) -> None:
+    run = make(MachineInstanceParams(y=9.0))
+    Soil(run)
+    run.schedulers[1].arbiter.front([0.0, 0.1, 0.0, 0.0], 0.0)
+    first, second = run.apply_commands(0.0)
+    assert (first.joints.tolist(), second.joints.tolist()) == ([0.0] * 4, [0.0, 0.1, 0.0, 0.0])
+
+
+def test_it_waits_at_every_so_many_ticks_only(make: MakeRun) -> None:
+    run = make(command_wait_period=3)
+    soil, waited = Soil(run), []
+    for tick in range(7):
+        if not run.can_step:
+            waited.append(tick)
+        run.schedulers[0].receive(run.schedulers[0].sim_time, good)
+        soil.ticks(1)
+    assert waited == [0, 3, 6]
+
+
+def test_a_command_that_came_ahead_is_not_waited_for_again(make: MakeRun) -> None:
+    run = make(command_wait_period=1)
+    soil = Soil(run)
+    run.schedulers[0].receive(0.02, good)
+    for _ in range(3):
+        assert run.can_step
+        soil.ticks(1)
+    assert not run.can_step
+
+
+def test_a_command_counts_so_many_ticks_after_its_stamp_however_soon_it_comes(
+    make: MakeRun,
+) -> None:
+    run = make(command_wait_period=2, command_delay=2)
+    soil, counts = Soil(run), []
+
+    def sent(tick: int) -> Callable[[], bool]:
+        def deliver() -> bool:
+            counts.append((tick, run.tick + 1))
+            return True
+
+        return deliver
+
+    run.schedulers[0].receive(0.0, sent(0))
+    soil.ticks(2)
+    run.schedulers[0].receive(0.02, sent(2))
+    assert counts == []
+    soil.ticks(1)
+    assert counts == [(0, 3)]
+    soil.ticks(3)
+    assert counts == [(0, 3), (2, 5)]
+
+
+def test_the_machine_goes_on_for_the_delay_while_a_command_is_awaited(make: MakeRun) -> None:
+    run = make(command_wait_period=2, command_delay=2)
+    soil, waited = Soil(run), []
+    for tick in range(8):
+        if not run.can_step:
+            waited.append(tick)
+            run.schedulers[0].receive((tick - 2) * 0.01, good)
+        soil.ticks(1)
+    assert waited == [2, 4, 6]
+
+
+def test_a_command_that_comes_too_late_counts_at_once(make: MakeRun) -> None:
+    run = make(command_delay=2)
+    soil, delivered = Soil(run), []
+    soil.ticks(5)
+    run.schedulers[0].receive(0.01, lambda: not delivered.append(run.tick))
+    assert delivered == [5]
+
+
+def test_in_real_time_nothing_is_delayed(make: MakeRun) -> None:
+    run = make(command_delay=5, realtime=True)
+    Soil(run)
+    delivered: list[int] = []
+    run.schedulers[0].receive(0.0, lambda: not delivered.append(run.tick))
+    assert delivered == [0]
+
+
+def test_a_command_that_is_refused_is_no_answer(make: MakeRun) -> None:
+    run = make(command_wait_period=1)
+    Soil(run)
+    run.schedulers[0].receive(0.0, lambda: False)
+    assert not run.can_step
+
+
+def test_in_real_time_no_command_is_waited_for(make: MakeRun) -> None:
+    run = make(command_wait_period=1, realtime=True)
+    Soil(run)
+    assert run.can_step
+
+
+@pytest.mark.parametrize(
+    ("rate", "ticks"),
+    [(100.0, [1, 2, 3, 4]), (50.0, [2, 4]), (1000.0, [1, 2, 3, 4]), (25.0, [4]), (0.0, [])],
+)
+def test_what_is_told_is_due_at_its_rate_in_simulated_time(
+    make: MakeRun, rate: float, ticks: list[int]
+) -> None:
+    run = make()
+    assert [tick for tick in range(1, 5) if run.is_due(tick, rate)] == ticks
+
+
+def test_a_life_is_above_those_of_earlier_processes() -> None:
+    run_id = 1_800_000_000
+    lives = [
+        first_session_id("/excavator", run_id, run_id + after) for after in (0.9, 1.1, 60.0, 4e6)
+    ]
+    assert lives == sorted(set(lives))
+    assert lives[0] >= 0
+    assert lives[-1] < 2**32 - 2**10
+
+
+def test_a_host_whose_clock_is_behind_has_rising_lives_too() -> None:
+    run_id = 1_800_000_000
+    lives = [
+        first_session_id("/excavator", run_id, run_id + after) for after in (-5000.0, -1.0, 1.0)
+    ]
+    assert 0 <= lives[0] < lives[1] < lives[2]
+
+
+def test_machines_that_begin_in_the_same_instant_have_lives_of_their_own() -> None:
+    names = ["/excavator", *(f"/excavator_{n}" for n in range(2, 6)), "/road_header"]
+    assert len({first_session_id(name, 100, 200.0) for name in names}) == len(names)
+
+
+def test_a_stamp_of_another_clock_is_no_answer(make: MakeRun) -> None:
+    run = make(command_wait_period=1)
+    Soil(run)
+    run.schedulers[0].receive(1.7e9, good)  # seconds since 1970
+    assert not run.can_step

@@ -1,0 +1,133 @@
+import numpy as np
+import pytest
+from support.machine_scenes import machine_on_level_ground
+
+from machine_sim.machine import MachineError
+from machine_sim.params import MachineSimParams
+from machine_sim.simulation import MachineSim
+from msg_bridge.contract.rows import CONVERSION, MAP_UPDATE, ConversionKind, empty_rows
+
+NOTHING = (empty_rows(CONVERSION), empty_rows(MAP_UPDATE))
+
+
+@pytest.fixture
+def machine():
+    made = machine_on_level_ground()
+    yield made
+    made.close()
+
+
+def drop(machine: MachineSim, count: int) -> None:
+    """Soil on the ground beside the machine."""
+    x = np.column_stack([np.linspace(4, 6, count), np.full(count, 5.0), np.full(count, 0.04)])
+    machine.particles.add(x, np.zeros_like(x), 500_000)
+
+
+def land(machine: MachineSim):
+    for _ in range(100):
+        step = machine.step()
+        if step.deposit_requests.size:
+            return step
+        machine.apply(*NOTHING)
+    raise AssertionError("nothing landed in a second")
+
+
+def test_soil_at_rest_is_offered_once_and_kept_until_answered(machine: MachineSim) -> None:
+    drop(machine, 3)
+    step = land(machine)
+    assert step.deposit_requests["volume_mm3"].tolist() == [500_000] * 3
+    assert step.particles_mm3 == 1_500_000
+    machine.apply(*NOTHING)
+    assert machine.step().deposit_requests.size == 0
+    assert machine.particles.total_volume_mm3 == 1_500_000
+
+
+def test_an_answered_landing_takes_the_particle_away(machine: MachineSim) -> None:
+    drop(machine, 3)
+    step = land(machine)
+    answer = empty_rows(CONVERSION, 2)
+    answer["particle_id"] = step.deposit_requests["particle_id"][:2]
+    answer["kind"] = [ConversionKind.DEPOSIT, ConversionKind.OUTSIDE]
+    machine.apply(answer, empty_rows(MAP_UPDATE))
+    assert machine.particles.state.particle_id.tolist() == [step.deposit_requests["particle_id"][2]]
+
+
+def test_a_refused_landing_lets_the_particle_go_and_it_lands_again(machine: MachineSim) -> None:
+    drop(machine, 1)
+    step = land(machine)
+    answer = empty_rows(CONVERSION, 1)
+    answer["particle_id"], answer["kind"] = (
+        step.deposit_requests["particle_id"],
+        ConversionKind.REJECT,
+    )
+    machine.apply(answer, empty_rows(MAP_UPDATE))
+    again = land(machine)
+    assert again.deposit_requests["particle_id"] == step.deposit_requests["particle_id"]
+
+
+def test_soil_that_leaves_the_map_is_offered_too(machine: MachineSim) -> None:
+    machine.particles.add([[99.0, 0.0, 1.0]], [[0.0, 0.0, 0.0]], 500_000)
+    assert machine.step().deposit_requests["x"][0] == pytest.approx(99.0, abs=0.1)
+
+
+def test_the_load_weighs_on_the_machine() -> None:
+    boom = []
+    for loaded in (True, False):
+        machine = machine_on_level_ground(params=MachineSimParams(payload_coupling=loaded))
+        pose = machine.machine.tool.pose
+        rng = np.random.default_rng(0)
+        local = np.column_stack(
+            [rng.uniform(0.4, 1.1, 900), rng.uniform(-0.4, 0.4, 900), rng.uniform(0.1, 0.5, 900)]
+        )
+        machine.particles.add(local @ pose[0].T + pose[1], np.zeros_like(local), 500_000)
+        for _ in range(150):
+            machine.step()
+            machine.apply(*NOTHING)
+        boom.append(abs(machine.machine.joint_efforts[1]))
+        machine.close()
+    assert boom[0] > boom[1] + 20e3  # 0.8 t at more than 2.5 m
+
+
+def test_payload_is_what_is_in_the_bucket(machine: MachineSim) -> None:
+    assert machine.payload.fill == 0.0
+    rotation, origin = machine.machine.tool.pose
+    local = np.array([[0.7, 0.0, 0.3], [0.8, 0.2, 0.2], [5.0, 0.0, 0.0]])
+    machine.particles.add(local @ rotation.T + origin, np.zeros((3, 3)), 500_000)
+    machine.step()
+    payload = machine.payload
+    assert payload.bank == pytest.approx(1e-3)
+    assert payload.loose == pytest.approx(1e-3, rel=1e-6)
+    assert payload.mass == pytest.approx(1.6)
+
+
+def test_a_bad_command_changes_nothing(machine: MachineSim) -> None:
+    with pytest.raises(MachineError):
+        machine.command(np.array([np.nan, 0, 0, 0]), np.zeros(2))
+    before = machine.machine.joint_positions
+    for _ in range(20):
+        machine.step()
+        machine.apply(*NOTHING)
+    assert machine.machine.joint_positions == pytest.approx(before, abs=1e-3)
+
+
+def test_every_tick_tells_the_key_points(machine: MachineSim) -> None:
+    first = machine.step().sweeps
+    machine.apply(*NOTHING)
+    second = machine.step().sweeps
+    assert first.size == second.size == 14
+    assert np.array_equal(first["x1"], second["x0"])
+
+
+def test_equal_machines_have_equal_hashes_and_others_not() -> None:
+    hashes = []
+    for speed in (0.3, 0.3, 0.31):
+        machine = machine_on_level_ground()
+        drop(machine, 20)
+        machine.command(np.array([speed, -0.1, 0.2, 0.1]), np.array([0.5, 0.5]))
+        for _ in range(50):
+            machine.step()
+            machine.apply(*NOTHING)
+        hashes.append(machine.state_hash())
+        machine.close()
+    assert hashes[0] == hashes[1]
+    assert hashes[0] != hashes[2]

@@ -1,0 +1,282 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.machine_scenes import GRID, excavator
+
+from machine_sim.dem import ParticleEngine, ParticleError, ParticleParams
+from machine_sim.ground.contact_surface import Ground
+from machine_sim.reference_cubes import CubeEngine
+from machine_sim.tool_soil.pending_soil import PendingSoil, coarse_graining_factor
+from msg_bridge.contract.loose_soil import LooseSoil
+from msg_bridge.contract.rows import CONVERSION, ConversionKind, Rows, empty_rows
+
+BUCKET = excavator().bucket
+POSE = (np.eye(3), np.array([1.0, 2.0, 3.0]))
+NOMINAL = 500_000
+
+
+def engine() -> ParticleEngine:
+    return ParticleEngine(ParticleParams(), Ground(GRID, np.full(GRID.shape, -50.0)))
+
+
+def pending(max_per_tick: int = 60) -> PendingSoil:
+    rng = np.random.default_rng(0)
+    return PendingSoil(BUCKET, rng, nominal_mm3=NOMINAL, max_per_tick=max_per_tick)
+
+
+def parcels(*volumes: int) -> Rows:
+    rows = empty_rows(CONVERSION, len(volumes))
+    rows["volume_mm3"] = volumes
+    rows["row"] = np.arange(len(volumes))
+    rows["kind"] = ConversionKind.EXCAVATE
+    rows["x"], rows["y"], rows["z"] = 1.7, 2.0, 3.4
+    return rows
+
+
+def test_parcels_of_a_column_gather_until_they_make_a_particle() -> None:
+    soil, particles = pending(), engine()
+    soil.receive(parcels(300_000), POSE, 0)
+    assert soil.release(particles, POSE, 1) == 0
+    soil.receive(parcels(300_000), POSE, 1)
+    assert soil.release(particles, POSE, 2) == 1
+    assert particles.total_volume_mm3 == NOMINAL
+    assert soil.total_mm3 == 100_000
+
+
+def test_particles_appear_inside_the_bucket_off_its_plates() -> None:
+    soil, particles = pending(), engine()
+    rows = parcels(*[NOMINAL] * 50)
+    rows["y"] = np.linspace(1.0, 3.0, 50)  # a column may reach beyond the bucket's side
+    soil.receive(rows, POSE, 0)
+    soil.release(particles, POSE, 1)
+    local = particles.state.position - POSE[1]
+    assert (np.abs(local[:, 1]) <= 0.5 * BUCKET.width - 0.019).all()
+
+
+def test_pending_soil_moves_with_the_tool() -> None:
+    soil, particles = pending(), engine()
+    soil.receive(parcels(NOMINAL), POSE, 0)
+    soil.release(particles, (np.eye(3), POSE[1] + [0.0, 0.0, 5.0]), 1)
+    assert particles.state.position[0, 2] > 7.5
+
+
+def test_what_one_tick_cannot_release_waits() -> None:
+    soil, particles = pending(max_per_tick=4), engine()
+    soil.receive(parcels(10 * NOMINAL), POSE, 0)
+    assert soil.release(particles, POSE, 1) == 4
+    assert soil.total_mm3 == 6 * NOMINAL
+    assert soil.release(particles, POSE, 2) == 4
+
+
+def test_the_remainder_of_columns_left_behind_becomes_a_particle() -> None:
+    soil, particles = pending(), engine()
+    soil.receive(parcels(*[90_000] * 6), POSE, 0)
+    for tick in range(1, 10):
+        soil.release(particles, POSE, tick)
+    assert particles.count >= 1
+    assert particles.total_volume_mm3 + soil.total_mm3 == 6 * 90_000
+    assert soil.total_mm3 < NOMINAL / 4
+    assert particles.state.volume_mm3.max() < 1.25 * NOMINAL
+
+
+@pytest.mark.parametrize("volume", [90_000, 499_000])
+def test_what_found_no_room_comes_out_when_there_is_some_and_no_larger(volume: int) -> None:
+    params = ParticleParams(capacity=1000)
+    particles = ParticleEngine(params, Ground(GRID, np.full(GRID.shape, -50.0)))
+    ids = particles.add(np.zeros((1000, 3)), np.zeros((1000, 3)), NOMINAL)
+    soil, total = pending(max_per_tick=20), 9000 * volume
+    soil.receive(parcels(*[volume] * 9000), POSE, 0)
+    for tick in range(1, 10):
+        assert soil.release(particles, POSE, tick) == 0
+    assert soil.total_mm3 == total
+    particles.remove(ids)
+    for tick in range(10, 1000):
+        before, last = particles.count, particles.state.next_id
+        made = soil.release(particles, POSE, tick)
+        assert made <= 20
+        new = particles.state.volume_mm3[particles.state.particle_id >= last]
+        assert (new < (coarse_graining_factor(before + made, 1000) + 0.25) * NOMINAL).all()
+        assert soil.total_mm3 + particles.total_volume_mm3 == total
+        if particles.free_capacity == 0:  # all that is in it lands
+            particles.remove(particles.state.particle_id)
+            total = soil.total_mm3
+    assert soil.total_mm3 < NOMINAL / 4
+
+
+def test_what_the_engine_refuses_stays_pending() -> None:
+    soil, particles = pending(), engine()
+    rows = parcels(*[5 * NOMINAL // 2] * 4)
+    rows["moisture"] = (7, 20, 33, 50)
+    soil.receive(rows, POSE, 0)
+    lost = (np.eye(3), np.array([np.nan, 0.0, 0.0]))
+    for tick in (1, 10):
+        with pytest.raises(ParticleError):
+            soil.release(particles, lost, tick)
+        assert soil.total_mm3 == 10 * NOMINAL
+        assert soil.water == water_in(rows)
+    soil.release(particles, POSE, 11)
+    assert particles.count == 10
+    state = particles.state
+    carried = int((state.volume_mm3 * state.moisture.astype(np.int64)).sum())
+    assert soil.water + carried == water_in(rows)
+
+
+def test_answers_to_landings_are_no_parcels() -> None:
+    soil = pending()
+    rows = parcels(NOMINAL, NOMINAL)
+    rows["kind"] = [ConversionKind.DEPOSIT, ConversionKind.REJECT]
+    soil.receive(rows, POSE, 0)
+    assert soil.total_mm3 == 0
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.lists(st.lists(st.integers(1, 3_000_000), max_size=6), max_size=15))
+def test_no_volume_is_lost_between_parcels_and_particles(ticks: list[list[int]]) -> None:
+    soil, particles = pending(max_per_tick=5), engine()
+    total = 0
+    for tick, volumes in enumerate(ticks):
+        soil.receive(parcels(*volumes), POSE, tick)
+        total += sum(volumes)
+        soil.release(particles, POSE, tick)
+        assert soil.total_mm3 + particles.total_volume_mm3 == total
+
+
+def test_particles_of_one_place_are_scattered() -> None:
+    soil, particles = pending(), engine()
+    soil.receive(parcels(8 * NOMINAL), POSE, 0)
+    soil.release(particles, POSE, 1)
+    position = particles.state.position
+    assert np.unique(position.round(4), axis=0).shape[0] == 8
+    assert position.std(axis=0) == pytest.approx(0.045, abs=0.04)
+
+
+def test_lumps_vary_in_size_as_the_soil_says_and_no_volume_is_lost() -> None:
+    soil = pending(max_per_tick=1000)
+    particles = ParticleEngine(
+        ParticleParams(),
+        Ground(GRID, np.full(GRID.shape, -50.0)),
+        soils=[LooseSoil(size_spread=0.5)],
+    )
+    soil.receive(parcels(200 * NOMINAL), POSE, 0)
+    soil.release(particles, POSE, 1)
+    volumes = particles.state.volume_mm3
+    assert volumes.min() < 0.6 * NOMINAL
+    assert volumes.max() > 1.4 * NOMINAL
+    assert volumes.mean() == pytest.approx(NOMINAL, rel=0.1)
+    assert soil.total_mm3 + particles.total_volume_mm3 == 200 * NOMINAL
+
+
+def water_in(rows: Rows) -> int:
+    """Volume times moisture of rows [mm^3 %]."""
+    return int((rows["volume_mm3"].astype(np.int64) * rows["moisture"]).sum())
+
+
+@pytest.mark.parametrize("engine_of", [ParticleEngine, CubeEngine])
+def test_particles_are_as_moist_as_what_was_dug_and_not_as_their_soil_is_found(engine_of) -> None:
+    soil = pending()
+    particles = engine_of(
+        ParticleParams(), Ground(GRID, np.full(GRID.shape, -50.0)), soils=[LooseSoil(moisture=40)]
+    )
+    rows = parcels(NOMINAL, NOMINAL, 3 * NOMINAL)
+    rows["moisture"] = (0, 100, 63)
+    soil.receive(rows, POSE, 0)
+    soil.release(particles, POSE, 1)
+    assert particles.state.moisture.tolist() == [0, 100, 63, 63, 63]
+    particles.close()
+
+
+def test_wet_particles_touch_as_wet_soil_does() -> None:
+    soil = pending()
+    kind = LooseSoil(
+        repose_angles=(35.0, 40.0, 22.0),
+        cohesion=8000.0,
+        adhesion=1000.0,
+        moisture_strength_factors=(1.0, 1.5, 0.5),
+    )
+    ground = Ground(GRID, np.full(GRID.shape, -50.0))
+    particles = ParticleEngine(ParticleParams(), ground, soils=[kind])
+    rows = parcels(NOMINAL, NOMINAL)
+    rows["moisture"] = (0, 50)
+    soil.receive(rows, POSE, 0)
+    soil.release(particles, POSE, 1)
+    state = particles.state
+    dry, damp = state.cohesion.tolist()
+    assert damp == pytest.approx(1.5 * dry)
+    assert state.adhesion[1] == pytest.approx(1.5 * state.adhesion[0])
+    assert state.rolling_friction[1] > state.rolling_friction[0], "damp soil stands steeper"
+
+
+def test_parcels_of_one_column_mix_by_volume() -> None:
+    soil, particles = pending(), engine()
+    for volume, moisture in ((NOMINAL // 4, 80), (NOMINAL - NOMINAL // 4, 20)):
+        rows = parcels(volume)
+        rows["moisture"] = moisture
+        soil.receive(rows, POSE, 0)
+    soil.release(particles, POSE, 1)
+    assert particles.state.moisture.tolist() == [35]
+
+
+PARCEL = st.tuples(st.integers(1, 3_000_000), st.integers(0, 100), st.integers(0, 3))
+"""Volume [mm^3], moisture [%], column."""
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.lists(st.lists(PARCEL, max_size=6), max_size=15))
+def test_no_water_is_lost_between_parcels_and_particles(
+    ticks: list[list[tuple[int, int, int]]],
+) -> None:
+    soil = pending(max_per_tick=5)
+    ground = Ground(GRID, np.full(GRID.shape, -50.0))
+    particles = ParticleEngine(ParticleParams(), ground, soils=[LooseSoil(size_spread=0.5)])
+    given_water, largest = 0, 0
+    for tick, volumes in enumerate(ticks):
+        rows = parcels(*(volume for volume, _, _ in volumes))
+        rows["moisture"] = [moisture for _, moisture, _ in volumes]
+        rows["row"] = [column for _, _, column in volumes]
+        soil.receive(rows, POSE, tick)
+        given_water += water_in(rows)
+        soil.release(particles, POSE, tick)
+        state = particles.state
+        carried = int((state.volume_mm3 * state.moisture.astype(np.int64)).sum())
+        assert soil.water + carried == given_water
+        largest = max([largest, *state.volume_mm3.tolist()])
+        assert abs(soil._rounding_error) <= largest / 2
+        seen = [moisture for each in ticks for _, moisture, _ in each]
+        assert all(min(seen) <= moisture <= max(seen) for moisture in state.moisture)
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.lists(st.lists(st.integers(1, 3_000_000), max_size=6), max_size=15), st.integers(0, 100))
+def test_soil_of_one_moisture_keeps_it(ticks: list[list[int]], moisture: int) -> None:
+    soil, particles = pending(max_per_tick=5), engine()
+    for tick, volumes in enumerate(ticks):
+        rows = parcels(*volumes)
+        rows["moisture"] = moisture
+        soil.receive(rows, POSE, tick)
+        soil.release(particles, POSE, tick)
+    assert set(particles.state.moisture.tolist()) <= {moisture}
+    assert soil.water == moisture * soil.total_mm3
+
+
+def test_a_full_engine_gets_coarser_parcels_then_lets_them_wait() -> None:
+    soil = pending(max_per_tick=1000)
+    params = ParticleParams(capacity=40)
+    particles = ParticleEngine(params, Ground(GRID, np.full(GRID.shape, -50.0)))
+    given = 400 * NOMINAL
+    soil.receive(parcels(*[4 * NOMINAL] * 100), POSE, 0)
+    for tick in range(1, 30):
+        soil.release(particles, POSE, tick)
+        soil.receive(parcels(*[2 * NOMINAL] * 100), POSE, tick)
+        given += 200 * NOMINAL
+    assert particles.count == 40
+    assert particles.state.volume_mm3.max() > 3 * NOMINAL
+    assert particles.state.volume_mm3.max() < 8.25 * NOMINAL
+    assert soil.total_mm3 + particles.total_volume_mm3 == given
+    assert coarse_graining_factor(10, 40) == 1.0
+    assert coarse_graining_factor(40, 40) == 8.0
+    for tick in range(30, 400):
+        particles.remove(particles.state.particle_id[:5])
+        soil.release(particles, POSE, tick)
+        assert (particles.state.volume_mm3 < 8.25 * NOMINAL).all()
+    assert soil.total_mm3 < NOMINAL / 4

@@ -1,0 +1,147 @@
+"""What the soil does to the tool, it does to the machine: it drags, lifts and stalls it."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support.machine_scenes import (
+    excavator,
+    level_soil,
+    loose_soil_options,
+    machine_on_level_ground,
+)
+
+from earthmoving_sim.world import World
+from machine_sim.machine import MachineSpec
+from machine_sim.machine.tracks.track_model import TRACK_MODELS, TrackModel
+from machine_sim.params import MachineSimParams
+
+Array = NDArray[np.float64]
+
+BOTH = pytest.mark.parametrize("tracks", TRACK_MODELS)
+STILL = np.zeros(2)
+
+
+class Dig:
+    """A machine in a world of one kind of soil."""
+
+    def __init__(
+        self,
+        soil: str,
+        tracks: TrackModel = "kinematic",
+        spec: MachineSpec | None = None,
+    ) -> None:
+        ground = level_soil(soil=soil)
+        self.sim = machine_on_level_ground(
+            spec, params=MachineSimParams(track_model=tracks), **loose_soil_options(ground)
+        )
+        self.machine = self.sim.machine
+        self.world = World(ground, {1: self.sim})
+        self.move([0.0] * 4, 0.5)
+
+    def bury(self) -> None:
+        """Drag the bucket 1.3 m into the ground."""
+        self.reach(-0.1, 1.6, 0.3)
+        self.move([0.0] * 4, 3.0, tracks=-0.5)
+        self.move([0.0] * 4, 0.3)
+
+    def step(self) -> None:
+        """One tick."""
+        assert self.world.step().imbalance == 0
+
+    def move(self, joints: list[float], seconds: float, tracks: float = 0.0) -> None:
+        """Move joints [rad/s] and both tracks [m/s] at constant speeds."""
+        self.sim.command(np.array(joints), np.full(2, tracks))
+        for _ in range(round(seconds / self.sim.params.tick_period)):
+            self.step()
+
+    def reach(self, boom: float, arm: float, bucket: float) -> None:
+        """Take the joints to these angles [rad]."""
+        for _ in range(500):
+            off = np.array([0.0, boom, arm, bucket]) - self.machine.joint_positions
+            if np.abs(off).max() < 0.02:
+                break
+            self.sim.command(np.clip(3.0 * off, -0.5, 0.5), STILL)
+            self.step()
+        self.sim.command(np.zeros(4), STILL)
+
+    @property
+    def base(self) -> Array:
+        """Place of the base [m]."""
+        return self.machine.base_pose[0]
+
+    @property
+    def lip(self) -> Array:
+        """Place of the cutting lip's middle [m]."""
+        rotation, origin = self.machine.tool.pose
+        lip: Array = origin + rotation[:, 0] * self.machine.spec.bucket.tip_radius
+        return lip
+
+
+@pytest.fixture
+def dig() -> Iterator[Callable[..., Dig]]:
+    """Make digs; they are closed after the test."""
+    made: list[Dig] = []
+
+    def make(*args: object, **options: object) -> Dig:
+        made.append(Dig(*args, **options))  # type: ignore[arg-type]
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.world.close()
+
+
+@BOTH
+def test_what_drags_at_the_tool_the_tracks_push(dig, tracks) -> None:
+    """At a steady speed the ground gives the tracks what the soil takes from the tool."""
+    d = dig("dry clay", tracks)
+    d.reach(-0.1, 1.6, 0.3)
+    d.move([0.0] * 4, 2.5, tracks=-0.4)
+    at_tool, at_tracks, start = [], [], d.base[0]
+    for _ in range(400):
+        d.step()
+        at_tool.append(d.sim.tool_coupling.wrench[0])
+        at_tracks.append(d.machine.tracks.wrench[:3].copy())
+    tool, ground = np.mean(at_tool, axis=0), np.mean(at_tracks, axis=0)
+    assert d.base[0] - start < -0.6
+    assert tool[0] > 20e3
+    assert ground[0] == pytest.approx(-tool[0], rel=0.05)
+    assert abs(ground[1]) < 0.05 * tool[0]
+    weight = 9.81 * d.machine.spec.mass
+    assert ground[2] + tool[2] == pytest.approx(weight, rel=0.05)
+
+
+@BOTH
+def test_a_bucket_pushed_down_at_full_reach_lifts_the_front(dig, tracks) -> None:
+    d = dig("loam", tracks)
+    d.reach(-0.2, 0.7, 0.9)
+    d.move([0.0, 0.2, 0.0, 0.0], 3.0)
+    assert 0.1 < d.machine.tilt < 0.5
+    assert d.base[2] > 0.1
+
+
+def test_soil_too_strong_stalls_the_arm_at_its_relief_pressure(dig) -> None:
+    d = dig("dry clay")
+    relief = d.machine.spec.supply.main_relief_pressure
+    d.bury()
+    d.move([0.0, 0.0, 0.5, 0.0], 1.25)
+    before, pressures = d.machine.joint_positions[2], []
+    for _ in range(75):
+        d.step()
+        pressures.append(d.machine.cylinders["arm"].head_pressure)
+    # Not a quarter of what it is told: what there is, is the machine's, which is drawn along.
+    assert d.machine.joint_positions[2] - before < 0.25 * 0.5 * 0.75
+    assert np.median(pressures) == pytest.approx(relief, rel=0.01)
+
+
+def test_soil_stronger_than_the_tracks_grip_drags_the_machine_to_its_tool(dig) -> None:
+    slippery = excavator()
+    slippery = replace(slippery, tracks=replace(slippery.tracks, friction=0.5))
+    d = dig("dry clay", spec=slippery)
+    d.bury()
+    stood = d.base
+    d.move([0.0, 0.0, 0.5, 0.0], 1.75)
+    assert (d.base - stood)[0] > 0.5

@@ -1,0 +1,194 @@
+"""What the soil's wrench does to a tool: it resists, it stalls, and it never drives."""
+
+import numpy as np
+import pytest
+from support.machine_scenes import level_soil, loose_soil_options, machine_on_level_ground
+
+from earthmoving_sim.world import World
+from machine_sim.machine import MachineError
+from machine_sim.simulation import MachineSim
+from machine_sim.tool_soil.resistance import FORCE_TIMEOUT_TICKS, SoilResistance
+from msg_bridge.contract.rows import CONVERSION, FORCE, MAP_UPDATE, Rows, SoilReaction, empty_rows
+from soil_sim.soil import Soil
+
+DT = 0.005
+REST = (np.eye(3), np.zeros(3))
+
+
+def forces(fx: float = 0.0, point: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Rows:
+    rows = empty_rows(FORCE, 1)
+    rows["x"], rows["y"], rows["z"] = point
+    rows["fx"] = fx
+    return rows
+
+
+def pushed(resistance: SoilResistance, speed: float, steps: int) -> float:
+    """Force along x [N] after some steps at a speed [m/s]."""
+    for _ in range(steps):
+        force, _ = resistance.step(REST, (np.array([speed, 0.0, 0.0]), np.zeros(3)), DT)
+    return float(force[0])
+
+
+def lip(machine: MachineSim) -> np.ndarray:
+    rotation, origin = machine.machine.tool.pose
+    return origin + rotation @ np.array([1.45, 0.0, 0.0])
+
+
+def swung(machine: MachineSim, against: float | None, ticks: int) -> list[float]:
+    """y of the lip [m] of a machine that swings left, against a force along y [N]."""
+    machine.command(np.array([0.3, 0, 0, 0]), np.zeros(2))
+    way = []
+    for _ in range(ticks):
+        machine.step()
+        rows = empty_rows(FORCE, 1)
+        rows["x"], rows["y"], rows["z"] = lip(machine)
+        rows["fy"] = against or 0.0
+        machine.apply(empty_rows(CONVERSION), empty_rows(MAP_UPDATE), rows)
+        way.append(float(lip(machine)[1]))
+    return way
+
+
+def test_a_tool_that_cuts_feels_all_of_the_force() -> None:
+    resistance = SoilResistance(800.0, 20e3, DT)
+    resistance.receive(forces(-20e3), REST)
+    assert pushed(resistance, 0.5, 20) == pytest.approx(-20e3)
+    assert resistance.cut.active_fraction == 1.0
+
+
+def test_soil_does_not_push_a_tool_at_rest_or_on_its_way_back() -> None:
+    resistance = SoilResistance(800.0, 20e3, DT)
+    resistance.receive(forces(-20e3), REST)
+    assert pushed(resistance, 0.0, 10) == 0.0
+    assert pushed(resistance, -0.5, 10) == 0.0
+
+
+def test_a_tool_at_rest_stays_held_and_one_that_left_is_let_go() -> None:
+    resistance = SoilResistance(800.0, 20e3, DT)
+    resistance.receive(forces(-20e3), REST)
+    for _ in range(10 * FORCE_TIMEOUT_TICKS):
+        resistance.begin_tick()
+        resistance.receive(forces(), REST)
+    assert resistance.is_active
+    resistance.receive(forces(), (np.eye(3), np.array([0.0, 0.0, 0.1])))
+    assert not resistance.is_active
+
+
+def test_a_wrench_lapses_when_nothing_more_is_heard() -> None:
+    resistance = SoilResistance(800.0, 20e3, DT)
+    resistance.receive(forces(-20e3), REST)
+    for _ in range(FORCE_TIMEOUT_TICKS):
+        resistance.begin_tick()
+    assert resistance.is_active
+    resistance.begin_tick()
+    assert not resistance.is_active
+
+
+def test_a_wrench_that_is_not_finite_is_refused() -> None:
+    resistance = SoilResistance(800.0, 20e3, DT)
+    with pytest.raises(MachineError, match="finite metres"):
+        resistance.receive(forces(np.nan), REST)
+    assert not resistance.is_active
+
+
+def test_more_than_the_machine_can_push_stalls_it_and_does_not_push_it_back() -> None:
+    free, stalled = machine_on_level_ground(), machine_on_level_ground()
+    assert swung(free, None, 150)[-1] > 1.0
+    way = swung(stalled, -500e3, 150)  # its swing drive pushes some 50 kN
+    assert way[-1] < 0.3
+    assert min(way) > -0.01
+    assert max(way[75:]) - min(way[75:]) < 0.05
+    assert stalled.tool_coupling.wrench[0][1] < -10e3
+    free.close()
+    stalled.close()
+
+
+def test_digging_in_clay_is_felt_and_repeatable() -> None:
+    found = []
+    for _ in range(2):
+        soil = level_soil(soil="dry clay")
+        machine = machine_on_level_ground(**loose_soil_options(soil))
+        world = World(soil, {1: machine})
+        felt = 0.0
+        for joints, ticks in (([0, 0.4, -0.4, -0.5], 150), ([0, 0.4, 0.3, 0], 20)):
+            machine.command(np.array(joints, dtype=np.float64), np.zeros(2))
+            for _ in range(ticks):
+                world.step()
+                felt = max(felt, float(np.abs(machine.tool_coupling.wrench[0]).max()))
+        found.append((machine.state_hash(), felt))
+        machine.close()
+    assert found[0] == found[1]
+    assert found[0][1] > 1e3
+
+
+def bearing(fz: float) -> Rows:
+    rows = empty_rows(FORCE, 2)
+    rows["reaction"] = (SoilReaction.CUT, SoilReaction.BEARING)
+    rows["fz"] = (0.0, fz)
+    return rows
+
+
+def test_ground_bears_what_leans_on_it_and_lets_go_what_is_lifted() -> None:
+    resistance = SoilResistance(800.0, 20e3, DT)
+    resistance.receive(bearing(300e3), REST)
+    down = (np.array([0.0, 0.0, -0.01]), np.zeros(3))
+    force, _ = resistance.step(REST, down, DT)
+    assert 0.0 < force[2] < 300e3
+    assert resistance.step(REST, (-down[0], np.zeros(3)), DT)[0][2] == 0.0
+    resistance.receive(bearing(0.0), (np.eye(3), np.array([0.0, 0.0, 0.02])))
+    assert resistance.is_active, "it may have bounced"
+    resistance.receive(bearing(0.0), (np.eye(3), np.array([0.0, 0.0, 0.1])))
+    assert not resistance.is_active
+
+
+def test_ground_gives_in_to_more_than_it_carries() -> None:
+    resistance = SoilResistance(800.0, 20e3, DT)
+    resistance.receive(bearing(50e3), REST)
+    for _ in range(20):
+        force, _ = resistance.step(REST, (np.array([0.0, 0.0, -0.5]), np.zeros(3)), DT)
+    assert force[2] == pytest.approx(50e3)
+
+
+def test_a_machine_that_stands_on_its_bucket_stands() -> None:
+    """Boom down lifts the tracks' front; then nothing moves for two seconds."""
+    soil = level_soil(soil="loam")
+    machine = machine_on_level_ground(**loose_soil_options(soil))
+    world = World(soil, {1: machine})
+    heights = []
+    for boom, ticks in ((0.35, 260), (0.0, 400)):
+        machine.command(np.array([0.0, boom, 0.0, 0.0]), np.zeros(2))
+        for _ in range(ticks):
+            world.step()
+            heights.append(float(machine.machine.base_pose[0][2]))
+    machine.close()
+    assert heights[-1] > 0.2, "it is lifted"
+    assert max(heights[-200:]) - min(heights[-200:]) < 0.02, "and stays so"
+
+
+def led(soil: Soil, *strokes: tuple[list[float], int]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Lip and base [m] at the end of each stroke: joint velocities, and for how many ticks."""
+    machine = machine_on_level_ground(**loose_soil_options(soil))
+    world = World(soil, {1: machine})
+    found = []
+    for joints, ticks in strokes:
+        machine.command(np.array(joints, dtype=np.float64), np.zeros(2))
+        for _ in range(ticks):
+            world.step()
+        found.append((lip(machine), np.array(machine.machine.base_pose[0])))
+    machine.close()
+    return found
+
+
+@pytest.mark.parametrize("name", ["loam", "rock"])
+def test_a_bucket_pushed_down_on_its_back_lifts_the_machine(name) -> None:
+    (tip, base), *_ = led(level_soil(soil=name), ([0, 0.3, -0.3, -0.5], 250))
+    assert tip[2] > -0.2, "it does not go into the ground"
+    assert base[2] > 0.15, "so the machine goes up"
+
+
+def test_a_bucket_that_stands_in_rock_turns_the_machine_instead_of_itself() -> None:
+    into = ([0, 0.3, -0.1, -0.3], 200)
+    swing = ([0.4, 0, 0, 0], 150)
+    for name, held in (("rock", True), ("reference", False)):
+        (before, stood), (after, stands) = led(level_soil(soil=name), into, swing)
+        assert (abs(after[1] - before[1]) < 0.2) == held
+        assert (abs(stands[1] - stood[1]) > 0.3) == held

@@ -1,0 +1,64 @@
+import numpy as np
+import pytest
+from support.machine_scenes import excavator
+
+from machine_sim.machine.arm_kinematics import tool_pose
+from machine_sim.tool_soil.sweep import BucketSweep, TrackSweep
+from msg_bridge.contract.rows import SweepAction
+
+MACHINE = excavator()
+BUCKET = MACHINE.bucket
+DIGGING = tool_pose(MACHINE, np.zeros(3), np.eye(3), [0.0, -0.35, 1.3, 1.1])
+
+
+def moved(way: tuple[float, float, float]):
+    rotation, origin = DIGGING
+    return rotation, origin + np.array(way)
+
+
+def test_rows_are_the_key_points_left_before_right_lip_first() -> None:
+    rows = BucketSweep(BUCKET, 3).rows(DIGGING, moved((-0.01, 0, 0)))
+    assert rows.size == 14
+    assert rows["pair"].tolist() == [k // 2 for k in range(14)]
+    assert (rows["tool"] == 3).all()
+    assert (rows["y0"][0::2] > rows["y0"][1::2]).all()
+    lip = DIGGING[0] @ BUCKET.key_points[0] + DIGGING[1]
+    assert [rows["x0"][0], rows["y0"][0], rows["z0"][0]] == pytest.approx(lip, abs=1e-5)
+    assert rows["x1"] - rows["x0"] == pytest.approx(-0.01, abs=1e-5)
+
+
+def test_a_bucket_drawn_in_lip_first_cuts() -> None:
+    rows = BucketSweep(BUCKET, 0).rows(DIGGING, moved((-0.01, 0, -0.002)))
+    assert (rows["action"][:6] == SweepAction.CUT).all()
+
+
+def test_a_bucket_pushed_onto_its_back_presses() -> None:
+    rotation, _ = DIGGING
+    outward = rotation @ BUCKET.outward_normals[3]
+    rows = BucketSweep(BUCKET, 0).rows(DIGGING, moved(tuple(0.01 * outward)))
+    assert (rows["action"][6:8] == SweepAction.COMPACT).all()
+
+
+def test_a_bucket_at_rest_counts_as_cutting() -> None:
+    assert (BucketSweep(BUCKET, 0).rows(DIGGING, DIGGING)["action"] == SweepAction.CUT).all()
+
+
+def test_tracks_that_drive_press_what_is_under_their_shoes() -> None:
+    start, end = (np.eye(3), np.zeros(3)), (np.eye(3), np.array([0.02, 0.0, 0.0]))
+    tracks = MACHINE.tracks
+    rows = TrackSweep(tracks, 1).rows(start, end)
+    assert rows["tool"].tolist() == [1] * 4 + [2] * 4
+    assert rows["pair"].tolist() == [0, 0, 1, 1] * 2
+    assert (rows["action"] == SweepAction.COMPACT).all()
+    left = rows[:4]
+    assert np.ptp(left["x0"]) == pytest.approx(tracks.axle_distance)
+    assert np.ptp(left["y0"]) == pytest.approx(tracks.shoe_width)
+    assert left["y0"].mean() == pytest.approx(0.5 * tracks.gauge)
+    assert (left["y0"][0::2] > left["y0"][1::2]).all(), "left ends first"
+    assert rows["x1"] - rows["x0"] == pytest.approx(0.02, abs=1e-6)
+    assert not rows["z0"].any()
+
+
+def test_tracks_that_stand_press_no_more() -> None:
+    pose = (np.eye(3), np.array([3.0, 1.0, 0.2]))
+    assert TrackSweep(MACHINE.tracks, 1).rows(pose, pose).size == 0

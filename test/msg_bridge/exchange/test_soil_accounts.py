@@ -1,0 +1,90 @@
+"""What is in flight is counted from the rows, whichever of them were acknowledged."""
+
+import pytest
+
+from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.messages import MachineHeader, RowRange, Verb
+from msg_bridge.contract.rows import CONVERSION, ConversionKind, empty_rows
+from msg_bridge.exchange.soil_accounts import SoilAccounts, signed_volume
+
+
+def moved(*rows: tuple[int, ConversionKind, int]):
+    """CONVERSION rows of (source, kind, volume)."""
+    conversions = empty_rows(CONVERSION, len(rows))
+    for name, values in zip(
+        ("machine_id", "kind", "volume_mm3"), zip(*rows, strict=True), strict=True
+    ):
+        conversions[name] = values
+    return conversions
+
+
+def word(
+    through: int, *, machine_id: int = 1, held: int = 0, verb: Verb = Verb.STEP
+) -> MachineHeader:
+    """What a machine says once it has applied the rows up to a number."""
+    return MachineHeader(1, machine_id, 1, 1, verb, conversions_received=through, pending_mm3=held)
+
+
+@pytest.fixture
+def accounts() -> SoilAccounts:
+    """Two sources; rows 1 to 4 and 5 to 6 were published."""
+    accounts = SoilAccounts()
+    accounts.join(1, 0)
+    accounts.join(2, 0)
+    first = moved(
+        (1, ConversionKind.EXCAVATE, 100),
+        (2, ConversionKind.EXCAVATE, 7),
+        (1, ConversionKind.DEPOSIT, 30),
+        (1, ConversionKind.REJECT, 5),
+    )
+    accounts.add_in_flight(RowRange(1, 4), first)
+    accounts.add_in_flight(
+        RowRange(5, 2), moved((1, ConversionKind.EXCAVATE, 1000), (1, ConversionKind.OUTSIDE, 200))
+    )
+    return accounts
+
+
+def test_volumes_beyond_32_bits_are_counted_exactly():
+    rows = moved(
+        *[(1, ConversionKind.EXCAVATE, 2**32 - 1)] * 3, (1, ConversionKind.OUTSIDE, 2**32 - 2)
+    )
+    assert signed_volume(rows) == 2 * (2**32 - 1) + 1
+    assert signed_volume(rows[:0]) == 0
+
+
+def test_rows_are_in_flight_until_their_source_has_applied_them(accounts):
+    assert accounts.in_flight(1) == 870
+    assert accounts.in_flight(2) == 7
+    accounts.update_totals(word(4))
+    assert accounts.in_flight(1) == 800
+    accounts.update_totals(word(6))
+    assert accounts.in_flight(1) == 0
+    assert accounts.in_flight(2) == 7
+
+
+def test_rows_published_together_may_be_acknowledged_in_part(accounts):
+    accounts.update_totals(word(1))
+    assert accounts.in_flight(1) == 770
+    assert accounts.backlog(1)["volume_mm3"].tolist() == [30, 5, 1000, 200]
+    accounts.update_totals(word(5))
+    assert accounts.backlog(1)["volume_mm3"].tolist() == [200]
+
+
+@pytest.mark.parametrize(("through", "held"), [(0, 0), (1, 100), (3, 70), (5, 1070), (6, 870)])
+def test_who_comes_back_holds_what_the_rows_it_has_applied_say(accounts, through, held):
+    accounts.leave(1)
+    with pytest.raises(ExchangeError, match=f"left with {held} mm"):
+        accounts.rejoin(word(through, held=held + 1, verb=Verb.REJOIN), 6)
+    accounts.rejoin(word(through, held=held, verb=Verb.REJOIN), 6)
+    assert accounts.in_flight(1) + held == 870
+
+
+def test_the_ledger_tells_where_all_of_it_is(accounts):
+    accounts.update_totals(word(4, held=70))
+    accounts.leave(1)
+    ledger = accounts.ledger(3, 5000)
+    assert (ledger.tick, ledger.terrain, ledger.start) == (3, 5000, ledger.total)
+    assert (ledger.in_flight, ledger.pending, ledger.absent, ledger.outside) == (807, 0, 70, 200)
+    later = accounts.ledger(4, 4990)
+    assert (later.start, later.imbalance) == (ledger.start, -10)
+    assert accounts.absent == (1,)

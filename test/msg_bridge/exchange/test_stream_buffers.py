@@ -1,0 +1,123 @@
+import weakref
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.messages import RowRange, Stream
+from msg_bridge.contract.rows import DEPOSIT_REQUEST, empty_rows
+from msg_bridge.exchange.stream_buffers import ReceiveBuffer, SendBuffer
+
+
+def numbered(count: int) -> np.ndarray:
+    rows = empty_rows(DEPOSIT_REQUEST, count)
+    rows["particle_id"] = np.arange(100, 100 + count)
+    return SendBuffer(Stream.DEPOSIT_REQUEST).append(rows)[0]
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.permutations(range(30)), st.integers(1, 7))
+def test_rows_in_any_order_come_out_once_and_in_order(order: list[int], size: int) -> None:
+    rows = numbered(30)
+    incoming = ReceiveBuffer(Stream.DEPOSIT_REQUEST)
+    new = 0
+    for k in range(0, 30, size):
+        chunk = rows[np.array(order[k : k + size])]
+        new += incoming.add(chunk)
+        incoming.add(chunk)
+    assert new == 30
+    assert np.array_equal(incoming.rows(RowRange(1, 30)), rows)
+
+
+def test_gaps_are_named() -> None:
+    rows = numbered(10)
+    incoming = ReceiveBuffer(Stream.DEPOSIT_REQUEST)
+    incoming.add(rows[[0, 1, 4, 8]])
+    assert incoming.received == 2
+    gaps = incoming.missing(RowRange(1, 10))
+    assert gaps == [RowRange(3, 2), RowRange(6, 3), RowRange(10, 1)]
+    with pytest.raises(ExchangeError, match="not here"):
+        incoming.rows(RowRange(1, 10))
+
+
+def test_forgotten_rows_count_as_duplicates() -> None:
+    rows = numbered(10)
+    incoming = ReceiveBuffer(Stream.DEPOSIT_REQUEST)
+    incoming.add(rows)
+    incoming.discard_through(6)
+    assert incoming.add(rows) == 0
+    assert np.array_equal(incoming.rows(RowRange(7, 4)), rows[6:])
+
+
+def test_rows_are_sent_again_until_forgotten() -> None:
+    outgoing = SendBuffer(Stream.DEPOSIT_REQUEST)
+    outgoing.append(empty_rows(DEPOSIT_REQUEST, 5))
+    rows, span = outgoing.append(empty_rows(DEPOSIT_REQUEST, 5))
+    assert span == RowRange(6, 5)
+    assert rows["seq"].tolist() == [6, 7, 8, 9, 10]
+    assert outgoing.kept_rows(RowRange(4, 3))["seq"].tolist() == [4, 5, 6]
+    outgoing.discard_through(5)
+    assert outgoing.kept_rows(RowRange(4, 3))["seq"].tolist() == [6]
+
+
+def test_a_number_far_ahead_is_refused() -> None:
+    rows = numbered(1)
+    rows["seq"] = 2**31
+    with pytest.raises(ExchangeError, match="rows ahead"):
+        ReceiveBuffer(Stream.DEPOSIT_REQUEST).add(rows)
+
+
+def test_numbers_go_on_beyond_32_bits() -> None:
+    first = 2**32 - 5
+    outgoing, incoming = (
+        SendBuffer(Stream.DEPOSIT_REQUEST, first),
+        ReceiveBuffer(Stream.DEPOSIT_REQUEST, first),
+    )
+    for _ in range(4):
+        rows, span = outgoing.append(empty_rows(DEPOSIT_REQUEST, 3))
+        assert incoming.add(rows[::-1]) == 3
+        assert incoming.add(rows) == 0
+        assert incoming.rows(span).size == 3
+        incoming.discard_through(span.last)
+    assert incoming.expected == first + 12
+    assert rows["seq"].max() < 100
+
+
+def test_forgotten_rows_are_kept_nowhere() -> None:
+    incoming, rows = ReceiveBuffer(Stream.DEPOSIT_REQUEST), numbered(100)
+    kept = weakref.ref(rows)
+    incoming.add(rows)
+    incoming.discard_through(100)
+    del rows
+    assert kept() is None
+
+
+def test_rows_of_several_messages_come_as_one() -> None:
+    rows, incoming = numbered(30), ReceiveBuffer(Stream.DEPOSIT_REQUEST)
+    for part in (rows[:10], rows[10:25], rows[25:]):
+        incoming.add(part)
+    assert np.array_equal(incoming.rows(RowRange(5, 22)), rows[4:26])
+    incoming.discard_through(12)
+    assert np.array_equal(incoming.rows(RowRange(13, 15)), rows[12:27])
+    assert incoming.rows(RowRange(13, 0)).size == 0
+
+
+def test_rows_given_up_for_lost_are_forgotten_with_what_came_behind_them() -> None:
+    rows, incoming = numbered(20), ReceiveBuffer(Stream.DEPOSIT_REQUEST)
+    incoming.add(rows[[0, 1, 4, 5, 6, 9]])
+    incoming.discard_through(5)
+    assert (incoming.expected, incoming.received) == (6, 7)
+    assert np.array_equal(incoming.rows(RowRange(6, 2)), rows[5:7])
+    assert incoming.missing(RowRange(6, 10)) == [RowRange(8, 2), RowRange(11, 5)]
+    assert incoming.add(rows[:10]) == 2
+    assert np.array_equal(incoming.rows(RowRange(6, 5)), rows[5:10])
+
+
+def test_who_sends_again_sends_what_he_sent() -> None:
+    outgoing, rows = SendBuffer(Stream.DEPOSIT_REQUEST), empty_rows(DEPOSIT_REQUEST, 3)
+    sent, _ = outgoing.append(rows)
+    rows["volume_mm3"] = 7
+    assert np.array_equal(outgoing.kept_rows(RowRange(1, 3)), sent)
+    assert not sent["volume_mm3"].any()

@@ -1,0 +1,72 @@
+"""Bytes that are no message at all, as anybody may publish, and texts without end."""
+
+from __future__ import annotations
+
+import pytest
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Int64MultiArray
+from support.node_scenes import Scene
+
+from msg_bridge.codec.errors import CodecError
+from msg_bridge.codec.tick_headers import message_to_cdr, to_multi_array
+from msg_bridge.contract.messages import MachineHeader, Stream, Verb
+from msg_bridge.nodes.diagnostics import Diagnostics
+from msg_bridge.nodes.message_decoding import decode_array, decode_chunk
+from msg_bridge.testing.ros_context import Ros
+
+HEAD = b"\x00\x01\x00\x00"
+HEADER = MachineHeader(run_id=3, machine_id=1, session_id=2, tick=4, verb=Verb.STEP)
+
+GARBAGE = {
+    "nothing": b"",
+    "no body": HEAD,
+    "cut short": HEAD + b"\x01\x00\x00\x00\x05\x00",
+    "lengths without end": HEAD + b"\xff" * 64,
+    "another byte order": b"\x00\x00\x00\x00" + b"\x00" * 7 + b"\x01",
+}
+
+
+@pytest.mark.parametrize("data", GARBAGE.values(), ids=GARBAGE.keys())
+def test_bytes_that_are_no_message_are_refused_with_a_sentence(data: bytes) -> None:
+    with pytest.raises(CodecError):
+        decode_array(data)
+    with pytest.raises(CodecError):
+        decode_chunk(data, Stream.SWEEP)
+
+
+def test_every_message_that_is_cut_short_is_refused() -> None:
+    whole = message_to_cdr(HEADER)
+    assert decode_array(whole) == HEADER
+    for size in range(len(whole)):
+        with pytest.raises(CodecError):
+            decode_array(whole[:size])
+    cloud = serialize_message(PointCloud2())
+    for size in range(len(cloud) + 1):
+        with pytest.raises(CodecError):
+            decode_chunk(cloud[:size], Stream.DEPOSIT_REQUEST)
+
+
+def test_a_node_that_is_sent_garbage_goes_on(ros: Ros) -> None:
+    scene = Scene(ros)
+    machine = scene.machine()
+    scene.until_tick(3)
+    for node, topic in ((scene.soil, "/excavator/soil_tick"), (machine, "/soil/tick")):
+        publisher = ros.publisher(topic, Int64MultiArray, subscriptions=1)
+        for data in GARBAGE.values():
+            publisher.publish(data)
+        key = f"refused {topic}"
+        scene.until_shown(node, key, len(GARBAGE))
+    scene.more_ticks(5)
+
+
+def test_a_reason_that_quotes_a_huge_message_is_cut_short(ros: Ros) -> None:
+    diagnostics = Diagnostics(ros.node())
+    message = to_multi_array(HEADER)
+    message.layout.dim[0].label = "x" * 1_000_000
+    with pytest.raises(CodecError) as error:
+        decode_array(serialize_message(message))
+    diagnostics.reject("/soil/tick", str(error.value))
+    shown = diagnostics.report().values["last refused /soil/tick"]
+    assert "labelled" in shown
+    assert len(shown) < 1000

@@ -1,0 +1,205 @@
+"""A node as a process: arguments, signals, errors, exit codes."""
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import pytest
+import rclpy
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from msg_bridge.codec.qos import STATE
+from msg_bridge.contract.errors import EarthmovingError
+from msg_bridge.contract.parameters import Parameters, parameter
+from msg_bridge.nodes import process_main
+from msg_bridge.nodes.process_main import run_node
+from msg_bridge.nodes.ros_parameters import declare_parameters
+from msg_bridge.testing.fixtures import StartProcess
+from msg_bridge.testing.ros_context import Ros
+from msg_bridge.testing.ros_process import RosProcess
+
+
+@dataclass(frozen=True)
+class DiggerParams(Parameters):
+    depth: float = parameter(1.0, "how deep", unit="m", low=0.0, high=2.0)
+    act: str = parameter("wait", "what to do")
+
+
+class Digger(Node):
+    """A node that ends in the way it is told to; this file is also its program."""
+
+    exit_code = 0
+    finished = False
+    stopping = False
+    listeners = 0
+
+    def __init__(self) -> None:
+        super().__init__("digger")
+        self.params = declare_parameters(self, DiggerParams)
+        self.said = self.create_publisher(String, "said", STATE)
+        self.create_timer(0.02, self.act)
+        print("ready at", self.params.depth)
+
+    def act(self) -> None:
+        act = self.params.act
+        if self.stopping:  # what it still has to say
+            self.said.publish(String(data="bye"))
+            self.stopping = act == "never stops"
+        elif act == "wait" and self.said.get_subscription_count() > self.listeners:
+            self.listeners += 1
+            print("listened to")
+        elif act == "finish":
+            self.finished, self.exit_code = True, 3
+        elif act == "reject":
+            raise EarthmovingError("the ground\nis frozen; wait for summer")
+        elif act == "break":
+            raise ZeroDivisionError("a bug")
+        elif act == "interrupt twice":
+            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.SIGINT)
+        elif act == "never stops":
+            os.kill(os.getpid(), signal.SIGTERM)
+        elif act == "hang":
+            print("hanging")
+            while True:
+                time.sleep(0.01)
+
+    def stop(self) -> None:
+        print("stopped once")
+        self.stopping = self.params.act in ("wait", "never stops")
+
+
+DIGGER = [sys.executable, __file__]
+
+
+def run_here(*arguments: str, make_node: Callable[[], Node] = Digger) -> int:
+    """Run a node in this process, in the test's domain."""
+    return run_node(make_node, ["/bin/digger", "--ros-args", *arguments])
+
+
+def lines(process: RosProcess) -> list[str]:
+    return process.output.splitlines()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_node_cleanly(ros_process: StartProcess, number: int) -> None:
+    process = ros_process(DIGGER)
+    process.wait_for_output("ready")
+    process.stop(number, expect=0)
+    assert lines(process) == ["ready at 1.0", "stopped once"]
+
+
+def test_what_a_node_says_while_it_is_stopping_is_heard(
+    ros: Ros, ros_process: StartProcess
+) -> None:
+    heard = ros.collect("said", String, STATE)
+    process = ros_process(DIGGER)
+    process.wait_for_output("listened to")
+    process.stop()
+    ros.spin_until(lambda: [msg.data for msg in heard] == ["bye"])
+
+
+def test_a_node_that_never_stops_is_ended(ros_domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process_main, "_MAX_STOP_TIME", 0.2)
+    assert run_here("-p", "act:=never stops") == 0
+
+
+def test_a_finished_node_gives_the_exit_code(
+    ros_domain: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_here("-p", "act:=finish") == 3
+    assert "stopped once" in capsys.readouterr().out
+
+
+def test_bad_input_ends_a_process(ros_process: StartProcess) -> None:
+    process = ros_process(DIGGER, parameters={"depth": 3})
+    process.wait(expect=2)
+    assert lines(process) == [
+        "test_runtime: depth is 3.0 m; give a value from 0.0 to 2.0 m (how deep)"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["-p", "depth:=3"], "digger: depth is 3.0 m; give a value from 0.0 to 2.0 m (how deep)"),
+        (["-p", "depht:=1.5"], "digger: /digger has no parameter depht (do you mean depth?); it "),
+        (["-p", "depth:=deep"], "digger: depth is 'deep'; give a finite number (how deep)"),
+        (["-p", "depth"], "digger: the ROS arguments are not good ("),
+        (["--params-file", "none.yaml"], "digger: the ROS arguments are not good ("),
+        (["--frobnicate"], "digger: the ROS arguments are not good (['--frobnicate']); correct"),
+        (["-p", "act:=refuse"], "digger: the ground is frozen; wait for summer"),
+    ],
+)
+def test_bad_input_gives_exit_code_2_and_one_sentence(
+    ros_domain: int, capfd: pytest.CaptureFixture[str], arguments: list[str], line: str
+) -> None:
+    assert run_here(*arguments) == 2
+    errors = capfd.readouterr().err
+    (said,) = [text for text in errors.splitlines() if text.startswith("digger: ")]
+    assert said.startswith(line)
+    assert "Traceback" not in errors
+
+
+def test_a_whole_number_is_good_for_a_double(
+    ros_domain: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_here("-p", "depth:=2", "-p", "act:=finish") == 3
+    assert "ready at 2.0\n" in capsys.readouterr().out
+
+
+def test_a_bug_in_a_callback_is_raised(ros_domain: int, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(ZeroDivisionError, match="a bug"):
+        run_here("-p", "act:=break")
+    assert "stopped once" in capsys.readouterr().out, "its files are closed all the same"
+    assert not rclpy.ok()
+
+
+def test_a_second_interrupt_ends_a_hanging_node(ros_process: StartProcess) -> None:
+    process = ros_process(DIGGER, parameters={"act": "hang"})
+    process.wait_for_output("hanging")
+    deadline = time.monotonic() + 20.0
+    while process.running and time.monotonic() < deadline:  # as somebody who presses it on and on
+        process.interrupt()
+        time.sleep(0.2)
+    process.wait(expect=-signal.SIGINT)
+
+
+def test_an_interrupt_that_comes_twice_at_once_is_one(ros_domain: int) -> None:
+    assert run_here("-p", "act:=interrupt twice") == 0
+
+
+def reject() -> Node:
+    raise EarthmovingError("no")
+
+
+def test_signal_handlers_are_as_before(ros_domain: int) -> None:
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.getsignal(number) for number in numbers]
+    assert run_here(make_node=reject) == 2
+    assert [signal.getsignal(number) for number in numbers] == before
+    assert not rclpy.ok()
+
+
+def test_a_node_can_be_run_beside_the_main_thread(ros_domain: int) -> None:
+    codes = []
+    thread = threading.Thread(target=lambda: codes.append(run_here("-p", "act:=finish")))
+    thread.start()
+    thread.join(20.0)
+    assert codes == [3]
+
+
+def test_a_node_run_as_a_module_is_called_by_its_package(
+    ros_domain: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_node(reject, ["/site-packages/soil_sim/node.py"]) == 2
+    assert capsys.readouterr().err == "soil_sim: no\n"
+
+
+if __name__ == "__main__":
+    sys.exit(run_node(Digger))

@@ -1,0 +1,227 @@
+"""Messages cross DDS between two participants, and the shipped profile is the one in effect."""
+
+import os
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from builtin_interfaces.msg import Time
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import get_rmw_implementation_identifier
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Int64MultiArray, String
+
+from msg_bridge.codec import qos
+from msg_bridge.codec.row_chunks import from_chunk_cloud, to_chunk_cloud
+from msg_bridge.codec.terrain import TerrainMap, from_terrain_cloud, to_terrain_cloud
+from msg_bridge.codec.tick_headers import (
+    from_join_rejected_string,
+    from_multi_array,
+    to_join_rejected_string,
+    to_multi_array,
+)
+from msg_bridge.config_files import find_config
+from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.messages import (
+    JoinRejected,
+    Keyframe,
+    MachineHeader,
+    MachineReceipt,
+    RetransmitRequest,
+    RowRange,
+    SoilHeader,
+    Stream,
+    Verb,
+)
+from msg_bridge.contract.rows import CONVERSION
+from msg_bridge.dds_profile import PROFILE_VARIABLE, use_shipped_profile
+from msg_bridge.exchange.chunks import split_into_chunks
+
+DOMAIN = 1 + os.getpid() % 101  # nobody else's, and its ports below the ephemeral ones
+DEADLINE = 20.0  # s
+STAMP = Time(sec=1)
+
+# A participant as a user's process makes it; prints the sizes of its shared memory segments.
+PARTICIPANT = """\
+import os, sys
+from pathlib import Path
+from msg_bridge.dds_profile import use_shipped_profile
+if sys.argv[1] == "shipped":
+    use_shipped_profile()
+import rclpy
+rclpy.init(domain_id=int(sys.argv[2]))
+node = rclpy.create_node("participant")
+mapped = {line.split()[-1] for line in Path("/proc/self/maps").read_text().splitlines()}
+print(*(os.path.getsize(path) for path in mapped if path.startswith("/dev/shm/fastrtps_")))
+rclpy.shutdown()
+"""
+
+
+@pytest.fixture
+def no_profile(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A user who has chosen no profile; what is set in the test is undone."""
+    monkeypatch.setenv(PROFILE_VARIABLE, "")
+    monkeypatch.delenv(PROFILE_VARIABLE)
+
+
+class Party:
+    """A node in a participant of its own."""
+
+    def __init__(self, name: str) -> None:
+        self._context = Context()
+        rclpy.init(
+            context=self._context,
+            domain_id=DOMAIN,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        self.node = Node(name, context=self._context, namespace=f"test_{os.getpid()}")
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+
+    def spin_until(self, condition: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + DEADLINE
+        while not condition():
+            assert time.monotonic() < deadline, "what was sent has not come"
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def listen(self, of: type, topic: str, profile: Any) -> list[Any]:
+        """A list that messages are added to as they come."""
+        heard: list[Any] = []
+        self.node.create_subscription(of, topic, heard.append, profile)
+        return heard
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+
+@pytest.fixture
+def parties(no_profile: None) -> Iterator[tuple[Party, Party]]:
+    use_shipped_profile()
+    sender, receiver = Party("sender"), Party("receiver")
+    yield sender, receiver
+    sender.close()
+    receiver.close()
+
+
+def send(sender: Party, topic: str, messages: list[Any], profile: Any) -> None:
+    """Publish once somebody listens."""
+    publisher = sender.node.create_publisher(type(messages[0]), topic, profile)
+    sender.spin_until(lambda: publisher.get_subscription_count() > 0)
+    for message in messages:
+        publisher.publish(message)
+
+
+def test_rows_cross(parties: tuple[Party, Party]) -> None:
+    sender, receiver = parties
+    raw = np.random.default_rng(1).integers(0, 256, 50_000 * CONVERSION.itemsize, dtype=np.uint8)
+    rows = raw.view(CONVERSION)
+    clouds = [
+        to_chunk_cloud(c, "map", STAMP) for c in split_into_chunks(3, Stream.CONVERSION, rows)
+    ]
+    heard = receiver.listen(PointCloud2, "conversions", qos.ROWS)
+    send(sender, "conversions", clouds, qos.ROWS)
+    receiver.spin_until(lambda: len(heard) == len(clouds))
+    chunks = [from_chunk_cloud(msg, Stream.CONVERSION) for msg in heard]
+    assert np.concatenate([chunk.rows for chunk in chunks]).tobytes() == rows.tobytes()
+    assert {chunk.run_id for chunk in chunks} == {3}
+    assert {msg.header.frame_id for msg in heard} == {"map"}
+
+
+def test_one_topic_carries_headers_requests_and_ledger(parties: tuple[Party, Party]) -> None:
+    sender, receiver = parties
+    span = RowRange(2**62, 3)
+    words = [
+        MachineHeader(1, 2, 3, 4, Verb.STEP, span, span, -1, 2**63 - 1, -(2**63), 5),
+        SoilHeader(1, 4, 9, span, span, span, (MachineReceipt(2, 3, 4, 5, 6),) * 2),
+        RetransmitRequest(1, 2, 3, Stream.DEPOSIT_REQUEST, 7, 8),
+        Ledger(4, 10, -20, 30, 40, 50, 60, 170),
+    ]
+    heard = receiver.listen(Int64MultiArray, "tick", qos.ROWS)
+    send(sender, "tick", [to_multi_array(word) for word in words], qos.ROWS)
+    receiver.spin_until(lambda: len(heard) == len(words))
+    assert [from_multi_array(msg) for msg in heard] == words
+
+
+def test_refusal_crosses(parties: tuple[Party, Party]) -> None:
+    sender, receiver = parties
+    refusal = JoinRejected(1, 2, 3, "5 mm³ too many; join empty")
+    heard = receiver.listen(String, "refusals", qos.ROWS)
+    send(sender, "refusals", [to_join_rejected_string(refusal)], qos.ROWS)
+    receiver.spin_until(lambda: bool(heard))
+    assert from_join_rejected_string(heard[0]) == refusal
+
+
+def test_late_subscriber_gets_the_latest_terrain(parties: tuple[Party, Party]) -> None:
+    sender, receiver = parties
+    grid = Grid(129, 65, 0.2)
+    heights = np.arange(129.0 * 65).reshape(grid.shape)
+    volume = np.arange(129 * 65).reshape(grid.shape)
+    publisher = sender.node.create_publisher(PointCloud2, "map", qos.TRANSIENT_LOCAL)
+    for revision in (6, 7):
+        terrain = TerrainMap(Keyframe(1, revision, grid, heights, volume), 0.5 * heights)
+        publisher.publish(to_terrain_cloud(terrain, "map", STAMP))
+    heard = receiver.listen(PointCloud2, "map", qos.TRANSIENT_LOCAL)
+    receiver.spin_until(lambda: bool(heard))
+    back = from_terrain_cloud(heard[0])
+    assert (back.keyframe.revision, back.keyframe.grid) == (7, grid)
+    assert np.array_equal(back.keyframe.elevation, heights)
+    assert np.array_equal(back.volume_mm3, volume)
+
+
+def test_commands_are_heard_from_any_publisher(parties: tuple[Party, Party]) -> None:
+    sender, receiver = parties
+    for name, profile in (("reliable", qos.STATE), ("best_effort", qos.COMMANDS)):
+        heard = receiver.listen(String, name, qos.COMMANDS)
+        publisher = sender.node.create_publisher(String, name, profile)
+
+        def came(publisher: Any = publisher, heard: list[Any] = heard) -> bool:
+            publisher.publish(String(data="renewed"))
+            return bool(heard)
+
+        receiver.spin_until(came)
+
+
+def test_shipped_profile_is_used_if_the_user_has_none(no_profile: None) -> None:
+    assert use_shipped_profile() == find_config("fastdds.xml").resolve()
+    assert Path(os.environ[PROFILE_VARIABLE]) == find_config("fastdds.xml").resolve()
+
+
+@pytest.mark.parametrize("own", ["/home/me/own.xml", ""])
+def test_users_profile_is_left_alone(monkeypatch: pytest.MonkeyPatch, own: str) -> None:
+    monkeypatch.setenv(PROFILE_VARIABLE, own)
+    assert use_shipped_profile() is None
+    assert os.environ[PROFILE_VARIABLE] == own
+
+
+def test_shipped_profile_is_the_default_of_every_participant() -> None:
+    root = ET.parse(find_config("fastdds.xml")).getroot()
+    (participant,) = root.findall("{*}participant")
+    assert participant.get("is_default_profile") == "true"
+
+
+@pytest.mark.skipif("fastrtps" not in get_rmw_implementation_identifier(), reason="for Fast DDS")
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="looks at the memory map")
+@pytest.mark.parametrize(("profile", "in_effect"), [("shipped", True), ("none", False)])
+def test_participant_takes_the_shipped_profile(
+    no_profile: None, profile: str, in_effect: bool
+) -> None:
+    command = [sys.executable, "-c", PARTICIPANT, profile, str(DOMAIN)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert "XMLPARSER" not in done.stderr
+    room = sum(int(size) for size in done.stdout.split())
+    assert room > 0
+    assert (room > 2**25) is in_effect

@@ -1,0 +1,319 @@
+"""The soil in time: when a tick is due and whom it waits for, by a clock of the test's own."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from support.soil_scenes import bucket_sweep, flat_soil, make_deposit_requests
+
+from msg_bridge.contract.rows import Rows
+from msg_bridge.exchange.machine_exchange import MachineExchange
+from soil_sim.node.params import SoilNodeParams
+from soil_sim.node.soil_run import SilentMachine, SoilRun
+from soil_sim.site.design import DesignSurface, compare_to_design
+from soil_sim.site.site import Site
+from soil_sim.soils.params import SoilParams
+from soil_sim.terrain import Layers, flat
+
+TICK = 0.01
+STILL = bucket_sweep((0, 0, 1), (0, 0, 1))
+
+
+class Timeline:
+    """A run, machines that are only their messages, and a wall clock."""
+
+    def __init__(self, *machines: int, site: Site | None = None, **params: Any) -> None:
+        given = {
+            "expected_machines": machines,
+            "machine_timeout": 1.0,
+            "tick_period": TICK,
+            **params,
+        }
+        site = site or Site(flat(flat_soil().grid))
+        self.run = SoilRun(site, SoilParams(), SoilNodeParams(**given), run_id=7)
+        self.machines = {
+            machine_id: MachineExchange(machine_id, run_id=7) for machine_id in machines
+        }
+        self.now = 100.0
+        for machine in self.machines.values():
+            machine.join()
+        self.exchange()
+        self.ticks()  # the welcome, where it may come
+
+    def exchange(self) -> None:
+        """Carry everything both ways."""
+        for machine in self.machines.values():
+            for message in machine.drain_outbox():
+                self.run.endpoint.receive(message)
+        for message in self.run.endpoint.drain_outbox():
+            for machine in self.machines.values():
+                machine.receive(message)
+        for machine in self.machines.values():
+            machine.poll()
+
+    def send(self, machine_id: int, sweep: Rows = STILL) -> None:
+        """A machine's next tick arrives."""
+        nothing = make_deposit_requests([], [], 0)
+        self.machines[machine_id].send(sweep.copy(), nothing, pending_mm3=0, particles_mm3=0)
+        self.exchange()
+
+    def ticks(self) -> int:
+        """Do all ticks that can be done now; how many there were."""
+        count = 0
+        while self.run.advance(self.now) is not None:
+            count += 1
+        self.exchange()
+        return count
+
+    def wait(self, ticks: float) -> int:
+        """Let the wall clock go on, and the timer fire once; the ticks that were done then."""
+        self.now += ticks * TICK
+        self.run.on_timer(self.now)
+        return self.ticks()
+
+
+def test_the_welcome_is_tick_0_and_comes_once_all_have_joined() -> None:
+    assert Timeline(1, 2).run.tick == 0
+    waiting = Timeline(1)
+    waiting.run.reset()
+    assert waiting.ticks() == 0
+    assert waiting.run.tick == -1
+
+
+def test_held_not_even_the_welcome_comes() -> None:
+    time = Timeline(sync="lockstep")
+    time.run.reset()
+    time.run.waiting_for_subscribers = True
+    assert time.ticks() == 0
+    time.run.waiting_for_subscribers = False
+    assert time.ticks() == 1
+
+
+def test_in_lockstep_a_tick_is_due_at_once_and_waits_for_all() -> None:
+    time = Timeline(1, 2, sync="lockstep")
+    time.send(1)
+    assert time.ticks() == 0
+    time.send(2)
+    assert time.ticks() == 1
+    assert time.ticks() == 0
+
+
+def test_in_lockstep_the_wall_clock_has_no_say() -> None:
+    time = Timeline(1, sync="lockstep")
+    assert time.wait(1000) == 0
+    assert time.run.tick == 0
+
+
+def test_in_real_time_a_tick_waits_for_its_time() -> None:
+    time = Timeline(1)
+    assert time.wait(0) == 0  # begins the schedule
+    time.send(1)
+    assert time.ticks() == 0
+    assert time.wait(1) == 1
+
+
+def test_in_real_time_the_soil_alone_goes_on() -> None:
+    time = Timeline()
+    time.wait(0)
+    assert [time.wait(1) for _ in range(5)] == [1] * 5
+
+
+def test_in_real_time_a_late_machine_is_waited_for_until_the_next_tick_is_due() -> None:
+    time = Timeline(1)
+    time.wait(0)
+    assert time.wait(1) == 0
+    assert time.wait(1) == 1  # without it
+    assert time.run.endpoint.exchange.late == (1,)
+    time.send(1)
+    assert time.ticks() == 1  # with it
+
+
+def test_paused_no_tick_comes_but_one_asked_for() -> None:
+    time = Timeline(sync="realtime")
+    time.wait(0)
+    time.run.pause(True)
+    assert time.wait(10) == 0
+    assert time.run.step() == 1
+    assert time.run.step() == 2
+    assert not time.run.realtime
+
+
+def test_a_step_waits_for_the_machines_as_lockstep_does() -> None:
+    time = Timeline(1, sync="realtime")
+    time.run.pause(True)
+    assert time.run.step() == 1
+    assert time.wait(100) == 0
+    time.send(1)
+    assert time.ticks() == 1
+    time.send(1)
+    assert time.ticks() == 0
+
+
+@pytest.mark.parametrize("sync", ["lockstep", "realtime"])
+def test_a_step_without_machines_is_done_at_once(sync: str) -> None:
+    time = Timeline(sync=sync)
+    time.run.pause(True)
+    time.run.step()
+    assert time.ticks() == 1
+
+
+def test_in_lockstep_time_stands_still_while_nobody_takes_part() -> None:
+    assert Timeline(sync="lockstep").ticks() == 0
+
+
+def test_after_a_pause_time_goes_on_where_it_stood() -> None:
+    time = Timeline()
+    time.wait(0)
+    time.wait(1)
+    time.run.pause(True)
+    time.wait(1000)
+    time.run.pause(False)
+    assert time.wait(0) == 0
+    assert time.wait(1) == 1
+    assert (time.run.tick, time.run.pace.slips) == (2, 0)
+
+
+def test_a_run_may_begin_paused() -> None:
+    time = Timeline(1, sync="lockstep", paused=True)
+    assert time.run.tick == 0
+    time.send(1)
+    assert time.ticks() == 0
+
+
+def test_a_reset_begins_the_next_epoch_on_the_untouched_site() -> None:
+    time = Timeline(1, sync="lockstep")
+    untouched = time.run.endpoint.soil.state_hash()
+    down = bucket_sweep((0, 0, -0.1), (-0.1, 0, -0.2))
+    nothing = make_deposit_requests([], [], 0)
+    time.machines[1].send(down, nothing, pending_mm3=0, particles_mm3=0)
+    time.exchange()
+    time.ticks()
+    assert time.run.endpoint.soil.state_hash() != untouched
+    time.run.reset()
+    assert (time.run.tick, time.run.endpoint.exchange.run_id) == (-1, 8)
+    assert time.run.endpoint.soil.state_hash() == untouched
+
+
+def test_steps_asked_for_before_a_reset_are_not_done_after_it() -> None:
+    time = Timeline(1, sync="lockstep")
+    time.run.pause(True)
+    for _ in range(3):
+        time.run.step()
+    time.run.reset()
+    time.machines[1] = MachineExchange(1, run_id=8)
+    time.machines[1].join()
+    time.exchange()
+    assert time.ticks() == 1  # the welcome
+    time.exchange()
+    time.send(1)
+    assert time.ticks() == 0
+
+
+@pytest.mark.parametrize("sync", ["lockstep", "realtime"])
+def test_a_machine_is_silent_after_the_timeout_and_dropped_in_real_time_only(sync: str) -> None:
+    time = Timeline(1, 2, sync=sync)
+    time.send(2)
+    heard = {1: time.now, 2: time.now}
+    assert time.run.find_silent_machines(time.now + 0.9, heard) == []
+    found = time.run.find_silent_machines(time.now + 1.5, heard)
+    assert found == [SilentMachine(1, 1.5, dropped=sync == "realtime")]
+    assert time.run.endpoint.exchange.joined == ((2,) if sync == "realtime" else (1, 2))
+
+
+def test_a_machine_that_is_not_waited_for_is_not_silent() -> None:
+    time = Timeline(1, sync="lockstep")
+    later = time.now + 10.0
+    time.run.pause(True)
+    assert time.run.find_silent_machines(later, {1: time.now}) == []
+    time.run.step()
+    assert [each.machine_id for each in time.run.find_silent_machines(later, {1: time.now})] == [1]
+
+
+def test_a_machine_that_was_never_heard_is_given_its_time() -> None:
+    time = Timeline(1, sync="lockstep")
+    assert time.run.find_silent_machines(time.now, {}) == []
+
+
+def test_a_machine_stepping_while_paused_in_real_time_is_not_dropped() -> None:
+    time = Timeline(1, sync="realtime")
+    time.run.pause(True)
+    time.run.step()
+    assert [
+        each.dropped for each in time.run.find_silent_machines(time.now + 10.0, {1: time.now})
+    ] == [False]
+    assert time.run.endpoint.exchange.joined == (1,)
+
+
+# The design.
+
+
+def site_with_design(depth: float) -> Site:
+    """Level ground that shall become a pit, and nothing designed around it."""
+    grid = flat_soil().grid
+    heights = np.full(grid.shape, np.nan)
+    heights[20:40, 20:40] = -depth
+    return Site(flat(grid), design=DesignSurface(grid, heights))
+
+
+def dig(time: Timeline, ticks: int) -> None:
+    """Drag a bucket through the pit that is designed."""
+    x = 0.02 * np.arange(ticks + 1) - 0.5
+    for a, b in pairwise(x.tolist()):
+        time.send(1, bucket_sweep((a, 0.0, -0.3), (b, 0.0, -0.3)))
+        assert time.ticks() == 1
+
+
+def test_without_a_design_there_is_no_cut_and_fill() -> None:
+    assert Timeline().run.cut_fill is None
+
+
+def test_cut_and_fill_follow_every_tick_to_the_last_bit_and_never_compare_anew(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    site, compared = site_with_design(0.5), []
+    monkeypatch.setattr(
+        "soil_sim.site.site.site.compare_to_design",
+        lambda *a, **k: compared.append(1) or compare_to_design(*a, **k),
+    )
+    time = Timeline(1, site=site, sync="lockstep")
+    assert time.run.cut_fill is not None
+    assert time.run.cut_fill.cut == pytest.approx(400 * 0.04 * 0.5)
+    for _ in range(3):
+        before = time.run.cut_fill.cut_mm3
+        dig(time, 10)
+        assert time.run.cut_fill.cut_mm3 < before
+        assert site.design is not None
+        anew = compare_to_design(site.design, time.run.endpoint.soil.columns.height)
+        now = time.run.cut_fill
+        assert (now.cut_mm3, now.fill_mm3) == (anew.cut_mm3, anew.fill_mm3)
+        assert now.within_tolerance == anew.within_tolerance
+        assert np.array_equal(now.difference, anew.difference, equal_nan=True)
+    assert len(compared) == 1
+
+
+def test_a_reset_has_all_of_the_design_to_dig_again() -> None:
+    time = Timeline(1, site=site_with_design(0.5), sync="lockstep")
+    assert time.run.cut_fill is not None
+    whole = time.run.cut_fill.cut_mm3
+    dig(time, 20)
+    assert time.run.cut_fill.cut_mm3 < whole
+    time.run.reset()
+    assert time.run.cut_fill.cut_mm3 == whole
+
+
+def test_a_reset_begins_on_the_layers_of_the_site() -> None:
+    grid = flat_soil().grid
+    ids = np.ones(grid.shape, dtype=np.uint8)
+    moisture = np.full(grid.shape, 37, dtype=np.uint8)
+    site = Site(flat(grid), Layers(ids, moisture))
+    soil = SoilParams(additional_soils=("dry clay",))
+    run = SoilRun(site, soil, SoilNodeParams(expected_machines=()), run_id=7)
+    for _ in range(2):
+        columns = run.endpoint.soil.columns
+        assert (columns.soil == 1).all()
+        assert (columns.moisture == 37).all()
+        columns.soil[:], columns.moisture[:] = 0, 0
+        run.reset()

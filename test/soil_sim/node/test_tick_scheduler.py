@@ -1,0 +1,129 @@
+"""When the wall clock asks for a tick, by a clock of the test's own."""
+
+import pytest
+
+from soil_sim.node.tick_scheduler import LATE_FRACTION, TickScheduler
+
+TICK = 0.01
+START = 1000.0
+
+
+def at(ticks: float) -> float:
+    """The wall clock so many ticks after the timer's first call [s]."""
+    return START + ticks * TICK
+
+
+@pytest.fixture
+def scheduler() -> TickScheduler:
+    """A schedule that begins now."""
+    begun = TickScheduler(TICK)
+    begun.on_timer(START)
+    return begun
+
+
+def dues(scheduler: TickScheduler, now: float) -> int:
+    """Ticks done one after the other until none is due."""
+    count = 0
+    while scheduler.is_due:
+        scheduler.mark_done(now)
+        count += 1
+    return count
+
+
+def test_nothing_is_due_before_the_timer_has_fired() -> None:
+    assert not TickScheduler(TICK).is_due
+
+
+def test_the_first_call_only_begins_the_schedule(scheduler: TickScheduler) -> None:
+    assert not scheduler.is_due
+
+
+def test_each_period_asks_for_one_tick(scheduler: TickScheduler) -> None:
+    asked = []
+    for tick in range(1, 6):
+        scheduler.on_timer(at(tick))
+        asked.append(dues(scheduler, at(tick)))
+    assert asked == [1] * 5
+    assert (scheduler.num_late_ticks, scheduler.num_reschedules) == (0, 0)
+
+
+def test_a_timer_that_jitters_asks_for_one_tick_all_the_same(scheduler: TickScheduler) -> None:
+    asked = []
+    for tick in range(1, 200):
+        now = at(tick + 0.4 * (-1) ** tick)
+        scheduler.on_timer(now)
+        asked.append(dues(scheduler, now))
+    assert asked == [1] * 199
+
+
+def test_a_call_that_is_left_out_is_made_up_for(scheduler: TickScheduler) -> None:
+    scheduler.on_timer(at(3))
+    assert dues(scheduler, at(3)) == 3
+
+
+def test_a_tick_is_overdue_once_the_next_is_due_too(scheduler: TickScheduler) -> None:
+    scheduler.on_timer(at(1))
+    assert (scheduler.is_due, scheduler.is_overdue) == (True, False)
+    scheduler.on_timer(at(2))
+    assert scheduler.is_overdue
+    scheduler.mark_done(at(2))
+    assert (scheduler.is_due, scheduler.is_overdue) == (True, False)
+
+
+def test_a_tick_done_after_its_time_counts_as_late(scheduler: TickScheduler) -> None:
+    scheduler.on_timer(at(1))
+    scheduler.mark_done(at(1 + 0.9 * LATE_FRACTION))
+    assert scheduler.num_late_ticks == 0
+    scheduler.on_timer(at(2))
+    scheduler.mark_done(at(2 + 1.1 * LATE_FRACTION))
+    assert scheduler.num_late_ticks == 1
+
+
+def test_a_short_lag_is_caught_up_with(scheduler: TickScheduler) -> None:
+    scheduler.on_timer(START + 0.5)
+    assert dues(scheduler, START + 0.5) == 50
+    assert scheduler.num_reschedules == 0
+
+
+def test_after_a_long_stop_the_schedule_is_moved_and_goes_on_at_its_pace(
+    scheduler: TickScheduler,
+) -> None:
+    scheduler.on_timer(START + 60.0)
+    assert dues(scheduler, START + 60.0) == 1
+    assert scheduler.num_reschedules == 1
+    asked = []
+    for tick in range(1, 11):
+        now = START + 60.0 + tick * TICK
+        scheduler.on_timer(now)
+        asked.append(dues(scheduler, now))
+    assert asked == [1] * 10
+    assert scheduler.num_reschedules == 1
+
+
+def test_a_host_too_slow_for_real_time_slips_again_and_again(scheduler: TickScheduler) -> None:
+    now = START
+    for _ in range(200):  # each tick takes two
+        now += 2 * TICK
+        scheduler.on_timer(now)
+        if scheduler.is_due:
+            scheduler.mark_done(now)
+    assert scheduler.num_reschedules == 4  # each time it is half a second behind
+    assert scheduler.num_late_ticks > 150
+
+
+def test_a_schedule_that_was_stopped_does_not_ask_for_the_time_in_between(
+    scheduler: TickScheduler,
+) -> None:
+    scheduler.on_timer(at(5))
+    scheduler.stop()
+    assert not scheduler.is_due
+    scheduler.on_timer(at(1000))
+    assert not scheduler.is_due
+    scheduler.on_timer(at(1001))
+    assert dues(scheduler, at(1001)) == 1
+    assert scheduler.num_reschedules == 0
+
+
+def test_a_tick_that_was_not_due_cannot_be_done() -> None:
+    with pytest.raises(AssertionError):
+        TickScheduler(TICK).mark_done(START)

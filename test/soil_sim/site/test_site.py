@@ -1,0 +1,220 @@
+"""The site a node begins with: its ground, layers and design, and errors that name parameters."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from msg_bridge.contract.errors import EarthmovingError, ParameterError
+from msg_bridge.contract.grid import Grid
+from soil_sim.errors import SoilError, TerrainError
+from soil_sim.site.site import Site, SiteParams, make_site
+from soil_sim.soils.params import SoilParams
+from soil_sim.terrain import (
+    Georeference,
+    HeightMap,
+    Layers,
+    flat,
+    save_layer,
+    save_terrain,
+)
+
+GRID = Grid(5, 4, 0.5)
+HEIGHTS = np.arange(20.0).reshape(GRID.shape)
+IDS = (np.arange(20) % 3).astype(np.uint8).reshape(GRID.shape)
+PERCENT = (5 * np.arange(20)).astype(np.uint8).reshape(GRID.shape)
+THREE = SoilParams(additional_soils=("dry clay", "gravel"))
+
+
+def saved(folder: Path, name: str, layers: Layers | None = None) -> str:
+    save_terrain(folder / name, HeightMap(GRID, HEIGHTS), layers=layers)
+    return str(folder / name)
+
+
+def saved_layer(folder: Path, name: str, kind: str, grid: Grid = GRID) -> str:
+    layer = {"soil": IDS, "moisture": PERCENT}[kind]
+    save_layer(folder / name, np.resize(layer, grid.shape), grid, kind=kind)
+    return str(folder / name)
+
+
+def test_made_ground_has_neither_layers_nor_a_design() -> None:
+    site = make_site(SiteParams(terrain="flat", num_points=9, cell=0.5))
+    assert site.grid == Grid(9, 9, 0.5)
+    assert not site.heights.any()
+    assert (site.layers.soil, site.layers.moisture, site.design) == (None, None, None)
+    assert site.georeference is None
+    assert site.cut_fill(site.heights) is None
+
+
+def test_an_archive_gives_its_layers_by_itself(tmp_path: Path) -> None:
+    site = make_site(SiteParams(terrain=saved(tmp_path, "own.npz", Layers(IDS, PERCENT))))
+    assert np.array_equal(site.heights, HEIGHTS)
+    soil = site.make_soil(THREE)
+    assert np.array_equal(soil.columns.soil, IDS)
+    assert np.array_equal(soil.columns.moisture, PERCENT)
+
+
+def test_an_archive_without_layers_is_ground_of_one_soil(tmp_path: Path) -> None:
+    site = make_site(SiteParams(terrain=saved(tmp_path, "own.npz")))
+    soil = site.make_soil(SoilParams(soil="wet sand"))
+    assert not soil.columns.soil.any()
+    assert (soil.columns.moisture == soil.soil_types[0].moisture).all()
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".npz", ".png", ".asc", ".tif"])
+def test_maps_of_soil_and_moisture_lie_on_any_ground(tmp_path: Path, suffix: str) -> None:
+    site = make_site(
+        SiteParams(
+            terrain=saved(tmp_path, "ground.asc"),
+            soil_map=saved_layer(tmp_path, f"soil{suffix}", "soil"),
+            moisture_map=saved_layer(tmp_path, f"moisture{suffix}", "moisture"),
+        )
+    )
+    soil = site.make_soil(THREE)
+    assert np.array_equal(soil.columns.soil, IDS)
+    assert np.array_equal(soil.columns.moisture, PERCENT)
+
+
+def test_maps_lie_on_made_ground_too(tmp_path: Path) -> None:
+    path = saved_layer(tmp_path, "soil.npy", "soil", Grid(9, 9, 0.2))
+    site = make_site(SiteParams(terrain="rough", num_points=9, soil_map=path))
+    assert np.array_equal(site.make_soil(THREE).columns.soil, np.resize(IDS, (9, 9)))
+
+
+def test_a_map_that_is_named_stands_above_the_layer_of_an_archive(tmp_path: Path) -> None:
+    terrain = saved(tmp_path, "own.npz", Layers(np.zeros_like(IDS), PERCENT))
+    path = saved_layer(tmp_path, "soil.npy", "soil")
+    soil = make_site(SiteParams(terrain=terrain, soil_map=path)).make_soil(THREE)
+    assert np.array_equal(soil.columns.soil, IDS)
+    assert np.array_equal(soil.columns.moisture, PERCENT)
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".npz", ".asc", ".tif"])
+def test_heights_in_feet_become_metres(tmp_path: Path, suffix: str) -> None:
+    terrain = saved(tmp_path, f"feet{suffix}")
+    site = make_site(SiteParams(terrain=terrain, cell=0.5, vertical_scale=0.3048))
+    assert site.heights == pytest.approx(0.3048 * HEIGHTS, rel=1e-6)
+
+
+def test_a_picture_that_states_its_spacing_keeps_it_and_one_that_does_not_is_given_it(
+    tmp_path: Path,
+) -> None:
+    assert make_site(SiteParams(terrain=saved(tmp_path, "own.png"), cell=0.2)).grid == GRID
+    terrain = saved(tmp_path, "own.npy")
+    assert make_site(SiteParams(terrain=terrain, cell=0.2)).grid == Grid(5, 4, 0.2)
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".npz", ".png", ".asc", ".tif"])
+def test_a_design_from_any_file_is_compared_with_the_ground(tmp_path: Path, suffix: str) -> None:
+    path = saved(tmp_path, f"design{suffix}")
+    save_terrain(tmp_path / "ground.asc", flat(GRID))
+    site = make_site(SiteParams(terrain=str(tmp_path / "ground.asc"), design=path))
+    assert site.design is not None
+    result = site.cut_fill(site.heights)
+    assert result is not None
+    assert result.cut == 0.0
+    assert result.fill == pytest.approx(HEIGHTS.sum() * 0.25, abs=1e-2)
+
+
+def test_a_design_in_feet_is_scaled_as_the_ground_is(tmp_path: Path) -> None:
+    path = saved(tmp_path, "feet.npz")
+    site = make_site(SiteParams(terrain=path, design=path, vertical_scale=0.3048))
+    result = site.cut_fill(site.heights)
+    assert result is not None
+    assert (result.remaining, result.within_tolerance) == (0.0, 1.0)
+
+
+def test_the_tolerance_of_the_design_is_the_one_given(tmp_path: Path) -> None:
+    path = saved(tmp_path, "design.npz")
+    site = make_site(SiteParams(terrain=path, design=path, design_tolerance=0.2))
+    result = site.cut_fill(site.heights + 0.15)
+    assert result is not None
+    assert result.within_tolerance == 1.0
+
+
+def test_the_range_of_a_picture_is_for_the_design_where_that_is_the_picture(
+    tmp_path: Path,
+) -> None:
+    from PIL import Image
+
+    grey = np.full((4, 5), 65535, dtype=np.uint16)  # a north-up picture, 5 wide along x
+    Image.fromarray(grey).save(tmp_path / "design.png")
+    params = SiteParams(
+        terrain=saved(tmp_path, "ground.asc"),
+        design=str(tmp_path / "design.png"),
+        png_min_height=-1.0,
+        png_max_height=3.0,
+    )
+    design = make_site(params).design
+    assert design is not None
+    assert (design.heights == 3.0).all()
+
+
+def bad(folder: Path, **given: object) -> SiteParams:
+    """Parameters whose file names are of files in the folder."""
+    names = ("terrain", "soil_map", "moisture_map", "design")
+    paths = {n: str(folder / str(given[n])) for n in names if n in given}
+    return SiteParams(**{"terrain": "flat", **given, **paths})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"terrain": "none.asc"}, r"^site\.terrain: .*none\.asc: there is no such file"),
+        ({"terrain": "own.npy", "soil_map": "half.npy"}, r"^site\.soil_map: .*no soil ids"),
+        ({"soil_map": "soil.npy"}, r"^site\.soil_map: .*soil\.npy: its soil has shape \(5, 4\)"),
+        ({"soil_map": "none.npy"}, r"^site\.soil_map: .*there is no such file"),
+        ({"moisture_map": "none.npy"}, r"^site\.moisture_map: .*there is no such file"),
+        ({"terrain": "own.npy", "moisture_map": "own.npy"}, r"^site\.moisture_map: .*no moisture"),
+        ({"design": "none.npy"}, r"^site\.design: .*there is no such file"),
+        ({"design": "design.jpeg"}, r"^site\.design: .*suffix"),
+        ({"terrain": "far.npz", "design": "place.npz"}, r"^site\.design: .*no height on the ter"),
+    ],
+)
+def test_a_file_that_is_not_what_it_shall_be_is_refused_by_its_parameter(
+    tmp_path: Path, given: dict[str, object], message: str
+) -> None:
+    saved(tmp_path, "own.npy")
+    saved_layer(tmp_path, "soil.npy", "soil")
+    np.save(tmp_path / "half.npy", HEIGHTS + 0.5)
+    for name, east in (("place.npz", 0.0), ("far.npz", 9000.0)):
+        place = Georeference("EPSG:32633", 5e5 + east, 5e6)
+        save_terrain(tmp_path / name, HeightMap(GRID, HEIGHTS + 0.5, place))
+    with pytest.raises(TerrainError, match=message):
+        make_site(bad(tmp_path, **given))
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"vertical_scale": 0.3048}, r"site\.vertical_scale is 0\.3048 and no file"),
+        ({"png_min_height": 1.0}, r"site\.lowest and site\.highest are of a \.png"),
+        (
+            {"terrain": "own.npy", "png_max_height": 1.0},
+            r"site\.lowest and site\.highest are of a \.png",
+        ),
+    ],
+)
+def test_a_parameter_without_its_file_is_refused(
+    tmp_path: Path, given: dict[str, object], message: str
+) -> None:
+    saved(tmp_path, "own.npy")
+    with pytest.raises(ParameterError, match=message):
+        make_site(bad(tmp_path, **given))
+
+
+def test_an_id_without_a_kind_is_refused_by_what_to_name() -> None:
+    site = Site(HeightMap(GRID, HEIGHTS), Layers(soil=IDS))
+    with pytest.raises(
+        SoilError, match=r"site\.soil_map.* go to 2, and soil\.additional_soils names 1"
+    ):
+        site.make_soil(SoilParams(additional_soils=("dry clay",)))
+    assert site.make_soil(THREE).columns.soil.max() == 2
+
+
+def test_moisture_is_given_by_the_site_or_by_the_soil_and_not_both() -> None:
+    site = Site(HeightMap(GRID, HEIGHTS), Layers(moisture=PERCENT))
+    with pytest.raises(EarthmovingError, match=r"soil\.moisture is 50 and the site has its own"):
+        site.make_soil(SoilParams(moisture=50))

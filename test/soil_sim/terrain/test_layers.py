@@ -1,0 +1,310 @@
+"""Layers lie cell for cell on the terrain, and what cannot be a soil or a moisture is refused."""
+
+import numpy as np
+import pytest
+import rasterio
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+from PIL import Image
+
+from msg_bridge.contract.grid import Grid
+from soil_sim.errors import TerrainError
+from soil_sim.terrain import (
+    SUFFIXES,
+    Georeference,
+    HeightMap,
+    Layers,
+    load_layer,
+    load_terrain,
+    load_terrain_with_layers,
+    moisture_percent,
+    save_layer,
+    save_terrain,
+    soil_ids,
+    to_north_up,
+)
+
+GRID = Grid(3, 2, 0.5)
+IDS = np.array([[0, 1], [2, 3], [254, 255]], dtype=np.uint8)
+PERCENT = np.array([[0, 1], [29, 57], [99, 100]], dtype=np.uint8)
+PLACE = Georeference("EPSG:32633", 500_000.0, 5_200_000.0)
+LAYERS = {"soil": IDS, "moisture": PERCENT}
+BOTH = pytest.mark.parametrize("kind", ["soil", "moisture"])
+
+
+def npy(folder, values):
+    np.save(folder / "layer.npy", values)
+    return folder / "layer.npy"
+
+
+def pixels(path):
+    if path.suffix == ".png":
+        with Image.open(path) as image:
+            return np.array(image)
+    with rasterio.open(path) as dataset:
+        return dataset.read(1)
+
+
+@BOTH
+@pytest.mark.parametrize("place", [None, PLACE])
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_layer_comes_back(tmp_path, suffix, kind, place):
+    path = tmp_path / f"layer{suffix}"
+    save_layer(path, LAYERS[kind], GRID, kind=kind, georeference=place)
+    loaded = load_layer(path, GRID, kind=kind, georeference=PLACE)
+    assert loaded.dtype == np.uint8
+    assert np.array_equal(loaded, LAYERS[kind])
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(
+    suffix=st.sampled_from(SUFFIXES),
+    percent=npst.arrays(np.uint8, (3, 2), elements=st.integers(0, 100)),
+)
+def test_any_moisture_comes_back(tmp_path, suffix, percent):
+    save_layer(tmp_path / f"layer{suffix}", percent, GRID, kind="moisture")
+    back = load_layer(tmp_path / f"layer{suffix}", GRID, kind="moisture")
+    assert np.array_equal(back, percent)
+
+
+@BOTH
+@pytest.mark.parametrize("suffix", [".png", ".asc", ".tif"])
+def test_layer_lies_as_the_heights_of_a_picture_do(tmp_path, suffix, kind):
+    save_layer(tmp_path / f"layer{suffix}", LAYERS[kind], GRID, kind=kind)
+    save_terrain(tmp_path / f"site{suffix}", HeightMap(GRID, LAYERS[kind]))
+    layer, site = pixels(tmp_path / f"layer{suffix}"), pixels(tmp_path / f"site{suffix}")
+    assert np.array_equal(np.argsort(layer, axis=None), np.argsort(site, axis=None))
+
+
+def test_picture_of_soils_is_read_north_up(tmp_path):
+    Image.fromarray(to_north_up(IDS).copy()).save(tmp_path / "soil.png")
+    assert np.array_equal(load_layer(tmp_path / "soil.png", GRID, kind="soil"), IDS)
+
+
+def test_picture_of_sixteen_bits_is_read(tmp_path):
+    Image.fromarray(to_north_up(PERCENT).astype(np.uint16)).save(tmp_path / "wet.png")
+    loaded = load_layer(tmp_path / "wet.png", GRID, kind="moisture", percent=True)
+    assert np.array_equal(loaded, PERCENT)
+
+
+def test_picture_with_colours_is_refused(tmp_path):
+    Image.fromarray(np.zeros((2, 3, 3), dtype=np.uint8)).save(tmp_path / "soil.png")
+    with pytest.raises(TerrainError, match="export an 8- or 16-bit greyscale PNG"):
+        load_layer(tmp_path / "soil.png", GRID, kind="soil")
+
+
+def test_picture_with_a_palette_is_refused(tmp_path):
+    Image.fromarray(to_north_up(IDS).copy()).convert("P").save(tmp_path / "soil.png")
+    with pytest.raises(TerrainError, match="without alpha or palette"):
+        load_layer(tmp_path / "soil.png", GRID, kind="soil")
+
+
+def test_our_picture_of_another_layer_is_refused(tmp_path):
+    save_layer(tmp_path / "wet.png", PERCENT, GRID, kind="moisture")
+    with pytest.raises(TerrainError, match=r"wet\.png: it holds 'moisture', not 'soil'"):
+        load_layer(tmp_path / "wet.png", GRID, kind="soil")
+
+
+@BOTH
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_other_shape_is_refused_with_the_one_expected(tmp_path, suffix, kind):
+    path = tmp_path / f"layer{suffix}"
+    save_layer(path, LAYERS[kind].T.copy(), Grid(2, 3, 0.5), kind=kind)
+    with pytest.raises(TerrainError, match=r"shape \(2, 3\).*terrain \(3, 2\).*3 x 2 cells"):
+        load_layer(path, GRID, kind=kind)
+
+
+def test_picture_of_another_shape_is_refused_with_the_pixels_expected(tmp_path):
+    Image.fromarray(IDS).save(tmp_path / "soil.png")
+    with pytest.raises(TerrainError, match="3 pixels wide and 2 high"):
+        load_layer(tmp_path / "soil.png", GRID, kind="soil")
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".png", ".asc", ".tif"])
+def test_other_spacing_is_refused(tmp_path, suffix):
+    path = tmp_path / f"soil{suffix}"
+    save_layer(path, IDS, GRID, kind="soil")
+    with pytest.raises(TerrainError, match=r"states cells of 0\.5 m, the terrain.*0\.2 m"):
+        load_layer(path, Grid(3, 2, 0.2), kind="soil")
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".png", ".asc", ".tif"])
+def test_layer_that_lies_elsewhere_is_refused(tmp_path, suffix):
+    path = tmp_path / f"soil{suffix}"
+    save_layer(path, IDS, GRID, kind="soil", georeference=PLACE)
+    with pytest.raises(TerrainError, match="lies 0 m east and 7 m north of the terrain"):
+        load_layer(path, GRID, kind="soil", georeference=PLACE.translated(0.0, -7.0))
+
+
+def test_layer_in_another_system_is_refused(tmp_path):
+    save_layer(tmp_path / "soil.tif", IDS, GRID, kind="soil", georeference=PLACE)
+    other = Georeference("EPSG:32632", PLACE.easting, PLACE.northing)
+    with pytest.raises(TerrainError, match="crs is 'EPSG:32633', the terrain's 'EPSG:32632'"):
+        load_layer(tmp_path / "soil.tif", GRID, kind="soil", georeference=other)
+
+
+@BOTH
+def test_cells_without_a_value_in_an_array_are_refused_with_their_number(tmp_path, kind):
+    values = np.ones(GRID.shape)
+    values[0, 0] = values[2, 1] = np.nan
+    with pytest.raises(TerrainError, match=rf"2 of 6 cells have no {kind}"):
+        load_layer(npy(tmp_path, values), GRID, kind=kind)
+
+
+@BOTH
+def test_cells_without_a_value_in_an_ascii_grid_are_refused_with_their_number(tmp_path, kind):
+    (tmp_path / "layer.asc").write_text(
+        "ncols 3\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 0.5\n1 -9999 1\n-9999 -9999 0\n"
+    )
+    with pytest.raises(TerrainError, match=rf"3 of 6 cells have no {kind}"):
+        load_layer(tmp_path / "layer.asc", GRID, kind=kind)
+
+
+@BOTH
+def test_cells_without_a_value_in_a_geotiff_are_refused_with_their_number(tmp_path, kind):
+    save_layer(tmp_path / "layer.tif", np.ones((3, 2), np.uint8), GRID, kind=kind)
+    with rasterio.open(tmp_path / "layer.tif", "r+") as dataset:
+        values = dataset.read(1)
+        values[1, 1] = 0
+        dataset.write(values, 1)
+        dataset.nodata = 0
+    with pytest.raises(TerrainError, match=rf"1 of 6 cells have no {kind}"):
+        load_layer(tmp_path / "layer.tif", GRID, kind=kind)
+
+
+@pytest.mark.parametrize("bad", [0.5, -1.0, 256.0, np.inf, 1e300])
+def test_number_that_is_no_soil_id_is_refused_with_its_cell(tmp_path, bad):
+    values = IDS.astype(float)
+    values[2, 0] = bad
+    with pytest.raises(TerrainError, match=r"1 of 6 values are no soil ids.*at row 2, col 0"):
+        load_layer(npy(tmp_path, values), GRID, kind="soil")
+
+
+@pytest.mark.parametrize("bad", [-0.01, 1.01, 50.0, np.inf])
+def test_moisture_beyond_a_fraction_is_refused_with_its_cell(tmp_path, bad):
+    values = PERCENT / 100.0
+    values[1, 1] = bad
+    with pytest.raises(
+        TerrainError, match=r"no moisture from 0 to 1, the first.*row 1, col 1.*per"
+    ):
+        load_layer(npy(tmp_path, values), GRID, kind="moisture")
+
+
+def test_moisture_in_percent_is_taken_where_it_is_said(tmp_path):
+    path = npy(tmp_path, PERCENT)
+    assert np.array_equal(load_layer(path, GRID, kind="moisture", percent=True), PERCENT)
+
+
+def test_moisture_above_a_hundred_percent_is_refused(tmp_path):
+    with pytest.raises(TerrainError, match="no moisture from 0 to 100"):
+        load_layer(npy(tmp_path, PERCENT + np.uint8(1)), GRID, kind="moisture", percent=True)
+
+
+def test_percent_of_a_soil_is_refused(tmp_path):
+    with pytest.raises(TerrainError, match="percent is for moisture only"):
+        load_layer(npy(tmp_path, IDS), GRID, kind="soil", percent=True)
+
+
+def test_moisture_is_rounded_to_whole_percent():
+    assert moisture_percent([[0.124, 0.126], [0.994, 0.996]]).tolist() == [[12, 13], [99, 100]]
+
+
+def test_ids_may_be_whole_numbers_of_any_type():
+    assert soil_ids([[1.0, 2.0], [3.0, 255.0]]).tolist() == [[1, 2], [3, 255]]
+
+
+@pytest.mark.parametrize("kind", ["", "Soil", "heights", None])
+def test_unknown_kind_is_refused_with_the_known_ones(tmp_path, kind):
+    with pytest.raises(TerrainError, match="give one of soil, moisture"):
+        load_layer(npy(tmp_path, IDS), GRID, kind=kind)
+    with pytest.raises(TerrainError, match="give one of soil, moisture"):
+        save_layer(tmp_path / "out.npy", IDS, GRID, kind=kind)
+    assert not (tmp_path / "out.npy").exists()
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_missing_file_is_refused_by_its_name(tmp_path, suffix):
+    with pytest.raises(TerrainError, match=rf"no\{suffix}: there is no such file"):
+        load_layer(tmp_path / f"no{suffix}", GRID, kind="soil")
+
+
+def test_layer_of_another_type_is_refused_at_saving(tmp_path):
+    with pytest.raises(TerrainError, match="make one by soil_ids or moisture_percent"):
+        save_layer(tmp_path / "wet.npy", PERCENT / 100.0, GRID, kind="moisture")
+
+
+def test_layer_of_another_shape_is_refused_at_saving(tmp_path):
+    with pytest.raises(TerrainError, match=r"3 x 2 cells"):
+        save_layer(tmp_path / "soil.npy", IDS[:2], GRID, kind="soil")
+
+
+def test_moisture_above_saturation_is_refused_at_saving(tmp_path):
+    with pytest.raises(TerrainError, match="goes up to 101 percent"):
+        save_layer(tmp_path / "wet.npy", PERCENT + np.uint8(1), GRID, kind="moisture")
+
+
+def test_terrain_and_layers_share_a_file(tmp_path):
+    path = tmp_path / "site.npz"
+    site = HeightMap(GRID, np.arange(6.0).reshape(3, 2), PLACE)
+    save_terrain(path, site, layers=Layers(IDS, PERCENT))
+    loaded, layers = load_terrain_with_layers(path)
+    assert np.array_equal(loaded.heights, site.heights)
+    assert (loaded.grid, loaded.georeference) == (GRID, PLACE)
+    assert np.array_equal(layers.soil, IDS)
+    assert np.array_equal(layers.moisture, PERCENT)
+    assert np.array_equal(load_terrain(path).heights, site.heights)
+    assert np.array_equal(load_layer(path, GRID, kind="soil", georeference=PLACE), IDS)
+
+
+def test_terrain_without_layers_has_none(tmp_path):
+    save_terrain(tmp_path / "site.npz", HeightMap(GRID, np.zeros((3, 2))))
+    _, layers = load_terrain_with_layers(tmp_path / "site.npz")
+    assert (layers.soil, layers.moisture) == (None, None)
+    with pytest.raises(TerrainError, match=r"holds no array 'soil' \(layers in it: none\)"):
+        load_layer(tmp_path / "site.npz", GRID, kind="soil")
+
+
+@pytest.mark.parametrize("suffix", [suffix for suffix in SUFFIXES if suffix != ".npz"])
+def test_layers_beside_heights_are_refused_where_there_is_no_room(tmp_path, suffix):
+    site = HeightMap(GRID, np.zeros((3, 2)))
+    with pytest.raises(TerrainError, match=r"layers go into \.npz only"):
+        save_terrain(tmp_path / f"site{suffix}", site, layers=Layers(IDS))
+    save_terrain(tmp_path / f"site{suffix}", site)
+    with pytest.raises(TerrainError, match="no room for layers"):
+        load_terrain_with_layers(tmp_path / f"site{suffix}", cell=0.5)
+
+
+def test_layers_of_another_shape_than_the_heights_are_refused(tmp_path):
+    path = tmp_path / "site.npz"
+    with pytest.raises(TerrainError, match="3 x 2 cells"):
+        save_terrain(path, HeightMap(GRID, np.zeros((3, 2))), layers=Layers(IDS[:2]))
+    np.savez(path, heights=np.zeros((3, 2)), cell=0.5, soil=IDS[:2])
+    with pytest.raises(TerrainError, match=r"its soil has shape \(2, 2\), its heights \(3, 2\)"):
+        load_terrain_with_layers(path)
+
+
+def test_moisture_beside_heights_may_be_in_percent(tmp_path):
+    path = tmp_path / "site.npz"
+    np.savez(path, heights=np.zeros((3, 2)), cell=0.5, moisture=PERCENT)
+    with pytest.raises(TerrainError, match="or percent=True"):
+        load_terrain_with_layers(path)
+    assert np.array_equal(load_terrain_with_layers(path, percent=True)[1].moisture, PERCENT)
+
+
+@BOTH
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_damaged_bytes_make_a_layer_or_a_terrain_error_never_another(tmp_path, suffix, kind, data):
+    path = tmp_path / f"layer{suffix}"
+    save_layer(path, LAYERS[kind], GRID, kind=kind, georeference=PLACE)
+    content = bytearray(path.read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    path.write_bytes(content)
+    try:
+        loaded = load_layer(path, GRID, kind=kind)
+    except TerrainError:
+        return
+    assert loaded.shape == GRID.shape

@@ -1,0 +1,206 @@
+"""The soil behind its end of the exchange, with a machine that is only its messages."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from support.soil_scenes import bucket_sweep, flat_soil, make_deposit_requests
+
+from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.messages import Keyframe, Message, SoilHeader
+from msg_bridge.contract.rows import MAX_ROW_VOLUME, Rows
+from msg_bridge.exchange.machine_exchange import MachineExchange
+from soil_sim.endpoint import SoilEndpoint, SoilTickResult
+from soil_sim.soil import Soil
+from soil_sim.soils.params import SoilParams
+
+NOTHING = make_deposit_requests([], [], 0)
+DOWN = [(0.3, 0.05), (0.2, -0.05), (0.1, -0.15), (0.0, -0.2), (-0.1, -0.2)]  # lip (x, z) [m]
+
+
+class Digger:
+    """A machine's end of the exchange that keeps what it is given as one number."""
+
+    def __init__(self, endpoint: SoilEndpoint, machine_id: int = 1) -> None:
+        self.endpoint = endpoint
+        self.exchange = MachineExchange(machine_id)
+        self.held = 0
+        self.exchange.join()
+        self.carry()
+
+    def carry(self) -> list[Message]:
+        """Both boxes, once each; returns what the soil said."""
+        for message in self.exchange.drain_outbox():
+            self.endpoint.receive(message)
+        said = self.endpoint.drain_outbox()
+        for message in said:
+            self.exchange.receive(message)
+        return said
+
+    def send(self, sweeps: Rows, deposit_requests: Rows = NOTHING, *, leave: bool = False) -> None:
+        self.exchange.send(
+            sweeps, deposit_requests, pending_mm3=self.held, particles_mm3=0, leave=leave
+        )
+        for message in self.exchange.drain_outbox():
+            self.endpoint.receive(message)
+
+    def take(self) -> None:
+        """Takes the answer that is due: to the tick before the last sent."""
+        self.carry()
+        answer = self.exchange.poll()
+        if answer is not None:
+            self.held += int(answer.conversions["volume_mm3"].astype(np.int64).sum())
+
+    def dig(self) -> SoilTickResult:
+        """Pushes a bucket into the ground and waits a tick; returns the last tick."""
+        done = None
+        for (x0, z0), (x1, z1) in pairwise([*DOWN, DOWN[-1]]):
+            self.send(bucket_sweep((x0, 0.0, z0), (x1, 0.0, z1)))
+            done = self.endpoint.advance()
+            self.take()
+        assert done is not None
+        return done
+
+
+@pytest.fixture
+def endpoint() -> SoilEndpoint:
+    return SoilEndpoint(flat_soil())
+
+
+def welcomed(endpoint: SoilEndpoint) -> Digger:
+    digger = Digger(endpoint)
+    assert endpoint.advance() is not None
+    digger.carry()
+    assert digger.exchange.joined
+    return digger
+
+
+def test_nothing_happens_before_the_expected_machines_have_joined() -> None:
+    endpoint = SoilEndpoint(flat_soil(), expected=(1, 2))
+    assert endpoint.tick == -1
+    Digger(endpoint, 1)
+    assert endpoint.advance() is None
+    Digger(endpoint, 2)
+    done = endpoint.advance()
+    assert done is not None
+    assert (done.ledger.tick, endpoint.tick) == (0, 0)
+
+
+def test_the_welcome_moves_nothing_and_shows_the_terrain(endpoint: SoilEndpoint) -> None:
+    digger = Digger(endpoint)
+    done = endpoint.advance()
+    assert done is not None
+    assert done.step.conversions.size == done.step.map_updates.size == 0
+    assert done.ledger.terrain == endpoint.soil.total_mm3 == done.ledger.start
+    said = digger.carry()
+    assert [type(message) for message in said] == [SoilHeader, Keyframe]
+    assert (said[1].elevation == endpoint.soil.columns.height).all()
+    shown = (said[1].volume_mm3, said[1].soil, said[1].moisture)
+    assert all(map(np.array_equal, shown, endpoint.soil.layers))
+
+
+def test_what_a_bucket_takes_is_told_in_conversions_and_balances(endpoint: SoilEndpoint) -> None:
+    digger = welcomed(endpoint)
+    before = endpoint.soil.total_mm3
+    done = digger.dig()
+    assert digger.held == before - endpoint.soil.total_mm3 > 0
+    assert done.ledger.imbalance == 0
+    assert endpoint.soil.verify_volume()
+
+
+def test_a_tick_waits_for_every_machine_unless_told_not_to(endpoint: SoilEndpoint) -> None:
+    digger = welcomed(endpoint)
+    assert endpoint.advance() is None
+    done = endpoint.advance(wait=False)
+    assert done is not None
+    assert endpoint.tick == 1
+    digger.carry()
+    digger.send(bucket_sweep((0, 0, 1), (0, 0, 1)))
+    assert endpoint.advance() is not None
+
+
+def test_what_an_absent_machine_held_becomes_terrain_where_it_last_swept(
+    endpoint: SoilEndpoint,
+) -> None:
+    digger = welcomed(endpoint)
+    digger.dig()
+    x, z = DOWN[-1]
+    digger.send(bucket_sweep((x, 0.0, z), (x, 0.0, 1.0)), leave=True)
+    left = endpoint.advance()
+    assert left is not None
+    held = left.ledger.absent
+    assert held >= digger.held > 0
+    heights = endpoint.soil.columns.height.copy()
+    assert endpoint.release_absent_soil() == (1,)
+    done = endpoint.advance(wait=False)
+    assert done is not None
+    assert (done.ledger.absent, done.ledger.imbalance) == (0, 0)
+    assert done.ledger.terrain == left.ledger.terrain + held
+    raised = np.argwhere(endpoint.soil.columns.height > heights + 1e-6)
+    # The left end of the lip, where the first pair of its key points was, within what slips.
+    grid = endpoint.soil.grid
+    place = np.array([grid.row(x), grid.col(0.6)])
+    assert np.hypot(*(raised - place).T).min() < 2.5
+    assert endpoint.soil.verify_volume()
+
+
+def test_what_is_released_is_of_the_kind_and_as_moist_as_what_was_dug() -> None:
+    grid = Grid(61, 61, 0.2)
+    ids = np.full(grid.shape, 1, dtype=np.uint8)
+    params = SoilParams(soil="loam", additional_soils=("wet clay",))
+    soil = Soil(grid, np.zeros(grid.shape), params, soil=ids, moisture=np.full(grid.shape, 63))
+    endpoint = SoilEndpoint(soil)
+    digger = welcomed(endpoint)
+    digger.dig()
+    x, z = DOWN[-1]
+    digger.send(bucket_sweep((x, 0.0, z), (x, 0.0, 1.0)), leave=True)
+    endpoint.advance()
+    loose = soil.columns.loose.copy()
+    endpoint.release_absent_soil()
+    done = endpoint.advance(wait=False)
+    assert done is not None
+    rows = done.step.conversions
+    assert set(zip(rows["soil"].tolist(), rows["moisture"].tolist(), strict=True)) == {(1, 63)}
+    grown = soil.columns.loose > loose
+    assert grown.any()
+    assert set(soil.columns.loose_moisture[grown].tolist()) == {63}
+    assert set(soil.columns.loose_soil[grown].tolist()) == {1}
+
+
+def test_nothing_is_released_where_nobody_has_left_anything(endpoint: SoilEndpoint) -> None:
+    digger = welcomed(endpoint)
+    digger.dig()
+    assert endpoint.release_absent_soil() == ()
+
+
+def test_a_machine_that_asks_to_come_back_before_the_release_keeps_what_it_holds(
+    endpoint: SoilEndpoint,
+) -> None:
+    digger = welcomed(endpoint)
+    digger.dig()
+    digger.send(bucket_sweep((0, 0, 1), (0, 0, 1)), leave=True)
+    endpoint.advance()
+    digger.carry()
+    digger.exchange.poll()
+    assert endpoint.release_absent_soil() == (1,)
+    digger.exchange.join(pending_mm3=digger.held)
+    digger.carry()
+    assert endpoint.release_absent_soil() == ()
+    done = endpoint.advance()
+    assert done is not None
+    assert (done.ledger.absent, done.ledger.imbalance) == (0, 0)
+    assert done.ledger.pending == digger.held > 0
+    digger.carry()
+    digger.send(bucket_sweep((0, 0, 1), (0, 0, 1)))
+    assert endpoint.advance() is not None
+
+
+def test_a_volume_beyond_what_one_row_carries_is_released_whole(endpoint: SoilEndpoint) -> None:
+    volume = 2 * MAX_ROW_VOLUME + 5
+    endpoint.exchange.release = lambda machine_id: volume  # type: ignore[method-assign]
+    rows = endpoint._released(3)
+    assert rows["volume_mm3"].tolist() == [MAX_ROW_VOLUME, MAX_ROW_VOLUME, 5]
+    assert rows["particle_id"].tolist() == [0, 1, 2]
+    assert set(rows["machine_id"].tolist()) == {3}

@@ -1,0 +1,220 @@
+"""Random work on random ground: no soil is lost, none is left too steep, equal work is equal."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from support.soil_scenes import NO_DEPOSIT_REQUESTS, NO_SWEEPS, bucket_sweep, make_deposit_requests
+
+from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.rows import ConversionKind, Rows, SoilReaction, SweepAction
+from soil_sim.soil import Soil, SoilStepResult
+from soil_sim.soils.params import SoilParams
+from soil_sim.soils.soil_types import load_soil_types
+
+NAMES = tuple(load_soil_types())
+MAX_VISITS_TO_REST = 10**9
+TICKS = 15
+
+
+@dataclass(frozen=True)
+class Site:
+    """Ground to work on: a grid, soils by name ("" for one given by angle and swell), a seed."""
+
+    grid: Grid
+    params: SoilParams
+    seed: int
+
+    def soil(self) -> Soil:
+        """Hilly ground of one soil or in patches, moist evenly or by chance, free to slip."""
+        rng = np.random.default_rng(self.seed)
+        shape, cell = self.grid.shape, self.grid.cell
+        steps = np.cumsum(rng.normal(0.0, 0.3 * cell, shape), axis=0)
+        heights = steps + np.cumsum(rng.normal(0.0, 0.3 * cell, shape), axis=1)
+        heights[rng.random(shape) < 0.02] += rng.uniform(-1.0, 2.0)  # pillars and holes
+        kinds = 1 + len(self.params.additional_soils)
+        ids = np.kron(rng.integers(0, kinds, (18, 18)), np.ones((4, 4)))
+        layers = {
+            "soil": ids[: shape[0], : shape[1]].astype(np.uint8),
+            "moisture": rng.integers(0, 101, shape),
+        }
+        for name in list(layers):
+            if rng.random() < 0.4:
+                del layers[name]
+        soil = Soil(self.grid, heights, self.params, **layers)  # type: ignore[arg-type]
+        soil.relaxation.mark_all_disturbed()
+        return soil
+
+
+@st.composite
+def sites(draw: st.DrawFn) -> Site:
+    own = draw(st.sampled_from(("", *NAMES)))
+    plain: dict[str, Any] = {
+        "repose_angle": draw(st.floats(10.0, 60.0)),
+        "swell": draw(st.floats(0.0, 0.7)),
+    }
+    params = SoilParams(
+        soil=own,
+        additional_soils=tuple(draw(st.lists(st.sampled_from(NAMES), max_size=3))),
+        moisture=draw(st.sampled_from((-1, 0, 37, 100))),
+        relaxation_radius=draw(st.sampled_from((1.0, 1.5, 2.3, 4.0, 4.0, 4.0))),
+        max_cell_visits_per_tick=draw(st.sampled_from((100, 20_000))),
+        soil_depth=draw(st.sampled_from((0.3, 5.0))),
+        cut_mode=draw(st.sampled_from(("swept", "reference"))),
+        repose_angle_noise=draw(st.sampled_from((0.0, 0.0, 4.0))),
+        redistribution_noise=draw(st.sampled_from((0.0, 0.0, 0.5))),
+        surface_tilt_noise=draw(st.sampled_from((0.0, 20.0))),
+        **({} if own else plain),
+    )
+    # Above 2000 columns large failures are swept, if they are of one kind and moisture.
+    side = st.integers(2, 30) if draw(st.booleans()) else st.integers(48, 72)
+    grid = Grid(draw(side), draw(side), draw(st.sampled_from((0.05, 0.1, 0.25, 0.4))))
+    return Site(grid, params, draw(st.integers(0, 2**32 - 1)))
+
+
+def random_input(soil: Soil, rng: np.random.Generator) -> tuple[Rows, Rows]:
+    """What a tick may bring: a bucket that cuts or presses; particles of any kind, some beyond."""
+    size = np.array([*soil.grid.size, 2.0])
+    top = float(soil.columns.height.max())
+    sweep, deposit_requests = NO_SWEEPS, NO_DEPOSIT_REQUESTS
+    if rng.random() < 0.6:
+        start = rng.uniform(-0.55, 0.55, 3) * size + (0.0, 0.0, top)
+        end = start + rng.normal(0.0, 1.0, 3) * (0.4, 0.4, 0.2)
+        sweep = bucket_sweep(tuple(start), tuple(end), width=float(rng.uniform(0.05, 1.5)))
+        if rng.random() < 0.3:
+            sweep["action"] = SweepAction.COMPACT
+    if rng.random() < 0.8:
+        count = int(rng.integers(1, 30))
+        at = rng.uniform(-0.52, 0.52, (2, 1 if rng.random() < 0.3 else count)) * size[:2, None]
+        most = soil.grid.cell**2 * rng.choice([1e6, 1e8, 4e8])  # up to 0.4 m in one column
+        x, y = np.broadcast_to(at, (2, count))
+        deposit_requests = make_deposit_requests(x, y, 1)
+        deposit_requests["volume_mm3"] = rng.integers(1, int(most), count)
+        deposit_requests["soil"] = rng.integers(0, len(soil.soil_types), count)
+        deposit_requests["moisture"] = rng.integers(0, 101, count)
+    if rng.random() < 0.3:
+        sweep, deposit_requests = spoilt(sweep, rng), spoilt(deposit_requests, rng)
+    return sweep, deposit_requests
+
+
+def spoilt(rows: Rows, rng: np.random.Generator) -> Rows:
+    """Rows as a broken machine may send them: fields of any bits, rows lost, doubled or mixed."""
+    rows = rows.copy()
+    for _ in range(rng.integers(1, 5)):
+        if rows.size == 0:
+            break
+        row, name = rng.integers(rows.size), str(rng.choice(rows.dtype.names or ()))
+        what = rng.integers(4)
+        if what == 0:
+            field = rows[name][row : row + 1].view(np.uint8)
+            field[:] = rng.integers(0, 256, field.size)
+        elif what == 1 and name in ("x", "y", "z", "x0", "y0", "z0", "x1", "y1", "z1"):
+            rows[name][row] = rng.choice([np.nan, np.inf, -np.inf, 1e18, -1e18, 3e38, 1e5, -30.0])
+        elif what == 2:
+            rows = np.delete(rows, row)
+        else:
+            rows = rows[rng.integers(0, rows.size, rows.size)]
+    return rows
+
+
+def state(soil: Soil) -> NDArray[np.int64]:
+    """Firm, loose and the room of the loose [mm^3], kind and moisture on top: (5, rows, cols)."""
+    columns = soil.columns
+    top = (columns.top_soil.astype(np.int64), columns.top_moisture.astype(np.int64))
+    return np.stack([columns.firm, columns.loose, columns.bulk, *top])
+
+
+def expect_sound(soil: Soil) -> None:
+    """Nothing is less than nothing, and the surface is where the volumes put it."""
+    columns = soil.columns
+    assert columns.firm.min() >= 0
+    assert columns.loose.min() >= 0
+    assert (columns.bulk >= columns.loose).all(), "loose soil is never denser than bank soil"
+    assert (columns.bulk[columns.loose == 0] == 0).all()
+    assert columns.moisture.max() <= 100
+    assert columns.top_soil.max() < len(soil.soil_types)
+    surface = columns.floor + (columns.firm + columns.bulk) * columns.metres_per_mm3
+    assert columns.height == pytest.approx(surface, abs=1e-9)
+    assert soil.verify_volume()
+
+
+def expect_all_is_told(
+    soil: Soil,
+    before: NDArray[np.int64],
+    step: SoilStepResult,
+    deposit_requests: Rows,
+    sweeps: Rows,
+) -> None:
+    """Answers, changed rows and refusals are what happened, no more and no less."""
+    after = state(soil)
+    volume = step.conversions["volume_mm3"].astype(np.int64)
+    kind = step.conversions["kind"]
+    deposited = int(volume[kind == ConversionKind.DEPOSIT].sum())
+    excavated = int(volume[kind == ConversionKind.EXCAVATE].sum())
+    assert int(after[:2].sum()) + excavated - deposited == int(before[:2].sum())
+    assert (kind != ConversionKind.EXCAVATE).sum() == deposit_requests.size
+    cuts = (step.forces["reaction"] == SoilReaction.CUT).sum()
+    assert cuts + len(step.rejected_tools) == np.unique(sweeps[["machine_id", "tool"]]).size
+
+    said = np.zeros(soil.grid.shape, dtype=bool)
+    said[step.map_updates["row"], step.map_updates["col"]] = True
+    assert said.sum() == step.map_updates.size, "no column is told twice"
+    assert np.array_equal(said, (before != after).any(axis=0))
+    assert np.array_equal(step.map_updates["volume_mm3"], after[:2].sum(axis=0)[said])
+    assert step.map_updates["z"] == pytest.approx(soil.columns.height[said], abs=1e-5, rel=1e-6)
+    assert np.array_equal(step.map_updates["soil"], soil.columns.top_soil[said])
+    assert np.array_equal(step.map_updates["moisture"], soil.columns.top_moisture[said])
+    depth = soil.columns.loose_depth[said]
+    assert step.map_updates["loose_depth"] == pytest.approx(depth, abs=1e-5, rel=1e-6)
+
+
+def work(site: Site) -> None:
+    """Work on a site twice, look at everything once, and compare all the states passed."""
+    hashes = []
+    for checked in (True, False):
+        soil, rng = site.soil(), np.random.default_rng(site.seed)
+        states = hashlib.sha256()
+        for tick in range(TICKS):
+            before = state(soil)
+            sweeps, deposit_requests = random_input(soil, rng)
+            step = soil.step(tick, sweeps, deposit_requests)
+            if checked:
+                expect_sound(soil)
+                expect_all_is_told(soil, before, step, deposit_requests, sweeps)
+            states.update(soil.state_hash().encode())
+        total = soil.total_mm3
+        aside = (0.0, 0.0, float(soil.columns.height.max()) + 9.0)
+        soil.step(
+            TICKS, bucket_sweep(aside, aside), NO_DEPOSIT_REQUESTS
+        )  # no tool stands in the soil
+        for _ in range(50):
+            soil.step(TICKS, NO_SWEEPS, NO_DEPOSIT_REQUESTS)
+        soil.relaxation.relax(MAX_VISITS_TO_REST)  # a small budget takes many ticks
+        soil.step(TICKS, NO_SWEEPS, NO_DEPOSIT_REQUESTS)
+        assert soil.relaxation.num_pending == 0
+        assert soil.relaxation.max_slope_excess() <= 2 * soil.params.relaxation_tolerance
+        assert soil.total_mm3 == total
+        expect_sound(soil)
+        states.update(soil.state_hash().encode())
+        hashes.append(states.hexdigest())
+    assert hashes[0] == hashes[1]
+
+
+@settings(deadline=None, max_examples=20)
+@given(site=sites())
+def test_random_work_loses_no_soil_and_leaves_none_too_steep(site: Site) -> None:
+    work(site)
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=150)
+@given(site=sites())
+def test_much_random_work_loses_no_soil_and_leaves_none_too_steep(site: Site) -> None:
+    work(site)
