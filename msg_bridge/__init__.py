@@ -7,5 +7,6 @@
 - `bag`: MCAP bags, written and read; `recorder`: the node that writes them; `audit`: every cubic
   millimetre of a recorded run counted again
 - `testing`: fixtures for launch-free tests of nodes, a bad transport
+- `kernels`: how Numba kernels are compiled and cached
 - `config_files`: where shipped parameters are
 """

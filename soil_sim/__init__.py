@@ -12,7 +12,7 @@
 - `changes`: what a tick did; `answers`: it in rows; `tiles`: running volume and state hash
 - `soils`: kinds of soil; `design`: cut and fill against what the ground shall become
 - `terrain`: where terrain comes from, files and made ground
-- `jit`: how kernels are compiled; `vectors`: of three numbers, for kernels
+- `vec3`: vectors of three numbers, for kernels
 
 No ROS and nothing of the machines: they meet in `msg_bridge.contract`.
 """

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from msg_bridge.kernels import helper, kernel
 from soil_sim.columns.state import Columns, compact_column
-from soil_sim.jit import helper, kernel
 from soil_sim.tool_sweeps import SweptPairs
 
 __all__ = ["compact"]
@@ -44,7 +44,7 @@ def compact(columns: Columns, pairs: SweptPairs) -> NDArray[np.int64]:
     return np.unique(packed) if packed.size else packed
 
 
-@kernel()
+@kernel
 def _compact(points, has_plate, columns, rows, cols, x_first, y_first, cell):  # type: ignore[no-untyped-def]
     """`press`; a column is told once for each triangle that packs it."""
     packed, count = np.empty(64, dtype=np.int64), np.int64(0)
@@ -82,7 +82,7 @@ def _interpolate_key_point(points, n, p, t):  # type: ignore[no-untyped-def]
     )
 
 
-@helper()
+@helper
 def _compact_triangle(  # type: ignore[no-untyped-def]
     a, b, c, columns, rows, cols, x_first, y_first, cell, packed, count
 ):

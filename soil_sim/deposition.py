@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.rows import ConversionKind, Rows
-from soil_sim.jit import kernel
+from msg_bridge.kernels import kernel
 
 __all__ = ["ColumnShares", "bilinear_shares"]
 
@@ -49,7 +49,7 @@ def bilinear_shares(grid: Grid, conversions: Rows) -> ColumnShares:
     return shares
 
 
-@kernel()
+@kernel
 def _bilinear_shares(conversions, rows, cols, cell, x_first, y_first):  # type: ignore[no-untyped-def]
     """`Shares` of the DEPOSIT rows."""
     count = 0

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from msg_bridge.contract.constants import MOISTURE_LEVELS
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.rows import (
     CONVERSION,
@@ -16,11 +17,10 @@ from msg_bridge.contract.rows import (
     Rows,
     empty_rows,
 )
+from msg_bridge.kernels import kernel
 from soil_sim.columns.changes import ColumnChanges
 from soil_sim.columns.state import Columns
 from soil_sim.excavation.swept_cut import RemovedSoil
-from soil_sim.jit import kernel
-from soil_sim.soils.soil_types import MOISTURE_LEVELS
 
 __all__ = ["convert_deposit_requests", "excavation_rows", "map_update_rows"]
 
@@ -99,7 +99,7 @@ def map_update_rows(changed: ColumnChanges, columns: Columns, revision: int) -> 
     return rows
 
 
-@kernel()
+@kernel
 def _convert_requests(deposit_requests, first, tick, kinds, rows, cols, cell, x_first, y_first):  # type: ignore[no-untyped-def]
     """CONVERSION rows of landed ones; those of `first` are the first of their particle."""
     answers = np.zeros(deposit_requests.size, CONVERSION)
@@ -124,7 +124,7 @@ def _convert_requests(deposit_requests, first, tick, kinds, rows, cols, cell, x_
     return answers
 
 
-@kernel()
+@kernel
 def _excavation_rows(removed, tick, machine_id, cols):  # type: ignore[no-untyped-def]
     """CONVERSION rows of removed soil, as many for each column as its volume needs."""
     pieces = 0
@@ -146,7 +146,7 @@ def _excavation_rows(removed, tick, machine_id, cols):  # type: ignore[no-untype
     return rows
 
 
-@kernel()
+@kernel
 def _map_update_rows(cells, columns, revision, cols, cell, x_first, y_first):  # type: ignore[no-untyped-def]
     """CHANGED rows of columns, by their flat indices."""
     rows = np.zeros(cells.size, MAP_UPDATE)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.rows import ConversionKind, Rows, machine_ids_in
-from soil_sim.jit import kernel
+from msg_bridge.kernels import kernel
 
 __all__ = ["SoilInventory"]
 
@@ -59,7 +59,7 @@ class SoilInventory:
         return int(held.volume.argmax()), min(max(moisture, 0), 100)
 
 
-@kernel()
+@kernel
 def _record(conversions, machine_id, volume, water):  # type: ignore[no-untyped-def]
     """Count one source's conversions by kind."""
     for n in range(conversions.size):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.rows import Rows, SweepAction
-from soil_sim.jit import helper, kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = ["SourceSweeps", "SweptPairs", "ValidSweeps", "group_by_machine", "validate_sweeps"]
 
@@ -116,7 +116,7 @@ def group_by_machine(sweeps: ValidSweeps) -> list[SourceSweeps]:
     return strokes
 
 
-@kernel()
+@kernel
 def _parse_tools(rows):  # type: ignore[no-untyped-def]
     """Key points, first rows and faults (indices into `_FAULT_MESSAGES`) of tools; rows by tool."""
     points = np.empty((rows.size, 2, 3))
@@ -137,7 +137,7 @@ def _parse_tools(rows):  # type: ignore[no-untyped-def]
     return points, first_row, faults
 
 
-@helper()
+@helper
 def _find_fault(rows, points, first_row, end):  # type: ignore[no-untyped-def]
     """The first fault found in the rows of one tool, `first` to `end`; 0 for a sound tool."""
     if (end - first_row) % 2 == 1:
@@ -166,7 +166,7 @@ def _find_fault(rows, points, first_row, end):  # type: ignore[no-untyped-def]
     return 0
 
 
-@kernel()
+@kernel
 def _split_machine(rows, points, start):  # type: ignore[no-untyped-def]
     """(pairs that cut, pairs that press, end) of the source whose rows begin at `start`."""
     end = start
@@ -181,7 +181,7 @@ def _split_machine(rows, points, start):  # type: ignore[no-untyped-def]
     )
 
 
-@helper()
+@helper
 def _select_pairs(rows, points, start, end, pressing):  # type: ignore[no-untyped-def]
     """The pairs of one source's rows, `start` to `end`, that press, or those that do not."""
     left = np.empty((end - start) // 2, dtype=np.int64)  # index of each one's first row

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from soil_sim.jit import helper
+from msg_bridge.kernels import helper
 
 __all__ = ["add", "cross", "divide", "dot", "key_point", "norm", "scale", "subtract"]
 
@@ -21,43 +21,43 @@ def key_point(points, row, time):  # type: ignore[no-untyped-def]
     return points[row, time, 0], points[row, time, 1], points[row, time, 2]
 
 
-@helper()
+@helper
 def add(a, b):  # type: ignore[no-untyped-def]
     """a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@helper()
+@helper
 def subtract(a, b):  # type: ignore[no-untyped-def]
     """a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@helper()
+@helper
 def scale(factor, a):  # type: ignore[no-untyped-def]
     """A number times a vector."""
     return factor * a[0], factor * a[1], factor * a[2]
 
 
-@helper()
+@helper
 def divide(a, divisor):  # type: ignore[no-untyped-def]
     """A vector by a number."""
     return a[0] / divisor, a[1] / divisor, a[2] / divisor
 
 
-@helper()
+@helper
 def dot(a, b):  # type: ignore[no-untyped-def]
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@helper()
+@helper
 def cross(a, b):  # type: ignore[no-untyped-def]
     """Vector product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@helper()
+@helper
 def norm(a):  # type: ignore[no-untyped-def]
     """Euclidean."""
     return math.sqrt(dot(a, a))

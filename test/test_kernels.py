@@ -8,7 +8,7 @@ from numba.core.dispatcher import Dispatcher
 
 import machine_sim
 import soil_sim
-from machine_sim.jit import ThreadedKernel
+from msg_bridge.kernels import ThreadedKernel
 
 
 def kernels_of(package):

@@ -11,7 +11,7 @@ import numpy as np
 from numba import prange
 
 from machine_sim.dem.partition import NUM_CHUNKS, row_chunk
-from machine_sim.jit import kernel, threaded_kernel
+from msg_bridge.kernels import kernel, threaded_kernel
 
 __all__ = [
     "BODY_RECORD_SIZE",

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.jit import inline_kernel
+from msg_bridge.kernels import kernel
 
 __all__ = ["NUM_CHUNKS", "interleave", "partition_pairs", "row_chunk"]
 
@@ -51,13 +51,13 @@ def partition_pairs(slabs: NDArray[np.int64], boundary_slabs: int) -> NDArray[np
     return np.array([*bounds, count], dtype=np.int64)
 
 
-@inline_kernel
+@kernel(forceinline=True)
 def row_chunk(rows, c):  # type: ignore[no-untyped-def]
     """Chunk number `c` of some rows."""
     return rows[c * rows.size // NUM_CHUNKS : (c + 1) * rows.size // NUM_CHUNKS]
 
 
-@inline_kernel
+@kernel(forceinline=True)
 def interleave(r, count):  # type: ignore[no-untyped-def]
     """Which of `count` parts is number `r` in a loop that threads share: even ones first, then odd.
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from machine_sim.jit import kernel
 from msg_bridge.contract.errors import EarthmovingError
+from msg_bridge.kernels import kernel
 
 __all__ = ["ParticleError", "ParticleState"]
 

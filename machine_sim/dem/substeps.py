@@ -10,7 +10,7 @@ from machine_sim.dem.contacts.pair_forces import pair_forces
 from machine_sim.dem.contacts.plate_forces import plate_forces
 from machine_sim.dem.integrate import advance_locked_loads, integrate_bodies
 from machine_sim.dem.partition import NUM_CHUNKS, interleave, row_chunk
-from machine_sim.jit import threaded_kernel
+from msg_bridge.kernels import threaded_kernel
 
 __all__ = ["run_substeps"]
 

@@ -12,16 +12,15 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from machine_sim.ground.track_compaction import TrackCompaction
-from machine_sim.jit import kernel
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.messages import Keyframe
 from msg_bridge.contract.rows import Rows
+from msg_bridge.kernels import kernel
 
 __all__ = ["MAX_RISE_SPEED", "Ground", "GroundError", "surface_at"]
 
@@ -210,7 +209,7 @@ class Ground:
         return float(surface_at(self.surface, *self.frame, x, y)[0])
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def surface_at(surface, x_first, y_first, inverse_cell, x, y):  # type: ignore[no-untyped-def]
     """Bilinear height [m] and its slopes dz/dx, dz/dy at (x, y) [m], map frame.
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.jit import kernel
 from msg_bridge.contract.grid import Grid
+from msg_bridge.kernels import kernel
 
 __all__ = ["TrackCompaction"]
 

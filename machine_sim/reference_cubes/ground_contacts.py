@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from machine_sim.ground.contact_surface import surface_at
-from machine_sim.jit import inline_kernel, kernel
+from msg_bridge.kernels import kernel
 
 __all__ = ["finish_ground_contacts", "resolve_ground_contacts"]
 
@@ -30,7 +30,7 @@ _MAX_RECOVERY_SPEED, _MAX_LIMITED_RECOVERY_SPEED = 1.0, 0.3
 _SQRT3 = np.sqrt(3.0)
 
 
-@inline_kernel
+@kernel(forceinline=True)
 def _slopes(surface, ground, x, y, reach):  # type: ignore[no-untyped-def]
     """dz/dx and dz/dy across `reach` [m] on each side, past the creases between columns."""
     east = surface_at(surface, ground[0], ground[1], ground[2], x + reach, y)[0]
@@ -161,13 +161,13 @@ def resolve_ground_contacts(  # type: ignore[no-untyped-def]
         angular_velocity[i, 2] = wz - contact_delta_angular_velocity[i, 2]
 
 
-@inline_kernel
+@kernel(forceinline=True)
 def _norm(vectors, i):  # type: ignore[no-untyped-def]
     x, y, z = vectors[i, 0], vectors[i, 1], vectors[i, 2]
     return np.sqrt(np.float64(x * x + y * y + z * z))
 
 
-@inline_kernel
+@kernel(forceinline=True)
 def _rotate(quaternion, i, x, y, z):  # type: ignore[no-untyped-def]
     """A vector of the cube's axes in map axes."""
     a, b, c, w = quaternion[i, 0], quaternion[i, 1], quaternion[i, 2], quaternion[i, 3]

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.dem import Pose
-from machine_sim.jit import kernel
 from machine_sim.machine.spec import TrackSpec
 from machine_sim.machine.tools.bucket import BucketShape
 from machine_sim.machine.tools.drum import DrumShape
 from machine_sim.tool_soil.milling_resistance import MIN_MILLING_SPEED
 from msg_bridge.contract.rows import SWEEP, Rows, SweepAction, empty_rows
+from msg_bridge.kernels import kernel
 
 __all__ = ["BucketSweep", "DrumSweep", "TrackSweep"]
 

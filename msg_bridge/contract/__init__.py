@@ -6,5 +6,6 @@
 - `ledger`: where every cubic millimetre is
 - `cylinders`: how a hydraulic cylinder is doing
 - `parameters`: parameter sets checked when built
+- `constants`: gravity, the scale of moisture
 - `errors`: the errors of the package
 """

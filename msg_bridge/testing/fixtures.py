@@ -50,8 +50,8 @@ import pytest
 from msg_bridge.config_files import find_config
 from msg_bridge.dds_profile import PROFILE_VARIABLE
 from msg_bridge.testing.ros_context import Ros
-from msg_bridge.testing.ros_process import RosProcess
 from msg_bridge.testing.ros_domain import reserve_domain
+from msg_bridge.testing.ros_process import RosProcess
 
 __all__ = ["StartProcess", "ros", "ros_domain", "ros_process"]
 

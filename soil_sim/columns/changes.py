@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from msg_bridge.kernels import helper, kernel
 from soil_sim.columns.state import Columns, SurfaceMaterial
-from soil_sim.jit import helper, kernel
 
 __all__ = ["ChangeTracker", "ColumnChanges"]
 
@@ -79,7 +79,7 @@ class ChangeTracker:
         return columns.firm, columns.loose, columns.bulk, surface
 
 
-@kernel()
+@kernel
 def _find_changes(  # type: ignore[no-untyped-def]
     columns, repose_tan, rows, cols, cell, touched, volume_change_mm3, previous, material
 ):
@@ -123,7 +123,7 @@ def _surface_key(columns, i):  # type: ignore[no-untyped-def]
     return np.int64(columns.soil[i]) << 8 | np.int64(columns.moisture[i])
 
 
-@helper()
+@helper
 def _was_at_repose_angle(columns, repose_tan, rows, cols, cell, previous, i):  # type: ignore[no-untyped-def]
     """Whether a column was at its angle of repose against one of its four neighbours."""
     tangent = repose_tan[columns.soil[i], columns.moisture[i]]

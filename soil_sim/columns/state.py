@@ -25,10 +25,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from msg_bridge.contract.constants import MOISTURE_LEVELS
 from msg_bridge.contract.grid import Grid
+from msg_bridge.kernels import helper, kernel
 from soil_sim.errors import SoilError
-from soil_sim.jit import helper, kernel
-from soil_sim.soils.soil_types import MOISTURE_LEVELS, SoilTables
+from soil_sim.soils.soil_types import SoilTables
 
 __all__ = [
     "ColumnArrays",

@@ -14,8 +14,8 @@ import hashlib
 import numpy as np
 from numpy.typing import NDArray
 
+from msg_bridge.kernels import kernel
 from soil_sim.columns.state import Columns
-from soil_sim.jit import kernel
 
 __all__ = ["TILE_SIZE", "TileChecksums"]
 
@@ -82,7 +82,7 @@ class TileChecksums:
         )
 
 
-@kernel()
+@kernel
 def _apply_changes(volume, stale, cells, volume_change_mm3, cols, tile_cols):  # type: ignore[no-untyped-def]
     """Add what columns grew to the volume of their tiles, and note that those are stale."""
     for n in range(cells.size):

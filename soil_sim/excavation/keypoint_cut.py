@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.rows import Rows, SweepAction
+from msg_bridge.kernels import kernel
 from soil_sim.columns.state import Columns, mix_moisture, remove_from_column
 from soil_sim.excavation.swept_cut import RemovedSoil
-from soil_sim.jit import kernel
 
 __all__ = ["KeyPointCut", "collision_points"]
 
@@ -63,7 +63,7 @@ class KeyPointCut:
         return removed
 
 
-@kernel()
+@kernel
 def _lower_columns(points, columns, rows, cols, x_first, y_first, cell):  # type: ignore[no-untyped-def]
     """Lower the four grid points around each point; returns what was removed."""
     out = np.empty((4 * points.shape[0], 7))

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from soil_sim.jit import helper, kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = ["SubcolumnGrid", "max_columns_touched", "rasterize_sweep"]
 
@@ -51,7 +51,7 @@ class SubcolumnGrid(NamedTuple):
     subcolumns_per_side: int
 
 
-@kernel()
+@kernel
 def max_columns_touched(points, has_plate, subgrid):  # type: ignore[no-untyped-def]
     """Upper bound of the number of columns the pairs and plates can touch in the tick."""
     most = 0.0
@@ -63,7 +63,7 @@ def max_columns_touched(points, has_plate, subgrid):  # type: ignore[no-untyped-
     return np.int64(min(most, 1.0 * subgrid.rows * subgrid.cols))
 
 
-@helper()
+@helper
 def _bounding_columns(points, first, end, subgrid):  # type: ignore[no-untyped-def]
     """First and last row, first and last column, as floats, of what pairs `first` to `end` may
     touch."""
@@ -82,7 +82,7 @@ def _bounding_columns(points, first, end, subgrid):  # type: ignore[no-untyped-d
     )
 
 
-@kernel()
+@kernel
 def rasterize_sweep(points, has_plate, height, floor, refined, subgrid, count, tick):  # type: ignore[no-untyped-def]
     """Lower subcolumns to what the pairs sweep, and sum what they lose.
 
@@ -130,7 +130,7 @@ def _is_airborne(points, first, end, height, refined, subgrid):  # type: ignore[
     return True
 
 
-@kernel()
+@kernel
 def _apply_height_changes(height, refined, subgrid, count):  # type: ignore[no-untyped-def]
     """Soil that slipped or landed since lifts or lowers all subcolumns of its column alike."""
     for slot in range(count):
@@ -190,7 +190,7 @@ def _interpolate_key_point(points, which, t):  # type: ignore[no-untyped-def]
     )
 
 
-@helper()
+@helper
 def _num_poses(points, which, subgrid):  # type: ignore[no-untyped-def]
     """Poses through the tick for the way of a key point (pair, end): half a subcolumn apart, at
     least one."""
@@ -227,7 +227,7 @@ def _mark_occupied(a, b, height, floor, refined, subgrid, count, tick):  # type:
     return count
 
 
-@helper()
+@helper
 def _refine_column(k, height, refined, slot):  # type: ignore[no-untyped-def]
     """Give column k, level so far, a slot."""
     top = height[k]
@@ -241,14 +241,14 @@ def _refine_column(k, height, refined, slot):  # type: ignore[no-untyped-def]
         refined.removed_moments[slot, n] = 0.0
 
 
-@helper()
+@helper
 def _rasterize_quad(a, b, c, d, height, floor, refined, subgrid, count, tick):  # type: ignore[no-untyped-def]
     """Lower subcolumns to the two triangles (a, b, c) and (b, d, c) of four corners."""
     count = _rasterize_triangle(a, b, c, height, floor, refined, subgrid, count, tick)
     return _rasterize_triangle(b, d, c, height, floor, refined, subgrid, count, tick)
 
 
-@helper()
+@helper
 def _rasterize_triangle(a, b, c, height, floor, refined, subgrid, count, tick):  # type: ignore[no-untyped-def]
     """Lower the subcolumns whose samples lie under a triangle; returns the refined columns."""
     # In units of subcolumns, so that the sample of subcolumn (fi, fj) lies at (fi, fj).

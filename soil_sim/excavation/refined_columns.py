@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from soil_sim.jit import kernel
+from msg_bridge.kernels import kernel
 
 __all__ = ["RefinedArrays", "RefinedColumns"]
 
@@ -100,7 +100,7 @@ def _allocate(slot_of: NDArray[np.int64], slots: int, subcolumns_per_side: int) 
     )
 
 
-@kernel()
+@kernel
 def _free_unused_slots(tables, count, tick):  # type: ignore[no-untyped-def]
     """Free the slots that no tool was in; returns (slots in use, columns freed)."""
     slot_of, cells, last_tick, subcolumn_height, mean_height, initial_height, _ = tables

@@ -19,10 +19,10 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from msg_bridge.kernels import kernel
 from soil_sim.columns.state import Columns, mix_moisture, remove_from_column
 from soil_sim.excavation.rasterize import SubcolumnGrid, max_columns_touched, rasterize_sweep
 from soil_sim.excavation.refined_columns import RefinedColumns
-from soil_sim.jit import kernel
 from soil_sim.tool_sweeps import SweptPairs
 
 __all__ = ["RemovedSoil", "SweptCut"]
@@ -103,7 +103,7 @@ class SweptCut:
         return gone
 
 
-@kernel()
+@kernel
 def _remove_from_columns(columns, refined, count, parts):  # type: ignore[no-untyped-def]
     """Take the painted removal out of the columns, as whole mm^3 of bank volume."""
     cells, subcolumn_height, mean_height, removed = (

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from msg_bridge.contract.grid import Grid
+from msg_bridge.kernels import kernel
 from soil_sim.errors import SoilError, TerrainError
-from soil_sim.jit import kernel
 from soil_sim.terrain.file_access import wrap_read_errors
 from soil_sim.terrain.files import load_heights_with_nodata
 from soil_sim.terrain.georeference import Georeference
@@ -321,7 +321,7 @@ def _interpolate_rows(heights: NDArray[np.float64], u: NDArray[np.float64]) -> N
     return np.asarray(np.where(s == 1.0, heights[i + 1], mixed))
 
 
-@kernel()
+@kernel
 def _apply_differences(indices, difference, room, limit, kept, kept_room, totals):  # type: ignore[no-untyped-def]
     """Put new differences [m] and rooms [mm^3] in the place of the old, and follow the totals.
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from msg_bridge.kernels import kernel
 from soil_sim.columns.state import Columns, add_loose, remove_from_column, stochastic_round
-from soil_sim.jit import kernel
 
 __all__ = ["redistribute"]
 
@@ -58,7 +58,7 @@ def _label_balanced_failures(
         block *= 2
 
 
-@kernel()
+@kernel
 def _label_failures(moved, side):  # type: ignore[no-untyped-def]
     """Number of the failure that each column that moved belongs to, from 1; 0 if it did not.
 
@@ -99,7 +99,7 @@ def _label_failures(moved, side):  # type: ignore[no-untyped-def]
     return number
 
 
-@kernel()
+@kernel
 def _distribute(columns, cells, change, ends):  # type: ignore[no-untyped-def]
     """Take height [m] from the columns that lose and share what that was among those that gain.
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from msg_bridge.kernels import helper, kernel
 from soil_sim.columns.state import add_loose, remove_loose, update_height
-from soil_sim.jit import helper, kernel
 from soil_sim.slope_failure.relaxation_parameters import enqueue, uniform
 from soil_sim.slope_failure.stability import enqueue_unstable_above, is_unstable
 
@@ -20,7 +20,7 @@ MAX_LAYER_THICKNESS = 0.25
 """Thickness of what moves at once, at most, in parts of a cell."""
 
 
-@kernel()
+@kernel
 def mark_disturbed(columns, cells, include_neighbours, lowered, params, cell_queue):  # type: ignore[no-untyped-def]
     """Put columns into the ring, with `around` all their neighbours, with `sunk` what is too high
     above them and farther away."""
@@ -37,7 +37,7 @@ def mark_disturbed(columns, cells, include_neighbours, lowered, params, cell_que
                     enqueue(r * params.cols + c, cell_queue)
 
 
-@kernel(error_model="numpy")
+@kernel
 def relax_cells(columns, params, occupied, cell_queue, budget):  # type: ignore[no-untyped-def]
     """Examine columns that wait, with at most about `budget` looks around; returns how many."""
     firm, loose, height = columns.firm, columns.loose, columns.height
@@ -136,7 +136,7 @@ def _may_fail(height, flat, distance, i, min_repose_tan, tolerance):  # type: ig
     return False
 
 
-@helper()
+@helper
 def enqueue_steep_above(columns, params, i, cell_queue):  # type: ignore[no-untyped-def]
     """Put those into the ring that stand too steep or too high above column i, which got lower."""
     height, loose, repose_tan = columns.height, columns.loose, params.repose_tan

@@ -18,8 +18,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from msg_bridge.kernels import helper, kernel
 from soil_sim.columns.state import Columns
-from soil_sim.jit import helper, kernel
 from soil_sim.slope_failure.redistribute import redistribute
 from soil_sim.slope_failure.relaxation_parameters import RelaxationParameters
 from soil_sim.slope_failure.stability import stable_firm_height
@@ -243,7 +243,7 @@ def _window_min(values: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
     return least
 
 
-@kernel()
+@kernel
 def _firm_floor(columns, params, occupied, bounds, lowest, floor):  # type: ignore[no-untyped-def]
     """Heights over `lowest` [m] to which the firm soil of a window stands, into `floor`."""
     row, _, col, _ = bounds
@@ -259,7 +259,7 @@ def _firm_floor(columns, params, occupied, bounds, lowest, floor):  # type: igno
             floor[r, c] = stands - lowest
 
 
-@helper(error_model="numpy", forceinline=True)
+@helper(forceinline=True)
 def _transfer(drop, spare_a, spare_b, limit, tolerance, part):  # type: ignore[no-untyped-def]
     """What one of a pair gives the other [m], from a to b; without a branch."""
     none = np.float32(0.0)
@@ -272,7 +272,7 @@ def _transfer(drop, spare_a, spare_b, limit, tolerance, part):  # type: ignore[n
     return give if drop > none else -give
 
 
-@helper(error_model="numpy", forceinline=True)
+@helper(forceinline=True)
 def _relax_pairs(plan, floor, a, b, stride, count, limit, tolerance, part):  # type: ignore[no-untyped-def]
     """Relax `count` pairs, a with b, a + stride with b + stride ...; returns whether any moved.
 
@@ -289,20 +289,20 @@ def _relax_pairs(plan, floor, a, b, stride, count, limit, tolerance, part):  # t
     return moved
 
 
-@helper(error_model="numpy")
+@helper
 def _relax_rows(plan, floor, a, b, count, limit, tolerance, part):  # type: ignore[no-untyped-def]
     """Relax the pairs of two rows, that begin at a and b."""
     return _relax_pairs(plan, floor, a, b, np.uint64(1), count, limit, tolerance, part)
 
 
-@helper(error_model="numpy")
+@helper
 def _relax_row(plan, floor, a, count, limit, tolerance, part):  # type: ignore[no-untyped-def]
     """Relax the pairs of neighbours in a row, a with a + 1, a + 2 with a + 3 ..."""
     b, two = a + np.uint64(1), np.uint64(2)
     return _relax_pairs(plan, floor, a, b, two, count, limit, tolerance, part)
 
 
-@kernel()
+@kernel
 def _relax_pass(plan, floor, cols, steps, limits, tolerances, part, backward):  # type: ignore[no-untyped-def]
     """Relax all pairs of a window once, in every direction; returns whether anything moved."""
     rows = plan.size // cols
@@ -328,7 +328,7 @@ def _relax_pass(plan, floor, cols, steps, limits, tolerances, part, backward):  
     return moved
 
 
-@kernel()
+@kernel
 def _is_uniform(columns, repose_tan, cols, row, row_end, col, col_end):  # type: ignore[no-untyped-def]
     """Whether all columns of a window are of one soil, and loose and firm soil as steep."""
     kind, moisture = columns.soil[row * cols + col], columns.moisture[row * cols + col]

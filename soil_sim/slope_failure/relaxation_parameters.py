@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from soil_sim.jit import helper, kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = ["CellQueue", "RelaxationParameters", "StabilityLimits", "enqueue", "uniform"]
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from msg_bridge.kernels import helper, kernel
 from soil_sim.columns.state import add_loose
-from soil_sim.jit import helper, kernel
 from soil_sim.slope_failure.relaxation_parameters import enqueue, uniform
 
 __all__ = ["deposit_with_runout"]
@@ -34,7 +34,7 @@ the distance. On a slope that is as steep as can be all are alike. Not at the ma
 columns differ."""
 
 
-@kernel(error_model="numpy")
+@kernel
 def deposit_with_runout(  # type: ignore[no-untyped-def]
     columns, params, occupied, cell_queue, cells, volume, soil, moisture, first_index, budget
 ):
@@ -135,7 +135,7 @@ def deposit_with_runout(  # type: ignore[no-untyped-def]
     return steps
 
 
-@helper()
+@helper
 def _merge_duplicates(cells, volume, soil, moisture, first_index):  # type: ignore[no-untyped-def]
     """Let what comes to one column of one soil come at once."""
     for m in range(cells.size):
@@ -147,7 +147,7 @@ def _merge_duplicates(cells, volume, soil, moisture, first_index):  # type: igno
             volume[m] = 0
 
 
-@helper()
+@helper
 def _choose_target(height, params, occupied, i, top, tangent, forward):  # type: ignore[no-untyped-def]
     """(neighbour, excess [m]) that soil up to `top` is too steep against by most; -1 if none.
 

@@ -24,7 +24,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from soil_sim.jit import helper, kernel
+from msg_bridge.kernels import helper, kernel
 from soil_sim.slope_failure.relaxation_parameters import StabilityLimits, enqueue
 from soil_sim.soils.soil_types import SoilTables
 
@@ -145,7 +145,7 @@ def _critical_heights(tables: SoilTables, distance: Array, cell: float) -> Array
     )
 
 
-@helper()
+@helper
 def stable_firm_height(columns, params, occupied, i):  # type: ignore[no-untyped-def]
     """Height [m] to which the firm soil of column i stands over all columns around."""
     kind, moisture = columns.soil[i], columns.moisture[i]
@@ -184,7 +184,7 @@ def is_unstable(columns, params, occupied, i):  # type: ignore[no-untyped-def]
     return base - stable_firm_height(columns, params, occupied, i) > params.tolerance
 
 
-@kernel()
+@kernel
 def unstable_columns(columns, params, occupied):  # type: ignore[no-untyped-def]
     """Whether some of the firm soil of each column of the map does not stand, flat."""
     found = np.empty(occupied.size, dtype=np.bool_)
@@ -193,7 +193,7 @@ def unstable_columns(columns, params, occupied):  # type: ignore[no-untyped-def]
     return found
 
 
-@helper()
+@helper
 def enqueue_unstable_above(columns, params, i, cell_queue):  # type: ignore[no-untyped-def]
     """Push those into the ring that are too high above column i and farther than soil slips."""
     stability = params.stability

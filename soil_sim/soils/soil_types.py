@@ -17,17 +17,13 @@ import yaml
 from numpy.typing import NDArray
 
 from msg_bridge.config_files import find_config
+from msg_bridge.contract.constants import GRAVITY, MOISTURE_LEVELS
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.parameters import Parameters, parameter
 from soil_sim.errors import SoilError
 
-__all__ = ["MOISTURE_LEVELS", "SoilTables", "SoilType", "build_soil_tables", "load_soil_types"]
-
-MOISTURE_LEVELS = 101
-"""Steps of moisture: 0 to 100 % of saturation."""
-
-_GRAVITY = 9.81
+__all__ = ["SoilTables", "SoilType", "build_soil_tables", "load_soil_types"]
 
 
 @dataclass(frozen=True)
@@ -148,7 +144,7 @@ class SoilType(Parameters):
         """
         cohesion = self.cohesion * self.moisture_strength_factor(moisture)
         passive = math.tan(math.pi / 4 + math.radians(self.internal_friction) / 2)
-        return 4.0 * cohesion / (self.density * _GRAVITY) * passive
+        return 4.0 * cohesion / (self.density * GRAVITY) * passive
 
 
 class SoilTables(NamedTuple):

@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from soil_sim.jit import helper
+from msg_bridge.kernels import helper
 from soil_sim.tool_force.strength_table import add_force, column_index_at
 from soil_sim.vec3 import add, cross, divide, dot, key_point, norm, scale, subtract
 
@@ -141,7 +141,7 @@ def _add_edge_bearing(points, origin, columns, grid_layout, strength, sums):  # 
         add_force(sums, subtract(at, origin), scale(force, up))
 
 
-@helper()
+@helper
 def bearing_capacity(i, footing_width, surcharge_depth, columns, strength):  # type: ignore[no-untyped-def]
     """Bearing capacity of column i [Pa], `deep` [m] below the soil beside.
 

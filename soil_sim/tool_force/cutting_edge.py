@@ -30,7 +30,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from soil_sim.jit import helper
+from msg_bridge.kernels import helper
 from soil_sim.tool_force.earthmoving_equation import blade_force
 from soil_sim.tool_force.rock_pick import goktan_force
 from soil_sim.tool_force.strength_table import add_force, column_index_at
@@ -154,7 +154,7 @@ def add_edge_force(points, origin, columns, grid_layout, strength, sums):  # typ
         add_force(sums, (x, y, z + depth / 3.0), subtract(scale(off, n), scale(against, t)))
 
 
-@helper()
+@helper
 def blade_strip_force(  # type: ignore[no-untyped-def]
     i, below, depth, width, rake, height, columns, strength
 ):

@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import math
 
-from soil_sim.jit import helper, kernel
+from msg_bridge.kernels import helper, kernel
 from soil_sim.tool_force.bearing_capacity import bearing_capacity
 from soil_sim.tool_force.rock_pick import goktan_force
 from soil_sim.tool_force.strength_table import add_force, column_index_at
@@ -49,7 +49,7 @@ _PROBE_DISTANCE = 0.01
 """How far outside the tips the ground is looked for [m]."""
 
 
-@kernel()
+@kernel
 def rock_specific_energy(tensile_strength):  # type: ignore[no-untyped-def]
     """Specific energy [J/m^3] of rock with a tensile strength [Pa] under picks."""
     return (
@@ -72,7 +72,7 @@ def is_drum(points):  # type: ignore[no-untyped-def]
     return True
 
 
-@helper()
+@helper
 def _facet(points, k, axis):  # type: ignore[no-untyped-def]
     """Facet `k` of a drum between two pairs of key points, at the end of the tick.
 
@@ -88,7 +88,7 @@ def _facet(points, k, axis):  # type: ignore[no-untyped-def]
     return left, right, out if flat else divide(out, distance), flat
 
 
-@helper()
+@helper
 def _contact_column(at, out, columns, grid_layout):  # type: ignore[no-untyped-def]
     """The column whose ground touches a facet there from outside, -1 if none does."""
     x, y = at[0] + _PROBE_DISTANCE * out[0], at[1] + _PROBE_DISTANCE * out[1]

@@ -68,8 +68,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from msg_bridge.kernels import helper, kernel
 from soil_sim.errors import SoilError
-from soil_sim.jit import helper, kernel
 
 __all__ = [
     "MAX_ANGLE_SUM",
@@ -210,7 +210,7 @@ def _clamp_angles(rake, phi, delta):  # type: ignore[no-untyped-def]
     return rake, phi, delta
 
 
-@kernel()
+@kernel
 def wedge_factors(rake, phi, delta):  # type: ignore[no-untyped-def]
     """Kernel: (rake that counts, beta, N_gamma, N_c, N_q, N_a) of angles in rad.
 
@@ -233,7 +233,7 @@ def wedge_factors(rake, phi, delta):  # type: ignore[no-untyped-def]
     return rake, math.atan2(1.0, cot_beta), 0.5 * n_q, n_c, n_q, n_a
 
 
-@kernel()
+@kernel
 def blade_force(width, depth, rake, surcharge, gamma, phi, delta, cohesion, adhesion):  # type: ignore[no-untyped-def]
     """Kernel: (horizontal, vertical) force [N] of the soil on a blade, as in `BladeForce`.
 

@@ -33,8 +33,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from msg_bridge.kernels import kernel
 from soil_sim.errors import SoilError
-from soil_sim.jit import kernel
 
 __all__ = ["PickForce", "evans_force", "goktan_force", "pick_force"]
 
@@ -103,7 +103,7 @@ def pick_force(
     return PickForce(cutting, normal_ratio * cutting)
 
 
-@kernel()
+@kernel
 def evans_force(depth, tip_angle, tensile, compressive):  # type: ignore[no-untyped-def]
     """Kernel: Evans' peak cutting force [N]; depth in m, angle in rad, strengths in Pa.
 
@@ -114,7 +114,7 @@ def evans_force(depth, tip_angle, tensile, compressive):  # type: ignore[no-unty
     return 16.0 * math.pi * (tensile * depth / math.cos(0.5 * tip_angle)) ** 2 / compressive
 
 
-@kernel()
+@kernel
 def goktan_force(depth, tip_angle, tensile, friction):  # type: ignore[no-untyped-def]
     """Kernel: Goktan's peak cutting force [N]; depth in m, angles in rad, strength in Pa.
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from soil_sim.jit import helper
+from msg_bridge.kernels import helper
 from soil_sim.tool_force.cutting_edge import (
     LOOKAHEAD_CELLS,
     MIN_TRAVEL,
@@ -80,7 +80,7 @@ def add_side_plate_force(points, origin, columns, grid_layout, strength, sums): 
         add_force(sums, at, scale(-against, t))
 
 
-@helper()
+@helper
 def _position_along_side(points, row, ax, ay):  # type: ignore[no-untyped-def]
     """Where a key point is at the end of the tick, along a side that goes level to (ax, ay) [m]."""
     return points[row, 1, 1] * ax - points[row, 1, 0] * ay

@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from msg_bridge.contract.constants import GRAVITY, MOISTURE_LEVELS
+from msg_bridge.kernels import helper
 from soil_sim.columns.state import ColumnArrays
-from soil_sim.jit import helper
-from soil_sim.soils.soil_types import MOISTURE_LEVELS, SoilType
+from soil_sim.soils.soil_types import SoilType
 from soil_sim.vec3 import cross, divide
 
 __all__ = [
@@ -22,8 +23,6 @@ __all__ = [
     "reduce_wrench",
     "strength_table",
 ]
-
-_GRAVITY = 9.81
 
 
 class ForceColumns(NamedTuple):
@@ -71,7 +70,7 @@ def strength_table(kinds: Sequence[SoilType]) -> NDArray[np.void]:
     tan = np.tan(np.maximum(phi, 1e-6))  # without friction N_c tends to 2 + pi
     n_q = np.exp(math.pi * tan) * np.tan(math.pi / 4 + np.arctan(tan) / 2) ** 2
     rows = np.zeros(len(kinds), STRENGTH_DTYPE)
-    rows["gamma"] = [kind.density * _GRAVITY for kind in kinds]
+    rows["gamma"] = [kind.density * GRAVITY for kind in kinds]
     rows["phi"] = phi
     rows["delta"] = [math.radians(kind.tool_friction) for kind in kinds]
     rows["tensile_strength"] = [kind.tensile_strength for kind in kinds]
@@ -81,7 +80,7 @@ def strength_table(kinds: Sequence[SoilType]) -> NDArray[np.void]:
     return rows
 
 
-@helper()
+@helper
 def add_force(sums, at, force):  # type: ignore[no-untyped-def]
     """Add a force [N] at a place [m] to force, torque, place by strength, strength, shape (10,)."""
     x, y, z = at
@@ -99,7 +98,7 @@ def add_force(sums, at, force):  # type: ignore[no-untyped-def]
     sums[9] += size
 
 
-@helper()
+@helper
 def reduce_wrench(sums, origin, out):  # type: ignore[no-untyped-def]
     """Point [m], force [N] and torque about the point [N m] of what `add_force` added up, into out.
 
@@ -116,7 +115,7 @@ def reduce_wrench(sums, origin, out):  # type: ignore[no-untyped-def]
             out[6 + axis] = sums[3 + axis] - moved[axis]
 
 
-@helper()
+@helper
 def column_index_at(x, y, grid_layout):  # type: ignore[no-untyped-def]
     """Flat index of the column at a place [m]; -1 beyond the map."""
     rows, cols, cell, x_first, y_first = grid_layout

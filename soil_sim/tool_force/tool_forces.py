@@ -16,8 +16,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from msg_bridge.contract.rows import FORCE, Rows, SoilReaction, SweepAction, empty_rows
+from msg_bridge.kernels import helper, kernel
 from soil_sim.columns.state import Columns
-from soil_sim.jit import helper, kernel
 from soil_sim.soils.soil_types import SoilType
 from soil_sim.tool_force.bearing_capacity import add_bearing_force
 from soil_sim.tool_force.cutting_edge import add_edge_force
@@ -75,7 +75,7 @@ def zero_tool_forces(sweeps: ValidSweeps) -> Rows:
     return forces
 
 
-@kernel()
+@kernel
 def _blade_wrenches(  # type: ignore[no-untyped-def]
     rows, points, first, columns, grid_layout, strength
 ):
@@ -111,7 +111,7 @@ def _blade_wrenches(  # type: ignore[no-untyped-def]
     return out, drums
 
 
-@kernel()
+@kernel
 def _add_drum_wrenches(  # type: ignore[no-untyped-def]
     rows, points, first, columns, grid_layout, strength, out
 ):
@@ -131,7 +131,7 @@ def _add_drum_wrenches(  # type: ignore[no-untyped-def]
             reduce_wrench(sums, origin, out[1, n])
 
 
-@kernel()
+@kernel
 def _force_rows(rows, first, wrenches):  # type: ignore[no-untyped-def]
     """FORCE rows: what resists the cut of each tool, then what bears some of them."""
     tools = first.size
@@ -153,7 +153,7 @@ def _force_rows(rows, first, wrenches):  # type: ignore[no-untyped-def]
     return forces
 
 
-@helper()
+@helper
 def _write_force_row(force, row, wrench):  # type: ignore[no-untyped-def]
     """Write a wrench on the tool of a SWEEP row into a FORCE row."""
     force.machine_id, force.tool = row.machine_id, row.tool

@@ -15,7 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from machine_sim.jit import inline_kernel
+from msg_bridge.kernels import kernel
 
 __all__ = ["ContactParameters", "contact_force", "contact_force_and_moment", "contact_law"]
 
@@ -63,7 +63,7 @@ def contact_law(
     )
 
 
-@inline_kernel
+@kernel(forceinline=True)
 def contact_force(contact_params, friction, overlap, nx, ny, nz, vx, vy, vz, sx, sy, sz):  # type: ignore[no-untyped-def]
     """Forces per unit effective mass [m/s^2] on the second body of a contact, without branches.
 
@@ -106,7 +106,7 @@ def contact_force(contact_params, friction, overlap, nx, ny, nz, vx, vy, vz, sx,
     return normal_force, -gx, -gy, -gz, sx, sy, sz
 
 
-@inline_kernel
+@kernel(forceinline=True)
 def contact_force_and_moment(mass, cohesion_force, normal_force, gx, gy, gz, nx, ny, nz):  # type: ignore[no-untyped-def]
     """What a contact adds up to on its second body.
 

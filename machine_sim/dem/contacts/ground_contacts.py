@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from machine_sim.dem.contacts.contact_law import contact_force
 from machine_sim.dem.partition import NUM_CHUNKS, row_chunk
 from machine_sim.ground.contact_surface import surface_at
-from machine_sim.jit import kernel, threaded_kernel
+from msg_bridge.kernels import kernel, threaded_kernel
 
 __all__ = ["GroundContacts", "finish_ground_contacts", "ground_forces", "list_ground_contacts"]
 

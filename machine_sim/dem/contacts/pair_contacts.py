@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from machine_sim.dem.contacts.simd import GROUP_SIZE
 from machine_sim.dem.neighbours.pair_table import PairTable
 from machine_sim.dem.state import ParticleState
-from machine_sim.jit import inline_kernel, kernel, threaded_kernel
+from msg_bridge.kernels import kernel, threaded_kernel
 
 __all__ = ["BLOCK_SIZE", "BOND_RUPTURE_GAP", "PairContactBlocks", "PairContacts"]
 
@@ -180,7 +180,7 @@ def _update_contact_radii(begin, size, first, second, body, cohesion, block):  #
             _set_radius_quantities(b, s, body[i, 3], body[j, 3], min(cohesion[i], cohesion[j]))
 
 
-@inline_kernel
+@kernel(forceinline=True)
 def _set_radius_quantities(b, s, ri, rj, cohesion):  # type: ignore[no-untyped-def]
     """Fill in what goes by the contact radii [m] of slot `s`."""
     least = min(ri, rj)

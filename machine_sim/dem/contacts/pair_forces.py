@@ -7,7 +7,7 @@ import numpy as np
 from machine_sim.dem.contacts.contact_law import contact_force, contact_force_and_moment
 from machine_sim.dem.contacts.pair_contacts import BLOCK_SIZE, BOND_RUPTURE_GAP
 from machine_sim.dem.contacts.simd import GROUP_SIZE, gather_relative_motion, scatter_forces
-from machine_sim.jit import kernel
+from msg_bridge.kernels import kernel
 
 __all__ = ["max_pair_overlap", "pair_forces"]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from machine_sim.dem.state import ParticleState
 from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
 from machine_sim.dem.tools.rigid_tool import ToolSet
-from machine_sim.jit import kernel
+from msg_bridge.kernels import kernel
 
 __all__ = ["SEARCH_RADIUS_FACTOR", "PlateCandidates", "PlateContactList", "PlateContactTable"]
 

@@ -7,7 +7,7 @@ import numpy as np
 from machine_sim.dem.contacts.contact_law import contact_force, contact_force_and_moment
 from machine_sim.dem.contacts.plate_contacts import BLOCK_SIZE
 from machine_sim.dem.contacts.simd import GROUP_SIZE, gather_relative_motion, scatter_forces
-from machine_sim.jit import inline_kernel, kernel
+from msg_bridge.kernels import kernel
 
 __all__ = ["plate_forces"]
 
@@ -75,7 +75,7 @@ def plate_forces(blocks, body, force_sums, tools, step, contact_params):  # type
             wrench[t, 3 + c] -= moment
 
 
-@inline_kernel
+@kernel(forceinline=True)
 def _plate_axis_component(frame, k, r, pose, c):  # type: ignore[no-untyped-def]
     """Component `c`, map axes, of axis `r` of plate `k`: u, v or n."""
     u = 3 + 3 * r

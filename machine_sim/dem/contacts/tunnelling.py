@@ -10,7 +10,7 @@ from machine_sim.dem.state import ParticleState
 from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
 from machine_sim.dem.tools.pose import to_tool_frame
 from machine_sim.dem.tools.rigid_tool import ToolSet
-from machine_sim.jit import kernel
+from msg_bridge.kernels import kernel
 
 __all__ = ["count_tunnelled"]
 

@@ -11,7 +11,7 @@ import numpy as np
 from machine_sim.dem.params import ParticleParams
 from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
 from machine_sim.dem.tools.pose import to_tool_frame
-from machine_sim.jit import kernel
+from msg_bridge.kernels import kernel
 
 __all__ = ["grow_radii", "growth_per_step", "set_initial_radii"]
 

@@ -10,7 +10,7 @@ from machine_sim.dem.state import ParticleState
 from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
 from machine_sim.dem.tools.rigid_tool import RigidTool
 from machine_sim.ground.contact_surface import Ground
-from machine_sim.jit import kernel
+from msg_bridge.kernels import kernel
 
 __all__ = ["distance_to_plates", "settled_rows"]
 

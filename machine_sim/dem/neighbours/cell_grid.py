@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.dem.state import ParticleState
-from machine_sim.jit import kernel
+from msg_bridge.kernels import kernel
 
 __all__ = ["counting_sort_rows", "rows_in_box", "spatial_order"]
 

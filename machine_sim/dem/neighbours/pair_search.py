@@ -10,7 +10,7 @@ import numpy as np
 from numba import prange
 
 from machine_sim.dem.partition import NUM_CHUNKS
-from machine_sim.jit import kernel, threaded_kernel
+from msg_bridge.kernels import kernel, threaded_kernel
 
 __all__ = ["BOTH_ASLEEP", "find_pairs"]
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machine_sim.jit import kernel
+from msg_bridge.kernels import kernel
 
 __all__ = ["insert_rows", "mean_displacement", "remove_pairs"]
 

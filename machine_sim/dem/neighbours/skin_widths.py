@@ -6,7 +6,7 @@ import numpy as np
 from numba import prange
 
 from machine_sim.dem.partition import NUM_CHUNKS, row_chunk
-from machine_sim.jit import inline_kernel, kernel, threaded_kernel
+from msg_bridge.kernels import kernel, threaded_kernel
 
 __all__ = [
     "ACCELERATION_MARGIN",
@@ -91,7 +91,7 @@ def predict_contact_radii(contact_radius, radius, start, growth, predicted_radii
         predicted_radii[i] = _grown_radius(contact_radius[i], radius[i], start, growth)
 
 
-@inline_kernel
+@kernel(forceinline=True)
 def _grown_radius(contact_radius, radius, start, growth):  # type: ignore[no-untyped-def]
     """Contact radius after growing by `growth` radii; one just released starts at up to `start`."""
     least = contact_radius if contact_radius > 0.0 else start * radius

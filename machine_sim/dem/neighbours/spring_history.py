@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from machine_sim.dem.neighbours.pair_search import BOTH_ASLEEP
 from machine_sim.dem.neighbours.pair_table import PairTable
 from machine_sim.dem.state import ParticleState
-from machine_sim.jit import kernel
+from msg_bridge.kernels import kernel
 
 __all__ = ["SpringHistory"]
 

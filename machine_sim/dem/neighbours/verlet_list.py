@@ -32,7 +32,7 @@ from machine_sim.dem.neighbours.spring_history import SpringHistory
 from machine_sim.dem.params import ParticleParams
 from machine_sim.dem.partition import partition_pairs
 from machine_sim.dem.state import ParticleState
-from machine_sim.jit import use_threads
+from msg_bridge.kernels import use_threads
 
 __all__ = ["VerletList"]
 

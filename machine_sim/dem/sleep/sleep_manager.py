@@ -33,7 +33,7 @@ from machine_sim.dem.sleep.wake_conditions import (
 from machine_sim.dem.state import ParticleState
 from machine_sim.dem.tools.rigid_tool import RigidTool, ToolSet
 from machine_sim.ground.contact_surface import Ground
-from machine_sim.jit import kernel
+from msg_bridge.kernels import kernel
 
 __all__ = ["ASLEEP_ON_MAP", "AWAKE", "SleepManager", "StepContacts", "select_moving_rows"]
 

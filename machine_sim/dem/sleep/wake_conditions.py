@@ -12,7 +12,7 @@ import numpy as np
 
 from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
 from machine_sim.dem.tools.pose import to_tool_frame
-from machine_sim.jit import kernel
+from msg_bridge.kernels import kernel
 
 __all__ = [
     "load_approaches_soil",

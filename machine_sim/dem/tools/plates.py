@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.dem.state import ParticleError
-from machine_sim.jit import inline_kernel
+from msg_bridge.kernels import kernel
 
 __all__ = ["MAX_CORNERS", "Plates", "closest_in_polygon", "convex_hull_planes", "plate_coordinates"]
 
@@ -208,7 +208,7 @@ def _unique_planes(planes: NDArray[np.float64], size: float) -> NDArray[np.float
     return np.array(kept).reshape(-1, 4)
 
 
-@inline_kernel
+@kernel(forceinline=True)
 def plate_coordinates(plates, k, x, y, z):  # type: ignore[no-untyped-def]
     """(a, b, h) of a point (x, y, z) [m] of the tool frame at plate k."""
     frame = plates.frame
@@ -221,7 +221,7 @@ def plate_coordinates(plates, k, x, y, z):  # type: ignore[no-untyped-def]
     return a, b, h
 
 
-@inline_kernel
+@kernel(forceinline=True)
 def closest_in_polygon(plates, k, a, b):  # type: ignore[no-untyped-def]
     """Point of plate k closest to (a, b) in its plane, and whether that is (a, b) itself.
 

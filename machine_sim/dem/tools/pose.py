@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.dem.state import ParticleError
-from machine_sim.jit import inline_kernel, kernel
+from msg_bridge.kernels import kernel
 
 __all__ = [
     "Pose",
@@ -142,13 +142,13 @@ def interpolate_poses(start, end, dt, path, twist):  # type: ignore[no-untyped-d
             path[substeps, t, k] = end[t, k]
 
 
-@inline_kernel
+@kernel(forceinline=True)
 def to_tool_frame(pose, x, y, z):  # type: ignore[no-untyped-def]
     """A point [m] of the map frame in the frame of a packed pose."""
     return rotate_to_tool_axes(pose, x - pose[9], y - pose[10], z - pose[11])
 
 
-@inline_kernel
+@kernel(forceinline=True)
 def rotate_to_tool_axes(pose, x, y, z):  # type: ignore[no-untyped-def]
     """A vector of map axes in the axes of a packed pose."""
     return (

@@ -18,7 +18,7 @@ from machine_sim.dem.tools.pose import (
     to_tool_frame,
     validate_pose,
 )
-from machine_sim.jit import kernel
+from msg_bridge.kernels import kernel
 
 __all__ = ["RigidTool", "ToolMotion", "ToolSet"]
 

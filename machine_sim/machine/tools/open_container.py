@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from machine_sim.jit import kernel
 from machine_sim.machine.errors import MachineError
+from msg_bridge.kernels import kernel
 
 __all__ = ["OpenContainer"]
 

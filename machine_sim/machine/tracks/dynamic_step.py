@@ -11,11 +11,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from machine_sim.jit import kernel
 from machine_sim.machine.tracks.kinematic_step import add_wrench, update_mean_speeds
 from machine_sim.machine.tracks.terramechanics import sole_force
+from msg_bridge.kernels import kernel
 
 __all__ = ["TrackDimensions", "UndercarriageSupport", "dynamic_track_step"]
 
@@ -55,7 +54,7 @@ class UndercarriageSupport(NamedTuple):
     sole_damping: float  # between the base and the ground under a shoe that bears it [N s/m]
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _support_force(x, y, z, vx, vy, vz, dimensions, supports, brake, brake_anchors, side, k):  # type: ignore[no-untyped-def]
     """Force (fx, fy, fz) [N] on a shoe, and whether the rail is on it.
 

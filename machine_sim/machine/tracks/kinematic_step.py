@@ -10,11 +10,9 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from machine_sim.ground.contact_surface import surface_at
-from machine_sim.jit import kernel
 from machine_sim.machine.tracks.terramechanics import sole_force
+from msg_bridge.kernels import kernel
 
 __all__ = [
     "add_hull_contact",
@@ -35,7 +33,7 @@ _MAX_OUTWARD_Z = 0.3
 """A shoe whose outside looks up more than this (world z of its normal) touches no ground."""
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def contact_point_force(  # type: ignore[no-untyped-def]
     px, py, pz, vx, vy, vz, contact_coefficients, ground, frame, anchors, active, i
 ):
@@ -70,7 +68,7 @@ def contact_point_force(  # type: ignore[no-untyped-def]
     return fx + load * nx, fy + load * ny, fz + load * nz, load
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def add_wrench(total, fx, fy, fz, rx, ry, rz):  # type: ignore[no-untyped-def]
     """Add a force at r to a wrench about the origin of r."""
     total[0] += fx
@@ -81,7 +79,7 @@ def add_wrench(total, fx, fy, fz, rx, ry, rz):  # type: ignore[no-untyped-def]
     total[5] += rx * fy - ry * fx
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def update_mean_speeds(  # type: ignore[no-untyped-def]
     mean_speeds, side, dt, belt, rotation, velocity, angular_velocity, base_com, across
 ):
@@ -102,7 +100,7 @@ def update_mean_speeds(  # type: ignore[no-untyped-def]
     mean_speeds[side, 1] += share * (ahead - mean_speeds[side, 1])
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def add_hull_contact(  # type: ignore[no-untyped-def]
     com,
     rotation,
@@ -152,7 +150,7 @@ def add_hull_contact(  # type: ignore[no-untyped-def]
             add_wrench(total, fx, fy, fz, rx, ry, rz)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _belt_path_pose(s, half, radius):  # type: ignore[no-untyped-def]
     """Shoe (x, z, pitch, 1 on an arc) at arc length `s` from under the middle, axle frame.
 

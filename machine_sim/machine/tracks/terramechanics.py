@@ -19,11 +19,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from machine_sim.ground.contact_surface import Ground, surface_at
 from msg_bridge.contract.loose_soil import LooseSoil
+from msg_bridge.kernels import kernel
 
 __all__ = ["SoilPatch", "soil_coefficients", "soil_patch_under", "sole_force"]
 
@@ -80,7 +80,7 @@ def soil_coefficients(soils: Sequence[LooseSoil], breadth: float) -> NDArray[np.
     return coefficients
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def sole_force(  # type: ignore[no-untyped-def]
     px,
     py,

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.ground.contact_surface import Ground, surface_at
-from machine_sim.jit import kernel
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.spec import MachineSpec, TrackSpec
 from machine_sim.machine.tracks.running_gear import with_dynamic_tracks
 from machine_sim.machine.tracks.terramechanics import soil_coefficients
+from msg_bridge.kernels import kernel
 
 __all__ = [
     "TRACK_MODELS",

@@ -173,4 +173,4 @@ def test_whatever_comes_is_taken_or_refused_with_a_sentence(spec, name, argument
 def test_a_value_of_many_levels_is_shown_short():
     value = {"a" * 30: {"b" * 30: {"c" * 30: ["d" * 30] * 9}, "e" * 30: ["f" * 30] * 9}}
     assert len(format_value(value)) <= 160
-    assert shown([1.0, 2.0]) == "[1.0, 2.0]"
+    assert format_value([1.0, 2.0]) == "[1.0, 2.0]"

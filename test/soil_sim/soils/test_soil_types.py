@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from support.soil_scenes import NO_DEPOSIT_REQUESTS, NO_SWEEPS, bucket_sweep, make_deposit_requests
 
+from msg_bridge.contract.constants import MOISTURE_LEVELS
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.grid import Grid
 from soil_sim.columns.state import Columns, SurfaceMaterial, add_loose, compact_column, remove_loose
 from soil_sim.errors import SoilError
 from soil_sim.soil import Soil
 from soil_sim.soils.params import SoilParams
-from soil_sim.soils.soil_types import MOISTURE_LEVELS, SoilType, build_soil_tables, load_soil_types
+from soil_sim.soils.soil_types import SoilType, build_soil_tables, load_soil_types
 
 GRID = Grid(61, 61, 0.2)
 SHIPPED = load_soil_types()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from machine_sim.dem.contacts.tunnelling import count_tunnelled
 from numpy.typing import NDArray
 from support.particle_scenes import LITRE, STEP, engine
 
@@ -13,6 +12,7 @@ from machine_sim.dem.contacts.contact_law import contact_law
 from machine_sim.dem.contacts.plate_contact_list import SEARCH_RADIUS_FACTOR, PlateContactList
 from machine_sim.dem.contacts.plate_contacts import BLOCK_SIZE, PlateContacts
 from machine_sim.dem.contacts.plate_forces import plate_forces
+from machine_sim.dem.contacts.tunnelling import count_tunnelled
 from machine_sim.dem.integrate import BODY_RECORD_SIZE, FORCE_RECORD_SIZE, load_body_records
 from machine_sim.dem.lifecycle.landing import distance_to_plates
 

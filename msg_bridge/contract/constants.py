@@ -1,0 +1,11 @@
+"""Constants that soil and machines share."""
+
+from __future__ import annotations
+
+__all__ = ["GRAVITY", "MOISTURE_LEVELS"]
+
+GRAVITY = 9.81
+"""Gravitational acceleration, downward [m/s^2]."""
+
+MOISTURE_LEVELS = 101
+"""Number of moistures that a soil can have: 0 to 100 whole per cents of saturation."""

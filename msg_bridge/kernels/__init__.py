@@ -1,0 +1,11 @@
+"""Compilation of Numba kernels, with options that soil and machines share.
+
+- `decorators`: `kernel` and `helper`, with the options that all kernels are compiled with
+- `threads`: kernels that run on one or on several threads
+- `cache`: compiled machine code on disk, keyed by the bytecode of all modules it was made from
+"""
+
+from msg_bridge.kernels.decorators import helper, kernel
+from msg_bridge.kernels.threads import ThreadedKernel, threaded_kernel, use_threads
+
+__all__ = ["ThreadedKernel", "helper", "kernel", "threaded_kernel", "use_threads"]

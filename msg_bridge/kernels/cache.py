@@ -1,0 +1,170 @@
+"""A cache of compiled Numba kernels that is invalidated by every change of the code they use.
+
+Numba's own cache is keyed by the file that a kernel is in. It does not detect a change in another
+file whose functions or constants the kernel uses, and would run the old machine code. Here the key
+of a kernel is a digest of the Python bytecode of its module and of all modules of this project that
+it imports, directly or indirectly. Comments, docstrings and line numbers are not part of it, so
+editing prose does not recompile anything.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import sys
+from collections.abc import Collection
+from pathlib import Path
+from types import CodeType
+from typing import Any
+
+import numba
+from numba.core.caching import (
+    CompileResultCacheImpl,
+    FunctionCache,
+    InTreeCacheLocator,
+    UserProvidedCacheLocator,
+    UserWideCacheLocator,
+)
+
+__all__ = ["CodeDigests", "cached"]
+
+
+def cached(kernel: Any) -> Any:
+    """Make a dispatcher, as returned by `numba.njit`, keep its machine code between processes."""
+    kernel._cache = _KernelCache(kernel.py_func)  # type: ignore[no-untyped-call]
+    return kernel
+
+
+class CodeDigests:
+    """Digests of modules together with the modules they import, within some packages.
+
+    Every module is read once: changes of files after that are not detected.
+    """
+
+    def __init__(self, packages: Collection[str]) -> None:
+        """
+        Args:
+            packages: names of the top-level packages whose modules count; those of installed
+                libraries are identified by the Numba version alone.
+        """
+        self._packages = frozenset(packages)
+        self._codes: dict[str, CodeType | None] = {}
+        self._own_digests: dict[str, bytes] = {}
+
+    def digest(self, module: str) -> bytes:
+        """Return the SHA-256 of the bytecode of a module and of all modules it imports."""
+        digest = hashlib.sha256(numba.__version__.encode())
+        for name in sorted(self._import_closure(module)):
+            digest.update(name.encode())
+            digest.update(self._own_digest(name))
+        return digest.digest()
+
+    def _import_closure(self, module: str) -> set[str]:
+        closure: set[str] = set()
+        pending = [module]
+        while pending:
+            name = pending.pop()
+            if name not in closure:
+                closure.add(name)
+                pending += self._imports(name)
+        return closure
+
+    def _imports(self, module: str) -> set[str]:
+        """Return the modules that a module imports anywhere in it."""
+        code = self._code(module)
+        if code is None:
+            return set()
+        names = _names_in(code)
+        dotted = {name for name in names if name.partition(".")[0] in self._packages}
+        # In `from package import module` the bytecode names the module without its package.
+        dotted |= {f"{package}.{name}" for package in dotted for name in names if "." not in name}
+        return {name for name in dotted if self._code(name) is not None}
+
+    def _code(self, module: str) -> CodeType | None:
+        if module not in self._codes:
+            self._codes[module] = _load_code(module)
+        return self._codes[module]
+
+    def _own_digest(self, module: str) -> bytes:
+        if module not in self._own_digests:
+            digest, code = hashlib.sha256(), self._code(module)
+            if code is not None:
+                _add_code(digest, code)
+            else:  # a script or a test, which cannot be imported by name
+                file = getattr(sys.modules.get(module), "__file__", None)
+                digest.update(Path(file).read_bytes() if file else os.urandom(32))
+            self._own_digests[module] = digest.digest()
+        return self._own_digests[module]
+
+
+def _load_code(module: str) -> CodeType | None:
+    """Return the bytecode of a module, from its `.pyc` file if that is current; None if it has
+    none."""
+    try:
+        spec = importlib.util.find_spec(module)
+        loader: Any = spec.loader if spec else None
+        code: CodeType | None = loader.get_code(module)
+    except (ImportError, AttributeError, ValueError):  # no such module, or a script
+        return None
+    return code
+
+
+def _names_in(code: CodeType) -> set[str]:
+    names = set(code.co_names)
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            names |= _names_in(constant)
+    return names
+
+
+def _add_code(digest: Any, code: CodeType) -> None:
+    """Add everything that determines the behaviour of code: of strings, only those without spaces.
+
+    A string with a space is prose, as docstrings are; one without may be a name.
+    """
+    digest.update(repr((code.co_code, code.co_names, code.co_varnames, code.co_freevars)).encode())
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            _add_code(digest, constant)
+        elif not (isinstance(constant, str) and " " in constant):
+            digest.update(repr(constant).encode())
+
+
+_DIGESTS = CodeDigests({"soil_sim", "machine_sim", "msg_bridge"})
+
+
+class _DigestStamp:
+    """Cache locator whose source stamp is the digest of the code, not the time of its file."""
+
+    def __init__(self, py_func: Any, py_file: str) -> None:
+        super().__init__(py_func, py_file)  # type: ignore[call-arg]
+        self._module = str(py_func.__module__)
+
+    def get_source_stamp(self) -> bytes:
+        return _DIGESTS.digest(self._module)
+
+    def get_disambiguator(self) -> str:
+        # Numba's default, the line number, changes with every docstring above. Names are unique in
+        # a module.
+        return ""
+
+
+class _UserProvided(_DigestStamp, UserProvidedCacheLocator):
+    """Locator of the folder that the environment variable `NUMBA_CACHE_DIR` names."""
+
+
+class _InTree(_DigestStamp, InTreeCacheLocator):
+    """Locator of the `__pycache__` folder next to the module."""
+
+
+class _UserWide(_DigestStamp, UserWideCacheLocator):
+    """Locator of the user's cache folder, for an installation that is not writable."""
+
+
+class _KernelCacheImpl(CompileResultCacheImpl):
+    _locator_classes = [_UserProvided, _InTree, _UserWide]  # noqa: RUF012
+
+
+class _KernelCache(FunctionCache):
+    _impl_class = _KernelCacheImpl

@@ -1,0 +1,98 @@
+"""The key of a compiled kernel changes with the code it uses, and not with prose."""
+
+import itertools
+import os
+from pathlib import Path
+
+import pytest
+
+from msg_bridge.kernels.cache import CodeDigests
+
+_PACKAGE_NUMBERS = itertools.count()
+
+KERNEL = '''\
+"""A kernel that uses a function and a constant of other modules."""
+from {package}.callee import square
+
+def kernel(x):
+    """Return the square of x, plus 1."""
+    return square(x) + 1
+'''
+CALLEE = """\
+from {package}.constants import FACTOR
+
+def square(x):
+    # the callee of the kernel
+    return FACTOR * x * x
+"""
+CONSTANTS = """\
+FACTOR = 1.0
+"""
+
+
+class TemporaryPackage:
+    """A package of three modules, kernel -> callee -> constants, that can be edited."""
+
+    def __init__(self, folder: Path) -> None:
+        self.name = f"temporary_kernels_{next(_PACKAGE_NUMBERS)}"
+        self._folder = folder / self.name
+        self._folder.mkdir()
+        self._seconds = 1_000_000_000
+        self.write("__init__", "")
+        self.write("kernel", KERNEL)
+        self.write("callee", CALLEE)
+        self.write("constants", CONSTANTS)
+        self.write("unused", "VALUE = 1\n")
+
+    def write(self, module: str, source: str) -> None:
+        path = self._folder / f"{module}.py"
+        path.write_text(source.format(package=self.name))
+        # Python takes a .pyc file as current if the time of the source in whole seconds is the same.
+        self._seconds += 10
+        os.utime(path, (self._seconds, self._seconds))
+
+    def key(self) -> bytes:
+        """Return the key of the kernel in a process that starts now."""
+        return CodeDigests({self.name}).digest(f"{self.name}.kernel")
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    return TemporaryPackage(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("module", "source"),
+    [
+        ("constants", CONSTANTS.replace("1.0", "2.0")),
+        ("callee", CALLEE.replace("x * x", "x + x")),
+        ("kernel", KERNEL.replace("+ 1\n", "+ 2\n")),
+    ],
+    ids=["constant", "callee", "kernel"],
+)
+def test_key_changes_with_the_code_a_kernel_uses(package, module, source):
+    before = package.key()
+    package.write(module, source)
+    assert package.key() != before
+
+
+@pytest.mark.parametrize(
+    ("module", "source"),
+    [
+        ("kernel", KERNEL.replace("Return the square of x, plus 1.", "Return x**2 + 1.")),
+        ("kernel", KERNEL.replace("of other modules", "of two modules\n\nand a second paragraph")),
+        ("callee", CALLEE.replace("# the callee", "# a function\n    # that is the callee")),
+        ("unused", "VALUE = 2\n"),
+    ],
+    ids=["docstring", "module docstring", "comment", "module that is not imported"],
+)
+def test_key_does_not_change_with_prose_and_unrelated_code(package, module, source):
+    before = package.key()
+    package.write(module, source)
+    assert package.key() == before
+
+
+def test_keys_of_kernels_that_use_other_modules_differ(package):
+    digests = CodeDigests({package.name})
+    assert digests.digest(f"{package.name}.callee") != digests.digest(f"{package.name}.constants")
