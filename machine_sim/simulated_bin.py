@@ -6,14 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import pybullet
 
 from machine_sim.dem import SoilEngine
 from machine_sim.ground.contact_surface import Ground
 from machine_sim.machine import MachineError
 from machine_sim.machine.arm_kinematics import quaternion_from_matrix, rotation_about_z
 from machine_sim.machine.tools.bed import BedShape
-from machine_sim.machine.tools.tool_boxes import tool_boxes
+from machine_sim.physics_engine import pybullet
 from machine_sim.tool_soil.payload import Payload, measure_payload
 
 __all__ = ["BinSpec", "SimulatedBin"]
@@ -87,7 +86,7 @@ class SimulatedBin:
         self._pose = rotation, origin
         particles.add_tool(tool_id, self._shape.plates(), self._pose, is_digging=False)
         self.bodies: list[int] = []
-        for box in tool_boxes(self._shape):
+        for box in self._shape.boxes():
             pitch = np.array(pybullet.getQuaternionFromEuler([0.0, box.pitch, 0.0]))
             place, turn = pybullet.multiplyTransforms(
                 origin.tolist(), quaternion_from_matrix(rotation), box.center, pitch.tolist()

@@ -93,7 +93,7 @@ class SimulatedMachine:
     @property
     def payload(self) -> Payload:
         """Soil in all its tools at the end of the last tick; the fill is that of the fullest."""
-        held = [work.payload for work in self.tools.values() if work.payload is not None]
+        held = [work.payload for work in self.tools.values()]
         return Payload(
             sum(each.bank for each in held),
             sum(each.loose for each in held),

@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from itertools import combinations, product
 
 import numpy as np
-import pybullet
 from numpy.typing import NDArray
 
 from machine_sim.dem import ParticleEngine, ParticleParams, SoilEngine
 from machine_sim.ground.contact_surface import Ground
 from machine_sim.machine import MachineError, TrackedMachine
 from machine_sim.params import MachineSimParams
+from machine_sim.physics_engine import pybullet
 from machine_sim.reference_cubes import CubeEngine
 from machine_sim.simulated_bin import BinSpec, SimulatedBin
 from machine_sim.simulated_machine import Placement, SimulatedMachine
@@ -131,7 +131,7 @@ class MachineSim:
         ]
         self._check_overlaps()
         self._couplings = [work for rig in self.simulated_machines for work in rig.tools.values()]
-        self._cutting_couplings = [work for work in self._couplings if work.pending is not None]
+        self._cutting_couplings = [work for work in self._couplings if work.is_digging]
 
     @property
     def machine(self) -> TrackedMachine:
@@ -157,9 +157,7 @@ class MachineSim:
     @property
     def pending_mm3(self) -> int:
         """Bank volume that was excavated and is not yet particles [mm^3]."""
-        return sum(
-            work.pending.total_mm3 for work in self._cutting_couplings if work.pending is not None
-        )
+        return sum(work.pending.total_mm3 for work in self._cutting_couplings)
 
     def apply(
         self,
@@ -199,7 +197,6 @@ class MachineSim:
         """
         self.ground.apply_keyframe(keyframe)
         for work in self._cutting_couplings:
-            assert work.resistance is not None
             work.resistance.reset()
         nothing = empty_rows(MAP_UPDATE)
         self.apply(backlog, nothing)
@@ -292,7 +289,6 @@ class MachineSim:
             nearest = np.argmin(away, axis=0)
             shares = [excavated[nearest == k] for k in range(len(away))]
         for work, share in zip(self._cutting_couplings, shares, strict=True):
-            assert work.pending is not None
             work.pending.receive(share, work.frame_at(ticks_ago), self.tick)
 
     def _request_deposits(self) -> Rows:

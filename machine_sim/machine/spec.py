@@ -10,10 +10,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from machine_sim.machine.box import Box, Vec3
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.hydraulics import Cylinder, HydraulicSupply
 from machine_sim.machine.tools.bucket import BucketShape
-from machine_sim.machine.tools.shapes import ContainerShape, ToolMount
+from machine_sim.machine.tools.shapes import ToolMount
 
 __all__ = [
     "BASE",
@@ -32,23 +33,6 @@ BASE = "base"
 """The link that is on the tracks; all others hang on it by joints."""
 
 Axis = Literal["x", "y", "z"]
-
-Vec3 = tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Box:
-    """A box of a link's shape.
-
-    Attributes:
-        size: edge lengths [m].
-        center: its middle in the link frame [m].
-        pitch: turn about +y [rad].
-    """
-
-    size: Vec3
-    center: Vec3
-    pitch: float
 
 
 @dataclass(frozen=True)
@@ -207,7 +191,7 @@ class MachineSpec:
     @property
     def can_carry_soil(self) -> bool:
         """Whether soil is carried in one of its tools."""
-        return any(isinstance(tool.shape, ContainerShape) for tool in self.tools.values())
+        return any(tool.shape.can_carry_soil for tool in self.tools.values())
 
     @property
     def bucket(self) -> BucketShape:

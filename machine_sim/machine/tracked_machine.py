@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-import pybullet
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.ground.contact_surface import Ground
@@ -34,6 +33,7 @@ from machine_sim.machine.tracks.dynamic import DynamicTracks
 from machine_sim.machine.tracks.kinematic import KinematicTracks
 from machine_sim.machine.tracks.track_model import TrackModel, Tracks, standing_pose
 from machine_sim.machine.validation import finite_numbers
+from machine_sim.physics_engine import pybullet
 from msg_bridge.contract.cylinder_state import CylinderState
 
 __all__ = ["OVERTURNED_TILT", "TrackedMachine"]

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 from machine_sim.machine.cylinder_visuals import CylinderPart, cylinder_parts
 from machine_sim.machine.spec import BASE, Box, LinkSpec, MachineSpec
-from machine_sim.machine.tools.tool_boxes import tool_boxes
 
 __all__ = ["BASE_JOINTS", "urdf_text"]
 
@@ -48,7 +47,7 @@ def urdf_text(
         lines += _virtual_base(frames["base"], prefix)
     for name, link in links.items():
         tools = [tool.shape for tool in spec.tools.values() if tool.link == name]
-        boxes = [*link.boxes, *(box for shape in tools for box in tool_boxes(shape))]
+        boxes = [*link.boxes, *(box for shape in tools for box in shape.boxes())]
         lines += _link(frames[name], link, boxes)
     for name, joint in spec.joints.items():
         bounds = ""

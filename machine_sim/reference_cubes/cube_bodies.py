@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pybullet
 from numpy.typing import NDArray
 
 from machine_sim.dem.state import ParticleState
+from machine_sim.physics_engine import pybullet
 
 __all__ = ["CubeBodies", "bullet_friction"]
 

@@ -12,7 +12,6 @@ import weakref
 from collections.abc import Sequence
 
 import numpy as np
-import pybullet
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.dem.lifecycle.release_validation import validate_release
@@ -21,6 +20,7 @@ from machine_sim.dem.soil_engine import SoilEngine
 from machine_sim.dem.tools.pose import Pose
 from machine_sim.dem.tools.rigid_tool import RigidTool
 from machine_sim.ground.contact_surface import Ground
+from machine_sim.physics_engine import pybullet
 from machine_sim.reference_cubes.cube_bodies import CubeBodies, bullet_friction
 from machine_sim.reference_cubes.ground_contacts import (
     finish_ground_contacts,

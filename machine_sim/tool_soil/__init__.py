@@ -1,8 +1,10 @@
-"""Machines at work: what they and the soil do to each other.
+"""Interaction of tools and tracks with soil.
 
-- `sweep`: where tools and tracks went; `release`: what was cut becomes particles
-- `payload`: what a tool holds
-- `resistance`, `milling`: what tools feel of the soil they cut, press and mill
-- `bin`: what stands there and holds soil
-- `tool_work`: one tool with all of that; `rig`: one machine with its tools
+- `sweep`: SWEEP rows of tools and tracks in a tick
+- `pending_soil`: excavated soil that becomes particles
+- `payload`: soil in a tool
+- `resistance`, `milling_resistance`: forces of the soil on tools that cut, rest and mill;
+  `capped_spring_damper`: how they act
+- `tools`: the kinds of tools, one module each
+- `coupling`: one tool with all of these
 """

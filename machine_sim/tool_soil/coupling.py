@@ -1,4 +1,4 @@
-"""A tool at work: what it sweeps, what it has cut, what it holds, and what soil does to it."""
+"""Coupling of one tool with the soil: its sweep, its pending soil, its payload, and soil forces."""
 
 from __future__ import annotations
 
@@ -10,34 +10,32 @@ from numpy.typing import NDArray
 
 from machine_sim.dem import Pose, SoilEngine
 from machine_sim.machine import Tool
-from machine_sim.machine.tools.bed import BedShape
-from machine_sim.machine.tools.drum import DrumShape
 from machine_sim.params import MachineSimParams
-from machine_sim.tool_soil.milling_resistance import MillingResistance
-from machine_sim.tool_soil.payload import Payload, measure_payload
-from machine_sim.tool_soil.pending_soil import PendingSoil
-from machine_sim.tool_soil.resistance import SoilResistance
-from machine_sim.tool_soil.sweep import BucketSweep, DrumSweep
-from msg_bridge.contract.rows import SWEEP, Rows, empty_rows
+from machine_sim.tool_soil.payload import Payload
+from machine_sim.tool_soil.tools import ToolMotion, make_interaction
+from msg_bridge.contract.rows import Rows
 
 __all__ = ["ToolSoilCoupling"]
 
-_MAX_FRAMES = 4
-"""Poses of the tool at the ends of ticks that are remembered."""
+_NUM_FRAMES = 4
+"""Number of past tool frames that are kept, one per tick: answers lag by at most three ticks."""
 
 _ZERO_WRENCH = (np.zeros(3), np.zeros(3))
 """No force and no torque."""
 
 
 class ToolSoilCoupling:
-    """One tool of a machine, in the particle engine and toward the soil.
+    """One tool of a machine, its particles, and its exchange of rows with the soil.
+
+    What depends on the kind of tool is in its `ToolInteraction`.
 
     Attributes:
-        tool: on its machine.
-        number: in rows, and its id in the particle engine.
-        payload: soil in it at the end of the last tick; None for one that holds none.
-        pending: what it has cut and is not yet particles; None for one that does not cut.
-        resistance: what resists its cut and bears it; None for one that does not cut.
+        tool: the tool on its machine.
+        tool_id: id of the tool in rows and in the particle engine.
+        is_digging: whether the tool excavates.
+        payload: soil in the tool at the end of the last tick; empty for a tool that carries none.
+        pending: excavated soil that is not yet particles.
+        resistance: forces of the ground on the tool.
     """
 
     def __init__(
@@ -51,126 +49,104 @@ class ToolSoilCoupling:
     ) -> None:
         """
         Args:
-            tool: on its machine.
-            number: that no other tool of the node has.
-            particles: the soil that it may touch.
-            params: how the node steps.
-            machine_mass: of the whole machine [kg].
-            rng: scatters particles that appear at one place.
+            tool: the tool on its machine.
+            tool_id: id that no other tool of the node has.
+            particles: engine of the particles that the tool may touch.
+            params: stepping of the node.
+            machine_mass: mass of the whole machine [kg].
+            rng: generator that scatters particles released at one point.
         """
         self.tool, self.tool_id = tool, tool_id
         self._params, self._particles = params, particles
-        shape = tool.shape
-        particles.add_tool(
-            tool_id, shape.plates(), tool.pose, is_digging=not isinstance(shape, BedShape)
+        self._interaction = interaction = make_interaction(tool.shape, tool_id)
+        self.is_digging = interaction.is_digging
+        particles.add_tool(tool_id, tool.shape.plates(), tool.pose, is_digging=self.is_digging)
+        self.pending = interaction.make_pending(
+            rng,
+            nominal_mm3=particles.params.nominal_volume,
+            max_per_tick=params.max_releases_per_tick,
         )
-        self.payload: Payload | None = None
-        self.pending: PendingSoil | None = None
-        self.resistance: SoilResistance | MillingResistance | None = None
-        self._sweep: BucketSweep | DrumSweep | None = None
-        if not isinstance(shape, BedShape):
-            self.pending = PendingSoil(
-                shape,
-                rng,
-                nominal_mm3=particles.params.nominal_volume,
-                max_per_tick=params.max_releases_per_tick,
-            )
-        if isinstance(shape, DrumShape):
-            self.resistance = MillingResistance(
-                tool.mass, machine_mass, tool.inertia, params.physics_step
-            )
-            self._sweep = DrumSweep(shape, tool_id)
-        elif not isinstance(shape, BedShape):
-            self.resistance = SoilResistance(tool.mass, machine_mass, params.physics_step)
-            self._sweep = BucketSweep(shape, tool_id)
+        self.resistance = interaction.make_resistance(tool, machine_mass, params.physics_step)
         self._resistance_wrench = _ZERO_WRENCH
         self._tick_start_pose = self._previous_pose = tool.pose
-        self._frame_history = deque([tool.frame], maxlen=_MAX_FRAMES)
-        self._update_payload()
+        self._frame_history = deque([tool.frame], maxlen=_NUM_FRAMES)
+        self.payload: Payload = interaction.payload(particles, tool.pose)
 
     @property
     def wrench(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Force [N] of the soil on it and torque about its frame's origin [N m], map axes.
+        """Force [N] of the soil on the tool and torque about its frame's origin [N m], map axes.
 
-        Its load and what resists its cut, as of the end of the last step.
+        The sum of its load and its resistance at the end of the last step.
         """
         force, torque = self._particles.tool_wrench(self.tool_id)
         return force + self._resistance_wrench[0], torque + self._resistance_wrench[1]
 
     def frame_at(self, ticks_ago: int) -> Pose:
-        """Its frame at the end of the tick that many ticks ago."""
+        """Return the tool's non-spinning frame at the end of the tick `ticks_ago` ticks ago."""
         return self._frame_history[max(-1 - ticks_ago, -len(self._frame_history))]
 
     def distances_to_key_points(
-        self, places: NDArray[np.float64], ticks_ago: int
+        self, points: NDArray[np.float64], ticks_ago: int
     ) -> NDArray[np.float64]:
-        """From places [m], map frame, shape (n, 3), to its nearest key point then, shape (n,)."""
-        shape = self.tool.shape
-        if isinstance(shape, BedShape):
-            return np.full(len(places), np.inf)
+        """Return the distance from points to the nearest key point of a digging tool.
+
+        Args:
+            points: [m], map frame, shape (n, 3).
+            ticks_ago: number of ticks since the tool's pose that counts.
+
+        Returns:
+            Distances [m], shape (n,).
+        """
         rotation, origin = self.frame_at(ticks_ago)
-        points = shape.key_points @ rotation.T + origin
+        key_points = self._interaction.key_points @ rotation.T + origin
         return np.asarray(
-            np.linalg.norm(places[:, None] - points[None], axis=2).min(axis=1), dtype=np.float64
+            np.linalg.norm(points[:, None] - key_points[None], axis=2).min(axis=1),
+            dtype=np.float64,
         )
 
     def receive(self, forces: Rows, ticks_ago: int) -> None:
-        """Take the soil's FORCE rows of this node's tools, as of that many ticks ago."""
-        if self.resistance is None:
-            return
+        """Take FORCE rows of this node's tools that answer the tick `ticks_ago` ticks ago."""
         own = forces[forces["tool"] == self.tool_id]
         if own.size:
             self.resistance.receive(own, self.frame_at(ticks_ago))
 
     def begin_tick(self, tick: int) -> None:
-        """Begin a tick of some number: what it has cut comes loose."""
+        """Begin the tick of a number: release pending soil as particles."""
         self._tick_start_pose = self.tool.pose
-        if self.resistance is not None:
-            self.resistance.begin_tick()
-        if self.pending is not None:
-            velocity = self.tool.velocity if isinstance(self.tool.shape, DrumShape) else None
-            self.pending.release(self._particles, self.tool.frame, tick, velocity)
+        self.resistance.begin_tick()
+        self.pending.release(
+            self._particles, self.tool.frame, tick, self._interaction.release_twist(self.tool)
+        )
 
     def before_step(self) -> None:
-        """Note where it is before the machine moves."""
+        """Store the tool's pose before the machine moves."""
         self._previous_pose = self.tool.pose
 
     def after_step(self) -> None:
-        """Tell the particles where it went."""
+        """Pass the tool's motion in the physics step to the particle engine."""
         self._particles.set_tool_motion(self.tool_id, self._previous_pose, self.tool.pose)
 
     def apply_soil_forces(self, dt: float) -> None:
-        """Let its load, and the soil that it cuts and stands on, act in the next physics step."""
+        """Apply load and resistance to the machine in the next physics step of `dt` [s]."""
         if self._params.payload_coupling:
             self.tool.push(*self._particles.tool_wrench(self.tool_id))
-        resistance = self.resistance
-        if not self._params.cutting_forces or resistance is None:
+        if not self._params.cutting_forces:
             return
         self._resistance_wrench = _ZERO_WRENCH
-        if resistance.is_active:
-            self._resistance_wrench = resistance.step(self.tool.frame, self.tool.velocity, dt)
+        if self.resistance.is_active:
+            self._resistance_wrench = self.resistance.step(self.tool.frame, self.tool.velocity, dt)
             self.tool.push(*self._resistance_wrench)
 
     def end_tick(self) -> Rows:
-        """End a tick; SWEEP rows of what it swept."""
+        """End a tick and return its SWEEP rows."""
         self._frame_history.append(self.tool.frame)
-        self._update_payload()
-        sweep, end = self._sweep, self.tool.pose
-        if sweep is None:
-            return empty_rows(SWEEP)
-        if isinstance(sweep, DrumSweep):
-            return sweep.rows(self._tick_start_pose, end, self.tool.drum_speed)
-        return sweep.rows(self._tick_start_pose, end)
+        self.payload = self._interaction.payload(self._particles, self.tool.pose)
+        return self._interaction.sweep(
+            ToolMotion(self._tick_start_pose, self.tool.pose, self.tool.drum_speed)
+        )
 
     @property
     def state(self) -> Iterable[NDArray[np.generic]]:
-        """What shows that two runs differ, for a digest."""
-        if self.pending is not None:
-            yield np.array([self.pending.total_mm3])
-        if self.resistance is not None:
-            yield self.resistance.state
-
-    def _update_payload(self) -> None:
-        shape = self.tool.shape
-        if not isinstance(shape, DrumShape):
-            self.payload = measure_payload(shape, self._particles, self.tool.pose)
+        """Arrays for the state hash."""
+        yield self.pending.state
+        yield self.resistance.state

@@ -1,4 +1,4 @@
-"""Payload: the soil that is in the tool, counted from the particles really in it."""
+"""Payload: the soil in a tool, measured from the particles that are in it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from machine_sim.dem import Pose, SoilEngine
 from machine_sim.machine.tools.shapes import ContainerShape
 
-__all__ = ["Payload", "measure_payload"]
+__all__ = ["EMPTY_PAYLOAD", "Payload", "measure_payload"]
 
 
 @dataclass(frozen=True)
@@ -18,9 +18,9 @@ class Payload:
 
     Attributes:
         bank: bank volume [m^3].
-        loose: volume as it lies in the tool [m^3].
+        loose: loose volume [m^3].
         mass: [kg].
-        fill: loose volume in parts of the tool's heaped capacity.
+        fill: loose volume as a fraction of the tool's heaped capacity.
     """
 
     bank: float
@@ -29,12 +29,22 @@ class Payload:
     fill: float
 
 
+EMPTY_PAYLOAD = Payload(0.0, 0.0, 0.0, 0.0)
+"""Payload of an empty tool, and of one that cannot carry soil."""
+
+
 def measure_payload(shape: ContainerShape, particles: SoilEngine, pose: Pose) -> Payload:
-    """Count the particles inside a bucket or bed that stands at a pose, and in the heap on it."""
+    """Sum up the particles inside a container, or heaped on it, at a pose.
+
+    Args:
+        shape: shape of the bucket or bed.
+        particles: the particle engine.
+        pose: rotation container to map, shape (3, 3), and origin [m], shape (3,).
+    """
     state = particles.state
     inside = shape.indices_in_heap(state.position, *pose)
     if inside.size == 0:
-        return Payload(0.0, 0.0, 0.0, 0.0)
+        return EMPTY_PAYLOAD
     volume = state.volume_mm3[inside]
     swell = np.array([soil.swell for soil in particles.soils])
     loose = float((volume * (1.0 + swell[state.soil[inside]])).sum()) * 1e-9

@@ -114,6 +114,11 @@ class PendingSoil:
         return self._remainder.volume + sum(parcel.volume for parcel in self._parcels.values())
 
     @property
+    def state(self) -> NDArray[np.generic]:
+        """Values for the state hash."""
+        return np.array([self.total_mm3])
+
+    @property
     def water(self) -> int:
         """Volume times moisture [mm^3 %] of what waits, with what rounding has kept back so far."""
         parcels = sum(parcel.water for parcel in self._parcels.values())

@@ -1,6 +1,11 @@
-"""Sweep: where the tool's key points went in a tick, and whether they cut or press there.
+"""SWEEP rows: the motion of the key points of tools and tracks in a tick, and their action.
 
-Tracks are tools, too: their shoes press the soil they stand on.
+Each row is one key point with its start and end in the tick; two consecutive rows are a pair, the
+left and the right end of a strip. The action is to cut, to mill or to compact:
+
+- A plate with a cutting edge compacts where it moves along its outward normal, and else cuts.
+- A drum mills while it spins, and compacts while it does not.
+- Tracks compact the ground under their shoes.
 """
 
 from __future__ import annotations
@@ -12,73 +17,71 @@ from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.dem import Pose
 from machine_sim.machine.spec import TrackSpec
-from machine_sim.machine.tools.bucket import BucketShape
-from machine_sim.machine.tools.drum import DrumShape
 from machine_sim.tool_soil.milling_resistance import MIN_MILLING_SPEED
 from msg_bridge.contract.rows import SWEEP, Rows, SweepAction, empty_rows
 from msg_bridge.kernels import kernel
 
-__all__ = ["BucketSweep", "DrumSweep", "TrackSweep"]
+__all__ = ["DrumSweep", "PlateSweep", "TrackSweep"]
 
-_MIN_PRESSING_COSINE = 0.7
-"""A plate that moves this much along its outward normal, in parts of its way, presses."""
+_MIN_COMPACTING_COSINE = 0.7
+"""Minimum cosine between a plate's displacement and its outward normal at which it compacts."""
 
 _MIN_POINT_DISPLACEMENT = 1e-5
-"""A key point that moves less than this in a tick [m] does neither; it counts as cutting."""
+"""Displacement of a key point in a tick [m] below which its direction means nothing: it cuts."""
 
 _MIN_TRACK_DISPLACEMENT = 2e-4
-"""Tracks that move less than this in a tick [m] stand."""
+"""Displacement of all track points in a tick [m] below which the machine stands."""
 
-_CUT, _PRESS = int(SweepAction.CUT), int(SweepAction.COMPACT)
+_CUT, _COMPACT = int(SweepAction.CUT), int(SweepAction.COMPACT)
 
 _SEGMENT_DTYPE = np.dtype([("ends", "<f4", (6,)), ("rest", f"V{SWEEP.itemsize - 24}")])
-"""SWEEP rows with x0 to z1, which come first, as one column."""
+"""SWEEP rows with x0, y0, z0, x1, y1, z1, their first fields, as one array field."""
 
 
 class _KeyPointStrip:
-    """The rows of a strip of key points, in which only the ways and actions change.
+    """Rows of a strip of key points, in which only segments and actions change.
 
     Attributes:
-        rows: SWEEP rows, written anew each tick.
-        ends: their x0 to z1 [m], a view, shape (points, 6).
-        ways: from x0, y0, z0 to x1, y1, z1 [m], not rounded, shape (points, 3).
+        rows: SWEEP rows, overwritten each tick, shape (points,).
+        segments: x0, y0, z0, x1, y1, z1 of the rows [m], a view, shape (points, 6), float32.
+        displacements: from start to end [m], not rounded, shape (points, 3), float64.
     """
 
-    def __init__(self, count: int, tool: int) -> None:
+    def __init__(self, num_points: int, tool_id: int) -> None:
         """
         Args:
-            count: of key points, two a pair.
-            tool: number of the tool.
+            num_points: number of key points, two per pair.
+            tool_id: id of the tool.
         """
-        self.rows = empty_rows(SWEEP, count)
-        self.rows["pair"] = np.arange(count) // 2
-        self.rows["tool"] = tool
+        self.rows = empty_rows(SWEEP, num_points)
+        self.rows["pair"] = np.arange(num_points) // 2
+        self.rows["tool"] = tool_id
         self.segments: NDArray[np.float32] = self.rows.view(_SEGMENT_DTYPE)["ends"]
-        self.displacements: NDArray[np.float64] = np.zeros((count, 3))
+        self.displacements: NDArray[np.float64] = np.zeros((num_points, 3))
 
     def move(self, points: NDArray[np.float64], start: Pose, end: Pose) -> None:
-        """Let the points of a frame [m], shape (points, 3), go from one pose to another."""
+        """Move points of a tool frame [m], shape (points, 3), from one pose to another."""
         _move_points(points, *start, *end, self.segments, self.displacements)
 
 
-class BucketSweep:
-    """What a bucket sweeps: it cuts with its lip leading.
+class PlateSweep:
+    """Sweep of a tool with a cutting edge: it cuts, and compacts with the back of its plates."""
 
-    Pushed down on its back it presses soil, it takes none.
-    """
-
-    def __init__(self, bucket: BucketShape, tool: int) -> None:
+    def __init__(
+        self, key_points: NDArray[np.float64], outward_normals: NDArray[np.float64], tool_id: int
+    ) -> None:
         """
         Args:
-            bucket: the tool.
-            tool: its number.
+            key_points: [m], tool frame, shape (2 * pairs, 3), edge first, left before right.
+            outward_normals: unit normals of the back of the plates, shape (pairs, 3).
+            tool_id: id of the tool.
         """
-        self._points, self._normals = bucket.key_points, bucket.outward_normals
-        self._key_points = _KeyPointStrip(len(self._points), tool)
+        self._points, self._normals = key_points, outward_normals
+        self._key_points = _KeyPointStrip(len(self._points), tool_id)
         self._action: NDArray[np.uint8] = self._key_points.rows["action"]
 
     def rows(self, start: Pose, end: Pose) -> Rows:
-        """SWEEP rows of one tick, lip first, left end of each pair before its right end.
+        """Return the SWEEP rows of one tick in the order of the key points.
 
         Args:
             start, end: pose of the tool frame.
@@ -90,40 +93,40 @@ class BucketSweep:
 
 
 class DrumSweep:
-    """What a drum sweeps: it cuts while it spins; one that stands presses."""
+    """Sweep of a drum: it mills while it spins, and compacts while it does not."""
 
-    def __init__(self, drum: DrumShape, tool: int) -> None:
+    def __init__(self, key_points: NDArray[np.float64], tool_id: int) -> None:
         """
         Args:
-            drum: the tool.
-            tool: its number.
+            key_points: tips of the picks [m], drum frame, shape (2 * pairs, 3), left first.
+            tool_id: id of the tool.
         """
-        self._points = drum.key_points
-        self._key_points = _KeyPointStrip(len(self._points), tool)
+        self._points = key_points
+        self._key_points = _KeyPointStrip(len(self._points), tool_id)
 
-    def rows(self, start: Pose, end: Pose, spin: float) -> Rows:
-        """SWEEP rows of one tick: the tips of its picks all round, left end first.
+    def rows(self, start: Pose, end: Pose, drum_speed: float) -> Rows:
+        """Return the SWEEP rows of one tick in the order of the key points.
 
         Args:
-            start, end: pose of the tool frame, spinning.
-            spin: how fast it turns [rad/s].
+            start, end: pose of the tool frame, which spins.
+            drum_speed: angular velocity about the axis [rad/s].
         """
         strip = self._key_points
         strip.move(self._points, start, end)
         strip.rows["action"] = (
-            SweepAction.MILL if abs(spin) >= MIN_MILLING_SPEED else SweepAction.COMPACT
+            SweepAction.MILL if abs(drum_speed) >= MIN_MILLING_SPEED else SweepAction.COMPACT
         )
         return strip.rows.copy()
 
 
 class TrackSweep:
-    """What tracks press: the ground under their shoes, once."""
+    """Sweep of a pair of tracks: they compact the ground under their shoes."""
 
-    def __init__(self, tracks: TrackSpec, first_tool: int) -> None:
+    def __init__(self, tracks: TrackSpec, first_tool_id: int) -> None:
         """
         Args:
-            tracks: shape of the tracks.
-            first_tool: number of the left track; the right one has the next.
+            tracks: dimensions of the tracks.
+            first_tool_id: tool id of the left track; the right track has the next one.
         """
         x, y, half = 0.5 * tracks.axle_distance, 0.5 * tracks.gauge, 0.5 * tracks.shoe_width
         self._points = np.array(
@@ -134,22 +137,22 @@ class TrackSweep:
                 for edge in (half, -half)
             ]
         )
-        count = len(self._points)
-        self._key_points = _KeyPointStrip(count, first_tool)
+        num_points = len(self._points)
+        self._key_points = _KeyPointStrip(num_points, first_tool_id)
         self._key_points.rows["pair"] %= 2
-        self._key_points.rows["tool"][count // 2 :] += 1
+        self._key_points.rows["tool"][num_points // 2 :] += 1
         self._key_points.rows["action"] = SweepAction.COMPACT
 
-    def rows(self, start: Pose, end: Pose, soles: ArrayLike = (0.0, 0.0)) -> Rows:
-        """SWEEP rows of one tick: front and rear edge of each track, the left one first.
+    def rows(self, start: Pose, end: Pose, sole_heights: ArrayLike = (0.0, 0.0)) -> Rows:
+        """Return the SWEEP rows of one tick: front and rear edge of each track, left track first.
 
-        None while the machine stands: where it stands it has pressed already.
+        A machine at rest has no rows: the ground under it is compacted already.
 
         Args:
             start, end: pose of the base frame, whose origin is on the ground.
-            soles: z of the soles in the base frame, left and right [m], shape (2,).
+            sole_heights: z of the soles in the base frame, left and right [m], shape (2,).
         """
-        self._points.reshape(2, -1, 3)[:, :, 2] = np.reshape(soles, (2, 1))
+        self._points.reshape(2, -1, 3)[:, :, 2] = np.reshape(sole_heights, (2, 1))
         strip = self._key_points
         strip.move(self._points, start, end)
         if np.abs(strip.displacements).max() < _MIN_TRACK_DISPLACEMENT:
@@ -158,38 +161,49 @@ class TrackSweep:
 
 
 @kernel
-def _move_points(points, rotation, origin, end_rotation, end_origin, ends, displacements):  # type: ignore[no-untyped-def]
-    """See `_Strip`."""
+def _move_points(  # type: ignore[no-untyped-def]
+    points, rotation, origin, end_rotation, end_origin, segments, displacements
+):
+    """Compute segments and displacements of key points; see `_KeyPointStrip`.
+
+    Args:
+        points: [m], tool frame, shape (n, 3).
+        rotation, origin: pose at the start.
+        end_rotation, end_origin: pose at the end.
+        segments, displacements: out, shapes (n, 6) and (n, 3).
+    """
     for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         for k in range(3):
             a = rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2] * z + origin[k]
             b = end_rotation[k, 0] * x + end_rotation[k, 1] * y + end_rotation[k, 2] * z
             b += end_origin[k]
-            ends[i, k], ends[i, 3 + k], displacements[i, k] = a, b, b - a
+            segments[i, k], segments[i, 3 + k], displacements[i, k] = a, b, b - a
 
 
 @kernel
 def _classify_actions(displacements, rotation, normals, action):  # type: ignore[no-untyped-def]
-    """Whether each pair of key points presses, both ends of it, or cuts.
+    """Set the action of each pair: compact if both ends move along the outward normal, else cut.
 
     Args:
-        ways: of the key points in the map frame [m], shape (2 * pairs, 3).
+        displacements: of the key points in the map frame [m], shape (2 * pairs, 3).
         rotation: tool to map.
-        normals: outward at each pair, tool frame, shape (pairs, 3).
+        normals: outward unit normal at each pair, tool frame, shape (pairs, 3).
         action: out, shape (2 * pairs,).
     """
     for pair in range(len(normals)):
-        presses = True
+        compacts = True
         for i in range(2 * pair, 2 * pair + 2):
             square, outward = 0.0, 0.0
             for k in range(3):
-                way = 0.0
+                component = 0.0
                 for j in range(3):
-                    way += displacements[i, j] * rotation[j, k]
-                square += way * way
-                outward += way * normals[pair, k]
+                    component += displacements[i, j] * rotation[j, k]
+                square += component * component
+                outward += component * normals[pair, k]
             length = math.sqrt(square)
-            presses &= length > _MIN_POINT_DISPLACEMENT and outward > _MIN_PRESSING_COSINE * length
+            compacts &= (
+                length > _MIN_POINT_DISPLACEMENT and outward > _MIN_COMPACTING_COSINE * length
+            )
         for i in range(2 * pair, 2 * pair + 2):
-            action[i] = _PRESS if presses else _CUT
+            action[i] = _COMPACT if compacts else _CUT

@@ -13,11 +13,15 @@ which it empties, along the floor to the front rim::
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.machine.tools.open_container import OpenContainer
+
+if TYPE_CHECKING:
+    from machine_sim.machine.spec_file.section import Section
 
 __all__ = ["BedShape"]
 
@@ -27,6 +31,8 @@ _MIN_PROFILE_POINTS = 3
 @dataclass(frozen=True, eq=False)
 class BedShape(OpenContainer):
     """A bed with parallel sides, open above; attributes as in `OpenContainer`."""
+
+    kind: ClassVar[str] = "bed"
 
     profile: NDArray[np.float64]
     width: float
@@ -38,3 +44,16 @@ class BedShape(OpenContainer):
             MachineError: a profile of less than three points, not convex, or wound backwards.
         """
         self._validate("bed", _MIN_PROFILE_POINTS)
+
+    @classmethod
+    def from_section(cls, section: Section) -> Self:
+        """Read the bed from a tool's section of a machine file.
+
+        Raises:
+            MachineError: a missing key or a value out of range.
+        """
+        return cls(
+            profile=np.array(section.vectors("profile", None, 2)),
+            width=section.number("width", positive=True),
+            plate_thickness=section.number("plate_thickness", positive=True),
+        )

@@ -14,12 +14,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.tools.open_container import OpenContainer
+
+if TYPE_CHECKING:
+    from machine_sim.machine.spec_file.section import Section
 
 __all__ = ["NUM_KEY_POINT_PAIRS", "BucketShape"]
 
@@ -39,6 +43,8 @@ class BucketShape(OpenContainer):
         width: inside width [m].
         plate: thickness of the plates as drawn [m]; the physics takes them as thin.
     """
+
+    kind: ClassVar[str] = "bucket"
 
     profile: Array
     width: float
@@ -60,6 +66,19 @@ class BucketShape(OpenContainer):
                 f" give [length, 0.0] instead of {lip.tolist()}"
             )
         self._validate("bucket", NUM_KEY_POINT_PAIRS)
+
+    @classmethod
+    def from_section(cls, section: Section) -> Self:
+        """Read the bucket from a tool's section of a machine file.
+
+        Raises:
+            MachineError: a missing key or a value out of range.
+        """
+        return cls(
+            profile=np.array(section.vectors("profile", NUM_KEY_POINT_PAIRS, 2)),
+            width=section.number("width", positive=True),
+            plate_thickness=section.number("plate_thickness", positive=True),
+        )
 
     @property
     def tip_radius(self) -> float:

@@ -9,11 +9,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from machine_sim.machine.box import Box
 from machine_sim.machine.errors import MachineError
+
+if TYPE_CHECKING:
+    from machine_sim.machine.spec_file.section import Section
 
 __all__ = ["DrumShape"]
 
@@ -23,6 +28,8 @@ _NUM_KEY_POINT_PAIRS = 12
 """Pairs of key points round the tips: a polygon within 3.5 % of the circle."""
 _NUM_BODY_FLATS = 8
 """Flats of the body."""
+_VANE_THICKNESS = 0.04
+"""Thickness of the vanes as drawn [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +43,10 @@ class DrumShape:
         offset: of its middle from the origin of its link, along the axis, + to the left [m].
         vanes: rows of picks along it, that push.
     """
+
+    kind: ClassVar[str] = "drum"
+    spins: ClassVar[bool] = True
+    can_carry_soil: ClassVar[bool] = False
 
     radius: float
     body_radius: float
@@ -58,6 +69,21 @@ class DrumShape:
         if self.vanes < 1:
             raise MachineError(f"drum.vanes is {self.vanes}; give one or more")
 
+    @classmethod
+    def from_section(cls, section: Section) -> Self:
+        """Read the drum from a tool's section of a machine file.
+
+        Raises:
+            MachineError: a missing key or a value out of range.
+        """
+        return cls(
+            radius=section.number("radius", positive=True),
+            body_radius=section.number("body_radius", positive=True),
+            width=section.number("width", positive=True),
+            offset=section.number("offset"),
+            vanes=section.count("vanes", low=1),
+        )
+
     @cached_property
     def key_points(self) -> Array:
         """Tips of the picks [m], shape (26, 3): row 2k left, 2k + 1 right, the ring closed."""
@@ -77,6 +103,24 @@ class DrumShape:
             np.array([roots[0][k], tips[0][k], tips[1][k], roots[1][k]]) for k in range(self.vanes)
         ]
         return [*flats, left, right[::-1].copy(), *vanes]
+
+    def boxes(self) -> list[Box]:
+        """Return an octagon of four boxes, and a box for each vane."""
+        flat = 2.0 * self.body_radius * math.tan(math.pi / 8)
+        boxes = [
+            Box(
+                (2.0 * self.body_radius, self.width, flat),
+                (0.0, self.offset, 0.0),
+                0.25 * math.pi * k,
+            )
+            for k in range(4)
+        ]
+        middle, high = 0.5 * (self.body_radius + self.radius), self.radius - self.body_radius
+        for k in range(self.vanes):
+            angle = 2.0 * math.pi * k / self.vanes
+            at = (middle * math.cos(angle), self.offset, -middle * math.sin(angle))
+            boxes.append(Box((high, self.width, _VANE_THICKNESS), at, angle))
+        return boxes
 
     def release_points(self, points: ArrayLike, clearance: float, up: Array) -> Array:
         """Where soil that is cut at some points comes loose: out of the drum, on its upper half.

@@ -5,17 +5,24 @@ A convex profile in the side view, drawn across the width; a straight *mouth* cl
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
+from itertools import pairwise
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from machine_sim.machine.box import Box
 from machine_sim.machine.errors import MachineError
 from msg_bridge.kernels import kernel
 
 __all__ = ["OpenContainer"]
 
 Array = NDArray[np.float64]
+
+_NUM_SIDE_SLABS = 6
+"""Boxes that approximate one side wall."""
 
 
 class OpenContainer:
@@ -27,6 +34,9 @@ class OpenContainer:
         width: inside [m].
         plate: thickness of the plates as drawn [m]; the physics takes them as thin.
     """
+
+    spins: ClassVar[bool] = False
+    can_carry_soil: ClassVar[bool] = True
 
     profile: Array
     width: float
@@ -107,6 +117,39 @@ class OpenContainer:
             for k in range(len(self.profile) - 1)
         ]
         return [*strips, left[::-1].copy(), right]
+
+    def boxes(self) -> list[Box]:
+        """Return a box for each strip of the floor, and slabs for each side wall."""
+        plate_thickness, width, profile = self.plate_thickness, self.width, self.profile
+        boxes = []
+        for a, b in pairwise(profile):
+            middle, edge = 0.5 * (a + b), b - a
+            boxes.append(
+                Box(
+                    (float(np.hypot(*edge)), width, plate_thickness),
+                    (float(middle[0]), 0.0, float(middle[1])),
+                    math.atan2(-edge[1], edge[0]),
+                )
+            )
+        # A side wall in slabs that stand on the mouth and reach to the shell.
+        along = (profile[-1] - profile[0]) / self.opening_length
+        inward = -self.opening_normal[[0, 2]]
+        local = profile - profile[0]
+        u, depth = local @ along, local @ inward
+        step = self.opening_length / _NUM_SIDE_SLABS
+        for k in range(_NUM_SIDE_SLABS):
+            at = (k + 0.5) * step
+            high = float(np.interp(at, u, depth))
+            x, z = profile[0] + at * along + 0.5 * high * inward
+            boxes += [
+                Box(
+                    (step, plate_thickness, high),
+                    (float(x), side * 0.5 * (width + plate_thickness), float(z)),
+                    math.atan2(-along[1], along[0]),
+                )
+                for side in (+1, -1)
+            ]
+        return boxes
 
     def contains(self, points_local: ArrayLike) -> NDArray[np.bool_]:
         """Which points [m], shape (n, 3), lie in the struck volume; shape (n,)."""

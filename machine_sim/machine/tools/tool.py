@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pybullet
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.machine.arm_kinematics import cross, rotation_matrix
 from machine_sim.machine.spec import LinkSpec
-from machine_sim.machine.tools.drum import DrumShape
 from machine_sim.machine.tools.shapes import ToolShape
 from machine_sim.machine.validation import finite_numbers
+from machine_sim.physics_engine import pybullet
 
 __all__ = ["Tool"]
 
@@ -43,7 +42,7 @@ class Tool:
         self.inertia = of_link.inertia[1]
         self._client, self._body, self._link = client, body, link
         self._com = np.array(of_link.center_of_mass)
-        self._is_drum = isinstance(shape, DrumShape)
+        self._spins = shape.spins
         self._joint_angle = 0.0
         self.drum_speed = 0.0
         self._force, self._torque = [0.0] * 3, [0.0] * 3  # torque about the frame's origin
@@ -86,7 +85,7 @@ class Tool:
         self._origin = np.array(state[4])
         self._rotation = rotation_matrix(state[5])
         self._com_velocity, self._angular_velocity = state[6], state[7]
-        if self._is_drum:
+        if self._spins:
             joint = pybullet.getJointState(self._body, self._link, self._client)
             self._joint_angle, self.drum_speed = joint[0], joint[1]
 
@@ -98,7 +97,7 @@ class Tool:
     @property
     def frame(self) -> tuple[Array, Array]:
         """The same for what is beside a tool and not on it: the frame of a drum does not spin."""
-        if not self._is_drum:
+        if not self._spins:
             return self._rotation, self._origin
         s, c = math.sin(self._joint_angle), math.cos(self._joint_angle)
         back = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pybullet
 from numpy.typing import NDArray
 
 from machine_sim.ground.contact_surface import Ground
@@ -33,6 +32,7 @@ from machine_sim.machine.tracks.running_gear import (
 from machine_sim.machine.tracks.shoe_chain import ShoeChains
 from machine_sim.machine.tracks.terramechanics import soil_patch_under
 from machine_sim.machine.tracks.track_model import Array, hull_corners, track_slip
+from machine_sim.physics_engine import pybullet
 
 __all__ = ["DynamicTracks"]
 

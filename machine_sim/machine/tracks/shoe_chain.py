@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pybullet
 from numpy.typing import NDArray
 
 from machine_sim.machine.arm_kinematics import quaternion_from_matrix
 from machine_sim.machine.spec import TrackSpec
 from machine_sim.machine.tracks.running_gear import SIDES, initial_shoe_poses
+from machine_sim.physics_engine import pybullet
 
 __all__ = ["ShoeChains"]
 

@@ -87,7 +87,7 @@ def swap(profile):
             lambda v: v["tools"].update(
                 mill={
                     "link": "upper",
-                    "shape": "drum",
+                    "kind": "drum",
                     "radius": 0.5,
                     "body_radius": 0.4,
                     "width": 1.0,
@@ -95,7 +95,7 @@ def swap(profile):
             ),
             r"tools.mill is a drum on upper, which turns about z",
         ),
-        (lambda v: v["tools"]["bucket"].update(shape="fork"), r"shape is 'fork'; .*bucket, drum"),
+        (lambda v: v["tools"]["bucket"].update(kind="fork"), r"kind is 'fork'; .*bucket, drum"),
         (lambda v: v["joints"]["arm"].update(lower=3.0), r"joints.arm.lower is 3.0 .*below"),
         (lambda v: v["joints"]["arm"].update(lower=None), r"joints.arm: give both limits"),
         (lambda v: v["home"].update(boom=2.0), r"home.boom is 2.0; give an angle from -1.05 to"),

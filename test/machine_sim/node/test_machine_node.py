@@ -8,7 +8,6 @@ import sys
 from typing import Any
 
 import numpy as np
-import pybullet
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
@@ -23,6 +22,7 @@ from visualization_msgs.msg import MarkerArray
 
 from dig_operator.node import DigOperatorNode
 from machine_sim.node.machine_node import MachineNode
+from machine_sim.physics_engine import pybullet
 from msg_bridge.codec import qos
 from msg_bridge.codec.machine_state import (
     BASE_JOINTS,

@@ -3,12 +3,16 @@ import pytest
 from support.machine_scenes import excavator
 
 from machine_sim.machine.arm_kinematics import tool_pose
-from machine_sim.tool_soil.sweep import BucketSweep, TrackSweep
+from machine_sim.tool_soil.sweep import PlateSweep, TrackSweep
 from msg_bridge.contract.rows import SweepAction
 
 MACHINE = excavator()
 BUCKET = MACHINE.bucket
 DIGGING = tool_pose(MACHINE, np.zeros(3), np.eye(3), [0.0, -0.35, 1.3, 1.1])
+
+
+def bucket_sweep(tool_id: int = 0) -> PlateSweep:
+    return PlateSweep(BUCKET.key_points, BUCKET.outward_normals, tool_id)
 
 
 def moved(way: tuple[float, float, float]):
@@ -17,7 +21,7 @@ def moved(way: tuple[float, float, float]):
 
 
 def test_rows_are_the_key_points_left_before_right_lip_first() -> None:
-    rows = BucketSweep(BUCKET, 3).rows(DIGGING, moved((-0.01, 0, 0)))
+    rows = bucket_sweep(3).rows(DIGGING, moved((-0.01, 0, 0)))
     assert rows.size == 14
     assert rows["pair"].tolist() == [k // 2 for k in range(14)]
     assert (rows["tool"] == 3).all()
@@ -28,19 +32,19 @@ def test_rows_are_the_key_points_left_before_right_lip_first() -> None:
 
 
 def test_a_bucket_drawn_in_lip_first_cuts() -> None:
-    rows = BucketSweep(BUCKET, 0).rows(DIGGING, moved((-0.01, 0, -0.002)))
+    rows = bucket_sweep().rows(DIGGING, moved((-0.01, 0, -0.002)))
     assert (rows["action"][:6] == SweepAction.CUT).all()
 
 
 def test_a_bucket_pushed_onto_its_back_presses() -> None:
     rotation, _ = DIGGING
     outward = rotation @ BUCKET.outward_normals[3]
-    rows = BucketSweep(BUCKET, 0).rows(DIGGING, moved(tuple(0.01 * outward)))
+    rows = bucket_sweep().rows(DIGGING, moved(tuple(0.01 * outward)))
     assert (rows["action"][6:8] == SweepAction.COMPACT).all()
 
 
 def test_a_bucket_at_rest_counts_as_cutting() -> None:
-    assert (BucketSweep(BUCKET, 0).rows(DIGGING, DIGGING)["action"] == SweepAction.CUT).all()
+    assert (bucket_sweep().rows(DIGGING, DIGGING)["action"] == SweepAction.CUT).all()
 
 
 def test_tracks_that_drive_press_what_is_under_their_shoes() -> None:
