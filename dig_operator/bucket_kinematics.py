@@ -14,13 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dig_operator.observation import Observation
-from machine_sim.machine.arm_kinematics import (
-    arm_geometry,
-    rotation_about_z,
-    solve_bucket_pin_angles,
-    tool_pose,
-)
+from machine_sim.machine.arm_kinematics import arm_geometry, solve_bucket_pin_angles, tool_pose
 from machine_sim.machine.errors import ReachError
+from machine_sim.machine.rotations import rotation_about_z
 from machine_sim.machine.spec import MachineSpec
 
 __all__ = ["BucketKinematics", "BucketPose"]

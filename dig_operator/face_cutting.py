@@ -89,7 +89,7 @@ class FaceCuttingTask:
             raise MachineError(f"a {machine.name} has no drum: give it one among its tools")
         self._machine, self._task = machine, task
         turn, lift, head = machine.joints.values()
-        self._validate_task(self._drum, head.speed)
+        self._validate_task(self._drum, head.max_velocity)
         self._pivot_height = turn.origin[2] + lift.origin[2]
         self._boom_length = head.origin[0]
         self._slew_radius = lift.origin[0] + self._boom_length

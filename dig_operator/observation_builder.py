@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dig_operator.observation import Observation
-from machine_sim.machine.arm_kinematics import rotation_matrix
+from machine_sim.machine.rotations import rotation_matrix
 from msg_bridge.codec.machine_state import BaseState, PayloadState
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.ledger import Ledger

@@ -51,7 +51,7 @@ def _summary_lines(machine: "MachineSpec") -> Iterator[str]:
         span = span or f"{joint.lower:+.2f} to {joint.upper:+.2f} rad"
         yield (
             f"  joint   {name:<10}{joint.parent} to {joint.child} about {joint.axis}, {span},"
-            f" {joint.speed:g} rad/s, {by} of {joint.torque / 1e3:,.0f} kN m"
+            f" {joint.max_velocity:g} rad/s, {by} of {joint.max_effort / 1e3:,.0f} kN m"
         )
     for name, mount in machine.tools.items():
         kind = type(mount.shape).__name__.removesuffix("Shape").lower()

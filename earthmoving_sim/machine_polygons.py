@@ -9,14 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.machine import MachineSpec
-from machine_sim.machine.arm_kinematics import quaternion_from_matrix, rotation_matrix
-from machine_sim.machine.visuals import (
-    VisualBox,
-    link_frame_names,
-    link_poses,
-    link_visual_boxes,
-    shoe_visual,
-)
+from machine_sim.machine.forward_kinematics import link_frame_names, link_poses
+from machine_sim.machine.rotations import quaternion_from_matrix, rotation_matrix
+from machine_sim.machine.visuals import VisualBox, link_visual_boxes, shoe_visual
 
 __all__ = ["machine_faces", "machine_outline"]
 
@@ -63,10 +58,10 @@ def machine_faces(
 def machine_outline(
     machine: MachineSpec, position: ArrayLike, rotation: Array, joints: ArrayLike
 ) -> list[tuple[str, Array]]:
-    """Plan view of the base and the hull: (link, polygon (k, 2) [m], map frame)."""
+    """Plan view of the base and the main body: (link, polygon (k, 2) [m], map frame)."""
     frames = _link_frames(machine, position, rotation, joints)
     outline = []
-    for name in dict.fromkeys(("base", machine.hull)):
+    for name in dict.fromkeys(("base", machine.main_body)):
         turn, origin = frames["base_link" if name == "base" else name]
         for box in machine.links[name].boxes:
             corners = _box_corners(box.size, box.center, box.pitch) @ turn.T + origin

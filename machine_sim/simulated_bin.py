@@ -10,7 +10,7 @@ import numpy as np
 from machine_sim.dem import SoilEngine
 from machine_sim.ground.contact_surface import Ground
 from machine_sim.machine import MachineError
-from machine_sim.machine.arm_kinematics import quaternion_from_matrix, rotation_about_z
+from machine_sim.machine.rotations import quaternion_from_matrix, rotation_about_z
 from machine_sim.machine.tools.bed import BedShape
 from machine_sim.physics_engine import pybullet
 from machine_sim.tool_soil.payload import Payload, measure_payload

@@ -116,7 +116,7 @@ class _Run:
         self._world, self._tick = world, tick
         self._machine = world.machines[1]
         spec = self._machine.machine.spec
-        self._top = np.array([spec.joints[name].speed for name in EXCAVATOR_JOINTS])
+        self._top = np.array([spec.joints[name].max_velocity for name in EXCAVATOR_JOINTS])
         self._tip = spec.bucket.tip_radius
         self._corners = spec.bucket.key_points
         self._watch = TunnellingMonitor(self._machine)

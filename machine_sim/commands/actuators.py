@@ -33,6 +33,8 @@ class Actuator:
 
 def list_actuators(spec: MachineSpec) -> tuple[Actuator, ...]:
     """The joints in the description's order, then left, right track."""
-    joints = [Actuator(name, limits.speed, "rad/s", limits) for name, limits in spec.joints.items()]
+    joints = [
+        Actuator(name, limits.max_velocity, "rad/s", limits) for name, limits in spec.joints.items()
+    ]
     tracks = [Actuator(name, spec.tracks.max_speed, "m/s", None) for name in TRACK_NAMES]
     return (*joints, *tracks)

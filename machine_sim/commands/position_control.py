@@ -36,5 +36,5 @@ def velocity_to_target(goal: float, angle: float, limits: JointLimits) -> float:
     distance = abs(way)
     if distance <= POSITION_TOLERANCE:
         return 0.0
-    braking = math.sqrt(2.0 * _BRAKING_FRACTION * limits.acceleration * distance)
-    return math.copysign(min(limits.speed, braking, _GAIN * distance), way)
+    braking = math.sqrt(2.0 * _BRAKING_FRACTION * limits.max_acceleration * distance)
+    return math.copysign(min(limits.max_velocity, braking, _GAIN * distance), way)

@@ -15,7 +15,6 @@ from machine_sim.machine.arm_kinematics import (
     EXCAVATOR_JOINTS,
     arm_geometry,
     map_to_swing_frame,
-    rotation_matrix,
     solve_arm_angles,
     swing_angle_toward,
     swing_frame_to_map,
@@ -23,6 +22,7 @@ from machine_sim.machine.arm_kinematics import (
     tool_pose,
 )
 from machine_sim.machine.errors import MachineError, ReachError
+from machine_sim.machine.rotations import rotation_matrix
 from machine_sim.machine.spec import (
     Joint,
     JointLimits,
@@ -30,7 +30,7 @@ from machine_sim.machine.spec import (
     MachineSpec,
     TrackSpec,
 )
-from machine_sim.machine.spec_file.loader import load_machine_spec
+from machine_sim.machine.spec_file import load_machine_spec
 from machine_sim.machine.tools.bucket import BucketShape
 from machine_sim.machine.tools.tool import Tool
 from machine_sim.machine.tracked_machine import TrackedMachine

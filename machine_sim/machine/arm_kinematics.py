@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.machine.errors import MachineError, ReachError
+from machine_sim.machine.rotations import rotation_about_z
 from machine_sim.machine.spec import MachineSpec
 
 __all__ = [
@@ -24,11 +25,7 @@ __all__ = [
     "ArmGeometry",
     "ToolPoint",
     "arm_geometry",
-    "cross",
     "map_to_swing_frame",
-    "quaternion_from_matrix",
-    "rotation_about_z",
-    "rotation_matrix",
     "solve_arm_angles",
     "solve_bucket_pin_angles",
     "swing_angle_toward",
@@ -244,42 +241,6 @@ def swing_angle_toward(
     return math.atan2(y, x)
 
 
-def rotation_matrix(quaternion: ArrayLike) -> Array:
-    """Rotation matrix, shape (3, 3), of a quaternion (x, y, z, w), made a unit one first."""
-    x, y, z, w = np.asarray(quaternion, dtype=np.float64).tolist()
-    # A physics engine's quaternions are units only to about 1e-6; rotations must be better.
-    scale = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
-    x, y, z, w = x * scale, y * scale, z * scale, w * scale
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def quaternion_from_matrix(rotation: Array) -> list[float]:
-    """Quaternion x, y, z, w of a rotation matrix, by the row that its largest part multiplies."""
-    m = rotation
-    squares = [
-        1.0 + m[0, 0] - m[1, 1] - m[2, 2],
-        1.0 - m[0, 0] + m[1, 1] - m[2, 2],
-        1.0 - m[0, 0] - m[1, 1] + m[2, 2],
-        1.0 + m[0, 0] + m[1, 1] + m[2, 2],
-    ]
-    x, y, z, w = squares
-    rows = (
-        (x, m[1, 0] + m[0, 1], m[0, 2] + m[2, 0], m[2, 1] - m[1, 2]),
-        (m[1, 0] + m[0, 1], y, m[2, 1] + m[1, 2], m[0, 2] - m[2, 0]),
-        (m[0, 2] + m[2, 0], m[2, 1] + m[1, 2], z, m[1, 0] - m[0, 1]),
-        (m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], w),
-    )
-    row = np.array(rows[int(np.argmax(squares))])
-    quaternion: list[float] = (row / np.linalg.norm(row)).tolist()
-    return quaternion
-
-
 def _swing_frame(
     spec: MachineSpec, base_position: ArrayLike, base_rotation: Array, swing: float
 ) -> tuple[Array, Array]:
@@ -296,18 +257,6 @@ def _within_limits(spec: MachineSpec, name: str, angle: float) -> float:
             f" {limits.upper}: move the target or change its attitude"
         )
     return min(max(angle, limits.lower), limits.upper)
-
-
-def cross(a: Array, b: Array) -> Array:
-    """The cross product of two vectors, shape (3,); NumPy's takes twenty times as long for one."""
-    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-
-
-def rotation_about_z(angle: float) -> Array:
-    """Rotation matrix, shape (3, 3), of a turn about +z [rad]."""
-    s, c = math.sin(angle), math.cos(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _wrap_angle(angle: float) -> float:

@@ -1,4 +1,4 @@
-"""Errors of machines: each message names the key or command and what to change."""
+"""Errors of machines; each message names the key or command and what to change."""
 
 from msg_bridge.contract.errors import EarthmovingError
 
@@ -6,8 +6,8 @@ __all__ = ["MachineError", "ReachError"]
 
 
 class MachineError(EarthmovingError):
-    """A machine description, command or wrench that cannot be used; it changed nothing."""
+    """A machine specification, command or wrench is invalid; the machine is unchanged."""
 
 
 class ReachError(MachineError):
-    """A tool pose that the arm cannot take up."""
+    """A tool pose is outside the workspace of the arm."""

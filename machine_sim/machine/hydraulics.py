@@ -1,14 +1,15 @@
-"""Hydraulics of the arm: how fast and how hard its cylinders can move it, and at what pressures.
+"""Hydraulics of the arm: attainable speeds, maximum forces and pressures of the cylinders.
 
-One pump feeds all cylinders. A lever asks for a speed, which takes flow; where all together ask for
-more than the pump gives, each gets the same share of what it asked for. The pump gives less at high
-pressure, so that it takes no more than its power. At the ends of a stroke the outlet is throttled
-(*cushion*). A driven cylinder pushes no harder than the relief valve lets it, so an arm that meets
-something too strong stands still; one that is held is locked in by its valve, and yields only where
-the load beats the port's own relief. What a cylinder's force does to its joint changes with the
-angle, by the lever arm (`linkage`).
+One pump feeds all cylinders. A commanded speed requires a flow; where all cylinders together
+require more than the pump delivers, each gets the same fraction of its flow. The flow of the pump
+is limited by its power: high pressure reduces it. At the ends of the stroke the outlet is
+throttled (cushioning). The main relief valve limits the force of a moving cylinder, so that an arm
+against a stronger resistance stalls. A cylinder at rest is locked by its valve and yields only
+when the load exceeds the port relief pressure. The torque of a cylinder on its joint depends on
+the angle through the lever arm (`cylinder_linkage`).
 
-A swing motor or any joint without a cylinder has a limit of torque and speed, and no part in this.
+Swing motors and other joints without a cylinder have fixed limits of torque and speed, and take
+no flow from the pump.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from msg_bridge.contract.cylinder_state import CylinderState
 __all__ = ["Cylinder", "HydraulicSupply", "HydraulicSystem"]
 
 _MIN_CUSHION_SPEED = 0.15
-"""Part of the full speed that a cushion lets through at the very end."""
+"""Fraction of the full speed that the cushion allows at the end of the stroke."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +34,11 @@ class HydraulicSupply:
     """Pump and valves.
 
     Attributes:
-        main_relief_pressure: most that the pump side reaches [Pa].
-        port_relief_pressure: at which a cylinder that is locked in yields [Pa].
-        return_pressure: on the way back to the tank [Pa].
-        pump_flow: most that all pumps give together [m^3/s].
-        pump_power: most that they take [W].
+        main_relief_pressure: maximum pressure on the pump side [Pa].
+        port_relief_pressure: pressure at which a locked cylinder yields [Pa].
+        return_pressure: pressure in the line to the tank [Pa].
+        pump_flow: maximum flow of all pumps together [m^3/s].
+        pump_power: maximum power of all pumps together [W].
     """
 
     main_relief_pressure: float
@@ -49,14 +50,14 @@ class HydraulicSupply:
 
 @dataclass(frozen=True)
 class Cylinder:
-    """Cylinders side by side that turn one joint.
+    """Parallel cylinders that drive one joint.
 
     Attributes:
-        linkage: where they are pinned.
-        bore, rod_diameter: inner diameter of the barrel, and of the rod [m].
-        count: how many.
-        spread: distance between the outer ones across the machine [m].
-        cushion: length of stroke at both ends over which it slows down [m].
+        linkage: geometry between cylinder and joint.
+        bore, rod_diameter: inner diameter of the barrel, and diameter of the rod [m].
+        count: number of cylinders.
+        spread: lateral distance between the outer cylinders [m].
+        cushion_length: length of the cushion at both ends of the stroke [m].
     """
 
     linkage: CylinderLinkage
@@ -67,25 +68,31 @@ class Cylinder:
     cushion_length: float
 
     @cached_property
-    def head_area(self) -> float:
-        """Of all pistons on the side without a rod [m^2]."""
+    def cap_side_area(self) -> float:
+        """Area of all pistons on the cap side [m^2]."""
         return 0.25 * math.pi * self.count * self.bore**2
 
     @cached_property
-    def rod_area(self) -> float:
-        """Of all pistons on the side of the rod [m^2]."""
+    def rod_side_area(self) -> float:
+        """Area of all pistons on the rod side [m^2]."""
         return 0.25 * math.pi * self.count * (self.bore**2 - self.rod_diameter**2)
 
-    def force_limit(self, pressure: float, back: float, *, pushes: bool) -> float:
-        """Most it pushes or pulls [N] with a pressure behind the piston and another before it."""
-        ahead, behind = (
-            (self.rod_area, self.head_area) if pushes else (self.head_area, self.rod_area)
-        )
-        return pressure * behind - back * ahead
+    def force_limit(self, pressure: float, back_pressure: float, *, is_extending: bool) -> float:
+        """Return the maximum force [N] with `pressure` on the driving side of the pistons [Pa].
+
+        Args:
+            pressure: pressure on the driving side [Pa].
+            back_pressure: pressure on the other side [Pa].
+            is_extending: whether the cap side drives, so that the cylinder pushes.
+        """
+        driving, opposing = self.cap_side_area, self.rod_side_area
+        if not is_extending:
+            driving, opposing = opposing, driving
+        return pressure * driving - back_pressure * opposing
 
 
 class _CylinderGeometry(NamedTuple):
-    """A joint angle within the stroke [rad], the cylinder's length [m] and lever [m/rad] there."""
+    """A joint angle [rad], and the cylinder's length [m] and lever arm [m/rad] at that angle."""
 
     angle: float
     length: float
@@ -93,10 +100,10 @@ class _CylinderGeometry(NamedTuple):
 
 
 class HydraulicSystem:
-    """The cylinders of a machine and what feeds them.
+    """The cylinders of a machine and their supply.
 
     Attributes:
-        cylinders: by joint.
+        cylinders: cylinders by the name of the joint that they drive.
     """
 
     def __init__(
@@ -108,10 +115,10 @@ class HydraulicSystem:
     ) -> None:
         """
         Args:
-            joints: all joints, in the order of all arrays here.
-            torques: greatest torque of each [N m], as far as it has no cylinder.
-            cylinders: those that cylinders turn.
-            supply: pump and valves; None only where there are no cylinders.
+            joints: names of all joints, in the order of all arrays here.
+            torques: maximum torque of each joint [N m], used for joints without a cylinder.
+            cylinders: cylinders by joint name.
+            supply: pump and valves; None only without cylinders.
         """
         self.cylinders = dict(cylinders)
         self._torques = list(torques)
@@ -119,23 +126,23 @@ class HydraulicSystem:
         self._driven_joints = [
             (joints.index(name), cylinder) for name, cylinder in cylinders.items()
         ]
-        self._geometry_cache: dict[
-            int, _CylinderGeometry
-        ] = {}  # by joint, the last that was asked for
+        # Geometry at the last angle, by joint: one step needs it several times.
+        self._geometry_cache: dict[int, _CylinderGeometry] = {}
 
     def attainable_speeds(
         self, speeds: Sequence[float], angles: Sequence[float], efforts: Sequence[float]
     ) -> list[float]:
-        """Joint speeds that the pump can feed [rad/s].
+        """Return the joint speeds for which the pump delivers enough flow [rad/s].
 
         Args:
-            speeds: wanted [rad/s].
-            angles: of the joints [rad].
-            efforts: torques of the last step [N m]: the pump is at the pressure of the heaviest.
+            speeds: commanded joint speeds [rad/s].
+            angles: joint angles [rad].
+            efforts: torques of the last step [N m]; the largest pressure of all moving cylinders
+                is the pump's.
         """
-        given = list(speeds)
+        attainable = list(speeds)
         if self._supply is None:
-            return given
+            return attainable
         demand, pressure = 0.0, self._supply.return_pressure
         for i, cylinder in self._driven_joints:
             if speeds[i] == 0.0:
@@ -146,44 +153,47 @@ class HydraulicSystem:
                 * speeds[i]
                 * self._cushion_factor(cylinder, length, lever_arm * speeds[i])
             )
-            given[i] = speed / lever_arm
-            demand += abs(speed) * (cylinder.head_area if speed > 0.0 else cylinder.rod_area)
-            head, rod = self._pressures(cylinder, efforts[i] / lever_arm)
-            pressure = max(pressure, head if speed > 0.0 else rod)
+            attainable[i] = speed / lever_arm
+            is_extending = speed > 0.0
+            demand += abs(speed) * (
+                cylinder.cap_side_area if is_extending else cylinder.rod_side_area
+            )
+            cap_side, rod_side = self._pressures(cylinder, efforts[i] / lever_arm)
+            pressure = max(pressure, cap_side if is_extending else rod_side)
         flow = min(self._supply.pump_flow, self._supply.pump_power / pressure)
         if demand > flow:
             for i, _ in self._driven_joints:
-                given[i] *= flow / demand
-        return given
+                attainable[i] *= flow / demand
+        return attainable
 
     def torque_limits(
-        self, moves: Sequence[bool], angles: Sequence[float], efforts: Sequence[float]
+        self, is_moving: Sequence[bool], angles: Sequence[float], efforts: Sequence[float]
     ) -> list[float]:
-        """Greatest torque of each joint in the direction in which it acts now [N m].
+        """Return the maximum torque of each joint in the direction of its present torque [N m].
 
         Args:
-            moves: whether it is driven, not held.
-            angles: of the joints [rad].
-            efforts: torques of the last step [N m]; their sign says whether a cylinder pushes.
+            is_moving: whether each joint is driven rather than held.
+            angles: joint angles [rad].
+            efforts: torques of the last step [N m]; the sign gives the direction of the force.
         """
         limits = self._torques.copy()
         for i, cylinder in self._driven_joints:
             assert self._supply is not None
             lever_arm, supply = self._geometry_at(i, cylinder, angles[i]).lever_arm, self._supply
             limits[i] = abs(lever_arm) * cylinder.force_limit(
-                supply.main_relief_pressure if moves[i] else supply.port_relief_pressure,
+                supply.main_relief_pressure if is_moving[i] else supply.port_relief_pressure,
                 supply.return_pressure,
-                pushes=efforts[i] * lever_arm >= 0.0,
+                is_extending=efforts[i] * lever_arm >= 0.0,
             )
         return limits
 
     def states(
         self, angles: Sequence[float], rates: Sequence[float], efforts: Sequence[float]
     ) -> dict[str, CylinderState]:
-        """How the cylinders are doing, by joint.
+        """Return length, speed, force and pressures of the cylinders, by joint name.
 
         Args:
-            angles, rates, efforts: of the joints [rad, rad/s, N m].
+            angles, rates, efforts: joint angles [rad], speeds [rad/s] and torques [N m].
         """
         states = {}
         for name, (i, cylinder) in zip(self.cylinders, self._driven_joints, strict=True):
@@ -198,7 +208,7 @@ class HydraulicSystem:
         return states
 
     def _geometry_at(self, joint: int, cylinder: Cylinder, angle: float) -> _CylinderGeometry:
-        """Where a cylinder is at a joint angle [rad]; a step asks for it several times."""
+        """Return length and lever arm at a joint angle [rad], clamped to the linkage's range."""
         linkage = cylinder.linkage
         angle = min(max(angle, linkage.lower), linkage.upper)
         known = self._geometry_cache.get(joint)
@@ -208,20 +218,24 @@ class HydraulicSystem:
         return known
 
     def _pressures(self, cylinder: Cylinder, force: float) -> tuple[float, float]:
-        """Head and rod pressure [Pa] at a force [N]: one side is open to the tank."""
+        """Return the pressures on cap side and rod side [Pa] at a force [N].
+
+        One side is connected to the tank and has the return pressure.
+        """
         assert self._supply is not None
-        back, head, rod = self._supply.return_pressure, cylinder.head_area, cylinder.rod_area
-        if force + back * rod >= back * head:
-            return (force + back * rod) / head, back
-        return back, (back * head - force) / rod
+        back_pressure = self._supply.return_pressure
+        cap, rod = cylinder.cap_side_area, cylinder.rod_side_area
+        if force + back_pressure * rod >= back_pressure * cap:
+            return (force + back_pressure * rod) / cap, back_pressure
+        return back_pressure, (back_pressure * cap - force) / rod
 
     @staticmethod
     def _cushion_factor(cylinder: Cylinder, length: float, speed: float) -> float:
-        """Part of the full speed that the cushions let through."""
+        """Return the fraction of the full speed that the cushions allow."""
         linkage = cylinder.linkage
-        room = linkage.max_length - length if speed > 0.0 else length - linkage.min_length
+        stroke_left = linkage.max_length - length if speed > 0.0 else length - linkage.min_length
         return min(
             1.0,
             _MIN_CUSHION_SPEED
-            + (1.0 - _MIN_CUSHION_SPEED) * max(room, 0.0) / cylinder.cushion_length,
+            + (1.0 - _MIN_CUSHION_SPEED) * max(stroke_left, 0.0) / cylinder.cushion_length,
         )

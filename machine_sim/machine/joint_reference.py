@@ -1,8 +1,7 @@
-"""Reference motion of the arm's joints: commanded speeds become ramps that end at the limits.
+"""Reference motion of the joints: speed commands become ramps that stop at the joint limits.
 
-Every joint follows a reference angle. It moves with a speed that ramps toward the command, brakes
-in time for the joint's limit, and stands still at zero command, so that following it is also what
-holds the arm.
+Each joint follows a reference angle. The reference speed ramps toward the command, brakes in time
+for the joint limit, and is zero at zero command, so that the position control also holds the arm.
 """
 
 from __future__ import annotations
@@ -18,10 +17,10 @@ from machine_sim.machine.spec import JointLimits
 __all__ = ["MAX_REFERENCE_LEAD", "JointReference"]
 
 MAX_REFERENCE_LEAD = 0.01
-"""Furthest the reference goes from the real angle [rad].
+"""Maximum distance between the reference and the actual angle [rad].
 
-A joint that is too weak (soil too hard, relief valve open) is not wound up: it goes on, or stays,
-from where it is.
+It prevents wind-up: a joint that cannot follow (soil too hard, relief valve open) resumes from its
+actual angle.
 """
 
 
@@ -31,14 +30,14 @@ class JointReference:
     Attributes:
         angle: reference angles [rad].
         rate: reference speeds [rad/s].
-        command: wanted speeds [rad/s].
+        command: commanded speeds [rad/s].
     """
 
     def __init__(self, limits: Sequence[JointLimits], home: NDArray[np.float64]) -> None:
         """
         Args:
-            limits: of each joint.
-            home: angles to start with [rad].
+            limits: limits of each joint.
+            home: initial angles [rad], shape (joints,).
         """
         self._limits = tuple(limits)
         self.angle: list[float] = home.tolist()
@@ -46,12 +45,12 @@ class JointReference:
         self.command: list[float] = [0.0] * len(self._limits)
 
     def advance(self, dt: float, actual: Sequence[float]) -> None:
-        """Move the reference by `dt` [s]; `actual` are the joints' real angles [rad]."""
+        """Advance the reference by `dt` [s]; `actual` are the joints' actual angles [rad]."""
         for i, limit in enumerate(self._limits):
             rate, angle = self.rate[i], self.angle[i]
-            step = limit.acceleration * dt
-            wanted = min(max(self.command[i], -limit.speed), limit.speed)
-            rate = min(max(wanted, rate - step), rate + step)
+            step = limit.max_acceleration * dt
+            target_rate = min(max(self.command[i], -limit.max_velocity), limit.max_velocity)
+            rate = min(max(target_rate, rate - step), rate + step)
             if rate > 0.0:
                 rate = min(rate, _max_stopping_rate(limit.upper - angle, step, dt))
             elif rate < 0.0:
@@ -62,12 +61,12 @@ class JointReference:
             self.rate[i] = rate
 
 
-def _max_stopping_rate(room: float, step: float, dt: float) -> float:
-    """Greatest speed [rad/s] from which steps of `step` [rad/s] stop within `room` [rad]."""
-    if math.isinf(room):
+def _max_stopping_rate(distance: float, step: float, dt: float) -> float:
+    """Return the maximum speed [rad/s] that stops within `distance` [rad], `step` [rad/s] per `dt`."""
+    if math.isinf(distance):
         return math.inf
-    if room <= 0.0:
+    if distance <= 0.0:
         return 0.0
     # Speeds v, v - step, v - 2 step ... over dt each add up to v (v + step) dt / (2 step).
-    rate = 0.5 * step * (math.sqrt(1.0 + 8.0 * room / (step * dt)) - 1.0)
-    return min(rate, room / dt)
+    rate = 0.5 * step * (math.sqrt(1.0 + 8.0 * distance / (step * dt)) - 1.0)
+    return min(rate, distance / dt)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from machine_sim.machine.arm_kinematics import cross, rotation_matrix
+from machine_sim.machine.forward_kinematics import link_poses
+from machine_sim.machine.rotations import cross, rotation_matrix
 from machine_sim.machine.spec import BASE, MachineSpec
-from machine_sim.machine.visuals import link_poses
 
 __all__ = ["LinkMotion", "link_motions"]
 

@@ -1,4 +1,4 @@
-"""A machine as data: a tree of links and joints on two tracks, and the tools on it."""
+"""Machine specification: a tree of links and joints on two tracks, and the tools on it."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ __all__ = [
 ]
 
 BASE = "base"
-"""The link that is on the tracks; all others hang on it by joints."""
+"""Name of the root link, which carries the tracks."""
 
 Axis = Literal["x", "y", "z"]
 
 
 @dataclass(frozen=True)
 class LinkSpec:
-    """Mass and looks of one rigid link.
+    """Mass, shape and colour of one rigid link.
 
     Attributes:
-        mass: [kg].
-        center_of_mass: in the link frame [m].
+        mass: mass [kg].
+        center_of_mass: centre of mass in the link frame [m].
         inertia_box: edges of the solid box that has the link's moments of inertia [m].
-        boxes: what is seen and what other rigid machines touch.
+        boxes: visual and collision shape; only other rigid machines collide with it.
         color: red, green, blue, 0 to 1.
     """
 
@@ -63,30 +63,32 @@ class LinkSpec:
 
 @dataclass(frozen=True)
 class JointLimits:
-    """What one joint can do.
+    """Limits of one joint.
 
     Attributes:
         lower, upper: angle limits [rad], infinite for a continuous joint.
-        torque: greatest drive and hold torque [N m]; with a cylinder, where that is strongest.
-        speed: greatest speed [rad/s].
-        acceleration: ramp of the speed [rad/s^2].
+        max_effort: maximum drive and holding torque [N m]; for a joint with a cylinder, the
+            maximum over its range.
+        max_velocity: maximum angular speed [rad/s].
+        max_acceleration: maximum rate of change of the commanded speed [rad/s^2].
     """
 
     lower: float
     upper: float
-    torque: float
-    speed: float
-    acceleration: float
+    max_effort: float
+    max_velocity: float
+    max_acceleration: float
 
 
 @dataclass(frozen=True)
 class Joint(JointLimits):
-    """How a link hangs on another one, and what moves it.
+    """A revolute joint between two links.
 
     Attributes:
-        parent, child: links before and behind it.
-        origin: of the child's frame in the parent's [m]; at angle 0 both have the same axes.
-        axis: of the child's frame that it turns about.
+        parent, child: names of the two links.
+        origin: origin of the child frame in the parent frame [m]; at angle 0 the axes of both
+            frames are parallel.
+        axis: axis of rotation in the child frame.
     """
 
     parent: str
@@ -97,12 +99,12 @@ class Joint(JointLimits):
 
 @dataclass(frozen=True)
 class ImuMount:
-    """Where an inertial unit is.
+    """Mounting position of an inertial measurement unit.
 
     Attributes:
-        name: of the unit.
-        link: that it is fixed to, with that link's axes.
-        position: in the link frame [m].
+        name: name of the unit.
+        link: link that it is fixed to; the unit's axes are the link's.
+        position: position in the link frame [m].
     """
 
     name: str
@@ -122,8 +124,8 @@ class TrackSpec:
     shoe_thickness: float
     belt_mass: float
     max_speed: float
-    acceleration: float
-    braking_deceleration: float
+    max_acceleration: float
+    max_deceleration: float
     max_tractive_effort: float
     friction: float
     normal_stiffness: float
@@ -143,7 +145,7 @@ class TrackSpec:
 
     @property
     def axle_height(self) -> float:
-        """Axles above the soles, which is z = 0 of the base frame [m]."""
+        """Height of the axles above the soles, which are at z = 0 of the base frame [m]."""
         return self.sprocket_radius + 0.5 * self.shoe_thickness
 
 
@@ -152,18 +154,20 @@ class MachineSpec:
     """One type of machine.
 
     Attributes:
-        name: of the type.
-        links: shapes by link name, `BASE` first, each after the one that it hangs on.
-        joints: by name, in the order of every array of joint values: that of the links they move.
-        cylinders: of the joints that cylinders turn, by joint name.
-        supply: pump and valves of the cylinders; None where there are none.
-        home: joint angles [rad] to start with, shape (joints,).
-        tracks: the tracks.
-        hull: link whose first box meets the ground where the machine falls over.
-        tools: what touches soil, by name.
-        levers: axis and direction of the joystick that moves a joint, by joint name; an
-            excavator's levers need not be told.
-        imus: inertial units, none if the file names none.
+        name: name of the type.
+        links: links by name, `BASE` first, each after its parent.
+        joints: joints by name; arrays of joint values have this order, which is that of the
+            links they move.
+        cylinders: hydraulic cylinders by the name of the joint that they drive.
+        supply: pump and valves of the cylinders; None without cylinders.
+        home: initial joint angles [rad], shape (joints,).
+        tracks: dimensions, drive and ground contact of the tracks.
+        main_body: name of the link that carries engine and cab; the corners of its first box
+            touch the ground when the machine overturns, and its outline is the machine's plan.
+        tools: tools in contact with soil, by name.
+        joystick_axes: joystick axis and direction (1 or -1) by the name of the joint that they
+            move; empty for an excavator with the default pattern.
+        imus: inertial measurement units.
     """
 
     name: str
@@ -173,34 +177,34 @@ class MachineSpec:
     supply: HydraulicSupply | None
     home: NDArray[np.float64]
     tracks: TrackSpec
-    hull: str
+    main_body: str
     tools: Mapping[str, ToolMount]
     joystick_axes: Mapping[str, tuple[str, float]]
     imus: tuple[ImuMount, ...] = ()
 
     @property
     def mass(self) -> float:
-        """Of the whole machine [kg]."""
+        """Mass of the whole machine [kg]."""
         return sum(link.mass for link in self.links.values())
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """In the order of every array of joint values."""
+        """Names of the joints, in the order of every array of joint values."""
         return tuple(self.joints)
 
     @property
     def can_carry_soil(self) -> bool:
-        """Whether soil is carried in one of its tools."""
+        """Whether one of the tools is a container for soil."""
         return any(tool.shape.can_carry_soil for tool in self.tools.values())
 
     @property
     def bucket(self) -> BucketShape:
-        """The bucket of a machine that has one.
+        """The first bucket.
 
         Raises:
-            MachineError: it has none.
+            MachineError: the machine has no bucket.
         """
         for tool in self.tools.values():
             if isinstance(tool.shape, BucketShape):
                 return tool.shape
-        raise MachineError(f"a {self.name} has no bucket: give a machine that digs with one")
+        raise MachineError(f"machine type {self.name} has no bucket; choose one with a bucket")

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.ground.contact_surface import Ground
-from machine_sim.machine.arm_kinematics import cross, quaternion_from_matrix, rotation_matrix
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.hydraulics import HydraulicSystem
 from machine_sim.machine.joint_reference import JointReference
+from machine_sim.machine.rotations import cross, quaternion_from_matrix, rotation_matrix
 from machine_sim.machine.spec import BASE, MachineSpec
 from machine_sim.machine.tools.tool import Tool
 from machine_sim.machine.tracks.dynamic import DynamicTracks
@@ -101,7 +101,7 @@ class TrackedMachine:
         self._limits = list(spec.joints.values())
         self.hydraulics = HydraulicSystem(
             names,
-            [limit.torque for limit in self._limits],
+            [limit.max_effort for limit in self._limits],
             spec.cylinders,
             spec.supply,
         )
@@ -120,7 +120,7 @@ class TrackedMachine:
             for name, mount in spec.tools.items()
         }
         # The joint that turns the hull, whose corners meet the ground where the machine falls over.
-        self._hull_joint = children.index(spec.hull) if spec.hull != BASE else None
+        self._main_body_joint = children.index(spec.main_body) if spec.main_body != BASE else None
         self.after_step()
 
     def command(
@@ -142,7 +142,7 @@ class TrackedMachine:
         tracks = finite_numbers(track_speeds, 2, "track speeds")
         top = self.spec.tracks.max_speed
         self._command = [
-            min(max(speed, -limit.speed), limit.speed)
+            min(max(speed, -limit.max_velocity), limit.max_velocity)
             for speed, limit in zip(joints, self._limits, strict=True)
         ]
         self.tracks.command[:] = [min(max(speed, -top), top) for speed in tracks]
@@ -155,7 +155,7 @@ class TrackedMachine:
             self._rotation,
             self._com_velocity,
             self._angular_velocity,
-            self._hull_angle,
+            self._main_body_angle,
         ).tolist()
         body, client, world = self.body, self._client, pybullet.WORLD_FRAME
         pybullet.applyExternalForce(body, -1, wrench[:3], self._com_list, world, client)
@@ -242,8 +242,8 @@ class TrackedMachine:
         raise MachineError(f"a {self.spec.name} has no tool; give it `tools`")
 
     @property
-    def _hull_angle(self) -> float:
-        return 0.0 if self._hull_joint is None else self._angles[self._hull_joint]
+    def _main_body_angle(self) -> float:
+        return 0.0 if self._main_body_joint is None else self._angles[self._main_body_joint]
 
     @property
     def tilt(self) -> float:

@@ -57,7 +57,7 @@ def urdf_text(
             f'<joint name="{name}" type="{"revolute" if bounds else "continuous"}">',
             f'  <parent link="{frames[joint.parent]}"/><child link="{frames[joint.child]}"/>',
             f'  <origin xyz="{_numbers(joint.origin)}"/><axis xyz="{_AXES[joint.axis]}"/>',
-            f'  <limit {bounds}effort="{joint.torque!r}" velocity="{joint.speed!r}"/>',
+            f'  <limit {bounds}effort="{joint.max_effort!r}" velocity="{joint.max_velocity!r}"/>',
             "</joint>",
         ]
     if include_cylinders:

@@ -18,12 +18,8 @@ from std_msgs.msg import String
 
 from machine_sim.commands import CommandParams
 from machine_sim.dem import ParticleParams, warm_up
-from machine_sim.machine.visuals import (
-    link_frame_name,
-    link_frame_names,
-    link_visual_boxes,
-    shoe_visual,
-)
+from machine_sim.machine.forward_kinematics import link_frame_name, link_frame_names
+from machine_sim.machine.visuals import link_visual_boxes, shoe_visual
 from machine_sim.node.command_scheduler import CommandScheduler
 from machine_sim.node.command_subscriptions import CommandSubscriptions
 from machine_sim.node.machine_instance import MachineInstance, create_machine_instances

@@ -11,7 +11,7 @@ import numpy as np
 from machine_sim.commands import AppliedCommand
 from machine_sim.machine import TrackedMachine, urdf_text
 from machine_sim.machine.cylinder_visuals import cylinder_joint_states
-from machine_sim.machine.visuals import link_frame_name, link_poses
+from machine_sim.machine.forward_kinematics import link_frame_name, link_poses
 from machine_sim.node.machine_instance import MachineInstance
 from machine_sim.node.params import MachineNodeParams
 from machine_sim.sensors import SensorParams, Sensors

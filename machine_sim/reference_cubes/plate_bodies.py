@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
 from machine_sim.dem.tools.pose import Pose
 from machine_sim.dem.tools.rigid_tool import RigidTool, ToolSet
-from machine_sim.machine.arm_kinematics import quaternion_from_matrix
+from machine_sim.machine.rotations import quaternion_from_matrix
 from machine_sim.physics_engine import pybullet
 from msg_bridge.kernels import kernel
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.machine import MachineError
-from machine_sim.machine.arm_kinematics import cross
+from machine_sim.machine.rotations import cross
 from machine_sim.tool_soil.resistance import FORCE_TIMEOUT_TICKS, SoilResistance
 from msg_bridge.contract.rows import Rows, SoilReaction
 

@@ -44,7 +44,7 @@ BASE_JOINTS = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_rol
 
 _PAYLOAD_LABEL = "bank_m3,loose_m3,mass_kg,fill,time_s"
 
-_FIGURES = ("length_m", "speed_m_s", "force_n", "head_pa", "rod_pa")
+_FIGURES = ("length_m", "speed_m_s", "force_n", "cap_pa", "rod_pa")
 
 _MIN_COS_PITCH = 1e-9
 """Cosine of the pitch below which yaw and roll turn about the same axis."""

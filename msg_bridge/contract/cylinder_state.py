@@ -1,4 +1,4 @@
-"""How a hydraulic cylinder is doing, as the machine tells it."""
+"""State of the hydraulic cylinders of one joint."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ __all__ = ["CylinderState"]
 
 
 class CylinderState(NamedTuple):
-    """The cylinders that turn one joint.
+    """State of the parallel cylinders that drive one joint.
 
     Attributes:
-        length: from pin to pin [m].
-        speed: of its growth [m/s].
-        force: push of all side by side [N], negative for a pull.
-        head_pressure, rod_pressure: on the two sides of the piston [Pa].
+        length: distance from pin to pin [m].
+        speed: extension speed [m/s], negative for retraction.
+        force: total force of the parallel cylinders [N], positive for a push.
+        cap_side_pressure, rod_side_pressure: pressures on the two sides of the piston [Pa].
     """
 
     length: float
     speed: float
     force: float
-    head_pressure: float
-    rod_pressure: float
+    cap_side_pressure: float
+    rod_side_pressure: float

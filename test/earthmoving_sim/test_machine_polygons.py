@@ -9,7 +9,7 @@ from support.operator_scenes import tilted
 
 from earthmoving_sim.machine_polygons import machine_faces, machine_outline
 from machine_sim.machine import tool_pose
-from machine_sim.machine.arm_kinematics import rotation_about_z
+from machine_sim.machine.rotations import rotation_about_z
 from machine_sim.machine.visuals import link_visual_boxes
 
 MACHINE = excavator()

@@ -9,8 +9,8 @@ import pytest
 from support.machine_scenes import excavator
 
 from machine_sim.machine import rotation_matrix
+from machine_sim.machine.forward_kinematics import link_poses
 from machine_sim.machine.link_motion import link_motions
-from machine_sim.machine.visuals import link_poses
 from machine_sim.sensors import SensorParams, Sensors
 
 MACHINE = excavator()

@@ -161,7 +161,7 @@ class KinematicDig:
         command = self.operator.command(seen, self._dt)
         self.moments.append(DigStep(phase, self._passes, seen, command, lip(seen)))
         for k, limit in enumerate(self._limits):
-            speed = min(max(command.joints[k], -limit.speed), limit.speed)
+            speed = min(max(command.joints[k], -limit.max_velocity), limit.max_velocity)
             self._joints[k] = min(max(self._joints[k] + speed * self._dt, limit.lower), limit.upper)
         self._soil(phase)
 

@@ -15,7 +15,8 @@ from visualization_msgs.msg import MarkerArray
 
 from earthmoving_sim.run_config import load_run_config
 from earthmoving_sim.single_process_dig import COMMAND_DELAY_TICKS, SingleProcessDig
-from machine_sim.machine.visuals import link_frame_names, link_poses, link_visual_boxes, shoe_visual
+from machine_sim.machine.forward_kinematics import link_frame_names, link_poses
+from machine_sim.machine.visuals import link_visual_boxes, shoe_visual
 from msg_bridge.bag.writer import BagWriter
 from msg_bridge.codec.machine_state import BaseState, JointValues, to_joint_state
 from msg_bridge.codec.markers import MarkerSet

@@ -1,5 +1,14 @@
-"""Machine files: YAML, every key checked, into a `MachineSpec`.
+"""Machine files: reads YAML into a `MachineSpec` and validates every key.
 
+- `loader`: the whole file, and the checks between its sections
 - `section`: strict reading of one mapping
-- `machine`: links, joints, tracks, sensors; `cylinders`, `tools`: what it says of those
+- `links`: links and inertial measurement units
+- `joints`: joints, initial angles, main body and joystick axes
+- `cylinders`: hydraulic cylinders and their supply
+- `tracks`: the pair of tracks
+- `tools`: buckets, drums and beds
 """
+
+from machine_sim.machine.spec_file.loader import load_machine_spec
+
+__all__ = ["load_machine_spec"]

@@ -1,4 +1,4 @@
-"""The cylinders in a machine file, and what feeds them."""
+"""Reads the hydraulic cylinders of a machine file and their supply."""
 
 from __future__ import annotations
 
@@ -13,6 +13,14 @@ __all__ = ["max_joint_torque", "read_cylinder", "read_supply"]
 def read_cylinder(
     name: str, section: Section, joint: Point, lower: float, upper: float
 ) -> Cylinder:
+    """Read the cylinders of one joint.
+
+    Args:
+        name: name of the joint, for messages.
+        section: the section `cylinder` of the joint.
+        joint: pin of the joint in the frame of the barrel's link, x and z [m].
+        lower, upper: angle limits of the joint [rad].
+    """
     rocker = _read_rocker(section.section("rocker")) if section.has("rocker") else None
     rod = _read_point(section, "rod") if section.has("rod") else None
     try:
@@ -30,13 +38,14 @@ def read_cylinder(
     section.reject_unknown_keys()
     if cylinder.rod_diameter >= cylinder.bore:
         raise MachineError(
-            f"joints.{name}.cylinder.rod_diameter is {cylinder.rod_diameter}; give less than the"
-            f" bore of {cylinder.bore} m"
+            f"joints.{name}.cylinder.rod_diameter is {cylinder.rod_diameter} m; give less than the"
+            f" bore, {cylinder.bore} m"
         )
     if linkage.max_length >= 2.0 * linkage.min_length:
         raise MachineError(
-            f"joints.{name}.cylinder grows from {linkage.min_length:.3f} to {linkage.max_length:.3f} m,"
-            " more than its rod is long; move a pin, or narrow the joint's limits"
+            f"joints.{name}.cylinder extends from {linkage.min_length:.3f} to"
+            f" {linkage.max_length:.3f} m, which is more than its rod allows; move a pin, or narrow"
+            " the joint's limits"
         )
     return cylinder
 
@@ -58,15 +67,18 @@ def _read_point(section: Section, key: str) -> Point:
 
 
 def max_joint_torque(cylinder: Cylinder, supply: HydraulicSupply) -> float:
-    """Greatest torque within the joint's limits [N m], driven either way."""
+    """Return the maximum torque over the joint's range [N m], at the main relief pressure."""
     linkage = cylinder.linkage
     step = (linkage.upper - linkage.lower) / 100
     lever_arm = max(abs(linkage.lever_arm(linkage.lower + k * step)) for k in range(101))
-    push = cylinder.force_limit(supply.main_relief_pressure, supply.return_pressure, pushes=True)
-    return lever_arm * push
+    force = cylinder.force_limit(
+        supply.main_relief_pressure, supply.return_pressure, is_extending=True
+    )
+    return lever_arm * force
 
 
 def read_supply(section: Section) -> HydraulicSupply:
+    """Read `hydraulics`: pump and valves of all cylinders."""
     supply = HydraulicSupply(
         main_relief_pressure=section.number("main_relief_pressure", positive=True),
         port_relief_pressure=section.number("port_relief_pressure", positive=True),
@@ -77,7 +89,8 @@ def read_supply(section: Section) -> HydraulicSupply:
     section.reject_unknown_keys()
     if not supply.return_pressure < supply.main_relief_pressure <= supply.port_relief_pressure:
         raise MachineError(
-            "hydraulics: give return_pressure below main_relief_pressure, and port_relief_pressure no lower"
-            " than that"
+            f"hydraulics: return_pressure {supply.return_pressure:g}, main_relief_pressure"
+            f" {supply.main_relief_pressure:g} and port_relief_pressure"
+            f" {supply.port_relief_pressure:g} Pa are not in ascending order; give them so"
         )
     return supply

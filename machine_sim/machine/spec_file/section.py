@@ -1,4 +1,4 @@
-"""Strict reading of a machine file: every key is asked for once, and none is left over."""
+"""Strict reading of one mapping of a machine file: typed values, no missing or unknown keys."""
 
 from __future__ import annotations
 
@@ -15,19 +15,22 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 class Section:
-    """A mapping of a YAML file that knows its own path, for messages a user can act on.
+    """A mapping of a YAML file with its path in the file, which error messages name.
 
-    Call `done` after the last key: it refuses keys nobody asked for, which are typing errors.
+    Call `reject_unknown_keys` after the last key is read, to find misspelt keys.
+
+    Every method that reads a key raises `MachineError` if the key is missing or its value is of
+    another type or out of range.
     """
 
     def __init__(self, values: object, path: str) -> None:
         """
         Args:
-            values: what YAML gave for this section.
-            path: where it stands, as shown in messages ("excavator.yaml: joints.boom").
+            values: the section as parsed from YAML.
+            path: path of the section in the file, for messages ("excavator.yaml: joints.boom").
 
         Raises:
-            MachineError: `values` is no mapping.
+            MachineError: `values` is not a mapping.
         """
         if not isinstance(values, Mapping):
             raise MachineError(f"{path} is {values!r}; give a mapping of key: value")
@@ -36,76 +39,80 @@ class Section:
         self._known_keys: set[str] = set()
 
     def has(self, key: str) -> bool:
-        """Whether an optional key is there."""
+        """Return whether the section has an optional key."""
         self._known_keys.add(key)
         return key in self._values
 
     def number(self, key: str, *, low: float = -math.inf, positive: bool = False) -> float:
-        """A finite number, at least `low`, or above zero if `positive`."""
+        """Return a finite number, at least `low`, or above zero if `positive`."""
         return self._number(key, self._require(key), low, positive)
 
     def number_or(self, key: str, default: float) -> float:
-        """A finite number, or `default` where the file says null."""
+        """Return a finite number, or `default` for null."""
         value = self._require(key)
         return default if value is None else self._number(key, value, -math.inf, False)
 
     def count(self, key: str, *, low: int) -> int:
-        """A whole number, at least `low`."""
+        """Return an integer, at least `low`."""
         value = self._require(key)
         if isinstance(value, bool) or not isinstance(value, int) or value < low:
             raise MachineError(
-                f"{self._key_path(key)} is {value!r}; give a whole number from {low} up"
+                f"{self._key_path(key)} is {value!r}; give an integer of at least {low}"
             )
         return value
 
     def text(self, key: str) -> str:
-        """A text that is not empty."""
+        """Return a non-empty string."""
         value = self._require(key)
         if not isinstance(value, str) or not value:
-            raise MachineError(f"{self._key_path(key)} is {value!r}; give a text")
+            raise MachineError(f"{self._key_path(key)} is {value!r}; give a string")
         return value
 
     def vector(self, key: str, length: int, *, positive: bool = False) -> tuple[float, ...]:
-        """A list of `length` finite numbers."""
+        """Return a list of `length` finite numbers, above zero if `positive`."""
         return self._vector(key, self._require(key), length, positive)
 
+    def vec3(self, key: str, *, positive: bool = False) -> tuple[float, float, float]:
+        """Return a list of three finite numbers, above zero if `positive`."""
+        x, y, z = self.vector(key, 3, positive=positive)
+        return x, y, z
+
     def vectors(self, key: str, count: int | None, length: int) -> tuple[tuple[float, ...], ...]:
-        """A list of `count` lists of `length` finite numbers, of any count if None."""
+        """Return `count` lists of `length` finite numbers each; None allows any count."""
         value = self._list(key, count)
         return tuple(
             self._vector(f"{key}[{i}]", item, length, False) for i, item in enumerate(value)
         )
 
     def names(self) -> list[str]:
-        """All keys, of a mapping whose keys are names that the file gives.
+        """Return all keys of a mapping whose keys are names chosen in the file.
 
         Raises:
-            MachineError: a name that a topic cannot have.
+            MachineError: a name that cannot be part of a topic name.
         """
         for key in self._values:
             if not isinstance(key, str) or not _NAME.fullmatch(key):
                 raise MachineError(
-                    f"{self._path} names {key!r}; give a name of letters, digits and _ that begins"
-                    " with a letter"
+                    f"{self._path} has the name {key!r}; use letters, digits and _, a letter first"
                 )
         return list(self._values)
 
     def section(self, key: str) -> Section:
-        """A mapping inside this one."""
+        """Return a mapping inside this one."""
         return Section(self._require(key), self._key_path(key))
 
     def sections(self, key: str) -> list[Section]:
-        """A list of mappings, of any length."""
+        """Return a list of mappings, of any length."""
         return [
             Section(item, self._key_path(f"{key}[{i}]"))
             for i, item in enumerate(self._list(key, None))
         ]
 
     def reject_unknown_keys(self) -> None:
-        """Refuse keys that nobody asked for.
+        """Check that every key has been read or tested for.
 
         Raises:
-            MachineError: naming them and the known ones.
+            MachineError: unknown keys; the message lists them and the known ones.
         """
         unknown = sorted(str(key) for key in self._values if key not in self._known_keys)
         if unknown:
@@ -140,11 +147,13 @@ class Section:
 
     def _number(self, key: str, value: object, low: float, positive: bool) -> float:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            # YAML takes 24e3 for a text: an exponent has a point before it and a sign.
-            looks = isinstance(value, str) and re.fullmatch(r"[-+\d.]+[eE]\d+", value)
-            how = ", with the exponent as in 24.0e+3" if looks else ""
-            raise MachineError(f"{self._key_path(key)} is {value!r}; give a number{how}")
+            # YAML 1.1 parses 24e3 as a string: a float needs a decimal point and a signed exponent.
+            is_exponent = isinstance(value, str) and re.fullmatch(r"[-+\d.]+[eE]\d+", value)
+            hint = ", with the exponent as in 24.0e+3" if is_exponent else ""
+            raise MachineError(f"{self._key_path(key)} is {value!r}; give a number{hint}")
         if not math.isfinite(value) or value < low or (positive and value <= 0.0):
-            wanted = "above 0" if positive else f"from {low:g} up" if low > -math.inf else "finite"
-            raise MachineError(f"{self._key_path(key)} is {value}; give a number {wanted}")
+            valid = (
+                "above 0" if positive else f">= {low:g}" if low > -math.inf else "that is finite"
+            )
+            raise MachineError(f"{self._key_path(key)} is {value}; give a number {valid}")
         return float(value)

@@ -1,4 +1,4 @@
-"""The tools in a machine file."""
+"""Reads the tools of a machine file."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ def read_tools(section: Section, joints: Mapping[str, Joint]) -> dict[str, ToolM
         tool = section.section(name)
         link, kind = tool.text("link"), tool.text("kind")
         if link not in axes:
-            moved = ", ".join(axes) or "there is none, so add one with its joint"
+            moved = ", ".join(axes) or "none yet, so add a link with its joint"
             raise MachineError(
-                f"tools.{name}.link is {link!r}; give one that a joint moves: {moved}"
+                f"tools.{name}.link is {link!r}; give a link that a joint moves: {moved}"
             )
         if kind not in TOOL_SHAPES:
             raise MachineError(
@@ -40,8 +40,8 @@ def read_tools(section: Section, joints: Mapping[str, Joint]) -> dict[str, ToolM
         shape = TOOL_SHAPES[kind]
         if shape.spins and axes[link] != "y":
             raise MachineError(
-                f"tools.{name} is a {kind} on {link}, which turns about {axes[link]}; a {kind} spins"
-                " about y: give it a link with such a joint"
+                f"tools.{name} is a {kind} on link {link}, whose joint rotates about"
+                f" {axes[link]}; a {kind} rotates about y: give a link with such a joint"
             )
         tools[name] = ToolMount(link, shape.from_section(tool))
         tool.reject_unknown_keys()

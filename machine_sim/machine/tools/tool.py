@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from machine_sim.machine.arm_kinematics import cross, rotation_matrix
+from machine_sim.machine.rotations import cross, rotation_matrix
 from machine_sim.machine.spec import LinkSpec
 from machine_sim.machine.tools.shapes import ToolShape
 from machine_sim.machine.validation import finite_numbers

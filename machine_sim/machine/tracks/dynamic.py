@@ -243,9 +243,9 @@ class DynamicTracks:
             wanted, pace = float(self.command[k]), self._belt_speeds[k]
             slower = wanted * pace <= 0.0 or abs(wanted) < abs(pace)
             most = (
-                shape.braking_deceleration
+                shape.max_deceleration
                 if slower
-                else min(shape.acceleration, _MAX_BELT_ACCELERATION)
+                else min(shape.max_acceleration, _MAX_BELT_ACCELERATION)
             ) * dt
             pace = min(max(wanted, pace - most), pace + most)
             # A corner takes the chain along; right below the axle it moves the way the chain does.

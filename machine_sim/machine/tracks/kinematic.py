@@ -65,8 +65,8 @@ class KinematicTracks:
         )
         self._drive = (
             shape.belt_mass,
-            shape.acceleration,
-            shape.braking_deceleration,
+            shape.max_acceleration,
+            shape.max_deceleration,
             shape.max_tractive_effort,
         )
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.machine.arm_kinematics import quaternion_from_matrix
+from machine_sim.machine.rotations import quaternion_from_matrix
 from machine_sim.machine.spec import TrackSpec
 from machine_sim.machine.tracks.running_gear import SIDES, initial_shoe_poses
 from machine_sim.physics_engine import pybullet

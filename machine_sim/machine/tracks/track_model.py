@@ -233,10 +233,10 @@ def _footprint(shape: TrackSpec) -> tuple[Array, Array]:
 
 def hull_corners(spec: MachineSpec) -> Array:
     """Corners of the hull's first box with its joint at 0 [m], base frame, shape (8, 3)."""
-    boxes = spec.links[spec.hull].boxes
+    boxes = spec.links[spec.main_body].boxes
     if not boxes:
         return np.zeros((0, 3))
-    origins = [j.origin for j in spec.joints.values() if j.child == spec.hull]
+    origins = [j.origin for j in spec.joints.values() if j.child == spec.main_body]
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
     corners = np.array(boxes[0].center) + 0.5 * signs * np.array(boxes[0].size)
     return np.asarray(corners + np.array(origins or [(0.0, 0.0, 0.0)]), dtype=np.float64)

@@ -49,7 +49,7 @@ def test_lever_at_its_end_moves_its_joint_at_top_speed(
 ):
     b = arbiter(joy_pattern=pattern)
     send(b, **{lever: push})
-    tops = [limits.speed for limits in spec.joints.values()]
+    tops = [limits.max_velocity for limits in spec.joints.values()]
     wanted = [0.0] * 4
     wanted[joint] = push * sign * tops[joint]
     assert applied(b).joints.tolist() == pytest.approx(wanted)
@@ -58,7 +58,7 @@ def test_lever_at_its_end_moves_its_joint_at_top_speed(
 
 
 def test_deadzone_is_at_rest_and_motion_starts_from_zero_at_its_edge(arbiter, spec):
-    top = spec.joints["swing"].speed
+    top = spec.joints["swing"].max_velocity
     b = arbiter(joy_deadzone=0.2)
     for push, part in [(0.6, 0.5), (0.2, 0.0), (0.201, 0.00125), (-0.6, -0.5), (1.00003, 1.0)]:
         send(b, left_x=push)

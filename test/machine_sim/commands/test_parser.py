@@ -84,7 +84,7 @@ def test_command_as_it_comes_out_of_a_ros_message(arbiter):
 
 def test_values_up_to_the_mistake_of_units_pass(arbiter, spec):
     b = arbiter(unit_error_factor=2.0)
-    top = spec.joints["swing"].speed
+    top = spec.joints["swing"].max_velocity
     b.front([2.0 * top, 0.0, 0.0, 0.0], 0.0)
     with pytest.raises(CommandError, match="2 times"):
         b.front([2.001 * top, 0.0, 0.0, 0.0], 0.0)

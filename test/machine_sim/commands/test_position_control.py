@@ -60,8 +60,8 @@ def test_joint_there_is_told_nothing():
 
 def test_far_from_its_goal_a_joint_goes_at_top_speed():
     for limits in LIMITS.values():
-        assert velocity_to_target(2.5, 0.0, limits) == limits.speed
-        assert velocity_to_target(0.0, 2.5, limits) == -limits.speed
+        assert velocity_to_target(2.5, 0.0, limits) == limits.max_velocity
+        assert velocity_to_target(0.0, 2.5, limits) == -limits.max_velocity
 
 
 @pytest.mark.parametrize(

@@ -19,11 +19,8 @@ from machine_sim.machine import (
     tool_point,
     tool_pose,
 )
-from machine_sim.machine.arm_kinematics import (
-    arm_geometry,
-    quaternion_from_matrix,
-    solve_bucket_pin_angles,
-)
+from machine_sim.machine.arm_kinematics import arm_geometry, solve_bucket_pin_angles
+from machine_sim.machine.rotations import quaternion_from_matrix
 
 from .conftest import MACHINE_FILE
 

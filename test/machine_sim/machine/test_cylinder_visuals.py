@@ -9,7 +9,7 @@ from machine_sim.machine.cylinder_visuals import (
     cylinder_joint_values,
     cylinder_parts,
 )
-from machine_sim.machine.visuals import link_frame_names, link_poses
+from machine_sim.machine.forward_kinematics import link_frame_names, link_poses
 
 
 def poses_at(spec, joints):

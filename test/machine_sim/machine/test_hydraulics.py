@@ -17,7 +17,7 @@ MIDDLE = [0.0, -0.3, 1.5, 0.8]
 
 @pytest.fixture
 def arm(spec):
-    limits = [spec.joints[name].torque for name in EXCAVATOR_JOINTS]
+    limits = [spec.joints[name].max_effort for name in EXCAVATOR_JOINTS]
     return HydraulicSystem(EXCAVATOR_JOINTS, limits, spec.cylinders, spec.supply)
 
 
@@ -27,7 +27,7 @@ def flow(spec, angles, speeds):
     for name, cylinder in spec.cylinders.items():
         i = EXCAVATOR_JOINTS.index(name)
         speed = cylinder.linkage.lever_arm(angles[i]) * speeds[i]
-        total += abs(speed) * (cylinder.head_area if speed > 0.0 else cylinder.rod_area)
+        total += abs(speed) * (cylinder.cap_side_area if speed > 0.0 else cylinder.rod_side_area)
     return total
 
 
@@ -51,7 +51,7 @@ def test_at_high_pressure_the_pump_gives_its_power_and_no_more(arm, spec):
     supply, boom = spec.supply, spec.cylinders["boom"]
     lever_arm = boom.linkage.lever_arm(MIDDLE[1])
     pressure = 30e6
-    force = pressure * boom.head_area - supply.return_pressure * boom.rod_area
+    force = pressure * boom.cap_side_area - supply.return_pressure * boom.rod_side_area
     given = arm.attainable_speeds([0, -0.45, 0, 0], MIDDLE, [0, lever_arm * force, 0, 0])
     taken = flow(spec, MIDDLE, given)
     assert taken * pressure == pytest.approx(supply.pump_power)
@@ -75,7 +75,7 @@ def test_torque_follows_lever_area_and_direction(arm, spec):
         lifting = [0.0, math.copysign(1e5, lever_arm), 0.0, 0.0]
         push = arm.torque_limits([True] * 4, angles, lifting)[1]
         pull = arm.torque_limits([True] * 4, angles, [-e for e in lifting])[1]
-        head, rod, back = boom.head_area, boom.rod_area, supply.return_pressure
+        head, rod, back = boom.cap_side_area, boom.rod_side_area, supply.return_pressure
         assert push == pytest.approx(
             abs(lever_arm) * (supply.main_relief_pressure * head - back * rod)
         )
@@ -86,7 +86,7 @@ def test_torque_follows_lever_area_and_direction(arm, spec):
         assert held == pytest.approx(
             abs(lever_arm) * (supply.port_relief_pressure * head - back * rod)
         )
-    assert arm.torque_limits([True] * 4, MIDDLE, REST)[0] == spec.joints["swing"].torque
+    assert arm.torque_limits([True] * 4, MIDDLE, REST)[0] == spec.joints["swing"].max_effort
 
 
 def test_pressures_balance_the_force(arm, spec):
@@ -95,12 +95,13 @@ def test_pressures_balance_the_force(arm, spec):
         for name, state in arm.states(MIDDLE, [0.1] * 4, efforts).items():
             cylinder = spec.cylinders[name]
             force = (
-                state.head_pressure * cylinder.head_area - state.rod_pressure * cylinder.rod_area
+                state.cap_side_pressure * cylinder.cap_side_area
+                - state.rod_side_pressure * cylinder.rod_side_area
             )
             lever_arm = cylinder.linkage.lever_arm(MIDDLE[EXCAVATOR_JOINTS.index(name)])
             assert state.force == pytest.approx(efforts[EXCAVATOR_JOINTS.index(name)] / lever_arm)
             assert force == pytest.approx(state.force, abs=1e-6)
-            assert min(state.head_pressure, state.rod_pressure) == pytest.approx(
+            assert min(state.cap_side_pressure, state.rod_side_pressure) == pytest.approx(
                 spec.supply.return_pressure
             )
             assert state.speed == pytest.approx(0.1 * lever_arm)
@@ -121,7 +122,7 @@ def test_a_weak_arm_stalls_at_the_relief_pressure(scene, spec):
         s.step()
     state = s.machine.cylinders["arm"]
     assert s.machine.joint_positions[2] < before + 0.02
-    assert state.head_pressure == pytest.approx(spec.supply.main_relief_pressure, rel=0.08)
+    assert state.cap_side_pressure == pytest.approx(spec.supply.main_relief_pressure, rel=0.08)
 
 
 def test_holding_at_rest_the_boom_carries_the_front_on_its_heads(scene, spec):
@@ -132,7 +133,7 @@ def test_holding_at_rest_the_boom_carries_the_front_on_its_heads(scene, spec):
     assert np.abs(s.machine.joint_positions - held).max() < 1e-5
     boom = s.machine.cylinders["boom"]
     assert boom.force > 0.0
-    assert 2e6 < boom.head_pressure < 25e6
+    assert 2e6 < boom.cap_side_pressure < 25e6
 
 
 def test_an_arm_moves_slower_while_boom_and_bucket_move_too(scene):

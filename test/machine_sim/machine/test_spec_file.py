@@ -51,8 +51,8 @@ def swap(profile):
 @pytest.mark.parametrize(
     ("edit", "words"),
     [
-        (lambda v: v.pop("hull"), r"hull is missing; add it"),
-        (lambda v: v.update(hull="arm"), r"hull is 'arm'; give base, or .*: upper"),
+        (lambda v: v.pop("main_body"), r"main_body is missing; add it"),
+        (lambda v: v.update(main_body="arm"), r"main_body is 'arm'; give one of base, upper"),
         (lambda v: v["tracks"].update(guage=2.0), r"tracks has unknown key guage; .*gauge"),
         (lambda v: v["links"].update(mast={}), r"links has unknown key mast"),
         (lambda v: v["links"]["arm"].update(mass=-1.0), r"links.arm.mass is -1.0; .*above 0"),
@@ -65,24 +65,27 @@ def swap(profile):
         (lambda v: v["joints"]["boom"].update(origin=[0.0, 1.0]), r"origin is .*list of 3 numbers"),
         (
             lambda v: v["joints"]["boom"].update(origin=[0.0, 1.0, 0.0]),
-            r"joints.boom: a cylinder turns a joint .* in the middle",
+            r"joints.boom.cylinder needs a joint with limits",
         ),
         (lambda v: v["joints"]["arm"].update(axis="w"), r"joints.arm.axis is 'w'; give one of x"),
         (
             lambda v: v["joints"]["arm"].update(parent="mast"),
-            r"joints.arm goes from 'mast' to 'arm'; let it begin at one of base, upper, boom",
+            r"joints.arm connects 'mast' to 'arm'; give one of base, upper, boom",
         ),
-        (lambda v: v["joints"]["arm"].update(child="boom"), r"joints.arm goes from .* to 'boom'"),
+        (lambda v: v["joints"]["arm"].update(child="boom"), r"joints.arm connects .* to 'boom'"),
         (lambda v: v["tools"]["bucket"].update(link="hand"), r"tools.bucket.link is 'hand'; .*arm"),
         (
             lambda v: (
                 v["joints"].update(left_track=v["joints"].pop("bucket"))
                 or v["home"].update(left_track=v["home"].pop("bucket"))
             ),
-            r"named left_track, as something else of every machine",
+            r"name left_track is reserved",
         ),
         (lambda v: v["links"]["arm"].update(mass="8e2"), r"'8e2'; .*exponent as in 24.0e\+3"),
-        (lambda v: v["tools"]["bucket"].update(link="base"), r"give one that a joint moves: upper"),
+        (
+            lambda v: v["tools"]["bucket"].update(link="base"),
+            r"give a link that a joint moves: upper",
+        ),
         (
             lambda v: v["tools"].update(
                 mill={
@@ -93,14 +96,14 @@ def swap(profile):
                     "width": 1.0,
                 }
             ),
-            r"tools.mill is a drum on upper, which turns about z",
+            r"tools.mill is a drum on link upper, whose joint rotates about z",
         ),
         (lambda v: v["tools"]["bucket"].update(kind="fork"), r"kind is 'fork'; .*bucket, drum"),
         (lambda v: v["joints"]["arm"].update(lower=3.0), r"joints.arm.lower is 3.0 .*below"),
-        (lambda v: v["joints"]["arm"].update(lower=None), r"joints.arm: give both limits"),
+        (lambda v: v["joints"]["arm"].update(lower=None), r"joints.arm has one limit"),
         (lambda v: v["home"].update(boom=2.0), r"home.boom is 2.0; give an angle from -1.05 to"),
-        (lambda v: v["tracks"].update(shoe_count=45.5), r"shoe_count is 45.5; .*whole number"),
-        (lambda v: v["tracks"].update(friction=-0.1), r"friction is -0.1; give a number from 0"),
+        (lambda v: v["tracks"].update(shoe_count=45.5), r"shoe_count is 45.5; .*integer"),
+        (lambda v: v["tracks"].update(friction=-0.1), r"friction is -0.1; give a number >= 0"),
         (
             lambda v: v["tools"]["bucket"]["profile"].pop(),
             r"bucket.profile has 6 entries; .*7 entries",
@@ -131,7 +134,7 @@ def test_unreadable_file_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("imus", "message"),
     [
-        ({"cab roof": {"link": "upper", "position": [0, 0, 0]}}, "give a name of letters"),
+        ({"cab roof": {"link": "upper", "position": [0, 0, 0]}}, "use letters, digits"),
         ({"cab": {"link": "cab", "position": [0, 0, 0]}}, "imus.cab.link is 'cab'; give one of"),
         ({"cab": {"link": "upper"}}, r"imus\.cab\.position is missing"),
     ],
@@ -145,20 +148,20 @@ def test_inertial_units_are_checked(tmp_path, imus, message):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda v: v["joints"]["boom"].update(torque=1e5), "give `cylinder` or `torque`"),
-        (lambda v: v["joints"]["boom"].pop("cylinder"), "give `cylinder` or `torque`"),
-        (lambda v: v.pop("hydraulics"), "give `hydraulics`, which feed it"),
+        (lambda v: v["joints"]["boom"].update(max_effort=1e5), "joints.boom needs one drive"),
+        (lambda v: v["joints"]["boom"].pop("cylinder"), "joints.boom needs one drive"),
+        (lambda v: v.pop("hydraulics"), "add `hydraulics`"),
         (
-            lambda v: v["joints"]["swing"].update(cylinder=v["joints"]["swing"].pop("torque")),
-            "a cylinder turns a joint with limits",
+            lambda v: v["joints"]["swing"].update(cylinder=v["joints"]["swing"].pop("max_effort")),
+            "cylinder needs a joint with limits",
         ),
         (
             lambda v: v["joints"]["arm"]["cylinder"].update(rod_diameter=0.2),
-            "give less than the bore of 0.135 m",
+            "give less than the bore, 0.135 m",
         ),
         (
             lambda v: v["joints"]["arm"]["cylinder"].update(barrel=[4.4, 0.6]),
-            "more than its rod is long",
+            "more than its rod allows",
         ),
         (
             lambda v: v["joints"]["bucket"]["cylinder"]["rocker"].update(coupler_length=0.3),
@@ -166,7 +169,7 @@ def test_inertial_units_are_checked(tmp_path, imus, message):
         ),
         (
             lambda v: v["hydraulics"].update(port_relief_pressure=1e7),
-            "give return_pressure below main_relief_pressure",
+            "not in ascending order",
         ),
     ],
 )

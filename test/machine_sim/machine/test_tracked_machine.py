@@ -65,7 +65,7 @@ def test_swing_stops_where_its_ramp_ends(scene, spec):
     for _ in range(300):
         s.step()
         furthest = max(furthest, s.machine.joint_positions[0] - start)
-    ramp = 0.5**2 / (2.0 * spec.joints["swing"].acceleration)
+    ramp = 0.5**2 / (2.0 * spec.joints["swing"].max_acceleration)
     assert furthest < ramp + 0.004
     assert abs(s.machine.joint_velocities[0]) < 1e-4
 
@@ -241,7 +241,7 @@ def test_tool_wrench_lasts_one_step(scene, spec):
 def test_overloaded_joint_gives_way_and_is_not_wound_up(scene, spec):
     s = scene()
     s.run(0.5)
-    limit = spec.joints["bucket"].torque
+    limit = spec.joints["bucket"].max_effort
     start = s.machine.joint_positions[3]
     for _ in range(10):
         s.machine.tool.push(np.zeros(3), [0.0, -1.5 * limit, 0.0])

@@ -31,7 +31,7 @@ def test_joint_limits_are_those_of_the_description(spec):
     robot, _, _ = tree(urdf_text(spec))
     for joint in robot.iter("joint"):
         limits, limit = spec.joints[joint.get("name")], joint.find("limit")
-        assert float(limit.get("effort")) == limits.torque
+        assert float(limit.get("effort")) == limits.max_effort
         assert joint.get("type") == ("revolute" if math.isfinite(limits.lower) else "continuous")
         if math.isfinite(limits.lower):
             assert (float(limit.get("lower")), float(limit.get("upper"))) == (

@@ -7,7 +7,8 @@ import pybullet
 import pytest
 
 from machine_sim.machine import MachineError, rotation_matrix, tool_pose
-from machine_sim.machine.visuals import link_frame_names, link_poses, link_visual_boxes, shoe_visual
+from machine_sim.machine.forward_kinematics import link_frame_names, link_poses
+from machine_sim.machine.visuals import link_visual_boxes, shoe_visual
 
 JOINTS = [0.7, -0.4, 1.3, 1.1]
 PLACE = [3.0, -2.0, 0.5]

@@ -131,7 +131,7 @@ def test_soil_too_strong_stalls_the_arm_at_its_relief_pressure(dig) -> None:
     before, pressures = d.machine.joint_positions[2], []
     for _ in range(75):
         d.step()
-        pressures.append(d.machine.cylinders["arm"].head_pressure)
+        pressures.append(d.machine.cylinders["arm"].cap_side_pressure)
     # Not a quarter of what it is told: what there is, is the machine's, which is drawn along.
     assert d.machine.joint_positions[2] - before < 0.25 * 0.5 * 0.75
     assert np.median(pressures) == pytest.approx(relief, rel=0.01)

@@ -16,8 +16,8 @@ from support.machine_scenes import COMMAND_NAMES, excavator
 
 from machine_sim.machine import EXCAVATOR_JOINTS, rotation_matrix, urdf_text
 from machine_sim.machine.cylinder_visuals import cylinder_joint_states
+from machine_sim.machine.forward_kinematics import link_frame_names, link_poses
 from machine_sim.machine.urdf import BASE_JOINTS as URDF_JOINTS
-from machine_sim.machine.visuals import link_frame_names, link_poses
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.machine_state import (
     BASE_JOINTS,

@@ -11,7 +11,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from earthmoving_sim.machine_polygons import machine_faces
 from machine_sim.machine import rotation_matrix, tool_pose
-from machine_sim.machine.visuals import link_frame_names, link_poses, link_visual_boxes, shoe_visual
+from machine_sim.machine.forward_kinematics import link_frame_names, link_poses
+from machine_sim.machine.visuals import link_visual_boxes, shoe_visual
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.markers import LinkBox, MarkerSet
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from machine_sim.machine import BucketShape, MachineError
-from machine_sim.machine.arm_kinematics import rotation_about_z
+from machine_sim.machine.rotations import rotation_about_z
 
 
 @pytest.fixture
