@@ -1,8 +1,15 @@
-"""What a run did, made out from its bag alone.
+"""Derive from a bag alone what a run of the operator did.
 
-- `outcome`: the same `Outcome` that a run in one process gives
-- `words`: the topics it takes, and what it keeps of each message
-- `run`: the last run in a bag, and where it ends
-- `terrain`: the ground before and after
-- `machine`: where the machine and its lip were
+Modules in the order of the computation:
+
+- `topic_decoders`: which topics are read, and what is kept of each message
+- `run_record`: the last run in a bag, sorted by tick, and its last tick
+- `recorded_terrain`: the terrain before and after, from its first map and its updates
+- `recorded_machine`: the machine's specification, the path of its lip, the poses of its shoes
+- `outcome`: the `DigOutcome` of all this, as a run in one process returns it
 """
+
+from earthmoving_sim.recorded_run.outcome import outcome_from_bag
+from earthmoving_sim.recorded_run.topic_decoders import RecordedRunError
+
+__all__ = ["RecordedRunError", "outcome_from_bag"]

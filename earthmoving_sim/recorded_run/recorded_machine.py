@@ -1,4 +1,4 @@
-"""The machine of a recorded run: its description, the path of its lip, the shoes of its tracks."""
+"""Derive the machine of a recorded run, the path of its cutting lip and the poses of its shoes."""
 
 from __future__ import annotations
 
@@ -28,11 +28,17 @@ from msg_bridge.config_files import ConfigError, find_config
 
 __all__ = ["LipPath", "lip_path", "load_recorded_machine", "shoe_poses"]
 
-_TRACKS_SUFFIX = "/tracks"  # how the namespace of the tracks' markers ends
+_TRACKS_SUFFIX = "/tracks"  # end of the namespace of the tracks' markers
 
 
 class LipPath(NamedTuple):
-    """Lip positions [m], shape (n, 3), with the operator's cycle and phase, shape (n,) each."""
+    """Path of the cutting lip.
+
+    Attributes:
+        points: lip positions [m] in the map frame, shape (n, 3).
+        cycle: the operator's cycle at each point, shape (n,).
+        phase: the operator's phase at each point, shape (n,).
+    """
 
     points: NDArray[np.float64]
     cycle: NDArray[np.int64]
@@ -40,22 +46,21 @@ class LipPath(NamedTuple):
 
 
 def load_recorded_machine(text: str, namespaces: Namespaces) -> MachineSpec:
-    """The machine that the configuration of its node names.
+    """Load the machine that the configuration of its node names.
 
     Args:
         text: the configuration [YAML].
-        place: of the machine.
+        namespaces: those of the machine.
 
     Raises:
-        RecordedRunError: it names no machine file, or one that is not here.
-        MachineError: the file is not good.
+        RecordedRunError: it names no machine file, or one that does not exist here.
+        MachineError: the file is not valid.
     """
     topic = namespaces.node + MACHINE_CONFIG_SUFFIX
     try:
         name = str(machine_config_section(text, namespaces)["machine"])
-        tracks = (
-            yaml.safe_load(text).get("stepping", {}).get("track_model", "kinematic")
-        )  # not said by older runs
+        # The first recordings of format 1 do not name the model of the tracks.
+        tracks = yaml.safe_load(text).get("stepping", {}).get("track_model", "kinematic")
     except (yaml.YAMLError, KeyError, TypeError) as error:
         raise RecordedRunError(
             f"the configuration on {topic} names no machine file: {error!r}; it must have"
@@ -65,47 +70,49 @@ def load_recorded_machine(text: str, namespaces: Namespaces) -> MachineSpec:
         return with_track_model(load_machine_spec(find_config(name)), tracks)
     except ConfigError as error:
         raise RecordedRunError(
-            f"the machine of the run is described in {name!r} ({topic}), which is not here; put it"
-            f" there. {error}"
+            f"the machine of the run is described in {name!r} ({topic}), which does not exist here;"
+            f" copy it there. {error}"
         ) from error
 
 
 def lip_path(
     spec: MachineSpec, states: Sequence[MachineState], phases: Sequence[OperatorPhase]
 ) -> LipPath:
-    """Where the middle of the cutting lip was, every `PATH_INTERVAL_TICKS` ticks or as often as is known.
+    """Return the path of the middle of the cutting lip.
 
-    A point has the phase that its tick was done in, which the operator told at an earlier tick.
+    It has a point every `PATH_INTERVAL_TICKS` ticks, or as often as the machine's state was
+    recorded. The phase of a point is the last one that the operator published before its tick.
     """
-    told_at = np.array([phase.tick for phase in phases])
-    points, during = [], []
-    due = PATH_INTERVAL_TICKS
+    phase_ticks = np.array([phase.tick for phase in phases])
+    points: list[NDArray[np.float64]] = []
+    point_phases: list[OperatorPhase] = []
+    next_tick = PATH_INTERVAL_TICKS
     for state in states:
-        if state.tick < due:
+        if state.tick < next_tick:
             continue
-        due = (state.tick // PATH_INTERVAL_TICKS + 1) * PATH_INTERVAL_TICKS
-        turn = rotation_matrix(state.base.quaternion)
-        rotation, pin = tool_pose(spec, state.base.position, turn, state.joints)
+        next_tick = (state.tick // PATH_INTERVAL_TICKS + 1) * PATH_INTERVAL_TICKS
+        base_rotation = rotation_matrix(state.base.quaternion)
+        rotation, pin = tool_pose(spec, state.base.position, base_rotation, state.joints)
         points.append(rotation[:, 0] * spec.bucket.tip_radius + pin)
-        newest = int(np.searchsorted(told_at, state.tick)) - 1
-        during.append(phases[max(newest, 0)])
+        newest = int(np.searchsorted(phase_ticks, state.tick)) - 1
+        point_phases.append(phases[max(newest, 0)])
     return LipPath(
         np.array(points).reshape(-1, 3),
-        np.array([phase.cycle for phase in during], dtype=np.int64),
-        np.array([phase.phase for phase in during], dtype=np.str_),
+        np.array([phase.cycle for phase in point_phases], dtype=np.int64),
+        np.array([phase.phase for phase in point_phases], dtype=np.str_),
     )
 
 
 def shoe_poses(markers: Any, shoe_count: int) -> NDArray[np.float64] | None:
-    """Where the shoes of both tracks are, read back from how `codec.markers` shows them.
+    """Return the poses of the shoes of both tracks, read back from the markers of `codec.markers`.
 
     Args:
         markers: a `visualization_msgs/MarkerArray`.
-        shoe_count: of one track.
+        shoe_count: number of shoes of one track.
 
     Returns:
         x, z [m] and pitch [rad] of each shoe in the base frame, left track first, shape
-        (2, shoe_count, 3); None if no such tracks are among the markers.
+        (2, shoe_count, 3); None if there are no such tracks among the markers.
     """
     sides = {each.id: each for each in markers.markers if each.ns.endswith(_TRACKS_SUFFIX)}
     if set(sides) != {0, 1}:
@@ -113,7 +120,7 @@ def shoe_poses(markers: Any, shoe_count: int) -> NDArray[np.float64] | None:
     poses = np.zeros((2, shoe_count, 3))
     for side in (0, 1):
         points = np.array([(point.x, point.z) for point in sides[side].points])
-        # A shoe is a row of bars; with one bar only it would not show how it is turned.
+        # A shoe is drawn as a row of bars; its pitch needs at least two of them.
         if points.size == 0 or len(points) % shoe_count or len(points) < 2 * shoe_count:
             return None
         bars = points.reshape(shoe_count, -1, 2)

@@ -1,4 +1,4 @@
-"""The terrain before and after a recorded run, from its first map and all changed cells."""
+"""Reconstruct the terrain before and after a recorded run from its first map and its updates."""
 
 from __future__ import annotations
 
@@ -17,91 +17,104 @@ __all__ = ["RecordedTerrain"]
 _MAP_UPDATES_TOPIC = STREAM_TOPICS[Stream.MAP_UPDATE]
 
 _ROW_NUMBER_MODULUS = 2**32
-"""Row numbers begin anew after so many; the headers' do not."""
+"""Row numbers wrap around here; those in headers do not."""
 
 
 class RecordedTerrain:
-    """The terrain of one run, as its messages come, in any order.
+    """The terrain of one run; its messages may be added in any order.
 
     Attributes:
-        first: the terrain before, None until a map of the run has come.
+        first: the terrain before the run, None until a map of the run was added.
     """
 
     def __init__(self, header: SoilHeader) -> None:
-        """`header` is the soil's of the tick to stop after."""
+        """Begin without a map.
+
+        Args:
+            header: the soil's header of the last tick to reconstruct.
+        """
         self.first: TerrainMap | None = None
         self._run_id = header.run_id
-        self._last = header.map_updates.last
-        self._num_applied = 0  # number of the last row that was applied
-        self._pending_rows: dict[int, Rows] = {}  # by the number of the first
-        self._elevation: NDArray[np.float64] = np.zeros((0, 0))
-        self._loose_depth: NDArray[np.float64] = np.zeros((0, 0))
+        self._last_row = header.map_updates.last
+        self._last_applied_row = 0
+        self._pending_rows: dict[int, Rows] = {}  # by the number of their first row
+        self._elevation: NDArray[np.float64] = np.zeros((0, 0))  # [m]
+        self._loose_depth: NDArray[np.float64] = np.zeros((0, 0))  # [m]
 
-    def receive_map(self, terrain: TerrainMap) -> None:
-        """Take a map; of those of the run, the first counts."""
+    def add_map(self, terrain: TerrainMap) -> None:
+        """Add a terrain map; only the first one of the run is used.
+
+        Raises:
+            RecordedRunError: the first map is not of the terrain before the run.
+        """
         if self.first is not None or terrain.keyframe.run_id != self._run_id:
             return
         if terrain.keyframe.revision:
             raise RecordedRunError(
-                f"the first map on {TERRAIN_MAP_TOPIC} shows revision {terrain.keyframe.revision} of the"
-                " terrain, not the ground before it was dug; record from the start of the run"
+                f"the first map on {TERRAIN_MAP_TOPIC} is revision {terrain.keyframe.revision} of"
+                " the terrain, not the terrain before the run; record from the start of the run"
             )
         self.first = terrain
         self._elevation = terrain.keyframe.elevation.copy()
         self._loose_depth = terrain.loose_depth.copy()
         self._apply()
 
-    def receive_rows(self, chunk: RowChunk) -> None:
-        """Take changed cells; those of other runs, of later ticks and repeats do not count."""
+    def add_rows(self, chunk: RowChunk) -> None:
+        """Add map updates; those of other runs or later ticks, and repeats, are ignored.
+
+        Raises:
+            RecordedRunError: an updated cell lies outside of the map.
+        """
         if chunk.run_id != self._run_id:
             return
-        ahead = (
-            int(chunk.rows["seq"][0]) - self._num_applied - 1 + _ROW_NUMBER_MODULUS // 2
-        ) % _ROW_NUMBER_MODULUS
-        first = self._num_applied + 1 + ahead - _ROW_NUMBER_MODULUS // 2
-        if first <= self._last:
+        half = _ROW_NUMBER_MODULUS // 2
+        next_row = self._last_applied_row + 1
+        ahead = (int(chunk.rows["seq"][0]) - next_row + half) % _ROW_NUMBER_MODULUS - half
+        first = next_row + ahead
+        if first <= self._last_row:
             self._pending_rows[first] = chunk.rows
             self._apply()
 
-    def end(self) -> tuple[HeightMap, NDArray[np.float64], NDArray[np.float64]]:
-        """The ground before, then surface and depth of loose soil after [m], shape (rows, cols).
+    def result(self) -> tuple[HeightMap, NDArray[np.float64], NDArray[np.float64]]:
+        """Return the terrain before, then elevation and depth of loose soil after the last tick.
+
+        Elevation and depth are in [m], shape (rows, cols).
 
         Raises:
-            RecordedRunError: there was no map of the run, or changed cells are missing.
+            RecordedRunError: there was no map of the run, or updates are missing.
         """
         if self.first is None:
             raise RecordedRunError(
-                f"there is no map of the last run on {TERRAIN_MAP_TOPIC}; record from the start of the run"
+                f"there is no map of the last run on {TERRAIN_MAP_TOPIC}; record from the start of"
+                " the run"
             )
-        if self._num_applied < self._last:
+        if self._last_applied_row < self._last_row:
             raise RecordedRunError(
-                f"row {self._num_applied + 1} of {self._last} is missing on {_MAP_UPDATES_TOPIC}; see that the"
-                " recorder keeps up"
+                f"row {self._last_applied_row + 1} of {self._last_row} is missing on"
+                f" {_MAP_UPDATES_TOPIC}; reduce the load so that the recorder keeps up"
             )
-        frame = self.first.keyframe
-        return HeightMap(frame.grid, frame.elevation), self._elevation, self._loose_depth
+        keyframe = self.first.keyframe
+        return HeightMap(keyframe.grid, keyframe.elevation), self._elevation, self._loose_depth
 
     def _apply(self) -> None:
-        """Apply all rows that come next. Each holds what its cell is, so the last one counts."""
+        """Apply all consecutive rows; each has the whole state of its cell, so the last counts."""
         while self.first is not None and (rows := self._take_next_rows()) is not None:
-            at = (rows["row"], rows["col"])
-            if (at[0] >= self._elevation.shape[0]).any() or (
-                at[1] >= self._elevation.shape[1]
-            ).any():
+            num_rows, num_cols = self._elevation.shape
+            if (rows["row"] >= num_rows).any() or (rows["col"] >= num_cols).any():
                 raise RecordedRunError(
-                    f"a changed cell on {_MAP_UPDATES_TOPIC} lies off the map on {TERRAIN_MAP_TOPIC}"
+                    f"a cell on {_MAP_UPDATES_TOPIC} lies outside of the map on {TERRAIN_MAP_TOPIC}"
                 )
-            self._elevation[at] = rows["z"]
-            self._loose_depth[at] = rows["loose_depth"]
-            self._num_applied += rows.size
+            self._elevation[rows["row"], rows["col"]] = rows["z"]
+            self._loose_depth[rows["row"], rows["col"]] = rows["loose_depth"]
+            self._last_applied_row += rows.size
 
     def _take_next_rows(self) -> Rows | None:
-        """The rows after the last one applied, as far as they are here."""
+        """Remove and return the pending rows after the last applied one; None if there are none."""
         for first in sorted(self._pending_rows):
-            if first > self._num_applied + 1:
+            if first > self._last_applied_row + 1:
                 break
             rows = self._pending_rows.pop(first)
-            new = rows[self._num_applied + 1 - first :]
+            new = rows[self._last_applied_row + 1 - first :]
             if new.size:
                 return new
         return None

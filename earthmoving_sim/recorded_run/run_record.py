@@ -1,4 +1,4 @@
-"""What a bag tells of its last run by small messages: all but the terrain, sorted by tick."""
+"""Sort the small messages of a bag's last run by tick, and find its last tick."""
 
 from __future__ import annotations
 
@@ -40,12 +40,19 @@ from msg_bridge.contract.topics import SOIL_HEADER_TOPIC
 
 __all__ = ["MachineState", "OperatorPhase", "RunRecord", "read_run"]
 
-_TUNNELLED = "tunnelled"
+_TUNNELLED_KEY = "tunnelled"
 _UNFINISHED = "the operator did not finish"
 
 
 class OperatorPhase(NamedTuple):
-    """What the operator was about from the end of a tick on."""
+    """A phase of the operator.
+
+    Attributes:
+        tick: the tick at whose end it began.
+        cycle: number of the dig cycle.
+        phase: name of the phase.
+        abort_reason: why the operator stopped before its last cycle; empty if it did not.
+    """
 
     tick: int
     cycle: int
@@ -66,20 +73,20 @@ class RunRecord:
     """The last run in a bag.
 
     Attributes:
-        facts: its epoch and length of a tick.
-        machine_config: parameters of the machine's node [YAML].
-        last_log_time: log time of the last tick [ns]. The last tick is the one at which the operator's
-            last command had counted its time, or else the last of which all is known.
-        wall: log time from the first tick to the last [s].
+        facts: number of the run and tick period.
+        machine_config: configuration of the machine's node [YAML].
+        last_log_time: log time of the last tick [ns]. The last tick is the one at which the
+            operator's last command took effect, or else the last that was recorded completely.
+        wall_time: log time from the first tick to the last [s].
         header, ledger: of the last tick.
-        worst_imbalance: of all ticks, those after the last included [mm^3].
-        state: the newest hash of the terrain up to the last tick, and the tick it was taken after.
-        states: where the machine was, up to the last tick.
-        phases: what the operator was about, in order.
-        cycles: one report for each cycle.
-        most_particles: largest number published.
-        tunnelled: as the machine's node said last.
-        nodes: names of the nodes that spoke on /diagnostics.
+        max_imbalance: the largest of all ticks, those after the last included, signed [mm^3].
+        state: tick and SHA-256 of the newest state hash up to the last tick.
+        states: the machine's states up to the last tick, in order.
+        phases: the operator's phases, in order.
+        cycles: one report per cycle.
+        max_particles: the largest number of particles in a published message.
+        tunnelled: number of tunnelled particles in the last diagnostics of the machine's node.
+        nodes: names of the nodes that published on /diagnostics, sorted.
     """
 
     facts: RunFacts
@@ -99,7 +106,7 @@ class RunRecord:
 
     @property
     def abort_reason(self) -> str:
-        """Why it ended before its last cycle, empty if it did not."""
+        """Why the run ended before its last cycle; empty if it did not."""
         end = self.phases[-1]
         return end.abort_reason or ("" if end.phase == "done" else _UNFINISHED)
 
@@ -107,63 +114,70 @@ class RunRecord:
 def read_run(
     reader: BagReader, namespaces: Namespaces, on_message: Callable[[], None]
 ) -> RunRecord:
-    """Read all but the terrain of the last run in a bag.
+    """Read all of the last run in a bag but its terrain.
 
     Args:
         reader: the bag; it has all topics of `run_topic_decoders`.
-        place: of the machine.
+        namespaces: those of the machine.
         on_message: called after each message.
 
     Raises:
-        RecordedRunError: a message cannot be read, or something of the run was not recorded.
+        RecordedRunError: a message cannot be read, or is missing.
         BagReadError: the file is damaged.
     """
-    words = run_topic_decoders(namespaces)
-    heard: dict[str, list[tuple[int, Any]]] = defaultdict(list)
-    for topic, time, message in reader.messages(words):
+    decoders = run_topic_decoders(namespaces)
+    values: dict[str, list[tuple[int, Any]]] = defaultdict(list)
+    for topic, time, message in reader.messages(decoders):
         try:
-            value = words[topic].decode(message)
+            value = decoders[topic].decode(message)
         except EarthmovingError as error:
             raise RecordedRunError(f"a message on {topic}, logged at {time} ns: {error}") from error
         if value is not None:
-            heard[topic].append((time, value))
+            values[topic].append((time, value))
         on_message()
-    return _RunReader(reader, namespaces, heard).build_record()
+    return _RunBuilder(reader, namespaces, values).build()
 
 
-class _RunReader:
-    """Takes the last run out of all that was heard."""
+class _RunBuilder:
+    """Selects the messages of the last run in a bag and builds its record."""
 
     def __init__(
-        self, reader: BagReader, namespaces: Namespaces, heard: dict[str, list[tuple[int, Any]]]
+        self, reader: BagReader, namespaces: Namespaces, values: dict[str, list[tuple[int, Any]]]
     ) -> None:
-        self._reader, self._namespaces, self._messages = reader, namespaces, heard
-        self._machine = namespaces.machine
-        headers = heard[SOIL_HEADER_TOPIC]
+        """Find the last run.
+
+        Args:
+            reader: the bag.
+            namespaces: those of the machine.
+            values: log time [ns] and decoded value of each message, by topic.
+        """
+        self._reader, self._namespaces, self._values = reader, namespaces, values
+        headers = values[SOIL_HEADER_TOPIC]
         if not headers:
             raise self._missing_error("a header of the soil", SOIL_HEADER_TOPIC)
         run_id = max(header.run_id for _, header in headers)
-        began = min(time for time, header in headers if header.run_id == run_id)
+        start = min(time for time, header in headers if header.run_id == run_id)
         before = [time for time, header in headers if header.run_id < run_id]
-        # Most messages do not say their epoch. Between two runs nothing is said for a while.
-        self._start_time = (began + max(before)) // 2 if before else 0
+        # Most messages do not have a run id. Nothing is published for a while between two runs,
+        # so their messages are separated at half that time.
+        self._start_time = (start + max(before)) // 2 if before else 0
         self._run_id = run_id
         self._facts = self._find_run_facts()
 
-    def build_record(self) -> RunRecord:
-        """All there is."""
+    def build(self) -> RunRecord:
+        """Build the record of the run."""
         headers: dict[int, tuple[int, SoilHeader]] = {}
-        for time, header in self._messages[SOIL_HEADER_TOPIC]:
+        for time, header in self._values[SOIL_HEADER_TOPIC]:
             if header.run_id == self._run_id:
                 headers.setdefault(header.tick, (time, header))
         ledgers: dict[int, Ledger] = {}
-        for ledger in self._messages_of_run(LEDGER_TOPIC):
+        for ledger in self._values_of_run(LEDGER_TOPIC):
             ledgers.setdefault(ledger.tick, ledger)
         phases = self._phases()
         last = self._find_last_tick(headers, ledgers, phases[-1])
         last_log_time, header = headers[last]
-        cycles = self._messages_of_run(self._machine + CYCLES_SUFFIX)
         counts = self._by_tick(self._namespaces.node + PARTICLES_SUFFIX)
+        diagnostics = self._values_of_run(DIAGNOSTICS_TOPIC)
         return RunRecord(
             facts=self._facts,
             machine_config=self._machine_config(),
@@ -175,24 +189,21 @@ class _RunReader:
             state=self._latest_state_hash(last),
             states=self._machine_states(last),
             phases=phases,
-            cycles=cycles,
+            cycles=self._values_of_run(self._namespaces.machine + CYCLES_SUFFIX),
             max_particles=max((n for tick, n in counts.items() if tick <= last), default=0),
-            tunnelled=self._tunnelled(),
-            nodes=sorted(
-                {node for said in self._messages_of_run(DIAGNOSTICS_TOPIC) for node in said}
-            ),
+            tunnelled=self._count_tunnelled(diagnostics),
+            nodes=sorted({node for statuses in diagnostics for node in statuses}),
         )
 
-    def _messages_of_run(self, topic: str) -> list[Any]:
-        return [value for time, value in self._messages[topic] if time >= self._start_time]
+    def _values_of_run(self, topic: str) -> list[Any]:
+        return [value for time, value in self._values[topic] if time >= self._start_time]
 
     def _by_tick(self, topic: str) -> dict[int, Any]:
-        """What a stamped topic told of the end of each tick."""
+        """Return the values of a stamped topic by the tick at whose end they were measured."""
         period = self._facts.tick_period
         try:
             return {
-                tick_from_stamp(stamp, period): value
-                for stamp, value in self._messages_of_run(topic)
+                tick_from_stamp(stamp, period): value for stamp, value in self._values_of_run(topic)
             }
         except EarthmovingError as error:
             raise RecordedRunError(f"a message on {topic}: {error}") from error
@@ -200,94 +211,91 @@ class _RunReader:
     def _missing_error(self, what: str, topic: str) -> RecordedRunError:
         return RecordedRunError(
             f"{self._reader.path} lacks {what} on {topic}; record all topics from the start of the"
-            " run to its end, and see that the recorder keeps up"
+            " run to its end, and reduce the load so that the recorder keeps up"
         )
 
     def _find_run_facts(self) -> RunFacts:
         own: list[RunFacts] = [
-            f for _, f in self._messages[SIM_CONFIG_TOPIC] if f.run_id == self._run_id
+            facts for _, facts in self._values[SIM_CONFIG_TOPIC] if facts.run_id == self._run_id
         ]
         if not own:
-            raise self._missing_error(
-                f"the configuration of epoch {self._run_id}", SIM_CONFIG_TOPIC
-            )
+            raise self._missing_error(f"the configuration of run {self._run_id}", SIM_CONFIG_TOPIC)
         return own[-1]
 
     def _machine_config(self) -> str:
         topic = self._namespaces.node + MACHINE_CONFIG_SUFFIX
-        if not self._messages[topic]:
+        if not self._values[topic]:
             raise self._missing_error("the machine's configuration", topic)
-        return str(self._messages[topic][-1][1])
+        return str(self._values[topic][-1][1])
 
     def _phases(self) -> list[OperatorPhase]:
-        topic = self._machine + PHASE_SUFFIX
-        said = self._messages_of_run(topic)
-        if not said:
-            raise self._missing_error("a word of the operator", topic)
-        tick = self._facts.tick_period
+        topic = self._namespaces.machine + PHASE_SUFFIX
+        messages = self._values_of_run(topic)
+        if not messages:
+            raise self._missing_error("a phase of the operator", topic)
+        period = self._facts.tick_period
         return [
-            OperatorPhase(round(each["time"] / tick), *(each[name] for name in PHASE_FIELDS))
-            for each in said
+            OperatorPhase(round(each["time"] / period), *(each[name] for name in PHASE_FIELDS))
+            for each in messages
         ]
 
     def _find_last_tick(
         self, headers: dict[int, Any], ledgers: dict[int, Ledger], end: OperatorPhase
     ) -> int:
-        """The last tick of the run, up to which no header and no ledger may be missing."""
-        whole, newest = -1, max(headers)
-        while whole + 1 in headers and whole + 1 in ledgers:
-            whole += 1
-        done = end.phase == "done"
-        if whole < (end.tick if done else max(newest - 1, 1)):
-            topic = LEDGER_TOPIC if whole + 1 in headers else SOIL_HEADER_TOPIC
-            raise self._missing_error(f"tick {whole + 1} of {newest}", topic)
-        if done:
-            # A machine in lockstep does not wait for the command that does not come until then.
-            delay = (
-                0
-                if self._facts.realtime
-                else _command_delay(self._machine_config(), self._namespaces)
-            )
-            return min(end.tick + delay, whole)
-        # A file that breaks off may have lost rows of its last tick.
-        return max(whole - 1, 1) if self._reader.truncated else whole
+        """Return the last tick of the run.
+
+        Args:
+            headers, ledgers: by tick; none may be missing up to the last tick.
+            end: the operator's last phase.
+        """
+        complete, newest = -1, max(headers)
+        while complete + 1 in headers and complete + 1 in ledgers:
+            complete += 1
+        is_done = end.phase == "done"
+        if complete < (end.tick if is_done else max(newest - 1, 1)):
+            topic = LEDGER_TOPIC if complete + 1 in headers else SOIL_HEADER_TOPIC
+            raise self._missing_error(f"tick {complete + 1} of {newest}", topic)
+        if is_done:
+            # In lockstep the last command takes effect only after the command delay.
+            delay = 0 if self._facts.realtime else self._command_delay()
+            return min(end.tick + delay, complete)
+        # A file without an end may have lost rows of its last tick.
+        return max(complete - 1, 1) if self._reader.truncated else complete
+
+    def _command_delay(self) -> int:
+        """Return the machine's command delay [ticks]; 0 if its configuration has none."""
+        try:
+            section = machine_config_section(self._machine_config(), self._namespaces)
+            return int(section["command_delay"])
+        except (yaml.YAMLError, KeyError, TypeError, ValueError):
+            return 0
 
     def _latest_state_hash(self, last: int) -> tuple[int, str]:
-        known: list[tuple[int, str]] = [
-            s for s in self._messages_of_run(STATE_HASH_TOPIC) if s[0] <= last
+        hashes: list[tuple[int, str]] = [
+            each for each in self._values_of_run(STATE_HASH_TOPIC) if each[0] <= last
         ]
-        if not known:
+        if not hashes:
             raise self._missing_error(f"a hash of tick 0 to {last}", STATE_HASH_TOPIC)
-        return max(known)
+        return max(hashes)
 
     def _machine_states(self, last: int) -> list[MachineState]:
-        names = (self._machine + ODOM_SUFFIX, self._machine + JOINT_STATES_SUFFIX)
-        bases, joints = map(self._by_tick, names)
-        both = sorted(tick for tick in bases.keys() & joints.keys() if tick <= last)
-        if not both:
-            raise self._missing_error("a tick that is told of both", " and ".join(names))
-        return [MachineState(tick, bases[tick], joints[tick]) for tick in both]
+        """Return the machine's states of all ticks with both a base pose and joint angles."""
+        machine = self._namespaces.machine
+        topics = (machine + ODOM_SUFFIX, machine + JOINT_STATES_SUFFIX)
+        bases, joints = map(self._by_tick, topics)
+        ticks = sorted(tick for tick in bases.keys() & joints.keys() if tick <= last)
+        if not ticks:
+            raise self._missing_error("messages of the same tick", " and ".join(topics))
+        return [MachineState(tick, bases[tick], joints[tick]) for tick in ticks]
 
-    def _tunnelled(self) -> int:
-        """As the machine's node, whatever its name, said last."""
-        for said in reversed(self._messages_of_run(DIAGNOSTICS_TOPIC)):
-            for node, values in said.items():
-                own = node.rpartition("/")[0] == self._namespaces.node.strip("/")
-                if own and values.get(_TUNNELLED, "").isdigit():
-                    return int(values[_TUNNELLED])
+    def _count_tunnelled(self, diagnostics: list[dict[str, dict[str, str]]]) -> int:
+        """Return the last count of tunnelled particles that the machine's node published."""
+        namespace = self._namespaces.node.strip("/")
+        for statuses in reversed(diagnostics):
+            for node, values in statuses.items():
+                is_own = node.rpartition("/")[0] == namespace
+                if is_own and values.get(_TUNNELLED_KEY, "").isdigit():
+                    return int(values[_TUNNELLED_KEY])
         raise self._missing_error(
-            f"{_TUNNELLED!r} of a node of {self._namespaces.node or '/'}", DIAGNOSTICS_TOPIC
+            f"{_TUNNELLED_KEY!r} of a node of /{namespace}", DIAGNOSTICS_TOPIC
         )
-
-
-def _command_delay(text: str, namespaces: Namespaces) -> int:
-    """Ticks for which the machine goes on once its operator has left the levers, in lockstep.
-
-    Args:
-        text: the configuration of its node [YAML]; 0 if it names no delay.
-        place: of the machine.
-    """
-    try:
-        return int(machine_config_section(text, namespaces)["command_delay"])
-    except (yaml.YAMLError, KeyError, TypeError, ValueError):
-        return 0

@@ -1,4 +1,4 @@
-"""What small messages of a recorded run say: which are read, and what is kept of each."""
+"""Decoders of the small messages that a recorded run is derived from."""
 
 from __future__ import annotations
 
@@ -45,25 +45,30 @@ SIM_CONFIG_TOPIC = "/sim/config"
 LEDGER_TOPIC = "/soil/ledger"
 STATE_HASH_TOPIC = "/soil/state_hash"
 DIAGNOSTICS_TOPIC = "/diagnostics"
-PHASE_SUFFIX = "/operator/phase"  # below the machine's namespace, as all that follow
+# In the machine's namespace:
+PHASE_SUFFIX = "/operator/phase"
 CYCLES_SUFFIX = "/operator/cycles"
 ODOM_SUFFIX = "/odom"
 JOINT_STATES_SUFFIX = "/joint_states"
-PARTICLES_SUFFIX = "/particles"  # below that of the machine's node, as the next
+# In the namespace of the machine's node:
+PARTICLES_SUFFIX = "/particles"
 MACHINE_CONFIG_SUFFIX = "/config"
 
 PHASE_FIELDS = ("cycle", "phase", "abort_reason")
-"""What a message on the operator's phase tells beside its time."""
+"""Keys of a message on the operator's phase, besides its time."""
 
 _CYCLE_FIELDS = tuple(field.name for field in fields(CycleReport))
 
 
 class RecordedRunError(EarthmovingError):
-    """A bag does not tell what a run did."""
+    """A bag does not contain what is needed to derive what a run did."""
 
 
 class TopicDecoder(NamedTuple):
-    """Type of a topic's messages, and what is kept of one: None for nothing."""
+    """Type of a topic's messages, and the function that returns what is kept of one.
+
+    The function returns None for a message of which nothing is kept.
+    """
 
     type: str
     decode: Callable[[Any], Any]
@@ -77,19 +82,23 @@ class Namespaces(NamedTuple):
 
 
 def run_topic_decoders(namespaces: Namespaces) -> dict[str, TopicDecoder]:
-    """The topics that are read, of a machine at some place."""
+    """Return the decoder of each topic that is read."""
     return {
         **_GLOBAL_DECODERS,
-        **{namespaces.machine + name: word for name, word in _MACHINE_DECODERS.items()},
-        **{namespaces.node + name: word for name, word in _NODE_DECODERS.items()},
+        **{namespaces.machine + name: decoder for name, decoder in _MACHINE_DECODERS.items()},
+        **{namespaces.node + name: decoder for name, decoder in _NODE_DECODERS.items()},
     }
 
 
 def machine_config_section(text: str, namespaces: Namespaces) -> Any:
-    """What the configuration of a node [YAML] says of one machine.
+    """Return the parameters of one machine from the configuration of its node.
+
+    Args:
+        text: the configuration [YAML].
+        namespaces: those of the machine.
 
     Raises:
-        KeyError, TypeError, YAMLError: it says nothing of it.
+        KeyError, TypeError, YAMLError: it has no such section.
     """
     config = yaml.safe_load(text)
     if namespaces.machine == namespaces.node:
@@ -112,14 +121,15 @@ def _decode_run_facts(msg: Any) -> RunFacts:
 
 
 def _decode_state_hash(msg: Any) -> tuple[int, str]:
+    """Return the tick and the SHA-256 of the terrain after it."""
     tick, _, digest = msg.data.partition(" ")
     if not tick.isdigit() or not digest:
-        raise RecordedRunError(f"{msg.data!r} is no tick and hash")
+        raise RecordedRunError(f"{msg.data!r} is not a tick and a hash")
     return int(tick), digest
 
 
 def _decode_diagnostics(msg: Any) -> dict[str, dict[str, str]]:
-    """Values of each node."""
+    """Return the values of each node by key."""
     return {
         status.name.partition(":")[0]: {each.key: each.value for each in status.values}
         for status in msg.status
@@ -131,6 +141,7 @@ def _decode_odometry(msg: Any) -> tuple[Any, BaseState]:
 
 
 def _decode_joint_angles(msg: Any) -> tuple[Any, NDArray[np.float64]]:
+    """Return the stamp and the joint angles [rad], shape (4,), in the order of EXCAVATOR_JOINTS."""
     angles = dict(zip(msg.name, msg.position, strict=False))
     missing = [name for name in EXCAVATOR_JOINTS if name not in angles]
     if missing:
@@ -155,14 +166,14 @@ def _decode_cycle_report(msg: Any) -> CycleReport:
 
 
 def _parse_object(text: str, names: tuple[str, ...]) -> dict[str, Any]:
-    """A JSON object of certain names."""
+    """Parse a JSON object that must have exactly the given keys."""
     try:
-        found = json.loads(text)
+        parsed = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise RecordedRunError(f"it must be JSON: {error}") from None
-    if not isinstance(found, dict) or set(found) != set(names):
+    if not isinstance(parsed, dict) or set(parsed) != set(names):
         raise RecordedRunError(f"it must be an object of {', '.join(names)}; it is {text!r}")
-    return found
+    return parsed
 
 
 _GLOBAL_DECODERS: dict[str, TopicDecoder] = {

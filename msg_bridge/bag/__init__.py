@@ -1,8 +1,16 @@
-"""ROS 2 bags in MCAP files, written and read.
+"""Write and read ROS 2 bags in MCAP files.
 
-- `schemas`: the full text and the hash of a message type, from its installed files
-- `writer`: one bag in a folder, readable whenever it breaks off
-- `metadata`: its metadata.yaml, and what publishers offered
-- `gaps`: messages and rows that were sent and did not arrive
-- `reader`: reads bags, whole or broken off
+Modules in the order of use:
+
+- `message_schemas`: definition and hash of a message type, from its installed files
+- `metadata`: metadata.yaml of a bag, and the QoS that publishers offered
+- `writer`: writes one bag into a folder, readable up to its last chunk at any time
+- `message_loss`: counts messages and rows that were sent and not received
+- `mcap_index`: finds the chunks and messages of an MCAP file, finished or not
+- `legacy_names`: renames what older formats named otherwise
+- `reader`: reads bags of all formats, finished or not
+
+Modules are imported by name: writing needs no rclpy, reading does.
 """
+
+__all__: list[str] = []

@@ -1,7 +1,8 @@
-"""Where the messages lie in an MCAP file, found without unpacking it.
+"""Find the chunks and messages of an MCAP file without decompressing it.
 
-Records are stepped over one by one, so that a file that was never finished is surveyed as one with
-a summary is. Only where a summary is missing are its chunks unpacked, to count what is in them.
+The file is scanned record by record, so that one without a summary (its recorder was killed) is
+indexed like a finished one. Only where the summary is missing are the chunks decompressed, to count
+their messages. Format: https://mcap.dev/spec.
 """
 
 from __future__ import annotations
@@ -21,21 +22,28 @@ from mcap.stream_reader import breakup_chunk
 
 from msg_bridge.contract.errors import EarthmovingError
 
-__all__ = ["BagReadError", "FileSegment", "McapFile", "index_file", "records"]
+__all__ = ["BagReadError", "FileSegment", "McapFile", "index_file", "read_records"]
 
 _MAGIC = b"\x89MCAP0\r\n"
-_RECORD = struct.Struct("<BQ")  # opcode, length of what follows
-_TIMES = struct.Struct("<QQ")  # how a chunk begins: log times of its first and last message
-_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+_RECORD_HEADER = struct.Struct("<BQ")  # opcode, length of the content
+_CHUNK_TIMES = struct.Struct("<QQ")  # start of a chunk: log times of its first and last message
+_MESSAGE_HEADER = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 
 
 class BagReadError(EarthmovingError):
-    """A bag cannot be read, or has not what is asked for."""
+    """A bag cannot be read, or lacks what is requested."""
 
 
 @dataclass(frozen=True, order=True)
 class FileSegment:
-    """A chunk, or a message outside chunks; parts sort by time, then by place."""
+    """A chunk, or a message outside of chunks; segments sort by time, then by position.
+
+    Attributes:
+        start_ns: log time of its first message [ns].
+        file: index of the file in its bag.
+        offset, length: position of its content in the file [bytes].
+        is_chunk: whether it is a chunk.
+    """
 
     start_ns: int
     file: int
@@ -46,10 +54,14 @@ class FileSegment:
 
 @dataclass
 class McapFile:
-    """What is where in one MCAP file.
+    """Index of one MCAP file.
 
     Attributes:
-        whole: whether it ends as a finished file does.
+        path: the file.
+        is_complete: whether it has its footer.
+        segments: its chunks and messages outside of chunks.
+        schemas, channels: by id.
+        counts: number of messages by channel id.
     """
 
     path: Path
@@ -61,39 +73,24 @@ class McapFile:
 
 
 def index_file(number: int, path: Path) -> McapFile:
-    """What is where in a file, without unpacking it where it has a summary."""
+    """Index a file.
+
+    Args:
+        number: index of the file in its bag.
+        path: the file.
+
+    Raises:
+        BagReadError: it is empty or not MCAP.
+    """
     file = McapFile(path)
-    size = path.stat().st_size
-    statistics: Statistics | None = None
     with path.open("rb") as stream:
-        magic = stream.read(len(_MAGIC))
-        if not size:
+        if not path.stat().st_size:
             raise BagReadError(f"{path} is empty")
-        if magic != _MAGIC:
-            raise BagReadError(f"{path} is not an MCAP file; if it is compressed, unpack it first")
-        while True:
-            offset = stream.tell()
-            head = stream.read(_RECORD.size)
-            if len(head) < _RECORD.size:
-                break
-            opcode, length = _RECORD.unpack(head)
-            begin, end = offset + len(head), offset + len(head) + length
-            if end > size or opcode == 0:  # zeros are what a crash of the machine leaves
-                break
-            if opcode == Opcode.CHUNK:
-                start, _ = _TIMES.unpack(stream.read(_TIMES.size))
-                file.segments.append(FileSegment(start, number, begin, length, is_chunk=True))
-            elif opcode == Opcode.MESSAGE:
-                _, _, start, _ = _MESSAGE.unpack(stream.read(_MESSAGE.size))
-                file.segments.append(FileSegment(start, number, begin, length, is_chunk=False))
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                _add_record(file, _parse(opcode, stream.read(length)))
-            elif opcode == Opcode.STATISTICS:
-                statistics = Statistics.read(ReadDataStream(BytesIO(stream.read(length))))
-            elif opcode == Opcode.FOOTER:
-                file.is_complete = True
-                break
-            stream.seek(end)
+        if stream.read(len(_MAGIC)) != _MAGIC:
+            raise BagReadError(
+                f"{path} is not an MCAP file; if it is compressed, decompress it first"
+            )
+        statistics = _scan_records(file, number, stream)
         counts = None if statistics is None else statistics.channel_message_counts
         if file.is_complete and counts and set(counts) <= set(file.channels):
             file.counts.update(counts)
@@ -102,15 +99,45 @@ def index_file(number: int, path: Path) -> McapFile:
     return file
 
 
+def _scan_records(file: McapFile, number: int, stream: IO[bytes]) -> Statistics | None:
+    """Add all segments, schemas and channels outside of chunks; return the statistics if any."""
+    size = file.path.stat().st_size
+    statistics: Statistics | None = None
+    while True:
+        header = stream.read(_RECORD_HEADER.size)
+        if len(header) < _RECORD_HEADER.size:
+            break
+        opcode, length = _RECORD_HEADER.unpack(header)
+        begin = stream.tell()
+        end = begin + length
+        if end > size or opcode == 0:  # a system crash leaves zeros at the end of a file
+            break
+        if opcode == Opcode.CHUNK:
+            start, _ = _CHUNK_TIMES.unpack(stream.read(_CHUNK_TIMES.size))
+            file.segments.append(FileSegment(start, number, begin, length, is_chunk=True))
+        elif opcode == Opcode.MESSAGE:
+            _, _, start, _ = _MESSAGE_HEADER.unpack(stream.read(_MESSAGE_HEADER.size))
+            file.segments.append(FileSegment(start, number, begin, length, is_chunk=False))
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            _add_record(file, _parse(opcode, stream.read(length)))
+        elif opcode == Opcode.STATISTICS:
+            statistics = Statistics.read(ReadDataStream(BytesIO(stream.read(length))))
+        elif opcode == Opcode.FOOTER:
+            file.is_complete = True
+            break
+        stream.seek(end)
+    return statistics
+
+
 def _count_messages(file: McapFile, stream: IO[bytes]) -> None:
-    """Unpack everything to learn its channels and counts."""
+    """Decompress all chunks to find their channels and count their messages."""
     if file.segments and not file.is_complete:
         try:
-            records(file, stream, file.segments[-1])
-        except BagReadError:  # it breaks off within its last chunk
+            read_records(file, stream, file.segments[-1])
+        except BagReadError:  # the file ends within its last chunk
             del file.segments[-1]
-    for part in file.segments:
-        for record in records(file, stream, part):
+    for segment in file.segments:
+        for record in read_records(file, stream, segment):
             _add_record(file, record)
 
 
@@ -123,17 +150,22 @@ def _add_record(file: McapFile, record: McapRecord) -> None:
         file.counts[record.channel_id] += 1
 
 
-def records(file: McapFile, stream: IO[bytes], part: FileSegment) -> list[McapRecord]:
-    """The records of a part of a file."""
-    stream.seek(part.offset)
-    data = stream.read(part.length)
+def read_records(file: McapFile, stream: IO[bytes], segment: FileSegment) -> list[McapRecord]:
+    """Return the records of a segment of a file.
+
+    Raises:
+        BagReadError: the segment is damaged.
+    """
+    stream.seek(segment.offset)
+    data = stream.read(segment.length)
     try:
-        if not part.is_chunk:
+        if not segment.is_chunk:
             return [_parse(Opcode.MESSAGE, data)]
         return breakup_chunk(Chunk.read(ReadDataStream(BytesIO(data))), validate_crc=True)
-    except Exception as error:  # of zstd, lz4, struct, mcap: by kind of damage
+    except Exception as error:  # of zstd, lz4, struct or mcap, depending on the damage
         raise BagReadError(
-            f"{file.path} is damaged at byte {part.offset}: {error}; `mcap recover` saves the rest"
+            f"{file.path} is damaged at byte {segment.offset}: {error}; `mcap recover` saves the"
+            " rest"
         ) from error
 
 

@@ -1,8 +1,9 @@
-"""Reading ROS 2 bags in MCAP files, whole or broken off.
+"""Read ROS 2 bags in MCAP files, finished or not.
 
-A file that was never finished (its recorder was killed) reads as well as one with a summary, up to
-its last whole chunk. Only chunks that are due are in memory, and only messages of the topics asked
-for are decoded, into the message classes of the ROS that is installed.
+A file without a summary (its recorder was killed) is read up to its last complete chunk. Only the
+chunks that are due are in memory, and only messages of the requested topics are decoded, into the
+message classes of the installed ROS. Names of older formats are replaced by the current ones
+(`legacy_names`), both of topics and within decoded messages.
 """
 
 from __future__ import annotations
@@ -12,13 +13,15 @@ import importlib
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import yaml
 from mcap.records import Channel, Message
 
-from msg_bridge.bag.mcap_index import BagReadError, McapFile, index_file, records
+from msg_bridge.bag.legacy_names import current_topic, upgrade_message
+from msg_bridge.bag.mcap_index import BagReadError, McapFile, index_file, read_records
 
 __all__ = ["BagReadError", "BagReader", "TopicInfo"]
 
@@ -40,47 +43,75 @@ class BagReader:
     """One recording: a folder with metadata.yaml, a folder of .mcap files, or one such file.
 
     Attributes:
-        path: as given.
-        files: its MCAP files.
-        topics: by name; only those in CDR of ROS 2 types.
-        truncated: names of files that break off; what came after their last whole chunk is lost.
+        path: the path as given.
+        files: its MCAP files, in the order they were written.
+        topics: type and number of messages of each topic, by its current name; only topics of
+            CDR messages of ROS 2 types.
+        truncated: names of files without an end; what came after their last complete chunk is lost.
     """
 
     def __init__(self, path: str | Path) -> None:
-        """
+        """Find the messages of a bag.
+
         Raises:
-            BagReadError: no such file, not MCAP, nothing in it, or not of ROS 2.
+            BagReadError: no such file, not MCAP, no messages, or none of ROS 2.
         """
         self.path = Path(path)
-        self.files = _files(self.path)
+        self.files = _find_files(self.path)
         self._files = [index_file(number, file) for number, file in enumerate(self.files)]
         self.truncated = tuple(file.path.name for file in self._files if not file.is_complete)
-        self.topics = _topics(self._files)
+        self.topics = _list_topics(self._files)
         if not any(file.counts.total() for file in self._files):
-            raise BagReadError(f"{self.path} holds no messages; was anything published meanwhile?")
+            raise BagReadError(
+                f"{self.path} has no messages; start the recorder before the nodes publish"
+            )
         if not self.topics:
             found = {c.message_encoding for file in self._files for c in file.channels.values()}
             raise BagReadError(
-                f"{self.path} is no ROS 2 bag: its messages are {', '.join(sorted(found))}, not cdr"
+                f"{self.path} is not a ROS 2 bag: its messages are {', '.join(sorted(found))},"
+                " not cdr"
             )
 
     def messages(self, topics: Iterable[str] | None = None) -> Iterator[tuple[str, int, Any]]:
-        """(topic, log time [ns], message) in order of log time.
+        """Return an iterator over (topic, log time [ns], message), ordered by log time.
 
         Args:
-            topics: names of those wanted; all if not given.
+            topics: names of the requested topics; all if not given.
 
         Raises:
-            BagReadError: a topic or its message type is not there, or the file is damaged.
+            BagReadError: a topic or its message type is missing, or the file is damaged.
         """
-        classes = {
-            name: _message_class(self.topics[name].type) for name in self._validate_topics(topics)
-        }
-        return self._decode(classes)
+        wanted = self._validate_topics(topics)
+        for topic in wanted:
+            _message_class(self.topics[topic].type)
+        return self._decode_all(wanted)
 
     def raw_messages(self, topics: Iterable[str] | None = None) -> Iterator[tuple[str, int, bytes]]:
-        """(topic, log time [ns], CDR bytes) in order of log time; arguments as `messages`."""
+        """Return an iterator over (topic, log time [ns], CDR bytes as recorded).
+
+        `decode` makes a message of the bytes. Order, arguments and errors are those of `messages`.
+        """
         return self._merge_by_time(self._validate_topics(topics))
+
+    def decode(self, topic: str, data: bytes) -> Any:
+        """Return the message of a topic that CDR bytes hold, with current names.
+
+        Args:
+            topic: its current name, as in `topics`.
+            data: the bytes, as from `raw_messages`.
+
+        Raises:
+            BagReadError: the bytes are not a message of the topic's type, or that is not installed.
+        """
+        from rclpy.serialization import deserialize_message
+
+        type_name = self.topics[topic].type
+        message_class = _message_class(type_name)
+        try:
+            message = deserialize_message(data, message_class)
+        except Exception as error:  # RCLError and others, depending on the damage
+            raise BagReadError(f"a message on {topic} is no {type_name}: {error}") from error
+        return upgrade_message(topic, message)
 
     def __iter__(self) -> Iterator[tuple[str, int, Any]]:
         return self.messages()
@@ -94,89 +125,95 @@ class BagReader:
             )
         return wanted
 
-    def _decode(self, classes: dict[str, Any]) -> Iterator[tuple[str, int, Any]]:
-        from rclpy.serialization import deserialize_message
-
-        for topic, time, data in self._merge_by_time(frozenset(classes)):
+    def _decode_all(self, wanted: frozenset[str]) -> Iterator[tuple[str, int, Any]]:
+        for topic, time, data in self._merge_by_time(wanted):
             try:
-                message = deserialize_message(data, classes[topic])
-            except Exception as error:  # RCLError and others, by kind of damage
-                what = f"a message on {topic} at {time} ns"
-                raise BagReadError(f"{what} is no {self.topics[topic].type}: {error}") from error
+                message = self.decode(topic, data)
+            except BagReadError as error:
+                raise BagReadError(f"{self.path}, log time {time} ns: {error}") from error
             yield topic, time, message
 
     def _merge_by_time(self, wanted: frozenset[str]) -> Iterator[tuple[str, int, bytes]]:
-        segments = sorted(part for file in self._files for part in file.segments)
-        waiting: list[tuple[int, int, str, bytes]] = []  # a heap; second is the order of reading
-        read = 0
+        segments = sorted(segment for file in self._files for segment in file.segments)
+        pending: list[tuple[int, int, str, bytes]] = []  # heap of (time, order read, topic, data)
+        num_read = 0
         streams = [file.path.open("rb") for file in self._files]
         try:
-            for part in segments:
-                while waiting and waiting[0][0] < part.start_ns:
-                    time, _, topic, data = heapq.heappop(waiting)
+            for segment in segments:
+                while pending and pending[0][0] < segment.start_ns:
+                    time, _, topic, data = heapq.heappop(pending)
                     yield topic, time, data
-                file = self._files[part.file]
-                for record in records(file, streams[part.file], part):
+                file = self._files[segment.file]
+                for record in read_records(file, streams[segment.file], segment):
                     if isinstance(record, Message):
                         channel = file.channels[record.channel_id]
-                        if channel.topic in wanted and _is_ros2_message(file, channel):
-                            read += 1
-                            entry = (record.log_time, read, channel.topic, record.data)
-                            heapq.heappush(waiting, entry)
-            while waiting:
-                time, _, topic, data = heapq.heappop(waiting)
+                        if not _is_ros2_channel(file, channel):
+                            continue
+                        topic = current_topic(channel.topic, file.schemas[channel.schema_id].name)
+                        if topic in wanted:
+                            num_read += 1
+                            heapq.heappush(pending, (record.log_time, num_read, topic, record.data))
+            while pending:
+                time, _, topic, data = heapq.heappop(pending)
                 yield topic, time, data
         finally:
             for stream in streams:
                 stream.close()
 
 
-def _files(path: Path) -> list[Path]:
-    """The MCAP files of a bag, in the order they were written."""
+def _find_files(path: Path) -> list[Path]:
+    """Return the MCAP files of a bag, in the order they were written."""
     if path.is_file():
         return [path]
     if not path.is_dir():
-        raise BagReadError(f"there is no bag {path}; give an .mcap file or a folder that holds one")
+        raise BagReadError(
+            f"there is no bag {path}; give an .mcap file or a folder that contains one"
+        )
     metadata = path / "metadata.yaml"
-    if not metadata.is_file():  # a recorder that was killed has not written it
+    if not metadata.is_file():  # it is written last, so not by a recorder that was killed
         files = sorted(path.glob("*.mcap"), key=_natural_sort_key)
         if not files:
-            raise BagReadError(f"{path} holds neither metadata.yaml nor an .mcap file")
+            raise BagReadError(f"{path} has neither metadata.yaml nor an .mcap file")
         return files
     try:
-        told = yaml.safe_load(metadata.read_text())["rosbag2_bagfile_information"]
-        storage, names = told["storage_identifier"], list(told["relative_file_paths"])
+        information = yaml.safe_load(metadata.read_text())["rosbag2_bagfile_information"]
+        storage = information["storage_identifier"]
+        names = list(information["relative_file_paths"])
     except (yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError) as error:
-        raise BagReadError(f"{metadata} is not a bag's: {error!r}; name the .mcap file") from error
+        raise BagReadError(
+            f"{metadata} is not the metadata of a bag: {error!r}; give the .mcap file"
+        ) from error
     if storage != "mcap":
         raise BagReadError(f"{path} is stored as {storage}; convert it to mcap (ros2 bag convert)")
     files = [path / str(name) for name in names]
     missing = [file.name for file in files if not file.is_file()]
     if missing or not files:
-        gone = ", ".join(missing) or "any file"
-        raise BagReadError(f"{path} lacks {gone}, which its metadata.yaml names")
+        raise BagReadError(
+            f"{path} lacks {', '.join(missing) or 'any file'}, which its metadata.yaml names"
+        )
     return files
 
 
 def _natural_sort_key(path: Path) -> list[tuple[int, str]]:
-    """Sorts bag_10 after bag_9."""
+    """Return a key that sorts bag_10 after bag_9."""
     return [
         (int(part or 0), "") if part.isdigit() else (0, part)
         for part in re.split(r"(\d+)", path.name)
     ]
 
 
-def _is_ros2_message(file: McapFile, channel: Channel) -> bool:
+def _is_ros2_channel(file: McapFile, channel: Channel) -> bool:
     return channel.message_encoding == "cdr" and channel.schema_id in file.schemas
 
 
-def _topics(files: list[McapFile]) -> dict[str, TopicInfo]:
+def _list_topics(files: list[McapFile]) -> dict[str, TopicInfo]:
     topics: dict[str, TopicInfo] = {}
     for file in files:
         for channel in file.channels.values():
-            if not _is_ros2_message(file, channel):
+            if not _is_ros2_channel(file, channel):
                 continue
-            name, kind = channel.topic, file.schemas[channel.schema_id].name
+            kind = file.schemas[channel.schema_id].name
+            name = current_topic(channel.topic, kind)
             known = topics.get(name, TopicInfo(kind, 0))
             if known.type != kind:
                 raise BagReadError(f"{name} is both {known.type} and {kind}; split the bag first")
@@ -184,14 +221,15 @@ def _topics(files: list[McapFile]) -> dict[str, TopicInfo]:
     return dict(sorted(topics.items()))
 
 
+@cache
 def _message_class(name: str) -> Any:
-    """The installed class of a message type."""
+    """Return the installed class of a message type."""
     package, _, rest = name.partition("/")
     kind = rest.rpartition("/")[2]
     try:
         return getattr(importlib.import_module(f"{package}.msg"), kind)
     except (ImportError, AttributeError, ValueError) as error:
         raise BagReadError(
-            f"the message type {name} is not installed; install the package {package}, or do"
+            f"the message type {name} is not installed; install the package {package}, or read"
             " without topics of that type"
         ) from error

@@ -1,0 +1,246 @@
+"""Upgrade recordings of format 1 to the names of format 2, the current one.
+
+A bag of format 1 has no `format_version` in its metadata.yaml; its messages are recognised by their
+names. Topics, point fields, array labels, JSON keys, YAML keys and diagnostics keys are renamed to
+the current ones and values without a successor are dropped, so that code which reads bags uses
+current names only. Numbers, units and the meaning of every value are the same in both formats.
+
+Each upgrade checks for an old name first and leaves current messages as they are.
+"""
+
+from __future__ import annotations
+
+import array
+import json
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import yaml
+
+__all__ = ["current_topic", "upgrade_message"]
+
+_GLOBAL_TOPICS = {
+    "/soil/landed": "/soil/deposit_requests",
+    "/soil/refusals": "/soil/join_rejections",
+    "/terrain/changes": "/terrain/map_updates",
+}
+_MACHINE_TOPICS = {  # below a machine's namespace
+    "soil_owed": "conversion_backlog",
+    "encoders": "joint_states_measured",
+}
+_IMU_TOPIC = re.compile(r"/imu/[^/]+$")
+_IMU_TYPE = "sensor_msgs/msg/Imu"
+
+_FIELDS = {  # of points, and of labels after their last dot
+    "epoch": "run_id",
+    "source": "machine_id",
+    "life": "session_id",
+    "holds": "reaction",
+    "landed_received": "deposit_requests_received",
+    "landed_durable": "deposit_requests_durable",
+    "owed": "backlog",
+    "previous": "previous_tick",
+}
+_RANGES = {"landed": "deposit_requests", "changed": "map_updates"}  # of labels, before a dot
+_DROPPED_LABELS: frozenset[str] = frozenset()
+
+_JSON_KEYS: dict[str, dict[str, str]] = {  # by the last part of the topic
+    "phase": {"given_up": "abort_reason"},
+    "cycles": {
+        "passes": "num_passes",
+        "planned": "planned_volume",
+        "carried": "carried_fill",
+        "delivered": "delivered_fill",
+        "left": "residual_fill",
+        "moved": "moved_volume",
+    },
+    "status": {"gaps": "num_lost"},
+    "join_rejections": {"epoch": "run_id", "source": "machine_id", "life": "session_id"},
+}
+
+_MACHINE_KEYS = {
+    "source": "machine_id",
+    "await_commands_every": "command_wait_period",
+    "await_listeners": "required_subscribers",
+}
+_CONFIG_KEYS: dict[str, dict[str, str]] = {  # by section of a node's configuration
+    "run": {"epoch": "run_id", "tick": "tick_period"},
+    "soil_sim": {"tick": "tick_period", "await_listeners": "required_subscribers"},
+    "site": {"points": "num_points", "lowest": "png_min_height", "highest": "png_max_height"},
+    "soil": {
+        "other_soils": "additional_soils",
+        "slip_radius": "relaxation_radius",
+        "slip_tolerance": "relaxation_tolerance",
+        "slip_budget": "max_cell_visits_per_tick",
+        "dig_depth": "soil_depth",
+        "key_points_between": "num_interpolated_key_points",
+        "angle_noise": "repose_angle_noise",
+        "shape_noise": "redistribution_noise",
+        "normal_noise": "surface_tilt_noise",
+    },
+    "machine_sim": _MACHINE_KEYS,
+    "stepping": {
+        "tracks": "track_model",
+        "release_per_tick": "max_releases_per_tick",
+        "landings_per_tick": "max_deposit_requests_per_tick",
+        "load_acts": "payload_coupling",
+        "cutting_acts": "cutting_forces",
+    },
+    "particles": {
+        "wall_restitution": "boundary_restitution",
+        "ground_rolling": "ground_rolling_friction",
+        "skin": "verlet_skin",
+        "release_size": "release_radius_fraction",
+        "sleeping": "allow_sleeping",
+        "carried": "allow_load_locking",
+        "wake_tilt": "wake_gravity_change",
+    },
+    "commands": {"stamp_lead": "max_stamp_lead", "unit_mistake": "unit_error_factor"},
+}
+_SOIL_KEYS = {  # of each soil in the section `run`
+    "stick": "moisture_strength_factors",
+    "spread": "size_spread",
+    "bearing_cohesion": "bekker_k_c",
+    "bearing_friction": "bekker_k_phi",
+    "bearing_exponent": "bekker_n",
+    "bearing": "moisture_bearing_factors",
+    "shear_modulus": "janosi_k",
+}
+_TRACK_MODELS = {"fast": "kinematic", "physics": "dynamic"}
+
+_NODES = {"operator": "dig_operator", "recorder": "exchange_recorder"}
+_DIAGNOSTICS_KEYS = {
+    "soil_sim": {"epoch": "run_id", "schedule_slips": "reschedules"},
+    "machine_sim": {"phase": "join_state"},
+    "exchange_recorder": {"gaps": "num_lost"},
+}
+
+
+def current_topic(topic: str, type_name: str) -> str:
+    """Return the current name of a recorded topic.
+
+    Args:
+        topic: the name in the bag.
+        type_name: the message type, as `sensor_msgs/msg/Imu`.
+    """
+    if topic in _GLOBAL_TOPICS:
+        return _GLOBAL_TOPICS[topic]
+    if type_name == _IMU_TYPE and _IMU_TOPIC.search(topic):
+        return f"{topic}/data"
+    namespace, _, name = topic.rpartition("/")
+    return f"{namespace}/{_MACHINE_TOPICS.get(name, name)}" if namespace else topic
+
+
+def upgrade_message(topic: str, message: Any) -> Any:
+    """Rename in a message of a bag what format 1 named otherwise.
+
+    Args:
+        topic: the current name of its topic.
+        message: the decoded message; it is changed in place.
+
+    Returns:
+        The message.
+    """
+    upgrade = _UPGRADES.get(type(message).__name__)
+    if upgrade is not None:
+        upgrade(topic, message)
+    return message
+
+
+def _upgrade_cloud(topic: str, message: Any) -> None:
+    """Rename the fields of rows and terrain maps; both end with the number of the run."""
+    if any(field.name == "epoch" for field in message.fields):
+        for field in message.fields:
+            field.name = _FIELDS.get(field.name, field.name)
+
+
+def _upgrade_array(topic: str, message: Any) -> None:
+    """Rename the values of a header or request, and drop those without a successor."""
+    if len(message.layout.dim) != 1:
+        return
+    (dimension,) = message.layout.dim
+    names = dimension.label.split(",")
+    if "epoch" not in names or len(names) != len(message.data):
+        return
+    renamed = [_current_label(name) for name in names]
+    kept = [k for k, name in enumerate(renamed) if name.rpartition(".")[2] not in _DROPPED_LABELS]
+    message.data = array.array("q", [message.data[k] for k in kept])
+    dimension.label = ",".join(renamed[k] for k in kept)
+    dimension.size = dimension.stride = len(kept)
+
+
+def _current_label(name: str) -> str:
+    parts = name.split(".")
+    parts[-1] = _FIELDS.get(parts[-1], parts[-1])
+    if len(parts) > 1:
+        parts[0] = _RANGES.get(parts[0], parts[0])
+    return ".".join(parts)
+
+
+def _upgrade_text(topic: str, message: Any) -> None:
+    """Rename the keys of a YAML configuration or of a JSON object."""
+    name = topic.rpartition("/")[2]
+    if name == "config":
+        message.data = _upgrade_config(message.data)
+    elif name in _JSON_KEYS:
+        message.data = _upgrade_object(message.data, _JSON_KEYS[name])
+
+
+def _upgrade_object(text: str, keys: Mapping[str, str]) -> str:
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError):
+        return text  # whoever decodes it reports it
+    if not isinstance(found, dict) or not found.keys() & keys.keys():
+        return text
+    return json.dumps(_rename(found, keys))
+
+
+def _upgrade_config(text: str) -> str:
+    try:
+        config = yaml.safe_load(text)
+        if "epoch" not in config["run"]:
+            return text
+        for section, keys in _CONFIG_KEYS.items():
+            if section in config:
+                config[section] = _rename(config[section], keys)
+        machines = config.get("machines", {})
+        config["run"]["soils"] = [_rename(soil, _SOIL_KEYS) for soil in config["run"]["soils"]]
+        for machine, values in machines.items():
+            machines[machine] = _rename(values, _MACHINE_KEYS)
+        for section in ("soil_sim", "machine_sim"):
+            nodes = config.get(section, {}).get("required_subscribers")
+            if nodes is not None:
+                config[section]["required_subscribers"] = [_NODES.get(n, n) for n in nodes]
+        if "track_model" in config.get("stepping", {}):
+            model = config["stepping"]["track_model"]
+            config["stepping"]["track_model"] = _TRACK_MODELS.get(model, model)
+    except (yaml.YAMLError, KeyError, TypeError, AttributeError):
+        return text  # whoever decodes it reports it
+    return str(yaml.safe_dump(config, sort_keys=False))
+
+
+def _upgrade_diagnostics(topic: str, message: Any) -> None:
+    """Rename nodes and keys."""
+    for status in message.status:
+        path, separator, component = status.name.partition(": ")
+        namespace, slash, node = path.rpartition("/")
+        node = _NODES.get(node, node)
+        status.name = f"{namespace}{slash}{node}{separator}{_NODES.get(component, component)}"
+        keys = _DIAGNOSTICS_KEYS.get(node, {})
+        for entry in status.values:
+            entry.key = keys.get(entry.key, entry.key)
+
+
+def _rename(values: Mapping[str, Any], keys: Mapping[str, str]) -> dict[str, Any]:
+    """Return a copy with renamed keys in the same order."""
+    return {keys.get(key, key): value for key, value in values.items()}
+
+
+_UPGRADES: dict[str, Callable[[str, Any], None]] = {
+    "PointCloud2": _upgrade_cloud,
+    "Int64MultiArray": _upgrade_array,
+    "String": _upgrade_text,
+    "DiagnosticArray": _upgrade_diagnostics,
+}
