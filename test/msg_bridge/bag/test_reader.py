@@ -93,7 +93,9 @@ def test_file_of_a_killed_recorder_is_read_and_reported_as_truncated(tmp_path: P
 
 
 @pytest.mark.parametrize("tail", [b"", b"\0" * 4096])
-def test_file_cut_anywhere_is_read_up_to_its_last_complete_chunk(tmp_path: Path, tail: bytes) -> None:
+def test_file_cut_anywhere_is_read_up_to_its_last_complete_chunk(
+    tmp_path: Path, tail: bytes
+) -> None:
     complete = write_mcap(tmp_path / "complete.mcap", messages(300), chunk_size=500).read_bytes()
     path = tmp_path / "cut.mcap"
     counts = []
