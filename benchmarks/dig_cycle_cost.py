@@ -72,7 +72,7 @@ def _one_cycle(volume_mm3: int) -> tuple[float, dict[str, float], int]:
     _time(machine.machine, "before_step", "  of it tracks, motors", spent)
     _time(world.soil, "step", "soil", spent)
     _time(world, "step", "machine, soil, exchange", spent)
-    _time(dig.operator, "command", "operator", spent)
+    _time(dig.task, "command", "operator", spent)
     outcome = dig.run()
     dig.close()
     ticks = outcome.simulated_time / dig.config.stepping.tick_period

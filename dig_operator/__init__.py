@@ -1,22 +1,38 @@
-"""A scripted operator: digs, carries and dumps, knowing only what public topics carry.
+"""A scripted operator that works from public topics alone: it digs, carries and dumps.
 
-- `view`: what it sees and what it does.
-- `arm`: joints for a place of the bucket, and back.
-- `survey`: what it takes from the terrain: where to dig, how high to swing.
-- `dig`: where the lip should go to fill the bucket.
-- `motion`: following way points with velocity commands.
-- `cycle`: dig, lift, swing, dump, return.
-- `shift`: drive up, dig so many bucketfuls, wait until all soil lies.
-- `face`: a road header's task: cut a face in passes.
-- `eyes`: the view, put together from what each topic told.
-- `node`: the operator as a ROS 2 node.
+What the operator observes and commands:
+
+- `observation`: Observation, Command, and the low-pass filter of the base pose
+- `sample_synchronizer`: the messages of one tick, collected until they are complete
+- `observation_builder`: an Observation from these messages
+- `params`, `face_params`: parameters of the behaviour and of the two tasks
+- `phases`: OperatorPhase
+
+An excavator digs:
+
+- `bucket_kinematics`: joint angles for a pose of the bucket, and back
+- `terrain_survey`: where to dig and how high to swing, from the observed terrain
+- `dig_plan`: path of the lip that sweeps a given volume of soil
+- `cycle_waypoints`: waypoints of the bucket for each phase of the dig cycle
+- `waypoint_follower`: joint velocities that follow waypoints
+- `dig_cycle`: state machine of one cycle: reach, dig, curl, lift, swing, dump
+- `dig_task`: state machine of the task: approach, so many cycles, wait until all soil is at rest
+
+A road header cuts a face:
+
+- `face_geometry`: rows of a face and the boom angles that reach them
+- `face_cutting`: state machine that cuts the face in passes
+
+- `node_params`, `node`: the operator as a ROS 2 node
 """
 
 from dig_operator.dig_cycle import CycleReport, DigCycle
 from dig_operator.dig_task import DigTask
-from dig_operator.face_cutting import FaceCuttingParams, FaceCuttingTask
+from dig_operator.face_cutting import FaceCuttingTask
+from dig_operator.face_params import FaceCuttingParams
 from dig_operator.observation import Command, Observation
 from dig_operator.params import BehaviourParams, DigTaskParams
+from dig_operator.phases import OperatorPhase
 
 __all__ = [
     "BehaviourParams",
@@ -28,4 +44,5 @@ __all__ = [
     "FaceCuttingParams",
     "FaceCuttingTask",
     "Observation",
+    "OperatorPhase",
 ]

@@ -1,7 +1,8 @@
-"""The arm as an operator thinks of it: put the bucket there, at that slant.
+"""Kinematics of the arm in terms of the bucket: joint angles for a pose of the bucket, and back.
 
-Places are given over the map: direction (azimuth) and radius from the swing axis, height above the
-map's zero. Slants are attitudes: the angle of the line from pin to lip below the horizontal.
+A bucket pose is given in the map frame: azimuth and radius from the swing axis, height above the
+map's zero, and attitude. The attitude is the angle of the line from pin to lip below the
+horizontal.
 """
 
 from __future__ import annotations
@@ -24,16 +25,16 @@ __all__ = ["BucketKinematics", "BucketPose"]
 Array = NDArray[np.float64]
 
 _RADIUS_OFFSETS = (0.0, 0.02, -0.02, 0.05, -0.05, 0.1, -0.1, 0.2, -0.2, 0.3, -0.3)
-"""How much nearer, or farther out, a pin is tried that is out of reach [m]."""
+"""Reductions of the radius tried in this order for a pin that is out of reach [m]."""
 
 
 class BucketPose(NamedTuple):
-    """Where a bucket's pin is over the map, and how the bucket slants.
+    """Pose of a bucket: position of its pin and attitude.
 
     Attributes:
         azimuth: direction from the swing axis [rad], map frame.
         radius: horizontal distance from the swing axis [m].
-        height: above the map's zero [m].
+        height: height above the map's zero [m].
         attitude: angle of the line from pin to lip below the horizontal [rad].
     """
 
@@ -44,11 +45,11 @@ class BucketPose(NamedTuple):
 
 
 class BucketKinematics:
-    """Where the bucket of one machine can be put.
+    """Inverse and forward kinematics of the bucket of one machine.
 
     Attributes:
-        level: attitude at which the bucket's mouth looks straight up [rad].
-        depth_below_pin: how far the bucket reaches below its pin when level [m].
+        level_attitude: attitude at which the bucket's opening faces straight up [rad].
+        depth_below_pin: height of the pin above the bucket's lowest point when level [m].
     """
 
     def __init__(self, machine: MachineSpec) -> None:
@@ -66,16 +67,16 @@ class BucketKinematics:
         self._floor_angle = math.atan2(z0 - z1, x0 - x1)
 
     def attitude_for_attack_angle(self, angle: float) -> float:
-        """Attitude at which the floor behind the lip slants `angle` [rad] below level.
+        """Return the attitude at which the floor behind the lip is `angle` [rad] below level.
 
-        The lip points toward the machine; with a positive angle it goes down into the soil.
+        The lip points toward the machine; a positive angle points it down into the soil.
         """
         return (self._floor_angle - math.pi - angle) % (2 * math.pi)
 
     def pose_with_lip_at(
         self, azimuth: float, radius: float, height: float, attitude: float
     ) -> BucketPose:
-        """The place of the bucket that has its lip at a radius and height [m]."""
+        """Return the bucket pose that has the lip at a radius and height [m]."""
         return BucketPose(
             azimuth,
             radius - self._tip_length * math.cos(attitude),
@@ -84,61 +85,66 @@ class BucketKinematics:
         )
 
     def bucket_pose(self, observation: Observation) -> BucketPose:
-        """Where the bucket is seen to be."""
+        """Return the observed pose of the bucket."""
         _, pin = tool_pose(
             self._machine, observation.base_position, observation.base_rotation, observation.joints
         )
-        # Over a base that leans sideways the pin is not where the upper body faces.
+        # On a base that rolls, the azimuth of the pin differs from that of the upper body.
         x, y, _ = (pin - self._swing_axis(observation)).tolist()
         attitude = float(observation.joints[1:].sum()) - self.nose_up_angle(observation)
         return BucketPose(math.atan2(y, x), math.hypot(x, y), float(pin[2]), attitude)
 
-    def joint_angles(self, observation: Observation, place: BucketPose) -> Array:
-        """Joint angles [rad], shape (4,), that put the bucket at a place.
+    def joint_angles(self, observation: Observation, pose: BucketPose) -> Array:
+        """Return the joint angles [rad], shape (4,), that bring the bucket to a pose.
 
-        A bucket joint at its limit leaves the bucket at the nearest slant it can have. A pin a
-        little too far out or too near, as when the base rocks, is put where it can be.
+        The bucket joint is clamped to its limits. A pin slightly out of reach, as when the base
+        rocks, is moved along its radius by at most 0.3 m.
 
         Raises:
-            ReachError: the pin cannot be anywhere near there.
+            ReachError: the pin cannot be brought near the pose.
         """
-        for nearer in _RADIUS_OFFSETS:
+        for reduction in _RADIUS_OFFSETS:
             with suppress(ReachError):
                 return self._solve_joint_angles(
-                    observation, place._replace(radius=place.radius - nearer)
+                    observation, pose._replace(radius=pose.radius - reduction)
                 )
-        return self._solve_joint_angles(observation, place)
+        return self._solve_joint_angles(observation, pose)
 
-    def _solve_joint_angles(self, observation: Observation, place: BucketPose) -> Array:
+    def _solve_joint_angles(self, observation: Observation, pose: BucketPose) -> Array:
         axis = self._swing_axis(observation)
-        east, north = math.cos(place.azimuth), math.sin(place.azimuth)
-        target = [axis[0] + place.radius * east, axis[1] + place.radius * north, place.height]
-        away = np.array(target) - axis
-        x, y, _ = (away @ observation.base_rotation).tolist()
-        # The same direction again, whole turns away, as near as can be to where it is.
-        now = float(observation.joints[0])
-        swing = now + math.remainder(math.atan2(y, x) - now, 2 * math.pi)
-        upper = observation.base_rotation @ rotation_about_z(swing)
-        reach, _, above = (away @ upper).tolist()
-        boom, arm = solve_bucket_pin_angles(self._machine, reach, above)
+        cos_azimuth, sin_azimuth = math.cos(pose.azimuth), math.sin(pose.azimuth)
+        target = [
+            axis[0] + pose.radius * cos_azimuth,
+            axis[1] + pose.radius * sin_azimuth,
+            pose.height,
+        ]
+        offset = np.array(target) - axis
+        x, y, _ = (offset @ observation.base_rotation).tolist()
+        # Of the equivalent swing angles, whole turns apart, the one nearest to the present one.
+        swing_now = float(observation.joints[0])
+        swing = swing_now + math.remainder(math.atan2(y, x) - swing_now, 2 * math.pi)
+        upper_rotation = observation.base_rotation @ rotation_about_z(swing)
+        reach, _, height = (offset @ upper_rotation).tolist()
+        boom, arm = solve_bucket_pin_angles(self._machine, reach, height)
         limits = self._machine.joints["bucket"]
-        wanted = place.attitude + _nose_up_angle(upper) - boom - arm
-        bucket = min(max(wanted, limits.lower), limits.upper)
+        bucket = pose.attitude + _nose_up_angle(upper_rotation) - boom - arm
+        bucket = min(max(bucket, limits.lower), limits.upper)
         return np.array([swing, boom, arm, bucket])
 
     def nose_up_angle(self, observation: Observation) -> float:
-        """Angle by which the upper body looks up [rad]; below 0 it leans forward."""
+        """Return the pitch of the upper body [rad]; positive is nose up, negative nose down."""
         return _nose_up_angle(
             observation.base_rotation @ rotation_about_z(float(observation.joints[0]))
         )
 
     def _swing_axis(self, observation: Observation) -> Array:
+        """Return the origin of the swing joint [m], map frame, shape (3,)."""
         return np.asarray(
             observation.base_position + observation.base_rotation @ self._swing_offset,
             dtype=np.float64,
         )
 
 
-def _nose_up_angle(upper: Array) -> float:
-    """Angle at which the upper body looks up [rad], given its rotation to the map."""
-    return math.asin(max(-1.0, min(1.0, float(upper[2, 0]))))
+def _nose_up_angle(upper_rotation: Array) -> float:
+    """Return the pitch [rad], nose up positive, of a body with a rotation to the map (3, 3)."""
+    return math.asin(max(-1.0, min(1.0, float(upper_rotation[2, 0]))))

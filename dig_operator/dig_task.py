@@ -1,4 +1,4 @@
-"""A shift: drive up, dig so many bucketfuls, and wait until all soil lies still."""
+"""DigTask: drive up, dig a number of cycles, and wait until all soil is at rest."""
 
 from __future__ import annotations
 
@@ -9,114 +9,136 @@ import numpy as np
 from dig_operator.dig_cycle import CycleReport, DigCycle
 from dig_operator.observation import Command, Observation
 from dig_operator.params import BehaviourParams, DigTaskParams
+from dig_operator.phases import OperatorPhase
 from machine_sim.machine.errors import ReachError
 from machine_sim.machine.spec import MachineSpec
 
 __all__ = ["DigTask"]
 
 _DRIVE_SPEED = 0.8
-"""Of both tracks on the way to the dig [m/s]."""
+"""Speed of both tracks during the approach [m/s]."""
 
 _BRACE_TIME = 0.5
-"""How long the machine stands before it digs [s]: it rocks when it stops."""
+"""Time between stopping and digging [s]: the machine rocks when it stops."""
 
-_SETTLE_TIME, _MAX_SETTLE_WAIT = 0.1, 3.0
-"""Soil that has not moved for this long lies [s]; soil that never does is left at that [s]."""
+_SETTLE_TIME = 0.1
+"""Time without motion after which the soil counts as at rest [s]."""
+
+_MAX_SETTLE_TIME = 3.0
+"""Maximum time to wait for the soil to come to rest [s]."""
+
+_FINAL_PHASES = (OperatorPhase.SETTLE, OperatorPhase.DONE)
 
 
 class DigTask:
-    """An operator with a task, from the first glance to the last.
+    """Operator of an excavator with a digging task.
 
     Attributes:
-        phase: what it is doing: `approach`, `brace`, a phase of the dig cycle, `settle`, `done`.
-        given_up: why the task was not finished, empty if it was or is not over yet.
+        phase: `APPROACH`, `BRACE`, a phase of the dig cycle, `SETTLE` or `DONE`.
+        abort_reason: why the task was aborted; empty if it was not.
     """
 
     def __init__(
-        self, machine: MachineSpec, behaviour: BehaviourParams, task: DigTaskParams
+        self, machine: MachineSpec, behaviour: BehaviourParams, params: DigTaskParams
     ) -> None:
         """
         Args:
-            machine: what it operates.
-            habits: how it works.
-            task: what it is to do.
+            machine: the excavator.
+            behaviour: behaviour of the operator.
+            params: the task.
         """
-        self.phase = "approach"
+        self.phase = OperatorPhase.APPROACH
         self.abort_reason = ""
-        self._machine, self._behaviour, self._task = machine, behaviour, task
+        self._machine, self._behaviour, self._params = machine, behaviour, params
         self._initial_observation: Observation | None = None
-        self._still_since = 0.0  # when the phase began, or soil last moved
-        self._settle_start_time = 0.0
+        self._phase_start_time = 0.0  # of brace and settle
+        self._last_motion_time = 0.0  # of soil, while settling
         self._dig_cycle: DigCycle | None = None
 
     @property
     def cycle(self) -> int:
-        """Number of the cycle it is in, from 1; the last one when all are done."""
+        """Number of the present cycle, from 1; of the last one when all are done."""
         number = self._dig_cycle.cycle if self._dig_cycle else 1
-        return min(number, self._task.cycles)
+        return min(number, self._params.cycles)
 
     @property
     def reports(self) -> list[CycleReport]:
-        """One per finished cycle."""
+        """Report of each finished cycle."""
         return self._dig_cycle.reports if self._dig_cycle else []
 
     @property
     def done(self) -> bool:
-        """Whether it has left the levers."""
-        return self.phase == "done"
+        """Whether the task has ended."""
+        return self.phase is OperatorPhase.DONE
 
     def command(self, observation: Observation, dt: float) -> Command:
-        """What to do in the next `dt` [s]; holds still once it is done."""
+        """Return the command for the next `dt` [s]; zero velocities once the task has ended."""
         if self._initial_observation is None:
             self._initial_observation = observation
-        if self.phase == "approach" and self._distance_driven(observation) >= self._task.approach:
-            self._enter_phase("brace", observation)
-        if self.phase == "brace" and observation.time - self._still_since >= _BRACE_TIME:
+        if (
+            self.phase is OperatorPhase.APPROACH
+            and self._distance_driven(observation) >= self._params.approach_distance
+        ):
+            self._enter_phase(OperatorPhase.BRACE, observation)
+        if (
+            self.phase is OperatorPhase.BRACE
+            and observation.time - self._phase_start_time >= _BRACE_TIME
+        ):
+            yaw = self._initial_observation.yaw
             self._dig_cycle = DigCycle(
                 self._machine,
                 self._behaviour,
-                dig_azimuth=self._initial_observation.yaw,
-                dump_azimuth=self._initial_observation.yaw + math.radians(self._task.dump_angle),
+                dig_azimuth=yaw,
+                dump_azimuth=yaw + math.radians(self._params.dump_angle),
             )
-            self.phase = "reach"
-        if self.phase not in ("settle", "done") and observation.time > self._task.timeout:
-            self._abort(f"{self._task.timeout} s of simulated time were not enough", observation)
-        if self.phase == "approach":
+            self.phase = OperatorPhase.REACH
+        if self.phase not in _FINAL_PHASES and observation.time > self._params.timeout:
+            self._abort(
+                f"the task was not finished within {self._params.timeout:g} s of simulation time",
+                observation,
+            )
+        if self.phase is OperatorPhase.APPROACH:
             return Command(np.zeros(4), np.full(2, _DRIVE_SPEED))
-        if self._dig_cycle is not None and self.phase not in ("settle", "done"):
+        if self._dig_cycle is not None and self.phase not in _FINAL_PHASES:
             return self._dig(self._dig_cycle, observation, dt)
-        if self.phase == "settle":
+        if self.phase is OperatorPhase.SETTLE:
             self._settle(observation)
-        return Command(np.zeros(4), np.zeros(2))
+        return _standstill()
 
-    def _dig(self, digger: DigCycle, observation: Observation, dt: float) -> Command:
-        if len(digger.reports) >= self._task.cycles:
-            self._enter_phase("settle", observation)
-            return Command(np.zeros(4), np.zeros(2))
+    def _dig(self, dig_cycle: DigCycle, observation: Observation, dt: float) -> Command:
+        if len(dig_cycle.reports) >= self._params.cycles:
+            self._enter_phase(OperatorPhase.SETTLE, observation)
+            return _standstill()
         try:
-            command = digger.command(observation, dt)
+            command = dig_cycle.command(observation, dt)
         except ReachError as error:
             self._abort(str(error), observation)
-            return Command(np.zeros(4), np.zeros(2))
-        self.phase = digger.phase
+            return _standstill()
+        self.phase = dig_cycle.phase
         return command
 
     def _settle(self, observation: Observation) -> None:
         if observation.is_soil_moving:
-            self._still_since = observation.time
-        quiet = observation.time - self._still_since >= _SETTLE_TIME
-        if quiet or observation.time - self._settle_start_time >= _MAX_SETTLE_WAIT:
-            self.phase = "done"
+            self._last_motion_time = observation.time
+        is_at_rest = observation.time - self._last_motion_time >= _SETTLE_TIME
+        if is_at_rest or observation.time - self._phase_start_time >= _MAX_SETTLE_TIME:
+            self.phase = OperatorPhase.DONE
 
     def _distance_driven(self, observation: Observation) -> float:
+        """Return the horizontal distance from the initial position [m]."""
         assert self._initial_observation is not None
-        way = observation.base_position - self._initial_observation.base_position
-        return float(np.hypot(way[0], way[1]))
+        offset = observation.base_position - self._initial_observation.base_position
+        return float(np.hypot(offset[0], offset[1]))
 
-    def _enter_phase(self, phase: str, observation: Observation) -> None:
+    def _enter_phase(self, phase: OperatorPhase, observation: Observation) -> None:
         self.phase = phase
-        self._still_since = self._settle_start_time = observation.time
+        self._phase_start_time = self._last_motion_time = observation.time
 
     def _abort(self, reason: str, observation: Observation) -> None:
         self.abort_reason = reason
-        self._enter_phase("settle", observation)
+        self._enter_phase(OperatorPhase.SETTLE, observation)
+
+
+def _standstill() -> Command:
+    """Return zero velocities: the joints hold their angles."""
+    return Command(np.zeros(4), np.zeros(2))

@@ -2,286 +2,221 @@
 
     start -> (sump -> slew -> (rise -> slew) x rows -> lower) x rounds -> back -> done
 
-A pass goes across the face at one height; the next one is as much higher as the head cuts. What
-the head meets is felt by its spin: where it slows down, so do drive, slewing and lifting.
+A pass crosses the face at one height; the next pass is higher by the height that the head cuts.
+The load of the head is estimated from its speed: feed (driving, slewing and lifting) slows down in
+proportion to the drop of the head's speed.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from dig_operator.dig_cycle import CycleReport
+from dig_operator.face_geometry import FaceGeometry
+from dig_operator.face_params import FaceCuttingParams
 from dig_operator.observation import Command, Observation
-from machine_sim.machine.errors import MachineError
+from dig_operator.phases import OperatorPhase
 from machine_sim.machine.spec import MachineSpec
-from machine_sim.machine.tools.drum import DrumShape
-from msg_bridge.contract.parameters import Parameters, parameter
 
-__all__ = ["ROAD_HEADER_JOINTS", "FaceCuttingParams", "FaceCuttingTask"]
-
-ROAD_HEADER_JOINTS = ("turn", "lift", "head")
-"""Joints of a machine that this operator can work with: about z, about y, and the head's spin."""
+__all__ = ["FaceCuttingTask"]
 
 _JOINT_TOLERANCE = 0.02
-"""A joint this near to where it should be is there [rad]."""
+"""Maximum error of a joint that has reached its target [rad]."""
+
 _POSITION_GAIN = 3.0
-"""Speed of a joint over the way it has to go [1/s]."""
+"""Joint velocity over joint error [1/s]."""
+
 _UNLOADED_SPEED_FRACTION = 0.9
-"""Part of the wanted spin from which on the head is not hindered."""
+"""Fraction of the commanded head speed above which the feed is not reduced."""
+
 _STALL_SPEED_FRACTION = 0.4
-"""Part at which the operator waits for it."""
+"""Fraction of the commanded head speed below which the feed stops."""
 
+_HEAD_SPEED_FILTER_TIME = 0.1
+"""Time constant of the low-pass filter of the head's speed [s]."""
 
-@dataclass(frozen=True)
-class FaceCuttingParams(Parameters):
-    """The face, and how it is cut; defaults suit a 24 t road header."""
+_FREE_SLEW_FACTOR = 2.0
+"""Speed of the boom outside the face, as a multiple of `slew_speed`."""
 
-    width: float = parameter(3.6, "of the face, head included", unit="m", low=1.0, high=20.0)
-    height: float = parameter(2.2, "of the face", unit="m", low=0.5, high=10.0)
-    advance: float = parameter(0.3, "deep each round", unit="m", low=0.05, high=2.0)
-    rounds: int = parameter(2, "rounds to cut", low=1, high=1000)
-    overlap: float = parameter(
-        0.3, "of a pass with the one below, in radii of the head", low=0.0, high=1.5
-    )
-    head_angular_velocity: float = parameter(5.0, "of the head", unit="rad/s", low=0.5, high=50.0)
-    slew_speed: float = parameter(0.15, "of the turning boom", unit="rad/s", low=0.01, high=1.0)
-    sumping_speed: float = parameter(0.12, "driving into the face", unit="m/s", low=0.01, high=1.0)
-    approach: float = parameter(
-        10.0, "longest way to the face before it gives up", unit="m", low=0.0, high=100.0
-    )
-    timeout: float = parameter(
-        600.0, "simulated time after which the task is given up", unit="s", low=1.0, high=1e6
-    )
+_RETREAT_ADVANCES = 2.0
+"""Distance driven back at the end, as a multiple of `advance`."""
 
 
 class FaceCuttingTask:
-    """An operator of a road header with a face to cut.
+    """Operator of a road header that cuts a face.
 
     Attributes:
-        phase: what it is doing: `start`, `sump`, `slew`, `rise`, `lower`, `back`, `done`.
+        phase: `START`, `SUMP`, `SLEW`, `RISE`, `LOWER`, `BACK` or `DONE`.
         cycle: number of the round, from 1.
-        reports: none; a round carries nothing.
-        given_up: why the task was not finished, empty if it was or is not over yet.
+        reports: empty, since a round carries no soil.
+        abort_reason: why the task was aborted; empty if it was not.
     """
 
-    def __init__(self, machine: MachineSpec, task: FaceCuttingParams) -> None:
+    def __init__(self, machine: MachineSpec, params: FaceCuttingParams) -> None:
         """
         Args:
-            machine: what it operates.
-            task: the face.
+            machine: the road header.
+            params: the face.
 
         Raises:
-            MachineError: a machine of other joints or without a drum, or a face that its boom does
-                not reach.
+            MachineError: the machine has other joints or no drum, or the face is out of reach.
         """
-        if machine.joint_names != ROAD_HEADER_JOINTS:
-            raise MachineError(
-                f"a {machine.name} has joints {', '.join(machine.joint_names)}; give a machine with"
-                f" {', '.join(ROAD_HEADER_JOINTS)}"
-            )
-        self._drum = next(
-            (t.shape for t in machine.tools.values() if isinstance(t.shape, DrumShape)), None
-        )
-        if self._drum is None:
-            raise MachineError(f"a {machine.name} has no drum: give it one among its tools")
-        self._machine, self._task = machine, task
-        turn, lift, head = machine.joints.values()
-        self._validate_task(self._drum, head.max_velocity)
-        self._pivot_height = turn.origin[2] + lift.origin[2]
-        self._boom_length = head.origin[0]
-        self._slew_radius = lift.origin[0] + self._boom_length
-        self._max_turn_angle = self._turn_angle(0.5 * (task.width - self._drum.width))
-        self._row_heights = self._compute_row_heights()
-        for height in self._row_heights:
-            self._lift_angle(height)
-        self.phase, self.cycle, self.abort_reason = "start", 1, ""
+        self._params = params
+        self._geometry = FaceGeometry(machine, params)
+        self.phase, self.cycle, self.abort_reason = OperatorPhase.START, 1, ""
         self.reports: list[CycleReport] = []
         self._row_index, self._slew_direction = 0, 1.0
         self._start_time: float | None = None
         self._phase_start_position = np.zeros(3)
-        self._contact_distance: float | None = None  # way gone when the head met the face
+        self._contact_distance: float | None = None  # driven until the head met the face [m]
         self._last_head_angle: float | None = None
         self._head_angular_velocity = 0.0
 
     @property
     def done(self) -> bool:
-        """Whether it has left the levers."""
-        return self.phase == "done"
+        """Whether the task has ended."""
+        return self.phase is OperatorPhase.DONE
 
     def command(self, observation: Observation, dt: float) -> Command:
-        """What to do in the next `dt` [s].
+        """Return the command for the next `dt` [s]; zero velocities once the task has ended.
 
         Args:
-            view: what is seen; its joints are turn, lift and head.
-            dt: [s] since the last look, and until the next.
+            observation: its joints are turn, lift and head.
+            dt: time since the previous observation and until the next [s].
         """
         if self._start_time is None:
-            self._start_time, self._phase_start_position = (
-                observation.time,
-                observation.base_position.copy(),
-            )
-        if observation.time - self._start_time > self._task.timeout:
-            self._abort(f"the face was not cut within {self._task.timeout:g} s")
-        self._estimate_head_speed(observation, dt)
+            self._start_time = observation.time
+            self._phase_start_position = observation.base_position.copy()
+        if observation.time - self._start_time > self._params.timeout:
+            self._abort(f"the face was not cut within {self._params.timeout:g} s")
+        self._update_head_speed(observation, dt)
         turn, lift = float(observation.joints[0]), float(observation.joints[1])
-        drive = 0.0
-        if self.phase == "start":
-            if (
-                self._is_at_target(turn, lift)
-                and self._head_angular_velocity
-                > _UNLOADED_SPEED_FRACTION * self._task.head_angular_velocity
-            ):
-                self._start_phase("sump", observation)
-        elif self.phase == "sump":
-            drive = self._sump(observation)
-        elif self.phase == "slew":
-            if abs(turn - self._slew_direction * self._max_turn_angle) < _JOINT_TOLERANCE:
-                self._row_index += 1
-                self.phase = "rise" if self._row_index < len(self._row_heights) else "lower"
-                if self.phase == "lower":
-                    self._row_index = 0
-        elif self.phase == "rise":
-            if self._is_at_target(turn, lift):
-                self._slew_direction = -self._slew_direction
-                self.phase = "slew"
-        elif self.phase == "lower":
-            if self._is_at_target(turn, lift):
-                self._next_round(observation)
-        elif self.phase == "back":
-            drive = -self._task.sumping_speed
-            if self._distance_driven(observation) < -2.0 * self._task.advance:
-                self.phase = "done"
-        head_angular_velocity = 0.0 if self.done else self._task.head_angular_velocity
+        speed = self._advance_phase(observation, turn, lift)
+        head_angular_velocity = 0.0 if self.done else self._params.head_angular_velocity
         return Command(
-            np.array([*self._joint_velocities(turn, lift), head_angular_velocity]),
-            np.array([drive, drive], dtype=np.float64),
+            np.array([*self._boom_velocities(turn, lift), head_angular_velocity]),
+            np.array([speed, speed], dtype=np.float64),
         )
 
+    def _advance_phase(self, observation: Observation, turn: float, lift: float) -> float:
+        """Change the phase if its end is reached; return the speed of the tracks [m/s]."""
+        phase = self.phase
+        if phase is OperatorPhase.SUMP:
+            return self._sump(observation)
+        if phase is OperatorPhase.BACK:
+            max_distance = _RETREAT_ADVANCES * self._params.advance
+            if self._distance_driven(observation) < -max_distance:
+                self.phase = OperatorPhase.DONE
+            return -self._params.sumping_speed
+        if phase is OperatorPhase.START:
+            if self._is_at_target(turn, lift) and self._is_head_up_to_speed:
+                self._start_phase(OperatorPhase.SUMP, observation)
+        elif phase is OperatorPhase.SLEW:
+            target = self._slew_direction * self._geometry.max_turn_angle
+            if abs(turn - target) < _JOINT_TOLERANCE:
+                self._finish_row()
+        elif phase is OperatorPhase.RISE:
+            if self._is_at_target(turn, lift):
+                self._slew_direction = -self._slew_direction
+                self.phase = OperatorPhase.SLEW
+        elif phase is OperatorPhase.LOWER and self._is_at_target(turn, lift):
+            self._finish_round(observation)
+        return 0.0
+
     def _sump(self, observation: Observation) -> float:
-        """Drive into the face; the speed [m/s]."""
-        gone, ease = self._distance_driven(observation), self._feed_factor
-        if self._contact_distance is None and ease < 1.0:
-            self._contact_distance = gone
-        if self._contact_distance is None and gone > self._task.approach:
-            self._abort(f"there is no face within {self._task.approach:g} m")
+        """Drive into the face; return the speed of the tracks [m/s]."""
+        distance, feed_factor = self._distance_driven(observation), self._feed_factor
+        if self._contact_distance is None and feed_factor < 1.0:
+            self._contact_distance = distance
+        if self._contact_distance is None and distance > self._params.max_approach_distance:
+            self._abort(f"there is no face within {self._params.max_approach_distance:g} m")
             return 0.0
         if (
             self._contact_distance is not None
-            and gone >= self._contact_distance + self._task.advance
+            and distance >= self._contact_distance + self._params.advance
         ):
             self._slew_direction = -self._slew_direction
-            self.phase = "slew"
+            self.phase = OperatorPhase.SLEW
             return 0.0
-        return self._task.sumping_speed * ease
+        return self._params.sumping_speed * feed_factor
 
-    def _next_round(self, observation: Observation) -> None:
-        if self.cycle < self._task.rounds:
+    def _finish_row(self) -> None:
+        self._row_index += 1
+        if self._row_index < len(self._geometry.row_heights):
+            self.phase = OperatorPhase.RISE
+        else:
+            self.phase = OperatorPhase.LOWER
+            self._row_index = 0
+
+    def _finish_round(self, observation: Observation) -> None:
+        if self.cycle < self._params.rounds:
             self.cycle += 1
-            self._start_phase("sump", observation)
+            self._start_phase(OperatorPhase.SUMP, observation)
             self._contact_distance = 0.0
         else:
-            self._start_phase("back", observation)
+            self._start_phase(OperatorPhase.BACK, observation)
 
-    def _start_phase(self, phase: str, observation: Observation) -> None:
+    def _start_phase(self, phase: OperatorPhase, observation: Observation) -> None:
         self.phase = phase
         self._phase_start_position = observation.base_position.copy()
 
     def _abort(self, reason: str) -> None:
         if not self.done:
-            self.phase, self.abort_reason = "done", reason
+            self.phase, self.abort_reason = OperatorPhase.DONE, reason
 
     def _distance_driven(self, observation: Observation) -> float:
-        """Way forward since the phase began [m]."""
+        """Return the distance driven forward since the phase began [m]."""
         return float(
             (observation.base_position - self._phase_start_position)
             @ observation.base_rotation[:, 0]
         )
 
-    def _estimate_head_speed(self, observation: Observation, dt: float) -> None:
-        """How fast the head spins [rad/s], by how far it has turned."""
+    def _update_head_speed(self, observation: Observation, dt: float) -> None:
+        """Estimate the angular velocity of the head [rad/s] from the change of its angle."""
         angle = float(observation.joints[2])
         if self._last_head_angle is not None and dt > 0.0:
-            turned = math.remainder(angle - self._last_head_angle, 2.0 * math.pi)
-            self._head_angular_velocity += min(1.0, dt / 0.1) * (
-                turned / dt - self._head_angular_velocity
+            rotation = math.remainder(angle - self._last_head_angle, 2.0 * math.pi)
+            self._head_angular_velocity += min(1.0, dt / _HEAD_SPEED_FILTER_TIME) * (
+                rotation / dt - self._head_angular_velocity
             )
         self._last_head_angle = angle
 
     @property
+    def _is_head_up_to_speed(self) -> bool:
+        min_speed = _UNLOADED_SPEED_FRACTION * self._params.head_angular_velocity
+        return self._head_angular_velocity > min_speed
+
+    @property
     def _feed_factor(self) -> float:
-        """How little the head is hindered: 1 not at all, 0 as far as it may be."""
-        share = self._head_angular_velocity / self._task.head_angular_velocity
-        return min(
-            max(
-                (share - _STALL_SPEED_FRACTION)
-                / (_UNLOADED_SPEED_FRACTION - _STALL_SPEED_FRACTION),
-                0.0,
-            ),
-            1.0,
-        )
+        """Factor of the feed speed by the load of the head: 1 unloaded, 0 close to a stall."""
+        speed_fraction = self._head_angular_velocity / self._params.head_angular_velocity
+        range_ = _UNLOADED_SPEED_FRACTION - _STALL_SPEED_FRACTION
+        return min(max((speed_fraction - _STALL_SPEED_FRACTION) / range_, 0.0), 1.0)
 
     def _target(self) -> tuple[float, float]:
-        """Angles of turn and lift where the phase ends [rad]."""
-        return self._slew_direction * self._max_turn_angle, self._lift_angle(
-            self._row_heights[self._row_index]
-        )
+        """Return the angles of turn and lift at the end of the phase [rad]."""
+        geometry = self._geometry
+        height = geometry.row_heights[self._row_index]
+        return self._slew_direction * geometry.max_turn_angle, geometry.lift_angle(height)
 
     def _is_at_target(self, turn: float, lift: float) -> bool:
-        side, height = self._target()
-        return abs(turn - side) < _JOINT_TOLERANCE and abs(lift - height) < _JOINT_TOLERANCE
+        target_turn, target_lift = self._target()
+        return (
+            abs(turn - target_turn) < _JOINT_TOLERANCE
+            and abs(lift - target_lift) < _JOINT_TOLERANCE
+        )
 
-    def _joint_velocities(self, turn: float, lift: float) -> tuple[float, float]:
-        """Velocities of turn and lift [rad/s]."""
-        if self.phase in ("done", "back"):
+    def _boom_velocities(self, turn: float, lift: float) -> tuple[float, float]:
+        """Return the velocities of turn and lift [rad/s]."""
+        if self.phase in (OperatorPhase.DONE, OperatorPhase.BACK):
             return 0.0, 0.0
-        side, height = self._target()
-        free = self.phase in ("start", "lower")
-        most = self._task.slew_speed * (2.0 if free else self._feed_factor)
-        ways = (side - turn, height - lift)
-        fast, slow = (min(max(_POSITION_GAIN * way, -most), most) for way in ways)
-        return fast, slow
+        target_turn, target_lift = self._target()
+        is_free = self.phase in (OperatorPhase.START, OperatorPhase.LOWER)
+        max_speed = self._params.slew_speed * (_FREE_SLEW_FACTOR if is_free else self._feed_factor)
 
-    def _validate_task(self, drum: DrumShape, fastest: float) -> None:
-        task = self._task
-        if task.head_angular_velocity > fastest:
-            raise MachineError(
-                f"spin is {task.head_angular_velocity} rad/s, the head reaches {fastest}; give that or less"
-            )
-        if task.width < drum.width or task.height < 2.0 * drum.radius:
-            raise MachineError(
-                f"a face {task.width} m wide and {task.height} m high is smaller than the head;"
-                f" give a width from {drum.width} m and a height from {2.0 * drum.radius} m up"
-            )
+        def velocity(error: float) -> float:
+            return min(max(_POSITION_GAIN * error, -max_speed), max_speed)
 
-    def _turn_angle(self, aside: float) -> float:
-        if not 0.0 <= aside < self._slew_radius:
-            raise MachineError(f"a face {2.0 * aside:.2f} m wider than the head is beyond the boom")
-        turn = math.asin(aside / self._slew_radius)
-        limits = self._machine.joints["turn"]
-        most = min(limits.upper, -limits.lower)
-        if turn > most:
-            raise MachineError(
-                f"the boom would have to turn {turn:.2f} rad to either side, its limit is {most};"
-                " give a face that is not as wide"
-            )
-        return turn
-
-    def _lift_angle(self, height: float) -> float:
-        sine = (self._pivot_height - height) / self._boom_length
-        limits = self._machine.joints["lift"]
-        if not -1.0 <= sine <= 1.0 or not limits.lower <= math.asin(sine) <= limits.upper:
-            raise MachineError(
-                f"the boom cannot put its head {height:.2f} m high; give a face of another height"
-            )
-        return math.asin(sine)
-
-    def _compute_row_heights(self) -> list[float]:
-        """Heights of the head's axis in each row, from the floor up [m]."""
-        assert self._drum is not None
-        low, high = self._drum.radius, self._task.height - self._drum.radius
-        step = (2.0 - self._task.overlap) * self._drum.radius
-        count = max(math.ceil((high - low) / step), 0) + 1
-        return [float(height) for height in np.linspace(low, max(high, low), count)]
+        return velocity(target_turn - turn), velocity(target_lift - lift)

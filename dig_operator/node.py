@@ -1,8 +1,8 @@
-"""The operator's node: an example of an autonomy stack that plugs in by public topics alone.
+"""The operator as a ROS 2 node: an example of an autonomy stack that uses public topics only.
 
-It sees what anybody can subscribe to (joints, odometry, payload, terrain, ledger) and sends what
-anybody can send (`joint_commands`). Each command is stamped with the time of the state it answers,
-so that a machine told to wait for it (`command_wait_period`) takes turns with it.
+It subscribes to joint states, odometry, payload, terrain and ledger, and publishes
+`joint_commands`. Each command carries the stamp of the state it was computed from, so that a
+machine with `command_wait_period` set can wait for it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Int64MultiArray, String
 
 from dig_operator.dig_task import DigTask
-from dig_operator.face_cutting import ROAD_HEADER_JOINTS, FaceCuttingParams, FaceCuttingTask
+from dig_operator.face_cutting import FaceCuttingTask
+from dig_operator.face_geometry import ROAD_HEADER_JOINTS
+from dig_operator.face_params import FaceCuttingParams
 from dig_operator.node_params import DigOperatorNodeParams
 from dig_operator.observation_builder import ObservationBuilder, TerrainSnapshot
 from dig_operator.params import BehaviourParams, DigTaskParams
@@ -49,29 +51,30 @@ from msg_bridge.nodes.terrain_subscriber import TerrainSubscriber
 __all__ = ["DigOperatorNode", "main"]
 
 _REPEAT_PERIOD = 0.1
-"""Wall time after which the last command is sent again while nothing new is seen [s]."""
+"""Wall-clock period at which the last command is repeated in lockstep [s]."""
 
 _INITIAL_INTERVAL_TICKS = 2
-"""Ticks that the first look is taken to last."""
+"""Ticks assumed between the first sample and the one before it."""
+
+_ACK_TIMEOUT = 2.0
+"""Maximum time to wait at the end until the last messages are acknowledged [s]."""
 
 
 class DigOperatorNode(SimNode):
-    """A scripted operator at the levers of the machine in its namespace.
-
-    An excavator digs, a road header cuts a face.
+    """Operates the machine in its namespace: an excavator digs, a road header cuts a face.
 
     Attributes:
-        task: what it is about.
-        diagnostics: what `/diagnostics` says of it.
+        task: the operator's task.
+        diagnostics: the node's part of `/diagnostics`.
     """
 
     def __init__(self, **kwargs: Any) -> None:
         """
         Args:
-            kwargs: for `rclpy.node.Node`; the namespace is `/excavator` if not given.
+            kwargs: arguments of `rclpy.node.Node`; the default namespace is `/excavator`.
 
         Raises:
-            EarthmovingError: a bad parameter or machine file.
+            EarthmovingError: a parameter or the machine file is not valid.
         """
         super().__init__("dig_operator", **{"namespace": "/excavator", **kwargs})
         params = declare_parameters(self, DigOperatorNodeParams)
@@ -82,7 +85,7 @@ class DigOperatorNode(SimNode):
         self._joints = self._machine_spec.joint_names
         self.diagnostics = Diagnostics(self, "dig_operator")
         self._facts: RunFacts | None = None
-        surface_at(np.zeros((2, 2)), 0.0, 0.0, 1.0, 0.0, 0.0)  # compiled now, not at the first dig
+        surface_at(np.zeros((2, 2)), 0.0, 0.0, 1.0, 0.0, 0.0)  # compile before the first dig
         self._start_task()
         self._commands = self.create_publisher(JointState, "joint_commands", qos.STATE)
         self._phases = self.create_publisher(String, "operator/phase", qos.ROWS)
@@ -92,37 +95,37 @@ class DigOperatorNode(SimNode):
             self, self._poller, self.diagnostics.reject, self._process_samples
         )
         self._subscribe(String, "/sim/config", qos.TRANSIENT_LOCAL, self._on_config)
-        # Of a machine's state payload comes last, if it holds soil, of a tick the ledger: only they
-        # are waited for.
-        holds = self._holds_soil = self._machine_spec.can_carry_soil
-        self._subscribe(JointState, "joint_states", qos.STATE, self._on_joints, wakes=False)
-        self._subscribe(Odometry, "odom", qos.STATE, self._on_odom, wakes=not holds)
-        if holds:
+        # Only the last messages of a tick trigger the processing: the payload of the machine's
+        # state (odometry if the machine carries no soil), and the ledger.
+        self._has_payload = self._machine_spec.can_carry_soil
+        self._subscribe(JointState, "joint_states", qos.STATE, self._on_joints, triggers=False)
+        self._subscribe(Odometry, "odom", qos.STATE, self._on_odom, triggers=not self._has_payload)
+        if self._has_payload:
             self._subscribe(Float64MultiArray, "payload", qos.STATE, self._on_payload)
         self._subscribe(Int64MultiArray, "/soil/ledger", qos.ROWS, self._on_ledger)
         self.create_timer(_REPEAT_PERIOD, self._repeat_last_command)
 
     @property
     def finished(self) -> bool:
-        """Whether it has left the levers."""
+        """Whether the task has ended."""
         return self.task.done
 
     @property
     def exit_code(self) -> int:
-        """1 if it gave up, else 0."""
+        """1 if the task was aborted, else 0."""
         return 1 if self.task.abort_reason else 0
 
     def stop(self) -> None:
-        """See that its last words arrive."""
+        """Wait until the last phase and cycle report are acknowledged."""
         for publisher in (self._phases, self._cycles):
-            publisher.wait_for_all_acked(Duration(seconds=2.0))
+            publisher.wait_for_all_acked(Duration(seconds=_ACK_TIMEOUT))
 
     @property
     def _lockstep(self) -> bool:
         return self._facts is not None and not self._facts.realtime
 
     def _start_task(self) -> None:
-        """Start the task, in this run of the soil or in a new one."""
+        """Start the task from its beginning."""
         self.task: DigTask | FaceCuttingTask
         if self._joints == ROAD_HEADER_JOINTS:
             self.task = FaceCuttingTask(self._machine_spec, self._face_params)
@@ -134,31 +137,31 @@ class DigOperatorNode(SimNode):
         self._last_tick: int | None = None
         self._last_status, self._num_reported = "", 0
 
-    # What it is told.
-
     def _subscribe(
         self,
-        kind: Any,
+        msg_type: Any,
         topic: str,
         profile: Any,
-        take: Callable[[Any], None],
+        callback: Callable[[Any], None],
         *,
-        wakes: bool = True,
+        triggers: bool = True,
     ) -> None:
+        """Subscribe, and count messages that the callback rejects in the diagnostics."""
+
         def on_message(msg: Any) -> None:
             try:
-                take(msg)
+                callback(msg)
             except EarthmovingError as error:
                 self.diagnostics.reject(topic, str(error))
 
-        self._poller.subscribe(kind, topic, profile, on_message, triggers=wakes)
+        self._poller.subscribe(msg_type, topic, profile, on_message, triggers=triggers)
 
     def _on_config(self, msg: String) -> None:
         facts = parse_run_facts(msg.data)
         before, self._facts = self._facts, facts
         if before is None or facts.run_id != before.run_id:
             if before is not None:
-                self.get_logger().info("the run has begun anew, and so does the task")
+                self.get_logger().info("a new run has started; the task starts again")
             self._start_task()
         self._terrain.follower.start_run(facts.run_id)
         self._terrain.maps.set_cell(facts.cell)
@@ -172,7 +175,7 @@ class DigOperatorNode(SimNode):
         if self._facts is not None:
             tick = tick_from_stamp(msg.header.stamp, self._facts.tick_period)
             self._synchronizer.add_base(tick, from_odometry(msg))
-            if not self._holds_soil:
+            if not self._has_payload:
                 self._synchronizer.add_payload(tick, PayloadState(0.0, 0.0, 0.0, 0.0))
 
     def _on_payload(self, msg: Float64MultiArray) -> None:
@@ -186,79 +189,84 @@ class DigOperatorNode(SimNode):
         if isinstance(ledger, Ledger):
             self._synchronizer.add_ledger(ledger)
 
-    # What it does.
-
     def _process_samples(self) -> None:
-        """Answer a new moment with a command."""
+        """Publish a command for each new sample."""
         follower, facts = self._terrain.follower, self._facts
         if facts is None or follower.run_id != facts.run_id:
             return
         while not self.task.done:
             if self._lockstep:
                 follower.advance_to(self._synchronizer.next_tick or 0)
-            moment = self._synchronizer.pop_next(follower.tick)
-            if moment is None:
+            sample = self._synchronizer.pop_next(follower.tick)
+            if sample is None:
                 return
-            self._send_command(moment, facts)
+            self._send_command(sample, facts)
 
-    def _send_command(self, moment: SyncedSample, facts: RunFacts) -> None:
+    def _send_command(self, sample: SyncedSample, facts: RunFacts) -> None:
         follower = self._terrain.follower
-        assert follower.grid is not None, "a tick of terrain is known"
-        terrain = TerrainSnapshot(follower.grid, follower.elevation, follower.revision)
-        state = (moment.joints, moment.base, moment.payload)
+        assert follower.grid is not None, "the terrain is known when there is a sample"
         observation = self._observation_builder.build(
-            moment.tick * facts.tick_period, *state, terrain, moment.ledger
+            sample.tick * facts.tick_period,
+            sample.joints,
+            sample.base,
+            sample.payload,
+            TerrainSnapshot(follower.grid, follower.elevation, follower.revision),
+            sample.ledger,
         )
-        since = (
-            _INITIAL_INTERVAL_TICKS if self._last_tick is None else moment.tick - self._last_tick
+        interval_ticks = (
+            _INITIAL_INTERVAL_TICKS if self._last_tick is None else sample.tick - self._last_tick
         )
-        self._last_tick = moment.tick
-        command = self.task.command(observation, since * facts.tick_period)
+        self._last_tick = sample.tick
+        command = self.task.command(observation, interval_ticks * facts.tick_period)
         self._publish_progress(observation.time)
         if self.task.done:
             return
         self._last_command = to_command_state(
             (*self._joints, *TRACK_NAMES),
             np.concatenate([command.joints, command.tracks]),
-            stamp_from_tick(moment.tick, facts.tick_period),
+            stamp_from_tick(sample.tick, facts.tick_period),
         )
         self._commands.publish(self._last_command)
 
     def _repeat_last_command(self) -> None:
-        """Say again what was perhaps not heard: in lockstep the machine may be waiting for it."""
+        """Publish the last command again in lockstep: the machine waits for it if it was lost."""
         if self._lockstep and self._last_command is not None and not self.task.done:
             self._commands.publish(self._last_command)
 
     def _publish_progress(self, time: float) -> None:
-        """Publish what it is about, and how each cycle went."""
+        """Publish reports of new cycles, and the phase if it has changed."""
         task = self.task
         for report in task.reports[self._num_reported :]:
             self._cycles.publish(String(data=json.dumps(asdict(report))))
             self._num_reported += 1
-        now = {"cycle": task.cycle, "phase": task.phase, "abort_reason": task.abort_reason}
-        said = json.dumps(now)
-        if said != self._last_status:
-            self._last_status = said
-            self._phases.publish(String(data=json.dumps({"time": time, **now})))
+        fields = {
+            "cycle": task.cycle,
+            "phase": task.phase.value,
+            "abort_reason": task.abort_reason,
+        }
+        status = json.dumps(fields)
+        if status != self._last_status:
+            self._last_status = status
+            self._phases.publish(String(data=json.dumps({"time": time, **fields})))
             self.diagnostics.set("cycle", task.cycle)
-            self.diagnostics.set("phase", task.phase)
+            self.diagnostics.set("phase", task.phase.value)
 
 
 def _joint_angles(msg: JointState, names: Sequence[str]) -> list[float]:
-    """Angles of some joints [rad], in the order of `names`.
+    """Return the angles of the named joints [rad], in the order of `names`.
 
     Raises:
-        CodecError: one of them is missing or no angle.
+        CodecError: an angle is missing or not finite.
     """
-    angles = dict(zip(msg.name, msg.position, strict=False))
-    own = [angles.get(name, math.nan) for name in names]
-    if not all(map(math.isfinite, own)):
+    angle_of = dict(zip(msg.name, msg.position, strict=False))
+    angles = [angle_of.get(name, math.nan) for name in names]
+    if not all(map(math.isfinite, angles)):
         raise CodecError(f"the joint states need a finite angle of {', '.join(names)}")
-    return own
+    return angles
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until its task is done or it is stopped."""
+    """Run the node until its task has ended or it is stopped."""
     return run_node(DigOperatorNode, args)
 
 

@@ -11,8 +11,8 @@ __all__ = ["DigOperatorNodeParams"]
 
 @dataclass(frozen=True)
 class DigOperatorNodeParams(Parameters):
-    """Which machine the operator knows how to handle."""
+    """The machine to operate."""
 
     machine: str = parameter(
-        "machines/excavator.yaml", "machine file, the same as the machine's node has"
+        "machines/excavator.yaml", "machine file, the same as that of the machine's node"
     )

@@ -1,4 +1,7 @@
-"""What an operator sees and does: nothing that public topics do not carry."""
+"""Observation and Command of an operator, and the low-pass filter of the observed base pose.
+
+An observation holds only data that the public topics carry.
+"""
 
 from __future__ import annotations
 
@@ -12,70 +15,67 @@ from msg_bridge.contract.grid import Grid
 
 __all__ = ["BaseFilter", "Command", "Observation"]
 
+Array = NDArray[np.float64]
+
+_NUM_STRIP_LINES = 5
+"""Lines along a strip of terrain on which its heights are taken."""
+
 
 @dataclass(frozen=True)
 class Observation:
-    """What is seen at the beginning of a tick.
+    """State of machine and terrain at the end of a tick.
 
     Attributes:
         time: simulation time [s].
-        joints: angles of the machine's joints [rad].
-        base_position: of base_link (3,) [m], map frame.
-        base_rotation: base_link to map (3, 3).
-        fill: soil in the bucket, in parts of its heaped capacity.
-        bank: the same as bank volume [m^3].
-        grid, elevation: the terrain as published [m], shape (rows, cols).
-        moving: whether soil outside the bucket still falls, lands or slips.
+        joints: angles of the machine's joints [rad], shape (joints,).
+        base_position: position of base_link [m], map frame, shape (3,).
+        base_rotation: rotation from base_link to map, shape (3, 3).
+        fill: fill of the bucket, as a fraction of its heaped capacity.
+        grid: grid of the terrain.
+        elevation: height of the terrain [m], shape (rows, cols).
+        bank: bank volume of the soil in the bucket [m^3].
+        is_soil_moving: whether soil outside the bucket is still falling, settling or sliding.
     """
 
     time: float
-    joints: NDArray[np.float64]
-    base_position: NDArray[np.float64]
-    base_rotation: NDArray[np.float64]
+    joints: Array
+    base_position: Array
+    base_rotation: Array
     fill: float
     grid: Grid
-    elevation: NDArray[np.float64]
+    elevation: Array
     bank: float = 0.0
     is_soil_moving: bool = False
 
     @property
     def yaw(self) -> float:
-        """Where the base faces [rad], from the map's +x counter-clockwise."""
+        """Heading of the base [rad], counter-clockwise from the map's +x."""
         return float(np.arctan2(self.base_rotation[1, 0], self.base_rotation[0, 0]))
 
-    def surface_heights(
-        self, x: NDArray[np.float64], y: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Surface [m] at points of the map frame, same shape as x and y."""
+    def surface_heights(self, x: Array, y: Array) -> Array:
+        """Return the terrain height [m] at points of the map frame, same shape as x and y."""
         frame = (self.grid.x_first, self.grid.y_first, 1.0 / self.grid.cell)
         z = [surface_at(self.elevation, *frame, *p)[0] for p in zip(x.flat, y.flat, strict=True)]
         return np.array(z).reshape(x.shape)
 
-    def mean_strip_heights(
-        self, azimuth: float, radius: NDArray[np.float64], width: float
-    ) -> NDArray[np.float64]:
-        """Mean surface [m] across a strip that runs out from the base.
+    def mean_strip_heights(self, azimuth: float, radius: Array, width: float) -> Array:
+        """Return the mean height across a radial strip of terrain [m], shape (n,).
 
         Args:
             azimuth: direction of the strip [rad], map frame.
             radius: distances from the base's origin [m], shape (n,).
-            width: of the strip [m].
-
-        Returns:
-            Shape (n,).
+            width: width of the strip [m].
         """
-        mean: NDArray[np.float64] = self._strip_heights(azimuth, radius, width).mean(axis=0)
+        mean: Array = self._strip_heights(azimuth, radius, width).mean(axis=0)
         return mean
 
-    def max_strip_height(self, azimuth: float, radius: NDArray[np.float64], width: float) -> float:
-        """Highest surface [m] of such a strip."""
+    def max_strip_height(self, azimuth: float, radius: Array, width: float) -> float:
+        """Return the maximum height of a radial strip of terrain [m]; see `mean_strip_heights`."""
         return float(self._strip_heights(azimuth, radius, width).max())
 
-    def _strip_heights(
-        self, azimuth: float, radius: NDArray[np.float64], width: float
-    ) -> NDArray[np.float64]:
-        """Surface [m] of a strip, from its right edge to its left, shape (5, n)."""
-        across = np.linspace(-0.5 * width, 0.5 * width, 5)[:, None]
+    def _strip_heights(self, azimuth: float, radius: Array, width: float) -> Array:
+        """Return the heights of a strip [m], from its right edge to its left, shape (5, n)."""
+        across = np.linspace(-0.5 * width, 0.5 * width, _NUM_STRIP_LINES)[:, None]
         c, s = np.cos(azimuth), np.sin(azimuth)
         x = self.base_position[0] + radius * c - across * s
         y = self.base_position[1] + radius * s + across * c
@@ -84,36 +84,37 @@ class Observation:
 
 @dataclass(frozen=True)
 class Command:
-    """What is done in a tick.
+    """Command for one tick.
 
     Attributes:
-        joints: velocities of the machine's joints [rad/s].
-        tracks: speeds of the left and right track [m/s].
+        joints: velocities of the machine's joints [rad/s], shape (joints,).
+        tracks: speeds of the left and the right track [m/s], shape (2,).
     """
 
-    joints: NDArray[np.float64]
-    tracks: NDArray[np.float64]
+    joints: Array
+    tracks: Array
 
 
 class BaseFilter:
-    """A slow eye for the base: what rocks is not followed, what leans is.
+    """First-order low-pass filter of the base pose.
 
-    An arm that answered every rocking of the base would rock it more.
+    It follows a lasting tilt and suppresses rocking: an arm that compensated every oscillation of
+    the base would excite it.
     """
 
     def __init__(self, time_constant: float) -> None:
-        """`time_constant` is how long it looks before it believes a change [s]."""
+        """Create a filter with a time constant [s]."""
         self._time_constant = time_constant
-        self._position: NDArray[np.float64] | None = None
-        self._rotation: NDArray[np.float64] = np.eye(3)  # on average, so not quite a rotation
+        self._position: Array | None = None
+        self._rotation: Array = np.eye(3)  # an average, so not exactly a rotation
 
     def update(self, observation: Observation, dt: float) -> Observation:
-        """The same view with the base as it stands on average, `dt` [s] after the last one."""
+        """Return the observation with the filtered base pose, `dt` [s] after the previous one."""
         if self._position is None:
             self._position, self._rotation = observation.base_position, observation.base_rotation
-        part = min(1.0, dt / self._time_constant)
-        self._position = self._position + part * (observation.base_position - self._position)
-        self._rotation = self._rotation + part * (observation.base_rotation - self._rotation)
-        # The mean of rotations near one another, made a rotation again.
+        weight = min(1.0, dt / self._time_constant)
+        self._position = self._position + weight * (observation.base_position - self._position)
+        self._rotation = self._rotation + weight * (observation.base_rotation - self._rotation)
+        # The rotation nearest to the average.
         u, _, v = np.linalg.svd(self._rotation)
         return replace(observation, base_rotation=u @ v, base_position=self._position)

@@ -1,4 +1,4 @@
-"""ObservationBuilder: the view of one moment, put together from what each topic told of it."""
+"""ObservationBuilder: combines the messages of one tick into an Observation."""
 
 from __future__ import annotations
 
@@ -17,7 +17,13 @@ __all__ = ["ObservationBuilder", "TerrainSnapshot"]
 
 
 class TerrainSnapshot(NamedTuple):
-    """The surface at the end of a tick: its grid, elevation [m] and revision."""
+    """The terrain at the end of a tick.
+
+    Attributes:
+        grid: grid of the terrain.
+        elevation: height of the terrain [m], shape (rows, cols).
+        revision: number that changes with every change of the terrain.
+    """
 
     grid: Grid
     elevation: NDArray[np.float64]
@@ -25,7 +31,7 @@ class TerrainSnapshot(NamedTuple):
 
 
 class ObservationBuilder:
-    """Sees one moment after the other, and so what has changed in between."""
+    """Builds observations and detects terrain changes from one to the next."""
 
     def __init__(self) -> None:
         self._revision: int | None = None
@@ -39,17 +45,19 @@ class ObservationBuilder:
         terrain: TerrainSnapshot,
         ledger: Ledger,
     ) -> Observation:
-        """The view at the end of a tick.
+        """Return the observation at the end of a tick.
+
+        Soil counts as moving in the first observation, since there is none to compare it with.
 
         Args:
             time: simulation time [s].
             joints: angles of the machine's joints [rad], shape (joints,).
             base: pose of the base, map frame.
             payload: soil in the bucket.
-            terrain: the surface.
-            ledger: of the tick.
+            terrain: terrain at the end of the tick.
+            ledger: ledger of the tick.
         """
-        changed = terrain.revision != self._revision
+        has_terrain_changed = terrain.revision != self._revision
         self._revision = terrain.revision
         return Observation(
             time=time,
@@ -60,5 +68,5 @@ class ObservationBuilder:
             bank=payload.bank,
             grid=terrain.grid,
             elevation=terrain.elevation,
-            is_soil_moving=changed or ledger.particles != 0 or ledger.in_flight != 0,
+            is_soil_moving=(has_terrain_changed or ledger.particles != 0 or ledger.in_flight != 0),
         )

@@ -1,8 +1,9 @@
-"""Moment: what several topics told of one tick, gathered until it is whole.
+"""SampleSynchronizer: collects the messages of each tick until they are complete.
 
-Topics arrive in any order, and only together do they make a view. In lockstep every moment is
-answered, and is exact, though soil and machine may have gone on meanwhile. In real time only the
-newest is; the terrain may be newer, or a tick or two older, since machines are ahead of the soil.
+Messages arrive in any order, and only the complete set of a tick makes an observation. In lockstep
+every sample is returned, with the terrain and the ledger of its own tick or later ones. In real
+time only the newest is; its terrain may be newer, or a tick or two older, since machines run ahead
+of the soil.
 """
 
 from __future__ import annotations
@@ -17,19 +18,19 @@ from msg_bridge.contract.ledger import Ledger
 __all__ = ["SampleSynchronizer", "SyncedSample"]
 
 _MAX_PENDING_TICKS = 100
-"""Ticks kept at most while the rest of a moment has not come."""
+"""Maximum number of incomplete ticks that are kept; the oldest are dropped first."""
 
 
 @dataclass(frozen=True)
 class SyncedSample:
-    """What was told of the end of one tick.
+    """State of machine and soil at the end of one tick.
 
     Attributes:
-        tick: its number.
-        joints: angles [rad].
+        tick: number of the tick.
+        joints: joint angles [rad].
         base: pose and motion of the base.
         payload: soil in the bucket.
-        ledger: where the soil is, of this tick or a later one.
+        ledger: ledger of this tick, or of another one as `SampleSynchronizer` defines.
     """
 
     tick: int
@@ -41,7 +42,7 @@ class SyncedSample:
 
 @dataclass
 class _PartialSample:
-    """What the machine told of a tick so far."""
+    """Messages of the machine received for one tick."""
 
     joints: ArrayLike | None = None
     base: BaseState | None = None
@@ -53,13 +54,14 @@ class _PartialSample:
 
 
 class SampleSynchronizer:
-    """Gives each whole moment once, in order."""
+    """Returns each complete sample once, in the order of ticks."""
 
     def __init__(self, *, every_tick: bool) -> None:
         """
         Args:
-            every: give every moment, with the first ledger that is not older, once the terrain is
-                not older either; else the newest, with the newest of both.
+            every_tick: return every sample, with the first ledger that is not older, once the
+                terrain is not older either; otherwise only the newest sample, with the newest
+                ledger and terrain.
         """
         self._every_tick = every_tick
         self._partial_samples: dict[int, _PartialSample] = {}
@@ -67,58 +69,59 @@ class SampleSynchronizer:
         self._last_tick = -1
 
     def add_joints(self, tick: int, angles: ArrayLike) -> None:
-        """Take the joint angles at the end of a tick [rad]."""
+        """Add the joint angles at the end of a tick [rad]."""
         self._partial_sample(tick).joints = angles
 
     def add_base(self, tick: int, base: BaseState) -> None:
-        """Take the base's pose at the end of a tick."""
+        """Add the pose of the base at the end of a tick."""
         self._partial_sample(tick).base = base
 
     def add_payload(self, tick: int, payload: PayloadState) -> None:
-        """Take the load at the end of a tick."""
+        """Add the payload at the end of a tick."""
         self._partial_sample(tick).payload = payload
 
     def add_ledger(self, ledger: Ledger) -> None:
-        """Take the ledger."""
+        """Add the ledger of a tick."""
         self._ledgers = (
             [*self._ledgers[-_MAX_PENDING_TICKS:], ledger] if self._every_tick else [ledger]
         )
 
     @property
+    def num_pending(self) -> int:
+        """Number of samples and ledgers that are kept."""
+        return len(self._partial_samples) + len(self._ledgers)
+
+    @property
     def next_tick(self) -> int | None:
-        """Tick of the moment that is to be given next, as far as the machine has told it."""
-        is_complete = (tick for tick, state in self._partial_samples.items() if state.is_complete)
-        return (
-            min(is_complete, default=None) if self._every_tick else max(is_complete, default=None)
-        )
+        """Tick of the next sample by the machine's messages; None if no tick is complete."""
+        complete = (tick for tick, sample in self._partial_samples.items() if sample.is_complete)
+        return min(complete, default=None) if self._every_tick else max(complete, default=None)
 
     def pop_next(self, terrain_tick: int) -> SyncedSample | None:
-        """The next moment, if it is whole; where every one counts, if the terrain is not older.
+        """Return the next sample and drop all older ones; None if it is not complete yet.
 
         Args:
-            terrain_tick: the tick whose surface is known; -1 for none.
+            terrain_tick: tick of the known terrain; -1 for none.
         """
         tick = self.next_tick
-        if tick is None or terrain_tick < (tick if self._every_tick else 0):
+        if tick is None:
             return None
-        since = tick if self._every_tick else 0
-        ledger = next((each for each in self._ledgers if each.tick >= since), None)
-        if ledger is None:
+        min_tick = tick if self._every_tick else 0  # of terrain and ledger
+        ledger = next((each for each in self._ledgers if each.tick >= min_tick), None)
+        if terrain_tick < min_tick or ledger is None:
             return None
-        state = self._partial_samples[tick]
-        assert state.joints is not None
-        assert state.base is not None
-        assert state.payload is not None
+        sample = self._partial_samples[tick]
+        assert sample.joints is not None
+        assert sample.base is not None
+        assert sample.payload is not None
         self._last_tick = tick
-        self._partial_samples = {
-            each: state for each, state in self._partial_samples.items() if each > tick
-        }
+        self._partial_samples = {t: s for t, s in self._partial_samples.items() if t > tick}
         self._ledgers = [each for each in self._ledgers if each.tick >= tick]
-        return SyncedSample(tick, state.joints, state.base, state.payload, ledger)
+        return SyncedSample(tick, sample.joints, sample.base, sample.payload, ledger)
 
     def _partial_sample(self, tick: int) -> _PartialSample:
         if tick <= self._last_tick:
-            return _PartialSample()  # one that is kept nowhere
+            return _PartialSample()  # too late: it is not kept
         if len(self._partial_samples) > _MAX_PENDING_TICKS:
             del self._partial_samples[min(self._partial_samples)]
         return self._partial_samples.setdefault(tick, _PartialSample())

@@ -1,9 +1,9 @@
-"""Moving the bucket along way points, as a steady hand would.
+"""WaypointFollower: joint velocities that move the bucket along waypoints.
 
-Way points are places of the bucket over the map. A set point travels along them; at every tick the
-joint angles that put the bucket there are found anew for the machine as it stands now, so that a
-base that tilts under its load does not dig deeper. Where the machine cannot keep up, the set point
-waits.
+Waypoints are poses of the bucket in the map frame. A set point travels along them. At every tick
+the joint angles for the set point are solved for the present pose of the base, so that a base that
+tilts under its load does not make the bucket dig deeper. The set point slows down and stops where
+the machine cannot keep up.
 """
 
 from __future__ import annotations
@@ -18,41 +18,45 @@ from numpy.typing import NDArray
 from dig_operator.bucket_kinematics import BucketKinematics, BucketPose
 from dig_operator.observation import Observation
 
-__all__ = ["Waypoint", "WaypointFollower"]
+__all__ = ["Waypoint", "WaypointFollower", "path_time_at"]
 
 _TRACKING_GAIN = 4.0
-"""Joint velocity for a joint error [1/s]."""
+"""Joint velocity over joint error [1/s]."""
 
 _MAX_JOINT_LAG = 0.12
-"""Joint error at which the set point waits [rad]."""
+"""Joint error at which the set point stops [rad]; it slows down from half of that on."""
 
 _ACCELERATION_TIME = 1.0
-"""Time over which a motion speeds up, and slows down [s]; a shorter motion takes twice as long."""
+"""Time of acceleration and of deceleration [s]; a shorter motion takes twice its path time."""
+
+_MIN_DURATION = 1e-3
+"""Minimum duration of the motion to a waypoint [s]."""
 
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A place of the bucket, and how long to take to it from the one before [s]."""
+    """A pose of the bucket, and the duration of the motion to it from the previous one [s]."""
 
     pose: BucketPose
     duration: float
 
 
 class WaypointFollower:
-    """A set point on its way through targets; smooth at the ends, steady between."""
+    """A set point that travels along waypoints: eased at the ends, at constant rate between."""
 
-    def __init__(self, start: BucketPose, targets: Sequence[Waypoint]) -> None:
+    def __init__(self, start: BucketPose, waypoints: Sequence[Waypoint]) -> None:
         """
         Args:
-            start: where the bucket is.
-            targets: in order, at least one.
+            start: present pose of the bucket.
+            waypoints: waypoints in order, at least one.
         """
-        places = np.array([start, *(target.pose for target in targets)])
-        places[:, 0] = np.unwrap(places[:, 0])  # the short way around
-        times = np.cumsum([0.0, *(max(target.duration, 1e-3) for target in targets)])
-        # Plain numbers: what is looked up at every tick is too small for arrays.
-        self._velocities = (np.diff(places, axis=0) / np.diff(times)[:, None]).tolist()
-        self._num_poses: list[list[float]] = places.tolist()
+        poses = np.array([start, *(waypoint.pose for waypoint in waypoints)])
+        poses[:, 0] = np.unwrap(poses[:, 0])  # swing the short way
+        durations = (max(waypoint.duration, _MIN_DURATION) for waypoint in waypoints)
+        times = np.cumsum([0.0, *durations])
+        # Lists, since the arrays are too small for numpy to pay at every tick.
+        self._velocities = (np.diff(poses, axis=0) / np.diff(times)[:, None]).tolist()
+        self._poses: list[list[float]] = poses.tolist()
         self._times: list[float] = times.tolist()
         self._path_time = self._times[-1]
         self._acceleration_time = min(_ACCELERATION_TIME, self._path_time)
@@ -61,43 +65,54 @@ class WaypointFollower:
 
     @property
     def done(self) -> bool:
-        """Whether the set point has reached the last target."""
+        """Whether the set point has reached the last waypoint."""
         return self._time >= self._duration
 
     def advance(
         self, observation: Observation, kinematics: BucketKinematics, dt: float
     ) -> NDArray[np.float64]:
-        """Move the set point on by `dt` [s] and return the joint velocities to command [rad/s]."""
-        now = kinematics.joint_angles(observation, self._set_point(self._time))
-        lag = float(np.abs(now - observation.joints).max())
+        """Advance the set point by `dt` [s]; return the joint velocities to command [rad/s], (4,).
+
+        Raises:
+            ReachError: the machine cannot reach the set point.
+        """
+        target = kinematics.joint_angles(observation, self.set_point(self._time))
+        lag = float(np.abs(target - observation.joints).max())
         rate = min(1.0, max(0.0, 2.0 - 2.0 * lag / _MAX_JOINT_LAG))
         self._time = min(self._time + rate * dt, self._duration)
-        following = kinematics.joint_angles(observation, self._set_point(self._time))
-        velocity = (following - now) / dt + _TRACKING_GAIN * (following - observation.joints)
+        next_target = kinematics.joint_angles(observation, self.set_point(self._time))
+        velocity = (next_target - target) / dt + _TRACKING_GAIN * (next_target - observation.joints)
         return np.asarray(velocity, dtype=np.float64)
 
-    def _set_point(self, time: float) -> BucketPose:
-        t = _path_time_at(time, self._path_time, self._acceleration_time)
-        k = bisect_right(self._times, t) - 1
+    def set_point(self, time: float) -> BucketPose:
+        """Return the set point at a time since the start of an unhindered motion [s]."""
+        path_time = path_time_at(time, self._path_time, self._acceleration_time)
+        k = bisect_right(self._times, path_time) - 1
         if k == len(self._velocities):
-            return BucketPose(*self._num_poses[-1])
-        since = t - self._times[k]
+            return BucketPose(*self._poses[-1])
+        elapsed = path_time - self._times[k]
         return BucketPose(
             *(
-                x + rate * since
-                for x, rate in zip(self._num_poses[k], self._velocities[k], strict=True)
+                x + velocity * elapsed
+                for x, velocity in zip(self._poses[k], self._velocities[k], strict=True)
             )
         )
 
 
-def _path_time_at(time: float, way: float, ease: float) -> float:
-    """Way time for a time: accelerates over `ease`, then runs at rate 1, and slows down again.
+def path_time_at(time: float, path_time: float, acceleration_time: float) -> float:
+    """Return the path time [s] at a time [s] of a motion that starts and ends at rest.
 
-    Runs from 0 to `way` in `way + ease` seconds; `ease` is at most `way`.
+    The path time grows from 0 to `path_time` in `path_time + acceleration_time`: its rate rises
+    linearly to 1 during the acceleration time, and falls to 0 in the same way at the end.
+
+    Args:
+        time: time since the start [s].
+        path_time: duration of the path at rate 1 [s].
+        acceleration_time: duration of acceleration and of deceleration [s], at most `path_time`.
     """
-    if time < ease:
-        return 0.5 * time * time / ease
-    if time > way:
-        rest = way + ease - time
-        return way - 0.5 * rest * rest / ease
-    return time - 0.5 * ease
+    if time < acceleration_time:
+        return 0.5 * time * time / acceleration_time
+    if time > path_time:
+        remaining = path_time + acceleration_time - time
+        return path_time - 0.5 * remaining * remaining / acceleration_time
+    return time - 0.5 * acceleration_time

@@ -1,15 +1,20 @@
-"""A run: the scripted operator digs in a world of one process, and all is written down."""
+"""SingleProcessDig: the scripted operator digs in a world of one process, and its run is recorded.
+
+The operator works as its node does: it observes the state every second tick, and its command takes
+effect two ticks later. The same run with ROS nodes in lockstep ends in the same state.
+"""
 
 from __future__ import annotations
 
 import sys
 import time
 from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dig_operator import Command, DigTask
+from dig_operator import Command, DigTask, OperatorPhase
 from earthmoving_sim.demo_site import check_slope_stability, jacksboro_site
 from earthmoving_sim.dig_outcome import PATH_INTERVAL_TICKS, DigOutcome
 from earthmoving_sim.machine_polygons import machine_faces, machine_outline
@@ -28,37 +33,54 @@ COMMAND_INTERVAL_TICKS = 2
 """Ticks between commands of the operator."""
 
 COMMAND_DELAY_TICKS = 2
-"""Ticks from what the operator sees until its command counts.
+"""Ticks from an observation until the operator's command takes effect.
 
-As nodes, soil and machine go on while the operator thinks, and it still does the same run.
+With nodes, soil and machine compute these ticks while the operator computes its command.
 """
 
 _PROGRESS_INTERVAL_TICKS = 100
 """Ticks between lines of progress."""
 
+_LINE_WIDTH = 118
+"""Width to which a line of progress is padded, so that it replaces the previous one."""
+
+
+class _LipPoint(NamedTuple):
+    """A point of the lip's path [m], shape (3,), with the cycle and the phase."""
+
+    position: NDArray[np.float64]
+    cycle: int
+    phase: OperatorPhase
+
 
 class SingleProcessDig:
-    """An excavator on the demo's site with an operator at its levers.
+    """An excavator with an operator on a site.
 
     Attributes:
+        config: parameters of all parts.
+        site: terrain before the run.
+        machine: the simulated excavator.
         world: soil and machine.
-        operator: who works the levers.
+        task: the operator's task.
     """
 
     def __init__(self, config: RunConfig, site: HeightMap | None = None) -> None:
         """
         Args:
             config: parameters of all parts.
-            site: the terrain; the demo's own if not given.
+            site: the terrain; the demo's site if None.
+
+        Raises:
+            TerrainError: the ground is too steep, or the machine would stand off the map.
         """
         self.config = config
         self.site = site or jacksboro_site()
         self._dt = config.stepping.tick_period
         check_slope_stability(self.site, config)
         soil = Soil(self.site.grid, self.site.heights, config.soil)
-        start = config.run.start_x - config.task.approach
+        start_x = config.run.start_x - config.task.approach_distance
         self.machine = MachineSim(
-            [Placement(config.machine, (start, config.run.start_y))],
+            [Placement(config.machine, (start_x, config.run.start_y))],
             self.site.grid,
             soil.columns.height,
             params=config.stepping,
@@ -70,48 +92,47 @@ class SingleProcessDig:
         )
         warm_up(config.particles)
         self.world = World(soil, {1: self.machine})
-        self.operator = DigTask(config.machine, config.behaviour, config.task)
+        self.task = DigTask(config.machine, config.behaviour, config.task)
         self._operated_machine = OperatedMachine(
-            self.world, self.machine.simulated_machines[0], self.operator, self._dt
+            self.world, self.machine.simulated_machines[0], self.task, self._dt
         )
-        self._lip_path: list[tuple[NDArray[np.float64], int, str]] = []
+        self._lip_path: list[_LipPoint] = []
         self._max_imbalance = 0
         self._max_particles = 0
 
     def run(self, *, progress: bool = False) -> DigOutcome:
-        """Do the whole shift.
+        """Run until the task has ended.
 
         Args:
-            progress: print how it goes.
+            progress: print a line of progress each simulated second.
         """
-        began = time.perf_counter()
-        coming: deque[tuple[int, Command]] = deque()
-        last: int | None = None
-        while self.world.tick != last:
-            if self.world.tick % COMMAND_INTERVAL_TICKS == 0 and not self.operator.done:
-                command = self.operator.command(
+        start_time = time.perf_counter()
+        pending: deque[tuple[int, Command]] = deque()  # tick of effect, command
+        last_tick: int | None = None
+        while self.world.tick != last_tick:
+            tick = self.world.tick
+            if tick % COMMAND_INTERVAL_TICKS == 0 and not self.task.done:
+                command = self.task.command(
                     self._operated_machine.observation(), COMMAND_INTERVAL_TICKS * self._dt
                 )
-                if self.operator.done:
-                    last = (
-                        self.world.tick + COMMAND_DELAY_TICKS
-                    )  # for that long nobody waits for a command
+                if self.task.done:
+                    last_tick = tick + COMMAND_DELAY_TICKS  # the ticks that nodes still do
                 else:
-                    coming.append((self.world.tick + COMMAND_DELAY_TICKS, command))
-            while coming and coming[0][0] <= self.world.tick:
-                _, command = coming.popleft()
+                    pending.append((tick + COMMAND_DELAY_TICKS, command))
+            while pending and pending[0][0] <= tick:
+                _, command = pending.popleft()
                 self.machine.command(command.joints, command.tracks)
             self._step()
             if progress and self.world.tick % _PROGRESS_INTERVAL_TICKS == 0:
-                self._print_progress(began)
-        wall_time = time.perf_counter() - began
+                self._print_progress(start_time)
+        wall_time = time.perf_counter() - start_time
         if progress:
-            self._print_progress(began)
+            self._print_progress(start_time)
             print()
         return self._outcome(wall_time)
 
     def close(self) -> None:
-        """Free the world."""
+        """Release the physics engine."""
         self.world.close()
 
     def _step(self) -> None:
@@ -122,15 +143,15 @@ class SingleProcessDig:
         if self.world.tick % PATH_INTERVAL_TICKS == 0:
             rotation, pin = self.machine.machine.tool.pose
             lip = rotation[:, 0] * self.machine.machine.spec.bucket.tip_radius + pin
-            self._lip_path.append((lip, self.operator.cycle, self.operator.phase))
+            self._lip_path.append(_LipPoint(lip, self.task.cycle, self.task.phase))
 
-    def _print_progress(self, began: float) -> None:
+    def _print_progress(self, start_time: float) -> None:
         simulated_time = self.world.tick * self._dt
-        wall_time = time.perf_counter() - began
+        wall_time = time.perf_counter() - start_time
         ledger = self.world.ledger
         line = (
-            f"cycle {self.operator.cycle}/{self.config.task.cycles}"
-            f"  {self.operator.phase:<6}"
+            f"cycle {self.task.cycle}/{self.config.task.cycles}"
+            f"  {self.task.phase:<8}"
             f" bucket {100 * self.machine.payload.fill:3.0f} %"
             f"  particles {self.machine.particles.count:5d}"
             f"  in transit {(ledger.pending + ledger.particles) / 1e9:5.2f} m3"
@@ -138,7 +159,7 @@ class SingleProcessDig:
             f"  {simulated_time:5.1f} s  {simulated_time / max(wall_time, 1e-9):4.1f} x real time"
         )
         if sys.stdout.isatty():
-            print("\r" + line.ljust(118), end="", flush=True)
+            print("\r" + line.ljust(_LINE_WIDTH), end="", flush=True)
         else:
             print(line, flush=True)
 
@@ -157,21 +178,21 @@ class SingleProcessDig:
             grid=self.site.grid,
             after=columns.height.copy(),
             loose_depth=columns.loose_depth,
-            cycles=list(self.operator.reports),
+            cycles=list(self.task.reports),
             ledger=self.world.ledger,
             max_imbalance=self._max_imbalance,
-            moved_volume=sum(cycle.moved_volume for cycle in self.operator.reports),
+            moved_volume=sum(cycle.moved_volume for cycle in self.task.reports),
             simulated_time=self.world.tick * self._dt,
             wall_time=wall_time,
             max_particles=self._max_particles,
             tunnelled=particles.num_plate_tunnellings + particles.num_ground_tunnellings,
-            abort_reason=self.operator.abort_reason,
+            abort_reason=self.task.abort_reason,
             state_hash=self.world.state_hash(),
             state_tick=self.world.tick,
             run_mode="one process",
-            lip_path=np.array([lip for lip, _, _ in self._lip_path]).reshape(-1, 3),
-            lip_cycle=np.array([cycle for _, cycle, _ in self._lip_path], dtype=np.int64),
-            lip_phase=np.array([phase for _, _, phase in self._lip_path], dtype=np.str_),
+            lip_path=np.array([point.position for point in self._lip_path]).reshape(-1, 3),
+            lip_cycle=np.array([point.cycle for point in self._lip_path], dtype=np.int64),
+            lip_phase=np.array([point.phase.value for point in self._lip_path], dtype=np.str_),
             machine_faces=machine_faces(*pose, self.machine.machine.tracks.shoe_poses),
             machine_outline=machine_outline(*pose),
             machine_position=(

@@ -51,7 +51,7 @@ def write_node_parameters(
     }
     machine = {
         "machine": str(config.machine_file),
-        "x": config.run.start_x - config.task.approach,
+        "x": config.run.start_x - config.task.approach_distance,
         "y": config.run.start_y,
         "seed": config.run.seed,
         "command_wait_period": 0 if realtime else command_interval_ticks,

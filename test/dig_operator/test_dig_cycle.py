@@ -1,95 +1,97 @@
-"""The operator at the levers of a machine that only moves: what it does, in which order."""
+"""DigCycle on a machine that only moves: its phases, its motion and its reports."""
 
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.operator_scenes import ARM, MACHINE, KinematicDig
+from support.operator_scenes import ARM, MACHINE, KinematicDig, tilted
 
 from dig_operator import BehaviourParams, DigCycle
 from machine_sim.machine.arm_kinematics import tool_pose
 
 DT = 0.02
-ROUND = ["reach", "dig", "curl", "lift"]
+PASS = ["reach", "dig", "curl", "lift"]
 
 
-def toy(
+def kinematic_dig(
     *,
     dig_azimuth: float = 0.0,
     dump_azimuth: float = math.pi / 2,
     params: dict | None = None,
     **options,
 ) -> KinematicDig:
-    operator = DigCycle(
+    dig_cycle = DigCycle(
         MACHINE,
         BehaviourParams.from_mapping(params or {}),
         dig_azimuth=dig_azimuth,
         dump_azimuth=dump_azimuth,
     )
-    return KinematicDig(operator, dt=DT, **options)
+    return KinematicDig(dig_cycle, dt=DT, **options)
 
 
 @pytest.fixture(scope="module")
 def good() -> KinematicDig:
-    """Two cycles in which the bucket comes out full at once."""
-    return toy(start_time=5.0).run(cycles=2)
+    """Two cycles of one pass each."""
+    return kinematic_dig(start_time=5.0).run(cycles=2)
 
 
-def planned(fills: tuple[float, ...], **options) -> list[float]:
-    """Soil that each of two cycles planned to sweep [m^3]."""
-    dig = toy(fills=fills, **options).run(cycles=2)
-    return [report.planned_volume for report in dig.operator.reports]
+def planned_volumes(fills: tuple[float, ...], **options) -> list[float]:
+    """Return the volume that each of two cycles planned to sweep [step^3]."""
+    dig = kinematic_dig(fills=fills, **options).run(cycles=2)
+    return [report.planned_volume for report in dig.dig_cycle.reports]
 
 
-def test_phases_come_in_order(good):
-    assert good.phases == [*ROUND, "swing", "dump"] * 2
+def test_phases_follow_in_order(good):
+    assert good.phases == [*PASS, "swing", "dump"] * 2
 
 
-def test_dig_runs_from_far_to_near_in_the_ground(good):
-    lips = np.array([moment.lip for moment in good.during("dig")])
+def test_lip_is_drawn_inward_below_the_surface(good):
+    lips = np.array([step.lip for step in good.during("dig")])
     assert lips[0, 0] > lips[-1, 0] + 1.5
     assert lips[:, 2].min() < -0.2
 
 
-def test_dig_keeps_to_its_direction_once_the_swing_has_come_to_rest(good):
-    drag = [m.lip[1] for m in good.during("dig") if m.seen.fill > 0.5]
+def test_drag_stays_in_the_plane_of_the_dig_azimuth(good):
+    drag = [step.lip[1] for step in good.during("dig") if step.observed.fill > 0.5]
     assert np.abs(drag).max() < 0.1
-    assert max(abs(m.lip[1]) for m in good.during("dig")) < 0.5 * MACHINE.bucket.width
+    assert max(abs(step.lip[1]) for step in good.during("dig")) < 0.5 * MACHINE.bucket.width
 
 
-def test_lip_stays_out_of_the_ground_but_for_digging_and_curling(good):
+def test_lip_enters_the_ground_only_to_dig_and_curl(good):
     for phase in ("lift", "swing", "dump"):
-        assert min(moment.lip[2] for moment in good.during(phase)) > 0.0, phase
-    assert min(moment.lip[2] for moment in good.during("reach")) > -0.05
+        assert min(step.lip[2] for step in good.during(phase)) > 0.0, phase
+    assert min(step.lip[2] for step in good.during("reach")) > -0.05
 
 
-def test_bucket_is_carried_with_its_mouth_up(good):
-    for moment in good.during("swing"):
-        assert ARM.bucket_pose(moment.seen).attitude == pytest.approx(ARM.level_attitude, abs=0.25)
+def test_bucket_is_level_during_the_swing(good):
+    for step in good.during("swing"):
+        assert ARM.bucket_pose(step.observed).attitude == pytest.approx(
+            ARM.level_attitude, abs=0.25
+        )
 
 
-def test_bucket_is_dumped_in_the_direction_of_the_dump(good):
-    falling = [m for m in good.during("dump") if 0.0 < m.seen.fill < 0.85]
-    assert falling
-    for moment in falling:
-        place = ARM.bucket_pose(moment.seen)
-        assert place.azimuth == pytest.approx(math.pi / 2, abs=0.1)
-        assert place.radius == pytest.approx(BehaviourParams().dump_radius, abs=0.05)
+def test_bucket_empties_at_the_dump_azimuth_and_radius(good):
+    emptying = [step for step in good.during("dump") if 0.0 < step.observed.fill < 0.85]
+    assert emptying
+    for step in emptying:
+        pose = ARM.bucket_pose(step.observed)
+        assert pose.azimuth == pytest.approx(math.pi / 2, abs=0.1)
+        assert pose.radius == pytest.approx(BehaviourParams().dump_radius, abs=0.05)
 
 
-def test_levers_are_never_jerked(good):
-    velocities = np.array([moment.command.joints for moment in good.moments])
+def test_commanded_accelerations_are_limited(good):
+    velocities = np.array([step.command.joints for step in good.steps])
     change = np.abs(np.diff(velocities, axis=0, prepend=np.zeros((1, 4)))).max(axis=0)
     assert (change <= np.array(BehaviourParams().max_joint_accelerations) * DT + 1e-12).all()
 
 
-def test_tracks_are_left_alone(good):
-    assert all((moment.command.tracks == 0.0).all() for moment in good.moments)
+def test_tracks_stand_still(good):
+    assert all((step.command.tracks == 0.0).all() for step in good.steps)
 
 
-def test_reports_tell_how_each_cycle_went(good):
-    first, second = good.operator.reports
+def test_report_holds_the_fills_of_each_cycle(good):
+    first, second = good.dig_cycle.reports
     assert (first.number, second.number) == (1, 2)
     assert (first.num_passes, second.num_passes) == (1, 1)
     assert first.planned_volume == pytest.approx(MACHINE.bucket.heaped_capacity, rel=0.1)
@@ -97,127 +99,130 @@ def test_reports_tell_how_each_cycle_went(good):
     assert first.residual_fill <= BehaviourParams().empty_threshold
 
 
-def test_durations_are_those_of_the_cycles_and_not_of_what_was_before(good):
-    durations = [report.duration for report in good.operator.reports]
-    assert sum(durations) == pytest.approx(len(good.moments) * DT, abs=2 * DT)
+def test_durations_do_not_include_the_time_before_the_first_cycle(good):
+    durations = [report.duration for report in good.dig_cycle.reports]
+    assert sum(durations) == pytest.approx(len(good.steps) * DT, abs=2 * DT)
     assert durations[1] == pytest.approx(durations[0], abs=5.0)
 
 
-def test_bucket_that_is_not_full_digs_again():
-    dig = toy(fills=(0.5, 0.9)).run()
-    assert dig.phases == [*ROUND, *ROUND, "swing", "dump"]
-    assert dig.operator.reports[0].num_passes == 2
-    assert dig.operator.reports[0].carried_fill == 0.9
+def test_bucket_that_is_not_full_digs_another_pass():
+    dig = kinematic_dig(fills=(0.5, 0.9)).run()
+    assert dig.phases == [*PASS, *PASS, "swing", "dump"]
+    assert dig.dig_cycle.reports[0].num_passes == 2
+    assert dig.dig_cycle.reports[0].carried_fill == 0.9
 
 
-def test_another_pass_keeps_what_is_in_the_bucket():
-    dig = toy(fills=(0.5, 0.9)).run()
-    again = [moment for moment in dig.during("reach") if moment.num_passes == 1]
-    high = [moment for moment in again if moment.lip[2] > 1.0]
-    assert high  # on its way over the ground
-    for moment in high:
-        assert ARM.bucket_pose(moment.seen).attitude > ARM.level_attitude - 1.4
+def test_loaded_bucket_stays_level_on_its_way_to_another_pass():
+    dig = kinematic_dig(fills=(0.5, 0.9)).run()
+    second_reach = [step for step in dig.during("reach") if step.num_passes == 1]
+    high = [step for step in second_reach if step.lip[2] > 1.0]
+    assert high
+    for step in high:
+        assert ARM.bucket_pose(step.observed).attitude > ARM.level_attitude - 1.4
 
 
-@pytest.mark.parametrize("most", [1, 3])
-def test_bucket_that_never_fills_is_carried_after_the_most_passes(most):
-    dig = toy(fills=(0.3,), params={"max_passes": most}).run()
-    assert dig.phases == [*ROUND * most, "swing", "dump"]
-    assert (dig.operator.reports[0].num_passes, dig.operator.reports[0].carried_fill) == (most, 0.3)
+@pytest.mark.parametrize("max_passes", [1, 3])
+def test_bucket_that_never_fills_is_dumped_after_the_maximum_of_passes(max_passes):
+    dig = kinematic_dig(fills=(0.3,), params={"max_passes": max_passes}).run()
+    assert dig.phases == [*PASS * max_passes, "swing", "dump"]
+    report = dig.dig_cycle.reports[0]
+    assert (report.num_passes, report.carried_fill) == (max_passes, 0.3)
 
 
-def test_brimming_bucket_ends_the_drag_early(good):
-    overfill_threshold = toy(fills=(1.3,), drag_time=1.0).run()
-    in_time = [moment for moment in good.during("dig") if moment.num_passes == 1]
-    assert len(overfill_threshold.during("dig")) < 0.5 * len(in_time)
-    last = overfill_threshold.during("dig")[-1]
-    assert last.seen.fill == pytest.approx(BehaviourParams().overfill_threshold, abs=0.05)
+def test_overfull_bucket_ends_the_drag_early(good):
+    overfull = kinematic_dig(fills=(1.3,), drag_time=1.0).run()
+    full_drag = [step for step in good.during("dig") if step.num_passes == 1]
+    assert len(overfull.during("dig")) < 0.5 * len(full_drag)
+    last = overfull.during("dig")[-1]
+    assert last.observed.fill == pytest.approx(BehaviourParams().overfill_threshold, abs=0.05)
 
 
-def test_short_cycle_plans_more_next_time():
-    first, second = planned((0.5, 0.9, 0.9), params={"target_fill": 0.7})
+def test_cycle_plans_more_after_a_fill_that_was_too_small():
+    first, second = planned_volumes((0.5, 0.9, 0.9), params={"target_fill": 0.7})
     assert second == pytest.approx(1.1 * first, rel=0.03)
 
 
-def test_brimming_cycle_plans_less_next_time():
-    first, second = planned((1.3,), params={"target_fill": 0.9})
+def test_cycle_plans_less_after_an_overfull_bucket():
+    first, second = planned_volumes((1.3,), params={"target_fill": 0.9})
     assert second == pytest.approx(0.95 * first, rel=0.03)
 
 
-def test_good_cycle_plans_the_same_next_time(good):
-    first, second = (report.planned_volume for report in good.operator.reports)
+def test_cycle_plans_the_same_after_a_full_bucket(good):
+    first, second = (report.planned_volume for report in good.dig_cycle.reports)
     assert second == first
 
 
-def test_small_appetite_is_not_raised_by_a_brimming_bucket():
-    first, second = planned((1.3,), params={"target_fill": 0.4})
+def test_small_target_fill_is_not_raised_by_an_overfull_bucket():
+    first, second = planned_volumes((1.3,), params={"target_fill": 0.4})
     assert second <= first
 
 
-def test_dump_goes_on_until_the_bucket_is_empty_and_no_longer():
-    dig = toy(emptying=0.2, params={"dump_timeout": 60.0}).run()
+def test_dump_ends_when_the_bucket_is_empty():
+    dig = kinematic_dig(emptying_rate=0.2, params={"dump_timeout": 60.0}).run()
     dump = dig.during("dump")
-    assert dump[-1].seen.fill <= BehaviourParams().empty_threshold
-    assert dump[-2].seen.fill > BehaviourParams().empty_threshold
-    assert dig.operator.reports[0].residual_fill <= BehaviourParams().empty_threshold
+    assert dump[-1].observed.fill <= BehaviourParams().empty_threshold
+    assert dump[-2].observed.fill > BehaviourParams().empty_threshold
+    assert dig.dig_cycle.reports[0].residual_fill <= BehaviourParams().empty_threshold
 
 
-@pytest.mark.parametrize("wait", [1.0, 3.0])
-def test_dump_of_soil_that_sticks_is_given_up_after_the_wait(wait):
-    dig = toy(emptying=0.0, params={"dump_timeout": wait}).run()
-    open_ = ARM.level_attitude - BehaviourParams().dump_opening_angle
-    stood = [m for m in dig.during("dump") if abs(ARM.bucket_pose(m.seen).attitude - open_) < 0.02]
-    assert len(stood) * DT == pytest.approx(wait, abs=0.4)
-    assert dig.operator.reports[0].residual_fill == 0.9
+@pytest.mark.parametrize("timeout", [1.0, 3.0])
+def test_dump_of_adhering_soil_ends_after_the_timeout(timeout):
+    dig = kinematic_dig(emptying_rate=0.0, params={"dump_timeout": timeout}).run()
+    open_attitude = ARM.level_attitude - BehaviourParams().dump_opening_angle
+    open_steps = [
+        step
+        for step in dig.during("dump")
+        if abs(ARM.bucket_pose(step.observed).attitude - open_attitude) < 0.02
+    ]
+    assert len(open_steps) * DT == pytest.approx(timeout, abs=0.4)
+    assert dig.dig_cycle.reports[0].residual_fill == 0.9
 
 
-def test_machine_does_not_turn_all_the_way_round_to_dig_behind_it():
-    dig = toy(dig_azimuth=math.pi, dump_azimuth=-math.pi / 2).run(cycles=2)
-    swing = np.array([moment.seen.joints[0] for moment in dig.moments])
-    assert np.ptp(swing) < 1.5 * math.pi + 0.3  # from ahead to the dump, and a little overshoot
+def test_swing_takes_the_shorter_direction_to_a_dig_behind_the_machine():
+    dig = kinematic_dig(dig_azimuth=math.pi, dump_azimuth=-math.pi / 2).run(cycles=2)
+    swing = np.array([step.observed.joints[0] for step in dig.steps])
+    assert np.ptp(swing) < 1.5 * math.pi + 0.3
 
 
 def test_cycle_behind_the_machine_takes_as_long_as_one_ahead(good):
-    behind = toy(dig_azimuth=math.pi, dump_azimuth=-math.pi / 2).run(cycles=2)
-    durations = [dig.operator.reports[1].duration for dig in (behind, good)]
+    behind = kinematic_dig(dig_azimuth=math.pi, dump_azimuth=-math.pi / 2).run(cycles=2)
+    durations = [dig.dig_cycle.reports[1].duration for dig in (behind, good)]
     assert durations[0] == pytest.approx(durations[1], abs=1.0)
 
 
-def test_phase_does_not_change_before_its_motion_is_done():
-    held = toy(params={"dig_speed": 0.3}).run()
-    quick = toy(params={"dig_speed": 0.9}).run()
-    assert len(held.during("dig")) > 1.5 * len(quick.during("dig"))
+def test_phase_ends_when_its_motion_is_done():
+    slow = kinematic_dig(params={"dig_speed": 0.3}).run()
+    fast = kinematic_dig(params={"dig_speed": 0.9}).run()
+    assert len(slow.during("dig")) > 1.5 * len(fast.during("dig"))
 
 
-def leaning(dig: KinematicDig, fill: float, ticks: int = 20) -> np.ndarray:
-    """What it does once its machine leans forward by 0.2 rad: joint velocities."""
-    lean = math.cos(0.2), math.sin(0.2)
-    over = np.array([[lean[0], 0.0, lean[1]], [0.0, 1.0, 0.0], [-lean[1], 0.0, lean[0]]])
-    seen = replace(dig.moments[-1].seen, base_rotation=over, fill=fill)
+def pitched_forward(dig: KinematicDig, fill: float, ticks: int = 20) -> np.ndarray:
+    """Return the joint velocities [rad/s] commanded after the base pitches by 0.2 rad."""
+    observed = replace(dig.steps[-1].observed, base_rotation=tilted(pitch=0.2), fill=fill)
     for _ in range(ticks):
-        command = dig.operator.command(seen, DT)
+        command = dig.dig_cycle.command(observed, DT)
     return command.joints
 
 
-def test_machine_that_leans_under_its_load_lets_some_of_it_fall():
-    joints = leaning(toy().run_until("lift"), fill=0.9)
-    assert joints[3] < -0.2, "it opens"
-    assert joints[:3] == pytest.approx(np.zeros(3), abs=0.01), "and waits"
+def test_tilting_machine_spills_some_of_its_load():
+    joints = pitched_forward(kinematic_dig().run_until("lift"), fill=0.9)
+    assert joints[3] < -0.2, "the bucket opens"
+    assert joints[:3] == pytest.approx(np.zeros(3), abs=0.01), "the arm stops"
 
 
-def test_machine_that_leans_with_an_empty_bucket_goes_on():
-    dig = toy().run_until("lift")
-    assert leaning(dig, fill=0.0)[1] < -0.05, "it lifts"
+def test_tilting_machine_with_an_empty_bucket_continues():
+    dig = kinematic_dig().run_until("lift")
+    assert pitched_forward(dig, fill=0.0)[1] < -0.05, "the boom lifts"
 
 
-def test_floor_of_the_bucket_does_not_drag_over_the_ground_behind_the_lip():
-    moments = toy().run().during("dig")
+def test_floor_of_the_bucket_keeps_its_relief_angle():
+    steps = kinematic_dig().run().during("dig")
     (x, z) = MACHINE.bucket.profile[1]
-    level_attitude = min(moment.lip[2] for moment in moments[:-20]) + 0.04
-    drag = [moment for moment in moments if moment.lip[2] < level_attitude]
+    max_drag_height = min(step.lip[2] for step in steps[:-20]) + 0.04
+    drag = [step for step in steps if step.lip[2] < max_drag_height]
     assert len(drag) > 40
-    for moment in drag[: int(0.8 * len(drag))]:  # then it goes up, and may lie flat
-        seen = moment.seen
-        rotation, pin = tool_pose(MACHINE, seen.base_position, np.eye(3), seen.joints)
-        floor = moment.lip - (pin + rotation @ np.array([x, 0.0, z]))
-        assert floor[2] < 0.0, "the heel is higher than the lip"
+    for step in drag[: int(0.8 * len(drag))]:  # without the exit
+        observed = step.observed
+        rotation, pin = tool_pose(MACHINE, observed.base_position, np.eye(3), observed.joints)
+        floor = step.lip - (pin + rotation @ np.array([x, 0.0, z]))
+        assert floor[2] < 0.0, "the heel is above the lip"

@@ -1,4 +1,4 @@
-"""ObservationBuilder: a view made of what topics told, and what moves in it."""
+"""ObservationBuilder: an observation from the messages of a tick, and motion of soil."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ BASE = BaseState((1.0, 2.0, 0.5), (0.0, 0.0, HALF, HALF), (9, 9, 9), (9, 9, 9))
 
 
 def build(
-    eyes: ObservationBuilder, *, revision: int = 0, particles: int = 0, in_flight: int = 0
+    builder: ObservationBuilder, *, revision: int = 0, particles: int = 0, in_flight: int = 0
 ) -> Observation:
     terrain = TerrainSnapshot(GRID, np.full(GRID.shape, 0.25), revision)
     ledger = Ledger(3, 10, in_flight, 0, particles, 0, 0, 10)
     payload = PayloadState(bank=0.4, loose=0.5, mass=700.0, fill=0.6)
-    return eyes.build(1.5, [0.1, 0.2, 0.3, 0.4], BASE, payload, terrain, ledger)
+    return builder.build(1.5, [0.1, 0.2, 0.3, 0.4], BASE, payload, terrain, ledger)
 
 
-def test_a_view_shows_what_was_told() -> None:
+def test_observation_holds_the_values_of_the_messages() -> None:
     observation = build(ObservationBuilder())
     assert observation.time == 1.5
     assert observation.joints.tolist() == [0.1, 0.2, 0.3, 0.4]
@@ -37,31 +37,31 @@ def test_a_view_shows_what_was_told() -> None:
     assert observation.surface_heights(np.zeros(1), np.zeros(1)) == pytest.approx(0.25)
 
 
-def test_ground_that_does_not_change_lies_still_from_the_second_look_on() -> None:
-    eyes = ObservationBuilder()
-    assert build(eyes).is_soil_moving  # it cannot know yet
-    assert not build(eyes).is_soil_moving
+def test_unchanged_terrain_is_at_rest_from_the_second_observation_on() -> None:
+    builder = ObservationBuilder()
+    assert build(builder).is_soil_moving  # nothing to compare with
+    assert not build(builder).is_soil_moving
 
 
-def test_ground_that_changed_moves() -> None:
-    eyes = ObservationBuilder()
-    build(eyes)
-    assert build(eyes, revision=1).is_soil_moving
-    assert not build(eyes, revision=1).is_soil_moving
+def test_changed_terrain_is_moving() -> None:
+    builder = ObservationBuilder()
+    build(builder)
+    assert build(builder, revision=1).is_soil_moving
+    assert not build(builder, revision=1).is_soil_moving
 
 
 @pytest.mark.parametrize("soil", [{"particles": 5}, {"in_flight": 5}, {"in_flight": -5}])
-def test_soil_that_is_not_terrain_yet_moves(soil: dict[str, int]) -> None:
-    eyes = ObservationBuilder()
-    build(eyes)
-    assert build(eyes, **soil).is_soil_moving
-    assert not build(eyes).is_soil_moving
+def test_soil_that_is_not_terrain_is_moving(soil: dict[str, int]) -> None:
+    builder = ObservationBuilder()
+    build(builder)
+    assert build(builder, **soil).is_soil_moving
+    assert not build(builder).is_soil_moving
 
 
-def test_a_view_is_not_changed_by_what_is_told_later() -> None:
-    eyes, joints = ObservationBuilder(), np.array([0.1, 0.2, 0.3, 0.4])
+def test_observation_copies_its_arrays() -> None:
+    builder, joints = ObservationBuilder(), np.array([0.1, 0.2, 0.3, 0.4])
     terrain = TerrainSnapshot(GRID, np.zeros(GRID.shape), 0)
     ledger = Ledger(3, 0, 0, 0, 0, 0, 0, 0)
-    observation = eyes.build(0.0, joints, BASE, PayloadState(0, 0, 0, 0), terrain, ledger)
+    observation = builder.build(0.0, joints, BASE, PayloadState(0, 0, 0, 0), terrain, ledger)
     joints[:] = 9.0
     assert observation.joints.tolist() == [0.1, 0.2, 0.3, 0.4]

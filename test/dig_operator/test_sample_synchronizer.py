@@ -1,4 +1,4 @@
-"""Moments: what topics told of one tick, once it is whole."""
+"""SampleSynchronizer: the messages of a tick, once they are complete."""
 
 from __future__ import annotations
 
@@ -19,110 +19,110 @@ def ledger(tick: int) -> Ledger:
     return Ledger(tick, 0, 0, 0, 0, 0, 0, 0)
 
 
-def tell(gatherer: SampleSynchronizer, tick: int, *parts: str) -> None:
-    """Tell some parts of a tick, all if none is named."""
+def add(synchronizer: SampleSynchronizer, tick: int, *parts: str) -> None:
+    """Add messages of a tick, all if none is named."""
     for part in parts or PARTS:
         if part == "joints":
-            gatherer.add_joints(tick, [float(tick)] * 4)
+            synchronizer.add_joints(tick, [float(tick)] * 4)
         elif part == "base":
-            gatherer.add_base(tick, BASE)
+            synchronizer.add_base(tick, BASE)
         elif part == "payload":
-            gatherer.add_payload(tick, PAYLOAD)
+            synchronizer.add_payload(tick, PAYLOAD)
         else:
-            gatherer.add_ledger(ledger(tick))
+            synchronizer.add_ledger(ledger(tick))
 
 
-def test_a_whole_moment_is_given_once() -> None:
-    gatherer = SampleSynchronizer(every_tick=True)
-    tell(gatherer, 4)
-    moment = gatherer.pop_next(4)
-    assert moment is not None
-    assert (moment.tick, moment.joints, moment.base) == (4, [4.0] * 4, BASE)
-    assert (moment.payload, moment.ledger) == (PAYLOAD, ledger(4))
-    assert gatherer.pop_next(4) is None
+def test_complete_sample_is_returned_once() -> None:
+    synchronizer = SampleSynchronizer(every_tick=True)
+    add(synchronizer, 4)
+    sample = synchronizer.pop_next(4)
+    assert sample is not None
+    assert (sample.tick, sample.joints, sample.base) == (4, [4.0] * 4, BASE)
+    assert (sample.payload, sample.ledger) == (PAYLOAD, ledger(4))
+    assert synchronizer.pop_next(4) is None
 
 
 @pytest.mark.parametrize("missing", PARTS)
-def test_no_moment_lacks_a_part(missing: str) -> None:
-    gatherer = SampleSynchronizer(every_tick=True)
-    tell(gatherer, 4, *(part for part in PARTS if part != missing))
-    assert gatherer.pop_next(4) is None
-    tell(gatherer, 4, missing)
-    assert gatherer.pop_next(4) is not None
+def test_incomplete_sample_is_not_returned(missing: str) -> None:
+    synchronizer = SampleSynchronizer(every_tick=True)
+    add(synchronizer, 4, *(part for part in PARTS if part != missing))
+    assert synchronizer.pop_next(4) is None
+    add(synchronizer, 4, missing)
+    assert synchronizer.pop_next(4) is not None
 
 
 @pytest.mark.parametrize("order", list(permutations(PARTS)))
-def test_parts_come_in_any_order(order: tuple[str, ...]) -> None:
-    gatherer = SampleSynchronizer(every_tick=True)
-    taken = []
+def test_messages_arrive_in_any_order(order: tuple[str, ...]) -> None:
+    synchronizer = SampleSynchronizer(every_tick=True)
+    is_complete = []
     for part in order:
-        tell(gatherer, 7, part)
-        taken.append(gatherer.pop_next(7) is not None)
-    assert taken == [False, False, False, True]
+        add(synchronizer, 7, part)
+        is_complete.append(synchronizer.pop_next(7) is not None)
+    assert is_complete == [False, False, False, True]
 
 
 @pytest.mark.parametrize("old", PARTS)
-def test_parts_of_different_ticks_make_no_moment(old: str) -> None:
-    gatherer = SampleSynchronizer(every_tick=True)
-    tell(gatherer, 4)
-    gatherer.pop_next(4)
-    tell(gatherer, 5, *(part for part in PARTS if part != old))
-    assert gatherer.pop_next(5) is None
+def test_messages_of_different_ticks_make_no_sample(old: str) -> None:
+    synchronizer = SampleSynchronizer(every_tick=True)
+    add(synchronizer, 4)
+    synchronizer.pop_next(4)
+    add(synchronizer, 5, *(part for part in PARTS if part != old))
+    assert synchronizer.pop_next(5) is None
 
 
-def test_the_terrain_must_not_be_older() -> None:
-    gatherer = SampleSynchronizer(every_tick=True)
-    tell(gatherer, 4)
-    assert gatherer.pop_next(3) is None
-    assert gatherer.pop_next(4) is not None
+def test_terrain_must_not_be_older_than_the_sample() -> None:
+    synchronizer = SampleSynchronizer(every_tick=True)
+    add(synchronizer, 4)
+    assert synchronizer.pop_next(3) is None
+    assert synchronizer.pop_next(4) is not None
 
 
-def test_the_first_ledger_that_is_not_older_is_taken() -> None:
-    gatherer = SampleSynchronizer(every_tick=True)
-    tell(gatherer, 4, "joints", "base", "payload")
+def test_first_ledger_that_is_not_older_is_used() -> None:
+    synchronizer = SampleSynchronizer(every_tick=True)
+    add(synchronizer, 4, "joints", "base", "payload")
     for tick in (3, 5, 6):
-        gatherer.add_ledger(ledger(tick))
-    moment = gatherer.pop_next(9)
-    assert moment is not None
-    assert (moment.tick, moment.ledger.tick) == (4, 5)
+        synchronizer.add_ledger(ledger(tick))
+    sample = synchronizer.pop_next(9)
+    assert sample is not None
+    assert (sample.tick, sample.ledger.tick) == (4, 5)
 
 
-def test_every_moment_is_given_in_order() -> None:
-    gatherer = SampleSynchronizer(every_tick=True)
+def test_every_sample_is_returned_in_order() -> None:
+    synchronizer = SampleSynchronizer(every_tick=True)
     for tick in (4, 6, 8):
-        tell(gatherer, tick)
-    given = [gatherer.pop_next(8) for _ in range(4)]
-    assert [(m.tick, m.ledger.tick) for m in given if m] == [(4, 4), (6, 6), (8, 8)]
-    tell(gatherer, 5)
-    assert gatherer.pop_next(8) is None
+        add(synchronizer, tick)
+    samples = [synchronizer.pop_next(8) for _ in range(4)]
+    assert [(s.tick, s.ledger.tick) for s in samples if s] == [(4, 4), (6, 6), (8, 8)]
+    add(synchronizer, 5)
+    assert synchronizer.pop_next(8) is None
 
 
-def test_where_not_every_one_counts_the_newest_is_given_and_none_before_it_after() -> None:
-    gatherer = SampleSynchronizer(every_tick=False)
-    tell(gatherer, 4)
-    tell(gatherer, 6)
-    moment = gatherer.pop_next(6)
-    assert moment is not None
-    assert moment.tick == 6
-    tell(gatherer, 5)
-    assert gatherer.pop_next(6) is None
+def test_newest_sample_is_returned_and_older_ones_are_dropped_in_real_time() -> None:
+    synchronizer = SampleSynchronizer(every_tick=False)
+    add(synchronizer, 4)
+    add(synchronizer, 6)
+    sample = synchronizer.pop_next(6)
+    assert sample is not None
+    assert sample.tick == 6
+    add(synchronizer, 5)
+    assert synchronizer.pop_next(6) is None
 
 
-def test_where_not_every_one_counts_terrain_and_ledger_may_be_older() -> None:
-    gatherer = SampleSynchronizer(every_tick=False)
-    tell(gatherer, 4, "joints", "base", "payload")
-    gatherer.add_ledger(ledger(2))
-    assert gatherer.pop_next(-1) is None
-    moment = gatherer.pop_next(2)
-    assert moment is not None
-    assert (moment.tick, moment.ledger.tick) == (4, 2)
+def test_terrain_and_ledger_may_be_older_in_real_time() -> None:
+    synchronizer = SampleSynchronizer(every_tick=False)
+    add(synchronizer, 4, "joints", "base", "payload")
+    synchronizer.add_ledger(ledger(2))
+    assert synchronizer.pop_next(-1) is None
+    sample = synchronizer.pop_next(2)
+    assert sample is not None
+    assert (sample.tick, sample.ledger.tick) == (4, 2)
 
 
 @pytest.mark.parametrize("every_tick", [True, False])
-def test_what_is_never_made_whole_is_forgotten(every_tick: bool) -> None:
-    gatherer = SampleSynchronizer(every_tick=every_tick)
+def test_number_of_incomplete_samples_is_limited(every_tick: bool) -> None:
+    synchronizer = SampleSynchronizer(every_tick=every_tick)
     for tick in range(10_000):
-        tell(gatherer, tick, "joints", "ledger")
-    assert len(gatherer._partial_samples) + len(gatherer._ledgers) < 300
-    tell(gatherer, 10_000)
-    assert gatherer.pop_next(10_000) is not None
+        add(synchronizer, tick, "joints", "ledger")
+    assert synchronizer.num_pending < 300
+    add(synchronizer, 10_000)
+    assert synchronizer.pop_next(10_000) is not None

@@ -1,4 +1,4 @@
-"""What an operator takes from the terrain: where to dig, how high to swing and to dump."""
+"""TerrainSurvey: where to dig, how high to swing and to dump."""
 
 import math
 from dataclasses import replace
@@ -16,22 +16,23 @@ DIG, DUMP = 0.0, math.pi / 2
 
 
 def heap_at(azimuth: float, height: float):
-    """A heap where the bucket passes over, `azimuth` [rad] from the dig."""
+    """Return a heap on the path of the bucket, `azimuth` [rad] from the dig."""
     r = PARAMS.dump_radius
     return cone(r * math.cos(azimuth), r * math.sin(azimuth), height)
 
 
-@pytest.mark.parametrize("middle", [0.0, 2.0])
+@pytest.mark.parametrize("sector_azimuth", [0.0, 2.0])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_operator_digs_on_the_side_that_is_higher(middle, side):
+def test_azimuth_is_on_the_higher_side_of_the_sector(sector_azimuth, side):
     def rises_sideways(x, y):
-        return side * 0.2 * (y * math.cos(middle) - x * math.sin(middle))
+        return side * 0.2 * (y * math.cos(sector_azimuth) - x * math.sin(sector_azimuth))
 
-    chosen = SURVEY.highest_ground_azimuth(observation(surface=rises_sideways), middle)
-    assert chosen == pytest.approx(middle + side * PARAMS.dig_sector_half_width)
+    observed = observation(surface=rises_sideways)
+    azimuth = SURVEY.highest_ground_azimuth(observed, sector_azimuth)
+    assert azimuth == pytest.approx(sector_azimuth + side * PARAMS.dig_sector_half_width)
 
 
-def test_operator_digs_straight_ahead_where_the_ground_is_even():
+def test_azimuth_is_the_middle_of_the_sector_on_level_ground():
     assert SURVEY.highest_ground_azimuth(observation(), 0.7) == 0.7
 
 
@@ -41,32 +42,32 @@ def test_swing_over_level_ground_keeps_its_clearance():
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 0.8, DUMP])
-def test_swing_clears_a_heap_on_its_way(azimuth):
+def test_swing_clears_a_heap_on_its_path(azimuth):
     height = SURVEY.swing_clearance_height(observation(surface=heap_at(azimuth, 1.5)), DIG, DUMP)
     assert height - ARM.depth_below_pin >= 1.5 + 0.8 * PARAMS.clearance
 
 
-def test_swing_does_not_rise_for_a_heap_that_is_not_on_its_way():
-    seen = observation(surface=heap_at(-0.5 * math.pi, 2.0))
-    assert SURVEY.swing_clearance_height(seen, DIG, DUMP) == SURVEY.swing_clearance_height(
+def test_swing_ignores_a_heap_beside_its_path():
+    observed = observation(surface=heap_at(-0.5 * math.pi, 2.0))
+    assert SURVEY.swing_clearance_height(observed, DIG, DUMP) == SURVEY.swing_clearance_height(
         observation(), DIG, DUMP
     )
 
 
-def test_swing_looks_the_short_way_around():
-    seen = observation(surface=heap_at(math.pi, 2.0))
-    assert SURVEY.swing_clearance_height(seen, 3.0, -3.0) > 2.0
+def test_swing_takes_the_shorter_direction():
+    observed = observation(surface=heap_at(math.pi, 2.0))
+    assert SURVEY.swing_clearance_height(observed, 3.0, -3.0) > 2.0
     assert SURVEY.swing_clearance_height(observation(surface=heap_at(0.0, 2.0)), 3.0, -3.0) < 2.0
 
 
-def test_open_bucket_clears_the_heap_that_it_dumps_on():
+def test_opening_bucket_clears_the_heap_below_it():
     for height in (0.0, 0.5, 1.0, 1.5):
         pin = SURVEY.dump_clearance_height(observation(surface=heap_at(DUMP, height)), DUMP)
         min_height = pin - MACHINE.bucket.tip_radius
         assert min_height - height == pytest.approx(PARAMS.clearance, abs=0.15)
 
 
-def test_reach_on_level_ground_is_what_the_operator_wants():
+def test_reach_on_level_ground_is_that_of_the_parameters():
     dig_reach = SURVEY.dig_reach(
         observation(position=(0.0, 0.0, 0.4)), DIG, ARM.attitude_for_attack_angle(0.45)
     )
@@ -79,17 +80,23 @@ def test_reach_on_level_ground_is_what_the_operator_wants():
 
 
 @pytest.mark.parametrize("surface", [flat, lambda x, y: -0.25 * x, lambda x, y: 0.3 * x])
-def test_lip_can_be_put_on_the_ground_at_the_far_end_of_the_reach(surface):
-    greedy = replace(PARAMS, max_radius=12.0)
-    seen = observation(surface=surface)
+def test_lip_reaches_the_ground_at_the_maximum_radius(surface):
+    long_reach = replace(PARAMS, max_radius=12.0)
+    observed = observation(surface=surface)
     entry = ARM.attitude_for_attack_angle(PARAMS.entry_angle)
-    max_radius = TerrainSurvey(ARM, greedy, MACHINE.bucket).dig_reach(seen, DIG, entry).max_radius
+    max_radius = (
+        TerrainSurvey(ARM, long_reach, MACHINE.bucket).dig_reach(observed, DIG, entry).max_radius
+    )
     assert 6.5 < max_radius < 10.0
     ground = float(surface(np.array([max_radius]), np.zeros(1))[0])
-    for above in (PARAMS.clearance, -PARAMS.max_cut_depth):
-        at = lip(
-            seen,
-            ARM.joint_angles(seen, ARM.pose_with_lip_at(DIG, max_radius, ground + above, entry)),
+    for offset in (PARAMS.clearance, -PARAMS.max_cut_depth):
+        position = lip(
+            observed,
+            ARM.joint_angles(
+                observed, ARM.pose_with_lip_at(DIG, max_radius, ground + offset, entry)
+            ),
         )
-        assert at[0] == pytest.approx(max_radius, abs=0.31)  # as far as a pin may be pulled in
-        assert at[2] == pytest.approx(ground + above)
+        assert position[0] == pytest.approx(
+            max_radius, abs=0.31
+        )  # the most by which a pin is moved inward
+        assert position[2] == pytest.approx(ground + offset)

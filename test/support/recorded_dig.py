@@ -75,7 +75,7 @@ class RecordedDig:
         self._publish_diagnostics()
 
     def _instrument(self, run: SingleProcessDig) -> None:
-        step, command = run.world.step, run.operator.command
+        step, command = run.world.step, run.task.command
 
         def stepped():
             ledger = step()
@@ -84,14 +84,14 @@ class RecordedDig:
 
         def commanded(view, dt):
             made = command(view, dt)
-            shift = run.operator
+            shift = run.task
             now = {"cycle": shift.cycle, "phase": shift.phase, "abort_reason": shift.abort_reason}
             if json.dumps(now) != self._last_phase:
                 self._last_phase = json.dumps(now)
                 self._publish("operator/phase", String(data=json.dumps({"time": view.time, **now})))
             return made
 
-        run.world.step, run.operator.command = stepped, commanded
+        run.world.step, run.task.command = stepped, commanded
 
     def _publish(self, name: str, message: Any) -> None:
         self.recording.add(f"/excavator/{name}", message)

@@ -1,0 +1,40 @@
+"""OperatorPhase: the phases of the operator's tasks."""
+
+from __future__ import annotations
+
+import enum
+
+__all__ = ["OperatorPhase"]
+
+
+class OperatorPhase(str, enum.Enum):
+    """Phase of an operator's task; the value is its name in topics, diagnostics and pictures."""
+
+    # Excavator, `DigTask`: drive to the dig, wait until the base is at rest.
+    APPROACH = "approach"
+    BRACE = "brace"
+    # Excavator, `DigCycle`, in this order.
+    REACH = "reach"
+    DIG = "dig"
+    CURL = "curl"
+    LIFT = "lift"
+    SWING = "swing"
+    DUMP = "dump"
+    # Excavator, `DigTask`: wait until all soil is at rest.
+    SETTLE = "settle"
+    # Road header, `FaceCuttingTask`.
+    START = "start"
+    SUMP = "sump"
+    SLEW = "slew"
+    RISE = "rise"
+    LOWER = "lower"
+    BACK = "back"
+    # Both.
+    DONE = "done"
+
+    # As in enum.StrEnum of Python 3.11: print the value and not the member's name.
+    def __str__(self) -> str:
+        return str(self.value)
+
+    def __format__(self, format_spec: str) -> str:
+        return format(self.value, format_spec)
