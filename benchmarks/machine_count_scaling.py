@@ -76,7 +76,9 @@ def run_machines(
         FaceCuttingTask(machine, FaceCuttingParams(rounds=100, timeout=1e6))
         if kind == "road_header"
         else DigTask(
-            machine, BehaviourParams(), DigTaskParams(cycles=100, approach_distance=0.5, timeout=1e6)
+            machine,
+            BehaviourParams(),
+            DigTaskParams(cycles=100, approach_distance=0.5, timeout=1e6),
         )
         for _ in places
     ]
