@@ -2,6 +2,8 @@
 
 import itertools
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -96,3 +98,37 @@ def test_key_does_not_change_with_prose_and_unrelated_code(package, module, sour
 def test_keys_of_kernels_that_use_other_modules_differ(package):
     digests = CodeDigests({package.name})
     assert digests.digest(f"{package.name}.callee") != digests.digest(f"{package.name}.constants")
+
+
+POINT = """\
+from typing import NamedTuple
+from msg_bridge.kernels import kernel
+
+class Point(NamedTuple):
+    x: float
+
+@kernel
+def double(point):
+    return 2.0 * point.x
+
+print(double(Point(1.5)))
+"""
+
+
+def test_cache_entry_with_a_type_that_was_renamed_is_compiled_again(tmp_path):
+    script = tmp_path / "script.py"
+    root = Path(__file__).parents[3]
+    for source in (POINT, POINT.replace("Point", "Position")):
+        script.write_text(source)
+        done = subprocess.run(
+            [sys.executable, "-c", "import script"],
+            env={
+                **os.environ,
+                "PYTHONPATH": f"{tmp_path}:{root}",
+                "NUMBA_CACHE_DIR": str(tmp_path),
+            },
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, done.stderr
+        assert done.stdout == "3.0\n"
