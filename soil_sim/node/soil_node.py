@@ -83,7 +83,7 @@ class SoilNode(SimNode):
         self.diagnostics = Diagnostics(self, "soil_sim")
         self.diagnostics.add_task(self._diagnose)
         noisy = self._soil_params.surface_tilt_noise > 0.0
-        self._publishers = SoilPublishers(
+        self._soil_publishers = SoilPublishers(
             self,
             design=self._site.design is not None,
             tilt=surface_tilt(self._soil_params, self._site.grid) if noisy else None,
@@ -136,13 +136,13 @@ class SoilNode(SimNode):
         tick, stamp, soil = done.ledger.tick, self._stamp(), self.run.endpoint.soil
         self._last_tick_time = time.monotonic()
         self._transport.send(self.run.endpoint.drain_outbox(), stamp)
-        self._publishers.tick(done.ledger, stamp)
+        self._soil_publishers.tick(done.ledger, stamp)
         if tick >= self._next_map_tick:
             self._next_map_tick = tick + self._period_in_ticks(self._map_period)
             if soil.revision != self._map_revision:
                 self._publish_terrain(stamp)
         if tick % self._period_in_ticks(self._params.hash_period) == 0:
-            self._publishers.state_hash(tick, soil.state_hash())
+            self._soil_publishers.state_hash(tick, soil.state_hash())
         for reason in done.step.rejected_tools:
             self.diagnostics.reject("/soil/tool_sweeps", reason)
         if done.ledger.imbalance:
@@ -169,20 +169,20 @@ class SoilNode(SimNode):
         self._next_map_tick = self._map_revision = 0
         self._last_tick_time = time.monotonic()
         self._last_rate_sample = (0, self._last_tick_time)
-        self._publishers.begin(self._terrain(), self._run_config(), self._stamp())
+        self._soil_publishers.begin(self._terrain(), self._run_config(), self._stamp())
         self._publish_cut_fill()
-        self._publishers.paused(self.run.paused)
+        self._soil_publishers.paused(self.run.paused)
 
     def _publish_terrain(self, stamp: Time) -> None:
         self._map_revision = self.run.endpoint.soil.revision
-        self._publishers.terrain(self._terrain(), stamp)
+        self._soil_publishers.terrain(self._terrain(), stamp)
         self._publish_cut_fill()
 
     def _publish_cut_fill(self) -> None:
         now = self.run.cut_fill
         if now is not None:
             seconds = max(self.run.tick, 0) * self._params.tick_period
-            self._publishers.cut_fill(
+            self._soil_publishers.cut_fill(
                 CutFillState(seconds, now.cut, now.fill, now.remaining, now.within_tolerance)
             )
 
@@ -192,7 +192,7 @@ class SoilNode(SimNode):
         return self._with_layers(Keyframe(run_id, soil.revision, *surface))
 
     def _send_keyframe(self, keyframe: Keyframe) -> None:
-        self._publishers.terrain(self._with_layers(keyframe), self._stamp())
+        self._soil_publishers.terrain(self._with_layers(keyframe), self._stamp())
 
     def _with_layers(self, keyframe: Keyframe) -> TerrainMap:
         """A keyframe with the layers of the columns, which are as they were when it was made."""
@@ -286,8 +286,8 @@ class SoilNode(SimNode):
         endpoint = self.run.endpoint
         endpoint.exchange.request_missing()
         if endpoint.exchange.ledger is not None:
-            self._publishers.tick(endpoint.exchange.ledger, self._stamp())
-            self._publishers.state_hash(endpoint.tick, endpoint.soil.state_hash())
+            self._soil_publishers.tick(endpoint.exchange.ledger, self._stamp())
+            self._soil_publishers.state_hash(endpoint.tick, endpoint.soil.state_hash())
         if endpoint.soil.revision != self._map_revision:
             self._publish_terrain(self._stamp())
 
@@ -310,7 +310,7 @@ class SoilNode(SimNode):
 
     def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self.run.pause(bool(request.data))
-        self._publishers.paused(self.run.paused)
+        self._soil_publishers.paused(self.run.paused)
         state = "paused" if self.run.paused else "running"
         response.success, response.message = True, f"{state} at tick {self.run.tick}"
         self._advance()
