@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.machine.tools.bed import BedShape
+from machine_sim.machine.tools.blade import BladeShape
 from machine_sim.machine.tools.bucket import BucketShape
 from machine_sim.machine.tools.drum import DrumShape
 
@@ -104,7 +105,7 @@ class ContainerShape(ToolShape, Protocol):
 
 
 TOOL_SHAPES: dict[str, type[ToolShape]] = {
-    shape.kind: shape for shape in (BucketShape, DrumShape, BedShape)
+    shape.kind: shape for shape in (BucketShape, BladeShape, DrumShape, BedShape)
 }
 """Shape of each kind of tool, by its name in machine files."""
 

@@ -2,7 +2,7 @@
 
 - `interaction`: the protocol that every kind implements, and null objects
 - `plate_cutting`: what tools with a cutting edge have in common
-- `bucket`, `drum`, `bed`: one kind each; its shape is in `machine_sim.machine.tools`
+- `bucket`, `blade`, `drum`, `bed`: one kind each; its shape is in `machine_sim.machine.tools`
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Any
 
 from machine_sim.machine.tools.shapes import ToolShape
 from machine_sim.tool_soil.tools.bed import BedInteraction
+from machine_sim.tool_soil.tools.blade import BladeInteraction
 from machine_sim.tool_soil.tools.bucket import BucketInteraction
 from machine_sim.tool_soil.tools.drum import DrumInteraction
 from machine_sim.tool_soil.tools.interaction import (
@@ -32,6 +33,7 @@ __all__ = [
 
 TOOL_INTERACTIONS: dict[str, Callable[[Any, int], ToolInteraction]] = {
     "bucket": BucketInteraction,
+    "blade": BladeInteraction,
     "drum": DrumInteraction,
     "bed": BedInteraction,
 }
