@@ -28,6 +28,7 @@ from dig_operator.node_params import DigOperatorNodeParams
 from dig_operator.observation_builder import ObservationBuilder, TerrainSnapshot
 from dig_operator.params import BehaviourParams, DigTaskParams
 from dig_operator.sample_synchronizer import SampleSynchronizer, SyncedSample
+from dig_operator.usage import USAGE
 from machine_sim.commands import TRACK_NAMES
 from machine_sim.ground.contact_surface import surface_at
 from machine_sim.machine import load_machine_spec
@@ -267,7 +268,7 @@ def _joint_angles(msg: JointState, names: Sequence[str]) -> list[float]:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until its task has ended or it is stopped."""
-    return run_node(DigOperatorNode, args)
+    return run_node(DigOperatorNode, args, name="dig_operator", usage=USAGE)
 
 
 if __name__ == "__main__":

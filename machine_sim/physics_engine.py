@@ -1,8 +1,8 @@
 """Import pybullet without its banner; all modules of the package import it from here.
 
-When it is loaded, pybullet's C code prints "pybullet build time: ..." to the process's standard
-output, past `sys.stdout`. The banner would end up in the output of `--help` and of every tool that
-prints data for other programs, so file descriptor 1 points to the null device during the import.
+While it is loaded, pybullet's C code prints "pybullet build time: ..." to standard error or output,
+depending on its version. The banner would stand between the messages of every tool that uses the
+package, so both file descriptors point to the null device during the import.
 """
 
 from __future__ import annotations
@@ -11,33 +11,42 @@ import ctypes
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 __all__ = ["pybullet"]
 
+_STDOUT, _STDERR = 1, 2
+
+
+def _flush() -> None:
+    """Write out what Python and the C library have buffered."""
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.flush()
+    ctypes.CDLL(None).fflush(None)
+
 
 @contextmanager
-def _discard_standard_output() -> Iterator[None]:
-    """Send what C code writes to standard output to the null device while the block runs."""
-    libc = ctypes.CDLL(None)
-    if sys.stdout is not None:
-        sys.stdout.flush()
-    libc.fflush(None)
+def _discarded(descriptor: int) -> Iterator[None]:
+    """Redirect a file descriptor of the process to the null device while the block runs."""
     try:
-        saved = os.dup(1)
-    except OSError:  # the process has no standard output
+        saved = os.dup(descriptor)
+    except OSError:  # it is closed
         yield
         return
     null = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 1)
+    _flush()
+    os.dup2(null, descriptor)
     os.close(null)
     try:
         yield
     finally:
-        libc.fflush(None)  # a pipe is buffered: the banner is still in the C library's buffer
-        os.dup2(saved, 1)
+        _flush()
+        os.dup2(saved, descriptor)
         os.close(saved)
 
 
-with _discard_standard_output():
+with ExitStack() as _discarding:
+    _discarding.enter_context(_discarded(_STDOUT))
+    _discarding.enter_context(_discarded(_STDERR))
     import pybullet

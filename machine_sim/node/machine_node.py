@@ -30,6 +30,7 @@ from machine_sim.node.params import BinParams, MachineInstanceParams, MachineNod
 from machine_sim.node.sensor_publishers import SensorPublishers
 from machine_sim.node.shared_publishers import SharedPublishers
 from machine_sim.node.state_publishers import StatePublishers
+from machine_sim.node.usage import USAGE
 from machine_sim.params import MachineSimParams
 from machine_sim.sensors import SensorParams
 from msg_bridge.codec import qos
@@ -361,7 +362,7 @@ class MachineNode(SimNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until it is stopped."""
-    return run_node(MachineNode, args)
+    return run_node(MachineNode, args, name="machine_sim", usage=USAGE)
 
 
 if __name__ == "__main__":

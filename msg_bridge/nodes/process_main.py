@@ -1,14 +1,14 @@
-"""Runs one node as a process: arguments, signals, spinning, a clean end, and the exit code.
+"""Run one node as a process: help, arguments, signals, spinning, a clean end, and the exit code.
 
     def main() -> int:
-        return run_node(SoilNode)
+        return run_node(SoilNode, name="soil_sim", usage=USAGE)
 
-A node may have these, all optional:
+A node may have these attributes, all optional:
 
-- `finished`: true when it has nothing more to do; the process ends.
-- `stop()`: called once before the node is destroyed, whatever the process ends for.
-- `stopping`: true while `stop()` still needs messages; the node is spun on, for 2 s at most.
-- `exit_code`: what the process returns when nothing went wrong; 0 without it.
+- `finished`: true when the node has completed its work; the process ends.
+- `stop()`: called once before the node is destroyed, whatever the reason.
+- `stopping`: true while `stop()` still needs messages; the node is spun for 2 s at most.
+- `exit_code`: exit code of the process if no error occurred; 0 without it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from types import FrameType
 
 import rclpy
@@ -29,37 +28,55 @@ from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import ok, try_shutdown
+from rclpy.utilities import ok, remove_ros_args, try_shutdown
 
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.dds_profile import use_shipped_profile
+from msg_bridge.nodes.node_usage import NodeUsage
 from msg_bridge.nodes.ros_parameters import reject_unknown_overrides
 
 __all__ = ["EXIT_BAD_INPUT", "run_node"]
 
 EXIT_BAD_INPUT = 2
-"""Exit code when something the user gave is not good; one sentence on stderr tells what."""
+"""Exit code for invalid input of the user; one line on stderr gives the reason."""
 
-_SPIN_TIMEOUT = 0.1  # s; how soon a signal is seen while no message comes
+_SPIN_TIMEOUT = 0.1  # s; maximum delay of a signal while no message arrives
 _MAX_STOP_TIME = 2.0  # s
-_MAX_DELIVERY_TIME = 0.5  # s; then who does not acknowledge, does not get the last messages
-_SIGINT_DEBOUNCE_TIME = 0.5  # s; a terminal and a launcher may both pass on one Ctrl-C
+_MAX_DELIVERY_TIME = 0.5  # s; maximum wait for acknowledgements of the last messages
+_SIGINT_DEBOUNCE_TIME = 0.5  # s; terminal and launcher may both forward one Ctrl-C
 
 
-def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
-    """Make a node, spin it until it has finished or SIGINT or SIGTERM comes, and end cleanly.
+def run_node(
+    make_node: Callable[[], Node],
+    args: Sequence[str] | None = None,
+    *,
+    name: str,
+    usage: NodeUsage | None = None,
+) -> int:
+    """Make a node, spin it until it has finished or SIGINT or SIGTERM arrives, and end cleanly.
 
-    A second SIGINT ends the process at once. To be called from the main thread; from another one
-    it works without signals.
+    A second SIGINT ends the process at once. Signals are handled only in the main thread.
+    `-h` or `--help` prints the usage and exits without starting ROS.
 
     Args:
         make_node: makes the node in the default context, e.g. the node's class.
-        args: the command line with the program's name first, `sys.argv` by default.
+        args: command line with the program's name first, `sys.argv` by default.
+        name: name of the executable, for messages until there is a node.
+        usage: contents of the help text.
 
     Returns:
-        The exit code: the node's `exit_code`, or 2 if an `EarthmovingError` came out of
-        `make_node` or a callback; it is told in one line on stderr.
+        The exit code: the node's `exit_code`, or 2 for an unknown argument and for an
+        `EarthmovingError` of `make_node` or a callback; its message is one line on stderr.
     """
+    extra = _non_ros_arguments(sys.argv if args is None else args)
+    if usage is not None and {"-h", "--help"} & set(extra):
+        print(usage.text(name), flush=True)
+        return 0
+    if extra:
+        return _bad_input(
+            name,
+            f"unknown argument {extra[0]!r}; give parameters after --ros-args, see {name} --help",
+        )
     with _signals() as stopped:
         use_shipped_profile()
         try:
@@ -67,13 +84,13 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
                 args=None if args is None else list(args),
                 signal_handler_options=SignalHandlerOptions.NO,
             )
-        except RuntimeError as error:  # whatever rcl finds wrong with the arguments
+        except RuntimeError as error:  # rcl rejects the arguments
             return _bad_input(
-                _program(args),
-                f"the ROS arguments are not good ({error}); correct what follows --ros-args",
+                name,
+                f"the ROS arguments are invalid ({error}); correct what follows --ros-args",
             )
         try:
-            return _run(make_node, stopped, _program(args))
+            return _run(make_node, stopped, name)
         finally:
             try_shutdown()
 
@@ -84,8 +101,8 @@ def _run(make_node: Callable[[], Node], stopped: threading.Event, program: str) 
     except EarthmovingError as error:
         return _bad_input(program, error)
     name = node.get_name()
-    # All that was made so far, compilers and message types, stays: looking through it for garbage
-    # again and again would make ticks late.
+    # Compilers and message types made so far stay for good: collecting garbage among them would
+    # delay ticks.
     gc.collect()
     gc.freeze()
     executor = SingleThreadedExecutor()
@@ -96,7 +113,7 @@ def _run(make_node: Callable[[], Node], stopped: threading.Event, program: str) 
             reject_unknown_overrides(node)
             while not stopped.is_set() and not getattr(node, "finished", False):
                 executor.spin_once(timeout_sec=_SPIN_TIMEOUT)
-        except ExternalShutdownException:  # somebody called rclpy.shutdown()
+        except ExternalShutdownException:  # rclpy.shutdown() was called
             pass
         except EarthmovingError as error:
             code = _bad_input(name, error)
@@ -118,7 +135,7 @@ def _stop(node: Node, executor: SingleThreadedExecutor) -> None:
     deadline = time.monotonic() + _MAX_STOP_TIME
     while getattr(node, "stopping", False) and ok() and time.monotonic() < deadline:
         executor.spin_once(timeout_sec=_SPIN_TIMEOUT)
-    # What was published last, such as a machine's leave, is lost with its publisher.
+    # The last messages, such as a machine's LEAVE, would be lost with their publisher.
     deadline = time.monotonic() + _MAX_DELIVERY_TIME
     for publisher in list(node.publishers) if ok() else []:
         publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
@@ -126,9 +143,9 @@ def _stop(node: Node, executor: SingleThreadedExecutor) -> None:
 
 @contextmanager
 def _signals() -> Iterator[threading.Event]:
-    """An event that SIGINT and SIGTERM set while the block runs; then all is as before.
+    """Yield an event that SIGINT and SIGTERM set; restore the signal handlers afterwards.
 
-    Handlers do nothing else, since they run between any two steps of a callback.
+    The handlers do nothing else: they run between any two steps of a callback.
     """
     stopped = threading.Event()
     if threading.current_thread() is not threading.main_thread():
@@ -156,17 +173,19 @@ def _signals() -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
-def _program(args: Sequence[str] | None) -> str:
-    """What to call the process before it has a node: `soil_sim` for `python -m soil_sim.node.soil_node`."""
-    path = Path((args if args else sys.argv)[0])
-    if path.stem in ("node", "__main__"):
-        return path.parent.name
-    if path.parent.name == "node":
-        return path.parent.parent.name
-    return path.stem
+def _non_ros_arguments(args: Sequence[str]) -> list[str]:
+    """Return the arguments that are not for ROS, without the program's name.
+
+    Malformed ROS arguments give none: `rclpy.init` rejects them with a better message.
+    """
+    try:
+        return list(remove_ros_args(list(args)))[1:]
+    except RuntimeError:
+        return []
 
 
 def _bad_input(name: str, error: EarthmovingError | str) -> int:
+    """Print an error as one line on stderr, and return the exit code."""
     sentence = " ".join(str(error).split())
     print(f"{name}: {sentence}", file=sys.stderr, flush=True)
     return EXIT_BAD_INPUT

@@ -32,6 +32,7 @@ from msg_bridge.recorder.raw_subscriptions import (
     offered_qos,
 )
 from msg_bridge.recorder.recording import BagRecording, RecordedMessage
+from msg_bridge.recorder.usage import USAGE
 
 __all__ = ["RecorderNode", "main"]
 
@@ -266,7 +267,7 @@ def main(args: Sequence[str] | None = None) -> int:
     Returns:
         The exit code: 0, or 2 with a sentence on stderr.
     """
-    return run_node(_make, args)
+    return run_node(_make, args, name="exchange_recorder", usage=USAGE)
 
 
 def _make() -> RecorderNode:

@@ -35,6 +35,7 @@ from soil_sim.node.params import SoilNodeParams
 from soil_sim.node.soil_publishers import SoilPublishers
 from soil_sim.node.soil_run import SilentMachine, SoilRun
 from soil_sim.node.soil_transport import SoilTransport
+from soil_sim.node.usage import USAGE
 from soil_sim.site.site import SiteParams, make_site
 from soil_sim.slope_failure.noise import surface_tilt
 from soil_sim.soils.params import SoilParams
@@ -390,7 +391,7 @@ class SoilNode(SimNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until it is stopped."""
-    return run_node(SoilNode, args)
+    return run_node(SoilNode, args, name="soil_sim", usage=USAGE)
 
 
 if __name__ == "__main__":

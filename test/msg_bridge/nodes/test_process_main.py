@@ -17,6 +17,7 @@ from msg_bridge.codec.qos import STATE
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.parameters import Parameters, parameter
 from msg_bridge.nodes import process_main
+from msg_bridge.nodes.node_usage import NodeUsage
 from msg_bridge.nodes.process_main import run_node
 from msg_bridge.nodes.ros_parameters import declare_parameters
 from msg_bridge.testing.fixtures import StartProcess
@@ -79,7 +80,7 @@ DIGGER = [sys.executable, __file__]
 
 def run_here(*arguments: str, make_node: Callable[[], Node] = Digger) -> int:
     """Run a node in this process, in the test's domain."""
-    return run_node(make_node, ["/bin/digger", "--ros-args", *arguments])
+    return run_node(make_node, ["/bin/digger", "--ros-args", *arguments], name="digger")
 
 
 def lines(process: RosProcess) -> list[str]:
@@ -119,9 +120,7 @@ def test_a_finished_node_gives_the_exit_code(
 def test_bad_input_ends_a_process(ros_process: StartProcess) -> None:
     process = ros_process(DIGGER, parameters={"depth": 3})
     process.wait(expect=2)
-    assert lines(process) == [
-        "test_runtime: depth is 3.0 m; give a value from 0.0 to 2.0 m (how deep)"
-    ]
+    assert lines(process) == ["digger: depth is 3.0 m; give a value from 0.0 to 2.0 m (how deep)"]
 
 
 @pytest.mark.parametrize(
@@ -130,10 +129,10 @@ def test_bad_input_ends_a_process(ros_process: StartProcess) -> None:
         (["-p", "depth:=3"], "digger: depth is 3.0 m; give a value from 0.0 to 2.0 m (how deep)"),
         (["-p", "depht:=1.5"], "digger: /digger has no parameter depht (do you mean depth?); it "),
         (["-p", "depth:=deep"], "digger: depth is 'deep'; give a finite number (how deep)"),
-        (["-p", "depth"], "digger: the ROS arguments are not good ("),
-        (["--params-file", "none.yaml"], "digger: the ROS arguments are not good ("),
-        (["--frobnicate"], "digger: the ROS arguments are not good (['--frobnicate']); correct"),
-        (["-p", "act:=refuse"], "digger: the ground is frozen; wait for summer"),
+        (["-p", "depth"], "digger: the ROS arguments are invalid ("),
+        (["--params-file", "none.yaml"], "digger: the ROS arguments are invalid ("),
+        (["--frobnicate"], "digger: the ROS arguments are invalid (['--frobnicate']); correct"),
+        (["-p", "act:=reject"], "digger: the ground is frozen; wait for summer"),
     ],
 )
 def test_bad_input_gives_exit_code_2_and_one_sentence(
@@ -194,12 +193,36 @@ def test_a_node_can_be_run_beside_the_main_thread(ros_domain: int) -> None:
     assert codes == [3]
 
 
-def test_a_node_run_as_a_module_is_called_by_its_package(
-    ros_domain: int, capsys: pytest.CaptureFixture[str]
+USAGE = NodeUsage(
+    "Dig a hole.",
+    {"": DiggerParams},
+    subscriptions={"joy": "levers"},
+    publications={"said": "last words"},
+)
+
+
+def must_not_start() -> Node:
+    raise AssertionError("the node was started")
+
+
+@pytest.mark.parametrize("flag", ["-h", "--help"])
+def test_help_lists_parameters_and_topics_without_starting_ros(
+    capsys: pytest.CaptureFixture[str], flag: str
 ) -> None:
-    assert run_node(reject, ["/site-packages/soil_sim/node.py"]) == 2
-    assert capsys.readouterr().err == "soil_sim: no\n"
+    assert run_node(must_not_start, ["/bin/digger", flag], name="digger", usage=USAGE) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("usage: digger ")
+    assert "depth: float [m], 0 to 2, default 1.0\n      how deep\n" in text
+    assert all(word in text for word in ("Dig a hole.", "joy", "levers", "said", "last words"))
+
+
+@pytest.mark.parametrize("argument", ["--depth", "depth:=1", "file.yaml"])
+def test_unknown_argument_gives_exit_code_2(
+    capsys: pytest.CaptureFixture[str], argument: str
+) -> None:
+    assert run_node(must_not_start, ["/bin/digger", argument], name="digger", usage=USAGE) == 2
+    assert capsys.readouterr().err.startswith(f"digger: unknown argument {argument!r}; ")
 
 
 if __name__ == "__main__":
-    sys.exit(run_node(Digger))
+    sys.exit(run_node(Digger, name="digger"))

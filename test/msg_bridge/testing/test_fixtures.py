@@ -37,7 +37,7 @@ class Echo(Node):
         self.create_publisher(String, "said", LATCHED).publish(String(data=text))
         print("ready to echo", text)
 
-sys.exit(run_node(Echo))
+sys.exit(run_node(Echo, name="echo"))
 """
 
 

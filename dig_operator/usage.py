@@ -1,0 +1,32 @@
+"""Contents of `dig_operator --help`."""
+
+from __future__ import annotations
+
+from dig_operator.face_params import FaceCuttingParams
+from dig_operator.node_params import DigOperatorNodeParams
+from dig_operator.params import BehaviourParams, DigTaskParams
+from msg_bridge.nodes.node_usage import NodeUsage
+
+__all__ = ["USAGE"]
+
+USAGE = NodeUsage(
+    "Operate a machine through its topics: an excavator digs and dumps, a road header cuts a face."
+    " The node runs in the machine's namespace (-r __ns:=/excavator) and ends with its task.",
+    parameters={
+        "": DigOperatorNodeParams,
+        "behaviour.": BehaviourParams,
+        "task.": DigTaskParams,
+        "face.": FaceCuttingParams,
+    },
+    subscriptions={
+        "joint_states, odom, payload": "state of the machine",
+        "/terrain/map, /terrain/map_updates, /soil/tick": "terrain",
+        "/soil/ledger": "volume account, which ends a tick",
+        "/sim/config": "parameters of the run",
+    },
+    publications={
+        "joint_commands": "velocities of joints and tracks",
+        "operator/phase, operator/cycles": "phase of the task, result of each cycle (JSON)",
+        "/diagnostics": "condition of the node",
+    },
+)

@@ -1,0 +1,18 @@
+"""Contents of `exchange_recorder --help`."""
+
+from __future__ import annotations
+
+from msg_bridge.nodes.node_usage import NodeUsage
+from msg_bridge.recorder.params import RecorderParams
+
+__all__ = ["USAGE"]
+
+USAGE = NodeUsage(
+    "Record topics to an MCAP bag, byte by byte, and count lost messages.",
+    parameters={"": RecorderParams},
+    subscriptions={"(all)": "every topic that `include` matches and `exclude` does not"},
+    publications={
+        "/recorder/status": "state of the recording (JSON)",
+        "/diagnostics": "condition of the node",
+    },
+)
