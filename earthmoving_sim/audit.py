@@ -1,14 +1,15 @@
-"""Audit a recording: was one cubic millimetre of soil lost, made, or paid twice, at any tick?
+"""Audit a recording: was a cubic millimetre of soil lost, created or deposited twice, at any tick?
 
-Recomputes every account of soil from the rows, headers and terrain maps in the bag alone, and
-compares with the ledger that was published. Says what is missing, where, and what could not be
-checked. Exits with 0 if the bag is whole and every check was made and found nothing, else with 1.
+Recomputes all accounts of soil from the rows, headers and terrain maps in the bag alone, and
+compares them with the published ledger. Reports what is missing, where, and what could not be
+checked. Exits with 0 if the bag is complete and every check covered all ticks and found nothing,
+else with 1.
 """
 
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,20 +18,20 @@ if TYPE_CHECKING:
 
 __all__ = ["SUMMARY", "add_arguments", "run"]
 
-SUMMARY = "recompute from a bag where every mm3 of soil was, at every tick"
+SUMMARY = "recompute from a bag where all soil was at every tick, to the mm3"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The audit's options."""
-    parser.add_argument("bag", type=Path, help="a bag's folder, or an .mcap file")
+    """Add the arguments of `earthmoving audit`."""
+    parser.add_argument("bag", type=Path, help="folder of a bag, or an .mcap file")
     parser.add_argument("--json", action="store_true", help="print the whole report as JSON")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Audit and print; 0 if sound, else 1."""
+    """Audit the bag and print the report; return 0 if it passed, else 1."""
     from msg_bridge.audit.bag_audit import audit_bag
 
-    report = audit_bag(args.bag, _progress() if sys.stderr.isatty() else None)
+    report = audit_bag(args.bag, _print_progress if sys.stderr.isatty() else None)
     if args.json:
         print(json.dumps(report.to_dict(), indent=2))
     else:
@@ -38,53 +39,50 @@ def run(args: argparse.Namespace) -> int:
     return 0 if report.passed else 1
 
 
-def _progress() -> Callable[[float], None]:
-    def show(part: float) -> None:
-        end = "\n" if part >= 1.0 else "\r"
-        print(f"  reading {100.0 * part:3.0f} %", end=end, file=sys.stderr, flush=True)
-
-    return show
+def _print_progress(fraction: float) -> None:
+    end = "\n" if fraction >= 1.0 else "\r"
+    print(f"  reading {100.0 * fraction:3.0f} %", end=end, file=sys.stderr, flush=True)
 
 
 def _lines(report: "AuditReport") -> Iterator[str]:
-    """The report, to read."""
+    """Yield the lines of the printed report."""
     yield f"{report.path}: {report.messages:,} messages"
     for finding in report.findings:
         yield f"  ✗ {finding.text}"
-    for epoch in report.runs:
+    for run in report.runs:
         yield ""
-        yield from _run_lines(epoch)
+        yield from _run_lines(run)
     yield ""
     if report.passed:
-        yield "Sound: every check was made, and not 1 mm3 is missing or too much."
+        yield "Passed: every check was made, and not 1 mm3 is missing or too much."
     elif report.balanced:
-        yield "Not sound as a whole: what could be checked adds up, but see ✗ and ? above."
+        yield "Not passed: what could be checked adds up, but see ✗ and ? above."
     else:
-        yield "Not sound: see ✗ and ? above."
+        yield "Failed: see ✗ and ? above."
 
 
-def _run_lines(epoch: "RunReport") -> Iterator[str]:
-    yield f"epoch {epoch.run_id}"
-    if epoch.audited is not None:
-        yield f"  ticks     {epoch.ticks:,}, from {epoch.audited[0]} to {epoch.audited[1]}"
-    for name, count in epoch.rows.items():
-        again = epoch.duplicates.get(name, 0)
-        came = f", {again:,} of them came again" if again else ""
-        yield f"  rows      {name.lower():<12}{count:>14,}{came}"
-    for name, volume in epoch.moved_mm3.items():
+def _run_lines(run: "RunReport") -> Iterator[str]:
+    yield f"run {run.run_id}"
+    if run.audited is not None:
+        yield f"  ticks     {run.ticks:,}, from {run.audited[0]} to {run.audited[1]}"
+    for name, count in run.rows.items():
+        duplicates = run.duplicates.get(name, 0)
+        repeated = f", {duplicates:,} duplicates" if duplicates else ""
+        yield f"  rows      {name.lower():<16}{count:>14,}{repeated}"
+    for name, volume in run.moved_mm3.items():
         if volume:
-            yield f"  moved     {name.lower():<12}{volume:>22,} mm3"
-    if epoch.max_imbalance_mm3 is None:
+            yield f"  moved     {name.lower():<16}{volume:>22,} mm3"
+    if run.max_imbalance_mm3 is None:
         yield "  imbalance not computed"
     else:
-        where = f" (tick {epoch.max_imbalance_tick})" if epoch.max_imbalance_mm3 else ""
-        yield f"  imbalance {epoch.max_imbalance_mm3:+,} mm3 at worst, in any tick{where}"
-    failed = {finding.check for finding in epoch.findings}
-    for check in epoch.checks:
+        tick = f" (tick {run.max_imbalance_tick})" if run.max_imbalance_mm3 else ""
+        yield f"  imbalance {run.max_imbalance_mm3:+,} mm3 at most, over all ticks{tick}"
+    failed = {finding.check for finding in run.findings}
+    for check in run.checks:
         sign = "✗" if check.check in failed else "✓" if check.done else "?"
         done = "" if check.done else "not checked in full: "
-        yield f"  {sign} {check.check.value:<13} {done}{check.detail}"
-    for finding in epoch.findings:
+        yield f"  {sign} {check.check.value:<16} {done}{check.detail}"
+    for finding in run.findings:
         yield f"  → {finding.check.value}: {finding.text}"
-    for note in epoch.notes:
+    for note in run.notes:
         yield f"  note: {note}"

@@ -1,10 +1,7 @@
-"""The whole audit: read, follow, recompute, compare.
+"""Audit a bag: read, reconstruct, recompute, compare.
 
-Rows, headers and terrain maps are taken at their word and compared with one another; the ledger
-that the soil published is only compared with, never used, unless the bag begins in the middle of
-a run. The modules beside this one are its steps::
-
-    gather -> follow machines through the ticks -> window, gaps -> terrain -> accounts -> landings
+Rows, headers and terrain maps are compared with one another. The ledger that the soil published is
+only compared with, never used, unless the bag begins in the middle of a run.
 """
 
 from __future__ import annotations
@@ -16,17 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.audit.accounts import AccountsAudit, audit_accounts
-from msg_bridge.audit.audit_window import (
-    Window,
-    check_completeness,
-    find_audit_window,
-    order_all_streams,
-)
+from msg_bridge.audit.audit_window import Window, find_audit_window
 from msg_bridge.audit.collect import RunData, StreamKey, collect_messages
+from msg_bridge.audit.completeness import check_completeness
 from msg_bridge.audit.deposit_requests import audit_backlogs, audit_deposit_requests
-from msg_bridge.audit.membership import SoilTicks, build_timeline, find_release_rows
+from msg_bridge.audit.membership import build_timeline
 from msg_bridge.audit.numbered_rows import NumberedRows
+from msg_bridge.audit.released_rows import find_released_rows
 from msg_bridge.audit.report import AuditReport, Check, CheckResult, Finding, RunReport
+from msg_bridge.audit.soil_ticks import SoilTicks
+from msg_bridge.audit.streams import find_missing_streams, order_all_streams
 from msg_bridge.audit.terrain_volume import audit_terrain
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.contract.messages import Stream
@@ -36,67 +32,61 @@ __all__ = ["AuditReport", "audit_bag", "audit_run"]
 
 
 def audit_bag(path: str | Path, progress: Callable[[float], None] | None = None) -> AuditReport:
-    """Audit a bag.
+    """Audit all runs of a bag.
 
     Args:
         path: a folder with metadata.yaml, a folder of .mcap files, or one such file.
-        progress: told now and then which part [0, 1] is read.
+        progress: called now and then with the fraction read [0..1].
 
     Raises:
         BagReadError: it cannot be read.
     """
     reader = BagReader(path)
-    gathered = collect_messages(reader, progress)
+    collected = collect_messages(reader, progress)
     findings = [
-        Finding(Check.COMPLETENESS, f"{name} breaks off; what came after is lost")
+        Finding(Check.COMPLETENESS, f"{name} has no end; what came after its last chunk is lost")
         for name in reader.truncated
     ]
-    findings += gathered.findings
-    if not gathered.runs:
+    findings += collected.findings
+    if not collected.runs:
         text = "the bag has no rows, headers or terrain maps: there is nothing to audit"
         findings.append(Finding(Check.COMPLETENESS, text))
-    runs = [audit_run(number, data) for number, data in gathered.runs.items()]
-    return AuditReport(str(path), gathered.messages, reader.truncated, tuple(runs), tuple(findings))
+    runs = tuple(audit_run(run_id, data) for run_id, data in collected.runs.items())
+    return AuditReport(str(path), collected.messages, reader.truncated, runs, tuple(findings))
 
 
 def audit_run(run_id: int, data: RunData) -> RunReport:
     """Audit one run."""
     if not data.soil:
-        why = "the bag has no soil headers (/soil/tick) of this epoch"
-        none = tuple(CheckResult(check, False, why) for check in Check)
-        return RunReport(run_id, checks=none, findings=tuple(data.findings))
+        why = "the bag has no soil headers (/soil/tick) of this run"
+        unchecked = tuple(CheckResult(check, False, why) for check in Check)
+        return RunReport(run_id, checks=unchecked, findings=tuple(data.findings))
     soil = SoilTicks.of(data)
     timeline = build_timeline(soil, data)
     streams = order_all_streams(soil, timeline, data)
     window = find_audit_window(soil, timeline, data, streams)
-    absent = _find_missing_streams(soil, window, streams, data)
-    findings = check_completeness(soil, timeline, data, streams, window, absent)
-    conversions = streams[Stream.CONVERSION, 0, 0]
-    released = find_release_rows(soil, timeline, conversions)
+    absent = find_missing_streams(soil, streams, data)
+    conversions = streams[StreamKey(Stream.CONVERSION)]
+    released = find_released_rows(soil, timeline, conversions)
     terrain = audit_terrain(
         soil,
         window,
         conversions,
-        streams[Stream.MAP_UPDATE, 0, 0],
+        streams[StreamKey(Stream.MAP_UPDATE)],
         data.keyframes,
         has_map_updates=Stream.MAP_UPDATE not in absent,
     )
-    checks, result = [_completeness_result(window, soil, absent)], AccountsAudit()
+    checks = [_completeness_result(window, soil, absent)]
+    findings = check_completeness(soil, timeline, data, streams, window, absent)
+    accounts = AccountsAudit()
     if Stream.CONVERSION in absent:
         why = "the bag has no conversion rows"
-        named = (
-            Check.TERRAIN,
-            Check.KEYFRAMES,
-            Check.ACCOUNTS,
-            Check.LEDGER,
-            Check.DEPOSIT_REQUESTS,
-        )
-        checks += [CheckResult(check, False, why) for check in (*named, Check.BACKLOG)]
+        checks += [CheckResult(c, False, why) for c in Check if c is not Check.COMPLETENESS]
     else:
-        result = audit_accounts(
+        accounts = audit_accounts(
             soil, window, timeline, conversions, released, terrain.totals, data.ledgers
         )
-        landings, wrong = audit_deposit_requests(
+        requests, request_findings = audit_deposit_requests(
             soil,
             window,
             timeline,
@@ -105,22 +95,13 @@ def audit_run(run_id: int, data: RunData) -> RunReport:
             released,
             has_deposit_requests=Stream.DEPOSIT_REQUEST not in absent,
         )
-        backlog, wrong_owed = audit_backlogs(window, timeline, streams)
-        checks += [*terrain.checks, *result.checks, landings, backlog]
-        findings += [*terrain.findings, *result.findings, *wrong, *wrong_owed]
+        backlogs, backlog_findings = audit_backlogs(window, timeline, streams)
+        checks += [*terrain.checks, *accounts.checks, requests, backlogs]
+        findings += [*terrain.findings, *accounts.findings, *request_findings, *backlog_findings]
     ticks = soil.ticks[window.indices]
     recorded = (int(soil.ticks[0]), int(soil.ticks[-1]))
     audited = (int(ticks[0]), int(ticks[-1]))
-    notes = list(result.notes)
-    if recorded != audited:
-        notes.append(
-            f"ticks {recorded[0]}..{recorded[1]} are recorded; those before {audited[0]} and after"
-            f" {audited[1]} are incomplete and were not audited"
-        )
-    worst = max_imbalance_tick = None
-    if result.imbalance is not None:
-        at = int(np.argmax(np.abs(result.imbalance)))
-        worst, max_imbalance_tick = int(result.imbalance[at]), int(ticks[at])
+    max_imbalance, max_imbalance_tick = _max_imbalance(accounts, ticks)
     return RunReport(
         run_id,
         recorded,
@@ -129,29 +110,13 @@ def audit_run(run_id: int, data: RunData) -> RunReport:
         duplicates=_count_rows(streams, lambda each: each.duplicates),
         moved_mm3=_moved_volumes(soil, window, conversions, released),
         keyframes=terrain.keyframes,
-        start_mm3=result.start,
-        max_imbalance_mm3=worst,
+        start_mm3=accounts.start,
+        max_imbalance_mm3=max_imbalance,
         max_imbalance_tick=max_imbalance_tick,
         checks=tuple(checks),
         findings=tuple(findings),
-        notes=tuple(notes),
+        notes=_window_notes(recorded, audited),
     )
-
-
-def _find_missing_streams(
-    soil: SoilTicks, window: Window, streams: dict[StreamKey, NumberedRows], data: RunData
-) -> set[Stream]:
-    """Streams that headers count rows of and the bag has none of: not recorded at all."""
-    counted = {stream: spans.total for stream, spans in soil.spans.items()}
-    for stream in (Stream.SWEEP, Stream.DEPOSIT_REQUEST):
-        ranges = [
-            header.sweeps if stream is Stream.SWEEP else header.deposit_requests
-            for steps in data.steps.values()
-            for header in steps.values()
-        ]
-        counted[stream] = sum(each.count for each in ranges)
-    there = {key[0] for key, rows in streams.items() if rows.numbers.size}
-    return {stream for stream, count in counted.items() if count and stream not in there}
 
 
 def _completeness_result(window: Window, soil: SoilTicks, absent: set[Stream]) -> CheckResult:
@@ -163,21 +128,40 @@ def _completeness_result(window: Window, soil: SoilTicks, absent: set[Stream]) -
     return CheckResult(Check.COMPLETENESS, not absent, detail)
 
 
+def _max_imbalance(
+    accounts: AccountsAudit, ticks: NDArray[np.int64]
+) -> tuple[int | None, int | None]:
+    """Return the largest imbalance [mm^3] and its tick; None if it was not computed."""
+    if accounts.imbalance is None:
+        return None, None
+    index = int(np.argmax(np.abs(accounts.imbalance)))
+    return int(accounts.imbalance[index]), int(ticks[index])
+
+
+def _window_notes(recorded: tuple[int, int], audited: tuple[int, int]) -> tuple[str, ...]:
+    if recorded == audited:
+        return ()
+    return (
+        f"ticks {recorded[0]}..{recorded[1]} are recorded; those before {audited[0]} and after"
+        f" {audited[1]} are incomplete and were not audited",
+    )
+
+
 def _count_rows(
     streams: dict[StreamKey, NumberedRows], count: Callable[[NumberedRows], int]
 ) -> dict[str, int]:
-    """Some count of all streams of each kind; streams without rows are left out."""
-    tally: dict[str, int] = {}
+    """Sum a count over the streams of each kind; streams without rows are left out."""
+    totals: dict[str, int] = {}
     for (stream, _, _), rows in streams.items():
         if rows.numbers.size:
-            tally[stream.name] = tally.get(stream.name, 0) + count(rows)
-    return tally
+            totals[stream.name] = totals.get(stream.name, 0) + count(rows)
+    return totals
 
 
 def _moved_volumes(
     soil: SoilTicks, window: Window, conversions: NumberedRows, released: NDArray[np.bool_]
 ) -> dict[str, int]:
-    """Volume of conversions in the window, by kind."""
+    """Return the volume of the conversions in the window [mm^3], by kind."""
     span = soil.spans[Stream.CONVERSION]
     low, high = span.first[window.first], span.last[window.last]
     inside = (conversions.numbers >= low) & (conversions.numbers <= high)

@@ -1,11 +1,11 @@
-"""Gathering what an audit needs from a bag, sorted by run, in whatever order it was recorded."""
+"""Collect from a bag the messages that an audit needs, sorted by run, in any recorded order."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from msg_bridge.audit.keyframes import Keyframes
 from msg_bridge.audit.report import Check, Finding
@@ -20,11 +20,21 @@ from msg_bridge.contract.rows import Rows
 
 __all__ = ["CollectedMessages", "RunData", "SessionKey", "StreamKey", "collect_messages"]
 
-SessionKey = tuple[int, int]
-"""(source, life)."""
 
-StreamKey = tuple[Stream, int, int]
-"""(stream, source, life); 0, 0 for what the soil sends to all."""
+class SessionKey(NamedTuple):
+    """A machine's participation from one join to the next."""
+
+    machine_id: int
+    session_id: int
+
+
+class StreamKey(NamedTuple):
+    """A stream of rows; machine and session are 0 for what the soil sends to all machines."""
+
+    stream: Stream
+    machine_id: int = 0
+    session_id: int = 0
+
 
 _ROW_TOPICS = {
     "/soil/conversions": Stream.CONVERSION,
@@ -36,23 +46,24 @@ _ROW_TOPICS = {
 _KEYFRAME_TOPIC = "/terrain/map"
 _SOIL_HEADER_TOPIC = "/soil/tick"
 _LEDGER_TOPIC = "/soil/ledger"
-_MACHINE_HEADER_SUFFIX = "/soil_tick"  # below each machine's namespace
-_BACKLOG_SUFFIX = "/conversion_backlog"  # likewise
+# In the namespace of each machine:
+_MACHINE_HEADER_SUFFIX = "/soil_tick"
+_BACKLOG_SUFFIX = "/conversion_backlog"
 
 _PROGRESS_STEPS = 100
 
 
 @dataclass
 class RunData:
-    """All of one run.
+    """Messages of one run.
 
     Attributes:
         soil: soil headers by tick.
-        steps: machine headers with verb STEP or LEAVE by life and tick.
-        joins: machine headers with verb JOIN or RETURN by life.
-        chunks: rows as they came, by stream.
-        keyframes: terrain maps.
-        ledgers: by tick.
+        steps: machine headers with verb STEP or LEAVE, by session and tick.
+        joins: machine headers with verb JOIN or REJOIN, by session.
+        chunks: rows as recorded, by stream.
+        keyframes: the terrain maps.
+        ledgers: the published ledgers, by tick.
         findings: headers that contradict one another.
     """
 
@@ -67,13 +78,13 @@ class RunData:
 
 @dataclass
 class CollectedMessages:
-    """All of a bag.
+    """Messages of a bag.
 
     Attributes:
-        runs: by number.
-        topics: those of the exchange that the bag has.
-        messages: how many were read.
-        findings: messages that cannot be read, and ledgers of no run.
+        runs: messages of each run, by its number.
+        topics: the topics that were read.
+        messages: number of messages read.
+        findings: messages that cannot be decoded, and ledgers that belong to no run.
     """
 
     runs: dict[int, RunData]
@@ -85,11 +96,11 @@ class CollectedMessages:
 def collect_messages(
     reader: BagReader, progress: Callable[[float], None] | None = None
 ) -> CollectedMessages:
-    """Read all messages of the exchange.
+    """Read all messages that the audit needs.
 
     Args:
         reader: the bag.
-        progress: told now and then which part [0, 1] is read.
+        progress: called now and then with the fraction read [0..1].
 
     Raises:
         BagReadError: the file is damaged, or a message type is not installed.
@@ -114,17 +125,18 @@ def collect_messages(
 
 
 class _Collector:
-    """Puts each message where it belongs."""
+    """Sorts messages by run, stream and tick."""
 
     def __init__(self) -> None:
         self._runs_by_id: dict[int, RunData] = defaultdict(RunData)
         self._ledgers: list[tuple[int, Ledger]] = []
-        self._soil_header_times: dict[int, dict[int, int]] = defaultdict(dict)  # by tick, by epoch
+        # Log times [ns] of soil headers by tick and run.
+        self._soil_header_times: dict[int, dict[int, int]] = defaultdict(dict)
         self._unreadable_messages: dict[str, list[tuple[int, str]]] = defaultdict(list)
         self._last_map: Any = None
 
     def handler(self, topic: str) -> Callable[[str, int, Any], None] | None:
-        """What takes messages of a topic; None if the audit does not need it."""
+        """Return the method that stores messages of a topic; None if the audit does not need it."""
         if topic in _ROW_TOPICS or topic.endswith(_BACKLOG_SUFFIX):
             return self._handle_rows
         if topic == _SOIL_HEADER_TOPIC or topic.endswith(_MACHINE_HEADER_SUFFIX):
@@ -140,9 +152,9 @@ class _Collector:
         findings = [
             Finding(
                 Check.COMPLETENESS,
-                f"{len(wrong)} message(s) on {topic} cannot be read; the first, logged at"
+                f"{len(wrong)} message(s) on {topic} cannot be decoded; the first, logged at"
                 f" {wrong[0][0]} ns: {wrong[0][1]}. If another version recorded the bag, audit it"
-                " with that one",
+                " with that version",
             )
             for topic, wrong in self._unreadable_messages.items()
         ]
@@ -165,7 +177,7 @@ class _Collector:
 
     def _handle_rows(self, topic: str, time: int, message: Any) -> None:
         chunk = from_chunk_cloud(message, _ROW_TOPICS.get(topic, Stream.BACKLOG))
-        key = (chunk.stream, chunk.machine_id, chunk.session_id)
+        key = StreamKey(chunk.stream, chunk.machine_id, chunk.session_id)
         self._runs_by_id[chunk.run_id].chunks[key].append(chunk.rows)
 
     def _handle_header(self, topic: str, time: int, message: Any) -> None:
@@ -176,24 +188,24 @@ class _Collector:
             self._store_header(data, data.soil, header.tick, header, "the soil", header.tick)
         elif isinstance(header, MachineHeader):
             data = self._runs_by_id[header.run_id]
-            session_id = (header.machine_id, header.session_id)
-            who = f"machine {header.machine_id}, life {header.session_id},"
+            session = SessionKey(header.machine_id, header.session_id)
+            sender = f"machine {header.machine_id}, session {header.session_id},"
             if header.verb in (Verb.JOIN, Verb.REJOIN):
-                self._store_header(data, data.joins, session_id, header, who, header.tick)
+                self._store_header(data, data.joins, session, header, sender, header.tick)
             else:
-                steps = data.steps.setdefault(session_id, {})
-                self._store_header(data, steps, header.tick, header, who, header.tick)
+                steps = data.steps.setdefault(session, {})
+                self._store_header(data, steps, header.tick, header, sender, header.tick)
 
     def _store_header(
-        self, data: RunData, where: dict[Any, Any], key: Any, header: Any, who: str, tick: int
+        self, data: RunData, stored: dict[Any, Any], key: Any, header: Any, sender: str, tick: int
     ) -> None:
-        """Keep the first of equal headers; others of the same tick contradict it."""
-        if where.setdefault(key, header) != header:
-            text = f"{who} sent two different headers of tick {tick}"
+        """Store the first header of a tick; a different one of the same tick contradicts it."""
+        if stored.setdefault(key, header) != header:
+            text = f"{sender} sent two different headers of tick {tick}"
             data.findings.append(Finding(Check.COMPLETENESS, text, tick, tick))
 
     def _handle_keyframe(self, topic: str, time: int, message: Any) -> None:
-        if message == self._last_map:  # written again for those who read a part of the bag
+        if message == self._last_map:  # repeated for readers of a part of the bag
             return
         terrain = from_terrain_cloud(message)
         self._runs_by_id[terrain.keyframe.run_id].keyframes.add(terrain)
@@ -205,7 +217,10 @@ class _Collector:
             self._ledgers.append((time, ledger))
 
     def _assign_ledger_to_run(self, time: int, ledger: Ledger) -> bool:
-        """Ledgers do not say their epoch: it is that of the soil header logged nearest to it."""
+        """Store a ledger in the run of the soil header of its tick with the nearest log time.
+
+        Return whether there is one. Ledgers have no run id.
+        """
         times = self._soil_header_times.get(ledger.tick)
         if not times:
             return False

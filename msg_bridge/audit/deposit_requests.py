@@ -1,9 +1,9 @@
-"""Landed rows and their answers, matched one to one."""
+"""Match deposit requests with their answers one to one, and backlogs with the rows they copy."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,40 +13,41 @@ from msg_bridge.audit.collect import RunData, StreamKey
 from msg_bridge.audit.membership import (
     UNKNOWN_TICK,
     MembershipChange,
+    MembershipEvent,
     MembershipTimeline,
-    SoilTicks,
 )
 from msg_bridge.audit.numbered_rows import NumberedRows, Numbers
 from msg_bridge.audit.report import Check, CheckResult, Finding
+from msg_bridge.audit.soil_ticks import SoilTicks
+from msg_bridge.audit.streams import accepted_spans
 from msg_bridge.contract.messages import Stream
 from msg_bridge.contract.rows import CONVERSION, ConversionKind, Rows
 
 __all__ = ["audit_backlogs", "audit_deposit_requests"]
 
-_MAX_FINDINGS = 10
+_MAX_FINDINGS = 10  # of one kind that have a finding of their own
 
 
-@dataclass(frozen=True)
-class _ParticleRecords:
-    """Landed rows or answers, by source, particle and order, shape (n,).
+class _ParticleRecords(NamedTuple):
+    """Deposit requests or answers, sorted by machine and particle, shape (n,) each.
 
     Attributes:
-        who: source and particle in one number.
+        particle_key: machine id (upper 32 bits) and particle id (lower 32 bits).
         volume: [mm^3].
-        tick: soil tick in which it was taken or given; UNKNOWN_TICK if not known.
-        extra: the life in which the particle's numbers began, or the kind of answer.
-        what: its soil and its moisture in one number.
+        tick: soil tick in which it was accepted or answered; UNKNOWN_TICK if unknown.
+        extra: of a request the session in which the particle numbers began, of an answer its kind.
+        material: soil id (upper bits) and moisture [%] (lower 8 bits).
     """
 
     particle_key: Numbers
     volume: Numbers
     tick: Numbers
     extra: Numbers
-    what: Numbers
+    material: Numbers
 
     def where(self, keep: NDArray[np.bool_]) -> _ParticleRecords:
-        fields = (self.particle_key, self.volume, self.tick, self.extra, self.what)
-        return _ParticleRecords(*(each[keep] for each in fields))
+        """Return the selected records."""
+        return _ParticleRecords(*(values[keep] for values in self))
 
 
 def audit_deposit_requests(
@@ -59,46 +60,30 @@ def audit_deposit_requests(
     *,
     has_deposit_requests: bool,
 ) -> tuple[CheckResult, list[Finding]]:
-    """Match them.
+    """Match each deposit request of the audited ticks with its answer.
 
     Args:
-        released: which conversion rows put down what an absent machine left.
-        has_deposit_requests: whether the bag has the topic of landed rows, or needs none.
+        soil, window, timeline, data, streams: the run.
+        released: which conversion rows released soil of absent machines, shape (rows,).
+        has_deposit_requests: whether deposit requests were recorded, or headers count none.
     """
     if not has_deposit_requests:
-        return CheckResult(Check.DEPOSIT_REQUESTS, False, "the bag has no landed rows"), []
-    span = soil.spans[Stream.CONVERSION]
-    conversions = streams[Stream.CONVERSION, 0, 0]
-    low, high = int(span.first[window.first]), int(span.last[window.last])
-    answers = _answer_records(soil, conversions, released, low, high)
-    landed = _request_records(soil, window, timeline, data, streams)
-    findings = []
-    names, index = np.unique(
-        np.concatenate([answers.particle_key, landed.particle_key]), return_inverse=True
+        return CheckResult(Check.DEPOSIT_REQUESTS, False, "the bag has no deposit requests"), []
+    answers = _answer_records(soil, window, streams[StreamKey(Stream.CONVERSION)], released)
+    requests = _request_records(soil, window, timeline, data, streams)
+    keys, index = np.unique(
+        np.concatenate([answers.particle_key, requests.particle_key]), return_inverse=True
     )
-    given = np.bincount(index[: answers.particle_key.size], minlength=names.size)
-    asked = np.bincount(index[answers.particle_key.size :], minlength=names.size)
-    for who in names[given > asked][:_MAX_FINDINGS].tolist():
-        text = f"{_particle_label(who)} is answered more often than it landed"
-        tick = int(answers.tick[answers.particle_key == who][-1])
-        findings.append(Finding(Check.DEPOSIT_REQUESTS, f"{text} (tick {tick})", tick, tick))
-    for who in names[asked > given][:_MAX_FINDINGS].tolist():
-        tick = int(landed.tick[landed.particle_key == who][-1])
-        text = f"{_particle_label(who)} landed and was not answered"
-        place = None if tick == UNKNOWN_TICK else tick
-        findings.append(Finding(Check.DEPOSIT_REQUESTS, f"{text} (tick {tick})", place, place))
-    uneven = int((given != asked).sum())
-    if uneven > 2 * _MAX_FINDINGS:
-        findings.append(
-            Finding(Check.DEPOSIT_REQUESTS, f"{uneven} particles in all are answered wrongly")
-        )
-    answers = answers.where(np.isin(answers.particle_key, names[given == asked]))
-    landed = landed.where(np.isin(landed.particle_key, names[given == asked]))
-    findings += _find_unequal_answers(answers, landed)
-    findings += _find_duplicate_deposits(answers, landed)
-    return CheckResult(
-        Check.DEPOSIT_REQUESTS, True, f"{landed.particle_key.size} landings, each answered"
-    ), findings
+    num_answers = np.bincount(index[: answers.particle_key.size], minlength=keys.size)
+    num_requests = np.bincount(index[answers.particle_key.size :], minlength=keys.size)
+    findings = _find_unmatched(answers, requests, keys, num_answers - num_requests)
+    matched = keys[num_answers == num_requests]
+    answers = answers.where(np.isin(answers.particle_key, matched))
+    requests = requests.where(np.isin(requests.particle_key, matched))
+    findings += _find_unequal_answers(answers, requests)
+    findings += _find_duplicate_deposits(answers, requests)
+    detail = f"{requests.particle_key.size} requests, each answered"
+    return CheckResult(Check.DEPOSIT_REQUESTS, True, detail), findings
 
 
 def audit_backlogs(
@@ -106,53 +91,65 @@ def audit_backlogs(
     timeline: MembershipTimeline,
     streams: Mapping[StreamKey, NumberedRows],
 ) -> tuple[CheckResult, list[Finding]]:
-    """Rows sent to machines that came back: copies of those they lacked."""
-    conversions = streams[Stream.CONVERSION, 0, 0]
-    findings, checked = [], 0
-    missing = []
-    names = [name for name in CONVERSION.names or () if name != "seq"]
+    """Compare the rows sent to machines that rejoined with the conversion rows they lacked."""
+    findings: list[Finding] = []
+    num_checked = 0
+    missing = set()
     for events in timeline.events[: window.last + 1]:
         for event in events:
-            header, machine_id = event.header, event.session_id[0]
-            if event.change is MembershipChange.JOINED and event.backlog and header is not None:
-                through = header.conversions_received
-                backlog = streams.get((Stream.BACKLOG, *event.session_id))
-                rows = conversions.rows
-                begins = int(conversions.numbers[0]) if rows.size else 2**62
-                if (
-                    backlog is None
-                    or backlog.numbers.size < event.backlog
-                    or begins > through + 1 > 1
-                ):
-                    missing.append(machine_id)
-                    continue
-                due = (rows["machine_id"] == machine_id) & (conversions.numbers > through)
-                expected = rows[due][: event.backlog]
-                checked += event.backlog
-                same = expected.size == backlog.rows.size and all(
-                    # Bit by bit, since a place may be no number; seq is of their own stream.
-                    expected[name].tobytes() == backlog.rows[name].tobytes()
-                    for name in names
-                )
-                if not same:
-                    text = f"the rows owed to machine {machine_id} are not those it lacks"
-                    findings.append(Finding(Check.BACKLOG, text))
+            if event.change is not MembershipChange.JOINED or not event.backlog:
+                continue
+            if event.header is None:
+                continue
+            is_copy = _is_backlog_copy(event, event.header.conversions_received, streams)
+            if is_copy is None:
+                missing.add(event.session.machine_id)
+                continue
+            num_checked += event.backlog
+            if not is_copy:
+                machine_id = event.session.machine_id
+                text = f"the backlog of machine {machine_id} is not a copy of the rows it lacks"
+                findings.append(Finding(Check.BACKLOG, text))
     if missing:
-        told = ", ".join(str(machine_id) for machine_id in sorted(set(missing)))
-        detail = f"those of machine {told} are not all in the bag"
+        names = ", ".join(str(machine_id) for machine_id in sorted(missing))
+        detail = f"those of machine {names} are not all in the bag"
         return CheckResult(Check.BACKLOG, False, detail), findings
-    return CheckResult(Check.BACKLOG, True, f"{checked} row(s)" if checked else "none"), findings
+    detail = f"{num_checked} row(s)" if num_checked else "none"
+    return CheckResult(Check.BACKLOG, True, detail), findings
+
+
+def _is_backlog_copy(
+    event: MembershipEvent, received: int, streams: Mapping[StreamKey, NumberedRows]
+) -> bool | None:
+    """Return whether the backlog of a join copies the rows after `received`.
+
+    None if the bag lacks some of either.
+    """
+    conversions = streams[StreamKey(Stream.CONVERSION)]
+    backlog = streams.get(StreamKey(Stream.BACKLOG, *event.session))
+    rows = conversions.rows
+    first = int(conversions.numbers[0]) if rows.size else 2**62
+    if backlog is None or backlog.numbers.size < event.backlog or first > received + 1 > 1:
+        return None
+    lacked = (rows["machine_id"] == event.session.machine_id) & (conversions.numbers > received)
+    expected = rows[lacked][: event.backlog]
+    # Compare bytes, since a coordinate may be NaN; `seq` numbers the rows of each stream.
+    names = [name for name in CONVERSION.names or () if name != "seq"]
+    return expected.size == backlog.rows.size and all(
+        expected[name].tobytes() == backlog.rows[name].tobytes() for name in names
+    )
 
 
 def _answer_records(
-    soil: SoilTicks, conversions: NumberedRows, released: NDArray[np.bool_], low: int, high: int
+    soil: SoilTicks, window: Window, conversions: NumberedRows, released: NDArray[np.bool_]
 ) -> _ParticleRecords:
-    rows = conversions.rows
-    answers = (rows["kind"] != ConversionKind.EXCAVATE) & ~released
-    answers &= (conversions.numbers >= low) & (conversions.numbers <= high)
-    own = rows[answers]
-    tick = soil.spans[Stream.CONVERSION].tick_of(conversions.numbers[answers])
-    return _sort_by_particle(own, tick, own["kind"].astype(np.int64))
+    span = soil.spans[Stream.CONVERSION]
+    low, high = int(span.first[window.first]), int(span.last[window.last])
+    is_answer = (conversions.rows["kind"] != ConversionKind.EXCAVATE) & ~released
+    is_answer &= (conversions.numbers >= low) & (conversions.numbers <= high)
+    rows = conversions.rows[is_answer]
+    tick = span.tick_of(conversions.numbers[is_answer])
+    return _sort_by_particle(rows, tick, rows["kind"].astype(np.int64))
 
 
 def _request_records(
@@ -163,93 +160,113 @@ def _request_records(
     streams: Mapping[StreamKey, NumberedRows],
 ) -> _ParticleRecords:
     low, high = int(soil.ticks[window.first]), int(soil.ticks[window.last])
-    sides = []
-    for session_id in sorted(timeline.accepted):
-        stream = streams[(Stream.DEPOSIT_REQUEST, *session_id)]
-        spans, ticks = (
-            timeline.spans(data, session_id, Stream.DEPOSIT_REQUEST),
-            timeline.soil_ticks(session_id),
-        )
-        at = np.minimum(np.searchsorted(spans.last, stream.numbers), spans.ticks.size - 1)
-        counted = (stream.numbers >= spans.first[at]) & (stream.numbers <= spans.last[at])
-        # Rows between two headers are of headers that the bag lacks.
-        between = (stream.numbers >= spans.first[0]) & (stream.numbers <= spans.last[-1])
-        tick = np.where(counted, ticks[at], UNKNOWN_TICK)
-        keep = between & ((tick == UNKNOWN_TICK) | ((tick >= low) & (tick <= high)))
-        numbering_session = np.full(
-            int(keep.sum()), timeline.numbering_session[session_id], dtype=np.int64
-        )
-        sides.append((stream.rows[keep], tick[keep], numbering_session))
-    if not sides:
-        nothing = np.zeros(0, dtype=np.int64)
-        return _ParticleRecords(nothing, nothing, nothing, nothing, nothing)
-    rows, tick, numbering_session = (np.concatenate(parts) for parts in zip(*sides, strict=True))
+    parts = []
+    for session in sorted(timeline.accepted):
+        stream = streams[StreamKey(Stream.DEPOSIT_REQUEST, *session)]
+        spans = accepted_spans(timeline, data, session, Stream.DEPOSIT_REQUEST)
+        ticks = timeline.soil_ticks(session)
+        index = np.minimum(np.searchsorted(spans.last, stream.numbers), spans.ticks.size - 1)
+        counted = (stream.numbers >= spans.first[index]) & (stream.numbers <= spans.last[index])
+        # Rows between two spans belong to headers that the bag lacks.
+        in_session = (stream.numbers >= spans.first[0]) & (stream.numbers <= spans.last[-1])
+        tick = np.where(counted, ticks[index], UNKNOWN_TICK)
+        keep = in_session & ((tick == UNKNOWN_TICK) | ((tick >= low) & (tick <= high)))
+        numbering = timeline.numbering_session[session]
+        numbering_session = np.full(int(keep.sum()), numbering, dtype=np.int64)
+        parts.append((stream.rows[keep], tick[keep], numbering_session))
+    if not parts:
+        empty = np.zeros(0, dtype=np.int64)
+        return _ParticleRecords(empty, empty, empty, empty, empty)
+    rows, tick, numbering_session = (np.concatenate(each) for each in zip(*parts, strict=True))
     return _sort_by_particle(rows, tick, numbering_session)
 
 
 def _sort_by_particle(rows: Rows, tick: Numbers, extra: Numbers) -> _ParticleRecords:
-    who = rows["machine_id"].astype(np.int64) << 32 | rows["particle_id"]
-    order = np.argsort(who, kind="stable")
+    key = rows["machine_id"].astype(np.int64) << 32 | rows["particle_id"]
+    order = np.argsort(key, kind="stable")
     volume = rows["volume_mm3"].astype(np.int64)
-    what = rows["soil"].astype(np.int64) << 8 | rows["moisture"]
-    return _ParticleRecords(who[order], volume[order], tick[order], extra[order], what[order])
+    material = rows["soil"].astype(np.int64) << 8 | rows["moisture"]
+    return _ParticleRecords(key[order], volume[order], tick[order], extra[order], material[order])
 
 
-def _find_unequal_answers(answers: _ParticleRecords, landed: _ParticleRecords) -> list[Finding]:
-    """Answers of another volume or soil, or in another tick, than their landings."""
+def _find_unmatched(
+    answers: _ParticleRecords, requests: _ParticleRecords, keys: Numbers, excess: Numbers
+) -> list[Finding]:
+    """Find particles with more or fewer answers than requests.
+
+    Args:
+        answers, requests: the records.
+        keys: the particles, shape (n,).
+        excess: number of answers minus number of requests of each, shape (n,).
+    """
     findings = []
-    volume = np.flatnonzero(answers.volume != landed.volume)
-    later = (landed.tick != UNKNOWN_TICK) & (answers.tick != landed.tick)
-    for k in volume[:_MAX_FINDINGS].tolist():
-        tick = int(answers.tick[k])
-        text = (
-            f"{_particle_label(int(answers.particle_key[k]))} landed with {landed.volume[k]} mm3 and was answered"
-            f" with {answers.volume[k]} mm3 in tick {tick}"
-        )
+    for key in keys[excess > 0][:_MAX_FINDINGS].tolist():
+        tick = int(answers.tick[answers.particle_key == key][-1])
+        text = f"{_particle_name(key)} has more answers than deposit requests (tick {tick})"
         findings.append(Finding(Check.DEPOSIT_REQUESTS, text, tick, tick))
-    soil = np.flatnonzero(answers.what != landed.what)
-    for k in soil[:_MAX_FINDINGS].tolist():
-        tick = int(answers.tick[k])
-        text = (
-            f"{_particle_label(int(answers.particle_key[k]))} landed as {_soil_label(int(landed.what[k]))} and was"
-            f" answered as {_soil_label(int(answers.what[k]))} in tick {tick}"
-        )
-        findings.append(Finding(Check.DEPOSIT_REQUESTS, text, tick, tick))
-    for k in np.flatnonzero(later)[:_MAX_FINDINGS].tolist():
-        tick = int(answers.tick[k])
-        name = _particle_label(int(answers.particle_key[k]))
-        text = f"{name} landed in tick {landed.tick[k]} and was answered in tick {tick}"
-        findings.append(Finding(Check.DEPOSIT_REQUESTS, text, tick, tick))
-    more = max(volume.size, soil.size, int(later.sum())) - _MAX_FINDINGS
-    if more > 0:
-        findings.append(
-            Finding(Check.DEPOSIT_REQUESTS, f"{more} more landings have a wrong answer")
-        )
+    for key in keys[excess < 0][:_MAX_FINDINGS].tolist():
+        tick = int(requests.tick[requests.particle_key == key][-1])
+        text = f"the deposit request of {_particle_name(key)} has no answer (tick {tick})"
+        known_tick = None if tick == UNKNOWN_TICK else tick
+        findings.append(Finding(Check.DEPOSIT_REQUESTS, text, known_tick, known_tick))
+    num_unmatched = int(np.count_nonzero(excess))
+    if num_unmatched > 2 * _MAX_FINDINGS:
+        text = f"{num_unmatched} particles in all have no answer or too many"
+        findings.append(Finding(Check.DEPOSIT_REQUESTS, text))
     return findings
 
 
-def _find_duplicate_deposits(answers: _ParticleRecords, landed: _ParticleRecords) -> list[Finding]:
-    """Particles that landed again after they had become terrain or had left the map."""
-    paid = (answers.extra == ConversionKind.DEPOSIT) | (answers.extra == ConversionKind.OUTSIDE)
-    answers, landed = answers.where(paid), landed.where(paid)
-    same = (answers.particle_key[1:] == answers.particle_key[:-1]) & (
-        landed.extra[1:] == landed.extra[:-1]
-    )
-    twice = np.flatnonzero(same) + 1
-    return [
-        Finding(
-            Check.DEPOSIT_REQUESTS,
-            f"{_particle_label(int(answers.particle_key[k]))} is paid again in tick {answers.tick[k]}",
-            int(answers.tick[k]),
-            int(answers.tick[k]),
-        )
-        for k in twice[:_MAX_FINDINGS].tolist()
+def _find_unequal_answers(answers: _ParticleRecords, requests: _ParticleRecords) -> list[Finding]:
+    """Find answers with another volume, material or tick than their requests."""
+    volume = np.flatnonzero(answers.volume != requests.volume)
+    material = np.flatnonzero(answers.material != requests.material)
+    tick = np.flatnonzero((requests.tick != UNKNOWN_TICK) & (answers.tick != requests.tick))
+    texts = [
+        (k, f"of {requests.volume[k]} mm3 was answered with {answers.volume[k]} mm3")
+        for k in volume[:_MAX_FINDINGS].tolist()
     ]
+    texts += [
+        (
+            k,
+            f"of {_material_name(int(requests.material[k]))} was answered with"
+            f" {_material_name(int(answers.material[k]))}",
+        )
+        for k in material[:_MAX_FINDINGS].tolist()
+    ]
+    texts += [
+        (k, f"of tick {requests.tick[k]} was answered") for k in tick[:_MAX_FINDINGS].tolist()
+    ]
+    findings = []
+    for k, text in texts:
+        particle, at = _particle_name(int(answers.particle_key[k])), int(answers.tick[k])
+        text = f"the deposit request of {particle} {text} in tick {at}"
+        findings.append(Finding(Check.DEPOSIT_REQUESTS, text, at, at))
+    num_more = max(volume.size, material.size, tick.size) - _MAX_FINDINGS
+    if num_more > 0:
+        text = f"{num_more} more deposit requests have a wrong answer"
+        findings.append(Finding(Check.DEPOSIT_REQUESTS, text))
+    return findings
 
 
-def _soil_label(what: int) -> str:
-    return f"soil {what >> 8} with {what & 0xFF} % of moisture"
+def _find_duplicate_deposits(
+    answers: _ParticleRecords, requests: _ParticleRecords
+) -> list[Finding]:
+    """Find particles that were deposited again after they became terrain or left the map."""
+    done = (answers.extra == ConversionKind.DEPOSIT) | (answers.extra == ConversionKind.OUTSIDE)
+    answers, requests = answers.where(done), requests.where(done)
+    same_particle = answers.particle_key[1:] == answers.particle_key[:-1]
+    same_numbering = requests.extra[1:] == requests.extra[:-1]
+    findings = []
+    for k in (np.flatnonzero(same_particle & same_numbering) + 1)[:_MAX_FINDINGS].tolist():
+        tick = int(answers.tick[k])
+        text = f"{_particle_name(int(answers.particle_key[k]))} is deposited again in tick {tick}"
+        findings.append(Finding(Check.DEPOSIT_REQUESTS, text, tick, tick))
+    return findings
 
 
-def _particle_label(who: int) -> str:
-    return f"machine {who >> 32}'s particle {who & 0xFFFFFFFF}"
+def _material_name(material: int) -> str:
+    return f"soil {material >> 8} with {material & 0xFF} % of moisture"
+
+
+def _particle_name(key: int) -> str:
+    return f"machine {key >> 32}'s particle {key & 0xFFFFFFFF}"

@@ -1,4 +1,4 @@
-"""A difference over many ticks, told in one sentence."""
+"""Describe a difference over many ticks in one finding."""
 
 from __future__ import annotations
 
@@ -11,21 +11,22 @@ __all__ = ["difference_finding"]
 
 
 def difference_finding(
-    check: Check, what: str, ticks: Numbers, difference: Numbers
+    check: Check, subject: str, ticks: Numbers, difference: Numbers
 ) -> Finding | None:
-    """A finding if any difference [mm^3] is not 0.
+    """Return a finding if any difference is not 0, else None.
 
     Args:
-        check: which it belongs to.
-        what: the sentence's beginning.
-        ticks, difference: of each tick, shape (n,).
+        check: the check that it belongs to.
+        subject: start of the sentence, which goes on with "by ... mm3".
+        ticks: the soil ticks, shape (n,).
+        difference: of each tick [mm^3], shape (n,).
     """
     wrong = np.flatnonzero(difference)
     if not wrong.size:
         return None
     first, last = int(ticks[wrong[0]]), int(ticks[wrong[-1]])
-    text = f"{what} by {int(difference[wrong[0]]):+} mm3 in tick {first}"
+    text = f"{subject} by {int(difference[wrong[0]]):+} mm3 in tick {first}"
     if wrong.size > 1:
-        worst = int(difference[wrong[np.argmax(np.abs(difference[wrong]))]])
-        text += f", and in {wrong.size} ticks up to {last}, at most by {worst:+} mm3"
+        largest = int(difference[wrong[np.argmax(np.abs(difference[wrong]))]])
+        text += f", and in {wrong.size} ticks up to {last}, at most by {largest:+} mm3"
     return Finding(check, text, first, last)

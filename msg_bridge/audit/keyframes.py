@@ -1,4 +1,4 @@
-"""Terrain maps of a run, kept as what changed between them: a long bag has hundreds."""
+"""Terrain maps of a run, stored as differences: a long bag has hundreds."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ Volumes = NDArray[np.int64]
 
 
 class Keyframes:
-    """Volumes of all columns at some revisions.
+    """Volumes of all columns at some revisions of the terrain.
 
     Attributes:
-        grid: of the first; maps of another grid are not kept.
-        conflicting: revisions of which there were two different maps.
-        out_of_order: revisions that came after newer ones, or on another grid; not kept.
+        grid: that of the first map, None before; maps of another grid are not stored.
+        conflicting: revisions with two different maps.
+        out_of_order: revisions after newer ones, or of another grid; not stored.
     """
 
     def __init__(self) -> None:
@@ -32,33 +32,33 @@ class Keyframes:
         self._revisions: list[int] = []
         self._first: Volumes = np.zeros(0, dtype=np.int64)
         self._last: Volumes = self._first
-        self._changes: list[tuple[NDArray[np.int64], Volumes]] = []
+        self._changes: list[tuple[NDArray[np.int64], Volumes]] = []  # (cells, new volumes)
 
     @property
     def revisions(self) -> list[int]:
-        """Of those kept, rising."""
+        """The stored revisions, ascending."""
         return self._revisions
 
     def add(self, terrain: TerrainMap) -> None:
-        """Keep a map."""
-        revision, volume = terrain.keyframe.revision, terrain.volume_mm3.reshape(-1)
+        """Store a map, or note why it is not stored."""
+        revision, volumes = terrain.keyframe.revision, terrain.volume_mm3.reshape(-1)
         if self.grid is None:
             self.grid = terrain.keyframe.grid
-            self._first = self._last = volume
+            self._first = self._last = volumes
             self._revisions.append(revision)
         elif terrain.keyframe.grid != self.grid or revision < self._revisions[-1]:
             self.out_of_order.append(revision)
         elif revision == self._revisions[-1]:
-            if (volume != self._last).any():
+            if (volumes != self._last).any():
                 self.conflicting.append(revision)
         else:
-            changed = np.flatnonzero(volume != self._last)
-            self._changes.append((changed, volume[changed]))
+            changed = np.flatnonzero(volumes != self._last)
+            self._changes.append((changed, volumes[changed]))
             self._revisions.append(revision)
-            self._last = volume
+            self._last = volumes
 
     def __iter__(self) -> Iterator[tuple[int, Volumes]]:
-        """(revision, volumes) in order; the array is changed by the next step."""
+        """Iterate over (revision, volumes) in order; the next step changes the array in place."""
         if not self._revisions:
             return
         volumes = self._first.copy()

@@ -1,4 +1,4 @@
-"""Numbered rows as a bag holds them: put in order, each once, and what is missing among them."""
+"""Rows of a stream sorted by number, and the ranges of rows that headers count."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from msg_bridge.contract.messages import STREAM_DTYPE, RowRange, Stream
 from msg_bridge.contract.rows import Rows, empty_rows
 
-__all__ = ["NumberedRows", "Spans", "contiguous_ranges", "order_rows"]
+__all__ = ["NumberedRows", "Numbers", "Spans", "contiguous_ranges", "order_rows"]
 
 Numbers = NDArray[np.int64]
+"""Row numbers, ticks or volumes [mm^3], shape (n,)."""
 
 _MODULUS = 2**32
 
@@ -23,10 +24,10 @@ class NumberedRows:
     """Rows of one stream.
 
     Attributes:
-        numbers: of the rows, rising; whole numbers, where the rows' `seq` is modulo 2**32.
-        rows: the rows.
-        repeats: how many more came with a number that was had, and the same content.
-        conflicts: numbers that came with more than one content.
+        numbers: numbers of the rows, ascending, not wrapped (`seq` of a row is modulo 2**32).
+        rows: the rows, shape (n,).
+        duplicates: number of further rows with the number and the content of one of these.
+        conflicts: numbers of rows that were received with different contents.
     """
 
     numbers: Numbers
@@ -35,16 +36,16 @@ class NumberedRows:
     conflicts: Numbers
 
     def count_through(self, last: Numbers) -> Numbers:
-        """How many rows have a number up to each of `last`."""
+        """Return how many rows have a number up to each of `last`."""
         return np.searchsorted(self.numbers, last, side="right")
 
 
 def order_rows(stream: Stream, chunks: Sequence[Rows], first: int | None) -> NumberedRows:
-    """Put rows in order.
+    """Sort the rows of a stream by number and remove duplicates.
 
     Args:
-        stream: what they are.
-        chunks: as they came.
+        stream: the stream.
+        chunks: its rows as recorded.
         first: number of some early row, from a header; None if there is no header.
     """
     rows = np.concatenate([empty_rows(STREAM_DTYPE[stream]), *chunks])
@@ -52,7 +53,7 @@ def order_rows(stream: Stream, chunks: Sequence[Rows], first: int | None) -> Num
     if not seq.size:
         return NumberedRows(seq, rows, 0, seq)
     half = _MODULUS // 2
-    # From each row to the next it is never half the numbers there are, forward or back.
+    # Unwrap: consecutive rows are less than half the modulus apart, forward or backward.
     steps = (np.diff(seq) + half) % _MODULUS - half
     numbers = seq[0] + np.concatenate([[0], np.cumsum(steps)])
     if first is not None:
@@ -61,24 +62,24 @@ def order_rows(stream: Stream, chunks: Sequence[Rows], first: int | None) -> Num
         return NumberedRows(numbers, rows, 0, numbers[:0])
     order = np.argsort(numbers, kind="stable")
     numbers, rows = numbers[order], rows[order]
-    again = np.concatenate([[False], numbers[1:] == numbers[:-1]])
-    first_of = np.flatnonzero(~again)[np.cumsum(~again) - 1]
+    is_repeat = np.concatenate([[False], numbers[1:] == numbers[:-1]])
+    first_of = np.flatnonzero(~is_repeat)[np.cumsum(~is_repeat) - 1]
     content = np.ascontiguousarray(rows).view(np.uint8).reshape(rows.size, -1)
     differs = np.zeros(rows.size, dtype=np.bool_)
-    differs[again] = (content[again] != content[first_of[again]]).any(axis=1)
+    differs[is_repeat] = (content[is_repeat] != content[first_of[is_repeat]]).any(axis=1)
     conflicts = np.unique(numbers[differs])
-    return NumberedRows(
-        numbers[~again], rows[~again], int(again.sum()) - int(differs.sum()), conflicts
-    )
+    num_duplicates = int(is_repeat.sum()) - int(differs.sum())
+    return NumberedRows(numbers[~is_repeat], rows[~is_repeat], num_duplicates, conflicts)
 
 
 @dataclass(frozen=True)
 class Spans:
-    """The ranges of rows that headers count, one for each header, in order.
+    """Ranges of rows that headers count, one for each header, in order.
 
     Attributes:
-        ticks: of the headers, shape (n,), rising.
-        first, last: number of each one's first and last row; last = first - 1 if there is none.
+        ticks: ticks of the headers, ascending, shape (n,).
+        first, last: number of the first and the last row of each; last = first - 1 if there is
+            none, shape (n,).
     """
 
     ticks: Numbers
@@ -87,7 +88,7 @@ class Spans:
 
     @classmethod
     def of(cls, ticks: Iterable[int], ranges: Iterable[RowRange]) -> Spans:
-        """From headers' ticks and ranges."""
+        """Build from the ticks and ranges of headers."""
         ranges = list(ranges)
         return cls(
             np.array(list(ticks), dtype=np.int64),
@@ -97,40 +98,40 @@ class Spans:
 
     @property
     def total(self) -> int:
-        """How many rows they count."""
+        """Number of counted rows."""
         return int((self.last - self.first + 1).sum())
 
     def tick_of(self, numbers: Numbers) -> Numbers:
-        """The tick of the first header that ends with each row or after it; the last one's else."""
+        """Return the tick of the first header that ends at or after each row, or the last tick."""
         index = np.searchsorted(self.last, numbers, side="left")
         return self.ticks[np.minimum(index, self.ticks.size - 1)]
 
-    def lacking(self, stream: NumberedRows) -> NDArray[np.bool_]:
-        """Which headers count rows that are not there."""
-        there = stream.count_through(self.last) - stream.count_through(self.first - 1)
-        return np.asarray(there < self.last - self.first + 1)
+    def lacking(self, rows: NumberedRows) -> NDArray[np.bool_]:
+        """Return which headers count rows that are missing, shape (n,)."""
+        num_present = rows.count_through(self.last) - rows.count_through(self.first - 1)
+        return np.asarray(num_present < self.last - self.first + 1)
 
     def discontinuities(self) -> NDArray[np.intp]:
-        """Indices of headers that do not go on where the header of the tick before ended."""
+        """Return indices of headers that do not start where the header of the tick before ends."""
         follows = self.ticks[1:] == self.ticks[:-1] + 1
         return np.flatnonzero(follows & (self.first[1:] != self.last[:-1] + 1)) + 1
 
-    def missing(self, stream: NumberedRows) -> list[tuple[int, int]]:
-        """Missing rows among those counted, as (first, last) numbers of each gap.
+    def missing(self, rows: NumberedRows) -> list[tuple[int, int]]:
+        """Return (first, last) number of each gap among the counted rows.
 
-        Rows between two headers, of headers that are missing themselves, are counted too.
+        Rows between two headers belong to headers that are missing themselves; they count too.
         """
         if not self.ticks.size or self.last[-1] < self.first[0]:
             return []
         low, high = int(self.first[0]), int(self.last[-1])
-        here = stream.numbers[(stream.numbers >= low) & (stream.numbers <= high)]
-        edges = np.concatenate([[low - 1], here, [high + 1]])
+        present = rows.numbers[(rows.numbers >= low) & (rows.numbers <= high)]
+        edges = np.concatenate([[low - 1], present, [high + 1]])
         before = np.flatnonzero(np.diff(edges) > 1)
         return [(int(edges[k]) + 1, int(edges[k + 1]) - 1) for k in before]
 
 
 def contiguous_ranges(numbers: Sequence[int]) -> list[tuple[int, int]]:
-    """Rising whole numbers as (first, last) of each run without a gap."""
+    """Return (first, last) of each range without a gap among ascending whole numbers."""
     values = np.asarray(numbers, dtype=np.int64)
     if not values.size:
         return []

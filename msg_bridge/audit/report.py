@@ -1,4 +1,4 @@
-"""What an audit of a bag ends with: which checks were made, what they found, and where."""
+"""Result of an audit: which checks were made, what they found, and in which ticks."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ __all__ = ["AuditReport", "Check", "CheckResult", "Finding", "RunReport"]
 
 
 class Check(Enum):
-    """What an audit checks; the value is its name in reports."""
+    """A check of an audit; its value is its name in reports."""
 
     COMPLETENESS = "completeness"
-    """No row and no header is missing; what came twice is the same; headers count what is there."""
+    """No row and no header is missing, repeats are equal, and headers count the recorded rows."""
     TERRAIN = "terrain"
-    """The total by conversion rows is the total cell by cell, at every tick."""
+    """Its volume by conversion rows equals its volume cell by cell, at every tick."""
     KEYFRAMES = "keyframes"
-    """Every terrain map is the first one with all changes since, cell by cell and in total."""
+    """Every terrain map equals the one before plus all updates since, in every cell."""
     ACCOUNTS = "accounts"
-    """Every machine holds what its conversions make, and the sum of all accounts stays."""
+    """Every machine has the soil of its conversions, and the sum of all accounts is constant."""
     LEDGER = "ledger"
-    """The published ledger is the one recomputed, in every account and at every tick."""
+    """The published ledger equals the recomputed accounts, at every tick."""
     DEPOSIT_REQUESTS = "deposit requests"
-    """Each landed row has one answer of its volume; no particle is paid twice."""
+    """Each deposit request has one answer of its volume; no particle is deposited twice."""
     BACKLOG = "backlog rows"
-    """A machine that returns is sent copies of the rows it lacks, and no others."""
+    """A machine that rejoins receives exact copies of the conversion rows that it lacks."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something wrong.
+    """A fault.
 
     Attributes:
-        check: which check found it.
-        text: what is wrong, with its place.
-        first_tick, last_tick: soil ticks concerned, None if they are not known.
+        check: the check that found it.
+        text: what is wrong, and where.
+        first_tick, last_tick: the soil ticks concerned, None if unknown.
     """
 
     check: Check
@@ -46,10 +46,11 @@ class Finding:
 
 @dataclass(frozen=True)
 class CheckResult:
-    """How far a check went.
+    """Extent of a check.
 
     Attributes:
-        done: whether it was made over all the ticks audited.
+        check: the check.
+        done: whether it covered all audited ticks.
         detail: what was checked, or why it could not be.
     """
 
@@ -60,23 +61,23 @@ class CheckResult:
 
 @dataclass(frozen=True)
 class RunReport:
-    """The audit of one run between resets.
+    """Audit of one run (between two resets).
 
     Attributes:
-        epoch: its number.
+        run_id: number of the run.
         recorded: first and last soil tick in the bag; None if there is none.
-        audited: first and last soil tick audited.
-        rows: rows in the bag, each counted once, by stream.
-        repeats: rows that came more than once, by stream.
-        moved_mm3: volume of conversions in the ticks audited, by kind; RELEASED is the part of
-            DEPOSIT and OUTSIDE that absent machines had left.
-        keyframes: terrain maps checked, the first included.
-        start_mm3: sum of all accounts at the first tick audited.
-        max_imbalance_mm3: of all ticks audited; None if it could not be computed.
-        max_imbalance_tick: where.
-        checks: how far each check went.
-        findings: what is wrong.
-        notes: what else one should know.
+        audited: first and last audited soil tick; None if there is none.
+        rows: number of different rows in the bag, by stream.
+        duplicates: number of rows that were received again, by stream.
+        moved_mm3: volume of the conversions in the audited ticks, by kind. RELEASED is the part of
+            DEPOSIT and OUTSIDE that was soil of absent machines.
+        keyframes: number of checked terrain maps, the first included.
+        start_mm3: sum of all accounts at the first audited tick; None if unknown.
+        max_imbalance_mm3: the largest of all audited ticks, signed; None if it was not computed.
+        max_imbalance_tick: its tick.
+        checks: extent of each check.
+        findings: all faults.
+        notes: limits of the audit that are no faults.
     """
 
     run_id: int
@@ -95,40 +96,35 @@ class RunReport:
 
     @property
     def ticks(self) -> int:
-        """Number of ticks audited, from the first to the last."""
+        """Number of audited ticks."""
         return 0 if self.audited is None else self.audited[1] - self.audited[0] + 1
 
     @property
     def completeness_findings(self) -> tuple[Finding, ...]:
-        """What is missing from the bag, or not what its headers say."""
+        """Faults of the recording itself: missing, miscounted or contradictory messages."""
         return tuple(f for f in self.findings if f.check is Check.COMPLETENESS)
 
     @property
-    def disagreements(self) -> tuple[Finding, ...]:
-        """What does not add up."""
-        return tuple(f for f in self.findings if f.check is not Check.COMPLETENESS)
-
-    @property
     def unchecked(self) -> tuple[CheckResult, ...]:
-        """Checks that were not made over all ticks."""
+        """Checks that did not cover all audited ticks."""
         return tuple(each for each in self.checks if not each.done)
 
     @property
     def passed(self) -> bool:
-        """Whether every check was made and found nothing."""
+        """Whether every check covered all ticks and found nothing."""
         return not self.findings and not self.unchecked and bool(self.checks)
 
 
 @dataclass(frozen=True)
 class AuditReport:
-    """The audit of a bag.
+    """Audit of a bag.
 
     Attributes:
         path: the bag.
         messages: number of messages read.
-        truncated: files that break off.
-        runs: one report for each run in it.
-        findings: what is wrong with the bag as a whole.
+        truncated: names of files without an end.
+        runs: one report for each run in the bag.
+        findings: faults of the bag as a whole.
     """
 
     path: str
@@ -139,30 +135,30 @@ class AuditReport:
 
     @property
     def balanced(self) -> bool:
-        """Whether nothing was found in what could be checked, a broken end apart."""
+        """Whether the checks that could be made found nothing; a truncated file does not count."""
         return bool(self.runs) and not any(
-            run_id.findings or run_id.max_imbalance_mm3 != 0 for run_id in self.runs
+            run.findings or run.max_imbalance_mm3 != 0 for run in self.runs
         )
 
     @property
     def passed(self) -> bool:
-        """Whether the bag is whole, every check was made, and none found anything."""
-        return not self.findings and bool(self.runs) and all(e.passed for e in self.runs)
+        """Whether the bag is complete, and every check covered all ticks and found nothing."""
+        return not self.findings and bool(self.runs) and all(run.passed for run in self.runs)
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything, in types that JSON has."""
-        told: dict[str, Any] = _plain(asdict(self))
-        told["passed"], told["balanced"] = self.passed, self.balanced
-        for run_id, entry in zip(self.runs, told["runs"], strict=True):
-            entry["ticks"], entry["passed"] = run_id.ticks, run_id.passed
-        return told
+        """Return all attributes, `ticks`, `passed` and `balanced`, in types of JSON."""
+        content: dict[str, Any] = _to_json_types(asdict(self))
+        content["passed"], content["balanced"] = self.passed, self.balanced
+        for run, entry in zip(self.runs, content["runs"], strict=True):
+            entry["ticks"], entry["passed"] = run.ticks, run.passed
+        return content
 
 
-def _plain(value: Any) -> Any:
+def _to_json_types(value: Any) -> Any:
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, dict):
-        return {key: _plain(each) for key, each in value.items()}
+        return {key: _to_json_types(each) for key, each in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(each) for each in value]
+        return [_to_json_types(each) for each in value]
     return value

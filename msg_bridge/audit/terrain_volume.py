@@ -1,4 +1,4 @@
-"""The terrain of every tick, counted twice: by conversion rows and cell by cell."""
+"""Recompute the terrain volume of every tick twice: by conversion rows and cell by cell."""
 
 from __future__ import annotations
 
@@ -9,25 +9,26 @@ import numpy as np
 from msg_bridge.audit.audit_window import Window
 from msg_bridge.audit.differences import difference_finding
 from msg_bridge.audit.keyframes import Keyframes
-from msg_bridge.audit.membership import SoilTicks
 from msg_bridge.audit.numbered_rows import NumberedRows, Numbers
 from msg_bridge.audit.report import Check, CheckResult, Finding
+from msg_bridge.audit.soil_ticks import SoilTicks
 from msg_bridge.contract.messages import Stream
 from msg_bridge.contract.rows import ConversionKind
 
 __all__ = ["TerrainAudit", "audit_terrain"]
 
-_MAX_FINDINGS = 10  # keyframes that disagree, told one by one
+_MAX_FINDINGS = 10  # wrong terrain maps that have a finding of their own
 
 
 @dataclass
 class TerrainAudit:
-    """What became of the terrain.
+    """Result of auditing the terrain.
 
     Attributes:
-        totals: bank volume after each soil tick by conversion rows [mm^3], None without a keyframe.
-        keyframes: how many were checked, the first included.
-        checks, findings: how far it went, and what is wrong.
+        totals: bank volume after each soil tick by conversion rows [mm^3], shape (ticks,); None
+            without a terrain map.
+        keyframes: number of checked terrain maps, the first included.
+        checks, findings: extent of the checks, and faults.
     """
 
     totals: Numbers | None = None
@@ -40,33 +41,50 @@ def audit_terrain(
     soil: SoilTicks,
     window: Window,
     conversions: NumberedRows,
-    changed: NumberedRows,
+    map_updates: NumberedRows,
     keyframes: Keyframes,
     *,
     has_map_updates: bool,
 ) -> TerrainAudit:
-    """Count the terrain of every tick in the window.
+    """Recompute the terrain volume of every tick in the window and compare with the maps.
 
     Args:
-        has_map_updates: whether the bag has the topic of changed cells, or needs none.
+        soil, window, conversions: the run.
+        map_updates: rows of updated cells.
+        keyframes: the terrain maps.
+        has_map_updates: whether map updates were recorded, or headers count none.
     """
     result = TerrainAudit()
-    for what, wrong in (
-        ("two different terrain maps are", keyframes.conflicting),
-        (
-            "a terrain map that comes after newer ones or has another grid is",
-            keyframes.out_of_order,
-        ),
-    ):
-        result.findings += [
-            Finding(Check.KEYFRAMES, f"{what} of revision {revision}") for revision in wrong
-        ]
-    places = _keyframe_indices(soil, window, keyframes, result)
-    if not places:
-        why = "no terrain map of a tick that is audited"
+    _check_keyframe_order(keyframes, result)
+    indices = _keyframe_indices(soil, window, keyframes, result)
+    if not indices:
+        why = "no terrain map of an audited tick"
         result.checks += [CheckResult(c, False, why) for c in (Check.TERRAIN, Check.KEYFRAMES)]
         return result
-    anchor = next(iter(places.values()))
+    anchor = next(iter(indices.values()))
+    moved = _net_deposited(soil, conversions)
+    replay = _CellReplay(soil, window, map_updates, keyframes, indices, result)
+    result.totals = replay.first_total + moved - moved[anchor]
+    if not has_map_updates:
+        why = "the bag has no map updates"
+        result.checks += [CheckResult(c, False, why) for c in (Check.TERRAIN, Check.KEYFRAMES)]
+        return result
+    by_cells = replay.totals(result.totals)
+    ticks = soil.ticks[anchor : window.last + 1]
+    finding = difference_finding(
+        Check.TERRAIN,
+        "the terrain by map updates differs from that by conversion rows",
+        ticks,
+        (by_cells - result.totals)[anchor : window.last + 1],
+    )
+    result.findings += [finding] if finding else []
+    last_tick = int(soil.ticks[list(indices.values())[-1]])
+    result.checks += _check_results(soil, window, anchor, result.keyframes, last_tick)
+    return result
+
+
+def _net_deposited(soil: SoilTicks, conversions: NumberedRows) -> Numbers:
+    """Return the volume deposited minus that excavated up to each soil tick [mm^3]."""
     volume = conversions.rows["volume_mm3"].astype(np.int64)
     kind = conversions.rows["kind"]
     signed = np.where(
@@ -75,105 +93,143 @@ def audit_terrain(
         np.where(kind == ConversionKind.EXCAVATE, -volume, 0),
     )
     sums = np.concatenate([[0], np.cumsum(signed)])
-    moved = sums[conversions.count_through(soil.spans[Stream.CONVERSION].last)]
-    walk = _CellReplay(soil, window, changed, keyframes, places, result)
-    result.totals = walk.first_total + moved - moved[anchor]
-    if not has_map_updates:
-        why = "the bag has no changed cells"
-        result.checks += [CheckResult(c, False, why) for c in (Check.TERRAIN, Check.KEYFRAMES)]
-        return result
-    cells = walk.totals(result.totals)
-    ticks = soil.ticks[anchor : window.last + 1]
-    finding = difference_finding(
-        Check.TERRAIN,
-        "the terrain by changed cells differs from that by conversion rows",
-        ticks,
-        cells[anchor : window.last + 1] - result.totals[anchor : window.last + 1],
-    )
-    result.findings += [finding] if finding else []
-    early = soil.spans[Stream.MAP_UPDATE]
-    before = int(early.last[anchor]) >= int(early.first[window.first]) and anchor > window.first
-    detail = f"ticks {ticks[0]}..{ticks[-1]}, by conversion rows and cell by cell"
-    if before:
-        detail += f"; the first terrain map is of tick {ticks[0]}, so cells before it are unknown"
-    result.checks.append(CheckResult(Check.TERRAIN, not before, detail))
-    last = soil.ticks[list(places.values())[-1]]
-    detail = f"{result.keyframes} terrain map(s), cell by cell, the last of tick {last}"
-    compared = result.keyframes > 1 or int(early.last[window.last]) <= int(early.last[anchor])
+    net: Numbers = sums[conversions.count_through(soil.spans[Stream.CONVERSION].last)]
+    return net
+
+
+def _check_keyframe_order(keyframes: Keyframes, result: TerrainAudit) -> None:
+    for subject, revisions in (
+        ("two different terrain maps are", keyframes.conflicting),
+        ("a terrain map after newer ones or of another grid is", keyframes.out_of_order),
+    ):
+        result.findings += [
+            Finding(Check.KEYFRAMES, f"{subject} of revision {revision}") for revision in revisions
+        ]
+
+
+def _check_results(
+    soil: SoilTicks, window: Window, anchor: int, num_keyframes: int, last_tick: int
+) -> list[CheckResult]:
+    """Return the extent of both checks.
+
+    Args:
+        soil, window: the run.
+        anchor: index of the soil header of the first terrain map.
+        num_keyframes: number of checked terrain maps.
+        last_tick: tick of the last one.
+    """
+    span = soil.spans[Stream.MAP_UPDATE]
+    first, last = soil.ticks[anchor], soil.ticks[window.last]
+    misses_cells = anchor > window.first and int(span.last[anchor]) >= int(span.first[window.first])
+    terrain = f"ticks {first}..{last}, by conversion rows and cell by cell"
+    if misses_cells:
+        terrain += f"; the first terrain map is of tick {first}, so cells before it are unknown"
+    compared = num_keyframes > 1 or int(span.last[window.last]) <= int(span.last[anchor])
+    maps = f"{num_keyframes} terrain map(s), cell by cell, the last of tick {last_tick}"
     if not compared:
-        detail = "there is one terrain map only, and nothing to compare with it"
-    result.checks.append(CheckResult(Check.KEYFRAMES, compared, detail))
-    return result
+        maps = "there is only one terrain map, and nothing to compare it with"
+    return [
+        CheckResult(Check.TERRAIN, not misses_cells, terrain),
+        CheckResult(Check.KEYFRAMES, compared, maps),
+    ]
 
 
 class _CellReplay:
-    """From keyframe to keyframe, applying changed cells and comparing."""
+    """Replays map updates from one terrain map to the next and compares.
+
+    Attributes:
+        first_total: volume of the first terrain map in the window [mm^3].
+    """
 
     def __init__(
         self,
         soil: SoilTicks,
         window: Window,
-        changed: NumberedRows,
+        map_updates: NumberedRows,
         keyframes: Keyframes,
-        places: dict[int, int],
+        indices: dict[int, int],
         result: TerrainAudit,
     ) -> None:
+        """Select the valid updates; the others are findings.
+
+        Args:
+            soil, window: the run.
+            map_updates: rows of updated cells.
+            keyframes: the terrain maps.
+            indices: index of the soil header of each map, by revision.
+            result: receives findings and the number of checked maps.
+        """
         self._soil, self._window, self._result = soil, window, result
-        self._keyframes, self._keyframe_indices = keyframes, places
+        self._keyframes, self._keyframe_indices = keyframes, indices
         assert keyframes.grid is not None
         self._shape = keyframes.grid.shape
-        rows = changed.rows
+        rows = map_updates.rows
         inside = (rows["row"] < self._shape[0]) & (rows["col"] < self._shape[1])
         volume = rows["volume_mm3"]
-        proper = inside & (volume >= 0.0) & (volume < 2**53) & (volume == np.rint(volume))
-        if not proper.all():
-            number = int(changed.numbers[~proper][0])
-            tick = int(soil.spans[Stream.MAP_UPDATE].tick_of(changed.numbers[~proper][:1])[0])
-            text = f"{(~proper).sum()} changed cell(s) are no cell or volume, first row {number}"
-            result.findings.append(Finding(Check.TERRAIN, f"{text} (tick {tick})", tick))
-        self._numbers = changed.numbers[proper]
-        self._cell = rows["row"][proper].astype(np.int64) * self._shape[1] + rows["col"][proper]
-        self._volume = volume[proper].astype(np.int64)
-        first = next(volumes for revision, volumes in keyframes if revision in places)
+        valid = inside & (volume >= 0.0) & (volume < 2**53) & (volume == np.rint(volume))
+        if not valid.all():
+            number = int(map_updates.numbers[~valid][0])
+            tick = int(soil.spans[Stream.MAP_UPDATE].tick_of(map_updates.numbers[~valid][:1])[0])
+            text = (
+                f"{(~valid).sum()} map update(s) have a cell outside of the map or an invalid"
+                f" volume, the first is row {number} (tick {tick})"
+            )
+            result.findings.append(Finding(Check.TERRAIN, text, tick))
+        self._numbers = map_updates.numbers[valid]
+        self._cell = rows["row"][valid].astype(np.int64) * self._shape[1] + rows["col"][valid]
+        self._volume = volume[valid].astype(np.int64)
+        first = next(volumes for revision, volumes in keyframes if revision in indices)
         self.first_total = int(first.sum())
 
     def totals(self, by_conversions: Numbers) -> Numbers:
-        """Terrain after each soil tick by changed cells, from the first keyframe placed on."""
+        """Return the terrain volume after each soil tick by map updates [mm^3], shape (ticks,).
+
+        Args:
+            by_conversions: the same by conversion rows; used before the first map.
+        """
         span = self._soil.spans[Stream.MAP_UPDATE]
         ends = np.searchsorted(self._numbers, span.last, side="right")
         totals = by_conversions.copy()
         state: Numbers | None = None
-        at = 0
-        wrong = 0
+        start = num_wrong = 0
         for revision, volumes in self._keyframes:
-            place = self._keyframe_indices.get(revision)
-            if place is None:
+            index = self._keyframe_indices.get(revision)
+            if index is None:
                 continue
             if state is not None:
-                self._apply(state, totals, ends, at, place)
+                self._apply(state, totals, ends, start, index)
                 self._result.keyframes += 1
-                wrong += self._compare(state, volumes, revision, at, place, wrong)
-                if (total := int(volumes.sum())) != by_conversions[place]:
-                    self._report_total_difference(
-                        revision, place, total - int(by_conversions[place])
-                    )
+                if (state != volumes).any():
+                    num_wrong += 1
+                    if num_wrong <= _MAX_FINDINGS:
+                        self._report_cell_difference(state, volumes, revision, start, index)
+                difference = int(volumes.sum()) - int(by_conversions[index])
+                if difference:
+                    self._report_total_difference(revision, index, difference)
             else:
                 self._result.keyframes = 1
-                totals[place] = int(volumes.sum())
-            # Each stretch starts from the map itself, so that one wrong cell is told once.
-            state, at = volumes.copy(), place
+                totals[index] = int(volumes.sum())
+            # Continue from the map itself, so that one wrong cell is reported once.
+            state, start = volumes.copy(), index
         if state is not None:
-            self._apply(state, totals, ends, at, self._window.last)
-        if wrong > _MAX_FINDINGS:
-            text = f"{wrong - _MAX_FINDINGS} more terrain maps differ from their changed cells"
+            self._apply(state, totals, ends, start, self._window.last)
+        if num_wrong > _MAX_FINDINGS:
+            text = f"{num_wrong - _MAX_FINDINGS} more terrain maps differ from their updates"
             self._result.findings.append(Finding(Check.KEYFRAMES, text))
         return totals
 
-    def _apply(self, state: Numbers, totals: Numbers, ends: Numbers, at: int, to: int) -> None:
-        """Bring `state` from soil header `at` to `to`, and note the totals after each."""
-        if to <= at:
+    def _apply(self, state: Numbers, totals: Numbers, ends: Numbers, start: int, end: int) -> None:
+        """Advance the cells from soil header `start` to `end`, and set the totals after each.
+
+        Args:
+            state: volume of each cell [mm^3]; changed in place.
+            totals: volume after each soil tick [mm^3]; changed in place.
+            ends: number of updates up to each soil header.
+            start, end: indices of soil headers.
+        """
+        if end <= start:
             return
-        low, high = int(ends[at]), int(ends[to])
+        low, high = int(ends[start]), int(ends[end])
         cell, volume = self._cell[low:high], self._volume[low:high]
         order = np.argsort(cell, kind="stable")
         same = np.concatenate([[False], cell[order][1:] == cell[order][:-1]])
@@ -181,37 +237,40 @@ class _CellReplay:
         rise = np.empty_like(volume)
         rise[order] = volume[order] - before
         sums = np.concatenate([[0], np.cumsum(rise)])
-        totals[at + 1 : to + 1] = int(state.sum()) + sums[ends[at + 1 : to + 1] - low]
+        totals[start + 1 : end + 1] = int(state.sum()) + sums[ends[start + 1 : end + 1] - low]
         last_of = np.concatenate([~same[1:], [True]]) if cell.size else same[:0]
         state[cell[order][last_of]] = volume[order][last_of]
 
-    def _compare(
-        self, state: Numbers, volumes: Numbers, revision: int, at: int, place: int, wrong: int
-    ) -> int:
-        """Compare with the map at `place`; 1 if it differs."""
-        differs = np.flatnonzero(state != volumes)
-        if not differs.size:
-            return 0
-        if wrong < _MAX_FINDINGS:
-            row, col = divmod(int(differs[0]), self._shape[1])
-            low, high = int(self._soil.ticks[at]), int(self._soil.ticks[place])
-            text = (
-                f"the terrain map of tick {high} (revision {revision}) differs from its changed"
-                f" cells in {differs.size} cell(s), first row {row}, col {col}: the map has"
-                f" {volumes[differs[0]]} mm3, its changes since tick {low} make"
-                f" {state[differs[0]]} mm3"
-            )
-            self._result.findings.append(Finding(Check.KEYFRAMES, text, low + 1, high))
-        return 1
+    def _report_cell_difference(
+        self, state: Numbers, volumes: Numbers, revision: int, start: int, index: int
+    ) -> None:
+        """Add a finding about a map that differs from its updates.
 
-    def _report_total_difference(self, revision: int, place: int, by: int) -> None:
-        known = [f for f in self._result.findings if f.text.startswith("the total of")]
-        if known:
-            return
-        tick = int(self._soil.ticks[place])
+        Args:
+            state: volumes by updates [mm^3].
+            volumes: volumes of the map [mm^3].
+            revision: that of the map.
+            start, index: soil headers of the map before and of this one.
+        """
+        differs = np.flatnonzero(state != volumes)
+        row, col = divmod(int(differs[0]), self._shape[1])
+        first, last = int(self._soil.ticks[start]), int(self._soil.ticks[index])
         text = (
-            f"the total of the terrain map of tick {tick} (revision {revision}) differs by {by:+}"
-            " mm3 from that by conversion rows since the first map"
+            f"the terrain map of tick {last} (revision {revision}) differs from its updates in"
+            f" {differs.size} cell(s), first row {row}, col {col}: the map has"
+            f" {volumes[differs[0]]} mm3, the updates since tick {first} lead to"
+            f" {state[differs[0]]} mm3"
+        )
+        self._result.findings.append(Finding(Check.KEYFRAMES, text, first + 1, last))
+
+    def _report_total_difference(self, revision: int, index: int, difference: int) -> None:
+        """Add a finding about the first map whose total differs from the conversion rows."""
+        if any(f.text.startswith("the total of") for f in self._result.findings):
+            return
+        tick = int(self._soil.ticks[index])
+        text = (
+            f"the total of the terrain map of tick {tick} (revision {revision}) differs by"
+            f" {difference:+} mm3 from that by conversion rows since the first map"
         )
         self._result.findings.append(Finding(Check.KEYFRAMES, text, tick))
 
@@ -219,14 +278,14 @@ class _CellReplay:
 def _keyframe_indices(
     soil: SoilTicks, window: Window, keyframes: Keyframes, result: TerrainAudit
 ) -> dict[int, int]:
-    """Index of the soil header that each keyframe shows the end of, by revision."""
+    """Return the index of the first soil header with the revision of each map, by revision."""
     revisions = soil.revisions[window.indices]
-    places = {}
+    indices = {}
     for revision in keyframes.revisions:
         same = np.flatnonzero(revisions == revision)
         if same.size:
-            places[revision] = window.first + int(same[0])
+            indices[revision] = window.first + int(same[0])
         elif (revisions < revision).any() and (revisions > revision).any() and not soil.missing():
-            text = f"a terrain map has revision {revision}, which no tick ends with"
+            text = f"a terrain map has revision {revision}, which is that of no tick"
             result.findings.append(Finding(Check.KEYFRAMES, text))
-    return places
+    return indices

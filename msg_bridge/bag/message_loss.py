@@ -1,13 +1,13 @@
-"""Counts what was sent and did not arrive, and never what did not get lost.
+"""Count messages and rows that were sent and not received, without false positives.
 
-Two numberings tell of a loss:
+Two kinds of sequence numbers show a loss:
 
-- A publisher numbers its messages from 1 on, below ROS. That is exact for a topic of one publisher.
-  With several, numbers interleave and a message does not say whose it is: nothing is counted then.
-  A jump counts only when the graph has shown the same single publisher before and after it, and
-  numbers only went up meanwhile; so publishers that come, go and start again are no gaps.
-- Streams of the exchange number their rows, from 1 in every run (epoch) and life, whoever else
-  sends on that topic. There rows are counted; one that was missing and is sent again is no longer.
+- The middleware numbers the messages of each publisher from 1 on. This is exact for a topic with
+  one publisher. With several, numbers interleave and a message does not identify its publisher, so
+  nothing is counted. A gap counts only if the graph showed the same single publisher before and
+  after it and numbers only increased; so publishers that start, end or restart cause no losses.
+- Row streams of the exchange number their rows from 1 in each run and session. There rows are
+  counted, whatever the number of publishers; a missing row that is sent again no longer counts.
 """
 
 from __future__ import annotations
@@ -25,32 +25,38 @@ __all__ = ["MessageLossCounter"]
 _POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 _MODULUS = 2**32
 _MAX_OPEN_GAPS = 256
-_LITTLE_ENDIAN = b"\x00\x01"  # how CDR begins
+_LITTLE_ENDIAN = b"\x00\x01"  # header of little-endian CDR
 _UINT16, _UINT32 = struct.Struct("<H"), struct.Struct("<I")
 _INTEGER_FORMATS = {4: _UINT16, 6: _UINT32}  # by PointField.datatype
+_ID_FIELDS = ("seq", "run_id", "machine_id", "session_id")
 
 
 class MessageLossCounter:
-    """Losses of every topic."""
+    """Counts the losses of every topic."""
 
     def __init__(self) -> None:
         self._numbers: dict[str, _TopicSequence] = {}
         self._streams: dict[str, _TopicStreams] = {}
-        self._unclassified: set[str] = set()  # clouds that may be rows
+        self._unclassified: set[str] = set()  # topics of clouds that may be rows
 
     def add_topic(self, topic: str, type_name: str) -> None:
-        """Begin to watch a topic."""
+        """Add a topic.
+
+        Args:
+            topic: its name.
+            type_name: as `sensor_msgs/msg/PointCloud2`.
+        """
         self._numbers[topic] = _TopicSequence()
         if type_name == _POINT_CLOUD:
             self._unclassified.add(topic)
 
     def add(self, topic: str, data: bytes, number: int) -> None:
-        """Take a message that arrived.
+        """Add a received message.
 
         Args:
-            topic: one that was added.
-            data: its CDR.
-            number: its publisher's, from 1; 0 if the middleware tells none.
+            topic: an added topic.
+            data: its CDR bytes.
+            number: sequence number of its publisher, from 1; 0 if the middleware has none.
         """
         if topic in self._unclassified:
             self._unclassified.discard(topic)
@@ -64,12 +70,12 @@ class MessageLossCounter:
             streams.add(data)
 
     def update_publishers(self, topic: str, publishers: frozenset[bytes]) -> None:
-        """Take the identities of a topic's publishers now; to be called about every second."""
+        """Update the publishers of a topic from the ROS graph; to be called about every second."""
         self._numbers[topic].update_publishers(publishers)
 
     @property
     def lost(self) -> dict[str, int]:
-        """Messages lost, rows where rows are numbered; of topics that lost any."""
+        """Number of lost messages, or rows where rows are numbered, of topics with losses."""
         lost = {
             topic: self._streams[topic].lost if topic in self._streams else numbers.lost
             for topic, numbers in self._numbers.items()
@@ -83,7 +89,7 @@ class MessageLossCounter:
 
     @property
     def uncounted(self) -> tuple[str, ...]:
-        """Topics of several publishers, of whose losses nothing can be told."""
+        """Topics with several publishers, whose losses cannot be counted."""
         return tuple(
             topic
             for topic, numbers in self._numbers.items()
@@ -93,20 +99,21 @@ class MessageLossCounter:
 
 @dataclass
 class _TopicSequence:
-    """A topic's messages by their publisher's numbers.
+    """Sequence numbers of the messages of one topic.
 
     Attributes:
-        publishers: when last seen.
-        lost: confirmed losses.
+        publishers: the publishers at the last update.
+        lost: number of confirmed losses.
     """
 
     publishers: frozenset[bytes] = frozenset()
     lost: int = 0
     _last: int = 0  # 0: none yet
-    _unconfirmed_lost: int = 0  # missing since the publishers were last seen
+    _unconfirmed_lost: int = 0  # since the last update
     _sequence_decreased: bool = False
 
     def add(self, number: int) -> None:
+        """Add the number of a received message."""
         if 0 < self._last < number:
             self._unconfirmed_lost += number - self._last - 1
         elif 0 < number <= self._last:
@@ -114,8 +121,9 @@ class _TopicSequence:
         self._last = number
 
     def update_publishers(self, publishers: frozenset[bytes]) -> None:
-        one_and_the_same = len(publishers) == 1 and publishers == self.publishers
-        if one_and_the_same and not self._sequence_decreased:
+        """Confirm the losses since the last update if there was one and the same publisher."""
+        is_same_publisher = len(publishers) == 1 and publishers == self.publishers
+        if is_same_publisher and not self._sequence_decreased:
             self.lost += self._unconfirmed_lost
         if publishers != self.publishers:
             self._last = 0
@@ -124,37 +132,37 @@ class _TopicSequence:
 
 
 class _TopicStreams:
-    """The streams of rows on one topic, one for each machine that sends there."""
+    """The row streams on one topic, one for each machine that publishes there."""
 
     def __init__(self, layout: _RowLayout) -> None:
         self._layout = layout
         self._by_machine: dict[int, _RowStream] = {}
 
     def add(self, data: bytes) -> None:
-        """Take a cloud; one that is malformed or has no numbered rows says nothing."""
-        # Nothing has looked into the bytes of a raw message before.
+        """Add a cloud; one that is malformed or has no numbered rows is ignored."""
+        # The bytes of a raw message have not been validated.
         with contextlib.suppress(struct.error):
             self._add(data)
 
     def _add(self, data: bytes) -> None:
-        at = self._layout.find(data)
-        if at < 0:
+        offset = self._layout.find_rows(data)
+        if offset < 0:
             layout = _find_row_layout(data)
             if layout is None:
                 return
-            self._layout, at = layout, layout.find(data)
-        found = self._layout.read(data, at)
-        if found is None:
+            self._layout, offset = layout, layout.find_rows(data)
+        ids = self._layout.read(data, offset)
+        if ids is None:
             return
-        machine_id, session_id, runs = found
+        machine_id, session, ranges = ids
         stream = self._by_machine.get(machine_id)
-        if stream is None:  # nothing tells how many came before
-            stream = self._by_machine[machine_id] = _RowStream(session_id, runs[0][0])
-        elif session_id > stream.session_id:
-            stream.begin(session_id)
-        elif session_id < stream.session_id:
+        if stream is None:  # the number of earlier rows is unknown
+            stream = self._by_machine[machine_id] = _RowStream(session, ranges[0][0])
+        elif session > stream.session:
+            stream.begin_session(session)
+        elif session < stream.session:
             return
-        for first, count in runs:
+        for first, count in ranges:
             stream.add(first, count)
 
     @property
@@ -167,133 +175,137 @@ class _RowStream:
     """Rows of one sender.
 
     Attributes:
-        life: its epoch and life; rows count from 1 in each.
+        session: run id and session id; rows are numbered from 1 in each.
         expected: number of the next row.
     """
 
-    session_id: tuple[int, int]
+    session: tuple[int, int]
     expected: int
-    _confirmed_lost: int = 0  # lost for good
-    _open_gaps: list[tuple[int, int]] = field(default_factory=list)  # first, and last + 1
+    _confirmed_lost: int = 0  # rows that are no longer expected
+    _open_gaps: list[tuple[int, int]] = field(default_factory=list)  # (first, last + 1)
 
     @property
     def lost(self) -> int:
         return self._confirmed_lost + sum(end - begin for begin, end in self._open_gaps)
 
-    def begin(self, session_id: tuple[int, int]) -> None:
-        """Go on with a later life."""
+    def begin_session(self, session: tuple[int, int]) -> None:
+        """Continue with a later session."""
         self._confirmed_lost, self._open_gaps = self.lost, []
-        self.session_id, self.expected = session_id, 1
+        self.session, self.expected = session, 1
 
     def add(self, first: int, count: int) -> None:
-        """Take rows `first` to `first + count - 1`, numbered modulo 2**32."""
+        """Add rows `first` to `first + count - 1`, numbered modulo 2**32."""
         ahead = (first - self.expected + _MODULUS // 2) % _MODULUS - _MODULUS // 2
         begin = self.expected + ahead
         end = begin + count
-        if ahead > MAX_ROWS_IN_FLIGHT:  # no stream does that: somebody counts from another start
+        if ahead > MAX_ROWS_IN_FLIGHT:  # impossible in one stream: the numbering restarted
             self.expected = end
             return
         if ahead > 0:
             self._open_gaps.append((self.expected, begin))
             if len(self._open_gaps) > _MAX_OPEN_GAPS:
-                old = self._open_gaps.pop(0)
-                self._confirmed_lost += old[1] - old[0]
+                oldest = self._open_gaps.pop(0)
+                self._confirmed_lost += oldest[1] - oldest[0]
         elif self._open_gaps:
             self._close_gaps(begin, end)
         self.expected = max(self.expected, end)
 
     def _close_gaps(self, begin: int, end: int) -> None:
-        """Take rows that were missing."""
-        left = []
+        """Remove rows `begin` to `end - 1` from the gaps."""
+        remaining = []
         for low, high in self._open_gaps:
-            left += [(low, min(high, begin)), (max(low, end), high)]
-        self._open_gaps = [(low, high) for low, high in left if low < high]
+            remaining += [(low, min(high, begin)), (max(low, end), high)]
+        self._open_gaps = [(low, high) for low, high in remaining if low < high]
 
 
 @dataclass(frozen=True)
 class _RowLayout:
-    """Where the numbers of a cloud's rows are in its CDR.
+    """Positions of the ids of a cloud's rows in its CDR bytes.
 
     Attributes:
-        head: the message from its fields to `point_step`, the same in all messages of a stream.
-        step: bytes of a row.
-        fields: offset in a row, and how to read it, by name.
+        head: the bytes from the cloud's fields to `point_step`, equal in all messages of a stream.
+        step: size of a row [bytes].
+        fields: offset in a row [bytes] and format of each id, by name.
     """
 
     head: bytes
     step: int
     fields: dict[str, tuple[int, struct.Struct]]
 
-    def find(self, data: bytes) -> int:
-        """Where the rows of a message of this layout begin; -1 if it is of another."""
+    def find_rows(self, data: bytes) -> int:
+        """Return the offset of the rows in a message; -1 if its layout is another one."""
         begin = _fields_offset(data)
         end = begin + len(self.head)
-        return end + 8 if data[begin:end] == self.head else -1  # row_step and length between
+        return end + 8 if data[begin:end] == self.head else -1  # after row_step and length
 
     def read(
-        self, data: bytes, at: int
+        self, data: bytes, begin: int
     ) -> tuple[int, tuple[int, int], list[tuple[int, int]]] | None:
-        """(source, (epoch, life), runs of consecutive rows as (first, count)); None if no rows.
+        """Return (machine id, (run id, session id), ranges of rows as (first, count)).
 
-        Source and life are 0 where rows are sent to all.
+        Machine and session are 0 where rows are sent to all machines. None if there are no rows.
+
+        Args:
+            data: CDR bytes of a message.
+            begin: offset of its rows.
         """
-        count = _UINT32.unpack_from(data, at - 4)[0] // self.step
-        if count == 0 or at + count * self.step >= len(data):  # is_dense comes after the rows
+        count = _UINT32.unpack_from(data, begin - 4)[0] // self.step
+        if count == 0 or begin + count * self.step >= len(data):  # is_dense follows the rows
             return None
         value = {
-            name: reader.unpack_from(data, at + offset)[0]
-            for name, (offset, reader) in self.fields.items()
+            name: number.unpack_from(data, begin + offset)[0]
+            for name, (offset, number) in self.fields.items()
         }
         session_id = value.get("session_id")
         machine_id = 0 if session_id is None else value.get("machine_id", 0)
-        return machine_id, (value["run_id"], session_id or 0), self._runs(data, at, count)
+        ranges = self._contiguous_ranges(data, begin, count)
+        return machine_id, (value["run_id"], session_id or 0), ranges
 
-    def _runs(self, data: bytes, at: int, count: int) -> list[tuple[int, int]]:
-        offset, reader = self.fields["seq"]
-        first = reader.unpack_from(data, at + offset)[0]
-        last = reader.unpack_from(data, at + offset + (count - 1) * self.step)[0]
+    def _contiguous_ranges(self, data: bytes, begin: int, count: int) -> list[tuple[int, int]]:
+        offset, number = self.fields["seq"]
+        first = number.unpack_from(data, begin + offset)[0]
+        last = number.unpack_from(data, begin + offset + (count - 1) * self.step)[0]
         if (last - first) % _MODULUS == count - 1:
             return [(first, count)]
-        seq = np.ndarray(count, "<u4", data, at + offset, (self.step,)).astype(np.int64)
+        seq = np.ndarray(count, "<u4", data, begin + offset, (self.step,)).astype(np.int64)
         starts = np.flatnonzero(np.diff(seq, prepend=seq[0] - 2) % _MODULUS != 1)
         sizes = np.diff(starts, append=count)
         return [(int(seq[i]), int(n)) for i, n in zip(starts, sizes, strict=True)]
 
 
 def _fields_offset(data: bytes) -> int:
-    """Where the fields of a PointCloud2 begin: after its header of variable length, and sizes."""
+    """Return the offset of the fields of a PointCloud2, after its header, height and width."""
     frame_id = _UINT32.unpack_from(data, 12)[0]
     return _align(16 + int(frame_id)) + 8
 
 
-def _align(at: int) -> int:
-    return (at + 3) & ~3
+def _align(offset: int) -> int:
+    """Round up to a multiple of 4 bytes."""
+    return (offset + 3) & ~3
 
 
 def _find_row_layout(data: bytes) -> _RowLayout | None:
-    """The layout of a PointCloud2 whose rows are numbered; None if they are not."""
+    """Return the layout of a PointCloud2 with numbered rows; None if they are not numbered."""
     if data[:2] != _LITTLE_ENDIAN:
         return None
     fields: dict[str, tuple[int, struct.Struct]] = {}
     try:
-        begin = at = _fields_offset(data)
-        count, at = _UINT32.unpack_from(data, at)[0], at + 4
+        begin = position = _fields_offset(data)
+        count, position = _UINT32.unpack_from(data, position)[0], position + 4
         for _ in range(count):
-            size = _UINT32.unpack_from(data, at)[0]
-            name = data[at + 4 : at + 3 + size].decode()
-            at = _align(at + 4 + size)
-            offset, datatype = struct.unpack_from("<IB", data, at)
-            at += 12
-            if (
-                name in ("seq", "run_id", "machine_id", "session_id")
-                and datatype in _INTEGER_FORMATS
-            ):
+            size = _UINT32.unpack_from(data, position)[0]
+            name = data[position + 4 : position + 3 + size].decode()
+            position = _align(position + 4 + size)
+            offset, datatype = struct.unpack_from("<IB", data, position)
+            position += 12  # offset, datatype, count
+            if name in _ID_FIELDS and datatype in _INTEGER_FORMATS:
                 fields[name] = (offset, _INTEGER_FORMATS[datatype])
-        end = at + 8  # is_bigendian, point_step
-        step = _UINT32.unpack_from(data, at + 4)[0]
+        end = position + 8  # is_bigendian, point_step
+        step = _UINT32.unpack_from(data, position + 4)[0]
     except (struct.error, UnicodeDecodeError):
         return None
-    numbered = all(fields.get(name, (0, None))[1] is _UINT32 for name in ("seq", "run_id"))
-    if step == 0 or data[at] or not numbered:  # data[at]: is_bigendian
+    is_numbered = all(fields.get(name, (0, None))[1] is _UINT32 for name in ("seq", "run_id"))
+    is_big_endian = data[position]
+    if step == 0 or is_big_endian or not is_numbered:
         return None
     return _RowLayout(data[begin:end], step, fields)

@@ -1,7 +1,7 @@
-"""What a bag says of a message type: its full definition and its hash, from its installed files.
+"""Read the definition and the hash of a message type from its installed files.
 
-A ROS package installs `share/<package>/msg/<Name>.msg` with the definition, and beside it
-`<Name>.json` with the type's hash (REP-2016). A reader of a bag that has both needs no ROS.
+A ROS package installs `share/<package>/msg/<Name>.msg` with the definition, and next to it
+`<Name>.json` with the type hash (REP-2016). A bag contains both, so that reading it needs no ROS.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ _BUILTIN = {
     *("bool", "byte", "char", "float32", "float64", "string", "wstring"),
     *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
 }
-_SEPARATOR = "=" * 80  # before every dependency, by the ros2msg encoding of MCAP
+_SEPARATOR = "=" * 80  # before every dependency, in the ros2msg encoding of MCAP
 
 
 class SchemaError(EarthmovingError):
-    """The files of a message type are not installed, or are not what they should be."""
+    """The files of a message type are missing or not valid."""
 
 
 def schema_text(type_name: str) -> str:
-    """The definition of a type and of all types it is made of, as schema of encoding `ros2msg`.
+    """Return the definition of a type and of all its dependencies, in the encoding `ros2msg`.
 
     Args:
         type_name: as `std_msgs/msg/String`.
 
     Raises:
-        SchemaError: not the name of a message type, or a definition is missing.
+        SchemaError: it is not the name of a message type, or a definition is missing.
     """
     texts = {type_name: _definition(type_name)}
     pending = [type_name]
@@ -53,10 +53,10 @@ def schema_text(type_name: str) -> str:
 
 
 def type_hash(type_name: str) -> str:
-    """The hash of a type, as `RIHS01_` and 64 hexadecimal digits.
+    """Return the hash of a type, `RIHS01_` and 64 hexadecimal digits.
 
     Raises:
-        SchemaError: not the name of a message type, or the file with its hash is missing.
+        SchemaError: it is not the name of a message type, or the file with its hash is missing.
     """
     path = _file(type_name, "json")
     try:
@@ -64,7 +64,7 @@ def type_hash(type_name: str) -> str:
         named = {each["type_name"]: str(each["hash_string"]) for each in hashes}
         return named[type_name]
     except (ValueError, KeyError, TypeError) as error:
-        raise SchemaError(f"{path} tells no hash of {type_name}; reinstall its package") from error
+        raise SchemaError(f"{path} has no hash of {type_name}; reinstall its package") from error
 
 
 def _definition(type_name: str) -> str:
@@ -72,25 +72,27 @@ def _definition(type_name: str) -> str:
 
 
 def _used_types(user: str, text: str) -> Iterator[str]:
-    """Names of the types of a definition's fields that are messages themselves, in order."""
+    """Yield the names of the message types in the fields of a definition, in order."""
     package = user.split("/")[0]
     for line in text.splitlines():
         words = line.split("#")[0].split()
         if not words:
             continue
-        # `pkg/Name[<=3] field`, `string<=10 field`: what is before the bounds.
+        # The type precedes its bounds: `pkg/Name[<=3] field`, `string<=10 field`.
         kind = re.split(r"\[|<=", words[0])[0]
-        if kind in _BUILTIN:  # constants are, too
+        if kind in _BUILTIN:  # so are the types of constants
             continue
         names = kind.split("/")
         yield f"{names[0] if len(names) > 1 else package}/msg/{names[-1]}"
 
 
 def _file(type_name: str, suffix: str) -> Path:
-    """The file of a type under the first prefix that has it."""
+    """Return the file of a type under the first prefix that has it."""
     parts = type_name.split("/")
     if len(parts) != 3 or parts[1] != "msg" or not all(parts):
-        raise SchemaError(f"{type_name!r} is no message type; one is named like std_msgs/msg/Bool")
+        raise SchemaError(
+            f"{type_name!r} is not a message type; give a name like std_msgs/msg/Bool"
+        )
     prefixes = [
         *filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)),
         sys.prefix,
@@ -99,8 +101,8 @@ def _file(type_name: str, suffix: str) -> Path:
     for path in paths:
         if path.is_file():
             return path
-    looked = "".join(f"\n  {path}" for path in paths)
+    searched = "".join(f"\n  {path}" for path in paths)
     raise SchemaError(
         f"{type_name} is not installed; install {parts[0]} or source its workspace."
-        f" Looked for:{looked}"
+        f" Searched for:{searched}"
     )

@@ -1,4 +1,4 @@
-"""metadata.yaml of a bag, as rosbag2 of ROS 2 Jazzy writes it (version 9), and offered QoS."""
+"""Format metadata.yaml of a bag as rosbag2 of ROS 2 Jazzy does (version 9), and offered QoS."""
 
 from __future__ import annotations
 
@@ -18,18 +18,21 @@ __all__ = [
 ]
 
 INFINITE = 2**63 - 1
-"""A duration without end [ns]; also the starting time of a bag without messages."""
+"""An infinite duration [ns]; also the starting time of a bag without messages."""
 
 _NANO = 10**9
 
 
 @dataclass(frozen=True)
 class OfferedQos:
-    """What one publisher offers, in rosbag2's words.
+    """QoS that one publisher offers, in the terms of rosbag2.
 
     Attributes:
-        history, depth: not told by every middleware; `unknown` and 0 then.
-        deadline, lifespan, lease: [ns].
+        reliability: `reliable` or `best_effort`.
+        durability: `volatile` or `transient_local`.
+        history, depth: `unknown` and 0 if the middleware does not provide them.
+        liveliness: `automatic` or `manual_by_topic`.
+        deadline, lifespan, lease: durations [ns].
     """
 
     reliability: str = "reliable"
@@ -42,7 +45,7 @@ class OfferedQos:
     lease: int = INFINITE
 
     def to_dict(self) -> dict[str, Any]:
-        """As it stands in YAML."""
+        """Return the entry in metadata.yaml."""
         return {
             "history": self.history,
             "depth": self.depth,
@@ -61,7 +64,11 @@ class TopicMetadata:
     """A topic of a bag.
 
     Attributes:
-        offered: by its publishers, equal ones once.
+        name: its name.
+        type_name: its message type, as `std_msgs/msg/String`.
+        type_hash: hash of the type, `RIHS01_...`.
+        offered: different QoS offered by its publishers.
+        count: number of its messages.
     """
 
     name: str
@@ -76,9 +83,10 @@ class BagMetadata:
     """A bag of one file.
 
     Attributes:
-        file: its name in the bag's folder.
-        first, last: log times of its first and last message [ns]; None if it has none.
-        custom: anything else, by name.
+        file: name of the file in the bag's folder.
+        topics: its topics.
+        first, last: log times of the first and the last message [ns]; None without messages.
+        custom: custom data, by name.
     """
 
     file: str
@@ -89,16 +97,16 @@ class BagMetadata:
 
 
 def to_qos_yaml(offered: Sequence[OfferedQos]) -> str:
-    """What stands in an MCAP channel's `offered_qos_profiles`: a YAML list."""
+    """Return the value of `offered_qos_profiles` of an MCAP channel: a YAML list."""
     return _dump([each.to_dict() for each in offered])
 
 
-def to_metadata_yaml(facts: BagMetadata) -> str:
-    """The content of metadata.yaml."""
-    count = sum(topic.count for topic in facts.topics)
+def to_metadata_yaml(metadata: BagMetadata) -> str:
+    """Return the content of metadata.yaml."""
+    count = sum(topic.count for topic in metadata.topics)
     start, length = INFINITE, 0
-    if facts.first is not None and facts.last is not None:
-        start, length = facts.first, facts.last - facts.first
+    if metadata.first is not None and metadata.last is not None:
+        start, length = metadata.first, metadata.last - metadata.first
     times = {
         "starting_time": {"nanoseconds_since_epoch": start},
         "duration": {"nanoseconds": length},
@@ -108,13 +116,13 @@ def to_metadata_yaml(facts: BagMetadata) -> str:
         "storage_identifier": "mcap",
         **times,
         "message_count": count,
-        "topics_with_message_count": [_topic_entry(topic) for topic in facts.topics],
-        # Of whole files or messages; the chunks inside an MCAP file tell their own.
+        "topics_with_message_count": [_topic_entry(topic) for topic in metadata.topics],
+        # Compression of files or messages; MCAP chunks have their own.
         "compression_format": "",
         "compression_mode": "",
-        "relative_file_paths": [facts.file],
-        "files": [{"path": facts.file, **times, "message_count": count}],
-        "custom_data": dict(facts.custom) or None,
+        "relative_file_paths": [metadata.file],
+        "files": [{"path": metadata.file, **times, "message_count": count}],
+        "custom_data": dict(metadata.custom) or None,
         "ros_distro": "jazzy",
     }
     return _dump({"rosbag2_bagfile_information": information})
@@ -139,7 +147,7 @@ def _duration_entry(nanoseconds: int) -> dict[str, int]:
 
 
 class _NoAliasDumper(yaml.SafeDumper):
-    """Writes what stands in two places twice, as rosbag2 does, not as an alias."""
+    """Writes a repeated value again rather than as an alias, as rosbag2 does."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True

@@ -1,8 +1,8 @@
-"""Writes one bag: a folder with one MCAP file, whole at any time up to its last chunk.
+"""Write one bag: a folder with one MCAP file that is readable up to its last chunk at any time.
 
-Messages are gathered in chunks; a chunk goes to the file in one piece when it is large enough or
-`flush` is called. A recorder that is killed so loses the chunk it was gathering and nothing else.
-What `close` adds, index and metadata.yaml, only makes reading faster and `ros2 bag` content.
+Messages are collected in a chunk, which is written to the file at once when it is large enough or
+`flush` is called. A recorder that is killed loses only the current chunk. What `close` adds, the
+index and metadata.yaml, makes reading faster and is required by `ros2 bag`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from typing import IO, cast
 
 from mcap.writer import CompressionType, Writer
 
-from msg_bridge.bag.message_schemas import schema_text, type_hash
+from msg_bridge.bag.message_schemas import schema_text
+from msg_bridge.bag.message_schemas import type_hash as installed_type_hash
 from msg_bridge.bag.metadata import (
     BagMetadata,
     OfferedQos,
@@ -31,29 +32,29 @@ from msg_bridge.contract.errors import EarthmovingError
 __all__ = ["CHUNK_SIZE", "COMPRESSIONS", "BagError", "BagWriter"]
 
 CHUNK_SIZE = 1 << 20
-"""Bytes of a chunk before compression, about. Larger ones compress no better; a reader has to
-unpack a whole one for its first message."""
+"""Approximate size of a chunk before compression [bytes]. Larger ones compress no better; a reader
+must decompress a chunk completely for its first message."""
 
 COMPRESSIONS = {
     "zstd": CompressionType.ZSTD,
     "lz4": CompressionType.LZ4,
     "none": CompressionType.NONE,
 }
-"""By name, best first. A terrain map of rough ground becomes 2.8 times smaller with zstd for about
-3 ms of CPU time a megabyte, 2.0 times with lz4 for about 1 ms. Terrain maps are most of a bag, some
-MB/s: with zstd that is a few percent of one core, and the disk holds a third more."""
+"""Compressions by name, best first. zstd makes a terrain map of rough ground 2.8 times smaller at
+about 3 ms of CPU time per megabyte, lz4 2.0 times at about 1 ms. Terrain maps are most of a bag,
+some MB/s: with zstd that is a few percent of one core, and a disk stores a third more."""
 
 _DISK_FULL_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _SEQUENCE_MODULUS = 2**32
 
 
 class BagError(EarthmovingError):
-    """A bag cannot be written where it is to be written."""
+    """A bag cannot be written to the given path."""
 
 
 @dataclass
 class _Topic:
-    """A topic and how far it is."""
+    """A topic and the number of its messages so far."""
 
     channel: int
     type_name: str
@@ -66,23 +67,23 @@ class BagWriter:
     """A bag being written.
 
     Attributes:
-        folder: where it is.
+        folder: its folder.
         file: its MCAP file.
-        messages: written so far, those of the chunk being gathered included.
+        messages: number of messages so far, those of the current chunk included.
     """
 
     def __init__(
         self, folder: Path, *, compression: str = "zstd", chunk_size: int = CHUNK_SIZE
     ) -> None:
-        """Make the folder and begin the file.
+        """Create the folder and the file.
 
         Args:
-            folder: may exist if it is empty; those above it are made.
+            folder: may exist if it is empty; its parents are created.
             compression: of chunks, one of COMPRESSIONS.
             chunk_size: [bytes] before compression.
 
         Raises:
-            BagError: there is something in the folder, or it cannot be written.
+            BagError: the folder is not empty, or it cannot be written.
         """
         if compression not in COMPRESSIONS:
             raise BagError(f"compression is {compression!r}; give one of {', '.join(COMPRESSIONS)}")
@@ -95,16 +96,16 @@ class BagWriter:
         self._last = 0
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            taken = next(self.folder.iterdir(), None)
+            existing = next(self.folder.iterdir(), None)
         except OSError as error:
             raise _to_bag_error(self.folder, error) from error
-        if taken is not None:
+        if existing is not None:
             raise BagError(
-                f"{self.folder} is not empty ({taken.name} is there); give another path, or move"
-                " what is there away"
+                f"{self.folder} is not empty (it has {existing.name}); give another path, or move"
+                " its content away"
             )
         self._stream = _AtomicFile(self.file)
-        # It needs no more of a stream than _File has.
+        # The Writer uses no other methods of a stream than those of _AtomicFile.
         self._mcap = Writer(
             cast(IO[bytes], self._stream),
             chunk_size=chunk_size,
@@ -114,17 +115,17 @@ class BagWriter:
 
     @property
     def size(self) -> int:
-        """Bytes in the file; what is being gathered is not yet."""
+        """Size of the file [bytes], without the current chunk."""
         return self._stream.tell()
 
     @property
     def has_failed(self) -> bool:
-        """Whether a write has failed; nothing more can be written then."""
+        """Whether a write failed; nothing more can be written then."""
         return self._stream.has_failed
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """Names of its topics, in the order they were added."""
+        """Names of the topics, in the order they were added."""
         return tuple(self._topics)
 
     def add_topic(
@@ -132,31 +133,32 @@ class BagWriter:
         topic: str,
         type_name: str,
         offered: Sequence[OfferedQos] = (),
-        hash_of_type: str | None = None,
+        advertised_hash: str | None = None,
     ) -> None:
-        """Make room for a topic's messages.
+        """Add a topic.
 
         Args:
             topic: its name.
             type_name: as `std_msgs/msg/String`.
-            offered: by each of its publishers.
-            hash_of_type: as publishers tell it; by default that of the installed type.
+            offered: QoS offered by each of its publishers.
+            advertised_hash: type hash that its publishers advertise; by default that of the
+                installed type.
 
         Raises:
             SchemaError: the type is not installed.
-            BagError: the topic is there already, or the bag cannot be written.
+            BagError: the topic was added before, or the bag cannot be written.
         """
         if topic in self._topics:
-            raise BagError(f"{topic} is in the bag already; a topic has one type")
-        hash_of_type = hash_of_type or type_hash(type_name)
+            raise BagError(f"{topic} was already added to the bag; add each topic once")
+        type_hash = advertised_hash or installed_type_hash(type_name)
         if type_name not in self._schemas:
             text = schema_text(type_name).encode()
             self._schemas[type_name] = self._mcap.register_schema(type_name, "ros2msg", text)
         unique = tuple(dict.fromkeys(offered))
-        metadata = {"offered_qos_profiles": to_qos_yaml(unique), "topic_type_hash": hash_of_type}
+        metadata = {"offered_qos_profiles": to_qos_yaml(unique), "topic_type_hash": type_hash}
         schema = self._schemas[type_name]
         channel = self._mcap.register_channel(topic, "cdr", schema, metadata)
-        self._topics[topic] = _Topic(channel, type_name, hash_of_type, unique)
+        self._topics[topic] = _Topic(channel, type_name, type_hash, unique)
 
     def write(
         self, topic: str, data: bytes, log_time: int, publish_time: int, sequence: int = 0
@@ -164,25 +166,25 @@ class BagWriter:
         """Add a message.
 
         Args:
-            topic: one that was added.
-            data: its CDR, as it came.
-            log_time, publish_time: when it arrived and was sent [ns].
-            sequence: its publisher's number, kept modulo 2**32.
+            topic: an added topic.
+            data: its CDR bytes.
+            log_time, publish_time: times of reception and publication [ns].
+            sequence: sequence number of its publisher, stored modulo 2**32.
 
         Raises:
             BagError: the bag cannot be written.
         """
-        about = self._topics[topic]
+        entry = self._topics[topic]
         self._mcap.add_message(
-            about.channel, log_time, data, publish_time, sequence=sequence % _SEQUENCE_MODULUS
+            entry.channel, log_time, data, publish_time, sequence=sequence % _SEQUENCE_MODULUS
         )
-        about.count += 1
+        entry.count += 1
         self.messages += 1
         self._first = log_time if self._first is None else min(self._first, log_time)
         self._last = max(self._last, log_time)
 
     def flush(self) -> None:
-        """End the chunk being gathered, so that a kill cannot lose it.
+        """Write the current chunk to the file, so that it is not lost if the process is killed.
 
         Raises:
             BagError: the bag cannot be written.
@@ -192,10 +194,10 @@ class BagWriter:
     def close(self, custom: Mapping[str, str] | None = None) -> None:
         """Finish the file and write metadata.yaml; a second call does nothing.
 
-        A bag whose file could not be written is left as it is: all its whole chunks are there.
+        After a failed write the file is left as it is, with all chunks written before.
 
         Args:
-            custom: for metadata.yaml, by name.
+            custom: custom data of metadata.yaml, by name.
 
         Raises:
             BagError: the bag cannot be written.
@@ -225,21 +227,21 @@ class BagWriter:
 
     def _write_metadata(self, text: str) -> None:
         path = self.folder / "metadata.yaml"
-        half = path.with_suffix(".part")
+        part = path.with_suffix(".part")
         try:
-            half.write_text(text, encoding="utf-8")
-            half.replace(path)  # whoever sees it sees all of it
+            part.write_text(text, encoding="utf-8")
+            part.replace(path)  # atomically, so that no reader sees a part of it
         except OSError as error:
             with contextlib.suppress(OSError):
-                half.unlink(missing_ok=True)
+                part.unlink(missing_ok=True)
             raise _to_bag_error(path, error) from error
 
 
 class _AtomicFile:
-    """A file without buffer in which every write stands as a whole or not at all.
+    """An unbuffered file in which each write succeeds completely or leaves no trace.
 
     Attributes:
-        broken: a write failed; the file ends with the one before.
+        has_failed: whether a write failed; the file ends with the one before.
     """
 
     def __init__(self, path: Path) -> None:
@@ -257,11 +259,11 @@ class _AtomicFile:
 
     def write(self, data: bytes) -> int:
         if self.has_failed:
-            raise BagError(f"{self._path} could not be written before; begin another bag")
-        rest = memoryview(data)
+            raise BagError(f"an earlier write to {self._path} failed; start another bag")
+        remaining = memoryview(data)
         try:
-            while rest:
-                rest = rest[self._raw.write(rest) :]
+            while remaining:
+                remaining = remaining[self._raw.write(remaining) :]
         except OSError as error:
             self.has_failed = True
             with contextlib.suppress(OSError):
@@ -274,17 +276,17 @@ class _AtomicFile:
         return self._size
 
     def flush(self) -> None:
-        """Nothing is held back."""
+        """Do nothing: there is no buffer."""
 
     def close(self) -> None:
         self._raw.close()
 
 
 def _to_bag_error(path: Path, error: OSError) -> BagError:
-    what = error.strerror or str(error)
+    reason = error.strerror or str(error)
     if error.errno in _DISK_FULL_ERRNOS:
         return BagError(
-            f"there is no room for {path} ({what}); free some, or record elsewhere. What was"
-            " recorded until now can be read"
+            f"there is no disk space for {path} ({reason}); free some, or record elsewhere. What"
+            " was recorded before can be read"
         )
-    return BagError(f"{path} cannot be written ({what}); give a path that can")
+    return BagError(f"{path} cannot be written ({reason}); give a writable path")

@@ -1,7 +1,13 @@
-"""The recorder: everything that is said on ROS topics, into a bag.
+"""Record all ROS topics into a bag.
 
-- `params`: what it records, and where
-- `core`: what becomes of a message; knows no ROS
-- `listening`: subscriptions to whatever is offered
-- `node`: the node that finds topics and says how it goes
+Modules in the order of use:
+
+- `params`: what is recorded, and where
+- `raw_subscriptions`: subscriptions that deliver messages of any type as bytes
+- `recording`: writes messages, repeats transient-local ones, and counts losses; without ROS
+- `recorder_node`: the node: finds topics, polls the subscriptions and publishes its status
+
+Modules are imported by name: only the first and third do without rclpy.
 """
+
+__all__: list[str] = []

@@ -1,4 +1,4 @@
-"""Parameters of the recorder."""
+"""Parameters of the recorder: what is recorded, and where."""
 
 from __future__ import annotations
 
@@ -16,37 +16,37 @@ __all__ = ["RecorderParams"]
 
 @dataclass(frozen=True)
 class RecorderParams(Parameters):
-    """What is recorded, where and how."""
+    """Parameters of `exchange_recorder`."""
 
-    path: str = parameter("", "folder to write; by default bags/ and the time (UTC)")
+    path: str = parameter("", "folder to create; by default bags/ and the time (UTC)")
     include: str = parameter(
-        "", "regular expression: only topics in whose name it is found; by default all"
+        "", "regular expression: record only topics whose names match; by default all"
     )
     exclude: str = parameter(
-        "", "regular expression: no topic in whose name it is found; by default none"
+        "", "regular expression: do not record topics whose names match; by default none"
     )
-    compression: str = parameter("zstd", "of the chunks", choices=tuple(COMPRESSIONS))
+    compression: str = parameter("zstd", "compression of the chunks", choices=tuple(COMPRESSIONS))
     chunk_size: int = parameter(
-        CHUNK_SIZE, "of a chunk before compression", unit="bytes", low=1024, high=1 << 30
+        CHUNK_SIZE, "size of a chunk before compression", unit="bytes", low=1024, high=1 << 30
     )
     repeat_transient_local_period: float = parameter(
         5.0,
-        "time after which the newest of a latched topic is written again, 0 for never",
+        "period at which the newest message of a transient-local topic is written again; 0: never",
         unit="s",
         low=0.0,
         high=1e6,
     )
     scan_period: float = parameter(
-        0.1, "wall time between two looks for new topics", unit="s", low=0.01, high=10.0
+        0.1, "wall time between searches for new topics", unit="s", low=0.01, high=10.0
     )
     niceness: int = parameter(
         10,
-        "by how much it yields to other processes: who records must not make a tick late",
+        "niceness of the process, so that recording delays no tick",
         low=0,
         high=19,
     )
     progress: bool = parameter(
-        True, "tell on the terminal how it goes: a line rewritten there, else one every 5 s"
+        True, "print progress: one updated line on a terminal, else a log line every 5 s"
     )
 
     def __post_init__(self) -> None:
@@ -56,13 +56,13 @@ class RecorderParams(Parameters):
 
     @property
     def folder(self) -> Path:
-        """Where to record; another one at every moment if `path` is not given."""
+        """Folder of the bag; without `path` it is named by the current time."""
         if self.path:
             return Path(self.path).expanduser()
         return Path("bags", datetime.now(timezone.utc).strftime("%Y-%m-%dT%H-%M-%SZ"))
 
     def is_selected(self, topic: str) -> bool:
-        """Whether a topic is to be recorded."""
+        """Return whether a topic is recorded."""
         if self.exclude and re.search(self.exclude, topic):
             return False
         return re.search(self.include, topic) is not None
@@ -73,5 +73,5 @@ def _validate_regex(name: str, text: str) -> None:
         re.compile(text)
     except re.error as error:
         raise ParameterError(
-            f"{name} is {text!r}, which is no regular expression: {error}"
+            f"{name} is {text!r}, which is not a regular expression: {error}"
         ) from error

@@ -1,8 +1,9 @@
-"""Subscriptions of the recorder: raw, with the QoS that all publishers offer, and looked at.
+"""Polled subscriptions that deliver messages of any type as bytes.
 
-They are looked at, say 50 times a second, instead of being waited for: waiting costs rclpy some
-time for each subscription at every message, looking costs next to nothing. Meanwhile messages wait
-in the middleware, which knows when each arrived.
+Each requests the strongest QoS that all publishers of its topic offer. Subscriptions are polled,
+about 50 times a second, rather than waited for: an rclpy executor spends time on each subscription
+at every message, polling almost none. In between, the middleware queues the messages with their
+times of reception.
 """
 
 from __future__ import annotations
@@ -26,14 +27,14 @@ from msg_bridge.recorder.recording import RecordedMessage
 __all__ = ["RawSubscriptions", "advertised_type_hash", "all_transient_local", "offered_qos"]
 
 _DEPTH = 1000
-"""Messages of a topic that wait between two looks, at most."""
+"""Maximum number of messages of a topic that are queued between two polls."""
 
 _TRANSIENT_LOCAL_DEPTH = 100
-"""Of a latched topic, whose messages may be whole maps."""
+"""The same for a transient-local topic, whose messages may be whole maps."""
 
 
 class RawSubscriptions:
-    """Listens to topics on behalf of a node."""
+    """Raw subscriptions of a node, by topic."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -42,11 +43,16 @@ class RawSubscriptions:
 
     @property
     def topics(self) -> list[str]:
-        """Names of what it listens to."""
+        """Names of the subscribed topics."""
         return list(self._subscriptions)
 
     def add(self, topic: str, type_name: str, publishers: Sequence[TopicEndpointInfo]) -> None:
-        """Begin to listen.
+        """Subscribe to a topic.
+
+        Args:
+            topic: its name.
+            type_name: as `std_msgs/msg/String`.
+            publishers: its publishers.
 
         Raises:
             SchemaError: the type is not installed here.
@@ -56,31 +62,31 @@ class RawSubscriptions:
         )
 
     def drop(self, topic: str) -> None:
-        """Listen to a topic no more, if it was listened to."""
-        ear = self._subscriptions.pop(topic, None)
-        if ear is not None:
-            self._node.destroy_subscription(ear.subscription)
+        """Unsubscribe from a topic, if it is subscribed."""
+        entry = self._subscriptions.pop(topic, None)
+        if entry is not None:
+            self._node.destroy_subscription(entry.subscription)
 
     def qos_incompatible(self, topic: str, publishers: Sequence[TopicEndpointInfo]) -> bool:
-        """Whether some of a topic's publishers offer less than is asked for; they are not heard."""
-        ear = self._subscriptions[topic]
-        return (ear.reliable and not _all_reliable(publishers)) or (
-            ear.transient_local and not all_transient_local(publishers)
+        """Return whether some publishers offer less than is requested, and are not received."""
+        entry = self._subscriptions[topic]
+        return (entry.reliable and not _all_reliable(publishers)) or (
+            entry.transient_local and not all_transient_local(publishers)
         )
 
     def resubscribe(self, topic: str, publishers: Sequence[TopicEndpointInfo]) -> None:
-        """Ask for what all of them offer; what has arrived and was not taken is lost."""
-        ear = self._subscriptions[topic]
-        self._node.destroy_subscription(ear.subscription)
-        self._subscriptions[topic] = self._subscribe(topic, ear.message_class, publishers)
+        """Subscribe anew with the QoS that all publishers offer; queued messages are lost."""
+        entry = self._subscriptions[topic]
+        self._node.destroy_subscription(entry.subscription)
+        self._subscriptions[topic] = self._subscribe(topic, entry.message_class, publishers)
 
     def take(self) -> list[RecordedMessage]:
-        """What has arrived since the last time, in the order it did."""
-        heard: list[RecordedMessage] = []
-        for ear in self._subscriptions.values():
-            _take(ear, heard)
-        heard.sort(key=attrgetter("received_time"))
-        return heard
+        """Return the messages received since the last call, in the order of their reception."""
+        messages: list[RecordedMessage] = []
+        for entry in self._subscriptions.values():
+            _take_queued(entry, messages)
+        messages.sort(key=attrgetter("received_time"))
+        return messages
 
     def _subscribe(
         self, topic: str, message_class: type, publishers: Sequence[TopicEndpointInfo]
@@ -101,19 +107,19 @@ class RawSubscriptions:
 
 
 def all_transient_local(publishers: Sequence[TopicEndpointInfo]) -> bool:
-    """Whether all keep their newest messages for late subscribers."""
+    """Return whether all publishers are transient local."""
     offers = (each.qos_profile.durability for each in publishers)
     return all(each == DurabilityPolicy.TRANSIENT_LOCAL for each in offers)
 
 
 def advertised_type_hash(publisher: TopicEndpointInfo) -> str | None:
-    """The hash of its type as a publisher tells it, if it does."""
-    told = str(publisher.topic_type_hash)
-    return told if told.startswith("RIHS01_") else None
+    """Return the type hash that a publisher advertises; None if it advertises none."""
+    type_hash = str(publisher.topic_type_hash)
+    return type_hash if type_hash.startswith("RIHS01_") else None
 
 
 def offered_qos(publisher: TopicEndpointInfo) -> OfferedQos:
-    """What a publisher offers."""
+    """Return the QoS that a publisher offers."""
     profile = publisher.qos_profile
     return OfferedQos(
         reliability=profile.reliability.name.lower(),
@@ -129,7 +135,7 @@ def offered_qos(publisher: TopicEndpointInfo) -> OfferedQos:
 
 @dataclass
 class TopicSubscription:
-    """A subscription, and what it asks for."""
+    """A subscription with its requested QoS."""
 
     topic: str
     message_class: type
@@ -138,38 +144,38 @@ class TopicSubscription:
     transient_local: bool
 
 
-def _take(ear: TopicSubscription, heard: list[RecordedMessage]) -> None:
-    """Take what waits at a subscription, at most as much as it can hold."""
-    handle = ear.subscription.handle
+def _take_queued(entry: TopicSubscription, messages: list[RecordedMessage]) -> None:
+    """Append the queued messages of a subscription, at most one queue length."""
+    handle = entry.subscription.handle
     with handle:
         for _ in range(_DEPTH):
-            taken = handle.take_message(ear.message_class, True)
+            taken = handle.take_message(entry.message_class, True)
             if taken is None:
                 return
             data, info = taken
-            # A middleware that tells no times leaves 0.
+            # A middleware without timestamps leaves 0.
             received_time = info["received_timestamp"] or time.time_ns()
             source_time = info["source_timestamp"] or received_time
             sequence_number = info["publication_sequence_number"]
-            heard.append(
-                RecordedMessage(ear.topic, data, received_time, source_time, sequence_number)
+            messages.append(
+                RecordedMessage(entry.topic, data, received_time, source_time, sequence_number)
             )
 
 
 def _unused_callback(message: bytes) -> None:
-    """Subscriptions are looked at instead."""
+    """Do nothing: subscriptions are polled."""
 
 
 def _message_class_of(type_name: str) -> type:
     package, _, name = type_name.partition("/msg/")
     try:
-        found: type = getattr(importlib.import_module(f"{package}.msg"), name)
+        message_class: type = getattr(importlib.import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError) as error:
         raise SchemaError(
             f"type {type_name} is not installed; install {package.split('/')[0]} or source its"
             " workspace"
         ) from error
-    return found
+    return message_class
 
 
 def _all_reliable(publishers: Sequence[TopicEndpointInfo]) -> bool:

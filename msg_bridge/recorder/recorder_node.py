@@ -1,4 +1,4 @@
-"""The recorder's node: finds topics, listens to all of them, and says how it goes.
+"""Node that records all topics into a bag and publishes its status.
 
 python -m msg_bridge.recorder.recorder_node --ros-args -p path:=bags/dig -p exclude:=/camera/
 """
@@ -36,38 +36,39 @@ from msg_bridge.recorder.usage import USAGE
 
 __all__ = ["RecorderNode", "main"]
 
-# All wall time [s].
+# Wall times [s].
 _POLL_PERIOD = 0.02
 _REPORT_PERIOD = 1.0
-_TERMINAL_PERIOD = 0.5  # on a terminal
-_LOG_PERIOD = 5.0  # elsewhere
+_TERMINAL_PERIOD = 0.5  # of progress on a terminal
+_LOG_PERIOD = 5.0  # of progress in a log
 _MAX_DRAIN_TIME = 1.0
 
 _SCANS_PER_PUBLISHER_CHECK = 10
-"""Who publishes on known topics is costlier to learn, and changes less often."""
+"""Publishers of known topics are queried less often: a query is slow, and they rarely change."""
 
 _MAX_MESSAGES_BEFORE_CLOCK = 10_000
-"""Messages kept until the first /clock; then simulation time is taken to begin at 0."""
+"""Maximum number of messages kept until the first /clock; then simulation time 0 is assumed."""
 
-_CLOCK = struct.Struct("<iI")  # rosgraph_msgs/Clock, after the 4 bytes that begin every CDR
+_CLOCK = struct.Struct("<iI")  # rosgraph_msgs/Clock, after the 4 bytes of the CDR header
 
 
 class RecorderNode(Node):
-    """Records until it is stopped.
+    """Node `exchange_recorder`; records until it is stopped.
 
     Attributes:
-        recording: the bag and its figures.
-        diagnostics: what `/diagnostics` says of it.
+        recording: the bag and its statistics.
+        diagnostics: its entry on `/diagnostics`.
     """
 
     def __init__(self, **kwargs: Any) -> None:
-        """
+        """Create the bag and subscribe to the topics of the graph.
+
         Args:
-            kwargs: for `rclpy.node.Node`.
+            kwargs: of `rclpy.node.Node`.
 
         Raises:
-            ParameterError: a parameter is not good.
-            BagError: the bag cannot be written where it is to be written.
+            ParameterError: a parameter is not valid.
+            BagError: the bag cannot be written.
         """
         super().__init__("exchange_recorder", **kwargs)
         params = self._params = declare_parameters(self, RecorderParams)
@@ -75,14 +76,14 @@ class RecorderNode(Node):
             params.folder, compression=params.compression, chunk_size=params.chunk_size
         )
         self.recording = BagRecording(writer, params.repeat_transient_local_period)
-        self._subscriptions = RawSubscriptions(self)
+        self._raw_subscriptions = RawSubscriptions(self)
         self._skipped: set[str] = set()
         self._scans = 0
         self._stopped = False
         self._clock_topic = self.resolve_topic_name("/clock")
         self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)
         self._sim_time: int | None = None  # ns
-        self._messages_before_clock: list[RecordedMessage] = []  # what came before the first /clock
+        self._messages_before_clock: list[RecordedMessage] = []
         self._is_terminal = params.progress and sys.stdout.isatty()
         self._status = self.create_publisher(String, "/recorder/status", qos.TRANSIENT_LOCAL)
         self.diagnostics = Diagnostics(self)
@@ -92,11 +93,11 @@ class RecorderNode(Node):
         self._scan()
 
     def stop(self) -> None:
-        """Take what has arrived, and finish the bag; a second call does nothing.
+        """Write the queued messages and finish the bag; a second call does nothing.
 
         Raises:
-            BagError: the bag cannot be written. If that was raised before, it is not again: what
-                has been written stays, and can be read.
+            BagError: the bag cannot be written. It is not raised again after an earlier one; what
+                was written before can be read.
         """
         if self._stopped:
             return
@@ -122,7 +123,7 @@ class RecorderNode(Node):
             periods.append(
                 (_TERMINAL_PERIOD if self._is_terminal else _LOG_PERIOD, self._print_progress)
             )
-        # Timers of the node's own clock would stop with simulation time.
+        # Timers of the node's own clock would stop with the simulation time.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         for period, callback in periods:
             self.create_timer(period, callback, clock=steady)
@@ -130,11 +131,11 @@ class RecorderNode(Node):
     # Finding topics.
 
     def _scan(self) -> None:
-        """Listen to topics that are new; now and then see who publishes on the others."""
+        """Subscribe to new topics; now and then check the publishers of the others."""
         self._scans += 1
         if self._scans % _SCANS_PER_PUBLISHER_CHECK == 0:
             self._check_publishers()
-        known = {*self._subscriptions.topics, *self._skipped}
+        known = {*self._raw_subscriptions.topics, *self._skipped}
         for topic, _ in self.get_topic_names_and_types():
             if topic in known:
                 continue
@@ -148,7 +149,7 @@ class RecorderNode(Node):
         if len(types) > 1:
             self._warn(f"{topic} has types {', '.join(types)}; only the first is recorded")
         try:
-            self._subscriptions.add(topic, types[0], publishers)
+            self._raw_subscriptions.add(topic, types[0], publishers)
             if self._is_recorded(topic):
                 self.recording.add_topic(
                     topic,
@@ -157,19 +158,19 @@ class RecorderNode(Node):
                     advertised_type_hash(publishers[0]),
                 )
         except SchemaError as error:
-            self._subscriptions.drop(topic)
+            self._raw_subscriptions.drop(topic)
             self._skipped.add(topic)
             self._warn(f"{topic} is not recorded: {error}")
             return
         self._update_publishers(topic, publishers)
 
     def _check_publishers(self) -> None:
-        """Look who publishes on each topic now, and see that all are heard."""
-        for topic in self._subscriptions.topics:
+        """Update the publishers of each topic; subscribe again where some are not received."""
+        for topic in self._raw_subscriptions.topics:
             publishers = self.get_publishers_info_by_topic(topic)
-            if self._subscriptions.qos_incompatible(topic, publishers) and not self._stopped:
+            if self._raw_subscriptions.qos_incompatible(topic, publishers) and not self._stopped:
                 self._poll()
-                self._subscriptions.resubscribe(topic, publishers)
+                self._raw_subscriptions.resubscribe(topic, publishers)
             self._update_publishers(topic, publishers)
 
     def _update_publishers(self, topic: str, publishers: list[TopicEndpointInfo]) -> None:
@@ -182,54 +183,54 @@ class RecorderNode(Node):
         return self._params.is_selected(topic)
 
     def _is_clock(self, topic: str) -> bool:
-        """Whether it tells the simulation time to go by."""
+        """Return whether the topic is the source of simulation time."""
         return self._uses_sim_time and topic == self._clock_topic
 
     # Recording.
 
     def _poll(self) -> int:
-        """Write what has arrived; returns how many messages that were."""
-        heard = self._subscriptions.take()
-        for each in heard:
-            self._write(each)
+        """Write all queued messages; return their number."""
+        messages = self._raw_subscriptions.take()
+        for message in messages:
+            self._write(message)
         now = self._sim_time if self._uses_sim_time else time.time_ns()
         if now is not None and not self._stopped:
             self.recording.repeat_transient_local(now)
-        return len(heard)
+        return len(messages)
 
-    def _write(self, heard: RecordedMessage) -> None:
-        """Write a message, at the time when it arrived.
+    def _write(self, message: RecordedMessage) -> None:
+        """Write a message with its time of reception as log time.
 
-        Of simulation time that is what /clock told last before it. The node's clock may be ahead
-        of that when the message is looked at.
+        With simulation time, that is the last /clock received before the message. The node's own
+        clock may be ahead of it when the message is polled.
         """
         if not self._uses_sim_time:
-            self.recording.write(heard, heard.received_time)
+            self.recording.write(message, message.received_time)
             return
-        if self._is_clock(heard.topic):
-            seconds, nanoseconds = _CLOCK.unpack_from(heard.data, 4)
+        if self._is_clock(message.topic):
+            seconds, nanoseconds = _CLOCK.unpack_from(message.data, 4)
             self._sim_time = seconds * 10**9 + nanoseconds
             self._write_messages_before_clock(self._sim_time)
-            if not self._is_recorded(heard.topic):
+            if not self._is_recorded(message.topic):
                 return
         if self._sim_time is not None:
-            self.recording.write(heard, self._sim_time)
+            self.recording.write(message, self._sim_time)
             return
-        self._messages_before_clock.append(heard)
+        self._messages_before_clock.append(message)
         if len(self._messages_before_clock) == _MAX_MESSAGES_BEFORE_CLOCK:
             self._sim_time = 0
             self._write_messages_before_clock(0)
 
     def _write_messages_before_clock(self, log_time: int) -> None:
-        """Write what came before there was a time, at the first one there is."""
+        """Write the messages received before the first /clock."""
         early, self._messages_before_clock = self._messages_before_clock, []
-        for heard in early:
-            self.recording.write(heard, log_time)
+        for message in early:
+            self.recording.write(message, log_time)
 
-    # Telling.
+    # Reporting.
 
     def _publish_status(self) -> None:
-        """Say what is recorded, when it is in the file."""
+        """Publish the status, after all recorded messages are in the file."""
         self.recording.flush()
         self._status.publish(String(data=json.dumps(self.recording.status())))
 
@@ -253,7 +254,7 @@ class RecorderNode(Node):
         self.get_logger().warning(text)
 
     def _end_line(self) -> None:
-        """Let what follows not be written over."""
+        """End the progress line, so that the next print does not overwrite it."""
         if self._is_terminal:
             print(f"\r{self.recording.progress()}\x1b[K", flush=True)
 
@@ -262,16 +263,16 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run the recorder as a process until SIGINT or SIGTERM.
 
     Args:
-        args: the command line with the program's name first, `sys.argv` by default.
+        args: command line with the program name first; by default `sys.argv`.
 
     Returns:
-        The exit code: 0, or 2 with a sentence on stderr.
+        The exit code: 0, or 2 with a message on stderr.
     """
-    return run_node(_make, args, name="exchange_recorder", usage=USAGE)
+    return run_node(_create_node, args, name="exchange_recorder", usage=USAGE)
 
 
-def _make() -> RecorderNode:
-    """A recorder with the process to itself, which may therefore yield to others."""
+def _create_node() -> RecorderNode:
+    """Create the node and lower the priority of the process, which has no other nodes."""
     node = RecorderNode()
     os.nice(int(node.get_parameter("niceness").value))
     return node

@@ -1,4 +1,4 @@
-"""What becomes of a message that was heard: it is numbered, kept if latched, and written."""
+"""Write received messages into a bag, repeat transient-local ones, and count losses."""
 
 from __future__ import annotations
 
@@ -13,19 +13,23 @@ from msg_bridge.bag.message_loss import MessageLossCounter
 from msg_bridge.bag.metadata import OfferedQos
 from msg_bridge.bag.writer import BagWriter
 
-__all__ = ["BagRecording", "RecordedMessage"]
+__all__ = ["FORMAT_VERSION", "BagRecording", "RecordedMessage"]
+
+FORMAT_VERSION = "2"
+"""Version of the names of topics, fields and keys; `bag.legacy_names` upgrades older ones."""
 
 _MEGA = 1e6
 _NANO = 10**9
 
 
 class RecordedMessage(NamedTuple):
-    """A message as it came.
+    """A received message.
 
     Attributes:
-        data: its CDR.
-        arrived, sent: wall time [ns].
-        number: its publisher's, from 1; 0 if unknown.
+        topic: its topic.
+        data: its CDR bytes.
+        received_time, source_time: wall times of reception and publication [ns].
+        sequence_number: that of its publisher, from 1; 0 if unknown.
     """
 
     topic: str
@@ -37,26 +41,27 @@ class RecordedMessage(NamedTuple):
 
 @dataclass
 class _TransientLocalHistory:
-    """The newest messages of a latched topic, one for each of its publishers.
+    """The newest messages of a transient-local topic, as many as it has publishers.
 
-    Messages do not say whose they are, so with several publishers the newest of one may push out
-    that of another.
+    Messages do not identify their publisher, so with several publishers the newest message of one
+    may displace that of another.
     """
 
-    messages_kept: deque[RecordedMessage] = field(default_factory=lambda: deque(maxlen=1))
+    messages: deque[RecordedMessage] = field(default_factory=lambda: deque(maxlen=1))
     last_write_time: int = 0  # log time [ns]
 
-    def set_depth(self, publishers: int) -> None:
-        if publishers != self.messages_kept.maxlen:
-            self.messages_kept = deque(self.messages_kept, maxlen=max(publishers, 1))
+    def set_depth(self, num_publishers: int) -> None:
+        """Keep one message per publisher."""
+        if num_publishers != self.messages.maxlen:
+            self.messages = deque(self.messages, maxlen=max(num_publishers, 1))
 
 
 class BagRecording:
-    """A bag being recorded, with its figures.
+    """A bag being recorded, with its statistics.
 
     Attributes:
-        gaps: what was lost.
-        messages, num_bytes: heard so far; not what was written again.
+        loss_counter: counts lost messages and rows.
+        messages, num_bytes: number and size of received messages, without repetitions.
     """
 
     def __init__(
@@ -66,11 +71,13 @@ class BagRecording:
         *,
         now: Callable[[], float] = time.monotonic,
     ) -> None:
-        """
+        """Begin without topics.
+
         Args:
-            repeat_transient_local_period: [s] of log time after which latched messages are written again; 0 for
-                never.
-            now: the wall clock [s], for rates.
+            writer: the bag.
+            repeat_transient_local_period: log time after which transient-local messages are
+                written again [s]; 0 for never.
+            now: a monotonic clock [s], for rates.
         """
         self.loss_counter = MessageLossCounter()
         self.messages = 0
@@ -79,7 +86,7 @@ class BagRecording:
         self._repeat_period = round(repeat_transient_local_period * _NANO)
         self._transient_local: dict[str, _TransientLocalHistory] = {}
         self._now = now
-        self._rate_state = (now(), 0, 0.0)  # since when, bytes then, the last rate [bytes/s]
+        self._rate_state = (now(), 0, 0.0)  # time [s], bytes then, last rate [bytes/s]
 
     @property
     def path(self) -> str:
@@ -88,30 +95,30 @@ class BagRecording:
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """Names of its topics, in the order they were added."""
+        """Names of the topics, in the order they were added."""
         return self._writer.topics
 
     @property
     def has_failed(self) -> bool:
-        """Whether the bag could not be written, and `BagError` was raised."""
+        """Whether a write failed and raised `BagError`."""
         return self._writer.has_failed
 
     def add_topic(
         self, topic: str, type_name: str, offered: Sequence[OfferedQos], type_hash: str | None
     ) -> None:
-        """As `BagWriter.add_topic`."""
+        """Add a topic, as `BagWriter.add_topic`."""
         self._writer.add_topic(topic, type_name, offered, type_hash)
         self.loss_counter.add_topic(topic, type_name)
 
     def update_publishers(
         self, topic: str, publishers: frozenset[bytes], *, transient_local: bool
     ) -> None:
-        """Take what the graph shows of a topic now.
+        """Update the publishers of a topic from the ROS graph.
 
         Args:
-            topic: one that was added.
-            publishers: their identities.
-            latched: whether all of them keep their newest messages for late subscribers.
+            topic: an added topic.
+            publishers: identities of its publishers (GIDs).
+            transient_local: whether all of them are transient local.
         """
         self.loss_counter.update_publishers(topic, publishers)
         if transient_local and self._repeat_period:
@@ -121,43 +128,51 @@ class BagRecording:
         elif publishers:
             self._transient_local.pop(topic, None)
 
-    def write(self, heard: RecordedMessage, log_time: int) -> None:
+    def write(self, message: RecordedMessage, log_time: int) -> None:
         """Write a message.
 
+        Args:
+            message: the message.
+            log_time: [ns].
+
         Raises:
             BagError: the bag cannot be written.
         """
-        self._writer.write(
-            heard.topic, heard.data, log_time, heard.source_time, heard.sequence_number
-        )
+        self._write(message, log_time)
         self.messages += 1
-        self.num_bytes += len(heard.data)
-        self.loss_counter.add(heard.topic, heard.data, heard.sequence_number)
-        transient_local = self._transient_local.get(heard.topic)
-        if transient_local is not None:
-            transient_local.messages_kept.append(heard)
-            transient_local.last_write_time = log_time
+        self.num_bytes += len(message.data)
+        self.loss_counter.add(message.topic, message.data, message.sequence_number)
+        history = self._transient_local.get(message.topic)
+        if history is not None:
+            history.messages.append(message)
+            history.last_write_time = log_time
 
     def repeat_transient_local(self, log_time: int) -> None:
-        """Write latched messages again that were not written for their period.
+        """Write transient-local messages again that were not written for one period.
 
-        They keep the time and the number of their publisher, which tells them from new ones.
+        They keep their publish time and sequence number, which distinguishes them from new ones.
+
+        Args:
+            log_time: the current log time [ns].
 
         Raises:
             BagError: the bag cannot be written.
         """
-        for transient_local in self._transient_local.values():
-            # Simulation time that was set back counts as elapsed.
-            if 0 <= log_time - transient_local.last_write_time < self._repeat_period:
+        for history in self._transient_local.values():
+            # A reset of the simulation time counts as an elapsed period.
+            if 0 <= log_time - history.last_write_time < self._repeat_period:
                 continue
-            for heard in transient_local.messages_kept:
-                self._writer.write(
-                    heard.topic, heard.data, log_time, heard.source_time, heard.sequence_number
-                )
-            transient_local.last_write_time = log_time
+            for message in history.messages:
+                self._write(message, log_time)
+            history.last_write_time = log_time
+
+    def _write(self, message: RecordedMessage, log_time: int) -> None:
+        self._writer.write(
+            message.topic, message.data, log_time, message.source_time, message.sequence_number
+        )
 
     def flush(self) -> None:
-        """Give what was written to the file.
+        """Move all written messages to the file.
 
         Raises:
             BagError: the bag cannot be written.
@@ -165,20 +180,25 @@ class BagRecording:
         self._writer.flush()
 
     def close(self) -> None:
-        """Finish the bag; what was lost stands in its metadata.yaml, under `lost`.
+        """Finish the bag.
+
+        The custom data of its metadata.yaml has the format of the messages (`format_version`) and
+        the number of lost messages by topic (`lost`, JSON).
 
         Raises:
             BagError: the bag cannot be written.
         """
-        self._writer.close({"lost": json.dumps(self.loss_counter.lost)})
+        custom = {"format_version": FORMAT_VERSION, "lost": json.dumps(self.loss_counter.lost)}
+        self._writer.close(custom)
 
     def status(self) -> dict[str, Any]:
-        """Figures for others.
+        """Return the content of `/recorder/status`.
 
-        - `path`: the bag's folder
-        - `topics`, `messages`, `bytes`: recorded so far
-        - `gaps`: messages lost, counted as rows where rows are numbered; `lost`: the same by topic
-        - `uncounted`: topics of several publishers, of whose losses nothing can be told
+        - `path`: folder of the bag
+        - `topics`, `messages`, `bytes`: number of recorded topics, messages and bytes
+        - `num_lost`: number of lost messages, or rows where rows are numbered
+        - `lost`: the same by topic, of topics with losses
+        - `uncounted`: topics with several publishers, whose losses cannot be counted
         """
         return {
             "path": self.path,
@@ -191,11 +211,11 @@ class BagRecording:
         }
 
     def progress(self) -> str:
-        """How it goes, in a line."""
-        since, before, rate = self._rate_state
-        elapsed = self._now() - since
+        """Return a line with the current statistics."""
+        last_time, last_bytes, rate = self._rate_state
+        elapsed = self._now() - last_time
         if elapsed > 0.0:
-            rate = (self.num_bytes - before) / elapsed
+            rate = (self.num_bytes - last_bytes) / elapsed
             self._rate_state = (self._now(), self.num_bytes, rate)
         return (
             f"{self.messages} messages, {self.num_bytes / _MEGA:.1f} MB,"
@@ -203,7 +223,7 @@ class BagRecording:
         )
 
     def summary(self) -> str:
-        """What was recorded, in a line."""
+        """Return a line on the whole recording."""
         size = self._writer.size / _MEGA
         topics = len(self.topics)
         return (
@@ -212,8 +232,8 @@ class BagRecording:
         )
 
     def loss_text(self) -> str:
-        """What was lost on which topics."""
+        """Return the losses by topic as text."""
         lost = self.loss_counter.lost
         if not lost:
-            return "no gaps"
+            return "nothing lost"
         return "lost " + ", ".join(f"{count} on {topic}" for topic, count in lost.items())

@@ -1,4 +1,4 @@
-"""A run of the operator in one process, recorded as its nodes would be."""
+"""Record a run of the operator in one process as its nodes would publish it."""
 
 from __future__ import annotations
 
@@ -39,33 +39,40 @@ CYCLES, PHASE = "/excavator/operator/cycles", "/excavator/operator/phase"
 
 
 def small_site() -> HeightMap:
-    """Ground of 24 m, almost level."""
+    """Return almost level ground of 24 m x 24 m."""
     grid = Grid(121, 121, 0.2)
     return rough(grid, rms=0.05, correlation_length=4.0, rng=np.random.default_rng(1))
 
 
 class RecordedDig:
-    """A SingleProcessDig in one process, whose messages are written as its nodes would."""
+    """A SingleProcessDig whose messages are recorded as its nodes would publish them.
+
+    Attributes:
+        recording: the messages.
+        run: the run.
+        outcome: its outcome.
+        max_published_particles: the largest number of particles in a message.
+    """
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, site: HeightMap, **overrides: Any) -> None:
         self.recording = Recording()
         self._last_phase = ""
-        self.max_published_particles = 0  # most particles told of
-        take = SoilEndpoint.drain_outbox
+        self.max_published_particles = 0
+        drain_outbox = SoilEndpoint.drain_outbox
 
-        def watched(side: SoilEndpoint) -> list:
-            messages = take(side)
+        def publish_and_drain(endpoint: SoilEndpoint) -> list:
+            messages = drain_outbox(endpoint)
             for message in messages:
-                self._publish_soil(message, side.tick)
+                self._publish_soil(message, endpoint.tick)
             return messages
 
-        monkeypatch.setattr(SoilEndpoint, "drain_outbox", watched)
+        monkeypatch.setattr(SoilEndpoint, "drain_outbox", publish_and_drain)
         facts = RunFacts(1, TICK, False, 0.2, (LooseSoil(0.15),))
         self.recording.add("/sim/config", String(data=to_config_yaml(facts, {})))
         self.run = SingleProcessDig(load_run_config("demo.yaml", overrides), site)
         machine = self.run.machine.machine
-        looks = (link_visual_boxes(machine.spec), shoe_visual(machine.spec))
-        self._markers = MarkerSet(link_frame_names(machine.spec), *looks, namespace="excavator")
+        shapes = (link_visual_boxes(machine.spec), shoe_visual(machine.spec))
+        self._markers = MarkerSet(link_frame_names(machine.spec), *shapes, namespace="excavator")
         machine_node = {"machine": "machines/excavator.yaml", "command_delay": COMMAND_DELAY_TICKS}
         config = {"machine_sim": machine_node}
         self._publish("config", String(data=to_config_yaml(facts, config)))
@@ -77,21 +84,22 @@ class RecordedDig:
     def _instrument(self, run: SingleProcessDig) -> None:
         step, command = run.world.step, run.task.command
 
-        def stepped():
+        def step_and_publish():
             ledger = step()
             self._publish_tick(ledger)
             return ledger
 
-        def commanded(view, dt):
-            made = command(view, dt)
-            shift = run.task
-            now = {"cycle": shift.cycle, "phase": shift.phase, "abort_reason": shift.abort_reason}
-            if json.dumps(now) != self._last_phase:
-                self._last_phase = json.dumps(now)
-                self._publish("operator/phase", String(data=json.dumps({"time": view.time, **now})))
-            return made
+        def command_and_publish(observation, dt):
+            setpoint = command(observation, dt)
+            task = run.task
+            phase = {"cycle": task.cycle, "phase": task.phase, "abort_reason": task.abort_reason}
+            if json.dumps(phase) != self._last_phase:
+                self._last_phase = json.dumps(phase)
+                text = json.dumps({"time": observation.time, **phase})
+                self._publish("operator/phase", String(data=text))
+            return setpoint
 
-        run.world.step, run.task.command = stepped, commanded
+        run.world.step, run.task.command = step_and_publish, command_and_publish
 
     def _publish(self, name: str, message: Any) -> None:
         self.recording.add(f"/excavator/{name}", message)
@@ -104,7 +112,7 @@ class RecordedDig:
             self.recording.add("/terrain/map_updates", cloud)
 
     def _publish_tick(self, ledger: Any) -> None:
-        """All that is told of the end of a tick, as often as nodes do."""
+        """Publish the state at the end of a tick, at the rates of the nodes."""
         run, tick = self.run, ledger.tick
         stamp = stamp_from_tick(tick, TICK)
         self.recording.add("/soil/ledger", to_multi_array(ledger))
@@ -125,16 +133,18 @@ class RecordedDig:
             self._publish("joint_states", to_joint_state(joints, base, stamp))
             self._publish("odom", to_odometry(base, "base_link", stamp))
         if tick % 5 == 0:
-            rows = (state.position, state.velocity, state.radius, state.particle_id)
-            more = (state.volume_mm3, state.soil, "map", stamp)
-            self._publish("particles", to_particle_cloud(*rows, *more))
+            cloud = to_particle_cloud(
+                *(state.position, state.velocity, state.radius, state.particle_id),
+                *(state.volume_mm3, state.soil, "map", stamp),
+            )
+            self._publish("particles", cloud)
             self.max_published_particles = max(
                 self.max_published_particles, run.machine.particles.count
             )
         if tick % 10 == 0:
             poses = link_poses(machine.spec, *machine.base_pose, machine.joint_positions)
             markers = self._markers.at(poses, machine.tracks.shoe_poses, stamp)
-            # The set's one message: it is changed by the next.
+            # MarkerSet reuses its message.
             copy = deserialize_message(serialize_message(markers), MarkerArray)
             self._publish("markers", copy)
 
@@ -147,7 +157,7 @@ class RecordedDig:
 
 
 def write(folder: Path, recording: Recording, *, finish: bool = True, cycles: str = CYCLES) -> Path:
-    """A bag with the topic of cycles, even if there was none."""
+    """Write a bag, with a topic of cycles even if none was completed."""
     writer = BagWriter(folder, chunk_size=64 * 1024, compression="none")
     writer.add_topic(cycles, "std_msgs/msg/String")
     for topic, time, message in recording.messages:

@@ -1,4 +1,4 @@
-"""Runs of soil and machines, every message of theirs recorded through the codec."""
+"""Runs of soil and machines in one process, with all messages recorded as nodes publish them."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from support.soil_scenes import bucket_sweep, flat_soil
 
 
 class SimulatedMachine(Protocol):
-    """What moves soil: a MachineSim, or a script."""
+    """A MachineSim, or a script."""
 
     def step(self) -> MachineTickOutput: ...
 
@@ -51,9 +51,9 @@ class SimulatedMachine(Protocol):
 
 
 class ScriptedMachine:
-    """Digs back and forth, makes particles of what it gets, and lets some land each tick.
+    """Digs back and forth, turns its soil into particles, and requests deposits in each tick.
 
-    A few land beyond the map, and a few cannot be believed and are refused.
+    A few deposits are outside of the map, and a few are malformed and are rejected.
     """
 
     def __init__(self, seed: int, y: float = 0.0) -> None:
@@ -79,14 +79,16 @@ class ScriptedMachine:
             self._num_created += 1
             self._particles[self._num_created] = self._pending.pop()
         free = [n for n in self._particles if n not in self._awaiting_answer]
-        landing = free[: int(self._rng.integers(0, 8))]
-        deposit_requests = empty_rows(DEPOSIT_REQUEST, len(landing))
-        deposit_requests["particle_id"] = landing
-        deposit_requests["volume_mm3"] = [self._particles[n] for n in landing]
-        deposit_requests["x"] = self._rng.uniform(1.5, 3.2, len(landing))  # the map ends at 3.1 m
-        deposit_requests["x"][self._rng.random(len(landing)) < 0.1] = np.nan
+        depositing = free[: int(self._rng.integers(0, 8))]
+        deposit_requests = empty_rows(DEPOSIT_REQUEST, len(depositing))
+        deposit_requests["particle_id"] = depositing
+        deposit_requests["volume_mm3"] = [self._particles[n] for n in depositing]
+        deposit_requests["x"] = self._rng.uniform(
+            1.5, 3.2, len(depositing)
+        )  # the map ends at 3.1 m
+        deposit_requests["x"][self._rng.random(len(depositing)) < 0.1] = np.nan
         deposit_requests["y"] = self._y
-        self._awaiting_answer |= set(landing)
+        self._awaiting_answer |= set(depositing)
         phase = 0.1 * self._tick
         end = (float(np.cos(phase)) * -1.0, self._y, -0.2 - 0.001 * self._tick)
         sweeps = bucket_sweep(self._at, end)
@@ -105,7 +107,14 @@ class ScriptedMachine:
 
 
 class RecordedRun:
-    """Soil and machines in lockstep, every message of theirs recorded."""
+    """Soil and machines in lockstep, with all their messages recorded.
+
+    Attributes:
+        recording: the messages.
+        soil: the soil.
+        simulated_machines: the machines by id.
+        soil_endpoint, machine_endpoints: their ends of the exchange.
+    """
 
     def __init__(
         self,
@@ -145,7 +154,13 @@ class RecordedRun:
     def step(
         self, *, leaving: Iterable[int] = (), late: Iterable[int] = (), released: Rows | None = None
     ) -> None:
-        """One tick of all that take part; `leaving` leave with it, `late` send nothing in it."""
+        """Run one tick.
+
+        Args:
+            leaving: machines that leave with it.
+            late: machines that send nothing in it.
+            released: deposit requests for the soil of absent machines.
+        """
         leaving, late = set(leaving), set(late)
         for machine_id, end in self.machine_endpoints.items():
             if end.join_state is JoinState.READY and machine_id not in late:
@@ -170,7 +185,7 @@ class RecordedRun:
                 self.simulated_machines[machine_id].apply(answer.conversions, answer.map_updates)
 
     def rejoin(self, machine_id: int, **totals: int) -> None:
-        """A machine that left asks to join, and takes what it is owed."""
+        """Let a machine that left join again and apply its backlog."""
         self.machine_endpoints[machine_id].join(**totals)
         self.step()
         assert self.machine_endpoints[machine_id].joined
@@ -179,7 +194,7 @@ class RecordedRun:
         )
 
     def release(self, machine_id: int, *, pieces: int) -> int:
-        """Put down what an absent machine left, in some rows numbered from 0 [mm^3]."""
+        """Release the soil of an absent machine in some rows; return its volume [mm^3]."""
         volume = self.soil_endpoint.release(machine_id)
         rows = empty_rows(DEPOSIT_REQUEST, pieces)
         rows["machine_id"], rows["particle_id"] = machine_id, np.arange(pieces)
@@ -188,9 +203,9 @@ class RecordedRun:
         self.step(released=rows)
         return volume
 
-    def crash(self, machine_id: int, party: SimulatedMachine) -> None:
-        """A machine is lost with all it holds; another begins in its place, empty."""
-        self.simulated_machines[machine_id] = party
+    def crash(self, machine_id: int, replacement: SimulatedMachine) -> None:
+        """Replace a machine, whose soil is lost, by an empty one."""
+        self.simulated_machines[machine_id] = replacement
         session_id = self.machine_endpoints[machine_id].session_id + 1
         self.machine_endpoints[machine_id] = MachineExchange(
             machine_id, run_id=self.soil_endpoint.run_id, session_id=session_id
@@ -211,7 +226,7 @@ class RecordedRun:
             self.keyframe()
 
     def keyframe(self) -> None:
-        """Publish the terrain, if it is another than the last time."""
+        """Publish a terrain map, unless the terrain did not change since the last one."""
         if self.soil.revision == self._last_map_revision:
             return
         self._last_map_revision = self.soil.revision
@@ -240,13 +255,12 @@ class RecordedRun:
             topic = machine_topic(machine_id, "soil_tick") if machine_id else "/soil/tick"
             self.recording.add(topic, to_multi_array(message))
         else:
-            assert isinstance(
-                message, (Keyframe, JoinRejected)
-            )  # a node sends those with more in them
+            # A node publishes these in other messages.
+            assert isinstance(message, (Keyframe, JoinRejected))
 
 
 def terrain_cloud(soil: Soil, run_id: int, tick: int) -> Any:
-    """The terrain as it is, as a message."""
+    """Return the current terrain as a message."""
     columns = soil.columns
     frame = Keyframe(run_id, soil.revision, soil.grid, columns.height, *soil.layers)
     terrain = TerrainMap(frame, columns.loose_depth)
@@ -254,13 +268,13 @@ def terrain_cloud(soil: Soil, run_id: int, tick: int) -> Any:
 
 
 def scripted_run(machines: int = 1, **options: Any) -> RecordedRun:
-    """A small map with scripted machines at work."""
+    """Return a run of scripted machines on a small map."""
     simulated_machines = {n: ScriptedMachine(n, y=1.5 * (n - 1.5)) for n in range(1, machines + 1)}
     return RecordedRun(flat_soil(6.0, 0.2, soil_depth=2.0), simulated_machines, **options)
 
 
 def recorded_dig(ticks: int) -> Recording:
-    """An excavator that puts its lip in the ground before it and draws it in."""
+    """Record an excavator that drags its bucket through the ground in front of it."""
     home = excavator()
     down = -arm_geometry(home).swing[2]
     angles = solve_arm_angles(home, 7.0, down + 0.1, 2.0)
@@ -269,11 +283,14 @@ def recorded_dig(ticks: int) -> Recording:
     machine = MachineSim([Placement(spec)], soil.grid, soil.columns.height)
     run = RecordedRun(soil, {1: machine}, map_interval_ticks=30)
     for tick in range(ticks):
-        part = tick / ticks
-        wanted = solve_arm_angles(
-            home, 7.0 - part, down - 0.2 * math.sin(math.pi * part) + 0.05, 2.0 + 0.3 * part
+        fraction = tick / ticks
+        target = solve_arm_angles(
+            home,
+            7.0 - fraction,
+            down - 0.2 * math.sin(math.pi * fraction) + 0.05,
+            2.0 + 0.3 * fraction,
         )
-        error = np.array(wanted) - machine.machine.joint_positions[1:]
+        error = np.array(target) - machine.machine.joint_positions[1:]
         machine.command(np.array([0.0, *(5.0 * error)]), np.zeros(2))
         run.step()
     run.keyframe()

@@ -1,4 +1,4 @@
-"""What a recorder got: written as a bag, and changed on purpose."""
+"""Recorded messages that can be written as a bag and modified."""
 
 from __future__ import annotations
 
@@ -15,13 +15,8 @@ from msg_bridge.bag.message_schemas import schema_text
 from msg_bridge.bag.writer import BagWriter
 from msg_bridge.codec.row_chunks import from_chunk_cloud, to_chunk_cloud
 from msg_bridge.codec.tick_headers import from_multi_array
-from msg_bridge.contract.messages import (
-    RowChunk,
-    Stream,
-)
-from msg_bridge.contract.rows import (
-    Rows,
-)
+from msg_bridge.contract.messages import RowChunk, Stream
+from msg_bridge.contract.rows import Rows
 
 TOPICS = {
     Stream.SWEEP: "/soil/tool_sweeps",
@@ -34,25 +29,26 @@ PERIOD = 0.01
 
 
 def machine_topic(machine_id: int, name: str) -> str:
-    """A topic below a machine's namespace."""
+    """Return the name of a topic in a machine's namespace."""
     return f"/excavator{f'_{machine_id}' if machine_id > 1 else ''}/{name}"
 
 
 @dataclass
 class Recording:
-    """Messages as a recorder got them: (topic, log time [ns], ROS message)."""
+    """Messages as (topic, log time [ns], ROS message), in the order of their reception."""
 
     messages: list[tuple[str, int, Any]] = field(default_factory=list)
 
     def add(self, topic: str, message: Any) -> None:
+        """Append a message 1 us after the last one."""
         self.messages.append((topic, 1000 * len(self.messages), message))
 
     def write(self, path: Path, **options: Any) -> Path:
-        """As an MCAP file."""
+        """Write an MCAP file."""
         return write_mcap(path, self.messages, **options)
 
     def write_folder(self, folder: Path, *, finish: bool = True) -> Path:
-        """As the recorder writes it; one that is not finished lost its last chunk."""
+        """Write a bag as the recorder does; without `finish`, its last chunk is lost."""
         writer = BagWriter(folder, chunk_size=64 * 1024)
         for topic, time, message in self.messages:
             if topic not in writer.topics:
@@ -64,21 +60,23 @@ class Recording:
         return folder
 
     def copy(self) -> Recording:
+        """Return a copy with the same messages."""
         return Recording(list(self.messages))
 
     def count(self, topic: str) -> int:
+        """Return the number of messages on a topic."""
         return sum(each[0] == topic for each in self.messages)
 
     def without(self, topic: str) -> Recording:
-        """A bag that lacks a topic."""
+        """Return a copy without a topic."""
         return Recording([each for each in self.messages if each[0] != topic])
 
     def modify_rows(
         self, stream: Stream, change: Callable[[Rows], Rows], *, number: int
     ) -> Recording:
-        """Change the rows of the message that holds the row of some number."""
-        spoilt = self.copy()
-        for index, (topic, time, message) in enumerate(spoilt.messages):
+        """Return a copy in which `change` was applied to the rows of the message with a row."""
+        modified = self.copy()
+        for index, (topic, time, message) in enumerate(modified.messages):
             if topic == TOPICS[stream]:
                 chunk = from_chunk_cloud(message, stream)
                 if number in chunk.rows["seq"]:
@@ -87,21 +85,21 @@ class Recording:
                         chunk.run_id, stream, chunk.machine_id, chunk.session_id, rows
                     )
                     cloud = to_chunk_cloud(changed, "map", message.header.stamp)
-                    spoilt.messages[index] = (topic, time, cloud)
-                    return spoilt
+                    modified.messages[index] = (topic, time, cloud)
+                    return modified
         raise AssertionError(f"there is no {stream.name} row {number}")
 
     def rows(self, stream: Stream) -> Rows:
-        """All rows of a stream, as they came."""
-        own = [message for topic, _, message in self.messages if topic == TOPICS[stream]]
-        return np.concatenate([from_chunk_cloud(message, stream).rows for message in own])
+        """Return all rows of a stream, in recorded order."""
+        messages = [message for topic, _, message in self.messages if topic == TOPICS[stream]]
+        return np.concatenate([from_chunk_cloud(message, stream).rows for message in messages])
 
-    def find(self, topic: str, holds: Callable[[Any], bool]) -> int:
-        """Index of the first header or ledger on a topic for which something holds."""
+    def find(self, topic: str, condition: Callable[[Any], bool]) -> int:
+        """Return the index of the first header or ledger on a topic that meets a condition."""
         for index, (each, _, message) in enumerate(self.messages):
-            if each == topic and holds(from_multi_array(message)):
+            if each == topic and condition(from_multi_array(message)):
                 return index
-        raise AssertionError(f"nothing like it on {topic}")
+        raise AssertionError(f"no such message on {topic}")
 
 
 def write_mcap(
@@ -112,7 +110,7 @@ def write_mcap(
     finish: bool = True,
     compression: CompressionType = CompressionType.ZSTD,
 ) -> Path:
-    """Write messages as a ROS 2 bag; one that is not finished looks as its recorder were killed."""
+    """Write messages as a ROS 2 bag; without `finish`, as a killed recorder leaves it."""
     with path.open("wb") as stream:
         writer = Writer(stream, chunk_size=chunk_size, compression=compression)
         writer.start(profile="ros2", library="test")

@@ -1,4 +1,4 @@
-"""Audits of runs in which the soil went on without a late machine, dropped it, or released it."""
+"""Runs in which the soil did not wait for a machine, dropped it, or released its soil."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -34,7 +34,7 @@ START = 4000
 
 
 class Script:
-    """A run on 2 x 2 columns of 1000 mm3, written down tick by tick."""
+    """A run on 2 x 2 columns of 1000 mm3, built tick by tick."""
 
     def __init__(self) -> None:
         self.data = RunData()
@@ -46,7 +46,7 @@ class Script:
     def soil(
         self, *moved: tuple[int, int, int], receipt: MachineReceipt | None, **ledger: int
     ) -> None:
-        """A tick that moved (kind, particle, volume), each in a column of its own."""
+        """Add a soil tick with conversions (kind, particle, volume), each in another column."""
         tick = len(self.data.soil)
         rows, map_updates = empty_rows(CONVERSION, len(moved)), empty_rows(MAP_UPDATE, len(moved))
         self._revision += bool(moved)
@@ -96,8 +96,8 @@ class Script:
         else:
             self.data.steps.setdefault((1, session_id), {})[tick] = header
 
-    def lands(self, tick: int, particle: int, volume: int) -> None:
-        """The first row that life 1 lands, of its header of a tick."""
+    def add_deposit_request(self, tick: int, particle: int, volume: int) -> None:
+        """Add the first deposit request of session 1 to its header of a tick."""
         rows = empty_rows(DEPOSIT_REQUEST, 1)
         rows["machine_id"] = rows["seq"] = 1
         rows["particle_id"], rows["volume_mm3"] = particle, volume
@@ -122,7 +122,7 @@ class Script:
 
 
 def until_dropped() -> Script:
-    """Its tick 2 is taken in the soil's tick 3; from tick 4 on it is dropped, holding 100 mm3."""
+    """Its tick 2 is accepted in the soil's tick 3; it is dropped in tick 4 with 100 mm3."""
     script = Script()
     script.machine(1, -1, Verb.JOIN, 0, 0, 0)
     script.soil(receipt=MachineReceipt(1, 1, 0, 0, tick=0))
@@ -132,17 +132,17 @@ def until_dropped() -> Script:
     )
     script.soil(receipt=MachineReceipt(1, 1, 0, 0, tick=1), in_flight=100)
     script.machine(1, 2, Verb.STEP, 1, 40, 60)
-    script.lands(2, particle=1, volume=60)
-    held = {"pending": 40, "particles": 60}
+    script.add_deposit_request(2, particle=1, volume=60)
+    soil = {"pending": 40, "particles": 60}
     receipt = MachineReceipt(1, 1, 1, 1, tick=2)
-    script.soil((ConversionKind.DEPOSIT, 1, 60), receipt=receipt, in_flight=-60, **held)
-    script.machine(1, 3, Verb.STEP, 2, 40, 0)  # too late: never taken
+    script.soil((ConversionKind.DEPOSIT, 1, 60), receipt=receipt, in_flight=-60, **soil)
+    script.machine(1, 3, Verb.STEP, 2, 40, 0)  # too late: never accepted
     script.soil(receipt=None, in_flight=-60, absent=100)
     return script
 
 
-def returned() -> Script:
-    """It comes back in tick 5 with what it held, is owed one row, and goes on."""
+def rejoined() -> Script:
+    """It rejoins in tick 5 with its soil and a backlog of one row, and continues."""
     script = until_dropped()
     script.machine(2, 3, Verb.REJOIN, 1, 40, 60)
     backlog = script.data.chunks[Stream.CONVERSION, 0, 0][3].copy()
@@ -156,14 +156,14 @@ def returned() -> Script:
 
 
 def released() -> Script:
-    """What it left, less what had landed already, is put down in tick 5."""
+    """Its soil, without what was deposited before, is released in tick 5."""
     script = until_dropped()
     script.soil((ConversionKind.DEPOSIT, 0, 40), receipt=None)
     return script
 
 
-@pytest.mark.parametrize("timeline", [until_dropped, returned, released])
-def test_late_dropped_returned_and_released_machines_balance(
+@pytest.mark.parametrize("timeline", [until_dropped, rejoined, released])
+def test_late_dropped_rejoined_and_released_machines_balance(
     timeline: Callable[[], Script],
 ) -> None:
     report = timeline().audit()
@@ -172,18 +172,18 @@ def test_late_dropped_returned_and_released_machines_balance(
     assert report.audited == report.recorded
 
 
-def test_late_machines_of_a_real_exchange_balance(tmp_path: Path) -> None:
-    run = scripted_run(3)
+def test_late_machines_of_an_exchange_balance(tmp_path: Path) -> None:
+    exchange = scripted_run(3)
     for tick in range(60):
-        run.step(late=[n for n in (1, 2, 3) if (tick // n) % 4 == 3])
-    run.keyframe()
-    report = audit_bag(run.recording.write(tmp_path / "a.mcap"))
+        exchange.step(late=[n for n in (1, 2, 3) if (tick // n) % 4 == 3])
+    exchange.keyframe()
+    report = audit_bag(exchange.recording.write(tmp_path / "a.mcap"))
     assert report.passed, report.runs[0].findings
-    (run_id,) = report.runs
-    assert run_id.rows["DEPOSIT_REQUEST"] > 100
+    (run,) = report.runs
+    assert run.rows["DEPOSIT_REQUEST"] > 100
 
 
-def test_machines_dropped_and_released_by_a_real_exchange_balance(tmp_path: Path) -> None:
+def test_machines_dropped_and_released_by_an_exchange_balance(tmp_path: Path) -> None:
     run = scripted_run(3)
     for _ in range(30):
         run.step()
@@ -192,8 +192,8 @@ def test_machines_dropped_and_released_by_a_real_exchange_balance(tmp_path: Path
         run.step()
     for _ in range(3):
         run.step()
-    left = run.soil_endpoint.ledger
-    assert left is not None
+    ledger = run.soil_endpoint.ledger
+    assert ledger is not None
     run.rejoin(2, **run.simulated_machines[2].totals)
     for _ in range(5):
         run.step()
@@ -204,53 +204,52 @@ def test_machines_dropped_and_released_by_a_real_exchange_balance(tmp_path: Path
     report = audit_bag(run.recording.write(tmp_path / "a.mcap"))
     assert report.passed, report.runs[0].findings
     assert report.runs[0].moved_mm3["RELEASED"] == volume > 0
-    assert left.absent > 0
+    assert ledger.absent > 0
     assert run.soil_endpoint.ledger is not None
     assert run.soil_endpoint.ledger.absent == 0
 
 
-def test_soil_released_is_told_apart_from_soil_that_landed() -> None:
+def test_released_soil_is_distinguished_from_deposited_soil() -> None:
     assert released().audit().moved_mm3["RELEASED"] == 40
-    assert returned().audit().moved_mm3["RELEASED"] == 0
+    assert rejoined().audit().moved_mm3["RELEASED"] == 0
 
 
-def test_one_mm3_released_too_much_is_found() -> None:
+def test_1_mm3_released_too_much_is_found() -> None:
     script = until_dropped()
     script.soil((ConversionKind.DEPOSIT, 0, 40), receipt=None)
     script.data.chunks[Stream.CONVERSION, 0, 0][-1]["volume_mm3"] += 1
-    found = {finding.check for finding in script.audit().findings}
-    assert Check.TERRAIN in found
-    assert Check.LEDGER in found
+    failed = {finding.check for finding in script.audit().findings}
+    assert {Check.TERRAIN, Check.LEDGER} <= failed
 
 
-def test_a_row_owed_that_is_no_copy_is_found() -> None:
-    script = returned()
+def test_backlog_that_is_not_a_copy_is_found() -> None:
+    script = rejoined()
     script.data.chunks[Stream.BACKLOG, 1, 2][0]["volume_mm3"] += 1
     (finding,) = script.audit().findings
     assert finding.check is Check.BACKLOG
 
 
-def test_a_machine_that_returns_with_other_soil_than_it_left_with_is_named() -> None:
-    script = returned()
+def test_machine_that_rejoins_with_other_soil_is_named() -> None:
+    script = rejoined()
     script.machine(2, 3, Verb.REJOIN, 1, 40, 61)
     texts = [f.text for f in script.audit().findings if f.check is Check.ACCOUNTS]
-    assert any(
-        "machine 1 on its return before tick 5 holds 1 mm3 too much" in text for text in texts
-    )
+    assert any("machine 1 rejoining before tick 5 has 1 mm3 too much" in text for text in texts)
 
 
-def test_a_header_that_the_soil_took_late_and_the_bag_lacks_is_a_gap() -> None:
+def test_missing_header_that_was_accepted_late_is_found() -> None:
     script = until_dropped()
     del script.data.steps[1, 1][2]
     texts = [finding.text for finding in script.audit().completeness_findings]
     assert any(text == "machine 1's header of tick 2 is missing" for text in texts)
 
 
-def test_an_answer_in_another_tick_than_the_landing_was_taken_is_found() -> None:
+def test_answer_in_another_tick_than_its_request_is_found() -> None:
     script = until_dropped()
     late = script.data.soil[3].receipts[0]
     header = script.data.soil[2]
-    spoilt = SoilHeader(1, 2, 1, header.conversions, header.map_updates, RowRange(), (late,))
-    script.data.soil[2] = spoilt
+    modified = SoilHeader(1, 2, 1, header.conversions, header.map_updates, RowRange(), (late,))
+    script.data.soil[2] = modified
     texts = [f.text for f in script.audit().findings if f.check is Check.DEPOSIT_REQUESTS]
-    assert texts == ["machine 1's particle 1 landed in tick 2 and was answered in tick 3"]
+    assert texts == [
+        "the deposit request of machine 1's particle 1 of tick 2 was answered in tick 3"
+    ]

@@ -1,4 +1,4 @@
-"""Schemas hold all that a reader without ROS needs; hashes are those of the installed types."""
+"""Schemas contain all that a reader without ROS needs; hashes are those of the installed types."""
 
 import sys
 from pathlib import Path
@@ -42,13 +42,13 @@ def own_text(name: str) -> str:
 
 
 @pytest.mark.parametrize("name", TYPES)
-def test_hash_is_the_one_computed_from_the_definition(name):
+def test_hash_equals_that_computed_from_the_definition(name):
     assert type_hash(name) == get_typestore(Stores.ROS2_JAZZY).hash_rihs01(name)
 
 
 @pytest.fixture
 def overlay(tmp_path, monkeypatch):
-    """A workspace in front of the installation, with one package."""
+    """A workspace with one package that overlays the installation."""
     folder = tmp_path / "share/dig_msgs/msg"
     folder.mkdir(parents=True)
     (folder / "Scoop.msg").write_text(
@@ -60,32 +60,32 @@ def overlay(tmp_path, monkeypatch):
     return folder
 
 
-def test_dependencies_of_any_form_are_found_once_each(overlay):
+def test_dependencies_in_any_notation_are_included_once(overlay):
     titles = [line for line in schema_text("dig_msgs/msg/Scoop").splitlines() if "MSG:" in line]
     assert titles == ["MSG: dig_msgs/Tooth", "MSG: std_msgs/Header", "MSG: builtin_interfaces/Time"]
 
 
-def test_type_that_is_not_installed_is_refused_saying_where_it_was_looked_for(overlay):
+def test_error_about_a_missing_type_lists_the_searched_files(overlay):
     with pytest.raises(SchemaError, match=r"install other_msgs(.|\n)*/nowhere/share/other_msgs"):
         schema_text("other_msgs/msg/Thing")
 
 
-def test_missing_dependency_is_refused(overlay):
+def test_missing_dependency_is_an_error(overlay):
     (overlay / "Tooth.msg").unlink()
     with pytest.raises(SchemaError, match="dig_msgs/msg/Tooth is not installed"):
         schema_text("dig_msgs/msg/Scoop")
 
 
-def test_missing_or_foreign_hash_is_refused(overlay):
-    with pytest.raises(SchemaError, match="not installed"):
+def test_missing_or_invalid_hash_is_an_error(overlay):
+    with pytest.raises(SchemaError):
         type_hash("dig_msgs/msg/Scoop")
     for content in ("{}", "nothing", '{"type_hashes": []}'):
         (overlay / "Scoop.json").write_text(content)
-        with pytest.raises(SchemaError, match="tells no hash"):
+        with pytest.raises(SchemaError, match=r"Scoop\.json"):
             type_hash("dig_msgs/msg/Scoop")
 
 
 @pytest.mark.parametrize("name", ["std_msgs/String", "std_srvs/srv/Trigger_Event", "String", ""])
-def test_name_that_is_no_message_type_is_refused(name):
-    with pytest.raises(SchemaError, match="is no message type"):
+def test_invalid_name_of_a_message_type_is_an_error(name):
+    with pytest.raises(SchemaError, match=repr(name)):
         schema_text(name)

@@ -1,4 +1,4 @@
-"""metadata.yaml is what rosbag2 of Jazzy writes for the same bag."""
+"""metadata.yaml equals what rosbag2 of Jazzy writes for the same bag."""
 
 import yaml
 from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReliability
@@ -12,7 +12,7 @@ from msg_bridge.bag.metadata import (
     to_qos_yaml,
 )
 
-# Every value and every key in the order of a rosbag2 recording.
+# All keys in the order of a rosbag2 recording.
 EXPECTED = """\
 rosbag2_bagfile_information:
   version: 9
@@ -79,34 +79,36 @@ ROSOUT = TopicMetadata("/rosout", "rcl_interfaces/msg/Log", "RIHS01_def", (), 3)
 START = 1_700_000_000_000_000_000
 
 
-def facts(*topics, first=START, last=START + 250, custom=None) -> BagMetadata:
+def bag_metadata(*topics, first=START, last=START + 250, custom=None) -> BagMetadata:
     return BagMetadata("dig_0.mcap", topics, first, last, custom or {})
 
 
-def test_content_is_that_of_rosbag2():
-    assert yaml.safe_load(to_metadata_yaml(facts(MAP, ROSOUT))) == yaml.safe_load(EXPECTED)
+def test_content_equals_that_of_rosbag2():
+    assert yaml.safe_load(to_metadata_yaml(bag_metadata(MAP, ROSOUT))) == yaml.safe_load(EXPECTED)
 
 
-def test_nothing_is_referred_to_by_alias():
-    text = to_metadata_yaml(facts(MAP, MAP))
+def test_yaml_has_no_aliases():
+    text = to_metadata_yaml(bag_metadata(MAP, MAP))
     assert "&" not in text
     assert "*" not in text
 
 
-def test_bag_without_messages_starts_at_the_end_of_time():
-    content = yaml.safe_load(to_metadata_yaml(facts(first=None, last=None)))
+def test_bag_without_messages_starts_at_the_largest_time():
+    content = yaml.safe_load(to_metadata_yaml(bag_metadata(first=None, last=None)))
     information = content["rosbag2_bagfile_information"]
     assert information["starting_time"] == {"nanoseconds_since_epoch": 2**63 - 1}
     assert (information["duration"], information["message_count"]) == ({"nanoseconds": 0}, 0)
 
 
-def test_custom_values_are_texts_by_name():
-    content = yaml.safe_load(to_metadata_yaml(facts(custom={"lost": '{"/a": 3}', "site": "Ø"})))
+def test_custom_data_are_strings_by_name():
+    content = yaml.safe_load(
+        to_metadata_yaml(bag_metadata(custom={"lost": '{"/a": 3}', "site": "Ø"}))
+    )
     custom = content["rosbag2_bagfile_information"]["custom_data"]
     assert custom == {"lost": '{"/a": 3}', "site": "Ø"}
 
 
-def test_offered_qos_is_read_back_as_it_was_given():
+def test_offered_qos_is_preserved():
     offers = [
         OfferedQos(),
         OfferedQos(
