@@ -1,18 +1,24 @@
-"""Soil as height volume: whole mm^3 in columns that are cut, filled and slip.
+"""Soil as columns of firm and loose soil: whole mm^3 that are excavated, deposited, and slide.
 
-- `soil`: one tick of it, resist -> cut, press -> deposit -> slip; `params`: what it is made of
-- `columns`: the terrain's state
-- `sweeps`: which tools' rows are sound
-- `cut`: swept cutting; `paint`: what a tool sweeps; `refined`: the columns a tool stands in
-- `keypoints`: the 2014 reference's digging rule
-- `press`: tracks pack loose soil
-- `landing`: landed particles become soil
-- `slip`: soil steeper than its angle of repose moves
-- `force`: what tools feel of it
-- `changes`: what a tick did; `answers`: it in rows; `tiles`: running volume and state hash
-- `soils`: kinds of soil; `design`: cut and fill against what the ground shall become
-- `terrain`: where terrain comes from, files and made ground
-- `vec3`: vectors of three numbers, for kernels
+In the order of a tick (`soil`):
 
-No ROS and nothing of the machines: they meet in `msg_bridge.contract`.
+- `tool_sweeps`: validation of the tools' rows
+- `tool_force/`: force that the soil exerts on each tool
+- `excavation/`: soil that tools remove
+- `compaction`: loose soil that plates pack
+- `deposition`: soil of particles that landed
+- `slope_failure/`: soil steeper than its angle of repose slides
+- `columns/`: state of the terrain, its changes in a tick, volume and state hash
+- `row_output`: the result of the tick in rows
+
+Around it:
+
+- `soils/`: kinds of soil and their parameters
+- `terrain/`, `site/`: initial terrain from files, and the design to compare it with
+- `endpoint`: the soil behind the exchange; `soil_inventory`: soil that machines hold
+- `node/`: the ROS 2 node
+- `warm_up`: compilation of all kernels; `vec3`: vectors in kernels; `errors`
+
+Apart from the node, the package depends neither on ROS nor on the machines: soil and machines share
+`msg_bridge.contract`.
 """

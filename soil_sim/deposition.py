@@ -1,7 +1,7 @@
-"""Landing: a particle's volume goes to the four nearest grid points (reference, section 3.1).
+"""Deposition: the volume of a particle goes to the four nearest grid points.
 
-The shares are bilinear weights of the landing point, rounded to whole mm^3 so that they add up to
-exactly the particle's volume.
+This is the rule of section 3.1 of the reference. The shares are the bilinear weights of the landing
+point, rounded to whole mm^3 such that they add up to exactly the volume of the particle.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.rows import ConversionKind, Rows
 from msg_bridge.kernels import kernel
+from soil_sim.columns.grid_frame import GridFrame
 
 __all__ = ["ColumnShares", "bilinear_shares"]
 
@@ -21,13 +21,13 @@ _DEPOSIT = int(ConversionKind.DEPOSIT)
 
 
 class ColumnShares(NamedTuple):
-    """Soil that comes to columns, four shares for each particle.
+    """Soil to add to columns, four shares for each particle.
 
     Attributes:
-        cells: flat indices, shape (n,).
-        volume_mm3: bank volumes, shape (n,); some may be 0.
-        soil: ids of its kind, shape (n,).
-        moisture: of it [%], shape (n,).
+        cells: flat indices of the columns, shape (n,), int64; may contain duplicates.
+        volume_mm3: bank volumes [mm^3], shape (n,), int64; some may be 0.
+        soil: kinds by id, shape (n,), uint8.
+        moisture: moistures [%], shape (n,), uint8.
     """
 
     cells: NDArray[np.int64]
@@ -36,22 +36,19 @@ class ColumnShares(NamedTuple):
     moisture: NDArray[np.uint8]
 
 
-def bilinear_shares(grid: Grid, conversions: Rows) -> ColumnShares:
-    """Which columns particles that land go to, and how much each of them gets.
+def bilinear_shares(frame: GridFrame, conversions: Rows) -> ColumnShares:
+    """Return the shares of the columns around deposited particles.
 
     Args:
-        grid: of the terrain.
-        answers: CONVERSION rows; those of the kind DEPOSIT are shared out.
+        frame: grid of the terrain.
+        conversions: CONVERSION rows; those of the kind DEPOSIT are distributed.
     """
-    shares: ColumnShares = _bilinear_shares(
-        conversions, grid.rows, grid.cols, grid.cell, grid.x_first, grid.y_first
-    )
+    shares: ColumnShares = _bilinear_shares(conversions, frame)
     return shares
 
 
 @kernel
-def _bilinear_shares(conversions, rows, cols, cell, x_first, y_first):  # type: ignore[no-untyped-def]
-    """`Shares` of the DEPOSIT rows."""
+def _bilinear_shares(conversions, frame):  # type: ignore[no-untyped-def]
     count = 0
     for n in range(conversions.size):
         count += 4 * (conversions[n].kind == _DEPOSIT)
@@ -59,25 +56,25 @@ def _bilinear_shares(conversions, rows, cols, cell, x_first, y_first):  # type: 
     soil, moisture = np.empty(count, dtype=np.uint8), np.empty(count, dtype=np.uint8)
     end = 0
     for n in range(conversions.size):
-        landed = conversions[n]
-        if landed.kind != _DEPOSIT:
+        particle = conversions[n]
+        if particle.kind != _DEPOSIT:
             continue
-        # Half a cell beyond the outer grid points still belongs to the outer columns.
-        u = min(max((x_first - np.float64(landed.x)) / cell, 0.0), rows - 1.0)
-        v = min(max((y_first - np.float64(landed.y)) / cell, 0.0), cols - 1.0)
-        i = min(np.int64(u), rows - 2)
-        j = min(np.int64(v), cols - 2)
+        # The half cell beyond the outer grid points belongs to the outer columns.
+        u = min(max((frame.x_first - np.float64(particle.x)) / frame.cell, 0.0), frame.rows - 1.0)
+        v = min(max((frame.y_first - np.float64(particle.y)) / frame.cell, 0.0), frame.cols - 1.0)
+        i = min(np.int64(u), frame.rows - 2)
+        j = min(np.int64(v), frame.cols - 2)
         u -= i
         v -= j
-        total = np.int64(landed.volume_mm3)
-        left = total
+        total = np.int64(particle.volume_mm3)
+        remaining = total
         for k in range(4):
             down, across = k // 2, k % 2
-            part = total * (u if down else 1.0 - u) * (v if across else 1.0 - v)
-            share = np.int64(part) if k < 3 else left  # the last one takes what rounding left
-            left -= share
+            exact = total * (u if down else 1.0 - u) * (v if across else 1.0 - v)
+            share = np.int64(exact) if k < 3 else remaining  # the last one gets the rounding errors
+            remaining -= share
             volume[end] = share
-            cells[end] = (i + down) * cols + j + across
-            soil[end], moisture[end] = landed.soil, landed.moisture
+            cells[end] = (i + down) * frame.cols + j + across
+            soil[end], moisture[end] = particle.soil, particle.moisture
             end += 1
     return ColumnShares(cells, volume, soil, moisture)

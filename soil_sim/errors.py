@@ -1,4 +1,4 @@
-"""Errors of the soil: each message says what is wrong and what to change."""
+"""Errors of the soil simulation: each message names the invalid value and the change to make."""
 
 from msg_bridge.contract.errors import EarthmovingError
 
@@ -6,8 +6,8 @@ __all__ = ["SoilError", "TerrainError"]
 
 
 class SoilError(EarthmovingError):
-    """Input the soil cannot take; it changed nothing."""
+    """Invalid input; the state of the soil is unchanged."""
 
 
 class TerrainError(SoilError):
-    """A terrain, or a file of one, that cannot be used."""
+    """Invalid terrain, or an invalid file of one."""

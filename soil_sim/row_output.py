@@ -1,4 +1,4 @@
-"""What the soil says in rows: what it gave up, what became of landed soil, how columns look now.
+"""Rows that the soil returns: removed soil, the result of deposit requests, changed columns.
 
 Rows are not numbered yet (`seq` 0); the exchange does that.
 """
@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 
 from msg_bridge.contract.constants import MOISTURE_LEVELS
-from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.rows import (
     CONVERSION,
     MAP_UPDATE,
@@ -19,141 +18,136 @@ from msg_bridge.contract.rows import (
 )
 from msg_bridge.kernels import kernel
 from soil_sim.columns.changes import ColumnChanges
+from soil_sim.columns.grid_frame import GridFrame
 from soil_sim.columns.state import Columns
-from soil_sim.excavation.swept_cut import RemovedSoil
+from soil_sim.excavation.removed_soil import RemovedSoil
 
 __all__ = ["convert_deposit_requests", "excavation_rows", "map_update_rows"]
 
-_DEPOSIT, _OUTSIDE, _REFUSE = (
+_EXCAVATE, _DEPOSIT, _OUTSIDE, _REJECT = (
+    int(ConversionKind.EXCAVATE),
     int(ConversionKind.DEPOSIT),
     int(ConversionKind.OUTSIDE),
     int(ConversionKind.REJECT),
 )
 
 
-def convert_deposit_requests(deposit_requests: Rows, tick: int, grid: Grid, kinds: int) -> Rows:
-    """The answer to each landed row: on the map, beyond it, or not to be believed.
+def convert_deposit_requests(
+    deposit_requests: Rows, tick: int, frame: GridFrame, num_soil_types: int
+) -> Rows:
+    """Return the result of each deposit request: deposited, outside the map, or rejected.
 
-    Of a particle that a source names twice, only the first row is believed.
+    If a machine requests the same particle more than once, only the first row is accepted.
 
     Args:
-        landed: LANDED rows of all sources.
+        deposit_requests: DEPOSIT_REQUEST rows of all machines.
         tick: number of the tick.
-        grid: of the terrain.
-        kinds: number of kinds of soil there are.
+        frame: grid of the terrain.
+        num_soil_types: number of kinds of soil.
 
     Returns:
-        CONVERSION rows, one for each of them in their order.
+        CONVERSION rows, one for each request, in the same order.
     """
     if deposit_requests.size == 0:  # as in most ticks
         return empty_rows(CONVERSION)
-    named = (
+    particle_key = (
         deposit_requests["machine_id"].astype(np.uint64) << np.uint64(32)
         | deposit_requests["particle_id"]
     )
-    first = np.zeros(deposit_requests.size, dtype=np.bool_)
-    first[np.unique(named, return_index=True)[1]] = True
-    answers: Rows = _convert_requests(
-        deposit_requests,
-        first,
-        tick,
-        kinds,
-        grid.rows,
-        grid.cols,
-        grid.cell,
-        grid.x_first,
-        grid.y_first,
-    )
-    return answers
+    is_first = np.zeros(deposit_requests.size, dtype=np.bool_)
+    is_first[np.unique(particle_key, return_index=True)[1]] = True
+    conversions: Rows = _convert_requests(deposit_requests, is_first, tick, num_soil_types, frame)
+    return conversions
 
 
-def excavation_rows(removed: RemovedSoil, tick: int, machine_id: int, grid: Grid) -> Rows:
-    """EXCAVATE rows of what a source removed; volumes beyond a row's field are split.
+def excavation_rows(removed: RemovedSoil, tick: int, machine_id: int, cols: int) -> Rows:
+    """Return CONVERSION rows of the soil a machine removed; too large volumes are split.
 
     Args:
-        removed: soil removed from columns.
+        removed: removed soil, a record for each column.
         tick: number of the tick.
-        source: whose tools did it.
-        grid: of the terrain.
+        machine_id: machine whose tools removed it.
+        cols: number of columns of the grid.
     """
     if removed.size == 0:
         return empty_rows(CONVERSION)
-    rows: Rows = _excavation_rows(removed, tick, machine_id, grid.cols)
+    rows: Rows = _excavation_rows(removed, tick, machine_id, cols)
     return rows
 
 
-def map_update_rows(changed: ColumnChanges, columns: Columns, revision: int) -> Rows:
-    """CHANGED rows of the columns that a tick changed, as they are now.
+def map_update_rows(changes: ColumnChanges, columns: Columns, revision: int) -> Rows:
+    """Return MAP_UPDATE rows with the current state of the columns that a tick changed.
 
     Args:
-        changed: which.
+        changes: the changed columns.
         columns: the terrain.
-        revision: of the terrain after the tick.
+        revision: revision of the terrain after the tick.
     """
-    if changed.cells.size == 0:
+    if changes.cells.size == 0:
         return empty_rows(MAP_UPDATE)
-    grid = columns.grid
-    rows: Rows = _map_update_rows(
-        changed.cells, columns.arrays, revision, grid.cols, grid.cell, grid.x_first, grid.y_first
-    )
+    rows: Rows = _map_update_rows(changes.cells, columns.arrays, revision, columns.frame)
     return rows
 
 
 @kernel
-def _convert_requests(deposit_requests, first, tick, kinds, rows, cols, cell, x_first, y_first):  # type: ignore[no-untyped-def]
-    """CONVERSION rows of landed ones; those of `first` are the first of their particle."""
-    answers = np.zeros(deposit_requests.size, CONVERSION)
-    for n in range(deposit_requests.size):
-        said, answer = deposit_requests[n], answers[n]
-        answer.x, answer.y, answer.z = said.x, said.y, said.z
-        answer.volume_mm3, answer.particle_id = said.volume_mm3, said.particle_id
-        answer.machine_id, answer.soil, answer.moisture = said.machine_id, said.soil, said.moisture
-        answer.tick = tick
-        x, y = np.float64(said.x), np.float64(said.y)
-        finite = np.isfinite(x) and np.isfinite(y) and np.isfinite(said.z)
-        known = said.volume_mm3 > 0 and said.soil < kinds and said.moisture < MOISTURE_LEVELS
-        if not (first[n] and finite and known):
-            answer.kind = _REFUSE
-        elif abs(x) <= 0.5 * (rows * cell) and abs(y) <= 0.5 * (cols * cell):
-            answer.kind = _DEPOSIT
-            # Half a cell beyond the outer grid points still belongs to the outer columns.
-            answer.row = np.int64(min(max(np.rint((x_first - x) / cell), 0.0), rows - 1.0))
-            answer.col = np.int64(min(max(np.rint((y_first - y) / cell), 0.0), cols - 1.0))
+def _convert_requests(requests, is_first, tick, num_soil_types, frame):  # type: ignore[no-untyped-def]
+    """Return CONVERSION rows of requests; `is_first` marks the first one of each particle."""
+    conversions = np.zeros(requests.size, CONVERSION)
+    for n in range(requests.size):
+        request, row = requests[n], conversions[n]
+        row.x, row.y, row.z = request.x, request.y, request.z
+        row.volume_mm3, row.particle_id = request.volume_mm3, request.particle_id
+        row.machine_id, row.soil, row.moisture = request.machine_id, request.soil, request.moisture
+        row.tick = tick
+        x, y = np.float64(request.x), np.float64(request.y)
+        is_finite = np.isfinite(x) and np.isfinite(y) and np.isfinite(request.z)
+        is_soil = request.soil < num_soil_types and request.moisture < MOISTURE_LEVELS
+        if not (is_first[n] and is_finite and is_soil and request.volume_mm3 > 0):
+            row.kind = _REJECT
+        elif abs(x) <= 0.5 * (frame.rows * frame.cell) and abs(y) <= 0.5 * (
+            frame.cols * frame.cell
+        ):
+            row.kind = _DEPOSIT
+            # The half cell beyond the outer grid points belongs to the outer columns.
+            i = min(max(np.rint((frame.x_first - x) / frame.cell), 0.0), frame.rows - 1.0)
+            j = min(max(np.rint((frame.y_first - y) / frame.cell), 0.0), frame.cols - 1.0)
+            row.row, row.col = np.int64(i), np.int64(j)
         else:
-            answer.kind = _OUTSIDE
-    return answers
+            row.kind = _OUTSIDE
+    return conversions
 
 
 @kernel
 def _excavation_rows(removed, tick, machine_id, cols):  # type: ignore[no-untyped-def]
-    """CONVERSION rows of removed soil, as many for each column as its volume needs."""
-    pieces = 0
-    for n in range(removed.shape[0]):
-        pieces += -(-np.int64(removed[n, 1]) // MAX_ROW_VOLUME)
-    rows = np.zeros(pieces, CONVERSION)  # of the kind EXCAVATE, which is 0
+    """Return CONVERSION rows of removed soil, as many for each column as its volume needs."""
+    count = 0
+    for n in range(removed.size):
+        count += -(-removed[n].volume_mm3 // MAX_ROW_VOLUME)
+    rows = np.zeros(count, CONVERSION)
     k = 0
-    for n in range(removed.shape[0]):
-        cell, left = np.int64(removed[n, 0]), np.int64(removed[n, 1])
-        while left > 0:
+    for n in range(removed.size):
+        record, remaining = removed[n], removed[n].volume_mm3
+        while remaining > 0:
             row = rows[k]
-            row.x, row.y, row.z = removed[n, 2], removed[n, 3], removed[n, 4]
-            row.soil, row.moisture = np.uint8(removed[n, 5]), np.uint8(removed[n, 6])
-            row.row, row.col = cell // cols, cell % cols
-            row.tick, row.machine_id = tick, machine_id
-            row.volume_mm3 = min(left, MAX_ROW_VOLUME)
-            left -= MAX_ROW_VOLUME
+            row.kind, row.machine_id, row.tick = _EXCAVATE, machine_id, tick
+            row.row, row.col = record.cell // cols, record.cell % cols
+            row.x, row.y, row.z = record.x, record.y, record.z
+            row.soil, row.moisture = record.soil, record.moisture
+            row.volume_mm3 = min(remaining, MAX_ROW_VOLUME)
+            remaining -= MAX_ROW_VOLUME
             k += 1
     return rows
 
 
 @kernel
-def _map_update_rows(cells, columns, revision, cols, cell, x_first, y_first):  # type: ignore[no-untyped-def]
-    """CHANGED rows of columns, by their flat indices."""
+def _map_update_rows(cells, columns, revision, frame):  # type: ignore[no-untyped-def]
+    """Return MAP_UPDATE rows of columns, by their flat indices."""
     rows = np.zeros(cells.size, MAP_UPDATE)
     for n in range(cells.size):
         i, row = cells[n], rows[n]
-        row.row, row.col = i // cols, i % cols
-        row.x, row.y = x_first - (i // cols) * cell, y_first - (i % cols) * cell
+        row.row, row.col = i // frame.cols, i % frame.cols
+        row.x = frame.x_first - (i // frame.cols) * frame.cell
+        row.y = frame.y_first - (i % frame.cols) * frame.cell
         row.z = columns.height[i]
         row.loose_depth = columns.bulk[i] * columns.metres_per_mm3
         row.volume_mm3 = columns.firm[i] + columns.loose[i]

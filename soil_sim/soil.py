@@ -1,12 +1,12 @@
-"""The soil: one tick turns what tools swept and what landed into what was actually moved.
+"""The soil: one tick turns sweeps and deposit requests into the soil that was actually moved.
 
-    judge -> resist -> cut, press -> deposit -> slip
+    validate -> tool forces -> excavate and compact -> deposit -> relax slopes
 
-All input is judged before the first column changes, so a tick is done whole or not at all: a tool
-whose rows cannot be believed is refused, a landed row likewise, and what is left cannot fail.
+All input is validated before the first column changes, so a tick is done completely or not at all:
+tools and deposit requests with invalid rows are rejected, and what remains cannot fail.
 
-This is the whole of the soil side's physics; it knows no messages, no clock and no accounts but
-the terrain's own. The exchange (`msg_bridge.exchange`) numbers the rows it returns.
+This is all of the physics of the soil. It has no messages, no clock, and no account of volume other
+than that of the terrain. The exchange (`msg_bridge.exchange`) numbers the rows it returns.
 """
 
 from __future__ import annotations
@@ -19,34 +19,31 @@ from numpy.typing import NDArray
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.rows import CONVERSION, DEPOSIT_REQUEST, SWEEP, Rows, join_rows
-from soil_sim.columns.changes import ChangeTracker
-from soil_sim.columns.state import Columns
-from soil_sim.columns.tile_checksum import TileChecksums
+from soil_sim.columns import ChangeTracker, Columns, TileChecksums
 from soil_sim.compaction import compact
 from soil_sim.deposition import bilinear_shares
 from soil_sim.errors import SoilError
-from soil_sim.excavation.keypoint_cut import KeyPointCut
-from soil_sim.excavation.swept_cut import SweptCut
+from soil_sim.excavation import KeyPointCut, RemovedSoil, SweptCut
 from soil_sim.row_output import convert_deposit_requests, excavation_rows, map_update_rows
-from soil_sim.slope_failure import SlopeRelaxation
-from soil_sim.slope_failure.noise import relaxation_noise
+from soil_sim.slope_failure import SlopeRelaxation, relaxation_noise
 from soil_sim.soils.params import SoilParams
 from soil_sim.soils.soil_types import build_soil_tables
 from soil_sim.tool_force.tool_forces import ToolForces, zero_tool_forces
-from soil_sim.tool_sweeps import ValidSweeps, group_by_machine, validate_sweeps
+from soil_sim.tool_sweeps import MachineSweeps, ValidSweeps, group_by_machine, validate_sweeps
 
 __all__ = ["Soil", "SoilStepResult"]
 
 
 @dataclass(frozen=True)
 class SoilStepResult:
-    """What one tick moved; rows are not numbered yet (`seq` 0).
+    """Result of one tick; rows are not numbered yet (`seq` 0).
 
     Attributes:
-        conversions: CONVERSION rows, answers to landed rows in the order they came.
-        forces: FORCE rows, one per tool that swept; none for a refused one.
-        changed: CHANGED rows, one per column that is not as it was.
-        refused: a sentence for each tool whose rows were left out: which, why, what to change.
+        conversions: CONVERSION rows: excavated soil, then the results of the deposit requests in
+            the order of the requests.
+        forces: FORCE rows, one for each valid tool.
+        map_updates: MAP_UPDATE rows, one for each changed column.
+        rejected_tools: a message for each rejected tool: which one, why, and what to change.
     """
 
     conversions: Rows
@@ -56,13 +53,13 @@ class SoilStepResult:
 
 
 class Soil:
-    """A terrain that is cut, filled and slips.
+    """A terrain that is cut and filled, and whose slopes fail.
 
     Attributes:
-        params: as given.
-        kinds: the kinds of soil in it, by id.
-        columns: the terrain's state.
-        slip: columns waiting to slip.
+        params: parameters of the soil.
+        soil_types: kinds of soil, by id.
+        columns: state of the terrain.
+        relaxation: slopes to relax.
         revision: number of ticks that changed the terrain.
     """
 
@@ -77,15 +74,16 @@ class Soil:
     ) -> None:
         """
         Args:
-            grid: where each column stands.
+            grid: positions of the columns.
             heights: surface of the undisturbed soil [m], shape (rows, cols).
-            params: defaults to the reference's soil.
-            soil: kind of each column, shape (rows, cols): 0 the ground's own, 1 and on those of
-                `params.additional_soils`; all 0 if not given.
-            moisture: of each column [%], shape (rows, cols); if not given, that of its soil.
+            params: parameters; those of the reference if not given.
+            soil: kind of each column by id, shape (rows, cols): 0 is `params.soil`, 1 and up are
+                `params.additional_soils`; 0 everywhere if not given.
+            moisture: moisture of each column [%], shape (rows, cols); that of its kind of soil if
+                not given.
 
         Raises:
-            ParameterError, SoilError, ConfigError: soils or layers that cannot be.
+            ParameterError, SoilError, ConfigError: invalid soils or layers.
         """
         self.params = params or SoilParams()
         self.soil_types = self.params.soil_types()
@@ -98,8 +96,8 @@ class Soil:
             moisture=moisture,
         )
         if moisture is None:
-            found = [kind.moisture for kind in self.loose_soils]
-            self.columns.moisture[:] = np.array(found, dtype=np.uint8)[self.columns.soil]
+            moistures = [kind.moisture for kind in self.loose_soils]
+            self.columns.moisture[:] = np.array(moistures, dtype=np.uint8)[self.columns.soil]
         self.relaxation = SlopeRelaxation(
             self.columns,
             radius=self.params.relaxation_radius,
@@ -121,12 +119,12 @@ class Soil:
 
     @property
     def grid(self) -> Grid:
-        """Where each column stands."""
+        """Positions of the columns."""
         return self.columns.grid
 
     @property
     def loose_soils(self) -> tuple[LooseSoil, ...]:
-        """What a machine must know of the kinds of soil, by id."""
+        """Properties of the kinds of soil that machines need, by id."""
         soils = (kind.loose_soil for kind in self.soil_types)
         if self.params.moisture < 0:
             return tuple(soils)
@@ -139,16 +137,22 @@ class Soil:
 
     @property
     def layers(self) -> tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.uint8]]:
-        """Bank volume of each column [mm^3], id and moisture [%] of the soil at its surface."""
+        """Layers of the map, shape (rows, cols) each.
+
+        Bank volume of each column [mm^3], kind by id and moisture [%] of the soil at its surface.
+        """
         columns = self.columns
         return columns.firm + columns.loose, columns.top_soil, columns.top_moisture
 
     def verify_volume(self) -> bool:
-        """Count every column anew and compare with the running count."""
+        """Return whether the running volume equals the sum over all columns."""
         return self.columns.total_mm3 == self.total_mm3
 
     def state_hash(self) -> str:
-        """SHA-256 [hex] of the firm and loose volumes of all columns; see `soil_sim.columns.tile_checksum`."""
+        """Return the SHA-256 [hex] of the state of all columns.
+
+        See `soil_sim.columns.tile_checksum`.
+        """
         return self._tile_checksums.state_hash()
 
     def step(self, tick: int, sweeps: Rows, deposit_requests: Rows) -> SoilStepResult:
@@ -156,11 +160,11 @@ class Soil:
 
         Args:
             tick: number of the tick, written into the conversions.
-            sweeps: SWEEP rows of all sources, in the order of source and seq.
-            landed: LANDED rows likewise.
+            sweeps: SWEEP rows of all machines, in the order of machine and `seq`.
+            deposit_requests: DEPOSIT_REQUEST rows of all machines, in the same order.
 
         Raises:
-            SoilError: not rows, or not the number of a tick; nothing was changed.
+            SoilError: rows of another type, or an invalid tick number; nothing was changed.
         """
         if (
             sweeps.dtype != SWEEP
@@ -168,56 +172,62 @@ class Soil:
             or not 0 <= tick < 2**32
         ):
             raise SoilError(
-                f"tick {tick} needs SWEEP and LANDED rows and a number in 32 bits; got rows with "
-                f"{sweeps.dtype.names} and {deposit_requests.dtype.names}"
+                f"tick {tick} with rows of {sweeps.dtype.names} and {deposit_requests.dtype.names}:"
+                " give a tick number of 32 bits, SWEEP rows and DEPOSIT_REQUEST rows"
             )
-        sound, rejected_tools = validate_sweeps(sweeps)
-        answers = convert_deposit_requests(deposit_requests, tick, self.grid, len(self.soil_types))
-        forces = self._compute_tool_forces(sound)
-        excavated = self._excavate(tick, sound)
-        poured = self._deposit(answers)
-        self.relaxation.relax(max(self.params.max_cell_visits_per_tick - poured, 0))
-        conversions = join_rows([excavated, answers], CONVERSION)
+        valid_sweeps, rejected_tools = validate_sweeps(sweeps)
+        deposits = convert_deposit_requests(
+            deposit_requests, tick, self.columns.frame, len(self.soil_types)
+        )
+        forces = self._compute_tool_forces(valid_sweeps)
+        excavated = self._excavate(tick, valid_sweeps)
+        num_visits = self._deposit(deposits)
+        self.relaxation.relax(max(self.params.max_cell_visits_per_tick - num_visits, 0))
+        conversions = join_rows([excavated, deposits], CONVERSION)
         return SoilStepResult(conversions, forces, self._collect_map_updates(), rejected_tools)
 
     def _compute_tool_forces(self, sweeps: ValidSweeps) -> Rows:
-        """What tools that begin to cut feel, by the soil as it stands."""
+        """Return the FORCE rows of all tools, for the soil before this tick's excavation."""
         if self.params.force_mode == "reference":
             return zero_tool_forces(sweeps)
         return self._tool_forces.compute(sweeps)
 
     def _excavate(self, tick: int, sweeps: ValidSweeps) -> Rows:
-        strokes = group_by_machine(sweeps)
-        swept = self.params.cut_mode == "swept"
-        if swept:
-            self._swept_cut.reserve(stroke.cut_pairs for stroke in strokes)
-        parts = []
-        for stroke in strokes:
-            if swept:
-                removed = self._swept_cut.excavate(stroke.cut_pairs)
-            else:
-                removed = self._keypoint_cut.excavate(stroke.rows)
-                self.relaxation.mark_disturbed(
-                    removed[:, 0].astype(np.int64), include_neighbours=True
-                )
-            parts.append(excavation_rows(removed, tick, stroke.machine_id, self.grid))
-            if swept:
-                self.relaxation.mark_disturbed(
-                    compact(self.columns, stroke.press_pairs), include_neighbours=True
-                )
+        """Cut and compact with the tools of all machines; return the excavated soil."""
+        machines = group_by_machine(sweeps)
+        if self.params.cut_mode == "swept":
+            self._swept_cut.reserve(machine.cut_pairs for machine in machines)
+            removed = [self._cut_and_compact(machine) for machine in machines]
+        else:
+            removed = [self._cut_at_key_points(machine) for machine in machines]
         self.relaxation.mark_disturbed(self._swept_cut.end_tick(), include_neighbours=True)
+        parts = [
+            excavation_rows(soil, tick, machine.machine_id, self.grid.cols)
+            for machine, soil in zip(machines, removed, strict=True)
+        ]
         return join_rows(parts, CONVERSION)
 
-    def _deposit(self, answers: Rows) -> int:
-        """Let soil land and run down; returns what that took of the budget."""
-        if answers.size == 0:
+    def _cut_and_compact(self, machine: MachineSweeps) -> RemovedSoil:
+        removed = self._swept_cut.excavate(machine.cut_pairs)
+        compacted = compact(self.columns, machine.press_pairs)
+        self.relaxation.mark_disturbed(compacted, include_neighbours=True)
+        return removed
+
+    def _cut_at_key_points(self, machine: MachineSweeps) -> RemovedSoil:
+        removed = self._keypoint_cut.excavate(machine.rows)
+        self.relaxation.mark_disturbed(removed["cell"], include_neighbours=True)
+        return removed
+
+    def _deposit(self, conversions: Rows) -> int:
+        """Deposit soil and let it run out; return the number of cell visits."""
+        if conversions.size == 0:
             return 0
         return self.relaxation.deposit_with_runout(
-            *bilinear_shares(self.grid, answers), self.params.max_cell_visits_per_tick
+            bilinear_shares(self.columns.frame, conversions), self.params.max_cell_visits_per_tick
         )
 
     def _collect_map_updates(self) -> Rows:
-        changed = self._changes.collect()
-        self._tile_checksums.apply_changes(changed.touched, changed.volume_change_mm3)
-        self.revision += bool(changed.cells.size)
-        return map_update_rows(changed, self.columns, self.revision)
+        changes = self._changes.collect()
+        self._tile_checksums.apply_changes(changes.touched, changes.volume_change_mm3)
+        self.revision += bool(changes.cells.size)
+        return map_update_rows(changes, self.columns, self.revision)

@@ -1,7 +1,7 @@
-"""What the soil that machines hold is like, by the rows that gave it to them and took it back.
+"""Kind and moisture of the soil held by each machine, from its excavate and deposit rows.
 
-How much a machine holds is told by its own reports; of which kind it is, and how moist, only the
-soil needs to know, for when it puts down what a machine has left behind.
+Each machine reports the volume that it holds. Only the soil needs to know its kind and moisture: it
+deposits the soil of a machine that has left.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from msg_bridge.contract.constants import MOISTURE_LEVELS
 from msg_bridge.contract.rows import ConversionKind, Rows, machine_ids_in
 from msg_bridge.kernels import kernel
 
@@ -18,56 +19,61 @@ __all__ = ["SoilInventory"]
 
 _MAX_SOIL_TYPES = 256
 
-_EXCAVATE, _REFUSE = int(ConversionKind.EXCAVATE), int(ConversionKind.REJECT)
+_EXCAVATE, _REJECT = int(ConversionKind.EXCAVATE), int(ConversionKind.REJECT)
 
 
 class _MachineInventory(NamedTuple):
-    """One source's soil by kind, shape (256,): bank volume [mm^3] and water [mm^3 %]."""
+    """Soil of one machine, by kind.
+
+    Attributes:
+        volume: bank volume [mm^3], shape (256,), int64.
+        water: bank volume times moisture [mm^3 %], shape (256,), int64.
+    """
 
     volume: NDArray[np.int64]
     water: NDArray[np.int64]
 
 
 class SoilInventory:
-    """Kind and moisture of what each source was given and has not put down again."""
+    """Kind and moisture of the soil that each machine excavated and has not deposited again."""
 
     def __init__(self) -> None:
         self._inventories: dict[int, _MachineInventory] = {}
 
     def record_conversions(self, conversions: Rows) -> None:
-        """Count what CONVERSION rows of any sources moved."""
+        """Add what CONVERSION rows of any machines excavated, and subtract what they deposited."""
         for machine_id in machine_ids_in(conversions):
-            held = self._inventories.get(machine_id)
-            if held is None:
-                held = self._inventories[machine_id] = _MachineInventory(
+            inventory = self._inventories.get(machine_id)
+            if inventory is None:
+                inventory = self._inventories[machine_id] = _MachineInventory(
                     *np.zeros((2, _MAX_SOIL_TYPES), dtype=np.int64)
                 )
-            _record(conversions, machine_id, *held)
+            _record(conversions, machine_id, inventory)
 
     def majority_soil(self, machine_id: int) -> tuple[int, int]:
-        """Soil that stands for all that a source holds.
+        """Return the kind and moisture that represent all soil that a machine holds.
 
         Returns:
-            (id of the kind that most of it is, moisture of the whole by volume [%]); 0, 0 if it
-            holds nothing.
+            (id of the kind with the largest volume, mean moisture by volume of all kinds [%]);
+            (0, 0) if the machine holds nothing.
         """
-        held = self._inventories.get(machine_id)
-        volume = 0 if held is None else int(held.volume.sum())
-        if held is None or volume <= 0:
+        inventory = self._inventories.get(machine_id)
+        volume = 0 if inventory is None else int(inventory.volume.sum())
+        if inventory is None or volume <= 0:
             return 0, 0
-        moisture = round(int(held.water.sum()) / volume)
-        return int(held.volume.argmax()), min(max(moisture, 0), 100)
+        moisture = round(int(inventory.water.sum()) / volume)
+        return int(inventory.volume.argmax()), min(max(moisture, 0), MOISTURE_LEVELS - 1)
 
 
 @kernel
-def _record(conversions, machine_id, volume, water):  # type: ignore[no-untyped-def]
-    """Count one source's conversions by kind."""
+def _record(conversions, machine_id, inventory):  # type: ignore[no-untyped-def]
+    """Apply the conversions of one machine to its inventory."""
     for n in range(conversions.size):
         row = conversions[n]
-        if row.machine_id != machine_id or row.kind == _REFUSE:
+        if row.machine_id != machine_id or row.kind == _REJECT:
             continue
-        moved = np.int64(row.volume_mm3)
+        volume = np.int64(row.volume_mm3)
         if row.kind != _EXCAVATE:
-            moved = -moved
-        volume[row.soil] += moved
-        water[row.soil] += moved * row.moisture
+            volume = -volume
+        inventory.volume[row.soil] += volume
+        inventory.water[row.soil] += volume * row.moisture

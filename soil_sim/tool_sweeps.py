@@ -1,11 +1,12 @@
-"""Sweeps as they come: which tools' rows are sound, and the key-point pairs that cut or press.
+"""Validation of tool sweeps, and their split into key-point pairs that cut and that compact.
 
-Rows come from outside. They are judged before anything is moved, and a tool is believed whole or
-not at all: half a tool would cut a shape nobody has.
+SWEEP rows come from outside. They are validated before any soil moves, and a tool is accepted or
+rejected as a whole: half of the rows would cut a shape that no tool has.
 """
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -14,38 +15,72 @@ from numpy.typing import NDArray
 from msg_bridge.contract.rows import Rows, SweepAction
 from msg_bridge.kernels import helper, kernel
 
-__all__ = ["SourceSweeps", "SweptPairs", "ValidSweeps", "group_by_machine", "validate_sweeps"]
+__all__ = [
+    "MachineSweeps",
+    "SweptPairs",
+    "ValidSweeps",
+    "group_by_machine",
+    "interpolate_key_point",
+    "validate_sweeps",
+]
 
 _MAX_COORDINATE = 1e5
-"""Largest coordinate of a key point [m]; there a float32 still tells centimetres apart."""
+"""Largest coordinate of a key point [m]; a float32 still resolves a centimetre there."""
 
 _MAX_DISPLACEMENT = 20.0
-"""Longest way of a key point in a tick [m]; at 10 ms that is 2000 m/s."""
+"""Largest displacement of a key point in a tick [m]; at 10 ms that is 2000 m/s."""
 
 _MAX_TOOL_EXTENT = 50.0
 """Largest extent of a tool along an axis [m]; the widest blades and buckets are below 25 m."""
 
-_FAULT_MESSAGES = (
-    "",
-    "rows 2k and 2k+1 of a tool must be the left and right end of pair k; send all its pairs in "
-    "order, 0 first, each twice",
-    "both ends of a pair must have the same action, 0 to cut, 1 to press or 2 to mill",
-    f"a coordinate is not finite or beyond {_MAX_COORDINATE:g} m; send map coordinates in metres",
-    f"its key points span more than {_MAX_TOOL_EXTENT:g} m; send key points of one tool in metres",
-    f"a key point moves more than {_MAX_DISPLACEMENT:g} m in a tick; start where the last tick ended",
-)
-"""What is wrong and what to change, by the number of the fault."""
 
-_PRESS = int(SweepAction.COMPACT)
+class SweepFault(IntEnum):
+    """Reason for which the rows of a tool are rejected."""
+
+    NONE = 0
+    PAIR_ORDER = 1
+    ACTION = 2
+    COORDINATE = 3
+    EXTENT = 4
+    DISPLACEMENT = 5
+
+
+_FAULT_MESSAGES = {
+    SweepFault.PAIR_ORDER: "rows 2k and 2k+1 of a tool must be the left and right end of pair k;"
+    " send all its pairs in order, 0 first, each twice",
+    SweepFault.ACTION: "both ends of a pair must have the same action: 0 to cut, 1 to press or"
+    " 2 to mill",
+    SweepFault.COORDINATE: f"a coordinate is not finite or beyond {_MAX_COORDINATE:g} m; send map"
+    " coordinates in metres",
+    SweepFault.EXTENT: f"its key points span more than {_MAX_TOOL_EXTENT:g} m; send the key points"
+    " of one tool in metres",
+    SweepFault.DISPLACEMENT: f"a key point moves more than {_MAX_DISPLACEMENT:g} m in a tick; start"
+    " where the last tick ended",
+}
+"""What is wrong with the rows and what to change."""
+
+_NO_FAULT, _PAIR_ORDER, _ACTION = (
+    int(SweepFault.NONE),
+    int(SweepFault.PAIR_ORDER),
+    int(SweepFault.ACTION),
+)
+_COORDINATE, _EXTENT, _DISPLACEMENT = (
+    int(SweepFault.COORDINATE),
+    int(SweepFault.EXTENT),
+    int(SweepFault.DISPLACEMENT),
+)
+_COMPACT = int(SweepAction.COMPACT)
+_LAST_ACTION = int(max(SweepAction))
 
 
 class ValidSweeps(NamedTuple):
-    """Sound sweeps of a tick.
+    """Valid sweeps of a tick.
 
     Attributes:
-        rows: SWEEP rows by source and tool, those of a tool in the order of its pairs.
-        points: start and end of each row's key point [m], map frame, shape (rows, 2, 3).
-        first: index of each tool's first row, shape (tools,).
+        rows: SWEEP rows sorted by machine and tool, those of a tool in the order of its pairs.
+        points: key point of each row at the start and end of the tick [m], map frame,
+            shape (rows, 2, 3), float64.
+        first_row: index of the first row of each tool, shape (tools,), int64.
     """
 
     rows: Rows
@@ -54,25 +89,26 @@ class ValidSweeps(NamedTuple):
 
 
 class SweptPairs(NamedTuple):
-    """The key-point pairs of one source that cut, or press, over a tick.
+    """Key-point pairs of one machine that cut, or that compact, in a tick.
 
     Attributes:
-        points: start and end of the tick, left and right end [m], map frame, shape (n, 2, 2, 3).
-        joined: whether a plate spans pair k and pair k + 1, shape (n,).
+        points: key points [m], map frame, shape (pairs, 2, 2, 3), float64: of each pair at the
+            start and end of the tick, its left and right end.
+        has_plate: whether a plate spans pair k and pair k + 1, shape (pairs,), bool.
     """
 
     points: NDArray[np.float64]
     has_plate: NDArray[np.bool_]
 
 
-class SourceSweeps(NamedTuple):
-    """What the tools of one source do in a tick.
+class MachineSweeps(NamedTuple):
+    """Sweeps of the tools of one machine in a tick.
 
     Attributes:
-        source: its number.
+        machine_id: id of the machine.
         rows: its SWEEP rows.
-        cut: the pairs that cut or mill.
-        press: the pairs that press.
+        cut_pairs: the pairs that cut or mill.
+        press_pairs: the pairs that compact.
     """
 
     machine_id: int
@@ -82,43 +118,64 @@ class SourceSweeps(NamedTuple):
 
 
 def validate_sweeps(sweeps: Rows) -> tuple[ValidSweeps, tuple[str, ...]]:
-    """The sweeps of the tools that can be believed, and what is wrong with the others.
+    """Separate valid tools from rejected ones.
 
     Args:
-        sweeps: SWEEP rows of one tick; a tool's rows in the order of its pairs.
+        sweeps: SWEEP rows of one tick; the rows of a tool in the order of its pairs.
 
     Returns:
-        (sound sweeps, a sentence for each tool left out).
+        (valid sweeps, a message for each rejected tool).
     """
     rows = sweeps[np.lexsort((sweeps["tool"], sweeps["machine_id"]))]
     points, first_row, faults = _parse_tools(rows)
     if not faults.any():
         return ValidSweeps(rows, points, first_row), ()
-    refused = tuple(
-        f"machine {rows['machine_id'][first_row[n]]}, tool {rows['tool'][first_row[n]]} swept nothing:"
-        f" {_FAULT_MESSAGES[faults[n]]}"
+    rejected = tuple(
+        f"machine {rows['machine_id'][first_row[n]]}, tool {rows['tool'][first_row[n]]} is"
+        f" rejected: {_FAULT_MESSAGES[SweepFault(faults[n])]}"
         for n in np.flatnonzero(faults)
     )
     rows = rows[np.repeat(faults == 0, np.diff(first_row, append=rows.size))]
     points, first_row, _ = _parse_tools(rows)
-    return ValidSweeps(rows, points, first_row), refused
+    return ValidSweeps(rows, points, first_row), rejected
 
 
-def group_by_machine(sweeps: ValidSweeps) -> list[SourceSweeps]:
-    """What each source does in a tick, by their numbers."""
-    strokes = []
+def group_by_machine(sweeps: ValidSweeps) -> list[MachineSweeps]:
+    """Return the sweeps of each machine, sorted by machine id."""
+    groups = []
     start = 0
     while start < sweeps.rows.size:
         cut_pairs, press_pairs, end = _split_machine(sweeps.rows, sweeps.points, start)
         rows = sweeps.rows[start:end]
-        strokes.append(SourceSweeps(int(rows["machine_id"][0]), rows, cut_pairs, press_pairs))
+        groups.append(MachineSweeps(int(rows["machine_id"][0]), rows, cut_pairs, press_pairs))
         start = end
-    return strokes
+    return groups
+
+
+@helper(inline="always")
+def interpolate_key_point(points, which, t):  # type: ignore[no-untyped-def]
+    """Return the position (x, y, z) of a key point (pair, end) at a fraction t of the tick.
+
+    `points` are those of `SweptPairs`.
+    """
+    n, p = which
+    return (
+        (1 - t) * points[n, 0, p, 0] + t * points[n, 1, p, 0],
+        (1 - t) * points[n, 0, p, 1] + t * points[n, 1, p, 1],
+        (1 - t) * points[n, 0, p, 2] + t * points[n, 1, p, 2],
+    )
 
 
 @kernel
 def _parse_tools(rows):  # type: ignore[no-untyped-def]
-    """Key points, first rows and faults (indices into `_FAULT_MESSAGES`) of tools; rows by tool."""
+    """Return key points, first rows and faults of tools.
+
+    Args:
+        rows: SWEEP rows sorted by machine and tool.
+
+    Returns:
+        (points and first rows as in `ValidSweeps`, `SweepFault` of each tool, shape (tools,)).
+    """
     points = np.empty((rows.size, 2, 3))
     first_row = np.empty(rows.size, dtype=np.int64)
     tools = 0
@@ -139,40 +196,44 @@ def _parse_tools(rows):  # type: ignore[no-untyped-def]
 
 @helper
 def _find_fault(rows, points, first_row, end):  # type: ignore[no-untyped-def]
-    """The first fault found in the rows of one tool, `first` to `end`; 0 for a sound tool."""
+    """Return the first `SweepFault` of the rows `first_row` to `end` of one tool."""
     if (end - first_row) % 2 == 1:
-        return 1
+        return _PAIR_ORDER
     for n in range(first_row, end):
-        own = n - first_row
-        if rows[n].pair != own // 2:
-            return 1
-        if rows[n].action > 2 or rows[n].action != rows[n - own % 2].action:
-            return 2
-        way = 0.0
+        index = n - first_row
+        if rows[n].pair != index // 2:
+            return _PAIR_ORDER
+        if rows[n].action > _LAST_ACTION or rows[n].action != rows[n - index % 2].action:
+            return _ACTION
+        distance_squared = 0.0
         for axis in range(3):
             start, stop = points[n, 0, axis], points[n, 1, axis]
             if not (abs(start) <= _MAX_COORDINATE and abs(stop) <= _MAX_COORDINATE):
-                return 3
-            way += (stop - start) ** 2
-        if way > _MAX_DISPLACEMENT**2:
-            return 5
+                return _COORDINATE
+            distance_squared += (stop - start) ** 2
+        if distance_squared > _MAX_DISPLACEMENT**2:
+            return _DISPLACEMENT
     for t in range(2):
         for axis in range(3):
             low = high = points[first_row, t, axis]
             for n in range(first_row, end):
                 low, high = min(low, points[n, t, axis]), max(high, points[n, t, axis])
             if high - low > _MAX_TOOL_EXTENT:
-                return 4
-    return 0
+                return _EXTENT
+    return _NO_FAULT
 
 
 @kernel
 def _split_machine(rows, points, start):  # type: ignore[no-untyped-def]
-    """(pairs that cut, pairs that press, end) of the source whose rows begin at `start`."""
+    """Split the rows of the machine that begin at `start`.
+
+    Returns:
+        (pairs that cut, pairs that compact, index after the last row).
+    """
     end = start
     while end < rows.size and rows[end].machine_id == rows[start].machine_id:
         end += 1
-    # Of a type and not literals, for each of which Numba would compile `_pairs` anew.
+    # Typed values: Numba would compile `_select_pairs` once for each of two literals.
     no, yes = np.bool_(False), np.bool_(True)
     return (
         _select_pairs(rows, points, start, end, no),
@@ -182,12 +243,12 @@ def _split_machine(rows, points, start):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _select_pairs(rows, points, start, end, pressing):  # type: ignore[no-untyped-def]
-    """The pairs of one source's rows, `start` to `end`, that press, or those that do not."""
-    left = np.empty((end - start) // 2, dtype=np.int64)  # index of each one's first row
+def _select_pairs(rows, points, start, end, compacting):  # type: ignore[no-untyped-def]
+    """Return the pairs of the rows `start` to `end` that compact, or else those that do not."""
+    left = np.empty((end - start) // 2, dtype=np.int64)  # index of the first row of each pair
     count = 0
     for n in range(start, end, 2):
-        if (rows[n].action == _PRESS) == pressing:
+        if (rows[n].action == _COMPACT) == compacting:
             left[count] = n
             count += 1
     ends = np.empty((count, 2, 2, 3))
@@ -198,6 +259,6 @@ def _select_pairs(rows, points, start, end, pressing):  # type: ignore[no-untype
                 for axis in range(3):
                     ends[k, t, side, axis] = points[left[k] + side, t, axis]
         if k > 0:
-            here, before = rows[left[k]], rows[left[k - 1]]
-            has_plate[k - 1] = here.tool == before.tool and here.pair == before.pair + 1
+            row, previous = rows[left[k]], rows[left[k - 1]]
+            has_plate[k - 1] = row.tool == previous.tool and row.pair == previous.pair + 1
     return SweptPairs(ends, has_plate)

@@ -1,9 +1,11 @@
-"""What a tick changed: which columns, by how much, and what their surface looks like now.
+"""Changes of the terrain in a tick: which columns, what volume, and the material of the surface.
 
-Changed is a column whose firm or loose volume, or the room it takes, or what its surface is of, is
-another than a tick ago: not one that gave what it got. Where loose soil came to lie there is dirt,
-except on ground that was as steep as it can be, from which it only passes (reference, section
-3.1.2, step 4). Where firm soil went and none lies on it, it was laid bare.
+A column is changed if its firm, loose or bulk volume, or the kind or moisture of its surface,
+differs from the end of the previous tick. A column that gave away exactly what it received is not.
+
+The surface becomes loose where loose soil was deposited, except on a slope that was at its angle of
+repose, over which soil only passes (reference, section 3.1.2, step 4). It becomes excavated where
+firm soil was removed and almost no loose soil covers it.
 """
 
 from __future__ import annotations
@@ -19,24 +21,27 @@ from soil_sim.columns.state import Columns, SurfaceMaterial
 __all__ = ["ChangeTracker", "ColumnChanges"]
 
 _MAX_COVER_ON_EXCAVATED = 0.005
-"""Depth of loose soil that leaves firm soil visible [m]."""
+"""Depth of loose soil below which excavated firm soil remains visible [m]."""
 
 _MIN_LOOSE_COVER = 0.0005
-"""Depth of loose soil that is a stain, not soil that came to lie [m]."""
+"""Depth of loose soil below which the surface does not count as loose [m]."""
 
 _STEEP_FRACTION = 0.99
-"""Part of the steepest slope from which ground counts as being as steep as it can be."""
+"""Fraction of the limiting slope from which a column counts as being at its angle of repose."""
 
 _EXCAVATED, _LOOSE = int(SurfaceMaterial.EXCAVATED), int(SurfaceMaterial.LOOSE)
+
+_FIRM, _LOOSE_VOLUME, _BULK, _SURFACE = range(4)
+"""Fields of a row of the previous state: volumes [mm^3], `_surface_key` of the surface."""
 
 
 class ColumnChanges(NamedTuple):
     """Columns that a tick changed.
 
     Attributes:
-        cells: flat indices of those that changed, in row-major order.
-        touched: those, then those that gave what they got.
-        grown: by how much the bank volume of each of `touched` grew [mm^3].
+        cells: flat indices of the changed columns, in row-major order, int64.
+        touched: those, followed by the columns that were touched but not changed (unsorted), int64.
+        volume_change_mm3: increase of the bank volume of each of `touched` [mm^3], int64.
     """
 
     cells: NDArray[np.int64]
@@ -45,15 +50,15 @@ class ColumnChanges(NamedTuple):
 
 
 class ChangeTracker:
-    """Compares a terrain with what it was when last asked."""
+    """Compares a terrain with its state at the previous call."""
 
     def __init__(self, columns: Columns) -> None:
         self._columns = columns
-        # What is known of a column lies together, as it is asked for.
+        # One row for each column: the fields of a column are read together.
         self._previous = np.stack([layer.reshape(-1) for layer in self._layers()], axis=-1)
 
     def collect(self) -> ColumnChanges:
-        """What changed since the last call; the `material` of these columns follows."""
+        """Return the changes since the previous call, and update the material of the columns."""
         columns = self._columns
         touched = columns.pop_touched()
         if touched.size == 0:
@@ -63,9 +68,7 @@ class ChangeTracker:
         count = _find_changes(
             columns.arrays,
             columns.tables.repose_tan,
-            columns.grid.rows,
-            columns.grid.cols,
-            columns.grid.cell,
+            columns.frame,
             touched,
             volume_change_mm3,
             self._previous,
@@ -74,6 +77,7 @@ class ChangeTracker:
         return ColumnChanges(touched[:count], touched, volume_change_mm3)
 
     def _layers(self) -> tuple[NDArray[np.int64], ...]:
+        """Return the layers in the order of the fields of the previous state."""
         columns = self._columns
         surface = columns.top_soil.astype(np.int64) << 8 | columns.top_moisture
         return columns.firm, columns.loose, columns.bulk, surface
@@ -81,60 +85,68 @@ class ChangeTracker:
 
 @kernel
 def _find_changes(  # type: ignore[no-untyped-def]
-    columns, repose_tan, rows, cols, cell, touched, volume_change_mm3, previous, material
+    columns, repose_tan, frame, touched, volume_change_mm3, previous, material
 ):
-    """Move those that changed to the front of `touched`; returns how many there are."""
-    firm, loose, bulk = columns.firm, columns.loose, columns.bulk
+    """Move the changed columns to the front of `touched`; return their number."""
     count = 0
     for n in range(touched.size):
         i = touched[n]
-        same = (
-            firm[i] == previous[i, 0] and loose[i] == previous[i, 1] and bulk[i] == previous[i, 2]
-        )
-        if not (same and _surface_key(columns, i) == previous[i, 3]):
+        if _is_changed(columns, previous, i):
             touched[n], touched[count] = touched[count], i
             count += 1
     for n in range(count):
         i = touched[n]
-        bare = (
-            firm[i] < previous[i, 0] and bulk[i] * columns.metres_per_mm3 < _MAX_COVER_ON_EXCAVATED
-        )
-        if bare:  # what came, too: ground that was dug keeps no thin cover
-            material[i] = _EXCAVATED
+        cover = columns.bulk[i] * columns.metres_per_mm3
+        if columns.firm[i] < previous[i, _FIRM] and cover < _MAX_COVER_ON_EXCAVATED:
+            material[i] = _EXCAVATED  # also where a thin layer of loose soil was deposited
             continue
-        came = loose[i] > previous[i, 1] and bulk[i] * columns.metres_per_mm3 > _MIN_LOOSE_COVER
-        if came and not _was_at_repose_angle(columns, repose_tan, rows, cols, cell, previous, i):
+        is_deposited = columns.loose[i] > previous[i, _LOOSE_VOLUME] and cover > _MIN_LOOSE_COVER
+        if is_deposited and not _was_at_repose_angle(columns, repose_tan, frame, previous, i):
             material[i] = _LOOSE
     for n in range(touched.size):
         i = touched[n]
-        volume_change_mm3[n] = firm[i] + loose[i] - previous[i, 0] - previous[i, 1]
+        before = previous[i, _FIRM] + previous[i, _LOOSE_VOLUME]
+        volume_change_mm3[n] = columns.firm[i] + columns.loose[i] - before
     for n in range(count):
         i = touched[n]
-        previous[i, 0], previous[i, 1], previous[i, 2] = firm[i], loose[i], bulk[i]
-        previous[i, 3] = _surface_key(columns, i)
+        previous[i, _FIRM] = columns.firm[i]
+        previous[i, _LOOSE_VOLUME] = columns.loose[i]
+        previous[i, _BULK] = columns.bulk[i]
+        previous[i, _SURFACE] = _surface_key(columns, i)
     return count
 
 
 @helper(inline="always")
+def _is_changed(columns, previous, i):  # type: ignore[no-untyped-def]
+    """Return whether column i differs from its previous state."""
+    return (
+        columns.firm[i] != previous[i, _FIRM]
+        or columns.loose[i] != previous[i, _LOOSE_VOLUME]
+        or columns.bulk[i] != previous[i, _BULK]
+        or _surface_key(columns, i) != previous[i, _SURFACE]
+    )
+
+
+@helper(inline="always")
 def _surface_key(columns, i):  # type: ignore[no-untyped-def]
-    """Id and moisture of what the surface of a column is of, in one number."""
+    """Return kind and moisture of the surface of column i packed into one integer."""
     if columns.loose[i] > 0:
         return np.int64(columns.loose_soil[i]) << 8 | np.int64(columns.loose_moisture[i])
     return np.int64(columns.soil[i]) << 8 | np.int64(columns.moisture[i])
 
 
 @helper
-def _was_at_repose_angle(columns, repose_tan, rows, cols, cell, previous, i):  # type: ignore[no-untyped-def]
-    """Whether a column was at its angle of repose against one of its four neighbours."""
+def _was_at_repose_angle(columns, repose_tan, frame, previous, i):  # type: ignore[no-untyped-def]
+    """Return whether column i was at its angle of repose against one of its four neighbours."""
     tangent = repose_tan[columns.soil[i], columns.moisture[i]]
     if columns.loose[i] > 0:
         tangent = repose_tan[columns.loose_soil[i], columns.loose_moisture[i]]
-    most = _STEEP_FRACTION * tangent * cell / columns.metres_per_mm3
-    room = previous[i, 0] + previous[i, 2]
-    row, col = i // cols, i % cols
+    limit = _STEEP_FRACTION * tangent * frame.cell / columns.metres_per_mm3
+    volume = previous[i, _FIRM] + previous[i, _BULK]
+    row, col = i // frame.cols, i % frame.cols
     for r, c in ((row + 1, col), (row - 1, col), (row, col + 1), (row, col - 1)):
-        if 0 <= r < rows and 0 <= c < cols:
-            j = r * cols + c
-            if room - previous[j, 0] - previous[j, 2] > most:
+        if 0 <= r < frame.rows and 0 <= c < frame.cols:
+            j = r * frame.cols + c
+            if volume - previous[j, _FIRM] - previous[j, _BULK] > limit:
                 return True
     return False

@@ -1,10 +1,10 @@
-"""Tiles of the map whose volume and digest are kept, so that a tick costs what it changed.
+"""Volume and state hash of the terrain, kept by tiles so that a tick costs what it changed.
 
-The state hash is SHA-256 over the digests of all tiles; only tiles with touched columns are
-hashed again. It covers the volumes of every column (firm, loose, and the room that takes), its
-kinds of soil and its moisture, and nothing else: not the grid and its floor, where tools stand, the
-shape of a cut within a column, or which columns wait to slip. Terrains of one grid and one hash are
-the same ground; they go on alike once no tool is in it and all is at rest.
+The state hash is the SHA-256 of the digests of all tiles; only tiles with touched columns are
+hashed again. It covers the volumes of every column (firm, loose and bulk), the kinds and the
+moistures of its soil. It does not cover the grid and the floor, the positions of tools, the shape
+of a cut within a column, or the queue of columns to relax. Two terrains with the same grid and hash
+are in the same state, and evolve in the same way once no tool is in the soil and all is at rest.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class TileChecksums:
     """Volume and digest of each tile of a terrain.
 
     Attributes:
-        volume_mm3: bank volume of each tile, shape (tile rows, tile cols), int64.
+        volume_mm3: bank volume of each tile [mm^3], shape (tile rows, tile cols), int64.
     """
 
     def __init__(self, columns: Columns) -> None:
@@ -36,28 +36,32 @@ class TileChecksums:
         self._shape = (-(-rows // TILE_SIZE), -(-cols // TILE_SIZE))
         self.volume_mm3: NDArray[np.int64] = np.zeros(self._shape, dtype=np.int64)
         self._digests = [b""] * (self._shape[0] * self._shape[1])
-        self._stale: NDArray[np.bool_] = np.ones(len(self._digests), dtype=np.bool_)
+        self._is_stale: NDArray[np.bool_] = np.ones(len(self._digests), dtype=np.bool_)
         for tile in range(len(self._digests)):
             window = self._window(tile)
-            held = columns.firm[window].sum() + columns.loose[window].sum()
-            self.volume_mm3[divmod(tile, self._shape[1])] = held
+            volume = columns.firm[window].sum() + columns.loose[window].sum()
+            self.volume_mm3[divmod(tile, self._shape[1])] = volume
 
     @property
     def total_mm3(self) -> int:
-        """Bank volume of the terrain [mm^3]: kept by the tiles."""
+        """Bank volume of the terrain [mm^3], summed over the tiles."""
         return int(self.volume_mm3.sum())
 
     def apply_changes(self, cells: NDArray[np.int64], volume_change_mm3: NDArray[np.int64]) -> None:
-        """Note by how much columns (flat indices) grew [mm^3 bank], and that they were touched."""
+        """Add volume changes [mm^3 bank] of touched columns (flat indices), shape (n,) each."""
         if cells.size:
-            volume, tile_cols = self.volume_mm3.reshape(-1), self._shape[1]
             _apply_changes(
-                volume, self._stale, cells, volume_change_mm3, self._columns.grid.cols, tile_cols
+                self.volume_mm3.reshape(-1),
+                self._is_stale,
+                cells,
+                volume_change_mm3,
+                self._columns.grid.cols,
+                self._shape[1],
             )
 
     def state_hash(self) -> str:
-        """SHA-256 [hex] of volumes, kinds of soil and moisture of all columns, in tile order."""
-        for tile in np.flatnonzero(self._stale).tolist():
+        """Return the SHA-256 [hex] of volumes, kinds and moistures of all columns."""
+        for tile in np.flatnonzero(self._is_stale).tolist():
             window = self._window(tile)
             columns, digest = self._columns, hashlib.sha256()
             for layer in (
@@ -71,10 +75,11 @@ class TileChecksums:
             ):
                 digest.update(layer[window].tobytes())
             self._digests[tile] = digest.digest()
-        self._stale[:] = False
+        self._is_stale[:] = False
         return hashlib.sha256(b"".join(self._digests)).hexdigest()
 
     def _window(self, tile: int) -> tuple[slice, slice]:
+        """Return the rows and columns of a tile, by its index in row-major order."""
         i, j = divmod(tile, self._shape[1])
         return (
             slice(i * TILE_SIZE, (i + 1) * TILE_SIZE),
@@ -83,9 +88,9 @@ class TileChecksums:
 
 
 @kernel
-def _apply_changes(volume, stale, cells, volume_change_mm3, cols, tile_cols):  # type: ignore[no-untyped-def]
-    """Add what columns grew to the volume of their tiles, and note that those are stale."""
+def _apply_changes(volume, is_stale, cells, volume_change_mm3, cols, tile_cols):  # type: ignore[no-untyped-def]
+    """Add the volume changes of columns to their tiles, and mark those tiles as stale."""
     for n in range(cells.size):
         tile = cells[n] // cols // TILE_SIZE * tile_cols + cells[n] % cols // TILE_SIZE
         volume[tile] += volume_change_mm3[n]
-        stale[tile] = True
+        is_stale[tile] = True

@@ -1,6 +1,7 @@
-"""Columns a tool stands in, refined into subcolumns with heights of their own.
+"""Columns that a tool is in, refined into subcolumns with heights of their own.
 
-A refined column has a slot in tables that grow as needed; most of a map never has one.
+The data of a refined column are in a slot of tables that grow as needed; most columns of a map are
+never refined.
 """
 
 from __future__ import annotations
@@ -12,24 +13,41 @@ from numpy.typing import NDArray
 
 from msg_bridge.kernels import kernel
 
-__all__ = ["RefinedArrays", "RefinedColumns"]
+__all__ = [
+    "MOMENT_X",
+    "MOMENT_Y",
+    "MOMENT_Z",
+    "REMOVED_HEIGHT",
+    "RefinedArrays",
+    "RefinedColumns",
+]
+
+REMOVED_HEIGHT, MOMENT_X, MOMENT_Y, MOMENT_Z = range(4)
+"""Fields of `RefinedArrays.removed_moments`."""
+
+_NUM_MOMENTS = 4
+
+_INITIAL_SLOTS = 256
 
 
 class RefinedArrays(NamedTuple):
-    """The tables, for kernels.
+    """Tables of refined columns, for kernels.
 
     Attributes:
-        slot_of: slot of each column, -1 without one, shape (columns,).
-        cells: flat index of the column in each slot.
-        seen: last tick a tool was in it.
-        sub: heights of its subcolumns [m], shape (slots, subcolumns_per_side**2), row-major.
-        mean: their mean, which is the column's height [m].
-        top: the column's surface when the tool came [m].
-        removed: height lost in this sweep, summed over subcolumns [m], and its first moments
-            along x, y, z [m^2], shape (slots, 4).
+        slot_of: slot of each column of the map, -1 if it is not refined, shape (columns,), int64.
+        num_used: number of slots in use, which are the first ones, shape (1,), int64.
+        cells: flat index of the column in each slot, shape (slots,), int64.
+        last_tick: last tick in which a tool was in the column, shape (slots,), int64.
+        subcolumn_height: heights of its subcolumns [m], shape (slots, subcolumns_per_side**2),
+            row-major, float64.
+        mean_height: mean of those, equal to the height of the column [m], shape (slots,), float64.
+        initial_height: surface of the column when the tool entered it [m], shape (slots,), float64.
+        removed_moments: height removed in this sweep, summed over the subcolumns [m], and its first
+            moments along x, y, z [m^2], shape (slots, 4), float64.
     """
 
     slot_of: NDArray[np.int64]
+    num_used: NDArray[np.int64]
     cells: NDArray[np.int64]
     last_tick: NDArray[np.int64]
     subcolumn_height: NDArray[np.float64]
@@ -39,12 +57,11 @@ class RefinedArrays(NamedTuple):
 
 
 class RefinedColumns:
-    """The tables and their use.
+    """Allocates slots for refined columns, and frees them.
 
     Attributes:
-        subcolumns_per_side: subcolumns along a side of a column.
-        count: slots in use, the first ones.
-        tick: number of the tick being cut.
+        subcolumns_per_side: number of subcolumns along a side of a column.
+        tick: number of the current tick.
         arrays: the tables.
     """
 
@@ -52,71 +69,104 @@ class RefinedColumns:
         """
         Args:
             columns: number of columns of the map.
-            subcolumns_per_side: subcolumns along a side of a column.
+            subcolumns_per_side: number of subcolumns along a side of a column.
         """
         self.subcolumns_per_side = subcolumns_per_side
-        self.count = 0
         self.tick = 0
-        self.arrays = _allocate(np.full(columns, -1, dtype=np.int64), 256, subcolumns_per_side)
+        self.arrays = _allocate(
+            np.full(columns, -1, dtype=np.int64),
+            np.zeros(1, dtype=np.int64),
+            _INITIAL_SLOTS,
+            subcolumns_per_side,
+        )
+
+    @property
+    def count(self) -> int:
+        """Number of refined columns."""
+        return int(self.arrays.num_used[0])
+
+    @property
+    def capacity(self) -> int:
+        """Number of slots."""
+        return self.arrays.cells.size
 
     def reserve(self, more: int) -> None:
-        """Make room for `more` columns."""
-        old = self.arrays
-        more = min(more, old.slot_of.size - self.count)
-        if self.count + more > old.cells.size:
-            self.arrays = _allocate(
-                old.slot_of, max(self.count + more, 2 * old.cells.size), self.subcolumns_per_side
-            )
-            for table, before in zip(self.arrays[1:], old[1:], strict=True):
-                table[: self.count] = before[: self.count]
+        """Allocate slots for `more` columns to refine, at most all columns of the map."""
+        old, used = self.arrays, self.count
+        more = min(more, old.slot_of.size - used)
+        if used + more > self.capacity:
+            slots = max(used + more, 2 * self.capacity)
+            new = _allocate(old.slot_of, old.num_used, slots, self.subcolumns_per_side)
+            for table, previous in zip(_slot_tables(new), _slot_tables(old), strict=True):
+                table[:used] = previous[:used]
+            self.arrays = new
 
     def begin_sweep(self) -> None:
-        """Begin a sweep, which has removed nothing; slots not in use are cleared when taken."""
+        """Reset what the current sweep removed; slots not in use are cleared when allocated."""
         self.arrays.removed_moments[: self.count] = 0.0
 
     def end_tick(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """End the tick: free the slots of columns no tool was in.
+        """End the tick: free the slots of columns that no tool was in.
 
         Returns:
-            (columns still refined, columns freed), flat indices.
+            (columns still refined, columns freed), flat indices; the latter sorted.
         """
         if self.count == 0:
-            gone = np.zeros(0, dtype=np.int64)
+            freed = np.zeros(0, dtype=np.int64)
         else:
-            self.count, gone = _free_unused_slots(self.arrays, self.count, self.tick)
+            freed = _free_unused_slots(self.arrays, self.tick)
         self.tick += 1
-        return self.arrays.cells[: self.count].copy(), np.sort(gone)
+        return self.arrays.cells[: self.count].copy(), np.sort(freed)
 
 
-def _allocate(slot_of: NDArray[np.int64], slots: int, subcolumns_per_side: int) -> RefinedArrays:
+def _allocate(
+    slot_of: NDArray[np.int64], num_used: NDArray[np.int64], slots: int, subcolumns_per_side: int
+) -> RefinedArrays:
     return RefinedArrays(
-        slot_of,
-        np.zeros(slots, dtype=np.int64),
-        np.zeros(slots, dtype=np.int64),
-        np.zeros((slots, subcolumns_per_side**2)),
-        np.zeros(slots),
-        np.zeros(slots),
-        np.zeros((slots, 4)),
+        slot_of=slot_of,
+        num_used=num_used,
+        cells=np.zeros(slots, dtype=np.int64),
+        last_tick=np.zeros(slots, dtype=np.int64),
+        subcolumn_height=np.zeros((slots, subcolumns_per_side**2)),
+        mean_height=np.zeros(slots),
+        initial_height=np.zeros(slots),
+        removed_moments=np.zeros((slots, _NUM_MOMENTS)),
+    )
+
+
+def _slot_tables(arrays: RefinedArrays) -> tuple[NDArray[np.generic], ...]:
+    """Return the tables with a row for each slot."""
+    return (
+        arrays.cells,
+        arrays.last_tick,
+        arrays.subcolumn_height,
+        arrays.mean_height,
+        arrays.initial_height,
+        arrays.removed_moments,
     )
 
 
 @kernel
-def _free_unused_slots(tables, count, tick):  # type: ignore[no-untyped-def]
-    """Free the slots that no tool was in; returns (slots in use, columns freed)."""
-    slot_of, cells, last_tick, subcolumn_height, mean_height, initial_height, _ = tables
-    gone = np.empty(count, dtype=np.int64)
+def _free_unused_slots(arrays, tick):  # type: ignore[no-untyped-def]
+    """Free the slots of columns that no tool was in, and close the gaps; return those columns.
+
+    What a sweep removed is not moved along: every sweep begins by resetting it.
+    """
+    used = arrays.num_used[0]
+    freed = np.empty(used, dtype=np.int64)
     kept = 0
-    for slot in range(count):
-        cell = cells[slot]
-        if last_tick[slot] != tick:
-            slot_of[cell] = -1
-            gone[slot - kept] = cell
+    for slot in range(used):
+        cell = arrays.cells[slot]
+        if arrays.last_tick[slot] != tick:
+            arrays.slot_of[cell] = -1
+            freed[slot - kept] = cell
             continue
-        # What a sweep removed is not kept: the next one begins with none.
-        slot_of[cell] = kept
-        cells[kept], last_tick[kept] = cell, tick
-        mean_height[kept], initial_height[kept] = mean_height[slot], initial_height[slot]
-        for q in range(subcolumn_height.shape[1]):
-            subcolumn_height[kept, q] = subcolumn_height[slot, q]
+        arrays.slot_of[cell] = kept
+        arrays.cells[kept], arrays.last_tick[kept] = cell, tick
+        arrays.mean_height[kept] = arrays.mean_height[slot]
+        arrays.initial_height[kept] = arrays.initial_height[slot]
+        for q in range(arrays.subcolumn_height.shape[1]):
+            arrays.subcolumn_height[kept, q] = arrays.subcolumn_height[slot, q]
         kept += 1
-    return kept, gone[: count - kept]
+    arrays.num_used[0] = kept
+    return freed[: used - kept]

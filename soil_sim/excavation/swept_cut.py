@@ -1,15 +1,15 @@
-"""Swept cutting: a tool removes the soil its lower surface sweeps, weighted by area.
+"""Swept cut: a tool removes the soil that its lower surface sweeps, weighted by area.
 
-A column is often wider than the way a tool moves in a tick. While a tool stands in a column, the
-column is therefore refined into subcolumns, each with its own height; the tool's surface is
-painted into them through the tick (`soil_sim.excavation.rasterize`), and the column loses the mean of what they
-lose. So a cut takes the same volume on a coarse grid as on a fine one, and however fast the tool
-moves.
+A column is often wider than the distance a tool moves in a tick. While a tool is in a column, the
+column is therefore refined into subcolumns with heights of their own; the surface of the tool is
+rasterized to them through the tick (`soil_sim.excavation.rasterize`), and the column loses the mean
+of what they lose. A cut therefore removes the same volume on a coarse grid as on a fine one, at any
+speed of the tool.
 
-While any part of the tool is in it, below where its surface was, a column is *held*: soil does
-not slip into the room the tool fills. When no part of any tool was in it for a tick, the column is
-whole again: it is levelled to the mean of its subcolumns, and the shape a cut had within it is
-forgotten. A tool that comes back to a half cut column therefore meets it at half the depth.
+While any part of the tool is in a column, below the original surface, the column is *occupied*:
+soil does not slide into the space that the tool fills. When no tool was in it for a tick, the
+column is levelled to the mean of its subcolumns, and the shape of the cut within it is discarded. A
+tool that returns to a column that it cut halfway therefore meets soil at half the depth.
 """
 
 from __future__ import annotations
@@ -20,121 +20,112 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.kernels import kernel
-from soil_sim.columns.state import Columns, mix_moisture, remove_from_column
-from soil_sim.excavation.rasterize import SubcolumnGrid, max_columns_touched, rasterize_sweep
-from soil_sim.excavation.refined_columns import RefinedColumns
+from soil_sim.columns.state import Columns
+from soil_sim.excavation.rasterize import max_columns_touched, rasterize_sweep
+from soil_sim.excavation.rasterize_triangle import Raster, SubcolumnGrid
+from soil_sim.excavation.refined_columns import (
+    MOMENT_X,
+    MOMENT_Y,
+    MOMENT_Z,
+    REMOVED_HEIGHT,
+    RefinedColumns,
+)
+from soil_sim.excavation.removed_soil import REMOVED_SOIL, RemovedSoil, remove_soil
 from soil_sim.tool_sweeps import SweptPairs
 
-__all__ = ["RemovedSoil", "SweptCut"]
-
-RemovedSoil = NDArray[np.float64]
-"""Soil removed from columns, shape (n, 7): flat index, volume [mm^3 bank], centroid x, y, z [m], id
-of the kind of soil: the firm's, where most of it was firm; moisture [%]: of the loose and the firm
-together, by volume, as in `soil_sim.columns.state`."""
+__all__ = ["SweptCut"]
 
 
 class SweptCut:
-    """Removes what tools sweep; remembers the columns they stand in.
+    """Removes the soil that tools sweep, and keeps the columns that they are in.
 
     Attributes:
-        held: columns a tool stands in, shape (rows, cols), uint8; shared with the slip.
+        occupied: 1 for columns that a tool is in, shape (rows, cols), uint8; shared with the
+            slope relaxation.
     """
 
     def __init__(self, columns: Columns, occupied: NDArray[np.uint8], *, resolution: float) -> None:
         """
         Args:
-            columns: the terrain this cuts.
-            held: marked 1 where a tool stands.
-            resolution: size of a subcolumn [m], at most; never more than half the cell.
+            columns: terrain to cut.
+            occupied: layer in which to mark the columns that a tool is in, shape (rows, cols).
+            resolution: maximum size of a subcolumn [m]; never more than half the cell.
         """
         self._columns = columns
         self.occupied = occupied
-        grid = columns.grid
-        subcolumns_per_side = max(2, int(np.ceil(grid.cell / resolution - 1e-9)))
-        self._subgrid = SubcolumnGrid(
-            grid.rows, grid.cols, grid.cell, grid.x_first, grid.y_first, subcolumns_per_side
-        )
+        subcolumns_per_side = max(2, int(np.ceil(columns.grid.cell / resolution - 1e-9)))
+        self._grid = SubcolumnGrid(*columns.frame, subcolumns_per_side)
         self._refined = RefinedColumns(columns.height.size, subcolumns_per_side)
 
-    def reserve(self, strokes: Iterable[SweptPairs]) -> None:
-        """Make room for all sweeps of a tick, before the first of them cuts."""
-        self._refined.reserve(
-            sum(int(max_columns_touched(*pairs, self._subgrid)) for pairs in strokes)
-        )
+    @property
+    def capacity(self) -> int:
+        """Number of columns that can be refined without allocating memory."""
+        return self._refined.capacity
+
+    def reserve(self, sweeps: Iterable[SweptPairs]) -> None:
+        """Allocate memory for all sweeps of a tick, before the first of them cuts."""
+        self._refined.reserve(sum(int(max_columns_touched(*pairs, self._grid)) for pairs in sweeps))
 
     def excavate(self, pairs: SweptPairs) -> RemovedSoil:
-        """Cut one source's tick of tool motion; `reserve` goes before, `release` ends the tick.
+        """Cut one machine's sweeps of a tick.
+
+        Call `reserve` before the first machine of the tick, and `end_tick` after the last.
 
         Args:
-            pairs: key-point pairs of sound rows.
+            pairs: key-point pairs of valid rows.
 
         Returns:
-            What was removed, per column.
+            The removed soil, a record for each column.
         """
-        refined = self._refined
+        refined, columns = self._refined, self._columns.arrays
         refined.begin_sweep()
-        columns, tables = self._columns.arrays, refined.arrays
-        refined.count = rasterize_sweep(
-            *pairs,
-            columns.height,
-            columns.floor,
-            tables,
-            self._subgrid,
-            refined.count,
-            refined.tick,
-        )
-        if refined.count == 0:  # in the air
-            return np.zeros((0, 7))
-        removed: RemovedSoil = _remove_from_columns(
-            columns, tables, refined.count, refined.subcolumns_per_side**2
-        )
+        raster = Raster(columns.height, columns.floor, refined.arrays, self._grid, refined.tick)
+        rasterize_sweep(*pairs, raster)
+        if refined.count == 0:  # all tools are in the air
+            return np.zeros(0, dtype=REMOVED_SOIL)
+        removed: RemovedSoil = _remove_from_columns(columns, refined.arrays)
         return removed
 
     def end_tick(self) -> NDArray[np.int64]:
-        """End the tick: hold the columns a tool was in, make the others whole again.
+        """End the tick: occupy the columns that a tool was in, and level and free the others.
 
         Returns:
-            Flat indices of the columns the tools have left.
+            Flat indices of the columns that the tools have left, sorted.
         """
-        stay, gone = self._refined.end_tick()
+        refined, freed = self._refined.end_tick()
         occupied = self.occupied.reshape(-1)
-        occupied[gone] = 0
-        occupied[stay] = 1
-        return gone
+        occupied[freed] = 0
+        occupied[refined] = 1
+        return freed
 
 
 @kernel
-def _remove_from_columns(columns, refined, count, parts):  # type: ignore[no-untyped-def]
-    """Take the painted removal out of the columns, as whole mm^3 of bank volume."""
-    cells, subcolumn_height, mean_height, removed = (
-        refined.cells,
-        refined.subcolumn_height,
-        refined.mean_height,
-        refined.removed_moments,
-    )
-    out = np.empty((count, 7))
-    n = 0
-    for slot in range(count):
-        if removed[slot, 0] <= 0.0:
+def _remove_from_columns(columns, refined):  # type: ignore[no-untyped-def]
+    """Remove what the subcolumns lost from the columns, as whole mm^3 of bank volume.
+
+    Returns:
+        `REMOVED_SOIL` records.
+    """
+    used = refined.num_used[0]
+    num_subcolumns = refined.subcolumn_height.shape[1]
+    removed = np.empty(used, REMOVED_SOIL)
+    count = 0
+    for slot in range(used):
+        height_sum = refined.removed_moments[slot, REMOVED_HEIGHT]
+        if height_sum <= 0.0:
             continue
-        i = cells[slot]
-        bulk = removed[slot, 0] / parts / columns.metres_per_mm3
-        soil = columns.loose_soil[i]
-        loose, firm = remove_from_column(columns, i, bulk)
-        bank = loose + firm
-        # What rounding left standing is spread evenly, so the subcolumns' mean stays the height.
-        rounding = columns.height[i] - (mean_height[slot] - removed[slot, 0] / parts)
-        for q in range(parts):
-            subcolumn_height[slot, q] += rounding
-        mean_height[slot] = columns.height[i]
-        if bank > 0:
-            out[n, 0] = i
-            out[n, 1] = bank
-            out[n, 2] = removed[slot, 1] / removed[slot, 0]
-            out[n, 3] = removed[slot, 2] / removed[slot, 0]
-            out[n, 4] = removed[slot, 3] / removed[slot, 0]
-            out[n, 5] = columns.soil[i] if firm > loose else soil
-            wet = columns.loose_moisture[i]  # taking does not change it
-            out[n, 6] = mix_moisture(loose, wet, firm, columns.moisture[i])
-            n += 1
-    return out[:n]
+        i = refined.cells[slot]
+        centroid = (
+            refined.removed_moments[slot, MOMENT_X] / height_sum,
+            refined.removed_moments[slot, MOMENT_Y] / height_sum,
+            refined.removed_moments[slot, MOMENT_Z] / height_sum,
+        )
+        bulk = height_sum / num_subcolumns / columns.metres_per_mm3
+        count = remove_soil(columns, i, bulk, centroid, removed, count)
+        # The rounding error is spread evenly: the mean of the subcolumns stays the height.
+        expected = refined.mean_height[slot] - height_sum / num_subcolumns
+        rounding = columns.height[i] - expected
+        for q in range(num_subcolumns):
+            refined.subcolumn_height[slot, q] += rounding
+        refined.mean_height[slot] = columns.height[i]
+    return removed[:count]

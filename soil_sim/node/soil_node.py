@@ -37,7 +37,7 @@ from soil_sim.node.soil_run import SilentMachine, SoilRun
 from soil_sim.node.soil_transport import SoilTransport
 from soil_sim.node.usage import USAGE
 from soil_sim.site.site import SiteParams, make_site
-from soil_sim.slope_failure.noise import surface_tilt
+from soil_sim.slope_failure import surface_tilt
 from soil_sim.soils.params import SoilParams
 from soil_sim.terrain import HeightMap, Layers, save_terrain
 from soil_sim.warm_up import warm_up

@@ -1,13 +1,24 @@
-"""Slip: soil that is too steep moves down (reference, section 3.1.2).
+"""Slope failure: soil steeper than its angle of repose slides down (reference, section 3.1.2).
 
-- `slip`: which columns may be too steep, and which of the ways below is least work
-- `pour`: soil that comes runs down to where it stays
-- `examine`: columns that wait give to their neighbours, one by one
-- `collapse`: large failures are swept, all at once, and `book`: what that moved, exactly
-- `face`: how high firm soil stands
-- `rule`: what all these share; `noise`: unevenness of nature, by seed
+- `relaxation`: the columns to relax, and which of the algorithms below is the cheapest
+- `runout`: deposited soil runs down to where it stays
+- `relax_cells`: columns in a queue give soil to their neighbours, one by one
+- `relax_window`: large failures, relaxed in passes over a window; `window`: its bounds;
+  `relax_pairs`: the kernels of a pass; `redistribute`: what it planned, as whole mm^3
+- `stability`: critical height of firm soil
+- `relaxation_parameters`, `neighbourhood`, `cell_queue`: data that the algorithms share
+- `noise`: random variation of the angle of repose and of the direction of sliding
+- `slope_excess`: how much steeper than allowed a terrain is
 """
 
-from soil_sim.slope_failure.relaxation import RelaxationNoise, SlopeRelaxation, gauss_circle_offsets
+from soil_sim.slope_failure.neighbourhood import gauss_circle_offsets
+from soil_sim.slope_failure.noise import RelaxationNoise, relaxation_noise, surface_tilt
+from soil_sim.slope_failure.relaxation import SlopeRelaxation
 
-__all__ = ["RelaxationNoise", "SlopeRelaxation", "gauss_circle_offsets"]
+__all__ = [
+    "RelaxationNoise",
+    "SlopeRelaxation",
+    "gauss_circle_offsets",
+    "relaxation_noise",
+    "surface_tilt",
+]

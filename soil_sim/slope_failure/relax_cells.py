@@ -1,8 +1,8 @@
-"""Examining columns one by one: a kernel of `soil_sim.slope_failure`.
+"""Relaxation of columns one by one.
 
-A ring holds the columns that wait. The first one gives soil to the neighbour it is too steep
-against by most, again and again until it is steep against none; whoever got some, and whoever
-stands too steep above what it left, is put into the ring in turn.
+A queue holds the columns to relax. The first one gives soil to the neighbour that it exceeds the
+angle of repose against by most, until it exceeds it against none. The columns that received soil,
+and those that are now too steep or too high above the column, are appended to the queue.
 """
 
 from __future__ import annotations
@@ -10,190 +10,258 @@ from __future__ import annotations
 import numpy as np
 
 from msg_bridge.kernels import helper, kernel
-from soil_sim.columns.state import add_loose, remove_loose, update_height
-from soil_sim.slope_failure.relaxation_parameters import enqueue, uniform
+from soil_sim.columns.operations import add_loose, remove_loose, update_height
+from soil_sim.slope_failure.cell_queue import dequeue, enqueue, is_empty
+from soil_sim.slope_failure.noise import random_uniform
 from soil_sim.slope_failure.stability import enqueue_unstable_above, is_unstable
 
-__all__ = ["MAX_LAYER_THICKNESS", "enqueue_steep_above", "mark_disturbed", "relax_cells"]
+__all__ = ["enqueue_disturbed", "relax_cells"]
 
-MAX_LAYER_THICKNESS = 0.25
-"""Thickness of what moves at once, at most, in parts of a cell."""
+_MAX_LAYER_THICKNESS = 0.25
+"""Maximum thickness of the layer that moves at once [cells]."""
 
 
 @kernel
-def mark_disturbed(columns, cells, include_neighbours, lowered, params, cell_queue):  # type: ignore[no-untyped-def]
-    """Put columns into the ring, with `around` all their neighbours, with `sunk` what is too high
-    above them and farther away."""
-    offsets, far = params.offsets, params.stability.offsets.shape[0] > 0
+def enqueue_disturbed(columns, params, cells, include_neighbours, is_lowered, queue):  # type: ignore[no-untyped-def]
+    """Enqueue columns that were disturbed.
+
+    Args:
+        columns: `ColumnArrays` of the terrain.
+        params: `RelaxationParameters`.
+        cells: flat indices of the columns.
+        include_neighbours: whether to enqueue their neighbours, too.
+        is_lowered: whether to enqueue distant columns that are now too high above them, too.
+        queue: the `CellQueue`; changed.
+    """
+    offsets, has_cohesion = params.offsets, params.stability.distant_offsets.shape[0] > 0
     for i in cells:
-        enqueue(i, cell_queue)
-        if lowered and far:
-            enqueue_unstable_above(columns, params, i, cell_queue)
+        enqueue(queue, i)
+        if is_lowered and has_cohesion:
+            enqueue_unstable_above(columns, params, i, queue)
         if include_neighbours:
             row, col = i // params.cols, i % params.cols
             for k in range(offsets.shape[0]):
                 r, c = row + offsets[k, 0], col + offsets[k, 1]
                 if 0 <= r < params.rows and 0 <= c < params.cols:
-                    enqueue(r * params.cols + c, cell_queue)
+                    enqueue(queue, r * params.cols + c)
 
 
 @kernel
-def relax_cells(columns, params, occupied, cell_queue, budget):  # type: ignore[no-untyped-def]
-    """Examine columns that wait, with at most about `budget` looks around; returns how many."""
-    firm, loose, height = columns.firm, columns.loose, columns.height
-    offsets, distance, tolerance = params.offsets, params.distance, params.tolerance
-    rows, cols, reach = params.rows, params.cols, params.reach
-    metres_per_mm3, floor = columns.metres_per_mm3, columns.floor
-    buffer, is_queued, head_tail = cell_queue.buffer, cell_queue.is_queued, cell_queue.head_tail
-    count = offsets.shape[0]
-    flat = np.empty(count, dtype=np.int64)
-    for k in range(count):
-        flat[k] = offsets[k, 0] * cols + offsets[k, 1]
-    most_at_once = MAX_LAYER_THICKNESS * distance[0]
-    looks = 0
+def relax_cells(columns, params, occupied, queue, budget):  # type: ignore[no-untyped-def]
+    """Relax columns of the queue until it is empty or about `budget` visits were made.
+
+    Args:
+        columns: `ColumnArrays` of the terrain; changed.
+        params: `RelaxationParameters`.
+        occupied: 1 for columns that neither give nor receive soil, flat, uint8.
+        queue: the `CellQueue`; changed.
+        budget: number of visits.
+
+    Returns:
+        The number of visits: searches of the neighbourhood of a column.
+    """
+    index_offsets = np.empty(params.offsets.shape[0], dtype=np.int64)
+    for k in range(index_offsets.size):
+        index_offsets[k] = params.offsets[k, 0] * params.cols + params.offsets[k, 1]
+    visits = 0
     forward = True
-    while head_tail[0] != head_tail[1] and looks < budget:
-        i = buffer[head_tail[0]]
-        head_tail[0] = (head_tail[0] + 1) % buffer.size
-        is_queued[i] = 0
-        looks += 1
+    while not is_empty(queue) and visits < budget:
+        i = dequeue(queue)
+        visits += 1
         if occupied[i]:
             continue
-        row, col = i // cols, i % cols
-        interior = reach <= row < rows - reach and reach <= col < cols - reach
-        if interior and not _may_fail(height, flat, distance, i, params.min_repose_tan, tolerance):
+        row, col = i // params.cols, i % params.cols
+        is_interior = (
+            params.reach <= row < params.rows - params.reach
+            and params.reach <= col < params.cols - params.reach
+        )
+        if is_interior and not _may_fail(columns.height, params, index_offsets, i):
             continue
-        gave = False
-        coheres = params.stability.neighbour_height[columns.soil[i], columns.moisture[i], 0] > 0.0
-        too_high = not coheres
-        while True:
-            kind, moisture = columns.soil[i], columns.moisture[i]
-            firm_tangent = tangent = params.repose_tan[kind, moisture]
-            if loose[i] > 0:
-                tangent = params.repose_tan[columns.loose_soil[i], columns.loose_moisture[i]]
-            if params.repose_tan_scale.size:
-                tangent *= params.repose_tan_scale[i]
-                firm_tangent *= params.repose_tan_scale[i]
-            base = floor + firm[i] * metres_per_mm3
-            gentle = min(tangent, firm_tangent)
-            firm_excess = 0.0
-            leans = False
-            best, most, least = 0.0, 0.0, tolerance
-            target = np.int64(-1)
-            # Ties go to alternate ends of the list, or a heap would drift to one side.
-            forward = not forward
-            for n in range(count):
-                k = n if forward else count - 1 - n
-                if not interior:
-                    r, c = row + offsets[k, 0], col + offsets[k, 1]
-                    if r < 0 or r >= rows or c < 0 or c >= cols:
-                        continue
-                j = i + flat[k]
-                drop = height[i] - height[j]
-                if drop - gentle * distance[k] <= least or occupied[j] != 0:
-                    continue
-                # What can go: loose soil as far as there is any, and firm if it stands too high.
-                excess = min(drop - tangent * distance[k], height[i] - base)
-                fails = base - height[j] - firm_tangent * distance[k]
-                leans |= fails > tolerance
-                if fails > tolerance and too_high:
-                    excess = max(drop - tangent * distance[k], fails) if loose[i] > 0 else fails
-                else:
-                    fails = 0.0
-                if excess <= least:
-                    continue
-                if params.jitter > 0.0:
-                    liking = excess * (1.0 + params.jitter * (2.0 * uniform(params.random) - 1.0))
-                    if liking <= most:
-                        continue
-                    most = liking
-                else:
-                    least = excess
-                best, firm_excess = excess, fails
-                target = j
-            looks += 1
-            if leans and not too_high and is_unstable(columns, params, occupied, i):
-                too_high = True  # look again the same way, at the firm soil, too
-                forward = not forward
-                continue
-            if target < 0 or not _move_soil(columns, i, target, best, firm_excess, most_at_once):
-                break
-            gave = True
-            too_high = not coheres
-            enqueue(target, cell_queue)
-        if gave:
-            enqueue_steep_above(columns, params, i, cell_queue)
-    return looks
+        forward, visits = _relax_cell(
+            columns, params, occupied, queue, index_offsets, i, is_interior, forward, visits
+        )
+    return visits
 
 
 @helper(forceinline=True)
-def _may_fail(height, flat, distance, i, min_repose_tan, tolerance):  # type: ignore[no-untyped-def]
-    """Whether a column is steeper against any neighbour than the min_repose_tan soil may be."""
-    highest = height[i] - tolerance
-    for k in range(flat.size):
-        if highest - height[i + flat[k]] > min_repose_tan * distance[k]:
+def _may_fail(height, params, index_offsets, i):  # type: ignore[no-untyped-def]
+    """Return whether a column is steeper against any neighbour than the gentlest angle of repose.
+
+    For columns whose whole neighbourhood lies on the map.
+    """
+    highest = height[i] - params.tolerance
+    for k in range(index_offsets.size):
+        drop = highest - height[i + index_offsets[k]]
+        if drop > params.min_repose_tan * params.distance[k]:
             return True
     return False
 
 
-@helper
-def enqueue_steep_above(columns, params, i, cell_queue):  # type: ignore[no-untyped-def]
-    """Put those into the ring that stand too steep or too high above column i, which got lower."""
-    height, loose, repose_tan = columns.height, columns.loose, params.repose_tan
-    offsets, rows, cols = params.offsets, params.rows, params.cols
-    row, col = i // cols, i % cols
-    for k in range(offsets.shape[0]):
-        r, c = row + offsets[k, 0], col + offsets[k, 1]
-        if r < 0 or r >= rows or c < 0 or c >= cols:
+@helper(inline="always")
+def _relax_cell(  # type: ignore[no-untyped-def]
+    columns, params, occupied, queue, index_offsets, i, is_interior, forward, visits
+):
+    """Move soil from column i to its neighbours until it is too steep against none of them.
+
+    Args:
+        index_offsets: offset of the flat index of each neighbour.
+        is_interior: whether all neighbours lie on the map.
+        forward: whether the last search was in the order of the neighbours.
+        visits: number of visits so far.
+
+    Returns:
+        (`forward` and `visits` after this column).
+    """
+    has_moved = False
+    has_cohesion = params.stability.neighbour_height[columns.soil[i], columns.moisture[i], 0] > 0.0
+    include_firm = not has_cohesion
+    while True:
+        # Ties go to alternate ends of the neighbourhood, or a heap would drift to one side.
+        forward = not forward
+        target, excess, firm_excess, is_firm_steep = _find_target(
+            columns, params, occupied, index_offsets, i, is_interior, include_firm, forward
+        )
+        visits += 1
+        if is_firm_steep and not include_firm and is_unstable(columns, params, occupied, i):
+            include_firm = True  # search again in the same order, for the firm soil, too
+            forward = not forward
             continue
-        j = r * cols + c
-        rise = height[j] - height[i] - params.tolerance
-        # Most are not steeper than the min_repose_tan angle of any soil: their own needs no look.
+        if target < 0 or not _move_soil(columns, params, i, target, excess, firm_excess):
+            break
+        has_moved = True
+        include_firm = not has_cohesion
+        enqueue(queue, target)
+    if has_moved:
+        _enqueue_steep_above(columns, params, i, queue)
+    return forward, visits
+
+
+@helper(inline="always")
+def _find_target(  # type: ignore[no-untyped-def]
+    columns, params, occupied, index_offsets, i, is_interior, include_firm, forward
+):
+    """Find the neighbour that column i exceeds its angle of repose against by most.
+
+    With noise, the excess is weighted by a random number.
+
+    Returns:
+        target: flat index of the neighbour, -1 if there is none.
+        excess: excess of height of the soil that can move [m].
+        firm_excess: excess of height of the firm soil, 0 unless `include_firm` [m].
+        is_firm_steep: whether the firm soil is too steep against any neighbour.
+    """
+    firm_tangent = tangent = params.repose_tan[columns.soil[i], columns.moisture[i]]
+    if columns.loose[i] > 0:
+        tangent = params.repose_tan[columns.loose_soil[i], columns.loose_moisture[i]]
+    if params.repose_tan_scale.size:
+        tangent *= params.repose_tan_scale[i]
+        firm_tangent *= params.repose_tan_scale[i]
+    top = columns.height[i]
+    firm_top = columns.floor + columns.firm[i] * columns.metres_per_mm3
+    min_tangent = min(tangent, firm_tangent)
+    row, col = i // params.cols, i % params.cols
+    target = np.int64(-1)
+    target_excess = target_firm_excess = max_score = 0.0
+    min_excess = params.tolerance
+    is_firm_steep = False
+    count = index_offsets.size
+    for n in range(count):
+        k = n if forward else count - 1 - n
+        if not is_interior:
+            r, c = row + params.offsets[k, 0], col + params.offsets[k, 1]
+            if r < 0 or r >= params.rows or c < 0 or c >= params.cols:
+                continue
+        j = i + index_offsets[k]
+        distance, drop = params.distance[k], top - columns.height[j]
+        if drop - min_tangent * distance <= min_excess or occupied[j] != 0:
+            continue
+        # Loose soil can move as far as there is any, and firm soil if it is unstable.
+        excess = min(drop - tangent * distance, top - firm_top)
+        firm_excess = firm_top - columns.height[j] - firm_tangent * distance
+        is_firm_steep |= firm_excess > params.tolerance
+        if firm_excess > params.tolerance and include_firm:
+            if columns.loose[i] > 0:
+                excess = max(drop - tangent * distance, firm_excess)
+            else:
+                excess = firm_excess
+        else:
+            firm_excess = 0.0
+        if excess <= min_excess:
+            continue
+        if params.jitter > 0.0:
+            random = 2.0 * random_uniform(params.random_state) - 1.0
+            score = excess * (1.0 + params.jitter * random)
+            if score <= max_score:
+                continue
+            max_score = score
+        else:
+            min_excess = excess
+        target, target_excess, target_firm_excess = j, excess, firm_excess
+    return target, target_excess, target_firm_excess, is_firm_steep
+
+
+@helper
+def _enqueue_steep_above(columns, params, i, queue):  # type: ignore[no-untyped-def]
+    """Enqueue the columns that are too steep or too high above column i, which was lowered."""
+    row, col = i // params.cols, i % params.cols
+    for k in range(params.offsets.shape[0]):
+        r, c = row + params.offsets[k, 0], col + params.offsets[k, 1]
+        if r < 0 or r >= params.rows or c < 0 or c >= params.cols:
+            continue
+        j = r * params.cols + c
+        rise = columns.height[j] - columns.height[i] - params.tolerance
+        # Most columns are below the gentlest angle of repose: their own need not be read.
         if rise > params.min_repose_tan * params.distance[k]:
-            limit = repose_tan[columns.soil[j], columns.moisture[j]]
-            if loose[j] > 0:
-                upper = repose_tan[columns.loose_soil[j], columns.loose_moisture[j]]
-                limit = min(upper, limit)
+            limit = params.repose_tan[columns.soil[j], columns.moisture[j]]
+            if columns.loose[j] > 0:
+                loose_tangent = params.repose_tan[columns.loose_soil[j], columns.loose_moisture[j]]
+                limit = min(loose_tangent, limit)
             limit *= params.distance[k]
             if params.repose_tan_scale.size:
                 limit *= params.repose_tan_scale[j]
             if rise > limit:
-                enqueue(j, cell_queue)
-    if params.stability.offsets.shape[0] > 0:
-        enqueue_unstable_above(columns, params, i, cell_queue)
+                enqueue(queue, j)
+    if params.stability.distant_offsets.shape[0] > 0:
+        enqueue_unstable_above(columns, params, i, queue)
 
 
 @helper(inline="always")
-def _move_soil(columns, i, j, excess, firm_excess, most_at_once):  # type: ignore[no-untyped-def]
-    """Move half of an excess of height [m] from column i to j; returns whether anything went.
+def _move_soil(columns, params, i, j, excess, firm_excess):  # type: ignore[no-untyped-def]
+    """Move soil from column i to j so that half of an excess of height [m] is removed.
 
-    Loose soil goes first and is loosened anew if it was packed; of firm soil goes half of what it
-    has too much itself, and swells where it lands. No more than `most_at_once` [m] moves.
+    Loose soil moves first, and is loosened again if it was compacted. Of firm soil, which swells
+    where it is deposited, half of its own excess moves. The layer is at most `_MAX_LAYER_THICKNESS`
+    thick.
+
+    Returns:
+        Whether any soil moved.
     """
     metres_per_mm3 = columns.metres_per_mm3
-    went = False
-    rest = min(excess, 2.0 * most_at_once)
+    has_moved = False
+    remaining = min(excess, 2.0 * (_MAX_LAYER_THICKNESS * params.distance[0]))
     if columns.loose[i] > 0:
         kind = columns.loose_soil[i]
         bulking_factor = columns.bulking_factor[kind]
-        packed = columns.bulk[i] / columns.loose[i]
-        # i falls by packed, j rises by growth, for each mm^3 of bank volume.
-        move = min(np.int64(rest / metres_per_mm3 / (packed + bulking_factor)), columns.loose[i])
-        if move > 0:
+        bulk_ratio = columns.bulk[i] / columns.loose[i]
+        # For each mm^3 of bank volume, i falls by the one and j rises by the other factor.
+        volume = np.int64(remaining / metres_per_mm3 / (bulk_ratio + bulking_factor))
+        volume = min(volume, columns.loose[i])
+        if volume > 0:
             moisture = columns.loose_moisture[i]
-            remove_loose(columns, i, move)
-            add_loose(columns, j, move, np.int64(move * bulking_factor + 0.5), kind, moisture)
-            rest -= move * (packed + bulking_factor) * metres_per_mm3
-            went = True
+            remove_loose(columns, i, volume)
+            add_loose(columns, j, volume, np.int64(volume * bulking_factor + 0.5), kind, moisture)
+            remaining -= volume * (bulk_ratio + bulking_factor) * metres_per_mm3
+            has_moved = True
     if firm_excess > 0.0 and columns.loose[i] == 0:
         kind = columns.soil[i]
         bulking_factor = columns.bulking_factor[kind]
-        rest = min(rest, firm_excess)
-        fail = min(np.int64(rest / metres_per_mm3 / (1.0 + bulking_factor)), columns.firm[i])
-        if fail > 0:
-            columns.firm[i] -= fail
+        remaining = min(remaining, firm_excess)
+        volume = np.int64(remaining / metres_per_mm3 / (1.0 + bulking_factor))
+        volume = min(volume, columns.firm[i])
+        if volume > 0:
+            columns.firm[i] -= volume
             update_height(columns, i)
-            bulk = np.int64(fail * bulking_factor + 0.5)
-            add_loose(columns, j, fail, bulk, kind, columns.moisture[i])
-            went = True
-    return went
+            bulk = np.int64(volume * bulking_factor + 0.5)
+            add_loose(columns, j, volume, bulk, kind, columns.moisture[i])
+            has_moved = True
+    return has_moved

@@ -1,4 +1,4 @@
-"""What all kernels of `soil_sim.slope_failure` share: the rule, the columns that wait, and chance."""
+"""Parameters that all kernels of `soil_sim.slope_failure` share."""
 
 from __future__ import annotations
 
@@ -7,41 +7,33 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.kernels import helper, kernel
+from soil_sim.columns.state import Columns
+from soil_sim.slope_failure.neighbourhood import gauss_circle_offsets
+from soil_sim.slope_failure.noise import RelaxationNoise
+from soil_sim.slope_failure.stability import StabilityLimits, stability_limits
 
-__all__ = ["CellQueue", "RelaxationParameters", "StabilityLimits", "enqueue", "uniform"]
+__all__ = ["RelaxationParameters", "relaxation_parameters"]
 
-
-class StabilityLimits(NamedTuple):
-    """How much higher than others a column may be by cohesion; see `soil_sim.slope_failure.stability`.
-
-    Attributes:
-        near: than the neighbours that soil slips to, by kind, moisture, number of the neighbour
-            [m], shape (kinds, MOISTURE_LEVELS, n).
-        offsets: (row, col) of columns farther away [cells], shape (m, 2); none if nothing coheres.
-        far: than those [m], shape (kinds, MOISTURE_LEVELS, m).
-    """
-
-    neighbour_height: NDArray[np.float64]
-    offsets: NDArray[np.int64]
-    distant_height: NDArray[np.float64]
+_MIN_EXCESS_MM3 = 4
+"""Smallest volume of a column that can be divided [mm^3]."""
 
 
 class RelaxationParameters(NamedTuple):
-    """What decides whether a column's soil slips, and where it may go.
+    """When the soil of a column slides, and where to.
 
     Attributes:
-        rows, cols: of the map.
-        offsets: (row, col) of the neighbours [cells], shape (n, 2).
-        distance: of each of them [m], shape (n,).
+        rows, cols: size of the map [cells].
+        offsets: (row, col) of the neighbours [cells], shape (n, 2), int64, nearest first.
+        distance: distance to each neighbour [m], shape (n,), float64.
         reach: largest offset [cells].
-        tolerance: excess of height left standing [m].
-        slope: tangent of the angle of repose, by kind and moisture.
-        faces: how high firm soil stands.
-        steeper: tangent of each column's angle over that of its soil, flat; empty: 1.
-        min_repose_tan: least tangent of any column at any moisture.
-        uneven: how much chance there is in where soil slips to, 0 to 1.
-        random: state of the random numbers, shape (1,), uint64.
+        tolerance: excess of height that is not relaxed [m].
+        repose_tan: tangent of the angle of repose, shape (kinds, MOISTURE_LEVELS), float64.
+        stability: critical heights of firm soil.
+        repose_tan_scale: tangent of the angle of repose of each column over that of its soil, flat,
+            float64; empty if it is 1 everywhere.
+        min_repose_tan: smallest tangent of the angle of repose of any column at any moisture.
+        jitter: randomness of where soil slides, 0 to 1.
+        random_state: state of the random numbers, shape (1,), uint64.
     """
 
     rows: int
@@ -55,38 +47,40 @@ class RelaxationParameters(NamedTuple):
     repose_tan_scale: NDArray[np.float64]
     min_repose_tan: float
     jitter: float
-    random: NDArray[np.uint64]
+    random_state: NDArray[np.uint64]
 
 
-class CellQueue(NamedTuple):
-    """Columns that wait, first in, first out, none of them twice.
+def relaxation_parameters(
+    columns: Columns, radius: float, tolerance: float, noise: RelaxationNoise
+) -> RelaxationParameters:
+    """Return the parameters for a terrain.
 
-    Attributes:
-        queue: flat indices, round and round.
-        queued: 1 for those in it, flat, uint8.
-        ends: where the first is, and where the next one goes.
+    Args:
+        columns: the terrain.
+        radius: radius of the neighbourhood [cells].
+        tolerance: excess of height that is not relaxed [cells]; at least that of a few mm^3.
+        noise: random variation.
     """
-
-    buffer: NDArray[np.int64]
-    is_queued: NDArray[np.uint8]
-    head_tail: NDArray[np.int64]
-
-
-@kernel(inline="always")
-def uniform(random):  # type: ignore[no-untyped-def]
-    """The next random number from 0 to 1 (xorshift64*, Vigna 2016); the state is changed."""
-    x = random[0]
-    x ^= x >> np.uint64(12)
-    x ^= x << np.uint64(25)
-    x ^= x >> np.uint64(27)
-    random[0] = x
-    return ((x * np.uint64(2685821657736338717)) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
-
-
-@helper(forceinline=True)
-def enqueue(i, cell_queue):  # type: ignore[no-untyped-def]
-    """Put a column into the ring if it is not there yet."""
-    if cell_queue.is_queued[i] == 0:
-        cell_queue.is_queued[i] = 1
-        cell_queue.buffer[cell_queue.head_tail[1]] = i
-        cell_queue.head_tail[1] = (cell_queue.head_tail[1] + 1) % cell_queue.buffer.size
+    grid, repose_tan = columns.grid, columns.tables.repose_tan
+    offsets = gauss_circle_offsets(radius)
+    min_scale = noise.repose_tan_scale.min() if noise.repose_tan_scale.size else 1.0
+    return RelaxationParameters(
+        rows=grid.rows,
+        cols=grid.cols,
+        offsets=offsets,
+        distance=np.hypot(offsets[:, 0], offsets[:, 1]) * grid.cell,
+        reach=int(np.abs(offsets).max()),
+        tolerance=max(tolerance * grid.cell, _MIN_EXCESS_MM3 * columns.metres_per_mm3),
+        repose_tan=repose_tan,
+        stability=stability_limits(
+            columns.tables,
+            offsets,
+            grid.shape,
+            grid.cell,
+            float(columns.height.max()) - columns.floor,
+        ),
+        repose_tan_scale=noise.repose_tan_scale,
+        min_repose_tan=float(repose_tan.min() * min_scale),
+        jitter=noise.jitter,
+        random_state=np.array([noise.seed * 2 + 1], dtype=np.uint64),
+    )

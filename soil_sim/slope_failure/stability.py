@@ -1,34 +1,36 @@
-"""Faces: how high undisturbed soil stands where it is steeper than its angle of repose.
+"""Stability of firm soil: the height to which a face steeper than the angle of repose stands.
 
-A face of slope beta carries itself by the cohesion c of its soil to a height over its toe of
+A face with a slope beta is supported by the cohesion c of its soil up to a height above its toe of
 
     H = 4 c / gamma * sin(beta) cos(phi) / (1 - cos(beta - phi))
 
 (Culmann's method, Die graphische Statik, 1875, as in Das, Principles of Geotechnical Engineering:
-finite slopes that slip on a plane through the toe). For an upright one that is
-`SoilType.critical_height`; it has no end where the face is no steeper than phi, the angle of
-internal friction. So of two points a level way apart the upper one may be so much higher as a
-straight face between them may be high, which is the more the farther they are apart. Firm soil that
-is higher than this above any column around it fails, if it is steep there.
+finite slopes that fail along a plane through the toe). For a vertical face this is
+`SoilType.critical_height`; it is infinite where the face is no steeper than phi, the angle of
+internal friction. Of two points at a horizontal distance, the upper one may therefore be higher by
+the critical height of a straight face between them, which increases with the distance. Firm soil
+that is higher than this above any column around it fails, if it is steep there.
 
-Columns that are farther away than soil slips are looked at in eight directions, at ways that grow
-by a part, as far as a face of `_MIN_FACE_ANGLE` is carried. A grid does not tell where between two
-columns a face begins and ends: it counts as shorter by the distance between them, so that one of a
-single step is upright.
+Columns beyond the neighbourhood that soil slides in are checked in eight directions, at distances
+that increase geometrically, up to the distance at which a face of `_MIN_FACE_ANGLE` is stable. A
+grid does not resolve where between two columns a face begins and ends: a face counts as shorter
+than the distance between the columns by one cell, so that a face of a single step is vertical.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from msg_bridge.kernels import helper, kernel
-from soil_sim.slope_failure.relaxation_parameters import StabilityLimits, enqueue
+from soil_sim.slope_failure.cell_queue import enqueue
 from soil_sim.soils.soil_types import SoilTables
 
 __all__ = [
+    "StabilityLimits",
     "critical_height",
     "enqueue_unstable_above",
     "is_unstable",
@@ -40,15 +42,31 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _DISTANCE_RATIO = 1.15
-"""From one way that is looked at to the next."""
+"""Ratio of successive distances at which distant columns are checked; at least one cell apart."""
 
 _MIN_FACE_ANGLE = math.radians(50.0)
-"""Slope of the min_repose_tan face that is looked at over more than the radius soil slips in."""
+"""Slope of the gentlest face that is checked beyond the neighbourhood that soil slides in [rad]."""
 
 _DIRECTIONS = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))
 
 _BISECTION_STEPS = 50
-"""Of the slopes between which that of a face is looked for: to the last bit."""
+"""Bisection steps for the slope of a face: down to the last bit."""
+
+
+class StabilityLimits(NamedTuple):
+    """How much higher than other columns a column of firm soil stands by its cohesion.
+
+    Attributes:
+        neighbour_height: limit over each neighbour [m], shape (kinds, MOISTURE_LEVELS, neighbours),
+            float64.
+        distant_offsets: (row, col) of the columns beyond the neighbourhood [cells], shape (m, 2),
+            int64; empty if no soil has cohesion.
+        distant_height: limit over each of those [m], shape (kinds, MOISTURE_LEVELS, m), float64.
+    """
+
+    neighbour_height: NDArray[np.float64]
+    distant_offsets: NDArray[np.int64]
+    distant_height: NDArray[np.float64]
 
 
 def stability_limits(
@@ -58,35 +76,31 @@ def stability_limits(
     cell: float,
     span: float,
 ) -> StabilityLimits:
-    """How much higher than others the columns of a map may be by cohesion.
+    """Return the limits for a map.
 
     Args:
-        tables: of its soils.
-        neighbours: (row, col) of those that soil slips to [cells], shape (n, 2).
-        shape: of the map.
-        cell: distance of its columns [m].
-        span: from its floor to its highest point [m]: firm soil never stands higher over any other.
+        tables: properties of its kinds of soil.
+        neighbours: (row, col) of the neighbours that soil slides to [cells], shape (n, 2).
+        shape: size of the map [cells].
+        cell: distance between columns [m].
+        span: height of the highest point above the floor [m]; no face is higher.
     """
-    vertical_height = np.where(
-        tables.critical_height < span, tables.critical_height, 0.0
-    )  # the others cannot fail
-    longest = critical_height(
+    # Soil whose vertical face of the full span is stable cannot fail.
+    vertical_height = np.where(tables.critical_height < span, tables.critical_height, 0.0)
+    face_height = critical_height(
         vertical_height, math.inf, tables.internal_friction[:, None], _MIN_FACE_ANGLE
     )
-    most = min(longest.max() / math.tan(_MIN_FACE_ANGLE) / cell, max(shape))
-    ways, horizontal_distance = [], float(np.hypot(*neighbours.T).max())
-    while horizontal_distance < most:
-        horizontal_distance = max(horizontal_distance * _DISTANCE_RATIO, horizontal_distance + 1.0)
-        ways.append(horizontal_distance)
-    far = {
-        (
-            round(a * horizontal_distance / math.hypot(a, b)),
-            round(b * horizontal_distance / math.hypot(a, b)),
-        )
-        for horizontal_distance in ways
+    max_distance = min(face_height.max() / math.tan(_MIN_FACE_ANGLE) / cell, max(shape))
+    distances, distance = [], float(np.hypot(*neighbours.T).max())
+    while distance < max_distance:
+        distance = max(distance * _DISTANCE_RATIO, distance + 1.0)
+        distances.append(distance)
+    points = {
+        (round(a * distance / math.hypot(a, b)), round(b * distance / math.hypot(a, b)))
+        for distance in distances
         for a, b in _DIRECTIONS
     }
-    offsets = np.array(sorted(far), dtype=np.int64).reshape(-1, 2)
+    offsets = np.array(sorted(points), dtype=np.int64).reshape(-1, 2)
     return StabilityLimits(
         _critical_heights(tables, np.hypot(*neighbours.T), cell),
         offsets,
@@ -100,13 +114,14 @@ def critical_height(
     friction: ArrayLike,
     slope: float | None = None,
 ) -> Array:
-    """Height [m] to which a face is carried; inf if it ever stands.
+    """Return the height [m] to which a face is stable; inf if it is stable at any height.
 
     Args:
-        upright: height to which an upright one is [m].
-        way: level distance from toe to top [m]; without effect if `slope` is given.
+        vertical_height: critical height of a vertical face [m].
+        horizontal_distance: distance from toe to top [m]; ignored if `slope` is given.
         friction: angle of internal friction [rad].
-        slope: of the face [rad]; else that is looked for at which it is just carried.
+        slope: slope of the face [rad]; if not given, the slope at which a face over the distance
+            has exactly its critical height.
     """
     vertical_height, horizontal_distance, friction = np.broadcast_arrays(
         *map(np.asarray, (vertical_height, horizontal_distance, friction))
@@ -114,95 +129,95 @@ def critical_height(
     if slope is not None:
         return _culmann_height(vertical_height, np.full(vertical_height.shape, slope), friction)
     low, high = friction.astype(np.float64), np.full(vertical_height.shape, 0.5 * math.pi)
-    for _ in range(
-        _BISECTION_STEPS
-    ):  # the steeper, the higher for its way, and the less is carried
+    # A steeper face over the same distance is higher, and its critical height is smaller.
+    for _ in range(_BISECTION_STEPS):
         slopes = 0.5 * (low + high)
-        critical_height = horizontal_distance * np.tan(slopes) < _culmann_height(
+        is_stable = horizontal_distance * np.tan(slopes) < _culmann_height(
             vertical_height, slopes, friction
         )
-        low, high = np.where(critical_height, slopes, low), np.where(critical_height, high, slopes)
+        low, high = np.where(is_stable, slopes, low), np.where(is_stable, high, slopes)
     return np.asarray(_culmann_height(vertical_height, high, friction))
 
 
 def _culmann_height(vertical_height: Array, slope: Array, friction: Array) -> Array:
+    """Return the critical height [m] of faces by their slope [rad]."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        part = np.sin(slope) * (1.0 - np.sin(friction)) / (1.0 - np.cos(slope - friction))
+        ratio = np.sin(slope) * (1.0 - np.sin(friction)) / (1.0 - np.cos(slope - friction))
         return np.where(
-            vertical_height <= 0.0, 0.0, np.where(slope <= friction, np.inf, vertical_height * part)
+            vertical_height <= 0.0,
+            0.0,
+            np.where(slope <= friction, np.inf, vertical_height * ratio),
         )
 
 
 def _critical_heights(tables: SoilTables, distance: Array, cell: float) -> Array:
-    """Heights for distances [cells], shape (kinds, MOISTURE_LEVELS, distances)."""
-    ways, index = np.unique(distance, return_inverse=True)
-    horizontal_distance = np.maximum(ways - 1.0, 0.0) * cell
+    """Return critical heights [m] over distances [cells].
+
+    Returns:
+        Shape (kinds, MOISTURE_LEVELS, distances).
+    """
+    distances, index = np.unique(distance, return_inverse=True)
+    horizontal_distance = np.maximum(distances - 1.0, 0.0) * cell
     friction = tables.internal_friction[:, None, None]
-    return np.ascontiguousarray(
-        critical_height(tables.critical_height[..., None], horizontal_distance, friction)[
-            ..., index
-        ]
-    )
+    heights = critical_height(tables.critical_height[..., None], horizontal_distance, friction)
+    return np.ascontiguousarray(heights[..., index])
 
 
 @helper
 def stable_firm_height(columns, params, occupied, i):  # type: ignore[no-untyped-def]
-    """Height [m] to which the firm soil of column i stands over all columns around."""
+    """Return the height [m] to which the firm soil of column i is stable above all around it."""
     kind, moisture = columns.soil[i], columns.moisture[i]
-    near, far, stability = (
-        params.stability.neighbour_height,
-        params.stability.distant_height,
-        params.stability,
-    )
-    if near[kind, moisture, 0] <= 0.0:  # without cohesion none does
+    stability = params.stability
+    near, far = stability.neighbour_height, stability.distant_height
+    if near[kind, moisture, 0] <= 0.0:  # no cohesion
         return columns.floor
     tangent = params.repose_tan[kind, moisture]
     if params.repose_tan_scale.size:
         tangent *= params.repose_tan_scale[i]
     row, col = i // params.cols, i % params.cols
-    critical_height = columns.floor + columns.firm[i] * columns.metres_per_mm3
+    height = columns.floor + columns.firm[i] * columns.metres_per_mm3
     for k in range(params.offsets.shape[0]):
         r, c = row + params.offsets[k, 0], col + params.offsets[k, 1]
         if 0 <= r < params.rows and 0 <= c < params.cols:
             j = r * params.cols + c
             if occupied[j] == 0:
-                carried = max(near[kind, moisture, k], tangent * params.distance[k])
-                critical_height = min(critical_height, columns.height[j] + carried)
-    for k in range(stability.offsets.shape[0]):
-        r, c = row + stability.offsets[k, 0], col + stability.offsets[k, 1]
+                limit = max(near[kind, moisture, k], tangent * params.distance[k])
+                height = min(height, columns.height[j] + limit)
+    for k in range(stability.distant_offsets.shape[0]):
+        r, c = row + stability.distant_offsets[k, 0], col + stability.distant_offsets[k, 1]
         if 0 <= r < params.rows and 0 <= c < params.cols:
             j = r * params.cols + c
             if occupied[j] == 0:
-                critical_height = min(critical_height, columns.height[j] + far[kind, moisture, k])
-    return critical_height
+                height = min(height, columns.height[j] + far[kind, moisture, k])
+    return height
 
 
 @helper(inline="always")
 def is_unstable(columns, params, occupied, i):  # type: ignore[no-untyped-def]
-    """Whether some of the firm soil of column i does not stand."""
-    base = columns.floor + columns.firm[i] * columns.metres_per_mm3
-    return base - stable_firm_height(columns, params, occupied, i) > params.tolerance
+    """Return whether some of the firm soil of column i is unstable."""
+    firm_height = columns.floor + columns.firm[i] * columns.metres_per_mm3
+    return firm_height - stable_firm_height(columns, params, occupied, i) > params.tolerance
 
 
 @kernel
 def unstable_columns(columns, params, occupied):  # type: ignore[no-untyped-def]
-    """Whether some of the firm soil of each column of the map does not stand, flat."""
-    found = np.empty(occupied.size, dtype=np.bool_)
+    """Return whether each column of the map has unstable firm soil, flat, bool."""
+    unstable = np.empty(occupied.size, dtype=np.bool_)
     for i in range(occupied.size):
-        found[i] = is_unstable(columns, params, occupied, i)
-    return found
+        unstable[i] = is_unstable(columns, params, occupied, i)
+    return unstable
 
 
 @helper
-def enqueue_unstable_above(columns, params, i, cell_queue):  # type: ignore[no-untyped-def]
-    """Push those into the ring that are too high above column i and farther than soil slips."""
+def enqueue_unstable_above(columns, params, i, queue):  # type: ignore[no-untyped-def]
+    """Enqueue columns beyond the neighbourhood whose firm soil is too high above column i."""
     stability = params.stability
     row, col = i // params.cols, i % params.cols
-    for k in range(stability.offsets.shape[0]):
-        r, c = row - stability.offsets[k, 0], col - stability.offsets[k, 1]
+    for k in range(stability.distant_offsets.shape[0]):
+        r, c = row - stability.distant_offsets[k, 0], col - stability.distant_offsets[k, 1]
         if 0 <= r < params.rows and 0 <= c < params.cols:
             j = r * params.cols + c
-            base = columns.floor + columns.firm[j] * columns.metres_per_mm3
-            carried = stability.distant_height[columns.soil[j], columns.moisture[j], k]
-            if base - columns.height[i] - params.tolerance > carried:
-                enqueue(j, cell_queue)
+            firm_height = columns.floor + columns.firm[j] * columns.metres_per_mm3
+            limit = stability.distant_height[columns.soil[j], columns.moisture[j], k]
+            if firm_height - columns.height[i] - params.tolerance > limit:
+                enqueue(queue, j)

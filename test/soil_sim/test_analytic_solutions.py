@@ -1,9 +1,9 @@
-"""Soil against answers that geometry gives: cones, polygons, slopes, swept volumes.
+"""Soil compared with analytic solutions: cones, polygons, slopes, swept volumes.
 
-The pile a slip radius makes. Soil slips along the offsets of the Gauss circle alone, so a pile is
-steepest where one of them points and its contour is the polygon that has a corner, at one and the
-same distance, in each direction in which an offset points. From this follow corners, roundness and
-height of the pile for every radius r::
+Shape of a pile by the relaxation radius. Soil slides only along the offsets of the Gauss circle, so
+a pile is steepest in their directions, and its contour is the polygon that has a corner, all at the
+same distance, in the direction of each offset. This gives the corners, the roundness and the height
+of the pile for every radius r::
 
     r                     1     √2    2     √5    2√2   3     √10   √13   4
     neighbours            4     8     12    20    24    28    36    44    48
@@ -11,11 +11,11 @@ height of the pile for every radius r::
     axis over diagonal    1.414 1     1     1     1     1     1     1     1
     largest over least    1.414 1.082 1.082 1.027 1.027 1.027 1.013 1.013 1.013
 
-The reference's Table 1 tells another story: a square for r = √2, 2 and 2√2, an octagon for √5, √10
-and √13, sixteen edges for 3 and twenty for 4. It moves whole units to the steepest neighbour; here
-the excess is moved, to where it is largest, and equal excesses take turns. Only for r = 1 are both
-square, ours standing on its corner, and for r = 3 both have sixteen edges. Its advice holds all the
-same: below √5 a pile has edges.
+Table 1 of the reference differs: a square for r = √2, 2 and 2√2, an octagon for √5, √10 and √13,
+sixteen edges for 3 and twenty for 4. The reference moves whole units to the steepest neighbour;
+here the excess moves to the neighbour where it is largest, and equal excesses alternate. For r = 1
+both give a square, here rotated by 45 degrees, and for r = 3 both have sixteen edges. The
+conclusion of the reference holds here, too: below √5 a pile has visible edges.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from support.soil_scenes import (
     BUCKET_PROFILE,
     NO_DEPOSIT_REQUESTS,
     NO_SWEEPS,
+    come_to_rest,
     contour_radii,
     flat_soil,
     make_deposit_requests,
@@ -47,26 +48,20 @@ from soil_sim.soils.soil_types import load_soil_types
 SHIPPED = load_soil_types()
 
 
-def come_to_rest(soil: Soil) -> Soil:
-    while soil.relaxation.relax(10**7):
-        pass
-    return soil
-
-
 def distances(soil: Soil) -> NDArray[np.float64]:
-    """Of each column from the middle of the map [m]."""
+    """Return the distance of each column from the middle of the map [m]."""
     grid = soil.grid
     return np.hypot(grid.x(np.arange(grid.rows))[:, None], grid.y(np.arange(grid.cols))[None, :])
 
 
 def flank(along: NDArray[np.float64], height: NDArray[np.float64]) -> tuple[float, float]:
-    """Angle [deg] of the straight line through a slope's flank, and its height where `along` is 0.
+    """Return the angle [deg] of a line fitted to a flank, and its height [m] where `along` is 0.
 
     The flank is the part from 0.2 to 0.8 of the height, without foot and tip.
     """
     low, high = height.min(), height.max()
-    part = (height > low + 0.2 * (high - low)) & (height < low + 0.8 * (high - low))
-    fall, apex = np.polyfit(along[part], height[part], 1)
+    is_flank = (height > low + 0.2 * (high - low)) & (height < low + 0.8 * (high - low))
+    fall, apex = np.polyfit(along[is_flank], height[is_flank], 1)
     return math.degrees(math.atan(-fall)), float(apex)
 
 
@@ -75,7 +70,7 @@ def flank(along: NDArray[np.float64], height: NDArray[np.float64]) -> tuple[floa
 
 @dataclass(frozen=True)
 class Heap:
-    """A pile at rest, and the cone it should be: angle [deg], volume [m^3], lengths [m]."""
+    """A pile at rest, and the cone of its angle [deg] and volume [m^3], lengths [m]."""
 
     soil: Soil
     angle: float
@@ -113,52 +108,54 @@ def heap(request: pytest.FixtureRequest) -> Heap:
     return Heap(pour_pile(cell, angle, volume, parts=1000), angle, volume)
 
 
-def test_the_angle_asked_is_the_angle_measured(heap: Heap) -> None:
+def test_pile_has_the_angle_of_repose(heap: Heap) -> None:
     angle, _ = flank(distances(heap.soil), heap.soil.columns.height)
     assert angle == pytest.approx(heap.angle, abs=0.5)
 
 
-def test_a_pile_is_the_cone_of_its_volume(heap: Heap) -> None:
+def test_pile_has_the_height_of_a_cone_of_its_volume(heap: Heap) -> None:
     _, apex = flank(distances(heap.soil), heap.soil.columns.height)
     assert apex == pytest.approx(heap.height, rel=0.01)  # 3 % of the volume
 
 
 @pytest.mark.parametrize("level", [0.1, 0.5])
-def test_axis_and_diagonal_radius_are_those_of_the_cone(heap: Heap, level: float) -> None:
+def test_contour_radius_along_axis_and_diagonal_is_that_of_the_cone(
+    heap: Heap, level: float
+) -> None:
     radii = contour_radii(heap.soil, level * heap.height, 8)
     axis, diagonal = radii[::2].mean(), radii[1::2].mean()
-    near = 0.02 * heap.reach  # of the pile's radius, a third of a cell
-    assert axis == pytest.approx((1 - level) * heap.reach, abs=near)
-    assert diagonal == pytest.approx((1 - level) * heap.reach, abs=near)
-    assert axis == pytest.approx(diagonal, abs=near)
+    tolerance = 0.02 * heap.reach  # a third of a cell
+    assert axis == pytest.approx((1 - level) * heap.reach, abs=tolerance)
+    assert diagonal == pytest.approx((1 - level) * heap.reach, abs=tolerance)
+    assert axis == pytest.approx(diagonal, abs=tolerance)
 
 
-def test_a_pile_is_round(heap: Heap) -> None:
+def test_pile_is_round(heap: Heap) -> None:
     radii = contour_radii(heap.soil, 0.1 * heap.height, 360)
     assert radii.max() / radii.min() <= 1.03
 
 
-# The polygon of each slip radius
+# The polygon of each relaxation radius
 
 
 def corners(radius: float) -> NDArray[np.float64]:
-    """Directions in which an offset of the Gauss circle points [rad], from 0 to 2 pi, growing."""
+    """Return the directions of the offsets of the Gauss circle [rad], from 0 to 2 pi, sorted."""
     offsets = gauss_circle_offsets(radius)
     primitive = offsets[np.gcd(offsets[:, 0], offsets[:, 1]) == 1]
     return np.sort(np.arctan2(primitive[:, 1], primitive[:, 0]) % (2 * math.pi))
 
 
 def polygon(at: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Radius in some directions [rad] of the polygon that has its corners, at 1, at others."""
-    after = np.searchsorted(at, directions, side="right")
+    """Return the radius in directions [rad] of the polygon with corners of radius 1 at others."""
+    index = np.searchsorted(at, directions, side="right")
     ends = np.append(at, at[0] + 2 * math.pi)
-    a, b = ends[after - 1], ends[after]
+    a, b = ends[index - 1], ends[index]
     radii: NDArray[np.float64] = np.sin(b - a) / (np.sin(directions - a) + np.sin(b - directions))
     return radii
 
 
 @pytest.mark.parametrize(
-    ("square", "count", "axis_over_diagonal", "largest_over_least"),
+    ("radius_squared", "count", "axis_over_diagonal", "largest_over_least"),
     [
         (1, 4, 1.414, 1.414),
         (2, 8, 1.0, 1.082),
@@ -171,11 +168,11 @@ def polygon(at: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray
         (16, 32, 1.0, 1.013),
     ],
 )
-def test_a_pile_is_the_polygon_of_its_slip_radius(
-    square: int, count: int, axis_over_diagonal: float, largest_over_least: float
+def test_pile_is_the_polygon_of_its_relaxation_radius(
+    radius_squared: int, count: int, axis_over_diagonal: float, largest_over_least: float
 ) -> None:
-    angle, volume, level = 30.0, 65.0, 0.2  # 47 x 47 points: one of them is the middle
-    tangent, radius = math.tan(math.radians(angle)), math.sqrt(square)
+    angle, volume, level = 30.0, 65.0, 0.2  # 47 x 47 points, an odd number: one is the middle
+    tangent, radius = math.tan(math.radians(angle)), math.sqrt(radius_squared)
     at = corners(radius)
     assert at.size == count
     gaps = np.diff(at, append=at[0] + 2 * math.pi)
@@ -197,8 +194,8 @@ def test_a_pile_is_the_polygon_of_its_slip_radius(
 
 
 @pytest.mark.parametrize("cell", [0.1, 0.05])
-def test_a_face_that_fails_turns_about_its_middle(cell: float) -> None:
-    """What falls from above the slope fills below it: two equal triangles, at no swell."""
+def test_failed_face_rotates_about_its_middle(cell: float) -> None:
+    """Without swell, the triangle above the slope that falls is as large as the one it fills."""
     depth, n = 1.0, round(6.0 / cell) + 1
     grid = Grid(n, 21, cell)
     x = grid.x(np.arange(n))
@@ -207,16 +204,16 @@ def test_a_face_that_fails_turns_about_its_middle(cell: float) -> None:
     soil.relaxation.mark_all_disturbed()
     profile = come_to_rest(soil).columns.height.mean(axis=1)
     angle, middle = flank(x, profile)
-    face = 0.5 * cell  # between the last column above and the first below
+    face = 0.5 * cell  # x of the face, between the last column above and the first below
     assert angle == pytest.approx(30.0, abs=0.5)
     assert middle - face * math.tan(math.radians(angle)) == pytest.approx(-depth / 2, abs=0.02)
     reach = 0.5 * depth / math.tan(math.radians(30.0))
-    moved = np.abs(profile - heights[:, 0]) > 0.01 * depth
-    assert np.abs(x[moved] - face).max() == pytest.approx(reach, abs=1.5 * cell)
+    has_moved = np.abs(profile - heights[:, 0]) > 0.01 * depth
+    assert np.abs(x[has_moved] - face).max() == pytest.approx(reach, abs=1.5 * cell)
 
 
 @pytest.mark.parametrize("name", ["reference", "dry sand", "dry clay"])
-def test_a_particle_that_touches_a_pits_wall_moves_the_slope_there_and_not_the_rim(
+def test_particle_on_the_wall_of_a_pit_moves_only_soil_near_and_below_it(
     name: str,
 ) -> None:
     grid = Grid(81, 81, 0.2)
@@ -227,9 +224,9 @@ def test_a_particle_that_touches_a_pits_wall_moves_the_slope_there_and_not_the_r
     soil.relaxation.mark_all_disturbed()
     come_to_rest(soil)
     shape = soil.columns.height.copy()
-    assert np.ptp(shape) == pytest.approx(1.5, abs=0.01), "all of the wall is at its limit"
+    assert np.ptp(shape) == pytest.approx(1.5, abs=0.01), "the whole wall is at its limit"
     wall = np.argwhere((shape > -1.3) & (shape < -0.2))
-    if not wall.size:  # a wall that stands has no columns on it
+    if not wall.size:  # a vertical wall has no columns on it
         wall = np.argwhere((across > 2.7) & (across < 3.0))
     rng = np.random.default_rng(1)
     for tick, (row, col) in enumerate(rng.permutation(wall)[:40]):
@@ -242,13 +239,13 @@ def test_a_particle_that_touches_a_pits_wall_moves_the_slope_there_and_not_the_r
         assert 1 <= len(moved) <= 40
         assert np.hypot(*(moved - (row, col)).T).max() <= 15
         above = before > before[row, col] + 1e-9
-        assert (soil.columns.height[above] >= before[above]).all(), "nothing above it comes down"
+        assert (soil.columns.height[above] >= before[above]).all(), "soil above it stays"
     rim = (across > 3.0) & (shape > -0.01)
     assert (soil.columns.height[rim] == shape[rim]).all()
 
 
 def swept_area(path: list[tuple[float, float]], cell: float = 0.004) -> float:
-    """Area below z = 0 that a bucket's profile passes along a path of its lip (x, z) [m^2]."""
+    """Return the area below z = 0 that a bucket sweeps along a path of its lip (x, z) [m^2]."""
     x, z = np.meshgrid(np.arange(-3.0, 2.0, cell), np.arange(-1.0, 0.0, cell), indexing="ij")
     swept = np.zeros(x.shape, dtype=bool)
     profile = np.array(BUCKET_PROFILE, dtype=float)
@@ -266,21 +263,21 @@ def swept_area(path: list[tuple[float, float]], cell: float = 0.004) -> float:
 
 
 @pytest.mark.parametrize(("depth", "length"), [(0.3, 1.5), (0.15, 2.0)])
-def test_a_scoop_takes_what_the_bucket_swept_on_every_grid(depth: float, length: float) -> None:
-    taken = [
+def test_scoop_excavates_the_swept_volume_on_every_grid(depth: float, length: float) -> None:
+    excavated = [
         scoop(flat_soil(6.0, cell), depth=depth, length=length) / 1e9 for cell in (0.2, 0.1, 0.05)
     ]
     half = length / 2
     path = [(-half, 0.02), (-half, -depth), (half, -depth), (half, 0.3)]
-    assert max(taken) / min(taken) <= 1.05
-    assert taken == pytest.approx([1.2 * swept_area(path)] * 3, rel=0.02)
+    assert max(excavated) / min(excavated) <= 1.05
+    assert excavated == pytest.approx([1.2 * swept_area(path)] * 3, rel=0.02)
 
 
-# Every shipped soil
+# Shipped soils
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_a_pile_of_every_shipped_soil_stands_at_its_own_angle(name: str) -> None:
+def test_pile_of_every_shipped_soil_has_its_angle_of_repose(name: str) -> None:
     kind, reach, parts = SHIPPED[name], 2.0, 600
     angle = kind.repose_angle_at(kind.moisture)
     volume = math.pi / 3 * math.tan(angle) * reach**3
@@ -296,7 +293,7 @@ def test_a_pile_of_every_shipped_soil_stands_at_its_own_angle(name: str) -> None
 
 
 @pytest.mark.parametrize("moisture", [0, 25, 75, 100])
-def test_a_pile_of_sand_stands_at_the_angle_of_its_moisture(moisture: int) -> None:
+def test_pile_of_sand_has_the_angle_of_its_moisture(moisture: int) -> None:
     kind, reach, parts = SHIPPED["dry sand"], 2.0, 600
     angle = kind.repose_angle_at(moisture)
     soil = flat_soil(3.2 * reach, 0.1, soil="dry sand", moisture=moisture)

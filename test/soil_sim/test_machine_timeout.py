@@ -1,4 +1,4 @@
-"""Going on without a machine that lockstep has waited for too long."""
+"""In lockstep, a machine that is silent for `machine_timeout` is dropped, and may rejoin."""
 
 from __future__ import annotations
 
@@ -22,44 +22,46 @@ STILL = bucket_sweep((0, 0, 1), (0, 0, 1))
 NOTHING = make_deposit_requests([], [], 0)
 
 
-def join(side: SoilEndpoint, *sources: int) -> list[MachineExchange]:
-    """Machines that have been welcomed."""
-    machines = [MachineExchange(machine_id) for machine_id in sources]
+def join(endpoint: SoilEndpoint, *machine_ids: int) -> list[MachineExchange]:
+    """Return machines that have joined."""
+    machines = [MachineExchange(machine_id) for machine_id in machine_ids]
     for machine in machines:
         machine.join()
-        deliver(machine, side)
-    assert side.advance() is not None
-    for message in side.drain_outbox():
+        deliver(machine, endpoint)
+    assert endpoint.advance() is not None
+    for message in endpoint.drain_outbox():
         for machine in machines:
             machine.receive(message)
     return machines
 
 
-def deliver(machine: MachineExchange, side: SoilEndpoint) -> None:
+def deliver(machine: MachineExchange, endpoint: SoilEndpoint) -> None:
+    """Deliver what a machine has sent to the soil."""
     for message in machine.drain_outbox():
-        side.receive(message)
+        endpoint.receive(message)
 
 
-def begun(*sources: int) -> tuple[SoilRun, list[MachineExchange]]:
-    params = SoilNodeParams(sync="lockstep", expected_machines=sources, machine_timeout=1.0)
+def lockstep_run(*machine_ids: int) -> tuple[SoilRun, list[MachineExchange]]:
+    """Return a lockstep run with machines that have joined, and a timeout of 1 s."""
+    params = SoilNodeParams(sync="lockstep", expected_machines=machine_ids, machine_timeout=1.0)
     run = SoilRun(Site(flat(flat_soil().grid)), SoilParams(), params, run_id=1)
-    return run, join(run.endpoint, *sources)
+    return run, join(run.endpoint, *machine_ids)
 
 
-def test_only_who_has_been_silent_for_too_long_is_given_up() -> None:
-    run, machines = begun(1, 2)
+def test_only_machine_silent_for_the_timeout_is_dropped() -> None:
+    run, machines = lockstep_run(1, 2)
     machines[1].send(STILL.copy(), NOTHING, pending_mm3=0, particles_mm3=0)
     deliver(machines[1], run.endpoint)
-    heard = {1: 100.0, 2: 100.0}
-    assert run.drop_silent_machines(100.9, heard) == ()
+    last_message_times = {1: 100.0, 2: 100.0}
+    assert run.drop_silent_machines(100.9, last_message_times) == ()
     assert run.advance(100.9) is None
-    assert run.drop_silent_machines(101.1, heard) == (1,)
+    assert run.drop_silent_machines(101.1, last_message_times) == (1,)
     assert run.endpoint.exchange.joined == (2,)
     assert run.advance(101.1) is not None
 
 
-def test_a_tick_is_done_even_if_nobody_is_left_so_that_one_that_lives_comes_back() -> None:
-    run, (machine,) = begun(1)
+def test_dropped_machine_can_rejoin_a_run_without_machines() -> None:
+    run, (machine,) = lockstep_run(1)
     assert run.drop_silent_machines(105.0, {1: 100.0}) == (1,)
     assert run.advance(105.0) is not None
     assert run.advance(105.0) is None
@@ -72,32 +74,30 @@ def test_a_tick_is_done_even_if_nobody_is_left_so_that_one_that_lives_comes_back
     assert run.endpoint.exchange.joined == (1,)
 
 
-def test_what_swept_nowhere_last_is_released_where_it_swept_before() -> None:
-    side = SoilEndpoint(flat_soil())
-    (machine,) = join(side, 1)
+def test_absent_soil_is_deposited_at_the_last_valid_sweep() -> None:
+    endpoint = SoilEndpoint(flat_soil())
+    (machine,) = join(endpoint, 1)
     done = None
     for sweeps, leave in ((STILL.copy(), False), (STILL.copy(), True)):
         if leave:
             sweeps["x1"] = np.nan
         machine.send(sweeps, NOTHING, pending_mm3=1000, particles_mm3=0, leave=leave)
-        deliver(machine, side)
-        done = side.advance()
-        for message in side.drain_outbox():
+        deliver(machine, endpoint)
+        done = endpoint.advance()
+        for message in endpoint.drain_outbox():
             machine.receive(message)
         machine.poll()
     assert done is not None
     assert done.step.rejected_tools
     assert done.ledger.absent == 1000
-    assert side.release_absent_soil() == (1,)
-    released = side.advance(wait=False)
+    assert endpoint.release_absent_soil() == (1,)
+    released = endpoint.advance(wait=False)
     assert released is not None
     assert released.ledger.absent == 0
     assert released.ledger.terrain == done.ledger.terrain + 1000
 
 
-def test_release_goes_on_without_a_machine_that_has_crashed_and_takes_over_what_it_held(
-    ros: Ros, tmp_path: Path
-) -> None:
+def test_release_drops_a_crashed_machine_and_deposits_its_soil(ros: Ros, tmp_path: Path) -> None:
     scene = Scene(ros, machine_timeout=0.3, expected_machines=[1, 2])
     file = machine_file(tmp_path, ready_to_dig())
     digger = scene.machine(machine=file, **{"commands.command_timeout": 60.0})
@@ -116,7 +116,7 @@ def test_release_goes_on_without_a_machine_that_has_crashed_and_takes_over_what_
     assert scene.ledgers[-1].imbalance == 0
 
 
-def test_a_machine_that_was_given_up_and_lives_comes_back(ros: Ros) -> None:
+def test_dropped_machine_that_is_alive_rejoins(ros: Ros) -> None:
     scene = Scene(ros, machine_timeout=0.2)
     machine = scene.machine()
     scene.until_tick(3)
@@ -128,7 +128,7 @@ def test_a_machine_that_was_given_up_and_lives_comes_back(ros: Ros) -> None:
     assert scene.joined == (1,)
 
 
-def test_one_that_waits_for_a_command_is_not_called_silent(
+def test_machine_that_waits_for_a_command_is_not_silent(
     ros: Ros, capfd: pytest.CaptureFixture[str]
 ) -> None:
     scene = Scene(ros, machine_timeout=0.5)

@@ -1,4 +1,4 @@
-"""Sweeps, landings and measurements that tests of the soil share."""
+"""Sweeps, deposit requests and measurements that tests of the soil share."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
-from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, Rows, empty_rows
-from soil_sim.soil import Soil
+from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, ConversionKind, Rows, empty_rows
+from soil_sim.soil import Soil, SoilStepResult
 from soil_sim.soils.params import SoilParams
 
 BUCKET_PROFILE = ((0, 0), (-0.4, 0), (-0.7, 0.1), (-0.9, 0.3), (-1, 0.5), (-1, 0.8), (-0.9, 1.0))
-"""(x, z) of a bucket's seven key points behind and above its lip [m]."""
+"""(x, z) of the seven key points of a bucket, behind and above its lip [m]."""
 
 NO_SWEEPS = empty_rows(SWEEP)
 NO_DEPOSIT_REQUESTS = empty_rows(DEPOSIT_REQUEST)
 
 
 def flat_soil(size: float = 12.0, cell: float = 0.2, **params: object) -> Soil:
-    """Level soil at height 0, `size` metres wide."""
+    """Return level soil at height 0, `size` [m] wide."""
     n = int(round(size / cell)) + 1
     grid = Grid(n, n, cell)
     return Soil(grid, np.zeros(grid.shape), SoilParams(**params))  # type: ignore[arg-type]
 
 
 def make_deposit_requests(x: object, y: object, volume_mm3: int) -> Rows:
-    """LANDED rows of one source, `volume_mm3` each."""
+    """Return DEPOSIT_REQUEST rows of machine 1 at some positions [m], `volume_mm3` each."""
     x, y = np.broadcast_arrays(np.atleast_1d(x), np.atleast_1d(y))  # type: ignore[arg-type]
     rows = empty_rows(DEPOSIT_REQUEST, x.size)
     rows["x"], rows["y"], rows["volume_mm3"], rows["machine_id"] = x, y, volume_mm3, 1
@@ -43,9 +43,9 @@ def tool_sweep(
     end: tuple[float, float, float],
     width: float = 1.2,
 ) -> Rows:
-    """A tool with key points at `profile` (x, z) from its lip, whose middle moves start to end [m].
+    """Return SWEEP rows of machine 1 for a tool with key points at `profile` (x, z) from its lip.
 
-    Its pairs lie across, along y.
+    The middle of the lip moves from `start` to `end` (x, y, z) [m]. The pairs are parallel to y.
     """
     rows = empty_rows(SWEEP, 2 * len(profile))
     for pair, (x, z) in enumerate(profile):
@@ -60,19 +60,19 @@ def tool_sweep(
 def bucket_sweep(
     start: tuple[float, float, float], end: tuple[float, float, float], width: float = 1.2
 ) -> Rows:
-    """A bucket whose lip's middle moves from `start` to `end` (x, y, z) [m], digging toward +x."""
+    """Return SWEEP rows of a bucket that digs toward +x; arguments as of `tool_sweep`."""
     return tool_sweep(BUCKET_PROFILE, start, end, width)
 
 
 def drag_tool(
     soil: Soil, profile: Sequence[tuple[float, float]], *, depth: float, step: float
 ) -> float:
-    """Drag a tool 1 m toward +x from where it stands in the soil, which does not slip.
+    """Drag a tool 1 m toward +x through soil whose slopes do not fail.
 
     Returns:
-        The volume the soil lost [m^3].
+        The volume that the soil lost [m^3].
     """
-    soil.relaxation.relax = lambda budget=None: 0  # type: ignore[method-assign]
+    soil.relaxation.is_enabled = False
     before = soil.total_mm3
     x = np.linspace(-0.5, 0.5, round(1.0 / step) + 1)
     for tick, (a, b) in enumerate(pairwise([x[0], *x])):
@@ -81,7 +81,7 @@ def drag_tool(
 
 
 def scoop(soil: Soil, *, depth: float, length: float, speed: float = 1.0, y: float = 0.0) -> int:
-    """Push a bucket in, drag it and lift it out; returns the bank volume it took [mm^3]."""
+    """Push a bucket in, drag it and lift it out; return the excavated bank volume [mm^3]."""
     step = speed * 0.01
     x, z = -length / 2, 0.02
     path = [(x, y, z)]
@@ -91,28 +91,41 @@ def scoop(soil: Soil, *, depth: float, length: float, speed: float = 1.0, y: flo
         path.append((min(path[-1][0] + step, length / 2), y, -depth))
     while path[-1][2] < 0.3:
         path.append((length / 2, y, path[-1][2] + step))
-    taken = 0
-    for tick, (a, b) in enumerate(pairwise(path)):
-        moved = soil.step(tick, bucket_sweep(a, b), NO_DEPOSIT_REQUESTS).conversions
-        taken += int(moved["volume_mm3"].astype(np.int64).sum())
-    return taken
+    return sum(
+        excavated_mm3(soil.step(tick, bucket_sweep(a, b), NO_DEPOSIT_REQUESTS))
+        for tick, (a, b) in enumerate(pairwise(path))
+    )
 
 
-def pour_pile(
-    cell: float, angle: float, volume: float, radius: float = 4.0, parts: int = 4000
-) -> Soil:
-    """A pile of `volume` [m^3] landed at one point, a little at a time, at rest."""
-    reach = (3 * volume / math.pi / math.tan(math.radians(angle))) ** (1 / 3)
-    soil = flat_soil(3.2 * reach, cell, repose_angle=angle, relaxation_radius=radius)
-    for tick in range(parts):
-        soil.step(tick, NO_SWEEPS, make_deposit_requests(0.0, 0.0, round(volume * 1e9 / parts)))
+def excavated_mm3(step: SoilStepResult) -> int:
+    """Return the bank volume that a tick excavated [mm^3]."""
+    rows = step.conversions[step.conversions["kind"] == ConversionKind.EXCAVATE]
+    return int(rows["volume_mm3"].astype(np.int64).sum())
+
+
+def come_to_rest(soil: Soil) -> Soil:
+    """Relax the slopes of a soil until nothing moves; return the soil."""
     while soil.relaxation.relax(10**7):
         pass
     return soil
 
 
+def pour_pile(
+    cell: float, angle: float, volume: float, radius: float = 4.0, parts: int = 4000
+) -> Soil:
+    """Return a pile of `volume` [m^3], deposited at one point in many parts, at rest."""
+    reach = (3 * volume / math.pi / math.tan(math.radians(angle))) ** (1 / 3)
+    soil = flat_soil(3.2 * reach, cell, repose_angle=angle, relaxation_radius=radius)
+    for tick in range(parts):
+        soil.step(tick, NO_SWEEPS, make_deposit_requests(0.0, 0.0, round(volume * 1e9 / parts)))
+    return come_to_rest(soil)
+
+
 def contour_radii(soil: Soil, level: float, directions: int = 72) -> NDArray[np.float64]:
-    """Distance [m] from the middle to where the surface falls below `level`, per direction."""
+    """Return the radius of a contour line of a pile in evenly spaced directions [m].
+
+    The distance from the middle of the map to where the surface falls below `level` [m].
+    """
     grid, height = soil.grid, soil.columns.height
     r = np.arange(0.0, 0.5 * grid.size[0], 0.02 * grid.cell)
     radii = np.empty(directions)

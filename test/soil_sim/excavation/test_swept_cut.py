@@ -1,3 +1,5 @@
+"""Volume that a swept cut removes, at any grid, speed and orientation; the key-point cut."""
+
 import math
 
 import numpy as np
@@ -6,38 +8,41 @@ from support.soil_scenes import (
     NO_DEPOSIT_REQUESTS,
     bucket_sweep,
     drag_tool,
+    excavated_mm3,
     flat_soil,
     scoop,
     tool_sweep,
 )
 
 from msg_bridge.contract.rows import ConversionKind, SoilReaction, SweepAction
+from soil_sim.excavation import SweptCut
 from soil_sim.excavation.keypoint_cut import collision_points
 from soil_sim.soil import Soil
 from soil_sim.soils.params import SoilParams
+from soil_sim.tool_sweeps import group_by_machine, validate_sweeps
 
 
-def test_a_drag_takes_what_the_bucket_sweeps() -> None:
-    # Without slip (steep angle) a 1.2 m bucket dragged 3 m at 0.3 m depth takes a clean slot.
+def test_drag_removes_the_swept_volume() -> None:
+    # At a steep angle of repose a 1.2 m bucket dragged 3 m at 0.3 m depth cuts a slot.
     soil = flat_soil(12.0, 0.1, repose_angle=80.0)
-    taken = scoop(soil, depth=0.3, length=3.0)
-    slot = 1.2 * (0.3 * 3.0 + 0.215)  # and the bed of the bucket's own profile where it went in
-    assert taken / 1e9 == pytest.approx(slot, rel=1e-3)
+    excavated = scoop(soil, depth=0.3, length=3.0)
+    slot = 1.2 * (0.3 * 3.0 + 0.215)  # 0.215 m^2 is the profile of the bucket where it entered
+    assert excavated / 1e9 == pytest.approx(slot, rel=1e-3)
 
 
 @pytest.mark.parametrize("cell", [0.4, 0.2, 0.05])
-def test_captured_volume_does_not_depend_on_the_grid(cell: float) -> None:
+def test_excavated_volume_does_not_depend_on_the_grid(cell: float) -> None:
     fine = scoop(flat_soil(9.0, 0.1), depth=0.3, length=3.0)
     assert scoop(flat_soil(9.0, cell), depth=0.3, length=3.0) == pytest.approx(fine, rel=0.01)
 
 
-def test_captured_volume_does_not_depend_on_speed() -> None:
+def test_excavated_volume_does_not_depend_on_speed() -> None:
     slow = scoop(flat_soil(9.0, 0.2), depth=0.3, length=3.0, speed=0.5)
     fast = scoop(flat_soil(9.0, 0.2), depth=0.3, length=3.0, speed=8.0)
     assert fast == pytest.approx(slow, rel=0.01)
 
 
-def test_conversions_are_what_left_the_columns() -> None:
+def test_conversions_are_the_volumes_removed_from_the_columns() -> None:
     soil = flat_soil(6.0, 0.2)
     before = soil.columns.firm + soil.columns.loose
     start = soil.total_mm3
@@ -47,12 +52,12 @@ def test_conversions_are_what_left_the_columns() -> None:
     assert (rows["tick"] == 4).all()
     assert soil.total_mm3 == start - int(rows["volume_mm3"].sum())
     assert soil.verify_volume()
-    lost = before - soil.columns.firm + soil.columns.loose
+    lost = before - soil.columns.firm - soil.columns.loose
     assert np.array_equal(lost[rows["row"], rows["col"]], rows["volume_mm3"])
     assert lost.sum() == rows["volume_mm3"].sum()
 
 
-def test_excavated_soil_is_found_between_tool_and_surface() -> None:
+def test_excavated_soil_is_between_tool_and_surface() -> None:
     soil = flat_soil(6.0, 0.2)
     rows = soil.step(0, bucket_sweep((0, 0, 0.1), (0, 0, -0.2)), NO_DEPOSIT_REQUESTS).conversions
     assert rows.size > 5
@@ -61,7 +66,7 @@ def test_excavated_soil_is_found_between_tool_and_surface() -> None:
     assert (np.abs(rows["y"]) <= 0.6).all()
 
 
-def test_a_tool_above_the_ground_takes_nothing() -> None:
+def test_tool_above_the_ground_removes_nothing() -> None:
     soil = flat_soil(6.0, 0.2)
     step = soil.step(0, bucket_sweep((0, 0, 0.5), (1, 0, 0.01)), NO_DEPOSIT_REQUESTS)
     assert step.conversions.size == 0
@@ -69,7 +74,7 @@ def test_a_tool_above_the_ground_takes_nothing() -> None:
     assert soil.revision == 0
 
 
-def test_every_tool_that_sweeps_gets_a_force_row() -> None:
+def test_every_tool_has_a_force_row() -> None:
     sweep = bucket_sweep((0, 0, 0.1), (0, 0, -0.2))
     forces = flat_soil(6.0, 0.2).step(0, sweep, NO_DEPOSIT_REQUESTS).forces
     forces = forces[forces["reaction"] == SoilReaction.CUT]
@@ -78,13 +83,13 @@ def test_every_tool_that_sweeps_gets_a_force_row() -> None:
     assert not forces["fx"].any()
 
 
-def test_pressing_does_not_cut() -> None:
+def test_compacting_tool_does_not_cut() -> None:
     sweep = bucket_sweep((0, 0, 0.1), (0, 0, -0.2))
     sweep["action"] = SweepAction.COMPACT
     assert flat_soil(6.0, 0.2).step(0, sweep, NO_DEPOSIT_REQUESTS).conversions.size == 0
 
 
-def test_soil_does_not_slip_into_the_room_a_tool_fills_until_it_has_left() -> None:
+def test_soil_slides_into_the_space_of_a_tool_only_after_the_tool_left() -> None:
     soil = flat_soil(6.0, 0.1)
     soil.step(0, bucket_sweep((0, 0, 0.05), (0, 0, -0.5)), NO_DEPOSIT_REQUESTS)
     i, j = int(soil.grid.row(-0.2)), int(soil.grid.col(0.0))
@@ -100,38 +105,37 @@ def test_soil_does_not_slip_into_the_room_a_tool_fills_until_it_has_left() -> No
 @pytest.mark.parametrize("cell", [0.2, 0.05])
 @pytest.mark.parametrize("resolution", [0.1, 0.05, 0.025])
 @pytest.mark.parametrize("pitch", [0, 5, 20, 45, 70, 85, 88, 90, 92, 100, 110])
-def test_a_plate_takes_what_it_sweeps_at_any_pitch(
+def test_plate_removes_the_swept_volume_at_any_pitch(
     pitch: float, resolution: float, cell: float
 ) -> None:
-    # Pitched up about its lip: at 0 it lies behind the lip, beyond 90 degrees it leans ahead of it.
+    # Pitched up about its lip: at 0 it lies behind the lip, beyond 90 degrees it overhangs.
     length, depth = 0.5, 0.3
     back, up = -length * math.cos(math.radians(pitch)), length * math.sin(math.radians(pitch))
     soil = flat_soil(4.0, cell, cut_resolution=resolution)
-    taken = drag_tool(soil, [(0.0, 0.0), (back, up)], depth=depth, step=0.01)
-    # Where it stands first (or, leaning ahead, last) it takes what is above it, too.
+    removed = drag_tool(soil, [(0.0, 0.0), (back, up)], depth=depth, step=0.01)
+    # At its first pose (or, overhanging, the last) it also removes the soil above it.
     buried = min(length, depth / math.sin(math.radians(pitch)) if pitch else length)
     above = depth - 0.5 * buried * math.sin(math.radians(pitch))
     bed = buried * abs(math.cos(math.radians(pitch))) * above
-    assert taken == pytest.approx(1.2 * (depth * 1.0 + bed), rel=0.03)
+    assert removed == pytest.approx(1.2 * (depth * 1.0 + bed), rel=0.03)
 
 
 @pytest.mark.parametrize("step", [0.002, 0.01, 0.1, 1.0])
-def test_an_upright_blade_takes_what_it_sweeps_however_fast(step: float) -> None:
+def test_upright_blade_removes_the_swept_volume_at_any_speed(step: float) -> None:
     soil = flat_soil(4.0, 0.2)
-    taken = drag_tool(soil, [(0.0, 0.0), (0.0, 0.6)], depth=0.3, step=step)
-    assert taken == pytest.approx(0.36, rel=0.03)
+    removed = drag_tool(soil, [(0.0, 0.0), (0.0, 0.6)], depth=0.3, step=step)
+    assert removed == pytest.approx(0.36, rel=0.03)
 
 
-def test_a_tool_of_one_pair_cuts() -> None:
-    assert drag_tool(flat_soil(4.0, 0.2), [(0.0, 0.0)], depth=0.3, step=0.01) == pytest.approx(
-        0.36, rel=0.03
-    )
+def test_tool_of_one_pair_cuts() -> None:
+    removed = drag_tool(flat_soil(4.0, 0.2), [(0.0, 0.0)], depth=0.3, step=0.01)
+    assert removed == pytest.approx(0.36, rel=0.03)
 
 
-def test_a_plate_rolled_on_its_side_cuts_with_its_side() -> None:
-    # Its pairs stand upright and one of its sides leads, 0.3 m deep.
+def test_plate_turned_on_its_side_cuts_with_its_side() -> None:
+    # Its pairs are vertical, and one of its sides leads, 0.3 m deep.
     soil = flat_soil(4.0, 0.2)
-    soil.relaxation.relax = lambda budget=None: 0  # type: ignore[method-assign]
+    soil.relaxation.is_enabled = False
     start = soil.total_mm3
     for tick in range(100):
         sweep = tool_sweep([(0, 0), (0, 0)], (0, 0, 0), (0, 0, 0))
@@ -143,7 +147,7 @@ def test_a_plate_rolled_on_its_side_cuts_with_its_side() -> None:
     assert (start - soil.total_mm3) / 1e9 == pytest.approx(0.36, rel=0.03)
 
 
-def test_an_upright_blade_at_rest_holds_the_columns_it_stands_in() -> None:
+def test_upright_blade_at_rest_occupies_its_columns() -> None:
     soil = flat_soil(4.0, 0.2)
     soil.step(0, tool_sweep([(0, 0), (0, 0.6)], (0, 0, -0.3), (0, 0, -0.3)), NO_DEPOSIT_REQUESTS)
     i = int(round(float(soil.grid.row(0.0))))
@@ -151,81 +155,74 @@ def test_an_upright_blade_at_rest_holds_the_columns_it_stands_in() -> None:
     assert soil.relaxation.occupied.sum() == 7
 
 
-def test_a_column_a_tool_has_left_is_levelled() -> None:
+def test_column_is_levelled_when_the_tool_has_left() -> None:
     soil = flat_soil(4.0, 0.2)
-    soil.relaxation.relax = lambda budget=None: 0  # type: ignore[method-assign]
+    soil.relaxation.is_enabled = False
     blade = [(0.0, 0.0), (0.0, 0.6)]
-    half_way = tool_sweep(blade, (-0.1, 0, -0.3), (0.0, 0, -0.3), width=1.0)
-    rest = tool_sweep(blade, (0.0, 0, -0.3), (0.1, 0, -0.3), width=1.0)
-    away = tool_sweep(blade, (0.0, 0, 2.0), (0.0, 0, 2.0))
+    first_half = tool_sweep(blade, (-0.1, 0, -0.3), (0.0, 0, -0.3), width=1.0)
+    second_half = tool_sweep(blade, (0.0, 0, -0.3), (0.1, 0, -0.3), width=1.0)
+    above = tool_sweep(blade, (0.0, 0, 2.0), (0.0, 0, 2.0))
     first, _, second = (
-        int(soil.step(k, sweep, NO_DEPOSIT_REQUESTS).conversions["volume_mm3"].sum())
-        for k, sweep in enumerate((half_way, away, rest))
+        excavated_mm3(soil.step(k, sweep, NO_DEPOSIT_REQUESTS))
+        for k, sweep in enumerate((first_half, above, second_half))
     )
     assert second == pytest.approx(0.5 * first, rel=0.03)
 
 
-def test_a_far_jump_of_a_tool_does_not_reserve_the_map() -> None:
-    soil = flat_soil(40.0, 0.1)
+def test_tools_far_apart_do_not_reserve_the_columns_between_them() -> None:
+    columns = flat_soil(40.0, 0.1).columns
+    cut = SweptCut(columns, np.zeros(columns.grid.shape, dtype=np.uint8), resolution=0.025)
     sweep = np.concatenate([tool_sweep([(0, 0)], (x, x, -0.1), (x, x, -0.1)) for x in (-19, 19)])
     sweep["tool"] = [1, 1, 2, 2]
-    before = tables_of(soil)
-    soil.step(0, sweep, NO_DEPOSIT_REQUESTS)
-    assert soil.relaxation.occupied.any()
-    assert tables_of(soil) == before
+    (machine,) = group_by_machine(validate_sweeps(sweep)[0])
+    before = cut.capacity
+    cut.reserve([machine.cut_pairs])
+    cut.excavate(machine.cut_pairs)
+    cut.end_tick()
+    assert cut.occupied.any()
+    assert cut.capacity == before
 
 
-def tables_of(soil: Soil) -> int:
-    """Slots there are for columns that tools stand in."""
-    return soil._swept_cut._refined.arrays.cells.size
-
-
-def test_the_floor_cannot_be_dug() -> None:
+def test_floor_cannot_be_dug() -> None:
     soil = flat_soil(6.0, 0.2, soil_depth=0.15)
     soil.step(0, bucket_sweep((0, 0, 0.1), (0, 0, -5.0)), NO_DEPOSIT_REQUESTS)
     assert soil.columns.height.min() >= soil.columns.floor - 1e-9
     assert soil.columns.firm.min() >= 0
 
 
-def test_reference_mode_has_56_collision_points() -> None:
+def test_keypoint_cut_has_56_collision_points() -> None:
     points = collision_points(bucket_sweep((0, 0, 0), (0, 0, -0.1)), 8)
     assert points.shape == (56, 3)
     assert np.abs(points[:, 1]).max() == pytest.approx(0.6 - 1.2 / 9, abs=1e-6)
 
 
 @pytest.mark.parametrize(("cell", "width"), [(0.2, 1.34), (0.1, 1.14)])
-def test_reference_mode_lowers_four_grid_points_and_so_cuts_wider_on_coarse_grids(
-    cell: float, width: float
-) -> None:
+def test_keypoint_cut_is_wider_on_coarse_grids(cell: float, width: float) -> None:
     soil = flat_soil(6.0, cell, cut_mode="reference", repose_angle=80.0)
     start = soil.total_mm3
-    taken = 0
     widths = []
     for k in range(80):
-        y = 0.001 * k  # over all places of the bucket on the grid
+        y = 0.001 * k  # positions of the bucket relative to the grid
         soil = flat_soil(6.0, cell, cut_mode="reference", repose_angle=80.0)
-        rows = soil.step(
-            0, bucket_sweep((0, y, 0.1), (0, y, -0.2)), NO_DEPOSIT_REQUESTS
-        ).conversions
-        taken = int(rows["volume_mm3"].sum())
-        assert soil.total_mm3 == start - taken
-        widths.append(np.unique(rows["col"]).size * cell)
+        step = soil.step(0, bucket_sweep((0, y, 0.1), (0, y, -0.2)), NO_DEPOSIT_REQUESTS)
+        assert soil.total_mm3 == start - excavated_mm3(step)
+        widths.append(np.unique(step.conversions["col"]).size * cell)
     assert np.mean(widths) == pytest.approx(width, abs=0.1)
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_a_lone_column_that_reaches_the_tool_is_cut_as_in_level_ground(seed: int) -> None:
-    # A tool above all ground beneath it is passed over; one column that reaches it must be seen.
-    random = np.random.default_rng(seed)
-    start = np.append(random.uniform(-0.5, 0.5, 2), 0.2)
-    end = start + np.append(random.uniform(-0.3, 0.3, 2), -0.25)
+def test_single_column_that_reaches_the_tool_is_cut_as_in_level_ground(seed: int) -> None:
+    # A tool above all columns is skipped; a single column that reaches it must not be missed.
+    rng = np.random.default_rng(seed)
+    start = np.append(rng.uniform(-0.5, 0.5, 2), 0.2)
+    end = start + np.append(rng.uniform(-0.3, 0.3, 2), -0.25)
     sweep = bucket_sweep(tuple(start), tuple(end))
     level = flat_soil(6.0, 0.1, repose_angle=80.0)
     rows = level.step(0, sweep, NO_DEPOSIT_REQUESTS).conversions
-    picked = rows[random.integers(rows.size)]
+    expected = rows[rng.integers(rows.size)]
     heights = np.full(level.grid.shape, -1.0)
-    heights[picked["row"], picked["col"]] = 0.0
-    lone = Soil(level.grid, heights, SoilParams(repose_angle=80.0, soil_depth=19.0))
-    alone = lone.step(0, sweep, NO_DEPOSIT_REQUESTS).conversions
-    assert alone.size == 1
-    assert alone[0] == picked
+    heights[expected["row"], expected["col"]] = 0.0
+    single = Soil(level.grid, heights, SoilParams(repose_angle=80.0, soil_depth=19.0))
+    removed = single.step(0, sweep, NO_DEPOSIT_REQUESTS).conversions
+    assert removed.size == 1
+    assert removed[0] == expected

@@ -1,14 +1,19 @@
-"""Large failures: swept all at once, exact all the same, and at rest where examining would end."""
+"""Large failures are relaxed in windows: exact, and with the result of relaxing cell by cell."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.soil_scenes import NO_DEPOSIT_REQUESTS, NO_SWEEPS, make_deposit_requests
+from support.soil_scenes import (
+    NO_DEPOSIT_REQUESTS,
+    NO_SWEEPS,
+    come_to_rest,
+    make_deposit_requests,
+)
 
-import soil_sim.slope_failure.relaxation as slip_module
 from msg_bridge.contract.grid import Grid
-from soil_sim.slope_failure.relax_window import WindowRelaxation
+from soil_sim.slope_failure import gauss_circle_offsets
+from soil_sim.slope_failure.relax_pairs import pair_directions
 from soil_sim.soil import Soil
 from soil_sim.soils.params import SoilParams
 
@@ -16,7 +21,7 @@ GRID = Grid(121, 101, 0.2)
 
 
 def trench(params: SoilParams, **layers: np.ndarray) -> Soil:
-    """A trench 2 m deep, 3 m wide and 16 m long, dug in one go."""
+    """Return a trench 2 m deep, 3 m wide and 16 m long, with vertical walls."""
     heights = np.zeros(GRID.shape)
     heights[20:100, 42:57] = -2.0
     soil = Soil(GRID, heights, params, **layers)
@@ -24,34 +29,14 @@ def trench(params: SoilParams, **layers: np.ndarray) -> Soil:
     return soil
 
 
-def settled(soil: Soil) -> Soil:
-    while soil.relaxation.relax(10**6):
-        pass
-    return soil
-
-
-@pytest.fixture
-def sweeps(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Sweeps asked for in each call."""
-    asked: list[int] = []
-    relax = WindowRelaxation.relax
-
-    def watched(self, bounds, waiting, occupied, max_passes):
-        asked.append(max_passes)
-        return relax(self, bounds, waiting, occupied, max_passes)
-
-    monkeypatch.setattr(WindowRelaxation, "relax", watched)
-    return asked
-
-
 @pytest.mark.parametrize("params", [SoilParams(), SoilParams(soil="gravel")])
-def test_a_trench_s_walls_come_down_to_their_angle_and_keep_every_mm3(
-    params: SoilParams, sweeps: list[int]
+def test_walls_of_a_trench_fail_to_their_angle_of_repose_and_keep_their_volume(
+    params: SoilParams,
 ) -> None:
     soil = trench(params)
     before = soil.columns.total_mm3
-    settled(soil)
-    assert len(sweeps) > 3
+    come_to_rest(soil)
+    assert soil.relaxation.num_window_passes > 3
     assert soil.columns.total_mm3 == before
     assert soil.relaxation.max_slope_excess() <= 2 * params.relaxation_tolerance
     assert soil.columns.height[60, 44] > -1.5
@@ -59,23 +44,26 @@ def test_a_trench_s_walls_come_down_to_their_angle_and_keep_every_mm3(
     assert soil.columns.loose.min() >= 0
 
 
-def test_sweeping_ends_about_where_examining_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    swept = settled(trench(SoilParams(repose_angle=33.0, swell=0.1)))
-    monkeypatch.setattr(slip_module, "_MIN_VISITS_FOR_WINDOW", 10**18)
-    examined = settled(trench(SoilParams(repose_angle=33.0, swell=0.1)))
-    apart = np.abs(swept.columns.height - examined.columns.height)
-    assert apart.max() < 0.25
-    assert np.sqrt((apart[30:90, 30:70] ** 2).mean()) < 0.04
+def test_windows_and_single_cells_end_in_similar_slopes() -> None:
+    heights = []
+    for uses_windows in (True, False):
+        soil = trench(SoilParams(repose_angle=33.0, swell=0.1))
+        soil.relaxation.uses_windows = uses_windows
+        heights.append(come_to_rest(soil).columns.height)
+        assert (soil.relaxation.num_window_passes > 0) == uses_windows
+    difference = np.abs(heights[0] - heights[1])
+    assert difference.max() < 0.25
+    assert np.sqrt((difference[30:90, 30:70] ** 2).mean()) < 0.04
 
 
-def test_a_trench_stays_even_on_both_sides(sweeps: list[int]) -> None:
-    soil = settled(trench(SoilParams()))
+def test_trench_fails_symmetrically() -> None:
+    soil = come_to_rest(trench(SoilParams()))
     across = soil.columns.height[40:80, 30:69].mean(axis=0)
     np.testing.assert_allclose(across, across[::-1], atol=0.03)
-    assert sweeps
+    assert soil.relaxation.num_window_passes > 0
 
 
-def test_a_collapse_is_spread_over_ticks_and_goes_on_in_the_next(sweeps: list[int]) -> None:
+def test_large_failure_is_spread_over_ticks() -> None:
     soil = trench(SoilParams(max_cell_visits_per_tick=2000))
     total, ticks = soil.columns.total_mm3, 0
     while soil.relaxation.num_pending:
@@ -87,7 +75,7 @@ def test_a_collapse_is_spread_over_ticks_and_goes_on_in_the_next(sweeps: list[in
     assert soil.relaxation.max_slope_excess() <= 0.004
 
 
-def test_what_lands_in_the_midst_of_a_collapse_takes_part_in_it() -> None:
+def test_soil_deposited_during_a_large_failure_takes_part_in_it() -> None:
     soil = trench(SoilParams(max_cell_visits_per_tick=1000))
     before = soil.total_mm3
     for tick in range(5):
@@ -100,31 +88,32 @@ def test_what_lands_in_the_midst_of_a_collapse_takes_part_in_it() -> None:
     assert soil.relaxation.max_slope_excess() <= 0.004
 
 
-def test_columns_that_are_held_stand_like_a_wall(sweeps: list[int]) -> None:
+def test_occupied_columns_neither_give_nor_receive_soil() -> None:
     soil = trench(SoilParams())
     soil.relaxation.occupied[50:70, 36:42] = 1
     before = soil.columns.firm + soil.columns.loose
-    settled(soil)
+    come_to_rest(soil)
     after = soil.columns.firm + soil.columns.loose
     assert (after[50:70, 36:42] == before[50:70, 36:42]).all()
-    assert sweeps
+    assert soil.relaxation.num_window_passes > 0
 
 
-def test_ground_of_several_kinds_is_examined_instead(sweeps: list[int]) -> None:
+def test_ground_of_several_kinds_is_relaxed_cell_by_cell() -> None:
     ids = np.zeros(GRID.shape, dtype=np.uint8)
     ids[60:] = 1
-    soil = settled(trench(SoilParams(soil="gravel", additional_soils=("dry sand",)), soil=ids))
-    assert sweeps == []
+    params = SoilParams(soil="gravel", additional_soils=("dry sand",))
+    soil = come_to_rest(trench(params, soil=ids))
+    assert soil.relaxation.num_window_passes == 0
     assert soil.relaxation.max_slope_excess() <= 0.004
 
 
-def test_a_standing_wall_of_clay_is_left_standing(sweeps: list[int]) -> None:
-    soil = settled(trench(SoilParams(soil="dry clay")))
+def test_stable_wall_of_clay_does_not_fail() -> None:
+    soil = come_to_rest(trench(SoilParams(soil="dry clay")))
     assert soil.columns.loose.sum() == 0
     assert (soil.columns.height[20:100, 42:57] < -1.99).all()
 
 
-def test_equal_collapses_end_in_equal_states() -> None:
+def test_large_failure_is_reproducible() -> None:
     hashes = set()
     for _ in range(2):
         soil = trench(SoilParams(max_cell_visits_per_tick=3000))
@@ -134,10 +123,10 @@ def test_equal_collapses_end_in_equal_states() -> None:
     assert len(hashes) == 1
 
 
-def test_no_column_is_in_two_pairs_of_a_direction_at_a_time() -> None:
-    collapse = Soil(GRID, np.zeros(GRID.shape)).relaxation._window_relaxation
-    steps = {tuple(step) for step in collapse._directions.tolist()}
-    assert len(steps) == collapse.num_directions == 16
-    assert all((-di, -dj) not in steps for di, dj in steps)
-    assert {(1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (3, 2), (1, 3)} <= steps
-    assert (2, 0) not in steps, "(1, 0) does it"
+def test_pair_directions_have_no_opposite_and_no_parallel_ones() -> None:
+    directions = pair_directions(gauss_circle_offsets(4.0), 0.2, 0.0004)
+    offsets = {tuple(offset) for offset in directions.offsets.tolist()}
+    assert len(offsets) == 16
+    assert all((-di, -dj) not in offsets for di, dj in offsets)
+    assert {(1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (3, 2), (1, 3)} <= offsets
+    assert (2, 0) not in offsets, "parallel to (1, 0)"

@@ -1,3 +1,5 @@
+"""Piles at rest, the edge of the map, swell, and the limit of work in a tick."""
+
 import math
 
 import numpy as np
@@ -5,6 +7,7 @@ import pytest
 from support.soil_scenes import (
     NO_DEPOSIT_REQUESTS,
     NO_SWEEPS,
+    come_to_rest,
     contour_radii,
     flat_soil,
     make_deposit_requests,
@@ -18,13 +21,13 @@ from soil_sim.soils.params import SoilParams
 
 
 @pytest.mark.parametrize(
-    ("square", "count"),
+    ("radius_squared", "count"),
     [(1, 4), (2, 8), (4, 12), (5, 20), (8, 24), (9, 28), (10, 36), (13, 44), (16, 48)],
 )
-def test_neighbour_counts_are_those_of_the_gauss_circle(square: int, count: int) -> None:
-    offsets = gauss_circle_offsets(math.sqrt(square))
+def test_neighbour_counts_are_those_of_the_gauss_circle(radius_squared: int, count: int) -> None:
+    offsets = gauss_circle_offsets(math.sqrt(radius_squared))
     assert len(offsets) == count
-    assert (np.sum(offsets**2, axis=1) <= square).all()
+    assert (np.sum(offsets**2, axis=1) <= radius_squared).all()
 
 
 @pytest.fixture(scope="module", params=[(0.4, 30.0), (0.1, 30.0), (0.4, 34.0)])
@@ -47,18 +50,18 @@ def test_pile_is_round(heap) -> None:
     assert radii.max() / radii.min() <= 1.03
 
 
-def test_pile_is_as_high_as_a_cone_of_its_volume(heap) -> None:
+def test_pile_has_the_height_of_a_cone_of_its_volume(heap) -> None:
     soil, angle, volume = heap
     cone = (3 * volume * math.tan(math.radians(angle)) ** 2 / math.pi) ** (1 / 3)
     assert soil.columns.height.max() == pytest.approx(cone, rel=0.02)
 
 
-def test_no_slope_is_left_above_its_limit(heap) -> None:
+def test_no_slope_of_a_pile_exceeds_the_tolerance(heap) -> None:
     soil, _, _ = heap
     assert soil.relaxation.max_slope_excess() <= soil.params.relaxation_tolerance + 1e-9
 
 
-def test_pile_stays_where_it_was_poured(heap) -> None:
+def test_pile_does_not_drift(heap) -> None:
     soil, _, _ = heap
     height, n = soil.columns.height, soil.grid.rows
     weight = height / height.sum()
@@ -67,7 +70,7 @@ def test_pile_stays_where_it_was_poured(heap) -> None:
     assert (weight * (np.arange(n)[None, :] - middle)).sum() == pytest.approx(0, abs=0.05)
 
 
-def test_slip_is_bounded_per_tick_and_goes_on_in_the_next() -> None:
+def test_relaxation_is_limited_per_tick_and_continues_in_the_next() -> None:
     soil = flat_soil(12.0, 0.2, max_cell_visits_per_tick=100)
     start = soil.total_mm3
     soil.step(0, NO_SWEEPS, make_deposit_requests(0.0, 0.0, 4_000_000_000))
@@ -82,7 +85,7 @@ def test_slip_is_bounded_per_tick_and_goes_on_in_the_next() -> None:
     assert soil.relaxation.max_slope_excess() <= soil.params.relaxation_tolerance + 1e-9
 
 
-def test_the_edge_of_the_map_is_a_closed_wall() -> None:
+def test_edge_of_the_map_is_a_closed_wall() -> None:
     soil = flat_soil(6.0, 0.2)
     start = soil.total_mm3
     for tick in range(200):
@@ -92,11 +95,11 @@ def test_the_edge_of_the_map_is_a_closed_wall() -> None:
     assert soil.columns.height[0, 0] == soil.columns.height.max()
 
 
-def test_soil_touching_a_wall_moves_only_what_is_over_its_angle() -> None:
+def test_soil_deposited_at_occupied_columns_moves_only_the_excess() -> None:
     soil = flat_soil(12.0, 0.2)
     soil.columns.firm[:20] += int(0.8 / soil.columns.metres_per_mm3)
     soil.columns.height[:20] += 0.8
-    soil.relaxation.occupied[:20] = 1  # a wall that stands by itself
+    soil.relaxation.occupied[:20] = 1  # as columns a tool is in: they do not fail
     before = soil.columns.height.copy()
     soil.step(0, NO_SWEEPS, make_deposit_requests(soil.grid.x(21.0), 0.0, 8_000_000))
     moved = np.argwhere(soil.columns.height != before)
@@ -104,11 +107,10 @@ def test_soil_touching_a_wall_moves_only_what_is_over_its_angle() -> None:
     assert (moved[:, 0] >= 20).all()
 
 
-def test_loosened_soil_takes_the_room_of_its_swell() -> None:
+def test_loose_soil_has_its_swell() -> None:
     soil = flat_soil(12.0, 0.2, swell=0.25)
     soil.step(0, NO_SWEEPS, make_deposit_requests(0.0, 0.0, 400_000_000))
-    while soil.relaxation.relax(10**6):
-        pass
+    come_to_rest(soil)
     bulk = soil.columns.height.sum() * soil.grid.cell**2
     assert bulk == pytest.approx(0.4 * 1.25, rel=1e-3)
 
@@ -126,7 +128,7 @@ def test_firm_soil_that_fails_swells_and_keeps_its_volume() -> None:
     assert soil.relaxation.max_slope_excess() <= soil.params.relaxation_tolerance + 1e-9
 
 
-def test_a_map_narrower_than_the_slip_radius_comes_to_rest() -> None:
+def test_map_smaller_than_the_relaxation_radius_comes_to_rest() -> None:
     grid = Grid(3, 2, 0.2)
     soil = Soil(grid, np.zeros(grid.shape), SoilParams(relaxation_radius=8.0))
     soil.step(0, NO_SWEEPS, make_deposit_requests(0.2, 0.1, 4_000_000))

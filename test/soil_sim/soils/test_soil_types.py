@@ -12,7 +12,8 @@ from support.soil_scenes import NO_DEPOSIT_REQUESTS, NO_SWEEPS, bucket_sweep, ma
 from msg_bridge.contract.constants import MOISTURE_LEVELS
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.grid import Grid
-from soil_sim.columns.state import Columns, SurfaceMaterial, add_loose, compact_column, remove_loose
+from soil_sim.columns.operations import add_loose, compact_column, remove_loose
+from soil_sim.columns.state import Columns, SurfaceMaterial
 from soil_sim.errors import SoilError
 from soil_sim.soil import Soil
 from soil_sim.soils.params import SoilParams

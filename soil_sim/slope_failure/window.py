@@ -1,0 +1,74 @@
+"""Rectangular windows of a map."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["WindowBounds"]
+
+
+class WindowBounds(NamedTuple):
+    """Rows and columns of a window [cells].
+
+    Attributes:
+        first_row, end_row: first row, and the row after the last.
+        first_col, end_col: first column, and the column after the last.
+    """
+
+    first_row: int
+    end_row: int
+    first_col: int
+    end_col: int
+
+    @classmethod
+    def enclosing(cls, cells: NDArray[np.int64], cols: int) -> WindowBounds:
+        """Return the smallest window with some columns.
+
+        Args:
+            cells: flat indices of the columns, at least one.
+            cols: number of columns of the map.
+        """
+        i, j = np.divmod(cells, cols)
+        return cls(int(i.min()), int(i.max()) + 1, int(j.min()), int(j.max()) + 1)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, cols)."""
+        return self.end_row - self.first_row, self.end_col - self.first_col
+
+    @property
+    def num_cells(self) -> int:
+        """Number of columns in the window."""
+        rows, cols = self.shape
+        return rows * cols
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Slices of the window in a layer of the map."""
+        return slice(self.first_row, self.end_row), slice(self.first_col, self.end_col)
+
+    def cells(self, cols: int) -> NDArray[np.int64]:
+        """Return the flat indices of all columns in the window of a map with `cols` columns."""
+        i, j = np.arange(self.first_row, self.end_row), np.arange(self.first_col, self.end_col)
+        return (i[:, None] * cols + j).reshape(-1)
+
+    def union(self, other: WindowBounds) -> WindowBounds:
+        """Return the smallest window with two windows."""
+        return WindowBounds(
+            min(self.first_row, other.first_row),
+            max(self.end_row, other.end_row),
+            min(self.first_col, other.first_col),
+            max(self.end_col, other.end_col),
+        )
+
+    def expanded(self, margin: int, shape: tuple[int, int]) -> WindowBounds:
+        """Return the window with a margin [cells] around it, clipped to a map of a shape."""
+        return WindowBounds(
+            max(self.first_row - margin, 0),
+            min(self.end_row + margin, shape[0]),
+            max(self.first_col - margin, 0),
+            min(self.end_col + margin, shape[1]),
+        )
