@@ -40,8 +40,10 @@ from msg_bridge.codec.run_config import RunFacts, parse_run_facts
 from msg_bridge.codec.stamps import stamp_from_seconds, stamp_from_tick, tick_from_stamp
 from msg_bridge.codec.tick_headers import from_multi_array
 from msg_bridge.config_files import find_config
+from msg_bridge.contract import topics
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.topics import parent_namespace, resolve
 from msg_bridge.nodes.diagnostics import Diagnostics
 from msg_bridge.nodes.process_main import run_node
 from msg_bridge.nodes.ros_parameters import declare_parameters
@@ -84,26 +86,35 @@ class DigOperatorNode(SimNode):
         self._face_params = declare_parameters(self, FaceCuttingParams, "face.")
         self._machine_spec = load_machine_spec(find_config(params.machine))
         self._joints = self._machine_spec.joint_names
-        self.diagnostics = Diagnostics(self, "dig_operator")
+        simulation = params.simulation_namespace or parent_namespace(self.get_namespace())
+        self.diagnostics = Diagnostics(self, "dig_operator", simulation_namespace=simulation)
         self._facts: RunFacts | None = None
         surface_at(np.zeros((2, 2)), 0.0, 0.0, 1.0, 0.0, 0.0)  # compile before the first dig
         self._start_task()
-        self._commands = self.create_publisher(JointState, "joint_commands", qos.STATE)
-        self._phases = self.create_publisher(String, "operator/phase", qos.ROWS)
-        self._cycles = self.create_publisher(String, "operator/cycles", qos.ROWS)
+        self._commands = self.create_publisher(JointState, topics.JOINT_COMMANDS, qos.STATE)
+        self._phases = self.create_publisher(String, topics.OPERATOR_PHASE, qos.ROWS)
+        self._cycles = self.create_publisher(String, topics.OPERATOR_CYCLES, qos.ROWS)
         self._poller = SubscriptionPoller(self, self._process_samples)
         self._terrain = TerrainSubscriber(
-            self, self._poller, self.diagnostics.reject, self._process_samples
+            self,
+            self._poller,
+            self.diagnostics.reject,
+            self._process_samples,
+            simulation_namespace=simulation,
         )
-        self._subscribe(String, "/sim/config", qos.TRANSIENT_LOCAL, self._on_config)
+        config_topic = resolve(topics.SIM_CONFIG, simulation)
+        self._subscribe(String, config_topic, qos.TRANSIENT_LOCAL, self._on_config)
         # Only the last messages of a tick trigger the processing: the payload of the machine's
         # state (odometry if the machine carries no soil), and the ledger.
         self._has_payload = self._machine_spec.can_carry_soil
-        self._subscribe(JointState, "joint_states", qos.STATE, self._on_joints, triggers=False)
-        self._subscribe(Odometry, "odom", qos.STATE, self._on_odom, triggers=not self._has_payload)
+        self._subscribe(JointState, topics.JOINT_STATES, qos.STATE, self._on_joints, triggers=False)
+        self._subscribe(
+            Odometry, topics.ODOM, qos.STATE, self._on_odom, triggers=not self._has_payload
+        )
         if self._has_payload:
-            self._subscribe(Float64MultiArray, "payload", qos.STATE, self._on_payload)
-        self._subscribe(Int64MultiArray, "/soil/ledger", qos.ROWS, self._on_ledger)
+            self._subscribe(Float64MultiArray, topics.PAYLOAD, qos.STATE, self._on_payload)
+        ledger_topic = resolve(topics.SOIL_LEDGER, simulation)
+        self._subscribe(Int64MultiArray, ledger_topic, qos.ROWS, self._on_ledger)
         self.create_timer(_REPEAT_PERIOD, self._repeat_last_command)
 
     @property

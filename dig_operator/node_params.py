@@ -16,3 +16,6 @@ class DigOperatorNodeParams(Parameters):
     machine: str = parameter(
         "machines/excavator.yaml", "machine file, the same as that of the machine's node"
     )
+    simulation_namespace: str = parameter(
+        "", "namespace of the soil node; empty: one level above the operator's own"
+    )

@@ -25,7 +25,9 @@ from earthmoving_sim.recorded_run.recorded_terrain import RecordedTerrain
 from earthmoving_sim.recorded_run.run_record import RunRecord, read_run
 from earthmoving_sim.recorded_run.topic_decoders import (
     MACHINE_CONFIG_SUFFIX,
+    MAP_UPDATES_TOPIC,
     PHASE_SUFFIX,
+    TERRAIN_MAP_TOPIC,
     Namespaces,
     RecordedRunError,
     run_topic_decoders,
@@ -36,14 +38,13 @@ from msg_bridge.codec.row_chunks import from_chunk_cloud
 from msg_bridge.codec.terrain import from_terrain_cloud
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.messages import Stream
-from msg_bridge.contract.topics import STREAM_TOPICS, TERRAIN_MAP_TOPIC
 
 __all__ = ["outcome_from_bag"]
 
 _CLOUD_TYPE = "sensor_msgs/msg/PointCloud2"
 _TERRAIN_TOPICS = {
     TERRAIN_MAP_TOPIC: _CLOUD_TYPE,
-    STREAM_TOPICS[Stream.MAP_UPDATE]: _CLOUD_TYPE,
+    MAP_UPDATES_TOPIC: _CLOUD_TYPE,
 }
 _MARKERS_SUFFIX = "/markers"  # in the machine's namespace
 _MARKER_TYPE = "visualization_msgs/msg/MarkerArray"

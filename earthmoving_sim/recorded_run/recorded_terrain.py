@@ -5,16 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from earthmoving_sim.recorded_run.topic_decoders import RecordedRunError
+from earthmoving_sim.recorded_run.topic_decoders import (
+    MAP_UPDATES_TOPIC,
+    TERRAIN_MAP_TOPIC,
+    RecordedRunError,
+)
 from msg_bridge.codec.terrain import TerrainMap
-from msg_bridge.contract.messages import RowChunk, SoilHeader, Stream
+from msg_bridge.contract.messages import RowChunk, SoilHeader
 from msg_bridge.contract.rows import Rows
-from msg_bridge.contract.topics import STREAM_TOPICS, TERRAIN_MAP_TOPIC
 from soil_sim.terrain import HeightMap
 
 __all__ = ["RecordedTerrain"]
-
-_MAP_UPDATES_TOPIC = STREAM_TOPICS[Stream.MAP_UPDATE]
 
 _ROW_NUMBER_MODULUS = 2**32
 """Row numbers wrap around here; those in headers do not."""
@@ -91,7 +92,7 @@ class RecordedTerrain:
         if self._last_applied_row < self._last_row:
             raise RecordedRunError(
                 f"row {self._last_applied_row + 1} of {self._last_row} is missing on"
-                f" {_MAP_UPDATES_TOPIC}; reduce the load so that the recorder keeps up"
+                f" {MAP_UPDATES_TOPIC}; reduce the load so that the recorder keeps up"
             )
         keyframe = self.first.keyframe
         return HeightMap(keyframe.grid, keyframe.elevation), self._elevation, self._loose_depth
@@ -102,7 +103,7 @@ class RecordedTerrain:
             num_rows, num_cols = self._elevation.shape
             if (rows["row"] >= num_rows).any() or (rows["col"] >= num_cols).any():
                 raise RecordedRunError(
-                    f"a cell on {_MAP_UPDATES_TOPIC} lies outside of the map on {TERRAIN_MAP_TOPIC}"
+                    f"a cell on {MAP_UPDATES_TOPIC} lies outside of the map on {TERRAIN_MAP_TOPIC}"
                 )
             self._elevation[rows["row"], rows["col"]] = rows["z"]
             self._loose_depth[rows["row"], rows["col"]] = rows["loose_depth"]

@@ -23,6 +23,7 @@ from earthmoving_sim.recorded_run.topic_decoders import (
     PHASE_FIELDS,
     PHASE_SUFFIX,
     SIM_CONFIG_TOPIC,
+    SOIL_HEADER_TOPIC,
     STATE_HASH_TOPIC,
     Namespaces,
     RecordedRunError,
@@ -36,7 +37,6 @@ from msg_bridge.codec.stamps import tick_from_stamp
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import SoilHeader
-from msg_bridge.contract.topics import SOIL_HEADER_TOPIC
 
 __all__ = ["MachineState", "OperatorPhase", "RunRecord", "read_run"]
 

@@ -20,7 +20,6 @@ from msg_bridge.codec.tick_headers import from_multi_array
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import SoilHeader
-from msg_bridge.contract.topics import SOIL_HEADER_TOPIC
 
 __all__ = [
     "CYCLES_SUFFIX",
@@ -28,12 +27,15 @@ __all__ = [
     "JOINT_STATES_SUFFIX",
     "LEDGER_TOPIC",
     "MACHINE_CONFIG_SUFFIX",
+    "MAP_UPDATES_TOPIC",
     "ODOM_SUFFIX",
     "PARTICLES_SUFFIX",
     "PHASE_FIELDS",
     "PHASE_SUFFIX",
     "SIM_CONFIG_TOPIC",
+    "SOIL_HEADER_TOPIC",
     "STATE_HASH_TOPIC",
+    "TERRAIN_MAP_TOPIC",
     "Namespaces",
     "RecordedRunError",
     "TopicDecoder",
@@ -42,6 +44,9 @@ __all__ = [
 ]
 
 SIM_CONFIG_TOPIC = "/sim/config"
+SOIL_HEADER_TOPIC = "/soil/tick"
+TERRAIN_MAP_TOPIC = "/terrain/map"
+MAP_UPDATES_TOPIC = "/terrain/map_updates"
 LEDGER_TOPIC = "/soil/ledger"
 STATE_HASH_TOPIC = "/soil/state_hash"
 DIAGNOSTICS_TOPIC = "/diagnostics"

@@ -14,6 +14,7 @@ from std_msgs.msg import Bool, Float64MultiArray
 
 from msg_bridge.codec import qos
 from msg_bridge.codec.stamps import seconds_from_stamp
+from msg_bridge.contract import topics
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.nodes.subscription_poller import SubscriptionPoller
 
@@ -71,12 +72,12 @@ class CommandSubscriptions:
             profile = qos.STATE if kind is Bool else qos.COMMANDS
             poller.subscribe(kind, topic, profile, partial(self._on_message, topic, take))
 
-        subscribe(Float64MultiArray, "front_velocity_controller/commands", self._front)
-        subscribe(Float64MultiArray, "track_velocity_controller/commands", self._tracks)
-        subscribe(JointState, "joint_commands", self._joints)
-        subscribe(TwistStamped, "cmd_vel", self._twist)
-        subscribe(Joy, "joy", self._joy)
-        subscribe(Bool, "emergency_stop", self._stop)
+        subscribe(Float64MultiArray, topics.FRONT_VELOCITY_COMMANDS, self._front)
+        subscribe(Float64MultiArray, topics.TRACK_VELOCITY_COMMANDS, self._tracks)
+        subscribe(JointState, topics.JOINT_COMMANDS, self._joints)
+        subscribe(TwistStamped, topics.CMD_VEL, self._twist)
+        subscribe(Joy, topics.JOY, self._joy)
+        subscribe(Bool, topics.EMERGENCY_STOP, self._stop)
 
     def _on_message(self, topic: str, take: Callable[[Any, CommandClock], None], msg: Any) -> None:
         clock = self._clock()

@@ -38,8 +38,10 @@ from msg_bridge.codec.machine_state import PayloadState
 from msg_bridge.codec.markers import MarkerSet
 from msg_bridge.codec.run_config import RunFacts, parse_run_facts, to_config_yaml
 from msg_bridge.codec.stamps import stamp_from_tick
+from msg_bridge.contract import topics
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.messages import Keyframe, Message
+from msg_bridge.contract.topics import parent_namespace, resolve
 from msg_bridge.exchange.machine_exchange import JoinState
 from msg_bridge.nodes.diagnostics import Diagnostics, Level
 from msg_bridge.nodes.process_main import run_node
@@ -99,7 +101,8 @@ class MachineNode(SimNode):
         warm_up(self._particles)
         self.run: MachineRun | None = None
         kinds = ", ".join(unit.spec.name for unit in self.instances)
-        self.diagnostics = Diagnostics(self, "machine_sim", kinds)
+        simulation = parent_namespace(self.get_namespace())
+        self.diagnostics = Diagnostics(self, "machine_sim", kinds, simulation_namespace=simulation)
         self.diagnostics.add_task(self._diagnose)
         self._shared_publishers = SharedPublishers(self, self._bins)
         self._machine_publishers = [self._create_publishers(unit) for unit in self.instances]
@@ -112,7 +115,8 @@ class MachineNode(SimNode):
         reject = self.diagnostics.reject
         inbox = self._poller = SubscriptionPoller(self, self._advance)
         self._transport = MachineTransport(self, inbox, self._receive, reject)
-        inbox.subscribe(String, "/sim/config", qos.TRANSIENT_LOCAL, self._on_config)
+        self._config_topic = resolve(topics.SIM_CONFIG, simulation)
+        inbox.subscribe(String, self._config_topic, qos.TRANSIENT_LOCAL, self._on_config)
         self._command_poller = SubscriptionPoller(self, self._advance)
         for k, unit in enumerate(self.instances):
             CommandSubscriptions(
@@ -179,7 +183,7 @@ class MachineNode(SimNode):
         try:
             self._facts = parse_run_facts(msg.data)
         except EarthmovingError as error:
-            self.diagnostics.reject("/sim/config", str(error))
+            self.diagnostics.reject(self._config_topic, str(error))
             return
         self._transport.maps.set_cell(self._facts.cell)
         self._start_new_run()

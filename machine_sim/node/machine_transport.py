@@ -14,16 +14,14 @@ from std_msgs.msg import Int64MultiArray, String
 from msg_bridge.codec import qos
 from msg_bridge.codec.row_chunks import chunk_to_cdr
 from msg_bridge.codec.tick_headers import from_join_rejected_string, message_to_cdr
+from msg_bridge.contract import topics
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import Message, RetransmitRequest, RowChunk, SoilHeader, Stream
 from msg_bridge.contract.topics import (
-    CONVERSION_BACKLOG_TOPIC,
-    JOIN_REJECTIONS_TOPIC,
-    MACHINE_HEADER_TOPIC,
     MAP_FRAME,
-    SOIL_HEADER_TOPIC,
     STREAM_TOPICS,
-    TERRAIN_MAP_TOPIC,
+    parent_namespace,
+    resolve,
 )
 from msg_bridge.nodes.map_decoder import MapDecoder
 from msg_bridge.nodes.message_decoding import decode_array, decode_chunk
@@ -58,10 +56,17 @@ class MachineTransport:
         """
         self._receive = receive
         self._reject = reject
-        self.maps = MapDecoder(lambda keyframe: self._receive(keyframe), reject)
-        self._tick = node.create_publisher(Int64MultiArray, MACHINE_HEADER_TOPIC, qos.ROWS)
+        self.maps = MapDecoder(
+            lambda keyframe: self._receive(keyframe),
+            reject,
+            topic=resolve(topics.TERRAIN_MAP, parent_namespace(node.get_namespace())),
+        )
+        simulation = parent_namespace(node.get_namespace())
+        self._tick = node.create_publisher(Int64MultiArray, topics.MACHINE_TICK, qos.ROWS)
         self._rows = {
-            stream: node.create_publisher(PointCloud2, STREAM_TOPICS[stream], qos.ROWS)
+            stream: node.create_publisher(
+                PointCloud2, resolve(STREAM_TOPICS[stream], simulation), qos.ROWS
+            )
             for stream in _SENT_STREAMS
         }
 
@@ -77,15 +82,29 @@ class MachineTransport:
             take = partial(self._on_message, topic, decode)
             poller.subscribe(kind, topic, profile, take, triggers=triggers, raw=raw)
 
-        subscribe(Int64MultiArray, SOIL_HEADER_TOPIC, qos.ROWS, _decode_soil_message)
+        subscribe(
+            Int64MultiArray, resolve(topics.SOIL_TICK, simulation), qos.ROWS, _decode_soil_message
+        )
         for stream in _RECEIVED_STREAMS:
             decode = partial(decode_chunk, stream=stream)
             # The header comes after the rows that it counts.
-            subscribe(PointCloud2, STREAM_TOPICS[stream], qos.ROWS, decode, triggers=False)
+            subscribe(
+                PointCloud2,
+                resolve(STREAM_TOPICS[stream], simulation),
+                qos.ROWS,
+                decode,
+                triggers=False,
+            )
         backlog = partial(decode_chunk, stream=Stream.BACKLOG)
-        subscribe(PointCloud2, CONVERSION_BACKLOG_TOPIC, qos.ROWS, backlog)
-        subscribe(String, JOIN_REJECTIONS_TOPIC, qos.ROWS, from_join_rejected_string, raw=False)
-        poller.subscribe(PointCloud2, TERRAIN_MAP_TOPIC, qos.TRANSIENT_LOCAL, self.maps.read)
+        subscribe(PointCloud2, topics.CONVERSION_BACKLOG, qos.ROWS, backlog)
+        subscribe(
+            String,
+            resolve(topics.SOIL_JOIN_REJECTIONS, simulation),
+            qos.ROWS,
+            from_join_rejected_string,
+            raw=False,
+        )
+        poller.subscribe(PointCloud2, self.maps.topic, qos.TRANSIENT_LOCAL, self.maps.read)
 
     def send(self, messages: Iterable[Message], stamp: Time) -> None:
         """Publish what the machine has to say; rows are stamped with the end of their tick."""

@@ -11,6 +11,7 @@ from sensor_msgs.msg import Imu, JointState
 
 from msg_bridge.codec import qos
 from msg_bridge.codec.sensors import to_encoder_joint_state, to_imu
+from msg_bridge.contract import topics
 
 __all__ = ["SensorPublishers"]
 
@@ -30,11 +31,11 @@ class SensorPublishers:
         """
         self._frame_prefix = frame_prefix
         self._imus = {
-            name: node.create_publisher(Imu, f"{topic_prefix}imu/{name}/data", qos.STATE)
+            name: node.create_publisher(Imu, topic_prefix + topics.imu_topic(name), qos.STATE)
             for name in imus
         }
         self._encoders = node.create_publisher(
-            JointState, f"{topic_prefix}joint_states_measured", qos.STATE
+            JointState, topic_prefix + topics.MEASURED_JOINT_STATES, qos.STATE
         )
 
     def publish_imu(

@@ -13,6 +13,7 @@ from std_msgs.msg import Float64MultiArray, String
 from msg_bridge.codec import qos
 from msg_bridge.codec.machine_state import PayloadState, to_payload_array
 from msg_bridge.codec.particles import to_particle_cloud
+from msg_bridge.contract import topics
 from msg_bridge.contract.topics import MAP_FRAME
 
 __all__ = ["SharedPublishers"]
@@ -27,11 +28,13 @@ class SharedPublishers:
             node: whose topics they are.
             bins: names of what stands there to be filled.
         """
-        self._particles = node.create_publisher(PointCloud2, "particles", qos.STATE)
-        self._hash = node.create_publisher(String, "state_hash", qos.STATE)
-        self._config = node.create_publisher(String, "config", qos.TRANSIENT_LOCAL)
+        self._particles = node.create_publisher(PointCloud2, topics.PARTICLES, qos.STATE)
+        self._hash = node.create_publisher(String, topics.MACHINE_STATE_HASH, qos.STATE)
+        self._config = node.create_publisher(String, topics.MACHINE_CONFIG, qos.TRANSIENT_LOCAL)
         self._payloads = {
-            name: node.create_publisher(Float64MultiArray, f"{name}/payload", qos.STATE)
+            name: node.create_publisher(
+                Float64MultiArray, topics.bin_payload_topic(name), qos.STATE
+            )
             for name in bins
         }
 

@@ -33,8 +33,9 @@ from msg_bridge.codec.poses import (
     to_transforms,
     to_wrench,
 )
+from msg_bridge.contract import topics
 from msg_bridge.contract.cylinder_state import CylinderState
-from msg_bridge.contract.topics import MAP_FRAME
+from msg_bridge.contract.topics import MAP_FRAME, parent_namespace, resolve
 
 __all__ = ["StatePublishers"]
 
@@ -78,17 +79,20 @@ class StatePublishers:
         def publisher(kind: type, topic: str, profile: QoSProfile = qos.STATE) -> Publisher:
             return node.create_publisher(kind, topic_prefix + topic, profile)
 
-        self._applied = publisher(JointState, "applied_commands")
-        self._joints = publisher(JointState, "joint_states")
-        self._odom = publisher(Odometry, "odom")
-        self._cylinders = publisher(Float64MultiArray, "cylinders")
-        self._payload = publisher(Float64MultiArray, "payload") if has_payload else None
-        self._wrenches = {tool: publisher(WrenchStamped, f"{tool}/wrench") for tool in tool_frames}
-        self._transforms = publisher(TransformStamped, "transforms")
-        self._marker_array = publisher(MarkerArray, "markers")
-        self._description = publisher(String, "robot_description", qos.TRANSIENT_LOCAL)
+        self._applied = publisher(JointState, topics.APPLIED_COMMANDS)
+        self._joints = publisher(JointState, topics.JOINT_STATES)
+        self._odom = publisher(Odometry, topics.ODOM)
+        self._cylinders = publisher(Float64MultiArray, topics.CYLINDERS)
+        self._payload = publisher(Float64MultiArray, topics.PAYLOAD) if has_payload else None
+        self._wrenches = {
+            tool: publisher(WrenchStamped, topics.wrench_topic(tool)) for tool in tool_frames
+        }
+        self._transforms = publisher(TransformStamped, topics.TRANSFORMS)
+        self._marker_array = publisher(MarkerArray, topics.MARKERS)
+        self._description = publisher(String, topics.ROBOT_DESCRIPTION, qos.TRANSIENT_LOCAL)
         tf = to_tf_message([]) if publish_tf else None
-        self._tf = None if tf is None else node.create_publisher(type(tf), "/tf", qos.STATE)
+        tf_topic = resolve(topics.TF, parent_namespace(node.get_namespace()))
+        self._tf = None if tf is None else node.create_publisher(type(tf), tf_topic, qos.STATE)
 
     def publish_description(self, urdf: str) -> None:
         """Publish what the machine is."""

@@ -1,50 +1,195 @@
-"""Names of the topics between soil and machines; those of one machine lie in its namespace."""
+"""Names of all topics and services, each in one place.
+
+Every name is relative to one of three namespaces, so that several simulations run side by side in
+one ROS domain:
+
+- the namespace of the *simulation*, which is that of its soil node: `/` unless it is given;
+- the namespace of a *machine node*, one level below it: `/excavator` by default;
+- the namespace of a *machine*: that of its node, or one level below it where a node has several.
+
+`msg_bridge.contract.interface` lists each with its type, QoS and rate.
+"""
 
 from __future__ import annotations
+
+from typing import Final
 
 from msg_bridge.contract.messages import Stream
 
 __all__ = [
-    "CONVERSION_BACKLOG_TOPIC",
-    "CUT_FILL_TOPIC",
-    "JOIN_REJECTIONS_TOPIC",
-    "MACHINE_HEADER_TOPIC",
+    "APPLIED_COMMANDS",
+    "CLOCK",
+    "CMD_VEL",
+    "CONVERSION_BACKLOG",
+    "CYLINDERS",
+    "DIAGNOSTICS",
+    "EMERGENCY_STOP",
+    "FRONT_VELOCITY_COMMANDS",
+    "JOINT_COMMANDS",
+    "JOINT_STATES",
+    "JOY",
+    "MACHINE_CONFIG",
+    "MACHINE_STATE_HASH",
+    "MACHINE_TICK",
     "MAP_FRAME",
-    "SOIL_HEADER_TOPIC",
+    "MARKERS",
+    "MEASURED_JOINT_STATES",
+    "ODOM",
+    "OPERATOR_CYCLES",
+    "OPERATOR_PHASE",
+    "PARTICLES",
+    "PAUSE_SERVICE",
+    "PAYLOAD",
+    "RECORDER_STATUS",
+    "RELEASE_SERVICE",
+    "RESET_SERVICE",
+    "ROBOT_DESCRIPTION",
+    "SAVE_SERVICE",
+    "SIM_CONFIG",
+    "SIM_PAUSED",
+    "SOIL_CONVERSIONS",
+    "SOIL_CUT_FILL",
+    "SOIL_DEPOSIT_REQUESTS",
+    "SOIL_FORCES",
+    "SOIL_JOIN_REJECTIONS",
+    "SOIL_LEDGER",
+    "SOIL_STATE_HASH",
+    "SOIL_TICK",
+    "SOIL_TOOL_SWEEPS",
+    "STEP_SERVICE",
     "STREAM_TOPICS",
-    "SURFACE_TILT_TOPIC",
-    "TERRAIN_MAP_TOPIC",
-    "machine_namespace_of",
+    "TERRAIN_ELEVATION",
+    "TERRAIN_GRID_MAP",
+    "TERRAIN_INFO",
+    "TERRAIN_MAP",
+    "TERRAIN_MAP_UPDATES",
+    "TERRAIN_SURFACE_TILT",
+    "TF",
+    "TRACK_VELOCITY_COMMANDS",
+    "TRANSFORMS",
+    "VERIFY_SERVICE",
+    "bin_payload_topic",
+    "imu_topic",
+    "machine_node_namespace",
+    "parent_namespace",
+    "resolve",
+    "wrench_topic",
 ]
 
-MAP_FRAME = "map"
+MAP_FRAME: Final = "map"
+"""Frame of the terrain, of particles and of all rows."""
 
-STREAM_TOPICS: dict[Stream, str] = {
-    Stream.SWEEP: "/soil/tool_sweeps",
-    Stream.DEPOSIT_REQUEST: "/soil/deposit_requests",
-    Stream.CONVERSION: "/soil/conversions",
-    Stream.MAP_UPDATE: "/terrain/map_updates",
-    Stream.FORCE: "/soil/forces",
+# In the namespace of the simulation.
+
+CLOCK: Final = "clock"
+TERRAIN_MAP: Final = "terrain/map"
+TERRAIN_ELEVATION: Final = "terrain/elevation"
+TERRAIN_INFO: Final = "terrain/info"
+TERRAIN_GRID_MAP: Final = "terrain/grid_map"
+TERRAIN_MAP_UPDATES: Final = "terrain/map_updates"
+TERRAIN_SURFACE_TILT: Final = "terrain/surface_tilt"
+SOIL_TICK: Final = "soil/tick"
+"""Headers of the soil, and its retransmit requests to machines."""
+SOIL_TOOL_SWEEPS: Final = "soil/tool_sweeps"
+SOIL_DEPOSIT_REQUESTS: Final = "soil/deposit_requests"
+SOIL_CONVERSIONS: Final = "soil/conversions"
+SOIL_FORCES: Final = "soil/forces"
+SOIL_JOIN_REJECTIONS: Final = "soil/join_rejections"
+SOIL_LEDGER: Final = "soil/ledger"
+SOIL_STATE_HASH: Final = "soil/state_hash"
+SOIL_CUT_FILL: Final = "soil/cut_fill"
+SIM_CONFIG: Final = "sim/config"
+SIM_PAUSED: Final = "sim/paused"
+RECORDER_STATUS: Final = "recorder/status"
+DIAGNOSTICS: Final = "diagnostics"
+TF: Final = "tf"
+
+RESET_SERVICE: Final = "sim/reset"
+PAUSE_SERVICE: Final = "sim/pause"
+STEP_SERVICE: Final = "sim/step"
+VERIFY_SERVICE: Final = "soil/verify"
+SAVE_SERVICE: Final = "soil/save"
+RELEASE_SERVICE: Final = "soil/release"
+
+STREAM_TOPICS: Final[dict[Stream, str]] = {
+    Stream.SWEEP: SOIL_TOOL_SWEEPS,
+    Stream.DEPOSIT_REQUEST: SOIL_DEPOSIT_REQUESTS,
+    Stream.CONVERSION: SOIL_CONVERSIONS,
+    Stream.MAP_UPDATE: TERRAIN_MAP_UPDATES,
+    Stream.FORCE: SOIL_FORCES,
 }
-"""Topic of each stream of rows that all share."""
+"""Topic of each stream of rows that the machines of a simulation share."""
 
-TERRAIN_MAP_TOPIC = "/terrain/map"
-CUT_FILL_TOPIC = "/soil/cut_fill"
-SURFACE_TILT_TOPIC = "/terrain/surface_tilt"
-"""What is still to dig and to fill; only where there is a design."""
+# In the namespace of a machine node.
 
-SOIL_HEADER_TOPIC = "/soil/tick"
-"""The soil's headers, and its requests to machines."""
+MACHINE_TICK: Final = "soil_tick"
+"""Headers of a machine node, and its retransmit requests to the soil."""
+CONVERSION_BACKLOG: Final = "conversion_backlog"
+"""Conversion rows from before a machine node rejoined."""
+PARTICLES: Final = "particles"
+MACHINE_STATE_HASH: Final = "state_hash"
+MACHINE_CONFIG: Final = "config"
 
-JOIN_REJECTIONS_TOPIC = "/soil/join_rejections"
-MACHINE_HEADER_TOPIC = "soil_tick"
-"""A machine's headers, and its requests to the soil; in its namespace."""
+# In the namespace of a machine.
 
-CONVERSION_BACKLOG_TOPIC = "conversion_backlog"
-"""Rows that a machine that came back is owed; in its namespace."""
+FRONT_VELOCITY_COMMANDS: Final = "front_velocity_controller/commands"
+TRACK_VELOCITY_COMMANDS: Final = "track_velocity_controller/commands"
+JOINT_COMMANDS: Final = "joint_commands"
+CMD_VEL: Final = "cmd_vel"
+JOY: Final = "joy"
+EMERGENCY_STOP: Final = "emergency_stop"
+APPLIED_COMMANDS: Final = "applied_commands"
+JOINT_STATES: Final = "joint_states"
+MEASURED_JOINT_STATES: Final = "joint_states_measured"
+ODOM: Final = "odom"
+CYLINDERS: Final = "cylinders"
+PAYLOAD: Final = "payload"
+TRANSFORMS: Final = "transforms"
+MARKERS: Final = "markers"
+ROBOT_DESCRIPTION: Final = "robot_description"
+OPERATOR_PHASE: Final = "operator/phase"
+OPERATOR_CYCLES: Final = "operator/cycles"
 
 
-def machine_namespace_of(topic: str) -> str | None:
-    """The machine's namespace of a `.../soil_tick` topic, None for any other."""
+def imu_topic(imu: str) -> str:
+    """Return the topic of an inertial unit."""
+    return f"imu/{imu}/data"
+
+
+def wrench_topic(tool: str) -> str:
+    """Return the topic of the soil's reaction on a tool."""
+    return f"{tool}/wrench"
+
+
+def bin_payload_topic(name: str) -> str:
+    """Return the topic of what a bin holds, in the namespace of its machine node."""
+    return f"{name}/{PAYLOAD}"
+
+
+# Namespaces.
+
+
+def resolve(name: str, namespace: str) -> str:
+    """Return the absolute name of a relative `name` in a namespace."""
+    return f"{namespace.rstrip('/')}/{name}"
+
+
+def parent_namespace(namespace: str) -> str:
+    """Return the namespace one level up: of `/a/b` it is `/a`, of `/a` and of `/` it is `/`."""
+    return namespace.rstrip("/").rpartition("/")[0] or "/"
+
+
+def machine_node_namespace(topic: str, simulation_namespace: str) -> str | None:
+    """Return the namespace of the machine node that publishes a topic.
+
+    Args:
+        topic: an absolute name.
+        simulation_namespace: of the soil node.
+
+    Returns:
+        The namespace; None if the topic is not the headers of a machine node of that simulation.
+    """
     namespace, _, name = topic.rpartition("/")
-    return namespace if name == MACHINE_HEADER_TOPIC and namespace else None
+    if name != MACHINE_TICK or not namespace:
+        return None
+    return namespace if parent_namespace(namespace) == (simulation_namespace or "/") else None

@@ -14,6 +14,9 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
+from msg_bridge.contract import topics
+from msg_bridge.contract.topics import resolve
+
 __all__ = ["REJECTION_WARN_TIME", "Diagnostics", "Level", "Report"]
 
 REJECTION_WARN_TIME = 10.0
@@ -64,6 +67,7 @@ class Diagnostics:
         name: str = "",
         hardware_id: str = "",
         *,
+        simulation_namespace: str = "/",
         now: Callable[[], float] = time.monotonic,
     ) -> None:
         """
@@ -71,6 +75,7 @@ class Diagnostics:
             name: what of the node this is about, empty for all of it; the status is named
                 "<node's full name>: <name>".
             hardware_id: of the device concerned, e.g. the machine's name.
+            simulation_namespace: namespace in which the topic `diagnostics` lies.
             now: the wall clock [s].
         """
         self._node = node
@@ -83,7 +88,9 @@ class Diagnostics:
         self._rejections: dict[str, _RejectionLog] = {}
         self._problem: tuple[Level, str] | None = None
         self._tasks: list[Callable[[], None]] = []
-        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._publisher = node.create_publisher(
+            DiagnosticArray, resolve(topics.DIAGNOSTICS, simulation_namespace), 10
+        )
         # A timer of the node's own clock would stop with simulation time.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(_PERIOD, self.publish, clock=steady)

@@ -9,7 +9,6 @@ from sensor_msgs.msg import PointCloud2
 from msg_bridge.codec.terrain import keyframe_from_terrain_cloud
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import Keyframe
-from msg_bridge.contract.topics import TERRAIN_MAP_TOPIC
 
 __all__ = ["MapDecoder"]
 
@@ -28,6 +27,7 @@ class MapDecoder:
         take: Callable[[Keyframe], object],
         reject: Callable[[str, str], None],
         *,
+        topic: str,
         guess: bool = False,
     ) -> None:
         """
@@ -38,6 +38,7 @@ class MapDecoder:
                 who may never be told it.
         """
         self._take, self._reject = take, reject
+        self.topic = topic
         self._guess = guess
         self._cell: float | None = None
         self._pending_map: PointCloud2 | None = None
@@ -52,7 +53,7 @@ class MapDecoder:
             self._pending_map = None
             self._take(keyframe)
         except ExchangeError as error:
-            self._reject(TERRAIN_MAP_TOPIC, str(error))
+            self._reject(self.topic, str(error))
 
     def set_cell(self, cell: float) -> None:
         """Take the side length of a column [m], and the map that was kept for it."""

@@ -12,10 +12,11 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Int64MultiArray
 
 from msg_bridge.codec import qos
+from msg_bridge.contract import topics
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import Message, Stream
-from msg_bridge.contract.topics import SOIL_HEADER_TOPIC, STREAM_TOPICS, TERRAIN_MAP_TOPIC
+from msg_bridge.contract.topics import STREAM_TOPICS, resolve
 from msg_bridge.exchange.terrain_follower import TerrainFollower
 from msg_bridge.nodes.map_decoder import MapDecoder
 from msg_bridge.nodes.message_decoding import decode_array, decode_chunk
@@ -41,6 +42,8 @@ class TerrainSubscriber:
         poller: SubscriptionPoller,
         reject: Callable[[str, str], None],
         on_resync: Callable[[], None],
+        *,
+        simulation_namespace: str,
     ) -> None:
         """
         Args:
@@ -52,7 +55,12 @@ class TerrainSubscriber:
         """
         self.follower = TerrainFollower()
         self._on_resync, self._reject = on_resync, reject
-        self.maps = MapDecoder(self.follower.receive, reject, guess=True)
+        self.maps = MapDecoder(
+            self.follower.receive,
+            reject,
+            topic=resolve(topics.TERRAIN_MAP, simulation_namespace),
+            guess=True,
+        )
         self._last_tick = -1
 
         def subscribe(
@@ -62,14 +70,20 @@ class TerrainSubscriber:
             poller.subscribe(kind, topic, profile, take, triggers=False, raw=raw)
 
         changes, rows = (
-            STREAM_TOPICS[Stream.MAP_UPDATE],
+            resolve(STREAM_TOPICS[Stream.MAP_UPDATE], simulation_namespace),
             partial(decode_chunk, stream=Stream.MAP_UPDATE),
         )
         poller.subscribe(
-            PointCloud2, TERRAIN_MAP_TOPIC, qos.TRANSIENT_LOCAL, self.maps.read, triggers=False
+            PointCloud2, self.maps.topic, qos.TRANSIENT_LOCAL, self.maps.read, triggers=False
         )
         subscribe(PointCloud2, changes, qos.ROWS, rows, raw=True)
-        subscribe(Int64MultiArray, SOIL_HEADER_TOPIC, qos.ROWS, _decode_soil_message, raw=True)
+        subscribe(
+            Int64MultiArray,
+            resolve(topics.SOIL_TICK, simulation_namespace),
+            qos.ROWS,
+            _decode_soil_message,
+            raw=True,
+        )
         # A timer of the node's own clock would stop with simulation time.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(_STALL_TIME, self._on_stall, clock=steady)

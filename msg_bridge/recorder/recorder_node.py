@@ -21,6 +21,7 @@ from std_msgs.msg import String
 from msg_bridge.bag.message_schemas import SchemaError
 from msg_bridge.bag.writer import BagWriter
 from msg_bridge.codec import qos
+from msg_bridge.contract import topics
 from msg_bridge.nodes.diagnostics import Diagnostics
 from msg_bridge.nodes.process_main import run_node
 from msg_bridge.nodes.ros_parameters import declare_parameters
@@ -80,13 +81,13 @@ class RecorderNode(Node):
         self._skipped: set[str] = set()
         self._scans = 0
         self._stopped = False
-        self._clock_topic = self.resolve_topic_name("/clock")
+        self._clock_topic = self.resolve_topic_name(topics.CLOCK)
         self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)
         self._sim_time: int | None = None  # ns
         self._messages_before_clock: list[RecordedMessage] = []
         self._is_terminal = params.progress and sys.stdout.isatty()
-        self._status = self.create_publisher(String, "/recorder/status", qos.TRANSIENT_LOCAL)
-        self.diagnostics = Diagnostics(self)
+        self._status = self.create_publisher(String, topics.RECORDER_STATUS, qos.TRANSIENT_LOCAL)
+        self.diagnostics = Diagnostics(self, simulation_namespace=self.get_namespace())
         self.diagnostics.add_task(self._update_diagnostics)
         self._start_timers()
         self.get_logger().info(f"recording into {self.recording.path}")

@@ -21,9 +21,9 @@ from msg_bridge.codec.cut_fill import CutFillState
 from msg_bridge.codec.run_config import RunFacts, SoilKind, to_config_yaml
 from msg_bridge.codec.stamps import stamp_from_tick
 from msg_bridge.codec.terrain import TerrainMap
+from msg_bridge.contract import topics
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.messages import Keyframe, Message
-from msg_bridge.contract.topics import SOIL_HEADER_TOPIC
 from msg_bridge.nodes.diagnostics import Diagnostics, Level
 from msg_bridge.nodes.process_main import run_node
 from msg_bridge.nodes.ros_parameters import declare_parameters, on_parameter_change
@@ -81,7 +81,7 @@ class SoilNode(SimNode):
         self.run = SoilRun(self._site, self._soil_params, self._params, run_id=int(time.time()))
         self.run.waiting_for_subscribers = bool(self._params.required_subscribers)
         self._pending_steps: list[tuple[int, Future]] = []  # answers owed to /sim/step
-        self.diagnostics = Diagnostics(self, "soil_sim")
+        self.diagnostics = Diagnostics(self, "soil_sim", simulation_namespace=self.get_namespace())
         self.diagnostics.add_task(self._diagnose)
         noisy = self._soil_params.surface_tilt_noise > 0.0
         self._soil_publishers = SoilPublishers(
@@ -104,14 +104,14 @@ class SoilNode(SimNode):
             self._timer = self.create_timer(self._params.tick_period, self._on_timer)
         self.create_timer(_RETRANSMIT_PERIOD, self._check_progress)
         on_parameter_change(self, SoilNodeParams, "", _CHANGEABLE, self._set_params)
-        self.create_service(Trigger, "/sim/reset", self._reset)
-        self.create_service(SetBool, "/sim/pause", self._pause)
+        self.create_service(Trigger, topics.RESET_SERVICE, self._reset)
+        self.create_service(SetBool, topics.PAUSE_SERVICE, self._pause)
         # A group of its own: others must be heard while it waits for its tick.
         group = ReentrantCallbackGroup()
-        self.create_service(Trigger, "/sim/step", self._step, callback_group=group)
-        self.create_service(Trigger, "/soil/verify", self._verify)
-        self.create_service(Trigger, "/soil/save", self._save)
-        self.create_service(Trigger, "/soil/release", self._release)
+        self.create_service(Trigger, topics.STEP_SERVICE, self._step, callback_group=group)
+        self.create_service(Trigger, topics.VERIFY_SERVICE, self._verify)
+        self.create_service(Trigger, topics.SAVE_SERVICE, self._save)
+        self.create_service(Trigger, topics.RELEASE_SERVICE, self._release)
 
     def _set_params(self, params: SoilNodeParams) -> None:
         self._params = self.run.params = params
@@ -145,7 +145,7 @@ class SoilNode(SimNode):
         if tick % self._period_in_ticks(self._params.hash_period) == 0:
             self._soil_publishers.state_hash(tick, soil.state_hash())
         for reason in done.step.rejected_tools:
-            self.diagnostics.reject("/soil/tool_sweeps", reason)
+            self.diagnostics.reject(topics.SOIL_TOOL_SWEEPS, reason)
         if done.ledger.imbalance:
             text = f"{done.ledger.imbalance} mm3 out of balance at tick {tick}"
             self.diagnostics.problem(text, Level.ERROR)
@@ -256,9 +256,10 @@ class SoilNode(SimNode):
             "imbalance_mm3": exchange.ledger.imbalance if exchange.ledger else 0,
         }.items():
             self.diagnostics.set(key, value)
-        if self.count_publishers(SOIL_HEADER_TOPIC) > 1:
+        if self.count_publishers(topics.SOIL_TICK) > 1:
+            topic = self.resolve_topic_name(topics.SOIL_TICK)
             text = (
-                f"another soil publishes {SOIL_HEADER_TOPIC}, too; give each its own ROS_DOMAIN_ID"
+                f"another soil node publishes {topic}; give each its own namespace or ROS_DOMAIN_ID"
             )
             self.diagnostics.problem(text, Level.ERROR)
             self.get_logger().error(text, throttle_duration_sec=5.0)

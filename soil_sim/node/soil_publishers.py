@@ -22,13 +22,9 @@ from msg_bridge.codec.terrain import (
     to_tilt_image,
 )
 from msg_bridge.codec.tick_headers import message_to_cdr
+from msg_bridge.contract import topics
 from msg_bridge.contract.ledger import Ledger
-from msg_bridge.contract.topics import (
-    CUT_FILL_TOPIC,
-    MAP_FRAME,
-    SURFACE_TILT_TOPIC,
-    TERRAIN_MAP_TOPIC,
-)
+from msg_bridge.contract.topics import MAP_FRAME
 
 __all__ = ["SoilPublishers"]
 
@@ -49,25 +45,27 @@ class SoilPublishers:
         self._surface_tilt = (
             None
             if tilt is None
-            else node.create_publisher(Image, SURFACE_TILT_TOPIC, qos.TRANSIENT_LOCAL)
+            else node.create_publisher(Image, topics.TERRAIN_SURFACE_TILT, qos.TRANSIENT_LOCAL)
         )
-        self._clock = node.create_publisher(Clock, "/clock", qos.STATE)
-        self._ledger = node.create_publisher(Int64MultiArray, "/soil/ledger", qos.ROWS)
-        self._hash = node.create_publisher(String, "/soil/state_hash", qos.STATE)
-        self._map = node.create_publisher(PointCloud2, TERRAIN_MAP_TOPIC, qos.TRANSIENT_LOCAL)
-        self._elevation = node.create_publisher(Image, "/terrain/elevation", qos.TRANSIENT_LOCAL)
-        self._info = node.create_publisher(MapMetaData, "/terrain/info", qos.TRANSIENT_LOCAL)
+        self._clock = node.create_publisher(Clock, topics.CLOCK, qos.STATE)
+        self._ledger = node.create_publisher(Int64MultiArray, topics.SOIL_LEDGER, qos.ROWS)
+        self._hash = node.create_publisher(String, topics.SOIL_STATE_HASH, qos.STATE)
+        self._map = node.create_publisher(PointCloud2, topics.TERRAIN_MAP, qos.TRANSIENT_LOCAL)
+        self._elevation = node.create_publisher(
+            Image, topics.TERRAIN_ELEVATION, qos.TRANSIENT_LOCAL
+        )
+        self._info = node.create_publisher(MapMetaData, topics.TERRAIN_INFO, qos.TRANSIENT_LOCAL)
         kind = grid_map_type()
         self._grid_map = kind and node.create_publisher(
-            kind, "/terrain/grid_map", qos.TRANSIENT_LOCAL
+            kind, topics.TERRAIN_GRID_MAP, qos.TRANSIENT_LOCAL
         )
         self._cut_fill = (
-            node.create_publisher(Float64MultiArray, CUT_FILL_TOPIC, qos.TRANSIENT_LOCAL)
+            node.create_publisher(Float64MultiArray, topics.SOIL_CUT_FILL, qos.TRANSIENT_LOCAL)
             if design
             else None
         )
-        self._config = node.create_publisher(String, "/sim/config", qos.TRANSIENT_LOCAL)
-        self._paused = node.create_publisher(Bool, "/sim/paused", qos.TRANSIENT_LOCAL)
+        self._config = node.create_publisher(String, topics.SIM_CONFIG, qos.TRANSIENT_LOCAL)
+        self._paused = node.create_publisher(Bool, topics.SIM_PAUSED, qos.TRANSIENT_LOCAL)
 
     def tick(self, ledger: Ledger, stamp: Time) -> None:
         """Publish the time and the account of a tick."""

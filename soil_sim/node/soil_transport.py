@@ -16,6 +16,7 @@ from std_msgs.msg import Int64MultiArray, String
 from msg_bridge.codec import qos
 from msg_bridge.codec.row_chunks import chunk_to_cdr
 from msg_bridge.codec.tick_headers import message_to_cdr, to_join_rejected_string
+from msg_bridge.contract import topics
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import (
     JoinRejected,
@@ -28,13 +29,10 @@ from msg_bridge.contract.messages import (
     Verb,
 )
 from msg_bridge.contract.topics import (
-    CONVERSION_BACKLOG_TOPIC,
-    JOIN_REJECTIONS_TOPIC,
-    MACHINE_HEADER_TOPIC,
     MAP_FRAME,
-    SOIL_HEADER_TOPIC,
     STREAM_TOPICS,
-    machine_namespace_of,
+    machine_node_namespace,
+    resolve,
 )
 from msg_bridge.nodes.message_decoding import decode_array, decode_chunk
 from msg_bridge.nodes.subscription_poller import SubscriptionPoller
@@ -79,8 +77,8 @@ class SoilTransport:
         self._send_keyframe = send_keyframe
         self._reject = reject
         self._backlog_publishers: dict[str, Publisher] = {}  # by namespace
-        self._tick = node.create_publisher(Int64MultiArray, SOIL_HEADER_TOPIC, qos.ROWS)
-        self._rejections = node.create_publisher(String, JOIN_REJECTIONS_TOPIC, qos.ROWS)
+        self._tick = node.create_publisher(Int64MultiArray, topics.SOIL_TICK, qos.ROWS)
+        self._rejections = node.create_publisher(String, topics.SOIL_JOIN_REJECTIONS, qos.ROWS)
         self._rows = {
             stream: node.create_publisher(PointCloud2, STREAM_TOPICS[stream], qos.ROWS)
             for stream in _SENT_STREAMS
@@ -113,13 +111,13 @@ class SoilTransport:
     def _discover_machines(self) -> None:
         """Listen to machines that have appeared."""
         for topic, _ in self._node.get_topic_names_and_types():
-            namespace = machine_namespace_of(topic)
+            namespace = machine_node_namespace(topic, self._node.get_namespace())
             if namespace is not None and namespace not in self._backlog_publishers:
                 self._subscribe_to_machine(namespace)
 
     def _subscribe_to_machine(self, namespace: str) -> None:
-        topic = f"{namespace}/{MACHINE_HEADER_TOPIC}"
-        backlog = f"{namespace}/{CONVERSION_BACKLOG_TOPIC}"
+        topic = resolve(topics.MACHINE_TICK, namespace)
+        backlog = resolve(topics.CONVERSION_BACKLOG, namespace)
         self._backlog_publishers[namespace] = self._node.create_publisher(
             PointCloud2, backlog, qos.ROWS
         )
@@ -137,7 +135,7 @@ class SoilTransport:
         if not isinstance(message, (MachineHeader, RetransmitRequest)):
             raise ExchangeError(f"a {type(message).__name__} is nothing a machine says here")
         owner = self.machines.get(message.machine_id, namespace)
-        if owner != namespace and self._node.count_publishers(f"{owner}/{MACHINE_HEADER_TOPIC}"):
+        if owner != namespace and self._node.count_publishers(resolve(topics.MACHINE_TICK, owner)):
             reason = (
                 f"source {message.machine_id} is {owner}; give {namespace} another `machine_id`"
             )

@@ -34,6 +34,7 @@ class Reader(MapDecoder):
         super().__init__(
             lambda frame: self.taken.append(frame.grid.cell),
             lambda topic, reason: self.reasons.append(reason),
+            topic="/terrain/map",
             guess=guess,
         )
 

@@ -36,7 +36,11 @@ class Viewer(Node):
         self.ticks: list[int] = []
         poller = SubscriptionPoller(self, self.note)
         self.listener = TerrainSubscriber(
-            self, poller, lambda *what: self.refused.append(what), self.resync
+            self,
+            poller,
+            lambda *what: self.refused.append(what),
+            self.resync,
+            simulation_namespace="/",
         )
         self.follower = self.listener.follower
         # What wakes it in every tick.
