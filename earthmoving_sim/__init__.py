@@ -1,9 +1,10 @@
-"""What users run: the `earthmoving` command, a world in one process, the demo and its pictures.
+"""The `earthmoving` command, a world in one process, the demo and its pictures.
 
-- `cli`: the command; its subcommands are `demo`, `audit`, `check`
-- `world`: soil and machines in one process
-- `dig_run`, `as_nodes`: a run of the scripted operator, in one process and as nodes
-- `outcome`, `from_bag`: what a run did, as told by the run itself and by its bag
-- `report`, `pictures`: the same for people
-- `run_config`, `site`, `machine_shape`: parameters of a run, its ground, the machine's looks
+- `cli`, `commands`: the command and its subcommands
+- `environment`: checks of the computer
+- `world`, `operated_machine`: soil and machines in one process, and a machine with its operator
+- `config_layers`, `run_config`, `demo_site`: parameters and site of a run
+- `single_process_dig`, `multi_process`: a run in one process, and with ROS nodes
+- `dig_outcome`, `recorded_run`: outcome of a run, and the same from its recording
+- `machine_polygons`, `pictures`, `report`: pictures and summary
 """

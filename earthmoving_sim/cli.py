@@ -1,14 +1,4 @@
-"""The `earthmoving` command.
-
-Each subcommand is a module of this package with
-
-- `SUMMARY: str`, one line for the list in `--help`;
-- `add_arguments(parser: argparse.ArgumentParser) -> None`, its options;
-- `run(args: argparse.Namespace) -> int`, which does the work and returns the exit code.
-
-They are imported to build `--help`, so what they import at the top must be light (no NumPy, no
-rclpy); `run` imports the rest. A module's docstring is the description in its own `--help`.
-"""
+"""The `earthmoving` command; each subcommand is a module of `earthmoving_sim.commands`."""
 
 import argparse
 import importlib
@@ -31,18 +21,18 @@ EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells expect
 
 _EXAMPLES = """\
 examples:
-  earthmoving check          is everything here that the simulation needs? if not, what to do
-  earthmoving demo           an excavator digs, carries and dumps; writes its results under out/
-  earthmoving demo --help    the demo's options
-  earthmoving machine check FILE   what is wrong with a machine file?
-  earthmoving audit BAG      was one mm3 of soil lost in a recording? where?
+  earthmoving check                check this computer, with advice on what is missing
+  earthmoving demo                 run an excavator; write pictures and a bag
+  earthmoving demo --soil "wet clay" --cycles 2
+  earthmoving machine check FILE   check a machine file
+  earthmoving audit BAG            check that a recording accounts for every mm3 of soil
 
-exit codes: 0 done, 1 the command's own finding (see its --help), 2 bad input, 130 interrupted
+exit codes: 0 success, 1 the command's finding (see its --help), 2 invalid input, 130 interrupted
 """
 
 
 class _Subcommand(Protocol):
-    """What a subcommand's module offers."""
+    """Interface of a subcommand's module."""
 
     SUMMARY: str
 
@@ -52,9 +42,9 @@ class _Subcommand(Protocol):
 
 
 class _Unavailable:
-    """Stands in for a subcommand that does not import: named in `--help`, an error when called.
+    """Stands in for a subcommand that cannot be imported; an error when it is called.
 
-    So a broken subcommand is seen, and `earthmoving check`, which finds out why, still works.
+    So `--help` still lists it, and `earthmoving check`, which finds the cause, still works.
     """
 
     def __init__(self, name: str, cause: ImportError) -> None:
@@ -63,17 +53,17 @@ class _Unavailable:
         self.__doc__ = self._problem
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
-        """None: its options are unknown."""
+        """Add nothing: the options are unknown."""
 
     def run(self, args: argparse.Namespace) -> int:
         raise EarthmovingError(f"{self._problem}. Run `earthmoving check` to see what is missing.")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one subcommand; returns the process's exit code. `argv` defaults to the command line."""
+    """Run one subcommand and return the exit code; `argv` defaults to the command line."""
     _replace_unprintable_characters()
     if threading.current_thread() is threading.main_thread():
-        # A kill ends a command as Ctrl-C does: what it has started is stopped, too.
+        # SIGTERM ends a command as Ctrl-C does: the processes that it started are stopped.
         signal.signal(signal.SIGTERM, signal.default_int_handler)
     args = build_parser().parse_args(argv)
     try:
@@ -87,10 +77,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """The command-line parser, with every subcommand in it."""
+    """Return the command-line parser with all subcommands."""
     parser = argparse.ArgumentParser(
         prog="earthmoving",
-        description="Simulate construction machines moving soil, and account for every bit of it.",
+        description="Simulate construction machines that move soil, exact to the mm3.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -111,7 +101,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 def _load_subcommand(name: str) -> _Subcommand:
     try:
-        return cast("_Subcommand", importlib.import_module(f"earthmoving_sim.{name}"))
+        return cast("_Subcommand", importlib.import_module(f"earthmoving_sim.commands.{name}"))
     except ImportError as error:
         return _Unavailable(name, error)
 
@@ -124,7 +114,7 @@ def _version() -> str:
 
 
 def _replace_unprintable_characters() -> None:
-    """Let a terminal that cannot show a character get a `?` instead of an exception."""
+    """Print `?` for characters that the terminal cannot show, instead of raising."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")

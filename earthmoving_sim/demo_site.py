@@ -1,4 +1,4 @@
-"""The site of the demo: real ground, shrunk to the size of a building site; and its fitness."""
+"""The site of the demo: real terrain scaled to a construction site; check of slope stability."""
 
 from __future__ import annotations
 
@@ -8,29 +8,37 @@ import numpy as np
 
 from earthmoving_sim.run_config import RunConfig
 from soil_sim.errors import TerrainError
+from soil_sim.slope_failure.stability import critical_height
 from soil_sim.terrain import HeightMap, from_north_up
 
 __all__ = ["CELL", "POINTS", "check_slope_stability", "jacksboro_site"]
 
 POINTS = 257
 CELL = 0.2
-"""The demo's grid: 257 x 257 points, 0.2 m apart, as fine as a bucket's teeth are far apart."""
+"""Grid of the demo: 257 x 257 points, 0.2 m apart, about the spacing of a bucket's teeth."""
 
 _CROP_POINTS = 65
+"""Side of the piece cut out of the data [points]."""
+
 _RELIEF = 2.5
+"""Height of the site's highest point above its lowest [m]."""
+
 _MAX_SLOPE = math.radians(20.0)
+"""Maximum slope of the site [rad]."""
+
+_MARGIN = 4.0
+"""Distance beyond the machine's reach within which slopes are checked [m]."""
 
 
 def jacksboro_site(*, row: int = 128, col: int = 144) -> HeightMap:
-    """A piece of the Jacksboro fault, Tennessee, as a site of 51.4 m with 2.5 m of relief.
+    """Return a piece of the Jacksboro fault, Tennessee, as a site of 51.4 m with 2.5 m of relief.
 
-    The elevation data (USGS SRTM, about 90 m a cell) comes with matplotlib. The piece keeps its
-    shape; its width and relief are scaled, and no slope is left steeper than 20 degrees, well
-    below the angle at which soil slips.
+    The elevation data (USGS SRTM, about 90 m per cell) comes with matplotlib. Width and relief of
+    the piece are scaled, and slopes are limited to 20 degrees, well below most angles of repose.
 
     Args:
-        row, col: first row and column of the piece of 65 x 65 points in the data; the default
-            is level where the excavator stands.
+        row: first row of the piece of 65 x 65 points in the data.
+        col: first column; by default the ground is level where the excavator stands.
     """
     from matplotlib.cbook import get_sample_data
 
@@ -44,28 +52,34 @@ def jacksboro_site(*, row: int = 128, col: int = 144) -> HeightMap:
 
 
 def check_slope_stability(site: HeightMap, config: RunConfig) -> None:
-    """Refuse ground that would come down as soon as it is touched.
+    """Check that the undisturbed ground within reach of the machine is stable.
+
+    Ground steeper than the angle of repose is stable up to the height that its cohesion carries
+    (Culmann).
 
     Raises:
-        TerrainError: it is steeper within reach than the soil can stand.
+        TerrainError: the ground is not stable, or the machine would stand off the map.
     """
     grid = site.grid
-    reach = config.behaviour.max_radius + 4.0
+    reach = config.behaviour.max_radius + _MARGIN
     x, y = grid.x(np.arange(grid.rows)), grid.y(np.arange(grid.cols))
     rows = np.flatnonzero(np.abs(x - config.run.start_x) <= reach)
     cols = np.flatnonzero(np.abs(y - config.run.start_y) <= reach)
     if rows.size < 2 or cols.size < 2:
         raise TerrainError(
-            f"the machine is to dig at ({config.run.start_x}, {config.run.start_y}) m, off the map;"
+            f"the machine would dig at ({config.run.start_x}, {config.run.start_y}) m, off the map;"
             " set start_x and start_y in the section run"
         )
     near = site.cropped(int(rows[0]), int(cols[0]), rows.size, cols.size)
-    steepest = math.degrees(near.max_slope)
-    kind = config.soil.soil_types()[0]
-    angle = math.degrees(kind.repose_angle_at(kind.moisture))
-    if steepest > angle:
+    soil = config.soil.soil_types()[0]
+    moisture = soil.moisture if config.soil.moisture < 0 else config.soil.moisture
+    repose_angle = soil.repose_angle_at(moisture)
+    max_height = critical_height(
+        soil.critical_height(moisture), 0.0, math.radians(soil.internal_friction), near.max_slope
+    )
+    if near.max_slope > repose_angle and np.ptp(near.heights) > max_height:
         raise TerrainError(
-            f"the ground within reach has slopes of {steepest:.0f} deg, and the soil stands at"
-            f" {angle:g} deg: give gentler ground, or raise repose_angle in the"
-            " section soil"
+            f"the ground within reach has slopes of {math.degrees(near.max_slope):.0f} deg, and the"
+            f" soil is stable up to {math.degrees(repose_angle):g} deg; give gentler ground, or a"
+            " soil with more cohesion or a larger angle of repose"
         )

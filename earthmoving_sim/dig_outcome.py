@@ -1,4 +1,4 @@
-"""Outcome: what a run of the operator did, whoever watched it."""
+"""DigOutcome: outcome of a run of the operator, in one process or with nodes."""
 
 from __future__ import annotations
 
@@ -15,28 +15,36 @@ from soil_sim.terrain import HeightMap
 __all__ = ["PATH_INTERVAL_TICKS", "DigOutcome"]
 
 PATH_INTERVAL_TICKS = 10
-"""Ticks between points of the path of the lip."""
+"""Ticks between points of the lip's path."""
 
 
 @dataclass
 class DigOutcome:
-    """What a run did.
+    """Outcome of a run.
 
     Attributes:
-        site: the terrain before.
-        after, loose_depth: surface and depth of loose soil after [m], shape (rows, cols).
+        site: terrain before the run.
+        grid: grid of the terrain.
+        after: height of the terrain after the run [m], shape (rows, cols).
+        loose_depth: depth of loose soil after the run [m], shape (rows, cols).
         cycles: one report per cycle.
-        ledger: of the last tick.
-        worst_imbalance: the largest of all ticks, with its sign [mm^3].
-        moved: bank volume carried to the dump [m^3].
-        simulated, wall: how long it took [s]; wall time without compiling.
-        most_particles: largest number of live particles that was seen.
-        tunnelled: particles that passed through the bucket or the ground.
-        path: lip positions [m], shape (n, 3), with cycle (n,) and phase (n,).
-        given_up: why the run ended before its last cycle, empty if it did not.
-        state_hash: of the terrain after tick `state_tick`, the last of which it is known.
-        run_mode: the parts it ran in, as `one process`.
-        machine_faces, machine_outline, machine_position: the machine as it ended, for pictures.
+        ledger: ledger of the last tick.
+        max_imbalance: imbalance of largest magnitude of all ticks [mm^3], with its sign.
+        moved_volume: bank volume carried to the dump [m^3].
+        simulated_time: simulation time [s].
+        wall_time: wall time, without compiling [s].
+        max_particles: largest number of particles.
+        tunnelled: number of particles that passed through the bucket or the ground.
+        abort_reason: why the task was aborted; empty if it was not.
+        state_hash: SHA-256 of the terrain after tick `state_tick` [hex].
+        state_tick: last tick of which the hash is known.
+        run_mode: how the run was made, such as `one process`.
+        lip_path: positions of the lip [m], map frame, shape (n, 3).
+        lip_cycle: cycle of each position, shape (n,).
+        lip_phase: phase of each position, shape (n,).
+        machine_faces: colour and polygon (k, 3) [m] of each face of the machine at the end.
+        machine_outline: name and plan-view polygon (k, 2) [m] of its parts at the end.
+        machine_position: x and y of the base at the end [m].
     """
 
     site: HeightMap
@@ -64,15 +72,15 @@ class DigOutcome:
 
     @property
     def is_balanced(self) -> bool:
-        """Whether no tick of a finished run lost or made soil."""
+        """Whether the task was finished and the ledger was balanced at every tick."""
         return not self.abort_reason and self.max_imbalance == 0
 
     @property
     def production_rate(self) -> float:
-        """Bank volume carried in an hour [m^3/h]."""
+        """Bank volume carried per hour of simulation time [m^3/h]."""
         return self.moved_volume / self.simulated_time * 3600.0
 
     @property
     def real_time_factor(self) -> float:
-        """Simulated time in parts of wall time."""
+        """Simulation time over wall time."""
         return self.simulated_time / self.wall_time

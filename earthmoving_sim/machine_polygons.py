@@ -1,4 +1,4 @@
-"""A machine as flat faces, for pictures: the boxes of its links, its pistons and its shoes."""
+"""A machine as flat faces, for pictures: boxes of its links, pistons and track shoes."""
 
 from __future__ import annotations
 
@@ -28,17 +28,18 @@ def machine_faces(
     joints: ArrayLike,
     shoes: Array | None = None,
 ) -> list[tuple[str, Array]]:
-    """Faces of a machine in a pose.
+    """Return the faces of a machine in a pose.
 
     Args:
-        machine: its description.
-        position, rotation: of base_link, (3,) [m] and (3, 3), map frame.
+        machine: the machine.
+        position: position of base_link [m], map frame, shape (3,).
+        rotation: rotation from base_link to map, shape (3, 3).
         joints: angles of its joints [rad].
-        shoes: x, z [m] and pitch [rad] of the tracks' shoes in the base frame, shape (2, n, 3),
-            left track first; none are drawn if not given.
+        shoes: x, z [m] and pitch [rad] of the track shoes in the base frame, shape (2, n, 3),
+            left track first; None draws no shoes.
 
     Returns:
-        (colour, polygon (k, 3) [m], map frame) of each face.
+        Colour and polygon (k, 3) [m], map frame, of each face.
     """
     frames = _link_frames(machine, position, rotation, joints)
     faces = []
@@ -58,14 +59,14 @@ def machine_faces(
 def machine_outline(
     machine: MachineSpec, position: ArrayLike, rotation: Array, joints: ArrayLike
 ) -> list[tuple[str, Array]]:
-    """Plan view of the base and the main body: (link, polygon (k, 2) [m], map frame)."""
+    """Return link name and plan-view polygon (k, 2) [m], map frame, of base and main body."""
     frames = _link_frames(machine, position, rotation, joints)
     outline = []
     for name in dict.fromkeys(("base", machine.main_body)):
         turn, origin = frames["base_link" if name == "base" else name]
         for box in machine.links[name].boxes:
             corners = _box_corners(box.size, box.center, box.pitch) @ turn.T + origin
-            # Corners 0, 1, 3, 2 go around the bottom face.
+            # Corners 0, 1, 3, 2 are the bottom face in order.
             outline.append((name, corners[[0, 1, 3, 2], :2]))
     return outline
 
@@ -78,7 +79,7 @@ def _cached_link_boxes(machine: MachineSpec) -> list[VisualBox]:
 def _link_frames(
     machine: MachineSpec, position: ArrayLike, rotation: Array, joints: ArrayLike
 ) -> dict[str, Frame]:
-    """Rotation link to map and origin [m] of every link."""
+    """Return the rotation to the map (3, 3) and the origin [m] of every link, by name."""
     poses = link_poses(machine, position, quaternion_from_matrix(rotation), joints)
     return {
         name: (rotation_matrix(quaternion), origin)
@@ -87,16 +88,16 @@ def _link_frames(
 
 
 def _shoe_boxes(machine: MachineSpec, shoes: Array) -> list[Array]:
-    """Corners of every shoe in the base frame, shape (8, 3) each."""
-    look = shoe_visual(machine)
+    """Return the corners of every shoe in the base frame [m], shape (8, 3) each."""
+    visual = shoe_visual(machine)
     boxes = []
-    for side, y in ((0, 0.5 * look.gauge), (1, -0.5 * look.gauge)):
-        boxes += [_box_corners(look.shoe_size, (x, y, z), pitch) for x, z, pitch in shoes[side]]
+    for side, y in ((0, 0.5 * visual.gauge), (1, -0.5 * visual.gauge)):
+        boxes += [_box_corners(visual.shoe_size, (x, y, z), pitch) for x, z, pitch in shoes[side]]
     return boxes
 
 
 def _box_corners(size: ArrayLike, center: ArrayLike, pitch: float) -> Array:
-    """The eight corners of a link's box in the link frame, shape (8, 3)."""
+    """Return the eight corners of a link's box in the link frame [m], shape (8, 3)."""
     signs = np.array([(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], dtype=float)
     s, c = math.sin(pitch), math.cos(pitch)
     about_y = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
@@ -105,4 +106,4 @@ def _box_corners(size: ArrayLike, center: ArrayLike, pitch: float) -> Array:
 
 
 def _hex_color(color: tuple[float, ...]) -> str:
-    return "#" + "".join(f"{round(255 * part):02x}" for part in color[:3])
+    return "#" + "".join(f"{round(255 * channel):02x}" for channel in color[:3])

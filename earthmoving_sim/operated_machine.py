@@ -1,4 +1,4 @@
-"""A machine of a world with its operator at the levers."""
+"""OperatedMachine: a machine of a world that is commanded by an operator."""
 
 from __future__ import annotations
 
@@ -15,34 +15,39 @@ __all__ = ["MachineOperator", "OperatedMachine"]
 
 
 class MachineOperator(Protocol):
-    """Whoever answers what is seen with a command."""
+    """Computes commands from observations."""
 
     def command(self, observation: Observation, dt: float) -> Command:
-        """What to do in the next `dt` [s]."""
+        """Return the command for the next `dt` [s]."""
 
 
 class OperatedMachine:
-    """One machine, who operates it, and what is seen from its cab."""
+    """A machine, its operator, and the observations that the operator makes."""
 
     def __init__(
-        self, world: World, rig: SimulatedMachine, operator: MachineOperator, tick: float
+        self,
+        world: World,
+        machine: SimulatedMachine,
+        operator: MachineOperator,
+        tick_period: float,
     ) -> None:
         """
         Args:
-            world: that it is in.
-            rig: the machine.
-            operator: at its levers.
-            tick: length of a tick [s].
+            world: the world of the machine.
+            machine: the machine.
+            operator: its operator.
+            tick_period: duration of a tick [s].
         """
-        self._world, self._rig, self._operator, self._tick = world, rig, operator, tick
+        self._world, self._machine, self._operator = world, machine, operator
+        self._tick_period = tick_period
         self._observation_builder = ObservationBuilder()
 
     def observation(self) -> Observation:
-        """What the public topics would tell, bit by bit."""
-        world, machine = self._world, self._rig.machine
-        base, payload = BaseState(*machine.base_pose, *machine.base_velocity), self._rig.payload
+        """Return the observation that the public topics give, to the bits of their messages."""
+        world, machine = self._world, self._machine.machine
+        base, payload = BaseState(*machine.base_pose, *machine.base_velocity), self._machine.payload
         return self._observation_builder.build(
-            world.tick * self._tick,
+            world.tick * self._tick_period,
             machine.joint_positions,
             odometry_round_trip(base),
             PayloadState(payload.bank, payload.loose, payload.mass, payload.fill),
@@ -51,6 +56,6 @@ class OperatedMachine:
         )
 
     def observe_and_command(self, dt: float) -> None:
-        """Look, and command the machine for the next `dt` [s]."""
+        """Observe, and command the machine for the next `dt` [s]."""
         command = self._operator.command(self.observation(), dt)
-        self._rig.machine.command(command.joints, command.tracks)
+        self._machine.machine.command(command.joints, command.tracks)

@@ -1,4 +1,4 @@
-"""What a run ends with: a summary in words and pictures."""
+"""Summary of a run as text, and its pictures."""
 
 from __future__ import annotations
 
@@ -10,17 +10,25 @@ from earthmoving_sim.pictures import SiteRecord, draw_bucket_path, draw_cut_fill
 __all__ = ["print_summary", "write_pictures"]
 
 
-def print_summary(outcome: DigOutcome) -> None:
-    """Print what was moved, how fast, and whether it adds up."""
+def print_summary(outcome: DigOutcome, soil: str) -> None:
+    """Print the cycles, the volume moved, the speed and the balance of volume.
+
+    Args:
+        outcome: the outcome of the run.
+        soil: description of the soil.
+    """
     print("cycle  passes  planned m3  carried %  dumped %  left %  time s")
     for c in outcome.cycles:
         print(
-            f"{c.number:5d}  {c.num_passes:6d}  {c.planned_volume:10.2f}  {100 * c.carried_fill:9.0f}"
-            f"  {100 * (c.delivered_fill - c.residual_fill):8.0f}  {100 * c.residual_fill:6.1f}  {c.duration:6.1f}"
+            f"{c.number:5d}  {c.num_passes:6d}  {c.planned_volume:10.2f}"
+            f"  {100 * c.carried_fill:9.0f}  {100 * (c.delivered_fill - c.residual_fill):8.0f}"
+            f"  {100 * c.residual_fill:6.1f}  {c.duration:6.1f}"
         )
     ledger = outcome.ledger
+    print(f"\n  soil      {soil}")
     print(
-        f"\n  moved     {outcome.moved_volume:.2f} bank m3 in {outcome.simulated_time:.1f} s of simulated time"
+        f"  moved     {outcome.moved_volume:.2f} bank m3 in {outcome.simulated_time:.1f} s of"
+        " simulated time"
     )
     print(f"  rate      {outcome.production_rate:.0f} m3/h")
     print(f"  speed     {outcome.real_time_factor:.1f} x real time, {outcome.run_mode}")
@@ -35,13 +43,13 @@ def print_summary(outcome: DigOutcome) -> None:
     print(f"  imbalance {outcome.max_imbalance} mm3 at worst, in any tick")
     print(f"  state     {outcome.state_hash} after tick {outcome.state_tick}")
     if outcome.abort_reason:
-        done = _counted(len(outcome.cycles), "cycle")
-        print(f"  ABORTED after {done}: {outcome.abort_reason}")
+        print(f"  ABORTED   after {_counted(len(outcome.cycles), 'cycle')}: {outcome.abort_reason}")
 
 
 def write_pictures(outcome: DigOutcome, folder: Path) -> list[Path]:
-    """Draw the terrain before and after, the bucket's path and the site; returns the files."""
+    """Draw cut and fill, the path of the bucket and the site in 3-D; return the files."""
     folder.mkdir(parents=True, exist_ok=True)
+    num_cycles = _counted(len(outcome.cycles), "cycle")
     record = SiteRecord(
         grid=outcome.grid,
         before=outcome.site.heights,
@@ -53,7 +61,7 @@ def write_pictures(outcome: DigOutcome, folder: Path) -> list[Path]:
         machine_outline=outcome.machine_outline,
         machine_faces=outcome.machine_faces,
         machine_position=outcome.machine_position,
-        title=f"{outcome.moved_volume:.2f} bank m³ moved in {_counted(len(outcome.cycles), 'cycle')}",
+        title=f"{outcome.moved_volume:.2f} bank m³ moved in {num_cycles}",
     )
     return [
         draw_cut_fill(record, folder / "cut_fill.png"),
@@ -62,5 +70,5 @@ def write_pictures(outcome: DigOutcome, folder: Path) -> list[Path]:
     ]
 
 
-def _counted(number: int, thing: str) -> str:
-    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

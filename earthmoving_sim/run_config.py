@@ -1,43 +1,49 @@
-"""The parameters of a run, all parts together, from one YAML file."""
+"""RunConfig: the parameters of a run of the scripted operator, all parts together."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from dig_operator import BehaviourParams, DigTaskParams
+from earthmoving_sim.config_layers import (
+    SECTIONS,
+    ConfigLayer,
+    RunParams,
+    merge_layers,
+    read_layer,
+)
 from machine_sim.dem import ParticleParams
 from machine_sim.machine import MachineSpec, load_machine_spec
 from machine_sim.params import MachineSimParams
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.errors import ParameterError
-from msg_bridge.contract.parameters import Parameters, parameter
 from soil_sim.soils.params import SoilParams
 
 __all__ = ["RunConfig", "RunParams", "load_run_config"]
 
+_BASE = "demo.yaml"
+"""Shipped file whose parameters hold where no other layer names them."""
 
-@dataclass(frozen=True)
-class RunParams(Parameters):
-    """Where a run of the scripted operator begins."""
-
-    seed: int = parameter(0, "of the scatter of released soil", low=0, high=2**31)
-    start_x: float = parameter(-4.0, "where it digs from, map x", unit="m", low=-1e4, high=1e4)
-    start_y: float = parameter(0.0, "where it digs from, map y", unit="m", low=-1e4, high=1e4)
+_DEFAULT_MACHINE = "machines/excavator.yaml"
 
 
 @dataclass(frozen=True)
 class RunConfig:
-    """Everything a run is made of.
+    """Parameters of a run.
 
     Attributes:
         machine: the excavator.
         machine_file: the file that describes it.
-        soil, particles, stepping, operator, shift, run: parameters of the parts.
+        soil: soil of the site.
+        particles: particles in and around the bucket.
+        stepping: time steps and track model of the machine.
+        behaviour: behaviour of the operator.
+        task: task of the operator.
+        run: seed and start position.
+        unused: parameters of nodes in the file that a run does not use.
     """
 
     machine: MachineSpec
@@ -48,59 +54,60 @@ class RunConfig:
     behaviour: BehaviourParams
     task: DigTaskParams
     run: RunParams
+    unused: tuple[str, ...] = ()
+
+    @property
+    def soil_description(self) -> str:
+        """Kind of soil of the ground, or angle of repose and swell of a soil without a name."""
+        soil = self.soil
+        if soil.soil:
+            return soil.soil
+        return f"repose angle {soil.repose_angle:g} deg, swell {soil.swell:g}, no cohesion"
 
 
-_SECTIONS: dict[str, type[Parameters]] = {
-    "soil": SoilParams,
-    "particles": ParticleParams,
-    "stepping": MachineSimParams,
-    "behaviour": BehaviourParams,
-    "task": DigTaskParams,
-    "run": RunParams,
-}
-
-
-def load_run_config(name: str | Path, overrides: Mapping[str, Any] | None = None) -> RunConfig:
-    """Read a file like `config/demo.yaml`.
+def load_run_config(
+    overlay: str | Path = _BASE, overrides: Mapping[str, Any] | None = None, *, soil: str = ""
+) -> RunConfig:
+    """Load `config/demo.yaml`, and change what a file and the arguments name.
 
     Args:
-        name: a path, or the name of a shipped file.
-        asked: values that stand above those of the sections `shift` and `run`.
+        overlay: a path or the name of a shipped file, in the demo's or in the nodes' format.
+        overrides: values of parameters of the sections `task` and `run`, by name.
+        soil: kind of soil of the ground; empty keeps that of the files.
 
     Raises:
-        ConfigError: there is no such file.
-        ParameterError: it is not a mapping of known sections, or a parameter is not good.
-        MachineError: the machine it names is not good.
+        ConfigError: a file is missing.
+        ParameterError: a file is not valid, or a parameter is unknown or out of range; also if
+            there is no soil of that name.
+        MachineError: the machine file is not valid.
     """
-    path = find_config(str(name))
+    path = find_config(str(overlay))
+    layers = [read_layer(find_config(_BASE)), read_layer(path)]
+    if soil:
+        layers.append(ConfigLayer({"soil": {"soil": soil}}))
+    layers.append(_override_layer(overrides or {}))
+    merged = merge_layers(*layers)
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, ValueError) as error:  # ValueError: no text, or no such date
-        raise ParameterError(f"{path} is not YAML: {error}") from error
-    content = {} if content is None else content
-    known = {"machine", *_SECTIONS}
-    if not isinstance(content, Mapping) or not set(content) <= known:
-        extra = "no sections"
-        if isinstance(content, Mapping):
-            extra = "the unknown " + ", ".join(sorted(map(str, set(content) - known)))
-        raise ParameterError(f"{path} has {extra}; its sections are {', '.join(sorted(known))}")
-    parts: dict[str, Any] = {}
-    for section, kind in _SECTIONS.items():
-        parts[section] = _section_params(path, section, kind, content.get(section))
-    for section in ("task", "run"):
-        own = asdict(parts[section])
-        above = {name: value for name, value in (overrides or {}).items() if name in own}
-        parts[section] = _SECTIONS[section].from_mapping({**own, **above})
-    machine_file = find_config(str(content.get("machine", "machines/excavator.yaml"))).resolve()
-    return RunConfig(machine=load_machine_spec(machine_file), machine_file=machine_file, **parts)
-
-
-def _section_params(path: Path, section: str, kind: type[Parameters], values: Any) -> Parameters:
-    """The parameters of one section; none given are all defaults."""
-    values = {} if values is None else values
-    if not isinstance(values, Mapping):
-        raise ParameterError(f"{path}: {section} is {values!r}; give a mapping of parameters")
-    try:
-        return kind.from_mapping({str(name): value for name, value in values.items()})
+        parts: dict[str, Any] = {
+            section: kind.from_mapping(merged.sections[section])
+            for section, kind in SECTIONS.items()
+        }
+        parts["soil"].soil_types()
     except ParameterError as error:
-        raise ParameterError(f"{path}: {error}") from error
+        raise ParameterError(f"{path}: {error}" if str(overlay) != _BASE else str(error)) from error
+    machine_file = find_config(merged.machine or _DEFAULT_MACHINE).resolve()
+    return RunConfig(
+        machine=load_machine_spec(machine_file),
+        machine_file=machine_file,
+        unused=merged.unused,
+        **parts,
+    )
+
+
+def _override_layer(overrides: Mapping[str, Any]) -> ConfigLayer:
+    """Return overrides by name as a layer of the sections `task` and `run`."""
+    sections: dict[str, dict[str, Any]] = {"task": {}, "run": {}}
+    for name, value in overrides.items():
+        is_run = name in RunParams.__dataclass_fields__
+        sections["run" if is_run else "task"][name] = value
+    return ConfigLayer(sections)

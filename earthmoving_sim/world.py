@@ -1,11 +1,11 @@
-"""A world in one process: soil and machines over the direct transport, at full speed.
+"""World: soil and machines in one process, over the direct transport, without DDS.
 
-The same soil, machine and exchange objects that run as ROS 2 nodes, without DDS. One tick::
+It uses the same soil, machine and exchange objects as the ROS 2 nodes. One tick::
 
-    machines step -> exchange -> soil: cut, deposit, slip -> exchange -> machines take an answer
+    machines step -> exchange -> soil: cut, deposit, relax -> exchange -> machines apply an answer
 
-It is the answer to the tick before, as it is between nodes, where soil and machines work at the
-same time: the same commands give the same run.
+The answer that machines apply is that to the tick before, as between nodes, where soil and machines
+compute at the same time: the same commands give the same run.
 """
 
 from __future__ import annotations
@@ -35,26 +35,25 @@ class World:
 
     Attributes:
         soil: the terrain.
-        machines: by source number, from 1.
-        ledger: of the last tick.
-        answers: the latest that each machine has taken, by source: of the tick before the last.
+        machines: machines by machine_id, from 1.
+        ledger: ledger of the last tick.
+        answers: answer that each machine applied last, by machine_id; of the tick before the last.
     """
 
     def __init__(self, soil: Soil, machines: Mapping[int, MachineSim]) -> None:
         """
         Args:
-            soil: the terrain the machines were set on.
-            machines: by source number, from 1.
+            soil: the terrain on which the machines stand.
+            machines: machines by machine_id, from 1.
 
         Raises:
-            ParameterError: a machine knows other soils than the terrain has.
+            ParameterError: a machine has other soils than the terrain.
         """
         for machine_id, machine in machines.items():
-            known, there = machine.particles.soils, soil.loose_soils
-            if known != there:
+            if machine.particles.soils != soil.loose_soils:
                 raise ParameterError(
-                    f"machine {machine_id} knows the soils {known}, the terrain has {there}; give"
-                    " MachineSim the terrain's"
+                    f"machine {machine_id} has the soils {machine.particles.soils}, the terrain has"
+                    f" {soil.loose_soils}; create MachineSim with the soils of the terrain"
                 )
         self.soil = soil
         self.machines = dict(machines)
@@ -69,8 +68,8 @@ class World:
         self._transport = DirectTransport(
             self._soil_endpoint, list(self._machine_endpoints.values())
         )
-        for side in self._machine_endpoints.values():
-            side.join()
+        for endpoint in self._machine_endpoints.values():
+            endpoint.join()
         self.ledger = self._soil_tick()
 
     @property
@@ -80,9 +79,9 @@ class World:
 
     @property
     def surface(self) -> NDArray[np.float64]:
-        """Heights [m], shape (rows, cols), to the bits that messages carry (float32).
+        """Heights rounded to float32, as in messages [m], shape (rows, cols), float64.
 
-        The same array until the terrain changes; not to be written to.
+        It is the same array until the terrain changes; do not write to it.
         """
         if self._surface_revision != self.soil.revision:
             self._surface_revision = self.soil.revision
@@ -90,19 +89,15 @@ class World:
         return self._surface
 
     def step(self) -> Ledger:
-        """Advance all machines and the soil by one tick.
-
-        Returns:
-            The ledger of the tick.
-        """
-        for side in self._machine_endpoints.values():
-            side.step()
+        """Advance all machines and the soil by one tick; return the ledger of the tick."""
+        for endpoint in self._machine_endpoints.values():
+            endpoint.step()
         self.ledger = self._soil_tick()
-        for machine_id, side in self._machine_endpoints.items():
-            answer = side.poll()
+        for machine_id, endpoint in self._machine_endpoints.items():
+            answer = endpoint.poll()
             if answer is not None:
                 self.answers[machine_id] = answer
-            elif not side.is_ready:
+            elif not endpoint.is_ready:
                 raise ExchangeError("the direct transport lost the soil's answer")
         return self.ledger
 
@@ -117,10 +112,10 @@ class World:
         return done.ledger
 
     def state_hash(self) -> str:
-        """SHA-256 [hex] of the terrain."""
+        """Return the SHA-256 of the terrain [hex]."""
         return self.soil.state_hash()
 
     def close(self) -> None:
-        """Free what the machines hold."""
+        """Release the physics engines of the machines."""
         for machine in self.machines.values():
             machine.close()

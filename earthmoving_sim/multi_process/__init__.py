@@ -1,6 +1,7 @@
-"""A run with every part in a ROS 2 node of its own, as a launch file would start it.
+"""A run with soil, machine, operator and recorder as ROS 2 nodes, as a launch file starts them.
 
-- `run`: starts soil, machine, operator and recorder, tells how it goes, stops them in order
-- `parameters`: a run's parameters as one ROS parameter file
-- `processes`: nodes as processes, watched and stopped
+- `parameter_file`: the parameters of a run as one ROS parameter file
+- `node_process`: a node in a process of its own
+- `run_monitor`: progress of the nodes, from `/diagnostics`
+- `dig`: start the nodes, wait until the operator has finished, stop them in order
 """

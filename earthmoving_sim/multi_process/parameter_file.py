@@ -1,4 +1,4 @@
-"""A run's parameters as one ROS parameter file for all of its nodes."""
+"""The parameters of a run as one ROS parameter file for all its nodes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from earthmoving_sim.run_config import RunConfig
 __all__ = ["NAMESPACE", "write_node_parameters"]
 
 NAMESPACE = "/excavator"
-"""Of the machine and its operator."""
+"""Namespace of the machine and its operator."""
 
 _RECORDER = "exchange_recorder"
 
@@ -28,21 +28,20 @@ def write_node_parameters(
     command_interval_ticks: int,
     command_delay_ticks: int,
 ) -> None:
-    """Write what each node of a run is to be given.
+    """Write the parameters of every node of a run.
 
     Args:
-        path: the file.
-        config: of the run.
-        site: file of the terrain.
+        path: file to write.
+        config: parameters of the run.
+        site: terrain file.
         bag: folder to record into.
-        realtime: whether ticks follow the wall clock; else as fast as it goes, and repeatable.
-        command_interval_ticks: ticks between commands of the operator.
-        reaction: ticks from what the operator sees until its command counts; in real time they
-            are what it takes.
+        realtime: whether ticks follow the wall clock; else as fast as possible, and repeatable.
+        command_interval_ticks: ticks between commands of the operator in lockstep.
+        command_delay_ticks: ticks from an observation until the command takes effect in lockstep.
     """
-    tick = config.stepping.tick_period
+    tick_period = config.stepping.tick_period
     soil = {
-        "tick_period": tick,
+        "tick_period": tick_period,
         "sync": "realtime" if realtime else "lockstep",
         "required_subscribers": [_RECORDER],
         "map_period": 2.0,
@@ -57,7 +56,7 @@ def write_node_parameters(
         "command_wait_period": 0 if realtime else command_interval_ticks,
         "command_delay": command_delay_ticks,
         "required_subscribers": [_RECORDER],
-        "state_rate": 1.0 / (command_interval_ticks * tick),
+        "state_rate": 1.0 / (command_interval_ticks * tick_period),
         "stepping": asdict(config.stepping),
         "particles": asdict(config.particles),
     }
@@ -73,5 +72,5 @@ def write_node_parameters(
         f"{NAMESPACE}/dig_operator": operator,
         f"/{_RECORDER}": recorder,
     }
-    content: dict[str, Any] = {name: {"ros__parameters": own} for name, own in nodes.items()}
+    content: dict[str, Any] = {name: {"ros__parameters": values} for name, values in nodes.items()}
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")

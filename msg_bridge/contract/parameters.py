@@ -13,6 +13,7 @@ from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
 from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.suggestions import suggestion
 
 __all__ = ["Parameters", "check_value", "item_type", "parameter"]
 
@@ -69,8 +70,9 @@ class Parameters:
         known = [field.name for field in fields(cls)]
         unknown = sorted(set(values) - set(known))
         if unknown:
+            names = ", ".join(f"{name}{suggestion(name, known)}" for name in unknown)
             raise ParameterError(
-                f"{cls.__name__} has no parameter {', '.join(unknown)}; it has {', '.join(known)}"
+                f"{cls.__name__} has no parameter {names}; it has {', '.join(known)}"
             )
         return cls(**dict(values))
 

@@ -1,12 +1,10 @@
-"""A node running as a process of its own."""
+"""RosProcess: a node in a process of its own, for tests."""
 
 from __future__ import annotations
 
-import contextlib
 import os
 import re
 import signal
-import subprocess
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,6 +12,7 @@ from typing import Any
 
 import yaml
 
+from msg_bridge.processes import ChildProcess
 from msg_bridge.testing.ros_context import DEADLINE
 
 __all__ = ["RosProcess"]
@@ -46,8 +45,8 @@ class RosProcess:
             namespace, name: of the node, in place of its own.
             env: environment variables to set beside this process's.
         """
-        words = [os.fspath(word) for word in command]
-        ros = []
+        words: list[str] = [os.fspath(word) for word in command]
+        ros: list[str] = []
         if parameters:
             file = folder / "parameters.yaml"
             values = {"/**": {"ros__parameters": {k: _plain(v) for k, v in parameters.items()}}}
@@ -57,32 +56,23 @@ class RosProcess:
             ros += ["-r", f"__ns:={namespace}"]
         if name:
             ros += ["-r", f"__node:={name}"]
-        self._command = [*words, "--ros-args", *ros] if ros else words
+        full_command = [*words, "--ros-args", *ros] if ros else words
         self._expected_to_run = True
-        self._file = folder / "output.txt"
-        with self._file.open("wb") as output:
-            self._process = subprocess.Popen(
-                self._command,
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                env={**os.environ, "PYTHONUNBUFFERED": "1", **(env or {})},
-                start_new_session=True,  # so that all it starts can be killed with it
-            )
+        self._process = ChildProcess(full_command, folder / "output.txt", env=env)
         self.pid = self._process.pid
 
     def __str__(self) -> str:
-        return " ".join(self._command)
+        return " ".join(self._process.command)
 
     @property
     def output(self) -> str:
         """What it has written so far, stdout and stderr together."""
-        return self._file.read_text(errors="replace")
+        return self._process.output
 
     @property
     def running(self) -> bool:
         """Whether it has not ended."""
-        return self._process.poll() is None
+        return self._process.exit_code is None
 
     def wait_for_output(self, pattern: str, timeout: float = DEADLINE) -> re.Match[str]:
         """Wait until it has written something that matches a regular expression.
@@ -105,7 +95,7 @@ class RosProcess:
     def interrupt(self, number: int = signal.SIGINT) -> None:
         """Send a signal and do not wait."""
         self._expected_to_run = False
-        self._process.send_signal(number)
+        self._process.interrupt(number)
 
     def stop(
         self, number: int = signal.SIGINT, *, expect: int | None = 0, timeout: float = DEADLINE
@@ -129,20 +119,15 @@ class RosProcess:
     def wait(self, *, expect: int | None = 0, timeout: float = DEADLINE) -> int:
         """Wait until it ends by itself; else as `stop`."""
         self._expected_to_run = False
-        try:
-            code = self._process.wait(timeout)
-        except subprocess.TimeoutExpired:
-            raise AssertionError(self._describe(f"did not end within {timeout:g} s")) from None
+        code = self._process.wait(timeout)
+        assert code is not None, self._describe(f"did not end within {timeout:g} s")
         assert expect is None or code == expect, self._describe(f"should have ended with {expect}")
         return code
 
     def kill(self) -> None:
         """End it and all that it started, at once, without a chance to clean up."""
         self._expected_to_run = False
-        # Also if it has ended itself: what it started may run on in its session.
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(self.pid, signal.SIGKILL)
-        self._process.wait()
+        self._process.kill()
 
     def failure_reason(self) -> str | None:
         """What is wrong if it should be running and is not."""
@@ -151,7 +136,7 @@ class RosProcess:
         return self._describe("has ended unexpectedly")
 
     def _describe(self, what: str) -> str:
-        code = self._process.poll()
+        code = self._process.exit_code
         state = "it is running" if code is None else f"its exit code is {code}"
         return f"{self} {what}; {state} and its output:\n{self.output or '(nothing)'}"
 

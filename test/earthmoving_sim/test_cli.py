@@ -1,4 +1,4 @@
-"""The `earthmoving` command line: help, exit codes, and subcommands that fail."""
+"""The `earthmoving` command line: help, exit codes, and failing subcommands."""
 
 import re
 import subprocess
@@ -15,61 +15,59 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
-def give_subcommand(monkeypatch):
-    """Make `give` the only subcommand, whose `run` is the function passed."""
+def install_subcommand(monkeypatch):
+    """Return a function that makes `fake` the only subcommand, with the given `run`."""
 
-    def give(run):
-        module = types.ModuleType("earthmoving_sim.give", "Give what is asked for.")
-        module.SUMMARY = "give"
+    def install(run):
+        module = types.ModuleType("earthmoving_sim.commands.fake", "A fake subcommand.")
+        module.SUMMARY = "fake"
         module.add_arguments = lambda parser: parser.add_argument("--code", type=int, default=0)
         module.run = run
-        monkeypatch.setitem(sys.modules, "earthmoving_sim.give", module)
-        monkeypatch.setattr(cli, "SUBCOMMANDS", ("give",))
+        monkeypatch.setitem(sys.modules, "earthmoving_sim.commands.fake", module)
+        monkeypatch.setattr(cli, "SUBCOMMANDS", ("fake",))
 
-    return give
+    return install
 
 
-def raiser(error: BaseException):
+def raising(error: BaseException):
     def run(args):
         raise error
 
     return run
 
 
-def test_exit_code_is_what_the_subcommand_returns(give_subcommand):
-    give_subcommand(lambda args: args.code)
-    assert cli.main(["give", "--code", "7"]) == 7
+def test_exit_code_is_that_of_the_subcommand(install_subcommand):
+    install_subcommand(lambda args: args.code)
+    assert cli.main(["fake", "--code", "7"]) == 7
 
 
-def test_error_of_ours_is_a_message_and_exit_code_2(give_subcommand, capsys):
-    give_subcommand(raiser(ParameterError("depth is negative; give 0 or more")))
-    assert cli.main(["give"]) == 2
+def test_earthmoving_error_is_printed_with_exit_code_2(install_subcommand, capsys):
+    install_subcommand(raising(ParameterError("depth is negative; give 0 or more")))
+    assert cli.main(["fake"]) == 2
     captured = capsys.readouterr()
-    assert captured.err == "earthmoving give: depth is negative; give 0 or more\n"
+    assert captured.err == "earthmoving fake: depth is negative; give 0 or more\n"
     assert captured.out == ""
 
 
-def test_keyboard_interrupt_exits_with_130(give_subcommand):
-    give_subcommand(raiser(KeyboardInterrupt()))
-    assert cli.main(["give"]) == 130
+def test_keyboard_interrupt_exits_with_130(install_subcommand):
+    install_subcommand(raising(KeyboardInterrupt()))
+    assert cli.main(["fake"]) == 130
 
 
-def test_error_that_is_a_bug_is_not_swallowed(give_subcommand):
-    give_subcommand(raiser(ZeroDivisionError()))
+def test_other_errors_are_raised(install_subcommand):
+    install_subcommand(raising(ZeroDivisionError()))
     with pytest.raises(ZeroDivisionError):
-        cli.main(["give"])
+        cli.main(["fake"])
 
 
-def test_subcommand_that_does_not_import_is_named_in_help_and_fails_when_called(
-    monkeypatch, capsys
-):
+def test_subcommand_that_cannot_be_imported_is_listed_and_fails_when_called(monkeypatch, capsys):
     monkeypatch.setattr(cli, "SUBCOMMANDS", ("nowhere",))
     assert cli.main(["nowhere"]) == 2
-    assert "No module named 'earthmoving_sim.nowhere'" in capsys.readouterr().err
+    assert "No module named 'earthmoving_sim.commands.nowhere'" in capsys.readouterr().err
     assert "unavailable" in " ".join(cli.build_parser().format_help().split())
 
 
-def test_no_subcommand_is_bad_input(capsys):
+def test_missing_subcommand_is_invalid_input(capsys):
     with pytest.raises(SystemExit) as stop:
         cli.main([])
     assert stop.value.code == 2
@@ -84,7 +82,7 @@ def test_help_lists_every_subcommand_and_examples():
     assert "exit codes" in text
 
 
-def test_help_imports_nothing_heavy():
+def test_help_imports_no_heavy_package():
     code = (
         "import sys; from earthmoving_sim.cli import build_parser; build_parser().format_help();"
         "print(*{'numpy', 'numba', 'pybullet', 'rclpy', 'matplotlib'} & set(sys.modules))"

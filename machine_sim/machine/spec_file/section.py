@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from machine_sim.machine.errors import MachineError
+from msg_bridge.contract.suggestions import nearest_name, suggestion
 
 __all__ = ["Section"]
 
@@ -116,8 +117,9 @@ class Section:
         """
         unknown = sorted(str(key) for key in self._values if key not in self._known_keys)
         if unknown:
+            names = ", ".join(f"{key}{suggestion(key, self._known_keys)}" for key in unknown)
             raise MachineError(
-                f"{self._path} has unknown key {', '.join(unknown)};"
+                f"{self._path} has unknown key {names};"
                 f" remove it or use one of: {', '.join(sorted(self._known_keys))}"
             )
 
@@ -127,7 +129,10 @@ class Section:
     def _require(self, key: str) -> Any:
         self._known_keys.add(key)
         if key not in self._values:
-            raise MachineError(f"{self._key_path(key)} is missing; add it")
+            others = [str(other) for other in self._values if other not in self._known_keys]
+            similar = nearest_name(key, others)
+            rename = f", or rename {similar!r} if that is meant" if similar else ""
+            raise MachineError(f"{self._key_path(key)} is missing; add it{rename}")
         return self._values[key]
 
     def _list(self, key: str, count: int | None) -> list[Any]:

@@ -1,4 +1,4 @@
-"""`earthmoving machine check FILE`: what it says of good and of bad files."""
+"""`earthmoving machine check FILE`: valid and invalid files."""
 
 import pytest
 import yaml
@@ -10,7 +10,7 @@ SHIPPED = ("excavator", "road_header", "dumper", "reference_2014")
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_shipped_machines_are_sound_with_both_kinds_of_tracks(name, capsys) -> None:
+def test_shipped_machines_stand_level_with_both_track_models(name, capsys) -> None:
     assert cli.main(["machine", "check", f"machines/{name}.yaml"]) == 0
     out = capsys.readouterr().out
     assert out.startswith(f"{name}: ")
@@ -26,26 +26,32 @@ def changed(tmp_path, edit):
     return str(path)
 
 
+def rename_shoe_width(values):
+    values["tracks"]["shoe_widht"] = values["tracks"].pop("shoe_width")
+
+
 @pytest.mark.parametrize(
-    ("edit", "words"),
+    ("edit", "key"),
     [
-        (lambda v: v["tools"]["head"].update(body=0.6), "tips of the picks farther out"),
-        (lambda v: v["links"].pop("turret"), "links.turret is missing; add it"),
-        (lambda v: v["levers"]["turn"].update(axis="left_z"), "levers.turn: give a joint"),
-        (lambda v: v["tracks"].update(shoe_thickness=0.8), "too thick for a sprocket"),
+        (lambda v: v["tools"]["head"].update(body=0.6), "tools.head"),
+        (lambda v: v["links"].pop("turret"), "links.turret"),
+        (lambda v: v["joystick_axes"]["turn"].update(axis="left_z"), "joystick_axes.turn"),
+        (lambda v: v["tracks"].update(shoe_thickness=0.8), "tracks"),
+        (lambda v: v["tracks"].update(shoe_widht=0.5), "(did you mean 'shoe_width'?)"),
+        (rename_shoe_width, "tracks.shoe_width is missing; add it, or rename 'shoe_widht'"),
     ],
 )
-def test_a_bad_file_is_refused_with_what_to_change(edit, words, tmp_path, capsys) -> None:
+def test_invalid_file_is_rejected_with_its_section(edit, key, tmp_path, capsys) -> None:
     assert cli.main(["machine", "check", changed(tmp_path, edit)]) == 2
-    assert words in capsys.readouterr().err
+    assert key in capsys.readouterr().err
 
 
-def test_a_machine_that_tips_up_is_told(tmp_path, capsys) -> None:
+def test_machine_that_tips_up_is_reported(tmp_path, capsys) -> None:
     path = changed(tmp_path, lambda v: v["links"]["base"].update(center_of_mass=[-4.0, 0.0, 0.65]))
     assert cli.main(["machine", "check", path]) == 0
     assert "it tips up" in capsys.readouterr().out
 
 
-def test_a_file_that_is_not_there_is_refused(capsys) -> None:
+def test_missing_file_is_rejected(capsys) -> None:
     assert cli.main(["machine", "check", "none.yaml"]) == 2
     assert "none.yaml" in capsys.readouterr().err

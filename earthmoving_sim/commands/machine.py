@@ -1,8 +1,8 @@
-"""Check a machine file, and say what is wrong with it or what machine it makes.
+"""Check a machine file and print the machine that it describes.
 
-Reads FILE as the nodes do. What is wrong is named with its place in the file and what to change. A
-file that is right is summed up: links with masses, joints with what moves them, tools, and how the
-machine stands with either model of tracks. Exits with 0 if both models can be made, else with 2.
+Reads FILE as the nodes do. An error names its place in the file and what to change. A valid file is
+summarised: links with masses, joints with their actuators, tools, and the tilt of the machine at
+rest with both track models. Exits with 0 if the file is valid, else with 2.
 """
 
 import argparse
@@ -15,22 +15,27 @@ if TYPE_CHECKING:
 
 __all__ = ["SUMMARY", "add_arguments", "run"]
 
-SUMMARY = "check a machine file: what is wrong with it, or what machine it makes"
+SUMMARY = "check a machine file and print the machine that it describes"
 
 _SETTLE_STEPS = 200
-"""Steps of 5 ms that a machine is let stand."""
+"""Number of 5 ms steps until the machine is at rest."""
+
 _MAX_TILT_DEG = 5.0
-"""Tilt on level ground from which on a machine does not stand on its tracks [deg]."""
+"""Maximum tilt on level ground of a machine that stands on its tracks [deg]."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What to do with which file."""
-    parser.add_argument("what", choices=["check"], help="check: read the file and stand on it")
+    """Add the action and the file."""
+    parser.add_argument("action", choices=["check"], help="check: read the file, let it stand")
     parser.add_argument("file", type=Path, help="a machine file (YAML)")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Check and print; bad files raise with the reason."""
+    """Check the file and print the machine; return 0.
+
+    Raises:
+        ConfigError, MachineError: the file is missing or not valid.
+    """
     from machine_sim.machine import load_machine_spec
     from msg_bridge.config_files import find_config
 
@@ -41,30 +46,30 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _summary_lines(machine: "MachineSpec") -> Iterator[str]:
-    """What machine it is, to read."""
+    """Yield the lines of the summary."""
     yield f"{machine.name}: {machine.mass:,.0f} kg"
     for name, link in machine.links.items():
         yield f"  link    {name:<10}{link.mass:>10,.0f} kg, {len(link.boxes)} boxes"
     for name, joint in machine.joints.items():
-        by = "cylinder" if name in machine.cylinders else "motor"
-        span = "without end" if joint.lower == float("-inf") else ""
-        span = span or f"{joint.lower:+.2f} to {joint.upper:+.2f} rad"
+        actuator = "cylinder" if name in machine.cylinders else "motor"
+        is_continuous = joint.lower == float("-inf")
+        limits = "continuous" if is_continuous else f"{joint.lower:+.2f} to {joint.upper:+.2f} rad"
         yield (
-            f"  joint   {name:<10}{joint.parent} to {joint.child} about {joint.axis}, {span},"
-            f" {joint.max_velocity:g} rad/s, {by} of {joint.max_effort / 1e3:,.0f} kN m"
+            f"  joint   {name:<10}{joint.parent} to {joint.child} about {joint.axis}, {limits},"
+            f" {joint.max_velocity:g} rad/s, {actuator} of {joint.max_effort / 1e3:,.0f} kN m"
         )
     for name, mount in machine.tools.items():
         kind = type(mount.shape).__name__.removesuffix("Shape").lower()
-        holds = getattr(mount.shape, "heaped_capacity", None)
-        of = f" of {holds:.2f} m3 heaped" if holds else ""
-        yield f"  tool    {name:<10}{kind} on {mount.link}{of}"
+        capacity = getattr(mount.shape, "heaped_capacity", None)
+        size = f" of {capacity:.2f} m3 heaped" if capacity else ""
+        yield f"  tool    {name:<10}{kind} on {mount.link}{size}"
     if not machine.tools:
-        yield "  tool    none: it drives, and touches no soil but by its tracks"
+        yield "  tool    none"
     yield from _standing_lines(machine)
 
 
 def _standing_lines(machine: "MachineSpec") -> Iterator[str]:
-    """How it stands on level ground with tracks of each model."""
+    """Yield the tilt of the machine on level ground with each track model."""
     import numpy as np
 
     from machine_sim.machine.tracks.track_model import TRACK_MODELS

@@ -1,0 +1,9 @@
+"""Child processes that end with their parent.
+
+- `child_process`: ChildProcess: start, watch and stop a program whose output goes to a file
+- `child_main`: runs a Python module in a process that the kernel ends with its parent
+"""
+
+from msg_bridge.processes.child_process import ChildProcess, python_module_command
+
+__all__ = ["ChildProcess", "python_module_command"]

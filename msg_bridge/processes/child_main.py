@@ -1,0 +1,41 @@
+"""Run a Python module in a process that receives SIGTERM when its parent dies.
+
+    python -m msg_bridge.processes.child_main PARENT_PID MODULE [ARGUMENT ...]
+
+The request is made before the module is imported, so that no node outlives its parent, not even if
+the parent is killed while the node starts. On systems without `prctl` (not Linux) it has no effect.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import runpy
+import signal
+import sys
+
+__all__ = ["main"]
+
+_PR_SET_PDEATHSIG = 1
+"""Option of prctl(2): the signal sent to this process when its parent dies."""
+
+
+def main(argv: list[str]) -> None:
+    """Run the module named in the command line as `__main__`."""
+    parent_pid, module, *arguments = argv
+    _terminate_with_parent(int(parent_pid))
+    sys.argv = [module, *arguments]
+    runpy.run_module(module, run_name="__main__", alter_sys=True)
+
+
+def _terminate_with_parent(parent_pid: int) -> None:
+    try:
+        ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, int(signal.SIGTERM))
+    except (OSError, AttributeError):
+        return
+    if os.getppid() != parent_pid:  # the parent died before the request was made
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
