@@ -1,0 +1,337 @@
+"""The public interface: every topic and service with its type, namespace, QoS, rate and meaning.
+
+This table is the one description of the interface. The help texts of the nodes and
+`docs/interfaces.md` are generated from it, and a test compares it with the endpoints that the nodes
+create. Names are in `msg_bridge.contract.topics`, layouts of rows in `msg_bridge.contract.rows`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from msg_bridge.contract import topics
+
+__all__ = ["INTERFACE", "Endpoint", "EndpointKind", "Scope", "endpoints_of"]
+
+SOIL, MACHINE, OPERATOR, RECORDER = "soil_sim", "machine_sim", "dig_operator", "exchange_recorder"
+"""Executables of this package."""
+
+ANY = "any client"
+"""A publisher or caller outside of this package."""
+
+
+class Scope(str, Enum):
+    """Namespace that a name is relative to; see `msg_bridge.contract.topics`."""
+
+    SIMULATION = "simulation"
+    MACHINE_NODE = "machine node"
+    MACHINE = "machine"
+
+
+class EndpointKind(str, Enum):
+    """How an endpoint is used."""
+
+    TOPIC = "topic"
+    SERVICE = "service"
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """A topic or service.
+
+    Attributes:
+        name: relative to the namespace of its scope; a part in angle brackets stands for a name
+            from the machine file or a parameter.
+        type: ROS type, `package/msg/Type`.
+        scope: namespace that the name is relative to.
+        publishers: executables that publish the topic, or serve the service.
+        subscribers: executables of this package that subscribe to it.
+        qos: name of a profile in `msg_bridge.codec.qos`; empty for a service.
+        rate: when it is published, in simulated time.
+        description: contents, with units and frame.
+        condition: when the endpoint exists; empty: always.
+        kind: topic or service.
+    """
+
+    name: str
+    type: str
+    scope: Scope
+    publishers: tuple[str, ...]
+    subscribers: tuple[str, ...]
+    qos: str
+    rate: str
+    description: str
+    condition: str = ""
+    kind: EndpointKind = EndpointKind.TOPIC
+
+    @property
+    def full_name(self) -> str:
+        """Name with a placeholder for its namespace, as in help texts and documents."""
+        placeholder = {Scope.SIMULATION: "/", Scope.MACHINE_NODE: "<n>/", Scope.MACHINE: "<m>/"}
+        return placeholder[self.scope] + self.name
+
+
+_SIM, _NODE, _MACHINE = Scope.SIMULATION, Scope.MACHINE_NODE, Scope.MACHINE
+_CLOUD, _ARRAY = "sensor_msgs/msg/PointCloud2", "std_msgs/msg/Int64MultiArray"
+_FLOATS, _STRING = "std_msgs/msg/Float64MultiArray", "std_msgs/msg/String"
+_JOINTS = "sensor_msgs/msg/JointState"
+
+_COMMANDS = (
+    Endpoint(
+        topics.FRONT_VELOCITY_COMMANDS, _FLOATS, _MACHINE, (ANY,), (MACHINE,), "COMMANDS",
+        "up to once a tick", "joint velocities [rad/s] in the order of the machine file",
+    ),
+    Endpoint(
+        topics.TRACK_VELOCITY_COMMANDS, _FLOATS, _MACHINE, (ANY,), (MACHINE,), "COMMANDS",
+        "up to once a tick", "track speeds [m/s]: left, right",
+    ),
+    Endpoint(
+        topics.JOINT_COMMANDS, _JOINTS, _MACHINE, (ANY, OPERATOR), (MACHINE,), "COMMANDS",
+        "up to once a tick",
+        "names with `velocity` [rad/s, m/s], or with `position` [rad] to go to and hold; partial"
+        " lists are allowed; tracks are `left_track` and `right_track`",
+    ),
+    Endpoint(
+        topics.CMD_VEL, "geometry_msgs/msg/TwistStamped", _MACHINE, (ANY,), (MACHINE,), "COMMANDS",
+        "up to once a tick", "linear.x [m/s] and angular.z [rad/s], converted to track speeds",
+    ),
+    Endpoint(
+        topics.JOY, "sensor_msgs/msg/Joy", _MACHINE, (ANY,), (MACHINE,), "COMMANDS",
+        "up to once a tick", "joystick axes, in the pattern `commands.joy_pattern` (iso or sae)",
+    ),
+    Endpoint(
+        topics.EMERGENCY_STOP, "std_msgs/msg/Bool", _MACHINE, (ANY,), (MACHINE,), "STATE",
+        "on change", "true stops all motion until false arrives",
+    ),
+)  # fmt: skip
+
+_MACHINE_STATE = (
+    Endpoint(
+        topics.APPLIED_COMMANDS, _JOINTS, _MACHINE, (MACHINE,), (), "STATE", "every tick",
+        "command that took effect in the tick: velocities of joints [rad/s] and tracks [m/s]",
+    ),
+    Endpoint(
+        topics.JOINT_STATES, _JOINTS, _MACHINE, (MACHINE,), (OPERATOR,), "STATE",
+        "`state_rate`, 50 Hz",
+        "position [rad], velocity [rad/s] and effort [N m] of all joints, with the joints of the"
+        " cylinders and the virtual joints of the base (`base_x` ... `base_roll`)",
+    ),
+    Endpoint(
+        topics.ODOM, "nav_msgs/msg/Odometry", _MACHINE, (MACHINE,), (OPERATOR,), "STATE",
+        "`state_rate`, 50 Hz", "pose of `base_link` in `map` and its twist; exact",
+    ),
+    Endpoint(
+        topics.CYLINDERS, _FLOATS, _MACHINE, (MACHINE,), (), "STATE", "`state_rate`, 50 Hz",
+        "labelled: length [m], speed [m/s], force [N] and pressures of cap and rod side [Pa] of"
+        " each cylinder, time [s]",
+    ),
+    Endpoint(
+        topics.PAYLOAD, _FLOATS, _MACHINE, (MACHINE,), (OPERATOR,), "STATE", "`state_rate`, 50 Hz",
+        "labelled: bank and loose volume [m³], mass [kg] and fill [heaped capacity = 1] of the soil"
+        " that the machine carries, time [s]",
+        "the machine has a tool that carries soil",
+    ),
+    Endpoint(
+        topics.wrench_topic("<tool>"), "geometry_msgs/msg/WrenchStamped", _MACHINE, (MACHINE,), (),
+        "STATE", "`state_rate`, 50 Hz",
+        "force [N] and torque [N m] of the soil on a tool, in the tool's frame",
+    ),
+    Endpoint(
+        topics.imu_topic("<imu>"), "sensor_msgs/msg/Imu", _MACHINE, (MACHINE,), (), "STATE",
+        "`sensors.rate`, 50 Hz", "measurement of an inertial unit, with noise, bias and delay",
+    ),
+    Endpoint(
+        topics.MEASURED_JOINT_STATES, _JOINTS, _MACHINE, (MACHINE,), (), "STATE",
+        "`sensors.rate`, 50 Hz", "measurement of the joint encoders, with noise, bias and delay",
+    ),
+    Endpoint(
+        topics.TRANSFORMS, "geometry_msgs/msg/TransformStamped", _MACHINE, (MACHINE,), (), "STATE",
+        "`transform_rate`, 20 Hz", "pose of each link, one message a link",
+    ),
+    Endpoint(
+        topics.MARKERS, "visualization_msgs/msg/MarkerArray", _MACHINE, (MACHINE,), (), "STATE",
+        "`marker_rate`, 10 Hz", "shape of the machine in `map`",
+    ),
+    Endpoint(
+        topics.ROBOT_DESCRIPTION, _STRING, _MACHINE, (MACHINE,), (), "TRANSIENT_LOCAL",
+        "once a run", "URDF of the machine",
+    ),
+    Endpoint(
+        topics.OPERATOR_PHASE, _STRING, _MACHINE, (OPERATOR,), (), "ROWS", "on change",
+        "JSON: `time` [s], `cycle`, `phase`, `abort_reason`",
+    ),
+    Endpoint(
+        topics.OPERATOR_CYCLES, _STRING, _MACHINE, (OPERATOR,), (), "ROWS", "once a cycle",
+        "JSON report of a finished dig cycle; see the document on bags",
+    ),
+)  # fmt: skip
+
+_MACHINE_NODE = (
+    Endpoint(
+        topics.MACHINE_TICK, _ARRAY, _NODE, (MACHINE,), (SOIL,), "ROWS", "every tick",
+        "labelled: header of the machine node's tick, or a retransmit request",
+    ),
+    Endpoint(
+        topics.CONVERSION_BACKLOG, _CLOUD, _NODE, (SOIL,), (MACHINE,), "ROWS", "at a rejoin",
+        "conversion rows from before the rejoin",
+        "published once a machine node has appeared",
+    ),
+    Endpoint(
+        topics.PARTICLES, _CLOUD, _NODE, (MACHINE,), (), "STATE", "`particle_rate`, 20 Hz",
+        "`x y z` [m], `vx vy vz` [m/s], `diameter` [m], `id`, `volume_mm3` and `soil` of each"
+        " particle",
+    ),
+    Endpoint(
+        topics.MACHINE_STATE_HASH, _STRING, _NODE, (MACHINE,), (), "STATE", "`hash_rate`, 1 Hz",
+        "JSON: `run_id`, `tick`, `stamp` and SHA-256 of machines and particles",
+    ),
+    Endpoint(
+        topics.MACHINE_CONFIG, _STRING, _NODE, (MACHINE,), (), "TRANSIENT_LOCAL", "once a run",
+        "YAML: every parameter of the node",
+    ),
+    Endpoint(
+        topics.bin_payload_topic("<bin>"), _FLOATS, _NODE, (MACHINE,), (), "STATE",
+        "`state_rate`, 50 Hz", "payload of a bin, as that of a machine", "`bins` names one",
+    ),
+)  # fmt: skip
+
+_TERRAIN = (
+    Endpoint(
+        topics.TERRAIN_MAP, _CLOUD, _SIM, (SOIL,), (MACHINE, OPERATOR), "TRANSIENT_LOCAL",
+        "`map_rate`, at most 2 Hz, if changed",
+        "keyframe, organised (rows x cols): `x y z` [m], `loose_depth` [m], `surface_material`,"
+        " `moisture` [%], `soil`, `design_difference` [m], `volume_mm3`, `revision`, `run_id`",
+    ),
+    Endpoint(
+        topics.TERRAIN_MAP_UPDATES, _CLOUD, _SIM, (SOIL,), (MACHINE, OPERATOR), "ROWS",
+        "every tick with changes", "MAP_UPDATE rows: every changed cell",
+    ),
+    Endpoint(
+        topics.TERRAIN_ELEVATION, "sensor_msgs/msg/Image", _SIM, (SOIL,), (), "TRANSIENT_LOCAL",
+        "with the map", "32FC1: elevation [m] in grid_map matrix order",
+    ),
+    Endpoint(
+        topics.TERRAIN_INFO, "nav_msgs/msg/MapMetaData", _SIM, (SOIL,), (), "TRANSIENT_LOCAL",
+        "once a run", "cell size [m], number of cells, origin (the -x, -y corner)",
+    ),
+    Endpoint(
+        topics.TERRAIN_GRID_MAP, "grid_map_msgs/msg/GridMap", _SIM, (SOIL,), (),
+        "TRANSIENT_LOCAL", "with the map", "the layers of the map", "grid_map_msgs is installed",
+    ),
+    Endpoint(
+        topics.TERRAIN_SURFACE_TILT, "sensor_msgs/msg/Image", _SIM, (SOIL,), (),
+        "TRANSIENT_LOCAL", "once a run", "32FC2: slopes along x and y by which loose soil leans",
+        "`soil.surface_tilt_noise` is above 0",
+    ),
+    Endpoint(
+        topics.SOIL_CUT_FILL, _FLOATS, _SIM, (SOIL,), (), "TRANSIENT_LOCAL", "with the map",
+        "labelled: time [s], volumes to cut, to fill and remaining [m³], cells within tolerance",
+        "`site.design` is set",
+    ),
+)  # fmt: skip
+
+_EXCHANGE = (
+    Endpoint(
+        topics.SOIL_TOOL_SWEEPS, _CLOUD, _SIM, (MACHINE,), (SOIL,), "ROWS", "every tick",
+        "SWEEP rows: key points of tools at the start and the end of the tick",
+    ),
+    Endpoint(
+        topics.SOIL_DEPOSIT_REQUESTS, _CLOUD, _SIM, (MACHINE,), (SOIL,), "ROWS", "every tick",
+        "DEPOSIT_REQUEST rows: particles at rest, to become terrain",
+    ),
+    Endpoint(
+        topics.SOIL_CONVERSIONS, _CLOUD, _SIM, (SOIL,), (MACHINE,), "ROWS", "every tick",
+        "CONVERSION rows: the volume that was moved, the only record of it",
+    ),
+    Endpoint(
+        topics.SOIL_FORCES, _CLOUD, _SIM, (SOIL,), (MACHINE,), "ROWS", "every tick",
+        "FORCE rows: limit force [N] and torque [N m] of the soil on each tool",
+    ),
+    Endpoint(
+        topics.SOIL_TICK, _ARRAY, _SIM, (SOIL,), (MACHINE, OPERATOR), "ROWS", "every tick",
+        "labelled: header of the soil's tick, or a retransmit request",
+    ),
+    Endpoint(
+        topics.SOIL_JOIN_REJECTIONS, _STRING, _SIM, (SOIL,), (MACHINE,), "ROWS", "on rejection",
+        "JSON: `run_id`, `machine_id`, `session_id`, `reason`",
+    ),
+    Endpoint(
+        topics.SOIL_LEDGER, _ARRAY, _SIM, (SOIL,), (OPERATOR,), "ROWS", "every tick",
+        "labelled: every account of the volume and the imbalance [mm³]",
+    ),
+    Endpoint(
+        topics.SOIL_STATE_HASH, _STRING, _SIM, (SOIL,), (), "STATE", "`hash_rate`, 1 Hz",
+        "JSON: `run_id`, `tick`, `stamp` and SHA-256 of the terrain",
+    ),
+)  # fmt: skip
+
+_SIMULATION = (
+    Endpoint(
+        topics.CLOCK, "rosgraph_msgs/msg/Clock", _SIM, (SOIL,), (RECORDER,), "STATE", "every tick",
+        "simulated time",
+    ),
+    Endpoint(
+        topics.SIM_CONFIG, _STRING, _SIM, (SOIL,), (MACHINE, OPERATOR), "TRANSIENT_LOCAL",
+        "once a run", "YAML: run, parameters, versions and seeds, soils, georeference",
+    ),
+    Endpoint(
+        topics.SIM_PAUSED, "std_msgs/msg/Bool", _SIM, (SOIL,), (), "TRANSIENT_LOCAL", "on change",
+        "whether simulated time stands still",
+    ),
+    Endpoint(
+        topics.TF, "tf2_msgs/msg/TFMessage", _SIM, (MACHINE,), (), "STATE",
+        "`transform_rate`, 20 Hz", "poses of links and cylinders",
+        "tf2_msgs is installed and `publish_tf` is set",
+    ),
+    Endpoint(
+        topics.RECORDER_STATUS, _STRING, _SIM, (RECORDER,), (), "TRANSIENT_LOCAL",
+        "1 Hz wall clock", "JSON: bag, messages, bytes, losses",
+    ),
+    Endpoint(
+        topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", _SIM,
+        (SOIL, MACHINE, OPERATOR, RECORDER), (), "STATE", "1 Hz wall clock",
+        "rates, late ticks, rejected input, imbalance, tilt and problems of each node",
+    ),
+)  # fmt: skip
+
+
+def _service(name: str, kind: str, description: str) -> Endpoint:
+    return Endpoint(
+        name, f"std_srvs/srv/{kind}", _SIM, (SOIL,), (), "", "", description,
+        kind=EndpointKind.SERVICE,
+    )  # fmt: skip
+
+
+_SERVICES = (
+    _service(topics.PAUSE_SERVICE, "SetBool", "pause (true) or continue (false)"),
+    _service(topics.STEP_SERVICE, "Trigger", "advance one tick while paused; returns when done"),
+    _service(topics.RESET_SERVICE, "Trigger", "begin a new run on the initial terrain"),
+    _service(
+        topics.VERIFY_SERVICE, "Trigger", "recount all columns and compare with the running total"
+    ),
+    _service(topics.SAVE_SERVICE, "Trigger", "write the terrain to `save_path`"),
+    _service(
+        topics.RELEASE_SERVICE, "Trigger",
+        "continue without silent machines and turn the soil they held into terrain",
+    ),
+)  # fmt: skip
+
+INTERFACE: tuple[Endpoint, ...] = (
+    *_COMMANDS,
+    *_MACHINE_STATE,
+    *_MACHINE_NODE,
+    *_TERRAIN,
+    *_EXCHANGE,
+    *_SIMULATION,
+    *_SERVICES,
+)
+"""All topics and services, in the order in which documents list them."""
+
+
+def endpoints_of(executable: str) -> tuple[list[Endpoint], list[Endpoint], list[Endpoint]]:
+    """Return the (subscribed topics, published topics, services) of an executable."""
+    subscribed = [each for each in INTERFACE if executable in each.subscribers]
+    own = [each for each in INTERFACE if executable in each.publishers]
+    published = [each for each in own if each.kind is EndpointKind.TOPIC]
+    return subscribed, published, [each for each in own if each.kind is EndpointKind.SERVICE]
