@@ -18,15 +18,4 @@ USAGE = NodeUsage(
         "task.": DigTaskParams,
         "face.": FaceCuttingParams,
     },
-    subscriptions={
-        "joint_states, odom, payload": "state of the machine",
-        "/terrain/map, /terrain/map_updates, /soil/tick": "terrain",
-        "/soil/ledger": "volume account, which ends a tick",
-        "/sim/config": "parameters of the run",
-    },
-    publications={
-        "joint_commands": "velocities of joints and tracks",
-        "operator/phase, operator/cycles": "phase of the task, result of each cycle (JSON)",
-        "/diagnostics": "condition of the node",
-    },
 )

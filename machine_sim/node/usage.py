@@ -24,27 +24,4 @@ USAGE = NodeUsage(
         "sensors.": SensorParams,
         "commands.": CommandParams,
     },
-    subscriptions={
-        "front_velocity_controller/commands": "joint velocities in the order of the machine file"
-        " [rad/s]",
-        "track_velocity_controller/commands": "track velocities left, right [m/s]",
-        "joint_commands": "velocities or positions of named joints and tracks",
-        "cmd_vel": "velocity of the base, split onto the tracks",
-        "joy": "joystick of an ISO or SAE cab",
-        "emergency_stop": "true stops the machine until false",
-        "/sim/config": "parameters of the run",
-        "/terrain/map": "terrain at the start of a run and after a rejoin",
-        "/terrain/map_updates, /soil/conversions, /soil/forces": "answers of the soil to a tick",
-        "/soil/tick, /soil/join_rejections, conversion_backlog": "headers of the exchange,"
-        " rejections, rows after a rejoin",
-    },
-    publications={
-        "joint_states, odom, payload, <tool>/wrench, cylinders": "state of the machine",
-        "imu/<name>/data, joint_states_measured": "sensors with their errors",
-        "applied_commands": "command that takes effect in each tick",
-        "transforms, /tf, markers, robot_description": "poses and visuals of the links",
-        "particles, <bin>/payload": "excavated soil",
-        "config, state_hash, /diagnostics": "parameters, hash of the state, condition of the node",
-        "soil_tick, /soil/tool_sweeps, /soil/deposit_requests": "the exchange with the soil",
-    },
 )

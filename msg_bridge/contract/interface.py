@@ -175,7 +175,7 @@ _MACHINE_NODE = (
     Endpoint(
         topics.CONVERSION_BACKLOG, _CLOUD, _NODE, (SOIL,), (MACHINE,), "ROWS", "at a rejoin",
         "conversion rows from before the rejoin",
-        "published once a machine node has appeared",
+        "a machine node has appeared",
     ),
     Endpoint(
         topics.PARTICLES, _CLOUD, _NODE, (MACHINE,), (), "STATE", "`particle_rate`, 20 Hz",

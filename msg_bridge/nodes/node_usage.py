@@ -1,4 +1,7 @@
-"""Help text of a node executable, from its parameter dataclasses; needs no running ROS context."""
+"""Help text of a node executable, from its parameter dataclasses and the interface table.
+
+Needs no running ROS context.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,10 @@ import dataclasses
 import math
 import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from typing import Any
 
+from msg_bridge.contract.interface import Endpoint, endpoints_of
 from msg_bridge.contract.parameters import Parameters, item_type
 
 __all__ = ["NodeUsage"]
@@ -19,19 +23,18 @@ _WIDTH = 100
 
 @dataclass(frozen=True)
 class NodeUsage:
-    """Purpose, parameters and topics of a node executable.
+    """Purpose and parameters of a node executable.
+
+    Names of topics are printed as in a simulation in the root namespace; `<n>` is the namespace of
+    a machine node and `<m>` that of a machine.
 
     Attributes:
         summary: what the node does, one sentence or two.
         parameters: dataclass of each parameter group by its prefix, with its dot; "" without one.
-        subscriptions, publications, services: meaning by topic or service name.
     """
 
     summary: str
     parameters: Mapping[str, type[Parameters]]
-    subscriptions: Mapping[str, str] = field(default_factory=dict)
-    publications: Mapping[str, str] = field(default_factory=dict)
-    services: Mapping[str, str] = field(default_factory=dict)
 
     def text(self, name: str) -> str:
         """Return the help text of the executable of a name."""
@@ -39,7 +42,7 @@ class NodeUsage:
             f"usage: {name} [-h] [--ros-args [-p NAME:=VALUE]... [--params-file FILE]"
             " [-r FROM:=TO]...]",
             textwrap.fill(self.summary, _WIDTH),
-            *self._name_sections(),
+            *_endpoint_sections(name),
             "Parameters:\n"
             + "\n".join(
                 _parameter_text(prefix, each)
@@ -49,18 +52,20 @@ class NodeUsage:
         ]
         return "\n\n".join(sections)
 
-    def _name_sections(self) -> list[str]:
-        """Return the sections on topics and services that the node has."""
-        titles = {
-            "Subscribed topics": self.subscriptions,
-            "Published topics": self.publications,
-            "Services": self.services,
-        }
-        return [
-            f"{title}:\n" + "\n".join(_entry(name, text) for name, text in meanings.items())
-            for title, meanings in titles.items()
-            if meanings
-        ]
+
+def _endpoint_sections(executable: str) -> list[str]:
+    """Return the sections on the topics and services of an executable."""
+    titles = ("Subscribed topics", "Published topics", "Services")
+    return [
+        f"{title}:\n" + "\n".join(_entry(each.full_name, _meaning(each)) for each in endpoints)
+        for title, endpoints in zip(titles, endpoints_of(executable), strict=True)
+        if endpoints
+    ]
+
+
+def _meaning(endpoint: Endpoint) -> str:
+    condition = f" (only if {endpoint.condition})" if endpoint.condition else ""
+    return f"{endpoint.type}: {endpoint.description}{condition}"
 
 
 def _entry(heading: str, text: str) -> str:

@@ -10,9 +10,4 @@ __all__ = ["USAGE"]
 USAGE = NodeUsage(
     "Record topics to an MCAP bag, byte by byte, and count lost messages.",
     parameters={"": RecorderParams},
-    subscriptions={"(all)": "every topic that `include` matches and `exclude` does not"},
-    publications={
-        "/recorder/status": "state of the recording (JSON)",
-        "/diagnostics": "condition of the node",
-    },
 )
