@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from rclpy.node import Node
+from support.node_scenes import SITE
 
 from dig_operator.node import DigOperatorNode
 from machine_sim.node.machine_node import MachineNode
@@ -16,7 +17,6 @@ from msg_bridge.contract.topics import resolve
 from msg_bridge.recorder.recorder_node import RecorderNode
 from msg_bridge.testing.ros_context import Ros
 from soil_sim.node.soil_node import SoilNode
-from support.node_scenes import SITE
 
 ROOT = Path(__file__).parents[2]
 OF_ROS = {"/rosout", "/parameter_events"}
