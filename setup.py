@@ -45,6 +45,7 @@ setup(
         (SHARE, ["package.xml"]),
         *shared_files("config"),
         *shared_files("launch"),
+        *shared_files("examples"),
     ],
     # rclpy and the message packages are not listed: they come from a sourced ROS, or else from the
     # ros-jazzy-* wheels in requirements.txt. The second group is from pip only, so package.xml has

@@ -1,0 +1,93 @@
+"""Drive and dig from the keyboard of a terminal.
+
+Start the simulation, then run
+
+    python examples/keyboard_drive.py
+
+    w s  both tracks forward, backward      a d  turn left, right
+    j l  swing left, right                  i k  boom up, down
+    u o  arm out, in                        y h  bucket open, curl
+    space  stop                             q  quit
+
+A key sets a velocity; space stops all motion. Keys may also be piped in: `echo wwq | ...`.
+"""
+
+import sys
+import termios
+import threading
+import tty
+from collections.abc import Iterator
+from contextlib import suppress
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from sensor_msgs.msg import JointState
+
+PERIOD = 0.05  # time between commands [s]; they expire after 0.3 s
+
+# Joint velocities [rad/s] and track speeds [m/s] of each key.
+KEYS = {
+    "w": {"left_track": 0.8, "right_track": 0.8},
+    "s": {"left_track": -0.8, "right_track": -0.8},
+    "a": {"left_track": -0.4, "right_track": 0.4},
+    "d": {"left_track": 0.4, "right_track": -0.4},
+    "j": {"swing": 0.3},
+    "l": {"swing": -0.3},
+    "i": {"boom": -0.2},
+    "k": {"boom": 0.2},
+    "u": {"arm": -0.3},
+    "o": {"arm": 0.3},
+    "y": {"bucket": -0.5},
+    "h": {"bucket": 0.5},
+}
+JOINTS = ("swing", "boom", "arm", "bucket", "left_track", "right_track")
+STOPPED = dict.fromkeys(JOINTS, 0.0)
+
+
+def update(velocities: dict[str, float], key: str) -> dict[str, float]:
+    """Return the velocities after a key; unknown keys change nothing."""
+    return dict(STOPPED) if key == " " else {**velocities, **KEYS.get(key, {})}
+
+
+def to_message(velocities: dict[str, float]) -> JointState:
+    """Return velocities as a message for `joint_commands`."""
+    return JointState(name=list(velocities), velocity=list(velocities.values()))
+
+
+def read_keys() -> Iterator[str]:
+    """Yield the keys pressed, one by one, until the input ends or `q` is pressed."""
+    is_terminal = sys.stdin.isatty()
+    saved = termios.tcgetattr(sys.stdin) if is_terminal else None
+    if is_terminal:
+        tty.setcbreak(sys.stdin)
+    try:
+        while (key := sys.stdin.read(1)) not in ("", "q"):
+            yield key
+    finally:
+        if saved is not None:
+            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, saved)
+
+
+def main() -> None:
+    rclpy.init()
+    node = rclpy.create_node("keyboard_drive")
+    commands = node.create_publisher(JointState, "/excavator/joint_commands", 10)
+    velocities = dict(STOPPED)
+    node.create_timer(PERIOD, lambda: commands.publish(to_message(velocities)))
+
+    def spin() -> None:
+        with suppress(ExternalShutdownException):
+            rclpy.spin(node)
+
+    thread = threading.Thread(target=spin)
+    thread.start()
+    try:
+        for key in read_keys():
+            velocities = update(velocities, key)
+    finally:
+        rclpy.shutdown()
+        thread.join()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,46 @@
+"""Plot the payload and the volume of soil in motion from a recording.
+
+    python examples/plot_volume_from_bag.py bags/demo-2026-01-31T12-00-00Z volume.png
+
+The arrays in these topics are labelled: the label of their dimension names the values.
+"""
+
+import sys
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from msg_bridge.bag.reader import BagReader
+
+LEDGER, PAYLOAD = "/soil/ledger", "/excavator/payload"
+
+
+def values(msg: Any) -> dict[str, float]:
+    """Return the values of a labelled array by name."""
+    return dict(zip(msg.layout.dim[0].label.split(","), msg.data, strict=True))
+
+
+def main() -> None:
+    bag, picture = sys.argv[1:3]
+    rows: dict[str, list[dict[str, float]]] = {LEDGER: [], PAYLOAD: []}
+    for topic, _, msg in BagReader(bag).messages([LEDGER, PAYLOAD]):
+        rows[topic].append(values(msg))
+
+    figure = Figure(figsize=(8, 6), layout="constrained")
+    top, bottom = figure.subplots(2)
+    payload, ledger = rows[PAYLOAD], rows[LEDGER]
+    top.plot([row["time_s"] for row in payload], [row["bank_m3"] for row in payload])
+    top.set(xlabel="simulation time [s]", ylabel="payload [bank m³]")
+    for name in ("particles", "pending", "in_flight"):
+        bottom.plot(
+            [row["tick"] for row in ledger], [1e-9 * row[name] for row in ledger], label=name
+        )
+    bottom.set(xlabel="tick", ylabel="soil in motion [bank m³]")
+    bottom.legend()
+    figure.savefig(picture)
+    imbalance = max(abs(row["imbalance"]) for row in ledger)
+    print(f"{picture}: {len(ledger)} ticks, imbalance {imbalance:.0f} mm3 at worst")
+
+
+if __name__ == "__main__":
+    main()

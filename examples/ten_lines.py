@@ -1,0 +1,18 @@
+"""Raise the boom while the upper body turns: the smallest controller.
+
+Start the simulation, then run
+
+    python examples/ten_lines.py
+"""
+
+import rclpy
+from sensor_msgs.msg import JointState
+
+rclpy.init()
+node = rclpy.create_node("my_controller")
+commands = node.create_publisher(JointState, "/excavator/joint_commands", 10)
+# Velocities [rad/s]. Positive angles of boom, arm and bucket lower them.
+command = JointState(name=["swing", "boom"], velocity=[0.2, -0.1])
+# A command that is not renewed for 0.3 s expires; the joints then hold their angles.
+node.create_timer(0.05, lambda: commands.publish(command))
+rclpy.spin(node)

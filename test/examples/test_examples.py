@@ -1,0 +1,143 @@
+"""The example scripts run, and do what their docstrings say."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import subprocess
+import sys
+from dataclasses import fields
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
+from support.recorded_messages import Recording
+
+from msg_bridge.codec.machine_state import PayloadState, to_payload_array
+from msg_bridge.codec.tick_headers import to_multi_array
+from msg_bridge.contract.ledger import Ledger
+from msg_bridge.testing.fixtures import StartProcess
+from msg_bridge.testing.ros_context import Ros
+from soil_sim.terrain import load_terrain
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+COMMANDS = "/excavator/joint_commands"
+
+
+def load(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def run(name: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(EXAMPLES / f"{name}.py"), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=True)
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
+def test_docstring_has_the_command_that_runs_the_example(path: Path) -> None:
+    docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+    assert f"python examples/{path.name}" in (docstring or "")
+    assert path.name in (EXAMPLES / "README.md").read_text(encoding="utf-8")
+
+
+def test_ten_lines_publishes_velocities(ros: Ros, ros_process: StartProcess) -> None:
+    commands = ros.collect(COMMANDS, JointState)
+    ros_process([sys.executable, EXAMPLES / "ten_lines.py"])
+    ros.spin_until(lambda: len(commands) >= 3)
+    assert dict(zip(commands[-1].name, commands[-1].velocity, strict=True)) == {
+        "swing": 0.2,
+        "boom": -0.1,
+    }
+
+
+def test_stop_when_full_stops_at_its_fill(ros: Ros, ros_process: StartProcess) -> None:
+    commands = ros.collect(COMMANDS, JointState)
+    process = ros_process([sys.executable, EXAMPLES / "stop_when_full.py", "--fill", "0.5"])
+    payload = ros.publisher("/excavator/payload", Float64MultiArray, subscriptions=1)
+    payload.publish(to_payload_array(PayloadState(0.2, 0.25, 300.0, 0.3, 1.0)))
+    ros.spin_until(lambda: len(commands) >= 3)
+    assert all(velocity > 0.0 for velocity in commands[-1].velocity)
+    payload.publish(to_payload_array(PayloadState(0.5, 0.6, 800.0, 0.6, 2.0)))
+    ros.spin_until(lambda: not any(commands[-1].velocity))
+    process.wait()
+    assert "60 % full" in process.output
+
+
+def test_reset_run_calls_both_services(ros: Ros, ros_process: StartProcess) -> None:
+    calls: list[str] = []
+
+    def serve(name: str) -> None:
+        def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            calls.append(name)
+            response.success = True
+            return response
+
+        ros.helper.create_service(Trigger, name, answer)
+
+    serve("/sim/reset")
+    serve("/soil/verify")
+    process = ros_process([sys.executable, EXAMPLES / "reset_run.py"])
+    ros.spin_until(lambda: not process.running if len(calls) == 2 else False)
+    process.wait()
+    assert calls == ["/sim/reset", "/soil/verify"]
+
+
+def test_keys_set_velocities_and_space_stops() -> None:
+    drive = load("keyboard_drive")
+    velocities = dict(drive.STOPPED)
+    for key in "wi?":
+        velocities = drive.update(velocities, key)
+    message = drive.to_message(velocities)
+    command = dict(zip(message.name, message.velocity, strict=True))
+    assert (command["left_track"], command["boom"], command["swing"]) == (0.8, -0.2, 0.0)
+    assert drive.update(velocities, " ") == drive.STOPPED
+
+
+def test_keyboard_drive_reads_keys_without_a_terminal(ros_domain: int) -> None:
+    command = [sys.executable, str(EXAMPLES / "keyboard_drive.py")]
+    done = subprocess.run(command, input="wq", capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+
+
+def test_own_terrain_rises_toward_x_with_its_heap_at_positive_y(tmp_path: Path) -> None:
+    path = tmp_path / "ramp.npz"
+    run("own_terrain", path)
+    terrain = load_terrain(path)
+    grid = terrain.grid
+
+    def height(x: float, y: float) -> float:
+        return float(terrain.heights[round(grid.row(x)), round(grid.col(y))])
+
+    assert height(10.0, -5.0) - height(-10.0, -5.0) == pytest.approx(1.0, abs=0.02)
+    assert height(5.0, 12.0) - height(5.0, -12.0) == pytest.approx(1.5, abs=0.1)
+
+
+def test_plot_volume_from_bag_writes_a_picture(tmp_path: Path) -> None:
+    recording = Recording()
+    for tick in range(5):
+        volume = tick * 10**8
+        ledger = Ledger(
+            **{
+                **dict.fromkeys((field.name for field in fields(Ledger)), 0),
+                "tick": tick,
+                "terrain": 10**12 - volume,
+                "particles": volume,
+                "start": 10**12,
+            }
+        )
+        payload = PayloadState(
+            1e-9 * volume, 1.2e-9 * volume, 160.0 * tick, 0.1 * tick, 0.01 * tick
+        )
+        recording.add("/soil/ledger", to_multi_array(ledger))
+        recording.add("/excavator/payload", to_payload_array(payload))
+    bag, picture = recording.write_folder(tmp_path / "bag"), tmp_path / "volume.png"
+    assert "imbalance 0 mm3" in run("plot_volume_from_bag", bag, picture).stdout
+    assert picture.read_bytes().startswith(b"\x89PNG")
