@@ -89,7 +89,6 @@ def _build_outcome(
     pose = (spec, end.base.position, rotation_matrix(end.base.quaternion), end.joints)
     shoes = None if markers is None else shoe_poses(markers, spec.tracks.shoe_count)
     x, y, _ = np.asarray(end.base.position).tolist()
-    state_tick, state_hash = run.state
     names = ", ".join(name.rpartition("/")[2] for name in run.nodes)
     return DigOutcome(
         site=site,
@@ -105,8 +104,8 @@ def _build_outcome(
         max_particles=run.max_particles,
         tunnelled=run.tunnelled,
         abort_reason=run.abort_reason,
-        state_hash=state_hash,
-        state_tick=state_tick,
+        state_hash=run.state_hash.sha256,
+        state_tick=run.state_hash.tick,
         run_mode=f"nodes {names}",
         lip_path=path.points,
         lip_cycle=path.cycle,

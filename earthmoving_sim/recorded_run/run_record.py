@@ -34,6 +34,7 @@ from msg_bridge.bag.reader import BagReader
 from msg_bridge.codec.machine_state import BaseState
 from msg_bridge.codec.run_config import RunFacts
 from msg_bridge.codec.stamps import tick_from_stamp
+from msg_bridge.codec.state_hash import StateHash
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import SoilHeader
@@ -80,7 +81,7 @@ class RunRecord:
         wall_time: log time from the first tick to the last [s].
         header, ledger: of the last tick.
         max_imbalance: the largest of all ticks, those after the last included, signed [mm^3].
-        state: tick and SHA-256 of the newest state hash up to the last tick.
+        state_hash: the newest hash of the terrain up to the last tick.
         states: the machine's states up to the last tick, in order.
         phases: the operator's phases, in order.
         cycles: one report per cycle.
@@ -96,7 +97,7 @@ class RunRecord:
     header: SoilHeader
     ledger: Ledger
     max_imbalance: int
-    state: tuple[int, str]
+    state_hash: StateHash
     states: list[MachineState]
     phases: list[OperatorPhase]
     cycles: list[CycleReport]
@@ -171,8 +172,9 @@ class _RunBuilder:
             if header.run_id == self._run_id:
                 headers.setdefault(header.tick, (time, header))
         ledgers: dict[int, Ledger] = {}
-        for ledger in self._values_of_run(LEDGER_TOPIC):
-            ledgers.setdefault(ledger.tick, ledger)
+        for _, ledger in self._values[LEDGER_TOPIC]:
+            if ledger.run_id == self._run_id:
+                ledgers.setdefault(ledger.tick, ledger)
         phases = self._phases()
         last = self._find_last_tick(headers, ledgers, phases[-1])
         last_log_time, header = headers[last]
@@ -186,7 +188,7 @@ class _RunBuilder:
             header=header,
             ledger=ledgers[last],
             max_imbalance=max((each.imbalance for each in ledgers.values()), key=abs),
-            state=self._latest_state_hash(last),
+            state_hash=self._latest_state_hash(last),
             states=self._machine_states(last),
             phases=phases,
             cycles=self._values_of_run(self._namespaces.machine + CYCLES_SUFFIX),
@@ -270,13 +272,15 @@ class _RunBuilder:
         except (yaml.YAMLError, KeyError, TypeError, ValueError):
             return 0
 
-    def _latest_state_hash(self, last: int) -> tuple[int, str]:
-        hashes: list[tuple[int, str]] = [
-            each for each in self._values_of_run(STATE_HASH_TOPIC) if each[0] <= last
+    def _latest_state_hash(self, last: int) -> StateHash:
+        hashes: list[StateHash] = [
+            each
+            for _, each in self._values[STATE_HASH_TOPIC]
+            if each.run_id == self._run_id and each.tick <= last
         ]
         if not hashes:
             raise self._missing_error(f"a hash of tick 0 to {last}", STATE_HASH_TOPIC)
-        return max(hashes)
+        return max(hashes, key=lambda each: each.tick)
 
     def _machine_states(self, last: int) -> list[MachineState]:
         """Return the machine's states of all ticks with both a base pose and joint angles."""

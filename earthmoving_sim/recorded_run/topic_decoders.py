@@ -16,6 +16,7 @@ from machine_sim.machine import EXCAVATOR_JOINTS
 from msg_bridge.codec.machine_state import BaseState
 from msg_bridge.codec.poses import from_odometry
 from msg_bridge.codec.run_config import RunFacts, parse_run_facts
+from msg_bridge.codec.state_hash import from_state_hash_string
 from msg_bridge.codec.tick_headers import from_multi_array
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.ledger import Ledger
@@ -125,14 +126,6 @@ def _decode_run_facts(msg: Any) -> RunFacts:
     return parse_run_facts(msg.data)
 
 
-def _decode_state_hash(msg: Any) -> tuple[int, str]:
-    """Return the tick and the SHA-256 of the terrain after it."""
-    tick, _, digest = msg.data.partition(" ")
-    if not tick.isdigit() or not digest:
-        raise RecordedRunError(f"{msg.data!r} is not a tick and a hash")
-    return int(tick), digest
-
-
 def _decode_diagnostics(msg: Any) -> dict[str, dict[str, str]]:
     """Return the values of each node by key."""
     return {
@@ -185,7 +178,7 @@ _GLOBAL_DECODERS: dict[str, TopicDecoder] = {
     SIM_CONFIG_TOPIC: TopicDecoder("std_msgs/msg/String", _decode_run_facts),
     SOIL_HEADER_TOPIC: TopicDecoder("std_msgs/msg/Int64MultiArray", _decode_soil_header),
     LEDGER_TOPIC: TopicDecoder("std_msgs/msg/Int64MultiArray", _decode_ledger),
-    STATE_HASH_TOPIC: TopicDecoder("std_msgs/msg/String", _decode_state_hash),
+    STATE_HASH_TOPIC: TopicDecoder("std_msgs/msg/String", from_state_hash_string),
     DIAGNOSTICS_TOPIC: TopicDecoder("diagnostic_msgs/msg/DiagnosticArray", _decode_diagnostics),
 }
 _MACHINE_DECODERS: dict[str, TopicDecoder] = {

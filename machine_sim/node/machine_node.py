@@ -38,6 +38,7 @@ from msg_bridge.codec.machine_state import PayloadState
 from msg_bridge.codec.markers import MarkerSet
 from msg_bridge.codec.run_config import RunFacts, parse_run_facts, to_config_yaml
 from msg_bridge.codec.stamps import stamp_from_tick
+from msg_bridge.codec.state_hash import StateHash
 from msg_bridge.contract import topics
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.messages import Keyframe, Message
@@ -244,7 +245,7 @@ class MachineNode(SimNode):
         answered = run.endpoint.poll() is not None
         self._poller.set_polling(exchange.is_missing_rows)
         if answered and run.is_due(run.tick, self._params.hash_rate):
-            self._shared_publishers.publish_state_hash(run.tick, run.sim.state_hash())
+            self._publish_state_hash(run)
         if run.endpoint.is_ready and exchange.session_id != self._published_session_id:
             self._published_session_id = exchange.session_id
             self._publish_state(run, run.tick)
@@ -300,12 +301,18 @@ class MachineNode(SimNode):
                 self._join(run)
         elif exchange.join_state is JoinState.READY and not run.can_step:
             self._publish_state(run, run.tick)  # a controller that has just come must see the state
-            self._shared_publishers.publish_state_hash(run.tick, run.sim.state_hash())
+            self._publish_state_hash(run)
         if stuck and exchange.join_state is not JoinState.OUT:
             exchange.request_missing()
             self._send(run)
 
     # What is published.
+
+    def _publish_state_hash(self, run: MachineRun) -> None:
+        stamp, digest = self._stamp(run, run.tick), run.sim.state_hash()
+        self._shared_publishers.publish_state_hash(
+            StateHash(run.facts.run_id, run.tick, stamp, digest)
+        )
 
     def _publish_state(self, run: MachineRun, tick: int) -> None:
         """Publish the state at the end of a tick, as far as it is due."""

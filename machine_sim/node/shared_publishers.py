@@ -13,6 +13,7 @@ from std_msgs.msg import Float64MultiArray, String
 from msg_bridge.codec import qos
 from msg_bridge.codec.machine_state import PayloadState, to_payload_array
 from msg_bridge.codec.particles import to_particle_cloud
+from msg_bridge.codec.state_hash import StateHash, to_state_hash_string
 from msg_bridge.contract import topics
 from msg_bridge.contract.topics import MAP_FRAME
 
@@ -60,6 +61,6 @@ class SharedPublishers:
         )
         self._particles.publish(cloud)
 
-    def publish_state_hash(self, tick: int, digest: str) -> None:
-        """Publish the hash [hex] of the machines' state after a tick, as `tick digest`."""
-        self._hash.publish(String(data=f"{tick} {digest}"))
+    def publish_state_hash(self, state_hash: StateHash) -> None:
+        """Publish the hash of the machines' state after a tick."""
+        self._hash.publish(to_state_hash_string(state_hash))

@@ -129,9 +129,7 @@ class _Collector:
 
     def __init__(self) -> None:
         self._runs_by_id: dict[int, RunData] = defaultdict(RunData)
-        self._ledgers: list[tuple[int, Ledger]] = []
-        # Log times [ns] of soil headers by tick and run.
-        self._soil_header_times: dict[int, dict[int, int]] = defaultdict(dict)
+        self._ledgers: list[Ledger] = []
         self._unreadable_messages: dict[str, list[tuple[int, str]]] = defaultdict(list)
         self._last_map: Any = None
 
@@ -158,12 +156,8 @@ class _Collector:
             )
             for topic, wrong in self._unreadable_messages.items()
         ]
-        orphans = [
-            ledger.tick
-            for time, ledger in self._ledgers
-            if not self._assign_ledger_to_run(time, ledger)
-        ]
-        if orphans and self._soil_header_times:
+        orphans = [ledger.tick for ledger in self._ledgers if not self._store_ledger(ledger)]
+        if orphans and any(data.soil for data in self._runs_by_id.values()):
             findings.append(
                 Finding(
                     Check.LEDGER,
@@ -184,7 +178,6 @@ class _Collector:
         header = from_multi_array(message)
         if isinstance(header, SoilHeader):
             data = self._runs_by_id[header.run_id]
-            self._soil_header_times[header.tick].setdefault(header.run_id, time)
             self._store_header(data, data.soil, header.tick, header, "the soil", header.tick)
         elif isinstance(header, MachineHeader):
             data = self._runs_by_id[header.run_id]
@@ -214,17 +207,12 @@ class _Collector:
     def _handle_ledger(self, topic: str, time: int, message: Any) -> None:
         ledger = from_multi_array(message)
         if isinstance(ledger, Ledger):
-            self._ledgers.append((time, ledger))
+            self._ledgers.append(ledger)
 
-    def _assign_ledger_to_run(self, time: int, ledger: Ledger) -> bool:
-        """Store a ledger in the run of the soil header of its tick with the nearest log time.
-
-        Return whether there is one. Ledgers have no run id.
-        """
-        times = self._soil_header_times.get(ledger.tick)
-        if not times:
+    def _store_ledger(self, ledger: Ledger) -> bool:
+        """Store a ledger in its run; return False if there is no soil header of its tick."""
+        data = self._runs_by_id.get(ledger.run_id)
+        if data is None or ledger.tick not in data.soil:
             return False
-        run_id = min(times, key=lambda each: abs(times[each] - time))
-        data = self._runs_by_id[run_id]
         self._store_header(data, data.ledgers, ledger.tick, ledger, "the ledger", ledger.tick)
         return True

@@ -5,6 +5,9 @@ names. Topics, point fields, array labels, JSON keys, YAML keys and diagnostics 
 the current ones and values without a successor are dropped, so that code which reads bags uses
 current names only. Numbers, units and the meaning of every value are the same in both formats.
 
+Ledgers and state hashes of format 1 do not state their run. They get the number of the run that was
+recorded at that time, and the end time of their tick.
+
 Each upgrade checks for an old name first and leaves current messages as they are.
 """
 
@@ -14,11 +17,12 @@ import array
 import json
 import re
 from collections.abc import Callable, Mapping
-from typing import Any
+from fractions import Fraction
+from typing import Any, NamedTuple
 
 import yaml
 
-__all__ = ["current_topic", "upgrade_message"]
+__all__ = ["RecordedRun", "current_topic", "upgrade_message"]
 
 _GLOBAL_TOPICS = {
     "/soil/landed": "/soil/deposit_requests",
@@ -31,6 +35,7 @@ _MACHINE_TOPICS = {  # below a machine's namespace
 }
 _IMU_TOPIC = re.compile(r"/imu/[^/]+$")
 _IMU_TYPE = "sensor_msgs/msg/Imu"
+_STATE_HASH = re.compile(r"(\d+) ([0-9a-f]{64})")
 
 _FIELDS = {  # of points, and of labels after their last dot
     "epoch": "run_id",
@@ -43,7 +48,10 @@ _FIELDS = {  # of points, and of labels after their last dot
     "previous": "previous_tick",
 }
 _RANGES = {"landed": "deposit_requests", "changed": "map_updates"}  # of labels, before a dot
-_DROPPED_LABELS: frozenset[str] = frozenset()
+_DROPPED_LABELS = frozenset({"conversions_durable", "deposit_requests_durable"})
+
+_LEDGER_TOPIC = "/soil/ledger"
+_NANO = 10**9
 
 _JSON_KEYS: dict[str, dict[str, str]] = {  # by the last part of the topic
     "phase": {"given_up": "abort_reason"},
@@ -132,12 +140,22 @@ def current_topic(topic: str, type_name: str) -> str:
     return f"{namespace}/{_MACHINE_TOPICS.get(name, name)}" if namespace else topic
 
 
-def upgrade_message(topic: str, message: Any) -> Any:
+class RecordedRun(NamedTuple):
+    """A run in a bag: its number and tick period [s]."""
+
+    run_id: int
+    tick_period: float
+
+
+def upgrade_message(
+    topic: str, message: Any, run: Callable[[], RecordedRun | None] = lambda: None
+) -> Any:
     """Rename in a message of a bag what format 1 named otherwise.
 
     Args:
         topic: the current name of its topic.
         message: the decoded message; it is changed in place.
+        run: returns the run at the message's log time; called only if the message needs it.
 
     Returns:
         The message.
@@ -145,6 +163,10 @@ def upgrade_message(topic: str, message: Any) -> Any:
     upgrade = _UPGRADES.get(type(message).__name__)
     if upgrade is not None:
         upgrade(topic, message)
+    if topic == _LEDGER_TOPIC:
+        _upgrade_ledger(message, run)
+    elif topic.endswith("/state_hash"):
+        _upgrade_state_hash(message, run)
     return message
 
 
@@ -168,6 +190,42 @@ def _upgrade_array(topic: str, message: Any) -> None:
     message.data = array.array("q", [message.data[k] for k in kept])
     dimension.label = ",".join(renamed[k] for k in kept)
     dimension.size = dimension.stride = len(kept)
+
+
+def _upgrade_ledger(message: Any, run: Callable[[], RecordedRun | None]) -> None:
+    """Insert the number of the run and the stamp into a ledger that has neither."""
+    if len(message.layout.dim) != 1:
+        return
+    (dimension,) = message.layout.dim
+    names = dimension.label.split(",")
+    if names[:2] != ["kind", "tick"] or names[-1] != "imbalance":
+        return
+    if len(names) != len(message.data) or (found := run()) is None:
+        return
+    kind, tick, *accounts, imbalance = message.data
+    values = [kind, found.run_id, tick, *accounts, *_end_of_tick(tick, found), imbalance]
+    message.data = array.array("q", values)
+    names = ["kind", "run_id", *names[1:-1], "stamp_sec", "stamp_nanosec", "imbalance"]
+    dimension.label = ",".join(names)
+    dimension.size = dimension.stride = len(names)
+
+
+def _upgrade_state_hash(message: Any, run: Callable[[], RecordedRun | None]) -> None:
+    """Replace `tick digest` by a JSON object."""
+    match = _STATE_HASH.fullmatch(message.data)
+    if match is None or (found := run()) is None:
+        return
+    tick = int(match[1])
+    sec, nanosec = _end_of_tick(tick, found)
+    stamp = {"sec": sec, "nanosec": nanosec}
+    values = {"run_id": found.run_id, "tick": tick, "stamp": stamp, "sha256": match[2]}
+    message.data = json.dumps(values)
+
+
+def _end_of_tick(tick: int, run: RecordedRun) -> tuple[int, int]:
+    """Return the simulation time at the end of a tick: seconds, nanoseconds."""
+    period = Fraction(repr(run.tick_period)) * _NANO
+    return divmod(round(tick * period), _NANO)
 
 
 def _current_label(name: str) -> str:

@@ -13,17 +13,20 @@ import importlib
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
 import yaml
 from mcap.records import Channel, Message
 
-from msg_bridge.bag.legacy_names import current_topic, upgrade_message
+from msg_bridge.bag.legacy_names import RecordedRun, current_topic, upgrade_message
 from msg_bridge.bag.mcap_index import BagReadError, McapFile, index_file, read_records
 
 __all__ = ["BagReadError", "BagReader", "TopicInfo"]
+
+
+_CONFIG_TOPIC = "/sim/config"
 
 
 @dataclass(frozen=True)
@@ -93,12 +96,14 @@ class BagReader:
         """
         return self._merge_by_time(self._validate_topics(topics))
 
-    def decode(self, topic: str, data: bytes) -> Any:
+    def decode(self, topic: str, data: bytes, log_time: int = 0) -> Any:
         """Return the message of a topic that CDR bytes hold, with current names.
 
         Args:
             topic: its current name, as in `topics`.
             data: the bytes, as from `raw_messages`.
+            log_time: its log time [ns]; needed for ledgers and state hashes of format 1 in bags
+                of several runs.
 
         Raises:
             BagReadError: the bytes are not a message of the topic's type, or that is not installed.
@@ -111,7 +116,7 @@ class BagReader:
             message = deserialize_message(data, message_class)
         except Exception as error:  # RCLError and others, depending on the damage
             raise BagReadError(f"a message on {topic} is no {type_name}: {error}") from error
-        return upgrade_message(topic, message)
+        return upgrade_message(topic, message, lambda: self._run_at(log_time))
 
     def __iter__(self) -> Iterator[tuple[str, int, Any]]:
         return self.messages()
@@ -128,10 +133,23 @@ class BagReader:
     def _decode_all(self, wanted: frozenset[str]) -> Iterator[tuple[str, int, Any]]:
         for topic, time, data in self._merge_by_time(wanted):
             try:
-                message = self.decode(topic, data)
+                message = self.decode(topic, data, time)
             except BagReadError as error:
                 raise BagReadError(f"{self.path}, log time {time} ns: {error}") from error
             yield topic, time, message
+
+    def _run_at(self, log_time: int) -> RecordedRun | None:
+        """Return the run that was recorded at a time; None if the bag has no configuration."""
+        earlier = [run for time, run in self._runs if time <= log_time]
+        return earlier[-1] if earlier else next((run for _, run in self._runs), None)
+
+    @cached_property
+    def _runs(self) -> list[tuple[int, RecordedRun]]:
+        """Log time [ns] of each configuration of a run, and its run."""
+        if _CONFIG_TOPIC not in self.topics:
+            return []
+        configs = [(time, _parse_run(msg.data)) for _, time, msg in self.messages([_CONFIG_TOPIC])]
+        return [(time, run) for time, run in configs if run is not None]
 
     def _merge_by_time(self, wanted: frozenset[str]) -> Iterator[tuple[str, int, bytes]]:
         segments = sorted(segment for file in self._files for segment in file.segments)
@@ -159,6 +177,15 @@ class BagReader:
         finally:
             for stream in streams:
                 stream.close()
+
+
+def _parse_run(text: str) -> RecordedRun | None:
+    """Return the run of a configuration; None if it cannot be read."""
+    try:
+        run = yaml.safe_load(text)["run"]
+        return RecordedRun(int(run["run_id"]), float(run["tick_period"]))
+    except (yaml.YAMLError, KeyError, TypeError, ValueError):
+        return None
 
 
 def _find_files(path: Path) -> list[Path]:

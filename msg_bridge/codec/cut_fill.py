@@ -1,4 +1,4 @@
-"""What is still to dig and to fill, as a labelled array."""
+"""Volume still to cut and to fill, as a labelled array."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from std_msgs.msg import Float64MultiArray
 
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.labelled_array import from_labelled_array, to_labelled_array
+from msg_bridge.contract.errors import ErrorCode
 
 __all__ = ["CutFillState", "from_cut_fill_array", "to_cut_fill_array"]
 
@@ -16,13 +17,14 @@ _LABEL = "time_s,cut_m3,fill_m3,remaining_m3,within_tolerance"
 
 
 class CutFillState(NamedTuple):
-    """How far the ground is from its design.
+    """Difference between the ground and its design.
 
     Attributes:
-        time: simulation time it is of [s]; an array message has no stamp.
-        cut, fill: room still to remove, and to add [m^3].
-        remaining: both together [m^3].
-        within_tolerance: part of the designed cells that are as high as they shall be, 0..1.
+        time: simulation time of the state [s]; an array message has no stamp.
+        cut: volume still to remove [m^3].
+        fill: volume still to add [m^3].
+        remaining: sum of both [m^3].
+        within_tolerance: fraction of the designed cells whose height is within tolerance, 0..1.
     """
 
     time: float
@@ -33,21 +35,20 @@ class CutFillState(NamedTuple):
 
 
 def to_cut_fill_array(state: CutFillState) -> Float64MultiArray:
-    """The state as one dimension of values whose label names each of them, with its unit."""
+    """Encode the state; the label names each value with its unit."""
     return to_labelled_array(_LABEL, state)
 
 
 def from_cut_fill_array(msg: Float64MultiArray) -> CutFillState:
-    """The state that a message holds.
+    """Decode the state.
 
     Raises:
-        CodecError: another label, other than one value for each name in it, or values that are
-            negative or not finite.
+        CodecError: LAYOUT; LABELS; VALUE: negative or not finite.
     """
-    state = CutFillState(*from_labelled_array(msg, _LABEL, "cut and fill are"))
+    state = CutFillState(*from_labelled_array(msg, _LABEL, "cut and fill"))
     if not all(0.0 <= value < math.inf for value in state) or state.within_tolerance > 1.0:
         raise CodecError(
-            f"the array has {list(state)}; none of them is negative or infinite,"
-            " within_tolerance at most 1"
+            f"the array has {list(state)}; give finite values from 0, and within_tolerance up to 1",
+            ErrorCode.VALUE,
         )
     return state

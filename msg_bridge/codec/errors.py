@@ -1,4 +1,4 @@
-"""The error of a message that is not what it should be."""
+"""Error class of messages that cannot be decoded or encoded."""
 
 from msg_bridge.contract.errors import ExchangeError
 
@@ -6,4 +6,8 @@ __all__ = ["CodecError"]
 
 
 class CodecError(ExchangeError):
-    """A ROS message cannot be read as what it should be, or a value does not fit into one."""
+    """A ROS message cannot be decoded as expected, or a value cannot be encoded.
+
+    Attributes:
+        code: the reason, an `ErrorCode`.
+    """

@@ -1,46 +1,74 @@
-"""Arrays of named figures: one dimension whose label names each of them, with its unit."""
+"""Arrays of named values: one dimension whose label names each value, with its unit.
+
+A label is the names joined by commas, so that a reader who has only the message can tell what
+each number is. Readers accept names that they do not know behind those that they know: a later
+version may append values. A known name that is missing, repeated or in another place is an error.
+"""
 
 from __future__ import annotations
 
 import array
 from collections.abc import Sequence
+from typing import Any
 
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from msg_bridge.codec.errors import CodecError
+from msg_bridge.contract.errors import ErrorCode
 
-__all__ = ["from_labelled_array", "to_labelled_array"]
+__all__ = ["array_label", "from_labelled_array", "to_labelled_array"]
 
 
 def to_labelled_array(label: str, values: Sequence[float]) -> Float64MultiArray:
-    """The figures as a message.
+    """Encode named values.
 
     Args:
-        label: their names, with commas between.
-        values: one for each.
+        label: names of the values, joined by commas.
+        values: one value for each name.
     """
     data = array.array("d", values)
     dimension = MultiArrayDimension(label=label, size=len(data), stride=len(data))
     return Float64MultiArray(layout=MultiArrayLayout(dim=[dimension], data_offset=0), data=data)
 
 
-def from_labelled_array(msg: Float64MultiArray, label: str, what: str) -> list[float]:
-    """The figures that a message holds.
+def from_labelled_array(msg: Float64MultiArray, label: str, content: str) -> list[float]:
+    """Decode named values; values of unknown names behind the known ones are left out.
 
     Args:
         msg: the message.
-        label: the names that it must have.
-        what: what it should be, for the error.
+        label: the known names, joined by commas.
+        content: what the message should contain, for the error message.
 
     Raises:
-        CodecError: another label, or other than one value for each name in it.
+        CodecError: LAYOUT or LABELS.
     """
-    size = label.count(",") + 1
-    found = [(dim.label, dim.size, dim.stride) for dim in msg.layout.dim]
-    if found != [(label, size, size)] or msg.layout.data_offset or len(msg.data) != size:
+    found = array_label(msg)
+    if found != label and not found.startswith(f"{label},"):
         raise CodecError(
-            f"the array has {len(msg.data)} values and the dimensions {found}, offset"
-            f" {msg.layout.data_offset}; {what} {size} values in one dimension labelled {label!r},"
-            " offset 0"
+            f"the array is labelled {found!r}; the label of {content} begins with {label!r}",
+            ErrorCode.LABELS,
         )
-    return list(msg.data)
+    return list(msg.data[: label.count(",") + 1])
+
+
+def array_label(msg: Any) -> str:
+    """Return the label of a Float64MultiArray or Int64MultiArray of one dimension.
+
+    Raises:
+        CodecError: LAYOUT: not exactly one dimension, of one value for each name of its label.
+    """
+    size = len(msg.data)
+    dims = [(dim.size, dim.stride) for dim in msg.layout.dim]
+    if dims != [(size, size)] or msg.layout.data_offset:
+        raise CodecError(
+            f"the array has {size} values, the dimensions {dims} (size, stride) and the offset"
+            f" {msg.layout.data_offset}; give one dimension of that size and stride, offset 0",
+            ErrorCode.LAYOUT,
+        )
+    label = str(msg.layout.dim[0].label)
+    if label.count(",") + 1 != size:
+        raise CodecError(
+            f"the array has {size} values and the label {label!r}; give one name for each value",
+            ErrorCode.LAYOUT,
+        )
+    return label

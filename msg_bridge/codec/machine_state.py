@@ -176,7 +176,7 @@ def from_payload_array(msg: Float64MultiArray) -> PayloadState:
     Raises:
         CodecError: another label, or other than one value for each name in it.
     """
-    return PayloadState(*from_labelled_array(msg, _PAYLOAD_LABEL, "a payload is"))
+    return PayloadState(*from_labelled_array(msg, _PAYLOAD_LABEL, "a payload"))
 
 
 def to_cylinder_array(cylinders: Mapping[str, CylinderState], time: float) -> Float64MultiArray:
@@ -198,7 +198,7 @@ def from_cylinder_array(
     Raises:
         CodecError: another label, or other than one value for each name in it.
     """
-    *values, time = from_labelled_array(msg, _cylinder_label(joints), "cylinders are")
+    *values, time = from_labelled_array(msg, _cylinder_label(joints), "cylinders")
     size = len(CylinderState._fields)
     return {
         joint: CylinderState(*values[k * size : (k + 1) * size]) for k, joint in enumerate(joints)

@@ -1,7 +1,7 @@
-"""Rows as PointCloud2 and back: a field is a field, a row is a point, the bytes are the same.
+"""Rows as PointCloud2 and back: each field of a row is a field of a point, byte for byte.
 
-Sending copies the rows once, into the message. Receiving copies nothing: the rows returned are a
-read-only view of the message's data, and keep it alive.
+Encoding copies the rows once, into the message. Decoding copies nothing: the rows returned are a
+read-only view of the message's data and keep it alive.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
 from msg_bridge.codec.errors import CodecError
+from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.rows import Rows
 
 __all__ = ["from_point_cloud", "point_fields", "to_byte_array", "to_point_cloud"]
@@ -31,20 +32,23 @@ _DATATYPES = {
 
 
 def to_point_cloud(rows: Rows, frame_id: str, stamp: Time, *, height: int = 1) -> PointCloud2:
-    """Rows as a message.
+    """Encode rows as a message.
 
     Args:
-        rows: of a packed little-endian dtype of u1, u2, u4, f4 and f8 fields.
-        frame_id: frame of the positions among the fields.
-        stamp: end of the tick the rows belong to.
-        height: rows of an organised cloud, over which `rows` run in row-major order.
+        rows: shape (height * width,), of a packed little-endian dtype of u1, u2, u4, f4 and f8
+            fields.
+        frame_id: coordinate frame of the positions among the fields.
+        stamp: end of the tick that the rows belong to.
+        height: number of rows of an organised cloud, which `rows` fill in row-major order.
 
     Raises:
-        CodecError: rows that no such message can hold.
+        CodecError: DTYPE or SHAPE.
     """
     fields = point_fields(rows.dtype)
     if rows.ndim != 1 or height < 1 or rows.size % height:
-        raise CodecError(f"rows of shape {rows.shape} do not fill a cloud of height {height}")
+        raise CodecError(
+            f"rows of shape {rows.shape} do not fill a cloud of height {height}", ErrorCode.SHAPE
+        )
     width = rows.size // height
     return PointCloud2(
         header=Header(stamp=stamp, frame_id=frame_id),
@@ -60,39 +64,40 @@ def to_point_cloud(rows: Rows, frame_id: str, stamp: Time, *, height: int = 1) -
 
 
 def from_point_cloud(msg: PointCloud2, dtype: np.dtype[np.void]) -> Rows:
-    """The rows of a message, in row-major order if it is organised.
+    """Decode the rows of a message, in row-major order if the cloud is organised.
+
+    Fields that are not of `dtype` are left out if they lie behind those that are: a later version
+    may append fields.
 
     Returns:
-        A one-dimensional read-only view of `msg.data`, which cannot be resized while it lives.
+        A read-only array, shape (height * width,): a view of `msg.data`, which cannot be resized
+        while the view lives, or a copy if points have further fields.
 
     Raises:
-        CodecError: the message does not hold exactly such rows; says what is wrong.
+        CodecError: BYTE_ORDER, FIELDS or LAYOUT.
     """
     fields = _fields(dtype)
     if msg.is_bigendian:
-        raise CodecError("the cloud is big-endian; rows are little-endian")
-    _check_fields(msg, fields)
-    sizes = (
-        ("point_step", msg.point_step, dtype.itemsize),
-        ("row_step", msg.row_step, msg.width * dtype.itemsize),
-        ("data length", len(msg.data), msg.height * msg.width * dtype.itemsize),
-    )
-    for name, found, expected in sizes:
-        if found != expected:
-            raise CodecError(
-                f"the cloud's {name} is {found} bytes; {msg.height} x {msg.width} of these points"
-                f" make it {expected}"
-            )
-    rows: Rows = np.frombuffer(msg.data, dtype=dtype)
+        raise CodecError(
+            "the cloud is big-endian; send it in little-endian order", ErrorCode.BYTE_ORDER
+        )
+    _check_fields(msg, fields, dtype.itemsize)
+    _check_sizes(msg, dtype)
+    step = msg.point_step
+    if step == dtype.itemsize:
+        rows: Rows = np.frombuffer(msg.data, dtype=dtype)
+    else:
+        points = np.frombuffer(msg.data, dtype=np.uint8).reshape(-1, step)
+        rows = np.ascontiguousarray(points[:, : dtype.itemsize]).reshape(-1).view(dtype)
     rows.flags.writeable = False
     return rows
 
 
 def to_byte_array(values: NDArray[Any]) -> array.array[int]:
-    """The bytes of an array in row-major order, copied once, as a message takes them.
+    """Return the bytes of an array in row-major order, copied once.
 
-    Given an array.array, a message keeps it; anything else it would copy again or, if
-    ROS_PYTHON_CHECK_FIELDS is set, look at byte by byte.
+    A message keeps an `array.array` as it is. Anything else it copies again or, if
+    ROS_PYTHON_CHECK_FIELDS is set, checks byte by byte.
     """
     data = array.array("B")
     data.frombytes(np.ascontiguousarray(values).reshape(-1).view(np.uint8).data)
@@ -101,55 +106,89 @@ def to_byte_array(values: NDArray[Any]) -> array.array[int]:
 
 @cache
 def _fields(dtype: np.dtype[np.void]) -> dict[str, tuple[int, int]]:
-    """(offset, PointField datatype) of each field of a dtype."""
+    """Return (offset, PointField datatype) of each field of a dtype, by name.
+
+    Raises:
+        CodecError: DTYPE.
+    """
     if dtype.fields is None:
-        raise CodecError(f"rows have named fields, and {dtype} has none")
+        raise CodecError(f"{dtype} has no named fields; give a structured dtype", ErrorCode.DTYPE)
     fields: dict[str, tuple[int, int]] = {}
     end = 0
     for name in dtype.names or ():
         kind, offset = dtype.fields[name][:2]
         if kind not in _DATATYPES:
-            raise CodecError(f"field {name} is {kind}; rows are made of u1, <u2, <u4, <f4 and <f8")
+            raise CodecError(
+                f"field {name} is {kind}; give u1, <u2, <u4, <f4 or <f8", ErrorCode.DTYPE
+            )
         if offset != end:
-            raise CodecError(f"field {name} is at byte {offset}, not {end}; rows have no gaps")
+            raise CodecError(
+                f"field {name} is at byte {offset}, not {end}; give a packed dtype",
+                ErrorCode.DTYPE,
+            )
         fields[name] = (offset, _DATATYPES[kind])
         end += kind.itemsize
     if dtype.itemsize != end:
-        raise CodecError(f"rows have {dtype.itemsize} bytes, not {end}; rows have no gaps")
+        raise CodecError(
+            f"rows have {dtype.itemsize} bytes, not {end}; give a packed dtype", ErrorCode.DTYPE
+        )
     return fields
 
 
 @cache
 def point_fields(dtype: np.dtype[np.void]) -> list[PointField]:
-    """The fields of a message of such rows; all messages of a dtype share them."""
+    """Return the fields of a message of such rows; all messages of a dtype share the list."""
     return [
         PointField(name=name, offset=offset, datatype=datatype, count=1)
         for name, (offset, datatype) in _fields(dtype).items()
     ]
 
 
-def _check_fields(msg: PointCloud2, expected: dict[str, tuple[int, int]]) -> None:
-    layout = [(field.name, (field.offset, field.datatype)) for field in msg.fields]
-    if layout == list(expected.items()) and all(field.count == 1 for field in msg.fields):
-        return
-    found = [field.name for field in msg.fields]
-    for problem, names in (
-        ("lacks", [name for name in expected if name not in found]),
-        ("has unknown", [name for name in found if name not in expected]),
-        ("repeats", sorted({name for name in found if found.count(name) > 1})),
-    ):
-        if names:
-            raise CodecError(
-                f"the cloud {problem} {', '.join(names)}; its fields must be {', '.join(expected)}"
-            )
+def _check_fields(msg: PointCloud2, expected: dict[str, tuple[int, int]], size: int) -> None:
+    """Check that known fields have their layout, and that no other field overlaps them.
+
+    Raises:
+        CodecError: FIELDS.
+    """
+    names = [field.name for field in msg.fields]
+    missing = [name for name in expected if name not in names]
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if missing or repeated:
+        raise CodecError(
+            f"the cloud lacks the fields [{', '.join(missing)}] and repeats"
+            f" [{', '.join(repeated)}]; its fields must be {', '.join(expected)}",
+            ErrorCode.FIELDS,
+        )
     for field in msg.fields:
-        offset, datatype = expected[field.name]
-        for name, value, right in (
-            ("offset", field.offset, offset),
-            ("datatype", field.datatype, datatype),
-            ("count", field.count, 1),
-        ):
-            if value != right:
-                raise CodecError(
-                    f"the cloud's field {field.name} has {name} {value}; it must be {right}"
-                )
+        layout = (field.offset, field.datatype)
+        if field.name in expected:
+            is_valid = layout == expected[field.name] and field.count == 1
+        else:
+            is_valid = field.offset >= size
+        if not is_valid:
+            right = expected.get(field.name, f"behind byte {size}")
+            raise CodecError(
+                f"the cloud's field {field.name} has offset and datatype {layout} and count"
+                f" {field.count}; give {right} and count 1",
+                ErrorCode.FIELDS,
+            )
+
+
+def _check_sizes(msg: PointCloud2, dtype: np.dtype[np.void]) -> None:
+    """Check that the sizes of a cloud agree.
+
+    Raises:
+        CodecError: LAYOUT.
+    """
+    step = max(msg.point_step, dtype.itemsize)
+    for name, found, expected in (
+        ("point_step", msg.point_step, step),
+        ("row_step", msg.row_step, msg.width * step),
+        ("data length", len(msg.data), msg.height * msg.width * step),
+    ):
+        if found != expected:
+            raise CodecError(
+                f"the cloud's {name} is {found} bytes; {msg.height} x {msg.width} of these points"
+                f" need {expected}",
+                ErrorCode.LAYOUT,
+            )

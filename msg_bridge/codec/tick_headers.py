@@ -1,14 +1,13 @@
-"""Headers, requests and the ledger as labelled Int64MultiArray; refusals as JSON.
+"""Headers, retransmit requests and the ledger as labelled Int64MultiArray; rejections as JSON.
 
-An array is one dimension of values whose label names each of them, so that a stranger who reads
-the message knows what each number is. The first, `kind`, says what it is a message of, so that
-one topic carries them all::
+An array is one dimension of values whose label names each value. The first value, `kind`, states
+what the array is, so that one topic can carry several kinds of message::
 
     layout.dim[0].label  kind,run_id,machine_id,session_id,stream,first,count
     data                 3, 1, 2, 7, 1, 120, 40
 
-The names are the dataclasses' own: what is added there is carried from then on. A refusal has a
-text and so no place in an array: it is a JSON object with the dataclass's names, in a String.
+See `array_labels` for the names. A rejection contains a text, which has no place in an array: it
+is a JSON object with the dataclass's names, in a String.
 """
 
 from __future__ import annotations
@@ -17,15 +16,25 @@ import array
 import json
 import typing
 from collections.abc import Iterator
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import asdict, is_dataclass, replace
 from enum import IntEnum
 from functools import cache
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from std_msgs.msg import Int64MultiArray, MultiArrayDimension, MultiArrayLayout, String
 
+from msg_bridge.codec.array_labels import (
+    DERIVED_PROPERTIES,
+    field_types,
+    known_labels,
+    label_positions,
+)
 from msg_bridge.codec.cdr import array_to_cdr, cdr_to_array
 from msg_bridge.codec.errors import CodecError
+from msg_bridge.codec.json_object import parse_json_object
+from msg_bridge.codec.labelled_array import array_label
+from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import JoinRejected, MachineHeader, RetransmitRequest, SoilHeader
 
@@ -38,13 +47,14 @@ __all__ = [
     "message_to_cdr",
     "to_join_rejected_string",
     "to_multi_array",
+    "with_stamp",
 ]
 
 ArrayMessage = MachineHeader | SoilHeader | RetransmitRequest | Ledger
 
 
 class ArrayKind(IntEnum):
-    """First value of every array: what the others are."""
+    """First value of every array: the kind of message."""
 
     MACHINE_HEADER = 1
     SOIL_HEADER = 2
@@ -60,32 +70,12 @@ _TYPES: dict[ArrayKind, type[ArrayMessage]] = {
 }
 _KINDS = {each: kind for kind, each in _TYPES.items()}
 
-_DERIVED: dict[type, tuple[str, ...]] = {Ledger: ("imbalance",)}
-"""Properties written after the fields, for those who only look; checked when read."""
-
-
-def _data(message: ArrayMessage) -> array.array[int]:
-    """The values of an array.
-
-    Raises:
-        CodecError: a value that is not an int64.
-    """
-    kind = _KINDS[type(message)]
-    values = _values(message)
-    try:
-        data = array.array("q", (kind, *values))
-    except (OverflowError, TypeError):
-        names = _names(message)
-        name, wrong = next((n, v) for n, v in zip(names, values, strict=True) if not _is_int64(v))
-        raise CodecError(f"{name} of a {kind.name} is {wrong!r}; it must be an int64") from None
-    return data
-
 
 def to_multi_array(message: ArrayMessage) -> Int64MultiArray:
-    """A header, request or ledger as a message.
+    """Encode a header, request or ledger as a message.
 
     Raises:
-        CodecError: a value that is not an int64.
+        CodecError: VALUE: not an int64.
     """
     data = _data(message)
     size = len(data)
@@ -94,16 +84,16 @@ def to_multi_array(message: ArrayMessage) -> Int64MultiArray:
 
 
 def message_to_cdr(message: ArrayMessage) -> bytes:
-    """The same as the bytes of the message.
+    """Encode a header, request or ledger as a serialised message.
 
     Raises:
-        CodecError: as `to_multi_array`.
+        CodecError: VALUE: not an int64.
     """
     return array_to_cdr(_label(message), _data(message))
 
 
 def message_from_cdr(data: bytes) -> ArrayMessage | None:
-    """What a message's bytes hold; None if they are laid out otherwise (`cdr_to_array`).
+    """Decode a serialised message; None if its layout is not the usual one (`cdr_to_array`).
 
     Raises:
         CodecError: as `from_multi_array`.
@@ -113,88 +103,82 @@ def message_from_cdr(data: bytes) -> ArrayMessage | None:
 
 
 def from_multi_array(msg: Int64MultiArray) -> ArrayMessage:
-    """The header, request or ledger that a message holds.
+    """Decode a header, request or ledger; values with unknown labels are left out.
 
     Raises:
-        CodecError: unknown kind, other labels or another number of values; says what is wrong.
+        CodecError: LAYOUT, MESSAGE_KIND, LABELS or VALUE.
     """
-    size = len(msg.data)
-    dims = [(dim.size, dim.stride) for dim in msg.layout.dim]
-    if dims != [(size, size)] or msg.layout.data_offset:
-        raise CodecError(
-            f"the array has {size} values and a layout of {dims or 'no dimension'}, offset"
-            f" {msg.layout.data_offset}; give one dimension of that size and stride, offset 0"
-        )
-    if not size or msg.data[0] not in _TYPES:
+    label = array_label(msg)
+    if not msg.data or msg.data[0] not in _TYPES:
         known = ", ".join(f"{kind.value} {kind.name}" for kind in ArrayKind)
-        raise CodecError(f"the array begins with {msg.data[:1].tolist()}; kinds are {known}")
-    kind = ArrayKind(msg.data[0])
-    values = iter(msg.data[1:])
-    try:
-        message: ArrayMessage = _build(_TYPES[kind], values)
-    except StopIteration:
-        raise CodecError(f"{size} values are too few for a {kind.name}") from None
-    except ValueError as error:  # an enum's, or half a part
-        raise CodecError(f"the array is no {kind.name}: {error}") from None
-    made, label = _values(message), _label(message)
-    if len(made) != size - 1:
-        raise CodecError(f"a {kind.name} has {len(made) + 1} values ({label}), not {size}")
-    if msg.layout.dim[0].label != label:
         raise CodecError(
-            f"the array is labelled {msg.layout.dim[0].label!r}; a {kind.name} is {label!r}"
+            f"the array begins with {list(msg.data[:1])}; the kinds are {known}",
+            ErrorCode.MESSAGE_KIND,
         )
-    for name, value, found in zip(_names(message), made, msg.data[1:], strict=True):
-        if value != found:  # only what is derived can differ
-            raise CodecError(f"{name} of a {kind.name} is {found}; its other values make {value}")
+    kind = ArrayKind(msg.data[0])
+    of: type = _TYPES[kind]
+    values = [msg.data[k] for k in label_positions(of, label)]
+    try:
+        message: ArrayMessage = _build(of, iter(values[1:]))
+    except ValueError as error:  # not a member of an enumeration
+        raise CodecError(f"the array is not a {kind.name}: {error}", ErrorCode.VALUE) from None
+    for name, value in zip(reversed(_derived(of)), reversed(values), strict=False):
+        if value != getattr(message, name):
+            raise CodecError(
+                f"{name} of a {kind.name} is {value}; its other values give"
+                f" {getattr(message, name)}",
+                ErrorCode.VALUE,
+            )
     return message
 
 
+def with_stamp(ledger: Ledger, stamp: Time) -> Ledger:
+    """Return a ledger with the simulation time at the end of its tick."""
+    return replace(ledger, stamp_sec=stamp.sec, stamp_nanosec=stamp.nanosec)
+
+
 def to_join_rejected_string(rejection: JoinRejected) -> String:
-    """A refusal as JSON."""
+    """Encode a rejection as JSON."""
     return String(data=json.dumps(asdict(rejection)))
 
 
 def from_join_rejected_string(msg: String) -> JoinRejected:
-    """The refusal that a message holds.
+    """Decode a rejection.
 
     Raises:
-        CodecError: not JSON, or not of a refusal's names and types.
+        CodecError: JSON: not a JSON object with the names and types of a rejection.
     """
+    return JoinRejected(**parse_json_object(msg.data, field_types(JoinRejected), "a rejection"))
+
+
+def _data(message: ArrayMessage) -> array.array[int]:
+    """Return the values of an array.
+
+    Raises:
+        CodecError: VALUE: not an int64.
+    """
+    kind = _KINDS[type(message)]
+    values = [kind, *_values(message)]
     try:
-        found = json.loads(msg.data)
-    except (ValueError, RecursionError) as error:
-        raise CodecError(f"a refusal must be JSON: {error}") from None
-    types = _hints(JoinRejected)
-    if not isinstance(found, dict) or any(
-        type(found.get(name)) is not types.get(name) for name in {*types, *found}
-    ):
-        wanted = ", ".join(f"{name} ({each.__name__})" for name, each in types.items())
-        raise CodecError(f"a refusal must be an object of {wanted}; it is {msg.data!r}")
-    return JoinRejected(**found)
-
-
-@cache
-def _hints(of: type) -> dict[str, Any]:
-    """Type of each field of a dataclass, in order."""
-    hints = typing.get_type_hints(of)
-    return {field.name: hints[field.name] for field in fields(of)}
-
-
-@cache
-def _fields_of(of: Any) -> tuple[str, ...]:
-    """Names of a dataclass's fields, then of what is derived."""
-    return (*_hints(of), *_DERIVED.get(of, ()))
+        return array.array("q", values)
+    except (OverflowError, TypeError):
+        of: type = type(message)
+        names = known_labels(of, _num_items(message))
+        name, wrong = next((n, v) for n, v in zip(names, values, strict=True) if not _is_int64(v))
+        raise CodecError(
+            f"{name} of a {kind.name} is {wrong!r}; give an int64", ErrorCode.VALUE
+        ) from None
 
 
 def _values(message: object) -> list[int]:
-    """Every number of a dataclass, depth first; then what is derived."""
+    """Return all numbers of a dataclass, depth first, then its derived properties."""
     values: list[int] = []
     of: Any = type(message)
-    for name in _fields_of(of):
+    for name in (*field_types(of), *_derived(of)):
         value = getattr(message, name)
         if isinstance(value, tuple):
-            for each in value:
-                values += _values(each)
+            for item in value:
+                values += _values(item)
         elif is_dataclass(value):
             values += _values(value)
         else:
@@ -202,58 +186,41 @@ def _values(message: object) -> list[int]:
     return values
 
 
-def _names(message: object) -> tuple[str, ...]:
-    """The name of each of `_values`."""
-    of: Any = type(message)
-    return _names_of(of, _repeats(message))
+def _label(message: ArrayMessage) -> str:
+    of: type = type(message)
+    return _joined_labels(of, _num_items(message))
 
 
-def _label(message: object) -> str:
-    of: Any = type(message)
-    return _label_of(of, _repeats(message))
+@cache
+def _joined_labels(of: type, num_items: int) -> str:
+    return ",".join(known_labels(of, num_items))
 
 
-def _repeats(message: object) -> int:
-    """Parts in the message's tuple; no message has more than one."""
+def _num_items(message: ArrayMessage) -> int:
+    """Return the number of items of the message's tuple; no message has more than one tuple."""
     return len(message.receipts) if isinstance(message, SoilHeader) else 0
 
 
-@cache
-def _label_of(of: Any, repeats: int) -> str:
-    return ",".join(("kind", *_names_of(of, repeats)))
-
-
-@cache
-def _names_of(of: Any, repeats: int, prefix: str = "") -> tuple[str, ...]:
-    names: list[str] = []
-    hints = _hints(of)
-    for name in _fields_of(of):
-        kind = hints.get(name, int)
-        if typing.get_origin(kind) is tuple:
-            each = typing.get_args(kind)[0]
-            for index in range(repeats):
-                names += _names_of(each, 0, f"{prefix}{name}.{index}.")
-        elif is_dataclass(kind):
-            part: Any = kind
-            names += _names_of(part, 0, f"{prefix}{name}.")
-        else:
-            names.append(prefix + name)
-    return tuple(names)
+def _derived(of: type) -> tuple[str, ...]:
+    return DERIVED_PROPERTIES.get(of, ())
 
 
 def _build(of: Any, values: Iterator[int]) -> Any:
-    """A dataclass, enum or number from the next values; a tuple takes all there are."""
+    """Return a dataclass, enumeration member or number from the next values.
+
+    A tuple takes all values that are left.
+
+    Raises:
+        ValueError: not a member of an enumeration.
+    """
     if typing.get_origin(of) is tuple:
-        each = typing.get_args(of)[0]
+        item = typing.get_args(of)[0]
         rest = list(values)
-        width = len(_hints(each))
-        if len(rest) % width:
-            raise ValueError(f"the last {len(rest)} values are no whole {each.__name__}s")
         again = iter(rest)
-        return tuple([_build(each, again) for _ in range(len(rest) // width)])
-    if issubclass(of, int):  # enums are
+        return tuple([_build(item, again) for _ in range(len(rest) // len(field_types(item)))])
+    if issubclass(of, int):  # as enumerations are
         return of(next(values))
-    return of(*[_build(each, values) for each in _hints(of).values()])
+    return of(*[_build(each, values) for each in field_types(of).values()])
 
 
 def _is_int64(value: Any) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 __all__ = ["Ledger"]
 
@@ -12,17 +12,23 @@ class Ledger:
     """A consistent cut through all accounts, each counted by its own holder [mm^3 bank].
 
     Attributes:
-        tick: the tick that just ended.
-        terrain: sum over columns above the floor.
-        in_flight: rows published and not yet acknowledged by their source: excavated soil counts
-            plus, deposited and outside soil minus, since its source still counts the particle.
+        run_id: number of the run.
+        tick: number of the tick that just ended.
+        terrain: sum over all columns above the floor.
+        in_flight: signed volume of the conversion rows published and not yet acknowledged by
+            their machine. Excavated soil counts positive. Deposited and outside soil counts
+            negative, since its machine still counts the particle.
         pending: parcels received by machines and not yet turned into particles.
-        particles: live particles, frozen ones included.
-        absent: what machines held that left without settling.
-        outside: what left the map.
-        start: the sum when the run began.
+        particles: all live particles, frozen ones included.
+        absent: soil last reported by machines that left without depositing it.
+        outside: soil that left the map.
+        start: sum of all accounts when the run began.
+        stamp_sec, stamp_nanosec: simulation time at the end of the tick, as of a ROS stamp. The
+            publisher sets it: the exchange has no clock, so it is 0 in a ledger not published,
+            and does not count when ledgers are compared.
     """
 
+    run_id: int
     tick: int
     terrain: int
     in_flight: int
@@ -31,10 +37,12 @@ class Ledger:
     absent: int
     outside: int
     start: int
+    stamp_sec: int = field(default=0, compare=False)
+    stamp_nanosec: int = field(default=0, compare=False)
 
     @property
     def total(self) -> int:
-        """Sum of all accounts."""
+        """Sum of all accounts [mm^3]."""
         return (
             self.terrain
             + self.in_flight
@@ -46,5 +54,5 @@ class Ledger:
 
     @property
     def imbalance(self) -> int:
-        """What was lost (negative) or made from nothing (positive): 0, always."""
+        """Volume lost (negative) or created (positive) since the start [mm^3]; always 0."""
         return self.total - self.start

@@ -98,7 +98,6 @@ class MachineHeader:
         verb: what it does.
         sweeps, landed: rows sent for this tick.
         conversions_received: last conversion row applied to the totals below.
-        conversions_durable: last conversion row the soil may forget.
         pending_mm3: parcels received and not yet particles, at the end of the tick.
         particles_mm3: live particles, frozen ones included, at the end of the tick.
         previous: the tick it sent before this one, or was welcomed in; tells whether one between
@@ -113,7 +112,6 @@ class MachineHeader:
     sweeps: RowRange = RowRange()
     deposit_requests: RowRange = RowRange()
     conversions_received: int = 0
-    conversions_durable: int = 0
     pending_mm3: int = 0
     particles_mm3: int = 0
     previous_tick: int = -1
@@ -131,7 +129,6 @@ class MachineReceipt:
     Attributes:
         source, life: whose.
         deposit_requests_received: last landed row received.
-        deposit_requests_durable: last landed row the machine may forget.
         owed: conversion rows it is owed from before its return.
         tick: the last of its ticks that was taken; older than the header's own where the soil went
             on without it.
@@ -140,7 +137,6 @@ class MachineReceipt:
     machine_id: int
     session_id: int
     deposit_requests_received: int
-    deposit_requests_durable: int
     backlog: int = 0
     tick: int = 0
 

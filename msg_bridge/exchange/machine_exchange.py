@@ -139,6 +139,12 @@ class MachineExchange:
         return len(self._in_flight)
 
     @property
+    def num_buffered_rows(self) -> int:
+        """Number of rows in memory, sent and received."""
+        sent = self._sweeps.num_buffered_rows + self._landed.num_buffered_rows
+        return sent + self._in_flight.num_buffered_rows + self._handshake.backlog.num_buffered_rows
+
+    @property
     def is_missing_rows(self) -> bool:
         """Whether the header that is waited for is here and rows that it counts are not."""
         return self.join_state is JoinState.WAITING and self._in_flight.is_missing_rows
@@ -165,7 +171,6 @@ class MachineExchange:
             self.tick,
             Verb.JOIN if self._applied is None else Verb.REJOIN,
             conversions_received=self._applied or 0,
-            conversions_durable=self._applied or 0,
             pending_mm3=pending_mm3,
             particles_mm3=particles_mm3,
         )
@@ -212,7 +217,6 @@ class MachineExchange:
             Verb.LEAVE if leave else Verb.STEP,
             sweep_range,
             deposit_request_range,
-            self._applied,
             self._applied,
             pending_mm3,
             particles_mm3,
@@ -275,7 +279,7 @@ class MachineExchange:
         self._sweeps.discard_through(answered.sent.sweeps.last)
         receipt = self._receipt(header)
         if receipt is not None:
-            self._landed.discard_through(receipt.deposit_requests_durable)
+            self._landed.discard_through(receipt.deposit_requests_received)
         self.join_state = JoinState.READY
         self.tick = header.tick
         self._applied = header.conversions.last

@@ -71,13 +71,11 @@ class MachineSession:
 
     @property
     def receipt(self) -> MachineReceipt:
-        """What has come from it; memory is all there is to be durable in without a journal."""
-        received = self.deposit_requests.received
+        """Return what the soil has received in this session."""
         return MachineReceipt(
             self.machine_id,
             self.session_id,
-            received,
-            received,
+            self.deposit_requests.received,
             self.num_backlog_rows,
             self.last_tick,
         )

@@ -251,7 +251,7 @@ class SoilAccounts:
         """Keep what a leaving source last reported as absent, and the rows it is owed."""
         self._machines[machine_id].is_joined = False
 
-    def ledger(self, tick: int, terrain: int) -> Ledger:
+    def ledger(self, run_id: int, tick: int, terrain: int) -> Ledger:
         """The ledger of a tick; the first one sets the sum that must stay."""
         in_flight = pending = particles = absent = 0
         for account in self._machines.values():
@@ -265,4 +265,4 @@ class SoilAccounts:
         entries = (terrain, in_flight, pending, particles, absent, self._outside)
         if self._start is None:
             self._start = sum(entries)
-        return Ledger(tick, *entries, self._start)
+        return Ledger(run_id, tick, *entries, self._start)

@@ -235,7 +235,7 @@ class SoilExchange:
         self._outbox.append(header)
         self._welcome(admitted)
         self._discard_acknowledged(header)
-        self.ledger = self.accounts.ledger(self.tick, terrain_mm3)
+        self.ledger = self.accounts.ledger(self.run_id, self.tick, terrain_mm3)
         return self.ledger
 
     def drop(self, machine_id: int) -> None:

@@ -65,6 +65,11 @@ class SendBuffer:
         self._kept_rows: deque[tuple[RowRange, Rows]] = deque()
         self._next = first
 
+    @property
+    def num_buffered_rows(self) -> int:
+        """Number of rows kept."""
+        return sum(rows.size for _, rows in self._kept_rows)
+
     def append(self, rows: Rows) -> tuple[Rows, RowRange]:
         """Number a copy of some rows and remember it; no rows come back as they are.
 
@@ -117,6 +122,11 @@ class ReceiveBuffer:
     def received(self) -> int:
         """Last number up to which nothing is missing."""
         return self._received
+
+    @property
+    def num_buffered_rows(self) -> int:
+        """Number of rows kept, those behind a gap included."""
+        return sum(rows.size for rows in self._ready) + len(self._reorder_buffer)
 
     def add(self, rows: Rows) -> int:
         """Take rows in any order, any number of times; those that are next are not copied.

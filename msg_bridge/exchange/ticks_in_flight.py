@@ -63,6 +63,11 @@ class TicksInFlight:
         return len(self._ticks)
 
     @property
+    def num_buffered_rows(self) -> int:
+        """Number of the soil's rows kept."""
+        return sum(buffer.num_buffered_rows for buffer in self._receive_buffers.values())
+
+    @property
     def is_missing_rows(self) -> bool:
         """Whether the answer to the oldest is here, but for rows that it counts."""
         answer = self._ticks[0].answer if self._ticks else None

@@ -20,6 +20,7 @@ from std_srvs.srv import SetBool, Trigger
 from msg_bridge.codec.cut_fill import CutFillState
 from msg_bridge.codec.run_config import RunFacts, SoilKind, to_config_yaml
 from msg_bridge.codec.stamps import stamp_from_tick
+from msg_bridge.codec.state_hash import StateHash
 from msg_bridge.codec.terrain import TerrainMap
 from msg_bridge.contract import topics
 from msg_bridge.contract.errors import EarthmovingError
@@ -143,7 +144,7 @@ class SoilNode(SimNode):
             if soil.revision != self._map_revision:
                 self._publish_terrain(stamp)
         if tick % self._period_in_ticks(self._params.hash_period) == 0:
-            self._soil_publishers.state_hash(tick, soil.state_hash())
+            self._publish_state_hash()
         for reason in done.step.rejected_tools:
             self.diagnostics.reject(topics.SOIL_TOOL_SWEEPS, reason)
         if done.ledger.imbalance:
@@ -159,6 +160,11 @@ class SoilNode(SimNode):
 
     def _period_in_ticks(self, period: float) -> int:
         return max(1, round(period / self._params.tick_period))
+
+    def _publish_state_hash(self) -> None:
+        run_id, tick = self.run.endpoint.exchange.run_id, self.run.tick
+        digest = self.run.endpoint.soil.state_hash()
+        self._soil_publishers.state_hash(StateHash(run_id, tick, self._stamp(), digest))
 
     def _stamp(self) -> Time:
         return stamp_from_tick(max(self.run.tick, 0), self._params.tick_period)
@@ -289,7 +295,7 @@ class SoilNode(SimNode):
         endpoint.exchange.request_missing()
         if endpoint.exchange.ledger is not None:
             self._soil_publishers.tick(endpoint.exchange.ledger, self._stamp())
-            self._soil_publishers.state_hash(endpoint.tick, endpoint.soil.state_hash())
+            self._publish_state_hash()
         if endpoint.soil.revision != self._map_revision:
             self._publish_terrain(self._stamp())
 

@@ -14,6 +14,7 @@ from std_msgs.msg import Bool, Float64MultiArray, Int64MultiArray, String
 from msg_bridge.codec import qos
 from msg_bridge.codec.cut_fill import CutFillState, to_cut_fill_array
 from msg_bridge.codec.grid_map import grid_map_type, to_grid_map
+from msg_bridge.codec.state_hash import StateHash, to_state_hash_string
 from msg_bridge.codec.terrain import (
     TerrainMap,
     to_elevation_image,
@@ -21,7 +22,7 @@ from msg_bridge.codec.terrain import (
     to_terrain_cloud,
     to_tilt_image,
 )
-from msg_bridge.codec.tick_headers import message_to_cdr
+from msg_bridge.codec.tick_headers import message_to_cdr, with_stamp
 from msg_bridge.contract import topics
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.topics import MAP_FRAME
@@ -68,9 +69,9 @@ class SoilPublishers:
         self._paused = node.create_publisher(Bool, topics.SIM_PAUSED, qos.TRANSIENT_LOCAL)
 
     def tick(self, ledger: Ledger, stamp: Time) -> None:
-        """Publish the time and the account of a tick."""
+        """Publish the clock and the ledger of a tick that ended at `stamp`."""
         self._clock.publish(Clock(clock=stamp))
-        self._ledger.publish(message_to_cdr(ledger))
+        self._ledger.publish(message_to_cdr(with_stamp(ledger, stamp)))
 
     def terrain(self, terrain: TerrainMap, stamp: Time) -> None:
         """Publish the whole terrain."""
@@ -92,9 +93,9 @@ class SoilPublishers:
             self._surface_tilt.publish(to_tilt_image(self._tilt, MAP_FRAME, stamp))
         self.terrain(terrain, stamp)
 
-    def state_hash(self, tick: int, digest: str) -> None:
-        """Publish the hash [hex] of the terrain after a tick, as `tick digest`."""
-        self._hash.publish(String(data=f"{tick} {digest}"))
+    def state_hash(self, state_hash: StateHash) -> None:
+        """Publish the hash of the terrain after a tick."""
+        self._hash.publish(to_state_hash_string(state_hash))
 
     def paused(self, paused: bool) -> None:
         """Publish whether time stands still."""

@@ -89,7 +89,8 @@ def check_joints(report) -> None:
 def check_ledger(report, terrain_mm3: int) -> None:
     ledger = report["ledger"]
     accounts = ["terrain", "in_flight", "pending", "particles", "absent", "outside"]
-    assert list(ledger) == ["kind", "tick", *accounts, "start", "imbalance"]
+    stamp = ["stamp_sec", "stamp_nanosec"]
+    assert list(ledger) == ["kind", "run_id", "tick", *accounts, "start", *stamp, "imbalance"]
     assert ledger["terrain"] == terrain_mm3
     assert sum(ledger[account] for account in accounts) == ledger["start"]
     assert report["imbalances"] == [0]  # in every ledger heard

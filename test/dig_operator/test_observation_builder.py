@@ -22,7 +22,7 @@ def build(
     builder: ObservationBuilder, *, revision: int = 0, particles: int = 0, in_flight: int = 0
 ) -> Observation:
     terrain = TerrainSnapshot(GRID, np.full(GRID.shape, 0.25), revision)
-    ledger = Ledger(3, 10, in_flight, 0, particles, 0, 0, 10)
+    ledger = Ledger(1, 3, 10, in_flight, 0, particles, 0, 0, 10)
     payload = PayloadState(bank=0.4, loose=0.5, mass=700.0, fill=0.6)
     return builder.build(1.5, [0.1, 0.2, 0.3, 0.4], BASE, payload, terrain, ledger)
 
@@ -61,7 +61,7 @@ def test_soil_that_is_not_terrain_is_moving(soil: dict[str, int]) -> None:
 def test_observation_copies_its_arrays() -> None:
     builder, joints = ObservationBuilder(), np.array([0.1, 0.2, 0.3, 0.4])
     terrain = TerrainSnapshot(GRID, np.zeros(GRID.shape), 0)
-    ledger = Ledger(3, 0, 0, 0, 0, 0, 0, 0)
+    ledger = Ledger(1, 3, 0, 0, 0, 0, 0, 0, 0)
     observation = builder.build(0.0, joints, BASE, PayloadState(0, 0, 0, 0), terrain, ledger)
     joints[:] = 9.0
     assert observation.joints.tolist() == [0.1, 0.2, 0.3, 0.4]

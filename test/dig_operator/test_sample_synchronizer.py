@@ -16,7 +16,7 @@ PARTS = ("joints", "base", "payload", "ledger")
 
 
 def ledger(tick: int) -> Ledger:
-    return Ledger(tick, 0, 0, 0, 0, 0, 0, 0)
+    return Ledger(1, tick, 0, 0, 0, 0, 0, 0, 0)
 
 
 def add(synchronizer: SampleSynchronizer, tick: int, *parts: str) -> None:

@@ -25,6 +25,7 @@ from machine_sim.simulated_machine import Placement
 from machine_sim.simulation import MachineSim
 from msg_bridge.codec.machine_state import from_command_state
 from msg_bridge.codec.stamps import tick_from_stamp
+from msg_bridge.codec.state_hash import from_state_hash_string
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.testing.ros_context import Ros
 from soil_sim.site.site import SiteParams, make_site
@@ -100,12 +101,12 @@ def in_one_process(commands: dict[int, list[float]], ground: dict[str, object]) 
 
 def by_tick(heard: list[String]) -> dict[int, str]:
     """Hashes of every tenth tick; more are told while time stands still."""
-    pairs = (message.data.split() for message in heard)
-    return {int(t): h for t, h in pairs if int(t) % EVERY == 0 and 0 < int(t) <= TICKS}
+    hashes = map(from_state_hash_string, heard)
+    return {h.tick: h.sha256 for h in hashes if h.tick % EVERY == 0 and 0 < h.tick <= TICKS}
 
 
 def newest(heard: list[String]) -> int:
-    return int(heard[-1].data.split()[0])
+    return from_state_hash_string(heard[-1]).tick
 
 
 @pytest.mark.parametrize("ground", ["rough", pytest.param("flat", marks=pytest.mark.slow)])

@@ -147,7 +147,7 @@ def test_one_topic_carries_headers_requests_and_ledger(parties: tuple[Party, Par
         MachineHeader(1, 2, 3, 4, Verb.STEP, span, span, -1, 2**63 - 1, -(2**63), 5),
         SoilHeader(1, 4, 9, span, span, span, (MachineReceipt(2, 3, 4, 5, 6),) * 2),
         RetransmitRequest(1, 2, 3, Stream.DEPOSIT_REQUEST, 7, 8),
-        Ledger(4, 10, -20, 30, 40, 50, 60, 170),
+        Ledger(1, 4, 10, -20, 30, 40, 50, 60, 170),
     ]
     heard = receiver.listen(Int64MultiArray, "tick", qos.ROWS)
     send(sender, "tick", [to_multi_array(word) for word in words], qos.ROWS)

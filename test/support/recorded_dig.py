@@ -25,7 +25,8 @@ from msg_bridge.codec.poses import to_odometry
 from msg_bridge.codec.row_chunks import to_chunk_cloud
 from msg_bridge.codec.run_config import RunFacts, to_config_yaml
 from msg_bridge.codec.stamps import stamp_from_tick
-from msg_bridge.codec.tick_headers import to_multi_array
+from msg_bridge.codec.state_hash import StateHash, to_state_hash_string
+from msg_bridge.codec.tick_headers import to_multi_array, with_stamp
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.messages import RowChunk, SoilHeader, Stream
@@ -115,12 +116,12 @@ class RecordedDig:
         """Publish the state at the end of a tick, at the rates of the nodes."""
         run, tick = self.run, ledger.tick
         stamp = stamp_from_tick(tick, TICK)
-        self.recording.add("/soil/ledger", to_multi_array(ledger))
+        self.recording.add("/soil/ledger", to_multi_array(with_stamp(ledger, stamp)))
         if tick % 200 == 0:
             self.recording.add("/terrain/map", terrain_cloud(run.world.soil, 1, tick))
         if tick % 100 == 0:
-            text = f"{tick} {run.world.state_hash()}"
-            self.recording.add("/soil/state_hash", String(data=text))
+            state_hash = StateHash(1, tick, stamp, run.world.state_hash())
+            self.recording.add("/soil/state_hash", to_state_hash_string(state_hash))
         machine, state = run.machine.machine, run.machine.particles.state
         if tick % 2 == 0:
             base = BaseState(*machine.base_pose, *machine.base_velocity)

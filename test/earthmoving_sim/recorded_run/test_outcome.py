@@ -28,6 +28,7 @@ from earthmoving_sim.single_process_dig import (
 )
 from machine_sim.node.machine_node import MachineNode
 from msg_bridge.codec.run_config import RunFacts, to_config_yaml
+from msg_bridge.codec.state_hash import from_state_hash_string
 from msg_bridge.codec.tick_headers import from_multi_array, to_multi_array
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.loose_soil import LooseSoil
@@ -100,8 +101,9 @@ def test_max_particles_is_the_largest_published_number(dig, recorded) -> None:
 def test_state_hash_is_the_newest_with_its_tick(dig, recorded) -> None:
     ticks = round(dig.outcome.simulated_time / TICK)
     assert recorded.state_tick == ticks // 100 * 100
-    hashes = [m.data for t, _, m in dig.recording.messages if t == "/soil/state_hash"]
-    assert hashes[-1] == f"{recorded.state_tick} {recorded.state_hash}"
+    hashes = [m for t, _, m in dig.recording.messages if t == "/soil/state_hash"]
+    newest = from_state_hash_string(hashes[-1])
+    assert (newest.tick, newest.sha256) == (recorded.state_tick, recorded.state_hash)
 
 
 def test_wall_time_is_the_log_time_from_first_to_last_tick(dig, recorded) -> None:
@@ -223,7 +225,7 @@ def test_outcome_is_that_of_the_last_run(dig, recorded, outcome) -> None:
     for tick in range(3):
         header = from_multi_array(next(m for t, _, m in recording.messages if t == "/soil/tick"))
         older.add("/soil/tick", to_multi_array(replace(header, run_id=0, tick=tick)))
-        ledger = replace(recorded.ledger, tick=tick, terrain=0)
+        ledger = replace(recorded.ledger, run_id=0, tick=tick, terrain=0)
         older.add("/soil/ledger", to_multi_array(ledger))
         older.add("/excavator/odom", odometry)
         for name in ("phase", "cycles"):

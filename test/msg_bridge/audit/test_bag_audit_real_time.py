@@ -71,7 +71,7 @@ class Script:
         names = ("in_flight", "pending", "particles", "absent", "outside")
         accounts = {name: ledger.get(name, 0) for name in names}
         self.data.ledgers[tick] = Ledger(
-            tick=tick, terrain=int(self.cells.sum()), start=START, **accounts
+            run_id=1, tick=tick, terrain=int(self.cells.sum()), start=START, **accounts
         )
         assert self.data.ledgers[tick].imbalance == 0
 
@@ -86,7 +86,6 @@ class Script:
             verb,
             RowRange(),
             RowRange(),
-            received,
             received,
             pending,
             particles,
@@ -107,8 +106,7 @@ class Script:
             first, count = (1, 1) if each == tick else (1 if each < tick else 2, 0)
             steps[each] = MachineHeader(
                 *(1, 1, 1, each, header.verb, RowRange(), RowRange(first, count)),
-                *(header.conversions_received, header.conversions_durable),
-                *(header.pending_mm3, header.particles_mm3),
+                *(header.conversions_received, header.pending_mm3, header.particles_mm3),
             )
 
     def keyframe(self) -> None:
@@ -125,16 +123,16 @@ def until_dropped() -> Script:
     """Its tick 2 is accepted in the soil's tick 3; it is dropped in tick 4 with 100 mm3."""
     script = Script()
     script.machine(1, -1, Verb.JOIN, 0, 0, 0)
-    script.soil(receipt=MachineReceipt(1, 1, 0, 0, tick=0))
+    script.soil(receipt=MachineReceipt(1, 1, 0, tick=0))
     script.machine(1, 1, Verb.STEP, 0, 0, 0)
     script.soil(
-        (ConversionKind.EXCAVATE, 0, 100), receipt=MachineReceipt(1, 1, 0, 0, tick=1), in_flight=100
+        (ConversionKind.EXCAVATE, 0, 100), receipt=MachineReceipt(1, 1, 0, tick=1), in_flight=100
     )
-    script.soil(receipt=MachineReceipt(1, 1, 0, 0, tick=1), in_flight=100)
+    script.soil(receipt=MachineReceipt(1, 1, 0, tick=1), in_flight=100)
     script.machine(1, 2, Verb.STEP, 1, 40, 60)
     script.add_deposit_request(2, particle=1, volume=60)
     soil = {"pending": 40, "particles": 60}
-    receipt = MachineReceipt(1, 1, 1, 1, tick=2)
+    receipt = MachineReceipt(1, 1, 1, tick=2)
     script.soil((ConversionKind.DEPOSIT, 1, 60), receipt=receipt, in_flight=-60, **soil)
     script.machine(1, 3, Verb.STEP, 2, 40, 0)  # too late: never accepted
     script.soil(receipt=None, in_flight=-60, absent=100)
@@ -148,10 +146,10 @@ def rejoined() -> Script:
     backlog = script.data.chunks[Stream.CONVERSION, 0, 0][3].copy()
     backlog["seq"] = 1
     script.data.chunks[Stream.BACKLOG, 1, 2].append(backlog)
-    receipt = MachineReceipt(1, 2, 0, 0, backlog=1, tick=5)
+    receipt = MachineReceipt(1, 2, 0, backlog=1, tick=5)
     script.soil(receipt=receipt, in_flight=-60, pending=40, particles=60)
     script.machine(2, 6, Verb.STEP, 2, 40, 0)
-    script.soil(receipt=MachineReceipt(1, 2, 0, 0, tick=6), pending=40)
+    script.soil(receipt=MachineReceipt(1, 2, 0, tick=6), pending=40)
     return script
 
 

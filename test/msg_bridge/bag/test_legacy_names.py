@@ -7,13 +7,16 @@ from typing import Any
 
 import pytest
 import yaml
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Int64MultiArray, MultiArrayDimension, MultiArrayLayout, String
 
-from msg_bridge.bag.legacy_names import current_topic, upgrade_message
+from msg_bridge.bag.legacy_names import RecordedRun, current_topic, upgrade_message
 from msg_bridge.codec.run_config import RunFacts, parse_run_facts, to_config_yaml
+from msg_bridge.codec.state_hash import StateHash, from_state_hash_string
 from msg_bridge.codec.tick_headers import from_multi_array, to_multi_array
+from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.messages import (
     MachineHeader,
@@ -23,6 +26,7 @@ from msg_bridge.contract.messages import (
     Verb,
 )
 
+RUN = RecordedRun(9, 0.01)
 ROWS = "sensor_msgs/msg/PointCloud2"
 
 
@@ -79,6 +83,27 @@ def test_soil_header_is_upgraded() -> None:
     (receipt,) = header.receipts
     assert (receipt.machine_id, receipt.session_id, receipt.backlog, receipt.tick) == (1, 7, 4, 5)
     assert receipt.deposit_requests_received == 12
+
+
+def test_ledger_gets_the_number_of_its_run_and_the_end_time_of_its_tick() -> None:
+    label = "kind,tick,terrain,in_flight,pending,particles,absent,outside,start,imbalance"
+    message = labelled(label, 4, 150, 10, 20, 30, 40, 50, 60, 210, 0)
+    ledger = from_multi_array(upgrade_message("/soil/ledger", message, lambda: RUN))
+    assert isinstance(ledger, Ledger)
+    assert (ledger.run_id, ledger.tick, ledger.stamp_sec, ledger.stamp_nanosec) == (
+        *(9, 150),
+        *(1, 500_000_000),
+    )
+    assert (ledger.terrain, ledger.outside, ledger.start) == (10, 60, 210)
+    current = deepcopy(message)
+    assert upgrade_message("/soil/ledger", message, lambda: RUN) == current
+
+
+def test_state_hash_gets_the_number_of_its_run_and_the_end_time_of_its_tick() -> None:
+    message = String(data=f"150 {64 * 'a'}")
+    upgrade_message("/soil/state_hash", message, lambda: RUN)
+    found = from_state_hash_string(message)
+    assert found == StateHash(9, 150, Time(sec=1, nanosec=500_000_000), 64 * "a")
 
 
 def test_machine_header_is_upgraded() -> None:
@@ -157,7 +182,7 @@ def test_diagnostics_are_upgraded() -> None:
 
 
 FACTS = RunFacts(1, 0.01, False, 0.2, (LooseSoil(0.15),))
-RECEIPT = MachineReceipt(1, 2, 3, 4)
+RECEIPT = MachineReceipt(1, 2, 3)
 
 
 @pytest.mark.parametrize(

@@ -33,15 +33,15 @@ from msg_bridge.contract.messages import (
 )
 
 STAMP = Time(sec=12, nanosec=340_000_000)
-RECEIPTS = tuple(MachineReceipt(n, 7, 1, 2, 3, 4) for n in range(3))
+RECEIPTS = tuple(MachineReceipt(n, 7, 1, 2, 3) for n in range(3))
 MESSAGES = (
-    MachineHeader(1, 2, 3, -1, Verb.STEP, RowRange(5, 6), RowRange(7, 8), 9, 10, -(2**63), 12),
+    MachineHeader(1, 2, 3, -1, Verb.STEP, RowRange(5, 6), RowRange(7, 8), 9, -(2**63), 12),
     *(
         SoilHeader(1, 5, 9, RowRange(11, 2), RowRange(21, 3), RowRange(31, 4), RECEIPTS[:n])
         for n in range(4)
     ),
     RetransmitRequest(1, 2, 7, Stream.DEPOSIT_REQUEST, 120, 40),
-    Ledger(5, 2**62, -3, 4, 5, 6, 7, 2**62),
+    Ledger(1, 5, 2**62, -3, 4, 5, 6, 7, 2**62, 3, 500),
 )
 
 

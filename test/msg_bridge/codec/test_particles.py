@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
-from rclpy.serialization import deserialize_message, serialize_message
-from sensor_msgs.msg import PointCloud2
+from support.wire import over_the_wire, raises
 
 from machine_sim.dem.state import ParticleState
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.particles import PARTICLE, from_particle_cloud, to_particle_cloud
+from msg_bridge.contract.errors import ErrorCode
 
 STAMP = Time(sec=3, nanosec=40_000_000)
 
@@ -36,7 +36,7 @@ def cloud_of(state, **change):
 @pytest.mark.parametrize("count", [0, 1, 500])
 def test_particles_cross(count):
     state = some_particles(count)
-    msg = deserialize_message(serialize_message(cloud_of(state)), PointCloud2)
+    msg = over_the_wire(cloud_of(state))
     rows = from_particle_cloud(msg)
     assert rows.size == count
     assert (msg.header.frame_id, msg.header.stamp) == ("map", STAMP)
@@ -72,5 +72,5 @@ def test_columns_of_different_lengths_are_refused(name):
 def test_other_cloud_is_no_particles():
     msg = cloud_of(some_particles(1))
     msg.fields[3].name = "speed"
-    with pytest.raises(CodecError, match="lacks vx"):
+    with raises(ErrorCode.FIELDS, CodecError):
         from_particle_cloud(msg)

@@ -89,7 +89,7 @@ def test_rows_to_all_are_of_no_machine() -> None:
 
 def test_rows_of_another_stream_are_not_sent() -> None:
     rows = chunk_of(Stream.CONVERSION).rows
-    with pytest.raises(CodecError, match="not what the CHANGED stream carries"):
+    with pytest.raises(CodecError, match="not what the MAP_UPDATE stream carries"):
         to_chunk_cloud(RowChunk(1, Stream.MAP_UPDATE, 0, 0, rows), "map", STAMP)
 
 

@@ -268,7 +268,7 @@ def other_numbers(run_id: int, revision: int) -> Callable[[TerrainMap], TerrainM
         (other_layer("design_difference", np.full((3, 5), np.inf)), "design_difference is inf"),
         (other_layer("design_difference", np.zeros((2, 2))), "design_difference has shape"),
         (other_numbers(1, 2**32), "revision 4294967296 does not fit"),
-        (other_numbers(-1, 1), "epoch -1 does not fit"),
+        (other_numbers(-1, 1), "run_id -1 does not fit"),
     ],
 )
 def test_terrain_that_no_cloud_can_hold_is_not_sent(
@@ -320,7 +320,7 @@ def one_row(cells: Rows) -> Rows:
         (setting("soil", -1.0, (2, 0)), "no proper soil"),
         (setting("design_difference", -np.inf, (2, 0)), "no proper design_difference"),
         (setting("revision", 78, (2, 2)), "revision is not the same"),
-        (setting("run_id", 5, (0, 1)), "epoch is not the same"),
+        (setting("run_id", 5, (0, 1)), "run_id is not the same"),
         (setting("x", 0.1, (1, 2)), "x and y are not those of 3 x 5 cells"),
         (setting("x", np.nan, (0, 0)), "x and y are not those of 3 x 5 cells"),
         (setting("y", 9.0, (2, 4)), "x and y are not those of 3 x 5 cells"),
@@ -340,5 +340,5 @@ def test_cloud_that_is_no_terrain_is_refused(spoil: Callable[[Rows], Rows], sent
 
 
 def test_rows_are_no_terrain() -> None:
-    with pytest.raises(CodecError, match=r"lacks surface_material, .* epoch"):
+    with pytest.raises(CodecError, match=r"lacks the fields .surface_material, .* run_id"):
         from_terrain_cloud(to_point_cloud(np.zeros(4, dtype=MAP_UPDATE), "map", STAMP, height=2))

@@ -3,6 +3,7 @@ from dataclasses import replace
 from msg_bridge.contract.ledger import Ledger
 
 BALANCED = Ledger(
+    run_id=1,
     tick=7,
     terrain=10**15,
     in_flight=-5,

@@ -82,9 +82,9 @@ def test_who_comes_back_holds_what_the_rows_it_has_applied_say(accounts, through
 def test_the_ledger_tells_where_all_of_it_is(accounts):
     accounts.update_totals(word(4, held=70))
     accounts.leave(1)
-    ledger = accounts.ledger(3, 5000)
+    ledger = accounts.ledger(1, 3, 5000)
     assert (ledger.tick, ledger.terrain, ledger.start) == (3, 5000, ledger.total)
     assert (ledger.in_flight, ledger.pending, ledger.absent, ledger.outside) == (807, 0, 70, 200)
-    later = accounts.ledger(4, 4990)
+    later = accounts.ledger(1, 4, 4990)
     assert (later.start, later.imbalance) == (ledger.start, -10)
     assert accounts.absent == (1,)

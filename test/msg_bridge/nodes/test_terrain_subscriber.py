@@ -123,7 +123,7 @@ def test_messages_that_cannot_be_read_are_refused_and_change_nothing(ros: Ros) -
     changes = ros.publisher("/terrain/map_updates", PointCloud2, subscriptions=1)
     terrain = ros.publisher("/terrain/map", PointCloud2, qos.TRANSIENT_LOCAL, subscriptions=1)
     tick.publish(Int64MultiArray(data=[9, 9, 9]))
-    tick.publish(to_multi_array(Ledger(1, 0, 0, 0, 0, 0, 0, 0)))
+    tick.publish(to_multi_array(Ledger(1, 1, 0, 0, 0, 0, 0, 0, 0)))
     changes.publish(PointCloud2())
     terrain.publish(PointCloud2())
     ros.spin_until(lambda: wake() or len(viewer.refused) == 4)

@@ -213,11 +213,11 @@ BROKEN_FOR_SOIL = [
     ("/soil/deposit_requests", PointCloud2(height=1, width=9)),
     ("/excavator/soil_tick", Int64MultiArray()),
     ("/excavator/soil_tick", Int64MultiArray(data=[1, 2, 3])),
-    ("/excavator/soil_tick", to_multi_array(Ledger(1, 0, 0, 0, 0, 0, 0, 0))),
+    ("/excavator/soil_tick", to_multi_array(Ledger(1, 1, 0, 0, 0, 0, 0, 0, 0))),
 ]
 BROKEN_FOR_MACHINE = [
     ("/soil/tick", Int64MultiArray(data=[7])),
-    ("/soil/tick", to_multi_array(Ledger(1, 0, 0, 0, 0, 0, 0, 0))),
+    ("/soil/tick", to_multi_array(Ledger(1, 1, 0, 0, 0, 0, 0, 0, 0))),
     ("/soil/conversions", PointCloud2()),
     ("/terrain/map_updates", PointCloud2()),
     ("/soil/forces", PointCloud2()),

@@ -23,6 +23,7 @@ from msg_bridge.codec import qos
 from msg_bridge.codec.cut_fill import from_cut_fill_array
 from msg_bridge.codec.run_config import parse_run_facts, soil_kinds
 from msg_bridge.codec.stamps import tick_from_stamp
+from msg_bridge.codec.state_hash import from_state_hash_string
 from msg_bridge.codec.terrain import from_terrain_cloud
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.grid import Grid
@@ -284,12 +285,13 @@ def test_hashes_come_at_their_period_and_maps_only_where_anything_changed(ros: R
     maps = ros.collect("/terrain/map", PointCloud2, qos.TRANSIENT_LOCAL)
     scene = Scene(ros, **ALONE, hash_period=5 * TICK, map_period=0.05)
     scene.until_tick(31)
-    ticks = [int(message.data.split()[0]) for message in hashes]
+    decoded = [from_state_hash_string(message) for message in hashes]
+    ticks = [each.tick for each in decoded]
     assert ticks[-1] == 30
     assert all(tick % 5 == 0 for tick in ticks)
-    assert {message.data.split()[1] for message in hashes} == {
-        scene.soil.run.endpoint.soil.state_hash()
-    }
+    assert {each.sha256 for each in decoded} == {scene.soil.run.endpoint.soil.state_hash()}
+    assert {each.run_id for each in decoded} == {scene.soil.run.endpoint.exchange.run_id}
+    assert [tick_from_stamp(each.stamp, TICK) for each in decoded] == ticks
     assert len(maps) == 1
 
 
