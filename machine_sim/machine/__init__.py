@@ -34,9 +34,13 @@ from machine_sim.machine.spec_file import load_machine_spec
 from machine_sim.machine.tools.bucket import BucketShape
 from machine_sim.machine.tools.tool import Tool
 from machine_sim.machine.tracked_machine import TrackedMachine
-from machine_sim.machine.tracks.dynamic import DynamicTracks
-from machine_sim.machine.tracks.kinematic import KinematicTracks
-from machine_sim.machine.tracks.track_model import TrackModel, Tracks, with_track_model
+from machine_sim.machine.tracks import (
+    DynamicTracks,
+    KinematicTracks,
+    TrackModel,
+    Tracks,
+    with_track_model,
+)
 from machine_sim.machine.urdf import urdf_text
 
 __all__ = [

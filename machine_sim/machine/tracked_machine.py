@@ -29,9 +29,13 @@ from machine_sim.machine.joint_reference import JointReference
 from machine_sim.machine.rotations import cross, quaternion_from_matrix, rotation_matrix
 from machine_sim.machine.spec import BASE, MachineSpec
 from machine_sim.machine.tools.tool import Tool
-from machine_sim.machine.tracks.dynamic import DynamicTracks
-from machine_sim.machine.tracks.kinematic import KinematicTracks
-from machine_sim.machine.tracks.track_model import TrackModel, Tracks, standing_pose
+from machine_sim.machine.tracks import (
+    DynamicTracks,
+    KinematicTracks,
+    TrackModel,
+    Tracks,
+    standing_pose,
+)
 from machine_sim.machine.validation import finite_numbers
 from machine_sim.physics_engine import pybullet
 from msg_bridge.contract.cylinder_state import CylinderState

@@ -1,7 +1,39 @@
-"""Tracks: two belts of shoes, on ground that gives, in two models behind one interface.
+"""Tracks: two belts of shoes on deformable ground, in two models with one interface.
 
-- `model`: what both models have in common, and how a machine is set down
-- `shoe`: what one shoe feels of the soil it stands on
-- `fast`, `contact`: belts on their path
-- `hinged`, `chain`, `gear`, `hinged_contact`: rigid shoes, hinged and driven by the sprocket
+In the order in which a step uses them:
+
+- `track_model`: the interface `Tracks`, and the choice of the model
+- `placement`: initial pose of a machine on the ground
+- `track_state`: parameters and state, as the kernels take them
+- `track_base`: what both models share
+- `kinematic`, `kinematic_step`: one degree of freedom for each belt, shoes on their path
+- `dynamic`, `dynamic_step`: rigid shoes, hinged and driven by the sprocket
+- `running_gear`, `shoe_chain`: sprockets, idlers and shoes of the dynamic tracks in pybullet
+- `rigid_body`: vectors, rotations and wrenches in kernels
+- `bristle_contact`: depth, bristle force and sliding of one contact point
+- `terramechanics`: bearing capacity and shear strength of the soil under a sole
+- `shoe_contact`, `body_contact`: forces on shoes and on the main body
+- `track_slip`: slip from moving averages of the speeds
 """
+
+from machine_sim.machine.tracks.dynamic import DynamicTracks
+from machine_sim.machine.tracks.kinematic import KinematicTracks
+from machine_sim.machine.tracks.placement import standing_pose
+from machine_sim.machine.tracks.track_model import (
+    TRACK_MODELS,
+    TrackModel,
+    Tracks,
+    sole_heights,
+    with_track_model,
+)
+
+__all__ = [
+    "TRACK_MODELS",
+    "DynamicTracks",
+    "KinematicTracks",
+    "TrackModel",
+    "Tracks",
+    "sole_heights",
+    "standing_pose",
+    "with_track_model",
+]

@@ -1,8 +1,9 @@
-"""Kernel of the hinged tracks: what ground and undercarriage do to rigid shoes.
+"""Kernel of the dynamic tracks: forces of ground and undercarriage on rigid shoes.
 
-Sprocket and idler are the physics engine's. All else that keeps a shoe where it belongs is a
-spring and a damper here, frictionless and felt by the base in turn: the rail below, carriers above
-that neither let the slack run sag nor buckle, flanges that keep the chain in line, and a brake.
+Sprockets and idlers are simulated by the physics engine. All other guides of a shoe are springs and
+dampers here, without friction and with the opposite force on the base: the rail below, carriers
+that limit sag and buckling of the slack run above, flanges that keep the chain in line, and a
+brake. The ground acts on four contact points of each shoe.
 """
 
 from __future__ import annotations
@@ -11,281 +12,367 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from machine_sim.machine.tracks.kinematic_step import add_wrench, update_mean_speeds
-from machine_sim.machine.tracks.terramechanics import sole_force
-from msg_bridge.kernels import kernel
+from machine_sim.machine.box import Vec3
+from machine_sim.machine.tracks.rigid_body import (
+    add_wrench,
+    base_frame,
+    dot,
+    point_velocity,
+    row_vector,
+    to_base,
+    to_map,
+)
+from machine_sim.machine.tracks.shoe_chain import (
+    SHOE_ANGULAR_VELOCITY,
+    SHOE_POSITION,
+    SHOE_QUATERNION,
+    SHOE_VELOCITY,
+)
+from machine_sim.machine.tracks.shoe_contact import (
+    CONTACT_WIDTH_FRACTION,
+    MAX_OUTWARD_Z,
+    mean_depth,
+    sole_force,
+)
+from machine_sim.machine.tracks.terramechanics import SoilPatch
+from machine_sim.machine.tracks.track_slip import update_mean_speeds
+from machine_sim.machine.tracks.track_state import (
+    SHOE_PITCH,
+    SHOE_X,
+    SHOE_Z,
+    ContactCoefficients,
+    ContactPoints,
+    MachineMotion,
+    TrackDimensions,
+    TrackState,
+)
+from msg_bridge.kernels import helper, kernel
 
-__all__ = ["TrackDimensions", "UndercarriageSupport", "dynamic_track_step"]
+__all__ = ["POINTS_PER_SHOE", "ShoeBodies", "UndercarriageSupport", "dynamic_track_step"]
 
-_CONTACT_ALONG, _CONTACT_ACROSS = 0.45, 0.9
-"""Where a shoe's four contact points are, in parts of its length and of its half width."""
+Array = NDArray[np.float64]
 
-_MAX_OUTWARD_Z = 0.3
-"""A shoe whose outside looks up more than this (world z of its normal) touches no ground."""
+POINTS_PER_SHOE = 4
+"""Contact points of a shoe: one near each corner."""
+
+_CONTACT_LENGTH_FRACTION = 0.45
+"""Distance of the contact points from the middle of the shoe along the track, in lengths."""
 
 _BEVEL_START, _BEVEL_SLOPE = 1.57, 0.2
-"""Rail and carriers give way by this slope from that many shoes before an axle on: a chain comes
-off the flats of a sprocket now higher, now lower."""
+"""Rail and carriers are bevelled by this slope from that many shoes before an axle on: the height
+at which a chain leaves the flats of a sprocket varies."""
 
 _CARRIER_CLEARANCE = 0.01
-"""How far the run above can sag and rise before carriers act [m]."""
-
-
-class TrackDimensions(NamedTuple):
-    """Dimensions of the tracks [m], the base frame's axes."""
-
-    half_axle_distance: float  # of the axle distance
-    sprocket_radius: float  # of the sprocket's corners, where hinges go round; a shoe is as long
-    half_gauge: float
-    half_width: float  # of a shoe
-    half_thickness: float
-    axle_height: float  # height of the axles
+"""Vertical play of the upper run between the carriers [m]."""
 
 
 class UndercarriageSupport(NamedTuple):
-    """Springs and dampers between one shoe and the base, and how strong the brake is."""
+    """Springs and dampers between one shoe and the base.
 
-    stiffness: float  # of flanges, carriers and brake [N/m]
-    damping: float  # [N s/m]
+    Attributes:
+        stiffness, damping: flanges, carriers and brake [N/m], [N s/m].
+        rail_stiffness, rail_damping: rail [N/m], [N s/m].
+        max_brake_force: maximum force of the brake [N].
+        sole_damping: damping between the base and the ground under a shoe below the rail [N s/m].
+    """
+
+    stiffness: float
+    damping: float
     rail_stiffness: float
     rail_damping: float
-    max_brake_force: float  # greatest force of the brake [N]
-    sole_damping: float  # between the base and the ground under a shoe that bears it [N s/m]
+    max_brake_force: float
+    sole_damping: float
 
 
-@kernel(inline="always")
-def _support_force(x, y, z, vx, vy, vz, dimensions, supports, brake, brake_anchors, side, k):  # type: ignore[no-untyped-def]
-    """Force (fx, fy, fz) [N] on a shoe, and whether the rail is on it.
+class ShoeBodies(NamedTuple):
+    """Shoes of both tracks as rigid bodies, left track first; N shoes to a track.
 
-    The shoe is at x, y, z [m] in the base frame, y from its track's middle, and moves with v [m/s]
-    there.
+    Attributes:
+        states: as read by `ShoeChains.read`, shape (2 N, 13).
+        brake_anchors: x in the base frame at which the brake holds each shoe [m], NaN where it does
+            not, shape (2, N).
+        forces: force [N] and torque about its centre [N m] on each shoe, map frame, shape (2 N, 6).
+        path_deviations: maximum distance of a shoe from its path on each side [m], shape (2,).
     """
-    fx, fy, fz, borne = 0.0, 0.0, 0.0, False
-    between = abs(x) <= dimensions.half_axle_distance
-    give = _BEVEL_SLOPE * max(
-        abs(x) - dimensions.half_axle_distance + _BEVEL_START * dimensions.sprocket_radius, 0.0
-    )
-    if z < dimensions.axle_height:
-        fy = -supports.stiffness * y - supports.damping * vy
-        over = z - (dimensions.axle_height - dimensions.sprocket_radius + give)
-        if between and over > 0.0:
-            borne = True
-            fz = -max(supports.rail_stiffness * over + supports.rail_damping * vz, 0.0)
-    elif between:
-        off = z - dimensions.axle_height - dimensions.sprocket_radius
-        over = max(off - _CARRIER_CLEARANCE, 0.0) + min(off + _CARRIER_CLEARANCE + give, 0.0)
-        force = -supports.stiffness * over - supports.damping * vz
-        if force * over < 0.0:
-            fz = force
-    if brake and between and z < dimensions.axle_height:
-        if math.isnan(brake_anchors[side, k]):
-            brake_anchors[side, k] = x
-        fx = -supports.stiffness * (x - brake_anchors[side, k]) - supports.damping * vx
-        if abs(fx) > supports.max_brake_force:
-            fx = math.copysign(supports.max_brake_force, fx)
-            # The grip follows, so that the spring alone gives the sliding force.
-            brake_anchors[side, k] = x + fx / supports.stiffness
-    else:
-        brake_anchors[side, k] = math.nan
-    return fx, fy, fz, borne
+
+    states: Array
+    brake_anchors: Array
+    forces: Array
+    path_deviations: Array
+
+
+class _Shoe(NamedTuple):
+    """One shoe: map frame, velocities relative to the ground.
+
+    Attributes:
+        position, velocity, angular_velocity: centre [m], [m/s], [rad/s].
+        forward, left, outward: unit vectors of its axes: direction of motion, lateral, out of the
+            track.
+        arm: position relative to the base's centre of mass [m].
+        base_velocity: velocity of the base at the shoe [m/s].
+    """
+
+    position: Vec3
+    velocity: Vec3
+    angular_velocity: Vec3
+    forward: Vec3
+    left: Vec3
+    outward: Vec3
+    arm: Vec3
+    base_velocity: Vec3
 
 
 @kernel
 def dynamic_track_step(  # type: ignore[no-untyped-def]
     dt,
-    com,
-    rotation,
-    velocity,
-    angular_velocity,
-    base_com,
+    motion,
     dimensions,
     supports,
-    contact_coefficients,
-    brakes,
-    soil_patch,
-    states,
-    brake_anchors,
-    anchors,
-    active,
-    shear_displacement,
-    forces,
+    coefficients,
+    soil,
+    points,
+    is_braked,
     shoes,
-    loads,
-    sinkage,
-    mean_speeds,
-    speed,
-    path_deviations,
     base_wrench,
-    wrench,
+    state,
 ):
-    """Find what acts on each shoe and on the base, and how the belts run.
+    """Find the forces on shoes and base, and the speeds of the belts.
+
+    The structures are plain tuples with the elements of the named ones; see `track_state`.
 
     Args:
         dt: time step [s].
-        com, rotation, velocity, spin: base centre of mass [m], base to map (3, 3), velocity of the
-            centre of mass [m/s] and angular velocity [rad/s], map frame.
-        base_com: centre of mass in the base frame [m].
-        gear, supports: of the tracks.
-        laws: kn, cn, kt, ct of one contact point and its friction coefficient.
-        brakes: whether the brakes are on, left, right.
-        bed: the ground under the shoes.
-        states: position [m], quaternion x, y, z, w, velocity [m/s], angular velocity [rad/s] of
-            each shoe, map frame, shape (2 N, 13), left track first.
-        grips: x [m] in the base frame where the brake holds each shoe, NaN if it does not, shape
-            (2, N); updated.
-        anchors, active, sheared: of the contact points, four to a shoe, shapes (8 N, 3), (8 N,) and
-            (8 N,); updated.
-        forces: out, force [N] and torque about its middle [N m] on each shoe, shape (2 N, 6).
-        shoes: out, x, z [m] and pitch [rad] of each shoe in the base frame, shape (2, N, 3).
-        loads: out, normal load of each shoe [N], shape (2, N).
-        sinkage: out, `Tracks.sinkage` [m], shape (2,).
-        paces: as for `track_slip`; updated.
-        speed: out, how fast each belt runs on its machine [m/s], shape (2,).
-        strays: out, furthest distance of a shoe from its path [m], shape (2,).
-        on_base: out, force [N] and torque about the centre of mass [N m] on the base, shape (6,).
-        wrench: out, the same of the ground on shoes and base, shape (6,).
+        motion: `MachineMotion`.
+        dimensions: `TrackDimensions`.
+        supports: `UndercarriageSupport`.
+        coefficients: `ContactCoefficients` of one contact point.
+        soil: `SoilPatch` under the shoes; its `max_sinkage` is updated.
+        points: `ContactPoints` of the shoes, `POINTS_PER_SHOE` each, left track first; updated.
+        is_braked: whether the brake is on, left and right.
+        shoes: `ShoeBodies`; all but the states is updated.
+        base_wrench: out, force [N] of shoes and ground on the base and torque about its centre of
+            mass [N m], map frame, shape (6,).
+        state: `TrackState`; all but the travel is updated. The wrench is that of the ground on
+            shoes and base.
     """
-    r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
-    r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
-    r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
-    count = shoes.shape[1]
-    undisturbed_surface, max_sinkage, soils, moistures, table, frame = soil_patch
-    area = 0.5 * dimensions.sprocket_radius * dimensions.half_width  # a contact point's
-    one = np.zeros(6)
+    motion, dimensions = MachineMotion(*motion), TrackDimensions(*dimensions)
+    supports, coefficients = UndercarriageSupport(*supports), ContactCoefficients(*coefficients)
+    soil, points, shoes = SoilPatch(*soil), ContactPoints(*points), ShoeBodies(*shoes)
+    state = TrackState(*state)
+    base = base_frame(motion)
     base_wrench[:] = 0.0
-    wrench[:] = 0.0
+    state.wrench[:] = 0.0
+    count = state.shoe_poses.shape[1]
     for side in range(2):
         y_track = dimensions.half_gauge if side == 0 else -dimensions.half_gauge
-        along, running, stray = 0.0, 0, 0.0
-        carried, sinking = 0.0, 0.0
+        sum_speed, num_running, max_deviation = 0.0, 0, 0.0
+        total_load, load_depth = 0.0, 0.0
         for k in range(count):
             i = side * count + k
-            px, py, pz = states[i, 0], states[i, 1], states[i, 2]
-            qx, qy, qz, qw = states[i, 3], states[i, 4], states[i, 5], states[i, 6]
-            vx, vy, vz = states[i, 7], states[i, 8], states[i, 9]
-            wx, wy, wz = states[i, 10], states[i, 11], states[i, 12]
-            # Axes of the shoe: the way it goes, across, and out of the track.
-            ax, ay, az = (
-                1 - 2 * (qy * qy + qz * qz),
-                2 * (qx * qy + qw * qz),
-                2 * (qx * qz - qw * qy),
-            )
-            bx, by, bz = (
-                2 * (qx * qy - qw * qz),
-                1 - 2 * (qx * qx + qz * qz),
-                2 * (qy * qz + qw * qx),
-            )
-            nx, ny, nz = (
-                2 * (qx * qz + qw * qy),
-                2 * (qy * qz - qw * qx),
-                1 - 2 * (qx * qx + qy * qy),
-            )
-            # From the base: its place and velocity there.
-            dx, dy, dz = px - com[0], py - com[1], pz - com[2]
-            x = r00 * dx + r10 * dy + r20 * dz + base_com[0]
-            y = r01 * dx + r11 * dy + r21 * dz + base_com[1] - y_track
-            z = r02 * dx + r12 * dy + r22 * dz + base_com[2]
-            cx = velocity[0] + angular_velocity[1] * dz - angular_velocity[2] * dy
-            cy = velocity[1] + angular_velocity[2] * dx - angular_velocity[0] * dz
-            cz = velocity[2] + angular_velocity[0] * dy - angular_velocity[1] * dx
-            ux, uy, uz = vx - cx, vy - cy, vz - cz
-            shoes[side, k, 0], shoes[side, k, 1] = x, z
-            shoes[side, k, 2] = math.atan2(
-                -(r02 * ax + r12 * ay + r22 * az), r00 * ax + r10 * ay + r20 * az
-            )
-            past = max(abs(x) - dimensions.half_axle_distance, 0.0)
-            off = (
-                math.sqrt(past * past + (z - dimensions.axle_height) ** 2)
-                - dimensions.sprocket_radius
-            )
-            stray = max(stray, math.sqrt(off * off + y * y))
-            if past == 0.0:
-                running += 1
-                along += ux * ax + uy * ay + uz * az
-            fx, fy, fz, borne = _support_force(
-                x,
-                y,
-                z,
-                r00 * ux + r10 * uy + r20 * uz,
-                r01 * ux + r11 * uy + r21 * uz,
-                r02 * ux + r12 * uy + r22 * uz,
+            shoe = _shoe(shoes.states, i, base)
+            local = _local_position(shoe.arm, base, dimensions.base_com, y_track)
+            relative_velocity = _difference(shoe.velocity, shoe.base_velocity)
+            _write_pose(state.shoe_poses, side, k, local, to_base(base.rotation, shoe.forward))
+            deviation, is_on_run = _path_deviation(local, dimensions)
+            max_deviation = max(max_deviation, deviation)
+            if is_on_run:
+                num_running += 1
+                sum_speed += dot(relative_velocity, shoe.forward)
+            support, is_on_rail = _support_force(
+                local,
+                to_base(base.rotation, relative_velocity),
                 dimensions,
                 supports,
-                brakes[side],
-                brake_anchors,
+                is_braked[side],
+                shoes.brake_anchors,
                 side,
                 k,
             )
-            one[0] = r00 * fx + r01 * fy + r02 * fz
-            one[1] = r10 * fx + r11 * fy + r12 * fz
-            one[2] = r20 * fx + r21 * fy + r22 * fz
-            one[3:] = 0.0
-            add_wrench(base_wrench, -one[0], -one[1], -one[2], dx, dy, dz)
-            load = 0.0
-            for corner in range(4):
-                c = 4 * i + corner
-                if nz > _MAX_OUTWARD_Z:
-                    active[c] = False
-                    continue
-                u = (
-                    _CONTACT_ALONG * dimensions.sprocket_radius
-                    if corner & 1
-                    else -_CONTACT_ALONG * dimensions.sprocket_radius
-                )
-                w = (
-                    _CONTACT_ACROSS * dimensions.half_width
-                    if corner & 2
-                    else -_CONTACT_ACROSS * dimensions.half_width
-                )
-                rx = u * ax + w * bx + dimensions.half_thickness * nx
-                ry = u * ay + w * by + dimensions.half_thickness * ny
-                rz = u * az + w * bz + dimensions.half_thickness * nz
-                fx, fy, fz, part, depth = sole_force(
-                    px + rx,
-                    py + ry,
-                    pz + rz,
-                    vx + wy * rz - wz * ry,
-                    vy + wz * rx - wx * rz,
-                    vz + wx * ry - wy * rx,
-                    contact_coefficients,
-                    area,
-                    undisturbed_surface,
-                    max_sinkage,
-                    soils,
-                    moistures,
-                    table,
-                    frame,
-                    anchors,
-                    active,
-                    shear_displacement,
-                    c,
-                )
-                if part > 0.0:
-                    load += part
-                    sinking += part * depth
-                    add_wrench(one, fx, fy, fz, rx, ry, rz)
-                    add_wrench(wrench, fx, fy, fz, dx + rx, dy + ry, dz + rz)
-            carried += load
-            if borne and load > 0.0:
-                # Damping that would make a light shoe ring acts on the base that rests on it.
-                up = max(-supports.sole_damping * (cx * r02 + cy * r12 + cz * r22), -load)
-                load += up
-                add_wrench(base_wrench, up * r02, up * r12, up * r22, dx, dy, dz)
-                add_wrench(wrench, up * r02, up * r12, up * r22, dx, dy, dz)
-            loads[side, k] = load
-            forces[i] = one
-        speed[side] = along / max(running, 1)
+            force = to_map(base.rotation, support)
+            shoe_wrench = shoes.forces[i]
+            shoe_wrench[:] = 0.0
+            shoe_wrench[0], shoe_wrench[1], shoe_wrench[2] = force
+            add_wrench(base_wrench, (-force[0], -force[1], -force[2]), shoe.arm)
+            load, load_depth = _add_sole_forces(
+                shoe,
+                i,
+                dimensions,
+                coefficients,
+                soil,
+                points,
+                shoe_wrench,
+                state.wrench,
+                load_depth,
+            )
+            total_load += load
+            if is_on_rail and load > 0.0:
+                load += _add_sole_damping(shoe, base, supports, load, base_wrench, state.wrench)
+            state.shoe_loads[side, k] = load
+        state.speed[side] = sum_speed / max(num_running, 1)
         update_mean_speeds(
-            mean_speeds,
-            side,
-            dt,
-            speed[side],
-            rotation,
-            velocity,
-            angular_velocity,
-            base_com,
-            y_track,
+            state.mean_speeds, side, dt, state.speed[side], base, dimensions.base_com, y_track
         )
-        path_deviations[side] = stray
-        sinkage[side] = sinking / carried if carried > 0.0 else 0.0
+        shoes.path_deviations[side] = max_deviation
+        state.sinkage[side] = mean_depth(load_depth, total_load)
+
+
+@helper(forceinline=True)
+def _difference(a, b):  # type: ignore[no-untyped-def]
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@helper(forceinline=True)
+def _shoe(states, i, base):  # type: ignore[no-untyped-def]
+    """Return shoe `i` as a `_Shoe`."""
+    position = row_vector(states, i, SHOE_POSITION)
+    x, y, z = row_vector(states, i, SHOE_QUATERNION)
+    w = states[i, SHOE_QUATERNION + 3]
+    arm = _difference(position, base.center_of_mass)
+    return _Shoe(
+        position,
+        row_vector(states, i, SHOE_VELOCITY),
+        row_vector(states, i, SHOE_ANGULAR_VELOCITY),
+        (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
+        (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)),
+        (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)),
+        arm,
+        point_velocity(base.velocity, base.angular_velocity, arm),
+    )
+
+
+@helper(forceinline=True)
+def _local_position(arm, base, base_com, y_track):  # type: ignore[no-untyped-def]
+    """Return the position of a shoe [m], base frame with y from the middle of its track."""
+    x, y, z = to_base(base.rotation, arm)
+    return x + base_com[0], y + base_com[1] - y_track, z + base_com[2]
+
+
+@helper(forceinline=True)
+def _write_pose(shoe_poses, side, k, local, forward):  # type: ignore[no-untyped-def]
+    """Write the pose of a shoe from its position and its direction of motion, base frame."""
+    shoe_poses[side, k, SHOE_X] = local[0]
+    shoe_poses[side, k, SHOE_Z] = local[2]
+    shoe_poses[side, k, SHOE_PITCH] = math.atan2(-forward[2], forward[0])
+
+
+@helper(forceinline=True)
+def _path_deviation(local, dimensions):  # type: ignore[no-untyped-def]
+    """Return the distance of a shoe from its path [m], and whether it is between the axles."""
+    x, y, z = local
+    past_axle = max(abs(x) - dimensions.half_axle_distance, 0.0)
+    radial = (
+        math.sqrt(past_axle * past_axle + (z - dimensions.axle_height) ** 2)
+        - dimensions.sprocket_radius
+    )
+    return math.sqrt(radial * radial + y * y), past_axle == 0.0
+
+
+@helper(forceinline=True)
+def _support_force(  # type: ignore[no-untyped-def]
+    position, velocity, dimensions, supports, is_braked, brake_anchors, side, k
+):
+    """Return the force of the undercarriage on a shoe [N], and whether it is on the rail.
+
+    Args:
+        position, velocity: of the shoe relative to the base [m], [m/s]; base frame with y from the
+            middle of its track.
+        dimensions, supports: `TrackDimensions`, `UndercarriageSupport`.
+        is_braked: whether the brake of this side is on.
+        brake_anchors: `ShoeBodies.brake_anchors`; updated.
+        side, k: indices of the side and of the shoe.
+    """
+    x, y, z = position
+    vx, vy, vz = velocity
+    fx, fy, fz, is_on_rail = 0.0, 0.0, 0.0, False
+    is_between_axles = abs(x) <= dimensions.half_axle_distance
+    bevel = _BEVEL_SLOPE * max(
+        abs(x) - dimensions.half_axle_distance + _BEVEL_START * dimensions.sprocket_radius, 0.0
+    )
+    if z < dimensions.axle_height:
+        fy = -supports.stiffness * y - supports.damping * vy
+        penetration = z - (dimensions.axle_height - dimensions.sprocket_radius + bevel)
+        if is_between_axles and penetration > 0.0:
+            is_on_rail = True
+            fz = -max(supports.rail_stiffness * penetration + supports.rail_damping * vz, 0.0)
+    elif is_between_axles:
+        offset = z - dimensions.axle_height - dimensions.sprocket_radius
+        penetration = max(offset - _CARRIER_CLEARANCE, 0.0) + min(
+            offset + _CARRIER_CLEARANCE + bevel, 0.0
+        )
+        force = -supports.stiffness * penetration - supports.damping * vz
+        if force * penetration < 0.0:
+            fz = force
+    if is_braked and is_between_axles and z < dimensions.axle_height:
+        if math.isnan(brake_anchors[side, k]):
+            brake_anchors[side, k] = x
+        fx = -supports.stiffness * (x - brake_anchors[side, k]) - supports.damping * vx
+        if abs(fx) > supports.max_brake_force:
+            fx = math.copysign(supports.max_brake_force, fx)
+            # The anchor follows, so that the spring alone gives the sliding force.
+            brake_anchors[side, k] = x + fx / supports.stiffness
+    else:
+        brake_anchors[side, k] = math.nan
+    return (fx, fy, fz), is_on_rail
+
+
+@helper(forceinline=True)
+def _add_sole_forces(  # type: ignore[no-untyped-def]
+    shoe, i, dimensions, coefficients, soil, points, shoe_wrench, ground_wrench, load_depth
+):
+    """Add the ground's forces on a shoe to its wrench and to that on the machine.
+
+    Returns:
+        Normal load of the shoe [N], and `load_depth` with the load times depth of its contact
+        points added [N m].
+    """
+    load = 0.0
+    length, half_width = dimensions.sprocket_radius, dimensions.half_width
+    half_thickness = dimensions.half_thickness
+    area = 0.5 * length * half_width  # of one contact point
+    (px, py, pz), (ax, ay, az) = shoe.position, shoe.arm
+    (fx, fy, fz), (lx, ly, lz), (nx, ny, nz) = shoe.forward, shoe.left, shoe.outward
+    for corner in range(POINTS_PER_SHOE):
+        c = POINTS_PER_SHOE * i + corner
+        if nz > MAX_OUTWARD_Z:
+            points.is_active[c] = False
+            continue
+        u = _CONTACT_LENGTH_FRACTION * length
+        if not corner & 1:
+            u = -u
+        w = CONTACT_WIDTH_FRACTION * half_width
+        if not corner & 2:
+            w = -w
+        rx = u * fx + w * lx + half_thickness * nx
+        ry = u * fy + w * ly + half_thickness * ny
+        rz = u * fz + w * lz + half_thickness * nz
+        force, point_load, depth = sole_force(
+            (px + rx, py + ry, pz + rz),
+            point_velocity(shoe.velocity, shoe.angular_velocity, (rx, ry, rz)),
+            coefficients,
+            area,
+            soil,
+            points,
+            c,
+        )
+        if point_load > 0.0:
+            load += point_load
+            load_depth += point_load * depth
+            add_wrench(shoe_wrench, force, (rx, ry, rz))
+            add_wrench(ground_wrench, force, (ax + rx, ay + ry, az + rz))
+    return load, load_depth
+
+
+@helper(forceinline=True)
+def _add_sole_damping(shoe, base, supports, load, base_wrench, ground_wrench):  # type: ignore[no-untyped-def]
+    """Add the ground's damping of the base above a loaded shoe on the rail; return its force [N].
+
+    It acts on the base, because as much damping of the light shoe would make it oscillate.
+    """
+    up = base.rotation[0][2], base.rotation[1][2], base.rotation[2][2]
+    damping = max(-supports.sole_damping * dot(shoe.base_velocity, up), -load)
+    force = (damping * up[0], damping * up[1], damping * up[2])
+    add_wrench(base_wrench, force, shoe.arm)
+    add_wrench(ground_wrench, force, shoe.arm)
+    return damping

@@ -1,160 +1,165 @@
-"""Kernel of the fast tracks: belts and their shoes, and a hull that keeps a fallen machine up.
+"""Kernel of the kinematic tracks: places the shoes on their path and advances the belts.
 
-What the ground does to a shoe is in `shoe`. Each corner of the hull carries a spring and
-damper along the ground's normal and a bristle along its plane: a spring from the corner to the
-anchor where it first touched. Beyond Coulomb's limit the corner slides and drags its anchor along
-(Dahl's and LuGre's models reduced to the stiff bristle), as shoes do.
+1. Place each shoe on the path of its belt.
+2. Find the ground's force on both contact points of the shoes that face the ground.
+3. Advance the speed of each belt by its drive and the ground's force on it.
+4. Add the ground's force on the main body.
 """
 
 from __future__ import annotations
 
 import math
 
-from machine_sim.ground.contact_surface import surface_at
-from machine_sim.machine.tracks.terramechanics import sole_force
-from msg_bridge.kernels import kernel
+from machine_sim.machine.tracks.body_contact import MainBody, add_body_contact
+from machine_sim.machine.tracks.rigid_body import (
+    add_wrench,
+    base_frame,
+    dot,
+    point_velocity,
+    to_map,
+)
+from machine_sim.machine.tracks.shoe_contact import (
+    CONTACT_WIDTH_FRACTION,
+    MAX_OUTWARD_Z,
+    mean_depth,
+    sole_force,
+)
+from machine_sim.machine.tracks.terramechanics import SoilPatch
+from machine_sim.machine.tracks.track_slip import update_mean_speeds
+from machine_sim.machine.tracks.track_state import (
+    SHOE_PITCH,
+    SHOE_X,
+    SHOE_Z,
+    BeltDrive,
+    ContactCoefficients,
+    ContactPoints,
+    MachineMotion,
+    TrackDimensions,
+    TrackState,
+)
+from msg_bridge.kernels import helper, kernel
 
-__all__ = [
-    "add_hull_contact",
-    "add_wrench",
-    "contact_point_force",
-    "kinematic_track_step",
-    "update_mean_speeds",
-]
+__all__ = ["POINTS_PER_SHOE", "kinematic_track_step"]
 
-_MEAN_SPEED_TIME = 0.5
-"""Over about this long speeds are averaged to tell slip [s]: the chain of hinged tracks runs by
-fits and starts."""
-
-_CONTACT_OFFSET = 0.9
-"""Where a shoe's two contact points are, in parts of its half width."""
-
-_MAX_OUTWARD_Z = 0.3
-"""A shoe whose outside looks up more than this (world z of its normal) touches no ground."""
+POINTS_PER_SHOE = 2
+"""Contact points of a shoe: one near each end."""
 
 
-@kernel(inline="always")
-def contact_point_force(  # type: ignore[no-untyped-def]
-    px, py, pz, vx, vy, vz, contact_coefficients, ground, frame, anchors, active, i
+@kernel
+def kinematic_track_step(  # type: ignore[no-untyped-def]
+    dt, motion, dimensions, drive, coefficients, soil, points, body, command, state
 ):
-    """Force (fx, fy, fz) and normal load [N] of contact point `i` at p [m] moving with v [m/s]."""
-    kn, cn, kt, ct, mu = contact_coefficients
-    height, slope_x, slope_y = surface_at(ground, frame[0], frame[1], frame[2], px, py)
-    nz = 1.0 / math.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
-    depth = (height - pz) * nz
-    if not depth > 0.0:
-        active[i] = False
-        return 0.0, 0.0, 0.0, 0.0
-    nx, ny = -slope_x * nz, -slope_y * nz
-    vn = vx * nx + vy * ny + vz * nz
-    load = kn * depth - cn * vn
-    if not load > 0.0:  # it lifts off faster than the soil follows
-        active[i] = False
-        return 0.0, 0.0, 0.0, 0.0
-    if not active[i]:
-        active[i] = True
-        anchors[i, 0], anchors[i, 1], anchors[i, 2] = px, py, pz
-    ux, uy, uz = px - anchors[i, 0], py - anchors[i, 1], pz - anchors[i, 2]
-    un = ux * nx + uy * ny + uz * nz
-    fx = -kt * (ux - un * nx) - ct * (vx - vn * nx)
-    fy = -kt * (uy - un * ny) - ct * (vy - vn * ny)
-    fz = -kt * (uz - un * nz) - ct * (vz - vn * nz)
-    force, limit = math.sqrt(fx * fx + fy * fy + fz * fz), mu * load
-    if force > limit:
-        share = limit / force
-        fx, fy, fz = share * fx, share * fy, share * fz
-        # The anchor follows, so that the spring alone gives the sliding force.
-        anchors[i, 0], anchors[i, 1], anchors[i, 2] = px + fx / kt, py + fy / kt, pz + fz / kt
-    return fx + load * nx, fy + load * ny, fz + load * nz, load
+    """Advance both belts by one time step and find the ground's wrench on the machine.
 
-
-@kernel(inline="always")
-def add_wrench(total, fx, fy, fz, rx, ry, rz):  # type: ignore[no-untyped-def]
-    """Add a force at r to a wrench about the origin of r."""
-    total[0] += fx
-    total[1] += fy
-    total[2] += fz
-    total[3] += ry * fz - rz * fy
-    total[4] += rz * fx - rx * fz
-    total[5] += rx * fy - ry * fx
-
-
-@kernel(inline="always")
-def update_mean_speeds(  # type: ignore[no-untyped-def]
-    mean_speeds, side, dt, belt, rotation, velocity, angular_velocity, base_com, across
-):
-    """Let the mean speeds of a belt and of its side over the ground follow the present ones.
+    The structures are plain tuples with the elements of the named ones; see `track_state`.
 
     Args:
-        paces: of belt and ground [m/s], shape (2, 2); the side's are updated.
-        side, dt, belt: number of the side, time step [s], speed of the belt [m/s].
-        rotation, velocity, spin, base_com: as for `kinematic_track_step`.
-        across: y of the track's middle in the base frame [m].
+        dt: time step [s].
+        motion: `MachineMotion`.
+        dimensions: `TrackDimensions`.
+        drive: `BeltDrive`.
+        coefficients: `ContactCoefficients` of one contact point.
+        soil: `SoilPatch` under the shoes; its `max_sinkage` is updated.
+        points: `ContactPoints` of the shoes, `POINTS_PER_SHOE` each, left track first; updated.
+        body: `MainBody`; its contact points are updated.
+        command: commanded belt speeds left, right [m/s].
+        state: `TrackState`; updated.
     """
-    ahead = 0.0
-    for i in range(3):
-        turn = rotation[i, 1] * base_com[2] + rotation[i, 2] * (across - base_com[1])
-        ahead += velocity[i] * rotation[i, 0] - angular_velocity[i] * turn
-    share = min(dt / _MEAN_SPEED_TIME, 1.0)
-    mean_speeds[side, 0] += share * (belt - mean_speeds[side, 0])
-    mean_speeds[side, 1] += share * (ahead - mean_speeds[side, 1])
-
-
-@kernel(inline="always")
-def add_hull_contact(  # type: ignore[no-untyped-def]
-    com,
-    rotation,
-    velocity,
-    angular_velocity,
-    base_com,
-    hull,
-    swing_cos,
-    swing_sin,
-    contact_coefficients,
-    ground,
-    frame,
-    anchors,
-    active,
-    first,
-    total,
-):
-    """Add what the ground does to the corners of the upper body to the wrench `total`.
-
-    Arguments are those of `kinematic_track_step`; the corners' contact points count from `first`.
-    """
-    r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
-    r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
-    r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
-    for k in range(hull.shape[0]):
-        lx = hull[k, 0] * swing_cos - hull[k, 1] * swing_sin - base_com[0]
-        ly = hull[k, 0] * swing_sin + hull[k, 1] * swing_cos - base_com[1]
-        lz = hull[k, 2] - base_com[2]
-        rx = r00 * lx + r01 * ly + r02 * lz
-        ry = r10 * lx + r11 * ly + r12 * lz
-        rz = r20 * lx + r21 * ly + r22 * lz
-        fx, fy, fz, load = contact_point_force(
-            com[0] + rx,
-            com[1] + ry,
-            com[2] + rz,
-            velocity[0] + angular_velocity[1] * rz - angular_velocity[2] * ry,
-            velocity[1] + angular_velocity[2] * rx - angular_velocity[0] * rz,
-            velocity[2] + angular_velocity[0] * ry - angular_velocity[1] * rx,
-            contact_coefficients,
-            ground,
-            frame,
-            anchors,
-            active,
-            first + k,
+    motion, dimensions, drive = (
+        MachineMotion(*motion),
+        TrackDimensions(*dimensions),
+        BeltDrive(*drive),
+    )
+    coefficients, soil = ContactCoefficients(*coefficients), SoilPatch(*soil)
+    points, body, state = ContactPoints(*points), MainBody(*body), TrackState(*state)
+    base = base_frame(motion)
+    length = 4.0 * dimensions.half_axle_distance + 2.0 * math.pi * dimensions.sprocket_radius
+    state.wrench[:] = 0.0
+    for side in range(2):
+        y_track = dimensions.half_gauge if side == 0 else -dimensions.half_gauge
+        belt_force = _shoe_forces(
+            side, y_track, length, base, dimensions, coefficients, soil, points, state
         )
-        if load > 0.0:
-            add_wrench(total, fx, fy, fz, rx, ry, rz)
+        state.speed[side] = _driven_speed(dt, state.speed[side], command[side], belt_force, drive)
+        update_mean_speeds(
+            state.mean_speeds, side, dt, state.speed[side], base, dimensions.base_com, y_track
+        )
+        state.travel[side] = (state.travel[side] + state.speed[side] * dt) % length
+    swing = (motion.swing_cos, motion.swing_sin)
+    add_body_contact(base, swing, dimensions.base_com, body, coefficients, state.wrench)
 
 
-@kernel(inline="always")
+@helper(forceinline=True)
+def _shoe_forces(  # type: ignore[no-untyped-def]
+    side, y_track, length, base, dimensions, coefficients, soil, points, state
+):
+    """Place the shoes of a belt and add the ground's forces on them to the wrench.
+
+    Returns:
+        Force of the ground on the belt in its direction of motion [N].
+    """
+    count = state.shoe_poses.shape[1]
+    half_thickness = dimensions.half_thickness
+    area = length / count * dimensions.half_width  # of one contact point
+    com_x, com_y, com_z = dimensions.base_com
+    (r00, _, r02), (r10, _, r12), (r20, _, r22) = base.rotation
+    belt_force, total_load, load_depth = 0.0, 0.0, 0.0
+    for k in range(count):
+        s = (state.travel[side] + k * length / count) % length
+        x, z, pitch, is_on_arc = _belt_path_pose(
+            s, dimensions.half_axle_distance, dimensions.sprocket_radius
+        )
+        state.shoe_poses[side, k, SHOE_X] = x
+        state.shoe_poses[side, k, SHOE_Z] = z + dimensions.axle_height
+        state.shoe_poses[side, k, SHOE_PITCH] = pitch
+        state.shoe_loads[side, k] = 0.0
+        tx, tz = math.cos(pitch), -math.sin(pitch)  # direction of motion; (-tz, tx) is outward
+        first = (side * count + k) * POINTS_PER_SHOE
+        if -r20 * tz + r22 * tx > MAX_OUTWARD_Z:
+            points.is_active[first] = False
+            points.is_active[first + 1] = False
+            continue
+        local_x = x - tz * half_thickness - com_x
+        local_z = z + tx * half_thickness + dimensions.axle_height - com_z
+        # On an arc the outside of a shoe is faster than the pitch line.
+        sole_speed = state.speed[side] * (
+            1.0 + is_on_arc * half_thickness / dimensions.sprocket_radius
+        )
+        tangent = (r00 * tx + r02 * tz, r10 * tx + r12 * tz, r20 * tx + r22 * tz)
+        for end in range(POINTS_PER_SHOE):
+            offset = (1.0 - 2.0 * end) * CONTACT_WIDTH_FRACTION * dimensions.half_width
+            arm = to_map(base.rotation, (local_x, y_track + offset - com_y, local_z))
+            (cx, cy, cz), (ax, ay, az) = base.center_of_mass, arm
+            vx, vy, vz = point_velocity(base.velocity, base.angular_velocity, arm)
+            velocity = (
+                vx + tangent[0] * sole_speed,
+                vy + tangent[1] * sole_speed,
+                vz + tangent[2] * sole_speed,
+            )
+            force, load, depth = sole_force(
+                (cx + ax, cy + ay, cz + az), velocity, coefficients, area, soil, points, first + end
+            )
+            if load > 0.0:
+                state.shoe_loads[side, k] += load
+                total_load += load
+                load_depth += load * depth
+                belt_force += dot(force, tangent)
+                add_wrench(state.wrench, force, arm)
+    state.sinkage[side] = mean_depth(load_depth, total_load)
+    return belt_force
+
+
+@helper(forceinline=True)
 def _belt_path_pose(s, half, radius):  # type: ignore[no-untyped-def]
-    """Shoe (x, z, pitch, 1 on an arc) at arc length `s` from under the middle, axle frame.
+    """Return x, z [m] and pitch [rad] of a shoe in the axle frame, and 1.0 if it is on an arc.
 
-    The ground run goes backward, then round the rear sprocket, forward on top and down in front.
+    The path begins below the middle. The lower run goes backward, then the path goes round the rear
+    sprocket, forward on the upper run and down in front.
+
+    Args:
+        s: arc length from the beginning of the path [m].
+        half: half the axle distance [m].
+        radius: radius of the pitch line at the wheels [m].
     """
     arc = math.pi * radius
     if s < half:
@@ -173,158 +178,24 @@ def _belt_path_pose(s, half, radius):  # type: ignore[no-untyped-def]
     return half - (s - arc), -radius, 3.0 * math.pi, 0.0
 
 
-@kernel
-def kinematic_track_step(  # type: ignore[no-untyped-def]
-    dt,
-    com,
-    rotation,
-    velocity,
-    angular_velocity,
-    base_com,
-    hull,
-    swing_cos,
-    swing_sin,
-    shape,
-    contact_coefficients,
-    drive,
-    soil_patch,
-    ground,
-    command,
-    travel,
-    speed,
-    anchors,
-    active,
-    shear_displacement,
-    shoes,
-    loads,
-    sinkage,
-    mean_speeds,
-    wrench,
-):
-    """Advance both belts by `dt` and find the ground's wrench on the machine.
+@helper(forceinline=True)
+def _driven_speed(dt, speed, command, belt_force, drive):  # type: ignore[no-untyped-def]
+    """Return the speed of a belt after one time step [m/s].
+
+    The drive compensates the ground's force and accelerates the belt toward the command, as far as
+    its tractive effort allows.
 
     Args:
         dt: time step [s].
-        com, rotation, velocity, spin: base centre of mass [m], base to map (3, 3), velocity of the
-            centre of mass [m/s] and angular velocity [rad/s], map frame.
-        base_com: centre of mass in the base frame [m].
-        hull: corners of the upper body [m] in the base frame at swing 0, shape (h, 3).
-        swing_cos, swing_sin: of the swing angle.
-        shape: half axle distance, sprocket radius, half gauge, half shoe width, half shoe
-            thickness, axle height [m].
-        laws: kn, cn, kt, ct of one contact point and its friction coefficient.
-        drive: belt mass [kg], acceleration, braking [m/s^2], traction [N].
-        bed: the ground under the shoes.
-        ground: contact surface [m], which the hull touches.
-        command: wanted belt speeds left, right [m/s].
-        travel, speed: belt positions [m] and speeds [m/s], shape (2,); advanced.
-        anchors, active, sheared: of the contact points, shapes (n, 3), (n,) and (n,); updated.
-            Shoes first, two points each, then the hull.
-        shoes: out, x, z [m] and pitch [rad] of each shoe in the base frame, shape (2, N, 3).
-        loads: out, normal load of each shoe [N], shape (2, N).
-        sinkage: out, `Tracks.sinkage` [m], shape (2,).
-        paces: as for `track_slip`; updated.
-        wrench: out, force [N] and torque about the centre of mass [N m], map frame, shape (6,).
+        speed, command: present and commanded speed [m/s].
+        belt_force: force of the ground on the belt [N].
+        drive: `BeltDrive`.
     """
-    half, radius, half_gauge, half_width, half_thick, axle = shape
-    mass, acceleration, braking_deceleration, max_tractive_effort = drive
-    count = shoes.shape[1]
-    length = 4.0 * half + 2.0 * math.pi * radius
-    area = length / count * half_width  # a contact point's
-    undisturbed_surface, max_sinkage, soils, moistures, table, frame = soil_patch
-    r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
-    r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
-    r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
-    for n in range(6):
-        wrench[n] = 0.0
-    for side in range(2):
-        on_belt, carried, sinking = 0.0, 0.0, 0.0
-        y_track = half_gauge if side == 0 else -half_gauge
-        for k in range(count):
-            s = (travel[side] + k * length / count) % length
-            x, z, pitch, round_ = _belt_path_pose(s, half, radius)
-            shoes[side, k, 0], shoes[side, k, 1], shoes[side, k, 2] = x, z + axle, pitch
-            loads[side, k] = 0.0
-            tx, tz = math.cos(pitch), -math.sin(pitch)  # the way the belt moves
-            first = (side * count + k) * 2
-            if -r20 * tz + r22 * tx > _MAX_OUTWARD_Z:
-                active[first] = False
-                active[first + 1] = False
-                continue
-            # Outside of the shoe: its tangent turned by 90 degrees, (-tz, tx).
-            lx = x - tz * half_thick - base_com[0]
-            lz = z + tx * half_thick + axle - base_com[2]
-            # Round a wheel the outside of a shoe is faster than the pitch line.
-            belt = speed[side] * (1.0 + round_ * half_thick / radius)
-            bx, by, bz = r00 * tx + r02 * tz, r10 * tx + r12 * tz, r20 * tx + r22 * tz
-            for end in range(2):
-                ly = y_track + (1.0 - 2.0 * end) * _CONTACT_OFFSET * half_width - base_com[1]
-                rx = r00 * lx + r01 * ly + r02 * lz
-                ry = r10 * lx + r11 * ly + r12 * lz
-                rz = r20 * lx + r21 * ly + r22 * lz
-                fx, fy, fz, load, depth = sole_force(
-                    com[0] + rx,
-                    com[1] + ry,
-                    com[2] + rz,
-                    velocity[0] + angular_velocity[1] * rz - angular_velocity[2] * ry + bx * belt,
-                    velocity[1] + angular_velocity[2] * rx - angular_velocity[0] * rz + by * belt,
-                    velocity[2] + angular_velocity[0] * ry - angular_velocity[1] * rx + bz * belt,
-                    contact_coefficients,
-                    area,
-                    undisturbed_surface,
-                    max_sinkage,
-                    soils,
-                    moistures,
-                    table,
-                    frame,
-                    anchors,
-                    active,
-                    shear_displacement,
-                    first + end,
-                )
-                if load > 0.0:
-                    loads[side, k] += load
-                    carried += load
-                    sinking += load * depth
-                    on_belt += fx * bx + fy * by + fz * bz
-                    add_wrench(wrench, fx, fy, fz, rx, ry, rz)
-        sinkage[side] = sinking / carried if carried > 0.0 else 0.0
-        # The drive wants a speed change and the ground's force made up for, as far as it can.
-        change = command[side] - speed[side]
-        slower = command[side] * speed[side] <= 0.0 or abs(command[side]) < abs(speed[side])
-        most = (braking_deceleration if slower else acceleration) * dt
-        change = min(max(change, -most), most)
-        effort = min(max(mass * change / dt - on_belt, -max_tractive_effort), max_tractive_effort)
-        if abs(effort) < max_tractive_effort:
-            speed[side] += change  # exactly, so that a belt told to stop does stop
-        else:
-            speed[side] += (effort + on_belt) / mass * dt
-        update_mean_speeds(
-            mean_speeds,
-            side,
-            dt,
-            speed[side],
-            rotation,
-            velocity,
-            angular_velocity,
-            base_com,
-            y_track,
-        )
-        travel[side] = (travel[side] + speed[side] * dt) % length
-    add_hull_contact(
-        com,
-        rotation,
-        velocity,
-        angular_velocity,
-        base_com,
-        hull,
-        swing_cos,
-        swing_sin,
-        contact_coefficients,
-        ground,
-        soil_patch.frame,
-        anchors,
-        active,
-        4 * count,
-        wrench,
-    )
+    is_braking = command * speed <= 0.0 or abs(command) < abs(speed)
+    max_change = (drive.max_deceleration if is_braking else drive.max_acceleration) * dt
+    change = min(max(command - speed, -max_change), max_change)
+    max_effort = drive.max_tractive_effort
+    effort = min(max(drive.belt_mass * change / dt - belt_force, -max_effort), max_effort)
+    if abs(effort) < max_effort:
+        return speed + change  # exact, so that a belt commanded to stop reaches zero
+    return speed + (effort + belt_force) / drive.belt_mass * dt

@@ -1,15 +1,15 @@
-"""What the ground does to a shoe: it gives under it, and lets itself be sheared.
+"""Bearing capacity and shear strength of soil under a sole (Bekker; Janosi and Hanamoto).
 
-On soil that gives, a sole is borne by Bekker's pressure at its depth z below the ground as it was
-before tracks pressed it, p = (k_c / b + k_phi) z^n, b the breadth of the track, and no more than
-the contact's spring. Nearly all of that is lasting: lifted, the sole follows the spring back, and
-the next one at that place is borne anew only where it comes as deep. Along the ground a sole is
-held up to Mohr-Coulomb's strength, A c + W tan(phi), at most by the friction of its steel; soil has
-as much of that as it is sheared, 1 - exp(-j / K) (Janosi and Hanamoto, 1961), j the way that the
-sole has gone since it came down. So tracks slip more the more they pull. (Wong, Theory of Ground
-Vehicles, sections 2.3 and 2.4.)
+On deformable soil the pressure at depth z below the undisturbed ground is Bekker's,
+p = (k_c / b + k_phi) z^n with track width b, limited by the spring of the contact. Nearly all
+sinkage is plastic: on unloading the sole follows the spring back, and the next sole at the same
+place carries load only where it reaches the same depth again. Along the ground the force is
+limited by the Mohr-Coulomb strength A c + W tan(phi), and by the friction of the sole's steel. The
+strength is mobilised with the shear displacement j of the soil since the sole came down, by
+1 - exp(-j / K) (Janosi and Hanamoto, 1961), so that the slip of a track increases with its pull.
+(Wong, Theory of Ground Vehicles, sections 2.3 and 2.4.)
 
-Ground that does not give is the spring and Coulomb's friction alone.
+On rigid ground only the spring of the contact and Coulomb friction act.
 """
 
 from __future__ import annotations
@@ -21,145 +21,123 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.ground.contact_surface import Ground, surface_at
+from machine_sim.ground.contact_surface import Ground
+from msg_bridge.contract.constants import MOISTURE_LEVELS
 from msg_bridge.contract.loose_soil import LooseSoil
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper
 
-__all__ = ["SoilPatch", "soil_coefficients", "soil_patch_under", "sole_force"]
+__all__ = [
+    "BEKKER_MODULUS",
+    "BEKKER_N",
+    "COHESION",
+    "JANOSI_K",
+    "TAN_FRICTION",
+    "SoilPatch",
+    "bearing_force",
+    "nearest_cell",
+    "shear_strength",
+    "soil_coefficients",
+    "soil_patch_under",
+]
 
-_NUM_MOISTURE_LEVELS = 101
-"""Steps of moisture: 0 to 100 % of saturation."""
+BEKKER_MODULUS, BEKKER_N, COHESION, TAN_FRICTION, JANOSI_K = range(5)
+"""Slots of `soil_coefficients`."""
 
 
 class SoilPatch(NamedTuple):
-    """The ground as shoes of one breadth feel it; arrays have shape (rows, cols)."""
+    """Ground under soles of one width.
 
-    undisturbed_surface: NDArray[np.float64]  # contact surface before tracks pressed it [m]
-    max_sinkage: NDArray[np.float64]  # how far a sole has been below that [m]; soles write it
+    Attributes:
+        undisturbed_surface: contact surface before compaction by tracks [m], shape (rows, cols).
+        max_sinkage: maximum depth of a sole below that surface so far [m], shape (rows, cols);
+            updated by the soles.
+        soil, moisture: soil id and moisture [% of saturation], shape (rows, cols), uint8.
+        coefficients: `soil_coefficients`, shape (soils, 101, 5).
+        frame: `Ground.frame`.
+    """
+
+    undisturbed_surface: NDArray[np.float64]
+    max_sinkage: NDArray[np.float64]
     soil: NDArray[np.uint8]
     moisture: NDArray[np.uint8]
-    coefficients: NDArray[np.float64]  # `soil_coefficients`
-    frame: tuple[float, float, float]  # `Ground.frame`
+    coefficients: NDArray[np.float64]
+    frame: tuple[float, float, float]
 
 
-def soil_patch_under(ground: Ground, breadth: float) -> SoilPatch:
-    """The ground under tracks `breadth` [m] broad; it stays the ground's own."""
-    coefficients = soil_coefficients(ground.soils, breadth)
+def soil_patch_under(ground: Ground, width: float) -> SoilPatch:
+    """Return the ground under tracks of a width [m]; it shares the arrays of `ground`."""
     return SoilPatch(
         ground.undisturbed_surface,
         ground.max_sinkage,
         ground.soil,
         ground.moisture,
-        coefficients,
+        soil_coefficients(ground.soils, width),
         ground.frame,
     )
 
 
-def soil_coefficients(soils: Sequence[LooseSoil], breadth: float) -> NDArray[np.float64]:
-    """What tracks of a breadth [m] feel of each soil, by id and moisture, shape (soils, 101, 5).
+def soil_coefficients(soils: Sequence[LooseSoil], width: float) -> NDArray[np.float64]:
+    """Return the coefficients of each soil under tracks of a width [m].
 
-    Modulus k_c / b + k_phi [N/m^(n + 2)], 0 where it does not give, exponent n, cohesion c [Pa],
-    tan(phi), K [m].
+    Returns:
+        Array of shape (soils, 101, 5), by soil id, moisture [%] and slot: `BEKKER_MODULUS`
+        k_c / b + k_phi [N/m^(n + 2)] (0 for rigid ground), `BEKKER_N`, `COHESION` [Pa],
+        `TAN_FRICTION` tan(phi), `JANOSI_K` [m].
     """
-    coefficients = np.zeros((len(soils), _NUM_MOISTURE_LEVELS, 5))
-    for law, soil in zip(coefficients, soils, strict=True):
+    table = np.zeros((len(soils), MOISTURE_LEVELS, 5))
+    for coefficients, soil in zip(table, soils, strict=True):
         if soil.bekker_k_phi == 0.0:
             continue
-        modulus = soil.bekker_k_c / breadth + soil.bekker_k_phi
-        law[:, 0] = [
-            modulus * soil.moisture_bearing_factor(moisture)
-            for moisture in range(_NUM_MOISTURE_LEVELS)
+        modulus = soil.bekker_k_c / width + soil.bekker_k_phi
+        coefficients[:, BEKKER_MODULUS] = [
+            modulus * soil.moisture_bearing_factor(moisture) for moisture in range(MOISTURE_LEVELS)
         ]
-        law[:, 1] = soil.bekker_n
-        law[:, 2] = [
+        coefficients[:, BEKKER_N] = soil.bekker_n
+        coefficients[:, COHESION] = [
             soil.cohesion * soil.moisture_strength_factor(moisture)
-            for moisture in range(_NUM_MOISTURE_LEVELS)
+            for moisture in range(MOISTURE_LEVELS)
         ]
-        law[:, 3] = math.tan(math.radians(soil.internal_friction))
-        law[:, 4] = soil.janosi_k
-    return coefficients
+        coefficients[:, TAN_FRICTION] = math.tan(math.radians(soil.internal_friction))
+        coefficients[:, JANOSI_K] = soil.janosi_k
+    return table
 
 
-@kernel(inline="always")
-def sole_force(  # type: ignore[no-untyped-def]
-    px,
-    py,
-    pz,
-    vx,
-    vy,
-    vz,
-    coefficients,
-    area,
-    undisturbed_surface,
-    max_sinkage,
-    soils,
-    moistures,
-    table,
-    frame,
-    anchors,
-    active,
-    shear_displacement,
-    i,
-):
-    """What a part of a sole feels: force (fx, fy, fz), normal load [N] and depth [m].
+@helper(forceinline=True)
+def nearest_cell(soil, point):  # type: ignore[no-untyped-def]
+    """Return row and column of the grid point nearest to a position, clamped to the map."""
+    rows, cols = soil.undisturbed_surface.shape
+    x_first, y_first, inverse_cell = soil.frame
+    row = int(min(max((x_first - point[0]) * inverse_cell + 0.5, 0.0), rows - 1.0))
+    col = int(min(max((y_first - point[1]) * inverse_cell + 0.5, 0.0), cols - 1.0))
+    return row, col
+
+
+@helper(forceinline=True)
+def bearing_force(depth, max_depth, area, stiffness, coefficients):  # type: ignore[no-untyped-def]
+    """Return the normal force of deformable soil on part of a sole, without damping [N].
 
     Args:
-        px, py, pz, vx, vy, vz: where it is [m], and its velocity [m/s].
-        laws: kn, cn, kt, ct of the contact and the friction coefficient of its steel.
-        area: of that part [m^2].
-        level, sunk, soils, moistures, table, frame: of a `Bed`; one by one, as numba is quicker so.
-        anchors, active, sheared: bristles of all parts, shape (n, 3), whether they touch, and how
-            far they have sheared the soil for good [m], shapes (n,); updated.
-        i: number of the part.
+        depth, max_depth: present and maximum depth below the undisturbed ground [m].
+        area: area of the part [m^2].
+        stiffness: normal stiffness of the contact [N/m].
+        coefficients: modulus and exponent of Bekker's law.
     """
-    kn, cn, kt, ct, mu = coefficients
-    x_first, y_first, inverse_cell = frame
-    height, slope_x, slope_y = surface_at(
-        undisturbed_surface, x_first, y_first, inverse_cell, px, py
-    )
-    nz = 1.0 / math.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
-    depth = (height - pz) * nz
-    if not depth > 0.0:
-        active[i] = False
-        return 0.0, 0.0, 0.0, 0.0, 0.0
-    rows, cols = undisturbed_surface.shape
-    row = int(min(max((x_first - px) * inverse_cell + 0.5, 0.0), rows - 1.0))
-    col = int(min(max((y_first - py) * inverse_cell + 0.5, 0.0), cols - 1.0))
-    kind, moisture = soils[row, col], moistures[row, col]
-    modulus = table[kind, moisture, 0]
-    gives = modulus > 0.0
-    spring = kn * depth
-    if gives:
-        most = max(depth, max_sinkage[row, col])
-        bearing = area * modulus * most ** table[kind, moisture, 1]
-        spring = min(bearing, kn * most) - kn * (most - depth)
-    nx, ny = -slope_x * nz, -slope_y * nz
-    vn = vx * nx + vy * ny + vz * nz
-    load = spring - cn * vn
-    if not (spring > 0.0 and load > 0.0):  # it lifts off faster than the soil follows
-        active[i] = False
-        return 0.0, 0.0, 0.0, 0.0, 0.0
-    if not active[i]:
-        active[i] = True
-        anchors[i, 0], anchors[i, 1], anchors[i, 2] = px, py, pz
-        shear_displacement[i] = 0.0
-    ux, uy, uz = px - anchors[i, 0], py - anchors[i, 1], pz - anchors[i, 2]
-    un = ux * nx + uy * ny + uz * nz
-    ux, uy, uz = ux - un * nx, uy - un * ny, uz - un * nz
-    fx = -kt * ux - ct * (vx - vn * nx)
-    fy = -kt * uy - ct * (vy - vn * ny)
-    fz = -kt * uz - ct * (vz - vn * nz)
-    force, limit, way = math.sqrt(fx * fx + fy * fy + fz * fz), mu * load, 0.0
-    if gives:
-        max_sinkage[row, col] = most
-        way = shear_displacement[i] + math.sqrt(ux * ux + uy * uy + uz * uz)
-        cohesion, friction = table[kind, moisture, 2], table[kind, moisture, 3]
-        strength = min(area * cohesion + load * friction, limit)
-        limit = strength * (1.0 - math.exp(-way / table[kind, moisture, 4]))
-    if force > limit:
-        share = limit / force
-        fx, fy, fz = share * fx, share * fy, share * fz
-        # The anchor follows, so that the spring alone gives the sliding force.
-        anchors[i, 0], anchors[i, 1], anchors[i, 2] = px + fx / kt, py + fy / kt, pz + fz / kt
-        shear_displacement[i] = max(way - limit / kt, 0.0)
-    return fx + load * nx, fy + load * ny, fz + load * nz, load, depth
+    modulus, exponent = coefficients
+    bearing = area * modulus * max_depth**exponent
+    return min(bearing, stiffness * max_depth) - stiffness * (max_depth - depth)
+
+
+@helper(forceinline=True)
+def shear_strength(displacement, load, area, max_force, coefficients):  # type: ignore[no-untyped-def]
+    """Return the maximum tangential force of deformable soil on part of a sole [N].
+
+    Args:
+        displacement: shear displacement since the sole came down [m].
+        load: normal load [N].
+        area: area of the part [m^2].
+        max_force: friction limit of the sole's steel [N].
+        coefficients: cohesion [Pa], tan(phi) and K [m].
+    """
+    cohesion, tan_friction, janosi_k = coefficients
+    strength = min(area * cohesion + load * tan_friction, max_force)
+    return strength * (1.0 - math.exp(-displacement / janosi_k))
