@@ -1,14 +1,16 @@
-"""One machine, from a data file: description, kinematics, tracks, tools, physics.
+"""One machine, from its YAML file: specification, kinematics, tools, tracks, physics.
 
-- `description`: the machine as data; `file/` reads it from YAML
-- `tools/`: buckets, drums and beds; `tracks/`: two models of them, on ground that gives
-- `urdf`: the same machine as URDF text; `appearance`: what it looks like, and where each link is
-- `kinematics`: an excavator's joint angles to tool pose and back, without a physics engine
-- `linkage`, `hydraulics`: cylinders between links, what feeds them, how fast and hard they move
-- `pistons`: what is seen of them
-- `link_motion`: how every link moves
-- `joints`: ramps and limits of commanded joint speeds
-- `tracked_machine`: all of it in pybullet, stepped by its owner
+- `spec`: the specification; `spec_file/` reads it from YAML; `box`: boxes of its links
+- `tools/`: shapes of buckets, beds, drums and blades, and tools in pybullet
+- `arm_kinematics`: closed-form kinematics of an excavator's arm
+- `forward_kinematics`, `link_motion`: poses and velocities of all links; `rotations`: matrices and
+  quaternions
+- `cylinder_linkage`, `hydraulics`: geometry of cylinders, and their flow, force and pressure
+- `joint_reference`: speed ramps of the joints that stop at their limits
+- `tracks/`: two models of the tracks on deformable ground
+- `tracked_machine`, `multibody`: the machine in pybullet, stepped by its owner
+- `urdf`, `visuals`, `cylinder_visuals`: URDF text and visual shapes
+- `validation`, `errors`: checks of numbers given by a caller, and the errors of this package
 """
 
 from machine_sim.machine.arm_kinematics import (

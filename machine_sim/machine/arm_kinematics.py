@@ -1,9 +1,11 @@
-"""Closed-form kinematics of the arm: pure functions of the description, no physics engine.
+"""Closed-form kinematics of an excavator's arm, without a physics engine.
 
-The arm moves in a plane that turns with the swing. In the swing frame (the `upper` link: origin on
-the swing axis at the swing bearing, x along the arm, z up) that plane is y = 0, so a tool pose is
-reach r [m] from the swing axis, height z [m] above the bearing, and attitude [rad]: the angle of
-the line from bucket pin to cutting lip below the horizontal, the sum of the three joint angles.
+The arm moves in a plane that rotates with the swing. In the swing frame (the `upper` link: origin
+on the swing axis at the swing bearing, x along the arm, z up) that plane is y = 0. A tool pose is
+therefore given by reach r [m] from the swing axis, height z [m] above the bearing, and attitude
+[rad]: the angle of the line from bucket pin to cutting lip below the horizontal, which is the sum
+of the three joint angles. Joint angles follow the right-hand rule about +y, so that a positive
+angle lowers.
 """
 
 from __future__ import annotations
@@ -37,20 +39,19 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _LIMIT_TOLERANCE = 1e-9
-"""Rounding by which an angle may seem beyond its limit [rad]."""
-
+"""Tolerance for rounding when an angle is compared with its limits [rad]."""
 
 EXCAVATOR_JOINTS = ("swing", "boom", "arm", "bucket")
-"""The joints of a machine whose arm is known here, from the base to the tool."""
+"""Joints of an excavator, from the base to the tool."""
 
 
 class ArmGeometry(NamedTuple):
-    """What of an excavator its arm's kinematics follow from.
+    """Geometry of an excavator's arm.
 
     Attributes:
-        swing: swing bearing in the base frame [m].
-        foot: boom pin in the upper frame, forward and up [m].
-        boom, arm, bucket: lengths pin to pin, and pin to lip [m].
+        swing: position of the swing bearing in the base frame [m].
+        foot: position of the boom pin in the swing frame, x and z [m].
+        boom, arm, bucket: lengths from pin to pin, and from pin to lip [m].
     """
 
     swing: tuple[float, float, float]
@@ -61,32 +62,33 @@ class ArmGeometry(NamedTuple):
 
     @property
     def lengths(self) -> tuple[float, float, float]:
-        """Of boom, arm and bucket [m]."""
+        """Lengths of boom, arm and bucket [m]."""
         return self.boom, self.arm, self.bucket
 
 
 @lru_cache(maxsize=16)
 def arm_geometry(spec: MachineSpec) -> ArmGeometry:
-    """The arm of an excavator.
+    """Return the geometry of an excavator's arm.
 
     Raises:
-        MachineError: other joints than `EXCAVATOR_JOINTS`, or an arm that is not in the plane
-            y = 0 of a swing about the base's middle.
+        MachineError: joints other than `EXCAVATOR_JOINTS`, or an arm that is not in the plane y = 0
+            of a swing about the z axis of the base.
     """
     if spec.joint_names != EXCAVATOR_JOINTS:
         raise MachineError(
-            f"a {spec.name} has joints {', '.join(spec.joint_names)}; give a machine"
-            f" with {', '.join(EXCAVATOR_JOINTS)}"
+            f"machine type {spec.name} has joints {', '.join(spec.joint_names)}; choose one with"
+            f" {', '.join(EXCAVATOR_JOINTS)}"
         )
     swing, boom, arm, bucket = spec.joints.values()
-    straight = boom.origin[1] == 0.0 and all(
+    is_planar = boom.origin[1] == 0.0 and all(
         joint.origin[1:] == (0.0, 0.0) for joint in (arm, bucket)
     )
-    axes = (swing.axis, boom.axis, arm.axis, bucket.axis) == ("z", "y", "y", "y")
-    if not (straight and axes and swing.origin[:2] == (0.0, 0.0)):
+    has_axes = (swing.axis, boom.axis, arm.axis, bucket.axis) == ("z", "y", "y", "y")
+    if not (is_planar and has_axes and swing.origin[:2] == (0.0, 0.0)):
         raise MachineError(
-            "an excavator's swing turns about the base frame's z axis, its arm's joints about y, in"
-            " the plane y = 0 and each on the x axis of the link before it: change the origins"
+            "the swing of an excavator rotates about the z axis of the base, its other joints about"
+            " y in the plane y = 0, arm and bucket on the x axis of their parents: change axes or"
+            " origins"
         )
     lengths = (arm.origin[0], bucket.origin[0], spec.bucket.tip_radius)
     return ArmGeometry(swing.origin, (boom.origin[0], boom.origin[2]), *lengths)
@@ -109,7 +111,7 @@ class ToolPoint(NamedTuple):
 
 
 def tool_point(spec: MachineSpec, boom: float, arm: float, bucket: float) -> ToolPoint:
-    """Where the middle of the cutting lip is for given joint angles [rad]."""
+    """Return the position of the cutting lip's middle for given joint angles [rad]."""
     geometry = arm_geometry(spec)
     r, z = geometry.foot
     angle = 0.0
@@ -121,20 +123,20 @@ def tool_point(spec: MachineSpec, boom: float, arm: float, bucket: float) -> Too
 
 
 def solve_arm_angles(spec: MachineSpec, reach: float, height: float, attitude: float) -> ArmAngles:
-    """Joint angles [rad] that put the cutting lip at (reach, height) with the given attitude.
+    """Return the joint angles [rad] that put the cutting lip at a reach, height and attitude.
 
-    The arm folds one way only, so there is one solution at most.
+    The arm folds in one direction only, so there is at most one solution.
 
     Raises:
-        ReachError: the point is too far or too near, or a joint would pass its limit.
+        ReachError: the point is too far or too near, or a joint would exceed its limits.
     """
     if not all(map(math.isfinite, (reach, height, attitude))):
         raise ReachError(
             f"reach {reach}, height {height}, attitude {attitude}: give finite numbers"
         )
-    third = arm_geometry(spec).bucket
+    length = arm_geometry(spec).bucket
     boom, arm = solve_bucket_pin_angles(
-        spec, reach - third * math.cos(attitude), height + third * math.sin(attitude)
+        spec, reach - length * math.cos(attitude), height + length * math.sin(attitude)
     )
     angles = [boom, arm, _wrap_angle(attitude - boom - arm)]
     angles[2] = _within_limits(spec, "bucket", angles[2])
@@ -142,10 +144,10 @@ def solve_arm_angles(spec: MachineSpec, reach: float, height: float, attitude: f
 
 
 def solve_bucket_pin_angles(spec: MachineSpec, reach: float, height: float) -> tuple[float, float]:
-    """Boom and arm angles [rad] that put the bucket's pin at (reach, height) in the arm plane [m].
+    """Return the boom and arm angles [rad] that put the bucket pin at (reach, height) [m].
 
     Raises:
-        ReachError: the point is too far or too near, or a joint would pass its limit.
+        ReachError: the point is too far or too near, or a joint would exceed its limits.
     """
     geometry = arm_geometry(spec)
     first, second = geometry.boom, geometry.arm
@@ -153,8 +155,8 @@ def solve_bucket_pin_angles(spec: MachineSpec, reach: float, height: float) -> t
     cosine = (r * r + z * z - first * first - second * second) / (2.0 * first * second)
     if not -1.0 <= cosine <= 1.0:
         raise ReachError(
-            f"the bucket's pin would be {math.hypot(r, z):.2f} m from the boom's foot; the arm"
-            f" reaches from {abs(first - second):.2f} to {first + second:.2f} m: move the target"
+            f"the bucket pin would be {math.hypot(r, z):.2f} m from the boom pin; the arm reaches"
+            f" from {abs(first - second):.2f} to {first + second:.2f} m: move the target"
         )
     arm = math.acos(cosine)
     boom = math.atan2(-z, r) - math.atan2(second * math.sin(arm), first + second * cosine)
@@ -170,23 +172,23 @@ def tool_pose(
     base_rotation: Array,
     joints: ArrayLike,
 ) -> tuple[Array, Array]:
-    """Pose of the bucket frame in the map frame.
+    """Return the pose of the bucket frame in the map frame.
 
     Args:
-        description: the machine.
+        spec: specification of the excavator.
         base_position: origin of `base_link` [m], shape (3,), map frame.
-        base_rotation: `base_link` to map, shape (3, 3).
-        joints: swing, boom, arm, bucket [rad].
+        base_rotation: rotation matrix `base_link` to map, shape (3, 3).
+        joints: angles of swing, boom, arm and bucket [rad].
 
     Returns:
-        Rotation bucket to map, shape (3, 3), and origin (the bucket's pin) [m], shape (3,).
+        Rotation matrix bucket to map, shape (3, 3), and origin (the bucket pin) [m], shape (3,).
     """
     swing, boom, arm, bucket = np.asarray(joints, dtype=np.float64)
     tip = tool_point(spec, boom, arm, bucket)
-    third = arm_geometry(spec).bucket
+    length = arm_geometry(spec).bucket
     s, c = math.sin(tip.attitude), math.cos(tip.attitude)
     upper = base_rotation @ rotation_about_z(swing)
-    pin = np.array([tip.reach - third * c, 0.0, tip.height + third * s])
+    pin = np.array([tip.reach - length * c, 0.0, tip.height + length * s])
     origin = base_position + base_rotation @ np.array(arm_geometry(spec).swing) + upper @ pin
     rotation = upper @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
     return rotation, origin
@@ -199,15 +201,15 @@ def map_to_swing_frame(
     swing: float,
     points: ArrayLike,
 ) -> Array:
-    """Points of the map frame in the swing frame.
+    """Transform points from the map frame to the swing frame.
 
     Args:
-        description, base_position, base_rotation: as in `tool_pose`.
+        spec, base_position, base_rotation: as in `tool_pose`.
         swing: swing angle [rad].
-        points: map frame [m], shape (3,) or (n, 3).
+        points: points [m], map frame, shape (3,) or (n, 3).
 
     Returns:
-        (reach, sideways, height) [m], same shape; sideways is the distance off the arm plane.
+        (reach, lateral, height) [m], same shape; lateral is the distance from the arm plane.
     """
     rotation, origin = _swing_frame(spec, base_position, base_rotation, swing)
     local = (np.asarray(points, dtype=np.float64) - origin) @ rotation
@@ -221,7 +223,10 @@ def swing_frame_to_map(
     swing: float,
     points: ArrayLike,
 ) -> Array:
-    """Points (reach, sideways, height) of the swing frame in the map frame: `map_to_swing_frame` back."""
+    """Transform points (reach, lateral, height) [m] from the swing frame to the map frame.
+
+    Arguments as in `map_to_swing_frame`.
+    """
     rotation, origin = _swing_frame(spec, base_position, base_rotation, swing)
     mapped = np.asarray(points, dtype=np.float64) @ rotation.T + origin
     return np.asarray(mapped, dtype=np.float64)
@@ -233,9 +238,9 @@ def swing_angle_toward(
     base_rotation: Array,
     point: ArrayLike,
 ) -> float:
-    """Swing angle [rad], -pi to pi, at which the arm plane holds a point of the map frame [m].
+    """Return the swing angle [rad], -pi to pi, at which a point [m] is in the arm plane.
 
-    Arguments as in `map_to_swing_frame`; the base may stand on a slope.
+    Arguments as in `map_to_swing_frame`; the base can be inclined.
     """
     x, y, _ = map_to_swing_frame(spec, base_position, base_rotation, 0.0, point)
     return math.atan2(y, x)
@@ -244,21 +249,26 @@ def swing_angle_toward(
 def _swing_frame(
     spec: MachineSpec, base_position: ArrayLike, base_rotation: Array, swing: float
 ) -> tuple[Array, Array]:
-    """Rotation swing frame to map and origin [m]."""
+    """Return the rotation matrix swing frame to map, and the origin of the swing frame [m]."""
     origin = base_position + base_rotation @ np.array(arm_geometry(spec).swing)
     return base_rotation @ rotation_about_z(swing), origin
 
 
 def _within_limits(spec: MachineSpec, name: str, angle: float) -> float:
+    """Return a joint angle [rad], clamped within rounding errors.
+
+    Raises:
+        ReachError: the angle is outside the limits of the joint.
+    """
     limits = spec.joints[name]
     if not limits.lower - _LIMIT_TOLERANCE <= angle <= limits.upper + _LIMIT_TOLERANCE:
         raise ReachError(
-            f"{name} would be at {angle:.3f} rad, its limits are {limits.lower} and"
-            f" {limits.upper}: move the target or change its attitude"
+            f"{name} would be at {angle:.3f} rad, outside its limits {limits.lower} to"
+            f" {limits.upper} rad: move the target or change its attitude"
         )
     return min(max(angle, limits.lower), limits.upper)
 
 
 def _wrap_angle(angle: float) -> float:
-    """The same angle in -pi to pi."""
+    """Return the equivalent angle in -pi to pi."""
     return math.remainder(angle, 2.0 * math.pi)

@@ -1,16 +1,16 @@
-"""Cylinders of the arm: from joint angle to cylinder length and back, in closed form.
+"""Kinematics of a cylinder and its joint: angle to cylinder length and back, in closed form.
 
-Everything lies in the arm plane, in the frame of the link that carries the barrel: x forward, z up,
-and a joint turns by its angle q about +y, which carries x toward -z. The rod's pin sits on the link
-behind the joint, or, where a joint turns too far for that, on a *rocker*: a lever that is pinned to
-the same link as the barrel, and whose end a *coupler* joins to the link behind the joint. That is a
-four-bar linkage; on an excavator it turns the bucket::
+All points are in the arm plane, in the frame of the link that carries the barrel (the parent of the
+joint): x forward, z up. The joint angle q is a rotation about +y, from x toward -z. The rod is
+pinned to the child link of the joint, or, where the joint's range is too large for that, to a
+rocker: a lever pinned to the parent link, whose end a coupler connects to the child link. That is a
+four-bar linkage; on an excavator it drives the bucket::
 
-      barrel ====== S            S: end of the rocker, the rod's pin and the coupler's
+      barrel ====== S            S: end of the rocker, pin of rod and coupler
                    / \\
           rocker  /   \\ coupler
                  o     \\
-               pin  O---T        O: the joint;  T: the ear on the link behind it
+               pin  O---T        O: joint;  T: pin of the coupler on the child link
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ Point = tuple[float, float]
 """x, z [m]."""
 
 _MIN_LEVER_ARM = 1e-3
-"""Below this a cylinder is at a dead centre: it cannot turn the joint [m]."""
+"""Lever arm below which a cylinder is at a dead centre and cannot move the joint [m]."""
 _NUM_CHECKED_ANGLES = 200
-"""Angles at which a linkage is looked at before it is used."""
+"""Number of intervals in the range of the joint at whose ends a linkage is validated."""
 
 
 @dataclass(frozen=True)
 class Rocker:
-    """The lever between a cylinder and a joint that turns far.
+    """Lever and coupler between a cylinder and a joint with a large range.
 
     Attributes:
-        pin: where it is pinned, in the barrel's link [m].
-        length: from there to its end [m].
-        coupler: length of the coupler, from there to the ear [m].
-        ear: where the coupler is pinned, in the link behind the joint [m].
+        pin: pin of the rocker on the parent link, in its frame [m].
+        length: length of the rocker from that pin to its end [m].
+        coupler_length: length of the coupler from the rocker's end to `coupler_pin` [m].
+        coupler_pin: pin of the coupler on the child link, in the child's frame [m].
     """
 
     pin: Point
@@ -51,7 +51,7 @@ class Rocker:
 
 
 class LinkagePins(NamedTuple):
-    """Where the pins are, in the frame of the barrel's link [m]; `ear` only with a rocker."""
+    """Positions of the pins in the parent link's frame [m]; `coupler_pin` only with a rocker."""
 
     barrel: Point
     rod: Point
@@ -60,14 +60,14 @@ class LinkagePins(NamedTuple):
 
 @dataclass(frozen=True)
 class CylinderLinkage:
-    """The geometry between a cylinder and the joint that it turns.
+    """Geometry of a cylinder and the joint that it drives.
 
     Attributes:
-        joint: the joint's pin, in the frame of the link that carries the barrel [m].
-        barrel: the barrel's pin, in the same frame [m].
-        rod: the rod's pin in the frame of the link behind the joint [m]; None with a rocker.
-        rocker: the lever in between, or None.
-        lower, upper: the joint's limits [rad].
+        joint: pin of the joint in the frame of the parent link [m].
+        barrel: pin of the barrel in the same frame [m].
+        rod: pin of the rod in the frame of the child link [m]; None with a rocker.
+        rocker: rocker between rod and child link, or None.
+        lower, upper: limits of the joint [rad].
     """
 
     joint: Point
@@ -80,51 +80,54 @@ class CylinderLinkage:
     def __post_init__(self) -> None:
         """
         Raises:
-            MachineError: both or none of rod and rocker, a linkage that does not close at some
-                angle within the limits, or a dead centre there.
+            MachineError: both or neither of rod and rocker, a linkage that does not close at some
+                angle within the limits, or a dead centre within the limits.
         """
         if (self.rod is None) == (self.rocker is None):
-            raise MachineError("a cylinder's rod is pinned to the link or to a rocker: give one")
+            raise MachineError("the linkage of a cylinder needs either `rod` or `rocker`; give one")
         step = (self.upper - self.lower) / _NUM_CHECKED_ANGLES
         angles = [self.lower + k * step for k in range(_NUM_CHECKED_ANGLES + 1)]
-        levers = [self.lever_arm(angle) for angle in angles]
-        for angle, lever_arm in zip(angles, levers, strict=True):
-            if abs(lever_arm) < _MIN_LEVER_ARM or (lever_arm > 0.0) != (levers[0] > 0.0):
+        lever_arms = [self.lever_arm(angle) for angle in angles]
+        for angle, lever_arm in zip(angles, lever_arms, strict=True):
+            if abs(lever_arm) < _MIN_LEVER_ARM or (lever_arm > 0.0) != (lever_arms[0] > 0.0):
                 raise MachineError(
-                    f"the cylinder is at a dead centre at {angle:.3f} rad, where it cannot turn the"
+                    f"the cylinder is at a dead centre at {angle:.3f} rad, where it cannot move the"
                     " joint; move a pin, or narrow the joint's limits"
                 )
 
     @cached_property
     def extension_sign(self) -> float:
-        """+1 where the cylinder grows longer with the angle, -1 where it grows shorter."""
+        """+1.0 if a larger angle extends the cylinder, -1.0 if it retracts it."""
         return math.copysign(1.0, self.lever_arm(0.5 * (self.lower + self.upper)))
 
     @cached_property
     def min_length(self) -> float:
-        """Length at the end of the joint's range where the cylinder is in [m]."""
+        """Length of the cylinder at the joint limit at which it is retracted [m]."""
         return min(self.length(self.lower), self.length(self.upper))
 
     @cached_property
     def max_length(self) -> float:
-        """Length at the end of the joint's range where the cylinder is out [m]."""
+        """Length of the cylinder at the joint limit at which it is extended [m]."""
         return max(self.length(self.lower), self.length(self.upper))
 
     def pins(self, angle: float) -> LinkagePins:
-        """Where the pins are at a joint angle [rad].
+        """Return the positions of the pins at a joint angle [rad].
 
         Raises:
-            MachineError: the rocker and its coupler do not reach.
+            MachineError: rocker and coupler do not reach each other.
         """
         if self.rocker is None:
             assert self.rod is not None
             return LinkagePins(self.barrel, _in_parent_frame(self.joint, self.rod, angle), None)
         coupler_pin = _in_parent_frame(self.joint, self.rocker.coupler_pin, angle)
-        # Of the two places the one on the far side from the joint: the four-bar is not crossed.
+        # Of the two intersections, the one away from the joint: the four-bar is not crossed.
         end = _circle_intersection(
-            self.rocker.pin, self.rocker.length, coupler_pin, self.rocker.coupler_length,
+            self.rocker.pin,
+            self.rocker.length,
+            coupler_pin,
+            self.rocker.coupler_length,
             -_side_of_line(self.rocker.pin, coupler_pin, self.joint),
-        )  # fmt: skip
+        )
         if end is None:
             raise MachineError(
                 f"rocker and coupler do not reach each other at {angle:.3f} rad; lengthen one, or"
@@ -133,46 +136,44 @@ class CylinderLinkage:
         return LinkagePins(self.barrel, end, coupler_pin)
 
     def length(self, angle: float) -> float:
-        """Of the cylinder from pin to pin [m], at a joint angle [rad]."""
+        """Return the length of the cylinder from pin to pin [m] at a joint angle [rad]."""
         return math.dist(self.barrel, self.pins(angle).rod)
 
     def lever_arm(self, angle: float) -> float:
-        """Growth of the cylinder per turn of the joint, dL/dq [m/rad], at an angle [rad].
+        """Return dL/dq, cylinder length by joint angle [m/rad], at an angle [rad].
 
-        It is the lever arm, too: what the cylinder pushes with times this is the joint's torque.
+        It is also the lever arm [m]: the joint torque is the cylinder force times dL/dq.
         """
         return self.length_and_lever_arm(angle)[1]
 
     def length_and_lever_arm(self, angle: float) -> tuple[float, float]:
-        """`length` and `lever` at once: most of the work is to find the pins."""
+        """Return `length` and `lever_arm`, with one computation of the pins."""
         barrel, rod, coupler_pin = self.pins(angle)
         length = math.dist(barrel, rod)
         if coupler_pin is None:
-            way = _motion_per_angle(self.joint, rod)
+            motion = _motion_per_angle(self.joint, rod)
         else:
-            # The end goes round the rocker's pin, as fast as keeps the coupler's length.
+            # The coupler has a constant length, so its ends have the same speed along it.
             assert self.rocker is not None
-            round_pin, along = (
-                _motion_per_angle(self.rocker.pin, rod),
-                _difference(rod, coupler_pin),
-            )
-            share = _dot(along, round_pin)
-            if share == 0.0:
+            circular = _motion_per_angle(self.rocker.pin, rod)
+            coupler = _difference(rod, coupler_pin)
+            projection = _dot(coupler, circular)
+            if projection == 0.0:
                 return length, math.inf
-            speed = _dot(along, _motion_per_angle(self.joint, coupler_pin)) / share
-            way = (speed * round_pin[0], speed * round_pin[1])
-        return length, _dot(_difference(rod, barrel), way) / length
+            ratio = _dot(coupler, _motion_per_angle(self.joint, coupler_pin)) / projection
+            motion = (ratio * circular[0], ratio * circular[1])
+        return length, _dot(_difference(rod, barrel), motion) / length
 
     def angle(self, length: float) -> float:
-        """Joint angle [rad] at a cylinder length [m].
+        """Return the joint angle [rad] at a cylinder length [m].
 
         Raises:
-            MachineError: a length that the cylinder does not have within the joint's limits.
+            MachineError: the length is outside the range within the joint limits.
         """
         low, high = self.min_length, self.max_length
         if not low - 1e-9 <= length <= high + 1e-9:
             raise MachineError(
-                f"a cylinder of {length:.4f} m is beyond the joint's limits; give {low:.4f} to"
+                f"cylinder length {length:.4f} m is outside the joint's limits; give {low:.4f} to"
                 f" {high:.4f} m"
             )
         middle = 0.5 * (self.lower + self.upper)
@@ -185,14 +186,20 @@ class CylinderLinkage:
         end = self._rod_pin_at(self.rocker.pin, self.rocker.length, length)
         assert pins.coupler_pin is not None
         coupler_pin = _circle_intersection(
-            self.joint, math.hypot(*self.rocker.coupler_pin), end, self.rocker.coupler_length,
+            self.joint,
+            math.hypot(*self.rocker.coupler_pin),
+            end,
+            self.rocker.coupler_length,
             _side_of_line(self.joint, pins.rod, pins.coupler_pin),
-        )  # fmt: skip
+        )
         assert coupler_pin is not None, "lengths within the limits close the linkage"
         return self._angle_of(self.rocker.coupler_pin, coupler_pin)
 
     def _rod_pin_at(self, pin: Point, radius: float, length: float) -> Point:
-        """Where the rod's pin is, which goes round `pin`, on the side where it is all the time."""
+        """Return the pin of the rod on a circle about `pin` at a cylinder length [m].
+
+        Of the two intersections it is the one on the rod's side of the line from barrel to `pin`.
+        """
         rod = self.pins(0.5 * (self.lower + self.upper)).rod
         end = _circle_intersection(
             self.barrel, length, pin, radius, _side_of_line(self.barrel, pin, rod)
@@ -201,15 +208,15 @@ class CylinderLinkage:
         return end
 
     def _angle_of(self, at_zero: Point, at: Point) -> float:
-        """Turn that carries a point of the link behind the joint to where it is."""
+        """Return the joint angle [rad] that moves a point of the child link to `at`."""
         x, z = _difference(at, self.joint)
-        turn = math.atan2(at_zero[1], at_zero[0]) - math.atan2(z, x)
+        angle = math.atan2(at_zero[1], at_zero[0]) - math.atan2(z, x)
         middle = 0.5 * (self.lower + self.upper)
-        return middle + math.remainder(turn - middle, 2.0 * math.pi)
+        return middle + math.remainder(angle - middle, 2.0 * math.pi)
 
 
 def _in_parent_frame(joint: Point, point: Point, angle: float) -> Point:
-    """A point of the link behind the joint, in the frame of the link before it."""
+    """Transform a point from the frame of the child link to that of the parent link."""
     s, c = math.sin(angle), math.cos(angle)
     return joint[0] + c * point[0] + s * point[1], joint[1] - s * point[0] + c * point[1]
 
@@ -223,26 +230,26 @@ def _dot(a: Point, b: Point) -> float:
 
 
 def _motion_per_angle(pin: Point, point: Point) -> Point:
-    """Way of a point per turn about a pin [m/rad]."""
+    """Return the derivative of a point's position by a rotation about a pin [m/rad]."""
     x, z = _difference(point, pin)
     return z, -x
 
 
 def _side_of_line(a: Point, b: Point, point: Point) -> float:
-    """On which side of the line from a to b a point lies: +1 or -1."""
+    """Return the side of a point relative to the line from a to b: +1.0 left, -1.0 right."""
     (ux, uz), (vx, vz) = _difference(b, a), _difference(point, a)
     return math.copysign(1.0, ux * vz - uz * vx)
 
 
 def _circle_intersection(a: Point, ra: float, b: Point, rb: float, side: float) -> Point | None:
-    """Where circles about a and b meet, on one side of the line from a to b; None if nowhere."""
+    """Return the intersection of circles about a and b on one side of the line a to b, or None."""
     distance = math.dist(a, b)
     if distance == 0.0:
         return None
     along = (ra * ra - rb * rb + distance * distance) / (2.0 * distance)
     square = ra * ra - along * along
     if square < 0.0:
-        # At full stretch rounding may miss by a little.
+        # Circles that touch in one point may miss each other by rounding.
         if square < -1e-12:
             return None
         square = 0.0

@@ -1,7 +1,7 @@
-"""What is seen of the cylinders: barrels, rods, rockers and couplers as links that follow the arm.
+"""Visual parts of the cylinders: barrels, rods, rockers and couplers.
 
-They weigh nothing and touch nothing: the physics knows only what they do to the joints. Each is a
-link of the URDF with a joint of its own, whose value follows from the arm's angles.
+They have no mass and no collision shape: in the physics the cylinders are torques on the joints.
+Each part is a link of the URDF with its own joint, whose value follows from the joint angles.
 """
 
 from __future__ import annotations
@@ -28,28 +28,28 @@ _ROD_COLOR = "0.80 0.82 0.85 1"
 _BAR_COLOR = "0.30 0.30 0.33 1"
 
 _BARREL_DIAMETER_RATIO = 1.25
-"""Outer over inner diameter of a barrel."""
+"""Ratio of outer to inner diameter of a barrel."""
 _BARREL_LENGTH_FRACTION = 0.9
-"""Length of a barrel in parts of the shortest cylinder: the rest is the rod's eye."""
+"""Length of a barrel as a fraction of the retracted cylinder; the rest is the rod's eye."""
 _BAR_THICKNESS = 0.12
-"""Rockers and couplers as drawn [m]."""
+"""Thickness of rockers and couplers as drawn [m]."""
 _DIFFERENCE_TIME = 1e-4
-"""Time over which the speeds of the parts are taken [s]."""
+"""Time step of the difference quotient for the velocities of the parts [s]."""
 
 
 class CylinderPart(NamedTuple):
-    """A link that is seen, and the joint that moves it.
+    """A visual link and the joint that moves it.
 
     Attributes:
-        link: its name.
-        parent: link that it hangs on.
-        joint: name of the joint between.
-        slides: whether that joint slides along x, or turns about y.
-        origin: of the joint in the parent's frame [m].
-        lower, upper: range of a joint that slides [m].
-        mimics: name of the joint that it moves alike, or None.
-        box: what is seen.
-        color: r g b a.
+        link: name of the link.
+        parent: name of its parent link.
+        joint: name of the joint between them.
+        is_prismatic: whether the joint translates along x, or rotates about y.
+        origin: origin of the joint in the parent's frame [m].
+        lower, upper: range of a prismatic joint [m].
+        mimic: name of the joint whose value it has, or None.
+        box: shape of the link.
+        color: red, green, blue and alpha, as in URDF.
     """
 
     link: str
@@ -65,7 +65,7 @@ class CylinderPart(NamedTuple):
 
 
 class CylinderJointStates(NamedTuple):
-    """Names, values [rad or m] and speeds [rad/s or m/s] of the parts' joints."""
+    """Names, positions [rad or m] and velocities [rad/s or m/s] of the joints of parts."""
 
     names: list[str]
     positions: list[float]
@@ -74,7 +74,7 @@ class CylinderJointStates(NamedTuple):
 
 @lru_cache(maxsize=16)
 def cylinder_parts(spec: MachineSpec) -> tuple[CylinderPart, ...]:
-    """The parts of all cylinders, each after the one that it hangs on."""
+    """Return the parts of all cylinders, each after its parent."""
     parts: list[CylinderPart] = []
     for name, cylinder in spec.cylinders.items():
         parent = spec.joints[name].parent
@@ -88,14 +88,14 @@ def cylinder_parts(spec: MachineSpec) -> tuple[CylinderPart, ...]:
 
 
 def cylinder_joint_values(spec: MachineSpec, joints: Sequence[float]) -> list[float]:
-    """Joint values of the parts, in the order of `cylinder_parts`.
+    """Return the joint values of the parts, in the order of `cylinder_parts`.
 
     Args:
-        description: the machine.
-        joints: angles of its joints [rad].
+        spec: specification of the machine.
+        joints: joint angles of the machine [rad].
 
     Returns:
-        Angles [rad] and, of the joints that slide, lengths from pin to pin [m].
+        Angles of revolute joints [rad]; lengths from pin to pin of prismatic joints [m].
     """
     values = []
     names = spec.joint_names
@@ -112,26 +112,27 @@ def cylinder_joint_values(spec: MachineSpec, joints: Sequence[float]) -> list[fl
 def cylinder_joint_states(
     spec: MachineSpec, joints: Sequence[float], rates: Sequence[float]
 ) -> CylinderJointStates:
-    """The state of the joints of the parts, without those that mimic another.
+    """Return the joint states of the parts, except of joints that mimic another one.
 
     Args:
-        description: the machine.
-        joints, rates: of its joints [rad], [rad/s].
+        spec: specification of the machine.
+        joints, rates: joint angles [rad] and velocities [rad/s] of the machine.
     """
     now = cylinder_joint_values(spec, joints)
-    soon = cylinder_joint_values(
+    later = cylinder_joint_values(
         spec, [angle + _DIFFERENCE_TIME * rate for angle, rate in zip(joints, rates, strict=True)]
     )
-    own = [k for k, part in enumerate(cylinder_parts(spec)) if part.mimic is None]
+    parts = cylinder_parts(spec)
+    independent = [k for k, part in enumerate(parts) if part.mimic is None]
     return CylinderJointStates(
-        [cylinder_parts(spec)[k].joint for k in own],
-        [now[k] for k in own],
-        [math.remainder(soon[k] - now[k], 2.0 * math.pi) / _DIFFERENCE_TIME for k in own],
+        [parts[k].joint for k in independent],
+        [now[k] for k in independent],
+        [math.remainder(later[k] - now[k], 2.0 * math.pi) / _DIFFERENCE_TIME for k in independent],
     )
 
 
 def _lateral_offsets(cylinder: Cylinder) -> list[tuple[str, float]]:
-    """Names and places across the machine [m] of cylinders side by side."""
+    """Return suffixes of names and lateral positions [m] of parallel cylinders."""
     if cylinder.count == 1:
         return [("", 0.0)]
     step = cylinder.spread / (cylinder.count - 1)
@@ -150,27 +151,48 @@ def _barrel_and_rod(
     y: float,
     first: tuple[str, str] | None,
 ) -> list[CylinderPart]:
+    """Return barrel and rod of one cylinder; `first` are the joints that they mimic."""
     linkage = cylinder.linkage
     barrel, rod = f"{name}_barrel{side}", f"{name}_rod{side}"
     pin = (linkage.barrel[0], y, linkage.barrel[1])
-    tube = _BARREL_LENGTH_FRACTION * linkage.min_length
-    reach = linkage.max_length - tube + 0.1  # what is drawn of the rod, a bit of it always inside
+    tube_length = _BARREL_LENGTH_FRACTION * linkage.min_length
+    rod_length = (
+        linkage.max_length - tube_length + 0.1
+    )  # part of the rod always remains in the barrel
     thick, thin = _BARREL_DIAMETER_RATIO * cylinder.bore, cylinder.rod_diameter
-    tube_box = Box((tube, thick, thick), (0.5 * tube, 0.0, 0.0), 0.0)
-    rod_box = Box((reach, thin, thin), (-0.5 * reach, 0.0, 0.0), 0.0)
-    turn, slide = first or (None, None)
+    tube_box = Box((tube_length, thick, thick), (0.5 * tube_length, 0.0, 0.0), 0.0)
+    rod_box = Box((rod_length, thin, thin), (-0.5 * rod_length, 0.0, 0.0), 0.0)
+    mimicked_barrel, mimicked_rod = first or (None, None)
     return [
         CylinderPart(
-            barrel, parent, f"{barrel}_pin", False, pin, 0.0, 0.0, turn, tube_box, _BARREL_COLOR
+            barrel,
+            parent,
+            f"{barrel}_pin",
+            False,
+            pin,
+            0.0,
+            0.0,
+            mimicked_barrel,
+            tube_box,
+            _BARREL_COLOR,
         ),
         CylinderPart(
-            rod, barrel, f"{rod}_stroke", True, (0.0, 0.0, 0.0), linkage.min_length, linkage.max_length,
-            slide, rod_box, _ROD_COLOR,
+            rod,
+            barrel,
+            f"{rod}_stroke",
+            True,
+            (0.0, 0.0, 0.0),
+            linkage.min_length,
+            linkage.max_length,
+            mimicked_rod,
+            rod_box,
+            _ROD_COLOR,
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _rocker_and_coupler(name: str, parent: str, cylinder: Cylinder) -> list[CylinderPart]:
+    """Return rocker and coupler of a joint, or nothing without a rocker."""
     rocker = cylinder.linkage.rocker
     if rocker is None:
         return []
@@ -179,28 +201,44 @@ def _rocker_and_coupler(name: str, parent: str, cylinder: Cylinder) -> list[Cyli
     link, coupler = f"{name}_rocker", f"{name}_coupler"
     return [
         CylinderPart(
-            link, parent, f"{link}_pin", False, pin, 0.0, 0.0, None,
-            _bar(rocker.length, 2.5 * _BAR_THICKNESS), _BAR_COLOR,
+            link,
+            parent,
+            f"{link}_pin",
+            False,
+            pin,
+            0.0,
+            0.0,
+            None,
+            _bar(rocker.length, 2.5 * _BAR_THICKNESS),
+            _BAR_COLOR,
         ),
         CylinderPart(
-            coupler, link, f"{coupler}_pin", False, end, 0.0, 0.0, None,
-            _bar(rocker.coupler_length, 1.5 * _BAR_THICKNESS), _BAR_COLOR,
+            coupler,
+            link,
+            f"{coupler}_pin",
+            False,
+            end,
+            0.0,
+            0.0,
+            None,
+            _bar(rocker.coupler_length, 1.5 * _BAR_THICKNESS),
+            _BAR_COLOR,
         ),
-    ]  # fmt: skip
+    ]
 
 
-def _bar(length: float, wide: float) -> Box:
-    return Box((length, wide, _BAR_THICKNESS), (0.5 * length, 0.0, 0.0), 0.0)
+def _bar(length: float, width: float) -> Box:
+    return Box((length, width, _BAR_THICKNESS), (0.5 * length, 0.0, 0.0), 0.0)
 
 
 def _rocker_and_coupler_angles(cylinder: Cylinder, pins: LinkagePins) -> list[float]:
     rocker = cylinder.linkage.rocker
     if rocker is None or pins.coupler_pin is None:
         return []
-    turn = _pitch(rocker.pin, pins.rod)
-    return [turn, math.remainder(_pitch(pins.rod, pins.coupler_pin) - turn, 2.0 * math.pi)]
+    angle = _pitch(rocker.pin, pins.rod)
+    return [angle, math.remainder(_pitch(pins.rod, pins.coupler_pin) - angle, 2.0 * math.pi)]
 
 
 def _pitch(a: Point, b: Point) -> float:
-    """Turn about +y that carries x to the way from a to b [rad]."""
+    """Return the rotation about +y from x to the direction from a to b [rad]."""
     return math.atan2(a[1] - b[1], b[0] - a[0])

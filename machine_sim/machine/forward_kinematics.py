@@ -22,8 +22,8 @@ class LinkPoses(NamedTuple):
     """Poses of all links in the map frame, in the order of `link_frame_names`.
 
     Attributes:
-        positions: origins [m], shape (n, 3).
-        quaternions: link to map, x, y, z, w, unit ones, shape (n, 4).
+        positions: origins of the link frames [m], shape (n, 3).
+        quaternions: unit quaternions link to map, x, y, z, w, shape (n, 4).
     """
 
     positions: Array
@@ -31,12 +31,12 @@ class LinkPoses(NamedTuple):
 
 
 def link_frame_name(link: str) -> str:
-    """Name of a link's frame, as in the URDF."""
+    """Return the name of a link's frame in the URDF."""
     return "base_link" if link == BASE else link
 
 
 def link_frame_names(spec: MachineSpec) -> list[str]:
-    """Names of the frames of all links, the base first, then of the pistons."""
+    """Return the frame names of all links, the base first, then of the cylinder parts."""
     return [
         *map(link_frame_name, spec.links),
         *(part.link for part in cylinder_parts(spec)),
@@ -49,44 +49,46 @@ def link_poses(
     base_quaternion: ArrayLike,
     joints: ArrayLike,
 ) -> LinkPoses:
-    """Where every link is, without a physics engine.
+    """Return the poses of all links, without a physics engine.
 
     Args:
-        description: the machine.
+        spec: specification of the machine.
         base_position: origin of `base_link` [m], shape (3,), map frame.
-        base_quaternion: `base_link` to map, x, y, z, w; made a unit one.
-        joints: angles of its joints [rad].
+        base_quaternion: quaternion `base_link` to map, x, y, z, w, of any length.
+        joints: joint angles [rad], shape (joints,).
 
     Raises:
-        MachineError: a quaternion of no length.
+        MachineError: a quaternion of length zero or not finite.
     """
     angles = np.asarray(joints, dtype=np.float64).tolist()
-    first = np.asarray(base_quaternion, dtype=np.float64)
-    length = float(np.linalg.norm(first))
-    if not 0.0 < length < math.inf:  # NaN fails
-        raise MachineError(f"{base_quaternion!r} is no rotation; give a quaternion x, y, z, w")
-    turn: list[float] = (first / length).tolist()
-    positions, quaternions = [np.array(base_position, dtype=np.float64)], [turn]
-    place = {BASE: 0}
+    base = np.asarray(base_quaternion, dtype=np.float64)
+    length = float(np.linalg.norm(base))
+    if not 0.0 < length < math.inf:  # also false for NaN
+        raise MachineError(
+            f"base_quaternion {base_quaternion!r} has length {length}; give a quaternion x, y, z, w"
+        )
+    quaternion: list[float] = (base / length).tolist()
+    positions, quaternions = [np.array(base_position, dtype=np.float64)], [quaternion]
+    index = {BASE: 0}
     for joint, angle in zip(spec.joints.values(), angles, strict=True):
-        parent = place[joint.parent]
-        before = quaternions[parent]
-        positions.append(positions[parent] + rotation_matrix(before) @ np.array(joint.origin))
-        quaternions.append(_rotated(before, joint.axis, angle))
-        place[joint.child] = len(positions) - 1
+        parent = index[joint.parent]
+        quaternion = quaternions[parent]
+        positions.append(positions[parent] + rotation_matrix(quaternion) @ np.array(joint.origin))
+        quaternions.append(_rotated(quaternion, joint.axis, angle))
+        index[joint.child] = len(positions) - 1
     values = cylinder_joint_values(spec, angles)
     for part, value in zip(cylinder_parts(spec), values, strict=True):
-        parent = place[part.parent]
+        parent = index[part.parent]
         offset = np.array([value, 0.0, 0.0] if part.is_prismatic else part.origin)
-        turn = quaternions[parent]
-        positions.append(positions[parent] + rotation_matrix(turn) @ offset)
-        quaternions.append(turn if part.is_prismatic else _rotated(turn, "y", value))
-        place[part.link] = len(positions) - 1
+        quaternion = quaternions[parent]
+        positions.append(positions[parent] + rotation_matrix(quaternion) @ offset)
+        quaternions.append(quaternion if part.is_prismatic else _rotated(quaternion, "y", value))
+        index[part.link] = len(positions) - 1
     return LinkPoses(np.array(positions), np.array(quaternions))
 
 
 def _rotated(quaternion: list[float], axis: Axis, angle: float) -> list[float]:
-    """A rotation followed, in its own frame, by a turn [rad] about one of its axes."""
+    """Return a quaternion followed by a rotation [rad] about one of the axes of its frame."""
     x, y, z, w = quaternion
     s, c = math.sin(0.5 * angle), math.cos(0.5 * angle)
     if axis == "x":

@@ -62,7 +62,13 @@ class JointReference:
 
 
 def _max_stopping_rate(distance: float, step: float, dt: float) -> float:
-    """Return the maximum speed [rad/s] that stops within `distance` [rad], `step` [rad/s] per `dt`."""
+    """Return the maximum speed [rad/s] from which steps of `step` [rad/s] stop in time.
+
+    Args:
+        distance: distance to the joint limit [rad].
+        step: change of speed in one time step [rad/s].
+        dt: time step [s].
+    """
     if math.isinf(distance):
         return math.inf
     if distance <= 0.0:

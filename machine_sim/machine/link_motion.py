@@ -1,4 +1,4 @@
-"""How every link moves: poses and velocities from the base and the joints, no physics engine."""
+"""Poses and velocities of all links from those of base and joints, without a physics engine."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class LinkMotion:
-    """Pose and motion of a link's frame, map axes.
+    """Pose and motion of a link frame in the map frame.
 
     Attributes:
         position: origin [m], shape (3,).
-        quaternion: link to map, x, y, z, w.
-        rotation: the same as a matrix, shape (3, 3).
-        velocity: of the origin [m/s], shape (3,).
-        spin: angular velocity [rad/s], shape (3,).
+        quaternion: quaternion link to map, x, y, z, w.
+        rotation: rotation matrix link to map, shape (3, 3).
+        velocity: velocity of the origin [m/s], shape (3,).
+        angular_velocity: angular velocity [rad/s], shape (3,).
     """
 
     position: Array
@@ -36,7 +36,7 @@ class LinkMotion:
     angular_velocity: Array
 
     def velocity_at(self, point: ArrayLike) -> Array:
-        """Velocity of a point of the link [m], link frame, shape (3,)."""
+        """Return the velocity [m/s], map frame, of a point [m] in the link frame, shape (3,)."""
         arm = self.rotation @ np.asarray(point, dtype=np.float64)
         return self.velocity + cross(self.angular_velocity, arm)
 
@@ -50,16 +50,17 @@ def link_motions(
     joints: ArrayLike,
     rates: Sequence[float] | Array,
 ) -> dict[str, LinkMotion]:
-    """Motion of each link, by name.
+    """Return the motion of each link, by name.
 
     Args:
-        description: the machine.
-        base_position, base_quaternion: of `base_link`, map frame.
-        base_velocity, base_spin: of its origin [m/s], and angular [rad/s], map frame.
-        joints, rates: of its joints [rad], [rad/s].
+        spec: specification of the machine.
+        base_position, base_quaternion: pose of `base_link`, map frame [m].
+        base_velocity, base_angular_velocity: velocity of its origin [m/s] and angular velocity
+            [rad/s], map frame.
+        joints, rates: joint angles [rad] and velocities [rad/s].
 
     Raises:
-        MachineError: a quaternion of no length.
+        MachineError: a quaternion of length zero or not finite.
     """
     poses = link_poses(spec, base_position, base_quaternion, joints)
     base = LinkMotion(
@@ -72,9 +73,9 @@ def link_motions(
     motions = {BASE: base}
     for k, joint in enumerate(spec.joints.values()):
         position, quaternion = poses.positions[k + 1], poses.quaternions[k + 1]
-        rotation, before = rotation_matrix(quaternion), motions[joint.parent]
-        velocity = before.velocity + cross(before.angular_velocity, position - before.position)
-        angular_velocity = before.angular_velocity + rotation[:, "xyz".index(joint.axis)] * rates[k]
+        rotation, parent = rotation_matrix(quaternion), motions[joint.parent]
+        velocity = parent.velocity + cross(parent.angular_velocity, position - parent.position)
+        angular_velocity = parent.angular_velocity + rotation[:, "xyz".index(joint.axis)] * rates[k]
         motions[joint.child] = LinkMotion(
             position, quaternion, rotation, velocity, angular_velocity
         )

@@ -13,9 +13,9 @@ Array = NDArray[np.float64]
 
 
 def rotation_matrix(quaternion: ArrayLike) -> Array:
-    """Rotation matrix, shape (3, 3), of a quaternion (x, y, z, w), made a unit one first."""
+    """Return the rotation matrix, shape (3, 3), of a quaternion x, y, z, w of any length."""
     x, y, z, w = np.asarray(quaternion, dtype=np.float64).tolist()
-    # A physics engine's quaternions are units only to about 1e-6; rotations must be better.
+    # The quaternions of the physics engine have unit length only to about 1e-6.
     scale = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
     x, y, z, w = x * scale, y * scale, z * scale, w * scale
     return np.array(
@@ -28,7 +28,10 @@ def rotation_matrix(quaternion: ArrayLike) -> Array:
 
 
 def quaternion_from_matrix(rotation: Array) -> list[float]:
-    """Quaternion x, y, z, w of a rotation matrix, by the row that its largest part multiplies."""
+    """Return the unit quaternion x, y, z, w of a rotation matrix, shape (3, 3).
+
+    It is computed from the row for the component of largest magnitude, which is well conditioned.
+    """
     m = rotation
     squares = [
         1.0 + m[0, 0] - m[1, 1] - m[2, 2],
@@ -49,12 +52,12 @@ def quaternion_from_matrix(rotation: Array) -> list[float]:
 
 
 def rotation_about_z(angle: float) -> Array:
-    """Rotation matrix, shape (3, 3), of a turn about +z [rad]."""
+    """Return the rotation matrix, shape (3, 3), of a rotation about +z [rad]."""
     s, c = math.sin(angle), math.cos(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def cross(a: Array, b: Array) -> Array:
-    """The cross product of two vectors, shape (3,); NumPy's takes twenty times as long for one."""
+    """Return the cross product of two vectors, shape (3,); 20 times as fast as `numpy.cross`."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])

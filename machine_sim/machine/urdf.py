@@ -1,4 +1,4 @@
-"""URDF text of a machine: primitive shapes only, for the physics and for robot_state_publisher."""
+"""URDF text of a machine with primitive shapes, for the physics and for robot_state_publisher."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from machine_sim.machine.spec import BASE, Box, LinkSpec, MachineSpec
 __all__ = ["BASE_JOINTS", "urdf_text"]
 
 BASE_JOINTS = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll")
-"""Joints from `map` to the base in a URDF that carries the base's pose as joint values."""
+"""Joints from `map` to the base in a URDF that has the base's pose as joint values."""
 
 _VIRTUAL_AXES = (
     ("prismatic", "1 0 0"),
@@ -31,14 +31,15 @@ def urdf_text(
     virtual_base: bool = False,
     include_cylinders: bool = False,
 ) -> str:
-    """URDF of the machine; the base is base_link, the other links have the names they have.
+    """Return the URDF of a machine; the base is `base_link`, the other links keep their names.
 
     Args:
-        description: the machine.
-        prefix: put before each link name, so that several machines share one TF tree.
-        virtual_base: add the joints `BASE_JOINTS` from the link `map` to the base, so that
-            joint states alone place the whole machine; the physics does without.
-        pistons: add the parts of the cylinders, which are only seen; see `pistons`.
+        spec: specification of the machine.
+        prefix: prefix of each link name, so that several machines can share one TF tree.
+        virtual_base: add the joints `BASE_JOINTS` from the link `map` to the base, so that joint
+            states alone give the pose of the machine; not for the physics engine.
+        include_cylinders: add the parts of the cylinders, which are only visual; see
+            `cylinder_visuals`.
     """
     links = spec.links
     frames = {name: f"{prefix}{'base_link' if name == BASE else name}" for name in links}

@@ -1,4 +1,4 @@
-"""The machine as others see it: where each link is, and what it looks like there."""
+"""Visual shapes of a machine: boxes of the links and shoes of the tracks."""
 
 from __future__ import annotations
 
@@ -20,11 +20,17 @@ Rgba = tuple[float, float, float, float]
 _SHOE_COLOR = (0.33, 0.35, 0.36, 1.0)
 
 _SHOE_LENGTH = 0.96
-"""Length of a drawn shoe in parts of the pitch, so that one is told from the next."""
+"""Length of a drawn shoe as a fraction of the pitch, so that there is a gap between shoes."""
 
 
 class VisualBox(NamedTuple):
-    """A box of a link: its frame, edges [m], middle [m], turn about +y [rad], r, g, b, a."""
+    """A box of a link.
+
+    Attributes:
+        link: name of the frame that it is in.
+        size, center, pitch: as in `Box`.
+        color: red, green, blue, alpha, 0 to 1.
+    """
 
     link: str
     size: Vec3
@@ -34,7 +40,14 @@ class VisualBox(NamedTuple):
 
 
 class ShoeVisual(NamedTuple):
-    """Shoes of both tracks: size along, across, thick [m]; count of one; gauge [m]; r, g, b, a."""
+    """Shoes of both tracks.
+
+    Attributes:
+        shoe_size: length, width and thickness of a shoe [m].
+        shoe_count: number of shoes of one track.
+        gauge: distance between the middles of the tracks [m].
+        color: red, green, blue, alpha, 0 to 1.
+    """
 
     shoe_size: Vec3
     shoe_count: int
@@ -43,11 +56,11 @@ class ShoeVisual(NamedTuple):
 
 
 def link_visual_boxes(spec: MachineSpec, *, prefix: str = "") -> list[VisualBox]:
-    """What is seen of every link but the shoes, read from the URDF so that the two are one.
+    """Return the visual boxes of all links, read from the URDF so that both agree.
 
     Args:
-        description: the machine.
-        prefix: put before each link's name, as in the URDF.
+        spec: specification of the machine.
+        prefix: prefix of each link name, as in the URDF.
     """
     boxes = []
     for link in ET.fromstring(urdf_text(spec, prefix=prefix, include_cylinders=True)).iter("link"):
@@ -63,16 +76,16 @@ def link_visual_boxes(spec: MachineSpec, *, prefix: str = "") -> list[VisualBox]
 
 
 def shoe_visual(spec: MachineSpec) -> ShoeVisual:
-    """What is seen of the tracks' shoes; `Tracks.shoe_poses` says where."""
+    """Return the visual shape of the shoes; their poses are `Tracks.shoe_poses`."""
     tracks = spec.tracks
     size = (_SHOE_LENGTH * tracks.pitch, tracks.shoe_width, tracks.shoe_thickness)
     return ShoeVisual(size, tracks.shoe_count, tracks.gauge, _SHOE_COLOR)
 
 
 def _numbers(visual: ET.Element, path: str, name: str) -> list[float]:
-    found = visual.find(path)
-    assert found is not None  # `urdf_text` writes it
-    return [float(number) for number in found.attrib[name].split()]
+    element = visual.find(path)
+    assert element is not None  # `urdf_text` writes it
+    return [float(number) for number in element.attrib[name].split()]
 
 
 def _vec3(numbers: list[float]) -> Vec3:

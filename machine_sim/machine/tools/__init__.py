@@ -1,7 +1,33 @@
-"""Tools: what of a machine touches soil.
+"""Tools: the parts of a machine in contact with soil.
 
-- `trough`: what `bucket` and `bed` have in common; `drum`: what mills
-- `shapes`: all of them, and the link that each is fixed to
-- `boxes`: what is seen of them, and what other rigid machines touch
-- `tool`: one in pybullet
+- `shapes`: protocols of tool shapes, and the registry of kinds that machine files name
+- `open_container`: common base of `bucket` and `bed`
+- `bucket`, `bed`, `drum`, `blade`: the shapes
+- `tool`: a tool in pybullet
 """
+
+from machine_sim.machine.tools.bed import BedShape
+from machine_sim.machine.tools.blade import BladeShape
+from machine_sim.machine.tools.bucket import BucketShape
+from machine_sim.machine.tools.drum import DrumShape
+from machine_sim.machine.tools.shapes import (
+    TOOL_SHAPES,
+    ContainerShape,
+    CuttingShape,
+    PlateCuttingShape,
+    ToolMount,
+    ToolShape,
+)
+
+__all__ = [
+    "TOOL_SHAPES",
+    "BedShape",
+    "BladeShape",
+    "BucketShape",
+    "ContainerShape",
+    "CuttingShape",
+    "DrumShape",
+    "PlateCuttingShape",
+    "ToolMount",
+    "ToolShape",
+]

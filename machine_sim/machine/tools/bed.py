@@ -1,11 +1,11 @@
-"""Shape of a truck's bed, or of any bin: plates that soil falls on, capacities for the payload.
+"""Shape of a truck's bed or of a bin: plates in contact with soil, and capacities.
 
-Side view in the frame of the link that carries it, x forward; the points go from the rear rim, over
-which it empties, along the floor to the front rim::
+Side view in the frame of the link that carries it, x forward. The points run from the rear rim,
+over which it empties, along the floor to the front rim::
 
         z                3 front rim
         ^                |
-        |  0.            |         the mouth joins 3 and 0
+        |  0.            |         the opening is between 3 and 0
         |    '1----------2
         o---------------------> x
 """
@@ -30,7 +30,7 @@ _MIN_PROFILE_POINTS = 3
 
 @dataclass(frozen=True, eq=False)
 class BedShape(OpenContainer):
-    """A bed with parallel sides, open above; attributes as in `OpenContainer`."""
+    """A bed with parallel sides, open at the top; attributes as in `OpenContainer`."""
 
     kind: ClassVar[str] = "bed"
 
@@ -41,7 +41,7 @@ class BedShape(OpenContainer):
     def __post_init__(self) -> None:
         """
         Raises:
-            MachineError: a profile of less than three points, not convex, or wound backwards.
+            MachineError: the profile has fewer than three points, is not convex or is clockwise.
         """
         self._validate("bed", _MIN_PROFILE_POINTS)
 

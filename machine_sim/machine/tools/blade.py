@@ -41,7 +41,7 @@ class BladeShape:
     """A plate with a profile that rises from the cutting edge, drawn across a width.
 
     Attributes:
-        profile: points (x, z) [m] from the cutting edge to the top edge, z increasing, shape (n, 2).
+        profile: points (x, z) [m] from cutting edge to top edge, z increasing, shape (n, 2).
         width: length of the cutting edge [m].
         plate_thickness: thickness of the plate as drawn [m]; the physics treats it as thin.
     """

@@ -1,13 +1,13 @@
-"""Shape of a bucket: plates for collision, key points for cutting, capacities for the payload.
+"""Shape of a bucket: plates in contact with soil, key points for cutting, and capacities.
 
-Side view in the bucket frame, origin at the bucket pin, y toward the reader's back (left)::
+Side view in the bucket frame, with its origin at the bucket pin and y (left) into the page::
 
         z
-        ^     .--3--.            belly at +z: with the arm folded, a positive bucket angle
-        |   4'       '2          turns the mouth up and draws the lip toward the machine
+        ^     .--3--.            The floor is at +z: with the arm folded, a positive bucket
+        |   4'       '2          angle turns the opening up and the lip toward the machine.
         |  5            '1
-        | 6 - - mouth - - '0     0 = cutting lip (1.45, 0), 6 = upper rim
-        o-------------------> x  o = bucket pin
+        | 6 - - opening - '0     0: cutting lip (1.45, 0), 6: upper rim
+        o-------------------> x  o: bucket pin
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ if TYPE_CHECKING:
 __all__ = ["NUM_KEY_POINT_PAIRS", "BucketShape"]
 
 NUM_KEY_POINT_PAIRS = 7
-"""Pairs of key points along the bucket's side edges, as many as the reference work uses."""
+"""Number of pairs of key points along the bucket's side edges, as in the 2014 reference."""
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class BucketShape(OpenContainer):
-    """A bucket with parallel sides: a convex profile drawn across its width.
+    """A bucket with parallel sides: a convex profile, extruded across its width.
 
     Attributes:
         profile: key points (x, z) [m] in the bucket frame from the cutting lip along floor, heel
-            and back to the upper rim, shape (7, 2); the mouth closes it.
+            and back to the upper rim, shape (7, 2).
         width: inside width [m].
-        plate: thickness of the plates as drawn [m]; the physics takes them as thin.
+        plate_thickness: thickness of the plates as drawn [m]; the physics treats them as thin.
     """
 
     kind: ClassVar[str] = "bucket"
@@ -53,17 +53,18 @@ class BucketShape(OpenContainer):
     def __post_init__(self) -> None:
         """
         Raises:
-            MachineError: a profile that is not seven points, not convex, or wound backwards.
+            MachineError: the profile does not have seven points, is not convex or is clockwise.
         """
         if np.shape(self.profile) != (NUM_KEY_POINT_PAIRS, 2):
             raise MachineError(
-                f"bucket.profile has shape {np.shape(self.profile)}; give {NUM_KEY_POINT_PAIRS} points [x, z]"
+                f"bucket.profile has shape {np.shape(self.profile)}; give {NUM_KEY_POINT_PAIRS}"
+                " points [x, z]"
             )
         lip = np.asarray(self.profile, dtype=np.float64)[0]
         if lip[1] != 0.0 or lip[0] <= 0.0:
             raise MachineError(
-                "bucket.profile[0] is the cutting lip and lies on the x axis of the bucket frame;"
-                f" give [length, 0.0] instead of {lip.tolist()}"
+                f"bucket.profile[0] is {lip.tolist()}; give [length, 0.0], the cutting lip on the"
+                " x axis of the bucket frame"
             )
         self._validate("bucket", NUM_KEY_POINT_PAIRS)
 
@@ -82,54 +83,57 @@ class BucketShape(OpenContainer):
 
     @property
     def tip_radius(self) -> float:
-        """Bucket pin to cutting lip [m]."""
+        """Distance from bucket pin to cutting lip [m]."""
         return float(self.profile[0, 0])
 
     @cached_property
     def key_points(self) -> Array:
-        """Key points [m], bucket frame, shape (14, 3): row 2k left, 2k+1 right, lip first."""
+        """Key points [m], bucket frame, shape (14, 3): row 2k left, 2k + 1 right, lip first."""
         return np.stack([self._edge(+1), self._edge(-1)], axis=1).reshape(-1, 3)
 
     @cached_property
     def outward_normals(self) -> Array:
         """Unit outward normal of the shell at each pair of key points, shape (7, 3).
 
-        Between two strips it halves their angle; at lip and rim it is that of the only strip.
+        Between two strips it bisects the angle between their normals.
         """
-        strips = self._half_planes[0][:-1]
+        strips = self._half_planes.normals[:-1]
         normals = np.vstack([strips[:1], strips[:-1] + strips[1:], strips[-1:]])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         return np.column_stack([normals[:, 0], np.zeros(NUM_KEY_POINT_PAIRS), normals[:, 1]])
 
     def release_points(self, points: ArrayLike, clearance: float, up: Array) -> Array:
-        """Where soil that is cut at some points [m], bucket frame, comes loose: in the bucket."""
+        """Return points inside the bucket for excavated soil; see `CuttingShape.release_points`."""
         return self.clamp_inside(points, clearance)
 
     def clamp_inside(self, points_local: ArrayLike, clearance: float) -> Array:
-        """Points moved into the struck volume, at least `clearance` [m] away from every plate.
+        """Return points moved into the struck volume, at `clearance` [m] or more from all plates.
 
-        A point that is there already stays; another goes straight toward the bucket's middle in
-        the side view, and straight inward across the width.
+        Points that are already there are unchanged. The others move straight toward the middle of
+        the profile in the side view, and straight inward across the width.
 
         Args:
             points_local: points [m], bucket frame, shape (n, 3).
-            clearance: distance kept from the plates, not from the open mouth.
+            clearance: minimum distance from the plates, but not from the opening.
 
         Raises:
-            MachineError: the bucket is too small for that clearance.
+            MachineError: the bucket is too small for the clearance.
         """
         points = np.array(points_local, dtype=np.float64).reshape(-1, 3)
         normals, offsets = self._half_planes
         middle = self.profile.mean(axis=0)
         limit = offsets.copy()
         limit[:-1] -= clearance
-        room = limit - normals @ middle
-        if not (clearance >= 0.0 and (room > 0.0).all() and 2.0 * clearance < self.width):
-            raise MachineError(f"a clearance of {clearance} m leaves no room; give a smaller one")
-        side = 0.5 * self.width - clearance
-        points[:, 1] = np.clip(points[:, 1], -side, side)
-        arm = points[:, [0, 2]] - middle
-        reach = arm @ normals.T
-        share = np.where(reach > room, room / np.where(reach > room, reach, 1.0), 1.0)
-        points[:, [0, 2]] = middle + arm * share.min(axis=1, keepdims=True)
+        max_distance = limit - normals @ middle
+        if not (clearance >= 0.0 and (max_distance > 0.0).all() and 2.0 * clearance < self.width):
+            raise MachineError(
+                f"a clearance of {clearance} m leaves no space in the bucket; give a smaller one"
+            )
+        half_width = 0.5 * self.width - clearance
+        points[:, 1] = np.clip(points[:, 1], -half_width, half_width)
+        offset = points[:, [0, 2]] - middle
+        distance = offset @ normals.T
+        is_outside = distance > max_distance
+        factor = np.where(is_outside, max_distance / np.where(is_outside, distance, 1.0), 1.0)
+        points[:, [0, 2]] = middle + offset * factor.min(axis=1, keepdims=True)
         return points

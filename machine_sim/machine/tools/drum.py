@@ -1,7 +1,7 @@
-"""Shape of a cutting drum: a cylinder with picks that spins about its axis, y of its frame.
+"""Shape of a cutting drum: a cylinder with picks that rotates about y of its frame.
 
-What cuts is the envelope of the picks' tips, what pushes the cuttings is the drum's body with a few
-vanes on it, as the rows of picks on their scrolls are.
+The envelope of the pick tips cuts. The body of the drum pushes the cuttings, together with a few
+vanes that stand for the helical rows of picks.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ __all__ = ["DrumShape"]
 Array = NDArray[np.float64]
 
 _NUM_KEY_POINT_PAIRS = 12
-"""Pairs of key points round the tips: a polygon within 3.5 % of the circle."""
+"""Number of pairs of key points on the circle of the tips; the polygon is within 3.5 % of it."""
 _NUM_BODY_FLATS = 8
-"""Flats of the body."""
+"""Number of flats of the body."""
 _VANE_THICKNESS = 0.04
 """Thickness of the vanes as drawn [m]."""
 
@@ -37,11 +37,11 @@ class DrumShape:
     """A drum with picks.
 
     Attributes:
-        radius: to the tips of the picks [m].
-        body: radius of the body [m].
-        width: length along its axis [m].
-        offset: of its middle from the origin of its link, along the axis, + to the left [m].
-        vanes: rows of picks along it, that push.
+        radius: distance of the pick tips from the axis [m].
+        body_radius: radius of the body [m].
+        width: length along the axis [m].
+        offset: position of the middle along the axis in the link frame, positive to the left [m].
+        vanes: number of vanes.
     """
 
     kind: ClassVar[str] = "drum"
@@ -61,8 +61,8 @@ class DrumShape:
         """
         if not (0.0 < self.body_radius < self.radius < math.inf):
             raise MachineError(
-                f"drum.body_radius is {self.body_radius} and radius {self.radius}; give a body above 0 m, and"
-                " tips of the picks farther out than that"
+                f"drum.body_radius is {self.body_radius} m and drum.radius {self.radius} m; give"
+                " 0 < body_radius < radius"
             )
         if not 0.0 < self.width < math.inf:
             raise MachineError(f"drum.width is {self.width}; give a number of metres above 0")
@@ -86,13 +86,13 @@ class DrumShape:
 
     @cached_property
     def key_points(self) -> Array:
-        """Tips of the picks [m], shape (26, 3): row 2k left, 2k + 1 right, the ring closed."""
+        """Pick tips [m], shape (26, 3): row 2k left, 2k + 1 right, last pair equal to the first."""
         left, right = (self._rim(_NUM_KEY_POINT_PAIRS, self.radius, side) for side in (1, -1))
         ring = np.stack([left, right], axis=1)
         return np.concatenate([ring, ring[:1]]).reshape(-1, 3)
 
     def plates(self) -> list[Array]:
-        """The body's flats and ends and the vanes, as convex planar polygons [m]."""
+        """Return flats and ends of the body and the vanes as convex planar polygons [m]."""
         left, right = (self._rim(_NUM_BODY_FLATS, self.body_radius, side) for side in (1, -1))
         flats = [
             np.array([left[k], left[k - 1], right[k - 1], right[k]]) for k in range(_NUM_BODY_FLATS)
@@ -115,37 +115,33 @@ class DrumShape:
             )
             for k in range(4)
         ]
-        middle, high = 0.5 * (self.body_radius + self.radius), self.radius - self.body_radius
+        middle, height = 0.5 * (self.body_radius + self.radius), self.radius - self.body_radius
         for k in range(self.vanes):
             angle = 2.0 * math.pi * k / self.vanes
             at = (middle * math.cos(angle), self.offset, -middle * math.sin(angle))
-            boxes.append(Box((high, self.width, _VANE_THICKNESS), at, angle))
+            boxes.append(Box((height, self.width, _VANE_THICKNESS), at, angle))
         return boxes
 
     def release_points(self, points: ArrayLike, clearance: float, up: Array) -> Array:
-        """Where soil that is cut at some points comes loose: out of the drum, on its upper half.
+        """Return release points outside the drum on its upper half; see `CuttingShape`.
 
-        What is cut below the axis comes round with the picks to as far in front of it.
-
-        Args:
-            points: [m], in a frame that has the drum's origin and axis and does not spin, (n, 3).
-            clearance: kept from the tips [m].
-            up: unit vector, same frame.
+        Soil that is cut below the axis is moved around the drum by the picks, to the same
+        horizontal distance from the axis.
         """
         local = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-        half = max(0.5 * self.width - clearance, 0.0)
-        along = self.offset + np.clip(local[:, 1] - self.offset, -half, half)
-        upright = float(np.hypot(up[0], up[2]))
-        # Of a drum that lies on its end no side is up: one is as good as another.
-        rise = up[[0, 2]] / upright if upright > 1e-3 else np.array([1.0, 0.0])
-        level = np.array([rise[1], -rise[0]])
-        across = np.clip(local[:, [0, 2]] @ level / self.radius, -0.9, 0.9)
-        way = across[:, None] * level + np.sqrt(1.0 - across**2)[:, None] * rise
-        placed = (self.radius + clearance) * way
-        return np.column_stack([placed[:, 0], along, placed[:, 1]])
+        half_width = max(0.5 * self.width - clearance, 0.0)
+        lateral = self.offset + np.clip(local[:, 1] - self.offset, -half_width, half_width)
+        length = float(np.hypot(up[0], up[2]))
+        # With a vertical axis no side of the drum is the upper one; any direction will do.
+        upward = up[[0, 2]] / length if length > 1e-3 else np.array([1.0, 0.0])
+        horizontal = np.array([upward[1], -upward[0]])
+        sine = np.clip(local[:, [0, 2]] @ horizontal / self.radius, -0.9, 0.9)
+        direction = sine[:, None] * horizontal + np.sqrt(1.0 - sine**2)[:, None] * upward
+        released = (self.radius + clearance) * direction
+        return np.column_stack([released[:, 0], lateral, released[:, 1]])
 
     def _rim(self, count: int, radius: float, side: int) -> Array:
-        """Points round one end, shape (count, 3); they turn from x toward -z, as a joint does."""
+        """Return points on the circle at one end, from x toward -z, shape (count, 3)."""
         angle = 2.0 * math.pi * np.arange(count) / count
         y = np.full(count, self.offset + 0.5 * side * self.width)
         return np.column_stack([radius * np.cos(angle), y, -radius * np.sin(angle)])

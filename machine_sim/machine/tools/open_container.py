@@ -1,6 +1,7 @@
-"""A vessel with parallel sides: what a bucket and a truck's bed have in common.
+"""An open container with parallel sides: the common base of buckets and beds.
 
-A convex profile in the side view, drawn across the width; a straight *mouth* closes it, open.
+It is a convex profile in the side view, extruded across the width. The straight line between the
+ends of the profile is its opening.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 import math
 from functools import cached_property
 from itertools import pairwise
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,14 +26,47 @@ _NUM_SIDE_SLABS = 6
 """Boxes that approximate one side wall."""
 
 
+class _Opening(NamedTuple):
+    """Opening of a container in the side view, and the heap on it.
+
+    Attributes:
+        lip_x, lip_z: first point of the profile [m].
+        along_x, along_z: unit vector from the lip to the other rim.
+        out_x, out_z: unit normal out of the container.
+        length: distance between the rims [m].
+        heap_height: height of a heap with slopes of 45 degrees [m].
+    """
+
+    lip_x: float
+    lip_z: float
+    along_x: float
+    along_z: float
+    out_x: float
+    out_z: float
+    length: float
+    heap_height: float
+
+
+class _HalfPlanes(NamedTuple):
+    """Half-planes n.p <= d in the side view, whose intersection is the struck volume.
+
+    Attributes:
+        normals: outward unit normals of the strips and, last, the opening, shape (n, 2).
+        offsets: d of each half-plane [m], shape (n,).
+    """
+
+    normals: Array
+    offsets: Array
+
+
 class OpenContainer:
-    """A profile, as it is drawn across a width.
+    """A profile, extruded across a width.
 
     Attributes:
         profile: corners (x, z) [m] from one rim along the floor to the other, counter-clockwise
             with x to the right and z up, shape (n, 2).
-        width: inside [m].
-        plate: thickness of the plates as drawn [m]; the physics takes them as thin.
+        width: inside width [m].
+        plate_thickness: thickness of the plates as drawn [m]; the physics treats them as thin.
     """
 
     spins: ClassVar[bool] = False
@@ -42,61 +76,63 @@ class OpenContainer:
     width: float
     plate_thickness: float
 
-    def _validate(self, what: str, min_points: int) -> None:
-        """Copy the profile, read-only.
+    def _validate(self, name: str, min_points: int) -> None:
+        """Check all values, and replace the profile by a read-only copy.
 
         Args:
-            what: its name in messages.
-            least: corners at least.
+            name: name of the shape in messages.
+            min_points: minimum number of corners.
 
         Raises:
-            MachineError: numbers out of range, or a profile that is not convex or wound backwards.
+            MachineError: a value is out of range, or the profile is not convex or clockwise.
         """
         profile = np.array(self.profile, dtype=np.float64)
         if profile.ndim != 2 or profile.shape[1] != 2 or len(profile) < min_points:
             raise MachineError(
-                f"{what}.profile has shape {profile.shape}; give {min_points} or more points [x, z]"
+                f"{name}.profile has shape {profile.shape}; give {min_points} or more points [x, z]"
             )
         if not np.isfinite(profile).all():
-            raise MachineError(f"{what}.profile is not finite; give points [x, z] in metres")
-        for name in ("width", "plate_thickness"):
-            value = getattr(self, name)
+            raise MachineError(f"{name}.profile is not finite; give points [x, z] in metres")
+        for attribute in ("width", "plate_thickness"):
+            value = getattr(self, attribute)
             if not (np.isfinite(value) and value > 0.0):
-                raise MachineError(f"{what}.{name} is {value}; give a number of metres above 0")
+                raise MachineError(
+                    f"{name}.{attribute} is {value}; give a number of metres above 0"
+                )
         edge = np.roll(profile, -1, axis=0) - profile
         turn = edge[:, 0] * np.roll(edge[:, 1], -1) - edge[:, 1] * np.roll(edge[:, 0], -1)
-        # All turns one way is not enough: a star turns one way too, but more than once round.
+        # A star also turns in one direction at every corner, but by more than one full turn.
         heading = np.unwrap(np.arctan2(edge[:, 1], edge[:, 0]))
         if not (turn > 1e-12).all() or heading[-1] - heading[0] > 2.0 * np.pi:
             worst = int(np.argmin(turn) + 1) % len(profile)
             raise MachineError(
-                f"{what}.profile is not convex, or runs the wrong way round (look at point"
-                f" {worst}); give the points from rim to rim, turning one way"
+                f"{name}.profile is not convex and counter-clockwise at point {worst}; give the"
+                " points from rim to rim with x to the right and z up"
             )
         profile.setflags(write=False)
         object.__setattr__(self, "profile", profile)
 
     @cached_property
     def opening_length(self) -> float:
-        """From rim to rim [m]; of a bucket, cutting lip to upper rim."""
+        """Distance between the rims [m]; of a bucket, from cutting lip to upper rim."""
         return float(np.hypot(*(self.profile[-1] - self.profile[0])))
 
     @cached_property
     def opening_normal(self) -> Array:
-        """Unit normal of the mouth plane, out of the vessel, shape (3,)."""
+        """Unit normal of the opening, out of the container, shape (3,)."""
         dx, dz = (self.profile[-1] - self.profile[0]) / self.opening_length
         return np.array([-dz, 0.0, dx])
 
     @cached_property
     def struck_capacity(self) -> float:
-        """Volume filled level with the mouth [m^3]."""
+        """Volume below the opening [m^3]."""
         x, z = self.profile.T
         area = 0.5 * float(np.sum(x * np.roll(z, -1) - np.roll(x, -1) * z))
         return area * self.width
 
     @cached_property
     def heaped_capacity(self) -> float:
-        """Struck volume and a 1:1 heap on the mouth [m^3], as ISO 7451 rates excavator buckets.
+        """Struck volume and a 1:1 heap on the opening [m^3], as ISO 7451 rates excavator buckets.
 
         On a rectangle a x b (a <= b) the heap with slopes of 45 degrees is a hip roof of height
         a/2 and volume a^2 (3b - a) / 12.
@@ -105,11 +141,11 @@ class OpenContainer:
         return self.struck_capacity + a * a * (3.0 * b - a) / 12.0
 
     def plates(self) -> list[Array]:
-        """Inside faces of the shell as convex planar polygons [m].
+        """Return the inside faces of the shell as convex planar polygons [m].
 
         Returns:
-            The strips of the floor, shape (4, 3) each, from the first rim on, then the left and
-            the right side, shape (n, 3). Corners run counter-clockwise seen from outside.
+            The strips of the floor from the first rim on, shape (4, 3) each, then the left and the
+            right side, shape (n, 3). Corners are counter-clockwise seen from outside.
         """
         left, right = self._edge(+1), self._edge(-1)
         strips = [
@@ -131,7 +167,7 @@ class OpenContainer:
                     math.atan2(-edge[1], edge[0]),
                 )
             )
-        # A side wall in slabs that stand on the mouth and reach to the shell.
+        # Each side wall is a row of slabs that reach from the opening to the shell.
         along = (profile[-1] - profile[0]) / self.opening_length
         inward = -self.opening_normal[[0, 2]]
         local = profile - profile[0]
@@ -152,54 +188,66 @@ class OpenContainer:
         return boxes
 
     def contains(self, points_local: ArrayLike) -> NDArray[np.bool_]:
-        """Which points [m], shape (n, 3), lie in the struck volume; shape (n,)."""
+        """Return which points [m], shape (n, 3), lie in the struck volume, shape (n,)."""
         points = np.asarray(points_local, dtype=np.float64).reshape(-1, 3)
         normals, offsets = self._half_planes
         inside = (points[:, [0, 2]] @ normals.T <= offsets + 1e-12).all(axis=1)
         return np.asarray(inside & (np.abs(points[:, 1]) <= 0.5 * self.width), dtype=np.bool_)
 
     def indices_in_heap(self, points: Array, rotation: Array, origin: Array) -> NDArray[np.intp]:
-        """Rows of the points that it `contains` or has in the room of a heap, in order.
+        """Return the rows of the points in the struck volume or in the heap, in ascending order.
 
-        That is the mouth prism, as high as the heap's ridge: half the mouth's shorter side above
-        the mouth plane.
+        The heap is a prism on the opening, as high as the ridge of a 1:1 heap: half the shorter
+        side of the opening.
 
         Args:
-            points: [m], map frame, shape (n, 3), float64.
-            rotation, origin: pose of the vessel's frame, shapes (3, 3) and (3,).
+            points: points [m], map frame, shape (n, 3), float64.
+            rotation, origin: pose of the container's frame in the map frame, shapes (3, 3) and
+                (3,).
         """
-        half = 0.5 * self.width
-        held: NDArray[np.intp] = _indices_in_heap(
-            points, rotation, origin, *self._half_planes, self._opening, half
+        normals, offsets = self._half_planes
+        rows: NDArray[np.intp] = _indices_in_heap(
+            points, rotation, origin, normals, offsets, self._opening, 0.5 * self.width
         )
-        return held
+        return rows
 
     @cached_property
     def _opening(self) -> tuple[float, ...]:
-        """Lip (x, z), way to the rim (x, z), out of the vessel (x, z), length, height of a heap."""
-        (x, z), length = self.profile[0].tolist(), self.opening_length
-        way = ((self.profile[-1] - self.profile[0]) / length).tolist()
-        out = self.opening_normal[[0, 2]].tolist()
-        return (x, z, *way, *out, length, 0.5 * min(length, self.width))
+        """`_Opening` as a plain tuple, whose type Numba resolves faster than a named one's."""
+        length = self.opening_length
+        (lip_x, lip_z), (rim_x, rim_z) = self.profile[[0, -1]].tolist()
+        out_x, _, out_z = self.opening_normal.tolist()
+        return tuple(
+            _Opening(
+                lip_x=lip_x,
+                lip_z=lip_z,
+                along_x=(rim_x - lip_x) / length,
+                along_z=(rim_z - lip_z) / length,
+                out_x=out_x,
+                out_z=out_z,
+                length=length,
+                heap_height=0.5 * min(length, self.width),
+            )
+        )
 
     @cached_property
-    def _half_planes(self) -> tuple[Array, Array]:
-        """Outward normals (n, 2) and offsets (n,) of strips and mouth (last): inside n.p <= d."""
+    def _half_planes(self) -> _HalfPlanes:
+        """Half-planes of the struck volume."""
         edge = np.roll(self.profile, -1, axis=0) - self.profile
         normals = np.column_stack([edge[:, 1], -edge[:, 0]])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        return normals, np.einsum("ij,ij->i", normals, self.profile)
+        return _HalfPlanes(normals, np.einsum("ij,ij->i", normals, self.profile))
 
     def _edge(self, side: int) -> Array:
-        """The profile on the left (+1) or right (-1) side, shape (n, 3)."""
+        """Return the profile on the left (+1) or right (-1) side, shape (n, 3)."""
         y = np.full(len(self.profile), 0.5 * side * self.width)
         return np.column_stack([self.profile[:, 0], y, self.profile[:, 1]])
 
 
 @kernel
 def _indices_in_heap(points, rotation, origin, normals, offsets, opening, half_width):  # type: ignore[no-untyped-def]
-    """See `OpenContainer.indices_in_heap`."""
-    lip_x, lip_z, way_x, way_z, out_x, out_z, length, height = opening
+    """Return the rows of `OpenContainer.indices_in_heap`."""
+    opening = _Opening(*opening)
     rows = np.empty(len(points), dtype=np.intp)
     count = 0
     for i in range(len(points)):
@@ -209,14 +257,15 @@ def _indices_in_heap(points, rotation, origin, normals, offsets, opening, half_w
         z = a * rotation[0, 2] + b * rotation[1, 2] + c * rotation[2, 2]
         if not abs(y) <= half_width:
             continue
-        along = (x - lip_x) * way_x + (z - lip_z) * way_z
-        above = (x - lip_x) * out_x + (z - lip_z) * out_z
-        inside = 0.0 <= along <= length and 0.0 <= above <= height
-        if not inside:
-            inside = True
+        dx, dz = x - opening.lip_x, z - opening.lip_z
+        along = dx * opening.along_x + dz * opening.along_z
+        above = dx * opening.out_x + dz * opening.out_z
+        is_inside = 0.0 <= along <= opening.length and 0.0 <= above <= opening.heap_height
+        if not is_inside:
+            is_inside = True
             for k in range(len(offsets)):
-                inside &= normals[k, 0] * x + normals[k, 1] * z <= offsets[k] + 1e-12
-        if inside:
+                is_inside &= normals[k, 0] * x + normals[k, 1] * z <= offsets[k] + 1e-12
+        if is_inside:
             rows[count] = i
             count += 1
     return rows[:count].copy()

@@ -111,7 +111,7 @@ TOOL_SHAPES: dict[str, type[ToolShape]] = {
 
 
 class ToolMount(NamedTuple):
-    """A tool and the link it is fixed to, whose frame is the tool's."""
+    """A tool and the link that it is fixed to; the tool frame is the link frame."""
 
     link: str
     shape: ToolShape

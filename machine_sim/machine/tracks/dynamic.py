@@ -18,7 +18,6 @@ from machine_sim.machine.tracks.body_contact import body_contact
 from machine_sim.machine.tracks.dynamic_step import (
     POINTS_PER_SHOE,
     ShoeBodies,
-    UndercarriageSupport,
     dynamic_track_step,
 )
 from machine_sim.machine.tracks.running_gear import (
@@ -37,6 +36,7 @@ from machine_sim.machine.tracks.shoe_chain import (
 )
 from machine_sim.machine.tracks.track_base import Array, TrackBase
 from machine_sim.machine.tracks.track_state import ContactCoefficients
+from machine_sim.machine.tracks.undercarriage import UndercarriageSupport
 from machine_sim.physics_engine import pybullet
 
 __all__ = ["DynamicTracks"]

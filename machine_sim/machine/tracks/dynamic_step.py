@@ -1,9 +1,7 @@
 """Kernel of the dynamic tracks: forces of ground and undercarriage on rigid shoes.
 
-Sprockets and idlers are simulated by the physics engine. All other guides of a shoe are springs and
-dampers here, without friction and with the opposite force on the base: the rail below, carriers
-that limit sag and buckling of the slack run above, flanges that keep the chain in line, and a
-brake. The ground acts on four contact points of each shoe.
+Sprockets and idlers are simulated by the physics engine. The undercarriage guides the shoes between
+them (`undercarriage`), and the ground acts on four contact points of each shoe (`shoe_contact`).
 """
 
 from __future__ import annotations
@@ -16,6 +14,9 @@ from numpy.typing import NDArray
 
 from machine_sim.machine.box import Vec3
 from machine_sim.machine.tracks.rigid_body import (
+    FORCE_X,
+    FORCE_Y,
+    FORCE_Z,
     add_wrench,
     base_frame,
     dot,
@@ -48,9 +49,10 @@ from machine_sim.machine.tracks.track_state import (
     TrackDimensions,
     TrackState,
 )
+from machine_sim.machine.tracks.undercarriage import UndercarriageSupport, support_force
 from msg_bridge.kernels import helper, kernel
 
-__all__ = ["POINTS_PER_SHOE", "ShoeBodies", "UndercarriageSupport", "dynamic_track_step"]
+__all__ = ["POINTS_PER_SHOE", "ShoeBodies", "dynamic_track_step"]
 
 Array = NDArray[np.float64]
 
@@ -59,31 +61,6 @@ POINTS_PER_SHOE = 4
 
 _CONTACT_LENGTH_FRACTION = 0.45
 """Distance of the contact points from the middle of the shoe along the track, in lengths."""
-
-_BEVEL_START, _BEVEL_SLOPE = 1.57, 0.2
-"""Rail and carriers are bevelled by this slope from that many shoes before an axle on: the height
-at which a chain leaves the flats of a sprocket varies."""
-
-_CARRIER_CLEARANCE = 0.01
-"""Vertical play of the upper run between the carriers [m]."""
-
-
-class UndercarriageSupport(NamedTuple):
-    """Springs and dampers between one shoe and the base.
-
-    Attributes:
-        stiffness, damping: flanges, carriers and brake [N/m], [N s/m].
-        rail_stiffness, rail_damping: rail [N/m], [N s/m].
-        max_brake_force: maximum force of the brake [N].
-        sole_damping: damping between the base and the ground under a shoe below the rail [N s/m].
-    """
-
-    stiffness: float
-    damping: float
-    rail_stiffness: float
-    rail_damping: float
-    max_brake_force: float
-    sole_damping: float
 
 
 class ShoeBodies(NamedTuple):
@@ -180,7 +157,7 @@ def dynamic_track_step(  # type: ignore[no-untyped-def]
             if is_on_run:
                 num_running += 1
                 sum_speed += dot(relative_velocity, shoe.forward)
-            support, is_on_rail = _support_force(
+            support, is_on_rail = support_force(
                 local,
                 to_base(base.rotation, relative_velocity),
                 dimensions,
@@ -193,7 +170,7 @@ def dynamic_track_step(  # type: ignore[no-untyped-def]
             force = to_map(base.rotation, support)
             shoe_wrench = shoes.forces[i]
             shoe_wrench[:] = 0.0
-            shoe_wrench[0], shoe_wrench[1], shoe_wrench[2] = force
+            shoe_wrench[FORCE_X], shoe_wrench[FORCE_Y], shoe_wrench[FORCE_Z] = force
             add_wrench(base_wrench, (-force[0], -force[1], -force[2]), shoe.arm)
             load, load_depth = _add_sole_forces(
                 shoe,
@@ -267,54 +244,6 @@ def _path_deviation(local, dimensions):  # type: ignore[no-untyped-def]
         - dimensions.sprocket_radius
     )
     return math.sqrt(radial * radial + y * y), past_axle == 0.0
-
-
-@helper(forceinline=True)
-def _support_force(  # type: ignore[no-untyped-def]
-    position, velocity, dimensions, supports, is_braked, brake_anchors, side, k
-):
-    """Return the force of the undercarriage on a shoe [N], and whether it is on the rail.
-
-    Args:
-        position, velocity: of the shoe relative to the base [m], [m/s]; base frame with y from the
-            middle of its track.
-        dimensions, supports: `TrackDimensions`, `UndercarriageSupport`.
-        is_braked: whether the brake of this side is on.
-        brake_anchors: `ShoeBodies.brake_anchors`; updated.
-        side, k: indices of the side and of the shoe.
-    """
-    x, y, z = position
-    vx, vy, vz = velocity
-    fx, fy, fz, is_on_rail = 0.0, 0.0, 0.0, False
-    is_between_axles = abs(x) <= dimensions.half_axle_distance
-    bevel = _BEVEL_SLOPE * max(
-        abs(x) - dimensions.half_axle_distance + _BEVEL_START * dimensions.sprocket_radius, 0.0
-    )
-    if z < dimensions.axle_height:
-        fy = -supports.stiffness * y - supports.damping * vy
-        penetration = z - (dimensions.axle_height - dimensions.sprocket_radius + bevel)
-        if is_between_axles and penetration > 0.0:
-            is_on_rail = True
-            fz = -max(supports.rail_stiffness * penetration + supports.rail_damping * vz, 0.0)
-    elif is_between_axles:
-        offset = z - dimensions.axle_height - dimensions.sprocket_radius
-        penetration = max(offset - _CARRIER_CLEARANCE, 0.0) + min(
-            offset + _CARRIER_CLEARANCE + bevel, 0.0
-        )
-        force = -supports.stiffness * penetration - supports.damping * vz
-        if force * penetration < 0.0:
-            fz = force
-    if is_braked and is_between_axles and z < dimensions.axle_height:
-        if math.isnan(brake_anchors[side, k]):
-            brake_anchors[side, k] = x
-        fx = -supports.stiffness * (x - brake_anchors[side, k]) - supports.damping * vx
-        if abs(fx) > supports.max_brake_force:
-            fx = math.copysign(supports.max_brake_force, fx)
-            # The anchor follows, so that the spring alone gives the sliding force.
-            brake_anchors[side, k] = x + fx / supports.stiffness
-    else:
-        brake_anchors[side, k] = math.nan
-    return (fx, fy, fz), is_on_rail
 
 
 @helper(forceinline=True)

@@ -13,6 +13,9 @@ from machine_sim.machine.tracks.track_state import MachineMotion
 from msg_bridge.kernels import helper
 
 __all__ = [
+    "FORCE_X",
+    "FORCE_Y",
+    "FORCE_Z",
     "BaseFrame",
     "add_wrench",
     "base_frame",

@@ -1,4 +1,4 @@
-"""Closed-form kinematics against itself; against the physics in test_excavator.py."""
+"""Closed-form kinematics: inverse against forward kinematics, frames, and reach."""
 
 import math
 
@@ -35,7 +35,7 @@ DUMP = (-0.60, 1.20, -0.60)
 
 @settings(max_examples=300, deadline=None)
 @given(ANGLES)
-def test_inverse_gives_back_the_angles(angles):
+def test_inverse_kinematics_inverts_tool_point(angles):
     np.testing.assert_allclose(
         solve_arm_angles(MACHINE, *tool_point(MACHINE, *angles)), angles, atol=1e-9
     )
@@ -43,7 +43,7 @@ def test_inverse_gives_back_the_angles(angles):
 
 @settings(max_examples=100, deadline=None)
 @given(ANGLES)
-def test_pin_angles_put_the_pin_where_the_forward_chain_does(angles):
+def test_bucket_pin_angles_invert_the_tool_pose(angles):
     _, origin = tool_pose(MACHINE, np.zeros(3), np.eye(3), [0.0, *angles])
     pin = origin - arm_geometry(MACHINE).swing
     np.testing.assert_allclose(
@@ -53,57 +53,57 @@ def test_pin_angles_put_the_pin_where_the_forward_chain_does(angles):
 
 @settings(max_examples=100, deadline=None)
 @given(ANGLES, QUATERNIONS, st.floats(-10.0, 10.0))
-def test_lip_of_the_tool_pose_lies_in_the_arm_plane(angles, quaternion, swing):
+def test_lip_of_the_tool_pose_is_in_the_arm_plane(angles, quaternion, swing):
     rotation = rotation_matrix(np.array(quaternion) / np.linalg.norm(quaternion))
     base = np.array([3.0, -2.0, 1.0])
     tool, origin = tool_pose(MACHINE, base, rotation, [swing, *angles])
     lip = origin + tool @ [MACHINE.bucket.tip_radius, 0.0, 0.0]
-    reach, sideways, height = map_to_swing_frame(MACHINE, base, rotation, swing, lip)
+    reach, lateral, height = map_to_swing_frame(MACHINE, base, rotation, swing, lip)
     tip = tool_point(MACHINE, *angles)
-    assert (reach, sideways, height) == pytest.approx((tip.reach, 0.0, tip.height), abs=1e-9)
-    back = swing_frame_to_map(MACHINE, base, rotation, swing, [reach, sideways, height])
+    assert (reach, lateral, height) == pytest.approx((tip.reach, 0.0, tip.height), abs=1e-9)
+    back = swing_frame_to_map(MACHINE, base, rotation, swing, [reach, lateral, height])
     np.testing.assert_allclose(back, lip, atol=1e-9)
 
 
 @settings(max_examples=100, deadline=None)
 @given(QUATERNIONS)
-def test_quaternion_gives_back_the_rotation(quaternion):
+def test_quaternion_from_matrix_inverts_rotation_matrix(quaternion):
     rotation = rotation_matrix(np.array(quaternion) / np.linalg.norm(quaternion))
     np.testing.assert_allclose(
         rotation_matrix(quaternion_from_matrix(rotation)), rotation, atol=1e-12
     )
 
 
-def test_swing_toward_puts_the_point_into_the_arm_plane():
+def test_swing_angle_toward_a_point_puts_it_into_the_arm_plane():
     rotation = rotation_matrix([0.1, -0.05, 0.3, math.sqrt(1 - 0.1025)])
     base, point = np.array([1.0, 2.0, 0.5]), np.array([-6.0, 5.0, 0.2])
     swing = swing_angle_toward(MACHINE, base, rotation, point)
-    reach, sideways, _ = map_to_swing_frame(MACHINE, base, rotation, swing, point)
-    assert sideways == pytest.approx(0.0, abs=1e-12)
+    reach, lateral, _ = map_to_swing_frame(MACHINE, base, rotation, swing, point)
+    assert lateral == pytest.approx(0.0, abs=1e-12)
     assert reach > 0.0
 
 
 def test_positive_angles_lower_the_arm_and_curl_the_bucket_in():
     boom, arm, bucket = -0.5, 1.0, 0.5
-    here = tool_point(MACHINE, boom, arm, bucket)
-    assert tool_point(MACHINE, boom + 0.1, arm, bucket).height < here.height
-    assert tool_point(MACHINE, boom, arm, bucket + 0.1).reach < here.reach
+    before = tool_point(MACHINE, boom, arm, bucket)
+    assert tool_point(MACHINE, boom + 0.1, arm, bucket).height < before.height
+    assert tool_point(MACHINE, boom, arm, bucket + 0.1).reach < before.reach
 
 
 @pytest.mark.parametrize(("pose", "sign"), [(CARRY, 1), (DUMP, -1)])
-def test_mouth_looks_up_to_carry_and_down_to_dump(pose, sign):
+def test_opening_points_up_to_carry_and_down_to_dump(pose, sign):
     rotation, _ = tool_pose(MACHINE, np.zeros(3), np.eye(3), [0.4, *pose])
     assert sign * (rotation @ MACHINE.bucket.opening_normal)[2] > 0.95
 
 
-def test_mouth_looks_toward_the_machine_to_dig():
+def test_opening_points_toward_the_machine_to_dig():
     angles = solve_arm_angles(MACHINE, 8.0, -arm_geometry(MACHINE).swing[2] - 0.1, 1.85)
     rotation, _ = tool_pose(MACHINE, np.zeros(3), np.eye(3), [0.0, *angles])
     assert (rotation @ MACHINE.bucket.opening_normal)[0] < -0.9
 
 
 @pytest.mark.parametrize(
-    ("target", "words"),
+    ("target", "message"),
     [
         ((12.0, 0.0, 1.5), "arm reaches"),
         ((2.0, 6.05, 1.57), "boom would be at"),
@@ -111,6 +111,6 @@ def test_mouth_looks_toward_the_machine_to_dig():
         ((math.nan, 0.0, 0.0), "finite"),
     ],
 )
-def test_poses_out_of_reach_are_refused(target, words):
-    with pytest.raises(ReachError, match=words):
+def test_poses_out_of_reach_are_rejected(target, message):
+    with pytest.raises(ReachError, match=message):
         solve_arm_angles(MACHINE, *target)

@@ -1,4 +1,4 @@
-"""Cylinder linkages: angle to length and back, lever arms, and what cannot be built."""
+"""Cylinder linkages: angle to length and back, lever arms, invalid geometry."""
 
 import math
 from dataclasses import replace
@@ -21,18 +21,18 @@ def angles(linkage, count=401):
 
 
 @BOTH
-def test_angle_to_length_and_back(linkage):
+def test_angle_of_length_inverts_length_of_angle(linkage):
     for angle in angles(linkage):
         assert linkage.angle(linkage.length(angle)) == pytest.approx(angle, abs=1e-9)
 
 
 @BOTH
-def test_length_to_angle_and_back(linkage):
+def test_length_of_angle_inverts_angle_of_length(linkage):
     for length in np.linspace(linkage.min_length, linkage.max_length, 200).tolist():
         assert linkage.length(linkage.angle(length)) == pytest.approx(length, abs=1e-9)
 
 
-def test_the_shipped_machine_goes_from_angle_to_length_and_back(spec):
+def test_cylinders_of_the_excavator_invert_angle_and_length(spec):
     for cylinder in spec.cylinders.values():
         linkage = cylinder.linkage
         for angle in angles(linkage, 1001):
@@ -40,15 +40,15 @@ def test_the_shipped_machine_goes_from_angle_to_length_and_back(spec):
 
 
 @BOTH
-def test_lever_is_the_growth_per_turn(linkage):
+def test_lever_arm_is_the_derivative_of_length(linkage):
     step = 1e-6
     for angle in angles(linkage, 60)[1:-1]:
-        growth = (linkage.length(angle + step) - linkage.length(angle - step)) / (2.0 * step)
-        assert linkage.lever_arm(angle) == pytest.approx(growth, rel=1e-6)
+        derivative = (linkage.length(angle + step) - linkage.length(angle - step)) / (2.0 * step)
+        assert linkage.lever_arm(angle) == pytest.approx(derivative, rel=1e-6)
 
 
 @BOTH
-def test_bars_keep_their_lengths(linkage):
+def test_rods_rockers_and_couplers_have_constant_lengths(linkage):
     for angle in angles(linkage, 60):
         barrel, rod, coupler_pin = linkage.pins(angle)
         assert math.dist(barrel, rod) == pytest.approx(linkage.length(angle), abs=1e-12)
@@ -62,22 +62,22 @@ def test_bars_keep_their_lengths(linkage):
             )
 
 
-def test_a_length_beyond_the_limits_is_refused_with_what_is_possible():
-    with pytest.raises(MachineError, match=r"beyond the joint's limits; give 1\.81"):
+def test_length_outside_the_limits_is_rejected():
+    with pytest.raises(MachineError, match=r"outside the joint's limits; give 1\.81"):
         DIRECT.angle(4.0)
 
 
-def test_a_dead_centre_is_found():
+def test_dead_centre_within_the_limits_is_rejected():
     with pytest.raises(MachineError, match=r"dead centre at .* move a pin"):
         replace(DIRECT, upper=1.6)
 
 
-def test_a_rocker_that_is_too_short_is_found():
+def test_coupler_that_is_too_short_is_rejected():
     short = replace(FOUR_BAR.rocker, coupler_length=0.3)
     with pytest.raises(MachineError, match="do not reach each other at"):
         replace(FOUR_BAR, rocker=short)
 
 
-def test_rod_and_rocker_exclude_each_other():
+def test_linkage_with_rod_and_rocker_is_rejected():
     with pytest.raises(MachineError, match="give one"):
         replace(FOUR_BAR, rod=(0.1, 0.1))

@@ -232,7 +232,7 @@ from machine_sim.machine import load_machine_spec
 sys.path.append("test/machine_sim")
 from machine import test_dynamic_tracks as t
 from machine.conftest import MACHINE_FILE, Scene
-scene = Scene(load_machine_spec(MACHINE_FILE), t.rough(3), tracks="physics")
+scene = Scene(load_machine_spec(MACHINE_FILE), t.rough(3), tracks="dynamic")
 print(t.random_drive(scene, np.random.default_rng(4), 4.0))
 """
 

@@ -1,4 +1,4 @@
-"""Geometry and URDF of the hinged tracks' running gear."""
+"""Geometry and URDF of the running gear of the dynamic tracks."""
 
 import xml.etree.ElementTree as ET
 from dataclasses import replace
@@ -19,30 +19,30 @@ def altered(spec, **tracks):
     return with_dynamic_tracks(replace(spec, tracks=replace(spec.tracks, **tracks)))
 
 
-def test_shipped_machine_has_24_shoes_a_side(spec):
+def test_excavator_has_24_dynamic_shoes_on_each_side(spec):
     tracks = with_track_model(spec, "dynamic").tracks
     assert tracks.shoe_count == 24
     assert tracks.sprocket_radius == pytest.approx(spec.tracks.sprocket_radius, rel=0.05)
 
 
-def test_fast_tracks_are_those_of_the_description(spec):
+def test_kinematic_tracks_leave_the_specification_unchanged(spec):
     assert with_track_model(spec, "kinematic") is spec
 
 
-def test_machine_fitted_twice_is_as_fitted_once(spec):
+def test_conversion_to_dynamic_tracks_is_idempotent(spec):
     once = with_dynamic_tracks(spec)
     assert with_dynamic_tracks(once).tracks == once.tracks
 
 
-def test_ground_carries_a_belt_as_stiffly_whatever_its_shoes(spec):
-    shape, hinged = spec.tracks, with_dynamic_tracks(spec).tracks
+def test_stiffness_of_the_belt_does_not_depend_on_the_number_of_shoes(spec):
+    tracks, dynamic = spec.tracks, with_dynamic_tracks(spec).tracks
     for name in ("normal_stiffness", "tangential_stiffness", "normal_damping"):
-        whole = getattr(shape, name) * shape.shoe_count
-        assert getattr(hinged, name) * hinged.shoe_count == pytest.approx(whole)
+        total = getattr(tracks, name) * tracks.shoe_count
+        assert getattr(dynamic, name) * dynamic.shoe_count == pytest.approx(total)
 
 
 @pytest.mark.parametrize(("axles", "radius"), [(3.144, 0.36), (2.6, 0.3), (4.2, 0.36)])
-def test_new_chain_is_closed_and_rests_on_the_ground(spec, axles, radius):
+def test_new_chain_is_closed_and_its_soles_are_on_the_ground(spec, axles, radius):
     shape = altered(spec, axle_distance=axles, sprocket_radius=radius).tracks
     x, z, pitch = initial_shoe_poses(shape).T
     ahead = 0.5 * shape.sprocket_radius * np.column_stack([np.cos(pitch), -np.sin(pitch)])
@@ -52,27 +52,27 @@ def test_new_chain_is_closed_and_rests_on_the_ground(spec, axles, radius):
     assert z.min() == pytest.approx(0.5 * shape.shoe_thickness)
 
 
-def test_base_is_lighter_by_shoes_and_wheels(spec):
-    hinged = with_dynamic_tracks(spec)
+def test_mass_of_shoes_and_wheels_is_subtracted_from_the_base(spec):
+    dynamic = with_dynamic_tracks(spec)
     masses = {
         link.attrib["name"]: float(link.find("inertial/mass").attrib["value"])
-        for link in ET.fromstring(urdf_with_running_gear(hinged)).iter("link")
+        for link in ET.fromstring(urdf_with_running_gear(dynamic)).iter("link")
     }
-    whole = sum(masses.values()) + 2.0 * spec.tracks.belt_mass
-    assert whole == pytest.approx(spec.mass)
+    total = sum(masses.values()) + 2.0 * spec.tracks.belt_mass
+    assert total == pytest.approx(spec.mass)
     assert masses["base_link"] < spec.links["base"].mass
 
 
-def test_look_has_as_many_shoes_as_there_are(scene):
+def test_visual_and_tracks_have_equal_numbers_of_shoes(scene):
     machine = scene(tracks="dynamic").machine
     assert shoe_visual(machine.spec).shoe_count == machine.tracks.shoe_poses.shape[1]
 
 
-def test_base_lighter_than_its_tracks_is_refused(spec):
+def test_base_lighter_than_its_tracks_is_rejected(spec):
     with pytest.raises(MachineError, match=r"base\.mass is 7000\.0 kg.*heavier base or a lighter"):
         urdf_with_running_gear(altered(spec, belt_mass=3000.0))
 
 
-def test_shoes_too_thick_for_the_sprocket_are_refused(spec):
+def test_shoes_too_thick_for_the_sprocket_are_rejected(spec):
     with pytest.raises(MachineError, match=r"shoe_thickness is 0\.7 m, too thick .* thinner"):
         urdf_with_running_gear(altered(spec, shoe_thickness=0.7))

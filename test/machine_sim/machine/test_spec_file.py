@@ -1,4 +1,4 @@
-"""The machine file: what is read, and what is refused with which words."""
+"""Machine files: values that are read, and errors that name key and remedy."""
 
 import copy
 import math
@@ -14,7 +14,7 @@ FILE = Path(__file__).resolve().parents[3] / "config" / "machines" / "excavator.
 VALUES = yaml.safe_load(FILE.read_text())
 
 
-def changed(tmp_path, edit):
+def edited_file(tmp_path, edit):
     values = copy.deepcopy(VALUES)
     edit(values)
     path = tmp_path / "machine.yaml"
@@ -22,12 +22,12 @@ def changed(tmp_path, edit):
     return path
 
 
-def test_shipped_machine_weighs_what_its_links_do(spec):
+def test_mass_of_the_excavator_is_the_sum_of_its_links(spec):
     assert spec.mass == 18_200.0
     assert tuple(spec.joints) == EXCAVATOR_JOINTS
 
 
-def test_swing_is_continuous_and_the_arm_limited(spec):
+def test_swing_is_continuous_and_arm_has_limits(spec):
     assert math.isinf(spec.joints["swing"].upper)
     assert (spec.joints["arm"].lower, spec.joints["arm"].upper) == (0.55, 2.6)
 
@@ -37,7 +37,7 @@ def test_shoe_pitch_closes_the_belt(spec):
     assert tracks.pitch * tracks.shoe_count == pytest.approx(2 * 3.144 + 2 * math.pi * 0.36)
 
 
-def test_description_cannot_be_changed(spec):
+def test_arrays_of_a_specification_are_read_only(spec):
     with pytest.raises(ValueError, match="read-only"):
         spec.home[0] = 1.0
     with pytest.raises(ValueError, match="read-only"):
@@ -98,7 +98,7 @@ def swap(profile):
             ),
             r"tools.mill is a drum on link upper, whose joint rotates about z",
         ),
-        (lambda v: v["tools"]["bucket"].update(kind="fork"), r"kind is 'fork'; .*bucket, drum"),
+        (lambda v: v["tools"]["bucket"].update(kind="fork"), r"kind is 'fork'; give one of bucket"),
         (lambda v: v["joints"]["arm"].update(lower=3.0), r"joints.arm.lower is 3.0 .*below"),
         (lambda v: v["joints"]["arm"].update(lower=None), r"joints.arm has one limit"),
         (lambda v: v["home"].update(boom=2.0), r"home.boom is 2.0; give an angle from -1.05 to"),
@@ -111,18 +111,18 @@ def swap(profile):
         (lambda v: swap(v["tools"]["bucket"]["profile"]), r"bucket.profile is not convex"),
         (
             lambda v: v["tools"]["bucket"]["profile"].reverse(),
-            r"bucket.profile\[0\] is the cutting lip",
+            r"bucket.profile\[0\] is .*the cutting lip",
         ),
         (lambda v: v["tools"]["bucket"].update(width=0.0), r"bucket.width is 0.0; .*above 0"),
         (lambda v: v.update(tracks=3), r"tracks is 3; give a mapping"),
     ],
 )
-def test_bad_file_is_refused_naming_key_and_fix(tmp_path, edit, words):
+def test_invalid_file_is_rejected_with_key_and_remedy(tmp_path, edit, words):
     with pytest.raises(MachineError, match=words):
-        load_machine_spec(changed(tmp_path, edit))
+        load_machine_spec(edited_file(tmp_path, edit))
 
 
-def test_unreadable_file_is_refused(tmp_path):
+def test_unreadable_file_is_rejected(tmp_path):
     with pytest.raises(EarthmovingError, match="cannot be read"):
         load_machine_spec(tmp_path / "none.yaml")
     bad = tmp_path / "bad.yaml"
@@ -139,14 +139,14 @@ def test_unreadable_file_is_refused(tmp_path):
         ({"cab": {"link": "upper"}}, r"imus\.cab\.position is missing"),
     ],
 )
-def test_inertial_units_are_checked(tmp_path, imus, message):
-    path = changed(tmp_path, lambda values: values.update(imus=imus))
+def test_invalid_imu_is_rejected(tmp_path, imus, message):
+    path = edited_file(tmp_path, lambda values: values.update(imus=imus))
     with pytest.raises(MachineError, match=message):
         load_machine_spec(path)
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("edit", "message"),
     [
         (lambda v: v["joints"]["boom"].update(max_effort=1e5), "joints.boom needs one drive"),
         (lambda v: v["joints"]["boom"].pop("cylinder"), "joints.boom needs one drive"),
@@ -173,6 +173,6 @@ def test_inertial_units_are_checked(tmp_path, imus, message):
         ),
     ],
 )
-def test_cylinders_and_what_feeds_them_are_checked(tmp_path, change, message):
+def test_invalid_cylinder_or_supply_is_rejected(tmp_path, edit, message):
     with pytest.raises(MachineError, match=message):
-        load_machine_spec(changed(tmp_path, change))
+        load_machine_spec(edited_file(tmp_path, edit))

@@ -1,4 +1,4 @@
-"""The URDF text, read back as robot_state_publisher would."""
+"""URDF text, parsed as robot_state_publisher does."""
 
 import math
 import xml.etree.ElementTree as ET
@@ -11,7 +11,7 @@ from machine_sim.machine.urdf import BASE_JOINTS
 
 
 def tree(text):
-    """Parent by child of a URDF, and its links."""
+    """Return the root element, the link names and the parent by child of a URDF."""
     robot = ET.fromstring(text)
     links = [link.get("name") for link in robot.iter("link")]
     parents = {
@@ -27,7 +27,7 @@ def test_links_form_one_chain(spec):
     assert parents == {"upper": "base_link", "boom": "upper", "arm": "boom", "bucket": "arm"}
 
 
-def test_joint_limits_are_those_of_the_description(spec):
+def test_joint_limits_are_those_of_the_specification(spec):
     robot, _, _ = tree(urdf_text(spec))
     for joint in robot.iter("joint"):
         limits, limit = spec.joints[joint.get("name")], joint.find("limit")
@@ -52,19 +52,19 @@ def test_only_primitive_shapes(spec):
     assert shapes == {"box"}
 
 
-def test_virtual_base_hangs_the_machine_under_map(spec):
+def test_virtual_base_connects_the_machine_to_map(spec):
     robot, links, parents = tree(urdf_text(spec, prefix="digger/", virtual_base=True))
-    at, up = "digger/bucket", []
-    while at in parents:
-        at = parents[at]
-        up.append(at)
-    assert at == "map"
-    assert len(up) == len(links) - 1
+    link, ancestors = "digger/bucket", []
+    while link in parents:
+        link = parents[link]
+        ancestors.append(link)
+    assert link == "map"
+    assert len(ancestors) == len(links) - 1
     assert [j.get("name") for j in robot.iter("joint")][:6] == list(BASE_JOINTS)
 
 
-def test_drawn_bucket_follows_its_profile(spec):
-    """Each floor strip's box, turned by its pitch, ends at its two profile points."""
+def test_boxes_of_the_bucket_follow_its_profile(spec):
+    """The box of each floor strip ends at two profile points."""
     robot, _, _ = tree(urdf_text(spec))
     bucket = next(link for link in robot.iter("link") if link.get("name") == "bucket")
     profile = spec.bucket.profile

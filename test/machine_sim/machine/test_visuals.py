@@ -1,4 +1,4 @@
-"""Link poses and looks agree with the kinematics, the physics and the URDF."""
+"""Link poses and visual shapes agree with the kinematics, the physics and the URDF."""
 
 import math
 
@@ -11,7 +11,7 @@ from machine_sim.machine.forward_kinematics import link_frame_names, link_poses
 from machine_sim.machine.visuals import link_visual_boxes, shoe_visual
 
 JOINTS = [0.7, -0.4, 1.3, 1.1]
-PLACE = [3.0, -2.0, 0.5]
+POSITION = [3.0, -2.0, 0.5]
 
 
 def test_bucket_is_at_the_tool_pose(spec):
@@ -25,7 +25,7 @@ def test_bucket_is_at_the_tool_pose(spec):
         np.testing.assert_allclose(rotation_matrix(poses.quaternions[4]), rotation, atol=1e-12)
 
 
-def test_links_are_where_the_physics_has_them(scene, spec):
+def test_link_poses_are_those_of_the_physics(scene, spec):
     s = scene(slope_deg=10, yaw=1.0)
     s.machine.command([0.4, -0.2, 0.3, -0.5], [0.2, -0.1])
     s.run(1.0)
@@ -45,28 +45,28 @@ def test_links_are_where_the_physics_has_them(scene, spec):
         )
 
 
-def test_quaternions_are_units_whatever_the_base_has(spec):
-    poses = link_poses(spec, PLACE, [0.2, 0.4, -0.6, 1.8], JOINTS)
+def test_quaternions_have_unit_length_for_any_base_quaternion(spec):
+    poses = link_poses(spec, POSITION, [0.2, 0.4, -0.6, 1.8], JOINTS)
     np.testing.assert_allclose(np.linalg.norm(poses.quaternions, axis=1), 1.0, atol=1e-12)
-    same = link_poses(spec, PLACE, [0.1, 0.2, -0.3, 0.9], JOINTS)
+    same = link_poses(spec, POSITION, [0.1, 0.2, -0.3, 0.9], JOINTS)
     np.testing.assert_allclose(poses.positions, same.positions, atol=1e-12)
 
 
 @pytest.mark.parametrize("quaternion", [[0.0] * 4, [math.nan, 0.0, 0.0, 1.0]])
-def test_base_without_a_rotation_is_refused(spec, quaternion):
-    with pytest.raises(MachineError, match="no rotation"):
-        link_poses(spec, PLACE, quaternion, JOINTS)
+def test_invalid_base_quaternion_is_rejected(spec, quaternion):
+    with pytest.raises(MachineError, match="base_quaternion"):
+        link_poses(spec, POSITION, quaternion, JOINTS)
 
 
-def test_boxes_of_the_description_are_shown_as_they_are(spec):
-    shown = link_visual_boxes(spec)
+def test_visual_boxes_are_those_of_the_specification(spec):
+    visuals = link_visual_boxes(spec)
     for frame, link in zip(link_frame_names(spec)[:4], list(spec.links.values())[:-1], strict=True):
-        boxes = [(box.size, box.center, box.pitch) for box in shown if box.link == frame]
+        boxes = [(box.size, box.center, box.pitch) for box in visuals if box.link == frame]
         assert boxes == [(box.size, box.center, box.pitch) for box in link.boxes]
 
 
-def test_bucket_is_shown_as_its_shell(spec):
-    """Boxes beside every plate's middle, and none in the mouth."""
+def test_visual_boxes_of_the_bucket_are_its_shell(spec):
+    """Every plate has a box at its middle, and the opening has none."""
     boxes = [box for box in link_visual_boxes(spec) if box.link == "bucket"]
     middles = np.array([box.center for box in boxes])
     for plate in spec.bucket.plates()[:6]:
@@ -76,19 +76,19 @@ def test_bucket_is_shown_as_its_shell(spec):
     }
 
 
-def test_names_carry_the_prefix(spec):
+def test_link_names_have_the_prefix(spec):
     boxes = link_visual_boxes(spec, prefix="digger/")
     assert {box.link for box in boxes} == {f"digger/{name}" for name in link_frame_names(spec)}
 
 
-def test_colours_are_colours(spec):
+def test_colours_are_in_range_and_differ(spec):
     colors = [*(box.color for box in link_visual_boxes(spec)), shoe_visual(spec).color]
     assert all(len(color) == 4 and all(0.0 <= part <= 1.0 for part in color) for color in colors)
     assert len(set(colors)) >= 3
 
 
-def test_shoes_leave_a_gap_on_the_belt(spec):
-    look, tracks = shoe_visual(spec), spec.tracks
-    assert 0.9 * tracks.pitch < look.shoe_size[0] < tracks.pitch
-    assert look.shoe_size[1:] == (tracks.shoe_width, tracks.shoe_thickness)
-    assert (look.shoe_count, look.gauge) == (tracks.shoe_count, tracks.gauge)
+def test_shoes_have_gaps_between_them(spec):
+    visual, tracks = shoe_visual(spec), spec.tracks
+    assert 0.9 * tracks.pitch < visual.shoe_size[0] < tracks.pitch
+    assert visual.shoe_size[1:] == (tracks.shoe_width, tracks.shoe_thickness)
+    assert (visual.shoe_count, visual.gauge) == (tracks.shoe_count, tracks.gauge)

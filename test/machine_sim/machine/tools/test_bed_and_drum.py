@@ -1,4 +1,4 @@
-"""Drums and beds: their plates, capacities and key points, and what is refused."""
+"""Shapes of drums and beds: plates, capacities, key points, and invalid values."""
 
 import math
 
@@ -14,8 +14,8 @@ BED = BedShape(np.array([[-0.5, 0.5], [0.0, 0.0], [3.0, 0.0], [3.0, 1.0]]), 2.0)
 DRUM = DrumShape(0.5, 0.4, 1.2, offset=0.1)
 
 
-def test_bed_holds_what_is_below_its_mouth():
-    # The mouth falls from 1.0 m in front to 0.5 m behind.
+def test_bed_contains_points_below_its_opening():
+    # The opening slopes from 1.0 m at the front to 0.5 m at the rear.
     area = 0.5 * (0.5 + 1.0) * 3.5 - 0.5 * 0.5 * 0.5
     assert BED.struck_capacity == pytest.approx(2.0 * area)
     assert BED.heaped_capacity > BED.struck_capacity
@@ -25,7 +25,7 @@ def test_bed_holds_what_is_below_its_mouth():
     assert BED.opening_normal[2] > 0.9
 
 
-def test_bed_is_open_above_and_closed_below():
+def test_bed_has_plates_for_floor_and_sides_only():
     plates = BED.plates()
     assert len(plates) == 3 + 2
     for plate in plates:
@@ -35,17 +35,17 @@ def test_bed_is_open_above_and_closed_below():
 @pytest.mark.parametrize(
     ("profile", "words"),
     [
-        ([[3.0, 1.0], [3.0, 0.0], [0.0, 0.0], [-0.5, 0.5]], "wrong way round"),
+        ([[3.0, 1.0], [3.0, 0.0], [0.0, 0.0], [-0.5, 0.5]], "counter-clockwise"),
         ([[0.0, 0.0], [1.0, 0.0]], "give 3 or more points"),
         ([[-0.5, math.nan], [0.0, 0.0], [3.0, 0.0], [3.0, 1.0]], "not finite"),
     ],
 )
-def test_bad_bed_is_refused(profile, words):
+def test_invalid_bed_is_rejected(profile, words):
     with pytest.raises(MachineError, match=words):
         BedShape(np.array(profile), 2.0)
 
 
-def test_tips_of_the_picks_go_round_the_axis_once():
+def test_key_points_are_pick_tips_on_one_closed_circle():
     points = DRUM.key_points.reshape(-1, 2, 3)
     np.testing.assert_allclose(np.hypot(points[..., 0], points[..., 2]), 0.5)
     np.testing.assert_allclose(points[:, 0, 1] - points[:, 1, 1], 1.2)
@@ -53,44 +53,44 @@ def test_tips_of_the_picks_go_round_the_axis_once():
     np.testing.assert_array_equal(points[0], points[-1])
 
 
-def test_body_and_vanes_are_plates_within_the_tips():
+def test_plates_of_body_and_vanes_are_within_the_tips():
     plates = DRUM.plates()
     assert len(plates) == 8 + 2 + DRUM.vanes
-    reach = max(np.hypot(plate[:, 0], plate[:, 2]).max() for plate in plates)
-    assert reach == pytest.approx(0.5)
+    max_radius = max(np.hypot(plate[:, 0], plate[:, 2]).max() for plate in plates)
+    assert max_radius == pytest.approx(0.5)
 
 
-def test_soil_comes_loose_outside_the_tips_and_above_the_axis():
+def test_release_points_are_outside_the_tips_and_above_the_axis():
     rng = np.random.default_rng(0)
-    cut = rng.uniform(-0.6, 0.6, (200, 3))
-    turn = 0.4  # the frame leans
-    up = np.array([math.sin(turn), 0.0, math.cos(turn)])
-    placed = DRUM.release_points(cut, 0.02, up)
-    np.testing.assert_allclose(np.hypot(placed[:, 0], placed[:, 2]), 0.52)
-    assert (placed @ up > 0.0).all()
-    assert (np.abs(placed[:, 1] - 0.1) <= 0.6).all()
+    excavated = rng.uniform(-0.6, 0.6, (200, 3))
+    pitch = 0.4
+    up = np.array([math.sin(pitch), 0.0, math.cos(pitch)])
+    released = DRUM.release_points(excavated, 0.02, up)
+    np.testing.assert_allclose(np.hypot(released[:, 0], released[:, 2]), 0.52)
+    assert (released @ up > 0.0).all()
+    assert (np.abs(released[:, 1] - 0.1) <= 0.6).all()
 
 
-def test_of_a_drum_on_its_end_soil_comes_loose_beside_it():
-    placed = DRUM.release_points([[0.1, 0.2, -0.2]], 0.02, np.array([0.0, 1.0, 0.0]))
-    assert np.hypot(placed[0, 0], placed[0, 2]) == pytest.approx(0.52)
+def test_release_points_of_a_drum_with_vertical_axis_are_beside_it():
+    released = DRUM.release_points([[0.1, 0.2, -0.2]], 0.02, np.array([0.0, 1.0, 0.0]))
+    assert np.hypot(released[0, 0], released[0, 2]) == pytest.approx(0.52)
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"body_radius": 0.6}, "tips of the picks farther out"),
+        ({"body_radius": 0.6}, "0 < body_radius < radius"),
         ({"width": 0.0}, "drum.width is 0.0"),
         ({"vanes": 0}, "drum.vanes is 0"),
     ],
 )
-def test_bad_drum_is_refused(change, words):
+def test_invalid_drum_is_rejected(change, words):
     values = {"radius": 0.5, "body_radius": 0.4, "width": 1.2, **change}
     with pytest.raises(MachineError, match=words):
         DrumShape(**values)
 
 
-def test_shipped_machines_have_the_tools_of_their_kind():
+def test_road_header_has_a_drum_and_dumper_a_bed():
     assert isinstance(load_shipped_machine("road_header").tools["head"].shape, DrumShape)
     bed = load_shipped_machine("dumper").tools["bed"].shape
     assert isinstance(bed, BedShape)

@@ -1,4 +1,4 @@
-"""The bucket's shape: closed plates, ordered key points, rated capacities."""
+"""Shape of the bucket: plates, key points, capacities, points moved inside."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ def bucket(spec):
 
 @pytest.fixture
 def inside(bucket):
-    """Random points, and which of them a plain half-plane test puts in the struck volume."""
+    """Random points, and whether each is in the struck volume by a half-plane test of its own."""
     rng = np.random.default_rng(2)
     points = rng.uniform([-0.5, -1.0, -0.8], [1.8, 1.0, 1.0], (4000, 3))
     corners = bucket.profile
@@ -30,7 +30,7 @@ def test_capacities_are_those_of_a_one_cubic_metre_bucket(bucket):
     assert 1.0 <= bucket.heaped_capacity <= 1.1
 
 
-def test_heap_is_the_integral_of_a_one_to_one_roof(bucket):
+def test_heaped_capacity_is_the_integral_of_a_one_to_one_roof(bucket):
     n = 1000
     u = (np.arange(n) + 0.5) / n * bucket.opening_length
     w = (np.arange(n) + 0.5) / n * bucket.width
@@ -40,20 +40,20 @@ def test_heap_is_the_integral_of_a_one_to_one_roof(bucket):
     assert bucket.heaped_capacity - bucket.struck_capacity == pytest.approx(heap, rel=1e-4)
 
 
-def test_contains_is_the_struck_volume(bucket, inside):
+def test_contains_agrees_with_half_planes_and_struck_capacity(bucket, inside):
     points, within = inside
     np.testing.assert_array_equal(bucket.contains(points), within)
     box = 2.3 * 2.0 * 1.8
     assert within.mean() * box == pytest.approx(bucket.struck_capacity, rel=0.1)
 
 
-def test_heaped_room_is_the_prism_over_the_mouth(bucket, inside):
+def test_heap_is_a_prism_over_the_opening(bucket, inside):
     points, within = inside
-    here = (np.eye(3), np.zeros(3))
-    assert set(bucket.indices_in_heap(points, *here)) >= set(np.flatnonzero(within))
+    identity = (np.eye(3), np.zeros(3))
+    assert set(bucket.indices_in_heap(points, *identity)) >= set(np.flatnonzero(within))
     middle = 0.5 * (bucket.profile[0] + bucket.profile[-1])
     over = np.array([middle[0], 0.0, middle[1]]) + np.outer([0.59, 0.61], bucket.opening_normal)
-    np.testing.assert_array_equal(bucket.indices_in_heap(over, *here), [0])
+    np.testing.assert_array_equal(bucket.indices_in_heap(over, *identity), [0])
     assert not bucket.contains(over).any()
     rotation, origin = rotation_about_z(0.7), np.array([3.0, -4.0, 1.0])
     moved = bucket.indices_in_heap(over @ rotation.T + origin, rotation, origin)
@@ -61,16 +61,16 @@ def test_heaped_room_is_the_prism_over_the_mouth(bucket, inside):
 
 
 def test_plates_close_the_shell(bucket):
-    """Every edge is shared by two plates, run through in opposite ways, but those of the mouth."""
+    """Every edge belongs to two plates, in opposite directions, except those of the opening."""
     edges = {}
     for plate in bucket.plates():
         for a, b in zip(plate, np.roll(plate, -1, axis=0), strict=True):
             edges[tuple(a), tuple(b)] = edges.get((tuple(a), tuple(b)), 0) + 1
     assert set(edges.values()) == {1}
-    mouth = {(a, b) for a, b in edges if (b, a) not in edges}
+    opening = {(a, b) for a, b in edges if (b, a) not in edges}
     ends = {tuple(p) for p in (*bucket.key_points[:2], *bucket.key_points[-2:])}
-    assert len(mouth) == 4
-    assert {corner for edge in mouth for corner in edge} == ends
+    assert len(opening) == 4
+    assert {corner for edge in opening for corner in edge} == ends
 
 
 def test_plates_are_planar_convex_and_face_outward(bucket):
@@ -93,7 +93,7 @@ def test_key_points_run_from_lip_to_rim_left_before_right(bucket):
     np.testing.assert_array_equal(points[0], [1.45, 0.6, 0.0])
 
 
-def test_outward_normals_leave_the_bucket(bucket):
+def test_outward_normals_point_out_of_the_bucket(bucket):
     normals = bucket.outward_normals
     points = bucket.key_points[0::2] * [1.0, 0.0, 1.0]
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
@@ -101,13 +101,13 @@ def test_outward_normals_leave_the_bucket(bucket):
     assert bucket.contains(points[1:-1] - 1e-6 * normals[1:-1]).all()
 
 
-def test_mouth_normal_leaves_through_the_mouth(bucket):
+def test_opening_normal_points_out_of_the_opening(bucket):
     assert bucket.opening_normal @ [1.0, 0.0, 0.0] == pytest.approx(0.0, abs=0.1)
     assert bucket.opening_normal[2] < -0.95
     assert np.linalg.norm(bucket.opening_normal) == pytest.approx(1.0)
 
 
-def test_clamped_points_keep_clear_of_every_plate(bucket, inside):
+def test_clamped_points_keep_the_clearance_from_every_plate(bucket, inside):
     points, _ = inside
     moved = bucket.clamp_inside(points, 0.05)
     assert bucket.contains(moved).all()
@@ -117,17 +117,17 @@ def test_clamped_points_keep_clear_of_every_plate(bucket, inside):
         assert distance.min() > 0.05 - 1e-9
 
 
-def test_points_with_room_stay_where_they_are(bucket):
+def test_points_with_enough_clearance_are_unchanged(bucket):
     points = np.array([[0.7, 0.1, 0.3], [0.8, -0.5, 0.2]])
     np.testing.assert_array_equal(bucket.clamp_inside(points, 0.05), points)
 
 
-def test_clearance_without_room_is_refused(bucket):
+def test_too_large_a_clearance_is_rejected(bucket):
     with pytest.raises(MachineError, match="smaller"):
         bucket.clamp_inside(np.zeros((1, 3)), 0.7)
 
 
-def test_star_is_no_bucket():
+def test_star_shaped_profile_is_rejected():
     turn = np.arange(7) * 3 * 2 * np.pi / 7
     star = np.column_stack([np.cos(turn), np.sin(turn)])
     with pytest.raises(MachineError, match="not convex"):
