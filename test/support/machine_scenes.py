@@ -1,4 +1,4 @@
-"""A machine on level ground, for tests of the machine side."""
+"""A machine on level ground, for tests of the machine simulation."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ from soil_sim.soils.params import SoilParams
 GRID = Grid(129, 129, 0.2)
 
 COMMAND_NAMES = (*EXCAVATOR_JOINTS, *TRACK_NAMES)
-"""What an excavator is commanded."""
+"""Names of all commands of an excavator."""
 
 
 def load_shipped_machine(name: str) -> MachineSpec:
-    """A machine that is shipped."""
+    """Return a machine of `config/machines`."""
     return load_machine_spec(find_config(f"machines/{name}.yaml"))
 
 
 def excavator() -> MachineSpec:
-    """The shipped excavator."""
+    """Return the excavator of `config/machines`."""
     return load_shipped_machine("excavator")
 
 
 def machine_on_level_ground(spec: MachineSpec | None = None, **options: object) -> MachineSim:
-    """The shipped machine, or another, in the middle of a map at height 0, facing +x."""
+    """Return a machine, by default the excavator, in the middle of a level map, facing +x."""
     placements = [Placement(spec or excavator())]
     return MachineSim(placements, GRID, np.zeros(GRID.shape), **options)  # type: ignore[arg-type]
 
 
 def loose_soil_options(soil: Soil) -> dict[str, list[LooseSoil]]:
-    """What a machine must know of how soil is when it is loose."""
+    """Return the options of `MachineSim` that describe the loose soils of a terrain."""
     return {"soils": list(soil.loose_soils)}
 
 
 def level_soil(**params: object) -> Soil:
-    """Soil under such a machine."""
+    """Return level soil on the same grid."""
     return Soil(GRID, np.zeros(GRID.shape), SoilParams(**params))  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""A machine on a made-up ground, and a way to run it."""
+"""Fixtures: one machine in a physics client on synthetic terrain."""
 
 import math
 from collections.abc import Callable
@@ -20,7 +20,7 @@ FIRM = LooseSoil()
 
 
 class Scene:
-    """One client with one machine on a terrain z(x, y)."""
+    """A physics client with one machine on a terrain z(x, y)."""
 
     def __init__(
         self,
@@ -44,7 +44,7 @@ class Scene:
         self.machine = TrackedMachine(spec, self.client, self.ground, position, yaw, tracks)
 
     def step(self, pull=0.0):
-        """One step; `pull` [N] drags backward on the map's x axis, on the ground."""
+        """Advance by one step; a force `pull` [N] acts toward -x of the map, at ground level."""
         self.machine.before_step(self.dt)
         if pull:
             point = self.machine.base_pose[0]
@@ -60,15 +60,18 @@ class Scene:
         self.machine.after_step()
 
     def run(self, seconds, pull=0.0):
+        """Advance by a time [s]."""
         for _ in range(round(seconds / self.dt)):
             self.step(pull)
 
-    def dig(self, depth):
+    def lower_ground(self, depth):
+        """Lower the whole terrain by a depth [m]."""
         rows, cols = np.indices(self.ground.grid.shape).reshape(2, -1)
         self.ground.set_heights(rows, cols, self.ground.elevation[rows, cols] - depth)
 
     @property
-    def place(self):
+    def position(self):
+        """Origin of the base frame [m], map frame."""
         return self.machine.base_pose[0]
 
 
@@ -79,19 +82,19 @@ def spec() -> MachineSpec:
 
 @pytest.fixture
 def scene(spec) -> Callable[..., Scene]:
-    """Make scenes; their clients are closed after the test."""
-    made = []
+    """Return a function that creates scenes; their clients are closed after the test."""
+    scenes = []
 
     def make(surface=None, *, slope_deg=None, **options):
         if slope_deg is not None:
-            rise = math.tan(math.radians(slope_deg))
+            gradient = math.tan(math.radians(slope_deg))
 
             def surface(x, y):
-                return rise * x
+                return gradient * x
 
-        made.append(Scene(spec, surface, **options))
-        return made[-1]
+        scenes.append(Scene(spec, surface, **options))
+        return scenes[-1]
 
     yield make
-    for one in made:
-        one.client.disconnect()
+    for created in scenes:
+        created.client.disconnect()

@@ -20,7 +20,6 @@ from machine_sim.machine import (
     tool_pose,
 )
 from machine_sim.machine.arm_kinematics import arm_geometry, solve_bucket_pin_angles
-from machine_sim.machine.rotations import quaternion_from_matrix
 
 from .conftest import MACHINE_FILE
 
@@ -63,15 +62,6 @@ def test_lip_of_the_tool_pose_is_in_the_arm_plane(angles, quaternion, swing):
     assert (reach, lateral, height) == pytest.approx((tip.reach, 0.0, tip.height), abs=1e-9)
     back = swing_frame_to_map(MACHINE, base, rotation, swing, [reach, lateral, height])
     np.testing.assert_allclose(back, lip, atol=1e-9)
-
-
-@settings(max_examples=100, deadline=None)
-@given(QUATERNIONS)
-def test_quaternion_from_matrix_inverts_rotation_matrix(quaternion):
-    rotation = rotation_matrix(np.array(quaternion) / np.linalg.norm(quaternion))
-    np.testing.assert_allclose(
-        rotation_matrix(quaternion_from_matrix(rotation)), rotation, atol=1e-12
-    )
 
 
 def test_swing_angle_toward_a_point_puts_it_into_the_arm_plane():

@@ -1,4 +1,4 @@
-"""Pump, valves and cylinders: flow shared, power kept, relief, hold, cushion, pressures."""
+"""Hydraulics: shared flow, limited power, relief valves, locked cylinders, cushions, pressures."""
 
 import math
 
@@ -12,7 +12,7 @@ from .conftest import DT
 
 REST = [0.0] * 4
 MIDDLE = [0.0, -0.3, 1.5, 0.8]
-"""Angles [rad] far from all end stops."""
+"""Joint angles far from all limits [rad]."""
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def arm(spec):
 
 
 def flow(spec, angles, speeds):
-    """What the cylinders take at joint speeds [m^3/s]."""
+    """Return the flow into the cylinders at given joint speeds [m^3/s]."""
     total = 0.0
     for name, cylinder in spec.cylinders.items():
         i = EXCAVATOR_JOINTS.index(name)
@@ -31,34 +31,34 @@ def flow(spec, angles, speeds):
     return total
 
 
-def test_one_slow_joint_gets_what_it_asks_for(arm):
+def test_small_flow_demand_is_met(arm):
     assert arm.attainable_speeds([0.1, -0.1, 0.0, 0.0], MIDDLE, REST) == pytest.approx(
         [0.1, -0.1, 0, 0]
     )
 
 
-def test_joints_together_share_the_pump_and_swing_has_its_own(arm, spec):
-    wanted = [1.1, -0.45, 1.1, 1.1]
-    given = arm.attainable_speeds(wanted, MIDDLE, REST)
-    assert given[0] == 1.1
-    shares = [a / b for a, b in zip(given[1:], wanted[1:], strict=True)]
+def test_large_flow_demand_is_shared_in_proportion_except_by_swing(arm, spec):
+    commanded = [1.1, -0.45, 1.1, 1.1]
+    attainable = arm.attainable_speeds(commanded, MIDDLE, REST)
+    assert attainable[0] == 1.1
+    shares = [a / b for a, b in zip(attainable[1:], commanded[1:], strict=True)]
     assert shares == pytest.approx([shares[0]] * 3)
     assert shares[0] < 0.6
-    assert flow(spec, MIDDLE, given) == pytest.approx(spec.supply.pump_flow)
+    assert flow(spec, MIDDLE, attainable) == pytest.approx(spec.supply.pump_flow)
 
 
-def test_at_high_pressure_the_pump_gives_its_power_and_no_more(arm, spec):
+def test_flow_at_high_pressure_is_limited_by_power(arm, spec):
     supply, boom = spec.supply, spec.cylinders["boom"]
     lever_arm = boom.linkage.lever_arm(MIDDLE[1])
     pressure = 30e6
     force = pressure * boom.cap_side_area - supply.return_pressure * boom.rod_side_area
-    given = arm.attainable_speeds([0, -0.45, 0, 0], MIDDLE, [0, lever_arm * force, 0, 0])
-    taken = flow(spec, MIDDLE, given)
-    assert taken * pressure == pytest.approx(supply.pump_power)
-    assert taken < supply.pump_flow
+    attainable = arm.attainable_speeds([0, -0.45, 0, 0], MIDDLE, [0, lever_arm * force, 0, 0])
+    total_flow = flow(spec, MIDDLE, attainable)
+    assert total_flow * pressure == pytest.approx(supply.pump_power)
+    assert total_flow < supply.pump_flow
 
 
-def test_a_cushion_slows_toward_the_end_and_not_away_from_it(arm, spec):
+def test_cushion_reduces_speed_toward_the_end_only(arm, spec):
     linkage = spec.cylinders["arm"].linkage
     near = [0.0, -0.3, linkage.angle(linkage.max_length - 0.01), 0.8]
     toward = arm.attainable_speeds([0, 0, 0.2, 0], near, REST)[2]
@@ -67,7 +67,7 @@ def test_a_cushion_slows_toward_the_end_and_not_away_from_it(arm, spec):
     assert away == pytest.approx(-0.2)
 
 
-def test_torque_follows_lever_area_and_direction(arm, spec):
+def test_torque_limit_follows_lever_arm_area_and_direction(arm, spec):
     supply, boom = spec.supply, spec.cylinders["boom"]
     for angle in (-1.0, -0.3, 0.5):
         angles = [0.0, angle, 1.5, 0.8]
@@ -75,16 +75,16 @@ def test_torque_follows_lever_area_and_direction(arm, spec):
         lifting = [0.0, math.copysign(1e5, lever_arm), 0.0, 0.0]
         push = arm.torque_limits([True] * 4, angles, lifting)[1]
         pull = arm.torque_limits([True] * 4, angles, [-e for e in lifting])[1]
-        head, rod, back = boom.cap_side_area, boom.rod_side_area, supply.return_pressure
+        cap, rod, back = boom.cap_side_area, boom.rod_side_area, supply.return_pressure
         assert push == pytest.approx(
-            abs(lever_arm) * (supply.main_relief_pressure * head - back * rod)
+            abs(lever_arm) * (supply.main_relief_pressure * cap - back * rod)
         )
         assert pull == pytest.approx(
-            abs(lever_arm) * (supply.main_relief_pressure * rod - back * head)
+            abs(lever_arm) * (supply.main_relief_pressure * rod - back * cap)
         )
-        held = arm.torque_limits([False] * 4, angles, lifting)[1]
-        assert held == pytest.approx(
-            abs(lever_arm) * (supply.port_relief_pressure * head - back * rod)
+        locked = arm.torque_limits([False] * 4, angles, lifting)[1]
+        assert locked == pytest.approx(
+            abs(lever_arm) * (supply.port_relief_pressure * cap - back * rod)
         )
     assert arm.torque_limits([True] * 4, MIDDLE, REST)[0] == spec.joints["swing"].max_effort
 
@@ -107,16 +107,13 @@ def test_pressures_balance_the_force(arm, spec):
             assert state.speed == pytest.approx(0.1 * lever_arm)
 
 
-# The machine.
-
-
-def test_a_weak_arm_stalls_at_the_relief_pressure(scene, spec):
+def test_arm_stalls_at_the_relief_pressure(scene, spec):
     s = scene()
     s.run(0.5)
     before = s.machine.joint_positions[2]
     s.machine.command([0.0, 0.0, 0.5, 0.0], [0.0, 0.0])
     for _ in range(200):
-        # Far more than the arm can pull at its tip.
+        # Far above the breakout force of the arm.
         _, origin = s.machine.tool.pose
         s.machine.tool.push([4e5, 0.0, 0.0], [0.0] * 3, origin)
         s.step()
@@ -125,19 +122,19 @@ def test_a_weak_arm_stalls_at_the_relief_pressure(scene, spec):
     assert state.cap_side_pressure == pytest.approx(spec.supply.main_relief_pressure, rel=0.08)
 
 
-def test_holding_at_rest_the_boom_carries_the_front_on_its_heads(scene, spec):
+def test_boom_at_rest_is_held_by_cap_side_pressure(scene, spec):
     s = scene()
     s.run(2.0)
-    held = s.machine.joint_positions
+    start = s.machine.joint_positions
     s.run(5.0)
-    assert np.abs(s.machine.joint_positions - held).max() < 1e-5
+    assert np.abs(s.machine.joint_positions - start).max() < 1e-5
     boom = s.machine.cylinders["boom"]
     assert boom.force > 0.0
     assert 2e6 < boom.cap_side_pressure < 25e6
 
 
-def test_an_arm_moves_slower_while_boom_and_bucket_move_too(scene):
-    def way(velocities):
+def test_arm_is_slower_while_boom_and_bucket_move(scene):
+    def arm_angle_after_half_a_second(velocities):
         s = scene()
         s.run(0.3)
         s.machine.command(velocities, [0.0, 0.0])
@@ -145,4 +142,6 @@ def test_an_arm_moves_slower_while_boom_and_bucket_move_too(scene):
         s.run(100 * DT)
         return s.machine.joint_positions[2] - start
 
-    assert way([0.0, -0.4, 1.0, -1.0]) < 0.75 * way([0.0, 0.0, 1.0, 0.0])
+    combined = arm_angle_after_half_a_second([0.0, -0.4, 1.0, -1.0])
+    alone = arm_angle_after_half_a_second([0.0, 0.0, 1.0, 0.0])
+    assert combined < 0.75 * alone

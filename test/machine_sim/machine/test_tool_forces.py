@@ -1,4 +1,4 @@
-"""What a force on the tool does to the machine, on tracks of either kind."""
+"""Forces on the tool drag or overturn the machine, with both track models."""
 
 import numpy as np
 import pytest
@@ -11,42 +11,42 @@ BOTH = pytest.mark.parametrize("tracks", TRACK_MODELS)
 STILL = [0.0, 0.0]
 
 
-def reach(s, boom, arm, bucket):
-    """Take the joints to these angles [rad] and let the machine come to rest."""
+def move_arm(s, boom, arm, bucket):
+    """Move the joints to these angles [rad] and wait until the machine is at rest."""
     for _ in range(round(6.0 / DT)):
-        off = np.array([0.0, boom, arm, bucket]) - s.machine.joint_positions
-        s.machine.command(np.clip(3.0 * off, -0.4, 0.4), STILL)
+        error = np.array([0.0, boom, arm, bucket]) - s.machine.joint_positions
+        s.machine.command(np.clip(3.0 * error, -0.4, 0.4), STILL)
         s.step()
     s.machine.command([0.0] * 4, STILL)
     s.run(1.0)
 
 
 @BOTH
-@pytest.mark.parametrize(("force", "drags"), [(100e3, False), (150e3, True)])
-def test_a_pull_drags_the_base_once_it_beats_the_grip(scene, tracks, force, drags):
-    """The machine weighs 179 kN and its shoes hold 0.8 of that."""
+@pytest.mark.parametrize(("force", "is_dragged"), [(100e3, False), (150e3, True)])
+def test_pull_drags_the_base_above_the_friction_limit(scene, tracks, force, is_dragged):
+    """The machine weighs 179 kN, and the friction coefficient of its shoes is 0.8."""
     s = scene(tracks=tracks)
-    reach(s, 0.05, 1.55, 1.2)  # the bucket's pin near the ground, the arm upright
-    start, ground = s.place, []
+    move_arm(s, 0.05, 1.55, 1.2)  # the bucket's pin near the ground, the arm upright
+    start, ground_forces = s.position, []
     for k in range(600):
         s.machine.tool.push([min(1.0, k / 200) * force, 0.0, 0.0], np.zeros(3))
         s.step()
-        ground.append(s.machine.tracks.wrench[0])
-    moved = (s.place - start)[0]
-    assert moved > 0.5 if drags else moved < 0.03
-    held = min(force, 0.8 * 9.81 * s.machine.spec.mass)
-    assert np.mean(ground[400:]) == pytest.approx(-held, rel=0.05)
+        ground_forces.append(s.machine.tracks.wrench[0])
+    moved = (s.position - start)[0]
+    assert moved > 0.5 if is_dragged else moved < 0.03
+    expected = min(force, 0.8 * 9.81 * s.machine.spec.mass)
+    assert np.mean(ground_forces[400:]) == pytest.approx(-expected, rel=0.05)
 
 
 @BOTH
-def test_a_heavy_load_at_full_reach_tips_the_machine_over_a_sill(scene, tracks):
-    """2.4 t over a sill of 0.25 m, and nothing below the bucket that would catch it."""
+def test_heavy_load_at_full_reach_overturns_the_machine_on_a_sill(scene, tracks):
+    """A load of 2.4 t, a sill of 0.25 m, and no contact of the bucket with the ground."""
 
     def sill(x, y):
         return np.where((x > 3.0) & (x < 3.6), 0.25, 0.0)
 
     s = scene(sill, tracks=tracks)
-    reach(s, -0.35, 0.62, 0.9)
+    move_arm(s, -0.35, 0.62, 0.9)
     s.machine.command([0.0] * 4, [0.8, 0.8])
     tilts = []
     while not s.machine.overturned and len(tilts) < round(8.0 / DT):
@@ -59,4 +59,4 @@ def test_a_heavy_load_at_full_reach_tips_the_machine_over_a_sill(scene, tracks):
     assert s.machine.overturned
     assert tilts[0] < 0.1
     assert tilts[-1] > 1.0
-    assert np.abs(np.diff(tilts)).max() < 0.05  # it goes over, it is not thrown
+    assert np.abs(np.diff(tilts)).max() < 0.05  # it tips gradually

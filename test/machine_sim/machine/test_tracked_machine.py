@@ -1,4 +1,4 @@
-"""The excavator in pybullet: the arm follows and holds, states are consistent and repeatable."""
+"""The excavator in pybullet: the arm follows commands and holds; states are reproducible."""
 
 import math
 
@@ -23,7 +23,7 @@ def drive(s, velocities, seconds, tracks=STILL):
 
 
 def state(machine):
-    """Everything that moves, as one array."""
+    """Return the state of the machine as one array."""
     return np.concatenate(
         [
             *machine.base_pose,
@@ -48,25 +48,25 @@ def test_joint_follows_its_commanded_velocity(scene, joint):
     command = np.zeros(4)
     command[joint] = 0.3 if joint != 3 else -0.3
     drive(s, command, 0.5)
-    worst = 0.0
+    max_error = 0.0
     for _ in range(100):
         s.step()
-        worst = max(worst, np.abs(s.machine.joint_velocities - command).max())
-    assert worst < 2e-3
+        max_error = max(max_error, np.abs(s.machine.joint_velocities - command).max())
+    assert max_error < 2e-3
 
 
-def test_swing_stops_where_its_ramp_ends(scene, spec):
+def test_swing_stops_at_the_end_of_its_ramp(scene, spec):
     s = scene()
     s.run(0.5)
     drive(s, [0.5, 0.0, 0.0, 0.0], 2.0)
     start = s.machine.joint_positions[0]
     s.machine.command([0.0] * 4, STILL)
-    furthest = 0.0
+    max_angle = 0.0
     for _ in range(300):
         s.step()
-        furthest = max(furthest, s.machine.joint_positions[0] - start)
+        max_angle = max(max_angle, s.machine.joint_positions[0] - start)
     ramp = 0.5**2 / (2.0 * spec.joints["swing"].max_acceleration)
-    assert furthest < ramp + 0.004
+    assert max_angle < ramp + 0.004
     assert abs(s.machine.joint_velocities[0]) < 1e-4
 
 
@@ -77,20 +77,20 @@ def test_arm_holds_while_driving_over_a_sill(scene, tracks):
 
     s = scene(sill, tracks=tracks)
     s.run(2.0)
-    held = s.machine.joint_positions
+    start = s.machine.joint_positions
     s.machine.command([0.0] * 4, [0.8, 0.8])
     moved, tilt = 0.0, 0.0
     for _ in range(round(7.0 / DT)):
         s.step()
-        moved = max(moved, np.abs(s.machine.joint_positions - held).max())
+        moved = max(moved, np.abs(s.machine.joint_positions - start).max())
         tilt = max(tilt, s.machine.tilt)
-    assert s.place[0] > 4.5
-    assert tilt > 0.03  # it did go over
+    assert s.position[0] > 4.5
+    assert tilt > 0.03  # it has driven over the sill
     assert moved <= 0.1e-3
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_limits_are_reached_and_not_passed(scene, spec, sign):
+def test_joint_limits_are_reached_and_not_exceeded(scene, spec, sign):
     s = scene()
     limits = [spec.joints[name] for name in ("boom", "arm", "bucket")]
     s.machine.command([0.0, sign, sign, sign], STILL)
@@ -105,7 +105,7 @@ def test_limits_are_reached_and_not_passed(scene, spec, sign):
     np.testing.assert_allclose(s.machine.joint_positions[1:], ends, atol=1e-3)
 
 
-def test_mapping_moves_the_named_joint_and_holds_the_others(scene):
+def test_mapping_command_moves_named_joints_and_holds_the_others(scene):
     s = scene()
     s.run(0.5)
     before = s.machine.joint_positions
@@ -130,11 +130,11 @@ def test_mapping_moves_the_named_joint_and_holds_the_others(scene):
         (None, [0.0, 0.0]),
     ],
 )
-def test_bad_command_is_refused_and_changes_nothing(scene, joints, tracks):
+def test_invalid_command_is_rejected_and_changes_nothing(scene, joints, tracks):
     s, untouched = scene(), scene()
-    for one in (s, untouched):
-        one.machine.command([0.2, 0.0, -0.1, 0.0], [0.3, 0.3])
-        one.run(0.2)
+    for each in (s, untouched):
+        each.machine.command([0.2, 0.0, -0.1, 0.0], [0.3, 0.3])
+        each.run(0.2)
     with pytest.raises(MachineError):
         s.machine.command(joints, tracks)
     s.run(0.2)
@@ -142,7 +142,7 @@ def test_bad_command_is_refused_and_changes_nothing(scene, joints, tracks):
     np.testing.assert_array_equal(state(s.machine), state(untouched.machine))
 
 
-def test_bad_wrench_is_refused_and_changes_nothing(scene):
+def test_invalid_wrench_is_rejected_and_changes_nothing(scene):
     s, untouched = scene(), scene()
     with pytest.raises(MachineError):
         s.machine.tool.push([0.0, math.nan, 0.0], np.zeros(3), np.zeros(3))
@@ -180,31 +180,31 @@ def test_tool_pose_is_that_of_the_kinematics(scene, spec):
         np.testing.assert_allclose(s.machine.tool.pose[1], origin, atol=1e-6)
 
 
-def test_tool_velocity_is_the_change_of_its_pose(scene):
+def test_tool_velocity_is_the_derivative_of_its_pose(scene):
     s = scene()
     drive(s, [0.5, -0.2, 0.4, -0.5], 0.8, [0.4, 0.2])
     before, origin = s.machine.tool.pose
     s.step()
     after, moved = s.machine.tool.pose
-    velocity, spin = s.machine.tool.velocity
+    velocity, angular_velocity = s.machine.tool.velocity
     np.testing.assert_allclose((moved - origin) / DT, velocity, atol=5e-3)
     turn = (after @ before.T - np.eye(3)) / DT
-    np.testing.assert_allclose([turn[2, 1], turn[0, 2], turn[1, 0]], spin, atol=5e-3)
+    np.testing.assert_allclose([turn[2, 1], turn[0, 2], turn[1, 0]], angular_velocity, atol=5e-3)
 
 
-def test_pose_taken_before_a_step_stays_as_it_was(scene):
+def test_pose_is_not_modified_by_later_steps(scene):
     s = scene()
     drive(s, [0.5, 0.0, 0.0, 0.0], 0.5)
     rotation, origin = s.machine.tool.pose
-    kept = rotation.copy(), origin.copy()
+    expected_pose = rotation.copy(), origin.copy()
     s.run(0.1)
-    np.testing.assert_array_equal(rotation, kept[0])
-    np.testing.assert_array_equal(origin, kept[1])
+    np.testing.assert_array_equal(rotation, expected_pose[0])
+    np.testing.assert_array_equal(origin, expected_pose[1])
     assert not np.array_equal(s.machine.tool.pose[1], origin)
 
 
-def test_tool_wrench_loads_the_joints_by_its_lever(scene, spec):
-    """Virtual work: the efforts change by minus the wrench's power per unit joint speed."""
+def test_tool_wrench_changes_joint_efforts_by_virtual_work(scene, spec):
+    """The efforts change by minus the power of the wrench per unit of joint velocity."""
     loaded, free = scene(), scene()
     force, torque = np.array([3e3, 1e3, -6e3]), np.array([500.0, -800.0, 300.0])
     offset = np.array([0.9, 0.2, 0.3])
@@ -223,7 +223,7 @@ def test_tool_wrench_loads_the_joints_by_its_lever(scene, spec):
         turn = (ahead[0] - behind[0]) @ now.T / (2.0 * h)
         expected.append(-(force @ speed + torque @ [turn[2, 1], turn[0, 2], turn[1, 0]]))
     change = loaded.machine.joint_efforts - free.machine.joint_efforts
-    # The load tilts the base by 3.5 mrad, which turns the arm's own weight by up to 200 N m.
+    # The load tilts the base by 3.5 mrad, so that the arm's weight contributes up to 200 N m.
     np.testing.assert_allclose(change, expected, rtol=1e-3, atol=300.0)
 
 
@@ -238,7 +238,7 @@ def test_tool_wrench_lasts_one_step(scene, spec):
     assert s.machine.joint_efforts[1] == pytest.approx(rest, rel=1e-2)
 
 
-def test_overloaded_joint_gives_way_and_is_not_wound_up(scene, spec):
+def test_overloaded_joint_yields_without_wind_up(scene, spec):
     s = scene()
     s.run(0.5)
     limit = spec.joints["bucket"].max_effort
@@ -255,7 +255,7 @@ def test_overloaded_joint_gives_way_and_is_not_wound_up(scene, spec):
     )  # it does not spring back
 
 
-def test_load_at_full_reach_tips_the_machine_over_its_tracks(scene):
+def test_load_at_full_reach_tilts_the_machine(scene):
     s = scene()
     drive(s, [0.0, 0.6, -1.1, -0.5], 1.2)
     s.machine.command([0.0] * 4, STILL)
@@ -268,7 +268,7 @@ def test_load_at_full_reach_tips_the_machine_over_its_tracks(scene):
     assert max(tilts) > 0.15
 
 
-def test_fallen_machine_lies_on_its_roof_and_says_so(scene, spec):
+def test_overturned_machine_rests_on_its_main_body(scene, spec):
     s = scene()
     upside_down = pybullet.getQuaternionFromEuler((math.pi, 0.0, 0.0))
     roof = arm_geometry(spec).swing[2] + 1.3
@@ -276,7 +276,7 @@ def test_fallen_machine_lies_on_its_roof_and_says_so(scene, spec):
     s.machine.after_step()
     s.run(10.0)
     assert s.machine.overturned
-    assert s.place[2] > 1.5  # without its upper body it would come down on its tracks, to 0.8
+    assert s.position[2] > 1.5  # without contact of the main body it would rest at 0.8
     assert np.linalg.norm(s.machine.base_velocity[0]) < 0.1
 
 
@@ -291,6 +291,6 @@ def test_two_machines_share_a_client(spec, scene):
         s.client.stepSimulation()
         s.machine.after_step()
         other.after_step()
-    assert s.place[0] > 0.3
+    assert s.position[0] > 0.3
     assert np.linalg.norm(other.base_pose[0] - start) < 0.01
     assert isinstance(s.client, BulletClient)

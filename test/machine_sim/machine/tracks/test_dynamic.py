@@ -1,4 +1,4 @@
-"""Hinged tracks: they drive, turn, climb, stop and hold, and stay on or say that they do not."""
+"""Dynamic tracks: driving, turning, climbing, stopping, holding, and chains that come off."""
 
 import hashlib
 import math
@@ -12,28 +12,29 @@ import pytest
 
 from machine_sim.machine import MachineError, TrackedMachine
 
-from .conftest import DT
+from ..conftest import DT
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[4]
 STILL = [0.0] * 4
 
 
 def rough(seed, height=0.15):
-    """Rolling ground of 14 random waves."""
+    """Return rolling ground of 14 random waves, z(x, y) [m]."""
     rng = np.random.default_rng(seed)
     waves = [(*rng.normal(0.0, 0.6, 2), rng.uniform(0.0, 2.0 * math.pi)) for _ in range(14)]
 
     def surface(x, y):
-        parts = (
+        waves_at_point = (
             np.sin(kx * x + ky * y + phase) / (1.0 + 1.2 * math.hypot(kx, ky))
             for kx, ky, phase in waves
         )
-        return 0.35 * height * sum(parts)
+        return 0.35 * height * sum(waves_at_point)
 
     return surface
 
 
 def heading(machine):
+    """Return the yaw of the base [rad]."""
     x, y, z, w = machine.base_pose[1]
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
@@ -44,69 +45,69 @@ def drive(s, speeds, seconds):
 
 
 @pytest.mark.parametrize(("speed", "start"), [(0.8, -8.0), (-0.8, 8.0)])
-def test_speed_is_the_commanded_one(scene, speed, start):
+def test_machine_drives_at_the_commanded_speed(scene, speed, start):
     s = scene(tracks="dynamic", position=(start, 0.0))
     drive(s, [speed, speed], 2.0)
-    start = s.place
+    start = s.position
     s.run(4.0)
-    way = s.place - start
-    assert way[0] / 4.0 == pytest.approx(math.copysign(0.803, speed), rel=0.02)
-    assert abs(way[1]) < 0.02
+    displacement = s.position - start
+    assert displacement[0] / 4.0 == pytest.approx(math.copysign(0.803, speed), rel=0.02)
+    assert abs(displacement[1]) < 0.02
     np.testing.assert_allclose(s.machine.tracks.speed, speed, atol=0.1)
 
 
 def test_opposed_tracks_pivot_on_the_spot(scene):
     s = scene(tracks="dynamic")
     drive(s, [-0.5, 0.5], 2.0)
-    start, turned = s.place, 0.0
+    start, turned = s.position, 0.0
     for _ in range(10):
         before = heading(s.machine)
         s.run(0.4)
         turned += (heading(s.machine) - before + math.pi) % (2.0 * math.pi) - math.pi
     assert turned / 4.0 == pytest.approx(0.30, abs=0.03)  # 0.42 without slip
-    assert np.linalg.norm(s.place - start) < 0.5
+    assert np.linalg.norm(s.position - start) < 0.5
     assert s.machine.tilt < 0.03
 
 
-def test_machine_stops_at_once_and_stays(scene):
+def test_machine_stops_within_5_cm_and_does_not_creep(scene):
     s = scene(tracks="dynamic", position=(-4.0, 0.0))
     drive(s, [0.8, 0.8], 3.0)
-    start = s.place
+    start = s.position
     s.machine.command(STILL, [0.0, 0.0])
-    way = []
+    stopping = []
     for _ in range(200):
         s.step()
-        way.append((s.place - start)[0])
-    assert max(way) <= 0.05
+        stopping.append((s.position - start)[0])
+    assert max(stopping) <= 0.05
     s.run(3.0)
-    start = s.place
+    start = s.position
     s.run(5.0)
-    assert np.linalg.norm(s.place - start) < 0.003
+    assert np.linalg.norm(s.position - start) < 0.003
 
 
 @pytest.mark.parametrize("slope", [15, 25])
 def test_machine_climbs_and_holds_on_a_slope(scene, slope):
     s = scene(tracks="dynamic", slope_deg=slope, position=(-4.0, 0.0))
     s.run(1.0)
-    start = s.place
+    start = s.position
     drive(s, [0.5, 0.5], 4.0)
     uphill = [math.cos(math.radians(slope)), 0.0, math.sin(math.radians(slope))]
-    climbed = (s.place - start) @ uphill
+    climbed = (s.position - start) @ uphill
     assert climbed > 0.75 * 0.5 * 4.0
     drive(s, [0.0, 0.0], 2.0)
-    start = s.place
+    start = s.position
     s.run(10.0)
-    assert np.linalg.norm(s.place - start) < 0.02
+    assert np.linalg.norm(s.position - start) < 0.02
 
 
-def test_machine_slides_where_friction_ends(scene):
+def test_machine_slides_on_a_slope_steeper_than_friction(scene):
     """mu = 0.8 holds to 38.7 degrees."""
     s = scene(tracks="dynamic", slope_deg=42)
     s.run(2.0)
-    assert s.place[0] < -0.3
+    assert s.position[0] < -0.3
 
 
-def test_machine_driven_from_the_first_step_stays_on_its_chains(scene, spec):
+def test_chains_stay_on_when_driven_from_the_first_step(scene, spec):
     top = spec.tracks.max_speed
     s = scene(tracks="dynamic", position=(-8.0, 0.0))
     drive(s, [9.0, 9.0], 4.0)
@@ -114,12 +115,12 @@ def test_machine_driven_from_the_first_step_stays_on_its_chains(scene, spec):
 
 
 @pytest.mark.parametrize("dt", [0.002, 0.01])
-def test_other_time_steps_drive_as_well(scene, dt):
+def test_speed_does_not_depend_on_the_time_step(scene, dt):
     s = scene(tracks="dynamic", position=(-4.0, 0.0), dt=dt)
     drive(s, [0.8, 0.8], 2.0)
-    start = s.place
+    start = s.position
     s.run(2.0)
-    assert (s.place - start)[0] / 2.0 == pytest.approx(0.8, rel=0.06)
+    assert (s.position - start)[0] / 2.0 == pytest.approx(0.8, rel=0.06)
 
 
 def test_shoes_carry_the_weight(scene, spec):
@@ -132,7 +133,7 @@ def test_shoes_carry_the_weight(scene, spec):
     assert 16 <= tracks.shoes_in_contact <= 24  # 9 shoes of each side lie flat
 
 
-def test_shoes_go_round_the_wheels_hinge_by_hinge(scene):
+def test_shoes_circulate_with_closed_hinges_on_their_path(scene):
     s = scene(tracks="dynamic", position=(-4.0, 0.0))
     shape = s.machine.spec.tracks
     first = s.machine.tracks.shoe_poses[:, 0].copy()
@@ -148,38 +149,40 @@ def test_shoes_go_round_the_wheels_hinge_by_hinge(scene):
         over = np.maximum(np.abs(x) - 0.5 * shape.axle_distance, 0.0)
         off = np.hypot(over, z - shape.axle_height) - shape.sprocket_radius
         assert np.abs(off).max() < 0.1
-        # Forward, a shoe comes from below round the sprocket behind.
+        # When driving forward, a shoe moves from the lower run around the rear sprocket.
         assert np.linalg.norm(tracks.shoe_poses[side, 0, :2] - first[side, :2]) > 1.0
 
 
-def test_left_track_is_the_first(scene):
+def test_left_track_is_first(scene):
     s = scene(tracks="dynamic")
     drive(s, [0.0, 0.5], 2.0)
     assert s.machine.base_velocity[1][2] > 0.1  # a faster right track turns left
 
 
-def test_ground_dug_away_lets_the_machine_down(scene):
+def test_machine_follows_ground_that_is_lowered(scene):
     s = scene(tracks="dynamic")
     s.run(2.0)
-    before = s.place[2]
-    s.dig(0.1)
+    before = s.position[2]
+    s.lower_ground(0.1)
     s.run(2.0)
-    assert s.place[2] - before == pytest.approx(-0.1, abs=0.01)
+    assert s.position[2] - before == pytest.approx(-0.1, abs=0.01)
 
 
-def test_track_off_its_wheels_is_told(scene):
+def test_track_off_its_wheels_is_an_error(scene):
     s = scene(tracks="dynamic")
     s.run(0.5)
     shoe = s.machine.body + 1 + 24 + 12  # of the right track, above
-    place, turn = s.client.getBasePositionAndOrientation(shoe)
-    s.client.resetBasePositionAndOrientation(shoe, np.add(place, [0.0, 0.0, 0.5]).tolist(), turn)
+    position, quaternion = s.client.getBasePositionAndOrientation(shoe)
+    s.client.resetBasePositionAndOrientation(
+        shoe, np.add(position, [0.0, 0.0, 0.5]).tolist(), quaternion
+    )
     with pytest.raises(
         MachineError, match=r"the right track has come off.*0\.\d+ m.*track_model: kinematic"
     ):
         s.run(0.1)
 
 
-def test_motion_that_is_not_finite_is_told(scene):
+def test_motion_that_is_not_finite_is_an_error(scene):
     s = scene(tracks="dynamic")
     s.client.resetBaseVelocity(s.machine.body + 1, [math.nan, 0.0, 0.0], [0.0, 0.0, 0.0])
     with pytest.raises(MachineError, match="not finite"):
@@ -197,23 +200,23 @@ def test_two_machines_share_a_client(scene, spec):
         s.client.stepSimulation()
         s.machine.after_step()
         other.after_step()
-    assert s.place[0] > 0.3
+    assert s.position[0] > 0.3
     assert np.linalg.norm(other.base_pose[0] - start) < 0.03
 
 
 def random_drive(s, rng, seconds):
-    """Random driving near the middle of the map, a hash of where it led."""
+    """Drive at random near the middle of the map; return a hash of the states."""
     digest, time = hashlib.sha256(), 0.0
     while time < seconds:
         speeds = [(0.8, 0.8), (-0.8, -0.8), (0.6, 0.2), (-0.4, 0.4), (0.0, 0.0)][rng.integers(5)]
-        if np.linalg.norm(s.place[:2]) > 7.0:
-            outward = s.place[:2] @ [math.cos(heading(s.machine)), math.sin(heading(s.machine))]
+        if np.linalg.norm(s.position[:2]) > 7.0:
+            outward = s.position[:2] @ [math.cos(heading(s.machine)), math.sin(heading(s.machine))]
             speeds = (-0.8, -0.8) if outward > 0.0 else (0.8, 0.8)
-        lasts = rng.uniform(1.0, 4.0)
-        drive(s, speeds, lasts)
-        time += lasts
-        for part in (*s.machine.base_pose, s.machine.tracks.shoe_poses, s.machine.tracks.wrench):
-            digest.update(part.tobytes())
+        duration = rng.uniform(1.0, 4.0)
+        drive(s, speeds, duration)
+        time += duration
+        for array in (*s.machine.base_pose, s.machine.tracks.shoe_poses, s.machine.tracks.wrench):
+            digest.update(array.tobytes())
     return digest.hexdigest()
 
 
@@ -230,7 +233,7 @@ import sys
 import numpy as np
 from machine_sim.machine import load_machine_spec
 sys.path.append("test/machine_sim")
-from machine import test_dynamic_tracks as t
+from machine.tracks import test_dynamic as t
 from machine.conftest import MACHINE_FILE, Scene
 scene = Scene(load_machine_spec(MACHINE_FILE), t.rough(3), tracks="dynamic")
 print(t.random_drive(scene, np.random.default_rng(4), 4.0))
@@ -250,10 +253,10 @@ def test_chains_stay_on_while_driving_about_on_rough_ground(scene, seed):
     s = scene(rough(seed), tracks="dynamic")
     random_drive(s, np.random.default_rng(seed), 60.0)
     assert not s.machine.overturned
-    before = s.place
+    before = s.position
     speed = -0.8 if before[0] * math.cos(heading(s.machine)) > 0.0 else 0.8
     drive(s, [speed, speed], 2.0)
-    assert np.linalg.norm(s.place - before) > 1.2  # neither is it jammed
+    assert np.linalg.norm(s.position - before) > 1.2  # it is not jammed either
 
 
 @pytest.mark.slow
@@ -261,9 +264,9 @@ def test_standing_machine_does_not_creep(scene):
     s = scene(tracks="dynamic")
     drive(s, [0.5, 0.4], 2.0)
     drive(s, [0.0, 0.0], 15.0)
-    start = s.place
+    start = s.position
     s.run(60.0)
-    assert np.linalg.norm(s.place - start) < 1e-3
+    assert np.linalg.norm(s.position - start) < 1e-3
 
 
 def test_shoes_touch_only_the_wheels_of_their_own_side(scene):
@@ -274,13 +277,13 @@ def test_shoes_touch_only_the_wheels_of_their_own_side(scene):
         pybullet.getJointInfo(s.machine.body, i, s.client._client)[1].decode(): i
         for i in range(s.client.getNumJoints(s.machine.body))
     }
-    seen = set()
+    contacts = set()
     for contact in s.client.getContactPoints():
         bodies = {contact[1]: contact[3], contact[2]: contact[4]}
-        assert set(bodies) - {s.machine.body}, "the machine touches itself"
-        assert s.machine.body in bodies, "shoes touch one another"
+        assert set(bodies) - {s.machine.body}, "the machine collides with itself"
+        assert s.machine.body in bodies, "shoes collide with each other"
         shoe = next(body for body in bodies if body != s.machine.body)
         side = "left" if shoe - first < 24 else "right"
         assert bodies[s.machine.body] in (links[f"sprocket_{side}"], links[f"idler_{side}"])
-        seen.add((side, bodies[s.machine.body]))
-    assert len(seen) == 4
+        contacts.add((side, bodies[s.machine.body]))
+    assert len(contacts) == 4

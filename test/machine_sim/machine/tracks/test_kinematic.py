@@ -1,4 +1,4 @@
-"""Fast tracks: they drive, turn, stop, hold on slopes and slide where friction ends."""
+"""Kinematic tracks: driving, turning, stopping, holding on slopes and sliding."""
 
 import math
 
@@ -7,57 +7,57 @@ import pytest
 
 from machine_sim.machine import MachineError
 
-from .conftest import DT
+from ..conftest import DT
 
 
-def test_speed_is_the_commanded_one(scene):
+def test_machine_drives_at_the_commanded_speed(scene):
     s = scene(position=(-8.0, 0.0))
     s.machine.command([0.0] * 4, [0.8, 0.8])
     s.run(1.0)
-    start = s.place
+    start = s.position
     s.run(3.0)
-    way = s.place - start
-    assert way[0] / 3.0 == pytest.approx(0.8, rel=0.02)
-    assert abs(way[1]) < 1e-3
+    displacement = s.position - start
+    assert displacement[0] / 3.0 == pytest.approx(0.8, rel=0.02)
+    assert abs(displacement[1]) < 1e-3
 
 
-def test_reverse_is_as_fast(scene):
+def test_machine_reverses_at_the_commanded_speed(scene):
     s = scene(position=(8.0, 0.0))
     s.machine.command([0.0] * 4, [-0.8, -0.8])
     s.run(1.0)
-    start = s.place
+    start = s.position
     s.run(2.0)
-    assert (s.place - start)[0] / 2.0 == pytest.approx(-0.8, rel=0.02)
+    assert (s.position - start)[0] / 2.0 == pytest.approx(-0.8, rel=0.02)
 
 
 def test_opposed_tracks_pivot_on_the_spot(scene):
     s = scene()
     s.machine.command([0.0] * 4, [-0.5, 0.5])
     s.run(1.0)
-    start = s.place
-    places = []
+    start = s.position
+    positions = []
     for _ in range(12):
         s.run(1.0)
-        places.append(s.place)
-    _, spin = s.machine.base_velocity
-    assert 0.2 < spin[2] < 0.42  # slower than without slip: 2 * 0.5 / 2.38
-    assert np.linalg.norm(np.array(places) - start, axis=1).max() < 1.0
+        positions.append(s.position)
+    _, angular_velocity = s.machine.base_velocity
+    assert 0.2 < angular_velocity[2] < 0.42  # slower than without slip: 2 * 0.5 / 2.38
+    assert np.linalg.norm(np.array(positions) - start, axis=1).max() < 1.0
     assert s.machine.tilt < 0.02
 
 
-def test_machine_stops_at_once(scene):
+def test_machine_stops_within_5_cm(scene):
     s = scene()
     s.run(1.0)
     s.machine.command([0.0] * 4, [0.8, 0.8])
     s.run(2.0)
-    start = s.place
+    start = s.position
     s.machine.command([0.0] * 4, [0.0, 0.0])
-    way = []
+    stopping = []
     for _ in range(200):
         s.step()
-        way.append((s.place - start)[0])
-    assert max(way) <= 0.05
-    assert np.ptp(way[-40:]) < 2e-3
+        stopping.append((s.position - start)[0])
+    assert max(stopping) <= 0.05
+    assert np.ptp(stopping[-40:]) < 2e-3
     np.testing.assert_array_equal(s.machine.tracks.speed, 0.0)
 
 
@@ -66,25 +66,25 @@ def test_machine_stops_at_once(scene):
 def test_machine_holds_on_a_slope(scene, slope, yaw):
     s = scene(slope_deg=slope, yaw=yaw)
     s.run(2.0)
-    start = s.place
+    start = s.position
     s.run(5.0)
-    assert np.linalg.norm(s.place - start) < 0.002
+    assert np.linalg.norm(s.position - start) < 0.002
 
 
 def test_machine_holds_facing_downhill(scene):
-    """The arm's weight is over the idlers: it rocks for longer, then stays just as well."""
+    """The arm's weight is over the idlers, so the machine oscillates longer before it rests."""
     s = scene(slope_deg=25, yaw=math.pi)
     s.run(8.0)
-    start = s.place
+    start = s.position
     s.run(5.0)
-    assert np.linalg.norm(s.place - start) < 0.002
+    assert np.linalg.norm(s.position - start) < 0.002
 
 
-def test_machine_slides_where_friction_ends(scene):
+def test_machine_slides_on_a_slope_steeper_than_friction(scene):
     """mu = 0.8 holds to 38.7 degrees."""
     s = scene(slope_deg=41, yaw=0.0)
     s.run(2.0)
-    assert s.place[0] < -0.3
+    assert s.position[0] < -0.3
 
 
 def test_shoes_carry_the_weight(scene, spec):
@@ -97,7 +97,7 @@ def test_shoes_carry_the_weight(scene, spec):
     assert 30 <= tracks.shoes_in_contact <= 36  # 16.5 pitches on the ground on each side
 
 
-def test_shoes_lie_on_the_path_a_pitch_apart(scene, spec):
+def test_shoes_are_on_the_path_one_pitch_apart(scene, spec):
     s = scene()
     s.machine.command([0.0] * 4, [0.5, 0.3])
     s.run(1.0)
@@ -110,15 +110,15 @@ def test_shoes_lie_on_the_path_a_pitch_apart(scene, spec):
         gaps = np.hypot(np.diff(x), np.diff(z))
         assert gaps.max() <= shape.pitch + 1e-9
         assert gaps.min() > 0.95 * shape.pitch  # chords of the wheels
-        # Outside of a shoe is its local z: down below, back behind, up above, forward in front.
+        # The outward normal of a shoe is its local z, which points away from the path.
         outward = np.column_stack([np.sin(pitch), np.cos(pitch)])
-        spoke = np.column_stack([np.sign(x) * over, z - shape.axle_height])
-        np.testing.assert_allclose(outward * shape.sprocket_radius, spoke, atol=1e-9)
+        radial = np.column_stack([np.sign(x) * over, z - shape.axle_height])
+        np.testing.assert_allclose(outward * shape.sprocket_radius, radial, atol=1e-9)
 
 
 @pytest.mark.parametrize(("height", "touches"), [(1.95, True), (1.975, False)])
-def test_soles_reach_round_the_front_wheels(scene, spec, height, touches):
-    """Nose down, the furthest sole is half the axle distance, radius and half a shoe ahead."""
+def test_soles_on_the_idlers_touch_the_ground(scene, spec, height, touches):
+    """Nose down, the lowest sole is half the axle distance, a radius and half a shoe ahead."""
     s = scene()
     nose_down = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
     com = [0.0, 0.0, height] + nose_down @ spec.links["base"].center_of_mass
@@ -126,38 +126,38 @@ def test_soles_reach_round_the_front_wheels(scene, spec, height, touches):
     assert (s.machine.tracks.shoes_in_contact > 0) == touches  # 1.572 + 0.36 + 0.03 = 1.962 m
 
 
-def test_left_track_is_the_first(scene):
+def test_left_track_is_first(scene):
     s = scene()
     s.machine.command([0.0] * 4, [0.0, 0.5])
     s.run(2.0)
     assert s.machine.base_velocity[1][2] > 0.1  # a faster right track turns left
 
 
-def test_faster_than_the_machine_is_as_fast_as_it_can(scene, spec):
+def test_speed_command_is_limited_to_the_maximum(scene, spec):
     s = scene(position=(-8.0, 0.0))
     s.machine.command([0.0] * 4, [9.0, 9.0])
     s.run(2.0)
     assert s.machine.tracks.speed == pytest.approx(spec.tracks.max_speed)
 
 
-def test_machine_is_set_down_along_the_ground(scene):
+def test_initial_pose_follows_the_slope(scene):
     s = scene(slope_deg=20, yaw=0.7, position=(2.0, -3.0))
     assert s.machine.tilt == pytest.approx(math.radians(20))
-    assert s.place[2] == pytest.approx(2.0 * math.tan(math.radians(20)), abs=0.03)
+    assert s.position[2] == pytest.approx(2.0 * math.tan(math.radians(20)), abs=0.03)
     forward = s.machine.base_pose[1]
     assert np.linalg.norm(forward) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("position", [(99.0, 0.0), (math.nan, 0.0), (0.0, 0.0, 0.0)])
-def test_machine_off_the_map_is_refused(scene, position):
+def test_invalid_initial_position_is_rejected(scene, position):
     with pytest.raises(MachineError):
         scene(position=position)
 
 
-def test_ground_dug_away_lets_the_machine_down(scene):
+def test_machine_follows_ground_that_is_lowered(scene):
     s = scene()
     s.run(1.0)
-    before = s.place[2]
-    s.dig(0.1)
+    before = s.position[2]
+    s.lower_ground(0.1)
     s.run(2.0)
-    assert s.place[2] - before == pytest.approx(-0.1, abs=2e-3)
+    assert s.position[2] - before == pytest.approx(-0.1, abs=2e-3)
