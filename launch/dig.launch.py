@@ -1,9 +1,9 @@
-"""Soil, one excavator or what a file names, the scripted operator and a recorder.
+"""Launch the soil, one excavator or the machines of a file, the scripted operator and a recorder.
 
     ros2 launch earthmoving_sim dig.launch.py
 
-Arguments: `sync:=lockstep`, `operator:=false` (you drive), `record:=false`, `terrain:=FILE`;
-another file of the machines, their node's namespace, and that of the machine with the operator:
+Arguments: `sync:=lockstep`, `operator:=false` (drive yourself), `record:=false`, `terrain:=FILE`;
+with another machine file also the namespace of its node, and that of the operated machine:
 
     ros2 launch earthmoving_sim dig.launch.py \\
         machines:=config/site_machines.yaml namespace:=/site operated_machine:=/site/digger
@@ -20,12 +20,12 @@ PACKAGE = "earthmoving_sim"
 
 
 def parameters(name: str) -> PathJoinSubstitution:
-    """The shipped parameter file of a node."""
+    """Return the shipped parameter file of a node."""
     return PathJoinSubstitution([FindPackageShare(PACKAGE), "config", f"{name}.yaml"])
 
 
 def generate_launch_description() -> LaunchDescription:
-    """What `ros2 launch` asks for."""
+    """Return the launch description for `ros2 launch`."""
     arguments = {
         "sync": "realtime",
         "operator": "true",

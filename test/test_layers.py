@@ -1,4 +1,4 @@
-"""Who may import whom: soil and machines know neither ROS nor each other, the contract nobody."""
+"""Allowed imports between the packages: soil and machines use neither ROS nor each other."""
 
 import ast
 import subprocess
@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 
-# Imports everything in the package that is argv[1] but its node, in a Python without rclpy.
+# Imports all of the package argv[1] except its node, in a Python without rclpy.
 IMPORT_WITHOUT_ROS = """\
 import importlib, pkgutil, sys
 
@@ -41,7 +41,7 @@ MAY_NOT_IMPORT = {
 
 
 def imported(path: Path) -> Iterator[tuple[int, str]]:
-    """Line and top-level package of every absolute import in a file, inside functions too."""
+    """Yield line and top-level package of every absolute import, also inside functions."""
     for node in ast.walk(ast.parse(path.read_text(), str(path))):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name.split(".")[0]) for alias in node.names)
@@ -49,8 +49,8 @@ def imported(path: Path) -> Iterator[tuple[int, str]]:
             yield node.lineno, node.module.split(".")[0]
 
 
-def offences(paths: list[Path], forbidden: set[str]) -> list[str]:
-    assert paths, "there are files to look at"
+def violations(paths: list[Path], forbidden: set[str]) -> list[str]:
+    assert paths, "no files"
     return [
         f"{path.relative_to(ROOT)}:{line} imports {package}"
         for path in paths
@@ -60,24 +60,24 @@ def offences(paths: list[Path], forbidden: set[str]) -> list[str]:
 
 
 @pytest.mark.parametrize("package", ["soil_sim", "machine_sim"])
-def test_pure_package_imports_where_there_is_no_ros(package):
+def test_pure_package_can_be_imported_without_ros(package):
     command = [sys.executable, "-c", IMPORT_WITHOUT_ROS, package]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("folder", MAY_NOT_IMPORT)
-def test_layer_imports_only_what_is_below_it(folder):
-    assert offences(sorted((ROOT / folder).rglob("*.py")), MAY_NOT_IMPORT[folder]) == []
+def test_package_imports_only_lower_layers(folder):
+    assert violations(sorted((ROOT / folder).rglob("*.py")), MAY_NOT_IMPORT[folder]) == []
 
 
 @pytest.mark.parametrize("package", ["soil_sim", "machine_sim"])
 def test_only_the_node_of_a_pure_package_imports_rclpy(package):
     paths = [path for path in (ROOT / package).rglob("*.py") if path.parts[-2] != "node"]
-    assert offences(sorted(paths), {"rclpy"}) == []
+    assert violations(sorted(paths), {"rclpy"}) == []
 
 
-def test_imports_are_seen_wherever_they_stand(tmp_path):
+def test_all_forms_of_imports_are_found(tmp_path):
     source = tmp_path / "source.py"
     source.write_text(
         "import os.path as p, rclpy.node\n"
@@ -85,5 +85,5 @@ def test_imports_are_seen_wherever_they_stand(tmp_path):
         "from . import rclpy\n"
         "def late():\n    from soil_sim.excavation.swept_cut import cut\n"
     )
-    found = [package for _, package in imported(source)]
-    assert sorted(found) == ["os", "rclpy", "rclpy", "soil_sim"]
+    packages = [package for _, package in imported(source)]
+    assert sorted(packages) == ["os", "rclpy", "rclpy", "soil_sim"]

@@ -1,4 +1,4 @@
-"""A colcon workspace builds the package, and what it installs runs."""
+"""A colcon workspace builds the package, and the installed package runs."""
 
 import shutil
 import subprocess
@@ -8,17 +8,17 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("soil_sim", "machine_sim", "msg_bridge", "earthmoving_sim")
+PACKAGES = ("soil_sim", "machine_sim", "msg_bridge", "dig_operator", "earthmoving_sim")
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(not (ROOT / ".git").exists(), reason="takes the list of files from git"),
+    pytest.mark.skipif(not (ROOT / ".git").exists(), reason="needs the list of files from git"),
 ]
 
 
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory) -> Path:
-    """A colcon workspace with a copy of this source, built."""
+    """Return a built colcon workspace with a copy of this source."""
     folder = tmp_path_factory.mktemp("workspace")
     copy_source(folder / "src/earthmoving_sim")
     colcon = shutil.which("colcon", path=Path(sys.executable).parent) or shutil.which("colcon")
@@ -29,11 +29,11 @@ def workspace(tmp_path_factory) -> Path:
 
 
 def copy_source(target: Path) -> None:
-    """Copy what git tracks or would track, and add a config file two folders deep."""
+    """Copy all files that git tracks or would track, and add a config file two folders deep."""
     listed = run(["git", "ls-files", "-co", "--exclude-standard", "-z"], ROOT)
     assert listed.returncode == 0, listed.stderr
     for name in filter(None, listed.stdout.split("\0")):
-        if (ROOT / name).is_file():  # not if it is deleted but still in the index
+        if (ROOT / name).is_file():  # deleted files may be in the index
             (target / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, target / name)
     probe = target / "config/packaging_test/deep/probe.yaml"
@@ -46,11 +46,11 @@ def run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def run_sourced(workspace: Path, command: str) -> subprocess.CompletedProcess[str]:
-    """Run a shell command as a user would after sourcing the workspace, from another folder."""
+    """Run a shell command with the workspace sourced, from another folder."""
     script = f"source '{workspace}/install/setup.bash' && {command}"
-    elsewhere = workspace / "elsewhere"
-    elsewhere.mkdir(exist_ok=True)
-    return run(["bash", "-c", script], elsewhere)
+    folder = workspace / "elsewhere"
+    folder.mkdir(exist_ok=True)
+    return run(["bash", "-c", script], folder)
 
 
 def installed(workspace: Path) -> Path:
@@ -78,17 +78,17 @@ def test_every_package_is_imported_from_the_workspace(workspace):
         assert done.stdout.startswith(str(installed(workspace))), done.stdout
 
 
-def test_every_module_and_no_test_is_installed(workspace):
+def test_all_modules_and_no_tests_are_installed(workspace):
     source = {
         path.relative_to(ROOT).as_posix()
         for each in PACKAGES
         for path in (ROOT / each).rglob("*.py")
     }
     (site,) = installed(workspace).glob("lib/python3*/site-packages")
-    found = {
+    modules = {
         path.relative_to(site).as_posix() for path in site.rglob("*.py") if path.name != "setup.py"
     }
-    assert found == source
+    assert modules == source
 
 
 def test_config_file_is_found_in_share(workspace):

@@ -1,4 +1,4 @@
-"""The README's code runs as it stands."""
+"""The code in the README runs unchanged."""
 
 import re
 import subprocess
@@ -25,25 +25,28 @@ def test_example_runs(example: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out
 
 
-def test_there_is_an_example_of_each() -> None:
+def test_readme_has_a_controller_a_test_and_examples() -> None:
     assert EXAMPLES
     assert len(CONTROLLERS) == len(TESTS) == 1
 
 
-def test_the_controller_moves_the_machine(ros, ros_process) -> None:
+def test_controller_moves_the_machine(ros, ros_process) -> None:
     ros.add(SoilNode, parameters={"site.terrain": "flat", "site.num_points": 65})
     ros.add(MachineNode)
     states = ros.collect("/excavator/joint_states", JointState, STATE)
-    ros.spin_until(lambda: states, what="the machine")
-    home = states[0].position
+    ros.spin_until(lambda: states, what="joint states")
+    initial = states[0].position
     ros_process([sys.executable, "-c", CONTROLLERS[0]])
     ros.spin_until(
-        lambda: states[-1].position[0] > home[0] + 0.05 and states[-1].position[1] < home[1] - 0.03,
-        what="swing to the left, boom up",
+        lambda: (
+            states[-1].position[0] > initial[0] + 0.05
+            and states[-1].position[1] < initial[1] - 0.03
+        ),
+        what="motion of swing and boom",
     )
 
 
-def test_the_test_passes(tmp_path: Path) -> None:
+def test_test_of_the_readme_passes(tmp_path: Path) -> None:
     (tmp_path / "conftest.py").write_text('pytest_plugins = ["msg_bridge.testing.fixtures"]')
     (tmp_path / "test_it.py").write_text(TESTS[0])
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)]
@@ -52,6 +55,6 @@ def test_the_test_passes(tmp_path: Path) -> None:
     assert "1 passed" in done.stdout
 
 
-def test_pictures_are_there() -> None:
+def test_pictures_exist() -> None:
     for path in re.findall(r"!\[.*?\]\((.*?)\)", README.read_text(encoding="utf-8")):
         assert (README.parent / path).is_file()

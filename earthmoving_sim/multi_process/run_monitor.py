@@ -87,7 +87,7 @@ class RunMonitor:
         """Process messages for a moment and print the progress when it is due.
 
         Args:
-            processes: the nodes, whose output tells why there is no progress.
+            processes: the nodes, whose output is searched for the reason of a stall.
 
         Raises:
             NodeProcessError: there was no new tick for too long; the message has the reason, as

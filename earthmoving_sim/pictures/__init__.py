@@ -1,15 +1,15 @@
-"""Pictures of what a run did to its site, each one PNG file.
+"""Pictures of a site before and after a run, each one PNG file.
 
-record      SiteRecord: what there is to draw, the only input
-window      Window, to_image: the part of the map that is shown, x right and y up
-plan        surface_image: the ground seen from above, with hillshade and contours
-style       colours, type sizes and figures laid out in inches
-cut_fill    draw_cut_fill: before, after, and the difference with its volumes
-bucket_path draw_bucket_path: where the lip went, from above and from the side
-scene       the worked ground and the machine as a mesh
-raster      which triangle of a mesh each pixel sees
-shading     sun, shadow and sky on what the pixels see
-site_3d     draw_site_3d: pit and spoil heap in 3-D at true scale
+- `site_record`: SiteRecord, the only input of all pictures
+- `map_window`: Window, to_image: the part of the map that is shown, x right and y up
+- `style`: colours, type sizes, and figures laid out in inches
+- `plan_view`: surface_image: the ground from above with hillshade and contours
+- `cut_fill`: draw_cut_fill: before, after, and their difference with its volumes
+- `bucket_path`: draw_bucket_path: path of the lip from above, from the side and over its length
+- `mesh`: the worked ground and the machine as triangles
+- `rasterizer`: visible triangle of each pixel
+- `shading`: sunlight, shadow and sky light of the visible triangles
+- `site_3d`: draw_site_3d: pit and spoil heap in 3-D at true scale
 """
 
 from earthmoving_sim.pictures.bucket_path import draw_bucket_path

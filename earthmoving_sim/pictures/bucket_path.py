@@ -1,4 +1,4 @@
-"""Where the bucket's lip went: from above by phase, from the side while it dug, and over time."""
+"""Path of the bucket's lip: from above by phase, from the side while digging, and its height."""
 
 from __future__ import annotations
 
@@ -40,33 +40,33 @@ from msg_bridge.contract.grid import Grid
 __all__ = ["dig_azimuth", "draw_bucket_path", "heights_at"]
 
 LEFT, PLAN, GAP, SIDE, RIGHT, BELOW, ABOVE = 0.72, 6.0, 0.85, 7.0, 0.25, 1.32, 1.1  # [in]
-FOOT, BETWEEN, BAR = 0.62, 0.95, 0.12  # below and between the right-hand panels, colour bar [in]
+FOOT, BETWEEN, BAR = 0.62, 0.95, 0.12  # below and between right-hand panels, colour bar [in]
 
-PROFILE_MARGIN_M = 1.2  # ground shown in the side view beyond what was dug [m]
-MAX_LABELLED_CYCLES = 6  # with more cycles than this, only the first and the last are in the legend
+MIN_PLAN_HEIGHT = 5.2  # [in]
+PROFILE_MARGIN_M = 1.2  # ground shown in the side view beyond the dig [m]
+MAX_LABELLED_CYCLES = 6  # beyond, only the first and last are in the legend
 
-# Dark to light, all of it dark enough to be seen on the pale ground.
+# Dark to light; all colours are dark enough for the pale ground.
 CYCLE_COLOURS = LinearSegmentedColormap.from_list(
     "cycle", ["#1b1033", "#5a1d6b", "#a8325e", "#de5d2f", "#f0a202"]
 )
 
 
 def draw_bucket_path(record: SiteRecord, path: Path) -> Path:
-    """Write a plan view of the lip's path, a side view of its digging, and its height as PNG.
+    """Write a plan view of the lip's path, a side view of the digging, and its height as PNG.
 
-    Returns the path.
+    Returns the path of the picture.
     """
-    seen = [record.changed_points, record.lip_path[:, :2], record.outline_points]
-    window = window_around(record.grid, np.concatenate(seen))
-    tall = PLAN * window.size[1] / window.size[0]
-    tall = max(tall, 5.2)
-    figure = new_figure(LEFT + PLAN + GAP + SIDE + RIGHT, BELOW + tall + ABOVE)
-    plan = add_axes(figure, LEFT, BELOW, PLAN, tall)
+    shown_points = [record.changed_points, record.lip_path[:, :2], record.outline_points]
+    window = window_around(record.grid, np.concatenate(shown_points))
+    plan_height = max(PLAN * window.size[1] / window.size[0], MIN_PLAN_HEIGHT)
+    figure = new_figure(LEFT + PLAN + GAP + SIDE + RIGHT, BELOW + plan_height + ABOVE)
+    plan = add_axes(figure, LEFT, BELOW, PLAN, plan_height)
     right = LEFT + PLAN + GAP
-    low = 0.4 * (tall + BELOW - FOOT - BETWEEN)
-    top = FOOT + low + BETWEEN
-    side = add_axes(figure, right, top, SIDE, BELOW + tall - top)
-    over = add_axes(figure, right, FOOT, SIDE, low)
+    profile_height = 0.4 * (plan_height + BELOW - FOOT - BETWEEN)
+    side_bottom = FOOT + profile_height + BETWEEN
+    side = add_axes(figure, right, side_bottom, SIDE, BELOW + plan_height - side_bottom)
+    profile = add_axes(figure, right, FOOT, SIDE, profile_height)
 
     limits = height_scale(window, record.after)
     heights = surface_image(
@@ -81,11 +81,11 @@ def draw_bucket_path(record: SiteRecord, path: Path) -> Path:
     draw_plan(plan, record)
     draw_scale_bar(plan, window)
     draw_side(side, record)
-    draw_heights(over, record)
+    draw_heights(profile, record)
     titles = (
-        (plan, "Path of the lip over the ground as it ended"),
-        (side, "Digging, from the side; the ground is along the dashed line"),
-        (over, "Height of the lip along its path"),
+        (plan, "Path of the lip over the final ground"),
+        (side, "Digging from the side; ground profile along the dashed line"),
+        (profile, "Height of the lip along its path"),
     )
     for axes, name in titles:
         axes.set_title(name, loc="left", size=BOLD, weight="bold", color=INK)
@@ -94,13 +94,13 @@ def draw_bucket_path(record: SiteRecord, path: Path) -> Path:
     )
     cycles = len(np.unique(record.lip_cycle))
     count = "1 cycle" if cycles == 1 else f"{cycles} cycles"
-    about = f"{count} · lip travelled {_travelled(record)[-1]:.0f} m"
-    add_title(figure, record.title, about, LEFT)
+    subtitle = f"{count} · lip travelled {_travelled(record)[-1]:.0f} m"
+    add_title(figure, record.title, subtitle, LEFT)
     return save(figure, path)
 
 
 def draw_plan(axes: Axes, record: SiteRecord) -> None:
-    """The path in its phases' colours, and the line that the side view's ground is taken along."""
+    """Draw the path in the colours of its phases, and the line of the side view's profile."""
     colours = phase_colours(_phases(record))
     lines = _phase_lines(record, record.lip_path[:, :2], colours)
     lines.set_path_effects(halo(2.4))
@@ -123,7 +123,7 @@ def draw_plan(axes: Axes, record: SiteRecord) -> None:
 
 
 def draw_side(axes: Axes, record: SiteRecord) -> None:
-    """The lip in each cycle's dig phase, seen square to the dig direction, over the ground."""
+    """Draw the lip in each cycle's dig phase, perpendicular to the dig direction."""
     label_metres(axes, "distance from the machine r", "height z")
     azimuth = dig_azimuth(record)
     if azimuth is None:
@@ -137,13 +137,13 @@ def draw_side(axes: Axes, record: SiteRecord) -> None:
             transform=axes.transAxes,
         )
         return
-    dug = record.lip_phase == "dig"
+    is_digging = record.lip_phase == "dig"
     path = _radial(record)
     direction = np.array([np.cos(azimuth), np.sin(azimuth)])
     r = np.linspace(*_dig_reach(record), 400)
     points = record.machine_origin + np.outer(r, direction)
-    shown = [heights_at(record.grid, h, points) for h in (record.before, record.after)]
-    _set_equal_limits(axes, r, np.concatenate([*shown, path[dug, 1]]))
+    profiles = [heights_at(record.grid, h, points) for h in (record.before, record.after)]
+    _set_equal_limits(axes, r, np.concatenate([*profiles, path[is_digging, 1]]))
 
     r = np.linspace(*axes.get_xlim(), 400)
     points = record.machine_origin + np.outer(r, direction)
@@ -152,21 +152,21 @@ def draw_side(axes: Axes, record: SiteRecord) -> None:
     axes.fill_between(r, before, after, where=list(before > after), fc="#efe6d6", ec="none")
     axes.plot(r, before, color=GREY, lw=1.1, ls=(0, (5, 2)), label="ground before")
     axes.plot(r, after, color=INK, lw=1.5, label="ground after")
-    cycles = np.unique(record.lip_cycle[dug])
+    cycles = np.unique(record.lip_cycle[is_digging])
     colours = CYCLE_COLOURS(np.linspace(0.0, 1.0, max(len(cycles), 2)))
     for cycle, colour in zip(cycles, colours, strict=False):
-        of_cycle = np.where((dug & (record.lip_cycle == cycle))[:, None], path, np.nan)
+        cycle_path = np.where((is_digging & (record.lip_cycle == cycle))[:, None], path, np.nan)
         label = (
             f"cycle {cycle}"
             if len(cycles) <= MAX_LABELLED_CYCLES or cycle in cycles[[0, -1]]
             else None
         )
-        axes.plot(*of_cycle.T, color=colour, lw=1.4, label=label)
+        axes.plot(*cycle_path.T, color=colour, lw=1.4, label=label)
     axes.legend(fontsize=SMALL, loc="best", framealpha=0.9, edgecolor="none", ncols=2)
 
 
 def _set_equal_limits(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
-    """Limits that hold all values with a margin and show both axes at one scale, as the box is."""
+    """Set limits that contain all values with a margin and give both axes the same scale."""
     box = np.array([axes.bbox.width, axes.bbox.height])
     low, high = np.array([x.min(), y.min() - 0.3]), np.array([x.max(), y.max() + 0.3])
     half = 0.5 * box * ((high - low) / box).max()
@@ -176,7 +176,7 @@ def _set_equal_limits(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64]
 
 
 def draw_heights(axes: Axes, record: SiteRecord) -> None:
-    """Height of the lip over the distance it has travelled, in its phases' colours."""
+    """Draw the height of the lip over the distance travelled, in the colours of its phases."""
     label_metres(axes, "distance travelled by the lip", "height z")
     axes.grid(axis="y", color="#e4e4e4", lw=0.6)
     axes.set_axisbelow(True)
@@ -206,7 +206,7 @@ def draw_heights(axes: Axes, record: SiteRecord) -> None:
 
 
 def dig_azimuth(record: SiteRecord) -> float | None:
-    """Mean direction from the machine to where it dug, from +x toward +y [rad]; None if nowhere."""
+    """Return the mean azimuth from the machine to the lip while digging [rad]; None without dig."""
     offset = record.lip_path[record.lip_phase == "dig", :2] - record.machine_origin
     if not len(offset):
         return None
@@ -217,7 +217,7 @@ def dig_azimuth(record: SiteRecord) -> float | None:
 def heights_at(
     grid: Grid, heights: NDArray[np.float64], points: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Bilinear height [m] at points x, y [m], shape [n, 2]; beyond the map that of its border."""
+    """Return the bilinear height [m], (n,), at points x, y [m], (n, 2); clamped at the border."""
     row = np.clip(grid.row(points[:, 0]), 0.0, grid.rows - 1.0)
     col = np.clip(grid.col(points[:, 1]), 0.0, grid.cols - 1.0)
     i = np.minimum(row.astype(int), grid.rows - 2)
@@ -231,40 +231,40 @@ def heights_at(
 
 
 def _phases(record: SiteRecord) -> list[str]:
-    """Names of the phases in the order in which they first come."""
+    """Return the phases in the order of their first occurrence."""
     return list(dict.fromkeys(record.lip_phase.tolist()))
 
 
 def _phase_lines(
     record: SiteRecord, points: NDArray[np.float64], colours: dict[str, str]
 ) -> LineCollection:
-    """A path [n, 2] as one line for each stretch in one phase, joined to the next."""
+    """Return a path (n, 2) as one line for each section in one phase, joined to the next."""
     phase = record.lip_phase
     starts = np.flatnonzero(phase[1:] != phase[:-1]) + 1
     bounds = [0, *starts.tolist(), len(points)] if len(points) else [0]
-    stretches = sorted(pairwise(bounds), key=lambda ends: phase[ends[0]] == "dig")  # on top
+    sections = sorted(pairwise(bounds), key=lambda ends: phase[ends[0]] == "dig")  # on top
     return LineCollection(
-        [points[first : last + 1] for first, last in stretches],
-        colors=[colours[str(phase[first])] for first, _ in stretches],
-        linewidths=[1.7 if phase[first] == "dig" else 1.1 for first, _ in stretches],
+        [points[first : last + 1] for first, last in sections],
+        colors=[colours[str(phase[first])] for first, _ in sections],
+        linewidths=[1.7 if phase[first] == "dig" else 1.1 for first, _ in sections],
         capstyle="round",
         zorder=5,
     )
 
 
 def _radial(record: SiteRecord) -> NDArray[np.float64]:
-    """Horizontal distance from the machine and height of the lip [m], shape [n, 2]."""
+    """Return horizontal distance from the machine and height of the lip [m], shape (n, 2)."""
     r = np.linalg.norm(record.lip_path[:, :2] - record.machine_origin, axis=1)
     return np.stack([r, record.lip_path[:, 2]], axis=1)
 
 
 def _dig_reach(record: SiteRecord) -> tuple[float, float]:
-    """The least and greatest distance from the machine that the side view shows [m]."""
+    """Return the minimum and maximum distance from the machine in the side view [m]."""
     r = _radial(record)[record.lip_phase == "dig", 0]
     return max(0.0, float(r.min()) - PROFILE_MARGIN_M), float(r.max()) + PROFILE_MARGIN_M
 
 
 def _travelled(record: SiteRecord) -> NDArray[np.float64]:
-    """Length of the lip's path up to each point [m], shape [n], or [0.] if there is none."""
+    """Return the length of the path up to each point [m], shape (n,); [0.] without a path."""
     steps = np.linalg.norm(np.diff(record.lip_path, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])

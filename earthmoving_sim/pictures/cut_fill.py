@@ -1,4 +1,4 @@
-"""Before, after and what changed: the site's earthworks balance seen from above."""
+"""Maps of the ground before and after a run, and of the difference with its volumes."""
 
 from __future__ import annotations
 
@@ -40,19 +40,19 @@ from earthmoving_sim.pictures.style import (
 __all__ = ["draw_cut_fill", "volume_lines"]
 
 PANEL, GAP, LEFT, RIGHT, BELOW, ABOVE = 4.4, 0.42, 0.72, 0.25, 1.32, 1.42  # [in]
-SHADE = 0.3  # hillshade of the change, weaker than the ground's: its colours are the message
+SHADE = 0.3  # strength of the hillshade of the change, weak so that its colours can be read
 
 
 def draw_cut_fill(record: SiteRecord, path: Path) -> Path:
-    """Write three maps of the worked ground, before, after and their difference, as PNG.
+    """Write three maps of the worked ground as PNG: before, after and difference.
 
-    Returns the path. The volumes in the third are summed over the whole map.
+    The volumes in the third are those of the whole map. Returns the path of the picture.
     """
     window = window_around(record.grid, _changed_or_path_points(record))
-    tall = PANEL * window.size[1] / window.size[0]
-    figure = new_figure(LEFT + 3 * PANEL + 2 * GAP + RIGHT, BELOW + tall + ABOVE)
+    panel_height = PANEL * window.size[1] / window.size[0]
+    figure = new_figure(LEFT + 3 * PANEL + 2 * GAP + RIGHT, BELOW + panel_height + ABOVE)
     lefts = [LEFT + i * (PANEL + GAP) for i in range(3)]
-    before, after, change = (add_axes(figure, left, BELOW, PANEL, tall) for left in lefts)
+    before, after, change = (add_axes(figure, left, BELOW, PANEL, panel_height) for left in lefts)
 
     limits = height_scale(window, record.before, record.after)
     levels = contour_levels(limits, max_steps=12)
@@ -76,26 +76,30 @@ def draw_cut_fill(record: SiteRecord, path: Path) -> Path:
 
     size = 1.12
     shape = record.grid.size[0] / record.grid.size[1]
-    wide = size * min(shape, 1.6)
-    key = add_axes(figure, lefts[2] + PANEL - wide, BELOW + tall + 0.2, wide, wide / shape)
+    width = size * min(shape, 1.6)
+    key = add_axes(
+        figure, lefts[2] + PANEL - width, BELOW + panel_height + 0.2, width, width / shape
+    )
     draw_key_map(key, record, window)
     step = f"{levels[1] - levels[0]:.3g}" if len(levels) > 1 else "1"
-    about = f"{record.grid.cell:g} m columns · contours every {step} m · x and y in the map frame"
-    add_title(figure, record.title, about, LEFT)
+    subtitle = (
+        f"{record.grid.cell:g} m columns · contours every {step} m · x and y in the map frame"
+    )
+    add_title(figure, record.title, subtitle, LEFT)
     return save(figure, path)
 
 
 def _changed_or_path_points(record: SiteRecord) -> NDArray[np.float64]:
-    """Points the picture must hold: worked ground, else the bucket's path, else nothing."""
-    worked = record.changed_points
-    return worked if len(worked) else record.lip_path[:, :2]
+    """Return the points to show (n, 2) [m]: changed columns, or else the lip's path."""
+    changed = record.changed_points
+    return changed if len(changed) else record.lip_path[:, :2]
 
 
 def change_image(axes: Axes, window: Window, record: SiteRecord) -> ScalarMappable:
-    """Draw after - before with colours centred at 0, on the shaded ground; return the colours."""
+    """Draw after - before in colours centred at 0, with hillshade; return the colour scale."""
     change = window.crop(record.change)
-    most = max(float(np.abs(change).max()), 0.05)
-    limits = Normalize(-most, most)
+    max_change = max(float(np.abs(change).max()), 0.05)
+    limits = Normalize(-max_change, max_change)
     tint = CHANGE_COLOURS(limits(change))[..., :3]
     axes.imshow(
         hillshade(tint, window.crop(record.after), record.grid.cell, SHADE),
@@ -105,8 +109,8 @@ def change_image(axes: Axes, window: Window, record: SiteRecord) -> ScalarMappab
     )
     levels = contour_levels(limits, max_steps=12)
     draw_contours(axes, window, change, levels[np.abs(levels) > 1e-9], form="{:+.{}f}")
-    # Untouched ground is exactly 0, so a contour there would wander: the zero line is drawn where
-    # the change becomes worth the name, on either side.
+    # Unchanged ground is exactly 0, where a contour is not defined: the zero line is drawn at the
+    # smallest change that counts, on either side.
     zero = [side for side in (-MIN_CHANGE_M, MIN_CHANGE_M) if change.min() < side < change.max()]
     if zero:
         axes.contour(
@@ -117,12 +121,12 @@ def change_image(axes: Axes, window: Window, record: SiteRecord) -> ScalarMappab
 
 
 def volume_lines(record: SiteRecord) -> tuple[str, str]:
-    """The totals as they are printed: cut and fill of the whole map [m^3]."""
+    """Return cut and fill of the whole map as text."""
     return f"cut {record.cut_volume:.2f} m³", f"fill {record.fill_volume:.2f} m³"
 
 
 def draw_volumes(axes: Axes, record: SiteRecord) -> None:
-    """Print the totals in the upper right of the map of change."""
+    """Print cut and fill in the upper right of the map of change."""
     for i, (line, colour) in enumerate(zip(volume_lines(record), (CUT, FILL), strict=True)):
         axes.text(
             0.965,

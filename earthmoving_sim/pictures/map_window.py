@@ -1,7 +1,7 @@
-"""The part of the map that a picture shows, x to the right and y up.
+"""Window: the part of the map that a picture shows, x to the right and y up.
 
 A matrix has row 0 at +x and column 0 at +y (see `Grid`); an image has row 0 at the lowest y and
-column 0 at the lowest x. `to_image` is the only place that turns one into the other.
+column 0 at the lowest x. Only `to_image` converts one into the other.
 """
 
 from __future__ import annotations
@@ -16,15 +16,18 @@ from msg_bridge.contract.grid import Grid
 
 __all__ = ["Window", "to_image", "window_around"]
 
-MIN_WINDOW_SIZE_M = 12.0  # shortest side of a window [m]
-MARGIN_M = 1.5  # ground shown around what a window must hold [m]
-MIN_ASPECT_RATIO = 0.6  # least ratio of a window's sides
+MIN_WINDOW_SIZE_M = 12.0  # minimum side of a window [m]
+MARGIN_M = 1.5  # margin around the points of a window [m]
+MIN_ASPECT_RATIO = 0.6  # minimum ratio of a window's sides
 
 
 def to_image(grid: Grid, array: NDArray[np.generic]) -> NDArray[np.generic]:
-    """A matrix [rows, cols] as an image [cols, rows] whose x grows to the right and y upward.
+    """Return a matrix (rows, cols) as an image (cols, rows) with x to the right and y up.
 
     Row 0 of the image is the lowest y: draw it with `origin="lower"`. It is a view of the matrix.
+
+    Raises:
+        ParameterError: the matrix is not of the grid's shape.
     """
     if array.shape != grid.shape:
         raise ParameterError(f"array has shape {array.shape}; the grid's is {grid.shape}")
@@ -33,7 +36,7 @@ def to_image(grid: Grid, array: NDArray[np.generic]) -> NDArray[np.generic]:
 
 @dataclass(frozen=True)
 class Window:
-    """A rectangle of whole columns: image columns left to right - 1, rows bottom to top - 1."""
+    """A rectangle of columns of soil: image columns left to right - 1, rows bottom to top - 1."""
 
     grid: Grid
     left: int
@@ -43,12 +46,12 @@ class Window:
 
     @classmethod
     def whole(cls, grid: Grid) -> Window:
-        """All of the map."""
+        """Return the window of the whole map."""
         return cls(grid, 0, grid.rows, 0, grid.cols)
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """x_min, x_max, y_min, y_max of the columns' outer edges [m], map frame."""
+        """x_min, x_max, y_min, y_max of the outer edges [m], map frame."""
         half_x, half_y = 0.5 * self.grid.size[0], 0.5 * self.grid.size[1]
         cell = self.grid.cell
         return (
@@ -68,28 +71,28 @@ class Window:
 
     @property
     def x(self) -> NDArray[np.float64]:
-        """x of the columns of soil, growing [m], shape [right - left]."""
+        """x of the columns of soil, ascending [m], shape (right - left,)."""
         return (
             np.arange(self.left, self.right, dtype=np.float64) * self.grid.cell - self.grid.x_first
         )
 
     @property
     def y(self) -> NDArray[np.float64]:
-        """y of the columns of soil, growing [m], shape [top - bottom]."""
+        """y of the columns of soil, ascending [m], shape (top - bottom,)."""
         return (
             np.arange(self.bottom, self.top, dtype=np.float64) * self.grid.cell - self.grid.y_first
         )
 
     def crop(self, array: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A matrix [rows, cols] as an image of the window, shape [top - bottom, right - left]."""
+        """Return a matrix as an image of the window, shape (top - bottom, right - left)."""
         image = to_image(self.grid, array)[self.bottom : self.top, self.left : self.right]
         return image.astype(np.float64)
 
 
 def window_around(grid: Grid, points: NDArray[np.float64]) -> Window:
-    """The window that holds points x, y [m], shape [n, 2], with a margin; at least 12 m each way.
+    """Return the window around points x, y [m], shape (n, 2), with a margin; at least 12 m square.
 
-    It stays on the map: near the border it is moved inward, and a small map is shown whole.
+    Near the border it is moved inward; a map smaller than that is shown whole.
     """
     if not len(points):
         points = np.zeros((1, 2))

@@ -1,4 +1,4 @@
-"""The worked ground, cut out of the site as a block, and the machine on it, as a mesh."""
+"""The worked ground, as a block, and the machine as a mesh of triangles."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from earthmoving_sim.pictures.site_record import SiteRecord
 __all__ = ["Mesh", "ground_mesh", "machine_mesh", "merge_meshes"]
 
 GRASS, DRY_GRASS = (0.43, 0.49, 0.29), (0.58, 0.57, 0.38)
-LOOSE, BANK = (0.56, 0.41, 0.27), (0.45, 0.31, 0.20)  # dumped soil is drier, so lighter
-TOPSOIL, SUBSOIL = (0.47, 0.36, 0.26), (0.74, 0.63, 0.50)  # the block's sides, top and bottom
+LOOSE, BANK = (0.56, 0.41, 0.27), (0.45, 0.31, 0.20)  # loose soil is drier, so lighter
+TOPSOIL, SUBSOIL = (0.47, 0.36, 0.26), (0.74, 0.63, 0.50)  # sides of the block, top and bottom
 
-LOOSE_M, CUT_M = 0.005, 0.02  # loose soil deeper, or a cut deeper, than this is bare earth [m]
-GRAIN, PATCHES = 0.05, 0.6  # strength of the colour noise, and of the mixture of grasses
-NOISE_SEED = 7  # one seed: the same record gives the same picture
+LOOSE_M, CUT_M = 0.005, 0.02  # minimum depth of loose soil, and of a cut, drawn as bare soil [m]
+GRAIN, PATCHES = 0.05, 0.6  # strength of the colour noise and of the grass patches
+NOISE_SEED = 7  # fixed: the same record gives the same picture
 
-BLOCK_DEPTH_M = 0.5  # the block goes this far below its lowest point [m]
+BLOCK_DEPTH_M = 0.5  # depth of the block below its lowest point [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +30,11 @@ class Mesh:
     """Triangles with a normal and a colour at each point.
 
     Attributes:
-        points: positions [m], map frame, shape [n, 3].
-        normals: unit normals, shape [n, 3].
-        colours: red, green and blue from 0 to 1, shape [n, 3].
-        triangles: three points each, shape [m, 3].
-        parts: the flat face a triangle belongs to, from 1, or 0 for ground, shape [m].
+        points: positions [m], map frame, shape (n, 3).
+        normals: unit normals, shape (n, 3).
+        colours: red, green and blue from 0 to 1, shape (n, 3).
+        triangles: indices of the points of each triangle, shape (m, 3).
+        parts: number of the flat face of each triangle, from 1; 0 for ground, shape (m,).
     """
 
     points: NDArray[np.float64]
@@ -45,7 +45,7 @@ class Mesh:
 
 
 def merge_meshes(*meshes: Mesh) -> Mesh:
-    """Several meshes as one."""
+    """Return several meshes as one."""
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes[:-1])])
     return Mesh(
         points=np.concatenate([mesh.points for mesh in meshes]),
@@ -59,17 +59,17 @@ def merge_meshes(*meshes: Mesh) -> Mesh:
 
 
 def ground_mesh(record: SiteRecord, window: Window) -> Mesh:
-    """The ground at the end, two triangles between every four columns, as a block with sides."""
+    """Return the final ground as a block: two triangles between four columns each, and sides."""
     heights = window.crop(record.after)
     x, y = np.meshgrid(window.x, window.y)
     points = np.stack([x, y, heights], axis=-1)
-    tall, wide = heights.shape
+    num_rows, num_cols = heights.shape
     top = Mesh(
         points=points.reshape(-1, 3),
         normals=surface_normals(heights, record.grid.cell).reshape(-1, 3),
         colours=_ground_colours(record, window).reshape(-1, 3),
-        triangles=_strip_triangles(tall, wide),
-        parts=np.zeros(2 * (tall - 1) * (wide - 1), dtype=np.intp),
+        triangles=_strip_triangles(num_rows, num_cols),
+        parts=np.zeros(2 * (num_rows - 1) * (num_cols - 1), dtype=np.intp),
     )
     floor = float(heights.min()) - BLOCK_DEPTH_M
     sides = (
@@ -81,15 +81,15 @@ def ground_mesh(record: SiteRecord, window: Window) -> Mesh:
     return merge_meshes(top, *(_side(edge, normal, floor) for edge, normal in sides))
 
 
-def _strip_triangles(tall: int, wide: int) -> NDArray[np.intp]:
-    """Two triangles for each square of a lattice of points, shape [2 * squares, 3]."""
-    index = np.arange(tall * wide).reshape(tall, wide)
+def _strip_triangles(num_rows: int, num_cols: int) -> NDArray[np.intp]:
+    """Return two triangles for each square of a lattice of points, shape (2 * squares, 3)."""
+    index = np.arange(num_rows * num_cols).reshape(num_rows, num_cols)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
     return np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3).astype(np.intp)
 
 
 def _side(edge: NDArray[np.float64], normal: tuple[float, float, float], floor: float) -> Mesh:
-    """A wall from an edge of the ground, shape [k, 3], down to the block's floor [m]."""
+    """Return a side of the block from an edge of the ground (k, 3) down to the floor [m]."""
     bottom = edge.copy()
     bottom[:, 2] = floor
     count = len(edge)
@@ -104,20 +104,20 @@ def _side(edge: NDArray[np.float64], normal: tuple[float, float, float], floor: 
 
 
 def _ground_colours(record: SiteRecord, window: Window) -> NDArray[np.float64]:
-    """Grass, or bare earth where soil was cut or lies loose, shape [height, width, 3]."""
-    noise = np.random.default_rng(NOISE_SEED)
+    """Return colours of grass, or of bare soil where it is cut or loose, (height, width, 3)."""
+    rng = np.random.default_rng(NOISE_SEED)
     loose = window.crop(record.loose_depth) > LOOSE_M
     cut = window.crop(record.change) < -CUT_M
-    patches = PATCHES * _smooth(noise.random(loose.shape), max(1, round(0.8 / record.grid.cell)))
+    patches = PATCHES * _smooth(rng.random(loose.shape), max(1, round(0.8 / record.grid.cell)))
     colours = (1 - patches[..., None]) * np.array(GRASS) + patches[..., None] * np.array(DRY_GRASS)
     colours[cut] = BANK
     colours[loose] = LOOSE
-    grain = noise.normal(1.0, GRAIN, (*loose.shape, 1))
+    grain = rng.normal(1.0, GRAIN, (*loose.shape, 1))
     return np.asarray(np.clip(colours * grain, 0.0, 1.0), dtype=np.float64)
 
 
 def _smooth(image: NDArray[np.float64], radius: int) -> NDArray[np.float64]:
-    """Running mean over a square, twice, stretched to 0..1."""
+    """Return the running mean over a square, applied twice, scaled to 0..1."""
     kernel = np.ones(2 * radius + 1) / (2 * radius + 1)
     for axis in (0, 1, 0, 1):
         padded = np.pad(
@@ -128,7 +128,7 @@ def _smooth(image: NDArray[np.float64], radius: int) -> NDArray[np.float64]:
 
 
 def machine_mesh(record: SiteRecord) -> Mesh | None:
-    """The machine's faces, each cut into a fan of triangles, or None where there are none."""
+    """Return the machine's faces as fans of triangles; None without faces."""
     meshes = []
     for i, (colour, polygon) in enumerate(record.machine_faces):
         a, b, c = polygon[0], polygon[1], polygon[2]

@@ -1,4 +1,4 @@
-"""The ground seen from above, as every plan view here draws it: tint, hillshade and contours."""
+"""Plan view of the ground: colours by height, hillshade and contours."""
 
 from __future__ import annotations
 
@@ -37,17 +37,15 @@ __all__ = [
 ]
 
 
-SUN_AZIMUTH, SUN_HEIGHT = 135.0, 45.0  # [deg]: from the upper left, as on printed maps
-RELIEF = 1.5  # heights are stretched for the hillshade, or gentle ground looks flat
-MIN_LABELLED_LENGTH, MIN_LABEL_DISTANCE = (
-    0.2,
-    0.06,
-)  # contour length and label distance, of the longest side
-MIN_SHADE, MAX_SHADE = 0.62, 1.15  # limits of the hillshade, so that colours can still be read
+SUN_AZIMUTH, SUN_HEIGHT = 135.0, 45.0  # [deg]; from the upper left, as on printed maps
+RELIEF = 1.5  # vertical exaggeration of the hillshade, so that gentle slopes show
+MIN_LABELLED_LENGTH = 0.2  # length of a contour with a label, as a fraction of the longest side
+MIN_LABEL_DISTANCE = 0.06  # distance between labels, as a fraction of the longest side
+MIN_SHADE, MAX_SHADE = 0.62, 1.15  # limits of the hillshade, so that colours can be read
 
 
 def surface_normals(heights: NDArray[np.float64], cell: float) -> NDArray[np.float64]:
-    """Unit normals of a surface given as an image [m], shape [height, width, 3]."""
+    """Return the unit normals of a surface given as an image [m], shape (height, width, 3)."""
     rise_y, rise_x = np.gradient(heights, cell)
     normal = np.stack([-rise_x, -rise_y, np.ones_like(heights)], axis=-1)
     return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True), dtype=np.float64)
@@ -59,7 +57,7 @@ def hillshade(
     cell: float,
     strength: float = 0.7,
 ) -> NDArray[np.float64]:
-    """Colours [height, width, 3] in the sun on a surface [m]; level ground keeps its colour."""
+    """Return colours (height, width, 3) shaded by the slope; level ground keeps its colour."""
     azimuth, height = np.radians([SUN_AZIMUTH, SUN_HEIGHT])
     sun = np.array(
         [np.cos(height) * np.cos(azimuth), np.cos(height) * np.sin(azimuth), np.sin(height)]
@@ -70,13 +68,13 @@ def hillshade(
 
 
 def height_scale(window: Window, *heights: NDArray[np.float64]) -> Normalize:
-    """The colour scale that holds all these matrices of heights [m] inside a window."""
-    shown = [window.crop(each) for each in heights]
-    return scale(min(float(h.min()) for h in shown), max(float(h.max()) for h in shown))
+    """Return the colour scale for matrices of heights [m] inside a window."""
+    cropped = [window.crop(each) for each in heights]
+    return scale(min(float(h.min()) for h in cropped), max(float(h.max()) for h in cropped))
 
 
 def contour_levels(limits: Normalize, max_steps: int) -> NDArray[np.float64]:
-    """Round heights between the limits of a colour scale, at most that many steps [m]."""
+    """Return round heights within a colour scale, with at most `max_steps` steps [m]."""
     low, high = float(limits.vmin or 0.0), float(limits.vmax or 0.0)
     step = nice_step(high - low, max_steps)
     return step * np.arange(np.ceil(low / step), np.floor(high / step) + 1)
@@ -91,9 +89,9 @@ def surface_image(
     levels: Sequence[float] | NDArray[np.float64] = (),
     labelled: bool = True,
 ) -> ScalarMappable:
-    """Draw a matrix of heights [m] as tinted, hillshaded ground with contours at some levels [m].
+    """Draw a matrix of heights [m] with colours, hillshade and contours at levels [m].
 
-    Returns the colours, for a colour bar.
+    Returns the colour scale, for a colour bar.
     """
     shown = window.crop(heights)
     colours = ScalarMappable(limits, HEIGHT_COLOURS)
@@ -118,9 +116,9 @@ def draw_contours(
     levels: Sequence[float] | NDArray[np.float64],
     form: str = "{:.{}f}",
 ) -> None:
-    """Draw contours of an image inside a window at some levels [m].
+    """Draw contours of an image inside a window at levels [m].
 
-    The long ones are labelled: `form` takes the level and the number of decimals; "" leaves it out.
+    Long contours have labels: `form` formats the level and its number of decimals; "" omits them.
     """
     inside = [level for level in levels if shown.min() < level < shown.max()]
     if not inside:
@@ -154,43 +152,49 @@ def draw_contours(
 def _label_places(
     lines: Sequence[NDArray[np.float64]], window: Window
 ) -> list[tuple[float, float]]:
-    """Where to label contours: on the long ones, each as far from the others' labels as it can."""
+    """Return label positions on long contours, each as far from other labels as possible."""
     x_min, x_max, y_min, y_max = window.extent
     side = max(window.size)
-    places: list[tuple[float, float]] = []
+    positions: list[tuple[float, float]] = []
     for line in sorted(lines, key=_length, reverse=True):
         if _length(line) < MIN_LABELLED_LENGTH * side:
             continue
         x, y = line.T
-        room = np.min([x - x_min, x_max - x, y - y_min, y_max - y], axis=0)
-        for place in places:
-            room = np.minimum(room, np.hypot(x - place[0], y - place[1]))
-        best = int(np.argmax(np.minimum(room, 0.25 * side)))
-        if room[best] > MIN_LABEL_DISTANCE * side:
-            places.append((float(x[best]), float(y[best])))
-    return places
+        clearance = np.min([x - x_min, x_max - x, y - y_min, y_max - y], axis=0)
+        for position in positions:
+            clearance = np.minimum(clearance, np.hypot(x - position[0], y - position[1]))
+        best = int(np.argmax(np.minimum(clearance, 0.25 * side)))
+        if clearance[best] > MIN_LABEL_DISTANCE * side:
+            positions.append((float(x[best]), float(y[best])))
+    return positions
 
 
 def _length(line: NDArray[np.float64]) -> float:
-    """Length of a line through points [n, 2]."""
+    """Return the length of a line through points (n, 2)."""
     return float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
 
 
 def draw_scale_bar(axes: Axes, window: Window) -> None:
-    """A bar of a round length in the lower left of a plan view."""
+    """Draw a scale bar of a round length in the lower left."""
     length = nice_length(0.25 * window.size[0])
     x_min, _, y_min, _ = window.extent
     x, y = x_min + 0.04 * window.size[0], y_min + 0.04 * window.size[0]
-    thick = 0.008 * window.size[0]
+    thickness = 0.008 * window.size[0]
     for i, colour in enumerate((INK, "white")):
         axes.add_patch(
             Rectangle(
-                (x + 0.5 * i * length, y), 0.5 * length, thick, fc=colour, ec=INK, lw=0.6, zorder=8
+                (x + 0.5 * i * length, y),
+                0.5 * length,
+                thickness,
+                fc=colour,
+                ec=INK,
+                lw=0.6,
+                zorder=8,
             )
         )
     axes.text(
         x + length + 0.012 * window.size[0],
-        y + 0.5 * thick,
+        y + 0.5 * thickness,
         f"{length:g} m",
         size=SMALL,
         color=INK,
@@ -201,7 +205,7 @@ def draw_scale_bar(axes: Axes, window: Window) -> None:
 
 
 def draw_machine(axes: Axes, record: SiteRecord) -> None:
-    """The machine's outlines where it ended."""
+    """Draw the outlines of the machine at its final pose."""
     for _, polygon in record.machine_outline:
         axes.add_patch(
             Polygon(polygon, fc="#ffffff90", ec=INK, lw=0.9, joinstyle="round", zorder=4)
@@ -209,7 +213,7 @@ def draw_machine(axes: Axes, record: SiteRecord) -> None:
 
 
 def draw_key_map(axes: Axes, record: SiteRecord, window: Window) -> None:
-    """The whole map, small, with a frame where the window lies."""
+    """Draw the whole map, small, with a frame around the window."""
     whole = Window.whole(record.grid)
     surface_image(axes, whole, record.before, height_scale(whole, record.before))
     x_min, _, y_min, _ = window.extent

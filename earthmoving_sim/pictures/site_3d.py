@@ -1,4 +1,4 @@
-"""The pit and the spoil heap in 3-D, at one scale along all axes."""
+"""Pit and spoil heap in 3-D, at the same scale along all axes."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ __all__ = ["best_camera", "draw_site_3d"]
 
 WIDTH, ABOVE, BORDER = 10.5, 1.0, 0.35  # [in]
 MAX_HEIGHT = 8.0  # [in]
-ELEVATION = np.radians(36.0)  # high enough to see into a pit, low enough to see a heap stand up
-MACHINE_FACING_WEIGHT = 0.4  # preference for a view of the machine across its work
-EXTREME_FRACTION = 0.95  # share of the greatest cut or fill that counts as its extreme too
-# Azimuths tried [deg], none along an edge of the block, where it would look flat; and the width of
-# the small picture that each is judged by.
+ELEVATION = np.radians(36.0)  # high enough to look into a pit, low enough for the height of a heap
+MACHINE_FACING_WEIGHT = 0.4  # weight of cameras that face the machine across its work
+EXTREME_FRACTION = 0.95  # fraction of the maximum cut or fill that counts as its extreme
+# Azimuths that are tried [deg], none along an edge of the block, where it would look flat; and the
+# size of the small picture in which they are compared [px].
 TRIAL_AZIMUTHS = [
     quarter + within for quarter in (0, 90, 180, 270) for within in (25, 35, 45, 55, 65)
 ]
@@ -46,9 +46,9 @@ def draw_site_3d(record: SiteRecord, path: Path, *, labels: bool = True) -> Path
     """Write a 3-D view of the worked ground, and of the machine if it has faces, as PNG.
 
     Args:
-        record: what is drawn.
-        path: of the picture.
-        labels: whether to name the deepest cut and the highest fill.
+        record: the site.
+        path: path of the picture.
+        labels: whether to label the deepest cut and the highest fill.
 
     Returns:
         The path.
@@ -62,11 +62,11 @@ def draw_site_3d(record: SiteRecord, path: Path, *, labels: bool = True) -> Path
     view = camera.view(mesh.points)[:, :2]
     low, size = view.min(axis=0), np.ptp(view, axis=0)
     per_metre = min((WIDTH - 2 * BORDER) / size[0], MAX_HEIGHT / size[1])  # [in]
-    wide, tall = size * per_metre
-    figure = new_figure(WIDTH, BORDER + tall + 0.35 + ABOVE)
-    left = 0.5 * (WIDTH - wide)
-    axes = add_axes(figure, left, BORDER + 0.35, wide, tall)
-    shape = (round(tall * DPI), round(wide * DPI))
+    width, height = size * per_metre
+    figure = new_figure(WIDTH, BORDER + height + 0.35 + ABOVE)
+    left = 0.5 * (WIDTH - width)
+    axes = add_axes(figure, left, BORDER + 0.35, width, height)
+    shape = (round(height * DPI), round(width * DPI))
     picture = render(mesh, camera, low, per_metre * DPI, shape)
     axes.imshow(
         picture,
@@ -79,33 +79,31 @@ def draw_site_3d(record: SiteRecord, path: Path, *, labels: bool = True) -> Path
     if labels:
         draw_labels(axes, record, window, camera)
     draw_edge_bar(axes, window, ground, camera)
-    wide_m, tall_m = window.size
-    about = (
-        f"{wide_m:.3g} \N{MULTIPLICATION SIGN} {tall_m:.3g} m of the site · heights not exaggerated"
+    size_x, size_y = window.size
+    subtitle = (
+        f"{size_x:.3g} \N{MULTIPLICATION SIGN} {size_y:.3g} m of the site · heights not exaggerated"
         f" · cut {record.cut_volume:.2f} m³, fill {record.fill_volume:.2f} m³"
     )
-    add_title(figure, record.title, about, BORDER)
+    add_title(figure, record.title, subtitle, BORDER)
     return save(figure, path)
 
 
 def _window(record: SiteRecord) -> Window:
-    """The part of the site that is drawn: worked ground, and the machine if it is drawn."""
+    """Return the window around the changed columns and the machine's faces."""
     machine = [polygon[:, :2] for _, polygon in record.machine_faces]
     return window_around(record.grid, np.concatenate([record.changed_points, *machine]))
 
 
 def best_camera(record: SiteRecord, window: Window, mesh: Mesh) -> Camera:
-    """The camera, of some round the site, that sees the most of both cut and filled ground.
+    """Return the camera azimuth, of several, that shows the most of both cut and filled ground.
 
-    Each is tried with a small picture. The lesser of the two counts, so that neither hides; and
-    a camera that faces the machine across its work is liked better than one behind its back.
+    Each is rated in a small picture by the smaller of the two visible areas, so that neither is
+    hidden. Cameras that face the machine across its work are preferred.
     """
     change = window.crop(record.change).ravel()
-    ground = len(change)  # ground comes first in the mesh
-    lowest = np.where(mesh.triangles.max(axis=1) < ground, mesh.triangles.min(axis=1), -1)
-    kind = np.where(
-        lowest >= 0, np.sign(change[lowest]) * (np.abs(change[lowest]) > MIN_CHANGE_M), 0
-    )
+    num_ground = len(change)  # points of the ground come first in the mesh
+    first = np.where(mesh.triangles.max(axis=1) < num_ground, mesh.triangles.min(axis=1), -1)
+    sign = np.where(first >= 0, np.sign(change[first]) * (np.abs(change[first]) > MIN_CHANGE_M), 0)
     cameras = [Camera(float(np.radians(trial)), float(ELEVATION)) for trial in TRIAL_AZIMUTHS]
     scale = TRIAL_PX / float(np.hypot(*window.size))
 
@@ -114,30 +112,30 @@ def best_camera(record: SiteRecord, window: Window, mesh: Mesh) -> Camera:
         work = record.changed_points.mean(axis=0) - record.machine_origin
         work *= MACHINE_FACING_WEIGHT / max(float(np.linalg.norm(work)), 1e-9)
 
-    def seen(camera: Camera) -> float:
+    def rating(camera: Camera) -> float:
         view = camera.view(mesh.points) * scale
         view -= view.min(axis=0)
-        wide, tall = np.ceil(view[:, :2].max(axis=0)).astype(int).tolist()
-        faces, _ = rasterize(view, mesh.triangles, (tall + 1, wide + 1))
-        kinds = kind[faces[faces >= 0]]
-        cut, fill = int((kinds < 0).sum()), int((kinds > 0).sum())
+        width, height = np.ceil(view[:, :2].max(axis=0)).astype(int).tolist()
+        faces, _ = rasterize(view, mesh.triangles, (height + 1, width + 1))
+        visible = sign[faces[faces >= 0]]
+        cut, fill = int((visible < 0).sum()), int((visible > 0).sum())
         return (min(cut, fill) + 0.1 * max(cut, fill)) * (1.0 + float(camera.toward[:2] @ work))
 
-    return max(cameras, key=seen)
+    return max(cameras, key=rating)
 
 
 def draw_labels(axes: Axes, record: SiteRecord, window: Window, camera: Camera) -> None:
-    """Name the deepest cut and the highest fill where there is one."""
+    """Label the deepest cut and the highest fill, where there is one."""
     change, after = window.crop(record.change), window.crop(record.after)
     for name, sign in (("pit", -1.0), ("spoil heap", 1.0)):
-        most = float((sign * change).max())
-        if most <= MIN_CHANGE_M:
+        max_change = float((sign * change).max())
+        if max_change <= MIN_CHANGE_M:
             continue
-        # Of a flat floor the far end is named: the near one may hide behind the pit's rim.
-        row, column = np.nonzero(sign * change >= EXTREME_FRACTION * most)
+        # On a flat floor the far end is labelled: the rim of the pit may hide the near one.
+        row, column = np.nonzero(sign * change >= EXTREME_FRACTION * max_change)
         points = np.stack([window.x[column], window.y[row], after[row, column]], axis=1)
         x, y, _ = max(camera.view(points).tolist(), key=lambda point: point[2])
-        extreme = f"{most:.2f} m deep" if sign < 0 else f"{most:.2f} m high"
+        extreme = f"{max_change:.2f} m deep" if sign < 0 else f"{max_change:.2f} m high"
         axes.annotate(
             f"{name}\n{extreme}",
             (x, y),
@@ -156,7 +154,7 @@ def draw_labels(axes: Axes, record: SiteRecord, window: Window, camera: Camera) 
 
 
 def draw_edge_bar(axes: Axes, window: Window, ground: Mesh, camera: Camera) -> None:
-    """A bar of a round length below the block's longer front edge, along that edge."""
+    """Draw a scale bar of a round length below the longer front edge of the block."""
     floor = float(ground.points[:, 2].min())
     front = _front_corner(window, camera)
     along = _longest_front_edge(window, camera, front)
@@ -180,7 +178,7 @@ def draw_edge_bar(axes: Axes, window: Window, ground: Mesh, camera: Camera) -> N
 
 
 def _front_corner(window: Window, camera: Camera) -> NDArray[np.float64]:
-    """x, y of the block's corner nearest to the camera [m], shape [2]."""
+    """Return x, y of the block's corner nearest to the camera [m], shape (2,)."""
     x_min, x_max, y_min, y_max = window.extent
     toward = camera.toward
     return np.array([x_max if toward[0] > 0 else x_min, y_max if toward[1] > 0 else y_min])
@@ -189,7 +187,7 @@ def _front_corner(window: Window, camera: Camera) -> NDArray[np.float64]:
 def _longest_front_edge(
     window: Window, camera: Camera, front: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The edge from the front corner that looks longest, x, y [m], shape [2]."""
+    """Return the edge from the front corner that appears longest, x, y [m], shape (2,)."""
     x_min, x_max, y_min, y_max = window.extent
     edges = (
         np.array([x_min + x_max - 2 * front[0], 0.0]),

@@ -1,4 +1,4 @@
-"""What a run leaves to be drawn: the ground before and after, the bucket's path, the machine."""
+"""SiteRecord: the ground before and after a run, the lip's path and the machine, for pictures."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from msg_bridge.contract.grid import Grid
 
 __all__ = ["MIN_CHANGE_M", "SiteRecord"]
 
-MIN_CHANGE_M = 0.01  # change of height from which a column counts as worked [m]
+MIN_CHANGE_M = 0.01  # minimum change of height of a column that counts as changed [m]
 
 
 @dataclass(frozen=True, eq=False)
 class SiteRecord:
-    """A site before and after a run, and how the machine worked it. Everything in the map frame.
+    """A site before and after a run, with the lip's path and the machine, in the map frame.
 
     Attributes:
-        grid: where the columns lie.
-        before: height of each column when the run began [m], shape [rows, cols].
-        after: height of each column when it ended [m], shape [rows, cols].
-        loose_depth: depth of loose soil on each column at the end [m], shape [rows, cols].
-        lip_path: middle of the bucket's lip over time [m], shape [n, 3].
-        lip_cycle: number of the cycle each point belongs to, from 1, shape [n].
-        lip_phase: name of the phase each point belongs to, such as "dig", shape [n].
-        machine_outline: name and plan-view polygon [m], shape [k, 2], of each part of the machine
-            as it ended.
-        title: what the run was, the pictures' heading.
-        machine_faces: colour and convex polygon [m], shape [k, 3], of each face of the machine as
-            it ended; none leaves it out of the 3-D view.
-        machine_position: x, y of the machine's swing axis [m]; None takes the outlines' middle.
+        grid: grid of the terrain.
+        before: height of each column before the run [m], shape (rows, cols).
+        after: height of each column after the run [m], shape (rows, cols).
+        loose_depth: depth of loose soil on each column after the run [m], shape (rows, cols).
+        lip_path: middle of the bucket's lip over time [m], shape (n, 3).
+        lip_cycle: cycle of each point, from 1, shape (n,).
+        lip_phase: phase of each point, such as "dig", shape (n,).
+        machine_outline: name and plan-view polygon [m], shape (k, 2), of each part of the machine
+            at the end.
+        title: heading of the pictures.
+        machine_faces: colour and convex polygon [m], shape (k, 3), of each face of the machine at
+            the end; without faces the 3-D view has no machine.
+        machine_position: x, y of the machine's swing axis [m]; None: the middle of the outlines.
 
     Raises:
-        ParameterError: an array has not the shape above, or a height is not a finite number.
+        ParameterError: an array has another shape, or a height is not finite.
     """
 
     grid: Grid
@@ -69,24 +69,24 @@ class SiteRecord:
 
     @property
     def change(self) -> NDArray[np.float64]:
-        """Height after less height before [m], shape [rows, cols]: cut is negative."""
+        """Height after minus height before [m], shape (rows, cols); cut is negative."""
         return self.after - self.before
 
     @property
     def cut_volume(self) -> float:
-        """Volume below the old and above the new surface [m^3]."""
+        """Volume between the surfaces where the new one is lower [m^3]."""
         return float(-np.minimum(self.change, 0.0).sum() * self.grid.cell**2)
 
     @property
     def fill_volume(self) -> float:
-        """Volume above the old and below the new surface [m^3]."""
+        """Volume between the surfaces where the new one is higher [m^3]."""
         return float(np.maximum(self.change, 0.0).sum() * self.grid.cell**2)
 
     @property
     def machine_origin(self) -> NDArray[np.float64]:
-        """x, y that distances from the machine are measured from [m], shape [2].
+        """x, y from which distances from the machine are measured [m], shape (2,).
 
-        `machine_position`, or else the middle of the outlines' bounding box, or else the origin.
+        It is `machine_position`, else the middle of the outlines' bounding box, else the origin.
         """
         if self.machine_position is not None:
             return np.asarray(self.machine_position, dtype=np.float64)
@@ -97,12 +97,12 @@ class SiteRecord:
 
     @property
     def outline_points(self) -> NDArray[np.float64]:
-        """All corners of the machine's outlines, x, y [m], shape [n, 2]."""
+        """Corners of all outlines of the machine, x, y [m], shape (n, 2)."""
         return np.concatenate([np.empty((0, 2)), *(polygon for _, polygon in self.machine_outline)])
 
     @property
     def changed_points(self) -> NDArray[np.float64]:
-        """Centres of the columns whose height changed by more than 1 cm, x, y [m], shape [n, 2]."""
+        """Centres of columns whose height changed by more than 1 cm, x, y [m], shape (n, 2)."""
         rows, cols = np.nonzero(np.abs(self.change) > MIN_CHANGE_M)
         return np.stack([self.grid.x(rows), self.grid.y(cols)], axis=1)
 

@@ -1,7 +1,7 @@
-"""How the pictures look: colours, type sizes, and figures laid out in inches.
+"""Colours, type sizes, and figures laid out in inches.
 
-The colours of phases are those of Okabe and Ito, told apart by all common kinds of colour vision
-(https://jfly.uni-koeln.de/color/). Nothing here touches matplotlib's global state.
+The colours of phases are those of Okabe and Ito, distinguishable with all common kinds of colour
+vision (https://jfly.uni-koeln.de/color/). matplotlib's global state is not changed.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ __all__ = [
 DPI = 150
 INK = "#22252a"
 GREY = "#6b7078"
-CUT, FILL = "#a3262e", "#1f5c99"  # the ends of CHANGE_COLOURS, as text
+CUT, FILL = "#a3262e", "#1f5c99"  # ends of CHANGE_COLOURS, for text
 
 SMALL, LABEL, BOLD, HEADING = 8.0, 9.5, 10.5, 15.0  # type sizes [pt]
 
-# Lightness rises with height and falls away from no change, so both read in grey as well.
+# Lightness rises with height and falls with the magnitude of change: both work in grey, too.
 HEIGHT_COLOURS = LinearSegmentedColormap.from_list(
     "height", ["#5f7480", "#8d9a93", "#b9b59a", "#dccfae", "#f6efdc"]
 )
@@ -61,20 +61,21 @@ PHASE_COLOURS = {
     "lift": "#e69f00",
     "swing": "#0072b2",
     "dump": "#009e73",
-    "return": "#cc79a7",
+    "reach": "#cc79a7",
+    "curl": "#f0e442",
 }
-OTHER_COLOURS = ("#56b4e9", "#f0e442", "#000000", "#8c8c8c")
+OTHER_COLOURS = ("#56b4e9", "#000000", "#8c8c8c", "#d3d3d3")
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure of this size [in] on an Agg canvas of its own."""
+    """Return an empty figure of a size [in] on an Agg canvas."""
     figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     return figure
 
 
 def add_axes(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
-    """Axes whose frame has this place and size in the figure [in]."""
+    """Add axes at a position and of a size in the figure [in]."""
     full_width, full_height = figure.get_size_inches()
     axes = figure.add_axes(
         (left / full_width, bottom / full_height, width / full_width, height / full_height)
@@ -87,7 +88,7 @@ def add_axes(figure: Figure, left: float, bottom: float, width: float, height: f
 
 
 def add_title(figure: Figure, title: str, subtitle: str, left: float) -> None:
-    """A heading and a line below it, flush with what begins `left` [in]."""
+    """Add a heading and a subtitle that start at `left` [in]."""
     width, height = figure.get_size_inches()
     figure.text(
         left / width,
@@ -102,7 +103,7 @@ def add_title(figure: Figure, title: str, subtitle: str, left: float) -> None:
 
 
 def add_colour_bar(axes: Axes, colours: ScalarMappable, label: str) -> None:
-    """Fill axes, wider than high, with the key to some colours."""
+    """Fill axes, wider than high, with a colour bar."""
     figure = axes.get_figure()
     assert isinstance(figure, Figure)
     bar = figure.colorbar(colours, cax=axes, orientation="horizontal")
@@ -112,18 +113,18 @@ def add_colour_bar(axes: Axes, colours: ScalarMappable, label: str) -> None:
 
 
 def label_metres(axes: Axes, x: str, y: str) -> None:
-    """Name both axes' quantities, with their unit."""
+    """Label both axes with their quantity and the unit."""
     axes.set_xlabel(f"{x} [m]", size=LABEL, color=INK)
     axes.set_ylabel(f"{y} [m]", size=LABEL, color=INK)
 
 
 def halo(width: float = 2.5, colour: str = "white") -> list[AbstractPathEffect]:
-    """An outline that keeps text and lines readable on any ground."""
+    """Return an outline that keeps text and lines readable on any background."""
     return [withStroke(linewidth=width, foreground=colour)]
 
 
 def nice_step(span: float, max_steps: int) -> float:
-    """The least of 1, 2, 5 x 10^k that divides a span into at most that many steps."""
+    """Return the smallest of 1, 2, 5 x 10^k that gives at most `max_steps` steps in a span."""
     if not span > 0.0:
         return 1.0
     rough = span / max_steps
@@ -133,27 +134,27 @@ def nice_step(span: float, max_steps: int) -> float:
     )
 
 
-def nice_length(most: float) -> float:
-    """The greatest of 1, 2, 5 x 10^k that is no more than `most`."""
-    decade = 10.0 ** np.floor(np.log10(most))
-    return float(max(f * decade for f in (1.0, 2.0, 5.0) if f * decade <= most))
+def nice_length(max_length: float) -> float:
+    """Return the largest of 1, 2, 5 x 10^k that is at most `max_length`."""
+    decade = 10.0 ** np.floor(np.log10(max_length))
+    return float(max(f * decade for f in (1.0, 2.0, 5.0) if f * decade <= max_length))
 
 
 def phase_colours(phases: list[str]) -> dict[str, str]:
-    """A colour for each phase: its own if it is a usual one, else one of the colours left."""
+    """Return a colour for each phase: its fixed colour, or one of the others in turn."""
     others = [phase for phase in phases if phase not in PHASE_COLOURS]
     extra = {phase: OTHER_COLOURS[i % len(OTHER_COLOURS)] for i, phase in enumerate(others)}
     return {phase: PHASE_COLOURS.get(phase) or extra[phase] for phase in phases}
 
 
 def scale(low: float, high: float) -> Normalize:
-    """Limits of a colour scale, kept apart where everything has one value."""
+    """Return the limits of a colour scale, at least 0.1 apart."""
     middle, half = 0.5 * (low + high), max(0.5 * (high - low), 0.05)
     return Normalize(middle - half, middle + half)
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write the figure as PNG, making its folder if there is none, and return the path."""
+    """Write the figure as PNG, create its folder if needed, and return the path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=DPI, format="png")
     return path

@@ -1,4 +1,4 @@
-"""The machine as flat faces: where its kinematics say it is."""
+"""machine_faces, machine_outline: the machine as flat faces in its pose."""
 
 import re
 
@@ -20,10 +20,10 @@ BOXES = link_visual_boxes(MACHINE)
 
 
 def encloses(polygon: np.ndarray, point: np.ndarray) -> bool:
-    """Whether a point (2,) lies inside a convex polygon (k, 2)."""
+    """Return whether a point (2,) lies inside a convex polygon (k, 2)."""
     edge = np.roll(polygon, -1, axis=0) - polygon
-    away = point - polygon
-    side = edge[:, 0] * away[:, 1] - edge[:, 1] * away[:, 0]
+    offset = point - polygon
+    side = edge[:, 0] * offset[:, 1] - edge[:, 1] * offset[:, 0]
     return bool((side > 0).all() or (side < 0).all())
 
 
@@ -53,9 +53,9 @@ def test_faces_of_a_box_are_flat_rectangles_of_its_size():
 
 def test_arm_is_drawn_from_the_boom_to_the_bucket():
     _, pin = tool_pose(MACHINE, *POSE)
-    of_arm = [k for k, box in enumerate(BOXES) if box.link == "arm"]
+    arm_boxes = [k for k, box in enumerate(BOXES) if box.link == "arm"]
     faces = machine_faces(MACHINE, *POSE)
-    arm = np.concatenate([face for k in of_arm for _, face in faces[6 * k : 6 * k + 6]])
+    arm = np.concatenate([face for k in arm_boxes for _, face in faces[6 * k : 6 * k + 6]])
     assert np.linalg.norm(arm - pin, axis=1).min() < 0.5
 
 
@@ -65,15 +65,15 @@ def test_every_face_has_a_colour():
     assert len(set(colours)) >= 3
 
 
-def test_outline_shows_tracks_and_upper_body():
+def test_outline_has_tracks_and_upper_body():
     names = [name for name, _ in machine_outline(MACHINE, *POSE)]
     assert names.count("base") == len(MACHINE.links["base"].boxes)
     assert names.count("upper") == len(MACHINE.links["upper"].boxes)
 
 
-def test_outline_encloses_where_the_machine_stands():
-    around = [p for name, p in machine_outline(MACHINE, *POSE) if encloses(p, POSITION[:2])]
-    assert around
+def test_outline_encloses_the_position_of_the_machine():
+    enclosing = [p for name, p in machine_outline(MACHINE, *POSE) if encloses(p, POSITION[:2])]
+    assert enclosing
     assert not any(
         encloses(polygon, POSITION[:2] + 10.0) for _, polygon in machine_outline(MACHINE, *POSE)
     )

@@ -1,4 +1,4 @@
-"""The pictures a run ends with are written, the right way up, and tell the right volumes."""
+"""Pictures of a run: they are written, oriented correctly, and have the right volumes."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ DRAWERS = [draw_cut_fill, draw_bucket_path, draw_site_3d]
 
 
 def site(**changes) -> SiteRecord:
-    """A pit of 2 x 1 x 0.5 m at x = 4 and a heap of 1 x 1 x 1 m at y = 5, dug from the origin."""
+    """Return a site with a pit of 2 x 1 x 0.5 m at x = 4 and a heap of 1 x 1 x 1 m at y = 5."""
     x, y = np.meshgrid(GRID.x(np.arange(GRID.rows)), GRID.y(np.arange(GRID.cols)), indexing="ij")
     before = 0.02 * x
     pit = (np.abs(x - 4.0) < 1.0) & (np.abs(y) < 0.5)
@@ -55,12 +55,12 @@ def site(**changes) -> SiteRecord:
 
 @pytest.fixture(autouse=True)
 def coarse_shading(monkeypatch):
-    """Render quickly: no test looks at how smooth an edge is."""
+    """Render quickly: no test depends on smooth edges."""
     monkeypatch.setattr(shading, "SUPERSAMPLING", 1)
     monkeypatch.setattr(shading, "SHADOW_PX", 300)
 
 
-def untouched() -> SiteRecord:
+def unchanged() -> SiteRecord:
     record = site()
     return replace(record, after=record.before, loose_depth=np.zeros(GRID.shape))
 
@@ -84,7 +84,7 @@ def assert_is_picture(path) -> None:
 
 
 @pytest.mark.parametrize("draw", DRAWERS)
-def test_picture_is_written_where_it_was_asked_for(draw, tmp_path):
+def test_picture_is_written_to_its_path(draw, tmp_path):
     path = tmp_path / "new folder" / "picture.png"
     assert draw(site(), path) == path
     assert_is_picture(path)
@@ -96,13 +96,13 @@ def test_empty_path_is_drawn(draw, tmp_path):
 
 
 @pytest.mark.parametrize("draw", DRAWERS)
-def test_untouched_ground_without_machine_is_drawn(draw, tmp_path):
-    record = replace(without_path(untouched()), machine_outline=[], machine_faces=[])
+def test_unchanged_ground_without_machine_is_drawn(draw, tmp_path):
+    record = replace(without_path(unchanged()), machine_outline=[], machine_faces=[])
     assert_is_picture(draw(record, tmp_path / "picture.png"))
 
 
 @pytest.mark.parametrize("draw", DRAWERS)
-def test_flat_map_smaller_than_the_least_window_is_drawn(draw, tmp_path):
+def test_flat_map_smaller_than_the_minimum_window_is_drawn(draw, tmp_path):
     flat = np.zeros((20, 12))
     record = site(grid=Grid(20, 12, 0.2), before=flat, after=flat, loose_depth=flat)
     assert_is_picture(draw(record, tmp_path / "picture.png"))
@@ -120,7 +120,7 @@ def test_image_has_x_to_the_right_and_y_up():
     np.testing.assert_array_equal(to_image(grid, matrix), [low_y, high_y])
 
 
-def test_image_of_another_grid_is_refused():
+def test_image_of_another_grid_is_rejected():
     with pytest.raises(ParameterError, match="shape"):
         to_image(Grid(3, 2, 1.0), np.zeros((2, 3)))
 
@@ -128,16 +128,16 @@ def test_image_of_another_grid_is_refused():
 def test_window_shows_each_column_at_its_own_x_and_y():
     x, y = GRID.x(np.arange(GRID.rows)), GRID.y(np.arange(GRID.cols))
     window = Window(GRID, 3, 20, 5, 9)
-    across = window.crop(np.broadcast_to(x[:, None], GRID.shape))
-    upward = window.crop(np.broadcast_to(y[None, :], GRID.shape))
-    np.testing.assert_allclose(across, np.broadcast_to(window.x, (4, 17)))
-    np.testing.assert_allclose(upward, np.broadcast_to(window.y[:, None], (4, 17)))
+    x_image = window.crop(np.broadcast_to(x[:, None], GRID.shape))
+    y_image = window.crop(np.broadcast_to(y[None, :], GRID.shape))
+    np.testing.assert_allclose(x_image, np.broadcast_to(window.x, (4, 17)))
+    np.testing.assert_allclose(y_image, np.broadcast_to(window.y[:, None], (4, 17)))
     half = 0.5 * GRID.cell
     edges = (window.x[0] - half, window.x[-1] + half, window.y[0] - half, window.y[-1] + half)
     assert window.extent == pytest.approx(edges)
 
 
-def test_window_holds_its_points_and_is_at_least_12_m():
+def test_window_contains_its_points_and_is_at_least_12_m():
     window = window_around(Grid(257, 257, 0.2), np.array([[3.0, -4.0], [5.0, 7.0]]))
     x_min, x_max, y_min, y_max = window.extent
     assert min(window.size) >= 12.0
@@ -164,17 +164,17 @@ def test_cut_and_fill_are_the_volumes_moved():
     )
 
 
-def test_array_of_the_wrong_shape_is_refused():
+def test_array_of_the_wrong_shape_is_rejected():
     with pytest.raises(ParameterError, match="loose_depth"):
         site(loose_depth=np.zeros((2, 2)))
 
 
-def test_height_that_is_not_finite_is_refused():
+def test_height_that_is_not_finite_is_rejected():
     with pytest.raises(ParameterError, match="before"):
         site(before=np.full(GRID.shape, np.nan))
 
 
-def test_machine_base_is_the_given_position_or_else_the_middle_of_the_outline():
+def test_machine_origin_is_the_position_or_the_middle_of_the_outline():
     assert site(machine_position=(2.0, 3.0)).machine_origin.tolist() == [2.0, 3.0]
     assert site().machine_origin.tolist() == [0.0, 0.0]
 
@@ -187,8 +187,8 @@ def test_dig_azimuth_points_from_the_machine_to_the_pit():
 def test_profile_of_a_plane_is_the_plane():
     x, y = np.meshgrid(GRID.x(np.arange(GRID.rows)), GRID.y(np.arange(GRID.cols)), indexing="ij")
     points = np.array([[1.03, -2.2], [-4.41, 3.33]])
-    found = heights_at(GRID, 0.3 * x - 0.1 * y, points)
-    np.testing.assert_allclose(found, points @ [0.3, -0.1])
+    heights = heights_at(GRID, 0.3 * x - 0.1 * y, points)
+    np.testing.assert_allclose(heights, points @ [0.3, -0.1])
 
 
 def test_nearer_triangle_hides_the_farther_one_where_they_overlap():
@@ -200,22 +200,22 @@ def test_nearer_triangle_hides_the_farther_one_where_they_overlap():
     assert depths[0, 0] == pytest.approx(2.0, abs=1e-6)
 
 
-def test_camera_at_minus_y_sees_x_to_the_right_and_y_away():
+def test_camera_at_minus_y_has_x_to_the_right_and_y_as_depth():
     camera = Camera(-np.pi / 2, 0.0)
     np.testing.assert_allclose(
         camera.view(np.eye(3)), [[1, 0, 0], [0, 0, 1], [0, 1, 0]], atol=1e-12
     )
 
 
-def test_camera_sees_over_the_heap_into_the_pit():
-    """Pit and heap lie in line along x: from either end of it one would hide behind the other."""
+def test_camera_is_on_the_side_of_the_pit():
+    """From the other side the wall would hide the pit."""
     x, y = np.meshgrid(GRID.x(np.arange(GRID.rows)), GRID.y(np.arange(GRID.cols)), indexing="ij")
     pit = (np.abs(x - 2.0) < 1.0) & (np.abs(y) < 0.5)
     wall = (np.abs(x) < 0.5) & (np.abs(y) < 3.0)
     record = site(before=0 * x, after=3.0 * wall - 0.5 * pit, machine_faces=[])
     window = window_around(GRID, record.changed_points)
     camera = best_camera(record, window, ground_mesh(record, window))
-    assert camera.toward[0] > 0.0, "on the pit's side of the wall"
+    assert camera.toward[0] > 0.0, "the camera is on the pit's side of the wall"
 
 
 @pytest.mark.parametrize(("span", "step"), [(1.0, 0.1), (1.1, 0.2), (4.0, 0.5), (0.0, 1.0)])
@@ -223,12 +223,24 @@ def test_step_is_round_and_gives_at_most_10_steps(span, step):
     assert nice_step(span, 10) == pytest.approx(step)
 
 
-@pytest.mark.parametrize(("most", "length"), [(3.2, 2.0), (5.0, 5.0), (0.9, 0.5)])
-def test_length_is_round_and_no_more_than_asked_for(most, length):
-    assert nice_length(most) == pytest.approx(length)
+@pytest.mark.parametrize(("max_length", "length"), [(3.2, 2.0), (5.0, 5.0), (0.9, 0.5)])
+def test_length_is_round_and_at_most_the_maximum(max_length, length):
+    assert nice_length(max_length) == pytest.approx(length)
 
 
-def test_phases_have_colours_of_their_own():
-    colours = phase_colours(["approach", "dig", "wait", "return"])
-    assert list(colours) == ["approach", "dig", "wait", "return"]
-    assert len(set(colours.values())) == 4
+def test_phases_of_a_dig_have_different_colours():
+    phases = [
+        "approach",
+        "brace",
+        "reach",
+        "dig",
+        "curl",
+        "lift",
+        "swing",
+        "dump",
+        "settle",
+        "done",
+    ]
+    colours = phase_colours(phases)
+    assert list(colours) == phases
+    assert len(set(colours.values())) == len(phases)

@@ -1,4 +1,4 @@
-"""The same run, to the last bit, in one process and over topics."""
+"""A run over topics ends in the same states as in one process, to the last bit."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ EVERY = 10
 GROUND = {"flat": SITE, "rough": {**SITE, "site.terrain": "rough", "site.roughness": 0.02}}
 
 
-class Told(NamedTuple):
-    """A run as told: hashes of every tenth tick, applied commands and ledgers of all."""
+class Run(NamedTuple):
+    """A run by tick: hashes of every tenth tick, applied commands and ledgers of all."""
 
     soil: dict[int, str]
     machine: dict[int, str]
@@ -46,8 +46,8 @@ class Told(NamedTuple):
     ledgers: dict[int, Ledger]
 
 
-def over_topics(ros: Ros, machine_path: str, ground: dict[str, object]) -> Told:
-    """The run by nodes; each command answers a state, and the machine waits for it."""
+def over_topics(ros: Ros, machine_path: str, ground: dict[str, object]) -> Run:
+    """Run with nodes; each command answers a state, and the machine waits for it."""
     soil_hashes = ros.collect("/soil/state_hash", String)
     machine_hashes = ros.collect("/excavator/state_hash", String)
     applied = ros.collect("/excavator/applied_commands", JointState)
@@ -70,7 +70,7 @@ def over_topics(ros: Ros, machine_path: str, ground: dict[str, object]) -> Told:
     scene.until_tick(TICKS)
     ros.spin_until(lambda: machine_hashes and newest(machine_hashes) >= TICKS)
     ros.spin_until(lambda: soil_hashes and newest(soil_hashes) >= TICKS)
-    return Told(
+    return Run(
         by_tick(soil_hashes),
         by_tick(machine_hashes),
         {
@@ -81,36 +81,36 @@ def over_topics(ros: Ros, machine_path: str, ground: dict[str, object]) -> Told:
     )
 
 
-def in_one_process(commands: dict[int, list[float]], ground: dict[str, object]) -> Told:
-    """The run without topics, by the commands that were applied in another."""
+def in_one_process(commands: dict[int, list[float]], ground: dict[str, object]) -> Run:
+    """Run without topics, with the commands that were applied in another run."""
     site = make_site(SiteParams(**{k.removeprefix("site."): v for k, v in ground.items()}))
     soil = Soil(site.grid, site.heights, SoilParams(swell=0.2))
     machine = MachineSim(
         [Placement(ready_to_dig())], soil.grid, soil.columns.height, **loose_soil_options(soil)
     )
     world = World(soil, {1: machine})
-    told = Told({}, {}, commands, {0: world.ledger})
+    run = Run({}, {}, commands, {0: world.ledger})
     for tick in range(1, TICKS + 1):
         machine.command(np.array(commands[tick][:4]), np.array(commands[tick][4:]))
-        told.ledgers[tick] = world.step()
+        run.ledgers[tick] = world.step()
         if tick % EVERY == 0:
-            told.soil[tick], told.machine[tick] = world.state_hash(), machine.state_hash()
+            run.soil[tick], run.machine[tick] = world.state_hash(), machine.state_hash()
     world.close()
-    return told
+    return run
 
 
-def by_tick(heard: list[String]) -> dict[int, str]:
-    """Hashes of every tenth tick; more are told while time stands still."""
-    hashes = map(from_state_hash_string, heard)
+def by_tick(messages: list[String]) -> dict[int, str]:
+    """Return the hashes of every tenth tick; more are published while time stands still."""
+    hashes = map(from_state_hash_string, messages)
     return {h.tick: h.sha256 for h in hashes if h.tick % EVERY == 0 and 0 < h.tick <= TICKS}
 
 
-def newest(heard: list[String]) -> int:
-    return from_state_hash_string(heard[-1]).tick
+def newest(messages: list[String]) -> int:
+    return from_state_hash_string(messages[-1]).tick
 
 
 @pytest.mark.parametrize("ground", ["rough", pytest.param("flat", marks=pytest.mark.slow)])
-def test_a_run_over_topics_is_the_same_again_and_the_same_as_in_one_process(
+def test_runs_over_topics_are_identical_to_each_other_and_to_one_process(
     ros_domain: int, tmp_path: Path, ground: str
 ) -> None:
     path = machine_file(tmp_path, ready_to_dig())
@@ -124,9 +124,9 @@ def test_a_run_over_topics_is_the_same_again_and_the_same_as_in_one_process(
     first, again = runs
     alone = in_one_process(first.commands, GROUND[ground])
     hashed = list(range(EVERY, TICKS + 1, EVERY))
-    for told in (first, again, alone):
-        assert list(told.soil) == list(told.machine) == hashed
-    # There was something to differ in: soil was cut, carried and became terrain again.
+    for run in (first, again, alone):
+        assert list(run.soil) == list(run.machine) == hashed
+    # The runs could differ: soil was cut and carried, and the terrain changed.
     assert len(set(alone.soil.values())) > 10
     assert alone.ledgers[TICKS].particles > 10**8
     assert len({tuple(command) for command in first.commands.values()}) > 200

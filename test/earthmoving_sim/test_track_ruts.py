@@ -1,4 +1,4 @@
-"""A machine that drives over loose soil packs it under its tracks, and nothing is lost."""
+"""Tracks compact loose soil into ruts, and the volume stays exact."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from soil_sim.soil import Soil
 from soil_sim.soils.params import SoilParams
 
 GRID = Grid(81, 61, 0.2)
-DEPTH = 0.2  # of loose soil [m]
+DEPTH = 0.2  # depth of loose soil [m]
 
 
 def loose_ground(**params: object) -> Soil:
     soil = Soil(GRID, np.zeros(GRID.shape), SoilParams(**params))  # type: ignore[arg-type]
-    growth = 1.0 + soil.soil_types[0].swell
-    volume = round(DEPTH / growth / soil.columns.metres_per_mm3)
+    bulking_factor = 1.0 + soil.soil_types[0].swell
+    volume = round(DEPTH / bulking_factor / soil.columns.metres_per_mm3)
     x, y = np.meshgrid(GRID.x(np.arange(81)), GRID.y(np.arange(61)), indexing="ij")
-    spread = make_deposit_requests(x.reshape(-1), y.reshape(-1), volume)
-    spread["moisture"] = soil.loose_soils[0].moisture
-    soil.step(0, NO_SWEEPS, spread)
+    requests = make_deposit_requests(x.reshape(-1), y.reshape(-1), volume)
+    requests["moisture"] = soil.loose_soils[0].moisture
+    soil.step(0, NO_SWEEPS, requests)
     return soil
 
 
 def world_on(soil: Soil, tracks: TrackModel = "kinematic") -> tuple[World, MachineSim]:
-    """A machine on that soil, that looks ahead over the map."""
+    """Return a world with a machine at x = -4 m that faces +x."""
     machine = MachineSim(
         [Placement(excavator(), (-4.0, 0.0))],
         GRID,
@@ -52,14 +52,14 @@ def drive(world: World, machine: MachineSim, speed: float, ticks: int) -> None:
 
 
 def rut(soil: Soil, machine: MachineSim) -> NDArray[np.float64]:
-    """Depth of the ruts under the middle of the machine, left and right [m]."""
+    """Return the depth of the ruts below the middle of the machine, left and right [m]."""
     half = 0.5 * machine.machine.spec.tracks.gauge
     row = round(GRID.row(machine.machine.base_pose[0][0]))
     cols = [round(GRID.col(half)), round(GRID.col(-half))]
     return DEPTH - soil.columns.height[row, cols]
 
 
-def test_tracks_leave_ruts_where_they_went_and_nowhere_else() -> None:
+def test_tracks_leave_ruts_only_where_they_drove() -> None:
     soil = loose_ground(swell=0.3)
     world, machine = world_on(soil)
     start = machine.machine.base_pose[0][0]
@@ -75,25 +75,25 @@ def test_tracks_leave_ruts_where_they_went_and_nowhere_else() -> None:
     assert min(sunk[row, left], sunk[row, right]) > 0.01
     assert abs(sunk[row, middle]) < 1e-6
     assert abs(sunk[row, beside]) < 1e-6
-    assert abs(sunk[round(GRID.row(end + 3.0)), left]) < 1e-6, "not before it came"
-    assert sunk.max() <= DEPTH * (1.0 - 1.0 / 1.3) + 1e-3, "no denser than undisturbed"
+    assert abs(sunk[round(GRID.row(end + 3.0)), left]) < 1e-6, "ahead of the machine"
+    assert sunk.max() <= DEPTH * (1.0 - 1.0 / 1.3) + 1e-3, "at most to the undisturbed volume"
 
 
 @pytest.mark.parametrize("tracks", ["kinematic", "dynamic"])
-def test_ruts_are_as_deep_as_the_tracks_sank(tracks: TrackModel) -> None:
+def test_depth_of_ruts_is_the_sinkage_of_the_tracks(tracks: TrackModel) -> None:
     soil = loose_ground(soil="topsoil")
     world, machine = world_on(soil, tracks)
     drive(world, machine, 1.0, 350)
     depth = rut(soil, machine)
     sinkage = machine.machine.tracks.sinkage.copy()
     world.close()
-    packed = DEPTH * (1.0 - 1.0 / (1.0 + soil.soil_types[0].swell))
+    max_rut_depth = DEPTH * (1.0 - 1.0 / (1.0 + soil.soil_types[0].swell))
     assert sinkage.min() > 0.02
-    assert depth == pytest.approx(np.minimum(sinkage, packed), abs=0.008)
+    assert depth == pytest.approx(np.minimum(sinkage, max_rut_depth), abs=0.008)
     assert soil.verify_volume()
 
 
-def test_ruts_do_not_deepen_while_the_machine_stands_or_comes_back() -> None:
+def test_sinkage_does_not_grow_at_rest_or_on_the_way_back() -> None:
     soil = loose_ground(soil="dry sand")
     world, machine = world_on(soil)
     drive(world, machine, 1.0, 300)
@@ -105,8 +105,7 @@ def test_ruts_do_not_deepen_while_the_machine_stands_or_comes_back() -> None:
     world.close()
 
 
-def test_firm_soil_bears_the_tracks_and_keeps_its_shape() -> None:
-    """The press moves no firm soil; the machine stands as deep in it all the same."""
+def test_tracks_sink_into_firm_soil_without_changing_it() -> None:
     soil = Soil(GRID, np.zeros(GRID.shape), SoilParams(soil="dry sand"))
     world, machine = world_on(soil)
     drive(world, machine, 1.0, 200)

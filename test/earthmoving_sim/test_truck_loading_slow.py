@@ -1,4 +1,4 @@
-"""An excavator loads a dumper, which carries the soil away and tips it: the ledger closes."""
+"""An excavator loads a dumper, which drives away and tips its load; the ledger stays balanced."""
 
 import numpy as np
 import pytest
@@ -17,11 +17,11 @@ from soil_sim.soils.params import SoilParams
 pytestmark = pytest.mark.slow
 
 GRID = Grid(161, 161, 0.2)
-OVER_THE_RIM = 2.8
-"""Height that the bucket keeps above the ground, so that it clears the dumper's bed [m]."""
+CLEARANCE = 2.8
+"""Clearance of the bucket above the ground, so that it clears the dumper's bed [m]."""
 
 
-def test_a_truck_is_loaded_and_tips_its_load_elsewhere() -> None:
+def test_dumper_is_loaded_and_tips_its_load_elsewhere() -> None:
     soil = Soil(GRID, np.zeros(GRID.shape), SoilParams(repose_angle=35.0, swell=0.15))
     digger, dumper = load_shipped_machine("excavator"), load_shipped_machine("dumper")
     sim = MachineSim(
@@ -35,37 +35,37 @@ def test_a_truck_is_loaded_and_tips_its_load_elsewhere() -> None:
     truck = sim.simulated_machines[1]
     imbalances = set()
 
-    def go_on(ticks: int) -> None:
+    def step(ticks: int) -> None:
         imbalances.update(world.step().imbalance for _ in range(ticks))
 
-    behaviour = BehaviourParams(clearance=OVER_THE_RIM, empty_threshold=0.05)
-    operator = DigTask(digger, behaviour, DigTaskParams(cycles=2, timeout=120.0))
-    operated = OperatedMachine(world, sim.simulated_machines[0], operator, sim.params.tick_period)
-    while operator.phase not in ("settle", "done"):
+    behaviour = BehaviourParams(clearance=CLEARANCE, empty_threshold=0.05)
+    task = DigTask(digger, behaviour, DigTaskParams(cycles=2, timeout=120.0))
+    operated = OperatedMachine(world, sim.simulated_machines[0], task, sim.params.tick_period)
+    while task.phase not in ("settle", "done"):
         operated.observe_and_command(0.02)
-        go_on(2)
+        step(2)
     loaded = truck.payload
-    assert operator.abort_reason == ""
+    assert task.abort_reason == ""
     assert loaded.bank > 0.8
     assert loaded.mass == pytest.approx(1600.0 * loaded.bank, rel=1e-6)
 
     sim.command(np.zeros(4), np.zeros(2))
     truck.machine.command([0.0], [-1.5, -1.5])
-    go_on(400)
+    step(400)
     truck.machine.command([0.0], [0.0, 0.0])
-    go_on(50)
+    step(50)
     assert truck.machine.base_pose[0][0] < -4.0
     assert truck.payload.bank > 0.98 * loaded.bank
     heap = (GRID.x(np.arange(161)) < -7.0)[:, None] & np.ones(161, bool)
     before = int(soil.columns.bulk[heap].sum())
     truck.machine.command([-0.2], [0.0, 0.0])
-    go_on(800)
+    step(800)
     truck.machine.command([0.2], [1.0, 1.0])
-    go_on(600)
+    step(600)
     world.close()
     assert truck.payload.bank == 0.0
-    grown = int(soil.columns.bulk[heap].sum()) - before
-    assert grown * 1e-9 > 0.9 * loaded.bank
+    tipped = int(soil.columns.bulk[heap].sum()) - before
+    assert tipped * 1e-9 > 0.9 * loaded.bank
     assert sim.particles.num_plate_tunnellings == 0
     assert imbalances == {0}
     ledger = world.ledger

@@ -1,3 +1,5 @@
+"""World: soil and machines in one process: balance, terrain, invalid inputs, repeatability."""
+
 import math
 from dataclasses import replace
 
@@ -14,28 +16,28 @@ from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.rows import ConversionKind
 
-DESCRIPTION = excavator()
+EXCAVATOR = excavator()
 
 
 def drag(world: World, ticks: int) -> list[Ledger]:
-    """Every machine puts its lip in the ground before it and draws it in."""
+    """Drag the lip of every machine through the ground; return the ledgers."""
     ledgers = []
-    start = arm_geometry(DESCRIPTION).swing[2]
+    start = arm_geometry(EXCAVATOR).swing[2]
     for tick in range(ticks):
-        part = tick / ticks
-        reach, depth = 7.0 - 1.5 * part, 0.25 * math.sin(math.pi * part)
-        wanted = solve_arm_angles(DESCRIPTION, reach, -start - depth + 0.05, 2.0 + 0.5 * part)
+        fraction = tick / ticks
+        reach, depth = 7.0 - 1.5 * fraction, 0.25 * math.sin(math.pi * fraction)
+        target = solve_arm_angles(EXCAVATOR, reach, -start - depth + 0.05, 2.0 + 0.5 * fraction)
         for machine in world.machines.values():
-            error = np.array(wanted) - machine.machine.joint_positions[1:]
+            error = np.array(target) - machine.machine.joint_positions[1:]
             machine.command(np.array([0.0, *(5.0 * error)]), np.zeros(2))
         ledgers.append(world.step())
     return ledgers
 
 
-def ready(position: tuple[float, float] = (0.0, 0.0), **options: object) -> MachineSim:
-    """A machine whose lip is just above the ground already."""
-    angles = solve_arm_angles(DESCRIPTION, 7.0, -arm_geometry(DESCRIPTION).swing[2] + 0.1, 2.0)
-    spec = replace(DESCRIPTION, home=np.array([0.0, *angles]))
+def ready_to_dig(position: tuple[float, float] = (0.0, 0.0), **options: object) -> MachineSim:
+    """Return a machine whose lip is just above the ground."""
+    angles = solve_arm_angles(EXCAVATOR, 7.0, -arm_geometry(EXCAVATOR).swing[2] + 0.1, 2.0)
+    spec = replace(EXCAVATOR, home=np.array([0.0, *angles]))
     soil = level_soil()
     placements = [Placement(spec, position)]
     return MachineSim(placements, soil.grid, soil.columns.height, **options)  # type: ignore[arg-type]
@@ -43,7 +45,7 @@ def ready(position: tuple[float, float] = (0.0, 0.0), **options: object) -> Mach
 
 @pytest.fixture
 def dug():
-    world = World(level_soil(), {1: ready()})
+    world = World(level_soil(), {1: ready_to_dig()})
     ledgers = drag(world, 250)
     yield world, ledgers
     world.close()
@@ -58,16 +60,16 @@ def test_every_tick_of_a_dig_balances(dug) -> None:
     assert world.soil.verify_volume()
 
 
-def test_the_machine_feels_the_terrain_the_soil_has(dug) -> None:
+def test_machine_follows_the_terrain_of_the_soil(dug) -> None:
     world, _ = dug
     for _ in range(300):
         world.step()
     assert world.soil.columns.height.min() < -0.1
-    felt = world.machines[1].ground.elevation
-    assert felt == pytest.approx(world.soil.columns.height, abs=1e-6)
+    elevation = world.machines[1].ground.elevation
+    assert elevation == pytest.approx(world.soil.columns.height, abs=1e-6)
 
 
-def test_the_surface_is_that_of_the_last_tick_to_the_bits_of_messages(dug) -> None:
+def test_surface_is_that_of_the_last_tick_as_float32(dug) -> None:
     world, _ = dug
     before = world.surface
     assert world.surface is before
@@ -77,22 +79,22 @@ def test_the_surface_is_that_of_the_last_tick_to_the_bits_of_messages(dug) -> No
     assert not np.array_equal(before, after)
 
 
-def test_soil_that_lands_is_terrain_again(dug) -> None:
+def test_released_soil_becomes_terrain(dug) -> None:
     world, _ = dug
-    landed = 0
+    num_deposits = 0
     for _ in range(400):
         world.step()
         answers = world.answers[1].conversions
-        landed += int((answers["kind"] == ConversionKind.DEPOSIT).sum())
-    assert landed > 0
+        num_deposits += int((answers["kind"] == ConversionKind.DEPOSIT).sum())
+    assert num_deposits > 0
     assert world.soil.columns.loose.sum() > 0
     assert world.ledger.imbalance == 0
 
 
-def test_one_tampered_parcel_shows_in_the_ledger() -> None:
-    world = World(level_soil(), {1: ready()})
+def test_ledger_shows_a_parcel_that_lost_1_mm3() -> None:
+    world = World(level_soil(), {1: ready_to_dig()})
     machine = world.machines[1]
-    honest = machine.apply
+    original_apply = machine.apply
     tampered = []
 
     def apply(conversions, *others, **kwargs) -> None:
@@ -100,7 +102,7 @@ def test_one_tampered_parcel_shows_in_the_ledger() -> None:
         if excavated.size and not tampered:
             conversions["volume_mm3"][excavated[0]] -= 1
             tampered.append(True)
-        honest(conversions, *others, **kwargs)
+        original_apply(conversions, *others, **kwargs)
 
     machine.apply = apply  # type: ignore[method-assign]
     ledgers = drag(world, 120)
@@ -110,10 +112,10 @@ def test_one_tampered_parcel_shows_in_the_ledger() -> None:
     assert ledgers[-1].imbalance == -1
 
 
-def test_equal_runs_end_in_equal_states() -> None:
+def test_runs_with_one_seed_end_in_equal_states() -> None:
     hashes = []
     for seed in (0, 0, 1):
-        world = World(level_soil(), {1: ready(seed=seed)})
+        world = World(level_soil(), {1: ready_to_dig(seed=seed)})
         drag(world, 220)
         hashes.append((world.state_hash(), world.machines[1].state_hash()))
         world.close()
@@ -122,7 +124,7 @@ def test_equal_runs_end_in_equal_states() -> None:
 
 
 def test_two_machines_dig_the_same_terrain() -> None:
-    machines = {1: ready(position=(-6.0, 3.0)), 2: ready(position=(-6.0, -3.0))}
+    machines = {1: ready_to_dig(position=(-6.0, 3.0)), 2: ready_to_dig(position=(-6.0, -3.0))}
     world = World(level_soil(), machines)
     ledgers = drag(world, 200)
     world.close()
@@ -130,17 +132,17 @@ def test_two_machines_dig_the_same_terrain() -> None:
     assert all(machine.particles.count > 100 for machine in machines.values())
 
 
-def test_a_tool_that_cannot_be_believed_is_said_loudly_and_moves_nothing(
+def test_invalid_sweeps_are_logged_and_cut_nothing(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    world = World(level_soil(), {1: ready()})
+    world = World(level_soil(), {1: ready_to_dig()})
     machine = world.machines[1]
-    honest = machine.step
+    original_step = machine.step
 
     def step():
-        moved = honest()
-        moved.sweeps["x1"][3] = np.nan
-        return moved
+        result = original_step()
+        result.sweeps["x1"][3] = np.nan
+        return result
 
     machine.step = step  # type: ignore[method-assign]
     ledgers = drag(world, 60)
@@ -151,15 +153,15 @@ def test_a_tool_that_cannot_be_believed_is_said_loudly_and_moves_nothing(
 
 @pytest.mark.parametrize("name", ["swell", "density", "cohesion"])
 def test_machine_and_soil_must_agree_on_loose_soil(name) -> None:
-    machine = ready(soils=[LooseSoil(**{name: 1.25})])
-    with pytest.raises(ParameterError, match=rf"{name}=1.25.*, the terrain has"):
+    machine = ready_to_dig(soils=[LooseSoil(**{name: 1.25})])
+    with pytest.raises(ParameterError, match=rf"{name}=1.25"):
         World(level_soil(), {1: machine})
     machine.close()
 
 
-def test_machine_and_soil_must_agree_on_which_soil_swells_how() -> None:
+def test_machine_and_soil_must_have_the_same_order_of_soils() -> None:
     soil = level_soil(swell=0.2, additional_soils=("reference",))
-    machine = ready(soils=[kind.loose_soil for kind in reversed(soil.soil_types)])
-    with pytest.raises(ParameterError, match="knows the soils"):
+    machine = ready_to_dig(soils=[kind.loose_soil for kind in reversed(soil.soil_types)])
+    with pytest.raises(ParameterError):
         World(soil, {1: machine})
     machine.close()
