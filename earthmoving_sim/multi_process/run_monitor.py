@@ -147,12 +147,16 @@ class RunMonitor:
     def _value(self, node: str, key: str) -> float:
         return float(self._values.get(node, {}).get(key, 0.0))
 
-    def _missing_nodes(self) -> list[str]:
-        return [name for name in _REQUIRED_NODES if name not in self._values]
-
     def _describe_wait(self, processes: Sequence[NodeProcess]) -> str:
-        """Return what the run waits for, as far as it is known."""
-        missing = self._missing_nodes()
+        """Return what the run waits for, as far as it is known.
+
+        The CPU time of a node that has not published yet shows whether it is compiling.
+        """
+        missing = [
+            f"{process.name} ({process.cpu_time:.0f} s of CPU time so far)"
+            for process in processes
+            if process.name in _REQUIRED_NODES and process.name not in self._values
+        ]
         reasons = [f"waiting for the first diagnostics of {', '.join(missing)}"] if missing else []
         return "; ".join([*reasons, *waiting_reasons(processes)]) or "all nodes are running"
 
