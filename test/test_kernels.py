@@ -1,4 +1,4 @@
-"""What holds for every kernel: the same bits, however and whenever it was compiled."""
+"""Results of kernels do not depend on how and when they were compiled."""
 
 import importlib
 import pkgutil
@@ -12,17 +12,18 @@ from msg_bridge.kernels import ThreadedKernel
 
 
 def kernels_of(package):
-    """Dispatchers by the name of module and kernel."""
-    found = {}
+    """Return the dispatchers of a package by the names of module and kernel."""
+    dispatchers = {}
     for info in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
-        if info.name.rsplit(".", 1)[-1] == "node":
+        if "node" in info.name.split("."):
             continue
-        for name, value in vars(importlib.import_module(info.name)).items():
-            several = isinstance(value, ThreadedKernel)
-            for kernel in (value.for_threads(1), value.for_threads(2)) if several else (value,):
+        for value in vars(importlib.import_module(info.name)).values():
+            is_threaded = isinstance(value, ThreadedKernel)
+            versions = (value.for_threads(1), value.for_threads(2)) if is_threaded else (value,)
+            for kernel in versions:
                 if isinstance(kernel, Dispatcher):
-                    found[f"{info.name}.{name}"] = kernel
-    return found
+                    dispatchers[f"{info.name}.{kernel.py_func.__name__}"] = kernel
+    return dispatchers
 
 
 @pytest.mark.parametrize("package", [soil_sim, machine_sim])
