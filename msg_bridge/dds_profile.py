@@ -1,4 +1,4 @@
-"""Makes Fast DDS find other nodes at once and carry whole maps, by the shipped profile."""
+"""Select the shipped Fast DDS profile: fast discovery, and shared memory for whole maps."""
 
 import os
 from pathlib import Path
@@ -11,14 +11,13 @@ PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 
 def use_shipped_profile() -> Path | None:
-    """Let this process use `config/fastdds.xml`, unless the user has chosen another profile.
+    """Use `config/fastdds.xml` in this process unless the user has chosen another profile.
 
-    To be called before the first node is made, best before `rclpy.init()`: a process reads its
-    profile once. Other middleware than Fast DDS does not look at it. To have no profile at all, a
-    user sets FASTRTPS_DEFAULT_PROFILES_FILE to the empty string.
+    Call it before `rclpy.init()`: a process reads its profile once. Other middleware ignores it. To
+    use no profile, set FASTRTPS_DEFAULT_PROFILES_FILE to the empty string.
 
     Returns:
-        The shipped profile, or `None` if the user has chosen.
+        The shipped profile, or None if the user has chosen one.
 
     Raises:
         ConfigError: the shipped profile is missing.

@@ -1,4 +1,4 @@
-"""A node's counters, refused inputs and complaints, once a second on /diagnostics."""
+"""Counters, rejected inputs and problems of a node, published once a second."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from msg_bridge.contract.topics import resolve
 __all__ = ["REJECTION_WARN_TIME", "Diagnostics", "Level", "Report"]
 
 REJECTION_WARN_TIME = 10.0
-"""How long a refused input keeps the level at WARN [s]."""
+"""Time for which a rejected input keeps the level at WARN [s]."""
 
-_PERIOD = 1.0  # s between publications, wall time
+_PERIOD = 1.0  # s between publications, wall clock
 _LOG_PERIOD = 1.0  # s between two log lines about one topic
 
 _MAX_REASON_LENGTH = 500
-"""Characters shown of a reason: it may quote a message of any size, and is published again."""
+"""Maximum length of a reason: it may quote a message of any size."""
 
 
 class Level(IntEnum):
-    """How a node is, as in `diagnostic_msgs/DiagnosticStatus`."""
+    """Condition of a node, as in `diagnostic_msgs/DiagnosticStatus`."""
 
     OK = 0
     WARN = 1
@@ -39,7 +39,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True)
 class Report:
-    """What is published: level, one sentence, and every key with its value as text."""
+    """Level, message and values of one publication."""
 
     level: Level
     message: str
@@ -48,7 +48,7 @@ class Report:
 
 @dataclass
 class _RejectionLog:
-    """Of one topic."""
+    """Rejections of one topic."""
 
     last_at: float
     last_logged: float
@@ -56,10 +56,7 @@ class _RejectionLog:
 
 
 class Diagnostics:
-    """What one node has to say about itself.
-
-    It is published even while simulation time stands still, since that is when one looks.
-    """
+    """Diagnostics of one node, published also while simulated time stands still."""
 
     def __init__(
         self,
@@ -72,11 +69,12 @@ class Diagnostics:
     ) -> None:
         """
         Args:
-            name: what of the node this is about, empty for all of it; the status is named
-                "<node's full name>: <name>".
-            hardware_id: of the device concerned, e.g. the machine's name.
+            node: node that publishes.
+            name: part of the node, empty for the whole; the status is named
+                "<full name of the node>: <name>".
+            hardware_id: device concerned, such as the name of the machine.
             simulation_namespace: namespace in which the topic `diagnostics` lies.
-            now: the wall clock [s].
+            now: wall clock [s].
         """
         self._node = node
         own = str(node.get_fully_qualified_name()).lstrip("/")
@@ -96,7 +94,7 @@ class Diagnostics:
         self._timer = node.create_timer(_PERIOD, self.publish, clock=steady)
 
     def set(self, key: str, value: Any) -> None:
-        """Show `value` under `key`, in place of what was there."""
+        """Set the value of a key."""
         self._values[key] = value
 
     def count(self, key: str, n: int = 1) -> None:
@@ -104,17 +102,17 @@ class Diagnostics:
         self._counts[key] += n
 
     def reject(self, topic: str, reason: str) -> None:
-        """Say that a message was refused: counted, logged at most once a second for a topic.
+        """Count a rejected message and log it, at most once a second for each topic.
 
         Args:
-            topic: where it came from, as the node calls it.
-            reason: a sentence for its sender.
+            topic: name of the topic as the node uses it.
+            reason: sentence for the sender.
         """
         now = self._now()
         if len(reason) > _MAX_REASON_LENGTH:
             reason = f"{reason[:_MAX_REASON_LENGTH]} ..."
-        self.count(f"refused {topic}")
-        self.set(f"last refused {topic}", reason)
+        self.count(f"rejected {topic}")
+        self.set(f"last rejected {topic}", reason)
         rejection_log = self._rejections.get(topic)
         if rejection_log is None:
             rejection_log = self._rejections[topic] = _RejectionLog(now, -float("inf"))
@@ -122,38 +120,38 @@ class Diagnostics:
         if now - rejection_log.last_logged < _LOG_PERIOD:
             rejection_log.unlogged += 1
             return
-        more = f" ({rejection_log.unlogged} more refused since)" if rejection_log.unlogged else ""
-        self._node.get_logger().warning(f"refused a message on {topic}: {reason}{more}")
+        more = f" ({rejection_log.unlogged} more rejected since)" if rejection_log.unlogged else ""
+        self._node.get_logger().warning(f"rejected a message on {topic}: {reason}{more}")
         rejection_log.last_logged, rejection_log.unlogged = now, 0
 
     def problem(self, text: str, level: Level = Level.WARN) -> None:
-        """Raise the level until `clear`, with a sentence on what is wrong."""
+        """Set level and message until `clear`."""
         self._problem = (Level(level), text)
 
     def clear(self) -> None:
-        """Take the last problem back."""
+        """Clear the problem."""
         self._problem = None
 
     def add_task(self, task: Callable[[], None]) -> None:
-        """Have `task` called before each publication, to set what is costly to keep."""
+        """Call `task` before each publication, to set values that are costly to keep current."""
         self._tasks.append(task)
 
     def report(self) -> Report:
-        """What would be published now, tasks not called."""
+        """Return what would be published now, without calling the tasks."""
         since = self._now() - REJECTION_WARN_TIME
-        refused = [topic for topic, r in self._rejections.items() if r.last_at >= since]
+        rejected = [topic for topic, r in self._rejections.items() if r.last_at >= since]
         level, sentences = Level.OK, []
         if self._problem is not None:
             level, text = self._problem
             sentences.append(text)
-        if refused:
+        if rejected:
             level = max(level, Level.WARN)
-            sentences.append(f"messages refused on {', '.join(sorted(refused))}")
+            sentences.append(f"messages rejected on {', '.join(sorted(rejected))}")
         values = {key: str(value) for key, value in {**self._values, **self._counts}.items()}
         return Report(level, "; ".join(sentences) or "ok", values)
 
     def publish(self) -> None:
-        """Call the tasks and publish, as happens every second anyway."""
+        """Call the tasks and publish."""
         for task in self._tasks:
             task()
         report = self.report()

@@ -1,4 +1,4 @@
-"""Maps read by the side length of a column, whichever of the two is heard first."""
+"""Decode terrain maps with the exact cell size, whichever of map and cell size arrives first."""
 
 from __future__ import annotations
 
@@ -14,12 +14,15 @@ __all__ = ["MapDecoder"]
 
 
 class MapDecoder:
-    """Takes messages of `/terrain/map`.
+    """Decoder of the messages on `terrain/map`.
 
-    A map has float32 positions, which do not tell every side length exactly; `/sim/config` does.
-    That is another topic and may be heard later, in the first run and when a soil with other cells
-    takes the place of the last one, and a map is not told again before anything changes. So one
-    that cannot be read is kept until the side length is known.
+    The float32 positions of a map do not determine every cell size exactly; `sim/config` has it. That
+    topic may arrive later, in the first run and after a soil node with another cell size has
+    started, and a map is not published again before the terrain changes. So a map that cannot be
+    decoded yet is kept until the cell size is known.
+
+    Attributes:
+        topic: name of the map's topic.
     """
 
     def __init__(
@@ -32,10 +35,10 @@ class MapDecoder:
     ) -> None:
         """
         Args:
-            take: takes each terrain; may raise ExchangeError.
-            refuse: told topic and reason of a map that cannot be read or taken.
-            guess: whether to find the side length from the map itself while it is not known, for
-                who may never be told it.
+            take: called with each keyframe; may raise ExchangeError.
+            reject: called with topic and reason of a map that cannot be decoded or used.
+            topic: name of the map's topic.
+            guess: estimate the cell size from the map while it is not known.
         """
         self._take, self._reject = take, reject
         self.topic = topic
@@ -44,7 +47,7 @@ class MapDecoder:
         self._pending_map: PointCloud2 | None = None
 
     def read(self, msg: PointCloud2) -> None:
-        """Take a map, or keep it."""
+        """Decode a map, or keep it until the cell size is known."""
         self._pending_map = msg
         if self._cell is None and not self._guess:
             return
@@ -56,7 +59,7 @@ class MapDecoder:
             self._reject(self.topic, str(error))
 
     def set_cell(self, cell: float) -> None:
-        """Take the side length of a column [m], and the map that was kept for it."""
+        """Set the cell size [m] and decode the map that was kept."""
         self._cell = cell
         if self._pending_map is not None:
             self.read(self._pending_map)

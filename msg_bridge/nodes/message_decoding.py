@@ -1,4 +1,4 @@
-"""Messages of the exchange from their bytes: the quick way, or the slow one where it must be."""
+"""Decode messages of the exchange from CDR: directly if possible, else through rclpy."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ __all__ = ["decode_array", "decode_chunk"]
 
 
 def decode_array(data: bytes) -> ArrayMessage:
-    """The header, request or ledger of an Int64MultiArray's bytes.
+    """Decode the header, request or ledger in the CDR bytes of an Int64MultiArray.
 
     Raises:
-        CodecError: it is none.
+        CodecError: the array is none of these.
     """
     found = message_from_cdr(data)
     if found is None:
@@ -29,10 +29,10 @@ def decode_array(data: bytes) -> ArrayMessage:
 
 
 def decode_chunk(data: bytes, stream: Stream) -> RowChunk:
-    """The rows of a PointCloud2's bytes.
+    """Decode the rows in the CDR bytes of a PointCloud2.
 
     Raises:
-        CodecError: they are not rows of that stream.
+        CodecError: the points are not rows of that stream.
     """
     found = chunk_from_cdr(data, stream)
     if found is None:
@@ -41,14 +41,14 @@ def decode_chunk(data: bytes, stream: Stream) -> RowChunk:
 
 
 def _deserialize(data: bytes, kind: Any) -> Any:
-    """A message as an object.
+    """Deserialize a message.
 
     Raises:
-        CodecError: its bytes are not of that kind: cut short, say.
+        CodecError: the bytes are truncated or of another type.
     """
     try:
         return deserialize_message(data, kind)
     except (RuntimeError, MemoryError) as error:  # rclpy's RMWError is a RuntimeError
         raise CodecError(
-            f"{len(data)} bytes are no {kind.__name__}: they are cut short or of another type"
+            f"{len(data)} bytes are not a {kind.__name__}: they are truncated or of another type"
         ) from error

@@ -1,4 +1,4 @@
-"""Subscriptions that nobody waits for: what arrives is taken when the node looks."""
+"""Callback group of subscriptions that are polled, so that they do not wake the executor."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ __all__ = ["PolledGroup"]
 
 
 class PolledGroup(CallbackGroup):
-    """A group whose subscriptions wake no executor; take their messages from their handles."""
+    """Group that no executor runs; take the messages of its subscriptions from their handles."""
 
     def can_execute(self, entity: Any) -> bool:
-        """Never."""
+        """Return False: polled subscriptions are never executed."""
         return False
 
     def beginning_execution(self, entity: Any) -> bool:
-        """Never begun."""
+        """Return False."""
         return False
 
     def ending_execution(self, entity: Any) -> None:
-        """Never begun."""
+        """Do nothing."""

@@ -1,7 +1,7 @@
-"""Parameter dataclasses as ROS parameters: declared, read, checked, and changed while running.
+"""Declare, read, validate and change ROS parameters from parameter dataclasses.
 
-A dataclass made with `msg_bridge.contract.parameters.parameter` says all there is to say about a
-parameter, so a node only names the dataclass:
+A dataclass made with `msg_bridge.contract.parameters.parameter` holds all facts of a parameter, so
+a node only names the dataclass:
 
     soil = declare_parameters(self, SoilParams, "soil.")
 
@@ -64,9 +64,9 @@ def declare_parameters(
     """Declare every field of a parameter dataclass to ROS and read its value.
 
     Args:
-        prefix: set before each field's name, with its dot: "soil." makes `soil.repose_angle`.
-        changeable: fields that may be set while the node runs (see `on_parameter_change`); the others are
-            read-only.
+        prefix: prefix of each name, with its dot: "soil." makes `soil.repose_angle`.
+        changeable: fields that may be set while the node runs (see `on_parameter_change`); the
+            others are read-only.
 
     Returns:
         The dataclass, holding what the user gave and else the defaults.
@@ -99,7 +99,7 @@ def declare_parameters(
 def parameter_descriptor(
     field: dataclasses.Field[Any], *, read_only: bool = True
 ) -> ParameterDescriptor:
-    """What ROS is told of a field: type, meaning with unit, range, allowed values."""
+    """Return the descriptor of a field: type, meaning with unit, range, allowed values."""
     meta = field.metadata
     items = item_type(field)
     kind = items or type(field.default)
@@ -135,10 +135,10 @@ def on_parameter_change(
     changeable: Collection[str],
     apply: Callable[[P], None],
 ) -> None:
-    """Let parameters declared as changeable be set while the node runs.
+    """Allow parameters declared as changeable to be set while the node runs.
 
-    A request is checked as one new dataclass. If that is not good, the request is refused with
-    the reason and nothing changes; else ROS holds the new values and `apply` gets the dataclass.
+    A request is validated as one new dataclass. If it is invalid the request is rejected with the
+    reason and nothing changes; else ROS holds the new values and `apply` gets the dataclass.
 
     Args:
         params_class, prefix, changeable: as given to `declare_parameters`.
@@ -148,7 +148,7 @@ def on_parameter_change(
     by_name = {prefix + field.name: field for field in fields(params_class)}
 
     def with_changes(changed: list[Parameter]) -> P | None:
-        """The dataclass as it would be; `None` if the request is about other parameters."""
+        """Return the changed dataclass, or None if the request concerns other parameters."""
         ours = [parameter for parameter in changed if parameter.name in by_name]
         if not any(by_name[parameter.name].name in changeable for parameter in ours):
             return None
@@ -177,9 +177,9 @@ def on_parameter_change(
 
 
 def unknown_overrides(node: Node) -> list[str]:
-    """Names the user gave values for and the node has not declared, sorted: typing errors.
+    """Return the names of overrides that the node has not declared, sorted: typing errors.
 
-    To be asked when the node has declared all it has.
+    Call it after the node has declared all its parameters.
     """
     return sorted(
         name
@@ -189,15 +189,15 @@ def unknown_overrides(node: Node) -> list[str]:
 
 
 def known_parameters(node: Node) -> list[str]:
-    """Names of all parameters the node has declared, sorted."""
+    """Return the names of all declared parameters, sorted."""
     return sorted(node.list_parameters([], 0).names)
 
 
 def reject_unknown_overrides(node: Node) -> None:
-    """Raise if the user gave a value for a parameter that the node does not have.
+    """Check that every parameter override is declared.
 
     Raises:
-        ParameterError: names the unknown ones, what they may have been meant to be, and all known.
+        ParameterError: an override is unknown; lists it, the nearest known names, and all names.
     """
     unknown = unknown_overrides(node)
     if not unknown:
@@ -231,11 +231,11 @@ def _declare(node: Node, name: str, value: Any, descriptor: ParameterDescriptor)
 
 
 def _from_ros(field: dataclasses.Field[Any], value: Any) -> Any:
-    """A value as the dataclass has it: `cell: 1` in YAML is a whole number, meant as 1.0."""
+    """Convert a ROS value to the type of the field: `cell: 1` in YAML is an integer, meant as 1.0."""
     items = item_type(field)
     if items is None:
         return _to_float(value) if isinstance(field.default, float) else value
-    if value is None:  # what `[]` in YAML or on the command line comes as
+    if value is None:  # the value of `[]` in YAML and on the command line
         return ()
     if isinstance(value, (str, bytes, bool, int, float)):
         return value  # to be refused with a sentence

@@ -1,4 +1,4 @@
-"""A node whose endpoints cost nothing while nothing happens on them, with timers of wall time."""
+"""Base of all nodes: no QoS event handlers, and timers of wall clock time."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ __all__ = ["SimNode"]
 
 
 class SimNode(Node):
-    """A node without rclpy's watchers of incompatible QoS.
+    """Node without QoS event handlers, whose timers run on the wall clock.
 
-    By default rclpy gives each publisher and subscription a watcher or two, and looks at every one
-    in Python each time the executor waits: with the thirty topics of a machine that is most of what
-    a message costs. What they would log cannot happen between this package's nodes.
+    By default rclpy adds one or two event handlers to each publisher and subscription and checks
+    every one in Python whenever the executor waits. With the thirty topics of a machine that is
+    most of the cost of a message, and the incompatible QoS that they log cannot occur between nodes
+    of this package.
 
-    Its timers go by the wall clock even with `use_sim_time`: simulation time is what the soil makes
-    with them, and it must go on asking for what was lost while that stands still.
+    Timers run on the wall clock even with `use_sim_time`: they request what was lost, also while
+    simulated time stands still.
     """
 
     def create_publisher(self, *args: Any, **kwargs: Any) -> Any:

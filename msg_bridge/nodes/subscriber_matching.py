@@ -1,7 +1,7 @@
-"""Whether those who are to miss nothing are listening, seen from the publishers' side.
+"""Which required subscribers the publishers of a node have not matched yet.
 
-A node that has found another in the graph may publish before the other's subscription is matched,
-and what it publishes then is lost to it. What counts is what the publisher itself has matched.
+A node can be in the ROS graph before its subscriptions are matched, and messages published then do
+not reach it. So the matches of the publishers are counted, not the nodes in the graph.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from rclpy.node import Node
 __all__ = ["unmatched_topics"]
 
 
-def unmatched_topics(node: Node, listeners: Iterable[str]) -> list[str]:
-    """Topics of a node that not all of some nodes are subscribed to yet.
+def unmatched_topics(node: Node, subscribers: Iterable[str]) -> list[str]:
+    """Return the topics of a node that a required subscriber has not matched yet.
 
     Args:
-        node: whose publishers are looked at.
-        listeners: names of nodes that must be subscribed to every topic of it.
+        node: node whose publishers are checked.
+        subscribers: names of the nodes that must be subscribed to each of its topics.
 
     Returns:
-        `topic (name of the listener)` of each that is missing.
+        `topic (subscriber)` for each missing match.
     """
-    names = tuple(listeners)
+    names = tuple(subscribers)
     missing: list[str] = []
     if not names:
         return missing

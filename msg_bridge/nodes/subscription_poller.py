@@ -1,8 +1,8 @@
-"""SubscriptionPoller: subscriptions that are emptied together when one of a few wakes the node.
+"""SubscriptionPoller: take the messages of many subscriptions together when one of them triggers.
 
-A tick is told by several messages. The executor would wake the node for each of them, and a wake
-costs more than most messages do, here and for whoever shares the processor. So only the last
-message of a tick is waited for; the others are taken with it.
+A tick consists of several messages. If the executor woke the node for each of them, the wake-ups
+would cost more than the messages. So only the last message of a tick triggers, and the others are
+taken with it.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from msg_bridge.nodes.polled_group import PolledGroup
 __all__ = ["SubscriptionPoller"]
 
 _POLL_PERIOD = 0.001
-"""Wall time after which one looks again for what should have come [s]."""
+"""Wall time between polls for messages that should have arrived [s]."""
 
 _MAX_MESSAGES_PER_POLL = 1000
-"""Messages of one topic taken at once: one who sends without end must not stop the node."""
+"""Maximum number of messages taken from one topic at once: a flood must not stall the node."""
 
 
 class SubscriptionPoller:
-    """Some of a node's subscriptions."""
+    """Subscriptions of a node that are polled together."""
 
     def __init__(self, node: Node, on_polled: Callable[[], None]) -> None:
         """
         Args:
-            node: whose subscriptions they are.
-            then: called once after all that had arrived was taken.
+            node: node of the subscriptions.
+            then: called once after all waiting messages were taken.
         """
         self._node = node
         self._on_polled = on_polled
@@ -52,15 +52,15 @@ class SubscriptionPoller:
         triggers: bool = True,
         raw: bool = False,
     ) -> None:
-        """Have the messages of a topic taken.
+        """Subscribe to a topic.
 
         Args:
-            kind: type of the message.
-            topic: its name.
-            profile: QoS.
-            take: takes each message; must not raise.
-            wakes: whether the node is to wake for it, or has it taken when it is awake.
-            raw: whether to hand over the message's bytes.
+            kind: message class.
+            topic: name of the topic.
+            profile: QoS profile.
+            take: called with each message; must not raise.
+            triggers: whether a message triggers a poll; if not, it waits for the next one.
+            raw: pass the CDR bytes instead of the message.
         """
 
         def wake(msg: Any) -> None:
@@ -71,13 +71,13 @@ class SubscriptionPoller:
         subscription = self._node.create_subscription(
             kind, topic, wake, profile, callback_group=group, raw=raw
         )
-        # Those that are waited for are looked at first: they come last, so that what they tell of
-        # has arrived by then, and is not overlooked.
+        # Triggering subscriptions are polled first: their messages are published last, so that the
+        # rows they count have arrived by the time the others are polled.
         place = 0 if triggers else len(self._subscriptions_and_callbacks)
         self._subscriptions_and_callbacks.insert(place, (subscription, take))
 
     def take_all(self) -> int:
-        """Take all that has arrived; returns how many messages that were."""
+        """Take all waiting messages and return their number."""
         taken = 0
         for subscription, take in self._subscriptions_and_callbacks:
             with subscription.handle:
@@ -92,9 +92,9 @@ class SubscriptionPoller:
         return taken
 
     def set_polling(self, wanted: bool) -> None:
-        """Look again soon, and go on doing so, or no more.
+        """Start or stop polling every millisecond.
 
-        For what nobody waits for and should have come before what was waited for.
+        For messages without a trigger that should have arrived before the triggering one.
         """
         if wanted == self._poll_timer.is_canceled():
             if wanted:

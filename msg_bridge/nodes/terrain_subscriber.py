@@ -1,4 +1,4 @@
-"""The terrain as any node can follow it: by the public topics, without taking part."""
+"""Follow the terrain by its public topics, without taking part in the exchange."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class TerrainSubscriber:
     """Subscriptions that keep a `TerrainFollower` up to date.
 
     Attributes:
-        follower: grid, elevation and revision of the terrain, and the tick they are of.
-        maps: to be told the side length of a column where it must be exact; see `MapDecoder`.
+        follower: grid, elevation and revision of the terrain, with their tick.
+        maps: decoder of the maps; set its cell size where it must be exact.
     """
 
     def __init__(
@@ -47,11 +47,12 @@ class TerrainSubscriber:
     ) -> None:
         """
         Args:
-            node: whose subscriptions they are.
-            inbox: of the node, which must have something to wake it in every tick: the ledger,
-                say, which is published last.
-            resynced: called when a keyframe was taken while nothing came.
-            refuse: told topic and reason of a message that cannot be taken.
+            node: node of the subscriptions.
+            poller: poller of the node. It must have a triggering subscription in every tick, for
+                example the ledger, which is published last.
+            reject: called with topic and reason of a message that cannot be used.
+            on_resync: called when a keyframe was applied because no update arrived.
+            simulation_namespace: namespace of the soil node.
         """
         self.follower = TerrainFollower()
         self._on_resync, self._reject = on_resync, reject
@@ -104,5 +105,5 @@ class TerrainSubscriber:
 def _decode_soil_message(data: bytes) -> Message:
     message = decode_array(data)
     if isinstance(message, Ledger):
-        raise ExchangeError("a ledger is nothing the soil says here")
+        raise ExchangeError("a ledger does not belong on the topic of tick headers")
     return message

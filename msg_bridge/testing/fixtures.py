@@ -1,13 +1,13 @@
-"""pytest fixtures for tests of nodes, without launch: of this package's, and of yours with them.
+"""pytest fixtures for launch-free tests of ROS nodes.
 
 In the `conftest.py` of your tests:
 
     pytest_plugins = ["msg_bridge.testing.fixtures"]
 
-A complete test of a node of yours against the soil's, both in the test's own process:
+A complete test of your node against the soil node, both in the process of the test:
 
     from std_srvs.srv import Trigger
-    from msg_bridge.codec.qos import LATCHED
+    from msg_bridge.codec.qos import TRANSIENT_LOCAL
     from sensor_msgs.msg import PointCloud2
     from soil_sim.node.soil_node import SoilNode
     from your_package.planner import Planner
@@ -15,12 +15,12 @@ A complete test of a node of yours against the soil's, both in the test's own pr
     def test_planner_plans_where_the_terrain_is_high(ros):
         ros.add(SoilNode, parameters={"expected_machines": []})
         planner = ros.add(Planner, parameters={"planner.reach": 6.0})
-        maps = ros.collect("/terrain/map", PointCloud2, LATCHED)
+        maps = ros.collect("/terrain/map", PointCloud2, TRANSIENT_LOCAL)
         ros.spin_until(lambda: maps and planner.plan is not None)
         assert planner.plan.height > 0.0
         assert ros.call(Trigger, "/soil/verify", Trigger.Request()).success
 
-and of a process:
+and of your node as a process:
 
     def test_planner_ends_cleanly(ros, ros_process):
         process = ros_process([sys.executable, "-m", "your_package.planner"], namespace="/site")
@@ -29,12 +29,12 @@ and of a process:
 
 Fixtures:
 
-- `ros_domain`: the id of a ROS domain of this test alone, on this machine alone
+- `ros_domain`: id of a ROS domain that only this test uses, on this machine only
 - `ros`: a `msg_bridge.testing.ros_context.Ros` in that domain
 - `ros_process`: starts a `msg_bridge.testing.ros_process.RosProcess` in that domain
 
-Nodes are heard only in their own domain and on this machine, so tests may run beside one another,
-beside a running simulation, and in a network full of robots.
+Discovery is limited to the domain and to this machine, so tests may run in parallel, beside a running
+simulation, and in a network with robots.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ __all__ = ["StartProcess", "ros", "ros_domain", "ros_process"]
 
 
 class StartProcess(Protocol):
-    """What the fixture `ros_process` is."""
+    """Type of the fixture `ros_process`."""
 
     def __call__(self, command: Sequence[str | os.PathLike[str]], **kwargs: Any) -> RosProcess:
         """Start a process; the keyword arguments are those of `RosProcess`."""
@@ -65,16 +65,16 @@ class StartProcess(Protocol):
 
 @pytest.fixture
 def ros_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[int]:
-    """The id of a ROS domain that this test alone has, among all tests running on this machine.
+    """Reserve a ROS domain for one test and return its id.
 
-    The environment is set for it, so what the test starts is in it too: domain, discovery on this
+    The environment is set accordingly and inherited by child processes: domain, discovery on this
     machine only, the shipped Fast DDS profile unless another is chosen, and log files in the
-    test's temporary folder.
+    temporary folder of the test.
     """
     with reserve_domain() as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        monkeypatch.delenv("ROS_LOCALHOST_ONLY", raising=False)  # would stand above the former
+        monkeypatch.delenv("ROS_LOCALHOST_ONLY", raising=False)  # would override the range
         monkeypatch.delenv("ROS_STATIC_PEERS", raising=False)
         if PROFILE_VARIABLE not in os.environ:
             monkeypatch.setenv(PROFILE_VARIABLE, str(find_config("fastdds.xml").resolve()))
@@ -84,7 +84,7 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[int]
 
 @pytest.fixture
 def ros(ros_domain: int) -> Iterator[Ros]:
-    """Nodes, topics and services in the test's own domain; all destroyed when it ends."""
+    """Return nodes, topics and services in the domain of the test; destroyed when it ends."""
     made = Ros(ros_domain)
     yield made
     made.close()
@@ -92,10 +92,10 @@ def ros(ros_domain: int) -> Iterator[Ros]:
 
 @pytest.fixture
 def ros_process(ros: Ros, tmp_path: Path) -> Iterator[StartProcess]:
-    """Starts nodes as processes; what still runs when the test ends is killed.
+    """Return a function that starts a process; those still running at the end are killed.
 
-    Their output is shown if the test fails. If one ends that should be running, `ros.spin_until`
-    says so at once.
+    Their output is shown if the test fails. `ros.spin_until` fails as soon as a process has ended
+    that should be running.
     """
     started: list[RosProcess] = []
     number = itertools.count(1)

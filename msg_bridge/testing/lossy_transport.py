@@ -1,4 +1,4 @@
-"""A transport as bad as it gets: it drops, duplicates, delays and reorders messages."""
+"""A transport that drops, duplicates, delays and reorders messages."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ __all__ = ["LossyTransport"]
 
 
 class LossyTransport:
-    """Carries messages between soil and machines, badly but repeatably.
+    """Transport between soil and machines with repeatable losses.
 
     Attributes:
-        dropped, duplicated: messages so treated.
+        dropped, duplicated: number of messages.
     """
 
     def __init__(
@@ -34,11 +34,12 @@ class LossyTransport:
     ) -> None:
         """
         Args:
-            soil, machines: the ends to connect.
-            rng: decides the fate of each message.
-            drop, duplicate: probability of each, per message and receiver.
-            delay: probability that a message waits, round after round; later ones overtake it.
-            rows_per_message: chunks are cut to this, so that rows meet different fates.
+            soil, machines: ends to connect.
+            rng: generator for the losses.
+            drop, duplicate: probabilities per message and receiver.
+            delay: probability per round that a message waits and later ones overtake it.
+            rows_per_message: maximum number of rows of a chunk; longer ones are split, so that
+                losses hit parts of them.
         """
         self._soil = soil
         self._machines = machines
@@ -50,10 +51,10 @@ class LossyTransport:
         self.duplicated = 0
 
     def deliver(self) -> int:
-        """One round: take what is sent, lose some, hand over some in random order.
+        """Collect the sent messages, drop some, and deliver some in random order.
 
         Returns:
-            How many messages were handed over; with 0, call `request_missing` on the ends.
+            Number of delivered messages; if 0, call `request_missing` on the ends.
         """
         for machine in self._machines:
             for message in machine.drain_outbox():

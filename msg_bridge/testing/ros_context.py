@@ -1,4 +1,4 @@
-"""Nodes, topics and services in a test's own context and executor."""
+"""Nodes, topics and services in the context and executor of one test."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ from msg_bridge.nodes.ros_parameters import reject_unknown_overrides
 __all__ = ["DEADLINE", "LeakedNodesError", "Ros"]
 
 DEADLINE = 20.0
-"""How long to wait for anything [s]: far longer than it takes, since a machine may be busy."""
+"""Default timeout of every wait [s], generous because the machine may be busy."""
 
-_SPIN_TIMEOUT = 0.02  # s between two looks at a condition
+_SPIN_TIMEOUT = 0.02  # s between evaluations of a condition
 
 N = TypeVar("N", bound=Node)
 
 
 class LeakedNodesError(AssertionError):
-    """A test made nodes in this context and left them."""
+    """A test did not destroy nodes that it created in this context."""
 
 
 class Ros:
-    """A ROS context with one executor, both of one test.
+    """ROS context and executor of one test.
 
-    Nothing happens in it unless the test spins: `spin_until`, `spin_for` or `call`.
+    Callbacks run only while the test spins: in `spin_until`, `spin_for` and `call`.
 
     Attributes:
-        domain: its domain id.
-        context: for what is made past this class.
-        executor: holds every node made here.
+        domain: domain id.
+        context: context, for nodes created without this class.
+        executor: executor of all nodes created here.
     """
 
     def __init__(self, domain: int) -> None:
@@ -60,7 +60,7 @@ class Ros:
         self._failure_checks: list[Callable[[], str | None]] = []
 
     def node(self, name: str = "test", **kwargs: Any) -> Node:
-        """A plain node; `kwargs` are those of `rclpy.node.Node`."""
+        """Create a plain node; `kwargs` are those of `rclpy.node.Node`."""
         return self.add(Node, name, **kwargs)
 
     def add(
@@ -70,25 +70,25 @@ class Ros:
         parameters: Mapping[str, Any] | None = None,
         **kwargs: Any,
     ) -> N:
-        """Build a node in the test's context and have it spun.
+        """Create a node in the context of the test and add it to the executor.
 
         Args:
-            node_class: passes its keyword arguments on to `rclpy.node.Node`, as all nodes of
-                this package do.
-            args, kwargs: its own arguments, and those of `rclpy.node.Node` such as `namespace`.
-            parameters: values by name, as from a parameter file.
+            node_class: class that passes its keyword arguments to `rclpy.node.Node`, as all nodes
+                of this package do.
+            args, kwargs: arguments of the class and of `rclpy.node.Node`, such as `namespace`.
+            parameters: parameter overrides by name.
 
         Raises:
-            ParameterError: the node does not have one of the parameters.
+            ParameterError: the node does not declare one of the parameters.
         """
         overrides = [Parameter(name, value=value) for name, value in (parameters or {}).items()]
         try:
             node = node_class(*args, context=self.context, parameter_overrides=overrides, **kwargs)
             reject_unknown_overrides(node)
         except BaseException:
-            # A constructor that raised leaves half a node behind, kept alive by the traceback.
-            for stranger in self._untracked_nodes():
-                stranger.destroy_node()
+            # A failed constructor leaves a partly built node, which the traceback keeps alive.
+            for untracked in self._untracked_nodes():
+                untracked.destroy_node()
             raise
         self._nodes.append(node)
         self.executor.add_node(node)
@@ -105,15 +105,15 @@ class Ros:
     def spin_until(
         self, condition: Callable[[], Any], timeout: float = DEADLINE, what: str = ""
     ) -> None:
-        """Let nodes work until a condition holds.
+        """Spin until a condition holds.
 
         Args:
-            condition: looked at again after every callback.
-            timeout: [s], wall time.
-            what: what is waited for, for the message; the condition's source by default.
+            condition: evaluated after every callback.
+            timeout: wall clock time [s].
+            what: description of the condition for the error message; its source by default.
 
         Raises:
-            AssertionError: it did not come to hold in time, or a process of `ros_process` that
+            AssertionError: the condition did not hold in time, or a process of `ros_process` that
                 should be running has ended.
         """
         deadline = time.monotonic() + timeout
@@ -129,15 +129,18 @@ class Ros:
             self.executor.spin_once(timeout_sec=_SPIN_TIMEOUT)
 
     def spin_for(self, seconds: float) -> None:
-        """Let nodes work for a time, to see that something does *not* happen."""
+        """Spin for some seconds, to check that something does *not* happen."""
         end = time.monotonic() + seconds
         self.spin_until(lambda: time.monotonic() >= end, seconds + DEADLINE)
 
     def collect(self, topic: str, of: type, qos: QoSProfile = ROWS) -> list[Any]:
-        """A list that every message on a topic is added to while the test spins.
+        """Return a list to which every received message of a topic is appended.
 
         Args:
-            qos: see `msg_bridge.codec.qos`; LATCHED to get what was published before.
+            topic: name of the topic.
+            of: message class.
+            qos: profile of `msg_bridge.codec.qos`; TRANSIENT_LOCAL also gets the last message
+                published before.
         """
         received: list[Any] = []
         self.helper.create_subscription(of, topic, received.append, qos)
@@ -146,7 +149,7 @@ class Ros:
     def publisher(
         self, topic: str, of: type, qos: QoSProfile = ROWS, *, subscriptions: int = 0
     ) -> Publisher:
-        """A publisher, returned once it has found that many subscriptions."""
+        """Create a publisher and wait until it has matched `subscriptions` subscriptions."""
         publisher = self.helper.create_publisher(of, topic, qos)
         self.spin_until(
             lambda: publisher.get_subscription_count() >= subscriptions,
@@ -158,41 +161,43 @@ class Ros:
         """Call a service and return its response.
 
         Args:
-            of: the service's type, e.g. `std_srvs.srv.Trigger`.
-            request: e.g. `Trigger.Request()`.
+            of: service class, such as `std_srvs.srv.Trigger`.
+            name: name of the service.
+            request: request, such as `Trigger.Request()`.
+            timeout: wall clock time [s] for discovery and again for the response.
 
         Raises:
-            AssertionError: there is no such service, or it did not answer in time.
+            AssertionError: the service was not found or did not respond in time.
         """
         client = self.helper.create_client(of, name)
         try:
             self.spin_until(client.service_is_ready, timeout, f"the service {name}")
             future = client.call_async(request)
-            self.spin_until(future.done, timeout, f"the answer of {name}")
+            self.spin_until(future.done, timeout, f"the response of {name}")
             return future.result()
         finally:
             self.helper.destroy_client(client)
 
     def node_names(self) -> list[str]:
-        """Full names of all nodes in the domain, as far as they have been discovered."""
+        """Return the full names of all discovered nodes of the domain, sorted."""
         return sorted(self.helper.get_fully_qualified_node_names())
 
     @property
     def helper(self) -> Node:
-        """The node behind `collect`, `publisher`, `call`; made when first needed."""
+        """Node of `collect`, `publisher` and `call`, created on first use."""
         if self._helper is None:
             self._helper = self.node("test_helper")
         return self._helper
 
     def fail_on(self, failure_reason: Callable[[], str | None]) -> None:
-        """Have `spin_until` fail as soon as `trouble` returns a text."""
+        """Make `spin_until` fail as soon as `failure_reason` returns a text."""
         self._failure_checks.append(failure_reason)
 
     def close(self) -> None:
-        """Destroy everything.
+        """Destroy all nodes and the context.
 
         Raises:
-            LeakedNodesError: nodes were made in this context other than by this class, and not
+            LeakedNodesError: nodes were created in this context without this class and not
                 destroyed; they are destroyed now.
         """
         leaked = self._untracked_nodes()
@@ -204,12 +209,12 @@ class Ros:
         rclpy.shutdown(context=self.context)
         if names:
             raise LeakedNodesError(
-                f"the test left nodes: {', '.join(names)}; make them by ros.node or ros.add, or"
-                " call their destroy_node()"
+                f"the test did not destroy the nodes {', '.join(names)}; create them with ros.node or"
+                " ros.add, or call destroy_node()"
             )
 
     def _untracked_nodes(self) -> list[Node]:
-        """Living nodes of this context that are not in our list."""
+        """Return the live nodes of this context that were created without this class."""
         gc.collect()
         known = {id(node) for node in self._nodes}
         return [
@@ -219,14 +224,14 @@ class Ros:
         ]
 
     def _is_alive(self, node: Node) -> bool:
-        # The first publisher of every node is dropped when the node is destroyed; one that
-        # failed before it had any needs no destroying.
+        # The first publisher of a node is dropped when the node is destroyed; a node that failed
+        # before it had one needs no destruction.
         made = getattr(node, "_parameter_event_publisher", None) is not None
         return made and node.context is self.context
 
 
 def _text(condition: Callable[[], Any]) -> str:
-    """Source of a condition: what its lambda says, where it is called."""
+    """Return the source line of a condition."""
     try:
         return inspect.getsource(condition).strip()
     except (OSError, TypeError):

@@ -1,4 +1,4 @@
-"""A ROS domain that no other test has at the same time, in whatever process it runs."""
+"""Reserve ROS domains for tests, exclusively among all processes of the machine."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from msg_bridge.contract.errors import EarthmovingError
 __all__ = ["TEST_DOMAIN_IDS", "NoFreeDomainError", "reserve_domain"]
 
 TEST_DOMAIN_IDS = range(1, 102)
-"""Domain ids tests may have: 0 is everybody's, and from 102 on the ports are ephemeral ones."""
+"""Domain ids for tests: 0 is the default domain, and from 102 on the ports are ephemeral."""
 
-# Neighbouring tests take different ids: a node that was killed is remembered in its domain for
-# some seconds. Processes begin at different ones.
+# Consecutive tests use different ids: peers remember a killed node for some seconds. Processes start
+# at different ids.
 _next = itertools.count(os.getpid())
 
 
 class NoFreeDomainError(EarthmovingError):
-    """All domains are taken."""
+    """All domains are reserved."""
 
 
 @contextmanager
 def reserve_domain(folder: Path | None = None) -> Iterator[int]:
-    """Hold a domain id while the block runs; the system gives it back if the process is killed.
+    """Reserve a domain id while the block runs; it is freed even if the process is killed.
 
     Args:
-        folder: where the locks are, the system's temporary folder by default.
+        folder: folder of the lock files, the temporary folder of the system by default.
 
     Raises:
-        NoFreeDomainError: every id is held.
+        NoFreeDomainError: every id is reserved.
     """
     folder = folder or Path(tempfile.gettempdir())
     for _ in TEST_DOMAIN_IDS:
@@ -46,19 +46,19 @@ def reserve_domain(folder: Path | None = None) -> Iterator[int]:
         try:
             yield domain
         finally:
-            os.close(lock)  # and with it the lock
+            os.close(lock)  # releases the lock
         return
     raise NoFreeDomainError(
-        f"tests hold all ROS domains from {TEST_DOMAIN_IDS[0]} to {TEST_DOMAIN_IDS[-1]} (locks in {folder});"
-        " run fewer tests at once"
+        f"all ROS domains from {TEST_DOMAIN_IDS[0]} to {TEST_DOMAIN_IDS[-1]} are reserved by tests (lock"
+        f" files in {folder}); run fewer tests at once"
     )
 
 
 def _lock(path: Path) -> int | None:
-    """An open file with the lock, or `None` if somebody else has it."""
+    """Return an open file with the lock, or None if another process has it."""
     try:
         file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-    except PermissionError:  # another user's
+    except PermissionError:  # of another user
         return None
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -212,7 +212,7 @@ class Peer:
     def send_invalid_command(self):
         """Send what is no number, and read that it was refused."""
         applied = f"{MACHINE}/applied_commands"
-        first, key = len(self.seen[applied]), "refused front_velocity_controller/commands"
+        first, key = len(self.seen[applied]), "rejected front_velocity_controller/commands"
 
         def told():
             for array in self.seen["diagnostics"]:

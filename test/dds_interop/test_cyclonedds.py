@@ -153,8 +153,8 @@ def check_refusal(report) -> None:
     refusal = report["refusal"]
     assert refusal["name"] == "excavator/machine_sim: machine_sim"
     assert refusal["level"] == 1  # WARN
-    assert refusal["message"] == "messages refused on front_velocity_controller/commands"
-    key = "refused front_velocity_controller/commands"
+    assert refusal["message"] == "messages rejected on front_velocity_controller/commands"
+    key = "rejected front_velocity_controller/commands"
     assert int(refusal["values"][key]) >= 1
     assert "not finite" in refusal["values"][f"last {key}"]
     # The last good command stays in force until it is too old.

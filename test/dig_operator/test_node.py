@@ -156,7 +156,7 @@ def test_invalid_messages_are_counted_and_ignored(ros: Ros) -> None:
         profile = qos.TRANSIENT_LOCAL if topic == "/sim/config" else qos.ROWS
         publisher = ros.publisher(name, type(message), profile, subscriptions=1)
         publisher.publish(message)
-        key, counts[topic] = f"refused {topic}", counts.get(topic, 0) + 1
+        key, counts[topic] = f"rejected {topic}", counts.get(topic, 0) + 1
         count = str(counts[topic])
         ros.spin_until(
             lambda key=key, count=count: operator.diagnostics.report().values.get(key) == count

@@ -369,13 +369,13 @@ def test_a_refused_command_changes_nothing_and_is_counted(ros: Ros) -> None:
     for topic, message, reason in REFUSED:
         counts[topic] = counts.get(topic, 0) + 1
         levers.send(topic, message)
-        levers.scene.until_shown(levers.machine, f"refused {topic}", counts[topic])
-        assert reason in levers.scene.shown(levers.machine)[f"last refused {topic}"]
+        levers.scene.until_shown(levers.machine, f"rejected {topic}", counts[topic])
+        assert reason in levers.scene.shown(levers.machine)[f"last rejected {topic}"]
         assert levers.in_force() == good
     assert levers.step() == good
     shown = levers.scene.shown(levers.machine)
     assert shown["level"] == "1"
-    assert "messages refused on cmd_vel" in shown["message"]
+    assert "messages rejected on cmd_vel" in shown["message"]
 
 
 @pytest.mark.parametrize(
@@ -394,8 +394,8 @@ def test_with_check_stamps_a_command_of_another_time_is_refused(
         ("cmd_vel", twist(0.1, 0.0, stamp)),
     ):
         levers.send(topic, message)
-        levers.scene.until_shown(levers.machine, f"refused {topic}", 1)
-        assert reason in levers.scene.shown(levers.machine)[f"last refused {topic}"]
+        levers.scene.until_shown(levers.machine, f"rejected {topic}", 1)
+        assert reason in levers.scene.shown(levers.machine)[f"last rejected {topic}"]
     assert not any(levers.in_force())
     run = levers.machine.run
     assert run is not None
@@ -459,8 +459,8 @@ def test_before_there_is_a_run_commands_are_refused_but_for_the_emergency_stop(r
     front.publish(twist(0.1, 0.0))
     stop.publish(Bool(data=True))
     ros.spin_until(lambda: machine.instances[0].arbiter.is_stopped)
-    ros.spin_until(lambda: "refused cmd_vel" in machine.diagnostics.report().values)
-    assert "once it has joined" in machine.diagnostics.report().values["last refused cmd_vel"]
+    ros.spin_until(lambda: "rejected cmd_vel" in machine.diagnostics.report().values)
+    assert "once it has joined" in machine.diagnostics.report().values["last rejected cmd_vel"]
 
 
 # How it comes and goes.

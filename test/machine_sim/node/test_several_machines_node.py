@@ -147,7 +147,7 @@ def test_a_command_to_one_machine_moves_it_alone(ros: Ros) -> None:
     ros.spin_until(lambda: digger.joint_positions[0] > 0.1)
     assert truck.joint_positions[0] == pytest.approx(stood, abs=3e-3)
     bed.publish(JointState(name=["swing"], velocity=[0.1]))
-    scene.until_shown(node, "refused truck/joint_commands", 1)
+    scene.until_shown(node, "rejected truck/joint_commands", 1)
     assert balanced(scene)
 
 

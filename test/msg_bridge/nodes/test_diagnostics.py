@@ -72,8 +72,8 @@ def test_a_refusal_is_counted_and_warns(diagnostics: Diagnostics) -> None:
     diagnostics.reject("cmd_vel", "too old")
     report = diagnostics.report()
     assert report.level is Level.WARN
-    assert report.message == "messages refused on cmd_vel"
-    assert report.values == {"refused cmd_vel": "2", "last refused cmd_vel": "too old"}
+    assert report.message == "messages rejected on cmd_vel"
+    assert report.values == {"rejected cmd_vel": "2", "last rejected cmd_vel": "too old"}
 
 
 def test_a_refusal_warns_for_a_while_only(diagnostics: Diagnostics, clock: Clock) -> None:
@@ -83,7 +83,7 @@ def test_a_refusal_warns_for_a_while_only(diagnostics: Diagnostics, clock: Clock
     clock.time += 0.1
     report = diagnostics.report()
     assert (report.level, report.message) == (Level.OK, "ok")
-    assert report.values["refused cmd_vel"] == "1"
+    assert report.values["rejected cmd_vel"] == "1"
 
 
 def test_refusals_are_logged_once_a_second_for_each_topic(
@@ -101,9 +101,9 @@ def test_refusals_are_logged_once_a_second_for_each_topic(
     diagnostics.reject("cmd_vel", "too old")
     ros.spin_until(lambda: len(said()) >= 3)
     assert said() == [
-        "refused a message on cmd_vel: NaN",
-        "refused a message on joy: no axes",
-        "refused a message on cmd_vel: too old (2 more refused since)",
+        "rejected a message on cmd_vel: NaN",
+        "rejected a message on joy: no axes",
+        "rejected a message on cmd_vel: too old (2 more rejected since)",
     ]
 
 
@@ -114,6 +114,6 @@ def test_a_problem_stands_until_it_is_cleared(diagnostics: Diagnostics) -> None:
     diagnostics.reject("joy", "no axes")
     report = diagnostics.report()
     assert report.level is Level.ERROR
-    assert report.message == "the ledger is off by 3 mm3; messages refused on joy"
+    assert report.message == "the ledger is off by 3 mm3; messages rejected on joy"
     diagnostics.clear()
     assert diagnostics.report().level is Level.WARN

@@ -55,7 +55,7 @@ def test_a_node_that_is_sent_garbage_goes_on(ros: Ros) -> None:
         publisher = ros.publisher(topic, Int64MultiArray, subscriptions=1)
         for data in GARBAGE.values():
             publisher.publish(data)
-        key = f"refused {topic}"
+        key = f"rejected {topic}"
         scene.until_shown(node, key, len(GARBAGE))
     scene.more_ticks(5)
 
@@ -67,6 +67,6 @@ def test_a_reason_that_quotes_a_huge_message_is_cut_short(ros: Ros) -> None:
     with pytest.raises(CodecError) as error:
         decode_array(serialize_message(message))
     diagnostics.reject("/soil/tick", str(error.value))
-    shown = diagnostics.report().values["last refused /soil/tick"]
+    shown = diagnostics.report().values["last rejected /soil/tick"]
     assert "labelled" in shown
     assert len(shown) < 1000

@@ -109,7 +109,7 @@ def test_a_second_machine_with_the_same_source_is_refused_and_the_first_goes_on(
     assert f"give {other.get_namespace()} another `machine_id`" in message
     scene.soil.diagnostics.publish()
     topic = f"{other.get_namespace()}/soil_tick"
-    ros.spin_until(lambda: int(scene.shown(scene.soil).get(f"refused {topic}", 0)) >= 1)
+    ros.spin_until(lambda: int(scene.shown(scene.soil).get(f"rejected {topic}", 0)) >= 1)
     stood = scene.tick
     scene.until_tick(stood + 20)
     assert scene.joined == (1,)
@@ -241,7 +241,7 @@ def test_broken_messages_are_counted_and_change_nothing(ros: Ros, whom: str) -> 
         publisher = ros.publisher(topic, type(message), profile, subscriptions=1)
         publisher.publish(message)
         counts[topic] = counts.get(topic, 0) + 1
-        key = f"refused {topic.removeprefix('/excavator/') if node is machine else topic}"
+        key = f"rejected {topic.removeprefix('/excavator/') if node is machine else topic}"
         scene.until_shown(node, key, counts[topic])
         assert scene.shown(node)[f"last {key}"]
         ros.helper.destroy_publisher(publisher)
