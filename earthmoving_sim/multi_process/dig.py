@@ -12,7 +12,13 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 from earthmoving_sim.demo_site import check_slope_stability
-from earthmoving_sim.multi_process.node_process import NodeProcess, NodeProcessError, stop_all
+from earthmoving_sim.multi_process.node_process import (
+    STARTUP_STOP_TIMEOUT,
+    STOP_TIMEOUT,
+    NodeProcess,
+    NodeProcessError,
+    stop_all,
+)
 from earthmoving_sim.multi_process.parameter_file import write_node_parameters
 from earthmoving_sim.multi_process.run_monitor import RunMonitor
 from earthmoving_sim.run_config import RunConfig
@@ -97,7 +103,8 @@ def _run_nodes(monitor: RunMonitor, folder: Path, parameters: Path) -> None:
             operator.check()
         monitor.wait_for_final_hash()
     finally:
-        problems = stop_all([started[name] for name in _STOP_ORDER if name in started])
+        timeout = STOP_TIMEOUT if monitor.has_ticked else STARTUP_STOP_TIMEOUT
+        problems = stop_all([started[name] for name in _STOP_ORDER if name in started], timeout)
         monitor.end_line()
     if problems:
         raise NodeProcessError("; ".join(problems))

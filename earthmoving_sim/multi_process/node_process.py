@@ -10,10 +10,21 @@ from pathlib import Path
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.processes import ChildProcess, python_module_command
 
-__all__ = ["NodeProcess", "NodeProcessError", "describe_logs", "stop_all", "waiting_reasons"]
+__all__ = [
+    "STARTUP_STOP_TIMEOUT",
+    "STOP_TIMEOUT",
+    "NodeProcess",
+    "NodeProcessError",
+    "describe_logs",
+    "stop_all",
+    "waiting_reasons",
+]
 
-_STOP_TIMEOUT = 20.0
+STOP_TIMEOUT = 20.0
 """Maximum wall time for a node to end after a signal [s]; a recorder has to finish its bag."""
+
+STARTUP_STOP_TIMEOUT = 2.0
+"""The same before the first tick [s]: a node that compiles does not react to signals."""
 
 _NUM_TAIL_LINES = 12
 """Lines shown from the end of a node's output when it fails."""
@@ -55,24 +66,29 @@ class NodeProcess(ChildProcess):
                 f"\n{self.tail(_NUM_TAIL_LINES)}"
             )
 
-    def stop(self) -> int:
+    def stop(self, timeout: float = STOP_TIMEOUT) -> int:
         """Interrupt the node, wait until it has ended, and return its exit code.
 
-        It is killed if it does not end in time.
+        It is killed if it does not end within `timeout` [s].
         """
         if self.exit_code is None:
             self.interrupt()
-        code = self.wait(_STOP_TIMEOUT)
+        code = self.wait(timeout)
         return self.kill() if code is None else code
 
 
-def stop_all(processes: Sequence[NodeProcess]) -> list[str]:
-    """Stop nodes one after the other; return a sentence for each that ended with an error."""
+def stop_all(processes: Sequence[NodeProcess], timeout: float = STOP_TIMEOUT) -> list[str]:
+    """Stop nodes one after the other; return a sentence for each that ended with an error.
+
+    Args:
+        processes: the nodes, in the order in which to stop them.
+        timeout: maximum wall time for each to end [s]; then it is killed.
+    """
     problems = []
     for process in processes:
         was_running = process.exit_code is None
         start_time = time.monotonic()
-        code = process.stop()
+        code = process.stop(timeout)
         if code and was_running:
             seconds = time.monotonic() - start_time
             problems.append(

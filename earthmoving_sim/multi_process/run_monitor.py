@@ -68,6 +68,11 @@ class RunMonitor:
         self._last_print_time = self._last_progress_time
         self._is_line_open = False
 
+    @property
+    def has_ticked(self) -> bool:
+        """Whether the soil has done a tick."""
+        return self._has_ticked
+
     def check_no_other_simulation(self) -> None:
         """Check that no soil node runs in this ROS domain: its topics would be the same.
 
@@ -167,10 +172,8 @@ class RunMonitor:
         )
 
     def _print_startup_progress(self, elapsed: float, processes: Sequence[NodeProcess]) -> None:
-        self._write_line(
-            f"starting, {elapsed:.0f} s: {self._describe_wait(processes)}"
-            " (a first start compiles, which takes up to a minute)"
-        )
+        hint = "; a first start compiles, which takes a minute or more"
+        self._write_line(f"starting, {elapsed:.0f} s: {self._describe_wait(processes)}{hint}")
 
     def _print_progress(self) -> None:
         operator = self._values.get("dig_operator", {})
