@@ -149,7 +149,7 @@ def test_summary_has_soil_balance_and_state(one, capsys):
 
 def test_summary_of_an_aborted_run_has_the_reason(one, capsys):
     print_summary(replace(one.outcome, abort_reason="too long"), "loam")
-    assert "GIVEN UP" in capsys.readouterr().out
+    assert "ABORTED" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("imbalance", [1, -1])
