@@ -43,7 +43,9 @@ REPORTS = [CycleReport(1, 2, 1.15, 0.98, 0.9, 0.01, 18.5, 0.8), CycleReport(2, 1
 def dig() -> Iterator[RecordedDig]:
     """A run that is aborted in its first drag."""
     with pytest.MonkeyPatch.context() as monkeypatch:
-        run = RecordedDig(monkeypatch, small_site(), approach=0.0, start_x=-2.0, timeout=6.0)
+        run = RecordedDig(
+            monkeypatch, small_site(), approach_distance=0.0, start_x=-2.0, timeout=6.0
+        )
     yield run
     run.run.close()
 
@@ -363,7 +365,7 @@ def test_bag_of_two_operators_is_an_error(dig, outcome) -> None:
 def test_recording_of_nodes_has_the_outcome_of_one_process(ros, tmp_path) -> None:
     site = small_site()
     save_terrain(tmp_path / "site.npz", site)
-    config = load_run_config("demo.yaml", {"approach": 0.0, "start_x": 0.0})
+    config = load_run_config("demo.yaml", {"approach_distance": 0.0, "start_x": 0.0})
     config = replace(config, task=replace(config.task, timeout=1.0))
     recorder = ros.add(RecorderNode, parameters={"path": str(tmp_path / "bag"), "progress": False})
     diagnostics = ros.collect("/diagnostics", DiagnosticArray)
