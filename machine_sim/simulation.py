@@ -201,8 +201,7 @@ class MachineSim:
         nothing = empty_rows(MAP_UPDATE)
         self.apply(backlog, nothing)
         # What the soil has not answered by now it has not taken: it is offered again.
-        store = self.particles.state
-        self.particles.unfreeze(store.particle_id[store.frozen])
+        self.particles.unfreeze(self.particles.frozen_ids)
 
     def command(self, joints: NDArray[np.float64], tracks: NDArray[np.float64]) -> None:
         """Set the first machine's joint velocities [rad/s] and track speeds [m/s].
@@ -237,15 +236,15 @@ class MachineSim:
 
     def state_hash(self) -> str:
         """SHA-256 [hex] of poses and motions of machines and particles, and of pending soil."""
-        store = self.particles.state
+        particles = self.particles
         digest = hashlib.sha256()
         for array in (
             *(array for rig in self.simulated_machines for array in rig.state),
-            store.particle_id,
-            store.position,
-            store.velocity,
-            store.angular_velocity,
-            store.volume_mm3,
+            particles.ids,
+            particles.positions,
+            particles.velocities,
+            particles.angular_velocities,
+            particles.volumes_mm3,
         ):
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()
@@ -297,11 +296,11 @@ class MachineSim:
         rows = empty_rows(DEPOSIT_REQUEST, ids.size)
         if ids.size == 0:
             return rows
-        store = self.particles.state
+        particles = self.particles
         at = self.particles.rows_of(ids)
-        rows["x"], rows["y"], rows["z"] = store.position[at].T
-        rows["volume_mm3"] = store.volume_mm3[at]
+        rows["x"], rows["y"], rows["z"] = particles.positions[at].T
+        rows["volume_mm3"] = particles.volumes_mm3[at]
         rows["particle_id"] = ids
-        rows["soil"], rows["moisture"] = store.soil[at], store.moisture[at]
+        rows["soil"], rows["moisture"] = particles.soil[at], particles.moisture[at]
         self.particles.freeze(ids)
         return rows

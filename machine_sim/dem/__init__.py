@@ -1,15 +1,23 @@
-"""Soil as particles: soft spheres that turn, and touch each other, tools and terrain.
+"""Soil as particles: the discrete element method (DEM) with soft spheres.
 
-- `params`: the physics, with units and ranges; `grains`: how each soil's particles touch
-- `intake`: what is refused; `store`: the particles and the volume account
-- `law`: the contact law; `parts`: what threads share out
-- `pairs`: particles against particles: who is near whom, who touches, and the forces
-- `plates`, `pose`, `tool`: tool geometry and its motion; `walls`: particles against plates
-- `soil_contact`: forces of the terrain
-- `growth`: released particles grow to size
-- `bodies`, `motion`: the substeps; `landing`: who lands
-- `sleep`: who rests; `waking`: who must not any longer; `riding`: who goes along with a tool
-- `soil_engine`: what engines have in common; `engine`: one step of it all; `warm`: compile it
+Spheres with rotation touch each other, tools and the terrain. In the order of the algorithm:
+
+- `params`: parameters of the physics, with units and ranges
+- `state`: the particles, and their exact volume
+- `materials`: contact coefficients of each soil type
+- `lifecycle`: release, growth and landing of particles
+- `neighbours`: the list of pairs that may touch
+- `contacts`: contacts of pairs, at plates and on the ground, and their forces
+- `integrate`, `substeps`: explicit integration
+- `partition`: parts of the work that threads can do at the same time
+- `tools`: tool geometry and motion
+- `sleep`: particles at rest, and soil that is locked to a tool
+- `invalidation`: what is rebuilt after which change; `step_buffers`: memory of a step
+- `contact_dynamics`: the data kept for contacts, and the stages of a step that use it
+- `soil_engine`: the interface of all engines of loose soil; `engine`: this one, stage by stage
+- `jit_warm_up`: compilation of all kernels before the first step
+
+Other packages use the names below.
 """
 
 from machine_sim.dem.engine import ParticleEngine

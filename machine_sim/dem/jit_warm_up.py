@@ -1,4 +1,4 @@
-"""Compile every kernel before the first real step."""
+"""Compilation of every kernel before the first real step."""
 
 from __future__ import annotations
 
@@ -16,30 +16,32 @@ _LITRE = 10**6
 
 
 def warm_up(params: ParticleParams | None = None) -> None:
-    """Run a tiny world through every kernel; seconds with an empty cache, else much less.
+    """Run a tiny scene through every kernel: seconds with an empty cache, else much less.
 
     Args:
-        params: physics, as shipped if not given; several threads have kernels of their own.
+        params: parameters of the physics, defaults if None. Only `threads` counts: several threads
+            have kernels of their own.
     """
     engine = _box_scene(params.threads if params else 1)
-    ids = engine.add(
-        [[0.0, 0.0, 0.3], [0.0, 0.05, 0.3], [1.5, 0.0, 0.05]], np.zeros((3, 3)), _LITRE
-    )
+    points = [[0.0, 0.0, 0.3], [0.0, 0.05, 0.3], [1.5, 0.0, 0.05]]
+    ids = engine.add(points, np.zeros((3, 3)), _LITRE)
     for _ in range(12):
         engine.step(_STEP)
         engine.settled()
-    engine.state.reorder(np.arange(3)[::-1])
+    engine.sort_rows()
     engine.remove(ids[:1])
     engine.step(_STEP)
-    engine.state.velocity[0, 0] = 9.0
+    # A particle that is too fast for the cells of the neighbour list.
+    engine.add([0.0, 0.9, 0.5], [9.0, 0.0, 0.0], _LITRE, grow=False)
     engine.step(_STEP)
     _ = engine.max_overlap
+    engine.remove(engine.ids)
     _exercise_sleep(engine)
 
 
 def _box_scene(threads: int) -> ParticleEngine:
-    """A tray over a small map; all that touches it falls asleep at once."""
-    params = ParticleParams(threads=threads, sleep_speed=1.0, sleep_time=0.0)
+    """Return a tray over a small map; all that touches it falls asleep at once."""
+    params = ParticleParams(threads=threads, sleep_speed=1.0, sleep_time=0.0, settle_time=0.0)
     engine = ParticleEngine(params, Ground(Grid(4, 4, 1.0), np.zeros((4, 4))))
     floor = [[-0.5, -0.5, 0.2], [0.5, -0.5, 0.2], [0.5, 0.5, 0.2], [-0.5, 0.5, 0.2]]
     side = [[-0.5, -0.5, 0.2], [0.5, -0.5, 0.2], [0.5, -0.5, 0.8], [-0.5, -0.5, 0.8]]
@@ -48,21 +50,18 @@ def _box_scene(threads: int) -> ParticleEngine:
 
 
 def _exercise_sleep(engine: ParticleEngine) -> None:
-    """Let some rest in the tray and on the ground, and disturb them."""
-    nothing = np.zeros(3)
-    engine.remove(engine.state.particle_id)
-    engine.add([[0.0, -0.2, 0.28], [0.0, 0.9, 0.08], [1.0, 0.9, 0.08]], np.zeros((3, 3)), _LITRE,
-               grow=False)  # fmt: skip
-    # One that comes against another: there is a spring to keep while they rest.
+    """Let particles sleep in the tray and on the ground, and disturb them."""
+    points = [[0.0, -0.2, 0.28], [0.0, 0.9, 0.08], [1.0, 0.9, 0.08]]
+    engine.add(points, np.zeros((3, 3)), _LITRE, grow=False)
+    # This one touches another, so that there is a spring to save while they sleep.
     engine.add([1.0, 1.004, 0.08], [0.2, -0.2, 0.0], _LITRE, grow=False)
     engine.step(_STEP)
     engine.add([0.0, 0.9, 0.25], [0.0, 0.0, -3.0], _LITRE, grow=False)
     for k in range(20):
-        low, high = np.array([0.0, 0.0, -0.001 * k]), np.array([0.0, 0.0, -0.001 * (k + 1)])
-        engine.set_tool_motion(0, (np.eye(3), low), (np.eye(3), high))
+        start, end = np.array([0.0, 0.0, -0.001 * k]), np.array([0.0, 0.0, -0.001 * (k + 1)])
+        engine.set_tool_motion(0, (np.eye(3), start), (np.eye(3), end))
         engine.ground.set_heights(np.array([2]), np.array([2]), np.array([0.001 * k]))
         engine.step(_STEP)
-        engine.state.settle_timer[:] = 1.0
         engine.settled()
-    engine.add([0.0, -0.2, 0.5], nothing, _LITRE)
+    engine.add([0.0, -0.2, 0.5], np.zeros(3), _LITRE)
     engine.step(_STEP)

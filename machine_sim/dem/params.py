@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from msg_bridge.contract.constants import GRAVITY
 from msg_bridge.contract.parameters import Parameters, parameter
 
 __all__ = ["ParticleParams"]
@@ -11,54 +12,57 @@ __all__ = ["ParticleParams"]
 
 @dataclass(frozen=True)
 class ParticleParams(Parameters):
-    """How particles look, touch, and come to rest."""
+    """Size, contacts, sleep and landing of particles."""
 
     mode: str = parameter(
         "spheres",
-        "Soil as turning spheres (DEM), or as in the 2014 reference: rigid cubes in pybullet, whose"
-        " speed is clamped.",
+        "Soil as spheres with rotation (DEM), or as in the 2014 reference: rigid cubes in pybullet"
+        " with velocity clamps.",
         choices=("spheres", "cubes"),
     )
     capacity: int = parameter(
         20_000,
-        "Most particles alive at once; from half of that on soil is released in larger ones, and"
-        " waits when there is no room.",
+        "Maximum number of particles. Above half of it soil is released in larger particles; when"
+        " it is reached, soil waits.",
         low=1,
         high=10_000_000,
     )
     threads: int = parameter(
         1,
-        "Cores that one step may use. More pay from some 10 000 particles awake on, where the cores"
-        " have nothing else to do. The result is the same to the bit.",
+        "Maximum number of threads in a step. More than one is faster from some 10 000 moving"
+        " particles on, on idle cores. The result is bit-identical.",
         low=1,
         high=8,
     )
     nominal_volume: int = parameter(
-        500_000, "Nominal bank volume of one particle.", unit="mm^3", low=100, high=2**32 - 1
+        500_000, "Nominal bank volume of a particle.", unit="mm^3", low=100, high=2**32 - 1
     )
-    gravity: float = parameter(9.81, "Gravity, downward.", unit="m/s^2", low=0.0, high=30.0)
+    gravity: float = parameter(GRAVITY, "Gravity, downward.", unit="m/s^2", low=0.0, high=30.0)
     substeps: int = parameter(4, "Contact substeps per physics step.", low=1, high=100)
     substeps_per_contact: float = parameter(
-        5.6, "Substeps a free collision lasts: sets the stiffness.", low=5.0, high=50.0
+        5.6, "Duration of a free collision in substeps; sets the stiffness.", low=5.0, high=50.0
     )
     restitution: float = parameter(
         0.7, "Rebound speed over impact speed of two particles.", low=0.3, high=0.95
     )
     boundary_restitution: float = parameter(
-        0.4, "The same at tools and on the terrain.", low=0.3, high=0.95
+        0.4, "Rebound speed over impact speed at tools and on the terrain.", low=0.3, high=0.95
     )
     ground_friction: float = parameter(
         0.7, "Coulomb friction between particles and the terrain.", low=0.0, high=2.0
     )
     ground_rolling_friction: float = parameter(
-        0.4, "Rolling resistance on the terrain, in radii.", low=0.0, high=2.0
+        0.4, "Rolling friction between particles and the terrain, in radii.", low=0.0, high=2.0
     )
     verlet_skin: float = parameter(
-        0.15, "Reach of the neighbour list beyond touching, in mean diameters.", low=0.02, high=1.0
+        0.15,
+        "Skin of the neighbour list of a particle at rest, in mean diameters.",
+        low=0.02,
+        high=1.0,
     )
     growth_time: float = parameter(
         0.08,
-        "Time a released particle takes to full size where it has room.",
+        "Time in which a released particle grows to full size where it has room.",
         unit="s",
         low=0.0,
         high=2.0,
@@ -67,35 +71,54 @@ class ParticleParams(Parameters):
         0.5, "Contact radius of a released particle over its full radius.", low=0.1, high=1.0
     )
     allow_sleeping: bool = parameter(
-        True, "Whether particles at rest are left alone until disturbed."
+        True, "Whether particles at rest sleep, without integration, until they are disturbed."
     )
     allow_load_locking: bool = parameter(
-        True, "Whether soil at rest in a tool rides in it as one body; needs `sleeping`."
+        True,
+        "Whether soil at rest in a tool moves with the tool as one body; needs `allow_sleeping`.",
     )
     sleep_speed: float = parameter(
-        0.01, "A particle that is slower falls asleep.", unit="m/s", low=0.0, high=1.0
+        0.01, "Speed below which a particle falls asleep.", unit="m/s", low=0.0, high=1.0
     )
-    sleep_time: float = parameter(0.5, "How long it must be slower.", unit="s", low=0.0, high=60.0)
+    sleep_time: float = parameter(
+        0.5,
+        "Time below `sleep_speed` after which a particle falls asleep.",
+        unit="s",
+        low=0.0,
+        high=60.0,
+    )
     wake_speed: float = parameter(
         0.05,
-        "Soil that rides in a tool wakes where one that touches it is faster, seen from it.",
+        "Relative speed of a particle that wakes the locked soil it touches in a tool.",
         unit="m/s",
         low=0.0,
         high=5.0,
     )
     wake_gravity_change: float = parameter(
         0.1,
-        "Soil in a tool wakes when the gravity it feels has changed by this part since it came"
-        " to rest; 0.1 is a tilt of 6 degrees.",
+        "Change of the apparent gravity in a tool, over gravity, that wakes its locked soil; 0.1 is"
+        " a tilt of 6 degrees.",
         low=0.0,
         high=2.0,
     )
     settle_speed: float = parameter(
-        0.3, "A particle on the ground that is slower comes to rest.", unit="m/s", low=0.0, high=2.0
+        0.3,
+        "Speed below which a particle on the ground is at rest.",
+        unit="m/s",
+        low=0.0,
+        high=2.0,
     )
     settle_time: float = parameter(
-        0.05, "How long it must be slower before it lands.", unit="s", low=0.0, high=10.0
+        0.05,
+        "Time below `settle_speed` on the ground after which a particle lands.",
+        unit="s",
+        low=0.0,
+        high=10.0,
     )
     tool_clearance: float = parameter(
-        0.05, "A particle closer to a tool plate does not land.", unit="m", low=0.0, high=2.0
+        0.05,
+        "Minimum distance of a landing particle from tool plates.",
+        unit="m",
+        low=0.0,
+        high=2.0,
     )

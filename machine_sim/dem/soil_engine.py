@@ -1,36 +1,57 @@
-"""What every engine of loose soil has: bodies with an account, tools that move, and a ground."""
+"""Common base of the engines of loose soil: bodies with exact volume, tools, and a ground."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.dem.lifecycle.landing import settled_rows
+from machine_sim.dem.lifecycle.release_validation import ReleaseBatch, validate_release
 from machine_sim.dem.materials import ContactMaterials
 from machine_sim.dem.params import ParticleParams
 from machine_sim.dem.state import ParticleError, ParticleState
-from machine_sim.dem.tools.pose import Pose
-from machine_sim.dem.tools.rigid_tool import ToolSet
+from machine_sim.dem.tools.pose import ANGULAR, Pose
+from machine_sim.dem.tools.tool_set import ToolSet
 from machine_sim.ground.contact_surface import Ground
 from msg_bridge.contract.loose_soil import LooseSoil
 
-__all__ = ["SoilEngine"]
+__all__ = ["ContactCoefficients", "SoilEngine", "read_only"]
+
+_MAX_STEP = 0.1
+"""Maximum time step [s]."""
+
+
+class ContactCoefficients(NamedTuple):
+    """Contact coefficients of each body, shape (n,), float32, as in `ParticleState`."""
+
+    friction: NDArray[np.float32]
+    rolling_friction: NDArray[np.float32]
+    cohesion: NDArray[np.float32]
+    tool_friction: NDArray[np.float32]
+    tool_rolling_friction: NDArray[np.float32]
+    adhesion: NDArray[np.float32]
 
 
 class SoilEngine(ABC):
-    """Soil as bodies, and the tools and terrain they touch.
+    """Soil as bodies, and the tools and terrain that they touch.
+
+    Bodies have permanent ids. Arrays such as `positions` have one row per body and are read-only
+    views of the present state: a step, or a body that is added or removed, may reorder their rows.
+    `rows_of` returns the rows of some ids.
 
     Attributes:
-        params: physics.
-        ground: terrain; `Ground.advance` is its owner's to call.
-        soils: what is known of each soil, by its id.
-        store: the bodies, see `ParticleState`.
+        params: parameters of the physics.
+        ground: terrain; its owner calls `Ground.advance`.
+        soils: properties of each soil type, by its id.
+        state: columns of all bodies, for the modules of `machine_sim.dem` and
+            `machine_sim.reference_cubes` and their tests only.
         num_plate_tunnellings: centres that went through a plate so far.
-        num_ground_tunnellings: centres that sank a radius into the ground so far, soft ones apart; put
-            back upon it.
+        num_ground_tunnellings: centres that sank a radius into the ground so far and were put back
+            on it, except penetration-limited ones.
     """
 
     def __init__(
@@ -38,15 +59,15 @@ class SoilEngine(ABC):
     ) -> None:
         """
         Raises:
-            ParticleError: no soil.
+            ParticleError: no soil type.
         """
         self.params = params
         self.ground = ground
         self.soils = tuple(soils)
-        self._materials = ContactMaterials(self.soils, params.nominal_volume)
         self.state = ParticleState(params.capacity)
         self.num_plate_tunnellings = 0
         self.num_ground_tunnellings = 0
+        self._materials = ContactMaterials(self.soils, params.nominal_volume)
         self._tools = ToolSet(substeps)
 
     # Bodies in and out.
@@ -62,50 +83,76 @@ class SoilEngine(ABC):
         *,
         grow: bool = True,
     ) -> NDArray[np.uint32]:
-        """Release soil.
+        """Release soil as bodies.
 
         Args:
             position, velocity: [m], [m/s], map frame, shape (n, 3).
-            volume_mm3: bank volume of each [mm^3], whole numbers, shape (n,) or one for all.
-            soil: ids, shape (n,) or one for all.
+            volume_mm3: bank volume of each body [mm^3], whole numbers, shape (n,) or one for all.
+            soil: soil type ids, shape (n,) or one for all.
             moisture: [% of saturation], whole numbers; above 100 counts as 100.
-            grow: start small and grow, for soil that comes loose among other soil.
+            grow: whether they start small and grow, for soil that comes loose inside other soil.
 
         Returns:
-            Ids, shape (n,), uint32.
+            Ids, ascending, shape (n,), uint32.
 
         Raises:
-            ParticleError: shapes that do not fit, values that are not finite, coordinates beyond
-                1e6 m, speeds above 1000 m/s, volumes or codes out of range, or no room; nothing
-                was added.
+            ParticleError: shapes that do not match, values that are not finite, coordinates beyond
+                1e6 m, speeds above 1000 m/s, volumes or codes out of range, or no free capacity;
+                nothing was added.
         """
+
+    def _validate_release(
+        self,
+        position: ArrayLike,
+        velocity: ArrayLike,
+        volume_mm3: ArrayLike,
+        soil: ArrayLike,
+        moisture: ArrayLike,
+    ) -> ReleaseBatch:
+        """Return the arguments of `add` as arrays, with soil types that are known."""
+        batch = validate_release(position, velocity, volume_mm3, soil, moisture)
+        self._materials.validate_soil_ids(batch.soil)
+        return batch
 
     @abstractmethod
     def remove(self, ids: ArrayLike) -> None:
-        """Take bodies out of the account.
+        """Remove bodies with their volume.
 
         Raises:
-            ParticleError: an id that is not alive or given twice; nothing was removed.
+            ParticleError: an id that does not exist or is given twice; nothing was removed.
         """
 
     @abstractmethod
     def freeze(self, ids: ArrayLike) -> None:
-        """Hold bodies where they are: landed, not yet answered; still counted and in the way.
+        """Fix bodies where they are: landed, not yet answered, still counted and in the way.
 
         Raises:
-            ParticleError: an id that is not alive or given twice.
+            ParticleError: an id that does not exist or is given twice.
         """
 
     @abstractmethod
     def unfreeze(self, ids: ArrayLike) -> None:
-        """Let frozen bodies go, from rest.
+        """Let frozen bodies move again, from rest.
 
         Raises:
-            ParticleError: an id that is not alive or given twice.
+            ParticleError: an id that does not exist or is given twice.
         """
 
+    def _freeze_rows(self, rows: NDArray[np.intp]) -> None:
+        state = self.state
+        state.frozen[rows] = True
+        state.inverse_mass[rows] = 0.0
+        state.velocity[rows] = 0.0
+        state.angular_velocity[rows] = 0.0
+
+    def _unfreeze_rows(self, rows: NDArray[np.intp]) -> None:
+        state = self.state
+        state.frozen[rows] = False
+        state.inverse_mass[rows] = 1.0 / state.mass[rows]
+        state.settle_timer[rows] = 0.0
+
     def settled(self) -> NDArray[np.uint32]:
-        """Ids of those that should land, ascending; see `landing.settled_rows`."""
+        """Return the ids of the bodies that should land, ascending; see `lifecycle.landing`."""
         rows = settled_rows(self.state, self.ground, self._tools.tools, self.params)
         return np.asarray(self.state.particle_id[rows], dtype=np.uint32)
 
@@ -115,46 +162,53 @@ class SoilEngine(ABC):
     def add_tool(
         self, tool_id: int, plates: Sequence[ArrayLike], pose: Pose, *, is_digging: bool = True
     ) -> None:
-        """Let a tool touch the soil.
+        """Add a tool that touches the soil.
 
         Args:
-            tool_id: the caller's number for it.
-            plates: convex planar polygons, each (k, 3) corners [m] in order around, tool frame.
-            pose: where it is.
-            digs: whether it goes into the ground, which then is no ground to what it holds; False
-                for a truck's bed, a bin, a wall.
+            tool_id: an id that is not in use.
+            plates: convex planar polygons, each (k, 3) corners [m] in order around it, tool frame.
+            pose: its pose.
+            is_digging: whether it enters the ground, which then does not act on the soil in the
+                tool; False for the bed of a truck, a bin, a wall.
 
         Raises:
-            ParticleError: the id is taken, or a plate or the pose is not what it should be.
+            ParticleError: the id is in use, or a plate or the pose is invalid.
         """
 
     @abstractmethod
     def remove_tool(self, tool_id: int) -> None:
-        """Take a tool away; what lay in it falls.
+        """Remove a tool; the soil in it falls.
 
         Raises:
             ParticleError: no such tool.
         """
 
     def set_tool_motion(self, tool_id: int, start: Pose, end: Pose) -> None:
-        """Move a tool from `start` to `end` in the next step; without this it rests.
+        """Set the motion of a tool in the next step; without this call it is at rest.
 
         Raises:
-            ParticleError: no such tool, no pose, or a turn of 90 degrees or more.
+            ParticleError: no such tool, an invalid pose, or a rotation by 90 degrees or more.
         """
         self._tools[tool_id].move(start, end)
 
     def tool_wrench(self, tool_id: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Force [N] of the soil on a tool, and torque about its frame origin [N m].
+        """Return the force [N] of the soil on a tool, and the torque about its frame origin [N m].
 
         Map axes, mean over the last step, shape (3,) each.
+
+        Raises:
+            ParticleError: no such tool.
         """
         _ = self._tools[tool_id]
         wrench = self._tools.wrench[self._tools.index_by_id[tool_id]]
-        return wrench[:3].copy(), wrench[3:].copy()
+        return wrench[:ANGULAR].copy(), wrench[ANGULAR:].copy()
 
     def positions_in_tool_frame(self, tool_id: int) -> NDArray[np.float64]:
-        """Positions of all bodies [m] in the frame of a tool, in row order, shape (n, 3)."""
+        """Return the centres of all bodies [m] in the frame of a tool, shape (n, 3).
+
+        Raises:
+            ParticleError: no such tool.
+        """
         return self._tools[tool_id].to_local_frame(self.state.position)
 
     # Time.
@@ -168,33 +222,93 @@ class SoilEngine(ABC):
         """
 
     @staticmethod
-    def _check_step(dt: float) -> None:
-        if not 0.0 < dt <= 0.1:
-            raise ParticleError(f"dt is {dt} s; give a step above 0 and up to 0.1 s")
+    def _validate_step(dt: float) -> None:
+        if not 0.0 < dt <= _MAX_STEP:
+            raise ParticleError(f"dt is {dt} s; give a step above 0 and up to {_MAX_STEP} s")
 
     @abstractmethod
     def close(self) -> None:
-        """Free what must be freed; the engine is of no use after."""
+        """Free external resources; the engine cannot be used afterwards."""
 
-    # What it is like now.
+    # The bodies, one row each.
 
     def rows_of(self, ids: ArrayLike) -> NDArray[np.intp]:
-        """Rows in `store`, good until the next step, add or remove.
+        """Return the rows of some bodies in the arrays below.
+
+        They are valid until the next step, or until a body is added or removed.
 
         Raises:
-            ParticleError: an id that is not alive or given twice.
+            ParticleError: an id that does not exist or is given twice.
         """
         return self.state.rows(ids)
 
     @property
-    def free_capacity(self) -> int:
-        """How many bodies can still be added."""
-        return self.state.capacity - self.state.count
+    def ids(self) -> NDArray[np.uint32]:
+        """Ids, shape (n,)."""
+        return read_only(self.state.particle_id)
+
+    @property
+    def positions(self) -> NDArray[np.float64]:
+        """Centres [m], map frame, shape (n, 3)."""
+        return read_only(self.state.position)
+
+    @property
+    def velocities(self) -> NDArray[np.float64]:
+        """Velocities of the centres [m/s], map frame, shape (n, 3)."""
+        return read_only(self.state.velocity)
+
+    @property
+    def angular_velocities(self) -> NDArray[np.float32]:
+        """Angular velocities [rad/s], map axes, shape (n, 3)."""
+        return read_only(self.state.angular_velocity)
+
+    @property
+    def radii(self) -> NDArray[np.float32]:
+        """Radii of full-grown spheres, or half edges of cubes [m], shape (n,)."""
+        return read_only(self.state.radius)
+
+    @property
+    def masses(self) -> NDArray[np.float32]:
+        """Masses [kg], shape (n,)."""
+        return read_only(self.state.mass)
+
+    @property
+    def volumes_mm3(self) -> NDArray[np.int64]:
+        """Bank volumes [mm^3], exact, shape (n,)."""
+        return read_only(self.state.volume_mm3)
+
+    @property
+    def soil(self) -> NDArray[np.uint8]:
+        """Soil type ids, shape (n,)."""
+        return read_only(self.state.soil)
+
+    @property
+    def moisture(self) -> NDArray[np.uint8]:
+        """Moisture [% of saturation], shape (n,)."""
+        return read_only(self.state.moisture)
+
+    @property
+    def contact_coefficients(self) -> ContactCoefficients:
+        """Contact coefficients, shape (n,) each."""
+        columns = (getattr(self.state, name) for name in ContactCoefficients._fields)
+        return ContactCoefficients(*map(read_only, columns))
+
+    @property
+    def frozen_ids(self) -> NDArray[np.uint32]:
+        """Ids of the frozen bodies, in row order."""
+        return np.asarray(self.state.particle_id[self.state.frozen], dtype=np.uint32)
+
+    # Totals.
 
     @property
     def count(self) -> int:
         """Number of bodies, frozen ones included."""
         return self.state.count
+
+    @property
+    def free_capacity(self) -> int:
+        """Number of bodies that can still be added."""
+        return self.state.capacity - self.state.count
 
     @property
     def total_volume_mm3(self) -> int:
@@ -203,5 +317,12 @@ class SoilEngine(ABC):
 
     @property
     def kinetic_energy(self) -> float:
-        """Of all bodies [J], that of turning left out."""
+        """Translational kinetic energy of all bodies [J]."""
         return float(0.5 * (self.state.mass[:, None] * self.state.velocity**2).sum())
+
+
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a view that cannot be written to."""
+    view = array.view()
+    view.flags.writeable = False
+    return view

@@ -1,6 +1,6 @@
-"""The particles themselves: one array per quantity, with room to grow.
+"""The state of the particles: one array per quantity, with spare capacity.
 
-Rows keep the order of release unless `reorder` is called; `particle_id` is what lasts.
+Rows are in the order of release until `reorder` is called; the particle ids are permanent.
 """
 
 from __future__ import annotations
@@ -43,42 +43,50 @@ _COLUMN_TYPES: dict[str, tuple[str, tuple[int, ...]]] = {
     "pair_list_row": ("i4", ()),
     "plate_list_row": ("i4", ()),
 }
+"""Data type and shape of one row of each column."""
 
 
 _DUPLICATE_ID, _UNKNOWN_ID = 1, 2
+_INITIAL_CAPACITY = 1024
 
 
 class ParticleError(EarthmovingError):
-    """Particles that cannot be made, or ids that are not alive; nothing was changed."""
+    """Particles or tools that are invalid, or ids that do not exist; nothing was changed."""
 
 
 class ParticleState:
-    """Struct of arrays over the live particles; attributes are views of their rows.
+    """Struct of arrays; each attribute is a view of the rows in use.
 
     Attributes:
         position: centres [m], map frame, shape (n, 3), float64.
         velocity: [m/s], map frame, shape (n, 3), float64.
-        spin: angular velocity [rad/s], map axes, shape (n, 3), float32.
+        angular_velocity: [rad/s], map axes, shape (n, 3), float32.
         radius: full radius [m], shape (n,), float32.
-        contact_radius: radius felt by contacts [m], grows to `radius`; 0 until the first step.
+        contact_radius: radius that contacts use [m], grows to `radius`; 0 until the first step.
         mass: [kg], shape (n,), float32.
         inverse_mass: [1/kg], 0 while frozen.
-        volume_mm3: the account: bank volume [mm^3], shape (n,), int64.
-        soil, moisture: soil type and moisture code, uint8.
-        particle_id: unique, never used twice, from 1, uint32.
-        friction, rolling: coefficients between particles; of a pair the smaller counts.
-        cohesion: pressure that holds two together [Pa], on the smaller's cross section.
+        volume_mm3: bank volume [mm^3], exact, shape (n,), int64.
+        soil, moisture: soil type id, and moisture [% of saturation], uint8.
+        particle_id: unique, never reused, from 1, uint32.
+        friction, rolling_friction: coefficients between particles; the smaller of a pair counts.
+        cohesion: pressure that holds two particles together [Pa], on the smaller cross section.
         tool_friction, tool_rolling_friction, adhesion: the same at a tool.
-        frozen: landed and not yet answered: does not move, supports others, still counts.
-        soft: beside a tool, or not yet out of the ground there; see `soil_contact`.
-        settle_timer: how long it has been slow on the ground [s].
+        frozen: whether it is landed and not yet answered: it does not move, supports others, and
+            its volume still counts.
+        penetration_limited: whether the ground's force is limited to a small penetration, see
+            `contacts.ground_contacts`.
+        settle_timer: time for which it has been slow on the ground [s].
         ground_spring: tangential spring of its ground contact [m], shape (n, 3).
-        resting: 0 for awake; what it rests in otherwise, see `sleep`.
-        place: where it rests in a tool [m], tool frame; of one awake, where it was when those that
-            sleep against it last counted on it, map frame, see `waking`. Shape (n, 3).
-        sleep_timer: how long it has hardly moved [s].
-        pair_list_row, plate_list_row: its row in the pair and plate list of the last step, -1 if it has none.
-        next_id: the id of the next particle.
+        sleep_state: awake, asleep on the map or locked to a tool, see `sleep.sleep_state`, int16.
+        wake_reference: of a particle locked to a tool, its position [m] in the tool frame; of an
+            awake one, its position [m] in the map frame when the particles that sleep against it
+            last had a valid support, see `sleep.wake_conditions`. Shape (n, 3).
+        sleep_timer: time for which it has hardly moved [s].
+        pair_list_row, plate_list_row: its row in the pair list and in the plate list of the last
+            step, -1 if it is not listed.
+        count: number of particles.
+        capacity: maximum number of particles.
+        next_id: id of the next particle.
     """
 
     position: NDArray[np.float64]
@@ -112,7 +120,7 @@ class ParticleState:
         self.capacity = capacity
         self.count = 0
         self.next_id = 1
-        self._columns = _allocate(min(capacity, 1024))
+        self._columns = _allocate(min(capacity, _INITIAL_CAPACITY))
         self._rows_by_id: NDArray[np.intp] | None = None
         self._update_views()
 
@@ -122,27 +130,24 @@ class ParticleState:
         return int(self.volume_mm3.sum())
 
     def add(self, count: int, **columns: ArrayLike) -> NDArray[np.uint32]:
-        """Append particles; columns not given are zero.
+        """Append particles; columns that are not given are zero.
 
         Returns:
-            Their ids, ascending, shape (count,).
+            Ids of the new particles, ascending, shape (count,).
 
         Raises:
-            ParticleError: more than `capacity`, or no ids left.
+            ParticleError: more particles than `capacity`, or no ids left.
         """
         if self.count + count > self.capacity:
             raise ParticleError(
-                f"{self.count} + {count} particles are more than the capacity of {self.capacity};"
+                f"{self.count} + {count} particles exceed the capacity of {self.capacity};"
                 " raise `capacity` or make larger particles"
             )
         if self.next_id + count > 2**32:
-            raise ParticleError("particle ids are used up; reset the simulation")
+            raise ParticleError("all particle ids are used; reset the simulation")
         start, end = self.count, self.count + count
         if end > len(self._columns["frozen"]):
-            room = _allocate(min(self.capacity, max(end, 2 * start)))
-            for name, column in self._columns.items():
-                room[name][:start] = column[:start]
-            self._columns = room
+            self._reallocate(min(self.capacity, max(end, 2 * start)))
         for name, column in self._columns.items():
             column[start:end] = columns.get(name, 0)
         ids = np.arange(self.next_id, self.next_id + count, dtype=np.uint32)
@@ -151,18 +156,18 @@ class ParticleState:
         self._columns["plate_list_row"][start:end] = -1
         self.next_id += count
         self.count = end
-        # Ids ascend: the new ones come last.
-        by_id = self._rows_by_id
+        # The new ids are the largest, so that the order by id is known.
+        rows_by_id = self._rows_by_id
         self._update_views()
-        if by_id is not None:
-            self._rows_by_id = np.concatenate([by_id, np.arange(start, end)])
+        if rows_by_id is not None:
+            self._rows_by_id = np.concatenate([rows_by_id, np.arange(start, end)])
         return ids
 
     def rows(self, ids: ArrayLike) -> NDArray[np.intp]:
-        """Rows of particles, in the order of `ids`.
+        """Return the rows of particles, in the order of `ids`.
 
         Raises:
-            ParticleError: an id that is not alive, or one given twice.
+            ParticleError: an id that does not exist, or one given twice.
         """
         wanted = np.atleast_1d(np.asarray(ids))
         if wanted.size == 0:
@@ -171,71 +176,82 @@ class ParticleState:
         if self._rows_by_id is None:
             self._rows_by_id = np.argsort(self.particle_id, kind="stable")
         rows = np.empty(wanted.size, dtype=np.intp)
-        fault = _find_rows(wanted, self.particle_id, self._rows_by_id, rows)
-        if fault == _DUPLICATE_ID:
+        error = _find_rows(wanted, self.particle_id, self._rows_by_id, rows)
+        if error == _DUPLICATE_ID:
             raise ParticleError("a particle id is given twice; give each id once")
-        if fault == _UNKNOWN_ID:
-            raise ParticleError("no live particle has one of the ids given; ids are never reused")
+        if error == _UNKNOWN_ID:
+            raise ParticleError("a particle id does not exist; ids are never reused")
         return rows
 
     def remove(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Take particles out; the others keep their order.
+        """Remove particles; the others keep their order.
 
         Returns:
-            The rows these had.
+            Former rows of the remaining particles, ascending.
         """
         keep = np.ones(self.count, dtype=np.bool_)
         keep[rows] = False
         kept = np.flatnonzero(keep)
-        by_id = self._rows_by_id
+        rows_by_id = self._rows_by_id
         self.reorder(kept)
-        if by_id is not None:
-            self._rows_by_id = (np.cumsum(keep) - 1)[by_id[keep[by_id]]]
+        if rows_by_id is not None:
+            self._rows_by_id = (np.cumsum(keep) - 1)[rows_by_id[keep[rows_by_id]]]
         return kept
 
     def reorder(self, order: NDArray[np.intp]) -> None:
-        """Make row `order[k]` row k; rows not named are dropped."""
+        """Make row `order[k]` row k; rows that are not named are removed."""
         for column in self._columns.values():
-            column[: order.size] = column.take(order, axis=0)  # thrice as quick as column[order]
+            column[: order.size] = column.take(order, axis=0)  # three times as fast as indexing
         self.count = order.size
         self._update_views()
 
+    def _reallocate(self, capacity: int) -> None:
+        """Move the columns to arrays with room for more rows."""
+        columns = _allocate(capacity)
+        for name, column in self._columns.items():
+            columns[name][: self.count] = column[: self.count]
+        self._columns = columns
+
     def _update_views(self) -> None:
-        """Let the attributes show the live rows."""
+        """Make the attributes views of the rows in use."""
         self._rows_by_id = None
         for name, column in self._columns.items():
             setattr(self, name, column[: self.count])
 
 
 @kernel
-def _find_rows(wanted, particle_id, order, rows):  # type: ignore[no-untyped-def]
-    """Find ids in `particle_id`, which `order` sorts.
+def _find_rows(ids, particle_id, order, rows):  # type: ignore[no-untyped-def]
+    """Find the rows of some ids by bisection.
 
     Args:
-        rows: out, of each.
+        ids: ids to find.
+        particle_id: id of each row.
+        order: rows in the order of their ids.
+        rows: out, shape (ids,).
 
     Returns:
-        What is wrong with them, 0 if nothing.
+        An error code, 0 if all were found.
     """
-    named = np.zeros(order.size, dtype=np.bool_)
-    for k in range(wanted.size):
+    is_found = np.zeros(order.size, dtype=np.bool_)
+    for k in range(ids.size):
         low, high = 0, order.size
         while low < high:
             middle = (low + high) // 2
-            if particle_id[order[middle]] < wanted[k]:
+            if particle_id[order[middle]] < ids[k]:
                 low = middle + 1
             else:
                 high = middle
-        if low == order.size or particle_id[order[low]] != wanted[k]:
+        if low == order.size or particle_id[order[low]] != ids[k]:
             return _UNKNOWN_ID
-        if named[low]:
+        if is_found[low]:
             return _DUPLICATE_ID
-        named[low] = True
+        is_found[low] = True
         rows[k] = order[low]
     return 0
 
 
 def _allocate(capacity: int) -> dict[str, NDArray[Any]]:
+    """Return zeroed columns by name."""
     return {
         name: np.zeros((capacity, *shape), dtype=dtype)
         for name, (dtype, shape) in _COLUMN_TYPES.items()

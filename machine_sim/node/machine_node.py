@@ -325,7 +325,7 @@ class MachineNode(SimNode):
                 load = PayloadState(**asdict(each.payload), time=tick * run.facts.tick_period)
                 self._shared_publishers.publish_payload(name, load)
         if is_due(self._params.particle_rate):
-            self._shared_publishers.publish_particles(sim.particles.state, stamp)
+            self._shared_publishers.publish_particles(sim.particles, stamp)
 
     def _stamp(self, run: MachineRun, tick: int) -> Any:
         return stamp_from_tick(tick, run.facts.tick_period)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64MultiArray, String
 
+from machine_sim.dem import SoilEngine
 from msg_bridge.codec import qos
 from msg_bridge.codec.machine_state import PayloadState, to_payload_array
 from msg_bridge.codec.particles import to_particle_cloud
@@ -47,15 +47,15 @@ class SharedPublishers:
         """Publish what is in a bin."""
         self._payloads[name].publish(to_payload_array(payload))
 
-    def publish_particles(self, store: Any, stamp: Time) -> None:
-        """Publish all particles; `store` has position, velocity, radius, ids, volumes, soils."""
+    def publish_particles(self, particles: SoilEngine, stamp: Time) -> None:
+        """Publish all particles of an engine."""
         cloud = to_particle_cloud(
-            store.position,
-            store.velocity,
-            store.radius,
-            store.particle_id,
-            store.volume_mm3,
-            store.soil,
+            particles.positions,
+            particles.velocities,
+            particles.radii,
+            particles.ids,
+            particles.volumes_mm3,
+            particles.soil,
             MAP_FRAME,
             stamp,
         )

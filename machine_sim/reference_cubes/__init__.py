@@ -1,11 +1,12 @@
-"""Soil as rigid cubes in pybullet, as in the 2014 reference, with the particle engine's interface.
+"""Soil as rigid cubes in pybullet, as in the 2014 reference, with the interface of `SoilEngine`.
 
-A peer to measure `machine_sim.dem` against, not what the machines run on.
+It is a baseline for `machine_sim.dem`, with which machines normally run. In the order of a step:
 
-- `clamps`: the velocity constraints that keep cubes in a bucket
-- `bodies`: the cubes in pybullet; `plates`: tools in pybullet, and the forces on them
-- `around`: which cube is in or beside which tool
-- `terrain`: cubes on the live terrain
+- `tool_proximity`: which cube is in or near which tool
+- `velocity_clamps`: the velocity constraints that keep cubes in a bucket
+- `ground_contacts`: cubes on the terrain, which changes and so is not in pybullet
+- `cube_bodies`: the cubes in pybullet
+- `plate_bodies`: the tools in pybullet, and the forces on them
 - `engine`: all of it in one step
 """
 

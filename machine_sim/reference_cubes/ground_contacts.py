@@ -1,38 +1,93 @@
 """Cubes on the terrain, which changes all the time and therefore is not in pybullet.
 
-Before each step a cube that would enter the live surface is given the velocity with which it does
-not: impulses at its eight corners, and under its centre for ridges narrower than the cube, solved
-with Coulomb friction for the cube alone. One that is in the surface already comes out at a bounded
-speed. What others do to the cube in the coming step is not known here: it is expected to be what
-it was in the last one, so that a pile rests on its lowest layer.
+Before each step the velocity of a cube that would enter the surface is changed so that it does not:
+impulses at its eight corners, and under its centre for ridges narrower than the cube, solved with
+Coulomb friction for the cube alone. A cube that is in the surface already comes out at a bounded
+speed. The effect of other cubes in the coming step is not known here. It is expected to be the same
+as in the last step, so that a pile rests on its lowest layer.
 
-Beside a tool that digs cubes are *soft*, as particles are (`particles.soil_contact`): pushed out
-gently, never put back.
+Near a tool that digs cubes are *penetration-limited*, as particles are (see
+`dem.contacts.ground_contacts`): they are pushed out slowly and never put back on the surface.
 """
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from machine_sim.dem.state import ParticleState
 from machine_sim.ground.contact_surface import surface_at
 from msg_bridge.kernels import kernel
 
-__all__ = ["finish_ground_contacts", "resolve_ground_contacts"]
+__all__ = ["CubeView", "ExpectedChange", "finish_ground_contacts", "resolve_ground_contacts"]
 
+_NUM_CORNERS = 8
 _NUM_CONTACT_POINTS = 9
-"""Where a cube may touch: its corners and under its centre."""
+"""Possible contact points of a cube: its corners and the point under its centre."""
 _NUM_SOLVER_ITERATIONS = 10
-"""Times the points of a cube are gone through."""
+"""Iterations over the contact points of a cube."""
 _RECOVERY_FRACTION = 0.2
-"""Part of its depth that a point comes out in a step."""
+"""Fraction of its depth by which a point comes out in a step."""
 _MAX_RECOVERY_SPEED, _MAX_LIMITED_RECOVERY_SPEED = 1.0, 0.3
-"""Highest speed at which it does, and that of soft cubes [m/s]."""
+"""Maximum speed at which it comes out [m/s]; the second of penetration-limited cubes."""
 _SQRT3 = np.sqrt(3.0)
+
+
+class CubeView(NamedTuple):
+    """Columns of `ParticleState` that ground contacts use; `half_edge` is its `radius`."""
+
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    angular_velocity: NDArray[np.float32]
+    half_edge: NDArray[np.float32]
+    penetration_limited: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, state: ParticleState) -> CubeView:
+        """Return views of the columns of a state."""
+        return cls(
+            state.position,
+            state.velocity,
+            state.angular_velocity,
+            state.radius,
+            state.penetration_limited,
+        )
+
+
+class ExpectedChange(NamedTuple):
+    """Changes of motion that are expected in the coming step.
+
+    Attributes:
+        velocity, angular_velocity: by other cubes and tools [m/s], [rad/s], shape (n, 3).
+        gravity_delta_v: increase of the downward velocity by gravity [m/s].
+    """
+
+    velocity: NDArray[np.float64]
+    angular_velocity: NDArray[np.float64]
+    gravity_delta_v: float
+
+
+class _ContactPoints(NamedTuple):
+    """Contact points of one cube; impulses are per kilogram.
+
+    Attributes:
+        arm: from the centre [m], map axes, shape (points, 3).
+        min_normal_speed: minimum normal speed after the impulses [m/s], shape (points,).
+        normal_impulse: [m/s], 0 or more, shape (points,).
+        friction_impulse: [m/s], map axes, shape (points, 3).
+    """
+
+    arm: NDArray[np.float64]
+    min_normal_speed: NDArray[np.float64]
+    normal_impulse: NDArray[np.float64]
+    friction_impulse: NDArray[np.float64]
 
 
 @kernel(forceinline=True)
 def _slopes(surface, ground, x, y, reach):  # type: ignore[no-untyped-def]
-    """dz/dx and dz/dy across `reach` [m] on each side, past the creases between columns."""
+    """Return dz/dx and dz/dy across `reach` [m] on each side, past the creases between columns."""
     east = surface_at(surface, ground[0], ground[1], ground[2], x + reach, y)[0]
     west = surface_at(surface, ground[0], ground[1], ground[2], x - reach, y)[0]
     north = surface_at(surface, ground[0], ground[1], ground[2], x, y + reach)[0]
@@ -42,135 +97,180 @@ def _slopes(surface, ground, x, y, reach):  # type: ignore[no-untyped-def]
 
 @kernel
 def resolve_ground_contacts(  # type: ignore[no-untyped-def]
-    surface, ground, dt, gravity, friction, skip_ground, near_digging_tool, position, quaternion, half,
-    contact_delta_velocity, contact_delta_angular_velocity, penetration_limited, velocity, angular_velocity,
-):  # fmt: skip
-    """Change velocities so that a step of `dt` [s] under gravity leaves cubes upon the ground.
+    surface, ground, dt, friction, skip_ground, near_digging_tool, cubes, quaternion, expected
+):
+    """Change velocities so that a step of `dt` [s] leaves the cubes above the ground.
 
     Args:
         surface, ground: contact surface [m] and `Ground.frame`.
-        gravity, friction: [m/s^2] downward; Coulomb coefficient.
-        off: who does not feel the ground.
-        near: who is beside a tool that digs.
-        position, quaternion, half: of the cubes; half edges.
-        load, contact_delta_angular_velocity: what others are expected to add to velocity and spin in this step.
-        soft: in and out.
-        velocity, spin: in and out.
+        dt: [s].
+        friction: Coulomb coefficient.
+        skip_ground: cubes without ground contact, shape (n,).
+        near_digging_tool: cubes near a tool that digs, shape (n,).
+        cubes: `CubeView`; velocities and `penetration_limited` are updated.
+        quaternion: attitudes x y z w, shape (n, 4).
+        expected: `ExpectedChange` of the step.
     """
-    arm = np.empty((_NUM_CONTACT_POINTS, 3))
-    min_normal_speed = np.empty(_NUM_CONTACT_POINTS)
-    normal_impulse = np.empty(_NUM_CONTACT_POINTS)
-    friction_impulse = np.empty((_NUM_CONTACT_POINTS, 3))
-    for i in range(position.shape[0]):
+    points = _ContactPoints(
+        np.empty((_NUM_CONTACT_POINTS, 3)),
+        np.empty(_NUM_CONTACT_POINTS),
+        np.empty(_NUM_CONTACT_POINTS),
+        np.empty((_NUM_CONTACT_POINTS, 3)),
+    )
+    limited, velocity, angular_velocity = (
+        cubes.penetration_limited,
+        cubes.velocity,
+        cubes.angular_velocity,
+    )
+    for i in range(cubes.position.shape[0]):
         if skip_ground[i]:
             continue
-        h = np.float64(half[i])
-        x, y, z = position[i, 0], position[i, 1], position[i, 2]
-        vx, vy = (
-            velocity[i, 0] + contact_delta_velocity[i, 0],
-            velocity[i, 1] + contact_delta_velocity[i, 1],
-        )
-        vz = velocity[i, 2] + contact_delta_velocity[i, 2] - gravity * dt
-        above = z - surface_at(surface, ground[0], ground[1], ground[2], x, y)[0]
-        penetration_limited[i] = near_digging_tool[i] or (penetration_limited[i] and above < -h)
+        h = np.float64(cubes.half_edge[i])
+        x, y, z = cubes.position[i, 0], cubes.position[i, 1], cubes.position[i, 2]
+        vx = velocity[i, 0] + expected.velocity[i, 0]
+        vy = velocity[i, 1] + expected.velocity[i, 1]
+        vz = velocity[i, 2] + expected.velocity[i, 2] - expected.gravity_delta_v
+        height = z - surface_at(surface, ground[0], ground[1], ground[2], x, y)[0]
+        limited[i] = near_digging_tool[i] or (limited[i] and height < -h)
         slope_x, slope_y = _slopes(surface, ground, x, y, _SQRT3 * h)
         nz = 1.0 / np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
-        nx, ny = -slope_x * nz, -slope_y * nz
-        fastest = _MAX_LIMITED_RECOVERY_SPEED if penetration_limited[i] else _MAX_RECOVERY_SPEED
+        normal = (-slope_x * nz, -slope_y * nz, nz)
+        max_speed = _MAX_LIMITED_RECOVERY_SPEED if limited[i] else _MAX_RECOVERY_SPEED
         reach = dt * (np.sqrt(vx * vx + vy * vy + vz * vz) + 2.0 * h * _norm(angular_velocity, i))
-        points = 0
-        for p in range(_NUM_CONTACT_POINTS):
-            if p < 8:
-                bx = h if p & 1 else -h
-                by = h if p & 2 else -h
-                bz = h if p & 4 else -h
-                ax, ay, az = _rotate(quaternion, i, bx, by, bz)
-                height = surface_at(surface, ground[0], ground[1], ground[2], x + ax, y + ay)[0]
-                gap = (z + az - height) * nz
-            else:
-                ax, ay, az = 0.0, 0.0, -h
-                gap = above - h
-            if gap > reach:
-                continue
-            arm[points, 0], arm[points, 1], arm[points, 2] = ax, ay, az
-            min_normal_speed[points] = (
-                -gap / dt if gap >= 0.0 else min(-_RECOVERY_FRACTION * gap / dt, fastest)
-            )
-            normal_impulse[points] = 0.0
-            friction_impulse[points, 0] = friction_impulse[points, 1] = friction_impulse[
-                points, 2
-            ] = 0.0
-            points += 1
-        if points == 0:
+        num_points = _find_contact_points(
+            surface, ground, dt, (x, y, z), h, quaternion[i], height, nz, reach, max_speed, points
+        )
+        if num_points == 0:
             continue
-        wx, wy = (
-            angular_velocity[i, 0] + contact_delta_angular_velocity[i, 0],
-            angular_velocity[i, 1] + contact_delta_angular_velocity[i, 1],
+        wx = angular_velocity[i, 0] + expected.angular_velocity[i, 0]
+        wy = angular_velocity[i, 1] + expected.angular_velocity[i, 1]
+        wz = angular_velocity[i, 2] + expected.angular_velocity[i, 2]
+        vx, vy, vz, wx, wy, wz = _solve_impulses(
+            points, num_points, normal, friction, h, (vx, vy, vz), (wx, wy, wz)
         )
-        wz = angular_velocity[i, 2] + contact_delta_angular_velocity[i, 2]
-        # Impulses are per kilogram; a cube's moment of inertia is the same about every axis.
-        angular_compliance = 1.5 / (h * h)
-        for _ in range(_NUM_SOLVER_ITERATIONS):
-            for p in range(points):
-                ax, ay, az = arm[p, 0], arm[p, 1], arm[p, 2]
-                ux, uy, uz = vx + wy * az - wz * ay, vy + wz * ax - wx * az, vz + wx * ay - wy * ax
-                tx, ty, tz = ay * nz - az * ny, az * nx - ax * nz, ax * ny - ay * nx
-                un = ux * nx + uy * ny + uz * nz
-                old = normal_impulse[p]
-                normal_impulse[p] = max(
-                    old
-                    + (min_normal_speed[p] - un)
-                    / (1.0 + angular_compliance * (tx * tx + ty * ty + tz * tz)),
-                    0.0,
-                )
-                j = normal_impulse[p] - old
-                vx, vy, vz = vx + j * nx, vy + j * ny, vz + j * nz
-                wx, wy, wz = (
-                    wx + angular_compliance * j * tx,
-                    wy + angular_compliance * j * ty,
-                    wz + angular_compliance * j * tz,
-                )
-                ux, uy, uz = vx + wy * az - wz * ay, vy + wz * ax - wx * az, vz + wx * ay - wy * ax
-                un = ux * nx + uy * ny + uz * nz
-                share = 1.0 / (1.0 + angular_compliance * (ax * ax + ay * ay + az * az))
-                fx = friction_impulse[p, 0] - share * (ux - un * nx)
-                fy = friction_impulse[p, 1] - share * (uy - un * ny)
-                fz = friction_impulse[p, 2] - share * (uz - un * nz)
-                size, limit = np.sqrt(fx * fx + fy * fy + fz * fz), friction * normal_impulse[p]
-                if size > limit:
-                    fx, fy, fz = fx * limit / size, fy * limit / size, fz * limit / size
-                jx, jy, jz = (
-                    fx - friction_impulse[p, 0],
-                    fy - friction_impulse[p, 1],
-                    fz - friction_impulse[p, 2],
-                )
-                friction_impulse[p, 0], friction_impulse[p, 1], friction_impulse[p, 2] = fx, fy, fz
-                vx, vy, vz = vx + jx, vy + jy, vz + jz
-                wx += angular_compliance * (ay * jz - az * jy)
-                wy += angular_compliance * (az * jx - ax * jz)
-                wz += angular_compliance * (ax * jy - ay * jx)
-        velocity[i, 0], velocity[i, 1] = (
-            vx - contact_delta_velocity[i, 0],
-            vy - contact_delta_velocity[i, 1],
+        velocity[i, 0] = vx - expected.velocity[i, 0]
+        velocity[i, 1] = vy - expected.velocity[i, 1]
+        velocity[i, 2] = vz - expected.velocity[i, 2] + expected.gravity_delta_v
+        angular_velocity[i, 0] = wx - expected.angular_velocity[i, 0]
+        angular_velocity[i, 1] = wy - expected.angular_velocity[i, 1]
+        angular_velocity[i, 2] = wz - expected.angular_velocity[i, 2]
+
+
+@kernel
+def _find_contact_points(  # type: ignore[no-untyped-def]
+    surface, ground, dt, centre, h, quaternion, height, nz, reach, max_speed, points
+):
+    """Fill the contact points of a cube that may touch the ground within a step.
+
+    Args:
+        surface, ground, dt: see `resolve_ground_contacts`.
+        centre, h, quaternion: centre [m], half edge [m] and attitude of the cube.
+        height: vertical distance of the centre from the surface [m].
+        nz: vertical component of the ground's normal.
+        reach: maximum distance of a contact point from the ground [m].
+        max_speed: maximum speed at which a point comes out of the ground [m/s].
+        points: `_ContactPoints`, out.
+
+    Returns:
+        Number of contact points.
+    """
+    x, y, z = centre
+    count = 0
+    for p in range(_NUM_CONTACT_POINTS):
+        if p < _NUM_CORNERS:
+            bx = h if p & 1 else -h
+            by = h if p & 2 else -h
+            bz = h if p & 4 else -h
+            ax, ay, az = _rotate(quaternion, bx, by, bz)
+            ground_height = surface_at(surface, ground[0], ground[1], ground[2], x + ax, y + ay)[0]
+            gap = (z + az - ground_height) * nz
+        else:
+            ax, ay, az = 0.0, 0.0, -h
+            gap = height - h
+        if gap > reach:
+            continue
+        points.arm[count, 0], points.arm[count, 1], points.arm[count, 2] = ax, ay, az
+        points.min_normal_speed[count] = (
+            -gap / dt if gap >= 0.0 else min(-_RECOVERY_FRACTION * gap / dt, max_speed)
         )
-        velocity[i, 2] = vz - contact_delta_velocity[i, 2] + gravity * dt
-        angular_velocity[i, 0], angular_velocity[i, 1] = (
-            wx - contact_delta_angular_velocity[i, 0],
-            wy - contact_delta_angular_velocity[i, 1],
-        )
-        angular_velocity[i, 2] = wz - contact_delta_angular_velocity[i, 2]
+        points.normal_impulse[count] = 0.0
+        for axis in range(3):
+            points.friction_impulse[count, axis] = 0.0
+        count += 1
+    return count
+
+
+@kernel
+def _solve_impulses(points, num_points, normal, friction, h, velocity, angular_velocity):  # type: ignore[no-untyped-def]
+    """Apply normal and friction impulses to one cube: projected Gauss-Seidel iterations.
+
+    Args:
+        points: `_ContactPoints` with cleared impulses.
+        num_points: number of contact points.
+        normal: unit normal of the ground.
+        friction: Coulomb coefficient.
+        h: half edge [m].
+        velocity, angular_velocity: [m/s], [rad/s], expected at the end of the step.
+
+    Returns:
+        Velocity and angular velocity after the impulses, three components each.
+    """
+    nx, ny, nz = normal
+    vx, vy, vz = velocity
+    wx, wy, wz = angular_velocity
+    arm, normal_impulse, friction_impulse = (
+        points.arm,
+        points.normal_impulse,
+        points.friction_impulse,
+    )
+    # Impulses are per kilogram; the moment of inertia of a cube is the same about every axis.
+    angular_compliance = 1.5 / (h * h)
+    for _ in range(_NUM_SOLVER_ITERATIONS):
+        for p in range(num_points):
+            ax, ay, az = arm[p, 0], arm[p, 1], arm[p, 2]
+            ux, uy, uz = vx + wy * az - wz * ay, vy + wz * ax - wx * az, vz + wx * ay - wy * ax
+            tx, ty, tz = ay * nz - az * ny, az * nx - ax * nz, ax * ny - ay * nx
+            un = ux * nx + uy * ny + uz * nz
+            before = normal_impulse[p]
+            compliance = 1.0 + angular_compliance * (tx * tx + ty * ty + tz * tz)
+            change = (points.min_normal_speed[p] - un) / compliance
+            normal_impulse[p] = max(before + change, 0.0)
+            j = normal_impulse[p] - before
+            vx, vy, vz = vx + j * nx, vy + j * ny, vz + j * nz
+            wx = wx + angular_compliance * j * tx
+            wy = wy + angular_compliance * j * ty
+            wz = wz + angular_compliance * j * tz
+            ux, uy, uz = vx + wy * az - wz * ay, vy + wz * ax - wx * az, vz + wx * ay - wy * ax
+            un = ux * nx + uy * ny + uz * nz
+            mobility = 1.0 / (1.0 + angular_compliance * (ax * ax + ay * ay + az * az))
+            fx = friction_impulse[p, 0] - mobility * (ux - un * nx)
+            fy = friction_impulse[p, 1] - mobility * (uy - un * ny)
+            fz = friction_impulse[p, 2] - mobility * (uz - un * nz)
+            size, limit = np.sqrt(fx * fx + fy * fy + fz * fz), friction * normal_impulse[p]
+            if size > limit:
+                fx, fy, fz = fx * limit / size, fy * limit / size, fz * limit / size
+            jx = fx - friction_impulse[p, 0]
+            jy = fy - friction_impulse[p, 1]
+            jz = fz - friction_impulse[p, 2]
+            friction_impulse[p, 0], friction_impulse[p, 1], friction_impulse[p, 2] = fx, fy, fz
+            vx, vy, vz = vx + jx, vy + jy, vz + jz
+            wx += angular_compliance * (ay * jz - az * jy)
+            wy += angular_compliance * (az * jx - ax * jz)
+            wz += angular_compliance * (ax * jy - ay * jx)
+    return vx, vy, vz, wx, wy, wz
 
 
 @kernel(forceinline=True)
 def _norm(vectors, i):  # type: ignore[no-untyped-def]
+    """Return the norm of row i."""
     x, y, z = vectors[i, 0], vectors[i, 1], vectors[i, 2]
     return np.sqrt(np.float64(x * x + y * y + z * z))
 
 
 @kernel(forceinline=True)
-def _rotate(quaternion, i, x, y, z):  # type: ignore[no-untyped-def]
-    """A vector of the cube's axes in map axes."""
-    a, b, c, w = quaternion[i, 0], quaternion[i, 1], quaternion[i, 2], quaternion[i, 3]
+def _rotate(quaternion, x, y, z):  # type: ignore[no-untyped-def]
+    """Rotate a vector from the axes of a cube, attitude x y z w, to map axes."""
+    a, b, c, w = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
     px, py, pz = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
     return (
         x + w * px + b * pz - c * py,
@@ -181,47 +281,48 @@ def _rotate(quaternion, i, x, y, z):  # type: ignore[no-untyped-def]
 
 @kernel
 def finish_ground_contacts(  # type: ignore[no-untyped-def]
-    surface,
-    ground,
-    dt,
-    settle_speed,
-    skip_ground,
-    position,
-    velocity,
-    angular_velocity,
-    half,
-    penetration_limited,
-    settle_timer,
+    surface, ground, dt, settle_speed, skip_ground, cubes, settle_timer
 ):
-    """Bring back who sank through the ground, and time who is slow on it.
+    """Put cubes that sank into the ground back on it, and advance the settle timers.
 
-    A centre more than half an edge under the surface is put back upon it at rest. A cube is on the
-    ground within half its diagonal, sqrt(3)/2 of its size: the reference's rule (section 3.3.4).
+    A cube whose centre is more than half an edge below the surface is put on it, at rest. A cube is
+    on the ground within half its diagonal, sqrt(3)/2 of its size: the rule of the reference
+    (section 3.3.4).
+
+    Args:
+        surface, ground: contact surface [m] and `Ground.frame`.
+        dt: [s].
+        settle_speed: speed below which a cube is slow [m/s].
+        skip_ground: cubes without ground contact, shape (n,).
+        cubes: `CubeView`, updated.
+        settle_timer: time for which each cube has been slow on the ground [s], updated.
 
     Returns:
-        How many were brought back.
+        Number of cubes that were put back.
     """
+    position, velocity = cubes.position, cubes.velocity
     num_recovered = 0
     for i in range(position.shape[0]):
-        slow = _norm(velocity, i) < settle_speed
-        if skip_ground[i] or not slow:
+        is_slow = _norm(velocity, i) < settle_speed
+        if skip_ground[i] or not is_slow:
             settle_timer[i] = 0.0
         if skip_ground[i]:
             continue
-        h = np.float64(half[i])
+        h = np.float64(cubes.half_edge[i])
         x, y = position[i, 0], position[i, 1]
         height = surface_at(surface, ground[0], ground[1], ground[2], x, y)[0]
         slope_x, slope_y = _slopes(surface, ground, x, y, _SQRT3 * h)
-        steep = np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
-        distance = (position[i, 2] - height) / steep
-        if distance < -h and not penetration_limited[i]:
-            position[i, 2] = height + h * steep
-            velocity[i, 0] = velocity[i, 1] = velocity[i, 2] = 0.0
-            angular_velocity[i, 0] = angular_velocity[i, 1] = angular_velocity[i, 2] = 0.0
+        inverse_nz = np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
+        distance = (position[i, 2] - height) / inverse_nz
+        if distance < -h and not cubes.penetration_limited[i]:
+            position[i, 2] = height + h * inverse_nz
+            for axis in range(3):
+                velocity[i, axis] = 0.0
+                cubes.angular_velocity[i, axis] = 0.0
             num_recovered += 1
             distance = h
         if distance > _SQRT3 * h:
             settle_timer[i] = 0.0
-        elif slow:
+        elif is_slow:
             settle_timer[i] += dt
     return num_recovered

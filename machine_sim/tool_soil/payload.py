@@ -41,16 +41,15 @@ def measure_payload(shape: ContainerShape, particles: SoilEngine, pose: Pose) ->
         particles: the particle engine.
         pose: rotation container to map, shape (3, 3), and origin [m], shape (3,).
     """
-    state = particles.state
-    inside = shape.indices_in_heap(state.position, *pose)
+    inside = shape.indices_in_heap(particles.positions, *pose)
     if inside.size == 0:
         return EMPTY_PAYLOAD
-    volume = state.volume_mm3[inside]
+    volume = particles.volumes_mm3[inside]
     swell = np.array([soil.swell for soil in particles.soils])
-    loose = float((volume * (1.0 + swell[state.soil[inside]])).sum()) * 1e-9
+    loose = float((volume * (1.0 + swell[particles.soil[inside]])).sum()) * 1e-9
     return Payload(
         int(volume.sum()) * 1e-9,
         loose,
-        float(state.mass[inside].sum()),
+        float(particles.masses[inside].sum()),
         loose / shape.heaped_capacity,
     )

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from machine_sim.dem.state import ParticleState
 from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
-from machine_sim.dem.tools.rigid_tool import ToolSet
+from machine_sim.dem.tools.tool_set import ToolSet
 from msg_bridge.kernels import kernel
 
 __all__ = ["SEARCH_RADIUS_FACTOR", "PlateCandidates", "PlateContactList", "PlateContactTable"]
@@ -85,7 +85,7 @@ class PlateContactList:
                 new.end = np.zeros(2 * state.count, np.int64)
             new.count = _list_candidates(
                 dt, rows, tool_frame_positions, state.position, state.velocity, state.radius, state.plate_list_row,
-                tools.plates, tools.first,
+                tools.plates, tools.first_plate,
                 tools.sphere, tools.path[0], tools.twist,
                 old.plate, old.spring, old.side, old.begin, old.end,
                 new.row, new.plate, new.spring, new.side, new.begin, new.end,

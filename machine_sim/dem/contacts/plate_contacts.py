@@ -18,7 +18,7 @@ from machine_sim.dem.contacts.simd import GROUP_SIZE
 from machine_sim.dem.state import ParticleState
 from machine_sim.dem.tools.plates import plate_coordinates
 from machine_sim.dem.tools.pose import to_tool_frame
-from machine_sim.dem.tools.rigid_tool import ToolSet
+from machine_sim.dem.tools.tool_set import ToolSet
 from msg_bridge.kernels import kernel
 
 __all__ = ["BLOCK_SIZE", "PlateContactBlocks", "PlateContacts"]

@@ -9,7 +9,7 @@ from machine_sim.dem.contacts.plate_contact_list import SEARCH_RADIUS_FACTOR, Pl
 from machine_sim.dem.state import ParticleState
 from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
 from machine_sim.dem.tools.pose import to_tool_frame
-from machine_sim.dem.tools.rigid_tool import ToolSet
+from machine_sim.dem.tools.tool_set import ToolSet
 from msg_bridge.kernels import kernel
 
 __all__ = ["count_tunnelled"]
@@ -34,7 +34,7 @@ def count_tunnelled(
     return int(
         _count_tunnelled(
             rows, before, state.position, state.radius,
-            tools.plates, tools.tool_of_plate, tools.first, tools.sphere,
+            tools.plates, tools.tool_of_plate, tools.first_plate, tools.sphere,
             tools.path[0], tools.path[-1], table.plate, table.side, table.begin, table.end,
         )
     )  # fmt: skip

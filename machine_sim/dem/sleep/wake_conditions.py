@@ -1,20 +1,29 @@
-"""Who must not rest any longer: what touches it has gone on, its ground changed, a tool comes by.
+"""Conditions that wake sleeping particles: moving contacts, changed ground, approaching tools.
 
-Rest needs support, and support that moves slowly is as bad as a blow. So waking goes by *way*, not
-by speed: each one awake remembers the place where it was when those that sleep against it last
-could count on it. Once it is farther from there than a small part of its radius, whom it touched
-there or touches here wakes too, which goes on to their neighbours as these begin to move.
+Sleep needs support, and support that moves slowly is as bad as an impact. So a contact wakes by
+*displacement*, not by speed: each awake particle has a wake reference, the position where it was
+when the particles that sleep against it last had a valid support. Once it is farther from there
+than a small part of its radius, every particle that it touched there or touches now wakes too. The
+waking spreads as these begin to move.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from machine_sim.dem.sleep.sleep_state import (
+    ASLEEP_ON_MAP,
+    AWAKE,
+    locked_state,
+    locked_tool,
+)
 from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
-from machine_sim.dem.tools.pose import to_tool_frame
+from machine_sim.dem.tools.pose import ORIGIN, to_tool_frame, velocity_at
+from machine_sim.dem.tools.tool_set import SPHERE_CENTRE, SPHERE_RADIUS
 from msg_bridge.kernels import kernel
 
 __all__ = [
+    "WAKE_SPHERE_SIZE",
     "load_approaches_soil",
     "wake_in_spheres",
     "wake_near_moving_tools",
@@ -22,115 +31,141 @@ __all__ = [
     "wake_touching",
 ]
 
+WAKE_SPHERE_SIZE = 4
+"""Numbers in a wake sphere: a packed sphere, see `tools.tool_set`, in the map frame."""
+
 _WAKE_DISPLACEMENT = 0.02
-"""Way that wakes whom one touches, in radii: a push of some ten times a particle's weight."""
+"""Displacement of a particle that wakes its contacts, in radii: a push of some ten times its
+weight."""
 _CONTACT_TOLERANCE = 1.005
-"""Farthest two touch, in sums of radii."""
+"""Maximum distance of two particles in contact, in sums of radii."""
 _TOOL_WAKE_MARGIN = 0.5
-"""How close a tool that moves comes by to wake a particle, in radii beyond touching."""
+"""Gap to a moving tool that wakes a particle, in radii."""
 _LOAD_WAKE_MARGIN = 0.1
-"""How close soil that rides comes by to wake or be woken, in radii beyond touching."""
+"""Gap to a locked load that wakes both it and the particle, in radii."""
 _LOOKAHEAD_STEPS = 4.0
-"""And in ways of a step: a fast tool would step over small ones asleep, or press those it woke
-against others that do not give way yet."""
+"""Steps of relative motion that are added to these gaps: a fast tool would step over small sleeping
+particles, or press those it woke against others that do not give way yet."""
 
 
 @kernel
-def wake_touching(  # type: ignore[no-untyped-def]
-    rows, pair_contacts, position, velocity, contact_radius, radius, speed, sleep_state, wake_reference, sleep_timer,
-):  # fmt: skip
-    """Wake who is touched by one that has gone its way.
+def wake_touching(rows, pair_contacts, view, speed):  # type: ignore[no-untyped-def]
+    """Wake the particles in contact with one that has left its wake reference.
 
-    Soil that rides in a tool wakes when one that touches it is faster than `speed` [m/s], seen
-    from it.
+    A particle that is locked to a tool wakes when one that touches it is faster than `speed` [m/s]
+    relative to it.
 
     Args:
-        rows: who moved in the step that ends.
-        contacts: `PairContactBlocks`.
-        position, velocity, contact_radius, radius: of the store.
+        rows: rows that moved in the step that ends.
+        pair_contacts: `PairContactBlocks`.
+        view: `SleepView`; sleep state, sleep timer and wake reference are updated.
         speed: [m/s].
-        resting, place, sleep_timer: of the store; updated.
 
     Returns:
-        How many woke.
+        Number of particles that woke.
     """
-    first, second, begin, size = (
-        pair_contacts.first,
-        pair_contacts.second,
-        pair_contacts.begin,
-        pair_contacts.size,
-    )
-    woken = 0
+    position, velocity = view.position, view.velocity
+    radius, contact_radius = view.radius, view.contact_radius
+    sleep_state, wake_reference = view.sleep_state, view.wake_reference
+    first, second = pair_contacts.first, pair_contacts.second
+    begin, size = pair_contacts.begin, pair_contacts.size
+    num_woken = 0
     for part in range(begin.size):
         for c in range(begin[part], begin[part] + size[part]):
             i, j = first[c], second[c]
-            if (sleep_state[i] == 0) == (sleep_state[j] == 0):
+            if (sleep_state[i] == AWAKE) == (sleep_state[j] == AWAKE):
                 continue
-            awake, asleep = (i, j) if sleep_state[i] == 0 else (j, i)
+            awake, asleep = (i, j) if sleep_state[i] == AWAKE else (j, i)
             reach = np.float64(contact_radius[i]) + np.float64(contact_radius[j])
-            now, then, way, fast = 0.0, 0.0, 0.0, 0.0
+            now2, reference2, displacement2, speed2 = 0.0, 0.0, 0.0, 0.0
             for axis in range(3):
-                now += (position[awake, axis] - position[asleep, axis]) ** 2
-                then += (wake_reference[awake, axis] - position[asleep, axis]) ** 2
-                way += (position[awake, axis] - wake_reference[awake, axis]) ** 2
-                fast += (velocity[awake, axis] - velocity[asleep, axis]) ** 2
-            if sleep_state[asleep] == 1:
+                now2 += (position[awake, axis] - position[asleep, axis]) ** 2
+                reference2 += (wake_reference[awake, axis] - position[asleep, axis]) ** 2
+                displacement2 += (position[awake, axis] - wake_reference[awake, axis]) ** 2
+                speed2 += (velocity[awake, axis] - velocity[asleep, axis]) ** 2
+            if sleep_state[asleep] == ASLEEP_ON_MAP:
                 wakes = (
-                    way > (_WAKE_DISPLACEMENT * radius[awake]) ** 2
-                    and min(now, then) < (_CONTACT_TOLERANCE * reach) ** 2
+                    displacement2 > (_WAKE_DISPLACEMENT * radius[awake]) ** 2
+                    and min(now2, reference2) < (_CONTACT_TOLERANCE * reach) ** 2
                 )
             else:
-                wakes = fast > speed * speed and now < reach * reach
+                wakes = speed2 > speed * speed and now2 < reach * reach
             if wakes:
-                sleep_state[asleep] = 0
-                sleep_timer[asleep] = np.float32(0.0)
+                sleep_state[asleep] = AWAKE
+                view.sleep_timer[asleep] = np.float32(0.0)
                 for axis in range(3):
                     wake_reference[asleep, axis] = position[asleep, axis]
-                woken += 1
+                num_woken += 1
     for i in rows:
-        way = 0.0
+        displacement2 = 0.0
         for axis in range(3):
-            way += (position[i, axis] - wake_reference[i, axis]) ** 2
-        if way > (_WAKE_DISPLACEMENT * radius[i]) ** 2:
+            displacement2 += (position[i, axis] - wake_reference[i, axis]) ** 2
+        if displacement2 > (_WAKE_DISPLACEMENT * radius[i]) ** 2:
             for axis in range(3):
                 wake_reference[i, axis] = position[i, axis]
-    return woken
+    return num_woken
 
 
 @kernel
-def wake_in_spheres(rows, position, radius, spheres, woken):  # type: ignore[no-untyped-def]
-    """Mark whose surface is within reach of a spot."""
+def wake_in_spheres(rows, view, spheres, woken):  # type: ignore[no-untyped-def]
+    """Mark the particles whose surface is inside one of some spheres.
+
+    Args:
+        rows: sleeping rows.
+        view: `SleepView`.
+        spheres: map frame [m], shape (n, WAKE_SPHERE_SIZE).
+        woken: marks of `rows`, updated.
+    """
+    position = view.position
     low, high = np.full(3, 1e300), np.full(3, -1e300)
     for s in range(spheres.shape[0]):
         for axis in range(3):
-            low[axis] = min(low[axis], spheres[s, axis] - spheres[s, 3])
-            high[axis] = max(high[axis], spheres[s, axis] + spheres[s, 3])
+            centre = spheres[s, SPHERE_CENTRE + axis]
+            low[axis] = min(low[axis], centre - spheres[s, SPHERE_RADIUS])
+            high[axis] = max(high[axis], centre + spheres[s, SPHERE_RADIUS])
     for k in range(rows.size):
         i = rows[k]
-        r = np.float64(radius[i])
-        outside = False
-        for axis in range(3):
-            p = position[i, axis]
-            outside |= p < low[axis] - r or p > high[axis] + r
-        if outside or woken[k]:
+        r = np.float64(view.radius[i])
+        if woken[k] or _is_outside_box(position, i, low, high, r):
             continue
         for s in range(spheres.shape[0]):
-            dx, dy = position[i, 0] - spheres[s, 0], position[i, 1] - spheres[s, 1]
-            dz, near = position[i, 2] - spheres[s, 2], r + spheres[s, 3]
-            if dx * dx + dy * dy + dz * dz < near * near:
+            dx = position[i, 0] - spheres[s, SPHERE_CENTRE]
+            dy = position[i, 1] - spheres[s, SPHERE_CENTRE + 1]
+            dz = position[i, 2] - spheres[s, SPHERE_CENTRE + 2]
+            reach = r + spheres[s, SPHERE_RADIUS]
+            if dx * dx + dy * dy + dz * dz < reach * reach:
                 woken[k] = True
                 break
 
 
+@kernel(forceinline=True)
+def _is_outside_box(position, i, low, high, margin):  # type: ignore[no-untyped-def]
+    """Return whether particle i is farther than a margin [m] outside a box along some axis."""
+    outside = False
+    for axis in range(3):
+        p = position[i, axis]
+        outside |= p < low[axis] - margin or p > high[axis] + margin
+    return outside
+
+
 @kernel
-def wake_on_changed_ground(rows, position, radius, sleep_state, changed, ground, woken):  # type: ignore[no-untyped-def]
-    """Mark who lies on a column that changed, or beside one."""
+def wake_on_changed_ground(rows, view, changed, ground, woken):  # type: ignore[no-untyped-def]
+    """Mark the particles asleep on the map that are on a changed column or next to one.
+
+    Args:
+        rows: sleeping rows.
+        view: `SleepView`.
+        changed: which columns changed, shape (rows, cols).
+        ground: `Ground.frame`.
+        woken: marks of `rows`, updated.
+    """
+    position = view.position
     last_row, last_col = changed.shape[0] - 1, changed.shape[1] - 1
     for k in range(rows.size):
         i = rows[k]
-        if sleep_state[i] != 1 or woken[k]:
+        if view.sleep_state[i] != ASLEEP_ON_MAP or woken[k]:
             continue
-        r = np.float64(radius[i])
+        r = np.float64(view.radius[i])
         u = (ground[0] - position[i, 0]) * ground[2]
         v = (ground[1] - position[i, 1]) * ground[2]
         r *= ground[2]
@@ -142,94 +177,108 @@ def wake_on_changed_ground(rows, position, radius, sleep_state, changed, ground,
 
 
 @kernel
-def wake_near_moving_tools(  # type: ignore[no-untyped-def]
-    dt, rows, position, radius, sleep_state, moving, pose, twist, sphere, plates, first,
-    woken, wake_load,
-):  # fmt: skip
-    """Mark whom a tool comes by within `dt` [s], and the tools whose load comes by another one."""
-    for k in range(rows.size):
-        i = rows[k]
-        own = sleep_state[i] - 2
-        for t in range(moving.size):
-            if own == t or woken[k] or not (moving[t] or (own >= 0 and moving[own])):
-                continue
-            x, y, z = to_tool_frame(pose[t], position[i, 0], position[i, 1], position[i, 2])
-            dx, dy, dz = x - sphere[t, 0], y - sphere[t, 1], z - sphere[t, 2]
-            vx, vy, vz = _tool_velocity_at(position, i, pose, twist, t)
-            if own >= 0:
-                ux, uy, uz = _tool_velocity_at(position, i, pose, twist, own)
-                vx, vy, vz = vx - ux, vy - uy, vz - uz
-            ahead = _LOOKAHEAD_STEPS * dt * np.sqrt(vx * vx + vy * vy + vz * vz)
-            reach = (1.0 + _TOOL_WAKE_MARGIN) * radius[i] + ahead
-            if dx * dx + dy * dy + dz * dz > (sphere[t, 3] + reach) ** 2:
-                continue
-            for p in range(first[t], first[t + 1]):
-                a, b, h = plate_coordinates(plates, p, x, y, z)
-                if abs(h) > reach:
-                    continue
-                ca, cb, _ = closest_in_polygon(plates, p, a, b)
-                if (a - ca) ** 2 + (b - cb) ** 2 + h * h < reach * reach:
-                    woken[k] = True
-                    if own >= 0:
-                        wake_load[own] = True
-                    break
-
-
-@kernel
-def _tool_velocity_at(position, row, pose, twist, t):  # type: ignore[no-untyped-def]
-    """Of tool `t` at a particle's place [m/s]."""
-    x = position[row, 0] - pose[t, 9]
-    y = position[row, 1] - pose[t, 10]
-    z = position[row, 2] - pose[t, 11]
-    return (
-        twist[t, 0] + twist[t, 4] * z - twist[t, 5] * y,
-        twist[t, 1] + twist[t, 5] * x - twist[t, 3] * z,
-        twist[t, 2] + twist[t, 3] * y - twist[t, 4] * x,
-    )
-
-
-@kernel
-def load_approaches_soil(  # type: ignore[no-untyped-def]
-    dt, number, pose, twist, rows, position, radius, sleep_state, frozen, woken
-):
-    """Mark who sleeps on the map where soil that rides in tool `number` comes by within `dt` [s].
+def wake_near_moving_tools(dt, rows, view, is_moving, tools, woken, wake_load):  # type: ignore[no-untyped-def]
+    """Mark the particles that a moving tool, or their own moving tool, brings near plates.
 
     Args:
-        rows: who sleeps, and who is frozen.
-        woken: of `rows`; updated.
+        dt: [s].
+        rows: sleeping rows.
+        view: `SleepView`.
+        is_moving: which tools move, shape (tools,).
+        tools: `ToolMotion` of the step that begins.
+        woken: marks of `rows`, updated.
+        wake_load: tools whose locked load comes near another tool, shape (tools,), updated.
+    """
+    position, pose, sphere = view.position, tools.path[0], tools.sphere
+    for k in range(rows.size):
+        i = rows[k]
+        own = locked_tool(view.sleep_state[i])
+        for t in range(is_moving.size):
+            if own == t or woken[k] or not (is_moving[t] or (own >= 0 and is_moving[own])):
+                continue
+            x, y, z = to_tool_frame(pose[t], position[i, 0], position[i, 1], position[i, 2])
+            dx = x - sphere[t, SPHERE_CENTRE]
+            dy = y - sphere[t, SPHERE_CENTRE + 1]
+            dz = z - sphere[t, SPHERE_CENTRE + 2]
+            vx, vy, vz = _tool_velocity_at(position, i, pose[t], tools.twist[t])
+            if own >= 0:
+                ux, uy, uz = _tool_velocity_at(position, i, pose[own], tools.twist[own])
+                vx, vy, vz = vx - ux, vy - uy, vz - uz
+            ahead = _LOOKAHEAD_STEPS * dt * np.sqrt(vx * vx + vy * vy + vz * vz)
+            reach = (1.0 + _TOOL_WAKE_MARGIN) * view.radius[i] + ahead
+            if dx * dx + dy * dy + dz * dz > (sphere[t, SPHERE_RADIUS] + reach) ** 2:
+                continue
+            low, high = tools.first_plate[t], tools.first_plate[t + 1]
+            if _is_near_plate(tools.plates, low, high, x, y, z, reach):
+                woken[k] = True
+                if own >= 0:
+                    wake_load[own] = True
+
+
+@kernel
+def _is_near_plate(plates, low, high, x, y, z, reach):  # type: ignore[no-untyped-def]
+    """Return whether a point of the tool frame is within reach [m] of a plate in low..high-1."""
+    for p in range(low, high):
+        a, b, h = plate_coordinates(plates, p, x, y, z)
+        if abs(h) > reach:
+            continue
+        ca, cb, _ = closest_in_polygon(plates, p, a, b)
+        if (a - ca) ** 2 + (b - cb) ** 2 + h * h < reach * reach:
+            return True
+    return False
+
+
+@kernel(forceinline=True)
+def _tool_velocity_at(position, row, pose, twist):  # type: ignore[no-untyped-def]
+    """Return the velocity [m/s], map axes, of a tool at the position of a particle."""
+    x = position[row, 0] - pose[ORIGIN]
+    y = position[row, 1] - pose[ORIGIN + 1]
+    z = position[row, 2] - pose[ORIGIN + 2]
+    return velocity_at(twist, x, y, z)
+
+
+@kernel
+def load_approaches_soil(dt, tool, tools, rows, view, woken):  # type: ignore[no-untyped-def]
+    """Mark the particles asleep on the map that the locked load of a tool approaches.
+
+    Args:
+        dt: [s].
+        tool: index of the tool.
+        tools: `ToolMotion` of the step that begins.
+        rows: sleeping rows.
+        view: `SleepView`.
+        woken: marks of `rows`, updated.
 
     Returns:
-        Whether anyone is there: then that soil rides no longer.
+        Whether the load comes near any soil, which unlocks it.
     """
-    low, high, most = np.full(3, 1e300), np.full(3, -1e300), 0.0
+    position, radius, sleep_state = view.position, view.radius, view.sleep_state
+    pose, twist = tools.path[0, tool], tools.twist[tool]
+    low, high, max_reach = np.full(3, 1e300), np.full(3, -1e300), 0.0
     for i in rows:
-        if sleep_state[i] != number + 2:
+        if sleep_state[i] != locked_state(tool):
             continue
-        vx, vy, vz = _tool_velocity_at(position, i, pose, twist, number)
+        vx, vy, vz = _tool_velocity_at(position, i, pose, twist)
         ahead = _LOOKAHEAD_STEPS * dt * np.sqrt(vx * vx + vy * vy + vz * vz)
-        most = max(most, ahead + (1.0 + _LOAD_WAKE_MARGIN) * radius[i])
+        max_reach = max(max_reach, ahead + (1.0 + _LOAD_WAKE_MARGIN) * radius[i])
         for axis in range(3):
             low[axis] = min(low[axis], position[i, axis])
             high[axis] = max(high[axis], position[i, axis])
-    found = False
+    is_near = False
     for k in range(rows.size):
         j = rows[k]
-        if sleep_state[j] != 1 and not frozen[j]:
+        if sleep_state[j] != ASLEEP_ON_MAP and not view.frozen[j]:
             continue
-        reach = most + radius[j]
-        outside = False
-        for axis in range(3):
-            p = position[j, axis]
-            outside |= p < low[axis] - reach or p > high[axis] + reach
-        if outside:
+        reach = max_reach + radius[j]
+        if _is_outside_box(position, j, low, high, reach):
             continue
         for i in rows:
-            if sleep_state[i] != number + 2:
+            if sleep_state[i] != locked_state(tool):
                 continue
             dx, dy = position[i, 0] - position[j, 0], position[i, 1] - position[j, 1]
             dz = position[i, 2] - position[j, 2]
             if dx * dx + dy * dy + dz * dz < reach * reach:
-                found = True
-                woken[k] |= sleep_state[j] == 1
+                is_near = True
+                woken[k] |= sleep_state[j] == ASLEEP_ON_MAP
                 break
-    return found
+    return is_near

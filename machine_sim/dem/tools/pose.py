@@ -1,7 +1,10 @@
-"""Poses of rigid bodies: checked, packed for kernels, and the way from one to the next.
+"""Poses and twists of rigid bodies: validation, packed records for kernels, and interpolation.
 
-Packed, a pose is 12 numbers: the rotation from the body's axes to the map's by rows, then the
-origin [m].
+A packed pose is a record of `POSE_SIZE` numbers: the rotation from the body's axes to map axes,
+row-major, from slot `XX`, then the origin of the body's frame in the map frame [m] from slot
+`ORIGIN`. A packed twist has `TWIST_SIZE` numbers: the velocity of that origin [m/s] from slot
+`LINEAR` and the angular velocity [rad/s] from slot `ANGULAR`, both in map axes. A packed wrench has
+the force [N] and the torque about the origin [N m] in the same slots.
 """
 
 from __future__ import annotations
@@ -13,47 +16,82 @@ from machine_sim.dem.state import ParticleError
 from msg_bridge.kernels import kernel
 
 __all__ = [
+    "ANGULAR",
+    "LINEAR",
+    "ORIGIN",
+    "POSE_SIZE",
+    "TWIST_SIZE",
+    "XX",
+    "XY",
+    "XZ",
+    "YX",
+    "YY",
+    "YZ",
+    "ZX",
+    "ZY",
+    "ZZ",
     "Pose",
     "interpolate_poses",
     "pack_pose",
+    "rotate_to_map_axes",
     "rotate_to_tool_axes",
     "rotation_cosine",
     "to_tool_frame",
     "validate_pose",
+    "velocity_at",
 ]
+
+XX, XY, XZ, YX, YY, YZ, ZX, ZY, ZZ = range(9)
+"""Slots of the rotation in a packed pose: YZ is the y component, in map axes, of the body's z
+axis."""
+ORIGIN = 9
+"""First of three slots of the origin in a packed pose."""
+POSE_SIZE = 12
+"""Numbers in a packed pose."""
+
+LINEAR, ANGULAR = 0, 3
+"""First of three slots of the linear and of the angular part of a packed twist or wrench."""
+TWIST_SIZE = 6
+"""Numbers in a packed twist or wrench."""
 
 _NOT_FINITE, _NOT_A_ROTATION = 1, 2
 _ROTATION_TOLERANCE = 1e-6
-"""How far axes may be from unit ones, and from right angles."""
+"""Maximum error of the lengths and of the dot products of a rotation's axes."""
 
 Pose = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Where a tool frame is in the map frame: its axes as columns, (3, 3), and its origin [m], (3,)."""
+"""Pose of a tool frame in the map frame: its axes as columns, (3, 3), and its origin [m], (3,)."""
 
 
 def validate_pose(pose: Pose) -> Pose:
-    """A copy of a pose, in float64.
+    """Return a copy of a pose in float64.
 
     Raises:
-        ParticleError: wrong shapes, not finite, or no rotation.
+        ParticleError: wrong shapes, values that are not finite, or a matrix that is no rotation.
     """
     rotation = np.array(pose[0], dtype=np.float64)
     position = np.array(pose[1], dtype=np.float64)
     if rotation.shape != (3, 3) or position.shape != (3,):
-        raise ParticleError("a pose is a 3 x 3 rotation and a position of 3 coordinates")
-    fault = _pose_error(rotation, position)
-    if fault == _NOT_FINITE:
-        raise ParticleError("a tool pose is not finite; hold the last one")
-    if fault == _NOT_A_ROTATION:
-        raise ParticleError("a tool pose has no rotation; give unit axes as columns")
+        raise ParticleError(
+            f"a pose is a 3 x 3 rotation and a position of 3 coordinates, not {rotation.shape} and"
+            f" {position.shape}"
+        )
+    error = _pose_error(rotation, position)
+    if error == _NOT_FINITE:
+        raise ParticleError("a tool pose is not finite; give the last valid pose instead")
+    if error == _NOT_A_ROTATION:
+        raise ParticleError(
+            "the matrix of a tool pose is no rotation; give the unit axes of a right-handed frame"
+            " as columns"
+        )
     return rotation, position
 
 
 @kernel
 def _pose_error(rotation, position):  # type: ignore[no-untyped-def]
-    """What is wrong with a pose, 0 if nothing.
+    """Return the error code of a pose, 0 if it is valid.
 
-    Rows, and so columns, must be unit axes of a right-handed frame. A kernel: it is asked four
-    times a tick, and NumPy's calls take longer than all of it.
+    Rows, and so columns, must be unit axes of a right-handed frame. This is a kernel because it
+    runs four times a tick: the NumPy calls would take longer than all of it.
     """
     for i in range(3):
         for j in range(3):
@@ -61,24 +99,24 @@ def _pose_error(rotation, position):  # type: ignore[no-untyped-def]
                 return _NOT_FINITE
         if not np.isfinite(position[i]):
             return _NOT_FINITE
-    off = 0.0
+    max_error = 0.0
     for i in range(3):
         for j in range(i, 3):
-            along = 0.0
+            dot = 0.0
             for k in range(3):
-                along += rotation[i, k] * rotation[j, k]
-            off = max(off, abs(along - 1.0 if i == j else along))
+                dot += rotation[i, k] * rotation[j, k]
+            max_error = max(max_error, abs(dot - 1.0 if i == j else dot))
     # The third axis is the first crossed with the second.
     for k in range(3):
         m, n = (k + 1) % 3, (k + 2) % 3
         cross = rotation[0, m] * rotation[1, n] - rotation[0, n] * rotation[1, m]
-        off = max(off, abs(cross - rotation[2, k]))
-    return 0 if off < _ROTATION_TOLERANCE else _NOT_A_ROTATION
+        max_error = max(max_error, abs(cross - rotation[2, k]))
+    return 0 if max_error < _ROTATION_TOLERANCE else _NOT_A_ROTATION
 
 
 @kernel
 def rotation_cosine(start, end):  # type: ignore[no-untyped-def]
-    """Cosine of the angle between two rotations."""
+    """Return the cosine of the angle between two rotations, shape (3, 3) each."""
     trace = 0.0
     for i in range(3):
         for j in range(3):
@@ -86,73 +124,110 @@ def rotation_cosine(start, end):  # type: ignore[no-untyped-def]
     return 0.5 * (trace - 1.0)
 
 
-def pack_pose(pose: Pose, into: NDArray[np.float64]) -> None:
-    """Pack a pose into an array of shape (12,)."""
-    into[:9] = pose[0].ravel()
-    into[9:] = pose[1]
+def pack_pose(pose: Pose, record: NDArray[np.float64]) -> None:
+    """Write a pose into a record, shape (POSE_SIZE,)."""
+    record[XX:ORIGIN] = pose[0].ravel()
+    record[ORIGIN:POSE_SIZE] = pose[1]
 
 
 @kernel
 def interpolate_poses(start, end, dt, path, twist):  # type: ignore[no-untyped-def]
-    """Poses on the way from `start` to `end` at constant velocity and angular velocity.
+    """Interpolate from `start` to `end` at constant velocity and angular velocity.
 
     Args:
-        start, end: packed poses, shape (tools, 12).
+        start, end: packed poses, shape (tools, POSE_SIZE).
         dt: time from start to end [s].
-        path: out, shape (substeps + 1, tools, 12).
-        twist: out, velocity and angular velocity, map axes, shape (tools, 6).
+        path: out, packed poses, shape (substeps + 1, tools, POSE_SIZE).
+        twist: out, packed twists, shape (tools, TWIST_SIZE).
     """
     substeps = path.shape[0] - 1
     rotation_change = np.zeros(9)
     for t in range(start.shape[0]):
-        for i in range(3):
-            for j in range(3):
-                total = 0.0
-                for k in range(3):
-                    total += end[t, 3 * i + k] * start[t, 3 * j + k]
-                rotation_change[3 * i + j] = total
-        # Axis times sine of the turn; its length and the trace give the angle.
-        ux, uy, uz = (
-            0.5 * (rotation_change[7] - rotation_change[5]),
-            0.5 * (rotation_change[2] - rotation_change[6]),
-            0.5 * (rotation_change[3] - rotation_change[1]),
-        )
-        sine = np.sqrt(ux * ux + uy * uy + uz * uz)
-        angle = np.arctan2(
-            sine, 0.5 * (rotation_change[0] + rotation_change[4] + rotation_change[8] - 1.0)
-        )
+        ux, uy, uz, sine, angle = _axis_times_sine(start[t], end[t], rotation_change)
         factor = angle / sine if sine > 1e-12 else 1.0
         for k in range(3):
-            twist[t, k] = (end[t, 9 + k] - start[t, 9 + k]) / dt
-        twist[t, 3], twist[t, 4], twist[t, 5] = ux * factor / dt, uy * factor / dt, uz * factor / dt
+            twist[t, LINEAR + k] = (end[t, ORIGIN + k] - start[t, ORIGIN + k]) / dt
+        twist[t, ANGULAR] = ux * factor / dt
+        twist[t, ANGULAR + 1] = uy * factor / dt
+        twist[t, ANGULAR + 2] = uz * factor / dt
         if sine > 1e-12:
             ux, uy, uz = ux / sine, uy / sine, uz / sine
         for s in range(substeps + 1):
             fraction = s / substeps
             c, sn = np.cos(angle * fraction), np.sin(angle * fraction)
+            # Rodrigues' formula, applied to each axis of the start pose.
             for j in range(3):
-                x, y, z = start[t, j], start[t, 3 + j], start[t, 6 + j]
+                x, y, z = start[t, XX + j], start[t, YX + j], start[t, ZX + j]
                 along = (ux * x + uy * y + uz * z) * (1.0 - c)
-                path[s, t, j] = x * c + (uy * z - uz * y) * sn + ux * along
-                path[s, t, 3 + j] = y * c + (uz * x - ux * z) * sn + uy * along
-                path[s, t, 6 + j] = z * c + (ux * y - uy * x) * sn + uz * along
-                path[s, t, 9 + j] = start[t, 9 + j] + twist[t, j] * dt * fraction
-        # The end is the end as given, so that the next step starts without a seam.
-        for k in range(12):
+                path[s, t, XX + j] = x * c + (uy * z - uz * y) * sn + ux * along
+                path[s, t, YX + j] = y * c + (uz * x - ux * z) * sn + uy * along
+                path[s, t, ZX + j] = z * c + (ux * y - uy * x) * sn + uz * along
+                displacement = twist[t, LINEAR + j] * dt * fraction
+                path[s, t, ORIGIN + j] = start[t, ORIGIN + j] + displacement
+        # The last pose is exactly the given one, so that the next step starts from it.
+        for k in range(POSE_SIZE):
             path[substeps, t, k] = end[t, k]
+
+
+@kernel
+def _axis_times_sine(start, end, rotation_change):  # type: ignore[no-untyped-def]
+    """Return the rotation axis times the sine of the angle, the sine, and the angle [rad].
+
+    Args:
+        start, end: packed poses.
+        rotation_change: working memory, shape (9,).
+    """
+    for i in range(3):
+        for j in range(3):
+            total = 0.0
+            for k in range(3):
+                total += end[3 * i + k] * start[3 * j + k]
+            rotation_change[3 * i + j] = total
+    ux = 0.5 * (rotation_change[ZY] - rotation_change[YZ])
+    uy = 0.5 * (rotation_change[XZ] - rotation_change[ZX])
+    uz = 0.5 * (rotation_change[YX] - rotation_change[XY])
+    sine = np.sqrt(ux * ux + uy * uy + uz * uz)
+    trace = rotation_change[XX] + rotation_change[YY] + rotation_change[ZZ]
+    return ux, uy, uz, sine, np.arctan2(sine, 0.5 * (trace - 1.0))
 
 
 @kernel(forceinline=True)
 def to_tool_frame(pose, x, y, z):  # type: ignore[no-untyped-def]
-    """A point [m] of the map frame in the frame of a packed pose."""
-    return rotate_to_tool_axes(pose, x - pose[9], y - pose[10], z - pose[11])
+    """Transform a point [m] from the map frame to the frame of a packed pose."""
+    return rotate_to_tool_axes(pose, x - pose[ORIGIN], y - pose[ORIGIN + 1], z - pose[ORIGIN + 2])
 
 
 @kernel(forceinline=True)
 def rotate_to_tool_axes(pose, x, y, z):  # type: ignore[no-untyped-def]
-    """A vector of map axes in the axes of a packed pose."""
+    """Rotate a vector from map axes to the axes of a packed pose."""
     return (
-        pose[0] * x + pose[3] * y + pose[6] * z,
-        pose[1] * x + pose[4] * y + pose[7] * z,
-        pose[2] * x + pose[5] * y + pose[8] * z,
+        pose[XX] * x + pose[YX] * y + pose[ZX] * z,
+        pose[XY] * x + pose[YY] * y + pose[ZY] * z,
+        pose[XZ] * x + pose[YZ] * y + pose[ZZ] * z,
+    )
+
+
+@kernel(forceinline=True)
+def rotate_to_map_axes(pose, x, y, z):  # type: ignore[no-untyped-def]
+    """Rotate a vector from the axes of a packed pose to map axes."""
+    return (
+        pose[XX] * x + pose[XY] * y + pose[XZ] * z,
+        pose[YX] * x + pose[YY] * y + pose[YZ] * z,
+        pose[ZX] * x + pose[ZY] * y + pose[ZZ] * z,
+    )
+
+
+@kernel(forceinline=True)
+def velocity_at(twist, x, y, z):  # type: ignore[no-untyped-def]
+    """Return the velocity [m/s], map axes, of a body at an offset [m] from its frame origin.
+
+    Args:
+        twist: packed twist of the body.
+        x, y, z: offset, map axes.
+    """
+    wx, wy, wz = twist[ANGULAR], twist[ANGULAR + 1], twist[ANGULAR + 2]
+    return (
+        twist[LINEAR] + wy * z - wz * y,
+        twist[LINEAR + 1] + wz * x - wx * z,
+        twist[LINEAR + 2] + wx * y - wy * x,
     )

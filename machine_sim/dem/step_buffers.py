@@ -1,0 +1,37 @@
+"""Working memory of a step, kept from step to step."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machine_sim.dem.integrate import BODY_RECORD_SIZE, FORCE_RECORD_SIZE
+from machine_sim.dem.tools.plane import PLANE_SIZE
+
+__all__ = ["StepBuffers"]
+
+
+class StepBuffers:
+    """Arrays with a row for each particle and each tool, and spare capacity.
+
+    Attributes:
+        body_records: float32 records of the bodies, see `integrate`.
+        force_sums: sums of contact forces, see `integrate`.
+        ground_row: rows of the ground contacts, int64.
+        ground_plane: packed planes of the ground contacts, see `tools.plane`.
+    """
+
+    def __init__(self) -> None:
+        self._allocate(0)
+
+    def reserve(self, count: int) -> bool:
+        """Make room for `count` rows; return whether that cleared the arrays."""
+        if len(self.body_records) >= count:
+            return False
+        self._allocate(max(count, 2 * len(self.body_records)))
+        return True
+
+    def _allocate(self, count: int) -> None:
+        self.body_records = np.zeros((count, BODY_RECORD_SIZE), np.float32)
+        self.force_sums = np.zeros((count, FORCE_RECORD_SIZE), np.float32)
+        self.ground_row = np.zeros(count, np.int64)
+        self.ground_plane = np.zeros((count, PLANE_SIZE))
