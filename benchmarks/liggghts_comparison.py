@@ -60,20 +60,22 @@ def run_particle_engine(count: int) -> tuple[float, float, HeapShape, Spheres]:
     falling = time_steps(engine, FALLING, group=FALLING)
     run(engine, settle_steps(count))
     rest = time_steps(engine, GROUP * GROUPS, group=GROUP)
-    heap = measure_heap(engine.state.position, engine.state.radius)
+    heap = measure_heap(engine.positions, engine.radii)
     return 1e3 * falling / count, 1e3 * rest / count, heap, start
 
 
 def as_spheres(engine: ParticleEngine) -> Spheres:
     """Particles of one soil, as LIGGGHTS needs to know them."""
-    state, params = engine.state, engine.params
+    params, coefficients = engine.params, engine.contact_coefficients
     return Spheres(
-        position=state.position.copy(),
-        radius=state.radius.copy(),
-        density=state.mass / (4.0 / 3.0 * math.pi * state.radius**3),
+        position=engine.positions.copy(),
+        radius=engine.radii.copy(),
+        density=engine.masses / (4.0 / 3.0 * math.pi * engine.radii**3),
         gravity=params.gravity,
         particle_contact=ContactCoefficients(
-            float(state.friction[0]), float(state.rolling_friction[0]), params.restitution
+            float(coefficients.friction[0]),
+            float(coefficients.rolling_friction[0]),
+            params.restitution,
         ),
         ground=ContactCoefficients(
             params.ground_friction, params.ground_rolling_friction, params.boundary_restitution

@@ -141,8 +141,7 @@ def _faces(machine: TrackedMachine) -> list[tuple[str, NDArray[np.float64]]]:
 
 def _materials(particles: SoilEngine) -> Iterator[tuple[str, NDArray[np.float64]]]:
     """Every particle as an octahedron."""
-    state = particles.state
-    for position, radius in zip(state.position, state.radius, strict=True):
+    for position, radius in zip(particles.positions, particles.radii, strict=True):
         corners = position + float(radius) * _OCTAHEDRON
         for corner in _OCTAHEDRON_FACES:
             yield _GRAIN, corners[list(corner)]

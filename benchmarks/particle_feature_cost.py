@@ -96,7 +96,7 @@ def cost(feature: Feature, count: int) -> tuple[float, float, float, float]:
     falling = time_steps(engine, FALLING, group=FALLING)
     run(engine, settle_steps(count))
     settled = time_steps(engine, GROUP * GROUPS, group=GROUP)
-    heap = measure_heap(engine.state.position, engine.state.radius)
+    heap = measure_heap(engine.positions, engine.radii)
     swung = time_bucket(
         feature.engine(), count, volume, spacing=SPACING, moisture=soil.moisture, grow=feature.grow
     )

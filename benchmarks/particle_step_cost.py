@@ -47,6 +47,7 @@ from earthmoving_sim.pictures.style import (
     new_figure,
 )
 from machine_sim.dem import ParticleEngine, ParticleParams, warm_up
+from machine_sim.dem.sleep import AWAKE
 from machine_sim.reference_cubes import CubeEngine
 
 COUNTS = (100, 200, 400, 1000, 5000, 10_000, 20_000, 40_000, 100_000)
@@ -93,12 +94,12 @@ def run_particle_engine(count: int, threads: int) -> list[float]:
     engine = particles(allow_sleeping=False, threads=threads)
     falling, settled = time_heap(engine, count)
     calm = particles(sleep_speed=0.05, threads=threads)
-    place = engine.state.position
-    calm.add(place, np.zeros_like(place), engine.state.volume_mm3, grow=False)
+    place = engine.positions
+    calm.add(place, np.zeros_like(place), engine.volumes_mm3, grow=False)
     resting = 0.0
     for _ in range(_MAX_SLEEP_WAITS):
         run(calm, 250)
-        resting = float((calm.state.sleep_state > 0).mean())
+        resting = float((calm.sleep_states != AWAKE).mean())
         if resting >= MIN_ASLEEP_FRACTION:
             break
     asleep = time_steps(calm, 60)

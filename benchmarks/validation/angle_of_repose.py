@@ -47,17 +47,16 @@ def poured_repose_angle(
         if due >= 1.0:
             due -= 1.0
             x, y = _SPOT_RADIUS * d * rng.uniform(-1.0, 1.0, 2) / math.sqrt(2.0)
-            state = engine.state
-            near = np.hypot(state.position[:, 0], state.position[:, 1]) < _SPOT_RADIUS * d
-            heap = near & ((state.velocity**2).sum(axis=1) < _HEAP_SPEED_LIMIT**2)
-            top = float(state.position[heap, 2].max()) if heap.any() else 0.0
+            near = np.hypot(engine.positions[:, 0], engine.positions[:, 1]) < _SPOT_RADIUS * d
+            heap = near & ((engine.velocities**2).sum(axis=1) < _HEAP_SPEED_LIMIT**2)
+            top = float(engine.positions[heap, 2].max()) if heap.any() else 0.0
             at = np.array([x, y, top + 1.5 * d])
-            if not engine.count or ((state.position - at) ** 2).sum(axis=1).min() > d**2:
+            if not engine.count or ((engine.positions - at) ** 2).sum(axis=1).min() > d**2:
                 engine.add(at, [0.0, 0.0, -_POUR_SPEED], VOLUME, moisture=moisture, grow=False)
         if engine.count:
             engine.step(STEP)
     settle(engine)
-    return math.degrees(math.atan(_slope(engine.state.position, engine.state.radius)))
+    return math.degrees(math.atan(_slope(engine.positions, engine.radii)))
 
 
 def _slope(position: NDArray[np.float64], radius: NDArray[np.float32]) -> float:

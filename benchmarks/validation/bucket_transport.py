@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from benchmarks.validation.experiment_setup import STEP, Plate, layered_points, make_engine
 from machine_sim.dem import ParticleEngine, Pose
-from machine_sim.dem.sleep.sleep_manager import ASLEEP_ON_MAP
+from machine_sim.dem.sleep import FIRST_LOCKED_TOOL
 from machine_sim.machine import load_machine_spec
 from machine_sim.machine.tools.bucket import BucketShape
 from msg_bridge.config_files import find_config
@@ -168,7 +168,7 @@ class _Scene:
         engine, length, width = self._engine, self._shape.opening_length, self._shape.width
         trial = ParticleEngine(engine.params, engine.ground, soils=engine.soils)
         trial.add([[0.0, 0.0, 1.0]], [[0.0, 0.0, 0.0]], volume)
-        d = 2.0 * float(trial.state.radius[0])
+        d = 2.0 * float(trial.radii[0])
         points = layered_points(
             lambda at: (np.abs(at[:, 0]) < 0.5 * length - d) & (np.abs(at[:, 1]) < 0.5 * width - d),
             0.5 * max(length, width),
@@ -193,7 +193,7 @@ class _Scene:
             self._engine.step(STEP)
             self.max_locked_particles = max(
                 self.max_locked_particles,
-                int((self._engine.state.sleep_state > ASLEEP_ON_MAP).sum()),
+                int((self._engine.sleep_states >= FIRST_LOCKED_TOOL).sum()),
             )
             yield
 
@@ -210,7 +210,7 @@ class _Scene:
 
     def remove_outside(self) -> int:
         """Take away all that is not in it; returns how many are."""
-        self._engine.remove(self._engine.state.particle_id[~self._inside()])
+        self._engine.remove(self._engine.ids[~self._inside()])
         return self._engine.count
 
 

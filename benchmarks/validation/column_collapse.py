@@ -87,7 +87,7 @@ def axisymmetric(soil: LooseSoil, aspect: float, count: int, **params: float) ->
     height = _fill(engine, points)
     engine.remove_tool(_WALLS)
     time = settle(engine)
-    away = np.hypot(engine.state.position[:, 0], engine.state.position[:, 1])
+    away = np.hypot(engine.positions[:, 0], engine.positions[:, 1])
     a = height / radius
     law = 1.24 * a if a < 1.7 else 1.6 * math.sqrt(a)
     return Collapse(
@@ -134,7 +134,7 @@ def planar(soil: LooseSoil, aspect: float, count: int, **params: float) -> Colla
     time = settle(engine)
     a = height / length
     law = 1.2 * a if a < 2.3 else 1.9 * a ** (2 / 3)
-    reached = float(np.quantile(engine.state.position[:, 0], _RUNOUT_MASS_FRACTION))
+    reached = float(np.quantile(engine.positions[:, 0], _RUNOUT_MASS_FRACTION))
     return Collapse(a, reached / length - 1.0, law, count, time)
 
 
@@ -144,4 +144,4 @@ def _fill(engine: ParticleEngine, points: np.ndarray) -> float:
     for _ in range(round(2.5 / STEP)):
         engine.step(STEP)
     # A column of even density is twice as high as its centre.
-    return 2.0 * float(engine.state.position[:, 2].mean())
+    return 2.0 * float(engine.positions[:, 2].mean())

@@ -33,7 +33,7 @@ def particle_diameter(engine: ParticleEngine) -> float:
     """Of a particle of `VOLUME` [m]."""
     trial = ParticleEngine(engine.params, engine.ground, soils=engine.soils)
     trial.add([[0.0, 0.0, 1.0]], [[0.0, 0.0, 0.0]], VOLUME)
-    return 2.0 * float(trial.state.radius[0])
+    return 2.0 * float(trial.radii[0])
 
 
 def bulk_volume(engine: ParticleEngine, count: int) -> float:
@@ -94,8 +94,8 @@ def settle(engine: ParticleEngine, *, min_time: float = 0.5, max_time: float = 1
     At rest: a mean kinetic energy below 1e-6 of weight times diameter. Some soil is still in the
     air in the first `least` seconds.
     """
-    weight = float(engine.state.mass.sum()) * engine.params.gravity
-    limit = 1e-6 * weight * 2.0 * float(engine.state.radius.mean())
+    weight = float(engine.masses.sum()) * engine.params.gravity
+    limit = 1e-6 * weight * 2.0 * float(engine.radii.mean())
     for k in range(round(max_time / STEP)):
         engine.step(STEP)
         if k * STEP > min_time and engine.kinetic_energy < limit:

@@ -44,11 +44,10 @@ def resting_heap(
     engine.add(points, np.zeros_like(points), VOLUME, grow=False)
     for _ in range(round(settle / STEP)):
         engine.step(STEP)
-    state = engine.state
-    before = state.position[np.argsort(state.particle_id)].copy()
+    before = engine.positions[np.argsort(engine.ids)].copy()
     for _ in range(round(watch / STEP)):
         engine.step(STEP)
-    after = state.position[np.argsort(state.particle_id)]
-    weight = float(state.mass.sum()) * engine.params.gravity
+    after = engine.positions[np.argsort(engine.ids)]
+    weight = float(engine.masses.sum()) * engine.params.gravity
     creep = float(np.linalg.norm(after - before, axis=1).max()) / d
     return HeapStability(engine.kinetic_energy / (weight * d), creep, count)

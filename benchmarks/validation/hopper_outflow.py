@@ -163,16 +163,16 @@ def _run(
     fallen: list[int] = []
     while len(fallen) <= start or out < fallen[start] + passing:
         engine.step(STEP)
-        gone = engine.state.position[:, 2] < _FLOOR_HEIGHT - d
+        gone = engine.positions[:, 2] < _FLOOR_HEIGHT - d
         if gone.any():
-            engine.remove(engine.state.particle_id[gone])
+            engine.remove(engine.ids[gone])
             out += int(gone.sum())
             due += int(gone.sum())
         if due >= layer:
             due, batch = due - layer, batch + 1
             points = _block(radius, d, layer, batch)
             # Above all others, and away before the next layer comes.
-            points[:, 2] += float(engine.state.position[:, 2].max()) + 1.5 * d
+            points[:, 2] += float(engine.positions[:, 2].max()) + 1.5 * d
             engine.add(
                 points, np.full(points.shape, [0.0, 0.0, -_REFILL_SPEED]), VOLUME, grow=False
             )

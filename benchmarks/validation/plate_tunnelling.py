@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.dem.sleep.sleep_manager import ASLEEP_ON_MAP
+from machine_sim.dem.sleep import FIRST_LOCKED_TOOL
 from machine_sim.simulation import MachineSim
 
 __all__ = ["PlateSet", "TunnellingMonitor"]
@@ -85,9 +85,9 @@ class TunnellingMonitor:
 
     def step(self, dt: float) -> None:
         """A step of the engine."""
-        state = self._engine.state
+        engine = self._engine
         # Soil that has landed is the terrain's, which a tool may cut through.
-        ids = state.particle_id[~state.frozen]
+        ids = np.setdiff1d(engine.ids, engine.frozen_ids)
         before = self._local(ids)
         self._step(dt)
         self._pose = self._machine.tool.pose
@@ -96,7 +96,7 @@ class TunnellingMonitor:
         inside = self._bucket.contains(after)
         self.max_in_bucket = max(self.max_in_bucket, int(inside.sum()))
         self.max_locked_particles = max(
-            self.max_locked_particles, int((state.sleep_state > ASLEEP_ON_MAP).sum())
+            self.max_locked_particles, int((engine.sleep_states >= FIRST_LOCKED_TOOL).sum())
         )
         speed = np.linalg.norm(after - before, axis=1)[inside] / dt
         self.max_particle_speed = max(self.max_particle_speed, float(speed.max(initial=0.0)))
@@ -104,5 +104,5 @@ class TunnellingMonitor:
     def _local(self, ids: NDArray[np.uint32]) -> Array:
         """Where particles are, bucket frame [m], shape (n, 3)."""
         rotation, origin = self._pose
-        at = self._engine.state.position[self._engine.rows_of(ids)]
+        at = self._engine.positions[self._engine.rows_of(ids)]
         return np.asarray((at - origin) @ rotation)

@@ -68,8 +68,10 @@ class WaterBalance:
     def carried(self) -> int:
         """Water of the machine's pending soil and particles [mm^3 %]."""
         machine = self.world.machines[1]
-        state = machine.particles.state
-        return machine.tool_coupling.pending.water + water_of(state.volume_mm3, state.moisture)
+        particles = machine.particles
+        return machine.tool_coupling.pending.water + water_of(
+            particles.volumes_mm3, particles.moisture
+        )
 
 
 def world_on(moisture: NDArray[np.uint8], *, mode: str = "spheres") -> World:
@@ -131,7 +133,7 @@ def test_wet_soil_dumped_on_dry_ground_keeps_its_moisture(mode: str) -> None:
     for _ in dig(balance):
         pass
     assert particles.count > 0
-    assert set(particles.state.moisture.tolist()) == {WET}
+    assert set(particles.moisture.tolist()) == {WET}
     for _ in dump(balance):
         pass
     is_dump_side = GRID.y(np.arange(GRID.cols, dtype=float)) > 3.0
@@ -151,7 +153,7 @@ def test_soil_dug_across_the_edge_of_a_wet_patch_keeps_its_water() -> None:
     world = world_on(patch(x=(3.0, 9.0), y=(0.05, 4.0)))
     balance, columns = WaterBalance(world), world.soil.columns
     machine = world.machines[1]
-    state = machine.particles.state
+    particles = machine.particles
     start, initial_moisture = water_in(columns), columns.moisture.copy()
     firm = columns.firm.copy()
     for k, rows in enumerate(dig(balance)):
@@ -164,8 +166,11 @@ def test_soil_dug_across_the_edge_of_a_wet_patch_keeps_its_water() -> None:
             "the machine carries the water of its rows, to the mm3"
         )
     assert (columns.firm < firm).any()
-    assert {DRY, WET} <= set(state.moisture.tolist())
-    cohesion = {int(m): c for m, c in zip(state.moisture, state.cohesion, strict=True)}
+    assert {DRY, WET} <= set(particles.moisture.tolist())
+    cohesion_by_moisture = zip(
+        particles.moisture, particles.contact_coefficients.cohesion, strict=True
+    )
+    cohesion = {int(moisture): value for moisture, value in cohesion_by_moisture}
     loose_soil = world.soil.loose_soils[0]
     assert cohesion[WET] / cohesion[DRY] == pytest.approx(
         loose_soil.moisture_strength_factor(WET) / loose_soil.moisture_strength_factor(DRY)

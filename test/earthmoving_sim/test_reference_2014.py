@@ -93,4 +93,4 @@ def test_dig_is_balanced_at_every_tick(soil_params, machine) -> None:
     world.close()
     assert imbalances == {0}
     assert max_particles > 0
-    assert not any(np.isnan(sim.particles.state.position).ravel())
+    assert not any(np.isnan(sim.particles.positions).ravel())

@@ -49,7 +49,7 @@ def test_an_answered_landing_takes_the_particle_away(machine: MachineSim) -> Non
     answer["particle_id"] = step.deposit_requests["particle_id"][:2]
     answer["kind"] = [ConversionKind.DEPOSIT, ConversionKind.OUTSIDE]
     machine.apply(answer, empty_rows(MAP_UPDATE))
-    assert machine.particles.state.particle_id.tolist() == [step.deposit_requests["particle_id"][2]]
+    assert machine.particles.ids.tolist() == [step.deposit_requests["particle_id"][2]]
 
 
 def test_a_refused_landing_lets_the_particle_go_and_it_lands_again(machine: MachineSim) -> None:

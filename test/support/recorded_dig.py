@@ -122,7 +122,7 @@ class RecordedDig:
         if tick % 100 == 0:
             state_hash = StateHash(1, tick, stamp, run.world.state_hash())
             self.recording.add("/soil/state_hash", to_state_hash_string(state_hash))
-        machine, state = run.machine.machine, run.machine.particles.state
+        machine, particles = run.machine.machine, run.machine.particles
         if tick % 2 == 0:
             base = BaseState(*machine.base_pose, *machine.base_velocity)
             joints = JointValues(
@@ -135,8 +135,8 @@ class RecordedDig:
             self._publish("odom", to_odometry(base, "base_link", stamp))
         if tick % 5 == 0:
             cloud = to_particle_cloud(
-                *(state.position, state.velocity, state.radius, state.particle_id),
-                *(state.volume_mm3, state.soil, "map", stamp),
+                *(particles.positions, particles.velocities, particles.radii, particles.ids),
+                *(particles.volumes_mm3, particles.soil, "map", stamp),
             )
             self._publish("particles", cloud)
             self.max_published_particles = max(

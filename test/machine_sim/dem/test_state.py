@@ -1,4 +1,4 @@
-"""The table of particles: rows are found by id, whatever their order."""
+"""The state of particles: rows are found by id in any order."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ def state() -> ParticleState:
     return state
 
 
-def test_rows_come_in_the_order_of_the_ids(state: ParticleState) -> None:
+def test_rows_are_in_the_order_of_the_ids(state: ParticleState) -> None:
     assert state.particle_id.tolist() == [5, 1, 6, 3]
     assert state.rows([6, 3, 5]).tolist() == [2, 3, 0]
     assert state.rows(np.array([1], dtype=np.uint32)).tolist() == [1]
@@ -22,22 +22,22 @@ def test_rows_come_in_the_order_of_the_ids(state: ParticleState) -> None:
 
 
 @pytest.mark.parametrize("ids", [[4], [7], [0], [1, 2], [-1]])
-def test_an_id_that_is_not_alive_is_refused(state: ParticleState, ids: list[int]) -> None:
-    with pytest.raises(ParticleError, match="no live particle"):
+def test_an_unknown_id_is_rejected(state: ParticleState, ids: list[int]) -> None:
+    with pytest.raises(ParticleError, match="does not exist"):
         state.rows(ids)
 
 
-def test_an_id_given_twice_is_refused(state: ParticleState) -> None:
+def test_a_duplicate_id_is_rejected(state: ParticleState) -> None:
     with pytest.raises(ParticleError, match="twice"):
         state.rows([3, 1, 3])
 
 
-def test_none_is_alive_in_an_empty_store() -> None:
-    with pytest.raises(ParticleError, match="no live particle"):
+def test_no_id_is_known_in_an_empty_state() -> None:
+    with pytest.raises(ParticleError, match="does not exist"):
         ParticleState(10).rows([1])
 
 
-def test_those_that_stay_keep_their_order_and_columns(state: ParticleState) -> None:
+def test_remaining_rows_keep_their_order_and_columns(state: ParticleState) -> None:
     state.volume_mm3[:] = [50, 10, 60, 30]
     state.position[:, 2] = [5.0, 1.0, 6.0, 3.0]
     assert state.remove(state.rows([1])).tolist() == [0, 2, 3]

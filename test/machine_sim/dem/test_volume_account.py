@@ -1,4 +1,4 @@
-"""The volume account and the identity of particles."""
+"""Exact volume and permanent ids of particles, and the validation of what is added."""
 
 import numpy as np
 import pytest
@@ -21,48 +21,46 @@ actions = st.lists(
 
 @settings(max_examples=40, deadline=None)
 @given(actions)
-def test_volume_is_exact_under_any_work(work):
+def test_volume_is_exact_after_any_sequence_of_calls(calls):
     world = engine(soils=[LooseSoil()] * 3)
-    book = {}
-    last = 0
-    for action, seed in work:
+    volume_by_id = {}
+    last_id = 0
+    for action, seed in calls:
         rng = np.random.default_rng(seed)
-        some = rng.permutation(list(book))[: rng.integers(0, 6)].astype(np.uint32)
+        chosen = rng.permutation(list(volume_by_id))[: rng.integers(0, 6)].astype(np.uint32)
         if action == "add":
             n = int(rng.integers(0, 30))
             volumes = rng.integers(1, 3 * LITRE, n)
-            at = rng.uniform([-0.3, -0.3, 0.3], [0.3, 0.3, 0.9], (n, 3))
-            ids = world.add(at, np.zeros((n, 3)), volumes, 2, 9)
-            assert n == 0 or ids[0] > last
-            last = max(last, int(ids[-1]) if n else 0)
-            book.update(zip(ids.tolist(), volumes.tolist(), strict=True))
+            points = rng.uniform([-0.3, -0.3, 0.3], [0.3, 0.3, 0.9], (n, 3))
+            ids = world.add(points, np.zeros((n, 3)), volumes, 2, 9)
+            assert n == 0 or ids[0] > last_id
+            last_id = max(last_id, int(ids[-1]) if n else 0)
+            volume_by_id.update(zip(ids.tolist(), volumes.tolist(), strict=True))
         elif action == "step":
             world.step(STEP)
         else:
-            getattr(world, action)(some)
+            getattr(world, action)(chosen)
             if action == "remove":
-                for gone in some.tolist():
-                    del book[gone]
-        assert world.total_volume_mm3 == sum(book.values())
-        held = dict(
-            zip(world.state.particle_id.tolist(), world.state.volume_mm3.tolist(), strict=True)
-        )
-        assert held == book
-        assert np.isfinite(world.state.position).all()
+                for removed in chosen.tolist():
+                    del volume_by_id[removed]
+        assert world.total_volume_mm3 == sum(volume_by_id.values())
+        found = dict(zip(world.ids.tolist(), world.volumes_mm3.tolist(), strict=True))
+        assert found == volume_by_id
+        assert np.isfinite(world.positions).all()
 
 
 @pytest.mark.parametrize("method", ["remove", "freeze", "unfreeze"])
 @pytest.mark.parametrize("ids", [[1, 99], [1, 1], [0], [2**33]])
-def test_ids_that_are_not_alive_are_refused_and_change_nothing(method, ids):
+def test_unknown_ids_are_rejected_and_change_nothing(method, ids):
     world = engine()
     world.add(THREE, np.zeros((3, 3)), LITRE)
     with pytest.raises(ParticleError):
         getattr(world, method)(ids)
     assert world.count == 3
-    assert not world.state.frozen.any()
+    assert world.frozen_ids.size == 0
 
 
-def test_an_id_is_never_used_twice():
+def test_ids_are_never_reused():
     world = engine()
     first = world.add([[0, 0, 1]], [[0, 0, 0]], LITRE)
     world.remove(first)
@@ -87,7 +85,7 @@ def test_an_id_is_never_used_twice():
         ([[0, 0]], LITRE),
     ],
 )
-def test_bad_particles_are_refused(position, volume):
+def test_invalid_particles_are_rejected(position, volume):
     world = engine()
     with pytest.raises(ParticleError):
         world.add(position, [[0, 0, 0]], volume)
@@ -95,25 +93,25 @@ def test_bad_particles_are_refused(position, volume):
 
 
 @pytest.mark.parametrize("velocity", [[0, 0, -1e19], [1e300, 0, 0], [800, 800, 0]])
-def test_speeds_that_no_soil_has_are_refused(velocity):
+def test_excessive_speeds_are_rejected(velocity):
     world = engine()
-    with pytest.raises(ParticleError, match="1000 m/s"):
+    with pytest.raises(ParticleError):
         world.add([[0, 0, 1]], [velocity], LITRE)
     assert world.count == 0
 
 
-def test_the_fastest_and_farthest_particles_do_no_harm():
+def test_the_fastest_and_farthest_particles_stay_finite():
     world = engine()
     world.add([[0, 0, 1], [0, 0, 2], [1e6, -1e6, 1e6]], [[600, 0, -800]] * 3, LITRE, grow=False)
     world.add([[0.02, 0, 0.3]], np.zeros((1, 3)), LITRE, grow=False)
     for _ in range(100):
         world.step(STEP)
-    for column in (world.state.position, world.state.velocity, world.state.angular_velocity):
+    for column in (world.positions, world.velocities, world.angular_velocities):
         assert np.isfinite(column).all()
     assert world.total_volume_mm3 == 4 * LITRE
 
 
-def test_more_than_the_capacity_is_refused_whole():
+def test_particles_beyond_the_capacity_are_all_rejected():
     world = engine(capacity=5)
     world.add(THREE, np.zeros((3, 3)), LITRE)
     assert world.free_capacity == 2

@@ -50,7 +50,7 @@ def test_particles_appear_inside_the_bucket_off_its_plates() -> None:
     rows["y"] = np.linspace(1.0, 3.0, 50)  # a column may reach beyond the bucket's side
     soil.receive(rows, POSE, 0)
     soil.release(particles, POSE, 1)
-    local = particles.state.position - POSE[1]
+    local = particles.positions - POSE[1]
     assert (np.abs(local[:, 1]) <= 0.5 * BUCKET.width - 0.019).all()
 
 
@@ -58,7 +58,7 @@ def test_pending_soil_moves_with_the_tool() -> None:
     soil, particles = pending(), engine()
     soil.receive(parcels(NOMINAL), POSE, 0)
     soil.release(particles, (np.eye(3), POSE[1] + [0.0, 0.0, 5.0]), 1)
-    assert particles.state.position[0, 2] > 7.5
+    assert particles.positions[0, 2] > 7.5
 
 
 def test_what_one_tick_cannot_release_waits() -> None:
@@ -77,7 +77,7 @@ def test_the_remainder_of_columns_left_behind_becomes_a_particle() -> None:
     assert particles.count >= 1
     assert particles.total_volume_mm3 + soil.total_mm3 == 6 * 90_000
     assert soil.total_mm3 < NOMINAL / 4
-    assert particles.state.volume_mm3.max() < 1.25 * NOMINAL
+    assert particles.volumes_mm3.max() < 1.25 * NOMINAL
 
 
 @pytest.mark.parametrize("volume", [90_000, 499_000])
@@ -92,14 +92,14 @@ def test_what_found_no_room_comes_out_when_there_is_some_and_no_larger(volume: i
     assert soil.total_mm3 == total
     particles.remove(ids)
     for tick in range(10, 1000):
-        before, last = particles.count, particles.state.next_id
+        before, old_ids = particles.count, particles.ids.copy()
         made = soil.release(particles, POSE, tick)
         assert made <= 20
-        new = particles.state.volume_mm3[particles.state.particle_id >= last]
+        new = particles.volumes_mm3[~np.isin(particles.ids, old_ids)]
         assert (new < (coarse_graining_factor(before + made, 1000) + 0.25) * NOMINAL).all()
         assert soil.total_mm3 + particles.total_volume_mm3 == total
         if particles.free_capacity == 0:  # all that is in it lands
-            particles.remove(particles.state.particle_id)
+            particles.remove(particles.ids)
             total = soil.total_mm3
     assert soil.total_mm3 < NOMINAL / 4
 
@@ -117,8 +117,7 @@ def test_what_the_engine_refuses_stays_pending() -> None:
         assert soil.water == water_in(rows)
     soil.release(particles, POSE, 11)
     assert particles.count == 10
-    state = particles.state
-    carried = int((state.volume_mm3 * state.moisture.astype(np.int64)).sum())
+    carried = int((particles.volumes_mm3 * particles.moisture.astype(np.int64)).sum())
     assert soil.water + carried == water_in(rows)
 
 
@@ -146,7 +145,7 @@ def test_particles_of_one_place_are_scattered() -> None:
     soil, particles = pending(), engine()
     soil.receive(parcels(8 * NOMINAL), POSE, 0)
     soil.release(particles, POSE, 1)
-    position = particles.state.position
+    position = particles.positions
     assert np.unique(position.round(4), axis=0).shape[0] == 8
     assert position.std(axis=0) == pytest.approx(0.045, abs=0.04)
 
@@ -160,7 +159,7 @@ def test_lumps_vary_in_size_as_the_soil_says_and_no_volume_is_lost() -> None:
     )
     soil.receive(parcels(200 * NOMINAL), POSE, 0)
     soil.release(particles, POSE, 1)
-    volumes = particles.state.volume_mm3
+    volumes = particles.volumes_mm3
     assert volumes.min() < 0.6 * NOMINAL
     assert volumes.max() > 1.4 * NOMINAL
     assert volumes.mean() == pytest.approx(NOMINAL, rel=0.1)
@@ -182,7 +181,7 @@ def test_particles_are_as_moist_as_what_was_dug_and_not_as_their_soil_is_found(e
     rows["moisture"] = (0, 100, 63)
     soil.receive(rows, POSE, 0)
     soil.release(particles, POSE, 1)
-    assert particles.state.moisture.tolist() == [0, 100, 63, 63, 63]
+    assert particles.moisture.tolist() == [0, 100, 63, 63, 63]
     particles.close()
 
 
@@ -200,11 +199,15 @@ def test_wet_particles_touch_as_wet_soil_does() -> None:
     rows["moisture"] = (0, 50)
     soil.receive(rows, POSE, 0)
     soil.release(particles, POSE, 1)
-    state = particles.state
-    dry, damp = state.cohesion.tolist()
+    dry, damp = particles.contact_coefficients.cohesion.tolist()
     assert damp == pytest.approx(1.5 * dry)
-    assert state.adhesion[1] == pytest.approx(1.5 * state.adhesion[0])
-    assert state.rolling_friction[1] > state.rolling_friction[0], "damp soil stands steeper"
+    assert particles.contact_coefficients.adhesion[1] == pytest.approx(
+        1.5 * particles.contact_coefficients.adhesion[0]
+    )
+    assert (
+        particles.contact_coefficients.rolling_friction[1]
+        > particles.contact_coefficients.rolling_friction[0]
+    ), "damp soil stands steeper"
 
 
 def test_parcels_of_one_column_mix_by_volume() -> None:
@@ -214,7 +217,7 @@ def test_parcels_of_one_column_mix_by_volume() -> None:
         rows["moisture"] = moisture
         soil.receive(rows, POSE, 0)
     soil.release(particles, POSE, 1)
-    assert particles.state.moisture.tolist() == [35]
+    assert particles.moisture.tolist() == [35]
 
 
 PARCEL = st.tuples(st.integers(1, 3_000_000), st.integers(0, 100), st.integers(0, 3))
@@ -237,13 +240,12 @@ def test_no_water_is_lost_between_parcels_and_particles(
         soil.receive(rows, POSE, tick)
         given_water += water_in(rows)
         soil.release(particles, POSE, tick)
-        state = particles.state
-        carried = int((state.volume_mm3 * state.moisture.astype(np.int64)).sum())
+        carried = int((particles.volumes_mm3 * particles.moisture.astype(np.int64)).sum())
         assert soil.water + carried == given_water
-        largest = max([largest, *state.volume_mm3.tolist()])
+        largest = max([largest, *particles.volumes_mm3.tolist()])
         assert abs(soil._rounding_error) <= largest / 2
         seen = [moisture for each in ticks for _, moisture, _ in each]
-        assert all(min(seen) <= moisture <= max(seen) for moisture in state.moisture)
+        assert all(min(seen) <= moisture <= max(seen) for moisture in particles.moisture)
 
 
 @settings(deadline=None, max_examples=20)
@@ -255,7 +257,7 @@ def test_soil_of_one_moisture_keeps_it(ticks: list[list[int]], moisture: int) ->
         rows["moisture"] = moisture
         soil.receive(rows, POSE, tick)
         soil.release(particles, POSE, tick)
-    assert set(particles.state.moisture.tolist()) <= {moisture}
+    assert set(particles.moisture.tolist()) <= {moisture}
     assert soil.water == moisture * soil.total_mm3
 
 
@@ -270,13 +272,13 @@ def test_a_full_engine_gets_coarser_parcels_then_lets_them_wait() -> None:
         soil.receive(parcels(*[2 * NOMINAL] * 100), POSE, tick)
         given += 200 * NOMINAL
     assert particles.count == 40
-    assert particles.state.volume_mm3.max() > 3 * NOMINAL
-    assert particles.state.volume_mm3.max() < 8.25 * NOMINAL
+    assert particles.volumes_mm3.max() > 3 * NOMINAL
+    assert particles.volumes_mm3.max() < 8.25 * NOMINAL
     assert soil.total_mm3 + particles.total_volume_mm3 == given
     assert coarse_graining_factor(10, 40) == 1.0
     assert coarse_graining_factor(40, 40) == 8.0
     for tick in range(30, 400):
-        particles.remove(particles.state.particle_id[:5])
+        particles.remove(particles.ids[:5])
         soil.release(particles, POSE, tick)
-        assert (particles.state.volume_mm3 < 8.25 * NOMINAL).all()
+        assert (particles.volumes_mm3 < 8.25 * NOMINAL).all()
     assert soil.total_mm3 < NOMINAL / 4

@@ -54,7 +54,7 @@ def scene(seed: int) -> ParticleEngine:
     state.angular_velocity[:] = rng.normal(scale=5.0, size=(count, 3))
     state.adhesion[:] = rng.choice([0.0, 500.0], count)
     state.contact_radius[:] = state.radius * rng.choice([0.1, 0.6, 1.0], count)
-    world._tools.begin_step(STEP)
+    world.tools.begin_step(STEP)
     return world
 
 
@@ -64,8 +64,8 @@ def walls_of(world: ParticleEngine) -> PlateContactList:
     walls.update(
         world.state,
         rows,
-        world._tools,
-        world._tools.tool_frame_positions(rows, world.state.position),
+        world.tools,
+        world.tools.tool_frame_positions(rows, world.state.position),
         STEP,
     )
     return walls
@@ -73,7 +73,7 @@ def walls_of(world: ParticleEngine) -> PlateContactList:
 
 def seen_from(world: ParticleEngine, tool: int, row: int) -> tuple[NDArray[np.float64], ...]:
     """Place of a particle in a tool's frame, and its velocity relative to the tool, map axes."""
-    tools, state = world._tools, world.state
+    tools, state = world.tools, world.state
     pose, twist = tools.path[0, tool], tools.twist[tool]
     arm = state.position[row] - pose[9:]
     speed = state.velocity[row] - twist[:3] - np.cross(twist[3:], arm)
@@ -83,7 +83,7 @@ def seen_from(world: ParticleEngine, tool: int, row: int) -> tuple[NDArray[np.fl
 @pytest.mark.parametrize("seed", range(30))
 def test_all_plates_within_reach_are_listed_once(seed: int) -> None:
     world = scene(seed)
-    tools, state, table = world._tools, world.state, walls_of(world).table
+    tools, state, table = world.tools, world.state, walls_of(world).table
     wanted = []
     for row in range(world.count):
         for plate, tool in enumerate(tools.tool_of_plate):
@@ -117,7 +117,7 @@ def force_of(
     world: ParticleEngine, row: int, plate: int, side: float, spring: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, NDArray[np.float64]]:
     """Force on a particle, its arm from the centre, rolling limit, and the spring, map axes."""
-    tools, state = world._tools, world.state
+    tools, state = world.tools, world.state
     tool = int(tools.tool_of_plate[plate])
     pose, twist = tools.path[0, tool], tools.twist[tool]
     to_map = pose[:9].reshape(3, 3)
@@ -158,7 +158,7 @@ def force_of(
 @pytest.mark.parametrize("seed", range(30))
 def test_forces_are_those_of_a_plain_reckoning(seed: int) -> None:
     world = scene(seed)
-    tools, state, walls = world._tools, world.state, walls_of(world)
+    tools, state, walls = world.tools, world.state, walls_of(world)
     rng, table, count = np.random.default_rng(seed), walls.table, world.count
     table.spring[: table.count] = rng.normal(scale=1e-3, size=(table.count, 3))
     table.side[: table.count] = rng.choice([-1.0, 1.0], table.count)
@@ -223,9 +223,9 @@ def test_a_way_through_a_plate_is_counted_however_long(seed: int) -> None:
     world.set_tool_motion(0, (turn, origin), (turn, origin + turn @ [0.0, 0.0, 0.02]))
     inside = np.concatenate([rng.uniform(-0.45, 0.45, (50, 2)), np.full((50, 1), 0.05)], axis=1)
     world.add(origin + inside @ turn.T, np.zeros((50, 3)), LITRE, grow=False)
-    world._tools.begin_step(STEP)
+    world.tools.begin_step(STEP)
     table, before = walls_of(world).table, world.state.position.copy()
     ways = np.where(np.arange(50) % 2, 10.0 ** rng.uniform(-1.2, 1, 50), -0.01)
     world.state.position -= ways[:, None] * turn[:, 2]
-    counted = count_tunnelled(table, world.state, np.arange(50), world._tools, before)
+    counted = count_tunnelled(table, world.state, np.arange(50), world.tools, before)
     assert counted == np.count_nonzero(ways > 0.03)

@@ -145,7 +145,7 @@ def sleep(world: ParticleEngine) -> None:
 
 def springs(world: ParticleEngine) -> Springs:
     """Springs of the pairs listed, by ids, the lower one first."""
-    pairs, ids = world._pairs.pairs, world.state.particle_id
+    pairs, ids = world.neighbour_list.pairs, world.state.particle_id
     found: Springs = {}
     for k in np.flatnonzero(pairs.contact_flag[: pairs.count]):
         i, j = int(ids[pairs.first[k]]), int(ids[pairs.second[k]])
@@ -156,12 +156,12 @@ def springs(world: ParticleEngine) -> Springs:
 
 def build(world: ParticleEngine, active: NDArray[np.bool_]) -> None:
     world.state.sleep_state[:] = ~active
-    world._pairs.build(world.state, np.flatnonzero(active), STEP)
+    world.neighbour_list.build(world.state, np.flatnonzero(active), STEP)
 
 
 def test_springs_of_a_heap_that_sleeps_and_wakes_are_as_they_were() -> None:
     world = heap()
-    world._invalidate_contacts()
+    world.store_springs()
     everybody = np.ones(world.count, np.bool_)
     build(world, everybody)
     before = springs(world)
@@ -183,7 +183,7 @@ def test_a_heap_woken_here_and_there_does_not_creep() -> None:
     before = state.position.copy()
     for _ in range(40):
         spot = state.position[world.rows_of(rng.choice(ids))[0]]
-        world._sleep_manager.request_wake(np.array([[*spot, 0.15]]))
+        world.wake_in_spheres(spot[None], np.array([0.15]))
         sleep(world)
     rows = world.rows_of(ids)
     way = np.linalg.norm(state.position[rows] - before, axis=1) / (2.0 * state.radius[rows])

@@ -24,7 +24,7 @@ def scene(seed: int) -> ParticleEngine:
 
 
 def listed(world: ParticleEngine) -> list[tuple[int, int]]:
-    pairs = world._pairs.pairs
+    pairs = world.neighbour_list.pairs
     both = np.stack([pairs.first[: pairs.count], pairs.second[: pairs.count]], axis=1)
     return [tuple(pair) for pair in np.sort(both.astype(np.int64), axis=1).tolist()]
 
@@ -48,7 +48,7 @@ def test_all_who_touch_are_listed_once(seed: int) -> None:
     state.sleep_state[asleep] = 1
     state.velocity[asleep] = 0.0
     live = state.sleep_state == 0
-    world._pairs.build(state, np.flatnonzero(live), STEP)
+    world.neighbour_list.build(state, np.flatnonzero(live), STEP)
     found = listed(world)
     assert len(set(found)) == len(found)
     assert touching(state.position, state.radius, live) <= set(found)
@@ -61,7 +61,7 @@ def test_a_first_row_far_away_spoils_nothing() -> None:
     at[0, 0] = 1e6
     world.add(at, np.zeros_like(at), LITRE // 2, grow=False)
     live = np.ones(world.count, dtype=np.bool_)
-    world._pairs.build(world.state, np.arange(world.count), STEP)
+    world.neighbour_list.build(world.state, np.arange(world.count), STEP)
     found = listed(world)
     assert len(found) > 300
     assert touching(world.state.position, world.state.radius, live) <= set(found)
@@ -103,11 +103,11 @@ def test_history_stays_with_its_pair_when_others_go() -> None:
     world.add(at, np.zeros_like(at), LITRE // 4, grow=False)
     for _ in range(80):
         world.step(STEP)
-    world._invalidate_contacts()
+    world.store_springs()
     before = springs(world)
     gone = set(world.state.particle_id[::7].tolist())
     world.remove(sorted(gone))
-    assert not world._pairs.is_stale
+    assert not world.neighbour_list.is_stale
     after = springs(world)
     left = {pair: spring for pair, spring in before.items() if not gone & set(pair)}
     assert 5 < len(left) < len(before)
@@ -116,7 +116,7 @@ def test_history_stays_with_its_pair_when_others_go() -> None:
 
 def springs(world: ParticleEngine) -> dict[tuple[int, int], tuple[float, ...]]:
     """Springs of the pairs that touch, by the ids of their particles."""
-    pairs, ids = world._pairs.pairs, world.state.particle_id
+    pairs, ids = world.neighbour_list.pairs, world.state.particle_id
     return {
         (int(ids[pairs.first[k]]), int(ids[pairs.second[k]])): tuple(pairs.spring[k].tolist())
         for k in range(pairs.count)

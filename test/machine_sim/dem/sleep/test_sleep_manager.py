@@ -1,14 +1,19 @@
-"""Particles at rest, and soil that rides in a tool as one body."""
+"""Sleep of particles at rest, and soil that is locked to a tool."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
-from support.particle_scenes import LITRE, STEP, box, cloud, engine, pose, run
+from support.particle_scenes import LITRE, STEP, box, cloud, drive, drive_steps, engine, pose, run
 
-from machine_sim.dem import ParticleEngine
+from machine_sim.dem import ParticleEngine, Pose
+from machine_sim.dem.sleep import ASLEEP_ON_MAP, AWAKE, FIRST_LOCKED_TOOL
+from msg_bridge.contract.constants import GRAVITY
 
 COUNT = 150
+BOX_POSE = pose(z=1.0)
 
 
 def resting_heap(**params: float) -> ParticleEngine:
@@ -20,96 +25,95 @@ def resting_heap(**params: float) -> ParticleEngine:
 
 
 def loaded_box(**params: float) -> ParticleEngine:
-    """A box of soil at rest, 1 m over the ground."""
+    """Return a box with soil at rest, 1 m over the ground."""
     world = engine(**params)
-    world.add_tool(0, box(0.6, 0.6, 0.6), pose(0.0, 0.0, 1.0))
+    world.add_tool(0, box(0.6, 0.6, 0.6), BOX_POSE)
     points = cloud(COUNT, 0.1, (0.45, 0.45), 1.05)
     world.add(points, np.zeros_like(points), LITRE // 2, grow=False)
     run(world, 4.0)
     return world
 
 
-def riding(world: ParticleEngine) -> int:
-    return int((world.state.sleep_state > 1).sum())
+def num_locked(world: ParticleEngine) -> int:
+    return int((world.sleep_states >= FIRST_LOCKED_TOOL).sum())
 
 
-def tip(world: ParticleEngine, angle: float, seconds: float) -> None:
-    """Turn the box about y by `angle` [rad] at an even rate."""
-    steps = round(seconds / STEP)
-    at = pose(0.0, 0.0, 1.0)
-    for k in range(steps):
-        to = pose(0.0, 0.0, 1.0, angle * (k + 1) / steps)
-        world.set_tool_motion(0, at, to)
-        world.step(STEP)
-        at = to
+def all_asleep_on_map(world: ParticleEngine) -> bool:
+    return bool((world.sleep_states == ASLEEP_ON_MAP).all())
 
 
-def test_a_heap_falls_asleep_where_it_lies() -> None:
+def tilted(angles: np.ndarray) -> Iterator[Pose]:
+    """Yield poses of the box at some angles [rad]."""
+    return (pose(z=1.0, pitch=angle) for angle in angles)
+
+
+def tilt(world: ParticleEngine, angle: float, seconds: float) -> None:
+    """Rotate the box about y by `angle` [rad] at a constant rate."""
+    drive(world, tilted(np.linspace(0.0, angle, round(seconds / STEP) + 1)))
+
+
+def test_a_heap_at_rest_falls_asleep_and_does_not_move() -> None:
     world = resting_heap()
-    assert (world.state.sleep_state == 1).all()
+    assert all_asleep_on_map(world)
     assert world.kinetic_energy == 0.0
-    before = world.state.position.copy()
+    before = world.positions.copy()
     run(world, 1.0)
-    np.testing.assert_array_equal(world.state.position, before)
+    np.testing.assert_array_equal(world.positions, before)
 
 
-def test_nobody_sleeps_where_that_is_not_asked() -> None:
-    assert (resting_heap(allow_sleeping=False).state.sleep_state == 0).all()
+def test_no_particle_sleeps_when_sleeping_is_disabled() -> None:
+    assert (resting_heap(allow_sleeping=False).sleep_states == AWAKE).all()
 
 
-def test_who_lies_on_one_that_falls_asleep_does_not_rise() -> None:
-    world = engine(allow_sleeping=False)
-    world.add([[0, 0, 0.06], [0, 0, 0.18]], np.zeros((2, 3)), LITRE, grow=False)
-    run(world, 2.0)
-    height = world.state.position[1, 2]
-    world._sleep_manager.wake_rows(world.state, np.arange(2))
-    world.state.sleep_state[0] = 1
-    world._pairs.is_stale = world._changed = True
-    run(world, 0.3)
-    assert world.state.sleep_state.tolist() == [1, 0]
-    # A contact twice as stiff would lift it by half the overlap, 50 micrometres.
-    assert world.state.position[1, 2] == pytest.approx(height, abs=5e-6)
-
-
-def test_a_heap_woken_again_and_again_stays_as_it_is() -> None:
-    world = resting_heap()
-    ids = world.state.particle_id.copy()
-    before = world.state.position.copy()
-    for _ in range(40):
-        world._sleep_manager.wake_rows(world.state, np.arange(COUNT))
-        world._pairs.is_stale = True
-        run(world, 0.55)
-    assert (world.state.sleep_state == 1).all(), "at rest at once"
-    rows = world.rows_of(ids)
-    way = np.linalg.norm(world.state.position[rows] - before, axis=1)
-    way /= 2.0 * world.state.radius[rows]
-    assert way.max() < 0.005
-
-
-def test_a_hit_wakes_whom_it_hits_and_all_sleep_again() -> None:
-    world = resting_heap()
-    new = world.add([[0.05, 0.0, 1.5]], [[0.0, 0.0, -2.0]], LITRE, grow=False)
-    woken = 0
-    for _ in range(300):
-        world.step(STEP)
-        woken = max(woken, int((world.state.sleep_state == 0).sum()))
-    assert 2 <= woken < COUNT
-    assert world.state.position[world.rows_of(new)[0], 2] < 0.6
-    run(world, 4.0)
-    assert (world.state.sleep_state == 1).all()
-
-
-def test_who_loses_its_support_wakes_and_falls() -> None:
+def test_a_particle_keeps_its_height_on_one_that_sleeps() -> None:
     world = engine()
     ids = world.add([[0, 0, 0.06], [0, 0, 0.18]], np.zeros((2, 3)), LITRE, grow=False)
     run(world, 2.0)
-    assert (world.state.sleep_state == 1).all()
+    assert all_asleep_on_map(world)
+    height = world.positions[1, 2]
+    world.wake(ids[1:])
+    run(world, 0.3)
+    assert world.sleep_states.tolist() == [ASLEEP_ON_MAP, AWAKE]
+    # A contact twice as stiff would lift it by half the overlap, 50 micrometres.
+    assert world.positions[1, 2] == pytest.approx(height, abs=5e-6)
+
+
+def test_a_heap_that_is_woken_repeatedly_does_not_creep() -> None:
+    world = resting_heap()
+    ids, before = world.ids.copy(), world.positions.copy()
+    for _ in range(40):
+        world.wake(ids)
+        run(world, 0.55)
+    assert all_asleep_on_map(world)
+    rows = world.rows_of(ids)
+    displacement = np.linalg.norm(world.positions[rows] - before, axis=1)
+    assert (displacement / (2.0 * world.radii[rows])).max() < 0.005
+
+
+def test_an_impact_wakes_particles_that_fall_asleep_again() -> None:
+    world = resting_heap()
+    new = world.add([[0.05, 0.0, 1.5]], [[0.0, 0.0, -2.0]], LITRE, grow=False)
+    max_awake = 0
+    for _ in range(300):
+        world.step(STEP)
+        max_awake = max(max_awake, int((world.sleep_states == AWAKE).sum()))
+    assert 2 <= max_awake < COUNT
+    assert world.positions[world.rows_of(new)[0], 2] < 0.6
+    run(world, 4.0)
+    assert all_asleep_on_map(world)
+
+
+def test_a_particle_that_loses_its_support_wakes_and_falls() -> None:
+    world = engine()
+    ids = world.add([[0, 0, 0.06], [0, 0, 0.18]], np.zeros((2, 3)), LITRE, grow=False)
+    run(world, 2.0)
+    assert all_asleep_on_map(world)
     world.remove(ids[:1])
     run(world, 0.2)
-    assert world.state.position[0, 2] < 0.1
+    assert world.positions[0, 2] < 0.1
 
 
-def test_ground_that_goes_wakes_those_on_it_and_no_others() -> None:
+def test_changed_ground_wakes_only_the_particles_on_it() -> None:
     world = engine()
     world.add([[0, 0, 0.06], [5.0, 0, 0.06]], np.zeros((2, 3)), LITRE, grow=False)
     run(world, 2.0)
@@ -119,108 +123,92 @@ def test_ground_that_goes_wakes_those_on_it_and_no_others() -> None:
     )
     world.ground.set_heights(rows, cols, np.full(rows.size, -0.5))
     world.step(STEP)
-    assert world.state.sleep_state.tolist() == [0, 1]
+    assert world.sleep_states.tolist() == [AWAKE, ASLEEP_ON_MAP]
     run(world, 0.5)
-    assert world.state.position[0, 2] < -0.3
+    assert world.positions[0, 2] < -0.3
 
 
-def test_a_tool_that_comes_by_wakes() -> None:
+def test_an_approaching_plate_wakes_and_pushes_a_heap() -> None:
     world = resting_heap()
-    world.add_tool(0, [box(0.4, 0.4, 0.4)[1]], pose(-3.0, 0.0, 0.02))
-    at = pose(-3.0, 0.0, 0.02)
-    for k in range(600):
-        to = pose(-3.0 + 0.006 * (k + 1), 0.0, 0.02)
-        world.set_tool_motion(0, at, to)
-        world.step(STEP)
-        at = to
-    assert world.state.position[:, 0].max() > 0.7, "it was pushed"
+    path = [pose(-3.0 + 0.006 * k, 0.0, 0.02) for k in range(601)]
+    world.add_tool(0, [box(0.4, 0.4, 0.4)[1]], path[0])
+    drive(world, path)
+    assert world.positions[:, 0].max() > 0.7
     assert world.num_plate_tunnellings == 0
 
 
-def test_soil_in_a_box_rides_as_one_body_and_weighs_what_it_weighs() -> None:
+def test_a_locked_load_moves_and_weighs_as_one_body() -> None:
     world = loaded_box()
-    rides = world.state.sleep_state > 1
-    assert rides.mean() > 0.95
-    local = world.positions_in_tool_frame(0)[rides]
-    at = pose(0.0, 0.0, 1.0)
-    for k in range(400):
-        to = pose(0.3 * np.sin(0.004 * k) ** 2, 0.0, 1.0 + 0.3 * np.sin(0.004 * k) ** 2)
-        world.set_tool_motion(0, at, to)
-        world.step(STEP)
-        at = to
-    assert riding(world) > 0.95 * COUNT
-    moved = np.linalg.norm(world.positions_in_tool_frame(0)[rides] - local, axis=1)
+    is_locked = world.sleep_states >= FIRST_LOCKED_TOOL
+    assert is_locked.mean() > 0.95
+    local = world.positions_in_tool_frame(0)[is_locked]
+    lifts = 0.3 * np.sin(0.004 * np.arange(400)) ** 2
+    path = [BOX_POSE, *(pose(lift, 0.0, 1.0 + lift) for lift in lifts)]
+    drive(world, path)
+    assert num_locked(world) > 0.95 * COUNT
+    moved = np.linalg.norm(world.positions_in_tool_frame(0)[is_locked] - local, axis=1)
     assert (moved < 1e-9).mean() > 0.95
-    world.set_tool_motion(0, at, at)
     run(world, 1.0)
     force, torque = world.tool_wrench(0)
-    weight = 9.81 * float(world.state.mass.sum())
+    weight = GRAVITY * float(world.masses.sum())
     assert force[2] == pytest.approx(-weight, rel=1e-3)
-    arm = (world.state.mass[:, None] * (world.state.position - at[1])).sum(axis=0) * 9.81
+    arm = (world.masses[:, None] * (world.positions - path[-1][1])).sum(axis=0) * GRAVITY
     np.testing.assert_allclose(torque[:2], [-arm[1], arm[0]], atol=1e-3 * weight)
 
 
-def test_it_is_the_same_load_whether_it_rides_or_not() -> None:
-    wrenches = [
-        loaded_box(allow_load_locking=allow_load_locking).tool_wrench(0)
-        for allow_load_locking in (True, False)
-    ]
-    np.testing.assert_allclose(wrenches[0][0], wrenches[1][0], atol=2.0)
-    np.testing.assert_allclose(wrenches[0][1], wrenches[1][1], atol=8.0)
+def test_locking_does_not_change_the_wrench_of_a_load() -> None:
+    locked, unlocked = (
+        loaded_box(allow_load_locking=locking).tool_wrench(0) for locking in (True, False)
+    )
+    np.testing.assert_allclose(locked[0], unlocked[0], atol=2.0)
+    np.testing.assert_allclose(locked[1], unlocked[1], atol=8.0)
 
 
-def test_a_small_tilt_does_not_wake_it_a_larger_one_does() -> None:
+def test_a_tilt_unlocks_a_load_above_the_threshold() -> None:
     world = loaded_box()
-    tip(world, np.radians(4.0), 1.0)
-    assert riding(world) > 0.95 * COUNT
-    tip(world, np.radians(12.0), 1.0)
-    assert riding(world) < COUNT
+    tilt(world, np.radians(4.0), 1.0)
+    assert num_locked(world) > 0.95 * COUNT
+    tilt(world, np.radians(12.0), 1.0)
+    assert num_locked(world) < COUNT
 
 
-def test_a_jolt_wakes_it() -> None:
+def test_an_acceleration_unlocks_a_load() -> None:
     world = loaded_box()
-    at = pose(0.0, 0.0, 1.0)
-    for k in range(60):
-        to = pose(0.5 * 4.0 * (STEP * (k + 1)) ** 2, 0.0, 1.0)  # 4 m/s^2
-        world.set_tool_motion(0, at, to)
-        world.step(STEP)
-        at = to
-    assert riding(world) == 0
+    acceleration = 4.0  # m/s^2
+    path = (pose(0.5 * acceleration * (STEP * k) ** 2, 0.0, 1.0) for k in range(61))
+    drive(world, path)
+    assert num_locked(world) == 0
 
 
-def test_it_pours_out_alike_riding_or_not() -> None:
-    halves = []
+def test_locking_does_not_change_the_angle_at_which_a_load_pours_out() -> None:
+    half_empty_angles = []
     for allow_load_locking in (True, False):
         world = loaded_box(allow_load_locking=allow_load_locking)
-        tilt, left = np.linspace(0.0, 170.0, 800), []
-        at = pose(0.0, 0.0, 1.0)
-        for angle in tilt:
-            to = pose(0.0, 0.0, 1.0, np.radians(angle))
-            world.set_tool_motion(0, at, to)
-            world.step(STEP)
-            at = to
+        angles, fractions = np.linspace(0.0, 170.0, 800), []
+        for _ in drive_steps(world, tilted(np.radians([0.0, *angles]))):
             local = world.positions_in_tool_frame(0)
             inside = (np.abs(local[:, :2]) < 0.3).all(axis=1) & (local[:, 2] < 0.6)
-            left.append(float(inside.mean()))
-        halves.append(tilt[np.argmax(np.array(left) < 0.5)])
-        assert left[-1] == 0.0
+            fractions.append(float(inside.mean()))
+        half_empty_angles.append(angles[np.argmax(np.array(fractions) < 0.5)])
+        assert fractions[-1] == 0.0
         assert world.total_volume_mm3 == COUNT * (LITRE // 2)
         assert world.num_plate_tunnellings == 0
-    assert abs(halves[0] - halves[1]) < 5.0
+    assert abs(half_empty_angles[0] - half_empty_angles[1]) < 5.0
 
 
-def test_what_a_box_held_falls_when_the_box_is_taken_away() -> None:
+def test_a_load_falls_when_its_tool_is_removed() -> None:
     world = loaded_box()
     world.remove_tool(0)
     run(world, 0.6)
-    assert world.state.position[:, 2].max() < 0.7
+    assert world.positions[:, 2].max() < 0.7
 
 
-def test_a_rerun_with_sleepers_is_identical_to_the_bit() -> None:
-    def state() -> tuple[bytes, ...]:
+def test_a_run_with_sleeping_particles_repeats_bit_by_bit() -> None:
+    def final_state() -> tuple[bytes, ...]:
         world = loaded_box()
-        tip(world, np.radians(40.0), 1.0)
-        state = world.state
-        return state.position.tobytes(), state.velocity.tobytes(), state.sleep_state.tobytes()
+        tilt(world, np.radians(40.0), 1.0)
+        return (
+            world.positions.tobytes(), world.velocities.tobytes(), world.sleep_states.tobytes()
+        )  # fmt: skip
 
-    assert state() == state()
+    assert final_state() == final_state()
