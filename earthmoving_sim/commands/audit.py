@@ -24,6 +24,7 @@ SUMMARY = "recompute from a bag where all soil was at every tick, to the mm3"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `earthmoving audit`."""
     parser.add_argument("bag", type=Path, help="folder of a bag, or an .mcap file")
+    parser.add_argument("--namespace", default="/", help="of the simulation, if it has one")
     parser.add_argument("--json", action="store_true", help="print the whole report as JSON")
 
 
@@ -31,7 +32,8 @@ def run(args: argparse.Namespace) -> int:
     """Audit the bag and print the report; return 0 if it passed, else 1."""
     from msg_bridge.audit.bag_audit import audit_bag
 
-    report = audit_bag(args.bag, _print_progress if sys.stderr.isatty() else None)
+    progress = _print_progress if sys.stderr.isatty() else None
+    report = audit_bag(args.bag, progress, namespace=args.namespace)
     if args.json:
         print(json.dumps(report.to_dict(), indent=2))
     else:

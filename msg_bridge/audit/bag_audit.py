@@ -31,17 +31,23 @@ from msg_bridge.contract.rows import ConversionKind
 __all__ = ["AuditReport", "audit_bag", "audit_run"]
 
 
-def audit_bag(path: str | Path, progress: Callable[[float], None] | None = None) -> AuditReport:
+def audit_bag(
+    path: str | Path,
+    progress: Callable[[float], None] | None = None,
+    *,
+    namespace: str = "/",
+) -> AuditReport:
     """Audit all runs of a bag.
 
     Args:
         path: a folder with metadata.yaml, a folder of .mcap files, or one such file.
         progress: called now and then with the fraction read [0..1].
+        namespace: that of the simulation to audit.
 
     Raises:
         BagReadError: it cannot be read.
     """
-    reader = BagReader(path)
+    reader = BagReader(path, namespace=namespace)
     collected = collect_messages(reader, progress)
     findings = [
         Finding(Check.COMPLETENESS, f"{name} has no end; what came after its last chunk is lost")

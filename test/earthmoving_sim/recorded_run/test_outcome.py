@@ -413,7 +413,7 @@ def test_recording_of_nodes_has_the_outcome_of_one_process(ros, tmp_path) -> Non
     assert_same(recorded, own)
     assert recorded.state_hash == own.state_hash  # of ground that nothing has touched
     assert 100 <= recorded.state_tick <= recorded.ledger.tick
-    assert recorded.run_mode == "nodes dig_operator, exchange_recorder, machine_sim, soil_sim"
+    assert recorded.run_mode == "nodes dig_operator, machine_sim, exchange_recorder, soil_sim"
 
 
 def _is_ledger(topic: str, message: Any, tick: int) -> bool:

@@ -76,6 +76,14 @@ def test_run_with_machines_that_leave_rejoin_and_crash_passes(audit) -> None:
     assert report.runs[0].rows["BACKLOG"] > 0
 
 
+def test_simulation_in_a_namespace_is_audited_by_its_namespace(recording, tmp_path: Path) -> None:
+    messages = [(f"/site_a{topic}", time, message) for topic, time, message in recording.messages]
+    path = Recording([*messages, *scripted_run().recording.messages]).write(tmp_path / "a.mcap")
+    report = audit_bag(path, namespace="/site_a")
+    assert report.passed
+    assert report.runs[0].ticks == TICKS + 1
+
+
 def test_retransmitted_messages_are_no_fault(recording, audit) -> None:
     repeated = recording.copy()
     repeated.messages = [each for each in repeated.messages for _ in range(2)]
