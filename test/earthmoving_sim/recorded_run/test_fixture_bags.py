@@ -35,7 +35,7 @@ class Expected(NamedTuple):
     state_hash: str
 
 
-FORMATS = ("format_1",)
+FORMATS = ("format_1", "format_2")
 
 EXPECTED = Expected(
     num_ticks=1217,

@@ -1,0 +1,91 @@
+"""The examples in docs/bags.md run, and its tables agree with the code."""
+
+import re
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dig_operator import CycleReport
+from msg_bridge.audit.report import AuditReport, Check, CheckResult, Finding, RunReport
+from msg_bridge.codec.row_chunks import chunk_dtype
+from msg_bridge.codec.terrain import TERRAIN_CELL
+from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.messages import Stream
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs/bags.md").read_text(encoding="utf-8")
+EXAMPLES = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+
+TYPES = {"float32": "<f4", "float64": "<f8", "uint8": "|u1", "uint16": "<u2", "uint32": "<u4"}
+
+
+def table_after(text: str) -> list[list[str]]:
+    """Return the cells of the first table after a text, without its title."""
+    lines = PAGE[PAGE.index(text) :].splitlines()
+    start = next(k for k, line in enumerate(lines) if line.startswith("|---"))
+    rows = []
+    for line in lines[start + 1 :]:
+        if not line.startswith("|"):
+            break
+        rows.append([cell.strip() for cell in line.strip("|").split("|")])
+    return rows
+
+
+def names(cell: str) -> list[str]:
+    """Return the names in back quotes of a cell."""
+    return re.findall(r"`([^`]+)`", cell)
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_example_runs(
+    example: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(ROOT)
+    exec(compile(example, "docs/bags.md", "exec"), {})
+    assert capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "dtype"),
+    [
+        ("`/soil/conversions`, `<m>/conversion_backlog`", chunk_dtype(Stream.CONVERSION)),
+        ("`/soil/deposit_requests`: ", chunk_dtype(Stream.DEPOSIT_REQUEST)),
+        ("`/soil/tool_sweeps`: ", chunk_dtype(Stream.SWEEP)),
+        ("`/soil/forces`: ", chunk_dtype(Stream.FORCE)),
+        ("`/terrain/map_updates`: ", chunk_dtype(Stream.MAP_UPDATE)),
+        ("`/terrain/map`: ", TERRAIN_CELL),
+    ],
+)
+def test_columns_are_those_of_the_rows(text: str, dtype: np.dtype[np.void]) -> None:
+    columns = [(name, TYPES[row[1]]) for row in table_after(text) for name in names(row[0])]
+    assert columns == [(name, kind) for name, kind, *_ in dtype.descr]
+
+
+def test_keys_of_a_cycle_are_those_of_its_report() -> None:
+    keys = {name for row in table_after("`<m>/operator/cycles`: ") for name in names(row[0])}
+    assert keys == {field.name for field in fields(CycleReport)}
+
+
+def test_accounts_are_those_of_the_ledger() -> None:
+    accounts = {name for row in table_after("The accounts of the ledger") for name in names(row[0])}
+    assert accounts < {field.name for field in fields(Ledger)}
+
+
+def test_checks_and_json_keys_are_those_of_the_audit() -> None:
+    checks = [name for row in table_after("## The audit") for name in names(row[0])]
+    assert checks == [check.value for check in Check]
+    finding = Finding(Check.LEDGER, "")
+    run = RunReport(1, checks=(CheckResult(Check.LEDGER, True, ""),), findings=(finding,))
+    content = AuditReport("", 0, (), (run,), ()).to_dict()
+    introduction = PAGE[
+        PAGE.index("`--json` prints") : PAGE.index("a list with one object per run")
+    ]
+    assert set(names(introduction)) == {*content, "--json"}
+    rows = {name for row in table_after("`--json` prints") for name in names(row[0])}
+    (entry,) = content["runs"]
+    assert rows == set(entry)
+    for key in ("checks", "findings"):
+        (text,) = [row[1] for row in table_after("`--json` prints") if names(row[0]) == [key]]
+        assert set(names(text)) == set(entry[key][0])
