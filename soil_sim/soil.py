@@ -188,7 +188,7 @@ class Soil:
 
     def _compute_tool_forces(self, sweeps: ValidSweeps) -> Rows:
         """Return the FORCE rows of all tools, for the soil before this tick's excavation."""
-        if self.params.force_mode == "reference":
+        if self.params.force_mode == "none":
             return zero_tool_forces(sweeps)
         return self._tool_forces.compute(sweeps)
 

@@ -3,7 +3,8 @@
 A bag of format 1 has no `format_version` in its metadata.yaml; its messages are recognised by their
 names. Topics, point fields, array labels, JSON keys, YAML keys and diagnostics keys are renamed to
 the current ones and values without a successor are dropped, so that code which reads bags uses
-current names only. Numbers, units and the meaning of every value are the same in both formats.
+current names only. Numbers and units are the same in both formats, with one exception: the moisture
+of terrain maps is a fraction of saturation in format 1 and per cent in format 2.
 
 Ledgers and state hashes of format 1 do not state their run. They get the number of the run that was
 recorded at that time, and the end time of their tick.
@@ -20,6 +21,7 @@ from collections.abc import Callable, Mapping
 from fractions import Fraction
 from typing import Any, NamedTuple
 
+import numpy as np
 import yaml
 
 __all__ = ["RecordedRun", "current_topic", "upgrade_message"]
@@ -49,6 +51,9 @@ _FIELDS = {  # of points, and of labels after their last dot
 }
 _RANGES = {"landed": "deposit_requests", "changed": "map_updates"}  # of labels, before a dot
 _DROPPED_LABELS = frozenset({"conversions_durable", "deposit_requests_durable"})
+
+_FLOAT32 = 7
+"""PointField.FLOAT32; this module does not import ROS messages."""
 
 _LEDGER_TOPIC = "/soil/ledger"
 _NANO = 10**9
@@ -171,10 +176,28 @@ def upgrade_message(
 
 
 def _upgrade_cloud(topic: str, message: Any) -> None:
-    """Rename the fields of rows and terrain maps; both end with the number of the run."""
-    if any(field.name == "epoch" for field in message.fields):
-        for field in message.fields:
-            field.name = _FIELDS.get(field.name, field.name)
+    """Rename the fields of rows and terrain maps; both end with the number of the run.
+
+    The moisture of terrain maps, float32, is converted from a fraction to per cent.
+    """
+    if not any(field.name == "epoch" for field in message.fields):
+        return
+    for field in message.fields:
+        field.name = _FIELDS.get(field.name, field.name)
+        if field.name == "moisture" and field.datatype == _FLOAT32:
+            _scale_to_percent(message, field.offset)
+
+
+def _scale_to_percent(cloud: Any, offset: int) -> None:
+    """Convert a float32 field of every point from a fraction to whole per cents."""
+    step = int(cloud.point_step)
+    data = np.array(cloud.data, dtype=np.uint8)
+    if offset + 4 > step or data.size == 0 or data.size % step:
+        return  # the decoder of the message reports the error
+    values = np.ndarray(data.size // step, "<f4", data, offset, strides=(step,))
+    with np.errstate(over="ignore"):
+        values[:] = np.rint(100.0 * values)
+    cloud.data = array.array("B", data.tobytes())
 
 
 def _upgrade_array(topic: str, message: Any) -> None:
@@ -271,6 +294,8 @@ def _upgrade_config(text: str) -> str:
             nodes = config.get(section, {}).get("required_subscribers")
             if nodes is not None:
                 config[section]["required_subscribers"] = [_NODES.get(n, n) for n in nodes]
+        if config.get("soil", {}).get("force_mode") == "reference":
+            config["soil"]["force_mode"] = "none"
         if "track_model" in config.get("stepping", {}):
             model = config["stepping"]["track_model"]
             config["stepping"]["track_model"] = _TRACK_MODELS.get(model, model)

@@ -42,7 +42,7 @@ def to_grid_map(terrain: TerrainMap, frame_id: str, stamp: Time) -> Any:
         "elevation": terrain.keyframe.elevation,
         "loose_depth": terrain.loose_depth,
         "surface_material": terrain.surface_material,
-        "moisture": terrain.moisture / 100.0,
+        "moisture": terrain.moisture,
         "soil": terrain.soil,
         "design_difference": terrain.design_difference,
     }

@@ -48,7 +48,7 @@ TERRAIN_CELL = np.dtype(
         ("z", "<f4"),  # elevation
         ("loose_depth", "<f4"),
         ("surface_material", "<f4"),  # 0 untouched, 1 dug, 2 dirt
-        ("moisture", "<f4"),  # of saturation, 0..1
+        ("moisture", "<f4"),  # [% of saturation], 0 to 100
         ("soil", "<f4"),  # id of the kind at the surface, see the kinds in /sim/config
         ("design_difference", "<f4"),  # elevation minus design [m], NaN where there is none
         ("volume_mm3", "<f8"),  # exact: whole numbers below 2**53
@@ -63,9 +63,6 @@ _MAX_VOLUME_MM3 = 2**53
 
 _MAX_VALUES = {"surface_material": 2, "moisture": 100, "soil": 255}
 """Largest value of each layer of whole numbers."""
-
-_MOISTURE_FRACTIONS = (np.arange(_MAX_VALUES["moisture"] + 1) / 100.0).astype(np.float32)
-"""Moistures as they cross, by per cent."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +147,7 @@ def to_terrain_cloud(terrain: TerrainMap, frame_id: str, stamp: Time) -> PointCl
     cells["z"] = frame.elevation
     cells["loose_depth"] = terrain.loose_depth
     cells["surface_material"] = terrain.surface_material
-    cells["moisture"] = _MOISTURE_FRACTIONS[terrain.moisture]
+    cells["moisture"] = terrain.moisture
     cells["soil"] = terrain.soil
     cells["design_difference"] = terrain.design_difference
     cells["volume_mm3"] = volume
@@ -240,15 +237,8 @@ def _keyframe_from_cells(cells: Rows, cell: float | None) -> Keyframe:
     volume = cells["volume_mm3"].astype(np.float64)
     whole = volume == np.rint(volume)
     _check("volume", (volume >= 0.0) & (volume < _MAX_VOLUME_MM3) & whole)
-    soil, moisture = _whole_numbers(cells, "soil"), _moisture_percent(cells)
+    soil, moisture = _whole_numbers(cells, "soil"), _whole_numbers(cells, "moisture")
     return Keyframe(run_id, revision, grid, elevation, volume.astype(np.int64), soil, moisture)
-
-
-def _moisture_percent(cells: Rows) -> NDArray[np.uint8]:
-    """Moistures [%]; fractions are rounded to whole per cents."""
-    moisture = cells["moisture"].copy()
-    _check("moisture", (moisture >= 0.0) & (moisture <= 1.0))
-    return np.rint(100.0 * moisture).astype(np.uint8)
 
 
 def _whole_numbers(cells: Rows, name: str) -> NDArray[np.uint8]:

@@ -75,8 +75,8 @@ class SiteParams(Parameters):
         " is a .npz with soil, else 0 everywhere",
     )  # fmt: skip
     moisture_map: str = parameter(
-        "", "path of a file with the moisture of each cell, 0..1 of saturation; empty: the"
-        " terrain's own, if it is a .npz with moisture, else as its soil has it",
+        "", "path of a file with the moisture of each cell, 0..100 % of saturation; empty: the array"
+        " moisture of a .npz terrain, else the moisture of the soil",
     )  # fmt: skip
     design: str = parameter(
         "", "path of a file with the surface that the ground shall become; empty: none"
@@ -172,7 +172,8 @@ def make_site(params: SiteParams) -> Site:
         )
     if params.png_min_height != params.png_max_height and not any(map(_is_png, files)):
         raise ParameterError(
-            "site.png_min_height and site.png_max_height are of a .png and no file is one; leave them out"
+            "site.png_min_height and site.png_max_height apply to a .png and no file is one; leave"
+            " them out"
         )
     if made:
         ground, own = _synthetic_terrain(params), Layers()

@@ -52,8 +52,8 @@ class SoilParams(Parameters):
     )
     force_mode: str = parameter(
         "earthmoving",
-        "earthmoving: tools feel what it takes to cut; reference: nothing, as in the 2014 work",
-        choices=("earthmoving", "reference"),
+        "earthmoving: cutting resistance acts on tools; none: the soil exerts no force on tools",
+        choices=("earthmoving", "none"),
     )
     cut_resolution: float = parameter(
         0.025, "size to which columns under a tool are refined", unit="m", low=0.002, high=1.0

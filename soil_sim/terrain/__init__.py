@@ -9,14 +9,8 @@ from soil_sim.terrain.files import (
 )
 from soil_sim.terrain.georeference import Georeference
 from soil_sim.terrain.height_map import HEIGHT_LIMIT, HeightMap
-from soil_sim.terrain.layers import (
-    LAYER_KINDS,
-    Layers,
-    load_layer,
-    moisture_percent,
-    save_layer,
-    soil_ids,
-)
+from soil_sim.terrain.layer_files import load_layer, save_layer
+from soil_sim.terrain.layers import LAYER_KINDS, Layers, moisture_percent, soil_ids
 from soil_sim.terrain.north_up import from_north_up, to_north_up
 from soil_sim.terrain.synthetic import flat, rough, slope
 

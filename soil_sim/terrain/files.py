@@ -85,7 +85,6 @@ def load_terrain_with_layers(
     *,
     cell: float | None = None,
     vertical_scale: float = 1.0,
-    percent: bool = False,
 ) -> tuple[HeightMap, Layers]:
     """The map in an `.npz`, and the layers that are beside it there.
 
@@ -93,7 +92,6 @@ def load_terrain_with_layers(
         path: a file with the suffix `.npz`; layers of other files are read by `load_layer`.
         cell: spacing [m], see `load_terrain`.
         vertical_scale: metres per unit of the file's heights.
-        percent: the file's moisture is 0..100 instead of 0..1.
 
     Raises:
         TerrainError: as `load_terrain`, or a layer that is not of the shape of the heights or
@@ -105,7 +103,7 @@ def load_terrain_with_layers(
         if validate_suffix(path) != ".npz":
             raise TerrainError("it has no room for layers; give an .npz, or use load_layer")
         arrays = read_npz(path).layers
-        return height_map, layers_from_arrays(arrays, height_map.grid.shape, percent=percent)
+        return height_map, layers_from_arrays(arrays, height_map.grid.shape)
 
 
 def load_heights_with_nodata(

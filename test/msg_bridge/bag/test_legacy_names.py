@@ -5,6 +5,7 @@ import json
 from copy import deepcopy
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from builtin_interfaces.msg import Time
@@ -13,6 +14,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Int64MultiArray, MultiArrayDimension, MultiArrayLayout, String
 
 from msg_bridge.bag.legacy_names import RecordedRun, current_topic, upgrade_message
+from msg_bridge.codec.point_cloud import from_point_cloud, to_point_cloud
 from msg_bridge.codec.run_config import RunFacts, parse_run_facts, to_config_yaml
 from msg_bridge.codec.state_hash import StateHash, from_state_hash_string
 from msg_bridge.codec.tick_headers import from_multi_array, to_multi_array
@@ -62,6 +64,19 @@ def test_point_fields_of_rows_are_renamed() -> None:
     upgrade_message("/soil/forces", cloud)
     renamed = ["x", "seq", "machine_id", "reaction", "run_id", "session_id"]
     assert [field.name for field in cloud.fields] == renamed
+
+
+def test_moisture_of_terrain_maps_is_converted_to_per_cent() -> None:
+    cell = np.dtype([("z", "<f4"), ("moisture", "<f4"), ("epoch", "<u4")])
+    cells = np.zeros(101, cell)
+    cells["z"], cells["moisture"] = 0.5, np.arange(101) / 100.0
+    cloud = to_point_cloud(cells, "map", Time(), height=1)
+    upgraded = upgrade_message("/terrain/map", cloud)
+    points = from_point_cloud(
+        upgraded, np.dtype([("z", "<f4"), ("moisture", "<f4"), ("run_id", "<u4")])
+    )
+    assert points["moisture"].tolist() == list(range(101))
+    assert set(points["z"].tolist()) == {0.5}
 
 
 def test_point_fields_of_other_clouds_are_kept() -> None:

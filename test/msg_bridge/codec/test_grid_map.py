@@ -26,7 +26,7 @@ LAYERS = {
     "elevation": HEIGHTS,
     "loose_depth": 0.1 * HEIGHTS,
     "surface_material": NUMBERS % 3,
-    "moisture": 0.09 * HEIGHTS,
+    "moisture": 9 * NUMBERS,
     "soil": NUMBERS,
     "design_difference": np.full(GRID.shape, np.nan),
 }

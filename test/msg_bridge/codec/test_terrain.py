@@ -93,7 +93,7 @@ def test_every_per_cent_of_moisture_crosses() -> None:
     assert set(site.moisture.ravel().tolist()) == set(range(101))
     assert same(crossed(site), site)
     points = from_point_cloud(to_terrain_cloud(site, "map", STAMP), TERRAIN_CELL)
-    assert (points["moisture"].min(), points["moisture"].max()) == (0.0, 1.0)
+    assert (points["moisture"].min(), points["moisture"].max()) == (0.0, 100.0)
 
 
 def test_layers_that_are_not_given_are_zeros_and_no_design() -> None:
@@ -312,8 +312,8 @@ def one_row(cells: Rows) -> Rows:
         (setting("volume_mm3", 2.0**53, (1, 1)), "no proper volume"),
         (setting("surface_material", 3.0, (1, 1)), "column 1, 1 has no proper surface_material"),
         (setting("surface_material", np.nan, (1, 1)), "no proper surface_material"),
-        (setting("moisture", 1.5, (0, 3)), "column 0, 3 has no proper moisture"),
-        (setting("moisture", -0.01, (0, 3)), "no proper moisture"),
+        (setting("moisture", 101.0, (0, 3)), "column 0, 3 has no proper moisture"),
+        (setting("moisture", 0.5, (0, 3)), "no proper moisture"),
         (setting("moisture", np.nan, (0, 3)), "no proper moisture"),
         (setting("soil", 256.0, (2, 0)), "no proper soil"),
         (setting("soil", 0.5, (2, 0)), "no proper soil"),

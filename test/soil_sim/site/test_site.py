@@ -163,11 +163,14 @@ def bad(folder: Path, **given: object) -> SiteParams:
     ("given", "message"),
     [
         ({"terrain": "none.asc"}, r"^site\.terrain: .*none\.asc: there is no such file"),
-        ({"terrain": "own.npy", "soil_map": "half.npy"}, r"^site\.soil_map: .*no soil ids"),
+        ({"terrain": "own.npy", "soil_map": "half.npy"}, r"^site\.soil_map: .*not soil ids"),
         ({"soil_map": "soil.npy"}, r"^site\.soil_map: .*soil\.npy: its soil has shape \(5, 4\)"),
         ({"soil_map": "none.npy"}, r"^site\.soil_map: .*there is no such file"),
         ({"moisture_map": "none.npy"}, r"^site\.moisture_map: .*there is no such file"),
-        ({"terrain": "own.npy", "moisture_map": "own.npy"}, r"^site\.moisture_map: .*no moisture"),
+        (
+            {"terrain": "own.npy", "moisture_map": "own.npy"},
+            r"^site\.moisture_map: .*not a moisture",
+        ),
         ({"design": "none.npy"}, r"^site\.design: .*there is no such file"),
         ({"design": "design.jpeg"}, r"^site\.design: .*suffix"),
         ({"terrain": "far.npz", "design": "place.npz"}, r"^site\.design: .*no height on the ter"),
@@ -179,6 +182,7 @@ def test_a_file_that_is_not_what_it_shall_be_is_refused_by_its_parameter(
     saved(tmp_path, "own.npy")
     saved_layer(tmp_path, "soil.npy", "soil")
     np.save(tmp_path / "half.npy", HEIGHTS + 0.5)
+    np.save(tmp_path / "deep.npy", HEIGHTS - 1000.0)
     for name, east in (("place.npz", 0.0), ("far.npz", 9000.0)):
         place = Georeference("EPSG:32633", 5e5 + east, 5e6)
         save_terrain(tmp_path / name, HeightMap(GRID, HEIGHTS + 0.5, place))
@@ -190,10 +194,13 @@ def test_a_file_that_is_not_what_it_shall_be_is_refused_by_its_parameter(
     ("given", "message"),
     [
         ({"vertical_scale": 0.3048}, r"site\.vertical_scale is 0\.3048 and no file"),
-        ({"png_min_height": 1.0}, r"site\.lowest and site\.highest are of a \.png"),
+        (
+            {"png_min_height": 1.0},
+            r"site\.png_min_height and site\.png_max_height apply to a \.png",
+        ),
         (
             {"terrain": "own.npy", "png_max_height": 1.0},
-            r"site\.lowest and site\.highest are of a \.png",
+            r"site\.png_min_height and site\.png_max_height apply to a \.png",
         ),
     ],
 )

@@ -84,7 +84,7 @@ def test_picture_of_soils_is_read_north_up(tmp_path):
 
 def test_picture_of_sixteen_bits_is_read(tmp_path):
     Image.fromarray(to_north_up(PERCENT).astype(np.uint16)).save(tmp_path / "wet.png")
-    loaded = load_layer(tmp_path / "wet.png", GRID, kind="moisture", percent=True)
+    loaded = load_layer(tmp_path / "wet.png", GRID, kind="moisture")
     assert np.array_equal(loaded, PERCENT)
 
 
@@ -102,7 +102,7 @@ def test_picture_with_a_palette_is_refused(tmp_path):
 
 def test_our_picture_of_another_layer_is_refused(tmp_path):
     save_layer(tmp_path / "wet.png", PERCENT, GRID, kind="moisture")
-    with pytest.raises(TerrainError, match=r"wet\.png: it holds 'moisture', not 'soil'"):
+    with pytest.raises(TerrainError, match=r"wet\.png: its layer is 'moisture', not 'soil'"):
         load_layer(tmp_path / "wet.png", GRID, kind="soil")
 
 
@@ -177,37 +177,31 @@ def test_cells_without_a_value_in_a_geotiff_are_refused_with_their_number(tmp_pa
 def test_number_that_is_no_soil_id_is_refused_with_its_cell(tmp_path, bad):
     values = IDS.astype(float)
     values[2, 0] = bad
-    with pytest.raises(TerrainError, match=r"1 of 6 values are no soil ids.*at row 2, col 0"):
+    with pytest.raises(TerrainError, match=r"1 of 6 values are not soil ids.*at row 2, col 0"):
         load_layer(npy(tmp_path, values), GRID, kind="soil")
 
 
-@pytest.mark.parametrize("bad", [-0.01, 1.01, 50.0, np.inf])
-def test_moisture_beyond_a_fraction_is_refused_with_its_cell(tmp_path, bad):
-    values = PERCENT / 100.0
+@pytest.mark.parametrize("bad", [-0.01, 100.01, np.inf])
+def test_moisture_out_of_range_is_refused_with_its_cell(tmp_path, bad):
+    values = PERCENT.astype(float)
     values[1, 1] = bad
-    with pytest.raises(
-        TerrainError, match=r"no moisture from 0 to 1, the first.*row 1, col 1.*per"
-    ):
+    with pytest.raises(TerrainError, match=r"moisture from 0 to 100 %, the first.*row 1, col 1"):
         load_layer(npy(tmp_path, values), GRID, kind="moisture")
 
 
-def test_moisture_in_percent_is_taken_where_it_is_said(tmp_path):
-    path = npy(tmp_path, PERCENT)
-    assert np.array_equal(load_layer(path, GRID, kind="moisture", percent=True), PERCENT)
+def test_moisture_in_fractions_of_saturation_is_refused(tmp_path):
+    path = npy(tmp_path, PERCENT / 100.0)
+    with pytest.raises(TerrainError, match="give per cent of saturation, 0 to 100"):
+        load_layer(path, GRID, kind="moisture")
 
 
-def test_moisture_above_a_hundred_percent_is_refused(tmp_path):
-    with pytest.raises(TerrainError, match="no moisture from 0 to 100"):
-        load_layer(npy(tmp_path, PERCENT + np.uint8(1)), GRID, kind="moisture", percent=True)
-
-
-def test_percent_of_a_soil_is_refused(tmp_path):
-    with pytest.raises(TerrainError, match="percent is for moisture only"):
-        load_layer(npy(tmp_path, IDS), GRID, kind="soil", percent=True)
+def test_integer_moistures_of_at_most_one_per_cent_are_accepted(tmp_path):
+    values = PERCENT % 2
+    assert np.array_equal(load_layer(npy(tmp_path, values), GRID, kind="moisture"), values)
 
 
 def test_moisture_is_rounded_to_whole_percent():
-    assert moisture_percent([[0.124, 0.126], [0.994, 0.996]]).tolist() == [[12, 13], [99, 100]]
+    assert moisture_percent([[12.4, 12.6], [99.4, 99.6]]).tolist() == [[12, 13], [99, 100]]
 
 
 def test_ids_may_be_whole_numbers_of_any_type():
@@ -230,8 +224,8 @@ def test_missing_file_is_refused_by_its_name(tmp_path, suffix):
 
 
 def test_layer_of_another_type_is_refused_at_saving(tmp_path):
-    with pytest.raises(TerrainError, match="make one by soil_ids or moisture_percent"):
-        save_layer(tmp_path / "wet.npy", PERCENT / 100.0, GRID, kind="moisture")
+    with pytest.raises(TerrainError, match="convert it with soil_ids or moisture_percent"):
+        save_layer(tmp_path / "wet.npy", PERCENT / 2.0, GRID, kind="moisture")
 
 
 def test_layer_of_another_shape_is_refused_at_saving(tmp_path):
@@ -240,7 +234,7 @@ def test_layer_of_another_shape_is_refused_at_saving(tmp_path):
 
 
 def test_moisture_above_saturation_is_refused_at_saving(tmp_path):
-    with pytest.raises(TerrainError, match="goes up to 101 percent"):
+    with pytest.raises(TerrainError, match="goes up to 101 %"):
         save_layer(tmp_path / "wet.npy", PERCENT + np.uint8(1), GRID, kind="moisture")
 
 
@@ -261,7 +255,7 @@ def test_terrain_without_layers_has_none(tmp_path):
     save_terrain(tmp_path / "site.npz", HeightMap(GRID, np.zeros((3, 2))))
     _, layers = load_terrain_with_layers(tmp_path / "site.npz")
     assert (layers.soil, layers.moisture) == (None, None)
-    with pytest.raises(TerrainError, match=r"holds no array 'soil' \(layers in it: none\)"):
+    with pytest.raises(TerrainError, match=r"has no array 'soil' \(layers in it: none\)"):
         load_layer(tmp_path / "site.npz", GRID, kind="soil")
 
 
@@ -284,12 +278,13 @@ def test_layers_of_another_shape_than_the_heights_are_refused(tmp_path):
         load_terrain_with_layers(path)
 
 
-def test_moisture_beside_heights_may_be_in_percent(tmp_path):
+def test_moisture_beside_heights_is_in_per_cent(tmp_path):
     path = tmp_path / "site.npz"
     np.savez(path, heights=np.zeros((3, 2)), cell=0.5, moisture=PERCENT)
-    with pytest.raises(TerrainError, match="or percent=True"):
+    assert np.array_equal(load_terrain_with_layers(path)[1].moisture, PERCENT)
+    np.savez(path, heights=np.zeros((3, 2)), cell=0.5, moisture=PERCENT / 100.0)
+    with pytest.raises(TerrainError):
         load_terrain_with_layers(path)
-    assert np.array_equal(load_terrain_with_layers(path, percent=True)[1].moisture, PERCENT)
 
 
 @BOTH

@@ -124,7 +124,7 @@ def test_a_bucket_that_backs_out_of_its_cut_feels_nothing() -> None:
 
 
 def test_the_2014_soil_does_not_resist() -> None:
-    assert not force(flat_soil(6.0, 0.2, soil="loam", force_mode="reference"), STROKE).any()
+    assert not force(flat_soil(6.0, 0.2, soil="loam", force_mode="none"), STROKE).any()
 
 
 def test_a_lip_half_in_the_air_feels_half_and_is_turned() -> None:
