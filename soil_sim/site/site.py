@@ -1,4 +1,4 @@
-"""The site a node begins with: ground from a file, or made, with its soils and its design."""
+"""Initial site of a run: terrain from a file or synthetic, its soil layers, and its design."""
 
 from __future__ import annotations
 
@@ -42,28 +42,30 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class SiteParams(Parameters):
-    """Where the ground comes from, what it is of, and what it shall become."""
+    """Sources of terrain, soil layers and design."""
 
     terrain: str = parameter(
         "rough", "flat, rough, or the path of a .npy, .npz, .png, .asc or .tif file"
     )
     cell: float = parameter(
         0.2,
-        "spacing of grid points of made ground, and of a file that states none",
+        "grid spacing of synthetic terrain, and of a file that states none",
         unit="m",
         low=0.01,
         high=1000.0,
     )
-    num_points: int = parameter(257, "grid points along each side of made ground", low=2, high=8193)
-    roughness: float = parameter(
-        0.1, "root mean square height of rough ground", unit="m", low=0.0, high=10.0
+    num_points: int = parameter(
+        257, "grid points along each side of synthetic terrain", low=2, high=8193
     )
-    seed: int = parameter(0, "of rough ground", low=0, high=2**31)
+    roughness: float = parameter(
+        0.1, "root mean square height of rough terrain", unit="m", low=0.0, high=10.0
+    )
+    seed: int = parameter(0, "seed of rough terrain", low=0, high=2**31)
     png_min_height: float = parameter(
         0.0, "height of black in a .png", unit="m", low=-9000.0, high=9000.0
     )
     png_max_height: float = parameter(
-        0.0, "height of white in a .png; equal to png_min_height: none given", unit="m",
+        0.0, "height of white in a .png; equal to png_min_height: not given", unit="m",
         low=-9000.0, high=9000.0,
     )  # fmt: skip
     vertical_scale: float = parameter(
@@ -71,19 +73,17 @@ class SiteParams(Parameters):
         low=1e-6, high=1e6,
     )  # fmt: skip
     soil_map: str = parameter(
-        "", "path of a file with the id of the soil in each cell; empty: the terrain's own, if it"
-        " is a .npz with soil, else 0 everywhere",
+        "", "path of a file with the soil id of each cell; empty: the array soil of a .npz terrain,"
+        " else 0 everywhere",
     )  # fmt: skip
     moisture_map: str = parameter(
-        "", "path of a file with the moisture of each cell, 0..100 % of saturation; empty: the array"
-        " moisture of a .npz terrain, else the moisture of the soil",
+        "", "path of a file with the moisture of each cell, 0..100 % of saturation; empty: the"
+        " array moisture of a .npz terrain, else the moisture of the soil",
     )  # fmt: skip
-    design: str = parameter(
-        "", "path of a file with the surface that the ground shall become; empty: none"
-    )
+    design: str = parameter("", "path of a file with the design surface; empty: none")
     design_tolerance: float = parameter(
         DEFAULT_TOLERANCE,
-        "difference from the design that passes for done",
+        "maximum difference from the design of a finished cell",
         unit="m",
         low=0.0,
         high=10.0,
@@ -92,13 +92,13 @@ class SiteParams(Parameters):
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """What a run begins with.
+    """Initial state of the terrain of a run.
 
     Attributes:
-        ground: its heights, and where it lies.
-        layers: its soils and its moisture, on the grid of the ground.
-        design: what it shall become, likewise; None if nothing is designed.
-        tolerance: difference from the design that passes for done [m].
+        ground: heights and georeference of the terrain.
+        layers: soil ids and moisture, on the grid of the terrain.
+        design: design surface, on the grid of the terrain; None without one.
+        tolerance: maximum difference from the design of a finished cell [m].
     """
 
     ground: HeightMap
@@ -108,63 +108,64 @@ class Site:
 
     @property
     def grid(self) -> Grid:
-        """Where each column stands."""
+        """Grid of the columns."""
         return self.ground.grid
 
     @property
     def heights(self) -> NDArray[np.float64]:
-        """Surface [m], shape (rows, cols)."""
+        """Height of the surface [m], shape (rows, cols)."""
         return self.ground.heights
 
     @property
     def georeference(self) -> Georeference | None:
-        """Where the ground lies, None for ground that is nowhere."""
+        """Georeference of the terrain, None without one."""
         return self.ground.georeference
 
     def make_soil(self, params: SoilParams) -> Soil:
-        """The untouched soil of the site.
+        """Return the undisturbed soil of the site.
 
         Raises:
-            SoilError: an id that no kind of soil has, or a layer that is not of the ground.
-            ParameterError: a moisture beside that of the site, or as `SoilParams.soil_types`.
+            SoilError: a soil id has no kind of soil, or a layer has another shape than the terrain.
+            ParameterError: both the site and `params` give a moisture; or as of
+                `SoilParams.soil_types`.
         """
         ids, moisture = self.layers.soil, self.layers.moisture
         if ids is not None and ids.max() > len(params.additional_soils):
             raise SoilError(
-                f"the ids in site.soil_map, or in the site's terrain, go to {ids.max()}, and"
-                f" soil.additional_soils names {len(params.additional_soils)} kinds, the ids from 1 on; name"
-                " one for each id, or correct the ids"
+                f"the ids in site.soil_map or site.terrain go to {ids.max()}, but"
+                f" soil.additional_soils names {len(params.additional_soils)} kinds (ids 1 and up);"
+                " name one for each id, or correct the ids"
             )
         if moisture is not None and params.moisture >= 0:
             raise ParameterError(
-                f"soil.moisture is {params.moisture} and the site has its own, by"
-                " site.moisture_map or in its terrain; leave one of them out"
+                f"soil.moisture is {params.moisture} and site.moisture_map or site.terrain also"
+                " give a moisture; leave one of them out"
             )
         return Soil(self.grid, self.heights, params, soil=ids, moisture=moisture)
 
     def cut_fill(self, elevation: NDArray[np.float64]) -> CutFill | None:
-        """How far a surface [m], shape (rows, cols), is from the design; None without one."""
+        """Return cut and fill of a surface [m], shape (rows, cols); None without a design."""
         if self.design is None:
             return None
         return compare_to_design(self.design, elevation, tolerance=self.tolerance)
 
 
 _CORRELATION_LENGTH = 4.0
-"""Of rough ground [m]: hummocks about as large as a machine."""
+"""Correlation length of rough terrain [m]: hummocks about as large as a machine."""
 
 _SUFFIXES_WITHOUT_SPACING = (".npy", ".png")
-"""Files that may state none; of others it is an error."""
+"""Suffixes of files without a spacing; for others a missing spacing is an error."""
 
 
 def make_site(params: SiteParams) -> Site:
-    """The site that the parameters name.
+    """Return the site that the parameters describe.
 
     Raises:
-        TerrainError: a file is missing or is not what it shall be; begins with the parameter.
-        ParameterError: a parameter that no file is there for.
+        TerrainError: a file is missing or invalid; the message begins with the parameter.
+        ParameterError: a parameter applies to a file that is not given.
     """
-    made = params.terrain in ("flat", "rough")
-    files = [name for name in ("" if made else params.terrain, params.design) if name]
+    is_synthetic = params.terrain in ("flat", "rough")
+    files = [name for name in ("" if is_synthetic else params.terrain, params.design) if name]
     if params.vertical_scale != 1.0 and not files:
         raise ParameterError(
             f"site.vertical_scale is {params.vertical_scale} and no file has heights to scale;"
@@ -175,20 +176,21 @@ def make_site(params: SiteParams) -> Site:
             "site.png_min_height and site.png_max_height apply to a .png and no file is one; leave"
             " them out"
         )
-    if made:
-        ground, own = _synthetic_terrain(params), Layers()
+    if is_synthetic:
+        ground, layers = _synthetic_terrain(params), Layers()
     else:
         with _prefix_errors("site.terrain"):
-            ground, own = _load_terrain_file(params)
-    place = ground.georeference
-    soil, moisture, design = own.soil, own.moisture, None
+            ground, layers = _load_terrain_file(params)
+    soil, moisture, design = layers.soil, layers.moisture, None
     if params.soil_map:
         with _prefix_errors("site.soil_map"):
-            soil = load_layer(params.soil_map, ground.grid, kind="soil", georeference=place)
+            soil = load_layer(
+                params.soil_map, ground.grid, kind="soil", georeference=ground.georeference
+            )
     if params.moisture_map:
         with _prefix_errors("site.moisture_map"):
             moisture = load_layer(
-                params.moisture_map, ground.grid, kind="moisture", georeference=place
+                params.moisture_map, ground.grid, kind="moisture", georeference=ground.georeference
             )
     if params.design:
         with _prefix_errors("site.design"):
@@ -236,18 +238,18 @@ def _load_design_surface(params: SiteParams, ground: HeightMap) -> DesignSurface
 
 
 def _load_with_fallback_spacing(load: Callable[[float | None], T], path: str, cell: float) -> T:
-    """What a file holds, by the spacing that it states and else by `cell` [m]."""
+    """Load a file with the spacing that it states, otherwise with the spacing `cell` [m]."""
     try:
         return load(None)
     except TerrainError:
         if Path(path).suffix.lower() not in _SUFFIXES_WITHOUT_SPACING:
             raise
-        return load(cell)  # whatever else was wrong is so still
+        return load(cell)  # raises again if the error was another one
 
 
 def _height_range(params: SiteParams, path: str) -> tuple[float, float] | None:
-    given = params.png_min_height != params.png_max_height and _is_png(path)
-    return (params.png_min_height, params.png_max_height) if given else None
+    is_given = params.png_min_height != params.png_max_height and _is_png(path)
+    return (params.png_min_height, params.png_max_height) if is_given else None
 
 
 def _is_png(path: str) -> bool:
@@ -256,7 +258,7 @@ def _is_png(path: str) -> bool:
 
 @contextmanager
 def _prefix_errors(name: str) -> Iterator[None]:
-    """Errors of the block begin with the parameter they are about."""
+    """Prefix errors of the block with the parameter that they are about."""
     try:
         yield
     except SoilError as error:

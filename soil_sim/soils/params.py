@@ -1,4 +1,4 @@
-"""Parameters of the soil."""
+"""Parameters of the soil of a run."""
 
 from __future__ import annotations
 
@@ -13,34 +13,48 @@ __all__ = ["SoilParams"]
 
 @dataclass(frozen=True)
 class SoilParams(Parameters):
-    """What the terrain is made of and how finely it is worked. Defaults: the 2014 reference."""
+    """Kinds of soil and numerical parameters of the terrain. Defaults: the 2014 reference."""
 
     soil: str = parameter(
-        "", "kind of soil the ground is of, a name in the file of soils; empty: one without"
-        " cohesion that has the repose_angle and the swell given here",
+        "", "kind of soil of the ground, a name in the file of soils; empty: a soil without"
+        " cohesion with repose_angle and swell",
     )  # fmt: skip
     additional_soils: tuple[str, ...] = parameter(
-        (), "kinds that a soil map's ids 1, 2, 3 ... mean; 0 is the ground's own", items=str
+        (), "kinds of soil of the ids 1, 2, 3 ... of a soil map; 0 is `soil`", items=str
     )
     soils: str = parameter("soils.yaml", "file of soils: a path, or the name of a shipped one")
     repose_angle: float = parameter(
-        30.0, "slope beyond which soil slips, if no soil is named", unit="deg", low=1.0, high=80.0
+        30.0, "angle of repose, if no soil is named", unit="deg", low=1.0, high=80.0
     )
     swell: float = parameter(
-        0.0, "part by which bank soil grows when it is loosened, if no soil is named",
+        0.0, "increase of the volume of bank soil when it is loosened, if no soil is named",
         low=0.0, high=1.0,
     )  # fmt: skip
     moisture: int = parameter(
-        -1, "of the ground, of saturation; -1: as its soil has it", unit="%", low=-1, high=100
+        -1,
+        "moisture of the ground, of saturation; -1: natural moisture of its soil",
+        unit="%",
+        low=-1,
+        high=100,
     )
     relaxation_radius: float = parameter(
-        4.0, "radius r of the neighbourhood soil slips into", unit="cells", low=1.0, high=8.0
+        4.0,
+        "radius r of the neighbourhood that receives failing soil",
+        unit="cells",
+        low=1.0,
+        high=8.0,
     )
     relaxation_tolerance: float = parameter(
-        0.002, "excess over tan(angle) left standing at a cell's distance", low=1e-5, high=0.1
+        0.002,
+        "excess over tan(repose angle) between adjacent cells that is not relaxed",
+        low=1e-5,
+        high=0.1,
     )
     max_cell_visits_per_tick: int = parameter(
-        20_000, "looks around a column for slip in one tick; the rest waits", low=100, high=10**9
+        20_000,
+        "maximum visits of cells by slope failure in one tick; the rest follows in later ticks",
+        low=100,
+        high=10**9,
     )
     soil_depth: float = parameter(
         20.0, "depth of soil below the lowest point of the map", unit="m", low=0.01, high=1000.0
@@ -62,23 +76,28 @@ class SoilParams(Parameters):
         8, "reference mode: points interpolated between a left and right key point", low=1, high=64
     )
     repose_angle_noise: float = parameter(
-        0.0, "by how much each column's angle of repose may differ", unit="deg", low=0.0, high=20.0
+        0.0,
+        "maximum deviation of the angle of repose of each column",
+        unit="deg",
+        low=0.0,
+        high=20.0,
     )
     redistribution_noise: float = parameter(
-        0.0, "how much chance there is in where soil slips to", low=0.0, high=1.0
+        0.0, "random variation of the direction in which soil slides", low=0.0, high=1.0
     )
     surface_tilt_noise: float = parameter(
-        0.0, "by how much the surface of loose soil leans to and fro", unit="deg",
+        0.0, "maximum random tilt of the surface of loose soil", unit="deg",
         low=0.0, high=45.0,
     )  # fmt: skip
-    noise_seed: int = parameter(0, "of all noise", low=0, high=2**31)
+    noise_seed: int = parameter(0, "seed of all noise", low=0, high=2**31)
 
     def soil_types(self) -> tuple[SoilType, ...]:
-        """The kinds of soil in the ground, by id.
+        """Return the kinds of soil of the ground, in the order of their ids.
 
         Raises:
-            ParameterError: a name that the file does not have, or an angle beside a name.
-            ConfigError, SoilError: a file that is missing or no file of soils.
+            ParameterError: the file has no soil of a given name, or repose_angle or swell are given
+                with a name.
+            ConfigError, SoilError: the file is missing or is not a file of soils.
         """
         if not (self.soil or self.additional_soils):
             return (_cohesionless_soil(self.repose_angle, self.swell),)
@@ -90,7 +109,7 @@ class SoilParams(Parameters):
                 )
         if self.soil and (self.repose_angle, self.swell) != (30.0, 0.0):
             raise ParameterError(
-                f"the soil is {self.soil!r} and has an angle and a swell of its own; leave"
+                f"soil is {self.soil!r}, whose repose angle and swell are in {self.soils}; leave"
                 " repose_angle and swell out, or leave the name out"
             )
         own = known[self.soil] if self.soil else _cohesionless_soil(self.repose_angle, self.swell)
@@ -98,7 +117,7 @@ class SoilParams(Parameters):
 
 
 def _cohesionless_soil(angle: float, swell: float) -> SoilType:
-    """A soil without cohesion and with one angle, dry or wet."""
+    """Return a soil without cohesion whose angle [deg] does not depend on moisture."""
     return SoilType(
         repose_angle=angle, repose_angle_damp=angle, repose_angle_wet=angle, swell=swell
     )

@@ -1,7 +1,7 @@
-"""Kinds of soil: what each is like, dry, damp and wet; read from `config/soils.yaml`.
+"""Properties of kinds of soil, read from `config/soils.yaml`.
 
-A column holds a kind's number, its id, and its moisture in per cent of saturation. What depends on
-moisture is given at 0, 50 and 100 % and lies on straight lines in between.
+A column stores the id of its kind of soil and its moisture in per cent of saturation. Properties
+that depend on moisture are given at 0, 50 and 100 % and interpolated linearly.
 """
 
 from __future__ import annotations
@@ -28,24 +28,30 @@ __all__ = ["SoilTables", "SoilType", "build_soil_tables", "load_soil_types"]
 
 @dataclass(frozen=True)
 class SoilType(Parameters):
-    """One kind of soil; `config/soils.yaml` tells where the figures of the shipped ones come from.
+    """One kind of soil; `config/soils.yaml` states the sources of the shipped values.
 
-    Angles and factors that end in `_damp` and `_wet` hold at 50 and 100 % of saturation.
+    Angles and factors that end in `_damp` and `_wet` apply at 50 and 100 % of saturation.
     """
 
     repose_angle: float = parameter(
-        30.0, "slope beyond which it slips when loose and dry", unit="deg", low=1.0, high=80.0
+        30.0, "angle of repose of dry loose soil", unit="deg", low=1.0, high=80.0
     )
     repose_angle_damp: float = parameter(
-        30.0, "the same, half saturated", unit="deg", low=1.0, high=80.0
+        30.0, "angle of repose, half saturated", unit="deg", low=1.0, high=80.0
     )
-    repose_angle_wet: float = parameter(30.0, "the same, saturated", unit="deg", low=1.0, high=80.0)
-    swell: float = parameter(0.0, "part by which it grows when loosened", low=0.0, high=1.0)
+    repose_angle_wet: float = parameter(
+        30.0, "angle of repose, saturated", unit="deg", low=1.0, high=80.0
+    )
+    swell: float = parameter(
+        0.0, "increase of the bulk volume when loosened, over the bank volume", low=0.0, high=1.0
+    )
     density: float = parameter(
-        1600.0, "of undisturbed (bank) soil", unit="kg/m3", low=500.0, high=4000.0
+        1600.0, "density of undisturbed (bank) soil", unit="kg/m3", low=500.0, high=4000.0
     )
-    cohesion: float = parameter(0.0, "of undisturbed soil, dry", unit="Pa", low=0.0, high=1e8)
-    adhesion: float = parameter(0.0, "to steel, dry", unit="Pa", low=0.0, high=1e6)
+    cohesion: float = parameter(
+        0.0, "cohesion of undisturbed dry soil", unit="Pa", low=0.0, high=1e8
+    )
+    adhesion: float = parameter(0.0, "adhesion to steel, dry", unit="Pa", low=0.0, high=1e6)
     strength_factor_damp: float = parameter(
         1.0, "cohesion and adhesion half saturated, over dry", low=0.0, high=100.0
     )
@@ -59,15 +65,17 @@ class SoilType(Parameters):
         20.0, "angle of friction against steel", unit="deg", low=0.0, high=45.0
     )
     compressive_strength: float = parameter(
-        0.0, "uniaxial, of rock; 0: it is soil and is cut as such", unit="Pa", low=0.0, high=5e8
+        0.0, "uniaxial compressive strength of rock; 0: soil", unit="Pa", low=0.0, high=5e8
     )
-    tensile_strength: float = parameter(0.0, "of rock", unit="Pa", low=0.0, high=5e7)
+    tensile_strength: float = parameter(
+        0.0, "tensile strength of rock; 0: soil", unit="Pa", low=0.0, high=5e7
+    )
     bekker_k_c: float = parameter(
-        0.0, "Bekker's k_c, dry: tracks sink z deep under (k_c / b + k_phi) z^n", unit="N/m^(n+1)",
-        low=0.0, high=1e9,
+        0.0, "Bekker's k_c, dry: tracks sink to the depth z under (k_c / b + k_phi) z^n",
+        unit="N/m^(n+1)", low=0.0, high=1e9,
     )  # fmt: skip
     bekker_k_phi: float = parameter(
-        0.0, "Bekker's k_phi, dry; 0: the ground does not give, and tracks grip it by friction",
+        0.0, "Bekker's k_phi, dry; 0: rigid under tracks, with Coulomb friction",
         unit="N/m^(n+2)", low=0.0, high=1e9,
     )  # fmt: skip
     bekker_n: float = parameter(1.0, "Bekker's n", low=0.05, high=2.0)
@@ -78,46 +86,47 @@ class SoilType(Parameters):
         1.0, "k_c and k_phi saturated, over dry", low=0.001, high=100.0
     )
     janosi_k: float = parameter(
-        0.01, "K: sheared so far, it resists tracks with 63 % of its strength", unit="m",
-        low=0.001, high=0.2,
+        0.01, "shear deformation modulus K: shear displacement at 63 % of the shear strength",
+        unit="m", low=0.001, high=0.2,
     )  # fmt: skip
     lump_size_spread: float = parameter(
-        0.0, "of its lumps: the largest volume over the mean, minus 1", low=0.0, high=0.9
+        0.0, "maximum relative deviation of lump volumes from their mean", low=0.0, high=0.9
     )
-    moisture: int = parameter(0, "as found, of saturation", unit="%", low=0, high=100)
+    moisture: int = parameter(0, "natural moisture, of saturation", unit="%", low=0, high=100)
     colour: tuple[float, ...] = parameter(
-        (0.55, 0.42, 0.3), "of dry soil: red, green, blue", low=0.0, high=1.0
+        (0.55, 0.42, 0.3), "colour of dry soil: red, green, blue", low=0.0, high=1.0
     )
-    sources: str = parameter("", "where these figures come from")
+    sources: str = parameter("", "sources of the values")
 
     def __post_init__(self) -> None:
-        """Check what two parameters say together."""
+        """Validate combinations of parameters."""
         super().__post_init__()
         if len(self.colour) != 3:
-            raise ParameterError(f"colour has {len(self.colour)} parts; give red, green and blue")
+            raise ParameterError(f"colour has {len(self.colour)} values; give red, green and blue")
         if (self.compressive_strength > 0.0) != (self.tensile_strength > 0.0):
             raise ParameterError(
-                "of compressive_strength and tensile_strength one is 0; rock needs both, soil none"
+                "only one of compressive_strength and tensile_strength is above 0; give both for"
+                " rock, none for soil"
             )
 
     @property
     def is_rock(self) -> bool:
-        """Whether it is cut as rock."""
+        """Whether picks and teeth cut it as rock."""
         return self.compressive_strength > 0.0
 
     def repose_angle_at(self, moisture: float) -> float:
-        """Angle of repose [rad] at a moisture [%]."""
+        """Return the angle of repose [rad] at a moisture [%]."""
         angles = (self.repose_angle, self.repose_angle_damp, self.repose_angle_wet)
         return math.radians(float(np.interp(moisture, (0.0, 50.0, 100.0), angles)))
 
     def moisture_strength_factor(self, moisture: float) -> float:
-        """Cohesion and adhesion at a moisture [%], over those when dry."""
+        """Return cohesion and adhesion at a moisture [%], over those of dry soil."""
         factors = (1.0, self.strength_factor_damp, self.strength_factor_wet)
         return float(np.interp(moisture, (0.0, 50.0, 100.0), factors))
 
     @property
     def loose_soil(self) -> LooseSoil:
-        """What a machine must know of it. Broken rock does not cohere."""
+        """Properties that machines receive. Broken rock has no cohesion."""
         return LooseSoil(
             swell=self.swell,
             density=self.density,
@@ -137,7 +146,7 @@ class SoilType(Parameters):
         )
 
     def critical_height(self, moisture: float) -> float:
-        """Height [m] to which a vertical face of undisturbed soil stands.
+        """Return the maximum height [m] of a stable vertical face of undisturbed soil.
 
         4 c / gamma * tan(45 deg + phi / 2), the critical height of a vertical cut (Terzaghi,
         Theoretical Soil Mechanics, 1943, art. 57), without tension cracks.
@@ -148,12 +157,13 @@ class SoilType(Parameters):
 
 
 class SoilTables(NamedTuple):
-    """What kernels need of the kinds of soil, by id, and by id and moisture [%].
+    """Properties of kinds of soil for kernels, by soil id, or by soil id and moisture [%].
 
     Attributes:
-        growth: bulk volume of loosened soil over its bank volume, shape (kinds,).
-        slope: tangent of the angle of repose, shape (kinds, MOISTURE_LEVELS).
-        stands: height of an upright face that firm soil carries [m], shape (kinds, MOISTURE_LEVELS).
+        bulking_factor: bulk volume of loosened soil over its bank volume, shape (kinds,).
+        repose_tan: tangent of the angle of repose, shape (kinds, MOISTURE_LEVELS).
+        critical_height: maximum height of a stable vertical face of firm soil [m], shape
+            (kinds, MOISTURE_LEVELS).
         internal_friction: angle of internal friction [rad], shape (kinds,).
     """
 
@@ -164,10 +174,13 @@ class SoilTables(NamedTuple):
 
 
 def build_soil_tables(kinds: Sequence[SoilType]) -> SoilTables:
-    """Tables of some kinds of soil, whose ids are their places in the sequence.
+    """Return the tables of kinds of soil.
+
+    Args:
+        kinds: the kinds of soil, in the order of their ids.
 
     Raises:
-        SoilError: none, or more than an id can tell apart.
+        SoilError: there are no kinds, or more than 256.
     """
     if not 1 <= len(kinds) <= 256:
         raise SoilError(f"there are {len(kinds)} kinds of soil; give 1 to 256")
@@ -182,24 +195,24 @@ def build_soil_tables(kinds: Sequence[SoilType]) -> SoilTables:
 
 
 def load_soil_types(name: str = "soils.yaml") -> dict[str, SoilType]:
-    """The kinds of soil in a file, by name, in its order.
+    """Read the kinds of soil of a file, by name, in the order of the file.
 
     Args:
         name: path of the file, or the name of a shipped one.
 
     Raises:
-        ConfigError: no such file.
-        SoilError: not a mapping of names to figures.
-        ParameterError: an unknown figure, or one outside its range.
+        ConfigError: there is no such file.
+        SoilError: the file is not a mapping of names to properties.
+        ParameterError: a property is unknown or out of range.
     """
     path = find_config(name)
     content = _read_yaml_mapping(path)
     kinds = {}
-    for soil, figures in content.items():
-        if not isinstance(figures, dict):
-            raise SoilError(f"{path}: {soil!r} must be a mapping of figures, not {figures!r}")
+    for soil, properties in content.items():
+        if not isinstance(properties, dict):
+            raise SoilError(f"{path}: {soil!r} must be a mapping of properties, not {properties!r}")
         try:
-            kinds[str(soil)] = SoilType.from_mapping(figures)
+            kinds[str(soil)] = SoilType.from_mapping(properties)
         except ParameterError as error:
             raise ParameterError(f"{path}: {soil}: {error}") from None
     return kinds
@@ -209,7 +222,7 @@ def _read_yaml_mapping(path: Path) -> dict[Any, Any]:
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise SoilError(f"{path} is no YAML: {error}") from None
+        raise SoilError(f"{path} is not valid YAML: {error}") from None
     if not isinstance(content, dict) or not content:
-        raise SoilError(f"{path} must map names of soils to their figures")
+        raise SoilError(f"{path} must map names of soils to their properties")
     return content

@@ -4,7 +4,7 @@
 |---|---|
 | `.npy` | matrix |
 | `.npz` | matrix, in an array named `soil` or `moisture` |
-| `.png` 8- or 16-bit grey | north-up image; a text chunk written by `save_layer` has spacing and place |
+| `.png` 8- or 16-bit grey | north-up image; `save_layer` adds spacing and place as text |
 | `.asc`, `.tif`, `.tiff` | north-up image |
 """
 

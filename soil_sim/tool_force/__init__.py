@@ -1,13 +1,16 @@
-"""What it takes to cut, and what bears a tool: forces of the ground on tools.
+"""Forces of the ground on tools: cutting resistance, milling resistance and bearing capacity.
 
-- `earthmoving`: a blade in soil (fundamental earthmoving equation), as pure functions
-- `pick`: a conical pick in rock (Evans, Goktan), likewise
-- `cutting`: what resists a tool's lip and plate, by both; `side`: what resists its side
-- `bearing`: soil under plates and lip (Vesic)
-- `resistance`: all that of a tick's sweeps, as rows
-- `strength`: the kinds of soil as tables for them
+- `earthmoving_equation`: force of soil on a blade (fundamental earthmoving equation)
+- `rock_pick`: force of rock on a conical pick (Evans, Goktan)
+- `strength_table`: soil properties and terrain data that the force kernels read
+- `wrench`: sums of forces, reduced to force, torque and point of application
+- `cutting_edge`: resistance to the cutting edge of a tool and the plate behind it
+- `side_plate`: resistance to the side of a tool that moves sideways
+- `bearing_capacity`: force of the soil on plates and the cutting edge that rest on it (Vesic)
+- `drum`: resistance to the picks of a drum
+- `tool_forces`: all forces of a tick, as FORCE rows
 
-Quasi-static: speed does not enter. SI units, angles in rad.
+The forces are quasi-static: they do not depend on speed. Units are SI, angles are in rad.
 """
 
 from soil_sim.tool_force.earthmoving_equation import (

@@ -1,28 +1,29 @@
-"""What resists the lip of a tool and the plate behind it, the cut itself.
+"""Resistance of the ground to the cutting edge of a tool and the plate behind it.
 
-A tool is a lip and the cutting plate behind it: its first pair of key points and its second. From
-where the lip went in the tick come the direction of travel t, the width across it, and the rake of
-the plate against it. The lip is cut into `NUM_STRIPS` strips, each a blade of its own in the soil that
-stands before it, so that uneven ground, mixed soil and a lip that is half in the air need no rule.
+The first pair of key points of a tool is the cutting edge, the second the upper end of the plate
+behind it. The motion of the edge in the tick gives the direction of travel t, the width across it
+and the rake of the plate. The edge is divided into `NUM_STRIPS` strips. Each is a blade in the soil
+ahead of it, so uneven ground, mixed soils and an edge partly in the air need no special rule.
 
-- **Inside.** Soil is cut by the inside of a plate, the side on which the rest of the tool lies; a
-  plate with nothing beside it cuts with both. n is square to the travel and the lip, such that the
-  inside looks along t and n: for a bucket dragged through level ground it is up. The force is
-  H against t, V along n.
-- **Rake.** Where the outside leads a little and the lip is still in front (too small a clearance)
-  it counts as the least rake of the theory. Where the lip does not lead, the tool backs out of the
-  cut, and nothing resists.
-- **Depth** is that of the lip below the surface `LOOKAHEAD_CELLS` cells ahead, where nothing is cut yet. It
-  counts in full for a lip that moves level or dives; one that rises meets the wedge to the surface
-  square to its way, depth times cos of the climb, and none straight up.
-- **Surcharge** is the weight of what stands above the top of the tool, up to once its height: a
-  blade at the foot of a wall does not push the wall. What lies *in* the tool is no surcharge, its
-  particles press on the tool themselves.
-- **Soil** is of the kind and moisture found there, cohesion counts for the firm part of the depth,
-  the weight is that of firm and loose soil as they lie.
-- **Rock** is cut by one pick every `_TOOTH_SPACING`, as deep as the strip (Goktan); loose soil on
-  it counts as a blade in that. Picks further in than they are apart help one another, which is
-  left out: there it is an upper bound.
+- **Inner face.** The face that cuts is the inner face of the plate, on the side of the rest of the
+  tool; a plate without other plates cuts with both faces. n is perpendicular to the travel and the
+  edge, and the inner face points along t and n: for a bucket dragged through level ground n is up.
+  The force is H against t, V along n.
+- **Rake.** If the outer face leads slightly while the edge is still in front (too small a clearance
+  angle), the rake is the minimum rake of the theory. If the edge does not lead, the tool backs out
+  of the cut, and the resistance is zero.
+- **Depth** is that of the edge below the surface `LOOKAHEAD_CELLS` cells ahead, which is not cut
+  yet. It counts in full if the edge moves horizontally or down. If the edge rises, the depth is
+  measured to the surface perpendicular to the travel: depth times the cosine of the climb angle,
+  zero for vertical motion.
+- **Surcharge** is the weight of the soil above the top of the tool, up to the height of the tool: a
+  blade at the foot of a wall does not push the whole wall. Soil *in* the tool is not a surcharge,
+  because its particles press on the tool themselves.
+- **Soil** has the kind and moisture of the column ahead. Cohesion counts for the firm part of the
+  depth; the unit weight is the mean of firm and loose soil.
+- **Rock** is cut by one pick every `_TOOTH_SPACING` at the depth of the strip (Goktan); loose soil
+  on it resists as soil does. The interaction of picks deeper than their spacing is neglected, so
+  the force is an upper bound there.
 """
 
 from __future__ import annotations
@@ -33,43 +34,46 @@ from typing import NamedTuple
 from msg_bridge.kernels import helper
 from soil_sim.tool_force.earthmoving_equation import blade_force
 from soil_sim.tool_force.rock_pick import goktan_force
-from soil_sim.tool_force.strength_table import add_force, column_index_at
+from soil_sim.tool_force.strength_table import column_index_at
+from soil_sim.tool_force.wrench import add_force
 from soil_sim.vec3 import add, cross, divide, dot, key_point, norm, scale, subtract
 
 __all__ = ["LOOKAHEAD_CELLS", "MIN_TRAVEL", "NUM_STRIPS", "add_edge_force", "blade_strip_force"]
 
 NUM_STRIPS = 8
-"""Strips of a lip or a side; even, so that a lip half in the ground is four of them."""
+"""Number of strips of an edge or a side; even, so that half an edge is a whole number of strips."""
 
 LOOKAHEAD_CELLS = 1.5
-"""Where the depth is measured before lip or side, in cells: the next column in any direction."""
+"""Distance ahead of an edge or side at which the depth is measured [cells]: it reaches the next
+column in any direction."""
 
 MIN_TRAVEL = 1e-4
-"""A lip that moves less than this in a tick [m] cuts nothing: float32 has no direction for it."""
+"""Minimum travel of an edge in a tick that cuts [m]: float32 positions give no direction below."""
 
 _TOOTH_SPACING = 0.25
-"""From tooth to tooth of a bucket [m]."""
+"""Distance between the teeth of a bucket [m]."""
 
 _PICK_TIP_ANGLE = math.radians(80.0)
-"""Full angle of a tooth's tip."""
+"""Full tip angle of a tooth [rad]."""
 
 _PICK_FRICTION = math.radians(10.0)
-"""Angle of friction between tooth and rock."""
+"""Angle of friction between tooth and rock [rad]."""
 
 _PICK_NORMAL_RATIO = 1.0
-"""Force out of the rock over the force against the travel; see `soil_sim.tool_force.rock_pick`."""
+"""Ratio of the normal force of a tooth to its cutting force [-]; see `rock_pick`."""
 
 
 class _Travel(NamedTuple):
-    """How a tool moves in its tick, for kernels; directions are (x, y, z) of the map.
+    """Motion of a tool in a tick; directions are (x, y, z) in the map frame.
 
     Attributes:
-        along, off: t and n, unit vectors.
-        ahead: horizontal unit vector to where the soil is that the lip meets; 0 without one.
-        width: of the lip across the travel [m].
-        rake: of the plate against the travel [rad], 0 where the outside leads.
-        height: of the tool above its lip [m].
-        counts: part of the depth that resists.
+        direction: unit vector t of the travel.
+        normal: unit vector n.
+        ahead: horizontal unit vector toward the soil that the edge meets; 0 for vertical travel.
+        width: width of the edge across the travel [m].
+        rake: rake of the plate [rad], 0 if the outer face leads.
+        height: height of the tool above its edge [m].
+        depth_factor: fraction of the depth that resists; 0 if nothing does.
     """
 
     direction: tuple[float, float, float]
@@ -83,31 +87,32 @@ class _Travel(NamedTuple):
 
 @helper(inline="always")
 def _travel(points):  # type: ignore[no-untyped-def]
-    """The travel of one tool by its key points, shape (rows, 2, 3)."""
+    """Return the travel of a tool from its key points, shape (rows, 2, 3)."""
     none = _Travel((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
     left, right = key_point(points, 0, 1), key_point(points, 1, 1)
-    lip = scale(0.5, add(left, right))
-    way = subtract(lip, scale(0.5, add(key_point(points, 0, 0), key_point(points, 1, 0))))
-    far = norm(way)
-    if far < MIN_TRAVEL:
+    edge = scale(0.5, add(left, right))
+    displacement = subtract(edge, scale(0.5, add(key_point(points, 0, 0), key_point(points, 1, 0))))
+    distance = norm(displacement)
+    if distance < MIN_TRAVEL:
         return none
-    t = divide(way, far)
+    t = divide(displacement, distance)
     n = cross(t, subtract(right, left))
     width = norm(n)
     if width < 1e-6:
         return none
     n = divide(n, width)
-    plate = subtract(scale(0.5, add(key_point(points, 2, 1), key_point(points, 3, 1))), lip)
+    plate = subtract(scale(0.5, add(key_point(points, 2, 1), key_point(points, 3, 1))), edge)
     behind, beside = -dot(plate, t), dot(plate, n)
     rest = (0.0, 0.0, 0.0)
-    top = lip[2]
+    top = edge[2]
     for row in range(len(points)):
-        rest = add(rest, subtract(key_point(points, row, 1), lip))
+        rest = add(rest, subtract(key_point(points, row, 1), edge))
         top = max(top, points[row, 1, 2])
-    # The inside's normal is (beside, behind) in t and n; n is turned until the rest is there.
+    # (beside, behind) is the normal of the inner face in t and n. Flip n if it points away from the
+    # rest of the tool.
     inside = dot(rest, t) * beside + dot(rest, n) * behind
-    alone = abs(inside) <= 1e-6 * len(points)
-    if beside < 0.0 if alone else inside < 0.0:
+    is_single_plate = abs(inside) <= 1e-6 * len(points)
+    if beside < 0.0 if is_single_plate else inside < 0.0:
         n, beside = scale(-1.0, n), -beside
     if beside <= 0.0 and behind <= 0.0:
         return none
@@ -118,26 +123,27 @@ def _travel(points):  # type: ignore[no-untyped-def]
     if ahead > 1e-6:
         ax, ay = ax / ahead, ay / ahead
     rake = math.atan2(max(beside, 0.0), behind)
-    return _Travel(t, n, (ax, ay), width, rake, top - lip[2], depth_factor)
+    return _Travel(t, n, (ax, ay), width, rake, top - edge[2], depth_factor)
 
 
 @helper(inline="always")
 def add_edge_force(points, origin, columns, grid_layout, strength, sums):  # type: ignore[no-untyped-def]
-    """Add what resists the cut of a tool's lip in a tick; places from `middle`.
+    """Add the resistance to the cutting edge of a tool in a tick.
 
     Args:
-        points: start and end of its key points [m], shape (rows, 2, 3), lip first.
-        middle: where places count from [m].
-        columns, frame: of the terrain.
-        strength: of its soils.
-        sums: of `add_force`.
+        points: start and end of the key points [m], shape (rows, 2, 3), cutting edge first.
+        origin: origin of the sums in the map frame [m].
+        columns: `ForceColumns` of the terrain.
+        grid_layout: `GridLayout` of the terrain.
+        strength: `strength_table` of its kinds of soil.
+        sums: sums of `add_force`.
     """
     travel = _travel(points)
     if travel.depth_factor <= 0.0:
         return
     left, right = key_point(points, 0, 1), key_point(points, 1, 1)
     t, n = travel.direction, travel.normal
-    ahead = LOOKAHEAD_CELLS * grid_layout[2]
+    ahead = LOOKAHEAD_CELLS * grid_layout.cell
     for strip in range(NUM_STRIPS):
         at = add(left, scale((strip + 0.5) / NUM_STRIPS, subtract(right, left)))
         i = column_index_at(
@@ -147,50 +153,51 @@ def add_edge_force(points, origin, columns, grid_layout, strength, sums):  # typ
             continue
         below = columns.height[i] - at[2]
         width, depth = travel.width / NUM_STRIPS, travel.depth_factor * min(below, travel.height)
-        against, off = blade_strip_force(
+        cutting, normal = blade_strip_force(
             i, below, depth, width, travel.rake, travel.height, columns, strength
         )
         x, y, z = subtract(at, origin)
-        add_force(sums, (x, y, z + depth / 3.0), subtract(scale(off, n), scale(against, t)))
+        add_force(sums, (x, y, z + depth / 3.0), subtract(scale(normal, n), scale(cutting, t)))
 
 
 @helper
 def blade_strip_force(  # type: ignore[no-untyped-def]
     i, below, depth, width, rake, height, columns, strength
 ):
-    """Forces [N] against the travel and square to it on a strip of a blade.
+    """Return the forces on a strip of a blade: (against the travel, perpendicular to it) [N].
 
     Args:
-        i: flat index of the column before it.
-        below: how far its lower edge is below that column's surface [m].
-        depth: what of that resists [m].
-        width, rake, height: of the strip [m], [rad], [m].
-        columns: of the terrain.
-        strength: of its soils.
+        i: flat index of the column ahead of the strip.
+        below: depth of the lower end of the strip below the surface of that column [m].
+        depth: part of that depth that resists [m].
+        width: width of the strip [m].
+        rake: rake of the strip [rad].
+        height: height of the strip [m].
+        columns: `ForceColumns` of the terrain.
+        strength: `strength_table` of its kinds of soil.
     """
     above = min(max(below - height, 0.0), height)
-    cover = columns.bulk[i] * columns.metres_per_mm3
-    firm = max(0.0, 1.0 - cover / below)  # part of the depth
-    kind = columns.soil[i] if firm > 0.0 else columns.loose_soil[i]
+    loose_depth = columns.bulk[i] * columns.metres_per_mm3
+    firm_fraction = max(0.0, 1.0 - loose_depth / below)
+    kind = columns.soil[i] if firm_fraction > 0.0 else columns.loose_soil[i]
     gamma = 0.0
-    if firm < 1.0:
+    if firm_fraction < 1.0:
         gamma = strength[columns.loose_soil[i]].gamma * (columns.loose[i] / columns.bulk[i])
-    rock = firm > 0.0 and strength[kind].tensile_strength > 0.0
-    against = off = 0.0
-    if rock:
-        picks = width / _TOOTH_SPACING
-        against = picks * goktan_force(
-            firm * depth, _PICK_TIP_ANGLE, strength[kind].tensile_strength, _PICK_FRICTION
+    cutting = normal = 0.0
+    if firm_fraction > 0.0 and strength[kind].tensile_strength > 0.0:  # rock
+        num_picks = width / _TOOTH_SPACING
+        cutting = num_picks * goktan_force(
+            firm_fraction * depth, _PICK_TIP_ANGLE, strength[kind].tensile_strength, _PICK_FRICTION
         )
-        off = _PICK_NORMAL_RATIO * against
-        depth *= 1.0 - firm
+        normal = _PICK_NORMAL_RATIO * cutting
+        depth *= 1.0 - firm_fraction
         cohesion = adhesion = above = 0.0
     else:
-        gamma = firm * strength[kind].gamma + (1.0 - firm) * gamma
-        cohesion = firm * strength[kind].cohesion[columns.moisture[i]]
+        gamma = firm_fraction * strength[kind].gamma + (1.0 - firm_fraction) * gamma
+        cohesion = firm_fraction * strength[kind].cohesion[columns.moisture[i]]
         adhesion = strength[kind].adhesion[columns.moisture[i]]
     horizontal, vertical = blade_force(
         width, depth, rake, gamma * above, gamma, strength[kind].phi, strength[kind].delta,
         cohesion, adhesion,
     )  # fmt: skip
-    return against + horizontal, off + vertical
+    return cutting + horizontal, normal + vertical

@@ -1,16 +1,17 @@
-"""The force of soil on a wide blade: the fundamental earthmoving equation.
+"""Force of soil on a wide blade, by the fundamental earthmoving equation.
 
     P / w = gamma d^2 N_gamma + c d N_c + q d N_q + c_a d N_a
 
 (Reece, The fundamental equation of earth-moving mechanics, Proc. Inst. Mech. Eng. 179 (3F), 1964;
-the factors are those of a plane wedge: McKyes, Soil Cutting and Tillage, Elsevier, 1985.)
+the factors are of a plane wedge: McKyes, Soil Cutting and Tillage, Elsevier, 1985.)
 
-A blade of width w stands d deep in soil of unit weight gamma (density times g), internal friction
+A blade of width w cuts to depth d in soil of unit weight gamma (density times g), internal friction
 phi and cohesion c, under a surcharge q. Its face rises at the rake angle rho from the horizontal,
 measured on the side of the tool: below 90 deg it leans back and lifts the soil, at 90 deg it is
-a wall, above it leans over the soil. Between soil and face act friction delta and adhesion c_a. A
-wedge of soil slides up a plane that leaves the edge at the angle beta. The blade pushes the soil
-with P, inclined by delta to the normal of its face, and with the adhesion along the face.
+vertical, above 90 deg it leans over the soil. Friction delta and adhesion c_a act between
+soil and face. A wedge of soil slides up a plane that starts at the edge at the angle beta. The
+blade pushes the soil with P, inclined by delta to the normal of its face, and with the adhesion
+along the face.
 
 With x forward, z up, per unit of width, the forces on the wedge are
 
@@ -25,32 +26,33 @@ and balance, R eliminated, gives
     N_c     = (1 + cot beta cot(beta + phi)) / D
     N_a     = (1 - cot rho cot(beta + phi)) / D
 
-N_a is below 0 where rho + beta + phi < 90 deg: on a flat blade the adhesion carries part of the
-wedge. The force against the travel still grows with it, by c_a d cos(delta) / (sin(rho) D). It
-ends where the adhesion carries all and P is 0: soil does not pull at a face, and no more adhesion
-is called up.
+N_a is negative where rho + beta + phi < 90 deg: on a flat blade the adhesion carries part of the
+wedge. The force against the travel still increases with it, by c_a d cos(delta) / (sin(rho) D). The
+adhesion is limited to the value at which it carries the whole wedge and P is 0, because soil cannot
+pull at a face.
 
-beta is the one that makes N_gamma least. With Omega = rho + delta + phi and y = cos(Omega) +
-cot(beta) sin(Omega), N_gamma is the sum of a constant, a multiple of y and one of 1 / y. It is
-least at
+beta minimizes N_gamma. With Omega = rho + delta + phi and y = cos(Omega) +
+cot(beta) sin(Omega), N_gamma is the sum of a constant, a multiple of y and a multiple of 1 / y.
+Its minimum is at
 
     y^2 = sin(phi + delta) sin(rho + delta) / (sin(rho) sin(phi))
 
 which is Coulomb's passive earth pressure. No search is needed.
 
-Where this ends:
+Limits of the theory:
 
-- Omega near 180 deg leaves no wedge, and the plane wedge overestimates before. Dead soil then
-  builds up before the face (Hettiaratchi and Reece, Géotechnique 25, 1975), which is not modelled:
-  the rake is held where Omega is `MAX_ANGLE_SUM` (102 deg in the loam below), and a blade beyond is
-  given the force at that rake.
-- Below `MIN_RAKE` the face under the wedge would be longer than a tool's: the rake is held there.
-- Soil shears beside a face that is rougher than itself: delta counts up to phi. So clay without
-  friction has a finite force, too.
-- Soil that flows around the sides of a narrow tine (w < d or so) is left out.
+- For Omega near 180 deg there is no wedge, and the plane wedge overestimates the force already
+  below. Dead soil then builds up in front of the face (Hettiaratchi and Reece, Géotechnique 25,
+  1975), which is not modelled: the rake is clamped to the value where Omega is `MAX_ANGLE_SUM`
+  (102 deg in the loam below).
+- Below `MIN_RAKE` the face under the wedge would be longer than that of a tool: the rake is clamped
+  to `MIN_RAKE`.
+- If the face is rougher than the soil, the soil fails next to it: delta is clamped to phi. Clay
+  without friction therefore has a finite force, too.
+- Soil that flows around the sides of a narrow tine (about w < d) is neglected.
 
 A bucket in loam (w 1.2 m, d 0.2 m, gamma 16 kN/m^3, phi 35 deg, delta 23 deg, c 10 kPa, c_a 2 kPa,
-rho 60 deg) comes to beta = 26.5 deg and
+rho 60 deg) gives beta = 26.5 deg and
 
     =========  ======  =======
     term       factor  P [kN]
@@ -83,21 +85,21 @@ __all__ = [
 ]
 
 MIN_RAKE = math.radians(10.0)
-"""Rake [rad] below which a blade counts as having this one."""
+"""Minimum rake [rad]; smaller ones are clamped to it."""
 
 MAX_ANGLE_SUM = math.radians(160.0)
-"""Largest rho + delta + phi [rad]; at typical friction beta is 8 to 10 deg there."""
+"""Maximum rho + delta + phi [rad]; with typical friction beta is 8 to 10 deg there."""
 
 MAX_FRICTION = math.radians(60.0)
-"""Largest angle of internal friction [rad]; above it is rock."""
+"""Maximum angle of internal friction [rad]; materials above it are rock."""
 
 
 @dataclass(frozen=True)
 class WedgeFactors:
-    """The wedge before a blade, by its angles alone.
+    """Soil wedge in front of a blade; it depends on angles only.
 
     Attributes:
-        rake: the rake that counts [rad], which is the blade's where the theory holds.
+        rake: rake [rad], clamped to the limits of the theory.
         beta: angle of the failure plane to the horizontal [rad].
         n_gamma, n_c, n_q, n_a: factors of weight, cohesion, surcharge and adhesion [-].
     """
@@ -111,15 +113,15 @@ class WedgeFactors:
 
     @classmethod
     def from_angles(cls, rake: float, phi: float, delta: float) -> WedgeFactors:
-        """The factors of a blade.
+        """Return the factors of a blade.
 
         Args:
-            rake: of the blade [rad], in (0, pi); see the module for where it is held.
-            phi: internal friction [rad], in [0, `MAX_FRICTION`].
-            delta: soil-tool friction [rad], in [0, pi / 2); counts up to phi.
+            rake: rake of the blade [rad], in (0, pi); see the module for how it is clamped.
+            phi: angle of internal friction [rad], in [0, `MAX_FRICTION`].
+            delta: angle of soil-tool friction [rad], in [0, pi / 2); clamped to phi.
 
         Raises:
-            SoilError: an angle outside these.
+            SoilError: an angle is out of range.
         """
         _check_angles(rake, phi, delta)
         return cls(*wedge_factors(rake, phi, delta))
@@ -130,8 +132,8 @@ class BladeForce:
     """Force of the soil on a blade that cuts it.
 
     Attributes:
-        horizontal: against the travel [N], never negative.
-        vertical: upwards [N]; negative pulls the blade into the ground.
+        horizontal: force against the travel [N], 0 or more.
+        vertical: upward force [N]; a negative one pulls the blade into the ground.
     """
 
     horizontal: float
@@ -150,21 +152,21 @@ def compute_blade_force(
     adhesion: float = 0.0,
     surcharge: float = 0.0,
 ) -> BladeForce:
-    """Force of the soil on a blade; `blade_force` with its input checked.
+    """Return the force of the soil on a blade: `blade_force` with validated arguments.
 
     Args:
-        width: of the blade [m].
-        depth: of its edge below the surface [m].
-        rake: of the blade [rad], in (0, pi); see the module for where it is held.
+        width: width of the blade [m].
+        depth: depth of its edge below the surface [m].
+        rake: rake of the blade [rad], in (0, pi); see the module for how it is clamped.
         gamma: unit weight of the soil, density times g [N/m³].
-        phi: internal friction [rad], in [0, `MAX_FRICTION`].
-        delta: soil-tool friction [rad], in [0, pi / 2); counts up to phi.
-        cohesion: of the soil [Pa].
-        adhesion: of the soil to the tool [Pa]; counts up to where P is 0.
-        surcharge: pressure on the surface before the blade [Pa].
+        phi: angle of internal friction [rad], in [0, `MAX_FRICTION`].
+        delta: angle of soil-tool friction [rad], in [0, pi / 2); clamped to phi.
+        cohesion: cohesion of the soil [Pa].
+        adhesion: adhesion of the soil to the tool [Pa]; limited to the value at which P is 0.
+        surcharge: pressure on the surface in front of the blade [Pa].
 
     Raises:
-        SoilError: an angle outside its range; anything else negative or not finite.
+        SoilError: an angle is out of range, or another argument is negative or not finite.
     """
     _check_angles(rake, phi, delta)
     for name, value, unit in (
@@ -193,8 +195,8 @@ def _check_angles(rake: float, phi: float, delta: float) -> None:
 
 @helper(inline="always")
 def _clamp_angles(rake, phi, delta):  # type: ignore[no-untyped-def]
-    """The nearest angles the theory holds for."""
-    # Comparisons, as min and max would drop a NaN.
+    """Return (rake, phi, delta), clamped to the limits of the theory."""
+    # min and max would drop a NaN; comparisons do not.
     if phi < 0.0:
         phi = 0.0
     elif phi > MAX_FRICTION:
@@ -212,15 +214,15 @@ def _clamp_angles(rake, phi, delta):  # type: ignore[no-untyped-def]
 
 @kernel
 def wedge_factors(rake, phi, delta):  # type: ignore[no-untyped-def]
-    """Kernel: (rake that counts, beta, N_gamma, N_c, N_q, N_a) of angles in rad.
+    """Return (clamped rake, beta, N_gamma, N_c, N_q, N_a); angles in rad.
 
-    Angles are not checked but held: phi in [0, `MAX_FRICTION`], delta in [0, phi], the rake between
-    `MIN_RAKE` and where Omega is `MAX_ANGLE_SUM`. NaN gives NaN.
+    Kernel. Angles are clamped: phi to [0, `MAX_FRICTION`], delta to [0, phi], the rake between
+    `MIN_RAKE` and the value where Omega is `MAX_ANGLE_SUM`. NaN gives NaN.
     """
     rake, phi, delta = _clamp_angles(rake, phi, delta)
     angle_sum = rake + delta + phi
     cot_rake = math.cos(rake) / math.sin(rake)
-    # Without friction N_gamma is the same for every beta: the limit of a smooth face is taken.
+    # Without friction N_gamma does not depend on beta: take the limit of a smooth face.
     friction = 1.0 if phi == 0.0 else math.sin(phi + delta) / math.sin(phi)
     y = math.sqrt(friction * math.sin(rake + delta) / math.sin(rake))
     cot_beta = (y - math.cos(angle_sum)) / math.sin(angle_sum)
@@ -235,21 +237,21 @@ def wedge_factors(rake, phi, delta):  # type: ignore[no-untyped-def]
 
 @kernel
 def blade_force(width, depth, rake, surcharge, gamma, phi, delta, cohesion, adhesion):  # type: ignore[no-untyped-def]
-    """Kernel: (horizontal, vertical) force [N] of the soil on a blade, as in `BladeForce`.
+    """Return the (horizontal, vertical) force [N] of the soil on a blade, as in `BladeForce`.
 
-    Arguments as of `compute_blade_force`, but none is checked: angles are held as in `wedge_factors`, no
-    depth or no width is no force, NaN gives NaN.
+    Kernel. Arguments are those of `compute_blade_force`, not validated: angles are clamped as in
+    `wedge_factors`, a depth or width of 0 or less gives no force, NaN gives NaN.
     """
     if depth <= 0.0 or width <= 0.0:
         return 0.0, 0.0
     rake, phi, delta = _clamp_angles(rake, phi, delta)
     _, _, n_gamma, n_c, n_q, n_a = wedge_factors(rake, phi, delta)
-    stick = adhesion * depth
-    bare = depth * (gamma * depth * n_gamma + cohesion * n_c + surcharge * n_q)
-    push = bare + stick * n_a  # P per unit of width
+    adhesive = adhesion * depth
+    without_adhesion = depth * (gamma * depth * n_gamma + cohesion * n_c + surcharge * n_q)
+    push = without_adhesion + adhesive * n_a  # P per unit of width
     if push < 0.0:
-        stick = -bare / n_a
+        adhesive = -without_adhesion / n_a
         push = 0.0
-    horizontal = push * math.sin(rake + delta) + stick * math.cos(rake) / math.sin(rake)
-    vertical = stick - push * math.cos(rake + delta)
+    horizontal = push * math.sin(rake + delta) + adhesive * math.cos(rake) / math.sin(rake)
+    vertical = adhesive - push * math.cos(rake + delta)
     return width * horizontal, width * vertical

@@ -1,14 +1,14 @@
-"""The force of rock on a conical (point-attack) pick that cuts it.
+"""Force of rock on a conical (point-attack) pick that cuts it.
 
-Two theories of the peak cutting force of a sharp pick that breaks a symmetric groove out of whole
-rock, d deep (unrelieved cutting). theta is the full angle of the cone at its tip, sigma_t and
+Two theories give the peak cutting force of a sharp pick that cuts a symmetric groove of depth d in
+intact rock (unrelieved cutting). theta is the full angle of the cone at its tip, sigma_t and
 sigma_c are the tensile and the uniaxial compressive strength of the rock.
 
 Evans (A theory of the cutting force for point-attack picks, Int. J. Mining Eng. 2, 1984, 63-71):
 
     FC = 16 pi sigma_t^2 d^2 / (cos^2(theta / 2) sigma_c)
 
-It knows no friction, and its force does not go to zero with the cone's angle.
+It has no friction, and its force does not tend to zero with the cone angle.
 
 Goktan (A suggested improvement on Evans' cutting theory for conical bits, Proc. 4th Int. Symp. on
 Mine Mechanization and Automation, Brisbane, 1997, vol. 1, A4-57 to A4-61), with the angle of
@@ -17,11 +17,11 @@ friction psi between pick and rock; sigma_c drops out:
     FC = 4 pi sigma_t d^2 sin^2(theta / 2 + psi) / cos(theta / 2 + psi)
 
 Both are as quoted by Goktan and Gunes (J. South. Afr. Inst. Min. Metall. 105, 2005, 257-263), who
-also find that neither predicts an asymmetric attack well: take them for the order of magnitude.
-Means over a cut are a fraction of the peak.
+also find that neither predicts an asymmetric attack well: they give the order of magnitude. The
+mean force over a cut is a fraction of the peak.
 
 Neither theory gives the normal force FN, which pushes the pick out of the rock. It is FC times a
-ratio that the user chooses: measured ratios of conical picks lie around one, and grow with wear.
+ratio, a parameter: measured ratios of conical picks are around one and increase with wear.
 
 With d = 10 mm, theta = 80 deg, psi = 10 deg, sigma_t = 5 MPa, sigma_c = 80 MPa, Evans gives 2.68 kN
 and Goktan 5.74 kN.
@@ -44,8 +44,8 @@ class PickForce:
     """Peak force of the rock on a pick.
 
     Attributes:
-        cutting: against the travel [N].
-        normal: out of the rock, square to its surface [N].
+        cutting: force against the travel [N].
+        normal: force out of the rock, perpendicular to its surface [N].
     """
 
     cutting: float
@@ -62,18 +62,18 @@ def pick_force(
     normal_ratio: float = 1.0,
     model: Literal["evans", "goktan"] = "goktan",
 ) -> PickForce:
-    """Peak force of the rock on a pick; the kernels with their input checked.
+    """Return the peak force of rock on a pick, from validated arguments.
 
     Args:
-        depth: of the cut [m].
+        depth: depth of the cut [m].
         tip_angle: full angle of the cone, theta [rad], in (0, pi).
-        tensile_strength: of the rock [Pa], above 0.
-        compressive_strength: of the rock, uniaxial [Pa], above the tensile strength; without effect
-            in Goktan's model.
+        tensile_strength: tensile strength of the rock [Pa], above 0.
+        compressive_strength: uniaxial compressive strength of the rock [Pa], above the tensile
+            strength; without effect in Goktan's model.
         friction: angle of friction between pick and rock, psi [rad], 0 or more, with
             theta / 2 + psi below pi / 2; without effect in Evans' model.
         normal_ratio: normal force over cutting force, FN / FC [-].
-        model: whose theory.
+        model: theory of Evans or of Goktan.
 
     Raises:
         SoilError: a value outside its range, or an unknown model.
@@ -105,9 +105,9 @@ def pick_force(
 
 @kernel
 def evans_force(depth, tip_angle, tensile, compressive):  # type: ignore[no-untyped-def]
-    """Kernel: Evans' peak cutting force [N]; depth in m, angle in rad, strengths in Pa.
+    """Return Evans' peak cutting force [N]; depth in m, angle in rad, strengths in Pa.
 
-    Nothing is checked, but no depth is no force; NaN gives NaN.
+    Kernel. Arguments are not validated. A depth of 0 or less gives 0, NaN gives NaN.
     """
     if depth <= 0.0:
         return 0.0
@@ -116,9 +116,9 @@ def evans_force(depth, tip_angle, tensile, compressive):  # type: ignore[no-unty
 
 @kernel
 def goktan_force(depth, tip_angle, tensile, friction):  # type: ignore[no-untyped-def]
-    """Kernel: Goktan's peak cutting force [N]; depth in m, angles in rad, strength in Pa.
+    """Return Goktan's peak cutting force [N]; depth in m, angles in rad, strength in Pa.
 
-    Nothing is checked, but no depth is no force; NaN gives NaN.
+    Kernel. Arguments are not validated. A depth of 0 or less gives 0, NaN gives NaN.
     """
     if depth <= 0.0:
         return 0.0

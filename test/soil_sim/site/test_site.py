@@ -168,7 +168,7 @@ def bad(folder: Path, **given: object) -> SiteParams:
         ({"soil_map": "none.npy"}, r"^site\.soil_map: .*there is no such file"),
         ({"moisture_map": "none.npy"}, r"^site\.moisture_map: .*there is no such file"),
         (
-            {"terrain": "own.npy", "moisture_map": "own.npy"},
+            {"terrain": "own.npy", "moisture_map": "deep.npy"},
             r"^site\.moisture_map: .*not a moisture",
         ),
         ({"design": "none.npy"}, r"^site\.design: .*there is no such file"),
@@ -215,7 +215,7 @@ def test_a_parameter_without_its_file_is_refused(
 def test_an_id_without_a_kind_is_refused_by_what_to_name() -> None:
     site = Site(HeightMap(GRID, HEIGHTS), Layers(soil=IDS))
     with pytest.raises(
-        SoilError, match=r"site\.soil_map.* go to 2, and soil\.additional_soils names 1"
+        SoilError, match=r"site\.soil_map.* go to 2, but soil\.additional_soils names 1"
     ):
         site.make_soil(SoilParams(additional_soils=("dry clay",)))
     assert site.make_soil(THREE).columns.soil.max() == 2
@@ -223,5 +223,5 @@ def test_an_id_without_a_kind_is_refused_by_what_to_name() -> None:
 
 def test_moisture_is_given_by_the_site_or_by_the_soil_and_not_both() -> None:
     site = Site(HeightMap(GRID, HEIGHTS), Layers(moisture=PERCENT))
-    with pytest.raises(EarthmovingError, match=r"soil\.moisture is 50 and the site has its own"):
+    with pytest.raises(EarthmovingError, match=r"soil\.moisture is 50 and site\.moisture_map"):
         site.make_soil(SoilParams(moisture=50))

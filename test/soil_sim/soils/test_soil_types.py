@@ -88,7 +88,7 @@ def test_the_height_that_stands_is_that_of_terzaghi() -> None:
         ("mud: 3", "'mud' must be a mapping"),
         ("mud: {slope: 3}", "mud: SoilType has no parameter slope"),
         ("mud: {repose_angle: 99.0}", r"mud: .*repose_angle is 99\.0 deg"),
-        ("mud: {compressive_strength: 10000000.0}", "rock needs both"),
+        ("mud: {compressive_strength: 10000000.0}", "give both for rock"),
         ("mud: {colour: [1.0]}", "red, green and blue"),
     ],
 )
@@ -108,7 +108,7 @@ def test_a_soil_is_named_or_described_and_not_both() -> None:
     with pytest.raises(ParameterError, match="leave repose_angle and swell out"):
         SoilParams(soil="gravel", swell=0.2).soil_types()
     others = SoilParams(repose_angle=33.0, additional_soils=("rock", "loam")).soil_types()
-    assert [math.degrees(each.angle(0)) for each in others[:1]] == pytest.approx([33.0])
+    assert [math.degrees(each.repose_angle_at(0)) for each in others[:1]] == pytest.approx([33.0])
     assert others[1:] == (SHIPPED["rock"], SHIPPED["loam"])
 
 
@@ -296,7 +296,7 @@ def test_the_state_hash_knows_kinds_and_moisture() -> None:
 
 def test_machines_are_told_how_soil_bears_tracks_and_rock_does_not_give() -> None:
     kinds = load_soil_types()
-    loam = kinds["loam"].loose
+    loam = kinds["loam"].loose_soil
     assert loam.bekker_k_phi == 1_515_040.0
     assert (
         loam.moisture_bearing_factor(0),
@@ -305,4 +305,4 @@ def test_machines_are_told_how_soil_bears_tracks_and_rock_does_not_give() -> Non
     ) == pytest.approx((1.0, 0.365, 0.13))
     assert loam.internal_friction == kinds["loam"].internal_friction
     for name in ("reference", "gravel", "rock"):
-        assert kinds[name].loose.bekker_k_phi == 0.0
+        assert kinds[name].loose_soil.bekker_k_phi == 0.0
