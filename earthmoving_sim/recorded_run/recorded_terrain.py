@@ -11,6 +11,8 @@ from earthmoving_sim.recorded_run.topic_decoders import (
     RecordedRunError,
 )
 from msg_bridge.codec.terrain import TerrainMap
+from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.map_updates import apply_map_updates
 from msg_bridge.contract.messages import RowChunk, SoilHeader
 from msg_bridge.contract.rows import Rows
 from soil_sim.terrain import HeightMap
@@ -100,13 +102,11 @@ class RecordedTerrain:
     def _apply(self) -> None:
         """Apply all consecutive rows; each has the whole state of its cell, so the last counts."""
         while self.first is not None and (rows := self._take_next_rows()) is not None:
-            num_rows, num_cols = self._elevation.shape
-            if (rows["row"] >= num_rows).any() or (rows["col"] >= num_cols).any():
-                raise RecordedRunError(
-                    f"a cell on {MAP_UPDATES_TOPIC} lies outside of the map on {TERRAIN_MAP_TOPIC}"
-                )
-            self._elevation[rows["row"], rows["col"]] = rows["z"]
-            self._loose_depth[rows["row"], rows["col"]] = rows["loose_depth"]
+            layers = {"z": self._elevation, "loose_depth": self._loose_depth}
+            try:
+                apply_map_updates(rows, layers)
+            except ExchangeError as error:
+                raise RecordedRunError(f"a message on {MAP_UPDATES_TOPIC}: {error}") from error
             self._last_applied_row += rows.size
 
     def _take_next_rows(self) -> Rows | None:

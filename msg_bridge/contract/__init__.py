@@ -1,11 +1,16 @@
-"""What soil and machines agree on; no ROS, no physics.
+"""Definitions shared by soil and machines, without ROS and without physics.
 
-- `grid`: which column lies where
-- `rows`: row types of everything that crosses
-- `messages`: headers, chunks of rows, requests
-- `ledger`: where every cubic millimetre is
-- `cylinders`: how a hydraulic cylinder is doing
-- `parameters`: parameter sets checked when built
-- `constants`: gravity, the scale of moisture
-- `errors`: the errors of the package
+- `grid`: the grid of soil columns and its coordinates
+- `rows`: dtypes of the rows exchanged
+- `messages`: headers, chunks of rows, requests, keyframes
+- `map_updates`: applies changed cells to a keyframe
+- `ledger`: the volume in each account at the end of a tick
+- `topics`, `interface`: names of all topics and services; their types, QoS and rates
+- `loose_soil`, `cylinder_state`, `constants`: values that cross between soil and machines
+- `parameters`, `suggestions`: parameter sets validated when built
+- `errors`: error classes and their codes
+
+Modules are imported by name.
 """
+
+__all__: list[str] = []

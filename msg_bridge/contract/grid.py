@@ -1,8 +1,8 @@
-"""The grid that soil and machines agree on: which column lies where in the map frame.
+"""The grid of soil columns and its coordinates in the map frame.
 
 A grid point is the centre of an l x l column, so a map of n x n columns is n*l wide. Matrix order
-and axes are those of grid_map: index (0, 0) lies at the +x, +y corner, rows run toward -x and
-columns toward -y. The map frame's origin is the centre of the map::
+and axes are those of grid_map: index (0, 0) is at the +x, +y corner, row indices grow toward -x and
+column indices toward -y. The origin of the map frame is the centre of the map::
 
               +x
         (0,0) ^ (0,cols-1)
@@ -28,7 +28,7 @@ __all__ = ["Grid"]
 
 @dataclass(frozen=True)
 class Grid:
-    """Rows, columns and spacing of a terrain, with the map frame's origin at its centre.
+    """Number of rows and columns, and spacing, of a terrain centred at the origin.
 
     Attributes:
         rows: number of columns of soil along x, at least 2.
@@ -62,12 +62,12 @@ class Grid:
 
     @property
     def x_first(self) -> float:
-        """x of row 0, the row farthest toward +x [m]."""
+        """x of row 0, the largest [m]."""
         return 0.5 * (self.rows - 1) * self.cell
 
     @property
     def y_first(self) -> float:
-        """y of column 0, the column farthest toward +y [m]."""
+        """y of column 0, the largest [m]."""
         return 0.5 * (self.cols - 1) * self.cell
 
     @property
@@ -76,23 +76,23 @@ class Grid:
         return (self.cell * 1e3) ** 2
 
     def x(self, row: ArrayLike) -> NDArray[np.float64]:
-        """x of a (fractional) row index [m], map frame."""
+        """Return x of a (fractional) row index [m], map frame."""
         return self.x_first - np.asarray(row, dtype=np.float64) * self.cell
 
     def y(self, col: ArrayLike) -> NDArray[np.float64]:
-        """y of a (fractional) column index [m], map frame."""
+        """Return y of a (fractional) column index [m], map frame."""
         return self.y_first - np.asarray(col, dtype=np.float64) * self.cell
 
     def row(self, x: ArrayLike) -> NDArray[np.float64]:
-        """Fractional row index of x [m], map frame; not clipped to the map."""
+        """Return the fractional row index of x [m], map frame; not clipped to the map."""
         return (self.x_first - np.asarray(x, dtype=np.float64)) / self.cell
 
     def col(self, y: ArrayLike) -> NDArray[np.float64]:
-        """Fractional column index of y [m], map frame; not clipped to the map."""
+        """Return the fractional column index of y [m], map frame; not clipped to the map."""
         return (self.y_first - np.asarray(y, dtype=np.float64)) / self.cell
 
     def contains(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
-        """Whether points [m], map frame, lie on the map (its outer columns' edges included)."""
+        """Return whether points [m], map frame, lie on the map, its edge included."""
         half_x, half_y = 0.5 * self.size[0], 0.5 * self.size[1]
-        inside = (np.abs(np.asarray(x)) <= half_x) & (np.abs(np.asarray(y)) <= half_y)
-        return np.asarray(inside, dtype=np.bool_)
+        is_inside = (np.abs(np.asarray(x)) <= half_x) & (np.abs(np.asarray(y)) <= half_y)
+        return np.asarray(is_inside, dtype=np.bool_)

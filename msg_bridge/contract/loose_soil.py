@@ -1,4 +1,4 @@
-"""What a machine must know of a kind of soil: how it is once it is loose, and to drive on."""
+"""Parameters of a soil type that machines need: of the loose soil in tools and under tracks."""
 
 from __future__ import annotations
 
@@ -14,31 +14,33 @@ __all__ = ["LooseSoil"]
 
 @dataclass(frozen=True)
 class LooseSoil:
-    """A kind of soil once it is dug, and under tracks.
+    """Parameters of a soil type once excavated, and under tracks.
 
-    Triples hold at 0, 50 and 100 % of saturation. A plate of breadth b sinks z deep into it under
-    the pressure (bekker_k_c / b + bekker_k_phi) z^bekker_n (Bekker).
+    Triples are values at 0, 50 and 100 % of saturation, with linear interpolation between them. A
+    plate of width b sinks to the depth z under the pressure
+    (bekker_k_c / b + bekker_k_phi) z^bekker_n (Bekker).
 
     Attributes:
         swell: loose volume over bank volume, minus 1.
-        density: of undisturbed (bank) soil [kg/m^3].
-        repose_angles: slope beyond which a heap of it slips [deg].
-        cohesion, adhesion: of undisturbed soil, dry, and to steel [Pa].
-        stick: cohesion and adhesion over those when dry.
+        density: density of undisturbed (bank) soil [kg/m^3].
+        repose_angles: angles of repose [deg].
+        cohesion: cohesion of dry undisturbed soil [Pa].
+        adhesion: adhesion of dry soil to steel [Pa].
+        moisture_strength_factors: cohesion and adhesion over their values in dry soil.
         tool_friction: angle of friction against steel [deg].
-        spread: of the sizes of its lumps: the largest volume over the mean, minus 1.
-        moisture: as found [% of saturation].
+        size_spread: largest volume of a lump over the mean volume, minus 1.
+        moisture: initial moisture [% of saturation].
         internal_friction: angle of internal friction [deg].
-        bekker_k_c: Bekker's modulus k_c, dry [N/m^(n + 1)].
-        bekker_k_phi: Bekker's modulus k_phi, dry [N/m^(n + 2)]; 0: it does not give, and tracks
-            grip it as friction of steel lets them.
-        bekker_n: Bekker's n.
-        bearing: both moduli over those when dry.
-        janosi_k: Janosi's and Hanamoto's K [m]: sheared so far, soil resists with 63 % of its
-            strength.
+        bekker_k_c: cohesive modulus of sinkage k_c of dry soil [N/m^(n + 1)].
+        bekker_k_phi: frictional modulus of sinkage k_phi of dry soil [N/m^(n + 2)]; 0: no sinkage,
+            and the traction of tracks is limited by friction against steel.
+        bekker_n: exponent of sinkage n.
+        moisture_bearing_factors: both moduli over their values in dry soil.
+        janosi_k: shear deformation modulus K of Janosi and Hanamoto [m]: at this displacement the
+            soil mobilises 63 % of its shear strength.
 
     Raises:
-        ParameterError: a figure that no soil has.
+        ParameterError: a value outside its range.
     """
 
     swell: float = 0.0
@@ -58,11 +60,11 @@ class LooseSoil:
     janosi_k: float = 0.01
 
     def __post_init__(self) -> None:
-        """Check the figures."""
+        """Check the ranges of all values."""
         for name in ("repose_angles", "moisture_strength_factors", "moisture_bearing_factors"):
             if not isinstance(getattr(self, name), tuple) or len(getattr(self, name)) != 3:
                 raise ParameterError(
-                    f"{name} of a loose soil are {getattr(self, name)}; give three"
+                    f"{name} of a loose soil are {getattr(self, name)}; give three values"
                 )
         for name, value, low, high in (
             ("swell", self.swell, 0.0, 2.0),
@@ -93,13 +95,13 @@ class LooseSoil:
                 )
 
     def repose_angle(self, moisture: float) -> float:
-        """Slope beyond which a heap slips [deg], at a moisture [% of saturation]."""
+        """Return the angle of repose [deg] at a moisture [% of saturation]."""
         return float(np.interp(moisture, (0.0, 50.0, 100.0), self.repose_angles))
 
     def moisture_bearing_factor(self, moisture: float) -> float:
-        """Bekker's moduli over those when dry, at a moisture [% of saturation]."""
+        """Return the moduli of sinkage over those of dry soil at a moisture [% of saturation]."""
         return float(np.interp(moisture, (0.0, 50.0, 100.0), self.moisture_bearing_factors))
 
     def moisture_strength_factor(self, moisture: float) -> float:
-        """Cohesion and adhesion over those when dry, at a moisture [% of saturation]."""
+        """Return cohesion and adhesion over those of dry soil at a moisture [% of saturation]."""
         return float(np.interp(moisture, (0.0, 50.0, 100.0), self.moisture_strength_factors))

@@ -1,11 +1,15 @@
-"""The messages that cross between soil and machines, whatever carries them.
+"""Messages of the exchange between soil and machines, independent of their transport.
 
-A tick is told by headers; rows travel beside them in chunks. A side is through with tick k when it
-holds the other's header k and every row that header counts. Rows are numbered from 1 in each
-stream, so what is missing can be named and asked for again.
+A header states what was done in a tick and counts the rows that belong to it; the rows are sent
+beside it in chunks. A side has completed tick k when it has the other side's header k and every row
+that this header counts. The rows of each stream are numbered from 1, so that missing rows can be
+named and requested again.
 
-A machine takes part in *lives*: each join begins one, with a number larger than the last. Its
-streams count from 1 in every life, and what belongs to another life is ignored.
+A *run* begins when the soil starts or is reset and has its own number, `run_id`. A machine takes
+part in *sessions*: each join begins one, with a number larger than that of the session before. Its
+streams count from 1 in every session. Messages of another run or session are ignored.
+
+`docs/concepts/exchange_protocol.md` describes the protocol.
 """
 
 from __future__ import annotations
@@ -37,19 +41,20 @@ __all__ = [
 
 
 class Verb(IntEnum):
-    """What a machine header says."""
+    """Purpose of a machine header."""
 
     JOIN = 0
-    """Take part from the next tick on, holding nothing."""
+    """Take part from the next tick on, holding no soil."""
     REJOIN = 1
-    """Take part again, holding what it held when it left."""
+    """Take part again, holding the soil it left with."""
     STEP = 2
+    """One tick."""
     LEAVE = 3
-    """Take no part after this tick."""
+    """The last tick of the session."""
 
 
 class Stream(IntEnum):
-    """What is numbered on its own, and can be asked for again."""
+    """What is numbered separately and can be requested again."""
 
     HEADER = 0
     SWEEP = 1
@@ -58,7 +63,7 @@ class Stream(IntEnum):
     MAP_UPDATE = 4
     FORCE = 5
     BACKLOG = 6
-    """Conversion rows of a machine that came back, from before its return."""
+    """Conversion rows of a rejoining machine that were published while it took no part."""
     KEYFRAME = 7
 
 
@@ -75,33 +80,37 @@ STREAM_DTYPE: dict[Stream, np.dtype[np.void]] = {
 
 @dataclass(frozen=True)
 class RowRange:
-    """`count` rows of a stream from sequence number `first` on."""
+    """`count` rows of a stream, from sequence number `first` on."""
 
     first: int = 1
     count: int = 0
 
     @property
     def last(self) -> int:
-        """Sequence number of the last row; first - 1 if there is none."""
+        """Sequence number of the last row; first - 1 if the range is empty."""
         return self.first + self.count - 1
 
 
 @dataclass(frozen=True)
 class MachineHeader:
-    """A machine's word on one tick.
+    """A machine's report of one tick.
 
     Attributes:
-        epoch: raised by every reset; older messages are ignored.
-        source: the machine, from 1.
-        life: raised by every join of this source.
-        tick: the tick these rows belong to.
-        verb: what it does.
-        sweeps, landed: rows sent for this tick.
-        conversions_received: last conversion row applied to the totals below.
-        pending_mm3: parcels received and not yet particles, at the end of the tick.
-        particles_mm3: live particles, frozen ones included, at the end of the tick.
-        previous: the tick it sent before this one, or was welcomed in; tells whether one between
-            is missing, since in real time a late machine leaves out numbers.
+        run_id: number of the run.
+        machine_id: number of the machine, from 1.
+        session_id: number of the session, larger in each join of this machine.
+        tick: the tick that the rows belong to.
+        verb: purpose of the header.
+        sweeps: SWEEP rows sent for this tick.
+        deposit_requests: DEPOSIT_REQUEST rows sent for this tick.
+        conversions_received: last conversion row included in the totals below; the soil may
+            discard rows up to it.
+        pending_mm3: volume of the parcels received and not yet turned into particles, at the end
+            of the tick [mm^3].
+        particles_mm3: volume of all live particles, frozen ones included, at the end of the tick
+            [mm^3].
+        previous_tick: the tick sent before this one, or that of the welcome. It shows whether a
+            header is missing: in real time a late machine skips ticks.
     """
 
     run_id: int
@@ -118,20 +127,21 @@ class MachineHeader:
 
     @property
     def soil_mm3(self) -> int:
-        """All soil the machine holds."""
+        """All soil that the machine holds [mm^3]."""
         return self.pending_mm3 + self.particles_mm3
 
 
 @dataclass(frozen=True)
 class MachineReceipt:
-    """What the soil holds of one source.
+    """Acknowledgement of what the soil received from one joined machine.
 
     Attributes:
-        source, life: whose.
-        deposit_requests_received: last landed row received.
-        owed: conversion rows it is owed from before its return.
-        tick: the last of its ticks that was taken; older than the header's own where the soil went
-            on without it.
+        machine_id, session_id: the machine and its session.
+        deposit_requests_received: last DEPOSIT_REQUEST row received without a gap before it; the
+            machine may discard rows up to it.
+        backlog: number of BACKLOG rows that a rejoining machine has to apply first.
+        tick: the last of its ticks that was processed; older than the header's own if the soil
+            continued without it.
     """
 
     machine_id: int
@@ -143,14 +153,16 @@ class MachineReceipt:
 
 @dataclass(frozen=True)
 class SoilHeader:
-    """The soil's word on one tick.
+    """The soil's report of one tick.
 
     Attributes:
-        epoch: raised by every reset.
-        tick: the tick these rows answer.
-        revision: of the terrain after the tick.
-        conversions, changed, forces: rows sent for this tick.
-        receipts: one per joined source; a source listed here takes part from the next tick on.
+        run_id: number of the run.
+        tick: the tick that the rows belong to; 0 is the welcome, before the first tick.
+        revision: revision of the terrain after the tick; it grows by one in each tick that changes
+            a cell.
+        conversions, map_updates, forces: rows sent for this tick.
+        receipts: one for each joined machine. A machine listed here takes part from the next tick
+            on; one that is not listed any more takes no part.
     """
 
     run_id: int
@@ -161,9 +173,9 @@ class SoilHeader:
     forces: RowRange
     receipts: tuple[MachineReceipt, ...]
 
-    @cached_property  # looked at many times a tick
+    @cached_property  # read many times in a tick
     def spans(self) -> dict[Stream, RowRange]:
-        """The rows it counts, by stream."""
+        """Row ranges by stream."""
         return {
             Stream.CONVERSION: self.conversions,
             Stream.MAP_UPDATE: self.map_updates,
@@ -176,8 +188,11 @@ class RowChunk:
     """Rows of one stream.
 
     Attributes:
-        source, life: the machine that sent them, or that OWED rows are for; 0 for what the soil
-            sends to all.
+        run_id: number of the run.
+        stream: the stream.
+        machine_id, session_id: sender of the rows, or recipient of BACKLOG rows; 0 for rows that
+            the soil sends to all.
+        rows: shape (n,), dtype `STREAM_DTYPE[stream]`.
     """
 
     run_id: int
@@ -189,10 +204,13 @@ class RowChunk:
 
 @dataclass(frozen=True)
 class RetransmitRequest:
-    """A request: rows [first, first + count) of a stream, or the header of tick `first`.
+    """A request for rows [first, first + count) of a stream, or for headers from tick `first` on.
 
     Attributes:
-        source, life: the machine that asks or is asked.
+        run_id: number of the run.
+        machine_id, session_id: the machine that requests, or from which the soil requests.
+        stream: the stream; KEYFRAME requests the terrain, whatever the numbers.
+        first, count: the range.
     """
 
     run_id: int
@@ -205,7 +223,7 @@ class RetransmitRequest:
 
 @dataclass(frozen=True)
 class JoinRejected:
-    """The soil's no to a join, with what to change."""
+    """The soil's rejection of a join, with the reason and what to change."""
 
     run_id: int
     machine_id: int
@@ -215,16 +233,18 @@ class JoinRejected:
 
 @dataclass(frozen=True)
 class Keyframe:
-    """The whole terrain surface, so that changed cells have something to change.
-
-    Attributes:
-        revision: of the terrain it shows.
-        elevation: [m], shape (rows, cols), grid_map matrix order.
-        volume_mm3: bank volume of each column above the floor, int64, likewise.
-        soil: id of the kind at the surface, uint8, likewise.
-        moisture: its [% of saturation], uint8, likewise.
+    """The complete terrain surface, to which map updates are applied.
 
     Layers that are not given are zeros.
+
+    Attributes:
+        run_id: number of the run.
+        revision: revision of the terrain.
+        grid: the grid.
+        elevation: [m], shape (rows, cols), grid_map matrix order.
+        volume_mm3: bank volume of each column above the floor [mm^3], int64, same shape.
+        soil: id of the soil type at the surface, uint8, same shape.
+        moisture: moisture at the surface [% of saturation], uint8, same shape.
     """
 
     run_id: int

@@ -1,7 +1,7 @@
-"""Parameters as frozen dataclasses that carry their unit, range and meaning, checked when built.
+"""Parameters as frozen dataclasses with unit, range and description, validated when built.
 
-The same dataclass is read from YAML here and declared to ROS by a node, so that nothing about a
-parameter is written twice.
+The same dataclass is read from YAML and declared to ROS by a node, so that each fact about a
+parameter is stated once.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ def parameter(
     choices: tuple[str, ...] = (),
     items: type | None = None,
 ) -> Any:
-    """A dataclass field with what a user must know about it.
+    """Return a dataclass field with the documentation and range of a parameter.
 
     Args:
-        default: the value when none is given; a tuple makes a list of numbers or of strings.
-        doc: one sentence on what it means.
-        unit: SI unit, empty for a pure number.
+        default: default value; a tuple makes the parameter a list of numbers or strings.
+        doc: description, one sentence.
+        unit: SI unit, empty for a dimensionless number.
         low, high: inclusive range of a number, or of each number of a list.
         choices: the allowed values of a string, or of each string of a list.
-        items: type of a list's elements; needed only if the default is the empty tuple.
+        items: type of the elements of a list; required only if the default is the empty tuple.
     """
     if default == () and items is None:
-        raise TypeError("an empty default does not tell what the list holds; give `items` too")
+        raise TypeError("an empty default has no element type; give `items` too")
     metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices}
     if isinstance(default, tuple):
         metadata["items"] = items or type(default[0])
@@ -50,7 +50,7 @@ def parameter(
 
 @dataclass(frozen=True)
 class Parameters:
-    """Base of parameter sets: every field made by `parameter` is checked when the set is built."""
+    """Base class of parameter sets: each field made by `parameter` is validated when built."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -78,15 +78,15 @@ class Parameters:
 
 
 def item_type(field: dataclasses.Field[Any]) -> type | None:
-    """What a list parameter holds; `None` if the parameter is no list."""
+    """Return the element type of a list parameter; None if the parameter is not a list."""
     return field.metadata.get("items")
 
 
 def check_value(name: str, field: dataclasses.Field[Any], value: Any) -> None:
-    """Check a value for a field made by `parameter`.
+    """Validate a value for a field made by `parameter`.
 
     Args:
-        name: what the user knows the parameter by.
+        name: name of the parameter in error messages.
 
     Raises:
         ParameterError: a wrong type, or a value outside its range.
@@ -110,11 +110,10 @@ def _check(name: str, kind: type, meta: Mapping[str, Any], value: Any) -> None:
             allowed = ", ".join(meta["choices"]) or "a text"
             raise ParameterError(f"{name} is {value!r}; give one of: {allowed} ({meta['doc']})")
     elif kind in (int, float):
-        whole = kind is int
-        right_type = isinstance(value, int if whole else (int, float))
-        if isinstance(value, bool) or not right_type or not math.isfinite(value):
-            a_number = "a whole number" if whole else "a finite number"
-            raise ParameterError(f"{name} is {value!r}; give {a_number} ({meta['doc']})")
+        is_number = isinstance(value, int if kind is int else (int, float))
+        if isinstance(value, bool) or not is_number or not math.isfinite(value):
+            wanted = "a whole number" if kind is int else "a finite number"
+            raise ParameterError(f"{name} is {value!r}; give {wanted} ({meta['doc']})")
         if not meta["low"] <= value <= meta["high"]:
             unit = f" {meta['unit']}" if meta["unit"] else ""
             raise ParameterError(

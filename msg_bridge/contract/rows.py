@@ -1,7 +1,7 @@
-"""The rows that cross between soil and machines, as NumPy structured arrays.
+"""Rows exchanged between soil and machines, as NumPy structured arrays.
 
-Every row stream numbers its rows from 1 in `seq`; a gap is a lost row, a repeat is a duplicate.
-Lengths are in metres of the map frame, volumes in mm^3 of bank (undisturbed) soil.
+Every stream numbers its rows from 1 in `seq` (modulo 2**32): a gap is a lost row, a repeat is a
+duplicate. Positions are in the map frame [m], volumes are of bank (undisturbed) soil [mm^3].
 """
 
 from __future__ import annotations
@@ -33,56 +33,62 @@ Rows = NDArray[np.void]
 """A one-dimensional structured array of one of the dtypes below."""
 
 MAX_ROW_VOLUME = 2**32 - 1
-"""Largest volume one row carries [mm^3]; more is split into several rows."""
+"""Largest volume of one row [mm^3]; larger volumes are split into several rows."""
 
 
 class SweepAction(IntEnum):
-    """What a tool does to the soil it sweeps."""
+    """Effect of a tool on the soil that it sweeps."""
 
     CUT = 0
+    """Removes soil: a cutting edge."""
     COMPACT = 1
-    """Pushes soil down without taking it: a track shoe, the back of a bucket."""
+    """Pushes soil down without removing it: a track shoe, the back of a bucket."""
     MILL = 2
-    """Takes soil all round by picks that spin: a cutting drum; its last pair is its first again."""
+    """Removes soil on all sides by rotating picks: a cutting drum. Its key points form a closed
+    curve: the last pair repeats the first."""
 
 
 class SoilReaction(IntEnum):
-    """What a FORCE row is of."""
+    """Cause of the force of a FORCE row."""
 
-    CUT = 0  # what the tool cuts resists it
-    BEARING = 1  # what the tool stands on bears it
-    MILL = 2  # what the picks of a drum cut resists them
+    CUT = 0
+    """Resistance of the soil that the tool cuts."""
+    BEARING = 1
+    """Bearing capacity of the soil that the tool stands on."""
+    MILL = 2
+    """Resistance of the soil that the picks of a drum cut."""
 
 
 class ConversionKind(IntEnum):
-    """What a conversion row says was moved."""
+    """Kind of a CONVERSION row."""
 
     EXCAVATE = 0
-    """Out of a column, credited to the source's pending account."""
+    """Soil was removed from a column and credited to the machine's pending account."""
     DEPOSIT = 1
-    """A landed particle became terrain."""
+    """The particle of a deposit request became terrain."""
     OUTSIDE = 2
-    """A landed particle had left the map."""
+    """The particle of a deposit request had left the map."""
     REJECT = 3
-    """A landed row was malformed: the particle stays a particle."""
+    """A deposit request was malformed; the particle remains a particle."""
 
 
 SWEEP = np.dtype(
     [
-        ("x0", "<f4"),  # the key point at the tick's start
+        ("x0", "<f4"),  # key point at the start of the tick [m]
         ("y0", "<f4"),
         ("z0", "<f4"),
-        ("x1", "<f4"),  # and at its end
+        ("x1", "<f4"),  # key point at the end of the tick [m]
         ("y1", "<f4"),
         ("z1", "<f4"),
         ("seq", "<u4"),
-        ("pair", "<u2"),  # rows 2k and 2k+1 of a tool are the left and right end of pair k
+        ("pair", "<u2"),  # rows 2k and 2k + 1 of a tool are the left and right end of pair k
         ("tool", "<u2"),
         ("machine_id", "<u2"),
-        ("action", "u1"),  # Action
+        ("action", "u1"),  # SweepAction
     ]
 )
-"""A tool's key points over one tick, machine to soil; both ends of a pair, lip first."""
+"""Motion of one key point of a tool over a tick, machine to soil; the pair at the lip comes
+first."""
 
 DEPOSIT_REQUEST = np.dtype(
     [
@@ -97,7 +103,8 @@ DEPOSIT_REQUEST = np.dtype(
         ("moisture", "u1"),
     ]
 )
-"""A particle that came to rest, machine to soil. It stays the machine's until answered."""
+"""A particle that came to rest, machine to soil. The machine keeps it, frozen, until the soil
+answers with a CONVERSION row of the same `particle_id`."""
 
 CONVERSION = np.dtype(
     [
@@ -113,78 +120,79 @@ CONVERSION = np.dtype(
         ("machine_id", "<u2"),
         ("soil", "u1"),
         ("moisture", "u1"),  # % of saturation
-        ("kind", "u1"),  # Kind
+        ("kind", "u1"),  # ConversionKind
     ]
 )
-"""What was actually moved, soil to all. EXCAVATE: x, y, z is the centroid of the removed soil, and
-`moisture` is that of what was taken. An answer to a landed row repeats its soil and moisture."""
+"""Soil that was moved, soil to all. EXCAVATE: x, y, z is the centroid of the removed soil, and
+`soil` and `moisture` are those of the removed soil. An answer to a deposit request repeats its soil
+and moisture."""
 
 MAP_UPDATE = np.dtype(
     [
         ("x", "<f4"),
         ("y", "<f4"),
-        ("z", "<f4"),  # elevation
-        ("loose_depth", "<f4"),
-        ("volume_mm3", "<f8"),  # exact: whole numbers below 2**53
+        ("z", "<f4"),  # elevation [m]
+        ("loose_depth", "<f4"),  # depth of loose soil [m]
+        ("volume_mm3", "<f8"),  # above the floor; exact: integers below 2**53
         ("row", "<u4"),
         ("col", "<u4"),
         ("revision", "<u4"),
         ("seq", "<u4"),
-        ("soil", "u1"),  # id of the kind at the surface
-        ("moisture", "u1"),  # its, % of saturation
+        ("soil", "u1"),  # id of the soil type at the surface
+        ("moisture", "u1"),  # at the surface [% of saturation]
     ]
 )
-"""A column that is another than a tick ago, slip included, soil to all."""
+"""Complete state of a column that changed in a tick, slope failure included, soil to all."""
 
 FORCE = np.dtype(
     [
-        ("x", "<f4"),  # where it acts
+        ("x", "<f4"),  # point of application [m]
         ("y", "<f4"),
         ("z", "<f4"),
-        ("fx", "<f4"),  # force [N] of the soil on the tool
+        ("fx", "<f4"),  # force of the soil on the tool [N]
         ("fy", "<f4"),
         ("fz", "<f4"),
-        ("tx", "<f4"),  # torque [N m] about that point
+        ("tx", "<f4"),  # torque about that point [N m]
         ("ty", "<f4"),
         ("tz", "<f4"),
         ("seq", "<u4"),
         ("tool", "<u2"),
         ("machine_id", "<u2"),
-        ("reaction", "u1"),  # Holds
+        ("reaction", "u1"),  # SoilReaction
     ]
 )
-"""The most the soil holds a tool that swept with, soil to machine: what resists its cut, zero too,
-and, where there is any, what bears it."""
+"""Largest force of the soil on a tool that swept, soil to machine. A tool that cuts gets a row of its
+resistance even if it is zero; rows of bearing capacity are sent only where there is any."""
 
 
 def join_rows(parts: Sequence[Rows], dtype: np.dtype[np.void]) -> Rows:
-    """Rows of `dtype`, one part after the other; a part that is all there is comes as it is.
+    """Return the concatenation of rows of `dtype`; a single non-empty part is not copied.
 
-    NumPy would find the common type of the parts anew each time, field by field.
+    The dtype is given because NumPy otherwise determines the common type field by field.
     """
-    some = [rows for rows in parts if rows.size]
-    if len(some) > 1:
-        return np.concatenate(some, dtype=dtype)
-    return some[0] if some else empty_rows(dtype)
+    not_empty = [rows for rows in parts if rows.size]
+    if len(not_empty) > 1:
+        return np.concatenate(not_empty, dtype=dtype)
+    return not_empty[0] if not_empty else empty_rows(dtype)
 
 
 def machine_ids_in(rows: Rows) -> list[int]:
-    """Sources that rows name, in order, each once."""
-    sources = rows["machine_id"]
-    if sources.size == 0:
+    """Return the distinct machine ids of rows, in ascending order."""
+    machine_ids = rows["machine_id"]
+    if machine_ids.size == 0:
         return []
-    first = int(sources[0])
-    if np.count_nonzero(sources == first) == sources.size:  # nearly always
+    first = int(machine_ids[0])
+    if np.count_nonzero(machine_ids == first) == machine_ids.size:  # the usual case
         return [first]
-    return [int(machine_id) for machine_id in np.unique(sources)]
+    return [int(machine_id) for machine_id in np.unique(machine_ids)]
 
 
 def rows_of_machine(rows: Rows, machine_id: int) -> Rows:
-    """The rows of one source; the very array where all are."""
-    own = rows["machine_id"] == machine_id
-    return rows if np.count_nonzero(own) == rows.size else rows[own]
+    """Return the rows of one machine; the same array, not a copy, if all rows are."""
+    is_own = rows["machine_id"] == machine_id
+    return rows if np.count_nonzero(is_own) == rows.size else rows[is_own]
 
 
 def empty_rows(dtype: np.dtype[np.void], count: int = 0) -> Rows:
-    """`count` zeroed rows of `dtype`."""
+    """Return `count` rows of zeros."""
     return np.zeros(count, dtype=dtype)

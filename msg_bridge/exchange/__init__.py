@@ -1,9 +1,22 @@
-"""The exchange of volume between soil and machines: state machines without clock or network.
+"""The exchange of soil volume between soil and machines: state machines without clock and network.
 
-- `machine_side`, `soil_side`: the two ends; messages in by `receive`, out by `drain_outbox`
-- `entry`: what a machine gathers to take part; `source`: what the soil holds of one that does
-- `streams`: numbered rows, sent again until they have come
-- `accounts`: soil in flight, pending, in particles, absent, outside
-- `chunks`: rows cut into messages
-- `direct`: carries the messages within one process
+Messages go into each end through `receive` and come out of `drain_outbox`.
+
+- `stream_buffers`, `reorder_buffer`: numbered rows, sent again until they have arrived
+- `chunks`: rows split into messages
+- `machine_exchange`: the machine's end
+    - `join_handshake`: what it receives between its join request and its first tick
+    - `machine_streams`: the rows it has sent
+    - `ticks_in_flight`: the ticks it has sent, and their answers
+- `soil_exchange`: the soil's end
+    - `join_admission`: join requests until the end of the tick
+    - `machine_session`: the state of one joined machine
+    - `soil_streams`: the rows and headers it has published
+    - `soil_accounts`: soil in flight, pending, in particles, absent and outside
+- `direct_transport`: carries the messages within one process
+- `terrain_follower`: the surface at the end of a tick, for observers that send nothing
+
+Modules are imported by name.
 """
+
+__all__: list[str] = []

@@ -1,4 +1,4 @@
-"""Rows cut into messages of bounded size."""
+"""Split rows into messages of bounded size."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from msg_bridge.contract.rows import Rows
 __all__ = ["MAX_ROWS_PER_CHUNK", "split_into_chunks"]
 
 MAX_ROWS_PER_CHUNK = 2048
-"""Rows in one message, at most: a lost one is then cheap to send again."""
+"""Maximum number of rows in a message; small, so that a lost one is cheap to send again."""
 
 
 def split_into_chunks(
     run_id: int, stream: Stream, rows: Rows, *, machine_id: int = 0, session_id: int = 0
 ) -> list[RowChunk]:
-    """Chunks of at most MAX_ROWS_PER_CHUNK rows; none for no rows."""
+    """Return chunks of at most MAX_ROWS_PER_CHUNK rows; none if there are no rows."""
     return [
         RowChunk(run_id, stream, machine_id, session_id, rows[first : first + MAX_ROWS_PER_CHUNK])
         for first in range(0, rows.size, MAX_ROWS_PER_CHUNK)

@@ -1,4 +1,4 @@
-"""The direct transport: the same messages, handed over in the same process."""
+"""The direct transport: messages are passed by calls within one process."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ __all__ = ["DirectTransport", "Endpoint"]
 
 
 class Endpoint(Protocol):
-    """Anything that takes messages and has messages to give: an exchange, or a side around one."""
+    """Anything that receives and sends messages: an exchange, or a component with one."""
 
     def receive(self, message: Message) -> None:
-        """Take one message."""
+        """Process one message."""
 
     def drain_outbox(self) -> list[Message]:
-        """Give all that are waiting."""
+        """Return the messages to send, and empty the outbox."""
 
 
 class DirectTransport:
-    """Carries every message at once, in order, none lost."""
+    """Delivers every message at once and in order."""
 
     def __init__(self, soil: Endpoint, machines: Sequence[Endpoint]) -> None:
         self._soil = soil
         self._machines = machines
 
     def deliver(self) -> int:
-        """Hand over all messages waiting on either side.
+        """Deliver all messages in the outboxes: those of the machines first, then the soil's.
 
         Returns:
-            How many were carried.
+            The number of messages delivered.
         """
-        carried = 0
+        num_delivered = 0
         for machine in self._machines:
             for message in machine.drain_outbox():
                 self._soil.receive(message)
-                carried += 1
+                num_delivered += 1
         for message in self._soil.drain_outbox():
             for machine in self._machines:
                 machine.receive(message)
-            carried += 1
-        return carried
+            num_delivered += 1
+        return num_delivered

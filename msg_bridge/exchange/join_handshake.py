@@ -1,4 +1,4 @@
-"""Entering: what a machine gathers between asking to join and its first tick."""
+"""What a machine receives between its join request and its first tick."""
 
 from __future__ import annotations
 
@@ -16,46 +16,56 @@ __all__ = ["JoinHandshake"]
 
 
 class JoinHandshake:
-    """The welcome, a terrain that is not older, and the rows owed from before a return.
-
-    They come in any order.
+    """The welcome, a terrain not older than it, and the backlog, which arrive in any order.
 
     Attributes:
-        welcome: the first header that lists this machine.
-        keyframe: the newest terrain heard of.
-        owed: conversion rows owed, numbered from 1.
+        welcome: the first header with a receipt of this machine.
+        keyframe: the newest terrain received.
     """
 
     def __init__(self) -> None:
         self.welcome: SoilHeader | None = None
         self.keyframe: Keyframe | None = None
-        self.backlog = ReceiveBuffer(Stream.BACKLOG)
+        self._backlog = ReceiveBuffer(Stream.BACKLOG)
         self._backlog_range = RowRange()
 
-    def take_welcome(self, header: SoilHeader, receipt: MachineReceipt) -> None:
-        """Take the first header that lists this machine; later ones tell nothing new."""
-        if self.welcome is None:
-            self.welcome = header
-            self._backlog_range = RowRange(1, receipt.backlog)
-
-    def take_keyframe(self, keyframe: Keyframe) -> None:
-        """Take a terrain, if it is the newest so far."""
-        if self.keyframe is None or keyframe.revision > self.keyframe.revision:
-            self.keyframe = keyframe
-
-    def missing(self) -> list[tuple[Stream, RowRange]]:
-        """What to ask for again, once welcome."""
-        assert self.welcome is not None
-        asks = [(Stream.BACKLOG, gap) for gap in self.backlog.missing(self._backlog_range)]
-        if self.keyframe is None or self.keyframe.revision < self.welcome.revision:
-            asks.append((Stream.KEYFRAME, RowRange(0, 1)))
-        return asks
+    @property
+    def num_buffered_rows(self) -> int:
+        """Number of backlog rows kept."""
+        return self._backlog.num_buffered_rows
 
     @property
     def is_complete(self) -> bool:
         """Whether the machine can take part."""
         return self.welcome is not None and not self.missing()
 
+    def set_welcome(self, header: SoilHeader, receipt: MachineReceipt) -> None:
+        """Set the first header with a receipt of this machine; later ones are ignored."""
+        if self.welcome is None:
+            self.welcome = header
+            self._backlog_range = RowRange(1, receipt.backlog)
+
+    def add_keyframe(self, keyframe: Keyframe) -> None:
+        """Keep a terrain if it is the newest."""
+        if self.keyframe is None or keyframe.revision > self.keyframe.revision:
+            self.keyframe = keyframe
+
+    def add_backlog(self, rows: Rows) -> None:
+        """Add rows of the backlog.
+
+        Raises:
+            ExchangeError: ROW_TYPE or SEQUENCE_NUMBER.
+        """
+        self._backlog.add(rows)
+
+    def missing(self) -> list[tuple[Stream, RowRange]]:
+        """Return what to request again after the welcome."""
+        assert self.welcome is not None
+        missing = [(Stream.BACKLOG, gap) for gap in self._backlog.missing(self._backlog_range)]
+        if self.keyframe is None or self.keyframe.revision < self.welcome.revision:
+            missing.append((Stream.KEYFRAME, RowRange(0, 1)))
+        return missing
+
     def backlog_rows(self) -> Rows:
-        """The rows it is owed, in order."""
-        return self.backlog.rows(self._backlog_range)
+        """Return the backlog, in order."""
+        return self._backlog.rows(self._backlog_range)

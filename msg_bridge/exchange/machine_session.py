@@ -1,4 +1,4 @@
-"""What the soil holds of one machine in one of its lives."""
+"""The soil's state of one machine in one session."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections import deque
 
 import numpy as np
 
-from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.messages import (
     MachineHeader,
     MachineReceipt,
@@ -26,137 +26,147 @@ from msg_bridge.exchange.stream_buffers import (
 __all__ = ["MachineSession"]
 
 _MAX_REPORTED_VOLUME = 2**53
-"""Soil that one machine may say it holds [mm^3], nine million cubic metres: sums stay int64."""
+"""Largest volume that one machine may report [mm^3], 9 million m^3; sums remain int64."""
 
-_MAX_ROWS_IN_MESSAGE = 4
+_MAX_LISTED_ROWS = 4
+"""Maximum number of row numbers listed in an error message."""
 
 
 class MachineSession:
-    """One life of a joined machine: its rows, its words on its next ticks, and what it is owed.
+    """One session of a joined machine: its rows, the headers of its next ticks, its backlog.
 
     Attributes:
-        source, life: whose.
-        taken: the last of its ticks that was taken.
-        sweeps, landed: its rows.
-        owed: CONVERSION rows from before its return, numbered from 1.
-        num_backlog_rows: how many.
+        machine_id, session_id: the machine and its session.
+        last_tick: the last of its ticks that was processed.
+        backlog: CONVERSION rows published while the machine took no part, numbered from 1.
+        num_backlog_rows: number of those rows; 0 once the machine has applied them.
     """
 
     def __init__(self, machine_id: int, session_id: int, backlog: Rows, tick: int) -> None:
-        """Welcome it in the header of `tick`, which it must be `told` next."""
+        """Begin a session with the header of `tick`, which must be passed to `record_published`."""
         self.machine_id = machine_id
         self.session_id = session_id
         self.last_tick = tick
-        self.sweeps = ReceiveBuffer(Stream.SWEEP)
-        self.deposit_requests = ReceiveBuffer(Stream.DEPOSIT_REQUEST)
-        self._streams = {Stream.SWEEP: self.sweeps, Stream.DEPOSIT_REQUEST: self.deposit_requests}
         self.backlog = SendBuffer(Stream.BACKLOG)
         self.num_backlog_rows = self.backlog.append(backlog)[1].count
-        self._pending_headers: deque[MachineHeader] = (
-            deque()
-        )  # on ticks not taken yet, the oldest first
-        # What it was told: (its tick that was answered, the answer), from what it certainly has on.
+        self._sweeps = ReceiveBuffer(Stream.SWEEP)
+        self._deposit_requests = ReceiveBuffer(Stream.DEPOSIT_REQUEST)
+        self._receive_buffers = {
+            Stream.SWEEP: self._sweeps,
+            Stream.DEPOSIT_REQUEST: self._deposit_requests,
+        }
+        # Headers of ticks that are not processed yet, the oldest first.
+        self._pending_headers: deque[MachineHeader] = deque()
+        # Published headers with the machine's tick processed before each, from the latest on that
+        # the machine certainly has.
         self._published_headers: deque[tuple[int, SoilHeader]] = deque()
-        self._recent_ticks = deque([self.last_tick], maxlen=PIPELINE_DEPTH + 2)  # taken last
+        self._recent_ticks = deque([self.last_tick], maxlen=PIPELINE_DEPTH + 2)  # processed last
 
     @property
     def header(self) -> MachineHeader | None:
-        """Its word on the tick that is being gathered, once it has come."""
+        """Header of the next tick, None if it has not arrived."""
         return self._pending_headers[0] if self._pending_headers else None
 
     @property
     def acknowledged(self) -> dict[Stream, RowRange]:
-        """The soil's rows that it certainly has: the last of each stream that it was told of."""
+        """Ranges of the soil's rows in the latest header that the machine certainly has."""
         return self._published_headers[0][1].spans
 
     @property
     def receipt(self) -> MachineReceipt:
-        """Return what the soil has received in this session."""
+        """Acknowledgement of what the soil has received in this session."""
         return MachineReceipt(
             self.machine_id,
             self.session_id,
-            self.deposit_requests.received,
+            self._deposit_requests.received,
             self.num_backlog_rows,
             self.last_tick,
         )
 
-    def take_header(self, header: MachineHeader) -> None:
-        """Take its word on its next tick; one that was taken says nothing new.
+    @property
+    def num_buffered_rows(self) -> int:
+        """Number of rows kept, received ones and the backlog."""
+        received = sum(buffer.num_buffered_rows for buffer in self._receive_buffers.values())
+        return received + self.backlog.num_buffered_rows
 
-        Of words that come in another order than they were sent, the later one must come again.
+    def receive_header(self, header: MachineHeader) -> None:
+        """Add the header of the machine's next tick; a duplicate is ignored.
+
+        A header that overtook the one before it is ignored, too, and requested again later.
 
         Raises:
-            ExchangeError: it counts its rows wrongly, or tells what cannot be.
+            ExchangeError: ROW_RANGE, VOLUME_RANGE or ACKNOWLEDGEMENT; nothing was changed.
         """
         before = self._pending_headers[-1] if self._pending_headers else None
         newest = self.last_tick if before is None else before.tick
-        if (
-            header.tick <= newest
-            or header.previous_tick != newest
-            or len(self._pending_headers) > PIPELINE_DEPTH
-        ):
+        is_next = header.tick > newest and header.previous_tick == newest
+        if not is_next or len(self._pending_headers) > PIPELINE_DEPTH:
             return
-        for stream, span, had in (
-            (self.sweeps, header.sweeps, None if before is None else before.sweeps),
+        for buffer, span, span_before in (
+            (self._sweeps, header.sweeps, None if before is None else before.sweeps),
             (
-                self.deposit_requests,
+                self._deposit_requests,
                 header.deposit_requests,
                 None if before is None else before.deposit_requests,
             ),
         ):
-            expected = stream.expected if had is None else had.last + 1
-            check_row_range(span, stream.stream, expected)
-        held = (header.pending_mm3, header.particles_mm3)
-        if min(held) < 0 or max(held) > _MAX_REPORTED_VOLUME:
-            raise ExchangeError(
-                f"machine {self.machine_id} says it holds {header.pending_mm3} + {header.particles_mm3}"
-                f" mm^3 of soil; each must be 0 to {_MAX_REPORTED_VOLUME}"
-            )
-        applied = [answer.conversions.last for _, answer in self._published_headers]
-        if header.conversions_received not in applied:
-            raise ExchangeError(
-                f"machine {self.machine_id} says it has applied conversion row"
-                f" {header.conversions_received}; the answers that it can have had end with"
-                f" {', '.join(map(str, applied[-_MAX_ROWS_IN_MESSAGE:]))}"
-            )
+            expected = buffer.expected if span_before is None else span_before.last + 1
+            check_row_range(span, buffer.stream, expected)
+        self._check_volumes(header)
+        self._check_acknowledgement(header)
         self._pending_headers.append(header)
 
-    def take_rows(self, chunk: RowChunk) -> None:
-        """Take rows it sent.
+    def receive_rows(self, chunk: RowChunk) -> None:
+        """Add rows of the machine.
 
         Raises:
-            ExchangeError: rows that are not a machine's to send, or another machine's.
+            ExchangeError: STREAM_DIRECTION, SENDER_MISMATCH, ROW_TYPE or SEQUENCE_NUMBER; nothing
+                was changed.
         """
-        stream = self._streams.get(chunk.stream)
-        if stream is None:
-            raise ExchangeError(f"machines send no {chunk.stream.name} rows")
+        buffer = self._receive_buffers.get(chunk.stream)
+        if buffer is None:
+            raise ExchangeError(
+                f"machines do not send {chunk.stream.name} rows", ErrorCode.STREAM_DIRECTION
+            )
         names = chunk.rows.dtype.names or ()
         if "machine_id" in names and np.count_nonzero(chunk.rows["machine_id"] != chunk.machine_id):
-            raise ExchangeError(f"machine {chunk.machine_id} sends rows of another source")
-        stream.add(chunk.rows)
+            raise ExchangeError(
+                f"machine {chunk.machine_id} sends rows with another machine id",
+                ErrorCode.SENDER_MISMATCH,
+            )
+        buffer.add(chunk.rows)
 
     def gaps(self) -> list[tuple[Stream, RowRange]]:
-        """Rows the header counts that are not here."""
+        """Return the ranges of rows that the header counts and that have not arrived."""
         header = self.header
         assert header is not None
-        return [(Stream.SWEEP, gap) for gap in self.sweeps.missing(header.sweeps)] + [
+        return [(Stream.SWEEP, gap) for gap in self._sweeps.missing(header.sweeps)] + [
             (Stream.DEPOSIT_REQUEST, gap)
-            for gap in self.deposit_requests.missing(header.deposit_requests)
+            for gap in self._deposit_requests.missing(header.deposit_requests)
         ]
 
     def is_complete(self) -> bool:
-        """Whether the tick's header and all rows it counts are here."""
+        """Return whether the header of the next tick and all rows that it counts are here."""
         header = self.header
         return header is not None and not (
-            self.sweeps.missing(header.sweeps)
-            or self.deposit_requests.missing(header.deposit_requests)
+            self._sweeps.missing(header.sweeps)
+            or self._deposit_requests.missing(header.deposit_requests)
+        )
+
+    def tick_rows(self) -> tuple[Rows, Rows]:
+        """Return the SWEEP and the DEPOSIT_REQUEST rows of a complete tick."""
+        header = self.header
+        assert header is not None
+        return (
+            self._sweeps.rows(header.sweeps),
+            self._deposit_requests.rows(header.deposit_requests),
         )
 
     def complete_tick(self) -> MachineHeader:
-        """Forget the tick; returns its header."""
+        """Discard the rows and the header of a tick that was processed; return the header."""
         header = self._pending_headers.popleft()
-        self.sweeps.discard_through(header.sweeps.last)
-        self.deposit_requests.discard_through(header.deposit_requests.last)
+        self._sweeps.discard_through(header.sweeps.last)
+        self._deposit_requests.discard_through(header.deposit_requests.last)
         if self.num_backlog_rows:
             self.backlog.discard_through(self.num_backlog_rows)
             self.num_backlog_rows = 0
@@ -165,9 +175,11 @@ class MachineSession:
         return header
 
     def record_published(self, header: SoilHeader) -> None:
-        """Note a header that is sent to it, and what it has had since it sent the tick taken."""
+        """Record a published header, and forget those before the latest that the machine has.
+
+        A machine sends a tick after it has the answer to the one PIPELINE_DEPTH + 1 before.
+        """
         self._published_headers.append((self.last_tick, header))
-        # Its tick was sent after the answer to the one AHEAD + 1 before.
         certain = (
             self._recent_ticks[0]
             if len(self._recent_ticks) == PIPELINE_DEPTH + 2
@@ -175,3 +187,22 @@ class MachineSession:
         )
         while self._published_headers[0][0] < certain:
             self._published_headers.popleft()
+
+    def _check_volumes(self, header: MachineHeader) -> None:
+        volumes = (header.pending_mm3, header.particles_mm3)
+        if min(volumes) < 0 or max(volumes) > _MAX_REPORTED_VOLUME:
+            raise ExchangeError(
+                f"machine {self.machine_id} reports {volumes[0]} + {volumes[1]} mm^3 of soil; each"
+                f" must be from 0 to {_MAX_REPORTED_VOLUME}",
+                ErrorCode.VOLUME_RANGE,
+            )
+
+    def _check_acknowledgement(self, header: MachineHeader) -> None:
+        published = [answer.conversions.last for _, answer in self._published_headers]
+        if header.conversions_received not in published:
+            raise ExchangeError(
+                f"machine {self.machine_id} acknowledges conversion row"
+                f" {header.conversions_received}; the answers that it can have end with rows"
+                f" {', '.join(map(str, published[-_MAX_LISTED_ROWS:]))}",
+                ErrorCode.ACKNOWLEDGEMENT,
+            )

@@ -1,9 +1,8 @@
-"""The accounts the soil keeps of soil that is not terrain [mm^3 bank].
+"""The accounts of soil that is not terrain [mm^3 bank].
 
-Every figure is counted where it is said to be: in flight from the conversion rows themselves,
-pending and particles as each machine reports them, absent from the last report of a machine that
-left, outside from the rows that said so. Nothing is found by subtraction, so that soil lost
-anywhere shows as an imbalance.
+Every account is counted independently: in flight from the conversion rows, pending and particles as
+each machine reports them, absent from the last report of a machine that left, outside from the
+OUTSIDE rows. None is computed by subtraction, so that soil lost anywhere shows as an imbalance.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import MachineHeader, RowRange
 from msg_bridge.contract.rows import (
@@ -29,46 +28,46 @@ from msg_bridge.contract.rows import (
 __all__ = ["SoilAccounts", "signed_volume"]
 
 _SIGNS = np.array([1, -1, -1, 0], dtype=np.int64)
-"""What a row's volume counts in flight, by its Kind."""
+"""Sign of the volume of a row in flight, by its ConversionKind."""
 
 
 def signed_volume(conversions: Rows) -> int:
-    """What these rows put in flight: excavated soil +, deposited and outside soil -."""
+    """Return the volume that rows put in flight [mm^3]: excavated +, deposited and outside -."""
     return int(np.dot(_SIGNS[conversions["kind"]], conversions["volume_mm3"]))
 
 
 class _InFlightRows(NamedTuple):
-    """Rows of one source that were published together.
+    """Rows of one machine that were published in the same tick.
 
     Attributes:
-        numbers: theirs among all conversion rows, ascending.
-        rows: CONVERSION rows.
-        volume: signed.
+        numbers: their numbers in the CONVERSION stream, ascending, shape (n,).
+        rows: CONVERSION rows, shape (n,).
+        volume: signed volume [mm^3].
     """
 
     numbers: NDArray[np.int64]
     rows: Rows
     volume: int
 
-    def through(self, number: int) -> int:
-        """How many of them are numbered up to and with `number`."""
+    def count_through(self, number: int) -> int:
+        """Return how many rows have numbers up to and including `number`."""
         return int(np.searchsorted(self.numbers, number, side="right"))
 
     def select(self, begin: int, end: int | None = None) -> _InFlightRows:
-        """Some of them."""
+        """Return the rows begin to end - 1."""
         rows = self.rows[begin:end]
         return _InFlightRows(self.numbers[begin:end], rows, signed_volume(rows))
 
 
 class _MachineAccount:
-    """One source: what it last reported, and the rows it has not acknowledged.
+    """Account of one machine: its last report, and the rows it has not acknowledged.
 
     Attributes:
-        present: whether it takes part.
-        pending, particles: as last reported.
-        applied: last conversion row those figures contain.
-        floor: last conversion row it does not need from the stream to all.
-        abandoned: what former lives held that can no longer come back.
+        is_joined: whether it takes part.
+        pending, particles: volumes of the last report [mm^3].
+        applied: last conversion row included in that report.
+        last_row_not_needed: last row of the CONVERSION stream that need not be kept for it.
+        forfeited: soil of earlier sessions that the machine cannot return with [mm^3].
     """
 
     def __init__(self) -> None:
@@ -78,140 +77,145 @@ class _MachineAccount:
         self.applied = 0
         self.last_row_not_needed = 0
         self.forfeited = 0
-        self._in_flight_rows: deque[_InFlightRows] = deque()  # in order, none without rows
+        self._in_flight_rows: deque[_InFlightRows] = deque()  # ascending, none empty
 
     @property
     def total(self) -> int:
-        """All it last reported."""
+        """Volume of the last report [mm^3]."""
         return self.pending + self.particles
 
     @property
     def in_flight(self) -> int:
-        """Signed volume of the rows it has not acknowledged."""
+        """Signed volume of the rows not acknowledged [mm^3]."""
         return sum(flight.volume for flight in self._in_flight_rows)
 
     @property
     def volume_left_behind(self) -> int:
-        """All that lives of it that are over held, rows never acknowledged included."""
+        """Soil of all its sessions, rows never acknowledged included [mm^3]."""
         return self.forfeited + self.total + self.in_flight
 
     @property
     def backlog(self) -> Rows:
-        """The rows it has not acknowledged, in order."""
+        """The rows not acknowledged, in order."""
         return join_rows([flight.rows for flight in self._in_flight_rows], CONVERSION)
 
     def add_in_flight(self, numbers: NDArray[np.int64], rows: Rows) -> None:
-        """Put rows in flight."""
+        """Add published rows."""
         self._in_flight_rows.append(_InFlightRows(numbers, rows, signed_volume(rows)))
 
     def volume_up_to(self, through: int) -> int:
-        """Signed volume of its rows in flight up to number `through`."""
+        """Return the signed volume of the rows in flight up to number `through` [mm^3]."""
         return sum(
-            flight.select(0, flight.through(through)).volume for flight in self._in_flight_rows
+            flight.select(0, flight.count_through(through)).volume
+            for flight in self._in_flight_rows
         )
 
     def update_totals(self, pending: int, particles: int, through: int) -> None:
-        """Take its figures as of conversion row `through`."""
+        """Set the totals as of conversion row `through`, which acknowledges the rows up to it."""
         self.pending, self.particles = pending, particles
         self.applied = through
         self.last_row_not_needed = max(self.last_row_not_needed, through)
         while self._in_flight_rows and self._in_flight_rows[0].numbers[0] <= through:
             flight = self._in_flight_rows.popleft()
-            applied = flight.through(through)
+            applied = flight.count_through(through)
             if applied < flight.rows.size:
                 self._in_flight_rows.appendleft(flight.select(applied))
 
     def forfeit(self) -> None:
-        """Begin anew: what it held, and rows it will never apply, stay where they were lost."""
+        """Move its soil, and the rows it will never apply, to the forfeited soil."""
         self.forfeited += self.total + self.in_flight
         self.pending = self.particles = 0
         self._in_flight_rows.clear()
 
     def release(self) -> int:
-        """Hand over all of it; nothing is left."""
+        """Remove all of its soil; return the volume [mm^3]."""
         self.forfeit()
         volume, self.forfeited = self.forfeited, 0
         return volume
 
 
 class SoilAccounts:
-    """What was published, reported and left behind, by source."""
+    """Accounts of all machines, and the soil outside of the map."""
 
     def __init__(self) -> None:
         self._machines: dict[int, _MachineAccount] = {}
-        self._released: dict[int, int] = {}  # handed over, not answered yet
+        self._released: dict[int, int] = {}  # volume released and not deposited yet
         self._outside = 0
         self._start: int | None = None
 
     @property
     def last_row_acknowledged_by_all(self) -> int:
-        """Last conversion row that every source taking part has applied; none: all of them."""
-        is_joined = [a.last_row_not_needed for a in self._machines.values() if a.is_joined]
-        return min(is_joined, default=2**63 - 1)
+        """Last conversion row that no joined machine needs; 2**63 - 1 if no machine is joined."""
+        rows = [a.last_row_not_needed for a in self._machines.values() if a.is_joined]
+        return min(rows, default=2**63 - 1)
 
     def in_flight(self, machine_id: int) -> int:
-        """Signed volume of rows a source has not acknowledged [mm^3]."""
+        """Return the signed volume of the rows that a machine has not acknowledged [mm^3]."""
         return self._machines[machine_id].in_flight
 
     def backlog(self, machine_id: int) -> Rows:
-        """CONVERSION rows a source has not acknowledged, in order."""
+        """Return the CONVERSION rows that a machine has not acknowledged, in order."""
         return self._machines[machine_id].backlog
 
     @property
     def absent(self) -> tuple[int, ...]:
-        """Sources that take no part and have left soil behind, in order."""
+        """Ids of the machines that take no part and have left soil behind, ascending."""
         return tuple(
             n for n, a in sorted(self._machines.items()) if not a.is_joined and a.volume_left_behind
         )
 
     def check(self, conversions: Rows) -> None:
-        """Refuse rows of a source that takes no part: nobody would ever acknowledge them.
+        """Check that each row has a joined machine to acknowledge it.
 
-        What was released needs no acknowledgement, but must be answered as a whole.
+        Released soil needs no acknowledgement, but must be deposited in full.
 
         Raises:
-            ExchangeError: naming the source.
+            ExchangeError: NOT_JOINED or RELEASE.
         """
         for machine_id, released in self._released.items():
-            put_down = -signed_volume(rows_of_machine(conversions, machine_id))
-            if put_down != released:
+            deposited = -signed_volume(rows_of_machine(conversions, machine_id))
+            if deposited != released:
                 raise ExchangeError(
-                    f"{released} mm^3 of machine {machine_id} were released, but conversion rows put"
-                    f" {put_down} mm^3 down"
+                    f"{released} mm^3 of machine {machine_id} were released, but conversion rows"
+                    f" deposit {deposited} mm^3; deposit all of it",
+                    ErrorCode.RELEASE,
                 )
         for machine_id in machine_ids_in(conversions):
             account = self._machines.get(machine_id)
             if machine_id not in self._released and (account is None or not account.is_joined):
                 raise ExchangeError(
-                    f"there are conversion rows for {machine_id}, which has not joined"
+                    f"there are conversion rows of machine {machine_id}, which has not joined",
+                    ErrorCode.NOT_JOINED,
                 )
 
     def add_in_flight(self, span: RowRange, conversions: Rows) -> None:
-        """Put published rows in flight, and count what left the map."""
+        """Add published rows to the rows in flight, and count the soil that left the map."""
         if conversions.size:
             outside = conversions["kind"] == ConversionKind.OUTSIDE
             self._outside += int(conversions["volume_mm3"][outside].sum(dtype=np.int64))
             numbers = np.arange(span.first, span.first + span.count, dtype=np.int64)
-            sources = machine_ids_in(conversions)
-            for machine_id in sources:
+            machine_ids = machine_ids_in(conversions)
+            for machine_id in machine_ids:
                 if machine_id not in self._released:
                     own = (
-                        conversions["machine_id"] == machine_id if len(sources) > 1 else slice(None)
+                        conversions["machine_id"] == machine_id
+                        if len(machine_ids) > 1
+                        else slice(None)
                     )
                     self._machines[machine_id].add_in_flight(numbers[own], conversions[own])
         self._released.clear()
 
     def update_totals(self, header: MachineHeader) -> None:
-        """Take a source's totals as of the last conversion row it acknowledges."""
+        """Set a machine's totals as of the last conversion row that it acknowledges."""
         self._machines[header.machine_id].update_totals(
             header.pending_mm3, header.particles_mm3, header.conversions_received
         )
 
     def join(self, machine_id: int, published: int) -> None:
-        """Let a source in that holds nothing; what a former life of it held is abandoned.
+        """Open the account of a machine without soil; the soil of earlier sessions is forfeited.
 
         Args:
-            source: its number.
+            machine_id: its number.
             published: last conversion row published so far; it needs none of those.
         """
         account = self._machines.setdefault(machine_id, _MachineAccount())
@@ -220,27 +224,35 @@ class SoilAccounts:
         account.applied = account.last_row_not_needed = published
 
     def rejoin(self, header: MachineHeader, published: int) -> None:
-        """Let a source in again with what it held when it left.
+        """Open the account of a machine that holds the soil it left with.
+
+        Args:
+            header: its request.
+            published: last conversion row published so far; of those it receives its backlog.
 
         Raises:
-            ExchangeError: it never left, or holds another volume than it should.
+            ExchangeError: REJOIN_VOLUME: it never took part, or reports another volume.
         """
         account = self._machines.get(header.machine_id)
         through = header.conversions_received
         if account is None:
-            raise ExchangeError(f"machine {header.machine_id} comes back but was never here; join")
+            raise ExchangeError(
+                f"machine {header.machine_id} requests to rejoin but has never taken part; join",
+                ErrorCode.REJOIN_VOLUME,
+            )
         expected = account.total + account.volume_up_to(through)
         if through < account.applied or header.soil_mm3 != expected:
             raise ExchangeError(
-                f"machine {header.machine_id} comes back with {header.soil_mm3} mm^3 of soil, but it"
-                f" left with {expected} mm^3; join empty, or start it from its last state"
+                f"machine {header.machine_id} requests to rejoin with {header.soil_mm3} mm^3 of"
+                f" soil, but it left with {expected} mm^3; join without soil, or restore its state",
+                ErrorCode.REJOIN_VOLUME,
             )
         account.update_totals(header.pending_mm3, header.particles_mm3, through)
         account.is_joined = True
-        account.last_row_not_needed = published  # older rows it needs are sent as owed
+        account.last_row_not_needed = published  # it receives older ones as backlog
 
     def release(self, machine_id: int) -> int:
-        """What an absent source held [mm^3], to be put down by the next rows that are booked."""
+        """Take over the soil of an absent machine [mm^3]; the next rows must deposit it."""
         account = self._machines.get(machine_id)
         volume = 0 if account is None or account.is_joined else account.release()
         if volume:
@@ -248,11 +260,17 @@ class SoilAccounts:
         return volume
 
     def leave(self, machine_id: int) -> None:
-        """Keep what a leaving source last reported as absent, and the rows it is owed."""
+        """Close the account of a machine: its soil is absent, its unacknowledged rows are kept."""
         self._machines[machine_id].is_joined = False
 
     def ledger(self, run_id: int, tick: int, terrain: int) -> Ledger:
-        """The ledger of a tick; the first one sets the sum that must stay."""
+        """Return the ledger of a tick; the sum of the first one is the start.
+
+        Args:
+            run_id: number of the run.
+            tick: the tick that ended.
+            terrain: volume of the terrain [mm^3].
+        """
         in_flight = pending = particles = absent = 0
         for account in self._machines.values():
             in_flight += account.in_flight
@@ -262,7 +280,7 @@ class SoilAccounts:
                 particles += account.particles
             else:
                 absent += account.total
-        entries = (terrain, in_flight, pending, particles, absent, self._outside)
+        accounts = (terrain, in_flight, pending, particles, absent, self._outside)
         if self._start is None:
-            self._start = sum(entries)
-        return Ledger(run_id, tick, *entries, self._start)
+            self._start = sum(accounts)
+        return Ledger(run_id, tick, *accounts, self._start)

@@ -1,8 +1,8 @@
-"""Follows the terrain from outside the exchange: one who looks and never answers.
+"""The terrain surface for observers, which receive the soil's messages and send none.
 
-A machine is sent again what it misses; one who only listens is not. It starts from a keyframe,
-applies the changed cells that each soil header counts, and takes a newer keyframe if it must. So
-the surface is always that of one certain tick.
+The soil sends lost rows again to machines, not to observers. An observer starts from a keyframe,
+applies the map updates that each soil header counts, and adopts a newer keyframe if rows are lost.
+Its surface is always that of the end of one tick.
 """
 
 from __future__ import annotations
@@ -10,38 +10,38 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.map_updates import apply_map_updates
 from msg_bridge.contract.messages import Keyframe, Message, RowChunk, SoilHeader, Stream
 from msg_bridge.contract.rows import Rows
 
 __all__ = ["TerrainFollower"]
 
 _MAX_HEADERS_BEHIND_GAP = 50
-"""Headers that may come after one whose rows are missing before a keyframe is taken instead."""
+"""Number of headers after one with missing rows at which a keyframe is adopted instead."""
 
 _MAX_BUFFERED_HEADERS = 10_000
-"""Headers kept at most while there is no terrain to apply them to."""
+"""Maximum number of headers kept while there is no terrain."""
 
 
 class TerrainFollower:
-    """The surface at the end of a tick, as far as it is known without a gap.
+    """The surface at the end of the latest tick that is known without a gap.
 
     Attributes:
-        epoch: number of the run, 0 before the first keyframe.
-        tick: the tick whose surface this is; -1 before the first.
-        revision: of the terrain.
-        grid: of the terrain, None before the first keyframe.
-        elevation: the surface [m], shape (rows, cols), float64; changed in place.
-        gaps: times that rows were missed and a keyframe had to be taken.
-        limit: go no further than to this tick, for now; None: as far as can be. For one who has to
-            see the surface of each of certain ticks. Change it by `advance_to`.
+        run_id: number of the run, 0 before the first keyframe.
+        tick: the tick at whose end the surface is this; -1 before the first.
+        revision: revision of the terrain.
+        grid: grid of the terrain, None before the first keyframe.
+        elevation: [m], shape (rows, cols), float64; changed in place.
+        gaps: number of keyframes adopted because rows were lost.
+        max_tick: last tick to advance to, for observers that need the surface of certain ticks;
+            None: no limit. Set it by `advance_to`.
     """
 
     def __init__(self) -> None:
         self.gaps = 0
         self.max_tick: int | None = None
-        self._other_run_keyframe: Keyframe | None = None  # of another run
+        self._other_run_keyframe: Keyframe | None = None  # newest of another run
         self._reset(0)
 
     def _reset(self, run_id: int) -> None:
@@ -52,13 +52,16 @@ class TerrainFollower:
         self.elevation: NDArray[np.float64] = np.zeros((0, 0))
         self._newest_keyframe: Keyframe | None = None
         self._headers: dict[int, SoilHeader] = {}
-        self._chunks: dict[int, Rows] = {}  # CHANGED rows by the number of the first
+        self._chunks: dict[int, Rows] = {}  # MAP_UPDATE rows by the number of the first
 
     def receive(self, message: Message) -> bool:
-        """Take what the soil says to all; anything else is ignored.
+        """Process a message that the soil sends to all; others are ignored.
 
         Returns:
-            Whether `tick` went on.
+            Whether the run or the tick changed.
+
+        Raises:
+            ExchangeError: OFF_MAP: a map update lies outside of the grid.
         """
         before = (self.run_id, self.tick)
         if isinstance(message, Keyframe):
@@ -77,15 +80,15 @@ class TerrainFollower:
         return (self.run_id, self.tick) != before
 
     def _store_chunk(self, rows: Rows) -> None:
-        # What is sent again to a machine comes here too, and may be cut otherwise.
+        # Rows sent again to a machine arrive here too, and may be split otherwise.
         first = int(rows["seq"][0])
         if first not in self._chunks or self._chunks[first].size < rows.size:
             self._chunks[first] = rows
 
     def start_run(self, run_id: int) -> None:
-        """Follow this run, as `/sim/config` names it, even if its number is not larger.
+        """Follow a run, as `/sim/config` names it, even if its number is smaller.
 
-        A soil that was reset often and is started again may come back to a number it was beyond.
+        A soil that was reset often may have a smaller number after a restart.
         """
         if run_id == self.run_id:
             return
@@ -95,18 +98,18 @@ class TerrainFollower:
         self._advance()
 
     def advance_to(self, max_tick: int | None) -> None:
-        """Go on to a tick, as far as its rows have come, and no further; None: no limit."""
+        """Set the last tick to advance to (None: no limit), and advance as far as rows are here."""
         self.max_tick = max_tick
         self._advance()
 
     def resync(self) -> bool:
-        """Take the newest keyframe if rows are missing; returns whether `tick` went on.
+        """Adopt the newest keyframe if rows are missing; return whether the tick changed.
 
-        To be called when nothing has gone on for a while.
+        Call it when there has been no progress for a while.
         """
         before = self.tick
         if self.max_tick is not None and min(self._headers, default=0) > self.max_tick:
-            return False  # it waits, and lacks nothing
+            return False  # it waits at its last tick
         if (
             self._headers
             and self._newest_keyframe is not None
@@ -149,21 +152,18 @@ class TerrainFollower:
         self.revision = self._newest_keyframe.revision
 
     def _apply(self, header: SoilHeader) -> bool:
-        """Apply a header's changed cells if nothing before them is missing and all are here."""
+        """Apply the map updates of a header; return False if rows of it or before it are missing."""
         if header.revision != self.revision + 1:
-            return False  # a tick between was missed
+            return False  # a header in between is missing
         rows = self._rows(header)
         if rows is None:
             return False
-        shape = self.elevation.shape
-        if (rows["row"] >= shape[0]).any() or (rows["col"] >= shape[1]).any():
-            raise ExchangeError("a changed cell lies off the map; the soil sends another grid")
-        self.elevation[rows["row"], rows["col"]] = rows["z"]
+        apply_map_updates(rows, {"z": self.elevation})
         self.revision = header.revision
         return True
 
     def _rows(self, header: SoilHeader) -> Rows | None:
-        """All CHANGED rows a header counts, None if some are missing."""
+        """Return all MAP_UPDATE rows that a header counts; None if any is missing."""
         wanted, parts = header.map_updates, []
         number = wanted.first
         while number <= wanted.last:
@@ -175,7 +175,7 @@ class TerrainFollower:
         return np.concatenate(parts) if parts else None
 
     def _drop_old_chunks(self) -> None:
-        """Forget rows the surface has."""
+        """Discard rows that are applied."""
         self._chunks = {
             first: rows
             for first, rows in self._chunks.items()

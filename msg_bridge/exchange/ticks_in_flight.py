@@ -1,4 +1,4 @@
-"""What a machine has sent and has not been answered yet, and what has come of the answers."""
+"""Ticks that a machine has sent and that are not answered, and the answers received so far."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ class _Tick:
 
 @dataclass(frozen=True)
 class CompletedTick:
-    """A tick whose answer is here in full.
+    """A tick with its complete answer.
 
     Attributes:
-        sent: the machine's word on it.
-        header: the soil's.
-        rows: all that the soil has moved since the answer before, by stream.
+        sent: the machine's header.
+        header: the soil's header that answers it.
+        rows: all rows of the soil since the answer before, by stream.
     """
 
     sent: MachineHeader
@@ -44,20 +44,13 @@ class TicksInFlight:
     """Ticks sent, the oldest first, and the soil's rows that answer them.
 
     A soil that waits answers each tick in the header of the same number. One that does not wait may
-    answer in a later one, which counts the rows of all ticks since, too.
+    answer in a later header, together with the rows of all ticks in between.
     """
 
     def __init__(self) -> None:
         self._ticks: deque[_Tick] = deque()
-        self._last_answer_tick = -1  # number of the answer taken last
+        self._last_answer_tick = -1  # number of the last completed answer
         self._receive_buffers: dict[Stream, ReceiveBuffer] = {}
-
-    def begin(self, welcome: SoilHeader) -> None:
-        """Count rows from those on that come after the header that lets the machine take part."""
-        self._last_answer_tick = welcome.tick
-        self._receive_buffers = {
-            stream: ReceiveBuffer(stream, span.last + 1) for stream, span in welcome.spans.items()
-        }
 
     def __len__(self) -> int:
         return len(self._ticks)
@@ -69,32 +62,39 @@ class TicksInFlight:
 
     @property
     def is_missing_rows(self) -> bool:
-        """Whether the answer to the oldest is here, but for rows that it counts."""
+        """Whether the answer to the oldest tick is here and rows that it counts are not."""
         answer = self._ticks[0].answer if self._ticks else None
         return answer is not None and bool(self._missing(self._spans(answer)))
 
+    def begin(self, welcome: SoilHeader) -> None:
+        """Begin to receive rows: those after the header that admits the machine."""
+        self._last_answer_tick = welcome.tick
+        self._receive_buffers = {
+            stream: ReceiveBuffer(stream, span.last + 1) for stream, span in welcome.spans.items()
+        }
+
     def add(self, sent: MachineHeader) -> None:
-        """Note that a tick was sent."""
+        """Add a tick that was sent."""
         self._ticks.append(_Tick(sent))
 
-    def sent(self, first: int) -> list[MachineHeader]:
-        """Those not answered yet, from a number on."""
+    def sent_headers(self, first: int) -> list[MachineHeader]:
+        """Return the headers of unfinished ticks from number `first` on."""
         return [tick.sent for tick in self._ticks if tick.sent.tick >= first]
 
-    def take_rows(self, chunk: RowChunk) -> None:
-        """Take rows of the soil; before it has begun, none are needed.
+    def add_rows(self, chunk: RowChunk) -> None:
+        """Add rows that the soil sends to all; before `begin` they are ignored.
 
         Raises:
-            ExchangeError: of another type, or numbered far beyond any gap.
+            ExchangeError: ROW_TYPE or SEQUENCE_NUMBER.
         """
         if chunk.stream in self._receive_buffers and chunk.machine_id == 0:
             self._receive_buffers[chunk.stream].add(chunk.rows)
 
-    def take_header(self, header: SoilHeader, receipt: MachineReceipt) -> None:
-        """Take a header, if it answers a tick sent; the newest that does so counts.
+    def add_header(self, header: SoilHeader, receipt: MachineReceipt) -> None:
+        """Add a header if it answers a tick in flight; the newest that does so counts.
 
         Raises:
-            ExchangeError: it counts its rows wrongly; nothing was changed.
+            ExchangeError: ROW_RANGE; nothing was changed.
         """
         for k, tick in enumerate(self._ticks):
             if tick.sent.tick != receipt.tick:
@@ -102,23 +102,15 @@ class TicksInFlight:
             if tick.answer is not None and tick.answer.tick >= header.tick:
                 return
             before = self._ticks[k - 1].answer if k else None
-            number = self._last_answer_tick if before is None else before.tick
-            for stream, span in header.spans.items():
-                expected = (
-                    self._receive_buffers[stream].expected
-                    if before is None
-                    else before.spans[stream].last + 1
-                )
-                skipping = header.tick != number + 1
-                check_row_range(span, stream, expected, skipping=skipping)
+            self._check_row_ranges(header, before)
             tick.answer = header
             if header.tick > receipt.tick:
-                # It does not wait, and has gone on: its answer to an older tick may be long gone.
+                # The soil does not wait: its answers to older ticks may not be kept any more.
                 for older in list(self._ticks)[:k]:
                     older.answer = older.answer or header
 
     def pop(self) -> CompletedTick | None:
-        """The oldest tick, once its answer and all rows that it counts are here."""
+        """Remove and return the oldest tick if its answer and all rows of it are here."""
         answer = self._ticks[0].answer if self._ticks else None
         if answer is None:
             return None
@@ -133,7 +125,7 @@ class TicksInFlight:
         return CompletedTick(self._ticks.popleft().sent, answer, rows)
 
     def gaps(self) -> list[tuple[Stream, RowRange]]:
-        """Rows that answers count and that are not here."""
+        """Return the ranges of rows that the newest answer counts and that have not arrived."""
         newest = max(
             (tick.answer for tick in self._ticks if tick.answer is not None),
             key=lambda answer: answer.tick,
@@ -142,8 +134,23 @@ class TicksInFlight:
         return [] if newest is None else self._missing(self._spans(newest))
 
     def unanswered_headers(self) -> list[MachineHeader]:
-        """The machine's own words that no header of the soil has answered."""
+        """Return the headers of ticks without an answer."""
         return [tick.sent for tick in self._ticks if tick.answer is None]
+
+    def _check_row_ranges(self, header: SoilHeader, before: SoilHeader | None) -> None:
+        """Check that a header continues the one before, or the last completed one.
+
+        Raises:
+            ExchangeError: ROW_RANGE.
+        """
+        tick_before = self._last_answer_tick if before is None else before.tick
+        for stream, span in header.spans.items():
+            expected = (
+                self._receive_buffers[stream].expected
+                if before is None
+                else before.spans[stream].last + 1
+            )
+            check_row_range(span, stream, expected, allow_gap=header.tick != tick_before + 1)
 
     def _missing(self, spans: dict[Stream, RowRange]) -> list[tuple[Stream, RowRange]]:
         return [
@@ -153,11 +160,11 @@ class TicksInFlight:
         ]
 
     def _spans(self, answer: SoilHeader) -> dict[Stream, RowRange]:
-        """Rows since the answer taken last, through those that `answer` counts."""
+        """Return the ranges from the last completed answer up to the end of this one."""
         spans = {}
         for stream, span in answer.spans.items():
-            since = self._receive_buffers[stream].expected
-            if span.first != since:  # there were answers in between
-                span = RowRange(since, span.last + 1 - since)
+            first = self._receive_buffers[stream].expected
+            if span.first != first:  # there are answers in between
+                span = RowRange(first, span.last + 1 - first)
             spans[stream] = span
         return spans

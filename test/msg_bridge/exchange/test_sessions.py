@@ -1,10 +1,11 @@
-"""Machines that join late, leave, come back, crash and start again."""
+"""Machines that join late, leave, rejoin, crash and restart."""
 
 import numpy as np
 import pytest
-from support.exchange_fakes import ExchangeDriver, FakeMachine, FakeSoil
+from support.exchange_fakes import GRID, ExchangeDriver, FakeMachine, FakeSoil
+from support.wire import raises
 
-from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.messages import Keyframe, MachineHeader, RowChunk, Stream, Verb
 from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, empty_rows
 from msg_bridge.exchange.direct_transport import DirectTransport
@@ -15,8 +16,8 @@ GOOD: dict[str, float] = {}
 BAD = {"drop": 0.2, "duplicate": 0.2, "delay": 0.4}
 
 
-class Crowd(ExchangeDriver):
-    """A driver whose machines may change."""
+class Fleet(ExchangeDriver):
+    """A driver with a changing set of machines."""
 
     def __init__(self, count: int, expected: int, seed: int = 0, **loss: float) -> None:
         soil = FakeSoil(np.random.default_rng(seed), expected=tuple(range(1, expected + 1)))
@@ -28,7 +29,7 @@ class Crowd(ExchangeDriver):
             machine.exchange.join()
 
     def connect(self) -> None:
-        """A transport to the machines as they are now."""
+        """Connect the present machines."""
         ends = [machine.exchange for machine in self.machines]
         if self._loss:
             rng = np.random.default_rng(self._seed)
@@ -37,7 +38,7 @@ class Crowd(ExchangeDriver):
             self.transport = DirectTransport(self.soil.exchange, ends)
 
     def until_ready(self, machine: FakeMachine) -> None:
-        """Let a machine's tick be answered, and send no further one."""
+        """Wait for the answer to a machine's tick without sending another."""
         for _ in range(100):
             self.transport.deliver()
             self.soil.step()
@@ -48,235 +49,235 @@ class Crowd(ExchangeDriver):
                 machine.apply(answer.conversions)
         raise AssertionError("no answer")
 
-    def balanced(self) -> bool:
+    def is_balanced(self) -> bool:
         return {ledger.imbalance for ledger in self.soil.ledgers} == {0}
 
 
 def test_the_first_tick_waits_for_every_expected_machine() -> None:
-    crowd = Crowd(2, expected=2)
-    first, second = crowd.machines
+    fleet = Fleet(2, expected=2)
+    first, second = fleet.machines
     second.exchange = MachineExchange(2)
-    crowd.connect()
-    crowd.transport.deliver()
-    assert crowd.soil.exchange.poll() is None
+    fleet.connect()
+    fleet.transport.deliver()
+    assert fleet.soil.exchange.poll() is None
     second.exchange.join()
-    crowd.transport.deliver()
-    assert crowd.soil.exchange.poll() is not None
+    fleet.transport.deliver()
+    assert fleet.soil.exchange.poll() is not None
     assert not first.exchange.joined
 
 
 @pytest.mark.parametrize("loss", [GOOD, BAD])
 def test_a_machine_joins_later_at_a_tick_boundary(loss: dict[str, float]) -> None:
-    crowd = Crowd(2, expected=1, **loss)
-    crowd.ticks(10)
-    late = crowd.machines[1]
+    fleet = Fleet(2, expected=1, **loss)
+    fleet.ticks(10)
+    late = fleet.machines[1]
     late.exchange.join()
-    crowd.until(lambda: len(late.applied) > 20)
-    assert crowd.soil.exchange.joined == (1, 2)
+    fleet.until(lambda: len(late.applied) > 20)
+    assert fleet.soil.exchange.joined == (1, 2)
     assert late.exchange.keyframe is not None
-    assert crowd.balanced()
+    assert fleet.is_balanced()
 
 
 @pytest.mark.parametrize("loss", [GOOD, BAD])
-def test_what_a_leaving_machine_holds_is_absent_until_it_is_back(loss: dict[str, float]) -> None:
-    crowd = Crowd(2, expected=2, **loss)
-    crowd.ticks(20)
-    goes = crowd.machines[1]
-    crowd.leave(goes)
-    assert goes.held > 0
-    crowd.ticks(20)
-    assert crowd.soil.exchange.joined == (1,)
-    assert crowd.soil.ledgers[-1].absent == goes.held
-    before = len(goes.applied)
-    goes.exchange.join(**goes.totals)
-    crowd.until(lambda: len(goes.applied) > before + 30)
-    assert crowd.soil.ledgers[-1].absent == 0
-    assert crowd.balanced()
+def test_soil_of_a_leaving_machine_is_absent_until_it_rejoins(loss: dict[str, float]) -> None:
+    fleet = Fleet(2, expected=2, **loss)
+    fleet.ticks(20)
+    leaving = fleet.machines[1]
+    fleet.leave(leaving)
+    assert leaving.held > 0
+    fleet.ticks(20)
+    assert fleet.soil.exchange.joined == (1,)
+    assert fleet.soil.ledgers[-1].absent == leaving.held
+    before = len(leaving.applied)
+    leaving.exchange.join(**leaving.totals)
+    fleet.until(lambda: len(leaving.applied) > before + 30)
+    assert fleet.soil.ledgers[-1].absent == 0
+    assert fleet.is_balanced()
 
 
-def test_rows_of_the_last_tick_are_owed_and_come_with_the_return() -> None:
-    crowd = Crowd(1, expected=1)
-    machine = crowd.machines[0]
+def test_rows_of_the_last_tick_are_received_after_rejoining() -> None:
+    fleet = Fleet(1, expected=1)
+    machine = fleet.machines[0]
     machine.rows_per_tick = 0
-    crowd.ticks(3)
+    fleet.ticks(3)
     assert machine.held == 0
-    crowd.until_ready(machine)
+    fleet.until_ready(machine)
     machine.exchange.send(
         empty_rows(SWEEP, 3), empty_rows(DEPOSIT_REQUEST), **machine.totals, leave=True
     )
-    crowd.leave(machine)
+    fleet.leave(machine)
     assert machine.held == 0
     machine.exchange.join()
-    crowd.ticks(3)
-    assert machine.held == crowd.soil.ledgers[0].terrain - crowd.soil.terrain
-    assert crowd.balanced()
+    fleet.ticks(3)
+    assert machine.held == fleet.soil.ledgers[0].terrain - fleet.soil.terrain
+    assert fleet.is_balanced()
 
 
 def test_two_machines_leave_in_successive_ticks() -> None:
-    crowd = Crowd(3, expected=3)
-    crowd.ticks(10)
-    crowd.leave(crowd.machines[0])
-    crowd.leave(crowd.machines[1])
-    crowd.leave(crowd.machines[2])
-    assert crowd.soil.exchange.joined == ()
-    assert crowd.balanced()
-    crowd.machines[0].exchange.join(**crowd.machines[0].totals)
-    crowd.ticks(5)
-    assert crowd.balanced()
+    fleet = Fleet(3, expected=3)
+    fleet.ticks(10)
+    fleet.leave(fleet.machines[0])
+    fleet.leave(fleet.machines[1])
+    fleet.leave(fleet.machines[2])
+    assert fleet.soil.exchange.joined == ()
+    assert fleet.is_balanced()
+    fleet.machines[0].exchange.join(**fleet.machines[0].totals)
+    fleet.ticks(5)
+    assert fleet.is_balanced()
 
 
-def test_a_crashed_machine_starts_again_empty_and_what_it_held_stays_absent() -> None:
-    crowd = Crowd(2, expected=2, **BAD)
-    crowd.ticks(15)
-    held = crowd.machines[1].held
+def test_a_crashed_machine_restarts_empty_and_its_soil_remains_absent() -> None:
+    fleet = Fleet(2, expected=2, **BAD)
+    fleet.ticks(15)
+    held = fleet.machines[1].held
     assert held > 0
-    crowd.machines[1] = FakeMachine(np.random.default_rng(99), 2, session_id=10)
-    crowd.connect()
-    crowd.machines[1].exchange.join()
-    crowd.ticks(20)
-    assert crowd.soil.exchange.joined == (1, 2)
-    lost = crowd.soil.ledgers[-1].absent
+    fleet.machines[1] = FakeMachine(np.random.default_rng(99), 2, session_id=10)
+    fleet.connect()
+    fleet.machines[1].exchange.join()
+    fleet.ticks(20)
+    assert fleet.soil.exchange.joined == (1, 2)
+    lost = fleet.soil.ledgers[-1].absent
     assert lost > 0
-    assert crowd.balanced()
-    # It can leave and come back in its new life like any other.
-    crowd.leave(crowd.machines[1])
-    crowd.ticks(3)
-    crowd.machines[1].exchange.join(**crowd.machines[1].totals)
-    crowd.ticks(10)
-    assert crowd.soil.exchange.joined == (1, 2)
-    assert crowd.soil.ledgers[-1].absent == lost
-    assert crowd.balanced()
+    assert fleet.is_balanced()
+    # It can leave and rejoin in its new session like any other.
+    fleet.leave(fleet.machines[1])
+    fleet.ticks(3)
+    fleet.machines[1].exchange.join(**fleet.machines[1].totals)
+    fleet.ticks(10)
+    assert fleet.soil.exchange.joined == (1, 2)
+    assert fleet.soil.ledgers[-1].absent == lost
+    assert fleet.is_balanced()
 
 
-def test_a_machine_cannot_come_back_with_soil_nobody_misses() -> None:
-    crowd = Crowd(2, expected=2)
-    crowd.ticks(10)
-    cheat = crowd.machines[1]
-    crowd.leave(cheat)
-    cheat.exchange.join(pending_mm3=cheat.totals["pending_mm3"] + 5, particles_mm3=0)
-    crowd.ticks(5)
-    assert crowd.soil.exchange.joined == (1,)
-    assert cheat.exchange.join_state is JoinState.OUT
-    assert "it left with" in cheat.exchange.rejection_reason
-    assert crowd.balanced()
+def test_rejoining_with_another_volume_is_rejected() -> None:
+    fleet = Fleet(2, expected=2)
+    fleet.ticks(10)
+    machine = fleet.machines[1]
+    fleet.leave(machine)
+    machine.exchange.join(pending_mm3=machine.totals["pending_mm3"] + 5, particles_mm3=0)
+    fleet.ticks(5)
+    assert fleet.soil.exchange.joined == (1,)
+    assert machine.exchange.join_state is JoinState.OUT
+    assert "left with" in machine.exchange.rejection_reason
+    assert fleet.is_balanced()
 
 
-def test_joining_twice_is_refused() -> None:
-    crowd = Crowd(1, expected=1)
-    crowd.ticks(2)
-    with pytest.raises(ExchangeError, match="can join once out"):
-        crowd.machines[0].exchange.join()
+def test_joining_twice_is_an_error() -> None:
+    fleet = Fleet(1, expected=1)
+    fleet.ticks(2)
+    with raises(ErrorCode.JOIN_STATE):
+        fleet.machines[0].exchange.join()
 
 
-def test_a_late_copy_of_an_old_join_changes_nothing() -> None:
-    crowd = Crowd(2, expected=2)
-    machine = crowd.machines[1].exchange
-    crowd.ticks(5)
-    crowd.leave(crowd.machines[1])
-    first_word = MachineHeader(machine.run_id, 2, machine.session_id, -1, Verb.JOIN)
-    crowd.soil.exchange.receive(first_word)
-    crowd.ticks(5)
-    assert crowd.soil.exchange.joined == (1,)
-    assert crowd.balanced()
+def test_a_duplicate_of_an_old_join_request_changes_nothing() -> None:
+    fleet = Fleet(2, expected=2)
+    machine = fleet.machines[1].exchange
+    fleet.ticks(5)
+    fleet.leave(fleet.machines[1])
+    old_request = MachineHeader(machine.run_id, 2, machine.session_id, -1, Verb.JOIN)
+    fleet.soil.exchange.receive(old_request)
+    fleet.ticks(5)
+    assert fleet.soil.exchange.joined == (1,)
+    assert fleet.is_balanced()
 
 
-def test_rows_of_a_former_life_are_not_taken_for_this_one() -> None:
-    crowd = Crowd(2, expected=2)
-    crowd.ticks(5)
-    machine = crowd.machines[1]
-    crowd.leave(machine)
+def test_rows_of_an_earlier_session_are_ignored() -> None:
+    fleet = Fleet(2, expected=2)
+    fleet.ticks(5)
+    machine = fleet.machines[1]
+    fleet.leave(machine)
     machine.rows_per_tick = 0
-    seen = len(crowd.soil.sweeps_seen)
+    seen = len(fleet.soil.sweeps_seen)
     machine.exchange.join(**machine.totals)
-    crowd.until(lambda: machine.exchange.joined)
+    fleet.until(lambda: machine.exchange.joined)
     stale = empty_rows(SWEEP, 5)
     stale["machine_id"], stale["seq"] = 2, np.arange(1, 6)
-    crowd.soil.exchange.receive(
+    fleet.soil.exchange.receive(
         RowChunk(1, Stream.SWEEP, 2, machine.exchange.session_id - 1, stale)
     )
     machine.rows_per_tick = 8
-    crowd.ticks(5)
-    own = [seq for machine_id, seq in crowd.soil.sweeps_seen[seen:] if machine_id == 2]
+    fleet.ticks(5)
+    own = [seq for machine_id, seq in fleet.soil.sweeps_seen[seen:] if machine_id == 2]
     assert own == list(range(1, len(own) + 1))
-    assert crowd.balanced()
+    assert fleet.is_balanced()
 
 
-def test_another_machines_keyframe_hides_no_change() -> None:
-    crowd = Crowd(1, expected=1)
-    crowd.ticks(3)
-    machine = crowd.machines[0].exchange
-    crowd.until_ready(crowd.machines[0])
+def test_keyframe_for_another_machine_hides_no_update() -> None:
+    fleet = Fleet(1, expected=1)
+    fleet.ticks(3)
+    machine = fleet.machines[0].exchange
+    fleet.until_ready(fleet.machines[0])
     tick = machine.tick
-    machine.send(empty_rows(SWEEP), empty_rows(DEPOSIT_REQUEST), **crowd.machines[0].totals)
-    newest = Keyframe(1, 10_000, crowd.soil.exchange._grid, np.zeros((4, 4)))
+    machine.send(empty_rows(SWEEP), empty_rows(DEPOSIT_REQUEST), **fleet.machines[0].totals)
+    newest = Keyframe(1, 10_000, GRID, np.zeros((4, 4)))
     machine.receive(newest)
-    crowd.transport.deliver()
-    crowd.soil.step()
-    crowd.transport.deliver()
+    fleet.transport.deliver()
+    fleet.soil.step()
+    fleet.transport.deliver()
     answer = machine.poll()
     assert answer is not None
     assert answer.tick == tick + 1
     assert answer.map_updates.size == 3
 
 
-def test_a_terrain_older_than_the_welcome_is_not_joined_on() -> None:
-    crowd = Crowd(2, expected=1)
-    crowd.ticks(10)
-    late = crowd.machines[1].exchange
+def test_a_machine_joins_with_a_terrain_not_older_than_the_welcome() -> None:
+    fleet = Fleet(2, expected=1)
+    fleet.ticks(10)
+    late = fleet.machines[1].exchange
     late.join()
-    late.receive(Keyframe(1, 2, crowd.soil.exchange._grid, np.zeros((4, 4))))
-    crowd.until(lambda: late.joined)
+    late.receive(Keyframe(1, 2, GRID, np.zeros((4, 4))))
+    fleet.until(lambda: late.joined)
     assert late.keyframe is not None
     assert late.keyframe.revision >= late.tick
 
 
-def test_a_machine_that_is_out_keeps_nothing_of_what_it_overhears() -> None:
-    crowd = Crowd(2, expected=1)
-    crowd.ticks(50)
-    overheard = crowd.machines[1].exchange
-    overheard.join()
-    assert overheard.drain_outbox()  # its request, and nothing else
-    assert overheard.num_buffered_rows == 0
+def test_a_machine_that_is_out_buffers_nothing() -> None:
+    fleet = Fleet(2, expected=1)
+    fleet.ticks(50)
+    machine = fleet.machines[1].exchange
+    machine.join()
+    assert machine.drain_outbox()  # its request only
+    assert machine.num_buffered_rows == 0
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_random_comings_and_goings_over_a_bad_transport_lose_nothing(seed: int) -> None:
-    crowd = Crowd(3, expected=3, seed=seed, drop=0.3, duplicate=0.2, delay=0.6)
+def test_random_joins_and_leaves_over_a_lossy_transport_lose_nothing(seed: int) -> None:
+    fleet = Fleet(3, expected=3, seed=seed, drop=0.3, duplicate=0.2, delay=0.6)
     rng = np.random.default_rng(100 + seed)
     for _ in range(12):
-        crowd.ticks(int(rng.integers(1, 6)))
-        machine = crowd.machines[int(rng.integers(1, 3))]
-        fate = rng.random()
+        fleet.ticks(int(rng.integers(1, 6)))
+        machine = fleet.machines[int(rng.integers(1, 3))]
+        draw = rng.random()
         if machine.exchange.join_state is JoinState.OUT:
             machine.exchange.join(**machine.totals)
-        elif fate < 0.6 and machine.exchange.joined:
-            crowd.leave(machine)
-        elif fate < 0.8:
-            k = crowd.machines.index(machine)
+        elif draw < 0.6 and machine.exchange.joined:
+            fleet.leave(machine)
+        elif draw < 0.8:
+            k = fleet.machines.index(machine)
             session_id = machine.exchange.session_id
-            crowd.machines[k] = FakeMachine(rng, machine.exchange.machine_id, session_id=session_id)
-            crowd.connect()
-            crowd.machines[k].exchange.join()
-    for machine in crowd.machines:
+            fleet.machines[k] = FakeMachine(rng, machine.exchange.machine_id, session_id=session_id)
+            fleet.connect()
+            fleet.machines[k].exchange.join()
+    for machine in fleet.machines:
         if machine.exchange.join_state is JoinState.OUT:
             machine.exchange.join(**machine.totals)
-    crowd.until(lambda: crowd.soil.exchange.joined == (1, 2, 3))
-    crowd.ticks(5)
-    assert crowd.balanced()
+    fleet.until(lambda: fleet.soil.exchange.joined == (1, 2, 3))
+    fleet.ticks(5)
+    assert fleet.is_balanced()
 
 
-def test_a_life_that_is_over_is_refused_with_a_word() -> None:
-    crowd = Crowd(2, expected=2)
-    crowd.ticks(3)
-    first = crowd.machines[0]
+def test_joining_in_a_session_that_is_over_is_rejected() -> None:
+    fleet = Fleet(2, expected=2)
+    fleet.ticks(3)
+    first = fleet.machines[0]
     session_id = first.exchange.session_id
-    crowd.leave(first)
+    fleet.leave(first)
     again = FakeMachine(np.random.default_rng(5), 1, session_id=session_id - 1)
-    crowd.machines[0] = again
-    crowd.connect()
-    again.exchange.join()  # with the life that the one before had
-    crowd.until(lambda: again.exchange.join_state is JoinState.OUT)
-    assert "has had life" in again.exchange.rejection_reason
+    fleet.machines[0] = again
+    fleet.connect()
+    again.exchange.join()  # in the session of the one before
+    fleet.until(lambda: again.exchange.join_state is JoinState.OUT)
+    assert again.exchange.rejection_reason
     again.exchange.join()
-    crowd.until(lambda: again.exchange.joined)
-    assert crowd.balanced()
+    fleet.until(lambda: again.exchange.joined)
+    assert fleet.is_balanced()

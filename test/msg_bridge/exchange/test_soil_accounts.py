@@ -1,15 +1,16 @@
-"""What is in flight is counted from the rows, whichever of them were acknowledged."""
+"""Volume in flight is counted from the rows that are not acknowledged."""
 
 import pytest
+from support.wire import raises
 
-from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.messages import MachineHeader, RowRange, Verb
 from msg_bridge.contract.rows import CONVERSION, ConversionKind, empty_rows
 from msg_bridge.exchange.soil_accounts import SoilAccounts, signed_volume
 
 
 def moved(*rows: tuple[int, ConversionKind, int]):
-    """CONVERSION rows of (source, kind, volume)."""
+    """Return CONVERSION rows of (machine id, kind, volume)."""
     conversions = empty_rows(CONVERSION, len(rows))
     for name, values in zip(
         ("machine_id", "kind", "volume_mm3"), zip(*rows, strict=True), strict=True
@@ -18,16 +19,18 @@ def moved(*rows: tuple[int, ConversionKind, int]):
     return conversions
 
 
-def word(
-    through: int, *, machine_id: int = 1, held: int = 0, verb: Verb = Verb.STEP
+def header(
+    through: int, *, machine_id: int = 1, volume: int = 0, verb: Verb = Verb.STEP
 ) -> MachineHeader:
-    """What a machine says once it has applied the rows up to a number."""
-    return MachineHeader(1, machine_id, 1, 1, verb, conversions_received=through, pending_mm3=held)
+    """Return the header of a machine that has applied the rows up to a number."""
+    return MachineHeader(
+        1, machine_id, 1, 1, verb, conversions_received=through, pending_mm3=volume
+    )
 
 
 @pytest.fixture
 def accounts() -> SoilAccounts:
-    """Two sources; rows 1 to 4 and 5 to 6 were published."""
+    """Return accounts of two machines; rows 1 to 4 and 5 to 6 were published."""
     accounts = SoilAccounts()
     accounts.join(1, 0)
     accounts.join(2, 0)
@@ -52,35 +55,35 @@ def test_volumes_beyond_32_bits_are_counted_exactly():
     assert signed_volume(rows[:0]) == 0
 
 
-def test_rows_are_in_flight_until_their_source_has_applied_them(accounts):
+def test_rows_are_in_flight_until_their_machine_has_applied_them(accounts):
     assert accounts.in_flight(1) == 870
     assert accounts.in_flight(2) == 7
-    accounts.update_totals(word(4))
+    accounts.update_totals(header(4))
     assert accounts.in_flight(1) == 800
-    accounts.update_totals(word(6))
+    accounts.update_totals(header(6))
     assert accounts.in_flight(1) == 0
     assert accounts.in_flight(2) == 7
 
 
 def test_rows_published_together_may_be_acknowledged_in_part(accounts):
-    accounts.update_totals(word(1))
+    accounts.update_totals(header(1))
     assert accounts.in_flight(1) == 770
     assert accounts.backlog(1)["volume_mm3"].tolist() == [30, 5, 1000, 200]
-    accounts.update_totals(word(5))
+    accounts.update_totals(header(5))
     assert accounts.backlog(1)["volume_mm3"].tolist() == [200]
 
 
-@pytest.mark.parametrize(("through", "held"), [(0, 0), (1, 100), (3, 70), (5, 1070), (6, 870)])
-def test_who_comes_back_holds_what_the_rows_it_has_applied_say(accounts, through, held):
+@pytest.mark.parametrize(("through", "volume"), [(0, 0), (1, 100), (3, 70), (5, 1070), (6, 870)])
+def test_rejoining_volume_follows_from_the_applied_rows(accounts, through, volume):
     accounts.leave(1)
-    with pytest.raises(ExchangeError, match=f"left with {held} mm"):
-        accounts.rejoin(word(through, held=held + 1, verb=Verb.REJOIN), 6)
-    accounts.rejoin(word(through, held=held, verb=Verb.REJOIN), 6)
-    assert accounts.in_flight(1) + held == 870
+    with raises(ErrorCode.REJOIN_VOLUME):
+        accounts.rejoin(header(through, volume=volume + 1, verb=Verb.REJOIN), 6)
+    accounts.rejoin(header(through, volume=volume, verb=Verb.REJOIN), 6)
+    assert accounts.in_flight(1) + volume == 870
 
 
-def test_the_ledger_tells_where_all_of_it_is(accounts):
-    accounts.update_totals(word(4, held=70))
+def test_the_ledger_contains_all_accounts(accounts):
+    accounts.update_totals(header(4, volume=70))
     accounts.leave(1)
     ledger = accounts.ledger(1, 3, 5000)
     assert (ledger.tick, ledger.terrain, ledger.start) == (3, 5000, ledger.total)

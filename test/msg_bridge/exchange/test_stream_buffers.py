@@ -1,11 +1,13 @@
+"""Rows are delivered once and in order, and discarded ones are not kept."""
+
 import weakref
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.wire import raises
 
-from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.messages import RowRange, Stream
 from msg_bridge.contract.rows import DEPOSIT_REQUEST, empty_rows
 from msg_bridge.exchange.stream_buffers import ReceiveBuffer, SendBuffer
@@ -19,30 +21,32 @@ def numbered(count: int) -> np.ndarray:
 
 @settings(deadline=None, max_examples=50)
 @given(st.permutations(range(30)), st.integers(1, 7))
-def test_rows_in_any_order_come_out_once_and_in_order(order: list[int], size: int) -> None:
+def test_rows_received_in_any_order_are_delivered_once_and_in_order(
+    order: list[int], size: int
+) -> None:
     rows = numbered(30)
     incoming = ReceiveBuffer(Stream.DEPOSIT_REQUEST)
-    new = 0
+    num_new = 0
     for k in range(0, 30, size):
         chunk = rows[np.array(order[k : k + size])]
-        new += incoming.add(chunk)
+        num_new += incoming.add(chunk)
         incoming.add(chunk)
-    assert new == 30
+    assert num_new == 30
     assert np.array_equal(incoming.rows(RowRange(1, 30)), rows)
 
 
-def test_gaps_are_named() -> None:
+def test_gaps_are_listed() -> None:
     rows = numbered(10)
     incoming = ReceiveBuffer(Stream.DEPOSIT_REQUEST)
     incoming.add(rows[[0, 1, 4, 8]])
     assert incoming.received == 2
     gaps = incoming.missing(RowRange(1, 10))
     assert gaps == [RowRange(3, 2), RowRange(6, 3), RowRange(10, 1)]
-    with pytest.raises(ExchangeError, match="not here"):
+    with raises(ErrorCode.MISSING_ROWS):
         incoming.rows(RowRange(1, 10))
 
 
-def test_forgotten_rows_count_as_duplicates() -> None:
+def test_discarded_rows_count_as_duplicates() -> None:
     rows = numbered(10)
     incoming = ReceiveBuffer(Stream.DEPOSIT_REQUEST)
     incoming.add(rows)
@@ -51,7 +55,7 @@ def test_forgotten_rows_count_as_duplicates() -> None:
     assert np.array_equal(incoming.rows(RowRange(7, 4)), rows[6:])
 
 
-def test_rows_are_sent_again_until_forgotten() -> None:
+def test_rows_are_kept_until_discarded() -> None:
     outgoing = SendBuffer(Stream.DEPOSIT_REQUEST)
     outgoing.append(empty_rows(DEPOSIT_REQUEST, 5))
     rows, span = outgoing.append(empty_rows(DEPOSIT_REQUEST, 5))
@@ -62,14 +66,14 @@ def test_rows_are_sent_again_until_forgotten() -> None:
     assert outgoing.kept_rows(RowRange(4, 3))["seq"].tolist() == [6]
 
 
-def test_a_number_far_ahead_is_refused() -> None:
+def test_a_number_far_ahead_is_rejected() -> None:
     rows = numbered(1)
     rows["seq"] = 2**31
-    with pytest.raises(ExchangeError, match="rows ahead"):
+    with raises(ErrorCode.SEQUENCE_NUMBER):
         ReceiveBuffer(Stream.DEPOSIT_REQUEST).add(rows)
 
 
-def test_numbers_go_on_beyond_32_bits() -> None:
+def test_numbers_continue_beyond_32_bits() -> None:
     first = 2**32 - 5
     outgoing, incoming = (
         SendBuffer(Stream.DEPOSIT_REQUEST, first),
@@ -85,7 +89,7 @@ def test_numbers_go_on_beyond_32_bits() -> None:
     assert rows["seq"].max() < 100
 
 
-def test_forgotten_rows_are_kept_nowhere() -> None:
+def test_discarded_rows_are_freed() -> None:
     incoming, rows = ReceiveBuffer(Stream.DEPOSIT_REQUEST), numbered(100)
     kept = weakref.ref(rows)
     incoming.add(rows)
@@ -94,7 +98,7 @@ def test_forgotten_rows_are_kept_nowhere() -> None:
     assert kept() is None
 
 
-def test_rows_of_several_messages_come_as_one() -> None:
+def test_rows_of_several_messages_are_joined() -> None:
     rows, incoming = numbered(30), ReceiveBuffer(Stream.DEPOSIT_REQUEST)
     for part in (rows[:10], rows[10:25], rows[25:]):
         incoming.add(part)
@@ -104,7 +108,7 @@ def test_rows_of_several_messages_come_as_one() -> None:
     assert incoming.rows(RowRange(13, 0)).size == 0
 
 
-def test_rows_given_up_for_lost_are_forgotten_with_what_came_behind_them() -> None:
+def test_discarding_across_a_gap() -> None:
     rows, incoming = numbered(20), ReceiveBuffer(Stream.DEPOSIT_REQUEST)
     incoming.add(rows[[0, 1, 4, 5, 6, 9]])
     incoming.discard_through(5)
@@ -115,7 +119,7 @@ def test_rows_given_up_for_lost_are_forgotten_with_what_came_behind_them() -> No
     assert np.array_equal(incoming.rows(RowRange(6, 5)), rows[5:10])
 
 
-def test_who_sends_again_sends_what_he_sent() -> None:
+def test_kept_rows_are_copies_of_those_given() -> None:
     outgoing, rows = SendBuffer(Stream.DEPOSIT_REQUEST), empty_rows(DEPOSIT_REQUEST, 3)
     sent, _ = outgoing.append(rows)
     rows["volume_mm3"] = 7
