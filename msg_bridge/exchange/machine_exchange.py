@@ -117,6 +117,10 @@ class MachineExchange:
         self.tick = self.sent_tick = -1
         self._applied: int | None = None  # last conversion row applied; None before any welcome
         self._sent: MachineHeader | None = None
+        self._leave_confirmation: SoilHeader | None = None  # the first header without this machine
+        self._outbox: list[Message] = []
+        self.keyframe: Keyframe | None = None
+        self.backlog: Rows = empty_rows(CONVERSION)
         self._begin_session()
 
     @property
@@ -321,18 +325,19 @@ class MachineExchange:
 
     def drain_outbox(self) -> list[Message]:
         """Return the messages to send to the soil, in order, and empty the outbox."""
-        out, self._outbox = self._outbox, []
-        return out
+        messages = self._outbox
+        self._outbox = []
+        return messages
 
     def _begin_session(self) -> None:
         """Reset all state of the session before; streams count from 1 in every session."""
         self._streams = MachineStreams(self.run_id, self.machine_id, self.session_id)
         self._in_flight = TicksInFlight()
         self._handshake = JoinHandshake()
-        self._outbox: list[Message] = []
-        self._leave_confirmation: SoilHeader | None = None  # the first header without this machine
-        self.keyframe: Keyframe | None = None
-        self.backlog: Rows = empty_rows(CONVERSION)
+        self._outbox = []
+        self._leave_confirmation = None
+        self.keyframe = None
+        self.backlog = empty_rows(CONVERSION)
         self.rejection_reason = ""
         self.dropped = False
 
