@@ -44,7 +44,7 @@ def write_node_parameters(
         "tick_period": tick_period,
         "sync": "realtime" if realtime else "lockstep",
         "required_subscribers": [_RECORDER],
-        "map_period": 2.0,
+        "map_rate": 0.5,
         "site": {"terrain": str(site.resolve())},
         "soil": asdict(config.soil),
     }

@@ -1,0 +1,7 @@
+"""The ROS node of the soil. Only this folder of `soil_sim` imports ROS.
+
+- `soil_node`: the node; `params`, `usage`: its parameters and help text
+- `soil_run`: when a tick is due; `tick_scheduler`: the schedule in real time (both without ROS)
+- `soil_publishers`, `soil_transport`: its topics; `services`: its services
+- `run_config`: contents of `sim/config`
+"""

@@ -1,4 +1,4 @@
-"""Parameters of the soil's node: the tick, and whom it waits for."""
+"""Parameters of the soil node: tick, machines, rates."""
 
 from __future__ import annotations
 
@@ -11,41 +11,42 @@ __all__ = ["SoilNodeParams"]
 
 @dataclass(frozen=True)
 class SoilNodeParams(Parameters):
-    """How the soil's node keeps time and what it publishes when."""
+    """Time keeping and publishing of the soil node."""
 
     tick_period: float = parameter(
-        0.01, "length of a soil tick; machines take it from here", unit="s", low=0.001, high=0.2
+        0.01, "length of a tick, for soil and machines", unit="s", low=0.001, high=0.2
     )
     sync: str = parameter(
         "realtime",
-        "realtime: ticks follow the wall clock; lockstep: as fast as soil and machines can, each"
-        " waiting for the other, so that a run is repeatable",
+        "realtime: ticks follow the wall clock; lockstep: as fast as possible, soil and machines"
+        " waiting for one another, repeatable",
         choices=("realtime", "lockstep"),
     )
     expected_machines: tuple[int, ...] = parameter(
-        (1,), "source numbers of the machines without which the first tick does not begin",
+        (1,), "ids of the machine nodes that must join before the first tick",
         low=1, high=65535,
     )  # fmt: skip
     machine_timeout: float = parameter(
         2.0,
-        "silence (wall clock) after which a machine is reported, and in real time counted absent",
+        "wall clock time without a message after which a machine is reported, and in real time"
+        " dropped",
         unit="s", low=0.1, high=3600.0,
     )  # fmt: skip
     required_subscribers: tuple[str, ...] = parameter(
         (),
         "names of nodes that must be subscribed to every topic before the first tick, such as"
-        " recorder",
+        " exchange_recorder",
         items=str,
     )  # fmt: skip
-    paused: bool = parameter(False, "begin paused")
-    map_period: float = parameter(
-        0.5,
-        "simulated time between terrain maps, where anything changed; longer in proportion above"
-        " 513 x 513 cells",
-        unit="s", low=0.05, high=3600.0,
+    paused: bool = parameter(False, "start paused")
+    map_rate: float = parameter(
+        2.0,
+        "maximum rate of terrain maps in simulated time, published if changed; lower in proportion"
+        " above 513 x 513 cells",
+        unit="Hz", low=1.0 / 3600.0, high=20.0,
     )  # fmt: skip
-    hash_period: float = parameter(
-        1.0, "simulated time between state hashes", unit="s", low=0.001, high=3600.0
+    hash_rate: float = parameter(
+        1.0, "rate of state hashes in simulated time", unit="Hz", low=1.0 / 3600.0, high=1000.0
     )
     save_path: str = parameter(
         "out/terrain.npz", "file that /soil/save writes: .npy, .npz, .png, .asc or .tif"

@@ -1,4 +1,4 @@
-"""What the soil tells everybody: time, terrain, ledger, configuration, cut and fill."""
+"""Publishers of the soil node: time, terrain, ledger, configuration, cut and fill."""
 
 from __future__ import annotations
 
@@ -31,16 +31,17 @@ __all__ = ["SoilPublishers"]
 
 
 class SoilPublishers:
-    """Publishers of the soil's state."""
+    """Publishers of the state of the soil."""
 
     def __init__(
         self, node: Node, *, design: bool = False, tilt: NDArray[np.float32] | None = None
     ) -> None:
         """
         Args:
-            node: whose topics they are.
-            design: whether the ground has a design, and so something to cut and to fill.
-            tilt: how the surface of loose soil leans, shape (rows, cols, 2); None if it does not.
+            node: node of the publishers.
+            design: whether the site has a design.
+            tilt: slopes along x and y by which loose soil leans, shape (rows, cols, 2); None
+                without such noise.
         """
         self._tilt = tilt
         self._surface_tilt = (
@@ -74,19 +75,19 @@ class SoilPublishers:
         self._ledger.publish(message_to_cdr(with_stamp(ledger, stamp)))
 
     def terrain(self, terrain: TerrainMap, stamp: Time) -> None:
-        """Publish the whole terrain."""
+        """Publish the terrain with all layers."""
         self._map.publish(to_terrain_cloud(terrain, MAP_FRAME, stamp))
         self._elevation.publish(to_elevation_image(terrain.keyframe, MAP_FRAME, stamp))
         if self._grid_map is not None:
             self._grid_map.publish(to_grid_map(terrain, MAP_FRAME, stamp))
 
     def cut_fill(self, state: CutFillState) -> None:
-        """Publish how far the ground is from its design, where it has one."""
+        """Publish the remaining volumes to cut and to fill, if the site has a design."""
         if self._cut_fill is not None:
             self._cut_fill.publish(to_cut_fill_array(state))
 
     def begin(self, terrain: TerrainMap, config: str, stamp: Time) -> None:
-        """Publish what a run begins with: its configuration [YAML], then its terrain."""
+        """Publish the configuration [YAML] of a run, then its initial terrain."""
         self._config.publish(String(data=config))
         self._info.publish(to_map_info(terrain.keyframe.grid, stamp))
         if self._surface_tilt is not None and self._tilt is not None:

@@ -1,8 +1,8 @@
-"""A run of the soil: when a tick is due, whom it waits for, and who has been silent too long.
+"""A run of the soil: when a tick is due, which machines it waits for, and which are silent.
 
-Knows no messages' carrier and reads no clock: the caller says what time it is. In lockstep a tick
-is due at once and waits for all machines. In real time it is due by the wall clock; a machine that
-is late is waited for until the next tick is due, too, and then the soil goes on without it.
+Independent of the transport and of the clock: the caller passes the time. In lockstep a tick is due
+at once and waits for all machines. In real time it is due by the wall clock; a late machine is
+waited for until the next tick is due as well, and then the run continues without it.
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ __all__ = ["SilentMachine", "SoilRun"]
 
 @dataclass(frozen=True)
 class SilentMachine:
-    """A machine that the soil has heard nothing of for too long.
+    """A machine whose last message is older than the time-out.
 
     Attributes:
-        source: which.
-        seconds: for how long [s, wall].
-        dropped: whether the soil goes on without it from now on.
+        machine_id: id of the machine node.
+        duration: wall clock time since its last message [s].
+        is_dropped: whether the run continues without it from now on.
     """
 
     machine_id: int
-    seconds: float
-    dropped: bool
+    duration: float
+    is_dropped: bool
 
 
 class SoilRun:
-    """The soil in time.
+    """The schedule of one run after another.
 
     Attributes:
-        side: the soil and its end of the exchange.
-        cut_fill: how far the ground is from the site's design; None without one.
-        params: the tick, and whom it waits for.
-        pace: the schedule in real time.
-        paused: whether time stands still; change it by `pause`.
-        held: whether even the first tick must not come yet.
+        endpoint: soil and its end of the exchange.
+        cut_fill: difference of the terrain from the design of the site; None without one.
+        params: parameters of the tick.
+        scheduler: schedule in real time.
+        paused: whether time stands still; set by `pause`.
+        waiting_for_subscribers: whether the first tick must not begin yet.
     """
 
     def __init__(
@@ -50,13 +50,13 @@ class SoilRun:
     ) -> None:
         """
         Args:
-            site: what it begins with.
-            soil_params: what the terrain is made of.
-            params: the tick, and whom it waits for.
-            epoch: number of the run; `reset` raises it.
+            site: initial terrain.
+            soil_params: parameters of the soil.
+            params: parameters of the tick.
+            run_id: id of the first run; `reset` increments it.
 
         Raises:
-            EarthmovingError: soils, layers or a design that cannot be.
+            EarthmovingError: soils, layers or design are invalid.
         """
         self._site = site
         self._soil_params = soil_params
@@ -64,8 +64,8 @@ class SoilRun:
         self.scheduler = TickScheduler(params.tick_period)
         self.paused = params.paused
         self.waiting_for_subscribers = False
-        self._requested_tick = 0  # the last tick asked for while paused
-        self._final_tick_pending = False  # whether a tick is owed to those who were given up
+        self._requested_tick = 0  # last tick requested while paused
+        self._final_tick_pending = False  # a dropped machine needs one more tick
         self._start_run(run_id)
 
     @property
@@ -75,26 +75,26 @@ class SoilRun:
 
     @property
     def tick(self) -> int:
-        """The last tick done; -1 before the welcome, which is tick 0."""
+        """Number of the last tick; -1 before tick 0, which only admits machines."""
         return self.endpoint.tick
 
     def on_timer(self, scheduled: float) -> None:
-        """A timer with the tick's period fires; it was to at `scheduled` [s], a monotonic clock."""
+        """Handle the timer of the tick, which was due at `scheduled` [s] of a monotonic clock."""
         if self.realtime and self.endpoint.tick >= 0:
             self.scheduler.on_timer(scheduled)
 
     def advance(self, now: float) -> SoilTickResult | None:
-        """The next tick, if it is due and its parts are here; to be called until it gives None.
+        """Compute the next tick if it is due and complete; call it until it returns None.
 
         Args:
-            now: a monotonic wall clock [s].
+            now: monotonic wall clock [s].
         """
         if not self._is_due:
             return None
         began = self.endpoint.tick >= 0
         paced = self.realtime and began
         late = paced and self.scheduler.is_overdue
-        # A step that is asked for is done even if nobody takes part.
+        # A requested step is done even without machines.
         free = paced or self.paused or self._final_tick_pending
         alone = began and free and not self.endpoint.exchange.joined
         done = self.endpoint.advance(wait=not (late or alone))
@@ -106,63 +106,63 @@ class SoilRun:
         return done
 
     def pause(self, paused: bool) -> None:
-        """Let time stand still, or go on."""
+        """Stop time, or let it continue."""
         self.paused = paused
         self.scheduler.stop()
 
     def step(self) -> int:
-        """Ask for one more tick while paused; returns its number."""
+        """Request one more tick while paused and return its number."""
         self._requested_tick = max(self._requested_tick, self.endpoint.tick) + 1
         return self._requested_tick
 
     def reset(self) -> None:
-        """Begin anew on the untouched site, as the next epoch."""
+        """Begin the next run on the initial terrain."""
         self.scheduler.stop()
         self._start_run(self.endpoint.exchange.run_id + 1)
 
     def find_silent_machines(
         self, now: float, last_message_times: dict[int, float]
     ) -> list[SilentMachine]:
-        """Machines waited for that have been silent for longer than they may be.
+        """Return the late machines whose last message is older than `machine_timeout`.
 
         In real time they are dropped.
 
         Args:
-            now: a monotonic wall clock [s].
-            heard: when each source was last heard, by the same clock.
+            now: monotonic wall clock [s].
+            last_message_times: time of the last message by machine id, same clock.
         """
         if self.endpoint.tick < 0 or (self.paused and self.endpoint.tick >= self._requested_tick):
             return []
-        found = []
+        silent = []
         for machine_id in self.endpoint.exchange.late:
-            seconds = now - last_message_times.get(machine_id, now)
-            if seconds >= self.params.machine_timeout:
+            duration = now - last_message_times.get(machine_id, now)
+            if duration >= self.params.machine_timeout:
                 if self.realtime:
                     self.endpoint.exchange.drop(machine_id)
-                found.append(SilentMachine(machine_id, seconds, dropped=self.realtime))
-        return found
+                silent.append(SilentMachine(machine_id, duration, is_dropped=self.realtime))
+        return silent
 
     def drop_silent_machines(
         self, now: float, last_message_times: dict[int, float]
     ) -> tuple[int, ...]:
-        """Go on without machines that have been waited for too long; what they hold is absent.
+        """Drop the silent machines, in lockstep too; their soil is booked as absent.
 
-        A tick is done even if nobody is left, so that one that lives after all learns of it.
+        One more tick is done even if no machine is left, so that a machine that is alive after all
+        receives it.
 
         Args:
-            now, heard: as for `find_silent_machines`.
+            now, last_message_times: as for `find_silent_machines`.
 
         Returns:
-            Which.
+            Ids of the dropped machines.
         """
-        given_up = [
-            silence.machine_id for silence in self.find_silent_machines(now, last_message_times)
-        ]
-        for machine_id in given_up:
+        silent = self.find_silent_machines(now, last_message_times)
+        dropped = tuple(each.machine_id for each in silent)
+        for machine_id in dropped:
             if machine_id in self.endpoint.exchange.joined:
                 self.endpoint.exchange.drop(machine_id)
                 self._final_tick_pending = True
-        return tuple(given_up)
+        return dropped
 
     def _start_run(self, run_id: int) -> None:
         soil = self._site.make_soil(self._soil_params)
@@ -172,7 +172,7 @@ class SoilRun:
         self._final_tick_pending = False
 
     def _update_cut_fill(self, done: SoilTickResult) -> None:
-        """Follow the columns that a tick changed, and only those."""
+        """Update the columns that a tick changed."""
         if self.cut_fill is not None:
             rows, cols = done.step.map_updates["row"], done.step.map_updates["col"]
             self.cut_fill.update(rows, cols, self.endpoint.soil.columns.height[rows, cols])
@@ -181,7 +181,7 @@ class SoilRun:
     def _is_due(self) -> bool:
         if self.waiting_for_subscribers:
             return False
-        if self.endpoint.tick < 0:  # the welcome moves nothing: it comes even while paused
+        if self.endpoint.tick < 0:  # tick 0 moves nothing: it is due even while paused
             return True
         if self.paused:
             return self.endpoint.tick < self._requested_tick

@@ -1,4 +1,4 @@
-"""Carries the soil's exchange over topics, to machines that are found by their topics."""
+"""Transport of the exchange over topics, at the soil; machine nodes are found by their topics."""
 
 from __future__ import annotations
 
@@ -43,15 +43,15 @@ _SENT_STREAMS = (Stream.CONVERSION, Stream.MAP_UPDATE, Stream.FORCE)
 _RECEIVED_STREAMS = (Stream.SWEEP, Stream.DEPOSIT_REQUEST)
 
 _DISCOVERY_PERIOD = 0.2
-"""Time between looks for machines that are not known yet [s, wall]."""
+"""Wall clock time between searches for new machine nodes [s]."""
 
 
 class SoilTransport:
-    """Topics of the exchange as the soil uses them.
+    """Topics of the exchange at the soil.
 
     Attributes:
-        machines: namespace of each machine heard of, by source.
-        heard: wall clock [s, monotonic] at which each source was last heard.
+        machines: namespace of each known machine node, by machine id.
+        last_message_times: monotonic wall clock [s] of the last message, by machine id.
     """
 
     def __init__(
@@ -64,11 +64,11 @@ class SoilTransport:
     ) -> None:
         """
         Args:
-            node: whose topics they are.
-            inbox: of the node, for what machines send.
-            receive: takes each message; may raise ExchangeError.
-            send_keyframe: publishes the terrain, with all its layers.
-            refuse: told topic and reason of a message that cannot be taken.
+            node: soil node.
+            poller: poller of the node, for messages of machines.
+            receive: called with each message; may raise ExchangeError.
+            send_keyframe: publishes the terrain with all its layers.
+            reject: called with topic and reason of a message that cannot be used.
         """
         self.machines: dict[int, str] = {}
         self.last_message_times: dict[int, float] = {}
@@ -86,13 +86,13 @@ class SoilTransport:
         for stream in _RECEIVED_STREAMS:
             topic = STREAM_TOPICS[stream]
             take = partial(self._take_rows, topic, stream)
-            # A machine's header comes after the rows that it counts.
+            # The header of a machine follows the rows that it counts.
             poller.subscribe(PointCloud2, topic, qos.ROWS, take, triggers=False, raw=True)
         node.create_timer(_DISCOVERY_PERIOD, self._discover_machines)
         self._discover_machines()
 
     def send(self, messages: Iterable[Message], stamp: Time) -> None:
-        """Publish what the soil has to say; rows are stamped with the end of their tick."""
+        """Publish messages of the soil; rows are stamped with the end of their tick."""
         for message in messages:
             if isinstance(message, RowChunk):
                 self._rows_publisher(message).publish(chunk_to_cdr(message, MAP_FRAME, stamp))
@@ -109,7 +109,7 @@ class SoilTransport:
         return self._rows[chunk.stream]
 
     def _discover_machines(self) -> None:
-        """Listen to machines that have appeared."""
+        """Subscribe to machine nodes that have appeared."""
         for topic, _ in self._node.get_topic_names_and_types():
             namespace = machine_node_namespace(topic, self._node.get_namespace())
             if namespace is not None and namespace not in self._backlog_publishers:
@@ -133,15 +133,18 @@ class SoilTransport:
     def _decode_machine_message(self, namespace: str, data: bytes) -> Message:
         message = decode_array(data)
         if not isinstance(message, (MachineHeader, RetransmitRequest)):
-            raise ExchangeError(f"a {type(message).__name__} is nothing a machine says here")
+            raise ExchangeError(f"a {type(message).__name__} does not come from a machine node")
         owner = self.machines.get(message.machine_id, namespace)
         if owner != namespace and self._node.count_publishers(resolve(topics.MACHINE_TICK, owner)):
             reason = (
-                f"source {message.machine_id} is {owner}; give {namespace} another `machine_id`"
+                f"machine_id {message.machine_id} belongs to {owner}; give {namespace} another"
+                " `machine_id`"
             )
             if isinstance(message, MachineHeader) and message.verb in (Verb.JOIN, Verb.REJOIN):
-                no = JoinRejected(message.run_id, message.machine_id, message.session_id, reason)
-                self._rejections.publish(to_join_rejected_string(no))
+                rejection = JoinRejected(
+                    message.run_id, message.machine_id, message.session_id, reason
+                )
+                self._rejections.publish(to_join_rejected_string(rejection))
             raise ExchangeError(reason)
         self.machines[message.machine_id] = namespace
         return message

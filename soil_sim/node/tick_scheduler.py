@@ -1,4 +1,4 @@
-"""TickScheduler: when the wall clock asks for the next tick in real time."""
+"""Schedule ticks by the wall clock in real time."""
 
 from __future__ import annotations
 
@@ -7,28 +7,28 @@ import math
 __all__ = ["LATE_FRACTION", "TickScheduler"]
 
 LATE_FRACTION = 0.5
-"""A tick done later than this after its time, in parts of its length, was late.
+"""Delay above which a tick counts as late, as a fraction of its length.
 
-Less is jitter, of timers and of processes that share a processor, and is gone by the next tick.
+Smaller delays are jitter of timers and of processes that share a processor.
 """
 
 _MAX_LAG = 0.5
-"""Lag [s] from which the schedule is moved instead of caught up with: the process was stopped, or
-the host is too slow for real time."""
+"""Lag [s] above which the schedule is moved instead of caught up with: the process was stopped, or
+the computer is too slow for real time."""
 
 
 class TickScheduler:
-    """A schedule of ticks by the wall clock, kept by a timer that fires once a tick.
+    """Schedule of ticks by the wall clock, driven by a timer with the period of a tick.
 
-    The timer may be served late, or leave a call out: what counts is when each call was due.
+    The timer may fire late or skip a call: the scheduled time of each call counts.
 
     Attributes:
-        late: ticks that were not done when their time came.
-        slips: times the schedule had to be moved.
+        num_late_ticks: number of ticks that were not done in time.
+        num_reschedules: number of times that the schedule was moved.
     """
 
     def __init__(self, period: float) -> None:
-        """`period` is the length of a tick [s]."""
+        """Create a schedule of ticks of length `period` [s]."""
         self._period = period
         self._start_time: float | None = None
         self._num_done = 0
@@ -37,16 +37,16 @@ class TickScheduler:
         self.num_reschedules = 0
 
     def stop(self) -> None:
-        """Forget the schedule; it begins anew with the timer's next call."""
+        """Discard the schedule; the next call of the timer starts a new one."""
         self._start_time = None
         self._num_due = self._num_done
 
     def on_timer(self, scheduled: float) -> None:
-        """The timer fires.
+        """Handle a call of the timer.
 
         Args:
-            scheduled: when it was to fire [s], a monotonic wall clock. Served late, the first call
-                would shift the schedule against the timer, and all ticks with it.
+            scheduled: time at which it was due [s], monotonic wall clock. With the actual time, a
+                first call that is late would shift the whole schedule against the timer.
         """
         if self._start_time is None:
             self._start_time = scheduled - self._num_done * self._period
@@ -59,17 +59,17 @@ class TickScheduler:
 
     @property
     def is_due(self) -> bool:
-        """Whether the next tick's time has come."""
+        """Whether the next tick is due."""
         return self._num_done < self._num_due
 
     @property
     def is_overdue(self) -> bool:
-        """Whether the time of the tick after it has come, too."""
+        """Whether the tick after the next one is due as well."""
         return self._num_done + 1 < self._num_due
 
     def mark_done(self, now: float) -> None:
-        """Note that the tick that was due is done."""
-        assert self._start_time is not None, "a tick that is done was due"
+        """Record that the tick that was due is done at `now` [s]."""
+        assert self._start_time is not None, "no tick was due"
         self._num_done += 1
         if now - (self._start_time + self._num_done * self._period) > LATE_FRACTION * self._period:
             self.num_late_ticks += 1

@@ -51,7 +51,7 @@ def over_topics(ros: Ros, machine_path: str, ground: dict[str, object]) -> Run:
     soil_hashes = ros.collect("/soil/state_hash", String)
     machine_hashes = ros.collect("/excavator/state_hash", String)
     applied = ros.collect("/excavator/applied_commands", JointState)
-    scene = Scene(ros, hash_period=EVERY * TICK, **{"soil.swell": 0.2}, **ground)
+    scene = Scene(ros, hash_rate=1.0 / (EVERY * TICK), **{"soil.swell": 0.2}, **ground)
     spec = ready_to_dig()
     scene.machine(
         machine=machine_path,

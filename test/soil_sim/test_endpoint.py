@@ -200,7 +200,7 @@ def test_a_machine_that_asks_to_come_back_before_the_release_keeps_what_it_holds
 def test_a_volume_beyond_what_one_row_carries_is_released_whole(endpoint: SoilEndpoint) -> None:
     volume = 2 * MAX_ROW_VOLUME + 5
     endpoint.exchange.release = lambda machine_id: volume  # type: ignore[method-assign]
-    rows = endpoint._released(3)
+    rows = endpoint.release_rows(3)
     assert rows["volume_mm3"].tolist() == [MAX_ROW_VOLUME, MAX_ROW_VOLUME, 5]
     assert rows["particle_id"].tolist() == [0, 1, 2]
     assert set(rows["machine_id"].tolist()) == {3}

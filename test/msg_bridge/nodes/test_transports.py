@@ -105,7 +105,7 @@ def test_a_second_machine_with_the_same_source_is_refused_and_the_first_goes_on(
     other = second if owner is first else first
     scene.until_shown(other, "level", 2)
     message = scene.shown(other)["message"]
-    assert f"source 1 is {owner.get_namespace()}" in message
+    assert f"machine_id 1 belongs to {owner.get_namespace()}" in message
     assert f"give {other.get_namespace()} another `machine_id`" in message
     scene.soil.diagnostics.publish()
     topic = f"{other.get_namespace()}/soil_tick"
@@ -159,7 +159,7 @@ def test_in_lockstep_a_silent_machine_is_reported_and_waited_for(
         return "has been silent" in told
 
     ros.spin_until(reported)
-    assert "/excavator (source 1) has been silent" in told
+    assert "/excavator (machine_id 1) silent for" in told
     assert "the soil waits" in told
     stood = scene.tick
     ros.spin_for(0.3)

@@ -142,7 +142,7 @@ def test_who_comes_late_gets_the_terrain_and_the_configuration(ros: Ros) -> None
 
 def test_the_map_shows_what_the_surface_is_and_how_moist(ros: Ros, tmp_path: Path) -> None:
     maps = ros.collect("/terrain/map", PointCloud2, qos.TRANSIENT_LOCAL)
-    scene = digging(ros, tmp_path, map_period=0.05, **layered_site(tmp_path))
+    scene = digging(ros, tmp_path, map_rate=20.0, **layered_site(tmp_path))
     scene.more_ticks(10)
     scene.pause()
     soil = scene.soil.run.endpoint.soil
@@ -193,7 +193,7 @@ def test_cut_and_fill_are_told_to_late_comers_and_follow_what_is_dug(
     ros: Ros, tmp_path: Path
 ) -> None:
     maps = ros.collect("/terrain/map", PointCloud2, qos.TRANSIENT_LOCAL)
-    scene = digging(ros, tmp_path, map_period=0.05, **{"site.design": design_file(tmp_path)})
+    scene = digging(ros, tmp_path, map_rate=20.0, **{"site.design": design_file(tmp_path)})
     scene.more_ticks(10)
     scene.pause()
     heard = ros.collect("/soil/cut_fill", Float64MultiArray, qos.TRANSIENT_LOCAL)
@@ -217,7 +217,7 @@ def test_cut_and_fill_are_told_to_late_comers_and_follow_what_is_dug(
 
 def test_cut_and_fill_are_told_again_only_where_anything_changed(ros: Ros, tmp_path: Path) -> None:
     heard = ros.collect("/soil/cut_fill", Float64MultiArray, qos.TRANSIENT_LOCAL)
-    scene = Scene(ros, **ALONE, map_period=0.05, **{"site.design": design_file(tmp_path)})
+    scene = Scene(ros, **ALONE, map_rate=20.0, **{"site.design": design_file(tmp_path)})
     scene.until_tick(20)
     (state,) = map(from_cut_fill_array, heard)
     assert state == (0.0, pytest.approx(28.8), 0.0, pytest.approx(28.8), 0.0)
@@ -226,7 +226,7 @@ def test_cut_and_fill_are_told_again_only_where_anything_changed(ros: Ros, tmp_p
 def test_after_a_reset_all_of_the_design_is_to_be_dug_again(ros: Ros, tmp_path: Path) -> None:
     heard = ros.collect("/soil/cut_fill", Float64MultiArray, qos.TRANSIENT_LOCAL)
     options = {**layered_site(tmp_path), "site.design": design_file(tmp_path)}
-    scene = digging(ros, tmp_path, map_period=0.05, **options)
+    scene = digging(ros, tmp_path, map_rate=20.0, **options)
     ros.spin_until(lambda: from_cut_fill_array(heard[-1]).cut < 28.7)
     scene.trigger("/sim/reset")
     ros.spin_until(lambda: from_cut_fill_array(heard[-1]).cut == pytest.approx(28.8, abs=1e-9))
@@ -283,7 +283,7 @@ def test_each_parameter_says_what_it_is_and_how_far_it_goes(ros: Ros) -> None:
 def test_hashes_come_at_their_period_and_maps_only_where_anything_changed(ros: Ros) -> None:
     hashes = ros.collect("/soil/state_hash", String, qos.STATE)
     maps = ros.collect("/terrain/map", PointCloud2, qos.TRANSIENT_LOCAL)
-    scene = Scene(ros, **ALONE, hash_period=5 * TICK, map_period=0.05)
+    scene = Scene(ros, **ALONE, hash_rate=1.0 / (5 * TICK), map_rate=20.0)
     scene.until_tick(31)
     decoded = [from_state_hash_string(message) for message in hashes]
     ticks = [each.tick for each in decoded]
@@ -297,7 +297,7 @@ def test_hashes_come_at_their_period_and_maps_only_where_anything_changed(ros: R
 
 def test_maps_follow_what_changes(ros: Ros, tmp_path: Path) -> None:
     maps = ros.collect("/terrain/map", PointCloud2, qos.TRANSIENT_LOCAL)
-    scene = digging(ros, tmp_path, map_period=0.05)
+    scene = digging(ros, tmp_path, map_rate=20.0)
     scene.more_ticks(10)
     scene.pause()
     soil = scene.soil.run.endpoint.soil
@@ -358,7 +358,7 @@ def test_paused_no_tick_comes_until_it_goes_on(ros: Ros) -> None:
     assert scene.pause(False).message.startswith("running")
     ros.spin_until(lambda: not paused[-1].data)
     scene.until_tick(stood + 3)
-    assert scene.soil.run.pace.slips == 0
+    assert scene.soil.run.scheduler.num_reschedules == 0
 
 
 def test_a_step_does_one_tick(ros: Ros) -> None:
@@ -367,7 +367,7 @@ def test_a_step_does_one_tick(ros: Ros) -> None:
     for tick in (1, 2):
         response = scene.trigger("/sim/step")
         assert response.success
-        assert response.message == f"tick {tick} done"
+        assert response.message == f"tick {tick} completed"
         assert scene.tick == tick
 
 
@@ -403,7 +403,7 @@ def test_steps_wait_for_a_machine_that_is_late(ros: Ros) -> None:
     assert not steps[2].done()
     ros.executor.add_node(machine)
     ros.spin_until(lambda: all(step.done() for step in steps))
-    assert [step.result().message for step in steps] == [f"tick {n} done" for n in (1, 2, 3)]
+    assert [step.result().message for step in steps] == [f"tick {n} completed" for n in (1, 2, 3)]
     assert scene.tick == 3
 
 
@@ -416,7 +416,7 @@ def test_a_step_that_a_reset_overtakes_is_answered(ros: Ros) -> None:
     assert scene.trigger("/sim/reset").success
     ros.spin_until(steps[2].done)
     assert not steps[2].result().success
-    assert steps[2].result().message == "there was a reset"
+    assert steps[2].result().message == "the run was reset"
     ros.executor.add_node(machine)
 
 
@@ -497,7 +497,7 @@ def test_save_says_where_layers_do_not_go(ros: Ros, tmp_path: Path) -> None:
     scene = Scene(ros, **ALONE, save_path=str(path))
     response = scene.trigger("/soil/save")
     assert response.success
-    assert "heights alone" in response.message
+    assert "heights only" in response.message
     assert load_terrain(path).grid == Grid(65, 65, 0.4)
 
 
