@@ -98,7 +98,7 @@ class SoilNode(SimNode):
             self._timer = self.create_timer(self._params.tick_period, self._on_timer)
         self.create_timer(_RETRANSMIT_PERIOD, self._check_progress)
         on_parameter_change(self, SoilNodeParams, "", _CHANGEABLE, self._set_params)
-        self._services = SoilServices(self)
+        self._soil_services = SoilServices(self)
 
     @property
     def site(self) -> Site:
@@ -150,7 +150,7 @@ class SoilNode(SimNode):
         if done.ledger.imbalance:
             text = f"imbalance of {done.ledger.imbalance} mm3 at tick {tick}"
             self.diagnostics.problem(text, Level.ERROR)
-        self._services.on_tick(tick)
+        self._soil_services.on_tick(tick)
 
     @property
     def _map_rate(self) -> float:
