@@ -35,6 +35,11 @@ class SoilServices:
         node.create_service(Trigger, topics.SAVE_SERVICE, self._save)
         node.create_service(Trigger, topics.RELEASE_SERVICE, self._release)
 
+    @property
+    def num_pending_steps(self) -> int:
+        """Number of steps that wait for their tick."""
+        return len(self._pending_steps)
+
     def on_tick(self, tick: int) -> None:
         """Respond to the steps that a completed tick fulfils."""
         while self._pending_steps and self._pending_steps[0][0] <= tick:

@@ -110,6 +110,11 @@ class SoilNode(SimNode):
         """Current parameters of the node."""
         return self._params
 
+    @property
+    def num_pending_steps(self) -> int:
+        """Number of requested single steps that wait for their tick."""
+        return self._soil_services.num_pending_steps
+
     def silent_since(self) -> dict[int, float]:
         """Return the monotonic time [s] of the last message of each machine, by machine id."""
         return self._transport.last_message_times

@@ -102,9 +102,9 @@ def test_in_real_time_the_clock_goes_on_without_machines_and_not_faster_than_the
     scene = Scene(ros, **ALONE)
     scene.until_tick(40)
     assert time.monotonic() - began > 39 * TICK
-    heard = ticks_of(clock)
-    assert heard == sorted(set(heard))
-    assert heard[-1] - heard[0] >= 20
+    received = ticks_of(clock)
+    assert received == sorted(set(received))
+    assert received[-1] - received[0] >= 20
 
 
 def test_who_comes_late_gets_the_terrain_and_the_configuration(ros: Ros) -> None:
@@ -135,7 +135,7 @@ def test_who_comes_late_gets_the_terrain_and_the_configuration(ros: Ros) -> None
     assert [soil.swell for soil in facts.soils] == [0.25]
     assert facts.run_id == terrain.keyframe.run_id == scene.soil.run.endpoint.exchange.run_id
     content = yaml.safe_load(configs[0].data)
-    assert content["site"]["points"] == content["grid"]["rows"] == 65
+    assert content["site"]["num_points"] == content["grid"]["rows"] == 65
     assert content["soil"]["swell"] == 0.25
     assert not paused[0].data
 
@@ -196,14 +196,14 @@ def test_cut_and_fill_are_told_to_late_comers_and_follow_what_is_dug(
     scene = digging(ros, tmp_path, map_rate=20.0, **{"site.design": design_file(tmp_path)})
     scene.more_ticks(10)
     scene.pause()
-    heard = ros.collect("/soil/cut_fill", Float64MultiArray, qos.TRANSIENT_LOCAL)
+    received = ros.collect("/soil/cut_fill", Float64MultiArray, qos.TRANSIENT_LOCAL)
     run = scene.soil.run
-    soil, design = run.endpoint.soil, scene.soil._site.design
+    soil, design = run.endpoint.soil, scene.soil.site.design
     assert design is not None
     ros.spin_until(lambda: from_terrain_cloud(maps[-1]).keyframe.revision == soil.revision)
     anew = compare_to_design(design, soil.columns.height)
-    ros.spin_until(lambda: heard and from_cut_fill_array(heard[-1]).cut == anew.cut)
-    state = from_cut_fill_array(heard[-1])
+    ros.spin_until(lambda: received and from_cut_fill_array(received[-1]).cut == anew.cut)
+    state = from_cut_fill_array(received[-1])
     assert state.remaining == anew.remaining
     assert 0.0 < state.time <= run.tick * TICK
     before = from_terrain_cloud(maps[0])
@@ -216,31 +216,31 @@ def test_cut_and_fill_are_told_to_late_comers_and_follow_what_is_dug(
 
 
 def test_cut_and_fill_are_told_again_only_where_anything_changed(ros: Ros, tmp_path: Path) -> None:
-    heard = ros.collect("/soil/cut_fill", Float64MultiArray, qos.TRANSIENT_LOCAL)
+    received = ros.collect("/soil/cut_fill", Float64MultiArray, qos.TRANSIENT_LOCAL)
     scene = Scene(ros, **ALONE, map_rate=20.0, **{"site.design": design_file(tmp_path)})
     scene.until_tick(20)
-    (state,) = map(from_cut_fill_array, heard)
+    (state,) = map(from_cut_fill_array, received)
     assert state == (0.0, pytest.approx(28.8), 0.0, pytest.approx(28.8), 0.0)
 
 
 def test_after_a_reset_all_of_the_design_is_to_be_dug_again(ros: Ros, tmp_path: Path) -> None:
-    heard = ros.collect("/soil/cut_fill", Float64MultiArray, qos.TRANSIENT_LOCAL)
+    received = ros.collect("/soil/cut_fill", Float64MultiArray, qos.TRANSIENT_LOCAL)
     options = {**layered_site(tmp_path), "site.design": design_file(tmp_path)}
     scene = digging(ros, tmp_path, map_rate=20.0, **options)
-    ros.spin_until(lambda: from_cut_fill_array(heard[-1]).cut < 28.7)
+    ros.spin_until(lambda: from_cut_fill_array(received[-1]).cut < 28.7)
     scene.trigger("/sim/reset")
-    ros.spin_until(lambda: from_cut_fill_array(heard[-1]).cut == pytest.approx(28.8, abs=1e-9))
+    ros.spin_until(lambda: from_cut_fill_array(received[-1]).cut == pytest.approx(28.8, abs=1e-9))
     columns = scene.soil.run.endpoint.soil.columns
     assert (columns.soil[:, 30:] == 1).all()
     assert (columns.moisture[64] == 64).all()
 
 
 def test_how_the_surface_leans_is_told_to_who_draws_it(ros: Ros) -> None:
-    heard = ros.collect("/terrain/surface_tilt", Image, qos.TRANSIENT_LOCAL)
+    received = ros.collect("/terrain/surface_tilt", Image, qos.TRANSIENT_LOCAL)
     scene = Scene(ros, **ALONE, **{"soil.surface_tilt_noise": 8.0})
-    ros.spin_until(lambda: heard)
+    ros.spin_until(lambda: received)
     rows, cols = scene.soil.run.endpoint.soil.grid.shape
-    image = heard[0]
+    image = received[0]
     assert (image.encoding, image.height, image.width) == ("32FC2", rows, cols)
     slopes = np.frombuffer(image.data, "<f4").reshape(rows, cols, 2)
     assert 0.1 < np.abs(slopes).max() <= math.tan(math.radians(8.0)) + 1e-6
@@ -270,7 +270,7 @@ def test_each_parameter_says_what_it_is_and_how_far_it_goes(ros: Ros) -> None:
     node: Node = Scene(ros).soil
     names = [n for n in node.list_parameters([], 0).names if n != "use_sim_time"]
     names = [n for n in names if not n.startswith(("qos_overrides", "start_type_description"))]
-    assert {"tick", "sync", "site.terrain", "soil.swell"} <= set(names)
+    assert {"tick_period", "sync", "site.terrain", "soil.swell"} <= set(names)
     for descriptor in node.describe_parameters(names):
         assert len(descriptor.description) > 4, descriptor.name
         ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
@@ -287,7 +287,7 @@ def test_hashes_come_at_their_period_and_maps_only_where_anything_changed(ros: R
     scene.until_tick(31)
     decoded = [from_state_hash_string(message) for message in hashes]
     ticks = [each.tick for each in decoded]
-    assert ticks[-1] == 30
+    assert ticks[-1] >= 30
     assert all(tick % 5 == 0 for tick in ticks)
     assert {each.sha256 for each in decoded} == {scene.soil.run.endpoint.soil.state_hash()}
     assert {each.run_id for each in decoded} == {scene.soil.run.endpoint.exchange.run_id}
@@ -313,7 +313,7 @@ def test_soil_that_is_lost_is_said_loudly(ros: Ros) -> None:
     scene.soil.run.endpoint.exchange.accounts._outside -= 3
     scene.more_ticks(1)
     scene.until_shown(scene.soil, "level", 2)
-    assert scene.shown(scene.soil)["message"].startswith("-3 mm3 out of balance at tick")
+    assert scene.shown(scene.soil)["message"].startswith("imbalance of -3 mm3 at tick")
     assert not scene.trigger("/soil/verify").success
 
 
@@ -390,7 +390,9 @@ def asked(scene: Scene, count: int) -> list[Future]:
     client = scene.ros.helper.create_client(Trigger, "/sim/step")
     scene.ros.spin_until(client.service_is_ready)
     steps = [client.call_async(Trigger.Request()) for _ in range(count)]
-    scene.ros.spin_until(lambda: len(scene.soil._steps) + sum(s.done() for s in steps) == count)
+    scene.ros.spin_until(
+        lambda: scene.soil.num_pending_steps + sum(s.done() for s in steps) == count
+    )
     return steps
 
 

@@ -275,7 +275,7 @@ def test_cut_and_fill_follow_every_tick_to_the_last_bit_and_never_compare_anew(
 ) -> None:
     site, compared = site_with_design(0.5), []
     monkeypatch.setattr(
-        "soil_sim.site.site.site.compare_to_design",
+        "soil_sim.site.site.compare_to_design",
         lambda *a, **k: compared.append(1) or compare_to_design(*a, **k),
     )
     time = Timeline(1, site=site, sync="lockstep")
