@@ -1,13 +1,13 @@
-"""What a machine is told, from every input at once, to what it does in a tick.
+"""Commands of a machine: from the inputs to the velocities that take effect in a tick.
 
-- `board`: the newest command of each actuator, its age, and the emergency stop
-- `inputs`: commands as they come in, checked whole before any of it counts
+- `actuators`: joints and tracks that can be commanded, and their limits
+- `parser`: validation of each command as a whole, and its setpoints
 - `joystick`: levers and pedals of an ISO or SAE cab from a gamepad
-- `goto`: the velocity that brings a joint to an angle
-- `actuators`: joints and tracks that can be commanded, and what they can do
-- `params`, `errors`, `checks`: settings, the error of a refused command, checks of numbers
+- `arbiter`: the newest command of each actuator, its timeout, and the emergency stop
+- `position_control`: the velocity that moves a joint to an angle
+- `params`, `errors`, `validation`: parameters, the error of a rejected command, checks of numbers
 
-No ROS, no physics, no clock: the caller says what time it is.
+Independent of ROS, of the physics engine and of any clock: the caller passes the time.
 """
 
 from machine_sim.commands.actuators import TRACK_NAMES

@@ -1,13 +1,13 @@
-"""Who commands what: the newest valid command of each actuator, for as long as it is renewed.
+"""Command arbitration: the newest valid command of each actuator, until it times out.
 
-- Each joint and each track does what the newest command that named it says, whoever sent it. Two
-  sources that both keep sending take turns; `AppliedCommand` says who had the say.
-- A command not renewed within `command_timeout` is zero, and zero means hold.
-- The emergency stop beats all. Commands that come while it is pressed are checked like any other
-  and then dropped, and what was in force before is forgotten: after the release nothing moves but
-  by a command that came after it, and the joystick must have been seen at rest.
-- A command that is refused changes nothing.
-- A clock that goes back (a simulation that is reset) voids the commands of its future.
+- The newest command that names a joint or a track applies to it, whatever its source. Two sources
+  that both keep publishing alternate; `AppliedCommand` gives the source of each value.
+- A command that is not renewed within `command_timeout` becomes zero, and zero means hold.
+- The emergency stop overrides all commands. Commands that arrive while it is active are checked and
+  then dropped, and those in force before are cleared: after the release only a new command moves
+  the machine, and the joystick must have been released first.
+- A rejected command changes nothing.
+- When the clock goes back (the simulation was reset), commands with a later arrival are dropped.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ from machine_sim.commands.parser import CommandParser, Setpoint, Setpoints
 from machine_sim.commands.position_control import velocity_to_target
 from machine_sim.commands.validation import format_value, validate_numbers, validate_time
 
-if TYPE_CHECKING:  # at run time the machine's package would load the physics engine
+if TYPE_CHECKING:  # at run time the import would load the physics engine
     from machine_sim.machine.spec import MachineSpec
 
 __all__ = ["AppliedCommand", "CommandArbiter", "CommandSource"]
 
 CommandSource = Literal["none", "front", "tracks", "joints", "twist", "joy", "emergency_stop"]
-"""The input a value came from; `none` where nobody commands."""
+"""Input that a value came from; `none` without a command in force."""
 
 _TIME_TOLERANCE = 1e-9
-"""Times closer than this are the same [s]: sums of tick lengths are not exact."""
+"""Tolerance in the comparison of times [s]: sums of tick periods are not exact."""
 
 
 @dataclass(frozen=True, eq=False)
 class AppliedCommand:
-    """What takes effect in one tick; arrays are read-only.
+    """Command that takes effect in one tick; arrays are read-only.
 
     Attributes:
         joints: velocities of all joints [rad/s], shape (joints,).
         tracks: velocities left, right [m/s], shape (2,).
-        joint_sources, track_sources: the input each value came from.
+        joint_sources, track_sources: input that each value came from.
     """
 
     joints: NDArray[np.float64]
@@ -56,26 +56,28 @@ class AppliedCommand:
 
 @dataclass(frozen=True)
 class _ActiveCommand:
+    """Setpoint of one actuator, its source, and its time of arrival [s]."""
+
     setpoint: Setpoint
     source: CommandSource
     arrival: float
 
 
 class CommandArbiter:
-    """Takes every input of one machine and says what it does in a tick.
+    """Receives the commands of one machine and selects what takes effect in a tick.
 
-    Times `now` [s] are when a command arrived and when a tick begins, by one clock of the caller's
-    choice. Stamps and `sim_now` are simulation time [s]; without `sim_now` it is `now`. They are
-    looked at only if `check_stamps` is set.
+    Times `now` [s] are the arrival of a command and the start of a tick, by one clock of the
+    caller's choice. Stamps and `sim_now` are simulation time [s]; `sim_now` is `now` by default.
+    They are checked only if `check_stamps` is set.
 
-    Every input raises `CommandError` for what cannot be meant, and has then changed nothing.
+    An invalid command raises `CommandError` and changes nothing.
     """
 
     def __init__(self, spec: MachineSpec, params: CommandParams | None = None) -> None:
         """
         Args:
-            description: whose joints and tracks are commanded.
-            params: defaults as shipped.
+            spec: machine whose joints and tracks are commanded.
+            params: parameters of the inputs; shipped defaults if None.
         """
         self.params = params or CommandParams()
         self._actuators = list_actuators(spec)
@@ -84,22 +86,22 @@ class CommandArbiter:
         self._joystick = Joystick(self._actuators, self.params, spec.joystick_axes)
         self._active: dict[int, _ActiveCommand] = {}
         self._tick_time = -np.inf
-        self._stopped = False
+        self._is_stopped = False
 
     @property
     def is_stopped(self) -> bool:
-        """Whether the emergency stop is pressed."""
-        return self._stopped
+        """Whether the emergency stop is active."""
+        return self._is_stopped
 
-    def front(self, values: ArrayLike, now: float) -> None:
-        """Velocities of all joints in their order [rad/s], shape (joints,)."""
-        self._accept(self._parser.front(values), "front", validate_time(now))
+    def receive_front(self, values: ArrayLike, now: float) -> None:
+        """Receive velocities of all joints in their order [rad/s], shape (joints,)."""
+        self._accept(self._parser.parse_front(values), "front", validate_time(now))
 
-    def tracks(self, values: ArrayLike, now: float) -> None:
-        """Track velocities left, right [m/s], shape (2,)."""
-        self._accept(self._parser.tracks(values), "tracks", validate_time(now))
+    def receive_tracks(self, values: ArrayLike, now: float) -> None:
+        """Receive track velocities left, right [m/s], shape (2,)."""
+        self._accept(self._parser.parse_tracks(values), "tracks", validate_time(now))
 
-    def joints(
+    def receive_joints(
         self,
         names: ArrayLike,
         velocity: ArrayLike | None,
@@ -109,21 +111,21 @@ class CommandArbiter:
         stamp: float | None = None,
         sim_now: float | None = None,
     ) -> None:
-        """Velocities or angles of some joints; `left_track` and `right_track` are names too.
+        """Receive velocities or angles of some joints and tracks.
 
         Args:
-            names: whom it concerns; the others go on as they were told.
-            velocity: [rad/s, of tracks m/s] for each name, or empty.
-            position: angle to go to and stay at [rad] for each name, or empty. It must be renewed
-                like any command, on the way and after. Swing takes the shorter way around.
-            now: [s].
-            stamp: of the message [s], None if it has none.
-            sim_now: [s].
+            names: joints, `left_track` and `right_track`; the command leaves all others unchanged.
+            velocity: [rad/s, tracks m/s] for each name, or empty.
+            position: target angle [rad] for each name, or empty. Like any command it must be
+                renewed, also at the target. Swing turns in the shorter direction.
+            now: time of arrival [s].
+            stamp: stamp of the message [s], None if it has none.
+            sim_now: present simulation time [s].
         """
         arrival = self._check_arrival(now, stamp, sim_now)
-        self._accept(self._parser.joints(names, velocity, position), "joints", arrival)
+        self._accept(self._parser.parse_joints(names, velocity, position), "joints", arrival)
 
-    def twist(
+    def receive_twist(
         self,
         linear: float,
         angular: float,
@@ -132,11 +134,11 @@ class CommandArbiter:
         stamp: float | None = None,
         sim_now: float | None = None,
     ) -> None:
-        """Forward [m/s] and turning velocity [rad/s, + to the left], split onto the tracks."""
+        """Receive forward [m/s] and yaw velocity [rad/s, + to the left] of the machine."""
         arrival = self._check_arrival(now, stamp, sim_now)
-        self._accept(self._parser.twist(linear, angular), "twist", arrival)
+        self._accept(self._parser.parse_twist(linear, angular), "twist", arrival)
 
-    def joy(
+    def receive_joy(
         self,
         axes: ArrayLike,
         buttons: ArrayLike,
@@ -145,32 +147,32 @@ class CommandArbiter:
         stamp: float | None = None,
         sim_now: float | None = None,
     ) -> None:
-        """Axes (-1 to 1, + left and forward) and buttons of a joystick; see `joystick`."""
+        """Receive axes (-1 to 1, + left and forward) and buttons of a joystick; see `joystick`."""
         arrival = self._check_arrival(now, stamp, sim_now)
-        levers = self._joystick.read(axes, buttons)
-        commands = self._joystick.select_commands(levers, stopped=self._stopped)
+        reading = self._joystick.read(axes, buttons)
+        commands = self._joystick.select_commands(reading, stopped=self._is_stopped)
         self._accept({i: Setpoint(velocity) for i, velocity in commands.items()}, "joy", arrival)
 
     def emergency_stop(self, active: bool) -> None:
-        """Press the emergency stop, or release it; it stays as it is until told otherwise."""
+        """Activate the emergency stop, or release it; it keeps its state until the next call."""
         if not isinstance(active, (bool, np.bool_)):
             raise CommandError(f"the emergency stop is {format_value(active)}; give true or false")
-        self._stopped = bool(active)
-        if self._stopped:
+        self._is_stopped = bool(active)
+        if self._is_stopped:
             self._active.clear()
             self._joystick.stop()
 
     def reset(self) -> None:
-        """Drop every command in force, as after a reset; an emergency stop stays pressed."""
+        """Drop every command in force, as after a reset; an emergency stop stays active."""
         self._active.clear()
         self._joystick.reset()
 
     def command_at(self, now: float, joint_positions: ArrayLike) -> AppliedCommand:
-        """What takes effect in the tick that begins at `now`.
+        """Return the command that takes effect in the tick that begins at `now`.
 
         Args:
-            now: [s].
-            joint_positions: angles of all joints as they are [rad], shape (joints,).
+            now: start of the tick [s].
+            joint_positions: present angles of all joints [rad], shape (joints,).
 
         Raises:
             CommandError: joint positions that are not one finite number for each joint.
@@ -183,12 +185,14 @@ class CommandArbiter:
             raise CommandError(f"joint_positions has {len(angles)} values; give {self._num_joints}")
         self._drop_expired(time)
         values: list[float] = [0.0] * len(self._actuators)
-        sources: list[CommandSource] = ["emergency_stop" if self._stopped else "none"] * len(values)
-        for i, claim in self._active.items():
-            values[i], limits = claim.setpoint.value, self._actuators[i].limits
-            if claim.setpoint.is_position and limits is not None:
-                values[i] = velocity_to_target(claim.setpoint.value, angles[i], limits)
-            sources[i] = claim.source
+        sources: list[CommandSource] = ["emergency_stop" if self._is_stopped else "none"] * len(
+            values
+        )
+        for i, command in self._active.items():
+            values[i], limits = command.setpoint.value, self._actuators[i].limits
+            if command.setpoint.is_position and limits is not None:
+                values[i] = velocity_to_target(command.setpoint.value, angles[i], limits)
+            sources[i] = command.source
         joints, tracks = np.array(values[: self._num_joints]), np.array(values[self._num_joints :])
         joints.setflags(write=False)
         tracks.setflags(write=False)
@@ -197,23 +201,27 @@ class CommandArbiter:
         )
 
     def _check_arrival(self, now: float, stamp: float | None, sim_now: float | None) -> float:
+        """Check the stamp of a command, and return its time of arrival [s]."""
         arrival = validate_time(now)
         self._parser.check_stamp(stamp, arrival if sim_now is None else validate_time(sim_now))
         return arrival
 
-    def _accept(self, orders: Setpoints, source: CommandSource, arrival: float) -> None:
-        if not self._stopped:
-            self._active.update({i: _ActiveCommand(o, source, arrival) for i, o in orders.items()})
+    def _accept(self, setpoints: Setpoints, source: CommandSource, arrival: float) -> None:
+        """Put setpoints in force, unless the emergency stop is active."""
+        if not self._is_stopped:
+            self._active.update(
+                {i: _ActiveCommand(each, source, arrival) for i, each in setpoints.items()}
+            )
 
     def _drop_expired(self, time: float) -> None:
-        """Drop what is too old, and what is of a future that will not be."""
-        # A tick of a real-time loop may begin a little before the time at which the loop gets to
-        # it, so a command may be younger than its tick. When ticks go back it is from another run.
-        limit = self.params.command_timeout + _TIME_TOLERANCE
-        youngest = -limit if time > self._tick_time - _TIME_TOLERANCE else -_TIME_TOLERANCE
+        """Drop commands that timed out, and those of a run that was reset."""
+        # The tick of a real-time loop may start slightly before the loop processes it, so a command
+        # may be younger than its tick. If time goes back, such a command is from another run.
+        max_age = self.params.command_timeout + _TIME_TOLERANCE
+        min_age = -max_age if time > self._tick_time - _TIME_TOLERANCE else -_TIME_TOLERANCE
         self._tick_time = time
         self._active = {
-            i: claim
-            for i, claim in self._active.items()
-            if youngest <= time - claim.arrival <= limit
+            i: command
+            for i, command in self._active.items()
+            if min_age <= time - command.arrival <= max_age
         }

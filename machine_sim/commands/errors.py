@@ -1,4 +1,4 @@
-"""The error of a command that is refused."""
+"""The error of a rejected command."""
 
 from msg_bridge.contract.errors import EarthmovingError
 
@@ -6,4 +6,4 @@ __all__ = ["CommandError"]
 
 
 class CommandError(EarthmovingError):
-    """A command that cannot be meant; it changed nothing, and what was commanded before holds."""
+    """Raised for an invalid command; the commands in force stay unchanged."""

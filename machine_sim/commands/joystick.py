@@ -1,19 +1,20 @@
-"""Levers and pedals of a machine's cab, from the axes and buttons of a gamepad.
+"""Joystick: levers and pedals of a cab from the axes and buttons of a gamepad.
 
-Of an excavator, by the pattern that its operators are used to:
+The lever patterns of an excavator:
 
     ISO   left lever: swing, arm      right lever: bucket, boom
     SAE   left lever: swing, boom     right lever: bucket, arm
 
-Left swings left or curls the bucket in, forward moves the boom down or the arm out. ROS counts
-axes positive to the left and forward; joint angles count downward and inward. The file of any other
-machine says which axis moves which of its joints; one that it does not name has no lever.
+A deflection to the left swings left or curls the bucket in; forward lowers the boom or extends the
+arm. ROS axes are positive to the left and forward; joint angles follow the right-hand rule about
++y, so positive lowers. The file of any other machine assigns axes to its joints; a joint without
+an axis has no lever.
 
-A gamepad sends all the time, touched or not, so what it sends at rest is no command. The levers
-together and the pedals together each count as moved from when one leaves its rest until all are
-back; that they are back is one last command of zero, and then they leave the machine to others.
-After an emergency stop nothing counts until everything was seen at rest, so that a lever held
-through the stop does not set the machine going.
+A gamepad publishes continuously, so its values at rest are no commands. The levers as a group, and
+the pedals as a group, are active from the first deflection until all are released; the release is
+one last command of zero, after which other sources may command the machine. After an emergency stop
+no command counts until all levers and pedals were released: a lever held through the stop does not
+start the machine.
 """
 
 from __future__ import annotations
@@ -43,17 +44,17 @@ _LEVER_PATTERNS = {
         "arm": ("right_y", -1.0),
     },
 }
-"""Axis and sign of each joint."""
+"""Axis and sign of each joint, by pattern."""
 
 
 @dataclass(frozen=True)
 class JoystickReading:
-    """What one message of the joystick says.
+    """Velocities in one message of the joystick.
 
     Attributes:
         joints: velocities in the actuators' order [rad/s].
         tracks: velocities left, right [m/s].
-        rested: whether each pedal is at rest.
+        pedals_at_rest: whether the left and the right pedal are released.
     """
 
     joints: tuple[float, ...]
@@ -62,7 +63,7 @@ class JoystickReading:
 
 
 class Joystick:
-    """Reads joystick messages and knows which of them are commands."""
+    """Reads joystick messages and selects those that are commands."""
 
     def __init__(
         self,
@@ -73,41 +74,41 @@ class Joystick:
         """
         Args:
             actuators: joints in any order, then left and right track.
-            params: pattern, axes and buttons.
-            levers: axis and sign of each joint; those of the pattern if there are none.
+            params: lever pattern, axes and buttons.
+            levers: axis and sign of each joint; empty: those of the pattern.
         """
         self._joints = tuple(actuators[:-2])
         self._tracks = tuple(actuators[-2:])
         self._params = params
         self._axes = params.joy_axes
         self._axis_of_joint = dict(levers) or _LEVER_PATTERNS[params.joy_pattern]
-        self._levers_moved = self._pedals_moved = False
-        self._must_return_to_rest = (
-            False  # through an emergency stop, and not yet seen at rest since
-        )
-        # joy_node shows 0, which is half pressed, for a trigger that was never touched.
+        self._levers_active = self._pedals_active = False
+        self._must_return_to_rest = False  # after an emergency stop, until all are released
+        # joy_node reports 0, which is half pressed, for a trigger that was never touched.
         self._pedal_seen_at_rest = [params.joy_pedal_rest == 0.0] * 2
 
     def read(self, axes: Any, buttons: Any) -> JoystickReading:
-        """What a message says; changes nothing.
+        """Return the velocities of a message without changing any state.
 
-        A button that is not in the message is not pressed.
+        A button that is missing in the message counts as not pressed.
 
         Raises:
             CommandError: too few axes, a number that is not finite, or an axis far beyond 1.
         """
-        need = max(self._axes.values()) + 1
-        given = validate_numbers(axes, "the joystick's axes", f"at least {need} axes from -1 to 1")
+        num_axes = max(self._axes.values()) + 1
+        values = validate_numbers(
+            axes, "the joystick's axes", f"at least {num_axes} axes from -1 to 1"
+        )
         pressed = validate_numbers(buttons, "the joystick's buttons", "0 or 1 for each")
-        if len(given) < need:
+        if len(values) < num_axes:
             raise CommandError(
-                f"the joystick has {len(given)} axes and needs {need}; use a game controller, or"
-                " set the joy_ parameters to the axes of yours"
+                f"the joystick has {len(values)} axes and needs {num_axes}; use a game controller,"
+                " or set the joy_ parameters to its axes"
             )
         for name, index in self._axes.items():
-            if index >= 0 and abs(given[index]) > self._params.unit_error_factor:
+            if index >= 0 and abs(values[index]) > self._params.unit_error_factor:
                 raise CommandError(
-                    f"axis {index} (joy_{name}) of the joystick is {given[index]:g}; give values"
+                    f"axis {index} (joy_{name}) of the joystick is {values[index]:g}; give values"
                     " from -1 to 1, 1 to the left and forward"
                 )
         joints = []
@@ -117,8 +118,8 @@ class Joystick:
                 joints.append(0.0)
                 continue
             axis, sign = lever
-            joints.append(sign * joint.max_speed * self._beyond_deadzone(given[self._axes[axis]]))
-        pedals = [self._pedal(given, pressed, side) for side in ("left", "right")]
+            joints.append(sign * joint.max_speed * self._beyond_deadzone(values[self._axes[axis]]))
+        pedals = [self._pedal(values, pressed, side) for side in ("left", "right")]
         left, right = (
             pedal * track.max_speed for pedal, track in zip(pedals, self._tracks, strict=True)
         )
@@ -129,53 +130,54 @@ class Joystick:
             (left == 0.0, right == 0.0),
         )
 
-    def select_commands(self, levers: JoystickReading, *, stopped: bool) -> dict[int, float]:
-        """What a message commands: velocities by actuator index, none if it is no command.
+    def select_commands(self, reading: JoystickReading, *, stopped: bool) -> dict[int, float]:
+        """Return the commanded velocities by actuator index; empty if the message is no command.
 
         Args:
-            levers: what it says.
-            stopped: whether the emergency stop is pressed.
+            reading: velocities of the message.
+            stopped: whether the emergency stop is active.
         """
-        for side, pedals_at_rest in enumerate(levers.pedals_at_rest):
+        for side, pedals_at_rest in enumerate(reading.pedals_at_rest):
             self._pedal_seen_at_rest[side] |= pedals_at_rest
         tracks = [
             v if ready else 0.0
-            for v, ready in zip(levers.tracks, self._pedal_seen_at_rest, strict=True)
+            for v, ready in zip(reading.tracks, self._pedal_seen_at_rest, strict=True)
         ]
-        levers_off, pedals_off = any(levers.joints), any(tracks)
+        levers_deflected, pedals_deflected = any(reading.joints), any(tracks)
         if stopped or self._must_return_to_rest:
-            self._must_return_to_rest = levers_off or pedals_off
+            self._must_return_to_rest = levers_deflected or pedals_deflected
             return {}
         commands: dict[int, float] = {}
-        if levers_off or self._levers_moved:
-            commands.update(enumerate(levers.joints))
-        if pedals_off or self._pedals_moved:
-            commands.update(enumerate(tracks, start=len(levers.joints)))
-        self._levers_moved, self._pedals_moved = levers_off, pedals_off
+        if levers_deflected or self._levers_active:
+            commands.update(enumerate(reading.joints))
+        if pedals_deflected or self._pedals_active:
+            commands.update(enumerate(tracks, start=len(reading.joints)))
+        self._levers_active, self._pedals_active = levers_deflected, pedals_deflected
         return commands
 
     def stop(self) -> None:
-        """The emergency stop was pressed: nothing counts until all is seen at rest."""
+        """Ignore all commands until levers and pedals were released: an emergency stop."""
         self._must_return_to_rest = True
         self.reset()
 
     def reset(self) -> None:
-        """What was moved until now is no command any more."""
-        self._levers_moved = self._pedals_moved = False
+        """Mark levers and pedals as released."""
+        self._levers_active = self._pedals_active = False
 
     def _beyond_deadzone(self, deflection: float) -> float:
-        """Deflection beyond the deadzone, -1 to 1, from zero at its edge."""
+        """Return the deflection beyond the deadzone, -1 to 1, zero at its edge."""
         zone = self._params.joy_deadzone
         beyond = min(max(abs(deflection) - zone, 0.0) / (1.0 - zone), 1.0)
         return beyond if deflection > 0.0 else -beyond
 
     def _pedal(self, axes: list[float], buttons: list[float], side: str) -> float:
+        """Return the deflection of a pedal, -1 (backward) to 1 (forward)."""
         index = self._axes[f"{side}_pedal"]
         if index < 0:
             return 0.0
         params = self._params
-        way = params.joy_pedal_full - params.joy_pedal_rest
-        pedal = self._beyond_deadzone((axes[index] - params.joy_pedal_rest) / way)
+        travel = params.joy_pedal_full - params.joy_pedal_rest
+        pedal = self._beyond_deadzone((axes[index] - params.joy_pedal_rest) / travel)
         button = params.joy_left_reverse if side == "left" else params.joy_right_reverse
         reverse = 0 <= button < len(buttons) and buttons[button] != 0.0
         return -pedal if reverse else pedal

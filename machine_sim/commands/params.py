@@ -1,4 +1,4 @@
-"""Settings of the command inputs."""
+"""Parameters of the command inputs."""
 
 from __future__ import annotations
 
@@ -15,32 +15,36 @@ _AXES = ("left_x", "left_y", "right_x", "right_y", "left_pedal", "right_pedal")
 
 @dataclass(frozen=True)
 class CommandParams(Parameters):
-    """How commands are taken; the joystick defaults are those of ROS's `game_controller_node`."""
+    """Parameters of the command inputs; joystick defaults as in ROS's `game_controller_node`."""
 
     command_timeout: float = parameter(
-        0.3, "a command not renewed for this long is zero", unit="s", low=0.01, high=60.0
+        0.3,
+        "time after which a command that is not renewed becomes zero",
+        unit="s",
+        low=0.01,
+        high=60.0,
     )
     check_stamps: bool = parameter(
-        False, "refuse stamped commands that are older than the timeout, or from the future"
+        False, "reject stamped commands that are older than the timeout, or from the future"
     )
     max_stamp_lead: float = parameter(
         0.05,
-        "how far a stamp may be ahead of the machine's clock, which hears of time by message",
+        "maximum lead of a stamp over the machine's simulation time",
         unit="s",
         low=0.0,
         high=10.0,
     )
     unit_error_factor: float = parameter(
         10.0,
-        "a value this many times what the actuator can do is taken for a mistake of units",
+        "a value above the actuator's maximum times this factor is rejected as a mistake of units",
         low=1.0,
         high=1e6,
     )
     joy_pattern: str = parameter(
-        "iso", "which lever moves boom and arm: iso or sae", choices=("iso", "sae")
+        "iso", "assignment of the levers to boom and arm", choices=("iso", "sae")
     )
     joy_deadzone: float = parameter(
-        0.1, "deflection up to which a lever or pedal counts as at rest", low=0.0, high=0.9
+        0.1, "deflection up to which a lever or pedal counts as released", low=0.0, high=0.9
     )
     joy_left_x: int = parameter(0, "axis of the left lever, + to the left", low=0, high=63)
     joy_left_y: int = parameter(1, "axis of the left lever, + forward", low=0, high=63)
@@ -49,37 +53,36 @@ class CommandParams(Parameters):
     joy_left_pedal: int = parameter(4, "axis of the left track, -1 for none", low=-1, high=63)
     joy_right_pedal: int = parameter(5, "axis of the right track, -1 for none", low=-1, high=63)
     joy_pedal_rest: float = parameter(
-        0.0, "what a pedal's axis shows at rest (joy_node's triggers: 1)", low=-1.0, high=1.0
+        0.0, "value of a pedal's axis when released (triggers of joy_node: 1)", low=-1.0, high=1.0
     )
     joy_pedal_full: float = parameter(
         -1.0,
-        "what it shows fully pressed, which is forward; beyond rest the other way is backward",
+        "value of a pedal's axis when fully pressed, which is forward; the other side of its"
+        " value when released is backward",
         low=-1.0,
         high=1.0,
     )
     joy_left_reverse: int = parameter(
-        9, "button that turns the left pedal to backward while held, -1 for none", low=-1, high=63
+        9, "button that reverses the left pedal while pressed, -1 for none", low=-1, high=63
     )
     joy_right_reverse: int = parameter(
-        10, "button that turns the right pedal to backward while held, -1 for none", low=-1, high=63
+        10, "button that reverses the right pedal while pressed, -1 for none", low=-1, high=63
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         used = Counter(index for index in self.joy_axes.values() if index >= 0)
-        twice = [name for name, index in self.joy_axes.items() if used[index] > 1]
-        if twice:
-            names = ", ".join(f"joy_{name}" for name in twice)
-            raise ParameterError(
-                f"CommandParams: {names} share an axis; give each an axis of its own"
-            )
+        duplicates = [name for name, index in self.joy_axes.items() if used[index] > 1]
+        if duplicates:
+            names = ", ".join(f"joy_{name}" for name in duplicates)
+            raise ParameterError(f"CommandParams: {names} share an axis; give each its own axis")
         if abs(self.joy_pedal_full - self.joy_pedal_rest) < 0.1:
             raise ParameterError(
                 f"CommandParams.joy_pedal_full is {self.joy_pedal_full} and joy_pedal_rest"
-                f" {self.joy_pedal_rest}; give what the axis shows, at least 0.1 apart"
+                f" {self.joy_pedal_rest}; give two values of the axis at least 0.1 apart"
             )
 
     @property
     def joy_axes(self) -> dict[str, int]:
-        """Axis index by what it moves: left_x, left_y, right_x, right_y, left and right_pedal."""
+        """Axis index of left_x, left_y, right_x, right_y, left_pedal and right_pedal."""
         return {name: getattr(self, f"joy_{name}") for name in _AXES}

@@ -1,7 +1,7 @@
-"""Commands as they come in, each checked whole before any of it counts.
+"""Validation of commands: each is accepted or rejected as a whole.
 
-What is faster than the machine can passes, for the machine does what it can. What is so far beyond
-it that the sender must have meant other units is refused.
+A velocity above the actuator's maximum is accepted, and the machine limits it. A value that exceeds
+the maximum by `unit_error_factor` is rejected as a mistake of units.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ __all__ = ["CommandParser", "Setpoint", "Setpoints"]
 
 @dataclass(frozen=True)
 class Setpoint:
-    """What one actuator shall do.
+    """Target of one actuator.
 
     Attributes:
-        value: velocity [rad/s or m/s], or the angle to go to [rad].
-        is_position: whether it is an angle.
+        value: velocity [rad/s or m/s], or target angle [rad].
+        is_position: whether the value is an angle.
     """
 
     value: float
@@ -35,18 +35,18 @@ class Setpoint:
 
 
 Setpoints = Mapping[int, Setpoint]
-"""Orders by the actuator's index: joints first, then the tracks."""
+"""Setpoints by actuator index: joints first, then the tracks."""
 
 
 class CommandParser:
-    """Reads commands for one machine; keeps nothing of them."""
+    """Stateless parser of the commands of one machine."""
 
     def __init__(self, actuators: Sequence[Actuator], gauge: float, params: CommandParams) -> None:
         """
         Args:
             actuators: joints, then left and right track.
-            gauge: between the tracks' middles [m].
-            params: how commands are taken.
+            gauge: distance between the centre lines of the tracks [m].
+            params: parameters of the command inputs.
         """
         self._actuators = tuple(actuators)
         self._index = {actuator.name: i for i, actuator in enumerate(self._actuators)}
@@ -55,38 +55,38 @@ class CommandParser:
         self._gauge = gauge
         self._params = params
 
-    def front(self, values: Any) -> Setpoints:
-        """Velocities of all joints in order [rad/s]."""
+    def parse_front(self, values: Any) -> Setpoints:
+        """Return setpoints from velocities of all joints in order [rad/s]."""
         order = ", ".join(self._actuators[i].name for i in self._joints)
         return self._parse_velocities(
             self._joints, values, "the front command", f"joint velocities [rad/s]: {order}"
         )
 
-    def tracks(self, values: Any) -> Setpoints:
-        """Velocities left, right [m/s]."""
+    def parse_tracks(self, values: Any) -> Setpoints:
+        """Return setpoints from track velocities left, right [m/s]."""
         return self._parse_velocities(
             self._tracks, values, "the track command", "track velocities [m/s]: left, right"
         )
 
-    def twist(self, linear: Any, angular: Any) -> Setpoints:
-        """Forward [m/s] and turning velocity [rad/s, + to the left], split onto the tracks.
+    def parse_twist(self, linear: Any, angular: Any) -> Setpoints:
+        """Return track setpoints from forward [m/s] and yaw velocity [rad/s, + to the left].
 
-        Where a track would have to be faster than it can, both are slowed down alike, so that
-        the machine stays on the curve it was told.
+        If a track would exceed its maximum speed, both are scaled down by the same factor, which
+        keeps the radius of the curve.
         """
         v = validate_number(linear, "the twist's linear.x", "a finite velocity [m/s]")
         w = validate_number(angular, "the twist's angular.z", "a finite velocity [rad/s]")
         half = 0.5 * self._gauge * w
         speeds = (v - half, v + half)
-        wanted = f"linear.x {v:g} m/s with angular.z {w:g} rad/s"
-        slower = 1.0
+        request = f"linear.x {v:g} m/s with angular.z {w:g} rad/s"
+        scale = 1.0
         for i, speed in zip(self._tracks, speeds, strict=True):
-            self._check_units(i, speed, wanted)
-            slower = max(slower, abs(speed) / self._actuators[i].max_speed)
-        return {i: Setpoint(s / slower) for i, s in zip(self._tracks, speeds, strict=True)}
+            self._check_units(i, speed, request)
+            scale = max(scale, abs(speed) / self._actuators[i].max_speed)
+        return {i: Setpoint(s / scale) for i, s in zip(self._tracks, speeds, strict=True)}
 
-    def joints(self, names: Any, velocity: Any, position: Any) -> Setpoints:
-        """Velocities [rad/s, of tracks m/s] or angles [rad] of the actuators named."""
+    def parse_joints(self, names: Any, velocity: Any, position: Any) -> Setpoints:
+        """Return setpoints of named actuators from velocities [rad/s, m/s] or angles [rad]."""
         known = ", ".join(self._index)
         named = self._parse_names(names, known)
         velocities = validate_numbers(
@@ -106,23 +106,27 @@ class CommandParser:
                 f"the joint command has {len(named)} names and {len(values)} values;"
                 " give one value for each name"
             )
-        orders = {}
+        setpoints = {}
         for name, value in zip(named, values, strict=True):
             i = self._index[name]
             if velocities:
                 self._check_units(i, value, f"velocity {value:g} of {name}")
-                orders[i] = Setpoint(value)
+                setpoints[i] = Setpoint(value)
             else:
-                orders[i] = Setpoint(
+                setpoints[i] = Setpoint(
                     self._position_setpoint(self._actuators[i], value), is_position=True
                 )
-        return orders
+        return setpoints
 
     def check_stamp(self, stamp: Any, sim_now: float) -> None:
-        """Refuse a stamp [s] that is not of now, if stamps are checked; both simulation time.
+        """Reject a stamp [s] that is too old or too new, if `check_stamps` is set.
+
+        Args:
+            stamp: simulation time of the command [s].
+            sim_now: present simulation time [s].
 
         Raises:
-            CommandError: no stamp, or one too old or from the future.
+            CommandError: no stamp, an old one, or one from the future.
         """
         if not self._params.check_stamps:
             return
@@ -141,18 +145,20 @@ class CommandParser:
             )
 
     def _parse_velocities(self, indices: range, values: Any, what: str, order: str) -> Setpoints:
-        instead = f"{len(indices)} {order}"
-        given = validate_numbers(values, what, instead)
+        """Return velocity setpoints of the actuators with these indices."""
+        expected = f"{len(indices)} {order}"
+        given = validate_numbers(values, what, expected)
         if len(given) != len(indices):
-            raise CommandError(f"{what} has {len(given)} values; give {instead}")
+            raise CommandError(f"{what} has {len(given)} values; give {expected}")
         for i, value in zip(indices, given, strict=True):
             self._check_units(i, value, f"velocity {value:g} of {self._actuators[i].name}")
         return {i: Setpoint(value) for i, value in zip(indices, given, strict=True)}
 
     def _parse_names(self, names: Any, known: str) -> list[str]:
-        # A single text is a sequence too: of letters.
-        listed = isinstance(names, Iterable) and not isinstance(names, (str, bytes))
-        named: list[Any] = list(names) if listed else [None]
+        """Return the names of a joint command; each is known and unique."""
+        # A single string is iterable, too: over its letters.
+        is_list = isinstance(names, Iterable) and not isinstance(names, (str, bytes))
+        named: list[Any] = list(names) if is_list else [None]
         if not all(isinstance(name, str) for name in named):
             raise CommandError(f"names are {format_value(names)}; give a list out of {known}")
         if not named:
@@ -160,27 +166,30 @@ class CommandParser:
         unknown = sorted(set(named) - set(self._index))
         if unknown:
             raise CommandError(f"there is no joint {format_value(unknown)}; the names are {known}")
-        twice = [name for name, count in Counter(named).items() if count > 1]
-        if twice:
-            raise CommandError(f"the joint command names {', '.join(twice)} twice; name it once")
+        duplicates = [name for name, count in Counter(named).items() if count > 1]
+        if duplicates:
+            raise CommandError(
+                f"the joint command names {', '.join(duplicates)} twice; name it once"
+            )
         return named
 
     def _position_setpoint(self, actuator: Actuator, angle: float) -> float:
+        """Return a target angle [rad] within the limits of the actuator."""
         limits = actuator.limits
         if limits is None:
             raise CommandError(
                 f"position of {actuator.name}: a track has none; give it a velocity [m/s]"
             )
         if math.isinf(limits.upper):
-            most = 2.0 * math.pi * self._params.unit_error_factor
-            if abs(angle) > most:
+            max_angle = 2.0 * math.pi * self._params.unit_error_factor
+            if abs(angle) > max_angle:
                 raise CommandError(
-                    f"position {angle:g} of {actuator.name} is more than {most:g} rad, many turns;"
-                    " give the angle in rad, it goes the shorter way around"
+                    f"position {angle:g} of {actuator.name} is more than {max_angle:g} rad;"
+                    " give the angle in rad, the joint turns in the shorter direction"
                 )
             return angle
-        # A joint that rests at its limit may be measured this far beyond it: there is no harm in
-        # being told to stay.
+        # The measured angle of a joint at its limit may lie this far beyond it; the command to
+        # hold it is valid.
         if not limits.lower - POSITION_TOLERANCE <= angle <= limits.upper + POSITION_TOLERANCE:
             raise CommandError(
                 f"position {angle:g} of {actuator.name} is beyond its limits; give"
@@ -189,10 +198,11 @@ class CommandParser:
         return min(max(angle, limits.lower), limits.upper)
 
     def _check_units(self, index: int, value: float, what: str) -> None:
+        """Reject a velocity that is far above the maximum of the actuator."""
         actuator = self._actuators[index]
         if abs(value) > self._params.unit_error_factor * actuator.max_speed:
             raise CommandError(
-                f"{what}: more than {self._params.unit_error_factor:g} times what {actuator.name} can do"
-                f" ({actuator.max_speed:g} {actuator.unit}), which looks like other units; give"
+                f"{what} is more than {self._params.unit_error_factor:g} times the maximum of"
+                f" {actuator.name} ({actuator.max_speed:g} {actuator.unit}); check the units: give"
                 f" {actuator.unit}"
             )

@@ -1,4 +1,4 @@
-"""Checks of the numbers in a command: finite, and as many as there must be."""
+"""Checks of the numbers in a command."""
 
 from __future__ import annotations
 
@@ -14,47 +14,49 @@ __all__ = ["format_value", "validate_number", "validate_numbers", "validate_time
 
 
 _MAX_VALUE_LENGTH = 160
-"""Most characters of a value in a message."""
+"""Maximum number of characters of a value in a message."""
 
 
 def format_value(value: Any) -> str:
-    """A value as text for an error, cut short when it is long."""
+    """Return a value as text for an error message, truncated if it is long."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
-    text = reprlib.repr(value)  # which keeps each level short, but not all of them together
+    text = reprlib.repr(value)  # limits each level of nesting, not their sum
     return text if len(text) <= _MAX_VALUE_LENGTH else text[: _MAX_VALUE_LENGTH - 3] + "..."
 
 
-def validate_numbers(values: Any, what: str, instead: str) -> list[float]:
-    """A sequence of finite numbers as floats.
+def validate_numbers(values: Any, what: str, expected: str) -> list[float]:
+    """Return a sequence of finite numbers as floats.
 
     Args:
-        values: a list, tuple, array or anything else that came in; None counts as empty.
-        what: what it is, for the error.
-        instead: what to give, for the error.
+        values: a list, tuple, array or any other input; None counts as empty.
+        what: name of the values in the error message.
+        expected: what to give, for the error message.
 
     Raises:
-        CommandError: not a flat sequence of numbers, or one is not finite.
+        CommandError: not a flat sequence of numbers, or a number that is not finite.
     """
     try:
         array = np.asarray(() if values is None else values)
     except (TypeError, ValueError, OverflowError):
         array = np.empty((), dtype=object)
     if array.ndim != 1 or array.dtype.kind not in "iuf":
-        raise CommandError(f"{what} is {format_value(values)}, no list of numbers; give {instead}")
+        raise CommandError(
+            f"{what} is {format_value(values)}, not a list of numbers; give {expected}"
+        )
     if not np.isfinite(array).all():
         raise CommandError(
-            f"{what} {format_value(values)} has a number that is not finite; give {instead}"
+            f"{what} {format_value(values)} has a number that is not finite; give {expected}"
         )
     floats: list[float] = array.astype(np.float64).tolist()
     return floats
 
 
-def validate_number(value: Any, what: str, instead: str) -> float:
-    """One finite number as a float.
+def validate_number(value: Any, what: str, expected: str) -> float:
+    """Return one finite number as a float; arguments as for `validate_numbers`.
 
     Raises:
-        CommandError: it is something else.
+        CommandError: not a finite number.
     """
     if isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool):
         try:
@@ -63,11 +65,11 @@ def validate_number(value: Any, what: str, instead: str) -> float:
             result = math.inf
         if math.isfinite(result):
             return result
-    raise CommandError(f"{what} is {format_value(value)}; give {instead}")
+    raise CommandError(f"{what} is {format_value(value)}; give {expected}")
 
 
 def validate_time(now: Any) -> float:
-    """The time of an arrival or a tick [s].
+    """Return the time of an arrival or a tick [s].
 
     Raises:
         CommandError: not a finite number.

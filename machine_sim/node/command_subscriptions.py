@@ -1,4 +1,4 @@
-"""A machine's command topics, handed to whoever decides on them."""
+"""Subscriptions to the command topics of one machine."""
 
 from __future__ import annotations
 
@@ -22,22 +22,24 @@ __all__ = ["CommandClock", "CommandReceiver", "CommandSubscriptions"]
 
 
 class CommandReceiver(Protocol):
-    """Takes commands; each method refuses what cannot be meant by an EarthmovingError."""
+    """Receives commands; each method raises an EarthmovingError for an invalid one."""
 
-    def front(self, values: Any, now: float) -> None: ...
-    def tracks(self, values: Any, now: float) -> None: ...
-    def joints(
+    def receive_front(self, values: Any, now: float) -> None: ...
+    def receive_tracks(self, values: Any, now: float) -> None: ...
+    def receive_joints(
         self, names: Any, velocity: Any, position: Any, now: float, *, stamp: Any, sim_now: Any
     ) -> None: ...
-    def twist(
+    def receive_twist(
         self, linear: float, angular: float, now: float, *, stamp: Any, sim_now: Any
     ) -> None: ...
-    def joy(self, axes: Any, buttons: Any, now: float, *, stamp: Any, sim_now: Any) -> None: ...
+    def receive_joy(
+        self, axes: Any, buttons: Any, now: float, *, stamp: Any, sim_now: Any
+    ) -> None: ...
     def emergency_stop(self, active: bool) -> None: ...
 
 
 class CommandClock(Protocol):
-    """Tells a command's time of arrival."""
+    """Gives commands their time of arrival, and schedules stamped ones."""
 
     @property
     def sim_time(self) -> float: ...
@@ -46,7 +48,7 @@ class CommandClock(Protocol):
 
 
 class CommandSubscriptions:
-    """Subscriptions to the commands of one machine, in its node's namespace or a folder of it."""
+    """Command topics of one machine: each message is passed to the receiver at its time."""
 
     def __init__(
         self,
@@ -58,11 +60,11 @@ class CommandSubscriptions:
     ) -> None:
         """
         Args:
-            inbox: of the machine's node, for its commands.
-            board: takes what comes.
-            times: tells the time; None while there is no run, and commands are refused.
-            refuse: told topic and reason of a command that is refused.
-            folder: put before each topic's name: empty, or a machine's name and a slash.
+            poller: poller of the machine's node for commands.
+            receiver: receives the commands.
+            clock: returns the clock; None while there is no run, when commands are rejected.
+            reject: called with topic and reason of a rejected command.
+            topic_prefix: prefix of each topic: empty, or a machine's name and a slash.
         """
         self._receiver, self._clock = receiver, clock
         self._reject = reject
@@ -80,9 +82,10 @@ class CommandSubscriptions:
         subscribe(Bool, topics.EMERGENCY_STOP, self._stop)
 
     def _on_message(self, topic: str, take: Callable[[Any, CommandClock], None], msg: Any) -> None:
+        """Schedule a stamped command, and deliver any other one at once."""
         clock = self._clock()
         if clock is None and not isinstance(msg, Bool):
-            self._reject(topic, "the machine takes no part yet; command it once it has joined")
+            self._reject(topic, "the machine has not joined a run yet; send commands once it has")
             return
         deliver = partial(self._deliver, topic, take, msg, clock)
         if clock is not None and isinstance(msg, (JointState, TwistStamped)):
@@ -91,7 +94,7 @@ class CommandSubscriptions:
             deliver()
 
     def _deliver(self, topic: str, take: Callable[[Any, Any], None], msg: Any, clock: Any) -> bool:
-        """Hand a command to the board; whether it was good."""
+        """Pass a command to the receiver, and return whether it was valid."""
         try:
             take(msg, clock)
         except EarthmovingError as error:
@@ -100,35 +103,38 @@ class CommandSubscriptions:
         return True
 
     def _front(self, msg: Float64MultiArray, clock: CommandClock) -> None:
-        self._receiver.front(msg.data, _now(clock))
+        self._receiver.receive_front(msg.data, _now(clock))
 
     def _tracks(self, msg: Float64MultiArray, clock: CommandClock) -> None:
-        self._receiver.tracks(msg.data, _now(clock))
+        self._receiver.receive_tracks(msg.data, _now(clock))
 
     def _joints(self, msg: JointState, clock: CommandClock) -> None:
-        self._receiver.joints(
+        self._receiver.receive_joints(
             msg.name, msg.velocity, msg.position, _now(clock), **_stamp_arguments(msg, clock)
         )
 
     def _twist(self, msg: TwistStamped, clock: CommandClock) -> None:
         twist = msg.twist
-        self._receiver.twist(
+        self._receiver.receive_twist(
             twist.linear.x, twist.angular.z, _now(clock), **_stamp_arguments(msg, clock)
         )
 
     def _joy(self, msg: Joy, clock: CommandClock) -> None:
-        self._receiver.joy(msg.axes, msg.buttons, _now(clock), **_stamp_arguments(msg, clock))
+        self._receiver.receive_joy(
+            msg.axes, msg.buttons, _now(clock), **_stamp_arguments(msg, clock)
+        )
 
     def _stop(self, msg: Bool, clock: CommandClock) -> None:
         self._receiver.emergency_stop(bool(msg.data))
 
 
 def _now(clock: CommandClock) -> float:
+    """Return the time of arrival of a command that is received now [s]."""
     return clock.command_time(time.monotonic())
 
 
 def _stamp_arguments(msg: Any, clock: CommandClock) -> dict[str, float | None]:
-    """When the message says it was made; a zero stamp says nothing."""
+    """Return the stamp of a message and the simulation time; a zero stamp counts as none."""
     stamp: Time = msg.header.stamp
-    said = stamp.sec or stamp.nanosec
-    return {"stamp": seconds_from_stamp(stamp) if said else None, "sim_now": clock.sim_time}
+    is_stamped = stamp.sec or stamp.nanosec
+    return {"stamp": seconds_from_stamp(stamp) if is_stamped else None, "sim_now": clock.sim_time}

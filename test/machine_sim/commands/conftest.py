@@ -1,4 +1,4 @@
-"""The shipped excavator, and a board that takes its commands."""
+"""The shipped excavator, and an arbiter of its commands."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -18,5 +18,5 @@ def spec() -> MachineSpec:
 
 @pytest.fixture
 def arbiter(spec) -> Callable[..., CommandArbiter]:
-    """Make a board, with other parameters than the shipped ones by name."""
+    """Make an arbiter; keyword arguments replace shipped parameters."""
     return lambda **params: CommandArbiter(spec, CommandParams(**params))

@@ -1,6 +1,6 @@
-"""Any sequence of good and bad inputs: a bad one leaves no trace, and nothing but numbers come out.
+"""Random sequences of valid and invalid inputs: the output is finite, invalid ones change nothing.
 
-Two boards get the same good inputs; only one gets the bad ones too. They never differ.
+Two arbiters receive the same valid inputs, one of them the invalid ones, too. They never differ.
 """
 
 import math
@@ -52,32 +52,32 @@ good = st.one_of(
     joint_goals(),
 )
 
-poison = st.sampled_from([math.nan, math.inf, -math.inf, 1e9, "1", None, [0.1]])
+corrupt_values = st.sampled_from([math.nan, math.inf, -math.inf, 1e9, "1", None, [0.1]])
 
 
 @st.composite
-def poisoned(draw):
-    """A good command with one number in it that is none, or far too great."""
+def corrupt_command(draw):
+    """Draw a valid command with one element replaced by an invalid or excessive one."""
     name, arguments = draw(good.filter(lambda call: call[0] != "emergency_stop"))
     spot = draw(st.sampled_from([i for i, a in enumerate(arguments) if a is not None]))
-    spoilt = list(arguments)
+    corrupted = list(arguments)
     if name == "joints" and spot == 0:
-        spoilt[0] = [*spoilt[0], draw(st.sampled_from(["bom", "", spoilt[0][0], 3]))]
-    elif isinstance(spoilt[spot], list):
-        values = list(spoilt[spot])
+        corrupted[0] = [*corrupted[0], draw(st.sampled_from(["bom", "", corrupted[0][0], 3]))]
+    elif isinstance(corrupted[spot], list):
+        values = list(corrupted[spot])
         if name == "joy":
             values = values[:6] or [0]
         values[draw(st.integers(0, len(values) - 1))] = draw(
-            poison.filter(lambda bad: not (name == "joy" and spot == 1 and bad == 1e9))
+            corrupt_values.filter(lambda bad: not (name == "joy" and spot == 1 and bad == 1e9))
         )
-        spoilt[spot] = values
+        corrupted[spot] = values
     else:
-        spoilt[spot] = draw(poison)
-    return name, tuple(spoilt)
+        corrupted[spot] = draw(corrupt_values)
+    return name, tuple(corrupted)
 
 
 bad = st.one_of(
-    poisoned(),
+    corrupt_command(),
     calls("front", st.lists(speed).filter(lambda values: len(values) != 4)),
     calls("tracks", st.lists(speed).filter(lambda values: len(values) != 2)),
     calls("joints", names, st.just([0.1] * 7), st.none()),
@@ -93,9 +93,9 @@ def call(arbiter, name, arguments, now, stamp):
     if name == "emergency_stop":
         arbiter.emergency_stop(*arguments)
     elif name in ("front", "tracks"):
-        getattr(arbiter, name)(*arguments, now)
+        getattr(arbiter, f"receive_{name}")(*arguments, now)
     else:
-        getattr(arbiter, name)(*arguments, now, stamp=stamp, sim_now=now)
+        getattr(arbiter, f"receive_{name}")(*arguments, now, stamp=stamp, sim_now=now)
 
 
 def refused(arbiter, name, arguments, now, stamp):
@@ -131,7 +131,7 @@ steps = st.lists(
 
 @settings(max_examples=300, deadline=None)
 @given(steps=steps)
-def test_bad_inputs_leave_no_trace(spec, steps):
+def test_invalid_inputs_change_nothing(spec, steps):
     spared, told = CommandArbiter(spec, PARAMS), CommandArbiter(spec, PARAMS)
     now = 0.0
     for passed, (kind, command), tick in steps:
@@ -160,7 +160,7 @@ anything = st.recursive(
     name=st.sampled_from(["front", "tracks", "joints", "twist", "joy", "emergency_stop"]),
     arguments=st.tuples(anything, anything, anything),
 )
-def test_whatever_comes_is_taken_or_refused_with_a_sentence(spec, name, arguments):
+def test_any_input_is_accepted_or_raises_command_error(spec, name, arguments):
     arbiter = CommandArbiter(spec)
     count = {"joints": 3, "twist": 2, "joy": 2}.get(name, 1)
     sentence = refused(arbiter, name, arguments[:count], 0.0, None)
@@ -170,7 +170,7 @@ def test_whatever_comes_is_taken_or_refused_with_a_sentence(spec, name, argument
     assert np.isfinite(applied.tracks).all()
 
 
-def test_a_value_of_many_levels_is_shown_short():
+def test_nested_value_is_shortened():
     value = {"a" * 30: {"b" * 30: {"c" * 30: ["d" * 30] * 9}, "e" * 30: ["f" * 30] * 9}}
     assert len(format_value(value)) <= 160
     assert format_value([1.0, 2.0]) == "[1.0, 2.0]"

@@ -1,4 +1,4 @@
-"""Going to an angle: there without overshoot, the shorter way, and the same for the same state."""
+"""Position control: no overshoot, the shorter direction, and a function of the state alone."""
 
 import math
 
@@ -20,7 +20,7 @@ LIMITS = {
 
 
 def run(limits, start, goal, tick, seconds=12.0):
-    """Angles at each tick of a joint that follows its reference, commanded once a tick."""
+    """Return the angle at each tick of a joint that follows its reference."""
     reference = JointReference([limits], np.array([start]))
     angles = [start]
     for _ in range(round(seconds / tick)):
@@ -40,7 +40,7 @@ def part(limits, fraction):
 @pytest.mark.parametrize("name", LIMITS)
 @settings(max_examples=25, deadline=None)
 @given(start=st.floats(0.0, 1.0), goal=st.floats(0.0, 1.0), tick=st.sampled_from([0.01, 0.05]))
-def test_joint_arrives_without_overshoot_and_stays(name, start, goal, tick):
+def test_joint_reaches_its_target_without_overshoot(name, start, goal, tick):
     limits = LIMITS[name]
     start, goal = part(limits, start), part(limits, goal)
     way = goal - start
@@ -52,13 +52,13 @@ def test_joint_arrives_without_overshoot_and_stays(name, start, goal, tick):
     assert np.ptp(gone[-10:]) == 0.0
 
 
-def test_joint_there_is_told_nothing():
+def test_velocity_at_the_target_is_zero():
     limits = LIMITS["boom"]
     assert velocity_to_target(0.2, 0.2 + 0.9 * POSITION_TOLERANCE, limits) == 0.0
     assert velocity_to_target(0.2, 0.2 - 1.1 * POSITION_TOLERANCE, limits) > 0.0
 
 
-def test_far_from_its_goal_a_joint_goes_at_top_speed():
+def test_velocity_far_from_the_target_is_the_maximum():
     for limits in LIMITS.values():
         assert velocity_to_target(2.5, 0.0, limits) == limits.max_velocity
         assert velocity_to_target(0.0, 2.5, limits) == -limits.max_velocity
@@ -68,28 +68,28 @@ def test_far_from_its_goal_a_joint_goes_at_top_speed():
     ("goal", "angle", "direction"),
     [(3.0, -3.0, -1), (-3.0, 3.0, 1), (0.5, 12.0, 1), (1.0, 0.0, 1), (-1.0, 0.0, -1)],
 )
-def test_swing_takes_the_shorter_way_around(goal, angle, direction):
+def test_swing_turns_in_the_shorter_direction(goal, angle, direction):
     assert velocity_to_target(goal, angle, LIMITS["swing"]) * direction > 0.0
 
 
-def test_swing_is_there_a_whole_turn_on():
+def test_target_of_swing_is_modulo_one_turn():
     assert velocity_to_target(1.0, 1.0 + 4.0 * math.pi, LIMITS["swing"]) == 0.0
 
 
-def test_only_a_joint_without_limits_wraps():
+def test_only_a_continuous_joint_wraps():
     assert velocity_to_target(2.5, -2.5, LIMITS["boom"]) > 0.0
 
 
-def test_board_brings_each_joint_to_its_angle(arbiter, spec):
+def test_arbiter_moves_each_joint_to_its_target(arbiter, spec):
     goal = np.array([-2.5, 0.3, 1.0, 0.4])
     limits = [spec.joints[name] for name in EXCAVATOR_JOINTS]
-    reference, b = JointReference(limits, spec.home), arbiter()
+    reference, commander = JointReference(limits, spec.home), arbiter()
     for tick in range(1000):
         now = 0.01 * tick
         if tick % 20 == 0:
-            b.joints(EXCAVATOR_JOINTS, [], goal, now)
-        reference.command = b.command_at(now, reference.angle).joints.tolist()
+            commander.receive_joints(EXCAVATOR_JOINTS, [], goal, now)
+        reference.command = commander.command_at(now, reference.angle).joints.tolist()
         for _ in range(2):
             reference.advance(PHYSICS_STEP, reference.angle)
     assert np.abs(np.array(reference.angle) - goal).max() <= 2.0 * POSITION_TOLERANCE
-    assert b.command_at(10.0, reference.angle).joints.tolist() == [0.0] * 4
+    assert commander.command_at(10.0, reference.angle).joints.tolist() == [0.0] * 4

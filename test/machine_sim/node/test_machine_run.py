@@ -128,7 +128,9 @@ def test_commands_grow_old_by_simulation_time_in_lockstep_only(make: MakeRun) ->
 def test_a_command_moves_the_machine_in_the_tick_that_begins_now(make: MakeRun) -> None:
     run = make()
     soil = Soil(run)
-    run.schedulers[0].arbiter.front([0.3, 0.0, 0.0, 0.0], run.schedulers[0].command_time(0.0))
+    run.schedulers[0].arbiter.receive_front(
+        [0.3, 0.0, 0.0, 0.0], run.schedulers[0].command_time(0.0)
+    )
     (applied,) = run.apply_commands(0.0)
     assert applied.joints.tolist() == [0.3, 0.0, 0.0, 0.0]
     before = run.sim.machine.joint_positions[0]
@@ -182,7 +184,7 @@ def test_each_machine_of_a_node_is_waited_for_as_it_says(make: MakeRun) -> None:
 def test_each_machine_of_a_node_does_what_it_is_told(make: MakeRun) -> None:
     run = make(MachineInstanceParams(y=9.0))
     Soil(run)
-    run.schedulers[1].arbiter.front([0.0, 0.1, 0.0, 0.0], 0.0)
+    run.schedulers[1].arbiter.receive_front([0.0, 0.1, 0.0, 0.0], 0.0)
     first, second = run.apply_commands(0.0)
     assert (first.joints.tolist(), second.joints.tolist()) == ([0.0] * 4, [0.0, 0.1, 0.0, 0.0])
 

@@ -26,7 +26,7 @@ ECHO = """\
 import sys
 from rclpy.node import Node
 from std_msgs.msg import String
-from msg_bridge.codec.qos import LATCHED
+from msg_bridge.codec.qos import TRANSIENT_LOCAL
 from msg_bridge.nodes.process_main import run_node
 
 class Echo(Node):
@@ -34,7 +34,7 @@ class Echo(Node):
         super().__init__("echo")
         self.exit_code = self.declare_parameter("exit_code", 0).value
         text = self.declare_parameter("text", "").value
-        self.create_publisher(String, "said", LATCHED).publish(String(data=text))
+        self.create_publisher(String, "said", TRANSIENT_LOCAL).publish(String(data=text))
         print("ready to echo", text)
 
 sys.exit(run_node(Echo, name="echo"))
