@@ -1,14 +1,17 @@
-"""Machines, and soil as particles.
+"""Machine simulation: machines in a physics engine, and excavated soil as particles.
 
-- `core`: one tick of it, release -> drive, carry, spill, fall -> settle; `params`: how it steps
 - `machine`: a machine from a data file, in pybullet
-- `work`: what machines and soil do to each other by tools and tracks
-- `particles`: contact dynamics of soil among tools and terrain; `cubes`: the 2014 way
-- `ground`: the copy of the terrain that tracks and particles touch; `pressed`: by whom
-- `sensors`: what they would say
-- `commands`: who commands what; `operator`: scripts at the levers
-- `side`: the same behind the exchange; `run`: when it steps, what is due to be told
-- `node`: machines as a node; of each `unit` (what it is), `cab` (commands), `station` (topics)
+- `ground`: copy of the terrain that tracks and particles touch
+- `dem`: contact dynamics of soil particles; `reference_cubes`: the model of the 2014 reference
+- `tool_soil`: sweeps, excavated soil, payload and resistance of each tool
+- `simulated_machine`, `simulated_bin`: one machine with its tools and tracks; one bin
+- `simulation`: one tick of all machines and particles; `params`: its stepping
+- `endpoint`: the simulation behind its end of the exchange with the soil
+- `sensors`: inertial units and encoders with their errors
+- `commands`: commands from several sources, and the one that takes effect
+- `node`: machines as a ROS 2 node
+- `physics_engine`: pybullet without its banner
 
-No ROS and nothing of the soil side: they meet in `msg_bridge.contract`.
+Outside of `node` it is independent of ROS. It does not import the soil simulation; both depend on
+`msg_bridge.contract`.
 """

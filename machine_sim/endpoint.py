@@ -1,8 +1,8 @@
-"""The machine's side: a machine and its end of the exchange, one tick at a time.
+"""Machine endpoint: machines and their end of the exchange with the soil, one tick at a time.
 
-What a node runs over topics and a world of one process runs directly. Messages go in by
-`receive`, come out by `drain_outbox`; `poll` takes the soil's answer, and `step` does the next tick
-once the side is ready for it.
+A node connects it to topics; a simulation in one process connects it directly. Incoming messages
+pass through `receive`, outgoing ones through `drain_outbox`; `poll` applies the soil's answer, and
+`step` performs the next tick once the endpoint is ready.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ __all__ = ["MachineEndpoint"]
 
 
 class MachineEndpoint:
-    """A machine behind its end of the exchange.
+    """Machines and their end of the exchange.
 
     Attributes:
-        sim: the machine, its particles and the ground it feels.
-        exchange: numbered streams and the place in the tick.
+        sim: machines, particles and ground.
+        exchange: numbered streams, session and ticks in flight.
     """
 
     def __init__(self, sim: MachineSim, exchange: MachineExchange) -> None:
@@ -29,24 +29,24 @@ class MachineEndpoint:
 
     @property
     def tick(self) -> int:
-        """The last tick done; the soil's answers are some behind."""
+        """Number of the last completed tick; the soil's answers lag behind it."""
         return self.exchange.sent_tick
 
     @property
     def next_tick(self) -> int:
-        """Number of the tick that would be done next."""
+        """Number of the next tick."""
         return self.exchange.next_tick
 
     @property
     def is_ready(self) -> bool:
-        """Whether the next tick can be done."""
+        """Whether the next tick can be performed."""
         return self.exchange.join_state is JoinState.READY and self._is_synchronized
 
     def join(self) -> None:
-        """Ask to take part, with what the machine holds.
+        """Request to join the run with the soil that the machines hold.
 
         Raises:
-            ExchangeError: it takes part already.
+            ExchangeError: the endpoint has joined already.
         """
         self._is_synchronized = False
         self.exchange.join(
@@ -55,48 +55,52 @@ class MachineEndpoint:
         )
 
     def receive(self, message: Message) -> None:
-        """Take one message from the soil.
+        """Process one message of the soil.
 
         Raises:
-            ExchangeError: it breaks the exchange; nothing was changed.
+            ExchangeError: an invalid message; nothing was changed.
         """
         self.exchange.receive(message)
         if self.exchange.join_state is JoinState.READY and not self._is_synchronized:
             self._synchronize()
 
     def drain_outbox(self) -> list[Message]:
-        """The messages to carry to the soil, in order; empties the box."""
+        """Return the messages to the soil in order, and clear them."""
         return self.exchange.drain_outbox()
 
     def step(self, *, leave: bool = False) -> None:
-        """Do the next tick and send it.
+        """Perform the next tick and send it.
 
         Args:
-            leave: take no part after it; the soil it holds is absent from then on.
+            leave: leave the run after it; the soil held is booked as absent.
 
         Raises:
-            ExchangeError: not ready.
+            ExchangeError: the endpoint is not ready.
         """
-        moved = self.sim.step()
+        output = self.sim.step()
         self.exchange.send(
-            moved.sweeps,
-            moved.deposit_requests,
-            pending_mm3=moved.pending_mm3,
-            particles_mm3=moved.particles_mm3,
+            output.sweeps,
+            output.deposit_requests,
+            pending_mm3=output.pending_mm3,
+            particles_mm3=output.particles_mm3,
             leave=leave,
         )
 
     def poll(self) -> TickAnswer | None:
-        """The answer that is waited for, applied to the machine; None until it is here."""
+        """Apply the next answer of the soil and return it; None until it is complete."""
         answer = self.exchange.poll()
         if answer is not None:
-            since = self.exchange.num_ticks_in_flight
-            self.sim.apply(answer.conversions, answer.map_updates, answer.forces, ticks_ago=since)
+            self.sim.apply(
+                answer.conversions,
+                answer.map_updates,
+                answer.forces,
+                ticks_ago=self.exchange.num_ticks_in_flight,
+            )
         return answer
 
     def _synchronize(self) -> None:
-        """Take over the terrain as it is, and what was answered before a return."""
+        """Apply the terrain of the keyframe, and the conversion backlog of a rejoin."""
         keyframe = self.exchange.keyframe
-        assert keyframe is not None, "one that takes part has been sent the terrain"
+        assert keyframe is not None, "a joined machine has received the terrain"
         self.sim.synchronize(keyframe, self.exchange.backlog)
         self._is_synchronized = True

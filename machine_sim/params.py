@@ -1,4 +1,4 @@
-"""Parameters of the machine side."""
+"""Parameters of the machine simulation."""
 
 from __future__ import annotations
 
@@ -13,28 +13,37 @@ __all__ = ["MachineSimParams"]
 
 @dataclass(frozen=True)
 class MachineSimParams(Parameters):
-    """How the machine side steps, and how soil becomes particles and lands."""
+    """Stepping of the machine simulation, and limits on released and deposited particles."""
 
     physics_step: float = parameter(
         0.005, "time step of machines and particles", unit="s", low=0.001, high=0.01
     )
-    steps_per_tick: int = parameter(2, "physics steps in one soil tick", low=1, high=20)
+    steps_per_tick: int = parameter(
+        2, "number of physics steps in a tick of the soil", low=1, high=20
+    )
     track_model: Literal["kinematic", "dynamic"] = parameter(
         "kinematic",
-        "kinematic: shoes on the path of belts that cost nothing; dynamic: rigid shoes hinged to one"
-        " another and driven by the sprocket, 1 ms a step",
+        "kinematic: shoes follow the path of the belt; dynamic: rigid shoes hinged to each other"
+        " and driven by the sprocket, 1 ms of computation per step",
         choices=TRACK_MODELS,
     )
     max_releases_per_tick: int = parameter(
-        60, "particles made in one tick, at most; the rest of the soil waits", low=1, high=10_000
+        60,
+        "maximum number of particles released in a tick; the rest stays pending",
+        low=1,
+        high=10_000,
     )
     max_deposit_requests_per_tick: int = parameter(
-        200, "particles landed in one tick, at most", low=1, high=100_000
+        200, "maximum number of deposit requests in a tick", low=1, high=100_000
     )
-    payload_coupling: bool = parameter(True, "the soil in the tool weighs on the machine")
-    cutting_forces: bool = parameter(True, "the soil resists the tool that cuts it, and bears it")
+    payload_coupling: bool = parameter(
+        True, "apply the weight of the soil in a tool to the machine"
+    )
+    cutting_forces: bool = parameter(
+        True, "apply resistance to cutting and bearing reaction to the machine"
+    )
 
     @property
     def tick_period(self) -> float:
-        """Length of a soil tick [s]."""
+        """Period of a tick of the soil [s]."""
         return self.physics_step * self.steps_per_tick

@@ -1,9 +1,9 @@
-"""What sensors on the machine would say: inertial units and joint encoders, with their errors.
+"""Sensors of a machine: inertial measurement units and joint encoders, with their errors.
 
-The state that the machine publishes is the truth. Sensors tell less: an inertial unit feels the
-*specific force* (its acceleration less gravity) and its turning, in its own axes; an encoder tells
-an angle a little late. Both add noise, and an inertial unit a bias that stays for a run. Errors are
-drawn from a generator of their own, so that they change nothing of what happens.
+The state that the machine publishes is exact. An inertial unit measures the specific force (its
+acceleration minus gravity) and its angular velocity in its own axes; an encoder reports the joint
+angle with a delay. Both add noise, and an inertial unit a bias that is constant in a run. Errors
+come from a separate generator, so that they do not change the simulation.
 """
 
 from __future__ import annotations
@@ -17,60 +17,64 @@ from numpy.typing import NDArray
 
 from machine_sim.machine.link_motion import LinkMotion, link_motions
 from machine_sim.machine.spec import MachineSpec
+from msg_bridge.contract.constants import GRAVITY
 from msg_bridge.contract.parameters import Parameters, parameter
 
 __all__ = ["EncoderReading", "ImuReading", "SensorParams", "Sensors"]
 
 Array = NDArray[np.float64]
 
-_GRAVITY = np.array([0.0, 0.0, -9.81])
+_GRAVITY_VECTOR = np.array([0.0, 0.0, -GRAVITY])
 
 _RNG_STREAM = 1
-"""Tells the numbers drawn here from those that scatter released soil by the same seed."""
+"""Stream of the generator: distinct from that of released soil with the same seed."""
 
 
 @dataclass(frozen=True)
 class SensorParams(Parameters):
-    """Rates and errors of the machine's sensors; none as shipped."""
+    """Rates and errors of the machine's sensors; the defaults have no errors."""
 
     rate: float = parameter(
-        50.0, "imu/<name>/data and joint_states_measured; 0: not at all", unit="Hz of simulated time",
-        low=0.0, high=1000.0,
-    )  # fmt: skip
+        50.0,
+        "rate of imu/<name>/data and joint_states_measured; 0: not published",
+        unit="Hz of simulated time",
+        low=0.0,
+        high=1000.0,
+    )
     accelerometer_noise: float = parameter(
-        0.0, "standard deviation of each reading", unit="m/s^2", low=0.0, high=100.0
+        0.0, "standard deviation of the noise", unit="m/s^2", low=0.0, high=100.0
     )
     accelerometer_bias: float = parameter(
-        0.0, "standard deviation of the bias that each axis has in a run", unit="m/s^2",
+        0.0, "standard deviation of the constant bias of each axis", unit="m/s^2",
         low=0.0, high=10.0,
     )  # fmt: skip
     gyro_noise: float = parameter(
-        0.0, "standard deviation of each reading", unit="rad/s", low=0.0, high=10.0
+        0.0, "standard deviation of the noise", unit="rad/s", low=0.0, high=10.0
     )
     gyro_bias: float = parameter(
-        0.0, "standard deviation of the bias that each axis has in a run", unit="rad/s",
+        0.0, "standard deviation of the constant bias of each axis", unit="rad/s",
         low=0.0, high=1.0,
     )  # fmt: skip
     encoder_noise: float = parameter(
-        0.0, "standard deviation of each angle", unit="rad", low=0.0, high=1.0
+        0.0, "standard deviation of the noise of angles", unit="rad", low=0.0, high=1.0
     )
     encoder_speed_noise: float = parameter(
-        0.0, "standard deviation of each speed", unit="rad/s", low=0.0, high=10.0
+        0.0, "standard deviation of the noise of velocities", unit="rad/s", low=0.0, high=10.0
     )
     encoder_delay: float = parameter(
-        0.0, "age of what the encoders tell", unit="s", low=0.0, high=2.0
+        0.0, "delay of angles and velocities", unit="s", low=0.0, high=2.0
     )
 
 
 class ImuReading(NamedTuple):
-    """Of one inertial unit.
+    """Reading of one inertial unit.
 
     Attributes:
-        name: of the unit.
-        frame: link that it is fixed to, whose axes are its own.
-        quaternion: link to map, x, y, z, w.
-        spin: angular velocity [rad/s], link axes, shape (3,).
-        specific_force: [m/s^2], link axes, shape (3,): at rest 9.81 upward.
+        name: name of the unit.
+        frame: link that it is fixed to; the unit has the link's axes.
+        quaternion: rotation link to map, x, y, z, w.
+        angular_velocity: [rad/s], link axes, shape (3,).
+        specific_force: [m/s^2], link axes, shape (3,); at rest 9.81 upward.
     """
 
     name: str
@@ -81,11 +85,11 @@ class ImuReading(NamedTuple):
 
 
 class EncoderReading(NamedTuple):
-    """Of all joints.
+    """Reading of the encoders of all joints.
 
     Attributes:
-        time: simulation time that it is of [s].
-        angles, speeds: [rad], [rad/s], in the order of the joints.
+        time: simulation time of the measurement [s].
+        angles, speeds: [rad] and [rad/s], in the order of the joints, shape (joints,).
     """
 
     time: float
@@ -94,7 +98,7 @@ class EncoderReading(NamedTuple):
 
 
 class MachineMotion(Protocol):
-    """A machine, as far as sensors look at it."""
+    """Motion of a machine, as sensors need it."""
 
     @property
     def base_pose(self) -> tuple[Array, Array]: ...
@@ -107,10 +111,10 @@ class MachineMotion(Protocol):
 
 
 class Sensors:
-    """The sensors of one machine; `read` at equal intervals.
+    """Sensors of one machine; `read` is called at equal intervals.
 
-    What an inertial unit feels is the mean over the time since it was read last, as its filter
-    would have it: the motion of a machine on tracks is too rough for single moments.
+    The specific force is the mean since the last reading, as after an anti-aliasing filter: the
+    instantaneous acceleration of a machine on tracks is too rough.
     """
 
     def __init__(
@@ -118,10 +122,10 @@ class Sensors:
     ) -> None:
         """
         Args:
-            description: the machine, which says where its inertial units are.
-            params: errors.
-            seed: of the errors.
-            number: of the machine among those of its node, whose errors are others.
+            spec: machine with its inertial units.
+            params: rates and errors.
+            seed: seed of the errors.
+            machine_index: index of the machine in its node, for independent errors.
         """
         self._machine_spec = spec
         self._params = params
@@ -130,11 +134,11 @@ class Sensors:
         count = len(spec.imus)
         self._accelerometer_bias = params.accelerometer_bias * draw(size=(count, 3))
         self._gyro_bias = params.gyro_bias * draw(size=(count, 3))
-        self._last: tuple[float, list[Array]] | None = None
+        self._last_velocities: tuple[float, list[Array]] | None = None
         self._history: deque[EncoderReading] = deque()
 
     def read(self, machine: MachineMotion, time: float) -> tuple[list[ImuReading], EncoderReading]:
-        """What the sensors say at simulation time `time` [s], later than the last time."""
+        """Return the readings at simulation time `time` [s], which increases from call to call."""
         angles, speeds = machine.joint_positions, machine.joint_velocities
         motions = link_motions(
             self._machine_spec, *machine.base_pose, *machine.base_velocity, angles, speeds
@@ -142,17 +146,18 @@ class Sensors:
         return self._imus(motions, time), self._encoders(EncoderReading(time, angles, speeds))
 
     def _imus(self, motions: dict[str, LinkMotion], time: float) -> list[ImuReading]:
+        """Return the readings of all inertial units."""
         units = self._machine_spec.imus
         velocities = [motions[unit.link].velocity_at(unit.position) for unit in units]
-        before = self._last
-        self._last = (time, velocities)
+        previous = self._last_velocities
+        self._last_velocities = (time, velocities)
         readings = []
         for k, unit in enumerate(units):
             motion = motions[unit.link]
             acceleration = np.zeros(3)
-            if before is not None and time > before[0]:
-                acceleration = (velocities[k] - before[1][k]) / (time - before[0])
-            force = motion.rotation.T @ (acceleration - _GRAVITY)
+            if previous is not None and time > previous[0]:
+                acceleration = (velocities[k] - previous[1][k]) / (time - previous[0])
+            force = motion.rotation.T @ (acceleration - _GRAVITY_VECTOR)
             angular_velocity = motion.rotation.T @ motion.angular_velocity
             readings.append(
                 ImuReading(
@@ -168,11 +173,11 @@ class Sensors:
         return readings
 
     def _encoders(self, now: EncoderReading) -> EncoderReading:
-        """The newest reading that is old enough, or the oldest there is."""
+        """Return the newest reading that is at least `encoder_delay` old, or else the oldest."""
         self._history.append(now)
-        # Half a nanosecond: sums of time steps are not exact.
-        due = now.time - self._params.encoder_delay + 5e-10
-        while len(self._history) > 1 and self._history[1].time <= due:
+        # A tolerance of half a nanosecond: sums of time steps are not exact.
+        due_time = now.time - self._params.encoder_delay + 5e-10
+        while len(self._history) > 1 and self._history[1].time <= due_time:
             self._history.popleft()
         time, angles, speeds = self._history[0]
         return EncoderReading(
@@ -182,4 +187,5 @@ class Sensors:
         )
 
     def _noise(self, deviation: float, count: int) -> Array:
+        """Return Gaussian noise of a standard deviation, shape (count,)."""
         return deviation * self._rng.normal(size=count)

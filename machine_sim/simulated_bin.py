@@ -1,4 +1,4 @@
-"""A bin: an open box that stands on the ground, holds what falls into it, and stops machines."""
+"""Bin: an open box that stands on the ground, collects soil, and collides with machines."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from machine_sim.tool_soil.payload import Payload, measure_payload
 __all__ = ["BinSpec", "SimulatedBin"]
 
 _WALL_THICKNESS = 0.05
-"""Thickness of its walls [m]."""
+"""Thickness of the walls [m]."""
 
 
 @dataclass(frozen=True)
 class BinSpec:
-    """A bin, and where it stands.
+    """Pose and size of a bin.
 
     Attributes:
-        position: of its middle (x, y) [m], map frame.
-        yaw: where its length points [rad], from +x counter-clockwise.
-        length, width, height: inside [m].
+        position: centre (x, y) [m], map frame.
+        yaw: direction of its length [rad], from +x counter-clockwise.
+        length, width, height: inside dimensions [m].
     """
 
     position: tuple[float, float]
@@ -44,22 +44,22 @@ class BinSpec:
         """
         sizes = (self.length, self.width, self.height)
         if not all(map(math.isfinite, (*self.position, self.yaw, *sizes))) or min(sizes) <= 0.0:
-            raise MachineError(f"{self} cannot stand: give finite numbers, and sizes above 0 m")
+            raise MachineError(f"{self} is invalid; give finite numbers, and sizes above 0 m")
 
     @property
     def shape(self) -> BedShape:
-        """Its plates; the origin is below its middle, on the ground."""
+        """Shape of the bin; its origin is on the ground, below the centre."""
         half, top = 0.5 * self.length, _WALL_THICKNESS + self.height
         profile = [(-half, top), (-half, _WALL_THICKNESS), (half, _WALL_THICKNESS), (half, top)]
         return BedShape(np.array(profile), self.width, _WALL_THICKNESS)
 
 
 class SimulatedBin:
-    """A bin in a node's simulation; it stays where it stands, whatever the ground does.
+    """A bin in the simulation; it stays at its pose when the ground changes.
 
     Attributes:
-        spec: the bin.
-        bodies: numbers of its walls in the physics client.
+        spec: pose and size.
+        bodies: ids of its walls in the physics client.
         payload: soil in it at the end of the last tick.
     """
 
@@ -68,14 +68,14 @@ class SimulatedBin:
     ) -> None:
         """
         Args:
-            spec: the bin.
-            client: number of the physics client.
-            ground: that it is set down on.
-            particles: soil that may fall into it.
-            number: that no tool of the node has.
+            spec: pose and size.
+            client: id of the physics client.
+            ground: ground that the bin stands on.
+            particles: engine of the particles that may fall into it.
+            tool_id: id that no tool of the node has.
 
         Raises:
-            MachineError: a place off the map.
+            MachineError: a position off the map.
         """
         x, y = spec.position
         if not ground.grid.contains(x, y):
@@ -88,17 +88,19 @@ class SimulatedBin:
         self.bodies: list[int] = []
         for box in self._shape.boxes():
             pitch = np.array(pybullet.getQuaternionFromEuler([0.0, box.pitch, 0.0]))
-            place, turn = pybullet.multiplyTransforms(
+            position, quaternion = pybullet.multiplyTransforms(
                 origin.tolist(), quaternion_from_matrix(rotation), box.center, pitch.tolist()
             )
             half = [0.5 * edge for edge in box.size]
-            solid = pybullet.createCollisionShape(
+            shape = pybullet.createCollisionShape(
                 pybullet.GEOM_BOX, halfExtents=half, physicsClientId=client
             )
-            body = pybullet.createMultiBody(0.0, solid, -1, place, turn, physicsClientId=client)
+            body = pybullet.createMultiBody(
+                0.0, shape, -1, position, quaternion, physicsClientId=client
+            )
             self.bodies.append(body)
         self.update_payload()
 
     def update_payload(self) -> None:
-        """Count what is in it."""
+        """Measure the soil in the bin."""
         self.payload: Payload = measure_payload(self._shape, self._particles, self._pose)

@@ -1,4 +1,4 @@
-"""A machine at work: on the ground, in the physics engine, its tools in the soil."""
+"""Simulated machine: its physics, its tracks on the ground, and its tools in the soil."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _NUM_TRACKS = 2
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """A machine, and where it starts.
+    """A machine and its initial pose.
 
     Attributes:
-        description: dimensions, masses and limits.
-        position: where it is set down on the ground (x, y) [m], map frame.
-        yaw: where it faces [rad], from +x counter-clockwise.
+        spec: dimensions, masses and limits.
+        position: initial position on the ground (x, y) [m], map frame.
+        yaw: initial heading [rad], from +x counter-clockwise.
     """
 
     spec: MachineSpec
@@ -39,12 +39,12 @@ class Placement:
 
 
 class SimulatedMachine:
-    """One machine of a node, with all that soil and it do to each other.
+    """One machine of a node and its interaction with soil.
 
     Attributes:
-        machine: in the physics engine.
-        tools: at work, by name.
-        numbers: how many numbers of tools it takes, its tracks' included.
+        machine: the machine in the physics engine.
+        couplings: coupling of each tool with the soil, by the name of the tool.
+        num_tool_ids: number of tool ids that its tools and tracks take.
     """
 
     def __init__(
@@ -60,22 +60,22 @@ class SimulatedMachine:
     ) -> None:
         """
         Args:
-            placement: the machine and where it starts.
-            client: number of the physics client.
-            ground: what it stands on.
-            particles: soil that it may touch.
-            params: how the node steps.
-            first_number: of its first tool in rows; the others and the tracks follow.
-            seed: of the scatter of released particles.
+            placement: the machine and its initial pose.
+            client: id of the physics client.
+            ground: ground that it stands on.
+            particles: engine of the particles that it may touch.
+            params: stepping of the node.
+            first_tool_id: id of its first tool in rows; its other tools and its tracks follow.
+            seed: seed of the scatter of released particles.
 
         Raises:
-            MachineError: a place off the map, or tracks that the machine cannot have.
+            MachineError: a position off the map, or a track model that does not fit the machine.
         """
         spec = placement.spec
         self.machine = TrackedMachine(
             spec, client, ground, placement.position, placement.yaw, params.track_model
         )
-        self.tools = {
+        self.couplings = {
             name: ToolSoilCoupling(
                 tool,
                 first_tool_id + k,
@@ -86,59 +86,61 @@ class SimulatedMachine:
             )
             for k, (name, tool) in enumerate(self.machine.tools.items())
         }
-        self.num_tool_ids = len(self.tools) + _NUM_TRACKS
-        self._track_sweep = TrackSweep(self.machine.spec.tracks, first_tool_id + len(self.tools))
+        self.num_tool_ids = len(self.couplings) + _NUM_TRACKS
+        self._track_sweep = TrackSweep(
+            self.machine.spec.tracks, first_tool_id + len(self.couplings)
+        )
         self._last_base_frame = self.machine.base_frame
 
     @property
     def payload(self) -> Payload:
-        """Soil in all its tools at the end of the last tick; the fill is that of the fullest."""
-        held = [work.payload for work in self.tools.values()]
+        """Soil in all tools at the end of the last tick; the fill is the maximum over the tools."""
+        payloads = [coupling.payload for coupling in self.couplings.values()]
         return Payload(
-            sum(each.bank for each in held),
-            sum(each.loose for each in held),
-            sum(each.mass for each in held),
-            max((each.fill for each in held), default=0.0),
+            sum(each.bank for each in payloads),
+            sum(each.loose for each in payloads),
+            sum(each.mass for each in payloads),
+            max((each.fill for each in payloads), default=0.0),
         )
 
     def begin_tick(self, tick: int) -> None:
-        """Begin a tick of some number."""
-        for work in self.tools.values():
-            work.begin_tick(tick)
+        """Begin the tick of a number."""
+        for coupling in self.couplings.values():
+            coupling.begin_tick(tick)
 
     def before_step(self, dt: float) -> None:
-        """Give the physics engine what acts on it in its next step of `dt` [s]."""
-        for work in self.tools.values():
-            work.before_step()
+        """Apply drives and loads for the next physics step of `dt` [s]."""
+        for coupling in self.couplings.values():
+            coupling.before_step()
         self.machine.before_step(dt)
 
     def after_step(self) -> None:
-        """Take over where the physics engine has moved it to."""
+        """Read poses and motions after a physics step."""
         self.machine.after_step()
-        for work in self.tools.values():
-            work.after_step()
+        for coupling in self.couplings.values():
+            coupling.after_step()
 
     def apply_soil_forces(self, dt: float) -> None:
-        """Let soil act on its tools in the next physics step of `dt` [s]."""
-        for work in self.tools.values():
-            work.apply_soil_forces(dt)
+        """Apply the forces of soil on the tools in the next physics step of `dt` [s]."""
+        for coupling in self.couplings.values():
+            coupling.apply_soil_forces(dt)
 
     def end_tick(self) -> Rows:
-        """End a tick; SWEEP rows of its tools and its tracks."""
-        swept = [work.end_tick() for work in self.tools.values()]
-        stood, self._last_base_frame = self._last_base_frame, self.machine.base_frame
-        ruts = self._track_sweep.rows(
-            stood, self._last_base_frame, sole_heights(self.machine.tracks)
+        """End a tick, and return the SWEEP rows of tools and tracks."""
+        tool_sweeps = [coupling.end_tick() for coupling in self.couplings.values()]
+        previous_frame, self._last_base_frame = self._last_base_frame, self.machine.base_frame
+        track_sweeps = self._track_sweep.rows(
+            previous_frame, self._last_base_frame, sole_heights(self.machine.tracks)
         )
-        return join_rows([*swept, ruts], SWEEP)
+        return join_rows([*tool_sweeps, track_sweeps], SWEEP)
 
     @property
     def state(self) -> Iterable[NDArray[np.generic]]:
-        """What shows that two runs differ, for a digest."""
+        """Arrays for the state hash."""
         machine = self.machine
         yield machine.joint_positions
         yield machine.joint_velocities
         yield from machine.base_pose
         yield from machine.base_velocity
-        for work in self.tools.values():
-            yield from work.state
+        for coupling in self.couplings.values():
+            yield from coupling.state

@@ -1,9 +1,13 @@
-"""The machine side: one tick moves machines, their tools, and the soil that is particles.
+"""Machine simulation: one tick moves machines, their tools, and the soil that is particles.
 
-    release -> [drive -> carry, spill, fall -> load, resist] x steps -> settle
+A tick runs these stages; the middle ones once per physics step:
 
-`MachineSim` owns some machines and the particles that they share, and knows no messages and no
-clock; the exchange (`msg_bridge.exchange`) carries the rows it returns.
+    release of pending soil
+    -> [machine dynamics -> particle dynamics -> soil forces on tools] x steps_per_tick
+    -> payloads -> sweeps -> deposit requests
+
+`MachineSim` owns machines and the particles that they share. It is independent of messages and
+clocks; the exchange (`msg_bridge.exchange`) transports the rows.
 """
 
 from __future__ import annotations
@@ -26,6 +30,7 @@ from machine_sim.simulated_bin import BinSpec, SimulatedBin
 from machine_sim.simulated_machine import Placement, SimulatedMachine
 from machine_sim.tool_soil.coupling import ToolSoilCoupling
 from machine_sim.tool_soil.payload import Payload
+from msg_bridge.contract.constants import GRAVITY
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.messages import Keyframe
@@ -44,12 +49,12 @@ __all__ = ["MachineSim", "MachineTickOutput"]
 
 @dataclass(frozen=True)
 class MachineTickOutput:
-    """What one tick sends to the soil; rows are not numbered yet.
+    """Output of one tick to the soil; rows are not numbered yet.
 
     Attributes:
         sweeps: SWEEP rows of all tools and tracks.
-        landed: LANDED rows; their particles are frozen until answered.
-        pending_mm3, particles_mm3: the node's accounts at the end of the tick.
+        deposit_requests: DEPOSIT_REQUEST rows; their particles are frozen until answered.
+        pending_mm3, particles_mm3: bank volumes at the end of the tick [mm^3].
     """
 
     sweeps: Rows
@@ -59,19 +64,23 @@ class MachineTickOutput:
 
 
 _MAX_INITIAL_PENETRATION = 0.05
-"""How far two things may stand in one another when they are set down [m]."""
+"""Maximum initial interpenetration of two bodies [m]."""
+
+
+_CONTACT_DISTANCE = 8
+"""Index of the distance [m] in a record of `pybullet.getContactPoints`."""
 
 
 class MachineSim:
-    """Machines, the ground they feel, and the soil they move.
+    """Machines, their ground, and the particles they move.
 
     Attributes:
-        params: how it steps.
-        ground: the copy of the terrain that tracks and particles touch.
-        rigs: the machines with their tools at work, in the order given.
-        bins: what stands there to be filled, in the order given.
-        particles: the soil in the air, in tools and at rest but not yet landed.
-        tick: number of ticks made.
+        params: stepping.
+        ground: copy of the terrain that tracks and particles touch.
+        simulated_machines: the machines with their tools, in the order given.
+        bins: the bins, in the order given.
+        particles: soil in the air, in tools, and at rest before its deposition.
+        tick: number of completed ticks.
     """
 
     def __init__(
@@ -90,52 +99,59 @@ class MachineSim:
     ) -> None:
         """
         Args:
-            machines: what they are and where they start.
-            grid, elevation: the terrain they start on [m], shape (rows, cols).
-            params, particle_params: defaults as shipped.
+            machines: machines and their initial poses.
+            grid, elevation: initial terrain [m], shape (rows, cols).
+            params, particle_params: stepping and particles; shipped defaults if None.
             soils: all soils of the terrain, in the order of their ids.
-            soil, moisture: of its surface, id and % of saturation; zeros if not given.
-            bins: boxes that stand on it to be filled.
-            seed: of the scatter of released particles.
+            soil, moisture: soil id and moisture [% of saturation] of the surface; zeros if None.
+            bins: bins on the terrain.
+            seed: seed of the scatter of released particles.
 
         Raises:
-            MachineError: no machine, or one or a bin off the map.
+            MachineError: no machine, a machine or bin off the map, or overlapping bodies.
         """
         if not machines:
-            raise MachineError("there is no machine; give one placement or more")
+            raise MachineError("no machine is given; give one placement or more")
         self.params = params or MachineSimParams()
         self.ground = Ground(grid, elevation, soils=soils, soil=soil, moisture=moisture)
         self.tick = 0
         self._client: int = pybullet.connect(pybullet.DIRECT)
         pybullet.setTimeStep(self.params.physics_step, physicsClientId=self._client)
-        pybullet.setGravity(0.0, 0.0, -9.81, physicsClientId=self._client)
+        pybullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=self._client)
         particle_params = particle_params or ParticleParams()
-        kind = CubeEngine if particle_params.mode == "cubes" else ParticleEngine
-        self.particles: SoilEngine = kind(particle_params, self.ground, soils=soils)
+        engine = CubeEngine if particle_params.mode == "cubes" else ParticleEngine
+        self.particles: SoilEngine = engine(particle_params, self.ground, soils=soils)
         self.simulated_machines: list[SimulatedMachine] = []
         for placement in machines:
-            rig = SimulatedMachine(
+            simulated_machine = SimulatedMachine(
                 placement,
                 self._client,
                 self.ground,
                 self.particles,
                 self.params,
-                first_tool_id=sum(rig.num_tool_ids for rig in self.simulated_machines),
+                first_tool_id=self._num_tool_ids,
                 seed=seed,
             )
-            self.simulated_machines.append(rig)
-        num_tool_ids = sum(rig.num_tool_ids for rig in self.simulated_machines)
+            self.simulated_machines.append(simulated_machine)
+        num_tool_ids = self._num_tool_ids
         self.bins = [
             SimulatedBin(spec, self._client, self.ground, self.particles, num_tool_ids + k)
             for k, spec in enumerate(bins)
         ]
         self._check_overlaps()
-        self._couplings = [work for rig in self.simulated_machines for work in rig.tools.values()]
-        self._cutting_couplings = [work for work in self._couplings if work.is_digging]
+        self._couplings = [
+            coupling for each in self.simulated_machines for coupling in each.couplings.values()
+        ]
+        self._digging_couplings = [each for each in self._couplings if each.is_digging]
+
+    @property
+    def _num_tool_ids(self) -> int:
+        """Number of tool ids that the machines made so far take."""
+        return sum(each.num_tool_ids for each in self.simulated_machines)
 
     @property
     def machine(self) -> TrackedMachine:
-        """The first machine, of most nodes the only one."""
+        """The first machine, in most nodes the only one."""
         return self.simulated_machines[0].machine
 
     @property
@@ -143,7 +159,7 @@ class MachineSim:
         """The first tool of the first machine that has one.
 
         Raises:
-            MachineError: none has one.
+            MachineError: no machine has a tool.
         """
         if not self._couplings:
             raise MachineError("no machine has a tool; give one with `tools` in its file")
@@ -151,13 +167,13 @@ class MachineSim:
 
     @property
     def payload(self) -> Payload:
-        """What the first machine holds."""
+        """Payload of the first machine."""
         return self.simulated_machines[0].payload
 
     @property
     def pending_mm3(self) -> int:
         """Bank volume that was excavated and is not yet particles [mm^3]."""
-        return sum(work.pending.total_mm3 for work in self._cutting_couplings)
+        return sum(each.pending.total_mm3 for each in self._digging_couplings)
 
     def apply(
         self,
@@ -167,79 +183,78 @@ class MachineSim:
         *,
         ticks_ago: int = 0,
     ) -> None:
-        """Take the soil's answer: parcels, landings made good, the new surface, the resistance.
+        """Apply the soil's answer to a tick.
 
         Args:
-            conversions: CONVERSION rows of this source.
-            changed: CHANGED rows.
-            forces: FORCE rows of this source; none if not given.
-            ticks_since: ticks done since the one that is answered, at most 3; what was cut in that
-                one has moved on with the tool.
+            conversions: CONVERSION rows of this node: excavated soil and answered deposits.
+            map_updates: MAP_UPDATE rows: the changed surface.
+            forces: FORCE rows of this node; None for none.
+            ticks_ago: number of ticks completed since the answered one, at most 3; the soil cut in
+                that tick has moved with the tool since then.
         """
         self.ground.apply_changes(map_updates)
         if forces is not None:
-            for work in self._couplings:
-                work.receive(forces, ticks_ago)
+            for coupling in self._couplings:
+                coupling.receive(forces, ticks_ago)
         if conversions.size == 0:
             return
         kind = conversions["kind"]
         self._credit_excavated_soil(conversions[kind == ConversionKind.EXCAVATE], ticks_ago)
-        gone = (kind == ConversionKind.DEPOSIT) | (kind == ConversionKind.OUTSIDE)
-        self.particles.remove(conversions["particle_id"][gone])
+        is_deposited = (kind == ConversionKind.DEPOSIT) | (kind == ConversionKind.OUTSIDE)
+        self.particles.remove(conversions["particle_id"][is_deposited])
         self.particles.unfreeze(conversions["particle_id"][kind == ConversionKind.REJECT])
 
     def synchronize(self, keyframe: Keyframe, backlog: Rows) -> None:
-        """Take part from here on: the terrain as it is now, and what was answered while away.
+        """Apply the present terrain and the conversion backlog after a join or rejoin.
 
         Args:
-            keyframe: the terrain.
-            owed: CONVERSION rows of this source.
+            keyframe: present terrain.
+            backlog: CONVERSION rows of this node since its last completed tick.
         """
         self.ground.apply_keyframe(keyframe)
-        for work in self._cutting_couplings:
-            work.resistance.reset()
-        nothing = empty_rows(MAP_UPDATE)
-        self.apply(backlog, nothing)
-        # What the soil has not answered by now it has not taken: it is offered again.
+        for coupling in self._digging_couplings:
+            coupling.resistance.reset()
+        self.apply(backlog, empty_rows(MAP_UPDATE))
+        # The soil did not accept deposit requests without an answer: they are repeated.
         self.particles.unfreeze(self.particles.frozen_ids)
 
     def command(self, joints: NDArray[np.float64], tracks: NDArray[np.float64]) -> None:
         """Set the first machine's joint velocities [rad/s] and track speeds [m/s].
 
-        They hold until the next command; zero means hold the pose.
+        They apply until the next command; zero holds the pose.
         """
         self.machine.command(joints, tracks)
 
     def step(self) -> MachineTickOutput:
-        """Advance one tick."""
+        """Perform one tick."""
         self.tick += 1
         dt = self.params.physics_step
-        for rig in self.simulated_machines:
-            rig.begin_tick(self.tick)
+        for each in self.simulated_machines:
+            each.begin_tick(self.tick)
         for _ in range(self.params.steps_per_tick):
             self.ground.advance(dt)
-            for rig in self.simulated_machines:
-                rig.before_step(dt)
+            for each in self.simulated_machines:
+                each.before_step(dt)
             pybullet.stepSimulation(self._client)
-            for rig in self.simulated_machines:
-                rig.after_step()
+            for each in self.simulated_machines:
+                each.after_step()
             self.particles.step(dt)
-            for rig in self.simulated_machines:
-                rig.apply_soil_forces(dt)
-        for each in self.bins:
-            each.update_payload()
-        sweeps = join_rows([rig.end_tick() for rig in self.simulated_machines], SWEEP)
+            for each in self.simulated_machines:
+                each.apply_soil_forces(dt)
+        for simulated_bin in self.bins:
+            simulated_bin.update_payload()
+        sweeps = join_rows([each.end_tick() for each in self.simulated_machines], SWEEP)
         deposit_requests = self._request_deposits()
         return MachineTickOutput(
             sweeps, deposit_requests, self.pending_mm3, self.particles.total_volume_mm3
         )
 
     def state_hash(self) -> str:
-        """SHA-256 [hex] of poses and motions of machines and particles, and of pending soil."""
+        """Return the SHA-256 [hex] of the state of machines, pending soil and particles."""
         particles = self.particles
         digest = hashlib.sha256()
         for array in (
-            *(array for rig in self.simulated_machines for array in rig.state),
+            *(array for each in self.simulated_machines for array in each.state),
             particles.ids,
             particles.positions,
             particles.velocities,
@@ -250,54 +265,60 @@ class MachineSim:
         return digest.hexdigest()
 
     def close(self) -> None:
-        """Free the physics clients."""
+        """Disconnect the physics clients."""
         self.particles.close()
         pybullet.disconnect(self._client)
 
     def _check_overlaps(self) -> None:
-        """
+        """Check that no two machines or bins overlap.
+
         Raises:
-            MachineError: two machines, or one and a bin, stand in one another.
+            MachineError: two bodies overlap by more than `_MAX_INITIAL_PENETRATION`.
         """
         pybullet.performCollisionDetection(self._client)
-        standing: list[tuple[str, list[int]]] = []
-        for rig in self.simulated_machines:
-            x, y, _ = rig.machine.base_pose[0]
-            name = f"the {rig.machine.spec.name} at ({x:.1f}, {y:.1f}) m"
-            standing.append((name, [rig.machine.body]))
-        standing += [(f"the bin at {each.spec.position} m", each.bodies) for each in self.bins]
-        for (one, first), (other, second) in combinations(standing, 2):
-            for a, b in product(first, second):
+        objects: list[tuple[str, list[int]]] = []
+        for simulated in self.simulated_machines:
+            machine = simulated.machine
+            x, y, _ = machine.base_pose[0]
+            name = f"the {machine.spec.name} at ({x:.1f}, {y:.1f}) m"
+            objects.append((name, [machine.body]))
+        objects += [(f"the bin at {each.spec.position} m", each.bodies) for each in self.bins]
+        for (name_a, bodies_a), (name_b, bodies_b) in combinations(objects, 2):
+            for a, b in product(bodies_a, bodies_b):
                 contacts = pybullet.getContactPoints(a, b, physicsClientId=self._client)
-                if any(contact[8] < -_MAX_INITIAL_PENETRATION for contact in contacts):
+                if any(
+                    contact[_CONTACT_DISTANCE] < -_MAX_INITIAL_PENETRATION for contact in contacts
+                ):
                     self.close()
-                    raise MachineError(f"{one} and {other} stand in one another; move one away")
+                    raise MachineError(f"{name_a} and {name_b} overlap; move one of them")
 
     def _credit_excavated_soil(self, excavated: Rows, ticks_ago: int) -> None:
-        """Credit EXCAVATE rows to the tools that cut them: of several, the nearest edge's."""
+        """Credit EXCAVATE rows to the digging tool whose key points are nearest."""
         if excavated.size == 0:
             return
-        if not self._cutting_couplings:
-            raise MachineError("soil was excavated for machines of which none can cut")
-        shares = [excavated]
-        if len(self._cutting_couplings) > 1:
-            places = np.column_stack([excavated[name] for name in "xyz"]).astype(np.float64)
-            away = [
-                work.distances_to_key_points(places, ticks_ago) for work in self._cutting_couplings
+        if not self._digging_couplings:
+            raise MachineError(
+                "EXCAVATE rows arrived, but no machine of this node has a digging tool"
+            )
+        rows_of_tools = [excavated]
+        if len(self._digging_couplings) > 1:
+            points = np.column_stack([excavated[name] for name in "xyz"]).astype(np.float64)
+            distances = [
+                each.distances_to_key_points(points, ticks_ago) for each in self._digging_couplings
             ]
-            nearest = np.argmin(away, axis=0)
-            shares = [excavated[nearest == k] for k in range(len(away))]
-        for work, share in zip(self._cutting_couplings, shares, strict=True):
-            work.pending.receive(share, work.frame_at(ticks_ago), self.tick)
+            nearest = np.argmin(distances, axis=0)
+            rows_of_tools = [excavated[nearest == k] for k in range(len(distances))]
+        for coupling, rows in zip(self._digging_couplings, rows_of_tools, strict=True):
+            coupling.pending.receive(rows, coupling.frame_at(ticks_ago), self.tick)
 
     def _request_deposits(self) -> Rows:
-        """Freeze what came to rest and offer it to the soil."""
+        """Freeze settled particles, and return DEPOSIT_REQUEST rows for them."""
         ids = self.particles.settled()[: self.params.max_deposit_requests_per_tick]
         rows = empty_rows(DEPOSIT_REQUEST, ids.size)
         if ids.size == 0:
             return rows
         particles = self.particles
-        at = self.particles.rows_of(ids)
+        at = particles.rows_of(ids)
         rows["x"], rows["y"], rows["z"] = particles.positions[at].T
         rows["volume_mm3"] = particles.volumes_mm3[at]
         rows["particle_id"] = ids

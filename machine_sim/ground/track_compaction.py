@@ -1,9 +1,10 @@
-"""How far the ground was pressed: what a machine's copy of the terrain remembers of its tracks.
+"""Track compaction: depth by which tracks have compacted each column of the terrain.
 
-A track is borne by the depth it is below the ground as it was before tracks came. The soil tells
-where that ground is now, not why: a column that fell was pressed, dug, or slid away. Its volume
-tells them apart, as pressing moves none. What tracks pressed they press no further when they come
-again; soil that comes or goes makes the ground forget as much of it.
+The pressure under a track depends on its sinkage below the undisturbed surface. The soil publishes
+the present heights but not the cause of a change: a column that became lower was compacted,
+excavated, or failed as a slope. Its bank volume separates these cases, because compaction leaves the
+volume unchanged. Tracks that return do not compact a rut further; soil that is added or removed
+reduces the stored depth by the height it accounts for.
 """
 
 from __future__ import annotations
@@ -17,31 +18,30 @@ from msg_bridge.kernels import kernel
 __all__ = ["TrackCompaction"]
 
 _ROUNDING_TOLERANCE = 1e-4
-"""Less than this [m] is what messages round."""
+"""Height change [m] below which it is a rounding error of messages."""
 
 
 class TrackCompaction:
-    """The memory of each column; arrays have shape (rows, cols).
+    """Compaction of each column; arrays have shape (rows, cols), float64.
 
     Attributes:
-        volume_mm3: bank volume, float64; NaN where it is not known.
-        packed: how far the surface was pressed below where it would be [m].
-        sunk: how far a sole was below that, at least `packed` [m]; soles write it.
+        volume_mm3: bank volume [mm^3]; NaN where unknown.
+        compaction_depth: depth of the surface below the undisturbed surface [m].
+        max_sinkage: maximum depth of soles below it [m], at least `compaction_depth`; soles
+            write it.
     """
 
     def __init__(self, grid: Grid, swell: float) -> None:
         """
         Args:
-            grid: where each column stands.
-            swell: the largest of the soils.
+            grid: grid of the columns.
+            swell: maximum swell of the soils.
         """
         self.volume_mm3: NDArray[np.float64] = np.full(grid.shape, np.nan)
         self.compaction_depth: NDArray[np.float64] = np.zeros(grid.shape)
         self.max_sinkage: NDArray[np.float64] = np.zeros(grid.shape)
-        self._bank_height_per_mm3 = 1e-3 / grid.cell_area_mm2  # height of a mm^3 [m]
-        self._max_loose_height_per_mm3 = self._bank_height_per_mm3 * (
-            1.0 + swell
-        )  # the most it can have
+        self._bank_height_per_mm3 = 1e-3 / grid.cell_area_mm2  # [m/mm^3]
+        self._max_loose_height_per_mm3 = self._bank_height_per_mm3 * (1.0 + swell)  # [m/mm^3]
 
     def apply_changes(
         self,
@@ -49,12 +49,12 @@ class TrackCompaction:
         rise: NDArray[np.float64],
         volume_mm3: NDArray[np.float64],
     ) -> None:
-        """Follow columns that changed.
+        """Update the compaction of changed columns.
 
         Args:
-            cells: their flat indices.
-            rise: of their surface [m].
-            volume_mm3: bank volume they have now; NaN if not known.
+            cells: flat indices of the columns.
+            rise: change of their surface height [m].
+            volume_mm3: their present bank volume [mm^3]; NaN if unknown.
         """
         columns = (
             self.volume_mm3.reshape(-1),
@@ -73,15 +73,24 @@ class TrackCompaction:
 
 @kernel
 def _update_columns(cells, rise, volume, known, compaction_depth, max_sinkage, bank, loose):  # type: ignore[no-untyped-def]
+    """Update compaction depth and sinkage of columns; see `TrackCompaction.apply_changes`.
+
+    Args:
+        known: bank volumes before the change [mm^3], flat; out, the present ones.
+        compaction_depth, max_sinkage: flat, updated in place.
+        bank, loose: height per volume of bank soil and of the loosest soil [m/mm^3].
+    """
     for n in range(cells.size):
         i = cells[n]
-        came = volume[n] - known[i]
+        volume_change = volume[n] - known[i]
         known[i] = volume[n]
-        # Soil that goes takes at most the room of loose soil with it, and brings at least its own.
-        least = came * (loose if came < 0.0 else bank)
-        explained = least if least > rise[n] else rise[n]  # what is not known explains nothing
-        pressed = explained - rise[n]
-        if pressed < _ROUNDING_TOLERANCE:
-            pressed = 0.0
-        compaction_depth[i] = max(compaction_depth[i] - abs(explained), 0.0) + pressed
-        max_sinkage[i] = max(max_sinkage[i] - abs(explained), compaction_depth[i])
+        # Removed soil lowers a column by at most the height of loose soil; added soil raises it by
+        # at least the height of bank soil.
+        min_rise = volume_change * (loose if volume_change < 0.0 else bank)
+        # An unknown volume (NaN) accounts for the whole rise.
+        accounted = min_rise if min_rise > rise[n] else rise[n]
+        compacted = accounted - rise[n]
+        if compacted < _ROUNDING_TOLERANCE:
+            compacted = 0.0
+        compaction_depth[i] = max(compaction_depth[i] - abs(accounted), 0.0) + compacted
+        max_sinkage[i] = max(max_sinkage[i] - abs(accounted), compaction_depth[i])

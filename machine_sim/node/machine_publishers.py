@@ -118,7 +118,10 @@ class MachinePublishers:
             self._joint_values(machine),
             BaseState(*machine.base_pose, *machine.base_velocity),
             PayloadState(**asdict(rig.payload), time=time),
-            {name: ToolWrench(*work.wrench, work.tool.pose[0]) for name, work in rig.tools.items()},
+            {
+                name: ToolWrench(*work.wrench, work.tool.pose[0])
+                for name, work in rig.couplings.items()
+            },
             stamp,
         )
         self._state_publishers.publish_cylinders(machine.cylinders, time)

@@ -1,18 +1,17 @@
-"""Release: excavated soil, credited column by column, becomes particles where it was cut.
+"""Pending soil: excavated soil, credited column by column, until it becomes particles.
 
-The pending account. A conversion row is a parcel at the place its soil stood; parcels of one
-column gather until they make a particle of the nominal volume, which then appears at the place of
-the newest of them, inside the tool. What a column has left when no more comes, too little for a
-particle, gathers with that of others, and comes out where the last of them was. What a tick's limit
-or a full engine keeps back comes out as soon as there is room, in particles no larger than at any
-other time; the last of it, less than a quarter of a particle, stays pending until the tool digs
-again.
+An EXCAVATE row is a parcel at the position of its soil. Parcels of one column accumulate until they
+reach the volume of a particle, which is then released at the position of the newest parcel, moved
+inside the tool. When a column gets no more parcels for `_MAX_IDLE_TICKS`, its remainder is merged
+with that of other columns, and released at the position of the last of them. Soil held back by the
+limit per tick or by a full engine is released as soon as there is capacity, in particles of the
+usual size; a rest below a quarter of a particle stays pending until the tool digs again.
 
-Parcels that gather become of the kind of the newest, and as moist as all of them together: their
-volumes and their *water*, volume times moisture, add up. A particle gets water by its volume. Its
-moisture is a whole per cent, the one above or below that, whichever leaves the smaller sum of all
-that was rounded off so far: what particles carry away differs from what was dug by half a per cent
-of one of them, at most. Soil of one moisture keeps it.
+Merged parcels take the soil id of the newest, and the mean moisture: their volumes and their
+*water*, volume times moisture, are added. A particle takes water in proportion to its volume. Its
+moisture is rounded to a whole per cent, up or down, whichever keeps the accumulated rounding error
+smaller: the water of all particles differs from the water excavated by at most half a per cent of
+one particle. Soil of uniform moisture keeps it.
 """
 
 from __future__ import annotations
@@ -32,45 +31,54 @@ _MAX_IDLE_TICKS = 5
 """Ticks without a new parcel after which a column's remainder is released."""
 
 _COARSENING_ONSET = 0.5
-"""Part of the engine's capacity from which on particles are made larger."""
+"""Fraction of the engine's capacity above which released particles become larger."""
 _MAX_COARSE_GRAINING = 8.0
-"""Volume of a particle when the engine is full, over that when it is not."""
+"""Coarse-graining factor of a full engine."""
 
 _MIN_VOLUME_FRACTION = 0.25
-"""Smallest particle worth making, in parts of the nominal volume."""
+"""Minimum volume of a particle as a fraction of the nominal volume."""
 
 _CLEARANCE = 0.02
-"""Distance from the tool's plates at which a particle may appear [m]."""
+"""Minimum distance of a released particle from the tool's plates [m]."""
 
 Vector = NDArray[np.float64]
 
 
 def coarse_graining_factor(count: int, capacity: int) -> float:
-    """Volume of a particle over the nominal one: 1, and more where the engine fills up.
+    """Return the volume of a particle over the nominal volume: 1 to 8 as the engine fills up.
 
-    Soil goes on coming out of the ground then, in fewer and larger parts.
+    Excavation continues with fewer and larger particles.
 
     Args:
-        count: particles there are.
-        capacity: most that there can be.
+        count: present number of particles.
+        capacity: maximum number of particles.
     """
-    crowd = (count / capacity - _COARSENING_ONSET) / (1.0 - _COARSENING_ONSET)
-    return 1.0 + (_MAX_COARSE_GRAINING - 1.0) * min(max(crowd, 0.0), 1.0)
+    excess = (count / capacity - _COARSENING_ONSET) / (1.0 - _COARSENING_ONSET)
+    return 1.0 + (_MAX_COARSE_GRAINING - 1.0) * min(max(excess, 0.0), 1.0)
 
 
 @dataclass
 class _Parcel:
-    """Soil of one column, waiting; `place` is in the tool frame, so that it moves with it."""
+    """Pending soil of one column.
+
+    Attributes:
+        volume: bank volume [mm^3].
+        water: volume times moisture [mm^3 %].
+        particle_volume: volume of the next particle without coarse-graining [mm^3].
+        soil: soil id.
+        point: position of the newest row [m], tool frame, so that it moves with the tool.
+        tick: number of the tick of the newest row.
+    """
 
     volume: int
-    water: int  # [mm^3 %]
-    size: int  # of the next particle
+    water: int
+    particle_volume: int
     soil: int
-    place: Vector
+    point: Vector
     tick: int
 
     def withdraw(self, volume: int) -> int:
-        """Take out `volume`, which there is; returns the water in it."""
+        """Remove `volume` [mm^3], at most that of the parcel, and return its water [mm^3 %]."""
         water = self.water * volume // self.volume
         self.volume -= volume
         self.water -= water
@@ -79,38 +87,38 @@ class _Parcel:
 
 @dataclass
 class _Batch:
-    """Particles to be made, one entry each; places are in the tool frame."""
+    """Particles to insert, one entry each: volumes [mm^3], points in the tool frame [m]."""
 
     volumes: list[int] = field(default_factory=list)
-    places: list[Vector] = field(default_factory=list)
+    points: list[Vector] = field(default_factory=list)
     soils: list[int] = field(default_factory=list)
     moistures: list[int] = field(default_factory=list)
 
 
 class PendingSoil:
-    """Parcels received and not yet turned into particles."""
+    """Account of the soil that one tool has excavated and that is not yet particles."""
 
     def __init__(
         self, shape: CuttingShape, rng: np.random.Generator, *, nominal_mm3: int, max_per_tick: int
     ) -> None:
         """
         Args:
-            shape: of the tool that cuts.
-            rng: scatters particles that appear at one place.
-            nominal_mm3: bank volume of a particle [mm^3].
-            per_tick: particles released in one tick, at most; the rest waits.
+            shape: shape of the tool.
+            rng: generator that scatters particles released at one point.
+            nominal_mm3: nominal bank volume of a particle [mm^3].
+            max_per_tick: maximum number of particles released in one tick.
         """
         self._shape = shape
         self._rng = rng
         self._nominal_mm3 = nominal_mm3
         self._max_per_tick = max_per_tick
         self._parcels: dict[tuple[int, int], _Parcel] = {}
-        self._remainder = _Parcel(0, 0, nominal_mm3, 0, np.zeros(3), 0)  # of columns left behind
-        self._rounding_error = 0  # water that particles have got too little of; below 0 too much
+        self._remainder = _Parcel(0, 0, nominal_mm3, 0, np.zeros(3), 0)  # of idle columns
+        self._rounding_error = 0  # water missing in particles [mm^3 %]; negative: excess
 
     @property
     def total_mm3(self) -> int:
-        """Bank volume waiting [mm^3]."""
+        """Pending bank volume [mm^3]."""
         return self._remainder.volume + sum(parcel.volume for parcel in self._parcels.values())
 
     @property
@@ -119,27 +127,37 @@ class PendingSoil:
         return np.array([self.total_mm3])
 
     @property
+    def rounding_error(self) -> int:
+        """Water missing in the particles released so far [mm^3 %]; negative: excess."""
+        return self._rounding_error
+
+    @property
+    def points(self) -> list[Vector]:
+        """Positions of the parcels [m], tool frame, shape (3,) each."""
+        return [parcel.point for parcel in self._parcels.values()]
+
+    @property
     def water(self) -> int:
-        """Volume times moisture [mm^3 %] of what waits, with what rounding has kept back so far."""
+        """Volume times moisture of the pending soil, and the rounding error so far [mm^3 %]."""
         parcels = sum(parcel.water for parcel in self._parcels.values())
         return self._rounding_error + self._remainder.water + parcels
 
     def receive(self, conversions: Rows, pose: Pose, tick: int) -> None:
-        """Credit the EXCAVATE rows among `conversions`; the tool stands at `pose`."""
+        """Credit the EXCAVATE rows among CONVERSION rows of a tool at a pose in a tick."""
         rows = conversions[conversions["kind"] == ConversionKind.EXCAVATE]
         rotation, origin = pose
         x, y, z = (rows[name] - origin[k] for k, name in enumerate("xyz"))
-        # Column by column, not as a matrix: a product's last bits depend on how many rows it has.
-        places = np.column_stack([x * a + y * b + z * c for a, b, c in rotation.T.tolist()])
+        # Component by component: the last bits of a matrix product depend on its number of rows.
+        points = np.column_stack([x * a + y * b + z * c for a, b, c in rotation.T.tolist()])
         columns = (rows[name].tolist() for name in ("row", "col", "volume_mm3", "moisture", "soil"))
-        for row, col, volume, moisture, soil, place in zip(*columns, places, strict=True):
+        for row, col, volume, moisture, soil, point in zip(*columns, points, strict=True):
             parcel = self._parcels.get((row, col))
             if parcel is None:
-                parcel = _Parcel(0, 0, self._nominal_mm3, 0, place, tick)
+                parcel = _Parcel(0, 0, self._nominal_mm3, 0, point, tick)
                 self._parcels[row, col] = parcel
             parcel.volume += volume
             parcel.water += volume * moisture
-            parcel.soil, parcel.place, parcel.tick = soil, place, tick
+            parcel.soil, parcel.point, parcel.tick = soil, point, tick
 
     def release(
         self,
@@ -148,20 +166,20 @@ class PendingSoil:
         tick: int,
         release_twist: tuple[Vector, Vector] | None = None,
     ) -> int:
-        """Turn parcels into particles, at most as many as one tick may have.
+        """Release pending soil as particles, at most as many as the limit per tick.
 
         Args:
-            particles: the engine that takes them.
-            pose: of the tool's frame, as parcels know it.
+            particles: engine that the particles are inserted into.
+            pose: pose of the tool's non-spinning frame.
             tick: number of the tick.
-            thrown: velocity of the tool [m/s] and angular [rad/s] that they come loose with; at
-                rest if not given.
+            release_twist: velocity [m/s] and angular velocity [rad/s] of the tool that particles
+                start with; None: they start at rest.
 
         Returns:
-            How many were made.
+            Number of particles released.
 
         Raises:
-            ParticleError: the engine takes none of them; all of it is pending still.
+            ParticleError: the engine rejects the particles; their soil stays pending.
         """
         batch = _Batch()
         try:
@@ -174,68 +192,72 @@ class PendingSoil:
         return len(batch.volumes)
 
     def _fill_batch(self, batch: _Batch, particles: SoilEngine, tick: int) -> None:
-        """Take particles out of parcels while there is room for them."""
-        room = min(self._max_per_tick, particles.free_capacity)
+        """Withdraw particles from parcels up to the limit of the tick and the free capacity."""
+        max_count = min(self._max_per_tick, particles.free_capacity)
         for key, parcel in list(self._parcels.items()):
-            # Most have less than any particle takes: no need to ask how full the engine is.
-            least = min(parcel.size, MAX_ROW_VOLUME)
-            while parcel.volume >= least and len(batch.volumes) < room:
+            # Most parcels hold less than one particle: the coarse-graining factor is not needed.
+            min_volume = min(parcel.particle_volume, MAX_ROW_VOLUME)
+            while parcel.volume >= min_volume and len(batch.volumes) < max_count:
                 volume = self._next_volume(batch, parcel, particles)
                 if parcel.volume < volume:
                     break
                 self._append_particle(batch, parcel, volume, parcel.withdraw(volume))
-                parcel.size = self._draw_volume(particles.soils[parcel.soil].size_spread)
-                least = min(parcel.size, MAX_ROW_VOLUME)
-            if parcel.volume < parcel.size and tick - parcel.tick > _MAX_IDLE_TICKS:
+                parcel.particle_volume = self._draw_volume(particles.soils[parcel.soil].size_spread)
+                min_volume = min(parcel.particle_volume, MAX_ROW_VOLUME)
+            if parcel.volume < parcel.particle_volume and tick - parcel.tick > _MAX_IDLE_TICKS:
                 self._add_to_remainder(parcel)
                 del self._parcels[key]
-                self._release_remainder(batch, particles, room)
-        # Also where no column is left behind now: there may have been no room before.
-        self._release_remainder(batch, particles, room)
+                self._release_remainder(batch, particles, max_count)
+        # The remainder may have found no capacity in an earlier tick.
+        self._release_remainder(batch, particles, max_count)
 
     @staticmethod
     def _next_volume(batch: _Batch, parcel: _Parcel, particles: SoilEngine) -> int:
-        """Volume of the next particle of a parcel [mm^3], as full as the engine is."""
-        coarse = coarse_graining_factor(
+        """Return the volume of the next particle of a parcel [mm^3], coarse-grained."""
+        factor = coarse_graining_factor(
             particles.count + len(batch.volumes), particles.params.capacity
         )
-        return min(int(coarse * parcel.size), MAX_ROW_VOLUME)
+        return min(int(factor * parcel.particle_volume), MAX_ROW_VOLUME)
 
     def _add_to_remainder(self, parcel: _Parcel) -> None:
-        """Let what a parcel has left gather with that of others."""
+        """Merge the rest of a parcel into the common remainder."""
         rest = self._remainder
         rest.volume += parcel.volume
         rest.water += parcel.water
-        rest.size, rest.soil, rest.place = parcel.size, parcel.soil, parcel.place
+        rest.particle_volume, rest.soil, rest.point = (
+            parcel.particle_volume,
+            parcel.soil,
+            parcel.point,
+        )
 
-    def _release_remainder(self, batch: _Batch, particles: SoilEngine, room: int) -> None:
-        """Take particles out of what was left behind; none leaves less than the smallest over."""
-        rest, smallest = self._remainder, _MIN_VOLUME_FRACTION * self._nominal_mm3
-        while rest.volume >= smallest and len(batch.volumes) < room:
+    def _release_remainder(self, batch: _Batch, particles: SoilEngine, max_count: int) -> None:
+        """Withdraw particles from the remainder; none leaves a rest below the minimum volume."""
+        rest, min_volume = self._remainder, _MIN_VOLUME_FRACTION * self._nominal_mm3
+        while rest.volume >= min_volume and len(batch.volumes) < max_count:
             volume = self._next_volume(batch, rest, particles)
-            if rest.volume < volume + smallest:
+            if rest.volume < volume + min_volume:
                 volume = min(rest.volume, MAX_ROW_VOLUME)
             self._append_particle(batch, rest, volume, rest.withdraw(volume))
 
     def _restore(self, batch: _Batch) -> None:
-        """Count particles that could not be made as left behind, with the water they had."""
+        """Return the volume and water of rejected particles to the remainder."""
         self._remainder.volume += sum(batch.volumes)
         pairs = zip(batch.volumes, batch.moistures, strict=True)
         self._remainder.water += sum(volume * moisture for volume, moisture in pairs)
 
     def _append_particle(self, batch: _Batch, parcel: _Parcel, volume: int, water: int) -> None:
-        """Note a particle of the soil and at the place of a parcel."""
-        moisture, over = divmod(water, volume)
-        if over:
-            moisture += 2 * (self._rounding_error + over) > volume
+        """Append a particle with the soil and at the point of a parcel."""
+        moisture, excess = divmod(water, volume)
+        if excess:
+            moisture += 2 * (self._rounding_error + excess) > volume
         self._rounding_error += water - moisture * volume
         batch.volumes.append(volume)
-        batch.places.append(parcel.place)
+        batch.points.append(parcel.point)
         batch.soils.append(parcel.soil)
         batch.moistures.append(moisture)
 
     def _draw_volume(self, spread: float) -> int:
-        """Volume of a particle [mm^3], even between nominal * (1 - spread) and (1 + spread)."""
+        """Return a particle volume [mm^3], uniform in nominal * (1 - spread) to (1 + spread)."""
         if spread == 0.0:
             return self._nominal_mm3
         return round(self._nominal_mm3 * (1.0 + spread * self._rng.uniform(-1.0, 1.0)))
@@ -247,18 +269,19 @@ class PendingSoil:
         batch: _Batch,
         release_twist: tuple[Vector, Vector] | None,
     ) -> None:
+        """Insert the particles of a batch into the engine; arguments as for `release`."""
         rotation, origin = pose
         volume = np.array(batch.volumes, dtype=np.int64)
-        # Particles of one place scatter over the room their soil takes.
+        # Particles of one point scatter over the volume of their soil.
         spread = 0.5 * np.cbrt(volume * 1e-9)[:, None]
-        local = np.array(batch.places) + spread * self._rng.uniform(-1.0, 1.0, (volume.size, 3))
+        local = np.array(batch.points) + spread * self._rng.uniform(-1.0, 1.0, (volume.size, 3))
         local = self._shape.release_points(local, _CLEARANCE, rotation[2])
-        arm = local @ rotation.T
+        lever_arm = local @ rotation.T
         velocity = np.zeros_like(local)
         if release_twist is not None:
-            velocity = release_twist[0] + np.cross(release_twist[1], arm)
+            velocity = release_twist[0] + np.cross(release_twist[1], lever_arm)
         particles.add(
-            arm + origin,
+            lever_arm + origin,
             velocity,
             volume,
             np.array(batch.soils, dtype=np.uint8),

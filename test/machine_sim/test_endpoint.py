@@ -148,8 +148,8 @@ def test_what_was_cut_moves_on_with_the_tool_until_it_is_a_particle(
     _, place = side.sim.machine.tool.pose
     assert np.linalg.norm(place - cut_at[1]) > 0.01
     side.poll()
-    (parcel,) = side.sim.tool_coupling.pending._parcels.values()
-    np.testing.assert_allclose(parcel.place, cut_at[0].T @ -cut_at[1], atol=1e-12)
+    (point,) = side.sim.tool_coupling.pending.points
+    np.testing.assert_allclose(point, cut_at[0].T @ -cut_at[1], atol=1e-12)
 
 
 def test_totals_in_the_header_are_those_after_the_answer(

@@ -62,7 +62,7 @@ def test_a_head_that_spins_mills(simulate) -> None:
 
 def test_what_was_cut_goes_to_the_nearest_tool(simulate) -> None:
     sim = simulate(Placement(EXCAVATOR, (-6.0, 0.0)), Placement(HEADER, (6.0, 0.0)))
-    works = [work for rig in sim.simulated_machines for work in rig.tools.values()]
+    works = [work for rig in sim.simulated_machines for work in rig.couplings.values()]
     rows = empty_rows(CONVERSION, 2)
     rows["kind"], rows["volume_mm3"] = ConversionKind.EXCAVATE, [100, 200]
     for k, work in enumerate(works):
@@ -75,7 +75,7 @@ def test_what_was_cut_goes_to_the_nearest_tool(simulate) -> None:
 
 def test_a_lip_is_nearer_than_the_pin_of_another_bucket(simulate) -> None:
     sim = simulate(Placement(EXCAVATOR, (-4.0, 0.0)), Placement(EXCAVATOR, (-4.0, 8.0)))
-    first = sim.simulated_machines[0].tools["bucket"]
+    first = sim.simulated_machines[0].couplings["bucket"]
     rotation, pin = first.tool.pose
     rows = empty_rows(CONVERSION, 1)
     rows["kind"], rows["volume_mm3"] = ConversionKind.EXCAVATE, 100
@@ -87,7 +87,7 @@ def test_a_lip_is_nearer_than_the_pin_of_another_bucket(simulate) -> None:
 def test_nothing_is_set_down_in_something_else(simulate) -> None:
     with pytest.raises(MachineError, match=r"dumper at \(0\.0, 0\.0\) m and the dumper at"):
         simulate(Placement(DUMPER), Placement(DUMPER, (0.5, 0.0)))
-    with pytest.raises(MachineError, match=r"the bin at .* stand in one another; move one away"):
+    with pytest.raises(MachineError, match=r"the bin at .* overlap"):
         simulate(Placement(EXCAVATOR), bins=[BinSpec((0.0, 0.0))])
 
 

@@ -85,7 +85,7 @@ def test_ground_knows_what_its_surface_is_of() -> None:
 
 def test_ground_of_a_soil_that_is_not_known_is_refused() -> None:
     ground = Ground(GRID, np.zeros(GRID.shape))
-    with pytest.raises(GroundError, match="soil 1 and the machine knows 1"):
+    with pytest.raises(GroundError, match="soil id 1"):
         ground.apply_changes(changed(-0.1, 1, 0))
     assert ground.surface[3, 4] == 0.0
 

@@ -243,7 +243,7 @@ def test_no_water_is_lost_between_parcels_and_particles(
         carried = int((particles.volumes_mm3 * particles.moisture.astype(np.int64)).sum())
         assert soil.water + carried == given_water
         largest = max([largest, *particles.volumes_mm3.tolist()])
-        assert abs(soil._rounding_error) <= largest / 2
+        assert abs(soil.rounding_error) <= largest / 2
         seen = [moisture for each in ticks for _, moisture, _ in each]
         assert all(min(seen) <= moisture <= max(seen) for moisture in particles.moisture)
 

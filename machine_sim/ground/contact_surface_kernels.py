@@ -1,0 +1,108 @@
+"""Kernels of the contact surface: heights between grid points, changed cells, rising cells."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from msg_bridge.kernels import kernel
+
+__all__ = ["GridFrame", "raise_surface", "set_cells", "surface_at"]
+
+
+class GridFrame(NamedTuple):
+    """Position of a grid in the map frame, as kernels need it to find the cell of a point.
+
+    Attributes:
+        x_first: x of row 0 [m].
+        y_first: y of column 0 [m].
+        inverse_cell: 1 / cell size [1/m].
+    """
+
+    x_first: float
+    y_first: float
+    inverse_cell: float
+
+
+@kernel(inline="always")
+def surface_at(surface, x_first, y_first, inverse_cell, x, y):  # type: ignore[no-untyped-def]
+    """Return the bilinear height [m] and the slopes dz/dx, dz/dy at (x, y) [m], map frame.
+
+    Beyond the outer grid points the height of the edge continues horizontally.
+    """
+    rows, cols = surface.shape
+    u = min(max((x_first - x) * inverse_cell, 0.0), rows - 1.0)
+    v = min(max((y_first - y) * inverse_cell, 0.0), cols - 1.0)
+    i = min(int(math.floor(u)), rows - 2)
+    j = min(int(math.floor(v)), cols - 2)
+    u -= i
+    v -= j
+    a, b = surface[i, j], surface[i, j + 1]
+    c, d = surface[i + 1, j], surface[i + 1, j + 1]
+    height = (a * (1 - v) + b * v) * (1 - u) + (c * (1 - v) + d * v) * u
+    slope_x = -((c - a) * (1 - v) + (d - b) * v) * inverse_cell
+    slope_y = -((b - a) * (1 - u) + (d - c) * u) * inverse_cell
+    return height, slope_x, slope_y
+
+
+@kernel
+def set_cells(  # type: ignore[no-untyped-def]
+    cells,
+    heights,
+    elevation,
+    surface,
+    compaction_depth,
+    undisturbed_surface,
+    changed,
+    is_rising,
+    rising,
+):
+    """Set the heights of changed cells; see `Ground` for the arrays.
+
+    Args:
+        cells: flat indices of the changed cells.
+        heights: their new heights [m].
+        rising: flat indices of the cells that rise already.
+
+    Returns:
+        Flat indices of the cells that rise now; a cell that was lowered again may be among them.
+    """
+    cols = elevation.shape[1]
+    still_rising = np.empty(rising.size + cells.size, dtype=np.int64)
+    for n in range(rising.size):  # not a slice, which compiles much longer
+        still_rising[n] = rising[n]
+    count = rising.size
+    for n in range(cells.size):
+        i, j = cells[n] // cols, cells[n] % cols
+        elevation[i, j] = heights[n]
+        changed[i, j] = True
+        if heights[n] < surface[i, j]:
+            surface[i, j] = heights[n]
+        elif not is_rising[i, j]:
+            is_rising[i, j] = True
+            still_rising[count] = cells[n]
+            count += 1
+        undisturbed_surface[i, j] = surface[i, j] + compaction_depth[i, j]
+    return still_rising[:count].copy()
+
+
+@kernel
+def raise_surface(  # type: ignore[no-untyped-def]
+    rising, step, elevation, surface, compaction_depth, undisturbed_surface, changed, is_rising
+):
+    """Raise cells by `step` [m] at most, and return those that are still below `elevation`."""
+    cols = elevation.shape[1]
+    remaining = np.empty(rising.size, dtype=np.int64)
+    count = 0
+    for n in range(rising.size):
+        i, j = rising[n] // cols, rising[n] % cols
+        surface[i, j] = min(surface[i, j] + step, elevation[i, j])
+        undisturbed_surface[i, j] = surface[i, j] + compaction_depth[i, j]
+        changed[i, j] = True
+        is_rising[i, j] = surface[i, j] < elevation[i, j]
+        if is_rising[i, j]:
+            remaining[count] = rising[n]
+            count += 1
+    return remaining[:count].copy()
