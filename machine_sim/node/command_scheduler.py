@@ -1,6 +1,6 @@
-"""The levers of one machine in one run: when what it is told counts, and whether it waits for it.
+"""Command scheduling in one run: when a command takes effect, and whether a tick waits for one.
 
-Knows no messages' carrier and reads no clock: the caller says what time it is.
+Independent of the transport and of clocks: the caller passes the time.
 """
 
 from __future__ import annotations
@@ -16,44 +16,44 @@ from msg_bridge.codec.run_config import RunFacts
 __all__ = ["CommandScheduler"]
 
 _MAX_TICKS_AHEAD = 2
-"""Ticks by which a command may come ahead, if not by a whole period of waiting."""
+"""Minimum number of ticks by which the stamp of a command may be ahead."""
 
 
 class CommandScheduler:
-    """Takes the commands of one machine while a run lasts.
+    """Schedules the commands of one machine in one run.
 
     Attributes:
-        board: what it is told, which outlives a run.
+        arbiter: arbiter of the machine's commands, which outlives the run.
     """
 
     def __init__(
         self,
-        unit: MachineInstance,
-        rig: SimulatedMachine,
+        instance: MachineInstance,
+        simulated: SimulatedMachine,
         endpoint: MachineEndpoint,
         facts: RunFacts,
     ) -> None:
         """
         Args:
-            unit: the machine of the node.
-            rig: the same at work in this run.
-            side: tells the tick.
-            facts: of the run.
+            instance: the machine.
+            simulated: the machine in this run.
+            endpoint: endpoint that counts the ticks.
+            facts: parameters of the run.
         """
-        self.arbiter = unit.arbiter
-        self._machine, self._endpoint, self._facts = rig.machine, endpoint, facts
-        self._wait_period = unit.params.command_wait_period
-        self._delay_ticks = 0 if facts.realtime else unit.params.command_delay
-        self._last_answered_tick = -1  # newest tick that a stamped command was for
-        self._delayed: list[tuple[int, Callable[[], bool]]] = []  # commands, and when they count
+        self.arbiter = instance.arbiter
+        self._machine, self._endpoint, self._facts = simulated.machine, endpoint, facts
+        self._wait_period = instance.params.command_wait_period
+        self._delay_ticks = 0 if facts.realtime else instance.params.command_delay
+        self._last_answered_tick = -1  # newest tick that a stamped command answers
+        self._delayed: list[tuple[int, Callable[[], bool]]] = []  # tick of effect, delivery
 
     @property
     def sim_time(self) -> float:
-        """Simulation time reached [s]."""
+        """Present simulation time [s]."""
         return max(self._endpoint.tick, 0) * self._facts.tick_period
 
     def command_time(self, wall: float) -> float:
-        """The time by which commands grow old [s]: the wall clock's only in real time.
+        """Return the time for command timeouts [s]: wall time in real time, else simulation time.
 
         Args:
             wall: a monotonic wall clock [s].
@@ -61,39 +61,39 @@ class CommandScheduler:
         return wall if self._facts.realtime else self.sim_time
 
     def receive(self, stamp: float, deliver: Callable[[], bool]) -> None:
-        """Take a command that answers the state of time `stamp` [s]: now, or when it is to count.
+        """Deliver a stamped command now, or `command_delay` ticks after its stamp.
 
-        A stamp far ahead, of another clock or of the run before, is no answer to anything.
+        A stamp far ahead comes from another clock or an earlier run; it answers no state.
 
         Args:
-            stamp: of the message.
-            deliver: hands it to the board; whether it was good.
+            stamp: simulation time of the state that the command answers [s].
+            deliver: passes the command to the arbiter, and returns whether it was valid.
         """
         tick, now = round(stamp / self._facts.tick_period), self._endpoint.tick
-        answers = tick <= max(now, 0) + max(self._wait_period, _MAX_TICKS_AHEAD)
-        if answers and self._delay_ticks and tick + self._delay_ticks > now:
+        is_answer = tick <= max(now, 0) + max(self._wait_period, _MAX_TICKS_AHEAD)
+        if is_answer and self._delay_ticks and tick + self._delay_ticks > now:
             self._delayed.append((tick + self._delay_ticks, deliver))
         elif not deliver():
             return
-        if answers:
+        if is_answer:
             self._last_answered_tick = max(self._last_answered_tick, tick)
 
     @property
     def has_awaited_command(self) -> bool:
-        """Whether the command is there that the next tick waits for, if it waits for one."""
+        """Whether the next tick has the command that it waits for, or waits for none."""
         answered = self._endpoint.tick - self._delay_ticks
-        awaits = self._wait_period > 0 and answered >= 0 and answered % self._wait_period == 0
-        return self._facts.realtime or not awaits or self._last_answered_tick >= answered
+        is_awaited = self._wait_period > 0 and answered >= 0 and answered % self._wait_period == 0
+        return self._facts.realtime or not is_awaited or self._last_answered_tick >= answered
 
     def apply_command(self, wall: float) -> AppliedCommand:
-        """Give the machine what takes effect in the tick that begins now."""
+        """Apply the command that takes effect in the tick that begins now, and return it."""
         self._deliver_due()
         applied = self.arbiter.command_at(self.command_time(wall), self._machine.joint_positions)
         self._machine.command(applied.joints, applied.tracks)
         return applied
 
     def _deliver_due(self) -> None:
-        """Hand over the commands whose time has come, in the order of their stamps."""
+        """Deliver the delayed commands that are due, in the order of their stamps."""
         now = self._endpoint.tick
         due = [each for each in self._delayed if each[0] <= now]
         self._delayed = [each for each in self._delayed if each[0] > now]

@@ -85,7 +85,7 @@ class CommandSubscriptions:
         """Schedule a stamped command, and deliver any other one at once."""
         clock = self._clock()
         if clock is None and not isinstance(msg, Bool):
-            self._reject(topic, "the machine has not joined a run yet; send commands once it has")
+            self._reject(topic, "the machine is in no run yet; command it once it has joined")
             return
         deliver = partial(self._deliver, topic, take, msg, clock)
         if clock is not None and isinstance(msg, (JointState, TwistStamped)):

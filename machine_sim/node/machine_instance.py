@@ -1,4 +1,4 @@
-"""A machine of a node: what it is, what is said of it, and what it is told."""
+"""One machine of a node: its specification, parameters and command arbiter."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ __all__ = ["MachineInstance", "create_machine_instances"]
 
 @dataclass(frozen=True, eq=False)
 class MachineInstance:
-    """One machine of a node, whatever run it takes part in.
+    """One machine of a node, independent of a run.
 
     Attributes:
-        params: what is said of it by itself.
-        description: dimensions, masses and limits.
-        board: what it is told.
-        name: among the machines of its node; empty if it is the only one.
+        params: parameters of this machine.
+        spec: dimensions, masses and limits.
+        arbiter: arbiter of its commands.
+        name: name among the machines of the node; empty for the only one.
     """
 
     params: MachineInstanceParams
@@ -34,54 +34,54 @@ class MachineInstance:
 
     @property
     def topic_prefix(self) -> str:
-        """What is put before the names of its topics, and of all that is said of it by name."""
+        """Prefix of the machine's topics and diagnostics keys."""
         return f"{self.name}/" if self.name else ""
 
     def frame_prefix(self, namespace: str) -> str:
-        """What is put before the names of its frames, in a node of some namespace."""
+        """Return the prefix of the machine's frames in a node with a namespace."""
         name = self.name or namespace.strip("/")
         return self.params.frame_prefix or (f"{name}/" if name else "")
 
     @property
     def placement(self) -> Placement:
-        """The machine, and where it is set down."""
+        """The machine and its initial pose."""
         params = self.params
         return Placement(self.spec, (params.x, params.y), math.radians(params.yaw))
 
     @property
     def command_names(self) -> tuple[str, ...]:
-        """What can be commanded: its joints, then its tracks."""
+        """Names of the actuators: joints, then tracks."""
         return (*self.spec.joint_names, *TRACK_NAMES)
 
 
 def create_machine_instances(
     params: Mapping[str, MachineInstanceParams], tracks: TrackModel, commands: CommandParams
 ) -> list[MachineInstance]:
-    """The machines of a node, from their files.
+    """Create the machines of a node from their files.
 
     Args:
-        params: what is said of each, by name.
-        tracks: the kind that all have.
-        commands: how commands are taken.
+        params: parameters of each machine, by name.
+        tracks: track model of all machines.
+        commands: parameters of the command inputs.
 
     Raises:
-        ConfigError: a machine file that is not there.
-        MachineError: one that is not good.
-        ParameterError: two machines at one place, or with the same names of frames.
+        ConfigError: a missing machine file.
+        MachineError: an invalid machine file.
+        ParameterError: two machines at the same position, or with the same frames.
     """
     instances: list[MachineInstance] = []
-    for name, own in params.items():
-        spec = with_track_model(load_machine_spec(find_config(own.machine)), tracks)
-        unit = MachineInstance(own, spec, CommandArbiter(spec, commands), name)
+    for name, machine_params in params.items():
+        spec = with_track_model(load_machine_spec(find_config(machine_params.machine)), tracks)
+        instance = MachineInstance(machine_params, spec, CommandArbiter(spec, commands), name)
         for other in instances:
-            if other.placement.position == unit.placement.position:
+            if other.placement.position == instance.placement.position:
                 raise ParameterError(
-                    f"{other.name} and {name} are set down at one place; give {name}.x or {name}.y"
+                    f"{other.name} and {name} start at the same position; set {name}.x or {name}.y"
                 )
-            if other.frame_prefix("") == unit.frame_prefix(""):
+            if other.frame_prefix("") == instance.frame_prefix(""):
                 raise ParameterError(
-                    f"frames of {other.name} and {name} would have one name; give"
+                    f"frames of {other.name} and {name} would have the same names; set"
                     f" {other.name}.frame_prefix or {name}.frame_prefix"
                 )
-        instances.append(unit)
+        instances.append(instance)
     return instances

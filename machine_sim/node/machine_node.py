@@ -1,9 +1,9 @@
-"""A node of one machine or several: takes commands, steps them and their soil, tells their state.
+"""ROS node of one machine or several: receives commands, steps the simulation, publishes the state.
 
-Its namespace is the name of its only machine, or lies above those of several. When they may step is
-told by `machine_sim.node.machine_run`, what happens in a step by `machine_sim.simulation`, what is told of each by
-`machine_sim.node.machine_publishers`; callbacks here only hand over. It takes the terrain, the length of a tick and
-the swell of the soil from the soil's own topics.
+The node's namespace is the name of its only machine, or the parent of those of several. Callbacks
+only pass messages on: when to step is decided in `machine_run`, the physics of a step is in
+`machine_sim.simulation`, publications are in `machine_publishers`, joining and recovery in
+`run_membership`. Terrain, tick period and soils come from the soil's topics.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from dataclasses import asdict
 from functools import partial
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from std_msgs.msg import String
 
 from machine_sim.commands import CommandParams
@@ -22,11 +23,13 @@ from machine_sim.machine.forward_kinematics import link_frame_name, link_frame_n
 from machine_sim.machine.visuals import link_visual_boxes, shoe_visual
 from machine_sim.node.command_scheduler import CommandScheduler
 from machine_sim.node.command_subscriptions import CommandSubscriptions
+from machine_sim.node.machine_diagnostics import MachineDiagnostics
 from machine_sim.node.machine_instance import MachineInstance, create_machine_instances
 from machine_sim.node.machine_publishers import MachinePublishers
 from machine_sim.node.machine_run import MachineRun, first_session_id
 from machine_sim.node.machine_transport import MachineTransport
 from machine_sim.node.params import BinParams, MachineInstanceParams, MachineNodeParams
+from machine_sim.node.run_membership import RunMembership
 from machine_sim.node.sensor_publishers import SensorPublishers
 from machine_sim.node.shared_publishers import SharedPublishers
 from machine_sim.node.state_publishers import StatePublishers
@@ -44,7 +47,7 @@ from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.messages import Keyframe, Message
 from msg_bridge.contract.topics import parent_namespace, resolve
 from msg_bridge.exchange.machine_exchange import JoinState
-from msg_bridge.nodes.diagnostics import Diagnostics, Level
+from msg_bridge.nodes.diagnostics import Diagnostics
 from msg_bridge.nodes.process_main import run_node
 from msg_bridge.nodes.ros_parameters import declare_parameters, on_parameter_change
 from msg_bridge.nodes.sim_node import SimNode
@@ -53,34 +56,29 @@ from msg_bridge.nodes.subscription_poller import SubscriptionPoller
 
 __all__ = ["MachineNode", "main"]
 
-_RETRANSMIT_PERIOD = 0.25
-"""Wall time without an answer after which what is missing is asked for again [s]."""
-
-
-_REJOIN_PERIOD = 5.0
-"""Wall time after which one that was refused asks again [s]."""
-
+_PROGRESS_CHECK_PERIOD = 0.25
+"""Wall time without progress after which missing messages are requested again [s]."""
 
 _CHANGEABLE = ("state_rate", "particle_rate", "transform_rate", "marker_rate", "hash_rate")
-"""Parameters that may be set while the node runs."""
+"""Parameters that may be changed while the node runs."""
 
 
 class MachineNode(SimNode):
-    """Machines and the soil they move.
+    """Node of one machine or several.
 
     Attributes:
-        units: the machines.
-        run: they in the present run of the soil; None until there is one.
-        diagnostics: what `/diagnostics` says of it.
+        instances: the machines, independent of a run.
+        run: the machines in the present run of the soil; None until there is one.
+        diagnostics: diagnostics of the node.
     """
 
     def __init__(self, **kwargs: Any) -> None:
         """
         Args:
-            kwargs: for `rclpy.node.Node`; the namespace is `/excavator` if not given.
+            kwargs: arguments of `rclpy.node.Node`; the namespace is `/excavator` by default.
 
         Raises:
-            EarthmovingError: a bad parameter or machine file.
+            EarthmovingError: an invalid parameter or machine file.
         """
         super().__init__("machine_sim", **{"namespace": "/excavator", **kwargs})
         self._params = declare_parameters(self, MachineNodeParams, changeable=_CHANGEABLE)
@@ -89,126 +87,131 @@ class MachineNode(SimNode):
         self._particles = declare_parameters(self, ParticleParams, "particles.")
         self._sensor_params = declare_parameters(self, SensorParams, "sensors.")
         self._commands = declare_parameters(self, CommandParams, "commands.")
-        several = self._params.machines
-        each = {
-            name: declare_parameters(self, MachineInstanceParams, f"{name}.") for name in several
+        params_of_machines = {
+            name: declare_parameters(self, MachineInstanceParams, f"{name}.")
+            for name in self._params.machines
         }
         self.instances = create_machine_instances(
-            each or {"": self._params}, self._stepping.track_model, self._commands
+            params_of_machines or {"": self._params}, self._stepping.track_model, self._commands
         )
         self._bins = {
             name: declare_parameters(self, BinParams, f"{name}.") for name in self._params.bins
         }
         warm_up(self._particles)
         self.run: MachineRun | None = None
-        kinds = ", ".join(unit.spec.name for unit in self.instances)
+        machine_types = ", ".join(instance.spec.name for instance in self.instances)
         simulation = parent_namespace(self.get_namespace())
-        self.diagnostics = Diagnostics(self, "machine_sim", kinds, simulation_namespace=simulation)
-        self.diagnostics.add_task(self._diagnose)
+        self.diagnostics = Diagnostics(
+            self, "machine_sim", machine_types, simulation_namespace=simulation
+        )
+        self._machine_diagnostics = MachineDiagnostics(self.diagnostics, self.instances)
         self._shared_publishers = SharedPublishers(self, self._bins)
-        self._machine_publishers = [self._create_publishers(unit) for unit in self.instances]
-        self._facts: RunFacts | None = None
-        self._keyframe: Keyframe | None = None
+        self._machine_publishers = [self._create_publishers(each) for each in self.instances]
+        self._membership = RunMembership(
+            self._missing_subscribers, self._send, self.diagnostics, self.get_logger()
+        )
         self._leaving = False
-        self._last_progress: tuple[Any, ...] = ()  # where it stood when looked at last
-        self._stalled_since = 0.0  # wall clock since when it stands there [s]
-        self._max_tick_duration = 0.0
+        self._published_session_id = -1
         reject = self.diagnostics.reject
-        inbox = self._poller = SubscriptionPoller(self, self._advance)
-        self._transport = MachineTransport(self, inbox, self._receive, reject)
+        self._poller = SubscriptionPoller(self, self._advance)
+        self._transport = MachineTransport(self, self._poller, self._receive, reject)
         self._config_topic = resolve(topics.SIM_CONFIG, simulation)
-        inbox.subscribe(String, self._config_topic, qos.TRANSIENT_LOCAL, self._on_config)
+        self._poller.subscribe(String, self._config_topic, qos.TRANSIENT_LOCAL, self._on_config)
         self._command_poller = SubscriptionPoller(self, self._advance)
-        for k, unit in enumerate(self.instances):
+        for k, instance in enumerate(self.instances):
             CommandSubscriptions(
                 self._command_poller,
-                unit.arbiter,
+                instance.arbiter,
                 partial(self._command_scheduler, k),
                 reject,
-                unit.topic_prefix,
+                instance.topic_prefix,
             )
-        self.create_timer(_RETRANSMIT_PERIOD, self._check_progress)
+        self.create_timer(_PROGRESS_CHECK_PERIOD, self._check_progress)
 
     def stop(self) -> None:
-        """Leave the run, so that the others need not wait."""
+        """Leave the run in one more tick, so that other nodes need not wait for a timeout."""
         self._leaving = True
         if self.run is not None and self.run.endpoint.is_ready:
             self._do_step(self.run)
 
     @property
     def stopping(self) -> bool:
-        """Whether it still has to say goodbye."""
+        """Whether the departure from the run is not complete yet."""
         return self.run is not None and self.run.endpoint.exchange.joined
 
     def _set_params(self, params: MachineNodeParams) -> None:
         self._params = params
 
     def destroy_node(self) -> None:
-        """Free the machines, too."""
-        run = getattr(self, "run", None)  # not there if a parameter was bad
+        """Destroy the node and release the physics of its machines."""
+        run = getattr(self, "run", None)  # missing if a parameter was invalid
         if run is not None:
             run.close()
-            self.run = None
+            self.run = self._machine_diagnostics.run = None
         super().destroy_node()
 
-    def _create_publishers(self, unit: MachineInstance) -> MachinePublishers:
-        """A machine's topics."""
-        machine, namespace = unit.spec, self.get_namespace().strip("/")
-        prefix, frames = unit.frame_prefix(namespace), link_frame_names(machine)
-        looks = (link_visual_boxes(machine), shoe_visual(machine))
-        topics = StatePublishers(
+    def _create_publishers(self, instance: MachineInstance) -> MachinePublishers:
+        """Create the topics of a machine."""
+        machine, namespace = instance.spec, self.get_namespace().strip("/")
+        prefix, frames = instance.frame_prefix(namespace), link_frame_names(machine)
+        visuals = (link_visual_boxes(machine), shoe_visual(machine))
+        state_publishers = StatePublishers(
             self,
-            unit.topic_prefix,
+            instance.topic_prefix,
             frame_prefix=prefix,
-            command_names=unit.command_names,
+            command_names=instance.command_names,
             frames=frames,
-            link_count=len(machine.links),
+            num_links=len(machine.links),
             tool_frames={
                 name: link_frame_name(mount.link) for name, mount in machine.tools.items()
             },
             has_payload=machine.can_carry_soil,
-            markers=MarkerSet(frames, *looks, namespace=unit.name or namespace or machine.name),
+            markers=MarkerSet(
+                frames, *visuals, namespace=instance.name or namespace or machine.name
+            ),
             publish_tf=self._params.publish_tf,
         )
         imus = [imu.name for imu in machine.imus]
-        sensor_topics = SensorPublishers(self, unit.topic_prefix, frame_prefix=prefix, imus=imus)
-        return MachinePublishers(unit, topics, sensor_topics, self._sensor_params, prefix)
+        sensor_publishers = SensorPublishers(
+            self, instance.topic_prefix, frame_prefix=prefix, imus=imus
+        )
+        return MachinePublishers(
+            instance, state_publishers, sensor_publishers, self._sensor_params, prefix
+        )
 
     def _command_scheduler(self, k: int) -> CommandScheduler | None:
-        """The levers of the machine of some number; None while there is no run."""
+        """Return the command scheduler of machine `k`; None while there is no run."""
         return None if self.run is None else self.run.schedulers[k]
 
-    # Entering a run.
+    # Joining a run.
 
     def _on_config(self, msg: String) -> None:
         try:
-            self._facts = parse_run_facts(msg.data)
+            facts = parse_run_facts(msg.data)
         except EarthmovingError as error:
             self.diagnostics.reject(self._config_topic, str(error))
             return
-        self._transport.maps.set_cell(self._facts.cell)
+        self._membership.facts = facts
+        self._transport.maps.set_cell(facts.cell)
         self._start_new_run()
 
     def _receive(self, message: Message) -> None:
-        if isinstance(message, Keyframe) and (
-            self._keyframe is None or message.run_id != self._keyframe.run_id
-        ):
-            self._keyframe = message
+        if isinstance(message, Keyframe) and self._membership.is_first_keyframe(message):
+            self._membership.keyframe = message
             self._start_new_run()
         if self.run is not None:
             self.run.endpoint.receive(message)
 
     def _start_new_run(self) -> None:
-        """Take part in the run that the soil has begun, once both its words on it are here."""
-        facts, keyframe = self._facts, self._keyframe
-        if facts is None or keyframe is None or facts.run_id != keyframe.run_id or self._leaving:
+        """Set up the machines for a run that has begun, and join it."""
+        new_run = self._membership.new_run(self.run)
+        if new_run is None or self._leaving:
             return
+        facts, keyframe = new_run
         if self.run is not None:
-            if self.run.facts.run_id == facts.run_id:
-                return
             self.run.close()
-            for unit in self.instances:
-                unit.arbiter.reset()
+            for instance in self.instances:
+                instance.arbiter.reset()
         self.run = MachineRun(
             self.instances,
             self._params,
@@ -219,122 +222,102 @@ class MachineNode(SimNode):
             bins=[params.spec for params in self._bins.values()],
             session_id=first_session_id(self.get_namespace(), facts.run_id, time.time()),
         )
+        self._machine_diagnostics.run = self.run
         self._published_session_id = -1
-        for k, station in enumerate(self._machine_publishers):
-            station.start_run(self._params.seed, k)
+        for k, publishers in enumerate(self._machine_publishers):
+            publishers.start_run(self._params.seed, k)
         self._shared_publishers.publish_config(self._config(facts))
-        self._join(self.run)
+        self._membership.join(self.run)
 
-    def _join(self, run: MachineRun) -> None:
-        missing = unmatched_topics(self, self._params.required_subscribers)
-        if missing:
-            text = f"waiting for listeners of {', '.join(missing)}"
-            self.get_logger().info(text, throttle_duration_sec=2.0)
-            return
-        run.endpoint.join()
-        self._send(run)
+    def _missing_subscribers(self) -> list[str]:
+        """Return the topics that a required subscriber does not subscribe yet."""
+        return unmatched_topics(self, self._params.required_subscribers)
 
     # The tick.
 
     def _advance(self) -> None:
-        """Take the soil's answer if it is complete, and do the next tick."""
+        """Apply the soil's answer if it is complete, and perform the next tick."""
         run = self.run
         if run is None:
             return
         exchange = run.endpoint.exchange
-        answered = run.endpoint.poll() is not None
+        has_answer = run.endpoint.poll() is not None
         self._poller.set_polling(exchange.is_missing_rows)
-        if answered and run.is_due(run.tick, self._params.hash_rate):
+        if has_answer and run.is_due(run.tick, self._params.hash_rate):
             self._publish_state_hash(run)
         if run.endpoint.is_ready and exchange.session_id != self._published_session_id:
             self._published_session_id = exchange.session_id
             self._publish_state(run, run.tick)
         if run.endpoint.is_ready:
-            self._command_poller.take_all()  # all commands that have come by now count
+            self._command_poller.take_all()  # commands that have arrived by now apply
             if run.can_step or self._leaving:
                 self._do_step(run)
         elif exchange.join_state is JoinState.OUT and not self._leaving:
-            self._handle_not_joined(run)
-
-    def _handle_not_joined(self, run: MachineRun) -> None:
-        exchange = run.endpoint.exchange
-        if exchange.dropped:
-            self.get_logger().warning("the soil went on without this machine; it comes back now")
-            self.diagnostics.count("times_dropped")
-            self._join(run)
-        elif exchange.rejection_reason:
-            self.diagnostics.problem(
-                f"refused by the soil: {exchange.rejection_reason}", Level.ERROR
-            )
-            text = f"refused by the soil: {exchange.rejection_reason}"
-            self.get_logger().error(text, throttle_duration_sec=5.0)
+            self._membership.handle_not_joined(run)
 
     def _do_step(self, run: MachineRun) -> None:
-        began = time.perf_counter()
+        """Perform one tick and publish its results."""
+        start = time.perf_counter()
         stamp = self._stamp(run, run.endpoint.next_tick)
-        # Told before the step, so that who commands knows at once.
-        for station, command in zip(
+        # Published before the step, without its computing time as delay.
+        for publishers, command in zip(
             self._machine_publishers, run.apply_commands(time.monotonic()), strict=True
         ):
-            station.publish_applied_command(command, stamp)
+            publishers.publish_applied_command(command, stamp)
         run.endpoint.step(leave=self._leaving)
         self._send(run)
         self._publish_state(run, run.tick)
-        self._max_tick_duration = max(self._max_tick_duration, time.perf_counter() - began)
+        self._machine_diagnostics.record_tick(time.perf_counter() - start)
 
     def _send(self, run: MachineRun) -> None:
+        """Send the messages that the exchange has produced."""
         self._transport.send(run.endpoint.drain_outbox(), self._stamp(run, max(run.tick, 0)))
 
     def _check_progress(self) -> None:
-        """Ask again for what has not come; judged by what goes on, since others are heard too."""
+        """Recover from lost messages, drops and rejections, and repeat the state while waiting."""
         run = self.run
         if run is None or (self._leaving and not run.endpoint.exchange.joined):
             return
-        exchange, now = run.endpoint.exchange, time.monotonic()
-        place = (exchange.run_id, exchange.session_id, exchange.tick, exchange.join_state)
-        stuck = place == self._last_progress
-        if not stuck:
-            self._last_progress, self._stalled_since = place, now
-        if exchange.join_state is JoinState.OUT:
-            # One that was refused is refused again unless something has changed: no hurry.
-            if not exchange.rejection_reason or now - self._stalled_since >= _REJOIN_PERIOD:
-                self._join(run)
-        elif exchange.join_state is JoinState.READY and not run.can_step:
-            self._publish_state(run, run.tick)  # a controller that has just come must see the state
+        if run.endpoint.exchange.join_state is JoinState.READY and not run.can_step:
+            self._publish_state(run, run.tick)  # for a controller that has just started
             self._publish_state_hash(run)
-        if stuck and exchange.join_state is not JoinState.OUT:
-            exchange.request_missing()
-            self._send(run)
+        self._membership.recover(run, time.monotonic())
 
-    # What is published.
+    # Publications.
 
     def _publish_state_hash(self, run: MachineRun) -> None:
+        """Publish the state hash of the last tick."""
         stamp, digest = self._stamp(run, run.tick), run.sim.state_hash()
         self._shared_publishers.publish_state_hash(
             StateHash(run.facts.run_id, run.tick, stamp, digest)
         )
 
     def _publish_state(self, run: MachineRun, tick: int) -> None:
-        """Publish the state at the end of a tick, as far as it is due."""
+        """Publish those parts of the state at the end of a tick that are due."""
         sim, stamp = run.sim, self._stamp(run, tick)
         is_due = partial(run.is_due, tick)
-        for station, rig in zip(self._machine_publishers, sim.simulated_machines, strict=True):
-            station.publish(rig, self._params, is_due, tick * run.facts.tick_period, stamp)
+        sim_time = tick * run.facts.tick_period
+        for publishers, simulated in zip(
+            self._machine_publishers, sim.simulated_machines, strict=True
+        ):
+            publishers.publish(simulated, self._params, is_due, sim_time, stamp)
         if is_due(self._params.state_rate):
             for name, each in zip(self._bins, sim.bins, strict=True):
-                load = PayloadState(**asdict(each.payload), time=tick * run.facts.tick_period)
-                self._shared_publishers.publish_payload(name, load)
+                payload = PayloadState(**asdict(each.payload), time=sim_time)
+                self._shared_publishers.publish_payload(name, payload)
         if is_due(self._params.particle_rate):
             self._shared_publishers.publish_particles(sim.particles, stamp)
 
-    def _stamp(self, run: MachineRun, tick: int) -> Any:
+    def _stamp(self, run: MachineRun, tick: int) -> Time:
+        """Return the simulation time at the end of a tick."""
         return stamp_from_tick(tick, run.facts.tick_period)
 
     def _config(self, facts: RunFacts) -> str:
-        several = {unit.name: asdict(unit.params) for unit in self.instances if unit.name}
+        """Return all parameters of the node as YAML."""
+        machines = {each.name: asdict(each.params) for each in self.instances if each.name}
         sections = {
             "machine_sim": asdict(self._params),
-            **({"machines": several} if several else {}),
+            **({"machines": machines} if machines else {}),
             "bins": {name: asdict(params) for name, params in self._bins.items()},
             "stepping": asdict(self._stepping),
             "particles": asdict(self._particles),
@@ -342,33 +325,6 @@ class MachineNode(SimNode):
             "commands": asdict(self._commands),
         }
         return to_config_yaml(facts, sections)
-
-    def _diagnose(self) -> None:
-        run = self.run
-        if run is None:
-            self.diagnostics.set("join_state", "waiting for the soil")
-            return
-        sim, particles = run.sim, run.sim.particles
-        values: dict[str, Any] = {
-            "join_state": run.endpoint.exchange.join_state.value,
-            "tick": run.tick,
-            "particles": particles.count,
-            "pending_mm3": sim.pending_mm3,
-            "tunnelled": particles.num_plate_tunnellings + particles.num_ground_tunnellings,
-            "slowest_tick_ms": f"{1e3 * self._max_tick_duration:.2f}",
-        }
-        self._max_tick_duration = 0.0
-        for station, rig in zip(self._machine_publishers, sim.simulated_machines, strict=True):
-            values |= station.diagnostics(rig)
-        for key, value in values.items():
-            self.diagnostics.set(key, value)
-        pairs = zip(self.instances, sim.simulated_machines, strict=True)
-        fallen = [unit.name or "the machine" for unit, rig in pairs if rig.machine.overturned]
-        if fallen:
-            told = ", ".join(f"{name} has fallen over" for name in fallen)
-            self.diagnostics.problem(f"{told}; begin anew by /sim/reset")
-        elif run.endpoint.exchange.joined:
-            self.diagnostics.clear()
 
 
 def main(args: list[str] | None = None) -> int:

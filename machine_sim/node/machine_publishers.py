@@ -1,10 +1,10 @@
-"""What one machine of a node tells: its state, load, looks and sensors, each when it is due."""
+"""Publications of one machine: state, payload, visuals and sensors, each at its rate."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,95 +32,84 @@ class MachinePublishers:
     """One machine of a node and its topics.
 
     Attributes:
-        unit: the machine.
+        instance: the machine.
     """
 
     def __init__(
         self,
-        unit: MachineInstance,
-        topics: StatePublishers,
-        sensor_topics: SensorPublishers,
+        instance: MachineInstance,
+        state_publishers: StatePublishers,
+        sensor_publishers: SensorPublishers,
         sensor_params: SensorParams,
-        prefix: str,
+        frame_prefix: str,
     ) -> None:
         """
         Args:
-            unit: the machine.
-            topics, sensor_topics: what it is told on.
+            instance: the machine.
+            state_publishers, sensor_publishers: its topics.
             sensor_params: rate and errors of its sensors.
-            prefix: put before each frame's name.
+            frame_prefix: prefix of each frame.
         """
-        self.instance = unit
-        self._state_publishers, self._sensor_publishers = topics, sensor_topics
-        self._sensor_params, self._prefix = sensor_params, prefix
+        self.instance = instance
+        self._state_publishers, self._sensor_publishers = state_publishers, sensor_publishers
+        self._sensor_params, self._frame_prefix = sensor_params, frame_prefix
 
     def start_run(self, seed: int, machine_index: int) -> None:
-        """Begin a run: say what the machine is.
+        """Begin a run: reset the sensors and publish the robot description.
 
         Args:
-            seed: of the errors of its sensors.
-            number: of the machine among those of the node.
+            seed: seed of the sensor errors.
+            machine_index: index of the machine in the node.
         """
         spec = self.instance.spec
         self._sensors = Sensors(spec, self._sensor_params, seed, machine_index)
-        urdf = urdf_text(spec, prefix=self._prefix, virtual_base=True, include_cylinders=True)
+        urdf = urdf_text(spec, prefix=self._frame_prefix, virtual_base=True, include_cylinders=True)
         self._state_publishers.publish_description(urdf)
 
     def publish_applied_command(self, command: AppliedCommand, stamp: Time) -> None:
-        """Tell the command that takes effect in the tick that ends at `stamp`."""
+        """Publish the command that takes effect in the tick that ends at `stamp`."""
         self._state_publishers.publish_applied_command(
             np.concatenate([command.joints, command.tracks]), stamp
         )
 
     def publish(
         self,
-        rig: SimulatedMachine,
+        simulated: SimulatedMachine,
         params: MachineNodeParams,
         is_due: Callable[[float], bool],
         time: float,
         stamp: Time,
     ) -> None:
-        """Tell how the machine is.
+        """Publish those parts of the state that are due.
 
         Args:
-            rig: the machine at work.
-            params: how often what is told.
-            due: whether what is told so many times a simulated second is due now.
+            simulated: the machine in the present run.
+            params: rates.
+            is_due: returns whether a publication with a rate [Hz of simulated time] is due.
             time: simulation time [s].
-            stamp: the same.
+            stamp: simulation time.
         """
-        machine = rig.machine
+        machine = simulated.machine
         if is_due(params.state_rate):
-            self._publish_state(rig, time, stamp)
+            self._publish_state(simulated, time, stamp)
         if is_due(self._sensor_params.rate):
             self._publish_sensors(machine, time, stamp)
         if is_due(params.transform_rate) or is_due(params.marker_rate):
-            pose = (*machine.base_pose, machine.joint_positions)
-            poses = link_poses(self.instance.spec, *pose)
+            poses = link_poses(self.instance.spec, *machine.base_pose, machine.joint_positions)
             if is_due(params.transform_rate):
                 self._state_publishers.publish_transforms(*poses, stamp)
             if is_due(params.marker_rate):
                 self._state_publishers.publish_markers(poses, machine.tracks.shoe_poses, stamp)
 
-    def diagnostics(self, rig: SimulatedMachine) -> dict[str, Any]:
-        """What `/diagnostics` says of the machine at work."""
-        values = {
-            "payload_fill": f"{rig.payload.fill:.3f}",
-            "emergency_stop": self.instance.arbiter.is_stopped,
-            "tilt_rad": f"{rig.machine.tilt:.3f}",
-            "overturned": rig.machine.overturned,
-        }
-        return {self.instance.topic_prefix + key: value for key, value in values.items()}
-
-    def _publish_state(self, rig: SimulatedMachine, time: float, stamp: Time) -> None:
-        machine = rig.machine
+    def _publish_state(self, simulated: SimulatedMachine, time: float, stamp: Time) -> None:
+        machine = simulated.machine
         self._state_publishers.publish_state(
             self._joint_values(machine),
             BaseState(*machine.base_pose, *machine.base_velocity),
-            PayloadState(**asdict(rig.payload), time=time),
+            PayloadState(**asdict(simulated.payload), time=time),
             {
-                name: ToolWrench(*work.wrench, work.tool.pose[0])
-                for name, work in rig.couplings.items()
+                name: ToolWrench(*coupling.wrench, coupling.tool.pose[0])
+                for name, coupling in simulated.couplings.items()
             },
             stamp,
         )
@@ -129,12 +118,14 @@ class MachinePublishers:
     def _publish_sensors(self, machine: TrackedMachine, time: float, stamp: Time) -> None:
         imus, encoders = self._sensors.read(machine, time)
         for imu in imus:
-            told = (imu.quaternion, imu.angular_velocity, imu.specific_force)
-            self._sensor_publishers.publish_imu(imu.name, link_frame_name(imu.frame), *told, stamp)
+            values = (imu.quaternion, imu.angular_velocity, imu.specific_force)
+            self._sensor_publishers.publish_imu(
+                imu.name, link_frame_name(imu.frame), *values, stamp
+            )
         self._sensor_publishers.publish_encoders(self.instance.spec.joint_names, *encoders)
 
     def _joint_values(self, machine: TrackedMachine) -> JointValues:
-        """All joints: the machine's own, then those of the pistons, which only follow."""
+        """Return the values of the machine's joints, then of the passive joints of the pistons."""
         spec = self.instance.spec
         angles, rates = machine.joint_positions, machine.joint_velocities
         pistons = cylinder_joint_states(spec, angles.tolist(), rates.tolist())

@@ -1,6 +1,6 @@
-"""A run of a node's machines: what they are told, when they step, and what is due to be told.
+"""The machines of a node in one run: their commands, when they step, which publications are due.
 
-Knows no messages' carrier and reads no clock: the caller says what time it is.
+Independent of the transport and of clocks: the caller passes the time.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from msg_bridge.exchange.machine_exchange import MachineExchange
 __all__ = ["MachineRun", "first_session_id"]
 
 _MAX_CLOCK_DIFFERENCE = 2**16
-"""By how much hosts may disagree on the time [s]."""
+"""Maximum difference between the clocks of two hosts [s]."""
 
 
 class MachineRun:
     """The machines of a node in one run of the soil.
 
     Attributes:
-        facts: of the run, as the soil tells them.
-        side: the machines and their end of the exchange.
-        cabs: their levers, in the order given.
+        facts: parameters of the run, from the soil.
+        endpoint: the machines and their end of the exchange.
+        schedulers: command scheduler of each machine, in the order given.
     """
 
     def __init__(
@@ -53,21 +53,21 @@ class MachineRun:
     ) -> None:
         """
         Args:
-            units: the machines.
-            params: their number in the exchange, and seed.
-            stepping, particles: physics; the number of steps in a tick follows from the run's.
-            facts: of the run.
-            keyframe: the terrain they are set down on.
-            bins: boxes that stand there to be filled.
-            life: number below 2**32 that no life of this source has had in this run.
+            instances: the machines.
+            params: machine id and seed of the node.
+            stepping, particles: physics; the number of steps per tick follows from the tick period.
+            facts: parameters of the run.
+            keyframe: initial terrain.
+            bins: bins on the terrain.
+            session_id: id below 2**32 that no session of this machine id has had in this run.
 
         Raises:
-            ParameterError: the soil's tick is not a whole number of physics steps.
-            MachineError: a place off the map.
+            ParameterError: the tick period is not a multiple of the physics step.
+            MachineError: a position off the map, or overlapping machines.
         """
         self.facts = facts
         sim = MachineSim(
-            [unit.placement for unit in instances],
+            [instance.placement for instance in instances],
             keyframe.grid,
             keyframe.elevation,
             params=_with_steps_per_tick(stepping, facts),
@@ -81,53 +81,55 @@ class MachineRun:
         exchange = MachineExchange(params.machine_id, run_id=facts.run_id, session_id=session_id)
         self.endpoint = MachineEndpoint(sim, exchange)
         self.schedulers = [
-            CommandScheduler(unit, rig, self.endpoint, facts)
-            for unit, rig in zip(instances, sim.simulated_machines, strict=True)
+            CommandScheduler(instance, simulated, self.endpoint, facts)
+            for instance, simulated in zip(instances, sim.simulated_machines, strict=True)
         ]
 
     @property
     def sim(self) -> MachineSim:
-        """The machines and their particles."""
+        """The simulation of machines and particles."""
         return self.endpoint.sim
 
     @property
     def tick(self) -> int:
-        """The last tick done."""
+        """Number of the last completed tick."""
         return self.endpoint.tick
 
     @property
     def can_step(self) -> bool:
-        """Whether the next tick can be done: answers taken, and commands there if awaited."""
-        return self.endpoint.is_ready and all(cab.has_awaited_command for cab in self.schedulers)
+        """Whether the next tick can be performed: answers and awaited commands have arrived."""
+        return self.endpoint.is_ready and all(
+            scheduler.has_awaited_command for scheduler in self.schedulers
+        )
 
     def apply_commands(self, wall: float) -> list[AppliedCommand]:
-        """Give each machine what takes effect in the tick that begins now.
+        """Apply to each machine the command that takes effect in the tick that begins now.
 
         Args:
             wall: a monotonic wall clock [s].
         """
-        return [cab.apply_command(wall) for cab in self.schedulers]
+        return [scheduler.apply_command(wall) for scheduler in self.schedulers]
 
     def is_due(self, tick: int, rate: float) -> bool:
-        """Whether what is told `rate` times a simulated second is due after a tick."""
+        """Return whether a publication with a rate [Hz of simulated time] is due after a tick."""
         if rate <= 0.0:
             return False
         return tick % max(1, round(1.0 / (rate * self.facts.tick_period))) == 0
 
     def close(self) -> None:
-        """Free what the machines hold."""
+        """Release the physics engine."""
         self.sim.close()
 
 
 def first_session_id(name: str, run_id: int, now: float) -> int:
-    """A life above those that earlier processes of a machine had in a run, and no other machine's.
+    """Return a session id above those of earlier processes of a node, and unique among nodes.
 
-    Machines that were given the same source by mistake are told apart by it, even if they begin in
-    the same instant. In a run of more than 2**22 s (48 days) lives begin from 0 again.
+    It distinguishes nodes with the same machine id by mistake, even if they start at the same time.
+    In a run of more than 2**22 s (48 days) the ids start from 0 again.
 
     Args:
-        name: of the machine's node, its namespace.
-        epoch: of the run; the soil counts it up from the time at which it was started.
+        name: namespace of the node.
+        run_id: id of the run; the soil starts counting at its start time.
         now: seconds since 1970.
     """
     seconds = (int(now) - run_id + _MAX_CLOCK_DIFFERENCE) % 2**22
@@ -135,13 +137,13 @@ def first_session_id(name: str, run_id: int, now: float) -> int:
 
 
 def _with_steps_per_tick(stepping: MachineSimParams, facts: RunFacts) -> MachineSimParams:
-    """The stepping with as many physics steps as the soil's tick takes."""
+    """Return the stepping with the number of physics steps of the soil's tick period."""
     steps = round(facts.tick_period / stepping.physics_step)
     if steps < 1 or not math.isclose(
         steps * stepping.physics_step, facts.tick_period, rel_tol=1e-9
     ):
         raise ParameterError(
-            f"the soil's tick is {facts.tick_period} s, not a whole number of physics steps of"
-            f" {stepping.physics_step} s; set stepping.physics_step or the soil's tick to fit"
+            f"the tick period of the soil is {facts.tick_period} s, not a multiple of the physics"
+            f" step of {stepping.physics_step} s; change stepping.physics_step or tick_period"
         )
     return replace(stepping, steps_per_tick=steps)

@@ -1,4 +1,4 @@
-"""Carries a machine's exchange over topics: the same messages as the direct transport."""
+"""Transport of a machine node's exchange over topics; the messages are those of the direct one."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ _RECEIVED_STREAMS = (Stream.CONVERSION, Stream.MAP_UPDATE, Stream.FORCE)
 
 
 class MachineTransport:
-    """Topics of the exchange as a machine uses them.
+    """Topics of the exchange of a machine node.
 
     Attributes:
-        maps: to be told the side length of a column once that is known.
+        maps: decoder of terrain maps; it needs the cell size of the run.
     """
 
     def __init__(
@@ -49,10 +49,10 @@ class MachineTransport:
     ) -> None:
         """
         Args:
-            node: whose topics they are; `soil_tick` and `conversion_backlog` lie in its namespace.
-            inbox: of the node, for what the soil sends.
-            receive: takes each message; may raise ExchangeError.
-            refuse: told topic and reason of a message that cannot be taken.
+            node: node of the topics; `soil_tick` and `conversion_backlog` are in its namespace.
+            poller: poller of the node for messages of the soil.
+            receive: called with each message; it may raise ExchangeError.
+            reject: called with topic and reason of an invalid message.
         """
         self._receive = receive
         self._reject = reject
@@ -87,7 +87,7 @@ class MachineTransport:
         )
         for stream in _RECEIVED_STREAMS:
             decode = partial(decode_chunk, stream=stream)
-            # The header comes after the rows that it counts.
+            # The header follows the rows that it counts.
             subscribe(
                 PointCloud2,
                 resolve(STREAM_TOPICS[stream], simulation),
@@ -107,7 +107,7 @@ class MachineTransport:
         poller.subscribe(PointCloud2, self.maps.topic, qos.TRANSIENT_LOCAL, self.maps.read)
 
     def send(self, messages: Iterable[Message], stamp: Time) -> None:
-        """Publish what the machine has to say; rows are stamped with the end of their tick."""
+        """Publish messages of the machine; rows are stamped with the end of their tick."""
         for message in messages:
             if isinstance(message, RowChunk):
                 self._rows[message.stream].publish(chunk_to_cdr(message, MAP_FRAME, stamp))
@@ -124,5 +124,5 @@ class MachineTransport:
 def _decode_soil_message(data: bytes) -> Message:
     message = decode_array(data)
     if not isinstance(message, (SoilHeader, RetransmitRequest)):
-        raise ExchangeError(f"a {type(message).__name__} is nothing the soil says here")
+        raise ExchangeError(f"a {type(message).__name__} is not a message of the soil to machines")
     return message

@@ -1,4 +1,4 @@
-"""What the sensors of a machine say."""
+"""Topics of the sensors of one machine."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ __all__ = ["SensorPublishers"]
 
 
 class SensorPublishers:
-    """Publishers of one machine's inertial units (`imu/<name>/data`) and joint encoders (`joint_states_measured`)."""
+    """Publishers of inertial units (`imu/<name>/data`) and encoders (`joint_states_measured`)."""
 
     def __init__(
         self, node: Node, topic_prefix: str = "", *, frame_prefix: str, imus: Sequence[str]
     ) -> None:
         """
         Args:
-            node: whose topics they are.
-            folder: put before each topic's name: empty, or a machine's name and a slash.
-            prefix: put before each frame's name.
+            node: node of the publishers.
+            topic_prefix: prefix of each topic: empty, or a machine's name and a slash.
+            frame_prefix: prefix of each frame.
             imus: names of the inertial units.
         """
         self._frame_prefix = frame_prefix
@@ -47,7 +47,7 @@ class SensorPublishers:
         specific_force: ArrayLike,
         stamp: Time,
     ) -> None:
-        """Publish what a unit says; see `to_imu`, but for the frame's name without its prefix."""
+        """Publish the reading of a unit; arguments as for `to_imu`, the frame without prefix."""
         msg = to_imu(
             quaternion, angular_velocity, specific_force, self._frame_prefix + frame, stamp
         )
@@ -56,5 +56,5 @@ class SensorPublishers:
     def publish_encoders(
         self, names: Sequence[str], time: float, angles: ArrayLike, speeds: ArrayLike
     ) -> None:
-        """Publish what the encoders say; see `to_encoder_joint_state`."""
+        """Publish the reading of the encoders; arguments as for `to_encoder_joint_state`."""
         self._encoders.publish(to_encoder_joint_state(names, time, angles, speeds))

@@ -1,4 +1,4 @@
-"""What the machines of a node have in common: particles, the hash of their state, parameters."""
+"""Topics that the machines of a node share: particles, state hash, parameters, bins."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ __all__ = ["SharedPublishers"]
 
 
 class SharedPublishers:
-    """Publishers in the namespace of a machines' node, one of each however many they are."""
+    """Publishers in the namespace of a machine node."""
 
     def __init__(self, node: Node, bins: Iterable[str] = ()) -> None:
         """
         Args:
-            node: whose topics they are.
-            bins: names of what stands there to be filled.
+            node: node of the publishers.
+            bins: names of the bins.
         """
         self._particles = node.create_publisher(PointCloud2, topics.PARTICLES, qos.STATE)
         self._hash = node.create_publisher(String, topics.MACHINE_STATE_HASH, qos.STATE)
@@ -44,7 +44,7 @@ class SharedPublishers:
         self._config.publish(String(data=text))
 
     def publish_payload(self, name: str, payload: PayloadState) -> None:
-        """Publish what is in a bin."""
+        """Publish the payload of a bin."""
         self._payloads[name].publish(to_payload_array(payload))
 
     def publish_particles(self, particles: SoilEngine, stamp: Time) -> None:

@@ -1,4 +1,4 @@
-"""What a machine tells everybody: its state, its load, its looks, what it is told to do."""
+"""Topics of one machine: state, payload, wrenches, transforms, markers, applied commands."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ __all__ = ["StatePublishers"]
 
 
 class StatePublishers:
-    """Publishers of one machine's state, in its node's namespace or a folder of it."""
+    """Publishers of one machine's state, in its node's namespace or one below it."""
 
     def __init__(
         self,
@@ -51,7 +51,7 @@ class StatePublishers:
         frame_prefix: str,
         command_names: Sequence[str],
         frames: Sequence[str],
-        link_count: int,
+        num_links: int,
         tool_frames: Mapping[str, str],
         has_payload: bool,
         markers: MarkerSet,
@@ -59,20 +59,20 @@ class StatePublishers:
     ) -> None:
         """
         Args:
-            node: whose topics they are.
-            folder: put before each topic's name: empty, or a machine's name and a slash.
-            prefix: put before each frame's name.
-            command_names: of what is commanded.
-            frames: of the links, the base first, then of what is only seen.
-            link_count: how many of them are the links'.
-            tool_frames: that of each tool, by the tool's name.
-            holds_soil: whether it tells a payload.
-            markers: how the machine looks.
-            publish_tf: whether to publish `/tf` where its message is installed.
+            node: node of the publishers.
+            topic_prefix: prefix of each topic: empty, or a machine's name and a slash.
+            frame_prefix: prefix of each frame.
+            command_names: names of joints and tracks.
+            frames: frames of the links, the base first, then of the pistons.
+            num_links: number of frames of links.
+            tool_frames: frame of each tool, by the tool's name.
+            has_payload: whether the machine publishes a payload.
+            markers: visuals of the machine.
+            publish_tf: whether to publish `tf` where its message is installed.
         """
         self._command_names = tuple(command_names)
         self._frames = [frame_prefix + frame for frame in frames]
-        self._link_count = link_count
+        self._num_links = num_links
         self._tool_frames = {tool: frame_prefix + frame for tool, frame in tool_frames.items()}
         self._markers = markers
 
@@ -95,14 +95,14 @@ class StatePublishers:
         self._tf = None if tf is None else node.create_publisher(type(tf), tf_topic, qos.STATE)
 
     def publish_description(self, urdf: str) -> None:
-        """Publish what the machine is."""
+        """Publish the robot description (URDF)."""
         self._description.publish(String(data=urdf))
 
     def publish_applied_command(self, velocities: ArrayLike, stamp: Time) -> None:
         """Publish the command that takes effect in the tick that ends at `stamp`.
 
         Args:
-            velocities: of the joints [rad/s], then the tracks [m/s], in the order of their names.
+            velocities: velocities of the joints [rad/s], then of the tracks [m/s].
             stamp: end of the tick.
         """
         self._applied.publish(to_command_state(self._command_names, velocities, stamp))
@@ -115,7 +115,7 @@ class StatePublishers:
         wrenches: Mapping[str, ToolWrench],
         stamp: Time,
     ) -> None:
-        """Publish joints, base, load and the soil's reaction at each tool."""
+        """Publish joints, base, payload, and the wrench of the soil on each tool."""
         self._joints.publish(to_joint_state(joints, base, stamp))
         self._odom.publish(to_odometry(base, self._frames[0], stamp, frame_id=MAP_FRAME))
         if self._payload is not None:
@@ -124,13 +124,13 @@ class StatePublishers:
             self._wrenches[tool].publish(to_wrench(*wrench, self._tool_frames[tool], stamp))
 
     def publish_cylinders(self, cylinders: Mapping[str, CylinderState], time: float) -> None:
-        """Publish the cylinders by joint, as of `time` [s]."""
+        """Publish the state of the cylinders by joint at simulation time `time` [s]."""
         self._cylinders.publish(to_cylinder_array(cylinders, time))
 
     def publish_transforms(self, positions: ArrayLike, quaternions: ArrayLike, stamp: Time) -> None:
-        """Publish the pose of every link in the map; of what is only seen on `/tf` alone."""
+        """Publish the pose of every link in the map; those of pistons on `tf` only."""
         messages = to_transforms(self._frames, positions, quaternions, stamp)
-        for message in messages[: self._link_count]:
+        for message in messages[: self._num_links]:
             self._transforms.publish(message)
         if self._tf is not None:
             self._tf.publish(to_tf_message(messages))
@@ -138,5 +138,5 @@ class StatePublishers:
     def publish_markers(
         self, link_poses: tuple[ArrayLike, ArrayLike], shoe_poses: ArrayLike, stamp: Time
     ) -> None:
-        """Publish how the machine looks."""
+        """Publish the markers of links and shoes."""
         self._marker_array.publish(self._markers.at(link_poses, shoe_poses, stamp))

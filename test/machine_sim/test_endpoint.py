@@ -1,4 +1,4 @@
-"""A machine behind its end of the exchange, with a soil that only keeps books."""
+"""Machine endpoint with a soil that only keeps volume accounts."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from msg_bridge.exchange.machine_exchange import MachineExchange
 from msg_bridge.exchange.soil_exchange import SoilExchange
 
 
-class Books:
-    """A soil's end of the exchange at height `height`, that answers what the test says."""
+class FakeSoil:
+    """A soil's end of the exchange on level terrain, with answers given by the test."""
 
     def __init__(self, side: MachineEndpoint) -> None:
         self.side = side
         self.height = 0.0
         self.exchange = SoilExchange(GRID, lambda: np.full(GRID.shape, self.height))
-        self.said: list[object] = []
+        self.messages: list[object] = []
 
     @property
     def header(self) -> MachineHeader:
-        """What the machine said of its latest tick."""
-        (header,) = (each for each in self.said if isinstance(each, MachineHeader))
+        """Header of the machine's latest tick."""
+        (header,) = (each for each in self.messages if isinstance(each, MachineHeader))
         return header
 
     def to_soil(self) -> None:
-        self.said = self.side.drain_outbox()
-        for message in self.said:
+        self.messages = self.side.drain_outbox()
+        for message in self.messages:
             self.exchange.receive(message)
 
     def answer(self, parcels: tuple[int, ...] = (), raised: float | None = None) -> None:
-        """Do a tick: parcels [mm^3] for the machine, and one column raised to a height [m]."""
+        """Answer a tick: parcels [mm^3] for the machine, one column raised to a height [m]."""
         self.to_soil()
         tick = self.exchange.poll()
         assert tick is not None
@@ -65,18 +65,18 @@ def side() -> Iterator[MachineEndpoint]:
 
 
 @pytest.fixture
-def books(side: MachineEndpoint) -> Books:
-    """A soil that the machine has joined."""
-    made = Books(side)
+def soil(side: MachineEndpoint) -> FakeSoil:
+    """Return a soil that the machine has joined."""
+    soil = FakeSoil(side)
     side.join()
-    made.answer()
-    return made
+    soil.answer()
+    return soil
 
 
-def test_a_machine_is_ready_once_it_has_been_welcomed_with_the_terrain(
+def test_machine_is_ready_once_it_has_joined_and_received_the_terrain(
     side: MachineEndpoint,
 ) -> None:
-    soil = Books(side)
+    soil = FakeSoil(side)
     side.join()
     assert not side.is_ready
     soil.height = 0.25
@@ -86,17 +86,19 @@ def test_a_machine_is_ready_once_it_has_been_welcomed_with_the_terrain(
     assert (side.sim.ground.elevation == 0.25).all()
 
 
-def test_a_tick_sends_header_and_sweep(side: MachineEndpoint, books: Books) -> None:
+def test_a_tick_sends_header_and_sweep(side: MachineEndpoint, soil: FakeSoil) -> None:
     side.step()
     assert (side.tick, side.exchange.tick) == (1, 0)
-    books.to_soil()
-    header = books.header
+    soil.to_soil()
+    header = soil.header
     assert (header.tick, header.verb, header.previous_tick) == (1, Verb.STEP, 0)
-    (sweep,) = (each for each in books.said if isinstance(each, RowChunk))
+    (sweep,) = (each for each in soil.messages if isinstance(each, RowChunk))
     assert (sweep.stream, sweep.rows.size) == (Stream.SWEEP, header.sweeps.count)
 
 
-def test_the_tick_after_the_next_waits_for_the_answer(side: MachineEndpoint, books: Books) -> None:
+def test_the_tick_after_the_next_waits_for_the_answer(
+    side: MachineEndpoint, soil: FakeSoil
+) -> None:
     side.step()
     assert side.is_ready
     side.step()
@@ -107,10 +109,10 @@ def test_the_tick_after_the_next_waits_for_the_answer(side: MachineEndpoint, boo
 
 
 def test_an_answer_is_taken_after_the_next_tick_and_not_sooner(
-    side: MachineEndpoint, books: Books
+    side: MachineEndpoint, soil: FakeSoil
 ) -> None:
     side.step()
-    books.answer(parcels=(700,))
+    soil.answer(parcels=(700,))
     assert side.poll() is None
     side.step()
     assert side.poll() is not None
@@ -118,10 +120,10 @@ def test_an_answer_is_taken_after_the_next_tick_and_not_sooner(
 
 
 def test_the_answer_becomes_pending_soil_and_new_ground(
-    side: MachineEndpoint, books: Books
+    side: MachineEndpoint, soil: FakeSoil
 ) -> None:
     side.step()
-    books.answer(parcels=(5_000_000, 700), raised=0.125)
+    soil.answer(parcels=(5_000_000, 700), raised=0.125)
     side.step()
     answer = side.poll()
     assert answer is not None
@@ -132,17 +134,15 @@ def test_the_answer_becomes_pending_soil_and_new_ground(
     assert side.poll() is None  # it is applied once
 
 
-def test_what_was_cut_moves_on_with_the_tool_until_it_is_a_particle(
-    side: MachineEndpoint, books: Books
-) -> None:
+def test_pending_soil_moves_with_the_tool(side: MachineEndpoint, soil: FakeSoil) -> None:
     side.sim.command(np.array([0.5, 0.0, 0.0, 0.0]), np.zeros(2))
     for _ in range(30):
         side.step()
-        books.answer()
+        soil.answer()
         side.poll()
     side.step()
     cut_at = side.sim.machine.tool.pose
-    books.answer(parcels=(5_000_000,))  # at the map's origin
+    soil.answer(parcels=(5_000_000,))  # at the map's origin
     side.poll()
     side.step()
     _, place = side.sim.machine.tool.pose
@@ -152,54 +152,52 @@ def test_what_was_cut_moves_on_with_the_tool_until_it_is_a_particle(
     np.testing.assert_allclose(point, cut_at[0].T @ -cut_at[1], atol=1e-12)
 
 
-def test_totals_in_the_header_are_those_after_the_answer(
-    side: MachineEndpoint, books: Books
-) -> None:
+def test_totals_in_the_header_include_the_answer(side: MachineEndpoint, soil: FakeSoil) -> None:
     side.step()
-    books.answer(parcels=(5_000_000,))
+    soil.answer(parcels=(5_000_000,))
     side.step()
     side.poll()
-    books.answer()
+    soil.answer()
     side.step()
-    books.to_soil()
-    header = books.header
+    soil.to_soil()
+    header = soil.header
     assert header.pending_mm3 + header.particles_mm3 == 5_000_000
     assert header.conversions_received == 1
 
 
-def test_who_leaves_is_not_ready_again_and_says_so(side: MachineEndpoint, books: Books) -> None:
+def test_leaving_machine_sends_leave_and_is_not_ready(
+    side: MachineEndpoint, soil: FakeSoil
+) -> None:
     side.step(leave=True)
-    books.answer()
-    assert books.header.verb is Verb.LEAVE
+    soil.answer()
+    assert soil.header.verb is Verb.LEAVE
     assert side.poll() is not None
     assert not side.is_ready
     assert not side.exchange.joined
 
 
-def test_who_comes_back_brings_its_soil_and_is_given_what_it_is_owed(
-    side: MachineEndpoint, books: Books
+def test_rejoining_machine_keeps_its_soil_and_receives_the_backlog(
+    side: MachineEndpoint, soil: FakeSoil
 ) -> None:
     side.step()
-    books.answer(parcels=(3_000_000,))
+    soil.answer(parcels=(3_000_000,))
     side.step()
     side.poll()
-    books.answer()
+    soil.answer()
     side.step(leave=True)
-    books.answer(parcels=(40,))  # moved in its last tick, which it does not take
+    soil.answer(parcels=(40,))  # moved in its last tick, which it does not take
     side.poll()
     assert side.sim.pending_mm3 + side.sim.particles.total_volume_mm3 == 3_000_000
     side.join()
-    books.height = 0.5
-    books.to_soil()
-    assert books.header.verb is Verb.REJOIN
-    books.answer()
+    soil.height = 0.5
+    soil.to_soil()
+    assert soil.header.verb is Verb.REJOIN
+    soil.answer()
     assert side.is_ready
     assert side.sim.pending_mm3 + side.sim.particles.total_volume_mm3 == 3_000_040
     assert (side.sim.ground.elevation == 0.5).all()
 
 
-def test_a_keyframe_of_another_run_is_no_terrain_of_this_one(
-    side: MachineEndpoint, books: Books
-) -> None:
+def test_keyframe_of_another_run_is_ignored(side: MachineEndpoint, soil: FakeSoil) -> None:
     side.receive(Keyframe(9, 1, GRID, np.ones(GRID.shape)))
     assert (side.sim.ground.elevation == 0.0).all()

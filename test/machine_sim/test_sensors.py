@@ -1,4 +1,4 @@
-"""Sensors: what an inertial unit feels, how late and how noisy encoders are."""
+"""Sensors: readings of inertial units and encoders, their delay and errors."""
 
 import math
 from dataclasses import replace
@@ -18,8 +18,8 @@ STILL = (np.zeros(3), np.zeros(3))
 STEP = 0.02
 
 
-def moment(swing=0.0, rate=0.0, pose=None, velocity=STILL):
-    """A machine at a moment, its swing turning."""
+def motion(swing=0.0, rate=0.0, pose=None, velocity=STILL):
+    """Return a machine state with a swing angle and rate."""
     joints = np.array([swing, -0.7, 1.85, 1.9])
     return SimpleNamespace(
         base_pose=pose or (np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])),
@@ -38,10 +38,10 @@ def pitched(angle):
 
 
 @pytest.mark.parametrize("pitch", [0.0, 0.3, -0.6])
-def test_at_rest_a_unit_feels_gravity_in_its_own_axes(pitch):
+def test_unit_at_rest_measures_gravity_in_its_own_axes(pitch):
     units = sensors()
     for k in range(3):
-        readings, _ = units.read(moment(pose=pitched(pitch)), k * STEP)
+        readings, _ = units.read(motion(pose=pitched(pitch)), k * STEP)
         for reading in readings:
             expected = [-9.81 * math.sin(pitch), 0.0, 9.81 * math.cos(pitch)]
             np.testing.assert_allclose(reading.specific_force, expected, atol=1e-9)
@@ -49,10 +49,10 @@ def test_at_rest_a_unit_feels_gravity_in_its_own_axes(pitch):
     assert [reading.name for reading in readings] == ["base", "upper"]
 
 
-def test_a_unit_on_the_upper_body_feels_the_swing():
+def test_unit_on_the_upper_body_measures_the_swing():
     units, rate = sensors(), 1.0
     for k in range(20):
-        (base, upper), _ = units.read(moment(rate * k * STEP, rate), k * STEP)
+        (base, upper), _ = units.read(motion(rate * k * STEP, rate), k * STEP)
     mount = next(imu for imu in MACHINE.imus if imu.name == "upper")
     np.testing.assert_allclose(upper.angular_velocity, [0.0, 0.0, rate], atol=1e-12)
     np.testing.assert_allclose(base.angular_velocity, 0.0, atol=1e-12)
@@ -62,15 +62,15 @@ def test_a_unit_on_the_upper_body_feels_the_swing():
     assert upper.specific_force[2] == pytest.approx(9.81)
 
 
-def test_braking_is_felt_forward():
+def test_braking_gives_a_backward_acceleration():
     units = sensors()
     for k in range(3):
         speed = np.array([1.0 - 2.0 * k * STEP, 0.0, 0.0])
-        (base, _), _ = units.read(moment(velocity=(speed, np.zeros(3))), k * STEP)
+        (base, _), _ = units.read(motion(velocity=(speed, np.zeros(3))), k * STEP)
     np.testing.assert_allclose(base.specific_force, [-2.0, 0.0, 9.81], atol=1e-9)
 
 
-def test_links_move_as_their_poses_do():
+def test_link_velocities_are_the_derivatives_of_link_poses():
     rng, step = np.random.default_rng(3), 1e-6
     for _ in range(20):
         place, velocity, angular_velocity = rng.normal(size=(3, 3))
@@ -114,11 +114,11 @@ def test_links_move_as_their_poses_do():
             np.testing.assert_allclose(motion.velocity_at(point), expected, atol=1e-5)
 
 
-def test_encoders_tell_what_was_a_while_ago():
+def test_encoders_report_with_their_delay():
     units = sensors(encoder_delay=0.05)
     times = []
     for k in range(10):
-        _, encoders = units.read(moment(swing=0.1 * k, rate=5.0), k * STEP)
+        _, encoders = units.read(motion(swing=0.1 * k, rate=5.0), k * STEP)
         times.append(encoders.time)
         assert encoders.angles[0] == pytest.approx(0.1 * encoders.time / STEP)
         assert encoders.speeds[0] == 5.0
@@ -126,7 +126,7 @@ def test_encoders_tell_what_was_a_while_ago():
     assert times == pytest.approx([0, 0, 0, 0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.12])
 
 
-def test_errors_have_the_sizes_asked_for_and_are_the_same_again():
+def test_errors_have_the_given_deviations_and_are_reproducible():
     asked = {
         "accelerometer_noise": 0.05,
         "gyro_noise": 0.01,
@@ -136,12 +136,12 @@ def test_errors_have_the_sizes_asked_for_and_are_the_same_again():
 
     def read(seed):
         units = sensors(seed, **asked)
-        readings = [units.read(moment(), k * STEP) for k in range(2000)]
+        readings = [units.read(motion(), k * STEP) for k in range(2000)]
         forces = np.array([imus[0].specific_force for imus, _ in readings])
         spins = np.array([imus[1].angular_velocity for imus, _ in readings])
         angles = np.array([encoders.angles for _, encoders in readings])
         speeds = np.array([encoders.speeds for _, encoders in readings])
-        return forces - [0.0, 0.0, 9.81], spins, angles - moment().joint_positions, speeds
+        return forces - [0.0, 0.0, 9.81], spins, angles - motion().joint_positions, speeds
 
     for errors, size in zip(read(1), asked.values(), strict=True):
         assert errors.std() == pytest.approx(size, rel=0.05)
@@ -151,10 +151,10 @@ def test_errors_have_the_sizes_asked_for_and_are_the_same_again():
         assert (one != other).any()
 
 
-def test_a_bias_stays_for_a_run_and_is_another_in_each():
+def test_bias_is_constant_in_a_run_and_differs_between_seeds():
     def bias(seed):
         units = sensors(seed, accelerometer_bias=0.1, gyro_bias=0.01)
-        first, later = (units.read(moment(), k * STEP)[0][0] for k in range(2))
+        first, later = (units.read(motion(), k * STEP)[0][0] for k in range(2))
         np.testing.assert_array_equal(first.specific_force, later.specific_force)
         return np.concatenate([first.specific_force - [0.0, 0.0, 9.81], first.angular_velocity])
 
@@ -163,7 +163,7 @@ def test_a_bias_stays_for_a_run_and_is_another_in_each():
     assert biases[:, 3:].std() == pytest.approx(0.01, rel=0.15)
 
 
-def test_a_machine_without_units_has_encoders():
-    readings, encoders = Sensors(replace(MACHINE, imus=()), SensorParams(), 0).read(moment(), 0.0)
+def test_machine_without_inertial_units_has_encoders():
+    readings, encoders = Sensors(replace(MACHINE, imus=()), SensorParams(), 0).read(motion(), 0.0)
     assert readings == []
-    np.testing.assert_array_equal(encoders.angles, moment().joint_positions)
+    np.testing.assert_array_equal(encoders.angles, motion().joint_positions)

@@ -1,4 +1,4 @@
-"""Several machines of several kinds in one node: who sweeps, who gets what was cut, who is hit."""
+"""Several machines in one simulation: tool ids, excavated soil, collisions, bins."""
 
 from dataclasses import replace
 
@@ -33,34 +33,34 @@ def simulate():
         sim.close()
 
 
-def go_on(sim: MachineSim, ticks: int) -> None:
+def run(sim: MachineSim, ticks: int) -> None:
     for _ in range(ticks):
         sim.step()
         sim.apply(*NOTHING)
 
 
-def test_tools_and_tracks_are_numbered_through(simulate) -> None:
+def test_tool_ids_are_consecutive_over_machines(simulate) -> None:
     sim = simulate(Placement(EXCAVATOR, (-4.0, 0.0)), Placement(HEADER, (4.0, 0.0)))
     for rig in sim.simulated_machines:
         rig.machine.command(np.zeros(len(rig.machine.spec.joints)), [0.5, 0.5])
-    go_on(sim, 20)
+    run(sim, 20)
     sweeps = sim.step().sweeps
     assert np.unique(sweeps["tool"]).tolist() == [0, 1, 2, 3, 4, 5]
     tools = [sweeps[sweeps["tool"] == k] for k in range(6)]
     assert [rows.size for rows in tools] == [14, 4, 4, 26, 4, 4]
-    assert (tools[3]["action"] == SweepAction.COMPACT).all()  # its head stands still
+    assert (tools[3]["action"] == SweepAction.COMPACT).all()  # its head does not spin
 
 
-def test_a_head_that_spins_mills(simulate) -> None:
+def test_spinning_head_mills(simulate) -> None:
     sim = simulate(Placement(HEADER))
     sim.machine.command({"head": 5.0}, [0.0, 0.0])
-    go_on(sim, 100)
+    run(sim, 100)
     sweeps = sim.step().sweeps
     assert (sweeps["action"][:26] == SweepAction.MILL).all()
     assert sim.machine.joint_velocities[2] == pytest.approx(5.0, rel=0.01)
 
 
-def test_what_was_cut_goes_to_the_nearest_tool(simulate) -> None:
+def test_excavated_soil_is_credited_to_the_nearest_tool(simulate) -> None:
     sim = simulate(Placement(EXCAVATOR, (-6.0, 0.0)), Placement(HEADER, (6.0, 0.0)))
     works = [work for rig in sim.simulated_machines for work in rig.couplings.values()]
     rows = empty_rows(CONVERSION, 2)
@@ -73,7 +73,7 @@ def test_what_was_cut_goes_to_the_nearest_tool(simulate) -> None:
     assert sim.pending_mm3 == 300
 
 
-def test_a_lip_is_nearer_than_the_pin_of_another_bucket(simulate) -> None:
+def test_distance_to_a_tool_is_that_of_its_nearest_key_point(simulate) -> None:
     sim = simulate(Placement(EXCAVATOR, (-4.0, 0.0)), Placement(EXCAVATOR, (-4.0, 8.0)))
     first = sim.simulated_machines[0].couplings["bucket"]
     rotation, pin = first.tool.pose
@@ -84,7 +84,7 @@ def test_a_lip_is_nearer_than_the_pin_of_another_bucket(simulate) -> None:
     assert first.pending.total_mm3 == 100
 
 
-def test_nothing_is_set_down_in_something_else(simulate) -> None:
+def test_overlapping_objects_are_rejected(simulate) -> None:
     with pytest.raises(MachineError, match=r"dumper at \(0\.0, 0\.0\) m and the dumper at"):
         simulate(Placement(DUMPER), Placement(DUMPER, (0.5, 0.0)))
     with pytest.raises(MachineError, match=r"the bin at .* overlap"):
@@ -95,7 +95,7 @@ def test_machines_collide(simulate) -> None:
     sim = simulate(Placement(DUMPER, (0.0, 0.0)), Placement(DUMPER, (6.0, 0.0), np.pi))
     for rig in sim.simulated_machines:
         rig.machine.command([0.0], [1.0, 1.0])
-    go_on(sim, 400)
+    run(sim, 400)
     gap = (
         sim.simulated_machines[1].machine.base_pose[0][0]
         - sim.simulated_machines[0].machine.base_pose[0][0]
@@ -103,30 +103,30 @@ def test_machines_collide(simulate) -> None:
     assert 3.5 < gap < 6.0  # their frames and cabs meet; unhindered they would have met and gone by
 
 
-def test_commands_to_one_move_no_other(simulate) -> None:
+def test_command_moves_only_its_machine(simulate) -> None:
     sim = simulate(Placement(EXCAVATOR, (-5.0, 0.0)), Placement(DUMPER, (5.0, 0.0)))
     sim.simulated_machines[1].machine.command({"bed": -0.2}, [0.5, 0.5])
-    go_on(sim, 150)
+    run(sim, 150)
     first, second = (rig.machine for rig in sim.simulated_machines)
     assert np.linalg.norm(first.base_pose[0][:2] - [-5.0, 0.0]) < 0.02
     assert second.base_pose[0][0] > 5.4
     assert second.joint_positions[0] < -0.15
 
 
-def test_soil_in_a_bed_is_its_payload_and_rides_along(simulate) -> None:
+def test_soil_in_a_bed_is_payload_and_moves_with_it(simulate) -> None:
     sim = simulate(Placement(DUMPER))
     machine, rig = sim.machine, sim.simulated_machines[0]
     rotation, origin = machine.tool.pose
     rng = np.random.default_rng(0)
     local = rng.uniform((0.4, -0.9, 0.2), (3.0, 0.9, 0.9), (150, 3))
     sim.particles.add(local @ rotation.T + origin, np.zeros_like(local), 4_000_000)
-    go_on(sim, 150)
+    run(sim, 150)
     assert rig.payload.bank == pytest.approx(0.6)
     assert rig.payload.mass == pytest.approx(960.0)
     machine.command([0.0], [1.0, 1.0])
-    go_on(sim, 200)
+    run(sim, 200)
     machine.command([0.0], [0.0, 0.0])
-    go_on(sim, 50)
+    run(sim, 50)
     assert machine.base_pose[0][0] > 1.5
     assert rig.payload.bank == pytest.approx(0.6)
     machine.command([-0.2], [0.0, 0.0])
@@ -141,18 +141,18 @@ def test_soil_in_a_bed_is_its_payload_and_rides_along(simulate) -> None:
     assert rig.payload.bank < 0.01
 
 
-def test_a_bin_holds_what_falls_into_it_and_stops_a_machine(simulate) -> None:
+def test_bin_collects_soil_and_stops_a_machine(simulate) -> None:
     sim = simulate(Placement(DUMPER, (-6.0, 0.0)), bins=[BinSpec((0.0, 0.0), np.pi / 2)])
     rng = np.random.default_rng(0)
     drop = rng.uniform((-0.9, -1.6, 0.2), (0.9, 1.6, 1.2), (200, 3))
     aside = [[4.0, 4.0, 0.3]]
     sim.particles.add([*drop, *aside], np.zeros((201, 3)), 4_000_000)
     sim.machine.command([0.0], [1.0, 1.0])
-    go_on(sim, 700)
+    run(sim, 700)
     (hopper,) = sim.bins
     assert hopper.payload.bank == pytest.approx(0.8)
     assert hopper.payload.loose == pytest.approx(hopper.payload.fill * 19.4, rel=0.2)
-    assert sim.machine.base_pose[0][0] < -3.0  # its cab stands at the bin's wall
+    assert sim.machine.base_pose[0][0] < -3.0  # its cab touches the wall of the bin
 
 
 @pytest.mark.parametrize(
@@ -163,28 +163,28 @@ def test_a_bin_holds_what_falls_into_it_and_stops_a_machine(simulate) -> None:
         (lambda: BinSpec((999.0, 0.0)), "off the map: place the bin on it"),
     ],
 )
-def test_bad_bins_are_refused(simulate, spec, words) -> None:
+def test_invalid_bins_are_rejected(simulate, spec, words) -> None:
     with pytest.raises(MachineError, match=words):
         simulate(Placement(DUMPER), bins=[spec()])
 
 
-def test_a_carrier_without_joints_and_tools_drives(simulate) -> None:
+def test_machine_without_joints_and_tools_drives(simulate) -> None:
     bare = replace(DUMPER, links={"base": DUMPER.links["base"]}, joints={}, cylinders={}, tools={})
     sim = simulate(Placement(replace(bare, home=np.zeros(0))))
     sim.machine.command([], [1.0, 1.0])
-    go_on(sim, 100)
+    run(sim, 100)
     assert sim.machine.base_pose[0][0] > 0.5
     assert sim.payload.mass == 0.0
     with pytest.raises(MachineError, match="give one with `tools`"):
         _ = sim.tool_coupling
 
 
-def test_there_is_one_machine_at_least(simulate) -> None:
+def test_simulation_needs_a_machine(simulate) -> None:
     with pytest.raises(MachineError, match="give one placement or more"):
         simulate()
 
 
-def test_two_kinds_dig_and_the_ledger_closes() -> None:
+def test_excavator_and_road_header_dig_and_the_volume_balances() -> None:
     soil = level_soil()
     angles = solve_arm_angles(EXCAVATOR, 7.0, 0.1 - arm_geometry(EXCAVATOR).swing[2], 2.0)
     digger = replace(EXCAVATOR, home=np.array([0.0, *angles]))
@@ -209,4 +209,4 @@ def test_two_kinds_dig_and_the_ledger_closes() -> None:
     world.close()
     assert imbalances == {0}
     assert taken > 300_000_000
-    assert max(milled) > 2e3  # the head feels what it cuts
+    assert max(milled) > 2e3  # the soil resists the head

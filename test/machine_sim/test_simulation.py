@@ -18,21 +18,24 @@ def machine():
 
 
 def drop(machine: MachineSim, count: int) -> None:
-    """Soil on the ground beside the machine."""
+    """Add particles on the ground beside the machine."""
     x = np.column_stack([np.linspace(4, 6, count), np.full(count, 5.0), np.full(count, 0.04)])
     machine.particles.add(x, np.zeros_like(x), 500_000)
 
 
 def land(machine: MachineSim):
+    """Step until a deposit is requested, and return that tick."""
     for _ in range(100):
         step = machine.step()
         if step.deposit_requests.size:
             return step
         machine.apply(*NOTHING)
-    raise AssertionError("nothing landed in a second")
+    raise AssertionError("no deposit request within a second")
 
 
-def test_soil_at_rest_is_offered_once_and_kept_until_answered(machine: MachineSim) -> None:
+def test_deposit_of_settled_soil_is_requested_once_and_kept_until_answered(
+    machine: MachineSim,
+) -> None:
     drop(machine, 3)
     step = land(machine)
     assert step.deposit_requests["volume_mm3"].tolist() == [500_000] * 3
@@ -42,7 +45,7 @@ def test_soil_at_rest_is_offered_once_and_kept_until_answered(machine: MachineSi
     assert machine.particles.total_volume_mm3 == 1_500_000
 
 
-def test_an_answered_landing_takes_the_particle_away(machine: MachineSim) -> None:
+def test_accepted_deposit_removes_the_particle(machine: MachineSim) -> None:
     drop(machine, 3)
     step = land(machine)
     answer = empty_rows(CONVERSION, 2)
@@ -52,7 +55,9 @@ def test_an_answered_landing_takes_the_particle_away(machine: MachineSim) -> Non
     assert machine.particles.ids.tolist() == [step.deposit_requests["particle_id"][2]]
 
 
-def test_a_refused_landing_lets_the_particle_go_and_it_lands_again(machine: MachineSim) -> None:
+def test_rejected_deposit_releases_the_particle_which_is_requested_again(
+    machine: MachineSim,
+) -> None:
     drop(machine, 1)
     step = land(machine)
     answer = empty_rows(CONVERSION, 1)
@@ -65,12 +70,12 @@ def test_a_refused_landing_lets_the_particle_go_and_it_lands_again(machine: Mach
     assert again.deposit_requests["particle_id"] == step.deposit_requests["particle_id"]
 
 
-def test_soil_that_leaves_the_map_is_offered_too(machine: MachineSim) -> None:
+def test_deposit_of_soil_off_the_map_is_requested(machine: MachineSim) -> None:
     machine.particles.add([[99.0, 0.0, 1.0]], [[0.0, 0.0, 0.0]], 500_000)
     assert machine.step().deposit_requests["x"][0] == pytest.approx(99.0, abs=0.1)
 
 
-def test_the_load_weighs_on_the_machine() -> None:
+def test_payload_loads_the_machine() -> None:
     boom = []
     for loaded in (True, False):
         machine = machine_on_level_ground(params=MachineSimParams(payload_coupling=loaded))
@@ -88,7 +93,7 @@ def test_the_load_weighs_on_the_machine() -> None:
     assert boom[0] > boom[1] + 20e3  # 0.8 t at more than 2.5 m
 
 
-def test_payload_is_what_is_in_the_bucket(machine: MachineSim) -> None:
+def test_payload_is_the_soil_in_the_bucket(machine: MachineSim) -> None:
     assert machine.payload.fill == 0.0
     rotation, origin = machine.machine.tool.pose
     local = np.array([[0.7, 0.0, 0.3], [0.8, 0.2, 0.2], [5.0, 0.0, 0.0]])
@@ -100,7 +105,7 @@ def test_payload_is_what_is_in_the_bucket(machine: MachineSim) -> None:
     assert payload.mass == pytest.approx(1.6)
 
 
-def test_a_bad_command_changes_nothing(machine: MachineSim) -> None:
+def test_invalid_command_changes_nothing(machine: MachineSim) -> None:
     with pytest.raises(MachineError):
         machine.command(np.array([np.nan, 0, 0, 0]), np.zeros(2))
     before = machine.machine.joint_positions
@@ -110,7 +115,7 @@ def test_a_bad_command_changes_nothing(machine: MachineSim) -> None:
     assert machine.machine.joint_positions == pytest.approx(before, abs=1e-3)
 
 
-def test_every_tick_tells_the_key_points(machine: MachineSim) -> None:
+def test_every_tick_has_sweeps_of_all_key_points(machine: MachineSim) -> None:
     first = machine.step().sweeps
     machine.apply(*NOTHING)
     second = machine.step().sweeps
@@ -118,7 +123,7 @@ def test_every_tick_tells_the_key_points(machine: MachineSim) -> None:
     assert np.array_equal(first["x1"], second["x0"])
 
 
-def test_equal_machines_have_equal_hashes_and_others_not() -> None:
+def test_state_hash_is_equal_for_equal_runs_only() -> None:
     hashes = []
     for speed in (0.3, 0.3, 0.31):
         machine = machine_on_level_ground()

@@ -20,12 +20,12 @@ def test_height_between_grid_points_is_bilinear() -> None:
     assert ground.height(0.37, -0.81) == pytest.approx(0.3 * 0.37 + 0.2 * 0.81 + 1.0)
 
 
-def test_the_edge_goes_on_level_beyond_the_map() -> None:
+def test_height_beyond_the_map_is_that_of_the_edge() -> None:
     ground = sloping()
     assert ground.height(99.0, 0.0) == pytest.approx(ground.height(2.5, 0.0))
 
 
-def test_lowered_cells_fall_at_once_and_raised_ones_rise_slowly() -> None:
+def test_lowered_cells_fall_at_once_and_raised_ones_at_limited_speed() -> None:
     ground = Ground(GRID, np.zeros(GRID.shape))
     cells = np.array([2, 5])
     ground.set_heights(cells, cells, np.array([-0.4, 0.1]))
@@ -39,7 +39,7 @@ def test_lowered_cells_fall_at_once_and_raised_ones_rise_slowly() -> None:
     assert np.array_equal(ground.surface, ground.elevation)
 
 
-def test_a_rising_cell_that_is_dug_again_stops_rising() -> None:
+def test_rising_cell_that_is_lowered_stops_rising() -> None:
     ground = Ground(GRID, np.zeros(GRID.shape))
     at = np.array([4])
     ground.set_heights(at, at, np.array([0.2]))
@@ -49,7 +49,7 @@ def test_a_rising_cell_that_is_dug_again_stops_rising() -> None:
     assert ground.surface[4, 4] == pytest.approx(0.01)
 
 
-def test_a_cell_that_is_told_again_rises_no_faster() -> None:
+def test_cell_that_is_updated_again_rises_no_faster() -> None:
     ground = Ground(GRID, np.zeros(GRID.shape))
     at = np.array([4])
     ground.set_heights(at, at, np.array([0.2]))
@@ -59,7 +59,7 @@ def test_a_cell_that_is_told_again_rises_no_faster() -> None:
     ground.advance(10.0)
     ground.set_heights(at, at, np.array([0.4]))
     ground.advance(0.1)
-    assert ground.surface[4, 4] == pytest.approx(0.3 + 0.1 * MAX_RISE_SPEED), "it rises anew"
+    assert ground.surface[4, 4] == pytest.approx(0.3 + 0.1 * MAX_RISE_SPEED), "it rises again"
 
 
 def changed(z: float, soil: int, moisture: int) -> Rows:
@@ -69,7 +69,7 @@ def changed(z: float, soil: int, moisture: int) -> Rows:
     return rows
 
 
-def test_ground_knows_what_its_surface_is_of() -> None:
+def test_ground_stores_soil_and_moisture_of_its_surface() -> None:
     ground = Ground(GRID, np.zeros(GRID.shape), soils=[LooseSoil(), LooseSoil(0.2)])
     ground.apply_changes(changed(-0.1, 1, 40))
     assert ground.surface[3, 4] == np.float32(-0.1)
@@ -83,14 +83,14 @@ def test_ground_knows_what_its_surface_is_of() -> None:
     assert (ground.moisture == 7).all()
 
 
-def test_ground_of_a_soil_that_is_not_known_is_refused() -> None:
+def test_unknown_soil_is_rejected() -> None:
     ground = Ground(GRID, np.zeros(GRID.shape))
     with pytest.raises(GroundError, match="soil id 1"):
         ground.apply_changes(changed(-0.1, 1, 0))
     assert ground.surface[3, 4] == 0.0
 
 
-def test_heights_that_are_not_finite_are_refused_and_change_nothing() -> None:
+def test_heights_that_are_not_finite_are_rejected_and_change_nothing() -> None:
     ground = sloping()
     before = ground.elevation.copy()
     with pytest.raises(GroundError, match="finite"):

@@ -1,4 +1,4 @@
-"""What the ground remembers of tracks, by what the soil tells of its columns."""
+"""Track compaction, from changes of height and bank volume of the columns."""
 
 from __future__ import annotations
 
@@ -25,65 +25,65 @@ def keyframe(elevation: np.ndarray, volume: np.ndarray) -> Keyframe:
     return Keyframe(1, 1, GRID, elevation, volume.astype(np.int64))
 
 
-def tell(ground: Ground, rise: float, came: float) -> None:
-    """The soil tells that the column rose by `rise` as `came` of bank soil came, both [m]."""
+def update(ground: Ground, rise: float, added: float) -> None:
+    """Raise the column by `rise` [m] with a change of bank height of `added` [m]."""
     rows = empty_rows(MAP_UPDATE, 1)
     rows["row"], rows["col"] = AT
     rows["z"] = ground.elevation[AT] + rise
-    rows["volume_mm3"] = ground.volume_mm3[AT] + came * 1e9 * GRID.cell**2
+    rows["volume_mm3"] = ground.volume_mm3[AT] + added * 1e9 * GRID.cell**2
     ground.apply_changes(rows)
     ground.advance(10.0)
 
 
-def test_a_column_that_falls_with_all_its_soil_was_pressed() -> None:
+def test_lowered_column_with_unchanged_volume_is_compacted() -> None:
     ground = loose_ground()
-    tell(ground, -0.05, 0.0)
+    update(ground, -0.05, 0.0)
     assert ground.surface[AT] == pytest.approx(-0.05)
     assert ground.undisturbed_surface[AT] == pytest.approx(0.0, abs=1e-6)
     assert ground.max_sinkage[AT] == pytest.approx(0.05)
 
 
-def test_one_that_is_dug_was_not() -> None:
+def test_excavated_column_is_not_compacted() -> None:
     ground = loose_ground()
-    tell(ground, -0.4, -0.4)
-    tell(ground, -0.25, -0.2)  # loose soil, that took more room
+    update(ground, -0.4, -0.4)
+    update(ground, -0.25, -0.2)  # loose soil of larger volume
     assert ground.undisturbed_surface[AT] == ground.surface[AT] == pytest.approx(-0.65)
     assert ground.max_sinkage[AT] == 0.0
 
 
-def test_one_whose_volume_is_not_known_was_not() -> None:
+def test_column_of_unknown_volume_is_not_compacted() -> None:
     ground = Ground(GRID, np.zeros(GRID.shape))
     ground.set_heights(np.array([3]), np.array([4]), np.array([-0.1]))
     assert ground.undisturbed_surface[AT] == ground.surface[AT] == -0.1
 
 
-def test_what_is_dug_while_it_is_pressed_is_told_apart() -> None:
+def test_simultaneous_excavation_and_compaction_are_separated() -> None:
     ground = loose_ground()
-    tell(ground, -0.15, -0.08)  # at most 0.1 m of it went
+    update(ground, -0.15, -0.08)  # at most 0.1 m of loose soil was removed
     assert ground.undisturbed_surface[AT] == pytest.approx(-0.1)
     assert ground.max_sinkage[AT] == pytest.approx(0.05)
 
 
-def test_soil_that_falls_into_a_rut_fills_it_and_is_no_hill() -> None:
+def test_soil_added_to_a_rut_fills_it() -> None:
     ground = loose_ground()
-    tell(ground, -0.05, 0.0)
-    tell(ground, 0.02, 0.016)
+    update(ground, -0.05, 0.0)
+    update(ground, 0.02, 0.016)
     assert ground.undisturbed_surface[AT] == pytest.approx(0.0, abs=1e-6)
     assert ground.max_sinkage[AT] == pytest.approx(0.03)
-    tell(ground, 0.05, 0.04)
+    update(ground, 0.05, 0.04)
     assert ground.undisturbed_surface[AT] == ground.surface[AT] == pytest.approx(0.02)
     assert ground.max_sinkage[AT] == 0.0
 
 
-def test_a_rut_that_is_dug_away_is_forgotten() -> None:
+def test_excavation_of_a_rut_clears_its_compaction() -> None:
     ground = loose_ground()
-    tell(ground, -0.05, 0.0)
-    tell(ground, -0.3, -0.3)
+    update(ground, -0.05, 0.0)
+    update(ground, -0.3, -0.3)
     assert ground.undisturbed_surface[AT] == ground.surface[AT] == pytest.approx(-0.35)
     assert ground.max_sinkage[AT] == 0.0
 
 
-def test_a_keyframe_is_followed_like_changes() -> None:
+def test_keyframe_updates_compaction_like_map_updates() -> None:
     ground = loose_ground()
     elevation, volume = np.zeros(GRID.shape), np.full(GRID.shape, 10.0 * 10**9)
     elevation[AT] = -0.05

@@ -1,4 +1,4 @@
-"""A machine's command topics: what is handed to whoever decides, with which time."""
+"""Command topics of a machine: the receiver gets each message with its time."""
 
 from __future__ import annotations
 
@@ -21,32 +21,34 @@ STAMP = 12.5
 
 
 class CommandReceiver:
-    """Writes down what it is told; refuses what the test says."""
+    """Records received commands, and rejects all while `rejection` is set."""
 
     def __init__(self) -> None:
-        self.told: list[tuple[Any, ...]] = []
-        self.refusal = ""
+        self.received: list[tuple[Any, ...]] = []
+        self.rejection = ""
 
     def _take(self, *what: Any) -> None:
-        if self.refusal:
-            raise EarthmovingError(self.refusal)
-        self.told.append(what)
+        if self.rejection:
+            raise EarthmovingError(self.rejection)
+        self.received.append(what)
 
-    def front(self, values: Any, now: float) -> None:
+    def receive_front(self, values: Any, now: float) -> None:
         self._take("front", list(values), now)
 
-    def tracks(self, values: Any, now: float) -> None:
+    def receive_tracks(self, values: Any, now: float) -> None:
         self._take("tracks", list(values), now)
 
-    def joints(
+    def receive_joints(
         self, names: Any, velocity: Any, position: Any, now: float, *, stamp: Any, sim_now: Any
     ) -> None:
         self._take("joints", list(names), list(velocity), list(position), now, stamp, sim_now)
 
-    def twist(self, linear: float, angular: float, now: float, *, stamp: Any, sim_now: Any) -> None:
+    def receive_twist(
+        self, linear: float, angular: float, now: float, *, stamp: Any, sim_now: Any
+    ) -> None:
         self._take("twist", linear, angular, now, stamp, sim_now)
 
-    def joy(self, axes: Any, buttons: Any, now: float, *, stamp: Any, sim_now: Any) -> None:
+    def receive_joy(self, axes: Any, buttons: Any, now: float, *, stamp: Any, sim_now: Any) -> None:
         self._take("joy", list(axes), list(buttons), now, stamp, sim_now)
 
     def emergency_stop(self, active: bool) -> None:
@@ -59,40 +61,40 @@ class CommandClock:
     sim_time = 3.0
 
     def __init__(self) -> None:
-        self.noted: list[float] = []
+        self.stamps: list[float] = []
 
     def command_time(self, wall: float) -> float:
         return 77.0
 
     def receive(self, stamp: float, deliver: Callable[[], bool]) -> None:
         if deliver():
-            self.noted.append(stamp)
+            self.stamps.append(stamp)
 
 
 class Machine:
-    """A node with the command topics, what came of them, and a sender."""
+    """A node with the command topics, a recording receiver, and a publisher of commands."""
 
     def __init__(self, ros: Ros) -> None:
         self.ros, self.receiver, self.times = ros, CommandReceiver(), CommandClock()
         self.running = True
-        self.refused: list[tuple[str, str]] = []
-        self.woken = 0
+        self.rejected: list[tuple[str, str]] = []
+        self.num_wake_ups = 0
         self.node = ros.node("machine", namespace="/digger")
         self.topics = CommandSubscriptions(
             SubscriptionPoller(self.node, self.wake),
             self.receiver,
             lambda: self.times if self.running else None,
-            lambda topic, reason: self.refused.append((topic, reason)),
+            lambda topic, reason: self.rejected.append((topic, reason)),
         )
 
     def wake(self) -> None:
-        self.woken += 1
+        self.num_wake_ups += 1
 
     def send(self, topic: str, message: Any) -> None:
         publisher = self.ros.publisher(f"/digger/{topic}", type(message), subscriptions=1)
-        before = self.woken
+        before = self.num_wake_ups
         publisher.publish(message)
-        self.ros.spin_until(lambda: self.woken > before, what=f"a message on {topic}")
+        self.ros.spin_until(lambda: self.num_wake_ups > before, what=f"a message on {topic}")
 
 
 @pytest.fixture
@@ -143,62 +145,62 @@ ALL: list[tuple[str, Callable[[], Any], tuple[Any, ...]]] = [
 
 
 @pytest.mark.parametrize(("topic", "message", "told"), ALL)
-def test_a_message_reaches_the_board_with_its_time_of_arrival(
+def test_receiver_gets_each_message_with_its_time_of_arrival(
     machine: Machine, topic: str, message: Callable[[], Any], told: tuple[Any, ...]
 ) -> None:
     machine.send(topic, message())
-    assert machine.receiver.told == [told]
-    assert machine.refused == []
+    assert machine.receiver.received == [told]
+    assert machine.rejected == []
 
 
 @pytest.mark.parametrize(
     ("topic", "message"),
     [("joint_commands", JointState(name=["arm"], velocity=[0.5])), ("cmd_vel", twist(1.0, 0.0))],
 )
-def test_a_zero_stamp_is_no_stamp(machine: Machine, topic: str, message: Any) -> None:
+def test_zero_stamp_counts_as_no_stamp(machine: Machine, topic: str, message: Any) -> None:
     machine.send(topic, message)
-    assert machine.receiver.told[0][-2:] == (None, 3.0)
+    assert machine.receiver.received[0][-2:] == (None, 3.0)
 
 
-def test_joint_and_drive_commands_are_noted_for_their_tick(machine: Machine) -> None:
+def test_joint_and_twist_commands_are_scheduled_by_their_stamp(machine: Machine) -> None:
     for topic, message, _ in ALL:
         machine.send(topic, message())
-    assert machine.times.noted == [STAMP] * 3  # two of joint_commands, one of cmd_vel
+    assert machine.times.stamps == [STAMP] * 3  # two of joint_commands, one of cmd_vel
 
 
-def test_what_the_board_refuses_is_told_and_not_noted(machine: Machine) -> None:
-    machine.receiver.refusal = "no such joint; name another"
+def test_rejected_command_is_reported_and_not_scheduled(machine: Machine) -> None:
+    machine.receiver.rejection = "no such joint; name another"
     for topic, message, _ in ALL:
         machine.send(topic, message())
-    assert machine.refused == [(topic, "no such joint; name another") for topic, _, _ in ALL]
-    assert machine.times.noted == []
+    assert machine.rejected == [(topic, "no such joint; name another") for topic, _, _ in ALL]
+    assert machine.times.stamps == []
 
 
-def test_without_a_run_all_but_the_emergency_stop_is_refused(machine: Machine) -> None:
+def test_without_a_run_only_the_emergency_stop_is_accepted(machine: Machine) -> None:
     machine.running = False
     for topic, message, _ in ALL:
         machine.send(topic, message())
-    assert machine.receiver.told == [("emergency_stop", True)]
-    assert [topic for topic, _ in machine.refused] == [topic for topic, _, _ in ALL[:-1]]
-    assert all("once it has joined" in reason for _, reason in machine.refused)
+    assert machine.receiver.received == [("emergency_stop", True)]
+    assert [topic for topic, _ in machine.rejected] == [topic for topic, _, _ in ALL[:-1]]
+    assert all("once it has joined" in reason for _, reason in machine.rejected)
 
 
-def test_a_publisher_that_does_its_best_only_is_heard(machine: Machine, ros: Ros) -> None:
+def test_best_effort_publisher_is_received(machine: Machine, ros: Ros) -> None:
     publisher = ros.publisher("/digger/cmd_vel", TwistStamped, COMMANDS, subscriptions=1)
 
     def heard() -> bool:
         publisher.publish(twist(1.0, 0.0))
-        return bool(machine.receiver.told)
+        return bool(machine.receiver.received)
 
     ros.spin_until(heard)
 
 
-def test_commands_that_have_arrived_are_taken_in_one_wake(machine: Machine, ros: Ros) -> None:
+def test_waiting_commands_are_taken_in_one_wake_up(machine: Machine, ros: Ros) -> None:
     publishers = [
         ros.publisher(f"/digger/{topic}", type(message()), subscriptions=1)
         for topic, message, _ in ALL
     ]
     for publisher, (_, message, _) in zip(publishers, ALL, strict=True):
         publisher.publish(message())
-    ros.spin_until(lambda: len(machine.receiver.told) == len(ALL))
-    assert machine.woken <= len(ALL)
+    ros.spin_until(lambda: len(machine.receiver.received) == len(ALL))
+    assert machine.num_wake_ups <= len(ALL)

@@ -1,4 +1,4 @@
-"""A machine's node: what it tells, what it is told, and how it comes and goes."""
+"""Machine node: publications, commands, parameters, joining and leaving."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ class Levers:
 # What it tells.
 
 
-def test_who_comes_late_gets_description_and_configuration(ros: Ros) -> None:
+def test_late_subscriber_gets_description_and_configuration(ros: Ros) -> None:
     scene = Scene(ros)
     scene.machine(**{"commands.command_timeout": 0.7})
     scene.until_tick(3)
@@ -158,7 +158,7 @@ def test_who_comes_late_gets_description_and_configuration(ros: Ros) -> None:
         ("/excavator", {"frame_prefix": "ex_"}, "ex_"),
     ],
 )
-def test_frames_are_prefixed_and_end_in_the_map(
+def test_frames_are_prefixed_and_relative_to_the_map(
     ros: Ros, namespace: str, options: dict[str, str], prefix: str
 ) -> None:
     heard = {
@@ -187,7 +187,7 @@ def test_frames_are_prefixed_and_end_in_the_map(
     assert from_payload_array(heard["payload"][0]).bank == 0.0
 
 
-def test_a_machine_that_has_fallen_over_says_so(ros: Ros) -> None:
+def test_overturned_machine_is_reported(ros: Ros) -> None:
     levers = Levers(ros)
     node, machine = levers.machine, levers.machine.run.sim.machine
     levers.scene.until_shown(node, "overturned", False)
@@ -202,7 +202,7 @@ def test_a_machine_that_has_fallen_over_says_so(ros: Ros) -> None:
     assert "fallen over" in node.diagnostics.report().message
 
 
-def test_sensors_are_heard_with_their_frames_and_delay(ros: Ros) -> None:
+def test_sensors_are_published_with_frames_and_delay(ros: Ros) -> None:
     imus = {
         name: ros.collect(f"/excavator/imu/{name}/data", Imu, qos.STATE)
         for name in ("base", "upper")
@@ -219,7 +219,7 @@ def test_sensors_are_heard_with_their_frames_and_delay(ros: Ros) -> None:
     assert told - tick_from_stamp(encoders[-1].header.stamp, TICK) in range(2, 7)
 
 
-def test_states_come_at_their_rates_and_applied_commands_each_tick(ros: Ros) -> None:
+def test_states_are_published_at_their_rates_and_applied_commands_each_tick(ros: Ros) -> None:
     states = ros.collect("/excavator/joint_states", JointState)
     applied = ros.collect("/excavator/applied_commands", JointState)
     scene = Scene(ros)
@@ -237,7 +237,7 @@ def test_states_come_at_their_rates_and_applied_commands_each_tick(ros: Ros) -> 
     assert {"boom_rod_left_stroke", "bucket_rocker_pin"} < set(names[4:-6])
 
 
-def test_each_topic_has_its_quality_of_service(ros: Ros) -> None:
+def test_each_topic_has_its_qos_profile(ros: Ros) -> None:
     machine = Scene(ros).machine()
 
     def check(wanted: dict[str, Any], endpoints: Any) -> None:
@@ -256,7 +256,7 @@ def test_each_topic_has_its_quality_of_service(ros: Ros) -> None:
 
 
 @pytest.mark.parametrize("node_class", [MachineNode, DigOperatorNode])
-def test_each_parameter_says_what_it_is_and_how_far_it_goes(ros: Ros, node_class: Any) -> None:
+def test_each_parameter_has_a_description_and_a_range(ros: Ros, node_class: Any) -> None:
     node: Node = ros.add(node_class)
     names = [n for n in node.list_parameters([], 0).names if n != "use_sim_time"]
     names = [n for n in names if not n.startswith(("qos_overrides", "start_type_description"))]
@@ -268,7 +268,7 @@ def test_each_parameter_says_what_it_is_and_how_far_it_goes(ros: Ros, node_class
             assert [*descriptor.floating_point_range, *descriptor.integer_range], descriptor.name
 
 
-def test_bad_parameters_are_refused_with_a_sentence(ros: Ros) -> None:
+def test_invalid_parameters_are_rejected(ros: Ros) -> None:
     scene = Scene(ros)
     with pytest.raises(ParameterError, match=r"machine_it.*machine_id"):
         scene.machine(machine_it=2)
@@ -276,7 +276,7 @@ def test_bad_parameters_are_refused_with_a_sentence(ros: Ros) -> None:
         scene.machine(machine="nothing.yaml")
 
 
-def test_a_tick_that_does_not_fit_ends_the_node_with_a_sentence(ros: Ros) -> None:
+def test_tick_period_that_is_no_multiple_of_the_step_ends_the_node(ros: Ros) -> None:
     scene = Scene(ros, tick_period=0.012)
     scene.machine()
     with pytest.raises(ParameterError, match="physics_step"):
@@ -295,7 +295,7 @@ MOVED = [
 
 
 @pytest.mark.parametrize(("topic", "message", "wanted"), MOVED)
-def test_a_command_takes_effect_in_the_next_tick_the_machine_does(
+def test_command_takes_effect_in_the_next_tick(
     ros: Ros, topic: str, message: Any, wanted: list[float]
 ) -> None:
     levers = Levers(ros)
@@ -304,7 +304,7 @@ def test_a_command_takes_effect_in_the_next_tick_the_machine_does(
     assert levers.step() == pytest.approx(wanted)
 
 
-def test_a_joint_goes_to_a_position_it_is_told(ros: Ros) -> None:
+def test_joint_moves_to_a_commanded_position(ros: Ros) -> None:
     levers = Levers(ros)
     levers.send("joint_commands", joints(["swing"], position=[-0.5]))
     ros.spin_until(lambda: any(levers.in_force()))
@@ -326,7 +326,7 @@ def test_a_joystick_moves_joints_and_tracks(ros: Ros) -> None:
     assert applied[5] == 0.0
 
 
-def test_a_moved_machine_moves(ros: Ros) -> None:
+def test_cmd_vel_moves_the_machine(ros: Ros) -> None:
     states = ros.collect("/excavator/joint_states", JointState)
     scene = Scene(ros)
     scene.machine(**{"commands.command_timeout": 60.0})
@@ -359,7 +359,7 @@ REFUSED = [
 ]
 
 
-def test_a_refused_command_changes_nothing_and_is_counted(ros: Ros) -> None:
+def test_rejected_command_changes_nothing_and_is_counted(ros: Ros) -> None:
     levers = Levers(ros, **{"commands.command_timeout": 60.0})
     good = [0.1, 0.0, 0.0, 0.2, 0.3, 0.4]
     levers.send("joint_commands", joints(list(COMMAND_NAMES), velocity=good))
@@ -381,9 +381,7 @@ def test_a_refused_command_changes_nothing_and_is_counted(ros: Ros) -> None:
 @pytest.mark.parametrize(
     ("stamp", "reason"), [(0.0, "stamp"), (0.09, "s old"), (2.0, "in the future")]
 )
-def test_with_check_stamps_a_command_of_another_time_is_refused(
-    ros: Ros, stamp: float, reason: str
-) -> None:
+def test_with_check_stamps_an_old_command_is_rejected(ros: Ros, stamp: float, reason: str) -> None:
     levers = Levers(ros, **{"commands.check_stamps": True, "commands.command_timeout": 0.1})
     levers.scene.pause(False)
     levers.scene.until_tick(30)
@@ -403,7 +401,7 @@ def test_with_check_stamps_a_command_of_another_time_is_refused(
     ros.spin_until(lambda: any(levers.in_force()))
 
 
-def test_a_command_that_is_not_renewed_ends_after_its_time_in_lockstep(ros: Ros) -> None:
+def test_command_times_out_in_simulation_time_in_lockstep(ros: Ros) -> None:
     levers = Levers(ros)
     levers.send("track_velocity_controller/commands", floats(0.1, 0.1))
     ros.spin_until(lambda: any(levers.in_force()))
@@ -420,7 +418,7 @@ def test_a_command_that_is_not_renewed_ends_after_its_time_in_lockstep(ros: Ros)
     assert moved == list(range(first, first + 31))
 
 
-def test_a_command_that_is_not_renewed_ends_after_its_time_on_the_wall_in_real_time(
+def test_command_times_out_in_wall_time_in_real_time(
     ros: Ros,
 ) -> None:
     applied = ros.collect("/excavator/applied_commands", JointState)
@@ -435,7 +433,7 @@ def test_a_command_that_is_not_renewed_ends_after_its_time_on_the_wall_in_real_t
     assert sum(any(message.velocity) for message in applied) <= 40
 
 
-def test_the_emergency_stop_beats_all_until_it_is_released_and_commanded_anew(ros: Ros) -> None:
+def test_emergency_stop_holds_until_released_and_commanded_again(ros: Ros) -> None:
     levers = Levers(ros, **{"commands.command_timeout": 60.0})
     command = ("front_velocity_controller/commands", floats(0.1, 0.0, 0.0, 0.0))
     levers.send(*command)
@@ -452,7 +450,7 @@ def test_the_emergency_stop_beats_all_until_it_is_released_and_commanded_anew(ro
     assert levers.step()[0] == 0.1
 
 
-def test_before_there_is_a_run_commands_are_refused_but_for_the_emergency_stop(ros: Ros) -> None:
+def test_before_a_run_only_the_emergency_stop_is_accepted(ros: Ros) -> None:
     machine: MachineNode = ros.add(MachineNode)
     front = ros.publisher("/excavator/cmd_vel", TwistStamped, subscriptions=1)
     stop = ros.publisher("/excavator/emergency_stop", Bool, subscriptions=1)
@@ -467,7 +465,7 @@ def test_before_there_is_a_run_commands_are_refused_but_for_the_emergency_stop(r
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_stopped_by_a_signal_machine_and_operator_leave_cleanly_and_then_the_soil(
+def test_signal_ends_machine_operator_and_soil_cleanly(
     ros: Ros, ros_process: StartProcess, number: int
 ) -> None:
     python = sys.executable
@@ -495,7 +493,7 @@ def test_stopped_by_a_signal_machine_and_operator_leave_cleanly_and_then_the_soi
     assert "silent" not in soil.output
 
 
-def test_who_leaves_hands_over_its_account_and_is_not_called_silent(
+def test_leaving_machine_transfers_its_account_and_is_not_dropped(
     ros: Ros, capfd: pytest.CaptureFixture[str]
 ) -> None:
     scene = Scene(ros, machine_timeout=0.2)
@@ -508,7 +506,7 @@ def test_who_leaves_hands_over_its_account_and_is_not_called_silent(
     assert scene.ledgers[-1].absent == 0
 
 
-def test_a_reset_sets_the_machine_down_anew_and_forgets_its_commands(ros: Ros) -> None:
+def test_reset_restores_the_initial_pose_and_clears_commands(ros: Ros) -> None:
     scene = Scene(ros)
     machine = scene.machine(**{"commands.command_timeout": 60.0})
     scene.until_tick(1)

@@ -52,7 +52,7 @@ def own_joints(state: JointState) -> dict[str, float]:
 # In one node.
 
 
-def test_each_machine_tells_its_state_by_its_own_names(ros: Ros) -> None:
+def test_each_machine_publishes_in_its_namespace(ros: Ros) -> None:
     scene = Scene(ros)
     heard = {
         topic: ros.collect(f"/site/{topic}", of, TRANSIENT_LOCAL.get(topic, qos.STATE))
@@ -110,7 +110,7 @@ def test_each_machine_tells_its_state_by_its_own_names(ros: Ros) -> None:
     assert balanced(scene)
 
 
-def test_a_bin_beside_the_machines_tells_what_is_in_it(ros: Ros) -> None:
+def test_bin_publishes_its_payload(ros: Ros) -> None:
     scene = Scene(ros)
     told = ros.collect("/site/hopper/payload", Float64MultiArray, qos.STATE)
     config = ros.collect("/site/config", String, qos.TRANSIENT_LOCAL)
@@ -123,7 +123,7 @@ def test_a_bin_beside_the_machines_tells_what_is_in_it(ros: Ros) -> None:
     assert yaml.safe_load(config[0].data)["bins"]["hopper"]["height"] == 2.0
 
 
-def test_a_command_to_one_machine_moves_it_alone(ros: Ros) -> None:
+def test_command_moves_only_its_machine(ros: Ros) -> None:
     scene = Scene(ros)
     node = digger_and_truck(scene)
     scene.until_tick(30)  # settled on the ground
@@ -151,7 +151,7 @@ def test_a_command_to_one_machine_moves_it_alone(ros: Ros) -> None:
     assert balanced(scene)
 
 
-def test_a_node_of_two_machines_digs_and_comes_and_goes(ros: Ros, tmp_path: Path) -> None:
+def test_node_of_two_machines_digs_leaves_and_rejoins(ros: Ros, tmp_path: Path) -> None:
     scene = Scene(ros, sync="realtime", machine_timeout=0.4)
     path = machine_file(tmp_path, ready_to_dig())
     node = digger_and_truck(scene, **{"digger.machine": path})
@@ -175,7 +175,7 @@ def test_a_node_of_two_machines_digs_and_comes_and_goes(ros: Ros, tmp_path: Path
 # Nodes of several kinds.
 
 
-def test_an_excavator_and_a_road_header_take_part_in_nodes_of_their_own(ros: Ros) -> None:
+def test_excavator_and_road_header_join_in_separate_nodes(ros: Ros) -> None:
     heads = ros.collect("/road_header/head/wrench", WrenchStamped, qos.STATE)
     states = ros.collect("/road_header/joint_states", JointState, qos.STATE)
     buckets = ros.collect("/excavator/bucket/wrench", WrenchStamped, qos.STATE)
@@ -201,40 +201,38 @@ def test_an_excavator_and_a_road_header_take_part_in_nodes_of_their_own(ros: Ros
 
 
 @pytest.mark.parametrize(
-    ("parameters", "says"),
+    ("parameters", "name"),
     [
-        ({"machines": ["digger", "digger"]}, "'digger' 2 times; name each machine"),
-        ({"machines": ["2nd"]}, "'2nd', which cannot be the name of one; give letters"),
-        ({"machines": ["a__b"]}, "'a__b', which cannot be"),
-        ({"machines": ["particles"]}, "'particles', which cannot be"),
-        ({"machines": ["a", "b"], "x": 2.0}, r"x is given, and machines too; .* as a\.x"),
-        ({"machines": ["a", "b"]}, r"a and b are set down at one place; give b\.x or b\.y"),
-        ({"machines": ["a", "b"], "b.x": "far"}, r"b\.x is 'far'; give a finite number"),
+        ({"machines": ["digger", "digger"]}, "digger"),
+        ({"machines": ["2nd"]}, "2nd"),
+        ({"machines": ["a__b"]}, "a__b"),
+        ({"machines": ["particles"]}, "particles"),
+        ({"machines": ["a", "b"], "x": 2.0}, r"a\.x"),
+        ({"machines": ["a", "b"]}, r"b\.x"),
+        ({"machines": ["a", "b"], "b.x": "far"}, r"b\.x"),
         ({"machines": ["a", "b"], "b.x": 5.0, "c.x": 9.0}, r"no parameter c\.x \(do you mean"),
         ({"digger.x": 1.0}, r"no parameter digger\.x"),
-        ({"bins": ["commands"]}, "bins name 'commands', which cannot be"),
-        ({"machines": ["a"], "bins": ["a"]}, "'a' 2 times; name each machine and each bin once"),
-        ({"machines": ["seed"]}, "'seed', which cannot be"),
+        ({"bins": ["commands"]}, "commands"),
+        ({"machines": ["a"], "bins": ["a"]}, "'a'"),
+        ({"machines": ["seed"]}, "seed"),
         (
             {"machines": ["a", "b"], "b.x": 9.0, "a.frame_prefix": "b/"},
-            r"frames of a and b would have one name; give a\.frame_prefix or b\.frame_prefix",
+            r"a\.frame_prefix",
         ),
         ({"bins": ["hopper"], "hopper.width": 0.0}, r"hopper\.width is 0"),
     ],
 )
-def test_bad_parameters_are_refused_with_a_sentence(
-    ros: Ros, parameters: dict[str, Any], says: str
-) -> None:
-    with pytest.raises(ParameterError, match=says):
+def test_invalid_parameters_are_rejected(ros: Ros, parameters: dict[str, Any], name: str) -> None:
+    with pytest.raises(ParameterError, match=name):
         ros.add(MachineNode, parameters=parameters)
 
 
-def test_the_shipped_site_has_its_machines(ros: Ros) -> None:
+def test_shipped_site_file_has_its_machines(ros: Ros) -> None:
     content = yaml.safe_load(find_config("site_machines.yaml").read_text())
     given = content["/**/machine_sim"]["ros__parameters"]
     flat = {"machines": given.pop("machines")}
     for name, group in given.items():
         flat |= {f"{name}.{key}": value for key, value in group.items()}
     node: MachineNode = ros.add(MachineNode, namespace="/site", parameters=flat)
-    assert [unit.name for unit in node.instances] == ["digger", "truck"]
-    assert [unit.spec.name for unit in node.instances] == ["excavator", "dumper"]
+    assert [each.name for each in node.instances] == ["digger", "truck"]
+    assert [each.spec.name for each in node.instances] == ["excavator", "dumper"]

@@ -34,7 +34,7 @@ def parcels(*volumes: int) -> Rows:
     return rows
 
 
-def test_parcels_of_a_column_gather_until_they_make_a_particle() -> None:
+def test_parcels_of_a_column_accumulate_to_a_particle() -> None:
     soil, particles = pending(), engine()
     soil.receive(parcels(300_000), POSE, 0)
     assert soil.release(particles, POSE, 1) == 0
@@ -61,7 +61,7 @@ def test_pending_soil_moves_with_the_tool() -> None:
     assert particles.positions[0, 2] > 7.5
 
 
-def test_what_one_tick_cannot_release_waits() -> None:
+def test_release_is_limited_per_tick() -> None:
     soil, particles = pending(max_per_tick=4), engine()
     soil.receive(parcels(10 * NOMINAL), POSE, 0)
     assert soil.release(particles, POSE, 1) == 4
@@ -69,7 +69,7 @@ def test_what_one_tick_cannot_release_waits() -> None:
     assert soil.release(particles, POSE, 2) == 4
 
 
-def test_the_remainder_of_columns_left_behind_becomes_a_particle() -> None:
+def test_remainders_of_idle_columns_are_merged_to_particles() -> None:
     soil, particles = pending(), engine()
     soil.receive(parcels(*[90_000] * 6), POSE, 0)
     for tick in range(1, 10):
@@ -81,7 +81,7 @@ def test_the_remainder_of_columns_left_behind_becomes_a_particle() -> None:
 
 
 @pytest.mark.parametrize("volume", [90_000, 499_000])
-def test_what_found_no_room_comes_out_when_there_is_some_and_no_larger(volume: int) -> None:
+def test_soil_held_back_by_a_full_engine_is_released_in_normal_sizes(volume: int) -> None:
     params = ParticleParams(capacity=1000)
     particles = ParticleEngine(params, Ground(GRID, np.full(GRID.shape, -50.0)))
     ids = particles.add(np.zeros((1000, 3)), np.zeros((1000, 3)), NOMINAL)
@@ -104,7 +104,7 @@ def test_what_found_no_room_comes_out_when_there_is_some_and_no_larger(volume: i
     assert soil.total_mm3 < NOMINAL / 4
 
 
-def test_what_the_engine_refuses_stays_pending() -> None:
+def test_soil_rejected_by_the_engine_stays_pending() -> None:
     soil, particles = pending(), engine()
     rows = parcels(*[5 * NOMINAL // 2] * 4)
     rows["moisture"] = (7, 20, 33, 50)
@@ -121,7 +121,7 @@ def test_what_the_engine_refuses_stays_pending() -> None:
     assert soil.water + carried == water_in(rows)
 
 
-def test_answers_to_landings_are_no_parcels() -> None:
+def test_answers_to_deposits_are_no_parcels() -> None:
     soil = pending()
     rows = parcels(NOMINAL, NOMINAL)
     rows["kind"] = [ConversionKind.DEPOSIT, ConversionKind.REJECT]
@@ -141,7 +141,7 @@ def test_no_volume_is_lost_between_parcels_and_particles(ticks: list[list[int]])
         assert soil.total_mm3 + particles.total_volume_mm3 == total
 
 
-def test_particles_of_one_place_are_scattered() -> None:
+def test_particles_of_one_point_are_scattered() -> None:
     soil, particles = pending(), engine()
     soil.receive(parcels(8 * NOMINAL), POSE, 0)
     soil.release(particles, POSE, 1)
@@ -150,7 +150,7 @@ def test_particles_of_one_place_are_scattered() -> None:
     assert position.std(axis=0) == pytest.approx(0.045, abs=0.04)
 
 
-def test_lumps_vary_in_size_as_the_soil_says_and_no_volume_is_lost() -> None:
+def test_particle_sizes_vary_by_the_size_spread() -> None:
     soil = pending(max_per_tick=1000)
     particles = ParticleEngine(
         ParticleParams(),
@@ -172,7 +172,7 @@ def water_in(rows: Rows) -> int:
 
 
 @pytest.mark.parametrize("engine_of", [ParticleEngine, CubeEngine])
-def test_particles_are_as_moist_as_what_was_dug_and_not_as_their_soil_is_found(engine_of) -> None:
+def test_particles_have_the_moisture_of_the_excavated_soil(engine_of) -> None:
     soil = pending()
     particles = engine_of(
         ParticleParams(), Ground(GRID, np.full(GRID.shape, -50.0)), soils=[LooseSoil(moisture=40)]
@@ -185,7 +185,7 @@ def test_particles_are_as_moist_as_what_was_dug_and_not_as_their_soil_is_found(e
     particles.close()
 
 
-def test_wet_particles_touch_as_wet_soil_does() -> None:
+def test_contact_parameters_follow_the_moisture() -> None:
     soil = pending()
     kind = LooseSoil(
         repose_angles=(35.0, 40.0, 22.0),
@@ -207,10 +207,10 @@ def test_wet_particles_touch_as_wet_soil_does() -> None:
     assert (
         particles.contact_coefficients.rolling_friction[1]
         > particles.contact_coefficients.rolling_friction[0]
-    ), "damp soil stands steeper"
+    ), "moist soil has a larger angle of repose"
 
 
-def test_parcels_of_one_column_mix_by_volume() -> None:
+def test_moisture_of_merged_parcels_is_weighted_by_volume() -> None:
     soil, particles = pending(), engine()
     for volume, moisture in ((NOMINAL // 4, 80), (NOMINAL - NOMINAL // 4, 20)):
         rows = parcels(volume)
@@ -261,7 +261,7 @@ def test_soil_of_one_moisture_keeps_it(ticks: list[list[int]], moisture: int) ->
     assert soil.water == moisture * soil.total_mm3
 
 
-def test_a_full_engine_gets_coarser_parcels_then_lets_them_wait() -> None:
+def test_particles_get_coarser_as_the_engine_fills() -> None:
     soil = pending(max_per_tick=1000)
     params = ParticleParams(capacity=40)
     particles = ParticleEngine(params, Ground(GRID, np.full(GRID.shape, -50.0)))

@@ -1,4 +1,4 @@
-"""What the soil does to the tool, it does to the machine: it drags, lifts and stalls it."""
+"""Reaction of the soil on the machine: drag, lift and stall."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -95,7 +95,7 @@ def dig() -> Iterator[Callable[..., Dig]]:
 
 
 @BOTH
-def test_what_drags_at_the_tool_the_tracks_push(dig, tracks) -> None:
+def test_tracks_balance_the_drag_on_the_tool(dig, tracks) -> None:
     """At a steady speed the ground gives the tracks what the soil takes from the tool."""
     d = dig("dry clay", tracks)
     d.reach(-0.1, 1.6, 0.3)
@@ -115,7 +115,7 @@ def test_what_drags_at_the_tool_the_tracks_push(dig, tracks) -> None:
 
 
 @BOTH
-def test_a_bucket_pushed_down_at_full_reach_lifts_the_front(dig, tracks) -> None:
+def test_bucket_pushed_down_at_full_reach_lifts_the_front(dig, tracks) -> None:
     d = dig("loam", tracks)
     d.reach(-0.2, 0.7, 0.9)
     d.move([0.0, 0.2, 0.0, 0.0], 3.0)
@@ -123,7 +123,7 @@ def test_a_bucket_pushed_down_at_full_reach_lifts_the_front(dig, tracks) -> None
     assert d.base[2] > 0.1
 
 
-def test_soil_too_strong_stalls_the_arm_at_its_relief_pressure(dig) -> None:
+def test_strong_soil_stalls_the_arm_at_its_relief_pressure(dig) -> None:
     d = dig("dry clay")
     relief = d.machine.spec.supply.main_relief_pressure
     d.bury()
@@ -137,7 +137,7 @@ def test_soil_too_strong_stalls_the_arm_at_its_relief_pressure(dig) -> None:
     assert np.median(pressures) == pytest.approx(relief, rel=0.01)
 
 
-def test_soil_stronger_than_the_tracks_grip_drags_the_machine_to_its_tool(dig) -> None:
+def test_soil_stronger_than_the_track_friction_pulls_the_machine(dig) -> None:
     slippery = excavator()
     slippery = replace(slippery, tracks=replace(slippery.tracks, friction=0.5))
     d = dig("dry clay", spec=slippery)

@@ -1,4 +1,4 @@
-"""What the soil's wrench does to a tool: it resists, it stalls, and it never drives."""
+"""Soil resistance: it resists and stalls a tool, and never drives it."""
 
 import numpy as np
 import pytest
@@ -48,21 +48,21 @@ def swung(machine: MachineSim, against: float | None, ticks: int) -> list[float]
     return way
 
 
-def test_a_tool_that_cuts_feels_all_of_the_force() -> None:
+def test_cutting_tool_has_the_whole_force() -> None:
     resistance = SoilResistance(800.0, 20e3, DT)
     resistance.receive(forces(-20e3), REST)
     assert pushed(resistance, 0.5, 20) == pytest.approx(-20e3)
     assert resistance.cut.active_fraction == 1.0
 
 
-def test_soil_does_not_push_a_tool_at_rest_or_on_its_way_back() -> None:
+def test_soil_does_not_push_a_tool_at_rest_or_moving_back() -> None:
     resistance = SoilResistance(800.0, 20e3, DT)
     resistance.receive(forces(-20e3), REST)
     assert pushed(resistance, 0.0, 10) == 0.0
     assert pushed(resistance, -0.5, 10) == 0.0
 
 
-def test_a_tool_at_rest_stays_held_and_one_that_left_is_let_go() -> None:
+def test_wrench_stays_at_rest_and_ends_at_the_release_distance() -> None:
     resistance = SoilResistance(800.0, 20e3, DT)
     resistance.receive(forces(-20e3), REST)
     for _ in range(10 * FORCE_TIMEOUT_TICKS):
@@ -73,7 +73,7 @@ def test_a_tool_at_rest_stays_held_and_one_that_left_is_let_go() -> None:
     assert not resistance.is_active
 
 
-def test_a_wrench_lapses_when_nothing_more_is_heard() -> None:
+def test_wrench_expires_without_force_rows() -> None:
     resistance = SoilResistance(800.0, 20e3, DT)
     resistance.receive(forces(-20e3), REST)
     for _ in range(FORCE_TIMEOUT_TICKS):
@@ -83,14 +83,14 @@ def test_a_wrench_lapses_when_nothing_more_is_heard() -> None:
     assert not resistance.is_active
 
 
-def test_a_wrench_that_is_not_finite_is_refused() -> None:
+def test_wrench_that_is_not_finite_is_rejected() -> None:
     resistance = SoilResistance(800.0, 20e3, DT)
     with pytest.raises(MachineError, match="finite"):
         resistance.receive(forces(np.nan), REST)
     assert not resistance.is_active
 
 
-def test_more_than_the_machine_can_push_stalls_it_and_does_not_push_it_back() -> None:
+def test_force_above_the_drive_stalls_the_swing_and_does_not_push_it_back() -> None:
     free, stalled = machine_on_level_ground(), machine_on_level_ground()
     assert swung(free, None, 150)[-1] > 1.0
     way = swung(stalled, -500e3, 150)  # its swing drive pushes some 50 kN
@@ -102,7 +102,7 @@ def test_more_than_the_machine_can_push_stalls_it_and_does_not_push_it_back() ->
     stalled.close()
 
 
-def test_digging_in_clay_is_felt_and_repeatable() -> None:
+def test_digging_in_clay_is_resisted_and_reproducible() -> None:
     found = []
     for _ in range(2):
         soil = level_soil(soil="dry clay")
@@ -127,7 +127,7 @@ def bearing(fz: float) -> Rows:
     return rows
 
 
-def test_ground_bears_what_leans_on_it_and_lets_go_what_is_lifted() -> None:
+def test_bearing_reaction_supports_a_tool_until_it_is_lifted() -> None:
     resistance = SoilResistance(800.0, 20e3, DT)
     resistance.receive(bearing(300e3), REST)
     down = (np.array([0.0, 0.0, -0.01]), np.zeros(3))
@@ -140,7 +140,7 @@ def test_ground_bears_what_leans_on_it_and_lets_go_what_is_lifted() -> None:
     assert not resistance.is_active
 
 
-def test_ground_gives_in_to_more_than_it_carries() -> None:
+def test_bearing_reaction_is_limited_to_its_maximum() -> None:
     resistance = SoilResistance(800.0, 20e3, DT)
     resistance.receive(bearing(50e3), REST)
     for _ in range(20):
@@ -148,7 +148,7 @@ def test_ground_gives_in_to_more_than_it_carries() -> None:
     assert force[2] == pytest.approx(50e3)
 
 
-def test_a_machine_that_stands_on_its_bucket_stands() -> None:
+def test_machine_stands_on_its_bucket() -> None:
     """Boom down lifts the tracks' front; then nothing moves for two seconds."""
     soil = level_soil(soil="loam")
     machine = machine_on_level_ground(**loose_soil_options(soil))
@@ -179,13 +179,13 @@ def led(soil: Soil, *strokes: tuple[list[float], int]) -> list[tuple[np.ndarray,
 
 
 @pytest.mark.parametrize("name", ["loam", "rock"])
-def test_a_bucket_pushed_down_on_its_back_lifts_the_machine(name) -> None:
+def test_bucket_pushed_down_on_its_back_lifts_the_machine(name) -> None:
     (tip, base), *_ = led(level_soil(soil=name), ([0, 0.3, -0.3, -0.5], 250))
     assert tip[2] > -0.2, "it does not go into the ground"
     assert base[2] > 0.15, "so the machine goes up"
 
 
-def test_a_bucket_that_stands_in_rock_turns_the_machine_instead_of_itself() -> None:
+def test_bucket_held_in_rock_turns_the_machine_when_it_swings() -> None:
     into = ([0, 0.3, -0.1, -0.3], 200)
     swing = ([0.4, 0, 0, 0], 150)
     for name, held in (("rock", True), ("reference", False)):

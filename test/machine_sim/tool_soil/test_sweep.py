@@ -20,7 +20,7 @@ def moved(way: tuple[float, float, float]):
     return rotation, origin + np.array(way)
 
 
-def test_rows_are_the_key_points_left_before_right_lip_first() -> None:
+def test_rows_are_key_points_lip_first_left_before_right() -> None:
     rows = bucket_sweep(3).rows(DIGGING, moved((-0.01, 0, 0)))
     assert rows.size == 14
     assert rows["pair"].tolist() == [k // 2 for k in range(14)]
@@ -31,7 +31,7 @@ def test_rows_are_the_key_points_left_before_right_lip_first() -> None:
     assert rows["x1"] - rows["x0"] == pytest.approx(-0.01, abs=1e-5)
 
 
-def test_a_bucket_drawn_in_lip_first_cuts() -> None:
+def test_bucket_moved_lip_first_cuts() -> None:
     rows = bucket_sweep().rows(DIGGING, moved((-0.01, 0, -0.002)))
     assert (rows["action"][:6] == SweepAction.CUT).all()
 
