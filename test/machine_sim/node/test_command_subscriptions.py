@@ -188,11 +188,11 @@ def test_without_a_run_only_the_emergency_stop_is_accepted(machine: Machine) -> 
 def test_best_effort_publisher_is_received(machine: Machine, ros: Ros) -> None:
     publisher = ros.publisher("/digger/cmd_vel", TwistStamped, COMMANDS, subscriptions=1)
 
-    def heard() -> bool:
+    def received() -> bool:
         publisher.publish(twist(1.0, 0.0))
         return bool(machine.receiver.received)
 
-    ros.spin_until(heard)
+    ros.spin_until(received)
 
 
 def test_waiting_commands_are_taken_in_one_wake_up(machine: Machine, ros: Ros) -> None:

@@ -57,7 +57,7 @@ PROFILES = {
     "robot_description": qos.TRANSIENT_LOCAL,
     "config": qos.TRANSIENT_LOCAL,
 }
-HEARD = {
+RECEIVED = {
     "front_velocity_controller/commands": qos.COMMANDS,
     "track_velocity_controller/commands": qos.COMMANDS,
     "joint_commands": qos.COMMANDS,
@@ -132,7 +132,7 @@ class Levers:
         return [tick_from_stamp(message.header.stamp, TICK) for message in self.applied]
 
 
-# What it tells.
+# Publications.
 
 
 def test_late_subscriber_gets_description_and_configuration(ros: Ros) -> None:
@@ -161,7 +161,7 @@ def test_late_subscriber_gets_description_and_configuration(ros: Ros) -> None:
 def test_frames_are_prefixed_and_relative_to_the_map(
     ros: Ros, namespace: str, options: dict[str, str], prefix: str
 ) -> None:
-    heard = {
+    received = {
         topic: ros.collect(f"{namespace}/{topic}", of, qos.STATE)
         for topic, of in {
             "odom": Odometry,
@@ -174,17 +174,17 @@ def test_frames_are_prefixed_and_relative_to_the_map(
     }
     scene = Scene(ros)
     scene.machine(namespace, **options)
-    ros.spin_until(lambda: all(heard.values()) and len(heard["transforms"]) >= 5)
-    odom = heard["odom"][0]
+    ros.spin_until(lambda: all(received.values()) and len(received["transforms"]) >= 5)
+    odom = received["odom"][0]
     assert (odom.header.frame_id, odom.child_frame_id) == ("map", f"{prefix}base_link")
-    frames = {(m.header.frame_id, m.child_frame_id) for m in heard["transforms"]}
+    frames = {(m.header.frame_id, m.child_frame_id) for m in received["transforms"]}
     assert len(frames) == 5
     assert {parent for parent, _ in frames} == {"map"}
     assert all(child.startswith(prefix) for _, child in frames)
-    assert heard["bucket/wrench"][0].header.frame_id in {child for _, child in frames}
-    assert heard["particles"][0].header.frame_id == "map"
-    assert {marker.header.frame_id for marker in heard["markers"][0].markers} == {"map"}
-    assert from_payload_array(heard["payload"][0]).bank == 0.0
+    assert received["bucket/wrench"][0].header.frame_id in {child for _, child in frames}
+    assert received["particles"][0].header.frame_id == "map"
+    assert {marker.header.frame_id for marker in received["markers"][0].markers} == {"map"}
+    assert from_payload_array(received["payload"][0]).bank == 0.0
 
 
 def test_overturned_machine_is_reported(ros: Ros) -> None:
@@ -252,7 +252,7 @@ def test_each_topic_has_its_qos_profile(ros: Ros) -> None:
             ), topic
 
     check(PROFILES, machine.publishers)
-    check(HEARD, machine.subscriptions)
+    check(RECEIVED, machine.subscriptions)
 
 
 @pytest.mark.parametrize("node_class", [MachineNode, DigOperatorNode])
@@ -283,7 +283,7 @@ def test_tick_period_that_is_no_multiple_of_the_step_ends_the_node(ros: Ros) -> 
         scene.until_tick(0)
 
 
-# What it is told.
+# Commands.
 
 FRONT = [0.1, 0.2, -0.3, 0.4]
 MOVED = [

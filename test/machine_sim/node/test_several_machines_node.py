@@ -54,7 +54,7 @@ def own_joints(state: JointState) -> dict[str, float]:
 
 def test_each_machine_publishes_in_its_namespace(ros: Ros) -> None:
     scene = Scene(ros)
-    heard = {
+    received = {
         topic: ros.collect(f"/site/{topic}", of, TRANSIENT_LOCAL.get(topic, qos.STATE))
         for topic, of in {
             "digger/joint_states": JointState,
@@ -82,27 +82,29 @@ def test_each_machine_publishes_in_its_namespace(ros: Ros) -> None:
         }.items()
     }
     node = digger_and_truck(scene)
-    ros.spin_until(lambda: all(heard.values()))
+    ros.spin_until(lambda: all(received.values()))
     scene.until_tick(5)
     assert scene.joined == (1,)
-    digger, truck = (own_joints(heard[f"{name}/joint_states"][0]) for name in ("digger", "truck"))
+    digger, truck = (
+        own_joints(received[f"{name}/joint_states"][0]) for name in ("digger", "truck")
+    )
     assert list(digger) == ["swing", "boom", "arm", "bucket", *BASE_JOINTS]
     assert list(truck) == ["bed", *BASE_JOINTS]
     assert (digger["base_y"], truck["base_y"]) == pytest.approx((0.0, 6.0), abs=0.01)
-    assert list(heard["digger/applied_commands"][0].name) == list(COMMAND_NAMES)
-    assert list(heard["truck/applied_commands"][0].name) == ["bed", "left_track", "right_track"]
-    assert list(heard["truck/joint_states_measured"][0].name) == ["bed"]
-    assert heard["truck/cylinders"][0].layout.dim[0].label.startswith("bed_length_m,")
-    assert from_payload_array(heard["truck/payload"][0]).bank == 0.0
-    assert heard["digger/odom"][0].child_frame_id == "digger/base_link"
-    assert heard["truck/odom"][0].child_frame_id == "truck/base_link"
-    assert heard["truck/imu/base/data"][0].header.frame_id == "truck/base_link"
-    assert heard["digger/bucket/wrench"][0].header.frame_id == "digger/bucket"
-    assert heard["truck/bed/wrench"][0].header.frame_id == "truck/bed"
-    frames = {message.child_frame_id for message in heard["truck/transforms"]}
+    assert list(received["digger/applied_commands"][0].name) == list(COMMAND_NAMES)
+    assert list(received["truck/applied_commands"][0].name) == ["bed", "left_track", "right_track"]
+    assert list(received["truck/joint_states_measured"][0].name) == ["bed"]
+    assert received["truck/cylinders"][0].layout.dim[0].label.startswith("bed_length_m,")
+    assert from_payload_array(received["truck/payload"][0]).bank == 0.0
+    assert received["digger/odom"][0].child_frame_id == "digger/base_link"
+    assert received["truck/odom"][0].child_frame_id == "truck/base_link"
+    assert received["truck/imu/base/data"][0].header.frame_id == "truck/base_link"
+    assert received["digger/bucket/wrench"][0].header.frame_id == "digger/bucket"
+    assert received["truck/bed/wrench"][0].header.frame_id == "truck/bed"
+    frames = {message.child_frame_id for message in received["truck/transforms"]}
     assert frames == {"truck/base_link", "truck/bed"}
-    assert '"truck/bed"' in heard["truck/robot_description"][0].data
-    config = yaml.safe_load(heard["config"][0].data)
+    assert '"truck/bed"' in received["truck/robot_description"][0].data
+    config = yaml.safe_load(received["config"][0].data)
     assert config["machines"]["truck"]["machine"] == DUMPER
     topics = {publisher.topic_name for publisher in node.publishers}
     shared = {"/site/particles", "/site/state_hash", "/site/config", "/site/soil_tick"}
