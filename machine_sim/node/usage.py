@@ -13,8 +13,8 @@ __all__ = ["USAGE"]
 
 USAGE = NodeUsage(
     "Simulate one or several machines, their tools and the excavated soil as particles. The node's"
-    " namespace (-r __ns:=/excavator) names its only machine; relative topics lie in it, or in"
-    " <namespace>/<machine> with several machines.",
+    " namespace <n> (-r __ns:=/excavator) is also that of its only machine <m>; of several machines"
+    " each has a namespace <n>/<machine>.",
     parameters={
         "": MachineNodeParams,
         "<machine>.": MachineInstanceParams,
