@@ -251,9 +251,9 @@ def load_design(
 
     If file and terrain both have a georeference, it determines position and elevation of the
     design; otherwise the centres of both coincide and the heights are z in the map frame. Heights
-    between the points of the design are interpolated bilinearly. Beyond the outer points, within the
-    outer cells, the nearest point counts. There is no design outside, and next to a point without a
-    height.
+    between the points of the design are interpolated bilinearly. Beyond the outer points, within
+    the outer cells, the nearest point counts. There is no design outside, and next to a
+    point without a height.
 
     Args:
         path: file with a suffix of `SUFFIXES`; cells without a height have no design.

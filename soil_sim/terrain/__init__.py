@@ -1,4 +1,16 @@
-"""Where terrain comes from: heights in a grid, read from files, made, cropped and resampled."""
+"""Terrain heights and layers on a grid: synthetic, or read from files.
+
+- `height_map`: heights on a grid; cropping, resampling, scaling
+- `georeference`: position of a map in a coordinate reference system
+- `north_up`: conversion between north-up images and the matrix order of the grid
+- `synthetic`: level, sloping and rough terrain
+- `raster`: contents of a file before spacing and scale are applied
+- `numpy_files`, `png`, `ascii_grid`, `geotiff`: file formats
+- `file_access`: suffixes, atomic writes and errors of files
+- `files`: terrain files of any format
+- `layers`: soil id and moisture of each cell
+- `layer_files`: files of one layer
+"""
 
 from soil_sim.terrain.files import (
     SUFFIXES,

@@ -1,8 +1,8 @@
 """Terrain as an ESRI ASCII grid: a header of keys, then the rows from north to south.
 
-The format names no coordinate reference system, so a georeference comes back without its crs.
-Each row of the grid must be one line: a lost value is then found where it was lost. Only a file
-that ends within the digits of its very last value cannot be told from a whole one.
+The format has no coordinate reference system, so the crs of a georeference is lost. Each row of
+the grid must be one line, so that the error for a missing value names its line. A file truncated
+within the digits of its last value cannot be distinguished from a complete one.
 """
 
 from __future__ import annotations
@@ -33,25 +33,27 @@ _KEYS = (
     "cellsize",
     "nodata_value",
 )
-_NODATA = -9999.0  # what a file means that names none
+_NODATA = -9999.0
+"""Nodata value of files that do not declare one."""
 
-_Lines = Iterator[tuple[int, list[str]]]  # line number from 1, words
+_Lines = Iterator[tuple[int, list[str]]]
+"""Line numbers from 1, and the words of the line."""
 
 
 def read_ascii_grid(path: Path, *, keep_nodata: bool = False) -> TerrainRaster:
-    """Read a grid; its coordinates are taken for metres.
+    """Read a grid; its coordinates must be in metres.
 
     Args:
         path: the file.
-        keep_nodata: missing values become NaN, else they are refused.
+        keep_nodata: whether missing values become NaN; otherwise they are refused.
 
     Raises:
-        TerrainError: the line and what is wrong in it, or the keys that are missing.
+        TerrainError: a line is invalid or keys are missing; the message names them.
     """
     try:
         text = path.read_text(encoding="ascii")
     except UnicodeDecodeError as error:
-        raise TerrainError(f"byte {error.start} is no ASCII; save it as plain text") from error
+        raise TerrainError(f"byte {error.start} is not ASCII; save it as plain text") from error
     lines = ((n, words) for n, line in enumerate(text.splitlines(), 1) if (words := line.split()))
     header, first = _read_header(lines)
     cols, rows = _parse_count(header, "ncols"), _parse_count(header, "nrows")
@@ -63,19 +65,19 @@ def read_ascii_grid(path: Path, *, keep_nodata: bool = False) -> TerrainRaster:
     if empty.any() and not keep_nodata:
         row, col = np.argwhere(empty)[0]
         raise TerrainError(
-            f"line {numbers[row]}, value {col + 1} is {picture[row, col]:g}, which means no height;"
-            f" {empty.sum()} of {empty.size} cells have none: fill such gaps or crop them away"
+            f"line {numbers[row]}, value {col + 1} is {picture[row, col]:g}, the nodata value;"
+            f" {empty.sum()} of {empty.size} cells have no height: fill or crop them"
         )
     picture[empty] = np.nan
     easting = _center_coordinate(header, "xll", cols * cell, cell)
     northing = _center_coordinate(header, "yll", rows * cell, cell)
-    at_origin = abs(easting) < 1e-9 * cell and abs(northing) < 1e-9 * cell
-    place = None if at_origin else Georeference("", easting, northing)
-    return TerrainRaster(matrix_from_north_up(picture), cell, place)
+    is_at_origin = abs(easting) < 1e-9 * cell and abs(northing) < 1e-9 * cell
+    georeference = None if is_at_origin else Georeference("", easting, northing)
+    return TerrainRaster(matrix_from_north_up(picture), cell, georeference)
 
 
 def write_ascii_grid(path: Path, height_map: HeightMap) -> None:
-    """Write elevations with all their digits; ground without georeference is centred on (0, 0)."""
+    """Write elevations with all digits; a map without georeference is centred on (0, 0)."""
     write_ascii_values(
         path, validated_elevations(height_map), height_map.grid.cell, height_map.georeference
     )
@@ -101,7 +103,7 @@ def write_ascii_values(
 
 
 def _read_header(lines: _Lines) -> tuple[dict[str, float], tuple[int, list[str]]]:
-    """The keys, and the first line that is no key."""
+    """Return the values of the keys, and the first line without a key."""
     header: dict[str, float] = {}
     first: tuple[int, list[str]] = (0, [])
     for number, words in lines:
@@ -135,7 +137,7 @@ def _read_header(lines: _Lines) -> tuple[dict[str, float], tuple[int, list[str]]
 def _read_rows(
     first: tuple[int, list[str]], lines: _Lines, rows: int, cols: int
 ) -> tuple[NDArray[np.float64], list[int]]:
-    """The values, shape (rows, cols), row 0 north, and the line each row was on."""
+    """Return the values, shape (rows, cols), row 0 north, and the line number of each row."""
     picture: list[NDArray[np.float64]] = []
     numbers: list[int] = []
     number, words = first
@@ -174,7 +176,7 @@ def _parse_count(header: dict[str, float], key: str) -> int:
 
 
 def _center_coordinate(header: dict[str, float], axis: str, extent: float, cell: float) -> float:
-    """Easting or northing of the grid's centre [m] from that of its south-west cell."""
+    """Return easting or northing of the centre of the grid [m] from its south-west cell."""
     if f"{axis}corner" in header:
         return header[f"{axis}corner"] + 0.5 * extent
     return header[f"{axis}center"] + 0.5 * (extent - cell)

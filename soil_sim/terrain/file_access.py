@@ -1,4 +1,4 @@
-"""What every terrain file has in common: its suffix, how it is replaced, how its errors begin."""
+"""Suffixes, atomic writes and error messages of terrain files."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from soil_sim.errors import TerrainError
 __all__ = ["SUFFIXES", "atomic_write", "check_file_exists", "validate_suffix", "wrap_read_errors"]
 
 SUFFIXES = (".npy", ".npz", ".png", ".asc", ".tif", ".tiff")
-"""What files of terrain are called."""
+"""Suffixes of terrain files."""
 
 
 def validate_suffix(path: Path) -> str:
-    """The suffix in lower case.
+    """Return the suffix of a path in lower case.
 
     Raises:
-        TerrainError: it is none of `SUFFIXES`.
+        TerrainError: it is not in `SUFFIXES`.
     """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
@@ -29,10 +29,10 @@ def validate_suffix(path: Path) -> str:
 
 
 def check_file_exists(path: Path) -> None:
-    """Refuse a path without a file.
+    """Check that a file exists.
 
     Raises:
-        TerrainError: there is none, or it is a folder.
+        TerrainError: there is no file, or it is a folder.
     """
     if not path.is_file():
         raise TerrainError("there is no such file; give the path of a terrain file")
@@ -40,7 +40,7 @@ def check_file_exists(path: Path) -> None:
 
 @contextmanager
 def wrap_read_errors(path: Path) -> Iterator[None]:
-    """Errors of the block become a TerrainError whose message starts with the path."""
+    """Convert errors of the block to a TerrainError whose message starts with the path."""
     try:
         yield
     except EarthmovingError as error:
@@ -53,9 +53,9 @@ def wrap_read_errors(path: Path) -> Iterator[None]:
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """A file beside `path` that takes its place when the block ends well.
+    """Yield a temporary path whose file replaces `path` if the block succeeds.
 
-    Errors of the block become a TerrainError whose message starts with the path.
+    Errors of the block are converted to a TerrainError whose message starts with the path.
     """
     part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix.lower()}")
     try:
@@ -68,5 +68,5 @@ def atomic_write(path: Path) -> Iterator[Path]:
         raise TerrainError(f"{path}: {error}") from error
     except OSError as error:
         raise TerrainError(
-            f"{path}: it cannot be written ({error}); give a folder that exists and is yours"
+            f"{path}: it cannot be written ({error}); give an existing folder with write permission"
         ) from error

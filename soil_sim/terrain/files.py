@@ -1,18 +1,17 @@
-"""Terrain from files and back, by suffix; a file that cannot be ground is refused whole.
+"""Read and write terrain files of all formats; a file with an invalid height is refused.
 
 | suffix | order | spacing | keeps the georeference |
 |---|---|---|---|
 | `.npy` | matrix | from the caller | no |
 | `.npz` | matrix | in the file | yes |
-| `.png` 16-bit grey | north-up picture | from the caller, or the text we add | in the text |
-| `.asc` ESRI ASCII grid | north-up picture | in the file | yes, but not its crs |
-| `.tif`, `.tiff` GeoTIFF | north-up picture | in the file | yes |
+| `.png` 16-bit grey | north-up image | from the caller or a text chunk | in the text chunk |
+| `.asc` ESRI ASCII grid | north-up image | in the file | yes, but not its crs |
+| `.tif`, `.tiff` GeoTIFF | north-up image | in the file | yes |
 
-All write metres. A `.png` says in its text which heights its grey values 0 and 65535 are, and comes
-back without being told. `.asc` and `.tif` hold elevations and declare -9999 as their mark of
-missing ones. A `.tif` also says where z = 0 lies and comes back as it was; from an `.asc` a map
-whose z = 0 is not at the datum comes back with its heights as elevations. An `.npz` can hold
-`layers` too. `north_up` says how picture and matrix order relate.
+Heights are written in metres. The text chunk of a `.png` states the heights of its grey values 0
+and 65535, so that it is read without arguments. `.asc` and `.tif` store elevations and declare
+-9999 as nodata. A `.tif` also stores the elevation of z = 0; a map from an `.asc` has elevations as heights.
+An `.npz` can also store `layers`. `north_up` describes the orders of cells.
 """
 
 from __future__ import annotations
@@ -60,18 +59,18 @@ def load_terrain(
     vertical_scale: float = 1.0,
     height_range: HeightRange | None = None,
 ) -> HeightMap:
-    """The map in a file.
+    """Read the height map of a file.
 
     Args:
-        path: a file with one of `SUFFIXES`.
-        cell: spacing [m], for files that state none. Given for a file that states another, it
-            stretches the ground, which then has no georeference.
-        vertical_scale: metres per unit of the file's heights, 0.3048 for a file in feet.
-        height_range: heights of the values 0 and 65535 of a `.png`, in the file's unit.
+        path: file with a suffix of `SUFFIXES`.
+        cell: spacing [m], for files that do not state one. If it differs from the spacing of the
+            file, the terrain is stretched and has no georeference.
+        vertical_scale: metres per unit of the heights in the file, 0.3048 for feet.
+        height_range: heights of the values 0 and 65535 of a `.png`, in the unit of the file.
 
     Raises:
-        TerrainError: the file is missing, damaged or of an unknown kind, an argument it needs is
-            missing or wrong, or its heights cannot be ground. The message starts with the path.
+        TerrainError: the file is missing, damaged or of an unknown format, an argument it needs is
+            missing or invalid, or a height is invalid. The message starts with the path.
     """
     path = Path(path)
     with wrap_read_errors(path):
@@ -86,22 +85,22 @@ def load_terrain_with_layers(
     cell: float | None = None,
     vertical_scale: float = 1.0,
 ) -> tuple[HeightMap, Layers]:
-    """The map in an `.npz`, and the layers that are beside it there.
+    """Read the height map and the layers of an `.npz`.
 
     Args:
-        path: a file with the suffix `.npz`; layers of other files are read by `load_layer`.
+        path: file with the suffix `.npz`; `load_layer` reads layers of other files.
         cell: spacing [m], see `load_terrain`.
-        vertical_scale: metres per unit of the file's heights.
+        vertical_scale: metres per unit of the heights in the file.
 
     Raises:
-        TerrainError: as `load_terrain`, or a layer that is not of the shape of the heights or
-            has cells that are missing or cannot be.
+        TerrainError: as of `load_terrain`, or a layer has another shape than the heights, or
+            missing or invalid values.
     """
     path = Path(path)
     height_map = load_terrain(path, cell=cell, vertical_scale=vertical_scale)
     with wrap_read_errors(path):
         if validate_suffix(path) != ".npz":
-            raise TerrainError("it has no room for layers; give an .npz, or use load_layer")
+            raise TerrainError("its format cannot store layers; give an .npz, or use load_layer")
         arrays = read_npz(path).layers
         return height_map, layers_from_arrays(arrays, height_map.grid.shape)
 
@@ -113,16 +112,16 @@ def load_heights_with_nodata(
     vertical_scale: float = 1.0,
     height_range: HeightRange | None = None,
 ) -> tuple[Grid, NDArray[np.float64], Georeference | None]:
-    """Heights that need not be everywhere, as those of a design.
+    """Read heights that may be missing in some cells, as those of a design.
 
     Args:
         path, cell, vertical_scale, height_range: as for `load_terrain`.
 
     Returns:
-        The grid, heights [m], shape (rows, cols), NaN where the file has none, and the place.
+        The grid, heights [m], shape (rows, cols), NaN where missing, and the georeference.
 
     Raises:
-        TerrainError: as `load_terrain`, but for missing heights.
+        TerrainError: as of `load_terrain`, except for missing heights.
     """
     path = Path(path)
     with wrap_read_errors(path):
@@ -137,25 +136,25 @@ def save_terrain(
     height_range: HeightRange | None = None,
     layers: Layers | None = None,
 ) -> None:
-    """Write a map; a file already there is replaced only by a complete one.
+    """Write a height map; an existing file is replaced only by a complete one.
 
     Args:
-        path: a file with one of `SUFFIXES`; its folder must exist.
-        height_map: what to write.
-        height_range: heights [m] of the values 0 and 65535 of a `.png`; None takes the map's
-            lowest and highest.
-        layers: to be written beside the heights, `.npz` only.
+        path: file with a suffix of `SUFFIXES`, in an existing folder.
+        height_map: the map to write.
+        height_range: heights [m] of the values 0 and 65535 of a `.png`; None takes the lowest and
+            highest height of the map.
+        layers: layers to write into the same file, `.npz` only.
 
     Raises:
-        TerrainError: unknown suffix, a folder that cannot be written to, or a map or layers the
-            format cannot hold. The message starts with the path.
+        TerrainError: the suffix is unknown, the folder is not writable, or the format cannot store
+            the map or the layers. The message starts with the path.
     """
     path = Path(path)
     with atomic_write(path) as part:
         suffix = validate_suffix(path)
         _check_arguments(suffix, None, 1.0, height_range)
         if layers is not None and suffix != ".npz":
-            raise TerrainError("layers go into .npz only; write each by save_layer")
+            raise TerrainError("only .npz stores layers; write each with save_layer")
         if suffix == ".npy":
             write_npy(part, height_map)
         elif suffix == ".npz":
@@ -202,15 +201,15 @@ def _read_file(
 def _apply_scale(
     reading: TerrainRaster, cell: float | None, vertical_scale: float
 ) -> tuple[Grid, NDArray[np.float64], Georeference | None]:
-    """Grid, heights [m] and place of what was read."""
+    """Return grid, heights [m] and georeference of a raster."""
     if cell is None:
         cell = reading.cell
     if cell is None:
         raise TerrainError("it states no spacing in metres; give cell")
-    stretched = reading.cell is None or not math.isclose(cell, reading.cell)
+    is_stretched = reading.cell is None or not math.isclose(cell, reading.cell)
     heights = reading.heights * vertical_scale
     grid = Grid(heights.shape[0], heights.shape[1], cell)
-    return grid, heights, None if stretched else reading.georeference
+    return grid, heights, None if is_stretched else reading.georeference
 
 
 def _check_arguments(
@@ -221,9 +220,9 @@ def _check_arguments(
     if not _is_positive_number(vertical_scale):
         raise TerrainError(f"vertical_scale is {vertical_scale!r}; give a positive number")
     if height_range is not None and suffix != ".png":
-        raise TerrainError("height_range is for .png only; leave it out")
+        raise TerrainError("height_range applies to .png only; leave it out")
 
 
 def _is_positive_number(value: object) -> bool:
-    real = isinstance(value, (int, float)) and not isinstance(value, bool)
-    return real and 0.0 < float(value) < math.inf  # type: ignore[arg-type]
+    is_real = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return is_real and 0.0 < float(value) < math.inf  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Where on Earth a map lies: kept from the file it came from, and written back with it."""
+"""Position of a map in a coordinate reference system."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ __all__ = ["Georeference"]
 
 @dataclass(frozen=True)
 class Georeference:
-    """Place of the map frame's origin, with x east and y north (ENU, REP 103), both unturned.
+    """Position of the origin of the map frame, whose x is east and y north (ENU, REP 103).
 
     Attributes:
         crs: a projected coordinate reference system in metres, as "EPSG:<code>" or WKT; empty
-            where the coordinates are known but their system is not.
-        easting: easting of the map's centre [m].
-        northing: northing of the map's centre [m].
-        elevation: elevation of the map's z = 0 above the system's vertical datum [m].
+            if only the coordinates are known.
+        easting: easting of the centre of the map [m].
+        northing: northing of the centre of the map [m].
+        elevation: elevation of z = 0 above the vertical datum of the system [m].
 
     Raises:
-        TerrainError: a crs that is no text, or a coordinate that is no finite number.
+        TerrainError: crs is not a text, or a coordinate is not a finite number.
     """
 
     crs: str
@@ -36,12 +36,12 @@ class Georeference:
             raise TerrainError(f"crs is {self.crs!r}; give it as text: an EPSG code or WKT")
         for name in ("easting", "northing", "elevation"):
             value = getattr(self, name)
-            real = isinstance(value, (int, float)) and not isinstance(value, bool)
-            if not (real and math.isfinite(value)):
+            is_real = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if not (is_real and math.isfinite(value)):
                 raise TerrainError(f"{name} is {value!r}; give a finite number of metres")
 
     def translated(self, east: float, north: float, up: float = 0.0) -> Georeference:
-        """The georeference of a map whose origin lies this much further [m] in this map frame."""
+        """Return the georeference of a map whose origin is displaced by this vector [m]."""
         return dataclasses.replace(
             self,
             easting=self.easting + east,

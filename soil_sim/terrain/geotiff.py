@@ -1,7 +1,7 @@
 """Terrain as a GeoTIFF: one band of elevations, north-up, in a projected system in metres.
 
-A file says where z = 0 lies in the tag EARTHMOVING_SIM_Z0, so that heights come back as they were;
-other programs see elevations.
+The tag EARTHMOVING_SIM_Z0 stores the elevation of z = 0, so that heights are restored exactly;
+other programs read elevations.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ __all__ = [
 ]
 
 _SQUARE_PIXEL_TOLERANCE = 1e-6
-"""Relative difference of a pixel's sides that is rounding."""
+"""Maximum relative difference of the sides of a square pixel."""
 
 _Z0 = "EARTHMOVING_SIM_Z0"
 _METRES = ("", "unknown", "m", "metre", "metres", "meter", "meters")
@@ -40,17 +40,18 @@ _NODATA = -9999.0
 def read_geotiff(
     path: Path, *, has_cell: bool, has_vertical_scale: bool = False, keep_nodata: bool = False
 ) -> TerrainRaster:
-    """Read the heights of band 1, its scale and offset applied.
+    """Read the heights of band 1, with its scale and offset applied.
 
     Args:
         path: the file.
-        has_cell: the caller brings the spacing, so one that is not in metres may pass.
-        has_vertical_scale: the caller brings the vertical unit, so heights need not be in metres.
-        keep_nodata: missing heights become NaN, else they are refused.
+        has_cell: whether the caller gives the spacing; that of the file is then not checked.
+        has_vertical_scale: whether the caller gives the vertical unit; that of the file is then
+            not checked.
+        keep_nodata: whether missing heights become NaN; otherwise they are refused.
 
     Raises:
-        TerrainError: a damaged file, several bands, missing heights, heights in another unit
-            than metres, or a grid that is not north-up, square and in metres.
+        TerrainError: the file is damaged, has several bands, missing heights or heights in another
+            unit than metres, or its grid is not north-up, square and in metres.
     """
     reading, unit = _read_raster(path, has_cell=has_cell, keep_nodata=keep_nodata)
     if unit.lower() not in _METRES and not has_vertical_scale:
@@ -63,16 +64,16 @@ def read_geotiff(
 
 
 def read_geotiff_values(path: Path) -> TerrainRaster:
-    """Read the values of band 1 for what they are, NaN where they are missing.
+    """Read the values of band 1 without a check of their unit; missing values are NaN.
 
     Raises:
-        TerrainError: a damaged file, several bands, or a grid that is not north-up.
+        TerrainError: the file is damaged or has several bands, or its grid is not north-up.
     """
     return _read_raster(path, has_cell=True, keep_nodata=True)[0]
 
 
 def _read_raster(path: Path, *, has_cell: bool, keep_nodata: bool) -> tuple[TerrainRaster, str]:
-    """Band 1 and its unit."""
+    """Return band 1 and its unit."""
     rasterio = _import_rasterio()
     try:
         with warnings.catch_warnings():
@@ -88,16 +89,16 @@ def _read_raster(path: Path, *, has_cell: bool, keep_nodata: bool) -> tuple[Terr
         rasterio.errors.RasterioIOError,
         UnicodeDecodeError,  # of damaged tags
     ) as error:
-        raise TerrainError(f"it is no complete GeoTIFF ({error}); export it again") from error
+        raise TerrainError(f"it is not a complete GeoTIFF ({error}); export it again") from error
 
 
 def write_geotiff(path: Path, height_map: HeightMap) -> None:
     """Write elevations as float64, -9999 declared as nodata and metre as the unit.
 
-    Ground without georeference is centred on (0, 0).
+    A map without georeference is centred on (0, 0).
 
     Raises:
-        TerrainError: the georeference's crs is not one that PROJ knows, or an elevation beyond
+        TerrainError: PROJ does not know the crs of the georeference, or an elevation exceeds
             `HEIGHT_LIMIT`.
     """
     place = height_map.georeference
@@ -122,10 +123,10 @@ def write_geotiff_values(
     unit: str = "",
     tags: dict[str, str] | None = None,
 ) -> None:
-    """Write one band of the values' type, shape (rows, cols) in matrix order.
+    """Write one band with the dtype of the values, shape (rows, cols), in matrix order.
 
     Raises:
-        TerrainError: the georeference's crs is not one that PROJ knows.
+        TerrainError: PROJ does not know the crs of the georeference.
     """
     rasterio = _import_rasterio()
     place = georeference or Georeference("", 0.0, 0.0)
@@ -151,7 +152,7 @@ def write_geotiff_values(
         transform=rasterio.Affine(cell, 0.0, west, 0.0, -cell, north),
         compress="deflate",
     ) as dataset:
-        # Ahead of the pixels, so that a file that was cut off has lost pixels and is refused.
+        # Written before the pixels: a truncated file then lacks pixels and is refused.
         if unit:
             dataset.units = (unit,)
         if tags:
@@ -160,7 +161,7 @@ def write_geotiff_values(
 
 
 def same_crs(one: str, other: str) -> bool:
-    """Whether two texts name one coordinate reference system; an empty text fits any."""
+    """Return whether two texts denote the same crs; an empty text matches any."""
     if not one or not other or one == other:
         return True
     rasterio = _import_rasterio()
@@ -172,20 +173,20 @@ def same_crs(one: str, other: str) -> bool:
 
 
 def _import_rasterio() -> Any:
-    """rasterio, loaded only by those who read or write a GeoTIFF: it brings all of GDAL."""
+    """Import rasterio on first use, because it loads GDAL."""
     try:
         import rasterio
         import rasterio.crs
         import rasterio.errors
     except ImportError as error:
         raise TerrainError(
-            "a GeoTIFF needs rasterio; install it by pip, or convert the file to .asc"
+            "a GeoTIFF needs rasterio; install it with pip, or convert the file to .asc"
         ) from error
     return rasterio
 
 
 def _read_band(dataset: Any, keep_nodata: bool) -> NDArray[np.float64]:
-    """Values of the only band, shape (height, width); missing ones NaN, or refused without gaps."""
+    """Return the only band, shape (height, width); missing values are NaN or refused."""
     if dataset.count != 1:
         raise TerrainError(f"it has {dataset.count} bands; export one band of elevations")
     picture = as_height_array(dataset.read(1), "values")
@@ -205,29 +206,29 @@ def _read_band(dataset: Any, keep_nodata: bool) -> NDArray[np.float64]:
 def _georeferenced_raster(
     rasterio: Any, dataset: Any, matrix: NDArray[np.float64], has_cell: bool
 ) -> TerrainRaster:
-    """The reading with spacing and place, where they are in metres."""
+    """Return the raster with spacing and georeference, if they are in metres."""
     t = dataset.transform
     if not (t.a > 0.0 and t.e < 0.0 and t.b == 0.0 and t.d == 0.0):
-        raise TerrainError("it is not north-up; turn it so with gdalwarp")
-    unusable = _spacing_problem(rasterio, dataset)
-    if unusable and not has_cell:
+        raise TerrainError("it is not north-up; rotate it with gdalwarp")
+    problem = _spacing_problem(rasterio, dataset)
+    if problem and not has_cell:
         raise TerrainError(
-            f"{unusable}; reproject it with gdalwarp (-t_srs of a projected system in metres,"
-            " -tr with equal sides), or give cell, the spacing to take it for, in metres"
+            f"{problem}; reproject it with gdalwarp (-t_srs of a projected system in metres,"
+            " -tr with equal sides), or give cell, the spacing in metres"
         )
-    if unusable:
+    if problem:
         return TerrainRaster(matrix)
     easting, northing = t.c + 0.5 * dataset.width * t.a, t.f + 0.5 * dataset.height * t.e
     crs = _crs_text(rasterio, dataset.crs)
     z0 = _elevation_of_z0(dataset.tags())
-    at_origin = not (crs or z0) and abs(easting) < 1e-9 * t.a and abs(northing) < 1e-9 * t.a
+    is_at_origin = not (crs or z0) and abs(easting) < 1e-9 * t.a and abs(northing) < 1e-9 * t.a
     return TerrainRaster(
-        matrix, t.a, None if at_origin else Georeference(crs, easting, northing, z0)
+        matrix, t.a, None if is_at_origin else Georeference(crs, easting, northing, z0)
     )
 
 
 def _elevation_of_z0(tags: dict[str, str]) -> float:
-    """Elevation of z = 0 [m] that a file of ours states, 0 for another's."""
+    """Return the elevation of z = 0 [m] in the tag of a file, 0 without one."""
     try:
         z0 = float(tags.get(_Z0, "0"))
     except ValueError:
@@ -240,7 +241,7 @@ def _elevation_of_z0(tags: dict[str, str]) -> float:
 
 
 def _spacing_problem(rasterio: Any, dataset: Any) -> str:
-    """Why the pixel size is no spacing in metres; empty if it is one."""
+    """Return why the pixel size is not a spacing in metres; empty if it is."""
     t = dataset.transform
     if dataset.crs and dataset.crs.is_geographic:
         return "its coordinates are degrees, not metres"
@@ -257,7 +258,7 @@ def _spacing_problem(rasterio: Any, dataset: Any) -> str:
 
 
 def _crs_text(rasterio: Any, crs: Any) -> str:
-    """The EPSG code where it says all that the file says, else WKT; empty for none."""
+    """Return the EPSG code if it is equivalent to the crs, otherwise WKT; empty without a crs."""
     if not crs:
         return ""
     code = crs.to_epsg()

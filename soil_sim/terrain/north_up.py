@@ -1,10 +1,10 @@
-"""Between a north-up picture of the ground and the grid's matrix order.
+"""Conversion between north-up images and the matrix order of the grid.
 
-In a picture row 0 is north and column 0 west. In the map frame x is east and y north (REP 103),
-and the matrix starts at +x, +y: row 0 is east and column 0 north. The matrix is thus the picture
-turned a quarter counter-clockwise::
+In an image row 0 is north and column 0 west. In the map frame x is east and y north (REP 103),
+and the matrix starts at +x, +y: row 0 is east and column 0 north. The matrix is therefore the image
+rotated by 90 degrees counter-clockwise::
 
-    picture   NW  N  NE        matrix   NE  E  SE      row 0: +x
+    image     NW  N  NE        matrix   NE  E  SE      row 0: +x
               W      E                  N      S
               SW  S  SE                 NW  W  SW
                                      column 0: +y
@@ -27,28 +27,28 @@ __all__ = ["from_north_up", "matrix_from_north_up", "to_north_up"]
 
 
 def from_north_up(
-    picture: ArrayLike, cell: float, georeference: Georeference | None = None
+    image: ArrayLike, cell: float, georeference: Georeference | None = None
 ) -> HeightMap:
-    """The map of a picture of heights [m], shape (north to south, west to east).
+    """Return the map of an image of heights [m], shape (north to south, west to east).
 
     Args:
-        picture: heights [m], row 0 north, column 0 west.
+        image: heights [m], row 0 north, column 0 west.
         cell: spacing [m].
-        georeference: where the picture's centre lies.
+        georeference: georeference of the centre of the image.
 
     Raises:
-        TerrainError: the heights cannot be ground, see `HeightMap`.
-        ParameterError: no grid has such a spacing.
+        TerrainError: a height is invalid, see `HeightMap`.
+        ParameterError: the spacing is out of range.
     """
-    heights = matrix_from_north_up(as_height_array(picture))
+    heights = matrix_from_north_up(as_height_array(image))
     return HeightMap(Grid(heights.shape[0], heights.shape[1], cell), heights, georeference)
 
 
 def to_north_up(matrix: NDArray[_Value]) -> NDArray[_Value]:
-    """Matrix order, shape (rows, cols), as a picture, shape (cols, rows)."""
+    """Return a matrix, shape (rows, cols), as an image, shape (cols, rows)."""
     return np.rot90(matrix, -1)
 
 
-def matrix_from_north_up(picture: NDArray[_Value]) -> NDArray[_Value]:
-    """A picture, shape (height, width), in matrix order, shape (width, height)."""
-    return np.rot90(picture)
+def matrix_from_north_up(image: NDArray[_Value]) -> NDArray[_Value]:
+    """Return an image, shape (height, width), in matrix order, shape (width, height)."""
+    return np.rot90(image)

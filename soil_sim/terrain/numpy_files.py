@@ -1,8 +1,8 @@
-"""Terrain as NumPy files, in matrix order: `.npy` holds heights only, `.npz` the whole map.
+"""Terrain as NumPy files, in matrix order: `.npy` stores heights only, `.npz` the whole map.
 
-An `.npz` has `heights` [m], shape (rows, cols), and `cell` [m], and for ground that lies somewhere
-also `crs`, `easting`, `northing` and `elevation`, as in `Georeference`. It may have the layers
-`soil` and `moisture` beside them, or alone. Nothing is unpickled.
+An `.npz` has `heights` [m], shape (rows, cols), and `cell` [m], and for georeferenced terrain also
+`crs`, `easting`, `northing` and `elevation`, as in `Georeference`. It can also have the layers
+`soil` (ids) and `moisture` [% of saturation], with or without heights. Nothing is unpickled.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from soil_sim.terrain.raster import TerrainRaster
 __all__ = ["LAYER_NAMES", "NpzContents", "read_npy", "read_npz", "write_npy", "write_npz"]
 
 LAYER_NAMES = ("soil", "moisture")
-"""What layers are called, in archives and elsewhere."""
+"""Names of the layers."""
 
 _REQUIRED = ("heights", "cell")
 _GEOREFERENCE_KEYS = ("crs", "easting", "northing", "elevation")
 
-# What NumPy and the zip reader raise on broken bytes; an OSError is the caller's.
+# Errors of NumPy and the zip reader on damaged files; the caller handles OSError.
 _READ_ERRORS = (
     ValueError,
     EOFError,
@@ -45,13 +45,13 @@ _READ_ERRORS = (
 
 
 class NpzContents(NamedTuple):
-    """What an `.npz` holds.
+    """Contents of an `.npz`.
 
     Attributes:
-        heights: [m], shape (rows, cols), or None for an archive of layers alone.
-        cell: spacing [m]; None where an archive of layers alone states none.
-        georeference: where the ground lies, None where the archive does not say.
-        layers: the layers' values by name, shape (rows, cols) in float64.
+        heights: heights [m], shape (rows, cols), or None in an archive of layers only.
+        cell: spacing [m], or None in an archive of layers without it.
+        georeference: georeference, None without one.
+        layers: values of the layers by name, shape (rows, cols), float64.
     """
 
     heights: NDArray[np.float64] | None
@@ -64,14 +64,14 @@ def read_npy(path: Path, what: str = "heights") -> TerrainRaster:
     """Read one array; `what` is its name in errors.
 
     Raises:
-        TerrainError: no complete array of real numbers, at least 2 x 2.
+        TerrainError: the file is not a complete array of real numbers, at least 2 x 2.
     """
     try:
-        # Mapped, so that a header that promises more than the file holds is found at once.
+        # Memory-mapped: a header with a size beyond the end of the file raises at once.
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except _READ_ERRORS as error:
         raise TerrainError(
-            f"it holds no complete array of numbers ({error}); write it again with numpy.save"
+            f"it has no complete array of numbers ({error}); write it again with numpy.save"
         ) from error
     if not isinstance(array, np.ndarray):
         array.close()
@@ -84,17 +84,17 @@ def read_npz(path: Path, *, require_heights: bool = True) -> NpzContents:
 
     Args:
         path: the file.
-        require_heights: whether heights and cell must be there.
+        require_heights: whether heights and cell are required.
 
     Raises:
-        TerrainError: a damaged archive, an array missing, unknown or of the wrong kind.
+        TerrainError: the archive is damaged, or an array is missing, unknown or invalid.
     """
     try:
         with np.load(path, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
     except (*_READ_ERRORS, AttributeError, TypeError) as error:
         raise TerrainError(
-            f"it holds no complete archive of numbers ({error}); write it with numpy.savez"
+            f"it is not a complete archive of numbers ({error}); write it with numpy.savez"
         ) from error
     _check_names(arrays, require_heights)
     place = None
@@ -114,14 +114,14 @@ def read_npz(path: Path, *, require_heights: bool = True) -> NpzContents:
 
 
 def write_npy(path: Path, height_map: HeightMap) -> None:
-    """Write the heights; spacing and georeference have no room in the format."""
+    """Write the heights; the format cannot store spacing and georeference."""
     np.save(path, height_map.heights, allow_pickle=False)
 
 
 def write_npz(
     path: Path, cell: float, georeference: Georeference | None, arrays: dict[str, NDArray[Any]]
 ) -> None:
-    """Write arrays, shape (rows, cols), under their names, with spacing [m] and place."""
+    """Write named arrays, shape (rows, cols), with spacing [m] and georeference."""
     entries: dict[str, Any] = {**arrays, "cell": cell}
     if georeference is not None:
         entries.update({name: getattr(georeference, name) for name in _GEOREFERENCE_KEYS})
@@ -138,14 +138,14 @@ def _check_names(arrays: dict[str, Any], require_heights: bool) -> None:
     unknown = [name for name in arrays if name not in known]
     if missing or unknown:
         raise TerrainError(
-            f"it holds the arrays {', '.join(arrays) or 'none'}; give it {', '.join(_REQUIRED)}"
+            f"it has the arrays {', '.join(arrays) or 'none'}; give it {', '.join(_REQUIRED)}"
             f" and, for georeferenced ground, {', '.join(_GEOREFERENCE_KEYS)}, for layers"
             f" {', '.join(LAYER_NAMES)}, and nothing else"
         )
 
 
 def _scalar(name: str, array: Any) -> Any:
-    """A text or number as Python has it."""
+    """Return a scalar array as a Python text or number."""
     if np.ndim(array) != 0 or array.dtype.kind not in "iufU":
         raise TerrainError(f"{name} is {array!r}; give one number (for crs, one text)")
     return array.item()

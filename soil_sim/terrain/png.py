@@ -1,7 +1,7 @@
 """Terrain as a 16-bit greyscale PNG, north-up: value 0 is the low and 65535 the high height.
 
-A PNG states no spacing or heights. Files written here carry them in a text chunk, so that they
-read back without arguments; heights are rounded to the 65535th part of their range.
+A PNG does not state spacing or heights. Files written here have them in a text chunk and are read
+without arguments. Heights are rounded to 1/65535 of their range.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ _SIXTEEN_BIT = ("I;16", "I;16L", "I;16B", "I")  # Pillow before 11 opens 16-bit 
 
 
 def read_png(path: Path, height_range: tuple[float, float] | None) -> TerrainRaster:
-    """Read a picture of heights.
+    """Read an image of heights.
 
     Args:
         path: the file.
-        height_range: heights [m] of values 0 and 65535; None takes those the file carries.
+        height_range: heights [m] of values 0 and 65535; None takes those of the text chunk.
 
     Raises:
-        TerrainError: not a complete 16-bit greyscale PNG, or no heights are known for it.
+        TerrainError: the file is not a complete 16-bit greyscale PNG, or states no height range.
     """
     mode, values, info = _decode(path)
     if mode not in _SIXTEEN_BIT:
         raise TerrainError(
-            f"its pixels are {mode!r}, too coarse for heights or coloured; export a 16-bit"
+            f"its pixels are {mode!r}, not 16-bit grey values; export a 16-bit"
             " greyscale PNG without alpha"
         )
     record = _parse_record(info.get(_KEY))
@@ -61,15 +61,15 @@ def read_png(path: Path, height_range: tuple[float, float] | None) -> TerrainRas
 
 
 def write_png(path: Path, height_map: HeightMap, height_range: tuple[float, float] | None) -> None:
-    """Write heights as 16-bit values, and what they mean as text.
+    """Write heights as 16-bit values, and spacing and height range as a text chunk.
 
     Args:
         path: the file.
-        height_map: what to write.
+        height_map: the map to write.
         height_range: heights [m] of values 0 and 65535; None takes the lowest and highest height.
 
     Raises:
-        TerrainError: a range that is none, or heights beyond it.
+        TerrainError: the range is invalid, or a height is outside of it.
     """
     heights = height_map.heights
     lowest, highest = float(heights.min()), float(heights.max())
@@ -79,7 +79,7 @@ def write_png(path: Path, height_map: HeightMap, height_range: tuple[float, floa
     if lowest < low or highest > high:
         raise TerrainError(
             f"heights reach from {lowest} to {highest} m, beyond the height_range of {low} to"
-            f" {high} m; give a range that holds them"
+            f" {high} m; give a range that includes them"
         )
     place = height_map.georeference
     record = {
@@ -96,14 +96,15 @@ def write_png(path: Path, height_map: HeightMap, height_range: tuple[float, floa
 
 
 def read_png_values(path: Path) -> tuple[NDArray[np.float64], Any]:
-    """Read the pixels of a layer for what they are.
+    """Read the pixel values of a layer without scaling.
 
     Returns:
-        The values in matrix order, shape (rows, cols), and the record that `write_png_values` was
-        given, None for another's file.
+        The values in matrix order, shape (rows, cols), and the record written by
+        `write_png_values`, None in other files.
 
     Raises:
-        TerrainError: not a complete 8- or 16-bit greyscale PNG, or a damaged record.
+        TerrainError: the file is not a complete 8- or 16-bit greyscale PNG, or its record is
+            damaged.
     """
     mode, values, info = _decode(path)
     if mode not in (*_SIXTEEN_BIT, "L"):
@@ -115,7 +116,7 @@ def read_png_values(path: Path) -> tuple[NDArray[np.float64], Any]:
     try:
         record = None if text is None else json.loads(text)
         if not (record is None or isinstance(record, dict)):
-            raise TypeError("no object")
+            raise TypeError("not an object")
     except (ValueError, TypeError, RecursionError) as error:
         raise TerrainError(
             f"its text chunk {_LAYER_KEY!r} is damaged ({error}); remove the chunk"
@@ -124,7 +125,7 @@ def read_png_values(path: Path) -> tuple[NDArray[np.float64], Any]:
 
 
 def write_png_values(path: Path, values: NDArray[np.uint8], record: dict[str, Any]) -> None:
-    """Write a layer, shape (rows, cols) in matrix order, as 8-bit grey, and its record as text."""
+    """Write a layer, shape (rows, cols) in matrix order, as 8-bit grey, and a record as text."""
     chunk = PngImagePlugin.PngInfo()
     chunk.add_itxt(_LAYER_KEY, json.dumps(record))
     picture = np.ascontiguousarray(to_north_up(values))
@@ -132,10 +133,10 @@ def write_png_values(path: Path, values: NDArray[np.uint8], record: dict[str, An
 
 
 def validate_height_range(height_range: Any) -> tuple[float, float]:
-    """(low, high) [m] from what a caller or a file gives.
+    """Return a height range as (low, high) [m].
 
     Raises:
-        TerrainError: not two finite numbers, low below high.
+        TerrainError: it is not two finite numbers, low below high.
     """
     try:
         low, high = (float(value) for value in height_range)
@@ -149,18 +150,18 @@ def validate_height_range(height_range: Any) -> tuple[float, float]:
 
 
 def _decode(path: Path) -> tuple[str, NDArray[np.float64], dict[Any, Any]]:
-    """Pillow's mode, values, shape (height, width[, channels]), and the text chunks."""
+    """Return mode (of Pillow), values, shape (height, width[, channels]), and text chunks."""
     try:
         with Image.open(path, formats=["PNG"]) as image:
-            image.verify()  # checksums to the last chunk; the image must be opened anew after it
+            image.verify()  # checks all checksums; the image must be opened again afterwards
         with Image.open(path, formats=["PNG"]) as image:
             return image.mode, np.asarray(image, dtype=np.float64), image.info
-    except Exception as error:  # Pillow names no base of all that broken bytes make it raise
-        raise TerrainError(f"it is no complete PNG ({error}); export it again") from error
+    except Exception as error:  # Pillow has no common base class for errors of damaged files
+        raise TerrainError(f"it is not a complete PNG ({error}); export it again") from error
 
 
 def _parse_record(text: Any) -> Any:
-    """What a file of ours says about itself, None for another's."""
+    """Return the record of a text chunk written by `write_png`, None without one."""
     if text is None:
         return None
     try:
@@ -168,7 +169,7 @@ def _parse_record(text: Any) -> Any:
         Georeference(**(record["georeference"] or {"crs": "", "easting": 0, "northing": 0}))
         cell = record["cell"]
         if isinstance(cell, bool) or not isinstance(cell, (int, float)):
-            raise TypeError("cell is no number")
+            raise TypeError("cell is not a number")
         record["cell"] = float(cell)
         validate_height_range(record["height_range"])
     except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:

@@ -1,4 +1,4 @@
-"""What every file format hands over, before a spacing and a scale make a map of it."""
+"""Contents of a terrain file before spacing and vertical scale are applied."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ __all__ = ["TerrainRaster"]
 
 @dataclass(frozen=True, eq=False)
 class TerrainRaster:
-    """Heights, or a layer's values, as a file holds them.
+    """Heights, or values of a layer, as stored in a file.
 
     Attributes:
-        heights: in matrix order and the file's vertical unit, shape (rows, cols); NaN where the
-            file marks a gap and its reader was asked to keep gaps.
-        cell: spacing the file states [m], None where it states none in metres.
-        georeference: where the file says the ground lies, None where it does not.
+        heights: values in matrix order, in the vertical unit of the file, shape (rows, cols); NaN
+            for nodata, if the reader keeps it.
+        cell: spacing stated in the file [m], None without one in metres.
+        georeference: georeference stated in the file, None without one.
     """
 
     heights: NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Terrain that is made: level, sloping or rough ground, with nothing read from a file."""
+"""Synthetic terrain: level, sloping or rough ground."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from soil_sim.terrain.height_map import HeightMap
 __all__ = ["flat", "rough", "slope"]
 
 _MARGIN = 2.5
-"""Margin beyond the map in correlation lengths: the spectral filter joins opposite edges, and at
-this distance the correlation is down to exp(-2.5**2) = 0.2 %."""
+"""Margin around the map [correlation lengths]: the spectral filter is periodic, and at this
+distance the correlation is exp(-2.5**2) = 0.2 %."""
 
 
 def flat(grid: Grid, height: float = 0.0) -> HeightMap:
-    """Level ground at `height` [m].
+    """Return level ground at `height` [m].
 
     Raises:
         TerrainError: the height is not finite or beyond `HEIGHT_LIMIT`.
@@ -28,15 +28,15 @@ def flat(grid: Grid, height: float = 0.0) -> HeightMap:
 
 
 def slope(grid: Grid, angle: float, direction: float) -> HeightMap:
-    """A plane through z = 0 at the map's centre.
+    """Return a plane through z = 0 at the centre of the map.
 
     Args:
-        grid: where the heights lie.
+        grid: grid of the heights.
         angle: inclination [rad], from 0 to below pi/2.
-        direction: where the ground rises steepest [rad], from +x counter-clockwise.
+        direction: direction of steepest ascent [rad], counter-clockwise from +x.
 
     Raises:
-        TerrainError: an angle outside its range, or so steep that heights leave `HEIGHT_LIMIT`.
+        TerrainError: an angle is out of range, or heights exceed `HEIGHT_LIMIT`.
     """
     if not 0.0 <= angle < 0.5 * math.pi:
         raise TerrainError(f"angle is {angle!r} rad; give one from 0 to below pi/2")
@@ -44,32 +44,32 @@ def slope(grid: Grid, angle: float, direction: float) -> HeightMap:
         raise TerrainError(f"direction is {direction!r} rad; give a finite angle from +x")
     x = grid.x(np.arange(grid.rows))[:, None]
     y = grid.y(np.arange(grid.cols))[None, :]
-    ahead = x * math.cos(direction) + y * math.sin(direction)
-    return HeightMap(grid, math.tan(angle) * ahead)
+    distance = x * math.cos(direction) + y * math.sin(direction)
+    return HeightMap(grid, math.tan(angle) * distance)
 
 
 def rough(grid: Grid, rms: float, correlation_length: float, rng: np.random.Generator) -> HeightMap:
-    """Random ground: a Gaussian field with Gaussian correlation, mean height 0.
+    """Return random ground: a Gaussian field with Gaussian correlation and mean height 0.
 
-    Heights a distance d apart correlate as exp(-(d / correlation_length)**2).
+    The correlation of heights at a distance d is exp(-(d / correlation_length)**2).
 
     Args:
-        grid: where the heights lie.
-        rms: root mean square of the heights [m], met exactly by every map.
+        grid: grid of the heights.
+        rms: root mean square of the heights [m]; exact in every map.
         correlation_length: distance at which the correlation is 1/e [m], from one cell to the
             shorter side of the map.
-        rng: the source of chance; the same state gives the same ground.
+        rng: random generator; equal states give equal ground.
 
     Raises:
-        TerrainError: a negative rms or a correlation length outside its range.
+        TerrainError: rms or correlation_length is out of range.
     """
     if not (math.isfinite(rms) and rms >= 0.0):
         raise TerrainError(f"rms is {rms!r} m; give a finite height, not negative")
-    longest = min(grid.size)
-    if not grid.cell <= correlation_length <= longest:
+    max_length = min(grid.size)
+    if not grid.cell <= correlation_length <= max_length:
         raise TerrainError(
             f"correlation_length is {correlation_length!r} m; give one from a cell,"
-            f" {grid.cell:g} m, to the shorter side of the map, {longest:g} m"
+            f" {grid.cell:g} m, to the shorter side of the map, {max_length:g} m"
         )
     field = _correlated_noise(grid, correlation_length, rng)
     field -= field.mean()
@@ -77,9 +77,9 @@ def rough(grid: Grid, rms: float, correlation_length: float, rng: np.random.Gene
 
 
 def _correlated_noise(grid: Grid, length: float, rng: np.random.Generator) -> NDArray[np.float64]:
-    """White noise filtered in the spectrum, shape (rows, cols); the amplitude is arbitrary.
+    """Return white noise filtered in the spectrum, shape (rows, cols), of arbitrary amplitude.
 
-    exp(-(d/L)**2) has the spectrum exp(-(k L)**2 / 4); the filter is that spectrum's square root.
+    The spectrum of exp(-(d/L)**2) is exp(-(k L)**2 / 4); the filter is its square root.
     """
     margin = math.ceil(_MARGIN * length / grid.cell)
     rows, cols = grid.rows + margin, grid.cols + margin

@@ -1,4 +1,4 @@
-"""Kinds of soil: the shipped file, moisture, and how kinds mix, stand, pack and look."""
+"""Kinds of soil: shipped file, moisture, mixing, stability, compaction and surface material."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def columns_of(*kinds: SoilType) -> Columns:
 
 
 def step_down(height: float, params: SoilParams) -> Soil:
-    """Two levels of ground, one `height` [m] below the other, at rest."""
+    """Return relaxed ground with a vertical step of a height [m]."""
     heights = np.zeros(GRID.shape)
     heights[:, 30:] = -height
     soil = Soil(GRID, heights, params)
@@ -56,7 +56,7 @@ def step_down(height: float, params: SoilParams) -> Soil:
         ("rock", (40, 40), (0.5, 0.8)),
     ],
 )
-def test_shipped_soils_are_as_the_tables_of_engineers_have_them(
+def test_shipped_soils_are_within_published_ranges(
     name: str, angle: tuple[float, float], swell: tuple[float, float]
 ) -> None:
     kind = SHIPPED[name]
@@ -66,7 +66,7 @@ def test_shipped_soils_are_as_the_tables_of_engineers_have_them(
     assert kind.sources
 
 
-def test_moisture_changes_the_angle_along_straight_lines() -> None:
+def test_repose_angle_is_linear_in_moisture_between_given_values() -> None:
     kind = SHIPPED["dry sand"]
     degrees = [math.degrees(kind.repose_angle_at(moisture)) for moisture in (0, 25, 50, 75, 100)]
     assert degrees == pytest.approx([34, 39.5, 45, 35, 25])
@@ -75,7 +75,7 @@ def test_moisture_changes_the_angle_along_straight_lines() -> None:
     assert table[[0, 50, 100]] == pytest.approx(np.tan(np.radians([34, 45, 25])))
 
 
-def test_the_height_that_stands_is_that_of_terzaghi() -> None:
+def test_critical_height_is_that_of_terzaghi() -> None:
     kind = SoilType(cohesion=10_000.0, density=1600.0, internal_friction=30.0)
     assert kind.critical_height(0) == pytest.approx(4 * 10_000 / (1600 * 9.81) * math.sqrt(3))
     assert SoilType().critical_height(0) == 0.0
@@ -92,16 +92,14 @@ def test_the_height_that_stands_is_that_of_terzaghi() -> None:
         ("mud: {colour: [1.0]}", "red, green and blue"),
     ],
 )
-def test_a_bad_file_of_soils_is_refused_with_what_to_change(
-    tmp_path: Path, text: str, message: str
-) -> None:
+def test_invalid_file_of_soils_is_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "own.yaml"
     path.write_text(text)
     with pytest.raises((SoilError, ParameterError), match=message):
         load_soil_types(str(path))
 
 
-def test_a_soil_is_named_or_described_and_not_both() -> None:
+def test_name_and_properties_of_a_soil_are_exclusive() -> None:
     assert SoilParams(soil="gravel").soil_types() == (SHIPPED["gravel"],)
     with pytest.raises(ParameterError, match=r"there is no soil 'mud' in soils\.yaml; it has"):
         SoilParams(soil="mud").soil_types()
@@ -112,7 +110,7 @@ def test_a_soil_is_named_or_described_and_not_both() -> None:
     assert others[1:] == (SHIPPED["rock"], SHIPPED["loam"])
 
 
-def test_layers_that_cannot_be_are_refused() -> None:
+def test_invalid_layers_are_refused() -> None:
     ids = np.full(GRID.shape, 2)
     with pytest.raises(SoilError, match=r"layer soil .* values 0 to 0"):
         Soil(GRID, np.zeros(GRID.shape), soil=ids)
@@ -125,7 +123,7 @@ def test_layers_that_cannot_be_are_refused() -> None:
 # Columns
 
 
-def test_loose_soil_is_of_the_kind_that_most_of_it_is() -> None:
+def test_kind_of_loose_soil_is_the_majority_kind() -> None:
     columns = columns_of(SAND, CLAY)
     arrays = columns.arrays
     add_loose(arrays, 5, 1000, 1100, 0, 0)
@@ -150,7 +148,7 @@ def test_moisture_mixes_by_volume() -> None:
     assert columns.moisture.flat[5] == 0, "the ground under it stays as it was"
 
 
-def test_packing_takes_room_and_no_soil_and_ends_at_the_bank_volume() -> None:
+def test_compaction_reduces_bulk_volume_only_down_to_bank_volume() -> None:
     columns = columns_of(CLAY)
     arrays = columns.arrays
     add_loose(arrays, 5, 10_000_000, 14_000_000, 0, 0)
@@ -163,7 +161,7 @@ def test_packing_takes_room_and_no_soil_and_ends_at_the_bank_volume() -> None:
     assert high - columns.height.flat[5] == pytest.approx(4e6 * columns.metres_per_mm3)
 
 
-def test_what_is_taken_in_parts_leaves_nothing_behind() -> None:
+def test_removing_loose_soil_in_parts_removes_all_of_it() -> None:
     columns = columns_of(CLAY)
     arrays, rng = columns.arrays, np.random.default_rng(0)
     for _ in range(200):
@@ -180,14 +178,14 @@ def test_what_is_taken_in_parts_leaves_nothing_behind() -> None:
 
 
 @pytest.mark.parametrize(("name", "stands"), [("dry clay", True), ("dry sand", False)])
-def test_a_wall_of_clay_stands_and_one_of_sand_does_not(name: str, stands: bool) -> None:
+def test_vertical_face_is_stable_in_clay_and_fails_in_sand(name: str, stands: bool) -> None:
     soil = step_down(1.5, SoilParams(soil=name))
     assert (soil.columns.loose.sum() == 0) == stands
     assert soil.relaxation.max_slope_excess() <= 0.003
     assert soil.verify_volume()
 
 
-def test_a_wall_higher_than_its_soil_carries_fails_and_lies_at_its_angle(tmp_path: Path) -> None:
+def test_face_above_critical_height_fails_to_its_repose_angle(tmp_path: Path) -> None:
     own = tmp_path / "own.yaml"
     own.write_text("weak: {cohesion: 3000.0, density: 1500.0, swell: 0.2}")
     kind = load_soil_types(str(own))["weak"]
@@ -201,7 +199,7 @@ def test_a_wall_higher_than_its_soil_carries_fails_and_lies_at_its_angle(tmp_pat
     assert failed.verify_volume()
 
 
-def test_loose_soil_on_a_standing_wall_slips_and_leaves_the_wall() -> None:
+def test_loose_soil_slides_off_a_stable_face_without_changing_it() -> None:
     soil = step_down(1.0, SoilParams(soil="dry clay"))
     firm = soil.columns.firm.copy()
     x, y = soil.grid.x(30.0), soil.grid.y(29.0)
@@ -214,7 +212,7 @@ def test_loose_soil_on_a_standing_wall_slips_and_leaves_the_wall() -> None:
     assert soil.relaxation.max_slope_excess() <= 0.003
 
 
-def test_ground_of_two_kinds_slips_each_at_its_own_angle() -> None:
+def test_each_kind_of_soil_fails_at_its_own_angle() -> None:
     ids = np.zeros(GRID.shape, dtype=np.uint8)
     ids[:30] = 1
     heights = np.zeros(GRID.shape)
@@ -230,21 +228,23 @@ def test_ground_of_two_kinds_slips_each_at_its_own_angle() -> None:
     assert soil.relaxation.max_slope_excess() <= 0.003
 
 
-# What it looks like, and what is told
+# Surface material, and published properties
 
 
-def test_a_cut_lays_firm_soil_bare_and_what_lands_is_dirt() -> None:
+def test_surface_material_is_excavated_after_a_cut_and_loose_after_deposition() -> None:
     soil = Soil(GRID, np.zeros(GRID.shape), SoilParams(soil="dry clay"))
     soil.step(0, bucket_sweep((0.5, 0, 0.1), (0.5, 0, -0.2)), NO_DEPOSIT_REQUESTS)
     soil.step(1, bucket_sweep((0.5, 0, -0.2), (0.6, 0, -0.2)), NO_DEPOSIT_REQUESTS)
     soil.step(2, NO_SWEEPS, make_deposit_requests(-3.0, -3.0, 8_000_000))
-    look = soil.columns.material
-    assert look[round(soil.grid.row(0.4)), round(soil.grid.col(0.0))] == SurfaceMaterial.EXCAVATED
-    assert look[round(soil.grid.row(-3.0)), round(soil.grid.col(-3.0))] == SurfaceMaterial.LOOSE
-    assert look[0, 0] == SurfaceMaterial.UNDISTURBED
+    material = soil.columns.material
+    assert (
+        material[round(soil.grid.row(0.4)), round(soil.grid.col(0.0))] == SurfaceMaterial.EXCAVATED
+    )
+    assert material[round(soil.grid.row(-3.0)), round(soil.grid.col(-3.0))] == SurfaceMaterial.LOOSE
+    assert material[0, 0] == SurfaceMaterial.UNDISTURBED
 
 
-def test_soil_that_passes_over_ground_at_its_limit_leaves_no_dirt_on_it() -> None:
+def test_soil_that_slides_over_a_slope_leaves_no_loose_surface_on_it() -> None:
     heights = np.tile(-0.2 * math.tan(math.radians(30.0)) * np.arange(61.0), (61, 1))
     soil = Soil(GRID, heights, SoilParams())
     x, y = soil.grid.x(30.0), soil.grid.y(10.0)
@@ -253,12 +253,12 @@ def test_soil_that_passes_over_ground_at_its_limit_leaves_no_dirt_on_it() -> Non
     while soil.relaxation.relax(10**6):
         pass
     soil.step(99, NO_SWEEPS, NO_DEPOSIT_REQUESTS)
-    look = soil.columns.material
-    assert (look[30, 56:] == SurfaceMaterial.LOOSE).any(), "it came to lie at the foot"
-    assert (look[:, 20:45] == SurfaceMaterial.UNDISTURBED).all()
+    material = soil.columns.material
+    assert (material[30, 56:] == SurfaceMaterial.LOOSE).any(), "it came to lie at the foot"
+    assert (material[:, 20:45] == SurfaceMaterial.UNDISTURBED).all()
 
 
-def test_what_is_excavated_says_its_kind_and_lands_as_it() -> None:
+def test_kind_and_moisture_are_kept_by_excavation_and_deposition() -> None:
     params = SoilParams(soil="dry sand", additional_soils=("dry clay",))
     soil = Soil(GRID, np.zeros(GRID.shape), params, soil=np.ones(GRID.shape, dtype=np.uint8))
     step = soil.step(0, bucket_sweep((0.5, 0, 0.1), (0.5, 0, -0.2)), NO_DEPOSIT_REQUESTS)
@@ -272,7 +272,7 @@ def test_what_is_excavated_says_its_kind_and_lands_as_it() -> None:
 
 
 @pytest.mark.parametrize(("field", "value"), [("soil", 1), ("moisture", 101)])
-def test_a_particle_of_a_kind_that_is_not_there_is_refused(field: str, value: int) -> None:
+def test_deposit_of_unknown_kind_or_moisture_is_rejected(field: str, value: int) -> None:
     soil = Soil(GRID, np.zeros(GRID.shape))
     rows = make_deposit_requests(0.0, 0.0, 1000)
     rows[field] = value
@@ -281,7 +281,7 @@ def test_a_particle_of_a_kind_that_is_not_there_is_refused(field: str, value: in
     assert soil.columns.loose.sum() == 0
 
 
-def test_the_state_hash_knows_kinds_and_moisture() -> None:
+def test_state_hash_depends_on_kinds_and_moisture() -> None:
     ids = np.zeros(GRID.shape, dtype=np.uint8)
     other = ids.copy()
     other[4, 4] = 1
@@ -294,7 +294,7 @@ def test_the_state_hash_knows_kinds_and_moisture() -> None:
     assert len(hashes) == 3
 
 
-def test_machines_are_told_how_soil_bears_tracks_and_rock_does_not_give() -> None:
+def test_loose_soil_has_bearing_properties_for_tracks_and_rock_is_rigid() -> None:
     kinds = load_soil_types()
     loam = kinds["loam"].loose_soil
     assert loam.bekker_k_phi == 1_515_040.0

@@ -102,9 +102,7 @@ def test_word_that_is_no_height_is_refused_with_its_line(tmp_path, word, column)
 
 
 def test_cell_without_height_is_refused_with_its_position(tmp_path):
-    with pytest.raises(
-        TerrainError, match="line 8, value 2 is -5, which means no height; 1 of 6 cells"
-    ):
+    with pytest.raises(TerrainError, match="line 8, value 2 is -5, the nodata value; 1 of 6 cells"):
         load_terrain(asc(tmp_path, rows=("1 2 3", "4 -5.0 6"), NODATA_value="-5"))
 
 
@@ -115,7 +113,7 @@ def test_minus_9999_is_no_height_where_the_file_names_no_mark(tmp_path):
 
 def test_file_that_is_no_text_is_refused(tmp_path):
     (tmp_path / "site.asc").write_bytes(b"ncols 3\xff")
-    with pytest.raises(TerrainError, match="byte 7 is no ASCII"):
+    with pytest.raises(TerrainError, match="byte 7 is not ASCII"):
         load_terrain(tmp_path / "site.asc")
 
 

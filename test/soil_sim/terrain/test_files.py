@@ -99,7 +99,7 @@ def test_ascii_grid_above_a_datum_comes_back_as_elevations(tmp_path):
 @pytest.mark.parametrize("suffix", [".asc", ".tif", ".tiff"])
 def test_elevations_that_would_not_be_read_back_are_refused_at_saving(tmp_path, suffix):
     place = Georeference("", 0.0, 9.0, elevation=-9999.0)
-    with pytest.raises(TerrainError, match="beyond the 9000 m that are read back"):
+    with pytest.raises(TerrainError, match="beyond the limit of 9000 m"):
         save_terrain(tmp_path / f"site{suffix}", HeightMap(GRID, 0.0 * HEIGHTS, place))
     assert not list(tmp_path.iterdir())
 
@@ -190,13 +190,13 @@ def test_impossible_vertical_scale_is_refused(tmp_path, scale):
 
 @pytest.mark.parametrize("suffix", EXACT)
 def test_height_range_is_refused_where_it_means_nothing(tmp_path, suffix):
-    with pytest.raises(TerrainError, match=r"height_range is for \.png only"):
+    with pytest.raises(TerrainError, match=r"height_range applies to \.png only"):
         load_terrain(saved(tmp_path, suffix), cell=0.5, height_range=(0.0, 1.0))
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_folder_that_does_not_exist_is_refused(tmp_path, suffix):
-    with pytest.raises(TerrainError, match="give a folder that exists"):
+    with pytest.raises(TerrainError, match="give an existing folder"):
         saved(tmp_path / "nowhere", suffix)
 
 

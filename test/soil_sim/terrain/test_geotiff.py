@@ -104,7 +104,7 @@ def test_tag_that_is_no_text_is_refused(tmp_path):
     content = path.read_bytes()
     assert content.count(b">metre<") == 1
     path.write_bytes(content.replace(b">metre<", b">met\xffe<"))
-    with pytest.raises(TerrainError, match="no complete GeoTIFF"):
+    with pytest.raises(TerrainError, match="not a complete GeoTIFF"):
         load_terrain(path)
 
 
@@ -176,7 +176,7 @@ def test_band_of_one_row_is_refused(tmp_path):
 )
 @pytest.mark.parametrize("cell", [None, 2.0])
 def test_picture_that_is_not_north_up_is_refused(tmp_path, transform, cell):
-    with pytest.raises(TerrainError, match="not north-up; turn it so with gdalwarp"):
+    with pytest.raises(TerrainError, match="not north-up; rotate it with gdalwarp"):
         load_terrain(tif(tmp_path, transform=transform), cell=cell)
 
 
@@ -215,7 +215,7 @@ def test_metres_without_a_system_keep_their_coordinates(tmp_path):
 
 def test_other_raster_named_tif_is_refused(tmp_path):
     (tmp_path / "site.tif").write_text("ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\n")
-    with pytest.raises(TerrainError, match="no complete GeoTIFF"):
+    with pytest.raises(TerrainError, match="not a complete GeoTIFF"):
         load_terrain(tmp_path / "site.tif")
 
 

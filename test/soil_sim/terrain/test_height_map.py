@@ -151,7 +151,7 @@ def test_scaled_ground_has_no_georeference():
 
 
 def test_level_ground_has_no_relief_to_scale():
-    with pytest.raises(TerrainError, match="level ground"):
+    with pytest.raises(TerrainError, match="level terrain"):
         HeightMap(GRID, np.zeros(GRID.shape)).with_relief(1.0)
 
 

@@ -262,10 +262,10 @@ def test_terrain_without_layers_has_none(tmp_path):
 @pytest.mark.parametrize("suffix", [suffix for suffix in SUFFIXES if suffix != ".npz"])
 def test_layers_beside_heights_are_refused_where_there_is_no_room(tmp_path, suffix):
     site = HeightMap(GRID, np.zeros((3, 2)))
-    with pytest.raises(TerrainError, match=r"layers go into \.npz only"):
+    with pytest.raises(TerrainError, match=r"only \.npz stores layers"):
         save_terrain(tmp_path / f"site{suffix}", site, layers=Layers(IDS))
     save_terrain(tmp_path / f"site{suffix}", site)
-    with pytest.raises(TerrainError, match="no room for layers"):
+    with pytest.raises(TerrainError, match="cannot store layers"):
         load_terrain_with_layers(tmp_path / f"site{suffix}", cell=0.5)
 
 

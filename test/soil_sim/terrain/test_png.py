@@ -68,7 +68,7 @@ def test_height_range_given_at_loading_goes_before_that_of_the_file(tmp_path):
 
 
 def test_heights_beyond_the_range_are_refused_at_saving(tmp_path):
-    with pytest.raises(TerrainError, match="give a range that holds them"):
+    with pytest.raises(TerrainError, match="give a range that includes them"):
         save_terrain(tmp_path / "site.png", flat(Grid(3, 4, 0.2), 5.0), height_range=(0.0, 4.0))
 
 
@@ -98,7 +98,7 @@ def test_png_of_eight_bits_or_colour_is_refused(tmp_path, shape):
 
 def test_other_picture_named_png_is_refused(tmp_path):
     Image.fromarray(np.zeros((4, 4), dtype=np.uint8)).save(tmp_path / "site.png", format="BMP")
-    with pytest.raises(TerrainError, match="no complete PNG"):
+    with pytest.raises(TerrainError, match="not a complete PNG"):
         load_terrain(tmp_path / "site.png", cell=0.5, height_range=(0.0, 1.0))
 
 
@@ -124,5 +124,5 @@ def test_png_whose_pixels_are_whole_but_whose_end_is_missing_is_refused(tmp_path
     path = png(tmp_path, np.zeros((3, 3), dtype=np.uint16))
     end_chunk = 12  # length, name and checksum of IEND
     path.write_bytes(path.read_bytes()[:-end_chunk])
-    with pytest.raises(TerrainError, match="no complete PNG"):
+    with pytest.raises(TerrainError, match="not a complete PNG"):
         load_terrain(path, cell=0.5, height_range=(0.0, 1.0))

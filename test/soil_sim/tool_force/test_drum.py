@@ -1,4 +1,4 @@
-"""What resists a drum that mills: its work is the specific energy of what it takes off."""
+"""Milling resistance: the work of a drum is the specific energy of the soil it removes."""
 
 import math
 
@@ -24,7 +24,7 @@ NOTHING = empty_rows(DEPOSIT_REQUEST)
 
 
 def ring(angle, center):
-    """Tips of the picks all round, left before right, the ring closed, shape (26, 3)."""
+    """Return the pick tips around a drum, left before right, as a closed ring, shape (26, 3)."""
     turns = angle + 2.0 * math.pi * np.arange(PAIRS + 1) / PAIRS
     points = [
         (RADIUS * math.cos(a), side * 0.5 * WIDTH, -RADIUS * math.sin(a))
@@ -34,10 +34,10 @@ def ring(angle, center):
     return np.array(points) + center
 
 
-def drum(advance, spun, *, z=-1.0, action=SweepAction.MILL):
-    """SWEEP rows of a drum that goes ahead [m] and turns [rad] in a tick."""
+def drum(advance, rotation, *, z=-1.0, action=SweepAction.MILL):
+    """Return the SWEEP rows of a drum that advances [m] and rotates [rad] in a tick."""
     before = ring(0.0, np.array([0.0, 0.0, z]))
-    after = ring(spun, np.array([advance, 0.0, z]))
+    after = ring(rotation, np.array([advance, 0.0, z]))
     rows = empty_rows(SWEEP, len(before))
     rows["x0"], rows["y0"], rows["z0"] = before.T
     rows["x1"], rows["y1"], rows["z1"] = after.T
@@ -50,22 +50,22 @@ def ground(**params):
     return Soil(GRID, np.zeros(GRID.shape), SoilParams(**params))
 
 
-def test_work_of_the_torque_is_the_specific_energy_of_what_is_milled():
-    advance, spun = 0.002, 0.05
+def test_work_of_torque_is_specific_energy_of_milled_volume():
+    advance, rotation = 0.002, 0.05
     soil = ground(soil="rock")
-    (force,) = soil.step(1, drum(advance, spun), NOTHING).forces
+    (force,) = soil.step(1, drum(advance, rotation), NOTHING).forces
     energy = rock_specific_energy(soil.soil_types[0].tensile_strength)
     volume = 2.0 * RADIUS * WIDTH * advance
     # Turning from x toward -z is turning about +y; about the axis, not the point of the force.
     arm = np.array([force["x"] - advance, 0.0, force["z"] + 1.0])
     torque = force["ty"] + arm[2] * force["fx"] - arm[0] * force["fz"]
-    assert -torque * spun == pytest.approx(energy * volume, rel=0.05)
+    assert -torque * rotation == pytest.approx(energy * volume, rel=0.05)
     assert force["reaction"] == SoilReaction.MILL
     assert force["fx"] < 0.0  # out of the face
     assert force["fz"] > 0.0  # picks that go down in front are held up
 
 
-def test_rock_takes_megajoules_a_cubic_metre_and_loam_less():
+def test_rock_needs_megajoules_per_cubic_metre_and_loam_less():
     assert 5e6 < rock_specific_energy(3e6) < 12e6
     wrenches = [
         ground(soil=kind).step(1, drum(0.002, 0.05), NOTHING).forces[0]["ty"]
@@ -75,7 +75,7 @@ def test_rock_takes_megajoules_a_cubic_metre_and_loam_less():
     assert wrenches[1] < 1.5 * wrenches[2] < 0.0
 
 
-def test_a_drum_in_the_air_or_drawn_back_is_not_resisted():
+def test_drum_in_the_air_or_moving_back_has_no_resistance():
     assert ground().step(1, drum(0.002, 0.05, z=2.0), NOTHING).forces[0]["fx"] == 0.0
     soil = ground()
     soil.step(1, drum(0.002, 0.05), NOTHING)
@@ -84,21 +84,21 @@ def test_a_drum_in_the_air_or_drawn_back_is_not_resisted():
     assert force["fx"] >= 0.0
 
 
-def test_a_drum_takes_away_what_it_swept_all_round_and_above():
+def test_drum_excavates_the_swept_part_of_its_cylinder():
     soil = ground()
     before = soil.total_mm3
     step = soil.step(1, drum(0.002, 0.05, z=-0.3), NOTHING)
-    taken = step.conversions[step.conversions["kind"] == ConversionKind.EXCAVATE][
+    excavated = step.conversions[step.conversions["kind"] == ConversionKind.EXCAVATE][
         "volume_mm3"
     ].sum()
-    assert before - soil.total_mm3 == taken
+    assert before - soil.total_mm3 == excavated
     # The part of the cylinder below the surface, and no column beyond its ends.
     depth = np.linspace(-RADIUS, RADIUS, 2001)
     below = np.clip(0.3 + np.sqrt(RADIUS**2 - depth**2), 0.0, None)
-    assert taken * 1e-9 == pytest.approx(below.mean() * 2 * RADIUS * WIDTH, rel=0.1)
+    assert excavated * 1e-9 == pytest.approx(below.mean() * 2 * RADIUS * WIDTH, rel=0.1)
 
 
-def test_what_bears_a_drum_that_stands_does_not_ask_how_it_stands():
+def test_bearing_force_on_stationary_drum_hardly_depends_on_its_angle():
     heights = np.where(GRID.x(np.arange(65))[:, None] > 0.45, 3.0, 0.0) * np.ones(GRID.shape)
     pushes = []
     for angle in (0.0, 0.26, 1.57, 3.1, 4.0):
@@ -115,7 +115,7 @@ def test_what_bears_a_drum_that_stands_does_not_ask_how_it_stands():
     assert min(pushes) > 2.5 * max(pushes)
 
 
-def test_a_drum_that_stands_presses_and_takes_nothing():
+def test_stationary_drum_compacts_and_excavates_nothing():
     soil = ground()
     step = soil.step(1, drum(0.0, 0.0, z=0.3, action=SweepAction.COMPACT), NOTHING)
     assert (step.conversions["kind"] != ConversionKind.EXCAVATE).all()

@@ -1,4 +1,4 @@
-"""What tools feel: the earthmoving equation at a dragged plate, and where nothing resists."""
+"""Forces of the soil on tools: earthmoving equation, side plate and bearing capacity."""
 
 import math
 
@@ -12,7 +12,7 @@ from soil_sim.soils.soil_types import load_soil_types
 from soil_sim.tool_force import compute_blade_force
 
 KINDS = load_soil_types()
-WAY = 0.02
+TRAVEL = 0.02
 DEPTH = 0.3
 
 
@@ -22,13 +22,13 @@ def force(soil: Soil, sweep: Rows) -> np.ndarray:
 
 
 def plate(rake: float) -> tuple[tuple[float, float], ...]:
-    """A plate of 1 m at a rake [deg], behind and above its lip."""
+    """Return the outline of a plate of 1 m at a rake [deg], behind and above its edge."""
     return ((0.0, 0.0), (-math.cos(math.radians(rake)), math.sin(math.radians(rake))))
 
 
 def expected(name: str, rake: float, width: float = 1.2, depth: float = DEPTH) -> np.ndarray:
     kind = KINDS[name]
-    stick = kind.moisture_strength_factor(kind.moisture)
+    factor = kind.moisture_strength_factor(kind.moisture)
     found = compute_blade_force(
         width=width,
         depth=depth,
@@ -36,14 +36,14 @@ def expected(name: str, rake: float, width: float = 1.2, depth: float = DEPTH) -
         gamma=kind.density * 9.81,
         phi=math.radians(kind.internal_friction),
         delta=math.radians(kind.tool_friction),
-        cohesion=kind.cohesion * stick,
-        adhesion=kind.adhesion * stick,
+        cohesion=kind.cohesion * factor,
+        adhesion=kind.adhesion * factor,
     )
     return np.array([-found.horizontal, 0.0, found.vertical])
 
 
-def turned(sweep: Rows, angle: float) -> Rows:
-    """The same about the map's z axis."""
+def rotated(sweep: Rows, angle: float) -> Rows:
+    """Return a sweep rotated about the z axis of the map."""
     sweep = sweep.copy()
     for end in "01":
         x, y = sweep[f"x{end}"].copy(), sweep[f"y{end}"].copy()
@@ -53,7 +53,7 @@ def turned(sweep: Rows, angle: float) -> Rows:
 
 
 def reverse(sweep: Rows) -> Rows:
-    """The same way backwards."""
+    """Return a sweep with start and end exchanged."""
     sweep = sweep.copy()
     for axis in "xyz":
         sweep[f"{axis}0"], sweep[f"{axis}1"] = sweep[f"{axis}1"].copy(), sweep[f"{axis}0"].copy()
@@ -62,12 +62,12 @@ def reverse(sweep: Rows) -> Rows:
 
 @pytest.mark.parametrize("rake", [30.0, 60.0, 90.0])
 @pytest.mark.parametrize("name", ["gravel", "loam", "dry clay", "wet clay"])
-def test_a_plate_dragged_through_level_soil_feels_the_earthmoving_equation(name, rake) -> None:
+def test_force_on_plate_in_level_soil_is_that_of_earthmoving_equation(name, rake) -> None:
     soil = flat_soil(6.0, 0.2, soil=name)
     soil.relaxation.relax = lambda budget=None: 0  # type: ignore[method-assign]
     for tick in range(30):
-        x = -0.3 + WAY * tick
-        sweep = tool_sweep(plate(rake), (x, 0, -DEPTH), (x + WAY, 0, -DEPTH))
+        x = -0.3 + TRAVEL * tick
+        sweep = tool_sweep(plate(rake), (x, 0, -DEPTH), (x + TRAVEL, 0, -DEPTH))
         row = soil.step(tick, sweep, NO_DEPOSIT_REQUESTS).forces[0]
         found = [row["fx"], row["fy"], row["fz"]]
         assert found == pytest.approx(expected(name, rake), rel=0.05, abs=1.0)
@@ -76,60 +76,60 @@ def test_a_plate_dragged_through_level_soil_feels_the_earthmoving_equation(name,
 
 
 @pytest.mark.parametrize("degrees", [0, 37, 90, 200, 315])
-def test_the_force_is_against_the_travel(degrees) -> None:
+def test_force_is_against_the_travel(degrees) -> None:
     angle = math.radians(degrees)
-    sweep = turned(tool_sweep(plate(60.0), (0, 0, -DEPTH), (WAY, 0, -DEPTH)), angle)
+    sweep = rotated(tool_sweep(plate(60.0), (0, 0, -DEPTH), (TRAVEL, 0, -DEPTH)), angle)
     found = force(flat_soil(6.0, 0.2, soil="loam"), sweep)
     against, _, up = expected("loam", 60.0)
     direction = [against * math.cos(angle), against * math.sin(angle), up]
     assert found == pytest.approx(direction, rel=0.02, abs=20.0)
 
 
-def test_the_force_grows_with_the_width() -> None:
+def test_force_is_proportional_to_width() -> None:
     one, two = (
         force(
             flat_soil(8.0, 0.2, soil="loam"),
-            tool_sweep(plate(60.0), (0, 0, -DEPTH), (WAY, 0, -DEPTH), width=width),
+            tool_sweep(plate(60.0), (0, 0, -DEPTH), (TRAVEL, 0, -DEPTH), width=width),
         )
         for width in (0.8, 1.6)
     )
     assert two == pytest.approx(2.0 * one, rel=1e-5)
 
 
-STROKE = bucket_sweep((0, 0, -DEPTH), (WAY, 0, -DEPTH))
+STROKE = bucket_sweep((0, 0, -DEPTH), (TRAVEL, 0, -DEPTH))
 
 
 @pytest.mark.parametrize(
     "sweep",
     [
-        bucket_sweep((0, 0, 0.1), (WAY, 0, 0.1)),
+        bucket_sweep((0, 0, 0.1), (TRAVEL, 0, 0.1)),
         bucket_sweep((0, 0, -DEPTH), (0, 0, -DEPTH)),
-        bucket_sweep((0, 0, -DEPTH), (0, 0, -DEPTH + WAY)),
-        reverse(tool_sweep((*plate(60.0), (0.0, 1.0)), (0, 0, -DEPTH), (WAY, 0, -DEPTH))),
+        bucket_sweep((0, 0, -DEPTH), (0, 0, -DEPTH + TRAVEL)),
+        reverse(tool_sweep((*plate(60.0), (0.0, 1.0)), (0, 0, -DEPTH), (TRAVEL, 0, -DEPTH))),
     ],
     ids=["above ground", "at rest", "straight up", "backwards, a blade"],
 )
-def test_what_does_not_cut_feels_nothing(sweep) -> None:
+def test_tool_that_does_not_cut_has_no_resistance(sweep) -> None:
     assert not force(flat_soil(6.0, 0.2, soil="loam"), sweep).any()
     assert force(flat_soil(6.0, 0.2, soil="loam"), STROKE)[0] < -1e3
 
 
-def test_a_bucket_that_backs_out_of_its_cut_feels_nothing() -> None:
+def test_bucket_that_backs_out_of_its_cut_has_no_resistance() -> None:
     soil = flat_soil(6.0, 0.1, soil="dry clay")
     for tick in range(75):
-        x = -0.75 + WAY * tick
-        soil.step(tick, bucket_sweep((x, 0, -DEPTH), (x + WAY, 0, -DEPTH)), NO_DEPOSIT_REQUESTS)
-    back = reverse(bucket_sweep((x, 0, -DEPTH), (x + WAY, 0, -DEPTH)))
+        x = -0.75 + TRAVEL * tick
+        soil.step(tick, bucket_sweep((x, 0, -DEPTH), (x + TRAVEL, 0, -DEPTH)), NO_DEPOSIT_REQUESTS)
+    back = reverse(bucket_sweep((x, 0, -DEPTH), (x + TRAVEL, 0, -DEPTH)))
     assert abs(force(soil, back)[0]) < 1.0
 
 
-def test_the_2014_soil_does_not_resist() -> None:
+def test_force_mode_none_gives_no_force() -> None:
     assert not force(flat_soil(6.0, 0.2, soil="loam", force_mode="none"), STROKE).any()
 
 
-def test_a_lip_half_in_the_air_feels_half_and_is_turned() -> None:
+def test_edge_half_in_the_air_has_half_the_force_off_centre() -> None:
     soil = flat_soil(6.0, 0.2, soil="loam")
-    sweep = tool_sweep(plate(60.0), (0, 0, -DEPTH), (WAY, 0, -DEPTH), width=1.6)
+    sweep = tool_sweep(plate(60.0), (0, 0, -DEPTH), (TRAVEL, 0, -DEPTH), width=1.6)
     whole = force(soil, sweep)
     soil = flat_soil(6.0, 0.2, soil="loam")
     soil.columns.height[:, soil.grid.y(np.arange(soil.grid.cols)) > 0.0] -= 1.0
@@ -139,7 +139,7 @@ def test_a_lip_half_in_the_air_feels_half_and_is_turned() -> None:
     assert row["y"] == pytest.approx(-0.4, abs=0.11)
 
 
-def test_loosened_clay_resists_less_than_clay_that_stands() -> None:
+def test_loose_clay_resists_less_than_firm_clay() -> None:
     soil = flat_soil(6.0, 0.2, soil="dry clay")
     firm = force(soil, STROKE)[0]
     soil = flat_soil(6.0, 0.2, soil="dry clay")
@@ -151,7 +151,7 @@ def test_loosened_clay_resists_less_than_clay_that_stands() -> None:
     assert 0.5 * firm < force(soil, STROKE)[0] < 0.0
 
 
-def test_rock_stops_a_bucket() -> None:
+def test_rock_resists_with_more_than_a_meganewton() -> None:
     assert force(flat_soil(6.0, 0.2, soil="rock"), STROKE)[0] < -1e6
 
 
@@ -159,45 +159,47 @@ BOX = ((0.0, 0.0), (-0.8, 0.0), (-0.8, 1.0), (0.0, 1.0))
 """A tool whose side is a rectangle 0.8 m long and 1 m high."""
 
 
-@pytest.mark.parametrize("way", [WAY, -WAY], ids=["left", "right"])
+@pytest.mark.parametrize("way", [TRAVEL, -TRAVEL], ids=["left", "right"])
 @pytest.mark.parametrize("name", ["gravel", "loam", "wet clay"])
-def test_a_side_swung_through_level_soil_feels_the_earthmoving_equation(name, way) -> None:
+def test_force_on_side_in_level_soil_is_that_of_earthmoving_equation(name, way) -> None:
     sweep = tool_sweep(BOX, (0, 0, -DEPTH), (0, way, -DEPTH))
     found = force(flat_soil(6.0, 0.2, soil=name), sweep)
     blade = expected(name, 90.0, width=0.8)
     assert found == pytest.approx([0.0, math.copysign(blade[0], -way), 0.0], rel=1e-4, abs=1.0)
 
 
-def test_the_side_of_a_bucket_is_as_deep_as_its_outline() -> None:
+def test_depth_of_bucket_side_is_that_of_its_outline() -> None:
     deep = 0.6  # of the floor; the back rises, and the rim is above the ground
-    found = force(flat_soil(6.0, 0.1, soil="gravel"), bucket_sweep((0, 0, -deep), (0, WAY, -deep)))
+    found = force(
+        flat_soil(6.0, 0.1, soil="gravel"), bucket_sweep((0, 0, -deep), (0, TRAVEL, -deep))
+    )
     wall = expected("gravel", 90.0, width=1.0, depth=deep)[0]
     assert wall < found[1] < 0.4 * wall
 
 
-def test_a_tool_that_goes_aslant_feels_part_of_its_side_and_the_same_to_both_hands() -> None:
+def test_oblique_travel_has_part_of_the_side_force_symmetric_left_and_right() -> None:
     part = math.sqrt(0.5)
     right, left = (
         force(
             flat_soil(6.0, 0.2, soil="loam"),
-            tool_sweep(BOX, (0, 0, -DEPTH), (part * WAY, y * part * WAY, -DEPTH)),
+            tool_sweep(BOX, (0, 0, -DEPTH), (part * TRAVEL, y * part * TRAVEL, -DEPTH)),
         )
         for y in (-1.0, 1.0)
     )
     assert right == pytest.approx(left * [1.0, -1.0, 1.0], rel=1e-3)
     side = part * expected("loam", 90.0, width=0.8)[0]
-    assert left @ [part, part, 0.0] < side  # and what its lip feels
+    assert left @ [part, part, 0.0] < side  # plus the force on its cutting edge
 
 
-def test_a_tool_that_drifts_a_little_goes_straight() -> None:
-    drifting = tool_sweep(BOX, (0, 0, -DEPTH), (WAY, 0.01 * WAY, -DEPTH))
-    straight = tool_sweep(BOX, (0, 0, -DEPTH), (WAY, 0, -DEPTH))
+def test_small_sideways_drift_does_not_change_the_force() -> None:
+    drifting = tool_sweep(BOX, (0, 0, -DEPTH), (TRAVEL, 0.01 * TRAVEL, -DEPTH))
+    straight = tool_sweep(BOX, (0, 0, -DEPTH), (TRAVEL, 0, -DEPTH))
     found = [force(flat_soil(6.0, 0.2, soil="loam"), sweep) for sweep in (drifting, straight)]
     assert found[0] == pytest.approx(found[1], rel=0.02, abs=300.0)
 
 
-def borne(soil: Soil, sweep: Rows) -> np.ndarray:
-    """Force that can bear a tool [N]; zeros where none is told."""
+def bearing_force(soil: Soil, sweep: Rows) -> np.ndarray:
+    """Return the bearing force on a tool [N]; zeros without a row."""
     rows = soil.step(0, sweep, NO_DEPOSIT_REQUESTS).forces
     rows = rows[rows["reaction"] == SoilReaction.BEARING]
     return np.array([rows[name].sum() for name in ("fx", "fy", "fz")], dtype=np.float64)
@@ -205,30 +207,30 @@ def borne(soil: Soil, sweep: Rows) -> np.ndarray:
 
 @pytest.mark.parametrize("action", [SweepAction.CUT, SweepAction.COMPACT])
 @pytest.mark.parametrize("start", [0.001, -0.01], ids=["pressed down", "at rest"])
-def test_soil_bears_a_bucket_by_the_capacity_of_a_footing(start, action) -> None:
+def test_bearing_force_on_bucket_is_capacity_of_a_footing(start, action) -> None:
     sweep = bucket_sweep((0, 0, start), (0, 0, -0.01))
-    sweep["action"][:4] = action  # of the floor, as a machine tells it
-    found = borne(flat_soil(6.0, 0.2, soil="loam"), sweep)
+    sweep["action"][:4] = action  # of the floor, as machines publish it
+    found = bearing_force(flat_soil(6.0, 0.2, soil="loam"), sweep)
     assert found[1] == pytest.approx(0.0, abs=1e-3)
-    # c N_c alone: 8 kPa * 1.2 (loam as found) * 38.6, on a floor of 0.4 m x 1.2 m
+    # c N_c alone: 8 kPa * 1.2 (loam at its natural moisture) * 38.6, on a floor of 0.4 m x 1.2 m
     assert 0.9 * 9.6e3 * 38.6 * 0.48 < found[2] < 2.0 * 9.6e3 * 38.6 * 0.48
 
 
-def test_nothing_bears_a_bucket_in_the_air() -> None:
-    above = bucket_sweep((0, 0, 0.05), (WAY, 0, 0.05))
-    assert not borne(flat_soil(6.0, 0.2, soil="loam"), above).any()
+def test_bucket_in_the_air_has_no_bearing_force() -> None:
+    above = bucket_sweep((0, 0, 0.05), (TRAVEL, 0, 0.05))
+    assert not bearing_force(flat_soil(6.0, 0.2, soil="loam"), above).any()
 
 
-def test_a_track_that_presses_is_not_borne_as_a_tool() -> None:
+def test_track_that_compacts_has_no_bearing_force() -> None:
     track = tool_sweep(((0.0, 0.0), (-1.0, -0.5)), (0, 0, 0.001), (0, 0, -0.01))
     track["action"] = SweepAction.COMPACT
-    assert not borne(flat_soil(6.0, 0.2, soil="loam"), track).any()
+    assert not bearing_force(flat_soil(6.0, 0.2, soil="loam"), track).any()
 
 
-def test_a_lip_deep_in_the_ground_is_borne_by_more_than_one_at_its_surface() -> None:
+def test_bearing_force_on_edge_grows_with_depth() -> None:
     wall = ((0.0, 0.0), (0.0, 1.0))
     found = [
-        borne(flat_soil(6.0, 0.1, soil="loam"), tool_sweep(wall, (0, 0, z), (0, 0, z)))[2]
+        bearing_force(flat_soil(6.0, 0.1, soil="loam"), tool_sweep(wall, (0, 0, z), (0, 0, z)))[2]
         for z in (-0.01, -0.4)
     ]
     gamma, n_q = KINDS["loam"].density * 9.81, 26.1  # at 33 degrees
