@@ -56,7 +56,7 @@ def test_nothing_is_unpickled(tmp_path, suffix):
         np.save(path, trap, allow_pickle=True)
     else:
         np.savez(path, heights=trap, cell=0.5)
-    with pytest.raises(TerrainError, match="no complete|not a complete"):
+    with pytest.raises(TerrainError, match=r"no complete|not a complete"):
         load_terrain(path, cell=0.5)
 
 
