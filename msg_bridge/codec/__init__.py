@@ -1,18 +1,25 @@
-"""What crosses, as messages that any ROS 2 machine knows; nothing else packs bytes.
+"""Encode and decode what crosses between processes as standard ROS 2 messages.
 
+- `errors`: the error of malformed messages
 - `point_cloud`: rows as PointCloud2
-- `cdr`: row clouds and arrays straight to bytes and back, for the many of a tick
-- `chunks`: chunks of rows, with the run and the life they belong to
-- `headers`: headers, requests, refusals and the ledger
-- `grid_map`: the same as grid_map_msgs/GridMap, where that is installed
-- `terrain`: the whole terrain surface as cloud, image and map info
-- `cut_fill`: what is still to dig and to fill
-- `machine_state`: a machine's joints, commands and payload
-- `poses`: odometry, transforms, wrench
-- `markers`: the machine for viewers that know no TF
-- `particles`: its particles as cloud
-- `rotations`: matrices and angles of quaternions
-- `stamps`: simulation time, exact
-- `qos`: the quality of service of each kind of topic; needs rclpy
-- `errors`: what a malformed message raises
+- `labelled_array`, `array_labels`: named values as arrays; labels of encoded dataclasses
+- `json_object`: JSON objects with fixed names and types
+- `cdr`: row clouds and arrays serialised without message objects
+- `row_chunks`: chunks of rows with run and session
+- `tick_headers`: headers, requests, rejections and the ledger
+- `state_hash`: the hash of a state after a tick
+- `terrain`, `grid_estimation`, `grid_map`: the terrain surface, its grid, grid_map_msgs/GridMap
+- `cut_fill`: volume still to cut and to fill
+- `machine_state`: joints, commands, payload and cylinders
+- `poses`, `rotations`: odometry, transforms, wrench; rotation matrices and angles
+- `sensors`: inertial units and encoders
+- `markers`: a machine for viewers without TF
+- `particles`: particles as a cloud
+- `run_config`: the configuration of a run
+- `stamps`: exact simulation time
+- `qos`: QoS profiles; needs rclpy
+
+Modules are imported by name, so that a reader of one kind of message needs only its packages.
 """
+
+__all__: list[str] = []

@@ -1,9 +1,9 @@
-"""Row clouds and number arrays straight to the bytes that cross the wire, and back.
+"""Serialise row clouds and arrays of int64 without message objects, and parse them.
 
-A PointCloud2 or Int64MultiArray as a Python object costs several times what its content does: every
-field of a point is an object of its own, made and converted at both ends, for every message. All
-row clouds of one type differ in stamp, size and data alone; the rest is made once. The bytes are
-those of rclpy's own serialisation (CDR, little-endian, as ROS 2 sends it), which a test compares.
+A PointCloud2 as a Python object costs several times as much as its content: each field description
+is an object that is created and converted for every message at both ends. All row clouds of one
+dtype differ only in stamp, size and data; the rest is serialised once. The bytes are those of
+rclpy's serialisation (CDR, little-endian, as ROS 2 sends it), which a test compares.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from std_msgs.msg import Int64MultiArray
 
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.point_cloud import point_fields
+from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.rows import Rows
 
 __all__ = ["array_to_cdr", "cdr_to_array", "cdr_to_rows", "rows_to_cdr"]
@@ -32,18 +33,18 @@ _ONE = struct.Struct("<I")
 
 
 def rows_to_cdr(rows: Rows, frame_id: str, stamp: Time) -> bytes:
-    """Rows as the bytes of the PointCloud2 that `to_point_cloud` makes of them.
+    """Serialise rows as the PointCloud2 of `to_point_cloud`.
 
     Args:
-        rows: of a packed little-endian dtype, shape (n,).
-        frame_id: frame of the positions among the fields.
-        stamp: end of the tick the rows belong to.
+        rows: shape (n,), of a packed little-endian dtype.
+        frame_id: coordinate frame of the positions among the fields.
+        stamp: end of the tick that the rows belong to.
 
     Raises:
-        CodecError: rows that no such message can hold.
+        CodecError: SHAPE or DTYPE.
     """
     if rows.ndim != 1:
-        raise CodecError(f"rows of shape {rows.shape} are no row of points")
+        raise CodecError(f"rows have shape {rows.shape}; give one dimension", ErrorCode.SHAPE)
     frame, fields = _frame(frame_id), _description(rows.dtype)[0]
     step = rows.dtype.itemsize
     size = rows.size * step
@@ -62,40 +63,41 @@ def rows_to_cdr(rows: Rows, frame_id: str, stamp: Time) -> bytes:
 
 
 def cdr_to_rows(data: bytes, dtype: np.dtype[np.void]) -> Rows | None:
-    """The rows of a message, a read-only view of its bytes; None if it is laid out otherwise.
+    """Return the rows of a serialised PointCloud2 as a read-only view of its bytes.
 
-    It may then still be a cloud of such rows, from a sender that orders its fields or bytes
-    differently: `from_point_cloud` says what is wrong with it, if anything is.
+    Returns:
+        None if the layout is not that of `rows_to_cdr`. The message may still be valid, as one with
+        further fields is; deserialise it and call `from_point_cloud`.
     """
     fields, expected, mask = _description(dtype)
     try:
         (length,) = _ONE.unpack_from(data, 12)
-        at = 16 + length + -length % 4
-        height, width = _TWO.unpack_from(data, at)
-        at += 8
-        described = int.from_bytes(data[at : at + len(fields)], "little")
-        if data[:4] != _LITTLE_ENDIAN or described & mask != expected:
+        offset = 16 + length + -length % 4
+        height, width = _TWO.unpack_from(data, offset)
+        offset += 8
+        description = int.from_bytes(data[offset : offset + len(fields)], "little")
+        if data[:4] != _LITTLE_ENDIAN or description & mask != expected:
             return None
-        at += len(fields)
-        step, row_step, size = _THREE.unpack_from(data, at)
+        offset += len(fields)
+        step, row_step, size = _THREE.unpack_from(data, offset)
     except struct.error:
         return None
-    at += 12
-    whole = width * dtype.itemsize
-    if height != 1 or step != dtype.itemsize or row_step != whole or size != whole:
+    offset += 12
+    row_size = width * dtype.itemsize
+    if height != 1 or step != dtype.itemsize or row_step != row_size or size != row_size:
         return None
-    if len(data) < at + size + 1:
+    if len(data) < offset + size + 1:
         return None
-    rows: Rows = np.frombuffer(data, dtype=dtype, count=width, offset=at)
+    rows: Rows = np.frombuffer(data, dtype=dtype, count=width, offset=offset)
     return rows
 
 
 def array_to_cdr(label: str, values: array.array[int]) -> bytes:
-    """The bytes of an Int64MultiArray of one dimension with a label.
+    """Serialise an Int64MultiArray of one dimension.
 
     Args:
-        label: of the dimension.
-        values: int64, typecode q.
+        label: label of the dimension.
+        values: the values, typecode q.
     """
     size = len(values)
     head = _array_head(label)
@@ -104,31 +106,32 @@ def array_to_cdr(label: str, values: array.array[int]) -> bytes:
 
 
 def cdr_to_array(data: bytes) -> Int64MultiArray | None:
-    """What an Int64MultiArray of one dimension holds, as an object with its attributes.
+    """Parse a serialised Int64MultiArray of one dimension into an object with its attributes.
 
-    None if it is laid out otherwise.
+    Returns:
+        None if it has another number of dimensions, another byte order, or is cut short.
     """
     try:
         count, length = _TWO.unpack_from(data, 4)
         if data[:4] != _LITTLE_ENDIAN or count != 1:
             return None
         label = data[12 : 12 + length - 1].decode()
-        at = 12 + length + -length % 4
-        size, stride, offset = _THREE.unpack_from(data, at)
-        (number,) = _ONE.unpack_from(data, at + 12)
+        begin = 12 + length + -length % 4
+        size, stride, data_offset = _THREE.unpack_from(data, begin)
+        (num_values,) = _ONE.unpack_from(data, begin + 12)
     except (struct.error, UnicodeDecodeError):
         return None
-    at += 16
-    at += -(at - 4) % 8
+    begin += 16
+    begin += -(begin - 4) % 8
     values = array.array("q")
-    if len(data) < at + 8 * number:
+    if len(data) < begin + 8 * num_values:
         return None
-    values.frombytes(data[at : at + 8 * number])
+    values.frombytes(data[begin : begin + 8 * num_values])
     dimension = SimpleNamespace(label=label, size=size, stride=stride)
-    found: Any = SimpleNamespace(
-        layout=SimpleNamespace(dim=[dimension], data_offset=offset), data=values
+    message: Any = SimpleNamespace(
+        layout=SimpleNamespace(dim=[dimension], data_offset=data_offset), data=values
     )
-    return found
+    return message
 
 
 @cache
@@ -139,13 +142,13 @@ def _frame(frame_id: str) -> bytes:
 
 @cache
 def _description(dtype: np.dtype[np.void]) -> tuple[bytes, int, int]:
-    """What says what a point is, from the number of its fields to before point_step.
+    """Return the serialised description of a point: from the number of fields up to point_step.
 
-    It begins at a multiple of 4, and nothing in it is aligned to more.
+    It begins at a multiple of 4, and nothing in it has a larger alignment.
 
     Returns:
-        (its bytes, the same as a number, the bits of that number that count: padding may be
-        anything).
+        (the bytes, the same as an integer, a mask of the bits without padding, whose content is
+        undefined).
     """
     out, mask = bytearray(), bytearray()
 
@@ -167,6 +170,6 @@ def _description(dtype: np.dtype[np.void]) -> tuple[bytes, int, int]:
 
 @cache
 def _array_head(label: str) -> bytes:
-    """One dimension and its label."""
+    """Return the serialised number of dimensions, 1, and the label."""
     text = label.encode() + b"\0"
     return _TWO.pack(1, len(text)) + text + b"\0" * (-len(text) % 4)

@@ -1,4 +1,4 @@
-"""The terrain as grid_map_msgs/GridMap, where that package is installed."""
+"""The terrain as grid_map_msgs/GridMap, if that package is installed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["grid_map_type", "to_grid_map"]
 
 @cache
 def grid_map_type() -> Any:
-    """The message's class; None where grid_map_msgs is not installed."""
+    """Return the message class; None if grid_map_msgs is not installed."""
     try:
         return importlib.import_module("grid_map_msgs.msg").GridMap
     except ImportError:
@@ -28,11 +28,11 @@ def grid_map_type() -> Any:
 
 
 def to_grid_map(terrain: TerrainMap, frame_id: str, stamp: Time) -> Any:
-    """A terrain with the layers of the cloud, of the same names; None without grid_map_msgs.
+    """Encode a terrain with the layers of the cloud; return None without grid_map_msgs.
 
-    Those are `elevation`, `loose_depth`, `surface_material`, `moisture`, `soil` and
-    `design_difference`; see `msg_bridge.codec.terrain`. The arrays are in grid_map's own order
-    already: index (0, 0) at the +x, +y corner.
+    The layers are `elevation`, `loose_depth`, `surface_material`, `moisture`, `soil` and
+    `design_difference`; see `msg_bridge.codec.terrain`. The arrays are in the order of
+    grid_map already: index (0, 0) at the +x, +y corner.
     """
     kind = grid_map_type()
     if kind is None:
@@ -60,7 +60,7 @@ def to_grid_map(terrain: TerrainMap, frame_id: str, stamp: Time) -> Any:
 
 
 def _matrix(layer: NDArray[Any]) -> Float32MultiArray:
-    """A layer as grid_map writes its column-major matrices."""
+    """Return a layer as a column-major matrix of grid_map."""
     rows, cols = layer.shape
     dims = [
         MultiArrayDimension(label="column_index", size=cols, stride=rows * cols),

@@ -1,4 +1,4 @@
-"""A machine's particles as a cloud, for viewers and bags; the accounts do not rest on it."""
+"""The particles of a machine as a cloud, for viewers and bags; accounting does not use it."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from sensor_msgs.msg import PointCloud2
 
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.point_cloud import from_point_cloud, to_point_cloud
+from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.rows import MAX_ROW_VOLUME, Rows
 
 __all__ = ["PARTICLE", "from_particle_cloud", "to_particle_cloud"]
@@ -21,7 +22,7 @@ PARTICLE = np.dtype(
         ("vx", "<f4"),  # [m/s]
         ("vy", "<f4"),
         ("vz", "<f4"),
-        ("diameter", "<f4"),  # of its sphere [m]
+        ("diameter", "<f4"),  # diameter of the sphere [m]
         ("id", "<u4"),
         ("volume_mm3", "<u4"),  # bank volume, exact
         ("soil", "u1"),
@@ -40,17 +41,17 @@ def to_particle_cloud(
     frame_id: str,
     stamp: Time,
 ) -> PointCloud2:
-    """Particles as a message, in the order given.
+    """Encode particles, in the order given.
 
     Args:
         position, velocity: of the centres [m], [m/s], frame `frame_id`, shape (n, 3).
-        radius: of the spheres [m], shape (n,).
-        particle_id, volume_mm3, soil: identity, bank volume [mm^3], soil type; shape (n,).
+        radius: radius of the spheres [m], shape (n,).
+        particle_id, volume_mm3, soil: number, bank volume [mm^3], soil type; shape (n,).
         frame_id: frame of position and velocity.
-        stamp: end of the tick they are of.
+        stamp: end of the tick.
 
     Raises:
-        CodecError: arrays of different lengths, or a volume that a field cannot hold.
+        CodecError: SHAPE: arrays of different lengths; VALUE: a volume outside its range.
     """
     count = len(particle_id)
     columns = (radius, particle_id, volume_mm3, soil)
@@ -59,12 +60,14 @@ def to_particle_cloud(
     ):
         raise CodecError(
             f"position has shape {position.shape}, velocity {velocity.shape} and the others"
-            f" {[each.shape for each in columns]}; give each one row for each particle"
+            f" {[each.shape for each in columns]}; give one row for each particle",
+            ErrorCode.SHAPE,
         )
     if count and not 0 <= volume_mm3.min() <= volume_mm3.max() <= MAX_ROW_VOLUME:
         raise CodecError(
-            f"particles hold {volume_mm3.min()} to {volume_mm3.max()} mm^3; a message carries 0"
-            f" to {MAX_ROW_VOLUME}: make smaller particles"
+            f"particles have volumes of {volume_mm3.min()} to {volume_mm3.max()} mm^3; give 0 to"
+            f" {MAX_ROW_VOLUME} mm^3 (smaller particles)",
+            ErrorCode.VALUE,
         )
     rows = np.empty(count, dtype=PARTICLE)
     rows["x"], rows["y"], rows["z"] = position.T
@@ -77,9 +80,9 @@ def to_particle_cloud(
 
 
 def from_particle_cloud(msg: PointCloud2) -> Rows:
-    """The PARTICLE rows of a message: a read-only view, as `from_point_cloud` gives it.
+    """Decode PARTICLE rows, read-only.
 
     Raises:
-        CodecError: the message does not hold exactly such rows.
+        CodecError: as `from_point_cloud`.
     """
     return from_point_cloud(msg, PARTICLE)

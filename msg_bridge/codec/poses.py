@@ -1,7 +1,7 @@
-"""Where a machine is, and what acts on it: odometry, transforms, wrench.
+"""Pose of a machine and the soil's reaction on it: odometry, transforms, wrench.
 
-All poses are the simulation's own truth in the frame `map`. There is no drift to tell, so there is
-no `odom` frame between `map` and the base, and the odometry is of `map` with zero covariance.
+All poses are ground truth in the frame `map`. There is no drift, so there is no `odom` frame
+between `map` and the base, and the odometry is in `map` with zero covariance.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from std_msgs.msg import Header
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.machine_state import BaseState
 from msg_bridge.codec.rotations import rotation_matrix, unit_quaternion
+from msg_bridge.contract.errors import ErrorCode
 
 __all__ = [
     "ToolWrench",
@@ -54,7 +55,7 @@ class ToolWrench(NamedTuple):
     Attributes:
         force: [N], shape (3,).
         torque: about the tool frame's origin [N m], shape (3,).
-        rotation: tool to map, shape (3, 3).
+        rotation: rotation matrix, tool to map, shape (3, 3).
     """
 
     force: ArrayLike
@@ -65,16 +66,16 @@ class ToolWrench(NamedTuple):
 def to_odometry(
     base: BaseState, child_frame_id: str, stamp: Time, *, frame_id: str = "map"
 ) -> Odometry:
-    """Pose of the base in `frame_id` and, as nav_msgs has it, its twist in `child_frame_id`.
+    """Encode the pose of the base in `frame_id` and, as in nav_msgs, its twist in `child_frame_id`.
 
     Args:
-        base: pose and motion, both in the map frame.
-        child_frame_id: frame of the base, its prefix included.
-        stamp: end of the tick it is the state of.
+        base: pose and twist, both in the map frame.
+        child_frame_id: frame of the base, prefix included.
+        stamp: end of the tick of the state.
         frame_id: name of the map frame.
 
     Raises:
-        CodecError: a vector or quaternion that is none.
+        CodecError: SHAPE, or VALUE of the quaternion.
     """
     position, (qx, qy, qz, qw), linear, angular = _to_base_frame(base)
     x, y, z = position.tolist()
@@ -88,28 +89,28 @@ def to_odometry(
 
 
 def from_odometry(msg: Odometry, *, frame_id: str = "map") -> BaseState:
-    """Pose and motion of a base in the map frame, as arrays: `to_odometry` back.
+    """Decode pose and twist of a base, both in the map frame; the inverse of `to_odometry`.
 
     Raises:
-        CodecError: of another frame, or numbers that are no pose and motion.
+        CodecError: FRAME: of another frame; VALUE: not finite, or not a rotation.
     """
     if msg.header.frame_id != frame_id:
         raise CodecError(
-            f"the odometry's pose is in {msg.header.frame_id!r}; it must be in {frame_id!r}"
+            f"the odometry is in {msg.header.frame_id!r}; give it in {frame_id!r}", ErrorCode.FRAME
         )
     pose, twist = msg.pose.pose, msg.twist.twist
-    turn = pose.orientation
+    q = pose.orientation
     position, linear, angular = (
         np.array([v.x, v.y, v.z]) for v in (pose.position, twist.linear, twist.angular)
     )
-    return _to_map_frame(position, (turn.x, turn.y, turn.z, turn.w), linear, angular)
+    return _to_map_frame(position, (q.x, q.y, q.z, q.w), linear, angular)
 
 
 def odometry_round_trip(base: BaseState) -> BaseState:
-    """A base as odometry tells of it: `from_odometry(to_odometry(base, ...))`, without a message.
+    """Return `from_odometry(to_odometry(base, ...))`, computed without a message.
 
     Raises:
-        CodecError: a vector or quaternion that is none, or numbers that are not finite.
+        CodecError: SHAPE or VALUE.
     """
     return _to_map_frame(*_to_base_frame(base))
 
@@ -122,24 +123,25 @@ def to_transforms(
     *,
     frame_id: str = "map",
 ) -> list[TransformStamped]:
-    """Transforms from the map to each link.
+    """Encode the transforms from the map to each link.
 
     Args:
         child_frame_ids: frames of the links, prefix included.
-        positions: of their origins [m], map frame, shape (n, 3).
-        quaternions: link to map, x, y, z, w, shape (n, 4).
-        stamp: end of the tick they are of.
+        positions: positions of their origins [m], map frame, shape (n, 3).
+        quaternions: orientations, link to map, x, y, z, w, shape (n, 4).
+        stamp: end of the tick.
         frame_id: name of the map frame.
 
     Raises:
-        CodecError: other than one pose for each frame, or a quaternion that is none.
+        CodecError: SHAPE, or VALUE of a quaternion.
     """
-    at, turn = np.asarray(positions, np.float64), np.asarray(quaternions, np.float64)
+    origin, quaternion = np.asarray(positions, np.float64), np.asarray(quaternions, np.float64)
     count = len(child_frame_ids)
-    if at.shape != (count, 3) or turn.shape != (count, 4):
+    if origin.shape != (count, 3) or quaternion.shape != (count, 4):
         raise CodecError(
-            f"positions have shape {at.shape} and quaternions {turn.shape}; give one for each of"
-            f" {count} frames"
+            f"positions have shape {origin.shape} and quaternions {quaternion.shape}; give one for"
+            f" each of {count} frames",
+            ErrorCode.SHAPE,
         )
     header = Header(stamp=stamp, frame_id=frame_id)
     return [
@@ -148,12 +150,12 @@ def to_transforms(
             child_frame_id=child,
             transform=Transform(translation=_vector3(p), rotation=_quaternion(q)),
         )
-        for child, p, q in zip(child_frame_ids, at, turn, strict=True)
+        for child, p, q in zip(child_frame_ids, origin, quaternion, strict=True)
     ]
 
 
 def to_tf_message(transforms: Sequence[TransformStamped]) -> Any:
-    """A tf2_msgs/TFMessage of transforms for `/tf`; None where there is no tf2_msgs."""
+    """Return a tf2_msgs/TFMessage of transforms for `/tf`; None if tf2_msgs is not installed."""
     message = _tf_message()
     return None if message is None else message(transforms=list(transforms))
 
@@ -161,31 +163,33 @@ def to_tf_message(transforms: Sequence[TransformStamped]) -> Any:
 def to_wrench(
     force: ArrayLike, torque: ArrayLike, rotation: ArrayLike, frame_id: str, stamp: Time
 ) -> WrenchStamped:
-    """The soil's reaction at the tool, expressed in the tool frame.
+    """Encode the reaction of the soil at the tool, in the tool frame.
 
     Args:
         force: of the soil on the tool [N], map frame, shape (3,).
         torque: about the tool frame's origin [N m], map frame, shape (3,).
-        rotation: tool to map, shape (3, 3).
+        rotation: rotation matrix, tool to map, shape (3, 3).
         frame_id: the tool frame, prefix included.
         stamp: end of the tick it acted in.
 
     Raises:
         CodecError: an array of another shape.
     """
-    turn = np.asarray(rotation, np.float64)
-    if turn.shape != (3, 3):
-        raise CodecError(f"the tool's rotation has shape {turn.shape}; give a (3, 3) matrix")
+    matrix = np.asarray(rotation, np.float64)
+    if matrix.shape != (3, 3):
+        raise CodecError(
+            f"the tool's rotation has shape {matrix.shape}; give a (3, 3) matrix", ErrorCode.SHAPE
+        )
     return WrenchStamped(
         header=Header(stamp=stamp, frame_id=frame_id),
         wrench=Wrench(
-            force=_vector3(turn.T @ _vector(force, "force")),
-            torque=_vector3(turn.T @ _vector(torque, "torque")),
+            force=_vector3(matrix.T @ _vector(force, "force")),
+            torque=_vector3(matrix.T @ _vector(torque, "torque")),
         ),
     )
 
 
-@cache  # looking for a package that is not there takes longer than filling the message
+@cache  # a failing import takes longer than filling the message
 def _tf_message() -> Any:
     try:
         return importlib.import_module("tf2_msgs.msg").TFMessage
@@ -196,38 +200,38 @@ def _tf_message() -> Any:
 def _to_base_frame(
     base: BaseState,
 ) -> tuple[Array, tuple[float, float, float, float], Array, Array]:
-    """Position and unit quaternion in the map frame, velocity and spin in the base's own."""
-    inward = rotation_matrix(base.quaternion).T
+    """Return position and unit quaternion, map frame; velocity and angular velocity, base frame."""
+    map_to_base = rotation_matrix(base.quaternion).T
     return (
         _vector(base.position, "base position"),
         unit_quaternion(base.quaternion),
-        inward @ _vector(base.velocity, "base velocity"),
-        inward @ _vector(base.angular_velocity, "base angular velocity"),
+        map_to_base @ _vector(base.velocity, "base velocity"),
+        map_to_base @ _vector(base.angular_velocity, "base angular velocity"),
     )
 
 
 def _to_map_frame(
     position: Array, quaternion: tuple[float, float, float, float], linear: Array, angular: Array
 ) -> BaseState:
-    """`_inward` back.
+    """Return pose and twist in the map frame; the inverse of `_to_base_frame`.
 
     Raises:
-        CodecError: numbers that are no pose and motion.
+        CodecError: VALUE: not finite, or not a rotation.
     """
     quaternion = unit_quaternion(quaternion)
-    outward = rotation_matrix(quaternion)
-    velocity, angular_velocity = outward @ linear, outward @ angular
+    base_to_map = rotation_matrix(quaternion)
+    velocity, angular_velocity = base_to_map @ linear, base_to_map @ angular
     if not all(
         map(math.isfinite, (*position.tolist(), *velocity.tolist(), *angular_velocity.tolist()))
     ):
-        raise CodecError("the odometry has numbers that are not finite; its sender has failed")
+        raise CodecError("the odometry has values that are not finite", ErrorCode.VALUE)
     return BaseState(position, np.array(quaternion), velocity, angular_velocity)
 
 
 def _vector(values: ArrayLike, what: str) -> Array:
     vector = np.asarray(values, dtype=np.float64)
     if vector.shape != (3,):
-        raise CodecError(f"{what} has shape {vector.shape}; give 3 numbers")
+        raise CodecError(f"{what} has shape {vector.shape}; give 3 numbers", ErrorCode.SHAPE)
     return vector
 
 

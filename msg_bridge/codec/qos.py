@@ -1,7 +1,7 @@
-"""Quality of service of each kind of topic, by name.
+"""QoS profiles of the kinds of topics.
 
-The one module here that needs rclpy. A profile is what this package's publishers offer and its
-subscribers ask for; since all publishers are reliable, any subscriber of yours matches them.
+Only this module of the package needs rclpy. Publishers offer and subscribers request the same
+profile. All publishers are reliable, so subscribers of any reliability match them.
 """
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -23,17 +23,17 @@ def _keep_last(
 
 
 ROWS = _keep_last(256)
-"""Rows, tick headers, requests, refusals, the ledger. Keep-last, so that no slow subscriber blocks
-a writer; what is lost is asked for again."""
+"""Rows, tick headers, requests, rejections, the ledger. Keep-last, so that a slow subscriber cannot
+block a publisher; lost messages are requested again."""
 
 TRANSIENT_LOCAL = _keep_last(1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""What a late subscriber needs the latest of: terrain map, elevation, info, robot description,
-configuration."""
+"""State of which a late subscriber needs the latest message: terrain map, elevation, map info,
+robot description, configuration."""
 
 STATE = _keep_last(10)
-"""Streams of which the newest counts: clock, joint states, odometry, wrench, particles; and the
-emergency stop, which must not be lost."""
+"""Streams of states: clock, joint states, odometry, wrench, particles; and the emergency stop,
+which must not be lost."""
 
 COMMANDS = _keep_last(10, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""For subscriptions to streams of commands: any publisher matches, and a lost one is soon
-renewed."""
+"""Subscriptions to streams of commands: publishers of any reliability match, and a lost command is
+soon replaced by the next."""

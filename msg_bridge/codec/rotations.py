@@ -1,4 +1,4 @@
-"""Rotations as messages and joint states need them: matrices and angles from quaternions."""
+"""Unit quaternions, rotation matrices, and yaw, pitch and roll."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from msg_bridge.codec.errors import CodecError
+from msg_bridge.contract.errors import ErrorCode
 
 __all__ = ["rotation_matrix", "unit_quaternion", "yaw_pitch_roll"]
 
@@ -15,10 +16,10 @@ Array = NDArray[np.float64]
 
 
 def unit_quaternion(quaternion: ArrayLike) -> tuple[float, float, float, float]:
-    """A quaternion x, y, z, w made a unit one, as tf2 and viewers demand.
+    """Normalise a quaternion x, y, z, w.
 
     Raises:
-        CodecError: not four finite numbers, or all of them zero.
+        CodecError: VALUE: not four finite numbers, or all of them zero.
     """
     parts = np.asarray(quaternion, dtype=np.float64)
     if parts.shape == (4,):
@@ -26,14 +27,16 @@ def unit_quaternion(quaternion: ArrayLike) -> tuple[float, float, float, float]:
         norm = math.sqrt(x * x + y * y + z * z + w * w)
         if 0.0 < norm < math.inf:  # NaN fails
             return x / norm, y / norm, z / norm, w / norm
-    raise CodecError(f"{quaternion!r} is no rotation; give a quaternion x, y, z, w")
+    raise CodecError(
+        f"{quaternion!r} is not a rotation; give a quaternion x, y, z, w", ErrorCode.VALUE
+    )
 
 
 def rotation_matrix(quaternion: ArrayLike) -> Array:
-    """Rotation matrix, shape (3, 3), of a quaternion x, y, z, w, made a unit one first.
+    """Return the rotation matrix, shape (3, 3), of a quaternion x, y, z, w of any norm.
 
     Raises:
-        CodecError: not four finite numbers, or all of them zero.
+        CodecError: VALUE: not four finite numbers, or all of them zero.
     """
     x, y, z, w = unit_quaternion(quaternion)
     return np.array(
@@ -46,10 +49,10 @@ def rotation_matrix(quaternion: ArrayLike) -> Array:
 
 
 def yaw_pitch_roll(rotation: Array) -> tuple[float, float, float]:
-    """Angles [rad] with Rz(yaw) Ry(pitch) Rx(roll) = rotation, shape (3, 3).
+    """Return the angles [rad] with Rz(yaw) Ry(pitch) Rx(roll) = rotation, shape (3, 3).
 
-    Exact to rounding at any pitch, at 90 degrees too: there yaw may be anything, and roll is what
-    is left after the yaw taken, rather than read from matrix elements that have gone to zero.
+    Accurate at any pitch. At 90 degrees yaw is arbitrary; roll is computed from the rotation that
+    remains after the yaw, not from matrix elements that vanish there.
     """
     (xx, xy, xz), (yx, yy, yz), (zx, _, _) = rotation.tolist()
     yaw = math.atan2(yx, xx)

@@ -1,9 +1,8 @@
-"""Chunks of rows as PointCloud2, with whose they are.
+"""Chunks of rows as PointCloud2, with run and session.
 
-Rows name their source but not the run (epoch) and the machine's life they belong to, which decide
-whether they count at all, and a cloud has no room for either but its points. So each point ends
-with them: `epoch`, and in streams of one machine `life`. What the soil sends to all belongs to no
-life. The stream is told by the topic.
+Rows have the id of their machine, but not the run and session, which decide whether they are valid.
+A cloud has no place for them except its points, so each point ends with `run_id`, and in streams of
+one machine with `session_id`. The topic identifies the stream.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ from sensor_msgs.msg import PointCloud2
 from msg_bridge.codec.cdr import cdr_to_rows, rows_to_cdr
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.point_cloud import from_point_cloud, to_point_cloud
+from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.messages import STREAM_DTYPE, RowChunk, Stream
 from msg_bridge.contract.rows import Rows
 
@@ -34,21 +34,22 @@ _CHUNK_DTYPE = {stream: _with_id_fields(stream) for stream in STREAM_DTYPE}
 
 
 def chunk_dtype(stream: Stream) -> np.dtype[np.void]:
-    """What a point of a stream's cloud holds: its row, `epoch`, and `life` of one machine's."""
+    """Return the dtype of the points of a stream: its row, `run_id`, and `session_id` if it is sent
+    by, or to, one machine."""
     return _CHUNK_DTYPE[stream]
 
 
 def to_chunk_cloud(chunk: RowChunk, frame_id: str, stamp: Time) -> PointCloud2:
-    """A chunk as a message.
+    """Encode a chunk as a message.
 
     Raises:
-        CodecError: no rows, rows of another type, or not all of one sender.
+        CodecError: EMPTY; DTYPE; VALUE: run or session id; SENDER_MISMATCH.
     """
     return to_point_cloud(_with_ids(chunk), frame_id, stamp)
 
 
 def chunk_to_cdr(chunk: RowChunk, frame_id: str, stamp: Time) -> bytes:
-    """The same as the bytes of the message.
+    """Encode a chunk as a serialised message.
 
     Raises:
         CodecError: as `to_chunk_cloud`.
@@ -57,41 +58,47 @@ def chunk_to_cdr(chunk: RowChunk, frame_id: str, stamp: Time) -> bytes:
 
 
 def _with_ids(chunk: RowChunk) -> Rows:
-    """The rows of a chunk, each with whose it is."""
+    """Return the rows of a chunk with run and session id."""
     dtype = STREAM_DTYPE.get(chunk.stream)
     if dtype is None or chunk.rows.dtype != dtype or chunk.rows.ndim != 1:
-        raise CodecError(f"{chunk.rows.dtype} is not what the {chunk.stream.name} stream carries")
+        raise CodecError(
+            f"rows of dtype {chunk.rows.dtype} are not those of the stream {chunk.stream.name}",
+            ErrorCode.DTYPE,
+        )
     for name, value in (("run_id", chunk.run_id), ("session_id", chunk.session_id)):
         if not 0 <= value <= _MAX_UINT32:
-            raise CodecError(f"{name} {value} does not fit 32 bits; number them from 0")
+            raise CodecError(
+                f"{name} is {value}; give a number from 0 to 2**32 - 1", ErrorCode.VALUE
+            )
     rows = np.empty(chunk.rows.size, dtype=chunk_dtype(chunk.stream))
-    # All bytes of a row at once: field by field takes three times as long.
+    # Copying field by field would take three times as long.
     _bytes(rows)[:, : dtype.itemsize] = _bytes(np.ascontiguousarray(chunk.rows))
     rows["run_id"] = chunk.run_id
     if chunk.stream in _PER_MACHINE_STREAMS:
         rows["session_id"] = chunk.session_id
     if _sender_ids(rows, chunk.stream) != (chunk.run_id, chunk.machine_id, chunk.session_id):
         raise CodecError(
-            f"{chunk.stream.name} rows are said to be of machine {chunk.machine_id}, life"
-            f" {chunk.session_id}, and are of another"
+            f"a chunk of {chunk.stream.name} states machine {chunk.machine_id} and session"
+            f" {chunk.session_id}; its rows are of another",
+            ErrorCode.SENDER_MISMATCH,
         )
     return rows
 
 
 def from_chunk_cloud(msg: PointCloud2, stream: Stream) -> RowChunk:
-    """The chunk a message of a stream's topic holds.
+    """Decode a chunk from a message on the topic of a stream.
 
     Raises:
-        CodecError: other fields, no rows, or not all of one sender.
+        CodecError: EMPTY; SENDER_MISMATCH; or as `from_point_cloud`.
     """
     return _chunk_from_rows(from_point_cloud(msg, chunk_dtype(stream)), stream)
 
 
 def chunk_from_cdr(data: bytes, stream: Stream) -> RowChunk | None:
-    """The chunk that a message's bytes hold; None if they are laid out otherwise (`cdr_to_rows`).
+    """Decode a serialised chunk; None if its layout is not the usual one (`cdr_to_rows`).
 
     Raises:
-        CodecError: no rows, or not all of one sender.
+        CodecError: EMPTY or SENDER_MISMATCH.
     """
     rows = cdr_to_rows(data, chunk_dtype(stream))
     return None if rows is None else _chunk_from_rows(rows, stream)
@@ -99,25 +106,34 @@ def chunk_from_cdr(data: bytes, stream: Stream) -> RowChunk | None:
 
 def _chunk_from_rows(rows: Rows, stream: Stream) -> RowChunk:
     run_id, machine_id, session_id = _sender_ids(rows, stream)
-    own = np.empty(rows.size, dtype=STREAM_DTYPE[stream])
-    _bytes(own)[:] = _bytes(rows)[:, : own.dtype.itemsize]
-    return RowChunk(run_id, stream, machine_id, session_id, own)
+    stream_rows = np.empty(rows.size, dtype=STREAM_DTYPE[stream])
+    _bytes(stream_rows)[:] = _bytes(rows)[:, : stream_rows.dtype.itemsize]
+    return RowChunk(run_id, stream, machine_id, session_id, stream_rows)
 
 
 def _sender_ids(rows: Rows, stream: Stream) -> tuple[int, int, int]:
-    """(epoch, source, life) of a chunk; source and life 0 for what is sent to all."""
+    """Return (run id, machine id, session id) of a chunk; the last two are 0 if sent to all.
+
+    Raises:
+        CodecError: EMPTY or SENDER_MISMATCH.
+    """
     if rows.size == 0:
-        raise CodecError(f"a chunk of {stream.name} has no rows, so it does not say whose it is")
+        raise CodecError(
+            f"a chunk of {stream.name} has no rows, and so no run id; send none", ErrorCode.EMPTY
+        )
     names = (
         ("run_id", "machine_id", "session_id") if stream in _PER_MACHINE_STREAMS else ("run_id",)
     )
     for name in names:
         if (rows[name] != rows[name][0]).any():
-            raise CodecError(f"a chunk of {stream.name} mixes rows of more than one {name}")
+            raise CodecError(
+                f"a chunk of {stream.name} has rows of more than one {name}",
+                ErrorCode.SENDER_MISMATCH,
+            )
     first = {name: int(rows[name][0]) for name in names}
     return first["run_id"], first.get("machine_id", 0), first.get("session_id", 0)
 
 
 def _bytes(rows: Rows) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
-    """The bytes of rows, shape (rows, bytes of one); a view."""
+    """Return a view of the bytes of rows, shape (rows, bytes of one row), uint8."""
     return rows.view(np.uint8).reshape(rows.size, rows.dtype.itemsize)

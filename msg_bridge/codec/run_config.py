@@ -1,8 +1,8 @@
-"""The configuration of a run as YAML: everything for the record, a few facts for machines.
+"""The configuration of a run as YAML.
 
-`/sim/config` holds all parameters of the soil's node, versions and seeds, so that a bag explains
-itself. What a machine must know to take part is read back from it, so that it is set once; and
-what the ids of soils in maps and rows mean, so that a viewer can name and colour them.
+`/sim/config` contains all parameters of the soil's node, versions and seeds, so that a bag is
+self-contained. Machines read from it what they need to take part, so that it is set only once.
+Viewers read the names and colours of the soil types, whose ids are in maps and rows.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 import yaml
 
 from msg_bridge.codec.errors import CodecError
-from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.errors import ErrorCode, ParameterError
 from msg_bridge.contract.loose_soil import LooseSoil
 
 __all__ = ["RunFacts", "SoilKind", "parse_run_facts", "soil_kinds", "to_config_yaml", "versions"]
@@ -25,19 +25,19 @@ __all__ = ["RunFacts", "SoilKind", "parse_run_facts", "soil_kinds", "to_config_y
 _PACKAGES = ("earthmoving_sim", "numpy", "numba", "pybullet")
 
 _KINDS = "soil_kinds"
-"""Section of the kinds of soil."""
+"""Name of the section of soil types."""
 
 
 @dataclass(frozen=True)
 class RunFacts:
-    """What a machine must know of the run it takes part in.
+    """Parameters of a run that machines need.
 
     Attributes:
-        epoch: number of the run.
-        tick_period: length of a soil tick [s].
+        run_id: number of the run.
+        tick_period: tick period of the soil [s].
         realtime: whether ticks follow the wall clock.
         cell: side length of a column [m].
-        soils: what each is like when it is loose, by id.
+        soils: parameters of each soil type, by id.
     """
 
     run_id: int
@@ -49,15 +49,14 @@ class RunFacts:
 
 @dataclass(frozen=True)
 class SoilKind:
-    """What a viewer must know of a kind of soil; its place among all kinds is its id.
+    """Parameters of a soil type for display; its index is the id of the soil type.
 
     Attributes:
-        name: empty for one whose figures were given without a name.
-        colour: of dry soil: red, green, blue, each 0..1.
-        swell: part by which it grows when loosened.
-        density: of undisturbed soil [kg/m^3].
-        repose_angles: slope beyond which it slips when loose [deg], at 0, 50 and 100 % of
-            saturation.
+        name: empty for parameters given without a name.
+        colour: colour of dry soil: red, green, blue, each 0..1.
+        swell: loose volume over bank volume, minus 1.
+        density: density of undisturbed soil [kg/m^3].
+        repose_angles: angles of repose of loose soil [deg] at 0, 50 and 100 % of saturation.
     """
 
     name: str
@@ -68,7 +67,7 @@ class SoilKind:
 
 
 def versions() -> dict[str, str]:
-    """Versions of what makes a run what it is, by name."""
+    """Return the versions of the software that determines the result of a run, by name."""
     return {"python": platform.python_version(), **{name: _version(name) for name in _PACKAGES}}
 
 
@@ -82,12 +81,12 @@ def _version(package: str) -> str:
 def to_config_yaml(
     facts: RunFacts, sections: Mapping[str, Any], kinds: Sequence[SoilKind] = ()
 ) -> str:
-    """The configuration as YAML.
+    """Encode the configuration as YAML.
 
     Args:
-        facts: of the run.
-        sections: everything else, mappings of plain values by name.
-        kinds: of soil, by id; left out if there are none.
+        facts: the section `run`.
+        sections: further sections, mappings of plain values by name.
+        kinds: soil types by id; the section is left out if there are none.
     """
     run = {
         "run_id": facts.run_id,
@@ -102,16 +101,19 @@ def to_config_yaml(
 
 
 def parse_run_facts(text: str) -> RunFacts:
-    """What a machine must know, from the configuration.
+    """Decode the section `run` of a configuration.
 
     Raises:
-        CodecError: not such a configuration; says what is missing.
+        CodecError: JSON: it cannot be parsed; VALUE.
     """
     try:
         run = yaml.safe_load(text)["run"]
         sync = str(run["sync"])
         if sync not in ("realtime", "lockstep"):
-            raise CodecError(f"sync is {sync!r} in the configuration of the run")
+            raise CodecError(
+                f"sync is {sync!r} in the configuration of the run; give realtime or lockstep",
+                ErrorCode.VALUE,
+            )
         facts = RunFacts(
             run_id=int(run["run_id"]),
             tick_period=float(run["tick_period"]),
@@ -120,17 +122,24 @@ def parse_run_facts(text: str) -> RunFacts:
             soils=tuple(_loose_soil(each) for each in run["soils"]),
         )
     except ParameterError as error:
-        raise CodecError(f"a soil in the configuration of the run: {error}") from error
+        raise CodecError(
+            f"a soil in the configuration of the run: {error}", ErrorCode.VALUE
+        ) from error
     except (yaml.YAMLError, KeyError, TypeError, ValueError, OverflowError) as error:
-        raise CodecError(f"the configuration of the run cannot be read: {error!r}") from error
+        raise CodecError(
+            f"the configuration of the run cannot be read: {error!r}", ErrorCode.JSON
+        ) from error
     for name in ("tick_period", "cell"):
         value = getattr(facts, name)
         if not 0.0 < value < math.inf:
             raise CodecError(
-                f"{name} is {value} in the configuration of the run; it must be above 0"
+                f"{name} is {value} in the configuration of the run; give a value above 0",
+                ErrorCode.VALUE,
             )
     if not facts.soils:
-        raise CodecError("there is no soil in the configuration of the run; it must list them all")
+        raise CodecError(
+            "there is no soil in the configuration of the run; list all soil types", ErrorCode.VALUE
+        )
     return facts
 
 
@@ -147,19 +156,21 @@ def _loose_soil(values: Mapping[str, Any]) -> LooseSoil:
 
 
 def soil_kinds(text: str) -> tuple[SoilKind, ...]:
-    """The kinds of soil by id, from the configuration of the soil's node.
+    """Decode the soil types, by id, of the configuration of the soil's node.
 
     Raises:
-        CodecError: not such a configuration; says what is wrong.
+        CodecError: JSON: they cannot be parsed; VALUE: wrong ids.
     """
     try:
         listed = list(yaml.safe_load(text)[_KINDS])
         kinds = tuple(_kind(each) for each in listed)
         ids = [each["id"] for each in listed]
     except (yaml.YAMLError, KeyError, TypeError, ValueError, OverflowError) as error:
-        raise CodecError(f"the kinds of soil of the run cannot be read: {error!r}") from error
+        raise CodecError(
+            f"the soil types of the run cannot be read: {error!r}", ErrorCode.JSON
+        ) from error
     if not kinds or ids != list(range(len(kinds))):
-        raise CodecError(f"the kinds of soil have the ids {ids}; they must count from 0")
+        raise CodecError(f"the soil types have the ids {ids}; count from 0", ErrorCode.VALUE)
     return kinds
 
 
@@ -175,12 +186,12 @@ def _kind(values: Mapping[str, Any]) -> SoilKind:
     )
     numbers = (*kind.colour, kind.swell, kind.density, *kind.repose_angles)
     if not all(0.0 <= number < math.inf for number in numbers):
-        raise ValueError(f"a soil cannot have the figures {numbers}")
+        raise ValueError(f"the parameters {numbers} must be finite and not negative")
     return kind
 
 
 def _plain(value: Any) -> Any:
-    """A value as YAML writes it: tuples are lists."""
+    """Return a value as plain YAML has it: tuples become lists."""
     if isinstance(value, Mapping):
         return {str(key): _plain(each) for key, each in value.items()}
     if isinstance(value, (tuple, list)):

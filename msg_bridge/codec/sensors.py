@@ -1,4 +1,4 @@
-"""Sensors of a machine as messages: inertial units and joint encoders."""
+"""Sensors of a machine as messages: inertial measurement units and joint encoders."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from std_msgs.msg import Header
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.rotations import unit_quaternion
 from msg_bridge.codec.stamps import stamp_from_seconds
+from msg_bridge.contract.errors import ErrorCode
 
 __all__ = ["to_encoder_joint_state", "to_imu"]
 
@@ -25,18 +26,18 @@ def to_imu(
     frame_id: str,
     stamp: Time,
 ) -> Imu:
-    """What an inertial unit says; its covariances are left at 0, unknown.
+    """Encode a measurement of an inertial unit; covariances of 0 mean unknown.
 
     Args:
-        quaternion: of the unit in the map, x, y, z, w.
-        spin: angular velocity [rad/s], unit's axes, shape (3,).
-        specific_force: acceleration less gravity [m/s^2], unit's axes, shape (3,); at rest it is
-            9.81 upward, as REP-145 has it.
+        quaternion: orientation, unit to map, x, y, z, w.
+        angular_velocity: [rad/s], unit's axes, shape (3,).
+        specific_force: acceleration minus gravity [m/s^2], unit's axes, shape (3,); 9.81 upward at
+            rest (REP-145).
         frame_id: frame of the unit's axes.
-        stamp: end of the tick that it is of.
+        stamp: end of the tick of the measurement.
 
     Raises:
-        CodecError: a vector or quaternion that is none.
+        CodecError: SHAPE, or VALUE of the quaternion.
     """
     x, y, z, w = unit_quaternion(quaternion)
     return Imu(
@@ -50,16 +51,17 @@ def to_imu(
 def to_encoder_joint_state(
     names: Sequence[str], time: float, angles: ArrayLike, speeds: ArrayLike
 ) -> JointState:
-    """What encoders say of the joints `names`, stamped with the time [s] that it is of.
+    """Encode measured angles [rad] and speeds [rad/s] of joints, stamped with their time [s].
 
     Raises:
-        CodecError: other than one angle [rad] and one speed [rad/s] for each name.
+        CodecError: SHAPE: other than one angle and one speed for each name.
     """
     positions, velocities = np.asarray(angles, np.float64), np.asarray(speeds, np.float64)
     if positions.shape != (len(names),) or velocities.shape != (len(names),):
         raise CodecError(
             f"angles have shape {positions.shape} and speeds {velocities.shape}; give"
-            f" {len(names)} of each"
+            f" {len(names)} of each",
+            ErrorCode.SHAPE,
         )
     return JointState(
         header=Header(stamp=stamp_from_seconds(time)),
@@ -70,8 +72,8 @@ def to_encoder_joint_state(
 
 
 def _vector3(values: ArrayLike, what: str) -> Vector3:
-    found = np.asarray(values, dtype=np.float64)
-    if found.shape != (3,):
-        raise CodecError(f"the {what} has shape {found.shape}; give three numbers")
-    x, y, z = found.tolist()
+    vector = np.asarray(values, dtype=np.float64)
+    if vector.shape != (3,):
+        raise CodecError(f"the {what} has shape {vector.shape}; give 3 numbers", ErrorCode.SHAPE)
+    x, y, z = vector.tolist()
     return Vector3(x=x, y=y, z=z)

@@ -1,4 +1,4 @@
-"""Simulation time as stamps: whole nanoseconds, rounded once, so that it never drifts."""
+"""Simulation time as stamps: integer nanoseconds, rounded once, so that they do not drift."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from functools import cache
 from builtin_interfaces.msg import Time
 
 from msg_bridge.codec.errors import CodecError
+from msg_bridge.contract.errors import ErrorCode
 
 __all__ = ["seconds_from_stamp", "stamp_from_seconds", "stamp_from_tick", "tick_from_stamp"]
 
@@ -16,54 +17,55 @@ _NANO = 10**9
 
 
 def stamp_from_seconds(seconds: float) -> Time:
-    """The stamp nearest to a simulation time [s].
+    """Return the stamp nearest to a simulation time [s].
 
     Raises:
-        CodecError: not a time a stamp can hold.
+        CodecError: STAMP: outside the range of a stamp.
     """
     if not math.isfinite(seconds):
-        raise CodecError(f"a simulation time of {seconds} s has no stamp")
+        raise CodecError(f"a simulation time is {seconds} s; give a finite number", ErrorCode.STAMP)
     return _stamp(round(Fraction(seconds) * _NANO))
 
 
 def seconds_from_stamp(stamp: Time) -> float:
-    """Simulation time of a stamp [s], the nearest float64."""
+    """Return the simulation time of a stamp [s], the nearest float64."""
     return _nanoseconds(stamp) / _NANO
 
 
 def stamp_from_tick(tick: int, period: float) -> Time:
-    """The end of a tick; tick 0 ends at time 0.
+    """Return the stamp of the end of a tick; tick 0 ends at time 0.
 
     Args:
         tick: its number.
-        period: length of a tick [s].
+        period: tick period [s].
 
     Raises:
-        CodecError: the period is not positive, or the time is beyond what a stamp can hold.
+        CodecError: STAMP: the period is below 1 ns, or the time is outside the range of a stamp.
     """
     return _stamp(round(tick * _period_in_nanoseconds(period)))
 
 
 def tick_from_stamp(stamp: Time, period: float) -> int:
-    """The tick that ends at a stamp.
+    """Return the tick that ends at a stamp.
 
     Raises:
-        CodecError: no tick ends there.
+        CodecError: STAMP: no tick ends there.
     """
     nanoseconds = _nanoseconds(stamp)
     tick = round(nanoseconds / _period_in_nanoseconds(period))
     if round(tick * _period_in_nanoseconds(period)) != nanoseconds:
         raise CodecError(
-            f"no tick of {period} s ends at {nanoseconds} ns; sender and receiver differ in it"
+            f"no tick of {period} s ends at {nanoseconds} ns; use the tick period of the sender",
+            ErrorCode.STAMP,
         )
     return tick
 
 
 @cache
 def _period_in_nanoseconds(period: float) -> Fraction:
-    """A tick's length [ns], as the decimal number that it is written as: 0.01 is 1/100 then."""
+    """Return the tick period [ns] as the exact value of its decimal form: 0.01 is 1/100."""
     if not (math.isfinite(period) and period >= 1e-9):
-        raise CodecError(f"a tick of {period} s is not at least a nanosecond long")
+        raise CodecError(f"a tick period is {period} s; give at least 1e-9 s", ErrorCode.STAMP)
     return Fraction(repr(float(period))) * _NANO
 
 
@@ -72,7 +74,9 @@ def _nanoseconds(stamp: Time) -> int:
 
 
 def _stamp(nanoseconds: int) -> Time:
-    seconds, rest = divmod(nanoseconds, _NANO)
+    seconds, remainder = divmod(nanoseconds, _NANO)
     if not 0 <= seconds < 2**31:
-        raise CodecError(f"{seconds} s is not a simulation time; stamps go from 0 to 2**31 s")
-    return Time(sec=seconds, nanosec=rest)
+        raise CodecError(
+            f"a simulation time is {seconds} s; give 0 s to 2**31 - 1 s", ErrorCode.STAMP
+        )
+    return Time(sec=seconds, nanosec=remainder)

@@ -161,8 +161,8 @@ FORCE = np.dtype(
         ("reaction", "u1"),  # SoilReaction
     ]
 )
-"""Largest force of the soil on a tool that swept, soil to machine. A tool that cuts gets a row of its
-resistance even if it is zero; rows of bearing capacity are sent only where there is any."""
+"""Largest force of the soil on a tool that swept, soil to machine. A tool that cuts gets a row of
+its resistance even if it is zero; rows of bearing capacity are sent only where there is any."""
 
 
 def join_rows(parts: Sequence[Rows], dtype: np.dtype[np.void]) -> Rows:

@@ -1,8 +1,8 @@
 """Send and receive buffers of numbered rows.
 
 `SendBuffer` numbers rows and keeps them until they are acknowledged. `ReceiveBuffer` drops
-duplicates, keeps rows that arrived early, and lists gaps. Together they deliver every row once and in
-order over a transport that drops, duplicates, delays and reorders messages.
+duplicates, keeps rows that arrived early, and lists gaps. Together they deliver every row once and
+in order over a transport that drops, duplicates, delays and reorders messages.
 
 Row numbers are unbounded here and modulo 2**32 in the field `seq`, so a run has no maximum length.
 """
@@ -28,7 +28,8 @@ run would not be repeatable.
 """
 
 MAX_ROWS_IN_FLIGHT = 4_000_000
-"""Maximum number of rows of a tick, and of rows received beyond a gap; larger numbers are invalid."""
+"""Maximum number of rows of a tick, and of rows received beyond a gap; larger numbers are
+invalid."""
 
 _MODULUS = 2**32
 

@@ -152,7 +152,7 @@ class TerrainFollower:
         self.revision = self._newest_keyframe.revision
 
     def _apply(self, header: SoilHeader) -> bool:
-        """Apply the map updates of a header; return False if rows of it or before it are missing."""
+        """Apply the map updates of a header; return False if rows are missing."""
         if header.revision != self.revision + 1:
             return False  # a header in between is missing
         rows = self._rows(header)

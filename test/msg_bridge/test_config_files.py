@@ -22,7 +22,7 @@ def checkout(tmp_path, monkeypatch) -> Path:
     root, elsewhere = tmp_path / "checkout", tmp_path / "elsewhere"
     file(root / "package.xml")
     elsewhere.mkdir()
-    monkeypatch.setattr(config_files, "_PACKAGES", root)
+    monkeypatch.setattr(config_files, "PACKAGES_FOLDER", root)
     monkeypatch.chdir(elsewhere)
     return root
 
@@ -34,20 +34,20 @@ def test_checkout_config_is_found(checkout):
 
 def test_colcon_install_config_is_found(tmp_path, monkeypatch):
     prefix = tmp_path / "install/earthmoving_sim"
-    monkeypatch.setattr(config_files, "_PACKAGES", prefix / "lib/python3.12/site-packages")
+    monkeypatch.setattr(config_files, "PACKAGES_FOLDER", prefix / "lib/python3.12/site-packages")
     shipped = file(prefix / "share/earthmoving_sim/config/soil.yaml")
     assert find_config("soil.yaml") == shipped
 
 
 def test_wheel_install_config_is_found_below_the_environment(tmp_path, monkeypatch):
-    monkeypatch.setattr(config_files, "_PACKAGES", tmp_path / "anywhere")
+    monkeypatch.setattr(config_files, "PACKAGES_FOLDER", tmp_path / "anywhere")
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "venv"))
     shipped = file(tmp_path / "venv/share/earthmoving_sim/config/soil.yaml")
     assert find_config("soil.yaml") == shipped
 
 
 def test_config_folder_of_another_package_in_site_packages_is_not_ours(tmp_path, monkeypatch):
-    monkeypatch.setattr(config_files, "_PACKAGES", tmp_path)
+    monkeypatch.setattr(config_files, "PACKAGES_FOLDER", tmp_path)
     monkeypatch.setattr(sys, "prefix", str(tmp_path))
     file(tmp_path / "config/soil.yaml")
     with pytest.raises(ConfigError):
@@ -99,7 +99,7 @@ def test_shipped_names_can_be_found_again(checkout):
 
 
 def test_install_without_config_ships_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr(config_files, "_PACKAGES", tmp_path)
+    monkeypatch.setattr(config_files, "PACKAGES_FOLDER", tmp_path)
     monkeypatch.setattr(sys, "prefix", str(tmp_path))
     assert config_folder() is None
     assert shipped_configs() == []

@@ -1,4 +1,4 @@
-"""A soil and a machine reduced to their books, to test the exchange without any physics."""
+"""A soil and a machine that only account volumes, to test the exchange without physics."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Transport(Protocol):
 
 
 class FakeSoil:
-    """Gives a random volume for each sweep row and takes back what lands."""
+    """Excavates a random volume for each sweep and accepts most deposit requests."""
 
     def __init__(self, rng: np.random.Generator, expected: tuple[int, ...] = (1,)) -> None:
         self.rng = rng
@@ -77,15 +77,15 @@ class FakeSoil:
         released = self.deposit_released(self.releasing)
         self.releasing = []
         for rows in (back, released):
-            onto = rows["volume_mm3"][rows["kind"] == ConversionKind.DEPOSIT].astype(np.int64).sum()
-            self.terrain += int(onto)
+            is_deposit = rows["kind"] == ConversionKind.DEPOSIT
+            self.terrain += int(rows["volume_mm3"][is_deposit].astype(np.int64).sum())
         self.terrain -= int(dug["volume_mm3"].astype(np.int64).sum())
         return np.concatenate([dug, back, released])
 
-    def deposit_released(self, sources: list[int]) -> Rows:
-        """Rows that make terrain of all that absent sources held."""
+    def deposit_released(self, machine_ids: list[int]) -> Rows:
+        """Return rows that deposit all soil of absent machines."""
         parts = [empty_rows(CONVERSION)]
-        for machine_id in sources:
+        for machine_id in machine_ids:
             volume = self.exchange.release(machine_id)
             rows = empty_rows(CONVERSION, -(-volume // MAX_ROW_VOLUME))
             rows["machine_id"], rows["kind"] = machine_id, ConversionKind.DEPOSIT
@@ -96,7 +96,7 @@ class FakeSoil:
 
 
 class FakeMachine:
-    """Turns what it gets into particles, and lands some of them each tick."""
+    """Turns parcels into particles, and requests to deposit some of them in each tick."""
 
     def __init__(self, rng: np.random.Generator, machine_id: int = 1, session_id: int = 0) -> None:
         self.rng = rng
@@ -112,14 +112,16 @@ class FakeMachine:
 
     @property
     def totals(self) -> dict[str, int]:
+        """Volumes of a header [mm^3]."""
         return {"pending_mm3": sum(self.pending), "particles_mm3": sum(self.particles.values())}
 
     @property
     def held(self) -> int:
+        """All soil that it holds [mm^3]."""
         return sum(self.totals.values())
 
     def step(self, *, leave: bool = False) -> bool:
-        """Apply an answer if it has come, and send the next tick; False if still waiting."""
+        """Apply the answer if it is here and send the next tick; return False if it is not."""
         if self.exchange.waiting:
             answer = self.exchange.poll()
             if answer is None:
@@ -131,7 +133,7 @@ class FakeMachine:
             return False
         if not self.entered:
             self.apply(self.exchange.backlog)
-            self.frozen.clear()  # what the soil has not answered is offered again
+            self.frozen.clear()  # requests without an answer are sent again
             self.entered = True
         while self.pending:
             self.num_created += 1
@@ -160,7 +162,7 @@ class FakeMachine:
 
 
 class ExchangeDriver:
-    """Carries messages and steps everybody, reminding now and then as a timer would."""
+    """Delivers messages and steps all participants, with retransmission requests at times."""
 
     def __init__(self, soil: FakeSoil, machines: list[FakeMachine], transport: Transport) -> None:
         self.soil = soil
@@ -169,19 +171,19 @@ class ExchangeDriver:
         self.rounds = 0
 
     def round(self, *, leaving: FakeMachine | None = None) -> bool:
-        """One round; whether anything happened. `leaving` leaves with its next tick."""
+        """Do one round; return whether anything happened. `leaving` leaves with its next tick."""
         self.rounds += 1
-        moved = self.transport.deliver() > 0
-        moved |= self.soil.step()
+        has_progress = self.transport.deliver() > 0
+        has_progress |= self.soil.step()
         for machine in self.machines:
-            moved |= machine.step(leave=machine is leaving)
-        if not moved or self.rounds % 5 == 0:
+            has_progress |= machine.step(leave=machine is leaving)
+        if not has_progress or self.rounds % 5 == 0:
             for end in (self.soil.exchange, *(machine.exchange for machine in self.machines)):
                 end.request_missing()
-        return moved
+        return has_progress
 
     def until(self, done: Callable[[], bool], rounds: int = 20_000) -> None:
-        """Go on until a condition holds."""
+        """Do rounds until a condition holds."""
         for _ in range(rounds):
             if done():
                 return
@@ -189,12 +191,12 @@ class ExchangeDriver:
         raise AssertionError(f"stuck at tick {self.soil.exchange.tick}")
 
     def ticks(self, count: int) -> None:
-        """Go on until the soil has answered `count` more ticks."""
+        """Do rounds until the soil has answered `count` more ticks."""
         goal = self.soil.exchange.tick + count
         self.until(lambda: self.soil.exchange.tick >= goal)
 
     def hold_next_tick(self, machine: FakeMachine) -> list[Message]:
-        """Messages of the machine's next tick, its header last, on their way to the soil."""
+        """Return the messages of the machine's next tick, its header last, not yet delivered."""
         while True:
             self.transport.deliver()
             self.soil.step()
@@ -202,9 +204,9 @@ class ExchangeDriver:
                 return machine.exchange.drain_outbox()
 
     def leave(self, machine: FakeMachine) -> None:
-        """Let a machine leave, and wait until it is out."""
+        """Let a machine leave; do rounds until it is out."""
         for _ in range(20_000):
             if machine.exchange.join_state is JoinState.OUT:
                 return
             self.round(leaving=machine)
-        raise AssertionError("the machine never got out")
+        raise AssertionError("the machine did not leave")

@@ -1,4 +1,4 @@
-"""The terrain as GridMap, with a stand-in for the package that most machines lack."""
+"""The terrain as GridMap, with a substitute for the package grid_map_msgs."""
 
 import sys
 import types

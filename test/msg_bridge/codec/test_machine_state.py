@@ -1,4 +1,4 @@
-"""Joint states place the whole machine, commands and payload cross exactly."""
+"""Joint states place all links; commands and payload are transmitted exactly."""
 
 import math
 import xml.etree.ElementTree as ET
@@ -98,7 +98,7 @@ def forward_kinematics(urdf, state):
 
 
 def random_poses(count):
-    """(position, quaternion, joints), every third one with its nose almost or quite up or down."""
+    """(position, quaternion, joints), every third one with a pitch of 90 degrees or nearly."""
     rng = np.random.default_rng(5)
     for k in range(count):
         yaw, roll = rng.uniform(-math.pi, math.pi, 2)
@@ -195,12 +195,12 @@ def test_velocities_are_the_time_derivatives_of_the_positions():
         np.testing.assert_allclose(found, (after - before) / (2.0 * dt), atol=1e-7)
 
 
-def test_velocities_are_finite_with_the_nose_straight_up():
+def test_velocities_are_finite_at_a_pitch_of_90_degrees():
     state = joint_state(STILL, quaternion(0.4, -0.5 * math.pi, 0.1), HOME, STILL, [1.0, 2.0, 3.0])
     assert np.abs(state.velocity).max() < 10.0
 
 
-def test_joints_own_values_come_first():
+def test_values_of_the_joints_come_first():
     values = [np.arange(4.0) + 10.0 * k for k in range(3)]
     base = BaseState(STILL, UPRIGHT, STILL, STILL)
     state = over_the_wire(to_joint_state(JointValues(EXCAVATOR_JOINTS, *values), base, STAMP))
@@ -211,59 +211,59 @@ def test_joints_own_values_come_first():
         assert list(found[4:]) == [0.0] * 6
 
 
-def test_other_number_of_joints_is_refused():
+def test_wrong_number_of_joints_is_rejected():
     base = BaseState(STILL, UPRIGHT, STILL, STILL)
-    with pytest.raises(CodecError, match=r"joint velocities have shape \(3,\); give 4"):
+    with raises(ErrorCode.SHAPE, CodecError):
         to_joint_state(JointValues(EXCAVATOR_JOINTS, HOME, STILL, HOME), base, STAMP)
 
 
 @pytest.mark.parametrize("turn", [[0.0] * 4, [math.nan, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
-def test_base_without_a_rotation_is_refused(turn):
-    with pytest.raises(CodecError, match="no rotation"):
+def test_invalid_base_rotation_is_rejected(turn):
+    with raises(ErrorCode.VALUE, CodecError):
         joint_state(STILL, turn, HOME)
 
 
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=6, max_size=6))
-def test_command_crosses_bit_by_bit(velocities):
+def test_command_is_transmitted_bit_by_bit(velocities):
     msg = over_the_wire(to_command_state(COMMAND_NAMES, velocities, STAMP))
     assert msg.header.stamp == STAMP
     assert from_command_state(msg, COMMAND_NAMES).tobytes() == np.array(velocities).tobytes()
 
 
-def test_command_of_another_machine_crosses():
+def test_command_of_another_machine_is_transmitted():
     names = ("drum", "left_track")
     msg = over_the_wire(to_command_state(names, [1.5, -0.5], STAMP))
     assert from_command_state(msg, names).tolist() == [1.5, -0.5]
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "code"),
     [
-        ({"name": list(COMMAND_NAMES[::-1])}, "in this order"),
-        ({"name": list(COMMAND_NAMES[:4])}, "it must be of swing"),
-        ({"name": []}, "names nothing"),
-        ({"velocity": [0.0] * 5}, "5 velocities for 6 names"),
-        ({"velocity": []}, "0 velocities"),
-        ({"velocity": [0.0] * 5 + [math.nan]}, "right_track is nan"),
-        ({"velocity": [math.inf] + [0.0] * 5}, "swing is inf"),
-        ({"position": [0.0] * 6}, "velocities only"),
-        ({"effort": [0.0] * 6}, "velocities only"),
+        ({"name": list(COMMAND_NAMES[::-1])}, ErrorCode.LABELS),
+        ({"name": list(COMMAND_NAMES[:4])}, ErrorCode.LABELS),
+        ({"name": []}, ErrorCode.LABELS),
+        ({"velocity": [0.0] * 5}, ErrorCode.LAYOUT),
+        ({"velocity": []}, ErrorCode.LAYOUT),
+        ({"velocity": [0.0] * 5 + [math.nan]}, ErrorCode.VALUE),
+        ({"velocity": [math.inf] + [0.0] * 5}, ErrorCode.VALUE),
+        ({"position": [0.0] * 6}, ErrorCode.LAYOUT),
+        ({"effort": [0.0] * 6}, ErrorCode.LAYOUT),
     ],
 )
-def test_anything_else_is_no_command(change, says):
+def test_invalid_command_is_rejected(change, code):
     parts = {"name": list(COMMAND_NAMES), "velocity": [0.0] * 6}
-    with pytest.raises(CodecError, match=says):
+    with raises(code, CodecError):
         from_command_state(over_the_wire(JointState(**{**parts, **change})), COMMAND_NAMES)
 
 
 def test_command_that_cannot_be_applied_is_not_sent():
-    with pytest.raises(CodecError, match="boom is nan"):
+    with raises(ErrorCode.VALUE, CodecError):
         to_command_state(COMMAND_NAMES, [0.0, math.nan, 0.0, 0.0, 0.0, 0.0], STAMP)
-    with pytest.raises(CodecError, match="give 6 numbers"):
+    with raises(ErrorCode.SHAPE, CodecError):
         to_command_state(COMMAND_NAMES, [0.0], STAMP)
 
 
-def test_payload_crosses_with_its_names_and_units():
+def test_payload_is_labelled_with_names_and_units():
     payload = PayloadState(0.8, 1.0, 1440.0, 0.9, 12.5)
     msg = over_the_wire(to_payload_array(payload))
     assert msg.layout.dim[0].label == "bank_m3,loose_m3,mass_kg,fill,time_s"
@@ -281,7 +281,7 @@ def test_array_with_other_labels_is_no_payload(label):
         from_payload_array(msg)
 
 
-def test_cylinders_cross_with_their_names_and_time():
+def test_cylinders_are_labelled_and_have_their_time():
     cylinders = {
         "boom": CylinderState(2.1, 0.1, 3e5, 1.4e7, 5e5),
         "arm": CylinderState(3.0, -0.2, -1e5, 5e5, 1.5e7),

@@ -1,4 +1,4 @@
-"""Particles cross with their identity and exact volume."""
+"""Particles are transmitted with their number and exact volume."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def cloud_of(state, **change):
 
 
 @pytest.mark.parametrize("count", [0, 1, 500])
-def test_particles_cross(count):
+def test_particles_are_transmitted(count):
     state = some_particles(count)
     msg = over_the_wire(cloud_of(state))
     rows = from_particle_cloud(msg)
@@ -56,20 +56,20 @@ def test_a_point_is_packed():
 
 
 @pytest.mark.parametrize("volume", [-1, 2**32])
-def test_volume_that_does_not_fit_is_refused(volume):
+def test_volume_out_of_range_is_rejected(volume):
     state = some_particles(3)
-    with pytest.raises(CodecError, match="make smaller particles"):
+    with raises(ErrorCode.VALUE, CodecError):
         cloud_of(state, volume_mm3=np.array([1, volume, 1]))
 
 
 @pytest.mark.parametrize("name", ["position", "velocity", "radius", "volume_mm3", "soil"])
-def test_columns_of_different_lengths_are_refused(name):
+def test_arrays_of_different_lengths_are_rejected(name):
     state = some_particles(3)
-    with pytest.raises(CodecError, match="one row for each particle"):
+    with raises(ErrorCode.SHAPE, CodecError):
         cloud_of(state, **{name: getattr(state, name)[:1]})
 
 
-def test_other_cloud_is_no_particles():
+def test_cloud_with_other_fields_is_rejected():
     msg = cloud_of(some_particles(1))
     msg.fields[3].name = "speed"
     with raises(ErrorCode.FIELDS, CodecError):

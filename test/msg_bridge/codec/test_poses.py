@@ -1,4 +1,4 @@
-"""Odometry, transforms and wrench say which frame they are in, and are right in it."""
+"""Odometry, transforms and wrench are in the frames that they state."""
 
 import math
 import sys
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
-from rclpy.serialization import deserialize_message, serialize_message
+from support.wire import over_the_wire, raises
 
 from msg_bridge.codec import poses
 from msg_bridge.codec.errors import CodecError
@@ -21,13 +21,10 @@ from msg_bridge.codec.poses import (
     to_transforms,
     to_wrench,
 )
+from msg_bridge.contract.errors import ErrorCode
 
 STAMP = Time(sec=3, nanosec=40_000_000)
-TO_THE_LEFT = [0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)]  # a yaw of 90 degrees
-
-
-def over_the_wire(msg):
-    return deserialize_message(serialize_message(msg), type(msg))
+YAW_90 = [0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)]  # a yaw of 90 degrees
 
 
 def numbers(vector):
@@ -38,7 +35,7 @@ def driving(**change):
     """A base that faces +y and drives that way, turning left."""
     parts = {
         "position": [1.0, 2.0, 3.0],
-        "quaternion": TO_THE_LEFT,
+        "quaternion": YAW_90,
         "velocity": [0.0, 2.0, 0.0],
         "angular_velocity": [0.1, 0.0, 0.3],
     }
@@ -57,7 +54,7 @@ def test_odometry_has_the_pose_in_map_and_the_twist_in_the_base():
     assert not msg.twist.covariance.any()
 
 
-def test_odometry_gives_the_motion_in_map_back():
+def test_odometry_is_decoded_to_the_map_frame():
     rng = np.random.default_rng(2)
     for _ in range(20):
         place, velocity, angular_velocity = rng.normal(size=(3, 3))
@@ -69,49 +66,49 @@ def test_odometry_gives_the_motion_in_map_back():
             np.testing.assert_allclose(found, given, atol=1e-14)
 
 
-def test_odometry_of_a_quaternion_a_little_off_is_a_rotation():
-    msg = to_odometry(driving(quaternion=np.array(TO_THE_LEFT) * (1.0 + 1e-6)), "base", STAMP)
+def test_odometry_has_a_unit_quaternion():
+    msg = to_odometry(driving(quaternion=np.array(YAW_90) * (1.0 + 1e-6)), "base", STAMP)
     turn = msg.pose.pose.orientation
     assert math.hypot(turn.x, turn.y, turn.z, turn.w) == pytest.approx(1.0, abs=1e-15)
 
 
-def test_a_base_through_odometry_is_what_its_message_tells_to_the_last_bit():
+def test_round_trip_without_a_message_is_bitwise_equal():
     rng = np.random.default_rng(3)
     for _ in range(50):
         base = BaseState(*(rng.normal(size=n) for n in (3, 4, 3, 3)))
-        told = from_odometry(over_the_wire(to_odometry(base, "base_link", STAMP)))
-        for part, wanted in zip(odometry_round_trip(base), told, strict=True):
+        decoded = from_odometry(over_the_wire(to_odometry(base, "base_link", STAMP)))
+        for part, wanted in zip(odometry_round_trip(base), decoded, strict=True):
             assert part.tobytes() == wanted.tobytes()
 
 
-def test_a_base_that_is_not_finite_does_not_come_through_odometry():
-    with pytest.raises(CodecError, match="not finite"):
+def test_round_trip_of_a_base_that_is_not_finite_is_rejected():
+    with raises(ErrorCode.VALUE, CodecError):
         odometry_round_trip(driving(velocity=[0.0, math.nan, 0.0]))
 
 
-def test_odometry_of_another_frame_is_refused():
+def test_odometry_of_another_frame_is_rejected():
     msg = to_odometry(driving(), "base_link", STAMP, frame_id="odom")
-    with pytest.raises(CodecError, match="is in 'odom'; it must be in 'map'"):
+    with raises(ErrorCode.FRAME, CodecError):
         from_odometry(msg)
     assert from_odometry(msg, frame_id="odom").position[0] == 1.0
 
 
 @pytest.mark.parametrize("part", ["position", "velocity", "angular_velocity"])
-def test_odometry_that_is_not_finite_is_refused(part):
+def test_odometry_that_is_not_finite_is_rejected(part):
     msg = to_odometry(driving(**{part: [0.0, math.nan, 0.0]}), "base_link", STAMP)
-    with pytest.raises(CodecError, match="not finite"):
+    with raises(ErrorCode.VALUE, CodecError):
         from_odometry(msg)
 
 
-def test_odometry_without_an_orientation_is_refused():
+def test_odometry_without_an_orientation_is_rejected():
     msg = to_odometry(driving(), "base_link", STAMP)
     msg.pose.pose.orientation.z = msg.pose.pose.orientation.w = 0.0
-    with pytest.raises(CodecError, match="no rotation"):
+    with raises(ErrorCode.VALUE, CodecError):
         from_odometry(msg)
 
 
 def test_transforms_lead_from_map_to_each_link():
-    turns = [[0.0, 0.0, 0.0, 1.0], TO_THE_LEFT]
+    turns = [[0.0, 0.0, 0.0, 1.0], YAW_90]
     found = to_transforms(["a/base_link", "a/upper"], [[1, 2, 3], [4, 5, 6]], turns, STAMP)
     found = [over_the_wire(msg) for msg in found]
     assert [msg.child_frame_id for msg in found] == ["a/base_link", "a/upper"]
@@ -121,9 +118,9 @@ def test_transforms_lead_from_map_to_each_link():
     assert found[1].transform.rotation.w == pytest.approx(math.sqrt(0.5))
 
 
-def test_transforms_without_a_frame_each_are_refused():
-    with pytest.raises(CodecError, match="one for each of 2 frames"):
-        to_transforms(["a", "b"], [[0.0, 0.0, 0.0]], [TO_THE_LEFT], STAMP)
+def test_wrong_number_of_transforms_is_rejected():
+    with raises(ErrorCode.SHAPE, CodecError):
+        to_transforms(["a", "b"], [[0.0, 0.0, 0.0]], [YAW_90], STAMP)
 
 
 @pytest.fixture
@@ -135,19 +132,19 @@ def fresh_import():
 
 
 @pytest.mark.usefixtures("fresh_import")
-def test_there_is_no_tf_message_without_its_package(monkeypatch):
+def test_without_its_package_there_is_no_tf_message(monkeypatch):
     monkeypatch.setitem(sys.modules, "tf2_msgs", None)
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)
     assert to_tf_message([TransformStamped()]) is None
 
 
 @pytest.mark.usefixtures("fresh_import")
-def test_tf_message_holds_the_transforms_where_its_package_is(monkeypatch):
+def test_with_its_package_the_tf_message_has_the_transforms(monkeypatch):
     messages = ModuleType("tf2_msgs.msg")
     messages.TFMessage = SimpleNamespace  # takes transforms=..., as the message does
     monkeypatch.setitem(sys.modules, "tf2_msgs", ModuleType("tf2_msgs"))
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", messages)
-    sent = to_transforms(["a"], [[1.0, 2.0, 3.0]], [TO_THE_LEFT], STAMP)
+    sent = to_transforms(["a"], [[1.0, 2.0, 3.0]], [YAW_90], STAMP)
     assert to_tf_message(sent).transforms == sent
 
 
@@ -162,9 +159,8 @@ def test_wrench_is_expressed_in_the_tool_frame():
 
 
 @pytest.mark.parametrize(
-    ("force", "rotation", "says"),
-    [([1.0, 2.0], np.eye(3), "force has shape"), ([1.0, 2.0, 3.0], [0, 0, 0, 1], r"\(3, 3\)")],
+    ("force", "rotation"), [([1.0, 2.0], np.eye(3)), ([1.0, 2.0, 3.0], [0, 0, 0, 1])]
 )
-def test_wrench_of_other_shapes_is_refused(force, rotation, says):
-    with pytest.raises(CodecError, match=says):
+def test_wrench_of_other_shapes_is_rejected(force, rotation):
+    with raises(ErrorCode.SHAPE, CodecError):
         to_wrench(force, [0.0, 0.0, 0.0], rotation, "bucket", STAMP)

@@ -1,4 +1,4 @@
-"""Angles of a rotation, where they are ambiguous too."""
+"""Angles reproduce their rotation, also where they are ambiguous."""
 
 import math
 
@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.wire import raises
 
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.rotations import rotation_matrix, unit_quaternion, yaw_pitch_roll
+from msg_bridge.contract.errors import ErrorCode
 
 ANGLES = st.floats(-3.1, 3.1)
 
 
 def about(axis, angle):
-    """A turn about a coordinate axis, by number."""
+    """Return the rotation about a coordinate axis, by index."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
     turn = np.eye(3)
     turn[j, j] = turn[k, k] = math.cos(angle)
@@ -28,19 +30,19 @@ def composed(yaw, pitch, roll):
 
 
 @given(ANGLES, st.floats(-1.5, 1.5), ANGLES)
-def test_angles_are_told_from_their_rotation(yaw, pitch, roll):
+def test_angles_of_a_rotation(yaw, pitch, roll):
     assert yaw_pitch_roll(composed(yaw, pitch, roll)) == pytest.approx(
         (yaw, pitch, roll), abs=1e-12
     )
 
 
 @given(ANGLES, st.sampled_from([0.0, 1e-17, 1e-12, 1e-9, 1e-8, 1e-5]), ANGLES, st.booleans())
-def test_angles_make_the_rotation_with_the_nose_straight_up(yaw, off, roll, up):
+def test_angles_reproduce_a_rotation_with_a_pitch_of_90_degrees(yaw, off, roll, up):
     rotation = composed(yaw, (off - 0.5 * math.pi) * (1 if up else -1), roll)
     np.testing.assert_allclose(composed(*yaw_pitch_roll(rotation)), rotation, atol=1e-14)
 
 
-def test_quaternion_turns_as_its_axis_says():
+def test_quaternion_rotates_about_its_axis():
     half = 0.5 * 0.7
     for axis in range(3):
         parts = [0.0, 0.0, 0.0, 5.0 * math.cos(half)]  # of any length
@@ -50,6 +52,6 @@ def test_quaternion_turns_as_its_axis_says():
 
 
 @pytest.mark.parametrize("parts", [[0.0] * 4, [1.0] * 3, [math.inf, 0.0, 0.0, 1.0]])
-def test_what_is_no_quaternion_is_refused(parts):
-    with pytest.raises(CodecError, match="no rotation"):
+def test_invalid_quaternion_is_rejected(parts):
+    with raises(ErrorCode.VALUE, CodecError):
         rotation_matrix(parts)

@@ -1,4 +1,4 @@
-"""A map tells the side length of its cells, whatever that is, as far as float32 can."""
+"""The side length of cells is recovered from float32 positions."""
 
 from __future__ import annotations
 
