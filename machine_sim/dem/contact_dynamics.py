@@ -11,16 +11,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from machine_sim.dem.body_records import load_body_records, store_body_records
 from machine_sim.dem.contacts.contact_law import ContactParameters
 from machine_sim.dem.contacts.ground_contacts import (
+    GroundContactList,
     GroundContacts,
-    finish_ground_contacts,
-    list_ground_contacts,
+    ground_particles,
+    recover_and_time_settling,
 )
 from machine_sim.dem.contacts.pair_contacts import PairContactBlocks, PairContacts
 from machine_sim.dem.contacts.plate_contact_list import PlateContactList
 from machine_sim.dem.contacts.plate_contacts import PlateContacts
-from machine_sim.dem.integrate import load_body_records, store_body_records
 from machine_sim.dem.invalidation import Change, Derived, Invalidation
 from machine_sim.dem.lifecycle.growth import (
     GrowthView,
@@ -33,7 +34,7 @@ from machine_sim.dem.neighbours.verlet_list import VerletList
 from machine_sim.dem.params import ParticleParams
 from machine_sim.dem.state import ParticleState
 from machine_sim.dem.step_buffers import StepBuffers
-from machine_sim.dem.substeps import run_substeps
+from machine_sim.dem.substeps import LockedRows, SubstepParams, run_substeps
 from machine_sim.dem.tools.tool_set import ToolSet
 from machine_sim.ground.contact_surface import Ground
 
@@ -80,6 +81,13 @@ class ContactDynamics:
         self._tools = tools
         self._pair_contacts = PairContacts()
         self._plate_contacts = PlateContacts()
+        self._ground_list = GroundContactList()
+        self._substep_params = SubstepParams(
+            num_substeps=params.substeps,
+            gravity=np.float32(params.gravity),
+            ground_friction=np.float32(params.ground_friction),
+            ground_rolling_friction=np.float32(params.ground_rolling_friction),
+        )
         self._buffers = StepBuffers()
         self._invalidation = Invalidation()
         self._num_growing = 0
@@ -147,18 +155,16 @@ class ContactDynamics:
     def list_ground_contacts(
         self,
         dt: float,
-        law: ContactParameters,
+        contact_params: ContactParameters,
         rows: NDArray[np.int64],
         ground_masked: NDArray[np.bool_],
         near: NDArray[np.bool_],
     ) -> GroundContacts:
-        state, ground, buffers = self._state, self._ground, self._buffers
-        count = list_ground_contacts.for_threads(self.neighbour_list.threads)(
-            ground.surface, ground.frame, dt, law, rows, ground_masked, near, state.position,
-            state.velocity, state.radius, state.contact_radius, state.penetration_limited,
-            state.ground_spring, buffers.ground_row, buffers.ground_plane,
+        """List the ground contacts of a step; see `GroundContactList.update`."""
+        return self._ground_list.update(
+            self._state, self._ground, rows, ground_masked, near, contact_params, dt,
+            self.neighbour_list.threads,
         )  # fmt: skip
-        return GroundContacts(buffers.ground_row[:count], buffers.ground_plane[:count])
 
     def grow(self, dt: float, ground_contacts: GroundContacts) -> bool:
         """Set the contact radii of released particles, and grow those below the full radius.
@@ -182,7 +188,7 @@ class ContactDynamics:
     def integrate(
         self,
         dt: float,
-        laws: tuple[ContactParameters, ContactParameters],
+        contact_params: tuple[ContactParameters, ContactParameters],
         moving: MovingRows,
         ground_contacts: GroundContacts,
         radii_changed: bool,
@@ -191,12 +197,12 @@ class ContactDynamics:
 
         Args:
             dt: [s].
-            laws: contact law of pairs, and of plates and the ground.
+            contact_params: contact law of pairs, and of plates and the ground.
             moving: rows that move.
             ground_contacts: ground contacts of the step.
             radii_changed: whether contact radii have changed since the last step.
         """
-        state, params, tools = self._state, self._params, self._tools
+        state, tools = self._state, self._tools
         body, force_sums = self._buffers.body_records, self._buffers.force_sums
         threads = self.neighbour_list.threads
         all_stale = self._invalidation.is_stale(Derived.BODY_RECORDS)
@@ -215,11 +221,10 @@ class ContactDynamics:
             state, self.plate_list.table, tools, body, force_sums
         )
         run_substeps.for_threads(threads)(
-            params.substeps, params.gravity, laws, np.float32(params.ground_friction),
-            np.float32(params.ground_rolling_friction), moving.free, moving.locked,
-            moving.locked_tool, body, force_sums, state.position, state.mass, state.radius,
-            state.penetration_limited, state.ground_spring, self._pair_contacts.blocks,
-            plate_contacts, tools.motion, ground_contacts,
+            self._substep_params, *contact_params, moving.free,
+            LockedRows(moving.locked, moving.locked_tool), body, force_sums,
+            ground_particles(state), self._pair_contacts.blocks, plate_contacts, ground_contacts,
+            tools.motion,
         )  # fmt: skip
         self._plate_contacts.store_history(self.plate_list.table)
         store_body_records.for_threads(threads)(
@@ -234,11 +239,7 @@ class ContactDynamics:
         Returns:
             Number of particles that were put back.
         """
-        state, ground = self._state, self._ground
-        return int(
-            finish_ground_contacts.for_threads(self.neighbour_list.threads)(
-            ground.surface, ground.frame, dt, self._params.settle_speed, rows, ground_contacts,
-            state.position, state.velocity, state.radius, state.penetration_limited,
-            state.settle_timer,
-            )
+        return recover_and_time_settling(
+            self._state, self._ground, rows, ground_contacts, self._params.settle_speed, dt,
+            self.neighbour_list.threads,
         )  # fmt: skip

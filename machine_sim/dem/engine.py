@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.dem.contact_dynamics import ContactDynamics, MovingRows
-from machine_sim.dem.contacts.contact_law import contact_law
+from machine_sim.dem.contacts.contact_law import contact_parameters
 from machine_sim.dem.contacts.pair_forces import max_pair_overlap
 from machine_sim.dem.contacts.tunnelling import count_tunnelled
 from machine_sim.dem.invalidation import Change
@@ -198,15 +198,19 @@ class ParticleEngine(SoilEngine):
         dynamics, plate_list = self._dynamics, self._dynamics.plate_list
         dynamics.update_neighbour_list(dt, moving)
         substep, duration = dt / params.substeps, params.substeps_per_contact
-        pair_law = contact_law(substep, duration, params.restitution)
-        boundary_law = contact_law(substep, duration, params.boundary_restitution)
+        pair_params = contact_parameters(substep, duration, params.restitution)
+        boundary_params = contact_parameters(substep, duration, params.boundary_restitution)
         local = tools.tool_frame_positions(rows, state.position)
         inside, ground_masked, near = tools.classify_near_tools(local, self.ground.grid.cell)
-        ground_contacts = dynamics.list_ground_contacts(dt, boundary_law, rows, ground_masked, near)
+        ground_contacts = dynamics.list_ground_contacts(
+            dt, boundary_params, rows, ground_masked, near
+        )
         plate_list.update(state, rows, tools, local, dt)
         radii_changed = dynamics.grow(dt, ground_contacts)
         start = state.position.take(rows, axis=0) if tools.tools else state.position[:0]
-        dynamics.integrate(dt, (pair_law, boundary_law), moving, ground_contacts, radii_changed)
+        dynamics.integrate(
+            dt, (pair_params, boundary_params), moving, ground_contacts, radii_changed
+        )
         if tools.tools:
             self.num_plate_tunnellings += count_tunnelled(
                 plate_list.table, state, rows, tools, start

@@ -1,181 +1,116 @@
-"""The working copy of the particles during one step: a record of float32 per particle.
-
-A record is as large as a cache line, so that a contact reads one or two lines per particle. Places
-are *displacements since the start of the step*: small numbers, which float32 holds to nanometres
-however large the map is; the store keeps positions in float64.
-"""
+"""Explicit integration of one substep: particles moved by forces, and soil locked to a tool."""
 
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
-from machine_sim.dem.partition import NUM_CHUNKS, row_chunk
-from msg_bridge.kernels import kernel, threaded_kernel
+from machine_sim.dem.body_records import (
+    ANGULAR_VELOCITY,
+    CONTACT_RADIUS,
+    DISPLACEMENT,
+    FORCE,
+    INVERSE_MASS,
+    LIMIT_WEIGHTED_ANGULAR_VELOCITY,
+    MASS_OVER_INERTIA,
+    ROLLING_LIMIT,
+    SURFACE_VELOCITY,
+    TORQUE_OVER_RADIUS,
+    VELOCITY,
+    clear_force_sums,
+)
+from machine_sim.dem.tools.pose import ANGULAR, LINEAR, ORIGIN
+from machine_sim.dem.vec3 import add, cross, dot, load_row, scale, store_row, subtract
+from msg_bridge.kernels import kernel
 
-__all__ = [
-    "BODY_RECORD_SIZE",
-    "FORCE_RECORD_SIZE",
-    "advance_locked_loads",
-    "integrate_bodies",
-    "load_body_records",
-    "store_body_records",
-]
-
-BODY_RECORD_SIZE = 16
-"""Columns of a body: displacement [m] (3), contact radius [m], velocity [m/s] (3), 1/mass [1/kg],
-surface speed: spin times contact radius [m/s] (3), unused, spin [rad/s] (3), mass over moment of
-inertia [1/m^2]."""
-
-FORCE_RECORD_SIZE = 16
-"""Columns of a sum over contacts: force [N] (3), rolling limit [N], turning force: torque over
-contact radius [N] (3), unused (5), spin of the others times their share of the rolling limit
-[N rad/s] (3), unused."""
+__all__ = ["advance_locked_loads", "integrate_bodies"]
 
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
 _TINY = np.float32(1e-20)
-_INERTIA = np.float32(2.5)
-"""1 / 0.4: moment of inertia of a solid sphere is 0.4 m r^2."""
-
-
-@threaded_kernel
-def load_body_records(  # type: ignore[no-untyped-def]
-    rows,
-    body,
-    force_sums,
-    velocity,
-    angular_velocity,
-    contact_radius,
-    radius,
-    inverse_mass,
-    sleep_state,
-):
-    """Fill the records of `rows` and clear their sums; the others are columns of the store."""
-    for c in prange(NUM_CHUNKS):
-        _load(
-            row_chunk(rows, c), body, force_sums, velocity, angular_velocity, contact_radius, radius, inverse_mass,
-            sleep_state,
-        )  # fmt: skip
-
-
-@kernel
-def _load(  # type: ignore[no-untyped-def]
-    rows,
-    body,
-    force_sums,
-    velocity,
-    angular_velocity,
-    contact_radius,
-    radius,
-    inverse_mass,
-    sleep_state,
-):
-    for i in rows:
-        for axis in range(3):
-            body[i, axis] = _ZERO
-            body[i, 4 + axis] = velocity[i, axis]
-            body[i, 8 + axis] = angular_velocity[i, axis] * contact_radius[i]
-            body[i, 12 + axis] = angular_velocity[i, axis]
-        body[i, 3] = contact_radius[i]
-        body[i, 7] = inverse_mass[i] if sleep_state[i] == 0 else _ZERO
-        body[i, 15] = _INERTIA / (radius[i] * radius[i])
-        for k in range(FORCE_RECORD_SIZE):
-            force_sums[i, k] = _ZERO
 
 
 @kernel
 def integrate_bodies(rows, body, force_sums, radius, gravity, dt):  # type: ignore[no-untyped-def]
-    """One substep of semi-implicit Euler; clears the sums.
+    """Advance particles by one substep of semi-implicit Euler, and clear their force sums.
 
-    Spin: the torque of friction turns a particle, and rolling resistance holds it back, toward the
-    mean spin of what it touches: its Coulomb limit is the sum over contacts of coefficient, radius
-    and normal force. It is applied implicitly, so that a particle which the limit can hold does
-    not turn at all: a heap comes to rest instead of creeping. A whole that turns as one (soil in a
-    bucket) feels none of it.
+    Rolling resistance acts on the angular velocity of a particle relative to the mean angular
+    velocity of the bodies it touches, weighted with the rolling limits of the contacts. Its Coulomb
+    limit is the sum over contacts of coefficient, radius and normal force. It is applied
+    implicitly: a particle that the limit can hold does not turn at all, so that a heap comes to
+    rest instead of creeping. Soil that turns as one body, as in a bucket, has no rolling resistance
+    within.
 
     Args:
-        rows: who moves.
-        body, total: records and sums, shapes (n, BODY_RECORD_SIZE), (n, FORCE_RECORD_SIZE).
+        rows: particles moved by forces, int64.
+        body, force_sums: see `body_records`; updated.
         radius: full radius [m], shape (n,).
-        gravity: [m/s^2], downward.
-        dt: [s].
+        gravity: acceleration of gravity, downward [m/s^2].
+        dt: substep [s].
     """
     for i in rows:
-        w = body[i, 7]
-        if w > _ZERO:
-            change = w * dt
-            body[i, 4] += force_sums[i, 0] * change
-            body[i, 5] += force_sums[i, 1] * change
-            body[i, 6] += force_sums[i, 2] * change - gravity * dt
-            body[i, 0] += body[i, 4] * dt
-            body[i, 1] += body[i, 5] * dt
-            body[i, 2] += body[i, 6] * dt
-            r, limit, arm = radius[i], force_sums[i, 3], body[i, 3]
-            change *= body[i, 15]
-            share = _ONE / max(limit, _TINY)
-            mx, my, mz = (
-                force_sums[i, 12] * share,
-                force_sums[i, 13] * share,
-                force_sums[i, 14] * share,
-            )
-            turn = arm * change
-            x = body[i, 12] + force_sums[i, 4] * turn - mx
-            y = body[i, 13] + force_sums[i, 5] * turn - my
-            z = body[i, 14] + force_sums[i, 6] * turn - mz
-            size = np.sqrt(x * x + y * y + z * z)
-            held = limit * r * change
-            left = max(size - held, _ZERO) / max(size, _TINY)
-            x, y, z = mx + x * left, my + y * left, mz + z * left
-            body[i, 12], body[i, 13], body[i, 14] = x, y, z
-            body[i, 8], body[i, 9], body[i, 10] = x * arm, y * arm, z * arm
-        for k in range(FORCE_RECORD_SIZE):
-            force_sums[i, k] = _ZERO
+        inverse_mass = body[i, INVERSE_MASS]
+        if inverse_mass > _ZERO:
+            dt_over_mass = inverse_mass * dt
+            dvx, dvy, dvz = scale(load_row(force_sums, i, FORCE), dt_over_mass)
+            velocity = add(load_row(body, i, VELOCITY), (dvx, dvy, dvz - gravity * dt))
+            displacement = add(load_row(body, i, DISPLACEMENT), scale(velocity, dt))
+            angular_velocity = _integrate_rotation(
+                load_row(body, i, ANGULAR_VELOCITY), load_row(force_sums, i, TORQUE_OVER_RADIUS),
+                load_row(force_sums, i, LIMIT_WEIGHTED_ANGULAR_VELOCITY),
+                force_sums[i, ROLLING_LIMIT], body[i, CONTACT_RADIUS], radius[i],
+                dt_over_mass * body[i, MASS_OVER_INERTIA],
+            )  # fmt: skip
+            store_row(body, i, VELOCITY, velocity)
+            store_row(body, i, DISPLACEMENT, displacement)
+            store_row(body, i, ANGULAR_VELOCITY, angular_velocity)
+            store_row(body, i, SURFACE_VELOCITY, scale(angular_velocity, body[i, CONTACT_RADIUS]))
+        clear_force_sums(force_sums, i)
 
 
-@threaded_kernel
-def store_body_records(rows, body, position, velocity, angular_velocity):  # type: ignore[no-untyped-def]
-    """Take the motion of `rows` over into the store's columns."""
-    for c in prange(NUM_CHUNKS):
-        _finish(row_chunk(rows, c), body, position, velocity, angular_velocity)
-
-
-@kernel
-def _finish(rows, body, position, velocity, angular_velocity):  # type: ignore[no-untyped-def]
-    for i in rows:
-        for axis in range(3):
-            position[i, axis] += body[i, axis]
-            velocity[i, axis] = body[i, 4 + axis]
-            angular_velocity[i, axis] = body[i, 12 + axis]
-
-
-@kernel
-def advance_locked_loads(rows, tool, body, force_sums, position, tools, step, dt):  # type: ignore[no-untyped-def]
-    """One substep of soil that rides in a tool: it goes along, and hands on what presses on it.
+@kernel(forceinline=True)
+def _integrate_rotation(  # type: ignore[no-untyped-def]
+    angular_velocity, torque_over_radius, weighted_angular_velocity, rolling_limit,
+    contact_radius, radius, dt_over_inertia,
+):  # fmt: skip
+    """Return the angular velocity [rad/s] after a substep of friction and rolling resistance.
 
     Args:
-        rows, tool: who rides, and in which tool.
-        body, total: as above.
-        position: [m], at the start of the step.
-        tools: `ToolMotion`; the wrench sums over the substeps.
+        angular_velocity: before the substep [rad/s].
+        torque_over_radius, weighted_angular_velocity, rolling_limit: force sums.
+        contact_radius, radius: arm of the friction and of the rolling resistance [m].
+        dt_over_inertia: substep over moment of inertia [s/(kg m^2)].
+    """
+    neighbours = scale(weighted_angular_velocity, _ONE / max(rolling_limit, _TINY))
+    turned = add(angular_velocity, scale(torque_over_radius, contact_radius * dt_over_inertia))
+    rolling = subtract(turned, neighbours)
+    speed = np.sqrt(dot(rolling, rolling))
+    max_change = rolling_limit * radius * dt_over_inertia
+    remaining = max(speed - max_change, _ZERO) / max(speed, _TINY)
+    return add(neighbours, scale(rolling, remaining))
+
+
+@kernel
+def advance_locked_loads(locked, body, force_sums, position, tools, step, dt):  # type: ignore[no-untyped-def]
+    """Move soil locked to tools by one substep, and add the forces on it to the tools' wrenches.
+
+    Args:
+        locked: `LockedRows`.
+        body, force_sums: see `body_records`; updated.
+        position: centres at the start of the step [m], shape (n, 3).
+        tools: `ToolMotion`; the wrench is summed over the substeps.
         step: number of the substep.
-        dt: [s].
+        dt: substep [s].
     """
     pose, wrench = tools.path[step], tools.wrench
-    for k in range(rows.size):
-        i, t = rows[k], tool[k]
-        fx, fy, fz = force_sums[i, 0], force_sums[i, 1], force_sums[i, 2]
-        x = position[i, 0] + body[i, 0] - pose[t, 9]
-        y = position[i, 1] + body[i, 1] - pose[t, 10]
-        z = position[i, 2] + body[i, 2] - pose[t, 11]
-        wrench[t, 0] += fx
-        wrench[t, 1] += fy
-        wrench[t, 2] += fz
-        arm = body[i, 3]
-        wrench[t, 3] += y * fz - z * fy + force_sums[i, 4] * arm
-        wrench[t, 4] += z * fx - x * fz + force_sums[i, 5] * arm
-        wrench[t, 5] += x * fy - y * fx + force_sums[i, 6] * arm
+    for k in range(locked.rows.size):
+        i, t = locked.rows[k], locked.tool[k]
+        centre = add(load_row(position, i, 0), load_row(body, i, DISPLACEMENT))
+        arm = subtract(centre, load_row(pose, t, ORIGIN))
+        force = load_row(force_sums, i, FORCE)
+        torque = scale(load_row(force_sums, i, TORQUE_OVER_RADIUS), body[i, CONTACT_RADIUS])
+        store_row(wrench, t, LINEAR, add(load_row(wrench, t, LINEAR), force))
+        torque = add(cross(arm, force), torque)
+        store_row(wrench, t, ANGULAR, add(load_row(wrench, t, ANGULAR), torque))
         for axis in range(3):
-            body[i, axis] += body[i, 4 + axis] * dt
-        for c in range(FORCE_RECORD_SIZE):
-            force_sums[i, c] = _ZERO
+            body[i, DISPLACEMENT + axis] += body[i, VELOCITY + axis] * dt
+        clear_force_sums(force_sums, i)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machine_sim.dem.integrate import BODY_RECORD_SIZE, FORCE_RECORD_SIZE
-from machine_sim.dem.tools.plane import PLANE_SIZE
+from machine_sim.dem.body_records import BODY_RECORD_SIZE, FORCE_RECORD_SIZE
 
 __all__ = ["StepBuffers"]
 
@@ -14,10 +13,8 @@ class StepBuffers:
     """Arrays with a row for each particle and each tool, and spare capacity.
 
     Attributes:
-        body_records: float32 records of the bodies, see `integrate`.
-        force_sums: sums of contact forces, see `integrate`.
-        ground_row: rows of the ground contacts, int64.
-        ground_plane: packed planes of the ground contacts, see `tools.plane`.
+        body_records: float32 records of the bodies, see `body_records`.
+        force_sums: sums of contact forces, see `body_records`.
     """
 
     def __init__(self) -> None:
@@ -33,5 +30,3 @@ class StepBuffers:
     def _allocate(self, count: int) -> None:
         self.body_records = np.zeros((count, BODY_RECORD_SIZE), np.float32)
         self.force_sums = np.zeros((count, FORCE_RECORD_SIZE), np.float32)
-        self.ground_row = np.zeros(count, np.int64)
-        self.ground_plane = np.zeros((count, PLANE_SIZE))

@@ -1,9 +1,12 @@
-"""One physics step of all particles: substeps of contact forces and explicit integration."""
+"""The substeps of a physics step: contact forces, then explicit integration, several times over."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import prange
+from numpy.typing import NDArray
 
 from machine_sim.dem.contacts.ground_contacts import ground_forces
 from machine_sim.dem.contacts.pair_forces import pair_forces
@@ -12,45 +15,75 @@ from machine_sim.dem.integrate import advance_locked_loads, integrate_bodies
 from machine_sim.dem.partition import NUM_CHUNKS, interleave, row_chunk
 from msg_bridge.kernels import threaded_kernel
 
-__all__ = ["run_substeps"]
+__all__ = ["LockedRows", "SubstepParams", "run_substeps"]
+
+
+class SubstepParams(NamedTuple):
+    """Physics of the substeps.
+
+    Attributes:
+        num_substeps: number of substeps in a step.
+        gravity: acceleration of gravity, downward [m/s^2].
+        ground_friction, ground_rolling_friction: coefficients at the ground.
+    """
+
+    num_substeps: int
+    gravity: np.float32
+    ground_friction: np.float32
+    ground_rolling_friction: np.float32
+
+
+class LockedRows(NamedTuple):
+    """Particles that move with a tool as one body.
+
+    Attributes:
+        rows: their rows, int64, shape (n,).
+        tool: number of the tool of each, int64, shape (n,).
+    """
+
+    rows: NDArray[np.int64]
+    tool: NDArray[np.int64]
 
 
 @threaded_kernel
 def run_substeps(  # type: ignore[no-untyped-def]
-    substeps, gravity, pair_and_boundary_params, ground_friction, ground_rolling_friction, rows, locked_rows, locked_tool, body, force_sums,
-    position, mass, radius, penetration_limited, ground_spring, contacts, plate_contacts, tools, ground_contacts,
+    params, pair_params, boundary_params, rows, locked, body, force_sums, particles, pair_contacts,
+    plate_contacts, ground_contacts, tools,
 ):  # fmt: skip
-    """Advance by `substeps` of the laws' time step, semi-implicit Euler.
+    """Advance all particles by `params.num_substeps` substeps of semi-implicit Euler.
 
     Args:
-        gravity: [m/s^2], downward.
-        laws: contact law between particles, and at tools and the ground.
-        ground_friction, ground_rolling_friction: coefficients.
-        rows: who moves by forces.
-        riders, rider_tool: who rides in a tool, and in which.
-        body, total: records and cleared sums, see `bodies`.
-        position ... ground_spring: of the particles, columns of the store.
-        contacts: of particles, `PairContactBlocks`; every other part is a seam.
-        walls: plate contacts, `PlateContactBlocks`.
-        tools: `ToolMotion`; the wrench sums over the substeps.
-        grounds: `GroundContacts`.
+        params: `SubstepParams`.
+        pair_params: `ContactParameters` of contacts between particles.
+        boundary_params: `ContactParameters` of contacts with plates and with the ground.
+        rows: particles moved by forces, int64.
+        locked: `LockedRows`.
+        body, force_sums: see `body_records`; the sums are zero before and after.
+        particles: `GroundParticles`, with positions at the start of the step.
+        pair_contacts: `PairContactBlocks`; every other part is a boundary, see `partition`.
+        plate_contacts: `PlateContactBlocks`.
+        ground_contacts: `GroundContacts`.
+        tools: `ToolMotion`; the wrench is summed over the substeps.
     """
-    contact_params, boundary_params = pair_and_boundary_params
-    dt = np.float32(contact_params[4])
-    begin, size = contacts.begin, contacts.size
-    touching = ground_contacts.row.size
-    for s in range(substeps):
-        for kind in range(2):
-            parts = (begin.size + 1 - kind) // 2
-            for r in prange(parts):
-                part = 2 * interleave(r, parts) + kind
-                pair_forces(begin[part], size[part], contacts, body, force_sums, contact_params)
-        plate_forces(plate_contacts, body, force_sums, tools, s, boundary_params)
+    dt = pair_params.substep
+    begin, size = pair_contacts.begin, pair_contacts.size
+    num_ground_contacts = ground_contacts.row.size
+    for step in range(params.num_substeps):
+        # First all regions at once, then all boundaries.
+        for is_boundary in range(2):
+            num_parts = (begin.size + 1 - is_boundary) // 2
+            for r in prange(num_parts):
+                part = 2 * interleave(r, num_parts) + is_boundary
+                pair_forces(begin[part], size[part], pair_contacts, body, force_sums, pair_params)
+        plate_forces(plate_contacts, body, force_sums, tools, step, boundary_params)
         for c in prange(NUM_CHUNKS):
             ground_forces(
-                c * touching // NUM_CHUNKS, (c + 1) * touching // NUM_CHUNKS, ground_contacts, position, mass, penetration_limited,
-                ground_spring, body, force_sums, boundary_params, ground_friction, ground_rolling_friction,
+                c * num_ground_contacts // NUM_CHUNKS, (c + 1) * num_ground_contacts // NUM_CHUNKS,
+                ground_contacts, particles, body, force_sums, boundary_params,
+                params.ground_friction, params.ground_rolling_friction,
             )  # fmt: skip
         for c in prange(NUM_CHUNKS):
-            integrate_bodies(row_chunk(rows, c), body, force_sums, radius, np.float32(gravity), dt)
-        advance_locked_loads(locked_rows, locked_tool, body, force_sums, position, tools, s, dt)
+            integrate_bodies(
+                row_chunk(rows, c), body, force_sums, particles.radius, params.gravity, dt
+            )
+        advance_locked_loads(locked, body, force_sums, particles.position, tools, step, dt)

@@ -1,14 +1,15 @@
-"""Particles on the terrain: a tangent plane per particle and step, forces, rest and rescue.
+"""Contacts of particles with the terrain: a tangent plane per particle and step.
 
-Each particle near the ground feels, for one step, the plane that fits the terrain under it. The
-slope is taken across its own diameter: a bilinear surface has creases between columns, and a
-normal that jumps there would fire a particle off the foot of a cliff.
+For one step, the ground under a particle near it is a plane fitted to the terrain. The slope is
+taken across the particle's own diameter: a bilinear surface has creases between columns, and a
+normal that jumps there would eject a particle from the foot of a cliff.
 
-Beside a tool the surface is known only as the mean of columns that are partly cut: the face ahead
-of a bucket's lip is smeared over a column or two, and soil in the lip's way seems to lie deep
-under it. Particles there are *soft*: the ground pushes them out gently and never puts them back.
-One that leaves the tool while the ground still covers it stays soft until it is out: the full push
-on so deep a particle would fire it off.
+Beside a digging tool the surface is known only as the mean of columns that are partly cut: the face
+ahead of a bucket's lip is smeared over a column or two, and soil in front of the lip seems to lie
+deep under it. Contacts of particles there are *penetration-limited*: the spring force is capped, so
+that the ground pushes them out slowly, and they are never put back onto the surface. A particle
+that leaves the tool while it is still below ground stays penetration-limited until it is out: the
+full spring force on so deep a particle would eject it.
 """
 
 from __future__ import annotations
@@ -19,197 +20,303 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from machine_sim.dem.contacts.contact_law import contact_force
+from machine_sim.dem.body_records import (
+    CONTACT_RADIUS,
+    DISPLACEMENT,
+    FORCE,
+    ROLLING_LIMIT,
+    SURFACE_VELOCITY,
+    TORQUE_OVER_RADIUS,
+    VELOCITY,
+)
+from machine_sim.dem.contacts.contact_law import ContactParameters, contact_force
 from machine_sim.dem.partition import NUM_CHUNKS, row_chunk
-from machine_sim.ground.contact_surface import surface_at
+from machine_sim.dem.state import ParticleState
+from machine_sim.dem.tools.plane import (
+    PLANE_NORMAL,
+    PLANE_OFFSET,
+    PLANE_SIZE,
+    signed_distance,
+)
+from machine_sim.dem.vec3 import add, cross, dot, load_row, scale, store_row, subtract
+from machine_sim.ground.contact_surface import Ground, surface_at
 from msg_bridge.kernels import kernel, threaded_kernel
 
-__all__ = ["GroundContacts", "finish_ground_contacts", "ground_forces", "list_ground_contacts"]
+__all__ = [
+    "GroundContactList",
+    "GroundContacts",
+    "GroundParticles",
+    "ground_forces",
+    "ground_particles",
+    "recover_and_time_settling",
+]
 
 _MAX_LIMITED_ACCELERATION = 100.0
-"""Largest spring acceleration the ground gives a soft particle [m/s^2]."""
+"""Maximum acceleration by the spring of a penetration-limited contact [m/s^2]."""
 _CLIFF_CLEARANCE = 10.0
-"""Height over the ground, in radii, above which a centre is clear of any cliff beside it."""
-
-
-@kernel
-def _height(surface, ground, x, y):  # type: ignore[no-untyped-def]
-    """Terrain height [m] at (x, y)."""
-    return surface_at(surface, ground[0], ground[1], ground[2], x, y)[0]
+"""Height above the ground, in radii, at which a centre is clear of any cliff beside it."""
+_SEARCH_RADIUS_FACTOR = 1.2
+"""Distance to the ground at which a particle at rest is listed, in radii."""
+_ACCELERATION_MARGIN = 1.3
+"""Distance ahead that is searched, over the distance travelled in a step at constant velocity."""
+_SETTLED_DISTANCE = np.sqrt(3.0)
+"""Distance of a centre from the ground below which the particle lies on it, in radii: half the
+diagonal of a cube of the particle's diameter, the rule for cubes."""
 
 
 class GroundContacts(NamedTuple):
-    """Who may touch the ground within a step, and the plane each feels.
+    """Particles that may touch the ground within a step, and their tangent planes.
 
     Attributes:
-        row: of the particles, int64, shape (n,).
-        plane: normal and offset [m], shape (n, 4): distance = normal.x - offset.
+        row: rows of the particles, int64, shape (n,).
+        plane: their packed planes, normals upward, shape (n, PLANE_SIZE), see `tools.plane`.
     """
 
     row: NDArray[np.int64]
     plane: NDArray[np.float64]
 
 
-@threaded_kernel
-def list_ground_contacts(  # type: ignore[no-untyped-def]
-    surface, ground, dt, contact_params, rows, inside, near, position, velocity, radius, contact_radius, penetration_limited,
-    spring, row, plane,
-):  # fmt: skip
-    """List the particles that may touch the ground within `dt` [s] and the plane each feels.
+class GroundParticles(NamedTuple):
+    """Columns of `ParticleState` for ground contacts; `spring` is `ground_spring`."""
 
-    Args:
-        surface, ground: contact surface [m] and `Ground.frame`.
-        law: contact law.
-        rows: who may move.
-        inside, near: whether each of these is in a tool, and beside one.
-        position, velocity, radius, contact_radius, spring: of the particles; springs out of touch
-            reset.
-        soft: in and out; a particle that is not near stays soft while it lies so deep that the
-            full push would be a harder one.
-        row, plane: out, as in `GroundContacts`.
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    radius: NDArray[np.float32]
+    contact_radius: NDArray[np.float32]
+    mass: NDArray[np.float32]
+    penetration_limited: NDArray[np.bool_]
+    spring: NDArray[np.float32]
+
+
+def ground_particles(state: ParticleState) -> GroundParticles:
+    """Return the columns of the particles, for kernels."""
+    return GroundParticles(
+        state.position, state.velocity, state.radius, state.contact_radius, state.mass,
+        state.penetration_limited, state.ground_spring,
+    )  # fmt: skip
+
+
+class GroundContactList:
+    """The particles that may touch the ground, listed once per step."""
+
+    def __init__(self) -> None:
+        self._row = np.zeros(0, np.int64)
+        self._plane = np.zeros((0, PLANE_SIZE))
+
+    def update(
+        self,
+        state: ParticleState,
+        ground: Ground,
+        rows: NDArray[np.int64],
+        ground_masked: NDArray[np.bool_],
+        near_tool: NDArray[np.bool_],
+        params: ContactParameters,
+        dt: float,
+        threads: int,
+    ) -> GroundContacts:
+        """List the particles that may touch the ground within `dt` [s], with their planes.
+
+        Tangential springs of particles out of reach are reset, and `state.penetration_limited` is
+        updated.
+
+        Args:
+            state: the particles.
+            ground: the terrain.
+            rows: particles moved by forces.
+            ground_masked, near_tool: of each of these, see `ToolSet.classify_near_tools`.
+            params: contact law at the ground.
+            dt: length of the step [s].
+            threads: number of threads to use.
+
+        Returns:
+            The contacts, valid until the next call.
+        """
+        if len(self._row) < rows.size:
+            self._row = np.zeros(2 * rows.size, np.int64)
+            self._plane = np.zeros((2 * rows.size, PLANE_SIZE))
+        count = _list_contacts.for_threads(threads)(
+            ground.surface, ground.frame, dt, params, rows, ground_masked, near_tool,
+            ground_particles(state), self._row, self._plane,
+        )  # fmt: skip
+        return GroundContacts(self._row[:count], self._plane[:count])
+
+
+def recover_and_time_settling(
+    state: ParticleState,
+    ground: Ground,
+    rows: NDArray[np.int64],
+    contacts: GroundContacts,
+    settle_speed: float,
+    dt: float,
+    threads: int,
+) -> int:
+    """Put particles that sank through the ground back onto it, and update the settle timers.
+
+    A centre more than a radius below the surface is put back onto it at rest, unless its contact is
+    penetration-limited. `state.settle_timer` of a particle slower than `settle_speed` [m/s] on the
+    ground grows by `dt` [s]; that of any other is reset.
 
     Returns:
-        How many are listed.
+        Number of particles put back.
     """
-    found = np.zeros(NUM_CHUNKS, np.int64)
+    return int(
+        _recover_and_time_settling.for_threads(threads)(
+            ground.surface, ground.frame, dt, settle_speed, rows, contacts, state.position,
+            state.velocity, state.radius, state.penetration_limited, state.settle_timer,
+        )
+    )  # fmt: skip
+
+
+@kernel(forceinline=True)
+def _max_limited_overlap(params):  # type: ignore[no-untyped-def]
+    """Return the overlap [m] above which the spring force of a limited contact is constant."""
+    return _MAX_LIMITED_ACCELERATION / np.float64(params.normal_stiffness)
+
+
+@kernel
+def _height(surface, frame, x, y):  # type: ignore[no-untyped-def]
+    """Return the terrain height [m] at (x, y)."""
+    x_first, y_first, inverse_cell = frame
+    return surface_at(surface, x_first, y_first, inverse_cell, x, y)[0]
+
+
+@threaded_kernel
+def _list_contacts(  # type: ignore[no-untyped-def]
+    surface, frame, dt, params, rows, ground_masked, near_tool, particles, row, plane,
+):  # fmt: skip
+    """List the contacts of chunks of the rows, then close the gaps between the chunks.
+
+    Args:
+        row, plane: out, as in `GroundContacts`, with room for all rows.
+
+    Returns:
+        Number of contacts.
+    """
+    num_found = np.zeros(NUM_CHUNKS, np.int64)
     for c in prange(NUM_CHUNKS):
         low, high = c * rows.size // NUM_CHUNKS, (c + 1) * rows.size // NUM_CHUNKS
-        found[c] = _fit_planes(
-            surface, ground, dt, contact_params, rows[low:high], inside[low:high], near[low:high], position,
-            velocity, radius, contact_radius, penetration_limited, spring, row[low:high], plane[low:high],
+        num_found[c] = _fit_planes(
+            surface, frame, dt, params, rows[low:high], ground_masked[low:high],
+            near_tool[low:high], particles, row[low:high], plane[low:high],
         )  # fmt: skip
     count = 0
     for c in range(NUM_CHUNKS):
         low = c * rows.size // NUM_CHUNKS
-        for k in range(found[c]):
+        for k in range(num_found[c]):
             row[count + k] = row[low + k]
-            for axis in range(4):
+            for axis in range(PLANE_SIZE):
                 plane[count + k, axis] = plane[low + k, axis]
-        count += found[c]
+        count += num_found[c]
     return count
 
 
 @kernel
 def _fit_planes(  # type: ignore[no-untyped-def]
-    surface, ground, dt, contact_params, rows, inside, near, position, velocity, radius, contact_radius, penetration_limited,
-    spring, row, plane,
+    surface, frame, dt, params, rows, ground_masked, near_tool, particles, row, plane,
 ):  # fmt: skip
+    """List the contacts of a chunk; return their number."""
+    position, velocity, spring = particles.position, particles.velocity, particles.spring
+    penetration_limited = particles.penetration_limited
+    x_first, y_first, inverse_cell = frame
+    max_limited_overlap = _max_limited_overlap(params)
     count = 0
-    max_penetration = _MAX_LIMITED_ACCELERATION / np.float64(contact_params[0])
     for k in range(rows.size):
-        if inside[k]:
+        if ground_masked[k]:
             continue
         i = rows[k]
         was_limited = penetration_limited[i]
-        penetration_limited[i] = near[k]
-        x, y, z = position[i, 0], position[i, 1], position[i, 2]
-        r = np.float64(radius[i])
-        speed2 = velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2
-        reach = 1.2 * r + 1.3 * dt * np.sqrt(speed2)
-        height, slope_x, slope_y = surface_at(surface, ground[0], ground[1], ground[2], x, y)
+        penetration_limited[i] = near_tool[k]
+        x, y, z = load_row(position, i, 0)
+        r = np.float64(particles.radius[i])
+        speed2 = dot(load_row(velocity, i, 0), load_row(velocity, i, 0))
+        reach = _SEARCH_RADIUS_FACTOR * r + _ACCELERATION_MARGIN * dt * np.sqrt(speed2)
+        height, slope_x, slope_y = surface_at(surface, x_first, y_first, inverse_cell, x, y)
         above = z - height
-        steep = np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
-        if above > max(_CLIFF_CLEARANCE * r, reach) and above > reach * steep:
-            spring[i, 0] = spring[i, 1] = spring[i, 2] = np.float32(0.0)
+        inverse_nz = np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
+        if above > max(_CLIFF_CLEARANCE * r, reach) and above > reach * inverse_nz:
+            _reset_spring(spring, i)
             continue
-        slope_x = (_height(surface, ground, x + r, y) - _height(surface, ground, x - r, y)) / (
-            2 * r
-        )
-        slope_y = (_height(surface, ground, x, y + r) - _height(surface, ground, x, y - r)) / (
-            2 * r
-        )
+        slope_x = (_height(surface, frame, x + r, y) - _height(surface, frame, x - r, y)) / (2 * r)
+        slope_y = (_height(surface, frame, x, y + r) - _height(surface, frame, x, y - r)) / (2 * r)
         nz = 1.0 / np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
         if above * nz > reach:
-            spring[i, 0] = spring[i, 1] = spring[i, 2] = np.float32(0.0)
+            _reset_spring(spring, i)
             continue
-        penetration_limited[i] = near[k] or (
-            was_limited and contact_radius[i] - above * nz > max_penetration
-        )
+        overlap = particles.contact_radius[i] - above * nz
+        penetration_limited[i] = near_tool[k] or (was_limited and overlap > max_limited_overlap)
         nx, ny = -slope_x * nz, -slope_y * nz
         row[count] = i
-        plane[count, 0], plane[count, 1], plane[count, 2] = nx, ny, nz
-        plane[count, 3] = nx * x + ny * y + nz * height
+        store_row(plane, count, PLANE_NORMAL, (nx, ny, nz))
+        plane[count, PLANE_OFFSET] = nx * x + ny * y + nz * height
         count += 1
     return count
 
 
+@kernel(forceinline=True)
+def _reset_spring(spring, i):  # type: ignore[no-untyped-def]
+    spring[i, 0] = spring[i, 1] = spring[i, 2] = np.float32(0.0)
+
+
 @kernel
 def ground_forces(  # type: ignore[no-untyped-def]
-    low,
-    high,
-    ground_contacts,
-    position,
-    mass,
-    penetration_limited,
-    spring,
-    body,
-    force_sums,
-    contact_params,
-    friction,
-    rolling_friction,
+    low, high, contacts, particles, body, force_sums, params, friction, rolling_friction
 ):
-    """Add the ground's forces to `total`, and carry the tangential springs on.
+    """Add the forces of ground contacts `low` to `high` - 1 to the sums of their particles.
 
-    Of the contacts from number `low` to below `high`.
+    Args:
+        contacts: `GroundContacts`.
+        particles: `GroundParticles`, with positions at the start of the step; springs are updated.
+        body, force_sums: see `body_records`.
+        params: `ContactParameters`.
+        friction, rolling_friction: coefficients at the ground.
     """
-    row, plane = ground_contacts.row, ground_contacts.plane
-    max_penetration = _MAX_LIMITED_ACCELERATION / np.float64(contact_params[0])
+    plane, spring = contacts.plane, particles.spring
+    max_limited_overlap = _max_limited_overlap(params)
     for c in range(low, high):
-        i = row[c]
-        nx, ny, nz = plane[c, 0], plane[c, 1], plane[c, 2]
-        distance = nx * (position[i, 0] + body[i, 0]) + ny * (position[i, 1] + body[i, 1])
-        distance += nz * (position[i, 2] + body[i, 2]) - plane[c, 3]
-        r = np.float64(body[i, 3])
-        # One radius at most: deeper is for `finish_ground_contacts`.
-        overlap = min(r - distance, r)
+        i = contacts.row[c]
+        normal = load_row(plane, c, PLANE_NORMAL)
+        centre = add(load_row(particles.position, i, 0), load_row(body, i, DISPLACEMENT))
+        contact_radius = np.float64(body[i, CONTACT_RADIUS])
+        # The overlap is limited to one radius: deeper ones are for `recover_and_time_settling`.
+        overlap = min(contact_radius - signed_distance(plane[c], *centre), contact_radius)
         if overlap <= 0.0:
-            spring[i, 0] = spring[i, 1] = spring[i, 2] = np.float32(0.0)
+            _reset_spring(spring, i)
             continue
-        if penetration_limited[i]:
-            overlap = min(overlap, max_penetration)
-        ax, ay, az = body[i, 8], body[i, 9], body[i, 10]
-        normal_force, gx, gy, gz, sx, sy, sz = contact_force(
-            contact_params, friction, overlap, nx, ny, nz,
-            body[i, 4] - (ay * nz - az * ny),
-            body[i, 5] - (az * nx - ax * nz),
-            body[i, 6] - (ax * ny - ay * nx),
-            spring[i, 0], spring[i, 1], spring[i, 2],
+        if particles.penetration_limited[i]:
+            overlap = min(overlap, max_limited_overlap)
+        surface_velocity = cross(load_row(body, i, SURFACE_VELOCITY), normal)
+        contact_velocity = subtract(load_row(body, i, VELOCITY), surface_velocity)
+        normal_force, friction_force, elongation = contact_force(
+            params, friction, overlap, normal, contact_velocity, load_row(spring, i, 0)
+        )
+        store_row(spring, i, 0, elongation)
+        mass = particles.mass[i]
+        force = scale(add(scale(normal, normal_force), friction_force), mass)
+        torque_over_radius = scale(cross(friction_force, normal), mass)
+        store_row(force_sums, i, FORCE, add(load_row(force_sums, i, FORCE), force))
+        force_sums[i, ROLLING_LIMIT] += mass * normal_force * rolling_friction
+        store_row(
+            force_sums, i, TORQUE_OVER_RADIUS,
+            add(load_row(force_sums, i, TORQUE_OVER_RADIUS), torque_over_radius),
         )  # fmt: skip
-        spring[i, 0], spring[i, 1], spring[i, 2] = sx, sy, sz
-        m = mass[i]
-        force_sums[i, 0] += m * (normal_force * nx + gx)
-        force_sums[i, 1] += m * (normal_force * ny + gy)
-        force_sums[i, 2] += m * (normal_force * nz + gz)
-        force_sums[i, 3] += m * normal_force * rolling_friction
-        force_sums[i, 4] += m * (gy * nz - gz * ny)
-        force_sums[i, 5] += m * (gz * nx - gx * nz)
-        force_sums[i, 6] += m * (gx * ny - gy * nx)
 
 
 @threaded_kernel
-def finish_ground_contacts(  # type: ignore[no-untyped-def]
-    surface, ground, dt, settle_speed, rows, ground_contacts,
-    position, velocity, radius, penetration_limited, settle_timer,
+def _recover_and_time_settling(  # type: ignore[no-untyped-def]
+    surface, frame, dt, settle_speed, rows, contacts, position, velocity, radius,
+    penetration_limited, settle_timer,
 ):  # fmt: skip
-    """Bring back who sank through the ground, and time who is slow on it.
-
-    A centre more than a radius under the surface is put back upon it at rest. A particle is on
-    the ground when its centre is within sqrt(3)/2 diameters of it (half the diagonal of a cube of
-    that size, the rule for cubes).
-
-    Returns:
-        How many were brought back.
-    """
-    row, plane = ground_contacts.row, ground_contacts.plane
+    """See `recover_and_time_settling`; `position` ... `settle_timer` are columns of the state."""
+    row, plane = contacts.row, contacts.plane
     num_recovered = np.zeros(NUM_CHUNKS, np.int64)
     for c in prange(NUM_CHUNKS):
         _advance_settle_timers(dt, settle_speed, row_chunk(rows, c), velocity, settle_timer)
     for c in prange(NUM_CHUNKS):
-        num_recovered[c] = _recover_sunken(
-            surface, ground, row_chunk(row, c), plane[c * row.size // NUM_CHUNKS :], position,
+        num_recovered[c] = _recover_chunk(
+            surface, frame, row_chunk(row, c), plane[c * row.size // NUM_CHUNKS :], position,
             velocity, radius, penetration_limited, settle_timer,
         )  # fmt: skip
-    # Whoever was not slow and on the ground has a negative or no time now.
+    # Timers of slow particles that are not on the ground are still negative.
     for c in prange(NUM_CHUNKS):
         _clear_airborne_timers(row_chunk(rows, c), settle_timer)
     return num_recovered.sum()
@@ -217,9 +324,9 @@ def finish_ground_contacts(  # type: ignore[no-untyped-def]
 
 @kernel
 def _advance_settle_timers(dt, settle_speed, rows, velocity, settle_timer):  # type: ignore[no-untyped-def]
-    """Add to the time of who is slow, as a negative one until it is seen to be on the ground."""
+    """Advance the timers of slow particles, negated until the particle is found on the ground."""
     for i in rows:
-        speed2 = velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2
+        speed2 = dot(load_row(velocity, i, 0), load_row(velocity, i, 0))
         settle_timer[i] = -settle_timer[i] - np.float32(dt) if speed2 < settle_speed**2 else 0.0
 
 
@@ -230,22 +337,27 @@ def _clear_airborne_timers(rows, settle_timer):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _recover_sunken(  # type: ignore[no-untyped-def]
-    surface, ground, row, plane, position, velocity, radius, penetration_limited, settle_timer
+def _recover_chunk(  # type: ignore[no-untyped-def]
+    surface, frame, row, plane, position, velocity, radius, penetration_limited, settle_timer
 ):
-    """Bring back who sank of those listed, and keep the time of who is on the ground."""
+    """Put back the listed particles that sank, and keep the timers of those on the ground.
+
+    Returns:
+        Number of particles put back.
+    """
     num_recovered = 0
     for c in range(row.size):
         i = row[c]
         r = np.float64(radius[i])
-        x, y, z = position[i, 0], position[i, 1], position[i, 2]
-        height = _height(surface, ground, x, y)
-        distance = (z - height) * plane[c, 2]
+        x, y, z = load_row(position, i, 0)
+        height = _height(surface, frame, x, y)
+        nz = plane[c, PLANE_NORMAL + 2]
+        distance = (z - height) * nz
         if distance < -r and not penetration_limited[i]:
-            position[i, 2] = height + r / plane[c, 2]
-            velocity[i, 0] = velocity[i, 1] = velocity[i, 2] = 0.0
+            position[i, 2] = height + r / nz
+            store_row(velocity, i, 0, (0.0, 0.0, 0.0))
             num_recovered += 1
             distance = r
-        if distance <= np.sqrt(3.0) * r:
+        if distance <= _SETTLED_DISTANCE * r:
             settle_timer[i] = -settle_timer[i]
     return num_recovered

@@ -1,13 +1,11 @@
-"""The contacts of a step: listed pairs that may touch in it, laid out for the compiler.
+"""Contacts between particles in a step: the listed pairs that may touch in it, in blocks.
 
-Listed pairs are many and some never touch. Those that may are copied into blocks, where they stay
-until the pair list is made anew; others join them when they come near. In a block, quantity q of
-slot s lies at `q * BLOCK + s`. The constant distance between quantities lets the compiler prove
-that they do not overlap, and it vectorises the contact maths (float32, 8 or 16 pairs at once).
-Once a step separations are taken from float64 positions, so that the substeps can go on in float32
-displacements.
+The pair list is long, and many of its pairs never touch. Those that may touch within the step are
+copied into blocks (see `pair_block`), where they stay until the pair list is rebuilt; other pairs
+are added when they come near. Once per step the separations are computed from the float64
+positions, so that the substeps can go on with float32 displacements.
 
-The contacts of each part of the pair list (see `parts`) have blocks of their own.
+The contacts of each part of the pair list (see `partition`) have blocks of their own.
 """
 
 from __future__ import annotations
@@ -18,37 +16,35 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from machine_sim.dem.body_records import CONTACT_RADIUS, INVERSE_MASS, VELOCITY
+from machine_sim.dem.contacts import pair_block as pair
+from machine_sim.dem.contacts.pair_forces import BOND_RUPTURE_GAP
 from machine_sim.dem.contacts.simd import GROUP_SIZE
 from machine_sim.dem.neighbours.pair_table import PairTable
 from machine_sim.dem.state import ParticleState
+from machine_sim.dem.vec3 import dot, load_row, subtract
 from msg_bridge.kernels import kernel, threaded_kernel
 
-__all__ = ["BLOCK_SIZE", "BOND_RUPTURE_GAP", "PairContactBlocks", "PairContacts"]
-
-BLOCK_SIZE = 128
-"""Contacts in a block: 6 KB, inside the first-level cache."""
-
-NUM_QUANTITIES = 12
-"""Separation (3), reach, effective mass, friction, rolling friction, bond, cap of the overlap,
-spring (3)."""
+__all__ = ["PairContactBlocks", "PairContacts"]
 
 _ZERO = np.float32(0.0)
+_ONE = np.float32(1.0)
 _PI = np.float32(np.pi)
 _LOOKAHEAD_STEPS = np.float32(1.4)
-"""How far ahead contacts are looked for, in steps: one, and room for acceleration."""
-BOND_RUPTURE_GAP = np.float32(0.03)
-"""Gap at which two particles hold together no more, in sums of radii: a bridge of wet soil."""
+"""Time ahead in which a pair may touch to become a contact, in steps: one, and a margin for
+acceleration."""
 _MIN_LOOKAHEAD_GAP = BOND_RUPTURE_GAP
-"""The least distance ahead, in sums of radii."""
+"""Gap up to which a pair becomes a contact whatever its velocity, in sums of contact radii."""
 
 
 class PairContactBlocks(NamedTuple):
     """Contacts of one step, in blocks.
 
     Attributes:
-        first, second: rows of each contact, uint32.
-        block: quantities, shape (blocks, QUANTITIES * BLOCK), float32.
-        begin, size: first slot of each part, a whole number of blocks, and its contacts.
+        first, second: rows of the particles of each contact, uint32, shape (slots,).
+        block: quantities, see `pair_block`, float32, shape (blocks, NUM_QUANTITIES * BLOCK_SIZE).
+        begin: first slot of each part, a multiple of BLOCK_SIZE, int64, shape (parts,).
+        size: number of contacts of each part, int64, shape (parts,).
     """
 
     first: NDArray[np.uint32]
@@ -58,219 +54,249 @@ class PairContactBlocks(NamedTuple):
     size: NDArray[np.int64]
 
 
-class PairContacts:
-    """Contacts of one step.
+class _Particles(NamedTuple):
+    """Columns of `ParticleState` that contacts are made from."""
 
-    Attributes:
-        first, second: rows of each contact, uint32.
-        entry: where in the pair table its spring is kept.
-        block: quantities, shape (blocks, QUANTITIES * BLOCK), float32.
-        begin, size: first slot of each part, a whole number of blocks, and its contacts.
-    """
+    position: NDArray[np.float64]
+    inverse_mass: NDArray[np.float32]
+    friction: NDArray[np.float32]
+    rolling_friction: NDArray[np.float32]
+    cohesion: NDArray[np.float32]
+
+
+class PairContacts:
+    """The contacts between particles, kept from step to step until the pair list is rebuilt."""
 
     def __init__(self) -> None:
-        self.begin = np.zeros(1, np.int64)
-        self.size = np.zeros(1, np.int64)
+        self._begin = np.zeros(1, np.int64)
+        self._size = np.zeros(1, np.int64)
+        # Pairs that are not yet contacts: indices into the pair table, part by part.
         self._candidates = np.zeros(0, np.uint32)
         self._num_candidates = np.zeros(1, np.int64)
         self._reserve(32)
 
     @property
     def blocks(self) -> PairContactBlocks:
-        """What kernels are given."""
-        return PairContactBlocks(self.first, self.second, self.block, self.begin, self.size)
+        """The contacts, for kernels."""
+        return PairContactBlocks(self._first, self._second, self._block, self._begin, self._size)
 
     @property
     def count(self) -> int:
         """Number of contacts."""
-        return int(self.size.sum())
+        return int(self._size.sum())
 
-    def _reserve(self, blocks: int) -> None:
-        self.first = np.zeros(blocks * BLOCK_SIZE, np.uint32)
-        self.second = np.zeros(blocks * BLOCK_SIZE, np.uint32)
-        self.pair_index = np.zeros(blocks * BLOCK_SIZE, np.uint32)
-        self.block = np.zeros((blocks, NUM_QUANTITIES * BLOCK_SIZE), np.float32)
+    def _reserve(self, num_blocks: int) -> None:
+        self._first = np.zeros(num_blocks * pair.BLOCK_SIZE, np.uint32)
+        self._second = np.zeros(num_blocks * pair.BLOCK_SIZE, np.uint32)
+        self._pair_index = np.zeros(num_blocks * pair.BLOCK_SIZE, np.uint32)
+        self._block = np.zeros((num_blocks, pair.NUM_QUANTITIES * pair.BLOCK_SIZE), np.float32)
 
     def update(  # type: ignore[no-untyped-def]
         self, state: ParticleState, body, pairs: PairTable, dt: float, threads: int, *,
         rebuild: bool, radii_changed: bool,
     ) -> None:  # fmt: skip
-        """Take over the pairs that may touch within `dt` [s], with their springs.
+        """Add the pairs that may touch within `dt` [s], and update those that are contacts already.
 
         Args:
-            store: the particles.
-            body: records of all rows.
-            pairs: where they are listed.
-            dt: [s].
-            threads: how many work at it.
-            anew: forget the contacts of the step before; needed where the pairs, who rests or what
-                particles are like have changed since, and springs are to be given back before.
-            grown: whether contact radii have.
+            state: the particles.
+            body: body records of all particles.
+            pairs: the pair list.
+            dt: length of the step [s].
+            threads: number of threads to use.
+            rebuild: discard the contacts of the step before. Needed where the pair list, the set of
+                sleeping particles or their properties have changed since; call `store_history`
+                before that change.
+            radii_changed: whether contact radii have changed since the step before.
         """
         if rebuild:
             self._allocate_blocks(pairs)
+        particles = _Particles(
+            state.position, state.inverse_mass, state.friction, state.rolling_friction,
+            state.cohesion,
+        )  # fmt: skip
         _update.for_threads(threads)(
-            np.float32(dt), pairs.first, pairs.second, pairs.bounds, pairs.contact_flag,
-            pairs.spring, state.position, body, state.inverse_mass, state.friction, state.rolling_friction,
-            state.cohesion, self.first, self.second, self.pair_index, self.block, self.begin, self.size,
-            self._candidates, self._num_candidates, rebuild, radii_changed,
+            np.float32(dt), pairs.arrays, pairs.bounds, particles, body, self.blocks,
+            self._pair_index, self._candidates, self._num_candidates, rebuild, radii_changed,
         )  # fmt: skip
 
     def _allocate_blocks(self, pairs: PairTable) -> None:
-        """Give each part of the pair list blocks enough for all of its pairs."""
-        blocks = (np.diff(pairs.bounds) + BLOCK_SIZE - 1) // BLOCK_SIZE
-        self.begin = BLOCK_SIZE * (np.cumsum(blocks) - blocks)
-        self.size = np.zeros(len(blocks), np.int64)
-        self._num_candidates = np.zeros(len(blocks), np.int64)
-        if int(blocks.sum()) > len(self.block):
-            self._reserve(2 * int(blocks.sum()))
+        """Give each part of the pair list enough blocks for all of its pairs."""
+        num_blocks = (np.diff(pairs.bounds) + pair.BLOCK_SIZE - 1) // pair.BLOCK_SIZE
+        self._begin = pair.BLOCK_SIZE * (np.cumsum(num_blocks) - num_blocks)
+        self._size = np.zeros(len(num_blocks), np.int64)
+        self._num_candidates = np.zeros(len(num_blocks), np.int64)
+        if int(num_blocks.sum()) > len(self._block):
+            self._reserve(2 * int(num_blocks.sum()))
         if pairs.count > len(self._candidates):
             self._candidates = np.zeros(2 * pairs.count, np.uint32)
 
     def store_history(self, pairs: PairTable, threads: int) -> None:
-        """Keep the springs in the pair table, before contacts are collected anew."""
+        """Write the tangential springs back to the pair table."""
         _store_history.for_threads(threads)(
-            self.begin, self.size, self.pair_index, self.block, pairs.contact_flag, pairs.spring
+            self._begin, self._size, self._pair_index, self._block, pairs.contact_flag, pairs.spring
         )
 
 
 @threaded_kernel
 def _update(  # type: ignore[no-untyped-def]
-    dt, pair_first, pair_second, bounds, contact_flag, pair_spring, position, body,
-    inverse_mass, friction, rolling_friction, cohesion, first, second, pair_index, block, begin, size, candidates, num_candidates,
-    rebuild, radii_changed,
+    dt, pairs, bounds, particles, body, contacts, pair_index, candidates, num_candidates, rebuild,
+    radii_changed,
 ):  # fmt: skip
-    """Bring the table up to date, part by part."""
+    """Update the contacts of all parts; see `PairContacts.update`.
+
+    Args:
+        pairs, bounds: `PairArrays`, and the bounds of the parts.
+        particles: `_Particles`.
+        contacts: `PairContactBlocks`; updated.
+        pair_index: index of each contact in the pair table, uint32, shape (slots,); updated.
+        candidates, num_candidates: pairs of each part that are not yet contacts; updated.
+    """
+    # Outside the loop: with threads, a write to `contacts.size[part]` within it would be lost.
+    begin, size = contacts.begin, contacts.size
     for part in prange(begin.size):
         low = bounds[part]
         if rebuild:
             num_candidates[part] = bounds[part + 1] - low
             for k in range(low, bounds[part + 1]):
                 candidates[k] = k
-        _update_separations(begin[part], size[part], first, second, position, block)
+        _update_separations(begin[part], size[part], contacts, particles.position)
         if radii_changed:
-            _update_contact_radii(begin[part], size[part], first, second, body, cohesion, block)
-        joined, num_candidates[part] = _add_touching(
-            dt, pair_first, pair_second, candidates[low : low + num_candidates[part]], contact_flag,
-            pair_spring, position, body, inverse_mass, friction, rolling_friction, cohesion, first, second,
-            pair_index, block, begin[part] + size[part],
+            _update_contact_radii(begin[part], size[part], contacts, body, particles.cohesion)
+        num_added, num_candidates[part] = _add_touching(
+            dt, pairs, candidates[low : low + num_candidates[part]], particles, body,
+            begin[part] + size[part], contacts, pair_index,
         )  # fmt: skip
-        size[part] += joined
+        size[part] += num_added
+
+
+@kernel(forceinline=True)
+def _separation(position, i, j):  # type: ignore[no-untyped-def]
+    """Return the vector from centre i to centre j [m] in float32."""
+    x, y, z = subtract(load_row(position, j, 0), load_row(position, i, 0))
+    return np.float32(x), np.float32(y), np.float32(z)
 
 
 @kernel
-def _update_separations(begin, size, first, second, position, block):  # type: ignore[no-untyped-def]
-    """Take the separations of contacts that stay."""
-    for start in range(begin, begin + size, BLOCK_SIZE):
-        b = block[start // BLOCK_SIZE]
-        for s in range(min(begin + size - start, BLOCK_SIZE)):
+def _update_separations(begin, size, contacts, position):  # type: ignore[no-untyped-def]
+    """Compute the separations of existing contacts at the start of the step."""
+    first, second = contacts.first, contacts.second
+    for start in range(begin, begin + size, pair.BLOCK_SIZE):
+        b = contacts.block[start // pair.BLOCK_SIZE]
+        for s in range(min(begin + size - start, pair.BLOCK_SIZE)):
             i, j = first[start + s], second[start + s]
-            b[s] = np.float32(position[j, 0] - position[i, 0])
-            b[s + BLOCK_SIZE] = np.float32(position[j, 1] - position[i, 1])
-            b[s + 2 * BLOCK_SIZE] = np.float32(position[j, 2] - position[i, 2])
+            pair.store(b, pair.SEPARATION, s, _separation(position, i, j))
 
 
 @kernel
-def _update_contact_radii(begin, size, first, second, body, cohesion, block):  # type: ignore[no-untyped-def]
-    """Take the contact radii of contacts that stay."""
-    for start in range(begin, begin + size, BLOCK_SIZE):
-        b = block[start // BLOCK_SIZE]
-        for s in range(min(begin + size - start, BLOCK_SIZE)):
+def _update_contact_radii(begin, size, contacts, body, cohesion):  # type: ignore[no-untyped-def]
+    """Update what depends on contact radii in existing contacts."""
+    first, second = contacts.first, contacts.second
+    for start in range(begin, begin + size, pair.BLOCK_SIZE):
+        b = contacts.block[start // pair.BLOCK_SIZE]
+        for s in range(min(begin + size - start, pair.BLOCK_SIZE)):
             i, j = first[start + s], second[start + s]
-            _set_radius_quantities(b, s, body[i, 3], body[j, 3], min(cohesion[i], cohesion[j]))
+            _set_radius_quantities(
+                b, s, body[i, CONTACT_RADIUS], body[j, CONTACT_RADIUS],
+                min(cohesion[i], cohesion[j]),
+            )  # fmt: skip
 
 
 @kernel(forceinline=True)
 def _set_radius_quantities(b, s, ri, rj, cohesion):  # type: ignore[no-untyped-def]
-    """Fill in what goes by the contact radii [m] of slot `s`."""
-    least = min(ri, rj)
-    b[s + 3 * BLOCK_SIZE] = ri + rj
-    b[s + 7 * BLOCK_SIZE] = _PI * least * least * cohesion
-    b[s + 8 * BLOCK_SIZE] = least
+    """Fill in the quantities of slot `s` that depend on the contact radii [m]."""
+    smaller = min(ri, rj)
+    b[pair.RADIUS_SUM + s] = ri + rj
+    b[pair.COHESION_FORCE + s] = _PI * smaller * smaller * cohesion
+    b[pair.MAX_OVERLAP + s] = smaller
 
 
 @kernel
-def _add_touching(  # type: ignore[no-untyped-def]
-    dt, pair_first, pair_second, candidates, contact_flag, pair_spring, position, body,
-    inverse_mass, friction, rolling_friction, cohesion, first, second, pair_index, block, begin,
-):  # fmt: skip
-    """Copy those of the waiting pairs that may touch to the slots from `begin` on.
+def _add_touching(dt, pairs, candidates, particles, body, begin, contacts, pair_index):  # type: ignore[no-untyped-def]
+    """Copy the candidates that may touch to the slots from `begin` on.
 
     Returns:
-        How many, and how many still wait.
+        Number of contacts added, and number of candidates left.
     """
-    slot, left = begin, np.int64(0)  # typed, or `_may_touch` is compiled once more for this 0
-    listed = np.empty(BLOCK_SIZE, np.uint32)
-    for start in range(0, candidates.size, BLOCK_SIZE):
-        count, left = _select_touching(
-            dt, pair_first, pair_second, start, min(start + BLOCK_SIZE, candidates.size), candidates,
-            left, contact_flag, position, body, listed,
+    first, second, block = contacts.first, contacts.second, contacts.block
+    # The 0 is typed, or `_select_touching` is compiled once more for its literal.
+    slot, num_left = begin, np.int64(0)
+    selected = np.empty(pair.BLOCK_SIZE, np.uint32)
+    for start in range(0, candidates.size, pair.BLOCK_SIZE):
+        count, num_left = _select_touching(
+            dt, pairs, start, min(start + pair.BLOCK_SIZE, candidates.size), candidates,
+            num_left, particles.position, body, selected,
         )  # fmt: skip
         for m in range(count):
-            k = listed[m]
-            i, j = pair_first[k], pair_second[k]
-            first[slot], second[slot], pair_index[slot] = i, j, k
-            b = block[slot // BLOCK_SIZE]
-            s = slot % BLOCK_SIZE
-            b[s] = np.float32(position[j, 0] - position[i, 0])
-            b[s + BLOCK_SIZE] = np.float32(position[j, 1] - position[i, 1])
-            b[s + 2 * BLOCK_SIZE] = np.float32(position[j, 2] - position[i, 2])
-            # Of two soils the weaker gives way.
-            _set_radius_quantities(b, s, body[i, 3], body[j, 3], min(cohesion[i], cohesion[j]))
-            b[s + 5 * BLOCK_SIZE] = min(friction[i], friction[j])
-            b[s + 6 * BLOCK_SIZE] = min(rolling_friction[i], rolling_friction[j])
-            # One that rests counts with its own mass. As a wall it would make the contact twice as
-            # stiff while it sleeps, and each time it falls asleep or wakes its neighbours move.
-            b[s + 4 * BLOCK_SIZE] = np.float32(1.0) / (inverse_mass[i] + inverse_mass[j])
-            held = np.float32(contact_flag[k])
-            for axis in range(3):
-                b[s + (9 + axis) * BLOCK_SIZE] = pair_spring[k, axis] * held
+            k = selected[m]
+            first[slot], second[slot], pair_index[slot] = pairs.first[k], pairs.second[k], k
+            _fill_slot(
+                block[slot // pair.BLOCK_SIZE], slot % pair.BLOCK_SIZE, pairs, k, particles, body
+            )
             slot += 1
-    joined, end = slot - begin, slot
+    num_added, end = slot - begin, slot
     while end % GROUP_SIZE != 0:
-        # The last group is filled up with contacts that weigh nothing.
+        # Pad the last group with contacts without mass or cohesion, which exert no force.
         first[end], second[end] = first[end - 1], second[end - 1]
-        for q in range(NUM_QUANTITIES):
-            block[end // BLOCK_SIZE, end % BLOCK_SIZE + q * BLOCK_SIZE] = _ZERO
+        for q in range(pair.NUM_QUANTITIES):
+            s = end % pair.BLOCK_SIZE
+            block[end // pair.BLOCK_SIZE, q * pair.BLOCK_SIZE + s] = _ZERO
         end += 1
-    return joined, left
+    return num_added, num_left
+
+
+@kernel(forceinline=True)
+def _fill_slot(b, s, pairs, k, particles, body):  # type: ignore[no-untyped-def]
+    """Fill in all quantities of slot `s` for pair number `k`."""
+    i, j = pairs.first[k], pairs.second[k]
+    friction, rolling_friction = particles.friction, particles.rolling_friction
+    inverse_mass, cohesion = particles.inverse_mass, particles.cohesion
+    pair.store(b, pair.SEPARATION, s, _separation(particles.position, i, j))
+    # The coefficients of a contact between two soils are those of the weaker one.
+    _set_radius_quantities(
+        b, s, body[i, CONTACT_RADIUS], body[j, CONTACT_RADIUS], min(cohesion[i], cohesion[j])
+    )
+    b[pair.FRICTION + s] = min(friction[i], friction[j])
+    b[pair.ROLLING_FRICTION + s] = min(rolling_friction[i], rolling_friction[j])
+    # A sleeping particle counts with its own mass. With an infinite one the contact would be twice
+    # as stiff while it sleeps, and its neighbours would move each time it falls asleep or wakes.
+    b[pair.EFFECTIVE_MASS + s] = _ONE / (inverse_mass[i] + inverse_mass[j])
+    was_in_contact = np.float32(pairs.contact_flag[k])
+    for axis in range(3):
+        b[pair.TANGENTIAL_SPRING + axis * pair.BLOCK_SIZE + s] = (
+            pairs.spring[k, axis] * was_in_contact
+        )
 
 
 @kernel
-def _select_touching(  # type: ignore[no-untyped-def]
-    dt, pair_first, pair_second, low, high, candidates, left, contact_flag, position, body, listed
-):
-    """List those of the waiting pairs from `low` to `high` that may touch, without branches.
+def _select_touching(dt, pairs, low, high, candidates, num_left, position, body, selected):  # type: ignore[no-untyped-def]
+    """Select the candidates from `low` to `high` that may touch within a step, without branches.
 
-    The others go on waiting, from number `left` on. Their history is forgotten, but where both
-    rest: theirs is kept for when they wake.
+    The others stay candidates, moved down to number `num_left` and up. Their contact history is
+    cleared, except for pairs that are both asleep: theirs is kept until they wake.
 
     Returns:
-        How many are listed, and how many wait now.
+        Number of pairs selected, and number of candidates left so far.
     """
+    contact_flag = pairs.contact_flag
     count = 0
     for m in range(low, high):
         k = candidates[m]
-        i, j = pair_first[k], pair_second[k]
-        x = np.float32(position[j, 0] - position[i, 0])
-        y = np.float32(position[j, 1] - position[i, 1])
-        z = np.float32(position[j, 2] - position[i, 2])
-        vx = body[j, 4] - body[i, 4]
-        vy = body[j, 5] - body[i, 5]
-        vz = body[j, 6] - body[i, 6]
-        way = max(-(vx * x + vy * y + vz * z), _ZERO) * _LOOKAHEAD_STEPS * dt
-        reach = (body[i, 3] + body[j, 3]) * (np.float32(1.0) + _MIN_LOOKAHEAD_GAP)
-        distance = np.sqrt(x * x + y * y + z * z)
-        rests = body[i, 7] + body[j, 7] == _ZERO
-        # The way to go and the way they come are both times the distance.
-        may = (distance - reach) * distance <= way
-        contact_flag[k] *= may | rests
-        may &= not rests
-        listed[count] = k
-        count += may
-        candidates[left] = k
-        left += not may
-    return count, left
+        i, j = pairs.first[k], pairs.second[k]
+        separation = _separation(position, i, j)
+        velocity = subtract(load_row(body, j, VELOCITY), load_row(body, i, VELOCITY))
+        # Approach speed and gap are both multiplied by the distance, which saves a division.
+        approach = max(-dot(velocity, separation), _ZERO) * _LOOKAHEAD_STEPS * dt
+        reach = (body[i, CONTACT_RADIUS] + body[j, CONTACT_RADIUS]) * (_ONE + _MIN_LOOKAHEAD_GAP)
+        distance = np.sqrt(dot(separation, separation))
+        both_asleep = body[i, INVERSE_MASS] + body[j, INVERSE_MASS] == _ZERO
+        may_touch = (distance - reach) * distance <= approach
+        contact_flag[k] *= may_touch | both_asleep
+        may_touch &= not both_asleep
+        selected[count] = k
+        count += may_touch
+        candidates[num_left] = k
+        num_left += not may_touch
+    return count, num_left
 
 
 @threaded_kernel
@@ -282,9 +308,9 @@ def _store_history(begin, size, pair_index, block, contact_flag, spring):  # typ
 @kernel
 def _store_history_part(begin, size, pair_index, block, contact_flag, spring):  # type: ignore[no-untyped-def]
     for c in range(begin, begin + size):
-        b = block[c // BLOCK_SIZE]
-        s = c % BLOCK_SIZE
         k = pair_index[c]
-        x, y, z = b[s + 9 * BLOCK_SIZE], b[s + 10 * BLOCK_SIZE], b[s + 11 * BLOCK_SIZE]
-        contact_flag[k] = np.uint8(x * x + y * y + z * z > np.float32(0.0))
-        spring[k, 0], spring[k, 1], spring[k, 2] = x, y, z
+        elongation = pair.load(
+            block[c // pair.BLOCK_SIZE], pair.TANGENTIAL_SPRING, c % pair.BLOCK_SIZE
+        )
+        contact_flag[k] = np.uint8(dot(elongation, elongation) > _ZERO)
+        spring[k, 0], spring[k, 1], spring[k, 2] = elongation

@@ -1,19 +1,19 @@
-"""Forces between particles, block by block: gather, contact maths, scatter."""
+"""Contact forces between particles, block by block: gather motion, evaluate the law, scatter."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from machine_sim.dem.contacts.contact_law import contact_force, contact_force_and_moment
-from machine_sim.dem.contacts.pair_contacts import BLOCK_SIZE, BOND_RUPTURE_GAP
+from machine_sim.dem.contacts import pair_block as pair
+from machine_sim.dem.contacts.contact_law import contact_force, contact_force_and_torque
 from machine_sim.dem.contacts.simd import GROUP_SIZE, gather_relative_motion, scatter_forces
+from machine_sim.dem.vec3 import add, cross, dot, load_row, scale, subtract
 from msg_bridge.kernels import kernel
 
-__all__ = ["max_pair_overlap", "pair_forces"]
+__all__ = ["BOND_RUPTURE_GAP", "max_pair_overlap", "pair_forces"]
 
-_NUM_SCRATCH_QUANTITIES = 9
-"""Quantities of a contact that are needed only within a substep: one block of them serves all, and
-stays in the first-level cache."""
+BOND_RUPTURE_GAP = np.float32(0.03)
+"""Gap at which the liquid bridge between two particles breaks, in sums of contact radii."""
 
 _ONE = np.float32(1.0)
 _ZERO = np.float32(0.0)
@@ -21,86 +21,75 @@ _TINY_LENGTH2 = np.float32(1e-18)
 
 
 @kernel
-def _evaluate_contacts(n, b, w, contact_params):  # type: ignore[no-untyped-def]
-    """Contacts of a block `b`: from motion to forces, in the scratch block `w`.
+def pair_forces(begin, size, contacts, body, force_sums, contact_params):  # type: ignore[no-untyped-def]
+    """Add the forces of a range of pair contacts to the sums of their particles.
 
-    In: displacement (0-2), velocity (3-5) of the second relative to the first, and the sum of
-    their surface speeds (6-8). Out: force on the second (0-2), turning force on both (3-5), share
-    of the rolling limit (6).
+    Args:
+        begin, size: first slot of the range, which begins a block, and number of contacts.
+        contacts: `PairContactBlocks`; the tangential springs are updated.
+        body, force_sums: see `body_records`. The sums of a particle that cannot move are
+            meaningless.
+        contact_params: `ContactParameters`.
     """
-    for s in range(np.uint64(n)):
-        dx = b[s] + w[s]
-        dy = b[s + BLOCK_SIZE] + w[s + BLOCK_SIZE]
-        dz = b[s + 2 * BLOCK_SIZE] + w[s + 2 * BLOCK_SIZE]
-        distance = np.sqrt(dx * dx + dy * dy + dz * dz + _TINY_LENGTH2)
-        inverse = _ONE / distance
-        nx, ny, nz = dx * inverse, dy * inverse, dz * inverse
-        reach = b[s + 3 * BLOCK_SIZE]
-        # What holds two together fades over a small gap.
-        cohesion_force = min(
-            max(_ONE + (reach - distance) / (BOND_RUPTURE_GAP * reach), _ZERO), _ONE
-        )
-        overlap = min(reach - distance, b[s + 8 * BLOCK_SIZE])
-        touches = _ONE if overlap > _ZERO else _ZERO
-        ax, ay, az = w[s + 6 * BLOCK_SIZE], w[s + 7 * BLOCK_SIZE], w[s + 8 * BLOCK_SIZE]
-        normal_force, gx, gy, gz, sx, sy, sz = contact_force(
-            contact_params, b[s + 5 * BLOCK_SIZE], overlap, nx, ny, nz,
-            w[s + 3 * BLOCK_SIZE] - (ay * nz - az * ny),
-            w[s + 4 * BLOCK_SIZE] - (az * nx - ax * nz),
-            w[s + 5 * BLOCK_SIZE] - (ax * ny - ay * nx),
-            b[s + 9 * BLOCK_SIZE], b[s + 10 * BLOCK_SIZE], b[s + 11 * BLOCK_SIZE],
-        )  # fmt: skip
-        b[s + 9 * BLOCK_SIZE] = sx * touches
-        b[s + 10 * BLOCK_SIZE] = sy * touches
-        b[s + 11 * BLOCK_SIZE] = sz * touches
-        fx, fy, fz, tx, ty, tz, normal_force = contact_force_and_moment(
-            b[s + 4 * BLOCK_SIZE] * touches,
-            b[s + 7 * BLOCK_SIZE] * cohesion_force,
-            normal_force,
-            gx,
-            gy,
-            gz,
-            nx,
-            ny,
-            nz,
-        )
-        w[s], w[s + BLOCK_SIZE], w[s + 2 * BLOCK_SIZE] = fx, fy, fz
-        w[s + 3 * BLOCK_SIZE], w[s + 4 * BLOCK_SIZE], w[s + 5 * BLOCK_SIZE] = tx, ty, tz
-        w[s + 6 * BLOCK_SIZE] = normal_force * b[s + 6 * BLOCK_SIZE]
+    first, second = contacts.first, contacts.second
+    scratch = np.empty(pair.NUM_SCRATCH_QUANTITIES * pair.BLOCK_SIZE, np.float32)
+    for at in range(begin, begin + size, pair.BLOCK_SIZE):
+        block = contacts.block[at // pair.BLOCK_SIZE]
+        num_slots = min(begin + size - at, pair.BLOCK_SIZE)
+        num_slots = (num_slots + GROUP_SIZE - 1) // GROUP_SIZE * GROUP_SIZE
+        for s in range(0, num_slots, GROUP_SIZE):
+            gather_relative_motion(body, first, second, at + s, scratch, pair.BLOCK_SIZE, s)
+        _evaluate_contacts(num_slots, block, scratch, contact_params)
+        for s in range(0, num_slots, GROUP_SIZE):
+            scatter_forces(body, force_sums, first, second, at + s, scratch, pair.BLOCK_SIZE, s)
 
 
 @kernel
-def pair_forces(begin, size, contacts, body, force_sums, contact_params):  # type: ignore[no-untyped-def]
-    """Add the contact forces of the contacts in some slots to `total`.
-
-    Args:
-        begin, size: first slot, that of a block, and how many.
-        contacts: `PairContactBlocks`; springs are updated.
-        body, total: see `bodies`. The sum of a body that cannot move has no meaning.
-        law: contact law.
-    """
-    first, second, block = contacts.first, contacts.second, contacts.block
-    w = np.empty(_NUM_SCRATCH_QUANTITIES * BLOCK_SIZE, np.float32)
-    for at in range(begin, begin + size, BLOCK_SIZE):
-        b = block[at // BLOCK_SIZE]
-        n = (min(begin + size - at, BLOCK_SIZE) + GROUP_SIZE - 1) // GROUP_SIZE * GROUP_SIZE
-        for s in range(0, n, GROUP_SIZE):
-            gather_relative_motion(body, first, second, at + s, w, BLOCK_SIZE, s)
-        _evaluate_contacts(n, b, w, contact_params)
-        for s in range(0, n, GROUP_SIZE):
-            scatter_forces(body, force_sums, first, second, at + s, w, BLOCK_SIZE, s)
+def _evaluate_contacts(num_slots, block, scratch, contact_params):  # type: ignore[no-untyped-def]
+    """Replace the relative motion in `scratch` by forces, and update the springs in `block`."""
+    for s in range(np.uint64(num_slots)):
+        separation = add(
+            pair.load(block, pair.SEPARATION, s),
+            pair.load(scratch, pair.RELATIVE_DISPLACEMENT, s),
+        )
+        distance = np.sqrt(dot(separation, separation) + _TINY_LENGTH2)
+        normal = scale(separation, _ONE / distance)
+        radius_sum = block[pair.RADIUS_SUM + s]
+        # The cohesion force decreases linearly over a small gap.
+        bond_fraction = min(
+            max(_ONE + (radius_sum - distance) / (BOND_RUPTURE_GAP * radius_sum), _ZERO), _ONE
+        )
+        overlap = min(radius_sum - distance, block[pair.MAX_OVERLAP + s])
+        touches = _ONE if overlap > _ZERO else _ZERO
+        contact_velocity = subtract(
+            pair.load(scratch, pair.RELATIVE_VELOCITY, s),
+            cross(pair.load(scratch, pair.SURFACE_VELOCITY_SUM, s), normal),
+        )
+        normal_force, friction_force, spring = contact_force(
+            contact_params, block[pair.FRICTION + s], overlap, normal, contact_velocity,
+            pair.load(block, pair.TANGENTIAL_SPRING, s),
+        )  # fmt: skip
+        pair.store(block, pair.TANGENTIAL_SPRING, s, scale(spring, touches))
+        force, torque_over_radius, normal_force = contact_force_and_torque(
+            block[pair.EFFECTIVE_MASS + s] * touches,
+            block[pair.COHESION_FORCE + s] * bond_fraction,
+            normal_force,
+            friction_force,
+            normal,
+        )
+        pair.store(scratch, pair.FORCE, s, force)
+        pair.store(scratch, pair.TORQUE_OVER_RADIUS, s, torque_over_radius)
+        scratch[pair.ROLLING_LIMIT + s] = normal_force * block[pair.ROLLING_FRICTION + s]
 
 
 @kernel
 def max_pair_overlap(first, second, count, position, contact_radius):  # type: ignore[no-untyped-def]
-    """Largest overlap of a listed pair as a fraction of its smaller contact radius."""
+    """Return the largest overlap of a listed pair as a fraction of its smaller contact radius."""
     largest = 0.0
     for k in range(count):
         i, j = first[k], second[k]
-        dx = position[j, 0] - position[i, 0]
-        dy = position[j, 1] - position[i, 1]
-        dz = position[j, 2] - position[i, 2]
+        separation = subtract(load_row(position, j, 0), load_row(position, i, 0))
         ri, rj = contact_radius[i], contact_radius[j]
-        overlap = (ri + rj - np.sqrt(dx * dx + dy * dy + dz * dz)) / min(ri, rj)
+        overlap = (ri + rj - np.sqrt(dot(separation, separation))) / min(ri, rj)
         largest = max(largest, overlap)
     return largest

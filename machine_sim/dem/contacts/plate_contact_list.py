@@ -1,4 +1,8 @@
-"""Which plates each particle may touch within a step, listed anew with what contacts remember."""
+"""The list of plates that each particle may touch within a step, with the contacts' history.
+
+The list is made in every step. A contact remembers its tangential spring and the side of the plate
+that the particle is on; both are carried over from the list of the step before.
+"""
 
 from __future__ import annotations
 
@@ -8,35 +12,58 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.dem.state import ParticleState
-from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
-from machine_sim.dem.tools.tool_set import ToolSet
+from machine_sim.dem.tools.plates import (
+    BOUNDS_CENTRE,
+    BOUNDS_NORMAL,
+    BOUNDS_OFFSET,
+    BOUNDS_RADIUS,
+    closest_in_polygon,
+    plate_coordinates,
+)
+from machine_sim.dem.tools.pose import ANGULAR, LINEAR, ORIGIN
+from machine_sim.dem.tools.tool_set import SPHERE_CENTRE, SPHERE_RADIUS, ToolSet
+from machine_sim.dem.vec3 import cross, dot, load_row, subtract
 from msg_bridge.kernels import kernel
 
 __all__ = ["SEARCH_RADIUS_FACTOR", "PlateCandidates", "PlateContactList", "PlateContactTable"]
 
 SEARCH_RADIUS_FACTOR = 1.2
-"""How far plates are listed from a particle that does not move, in radii."""
+"""Distance from a plate at which a particle without relative motion is listed, in radii."""
+_ACCELERATION_MARGIN = 1.3
+"""Distance ahead that is searched, over the distance travelled in a step at constant velocity."""
 
 
 class PlateCandidates(NamedTuple):
-    """Who may touch which plate within a step, in order of rows, then plates.
+    """Particles and plates that may touch within a step, in order of rows, then plates.
 
     Attributes:
-        row, plate: of each contact, int64, shape (n,).
+        row, plate: row of the particle and number of the plate, int64, shape (n,).
     """
 
     row: NDArray[np.int64]
     plate: NDArray[np.int64]
 
 
+class PlateContactArrays(NamedTuple):
+    """Arrays of a `PlateContactTable` for kernels; see there."""
+
+    row: NDArray[np.int64]
+    plate: NDArray[np.int64]
+    spring: NDArray[np.float32]
+    side: NDArray[np.float32]
+    begin: NDArray[np.int64]
+    end: NDArray[np.int64]
+
+
 class PlateContactTable:
     """Particle-plate contacts in order of rows, then plates.
 
     Attributes:
-        row, plate: of each contact, int64.
-        spring: tangential spring [m], plate axes, shape (room, 3).
-        side: +1 or -1, the side of the plate's normal.
-        begin, end: contacts of each row, shape (n,).
+        row, plate: row of the particle and number of the plate, int64, shape (capacity,).
+        spring: elongation of the tangential spring, plate axes [m], float32, shape (capacity, 3).
+        side: side of the plate that the particle is on, +1 for that of the normal, else -1,
+            float32, shape (capacity,).
+        begin, end: range of the contacts of each row, int64, shape (rows,).
         count: number of contacts.
     """
 
@@ -50,13 +77,20 @@ class PlateContactTable:
         self.count = 0
 
     @property
+    def arrays(self) -> PlateContactArrays:
+        """Arrays of the contacts, for kernels."""
+        return PlateContactArrays(
+            self.row, self.plate, self.spring, self.side, self.begin, self.end
+        )
+
+    @property
     def candidates(self) -> PlateCandidates:
-        """Its contacts."""
+        """The listed contacts."""
         return PlateCandidates(self.row[: self.count], self.plate[: self.count])
 
 
 class PlateContactList:
-    """The contact table, listed anew each step with its history carried over."""
+    """The table of plate contacts, listed in each step with its history carried over."""
 
     def __init__(self) -> None:
         self.table = PlateContactTable(1024, 0)
@@ -68,11 +102,11 @@ class PlateContactList:
         """List all plates that one of `rows` may touch within the next `dt` [s].
 
         Args:
-            store: the particles.
-            rows: of those that move.
-            tools: which have begun the step.
-            places: of these, see `ToolSet.places`.
-            dt: [s].
+            state: the particles; `plate_list_row` is updated.
+            rows: rows of the particles moved by forces.
+            tools: the tools, which have begun the step.
+            tool_frame_positions: of these particles, see `ToolSet.tool_frame_positions`.
+            dt: length of the step [s].
         """
         old = self.table
         if not tools.tools:
@@ -83,127 +117,159 @@ class PlateContactList:
             if len(new.begin) < state.count:
                 new.begin = np.zeros(2 * state.count, np.int64)
                 new.end = np.zeros(2 * state.count, np.int64)
-            new.count = _list_candidates(
-                dt, rows, tool_frame_positions, state.position, state.velocity, state.radius, state.plate_list_row,
-                tools.plates, tools.first_plate,
-                tools.sphere, tools.path[0], tools.twist,
-                old.plate, old.spring, old.side, old.begin, old.end,
-                new.row, new.plate, new.spring, new.side, new.begin, new.end,
+            count = _list_candidates(
+                dt, rows, tool_frame_positions, state.position, state.velocity, state.radius,
+                state.plate_list_row, tools.motion, old.arrays, new.arrays,
             )  # fmt: skip
-            if new.count >= 0:
+            if count >= 0:
                 break
             self._spare = PlateContactTable(2 * len(new.row), 0)
+        new.count = count
         self.table, self._spare = new, old
 
     def remove(self, low: int, high: int) -> None:
-        """Forget plates number `low` to below `high`; those behind move up."""
+        """Remove plates number `low` to `high` - 1; the numbers of later plates decrease."""
         plate = self.table.plate[: self.table.count]
-        gone = (plate >= low) & (plate < high)
+        is_removed = (plate >= low) & (plate < high)
         plate[plate >= high] -= high - low
-        plate[gone] = -1
+        plate[is_removed] = -1
 
 
 @kernel
 def _list_candidates(  # type: ignore[no-untyped-def]
-    dt, rows, tool_frame_positions, position, velocity, radius, old_row,
-    plates, first_plate, sphere, pose, twist,
-    old_plate, old_spring, old_side, old_begin, old_end,
-    row, plate, spring, side, begin, end,
+    dt, rows, tool_frame_positions, position, velocity, radius, list_row, tools, old, new,
 ):  # fmt: skip
-    """Fill the table; returns the number of contacts, -1 where it is too small.
+    """Fill the new table.
 
     Args:
-        old_row: in and out, row of each particle in the old table, then in the new; -1 for none.
-        The rest: see `PlateContactList.refresh`, `ToolSet` and `PlateContactTable`, the old and the new.
+        rows, tool_frame_positions: see `PlateContactList.update`.
+        position, velocity, radius: columns of `ParticleState`.
+        list_row: row of each particle in the old table, replaced by that in the new; -1 for none.
+        tools: `ToolMotion`.
+        old, new: `PlateContactArrays`.
+
+    Returns:
+        Number of contacts, or -1 where the new table is too small.
     """
-    tools = pose.shape[0]
-    reach, close = np.empty((tools, rows.size)), np.zeros((tools, rows.size), np.bool_)
-    for t in range(tools):
-        _search_radii(dt, rows, position, velocity, radius, pose[t], twist[t], reach[t])
-        low, high = first_plate[t], first_plate[t + 1]
-        _mark_close_to_plates(
-            tool_frame_positions[t], sphere[t], plates.bounds, low, high, reach[t], close[t]
+    plates, first_plate, num_tools = tools.plates, tools.first_plate, tools.twist.shape[0]
+    reach = np.empty((num_tools, rows.size))
+    is_close = np.zeros((num_tools, rows.size), np.bool_)
+    for t in range(num_tools):
+        _search_radii(
+            dt, rows, position, velocity, radius, tools.path[0, t], tools.twist[t], reach[t]
         )
+        _mark_close_to_plates(
+            tool_frame_positions[t], tools.sphere[t], plates.bounds, first_plate[t],
+            first_plate[t + 1], reach[t], is_close[t],
+        )  # fmt: skip
     count = 0
     for n in range(rows.size):
         i = rows[n]
-        begin[i] = count
-        for t in range(tools):
-            if not close[t, n]:
+        new.begin[i] = count
+        for t in range(num_tools):
+            if not is_close[t, n]:
                 continue
-            x, y, z, far = (
-                tool_frame_positions[t, 0, n],
-                tool_frame_positions[t, 1, n],
-                tool_frame_positions[t, 2, n],
-                reach[t, n],
-            )
+            x = tool_frame_positions[t, 0, n]
+            y = tool_frame_positions[t, 1, n]
+            z = tool_frame_positions[t, 2, n]
+            max_distance = reach[t, n]
             for k in range(first_plate[t], first_plate[t + 1]):
                 a, b, h = plate_coordinates(plates, k, x, y, z)
-                if abs(h) > far:
+                if abs(h) > max_distance:
                     continue
                 ca, cb, _ = closest_in_polygon(plates, k, a, b)
-                if (a - ca) ** 2 + (b - cb) ** 2 + h * h > far * far:
+                if (a - ca) ** 2 + (b - cb) ** 2 + h * h > max_distance * max_distance:
                     continue
-                if count == row.size:
+                if count == new.row.size:
                     return -1
-                row[count], plate[count] = i, k
-                side[count] = np.float32(1.0) if h >= 0.0 else np.float32(-1.0)
+                new.row[count], new.plate[count] = i, k
+                new.side[count] = np.float32(1.0) if h >= 0.0 else np.float32(-1.0)
                 for axis in range(3):
-                    spring[count, axis] = np.float32(0.0)
-                if old_row[i] >= 0:
-                    for m in range(old_begin[old_row[i]], old_end[old_row[i]]):
-                        if old_plate[m] == k:
-                            side[count] = old_side[m]
-                            for axis in range(3):
-                                spring[count, axis] = old_spring[m, axis]
+                    new.spring[count, axis] = np.float32(0.0)
+                if list_row[i] >= 0:
+                    _transfer_history(old, list_row[i], k, new, count)
                 count += 1
-        end[i] = count
-    old_row[:] = -1
+        new.end[i] = count
+    list_row[:] = -1
     for i in rows:
-        old_row[i] = i
+        list_row[i] = i
     return count
+
+
+@kernel(forceinline=True)
+def _transfer_history(old, row, plate, new, contact):  # type: ignore[no-untyped-def]
+    """Copy side and spring of the contact of an old row with a plate, if there is one."""
+    for m in range(old.begin[row], old.end[row]):
+        if old.plate[m] == plate:
+            new.side[contact] = old.side[m]
+            for axis in range(3):
+                new.spring[contact, axis] = old.spring[m, axis]
 
 
 @kernel
 def _search_radii(dt, rows, position, velocity, radius, pose, twist, reach):  # type: ignore[no-untyped-def]
-    """How far each may come to be from where it is, seen from a tool, its size included [m]."""
+    """Compute the distance from a tool's plates within which each particle is listed [m].
+
+    It is the radius with a margin plus the distance travelled in the step relative to the tool.
+
+    Args:
+        pose, twist: packed pose and twist of the tool.
+        reach: out, shape (rows,).
+    """
+    origin = pose[ORIGIN], pose[ORIGIN + 1], pose[ORIGIN + 2]
+    linear = twist[LINEAR], twist[LINEAR + 1], twist[LINEAR + 2]
+    angular = twist[ANGULAR], twist[ANGULAR + 1], twist[ANGULAR + 2]
     for n in range(rows.size):
         i = rows[n]
-        x, y, z = position[i, 0] - pose[9], position[i, 1] - pose[10], position[i, 2] - pose[11]
-        vx = velocity[i, 0] - twist[0] - (twist[4] * z - twist[5] * y)
-        vy = velocity[i, 1] - twist[1] - (twist[5] * x - twist[3] * z)
-        vz = velocity[i, 2] - twist[2] - (twist[3] * y - twist[4] * x)
-        reach[n] = SEARCH_RADIUS_FACTOR * radius[i] + 1.3 * dt * np.sqrt(
-            vx * vx + vy * vy + vz * vz
+        arm = subtract(load_row(position, i, 0), origin)
+        relative = subtract(subtract(load_row(velocity, i, 0), linear), cross(angular, arm))
+        reach[n] = SEARCH_RADIUS_FACTOR * radius[i] + _ACCELERATION_MARGIN * dt * np.sqrt(
+            dot(relative, relative)
         )
 
 
 @kernel
-def _mark_close_to_plates(tool_frame_positions, sphere, bounds, low, high, reach, close):  # type: ignore[no-untyped-def]
-    """Mark who may be within reach of one of the plates from `low` to `high`, many at a time."""
-    around = 0
+def _mark_close_to_plates(tool_frame_positions, sphere, bounds, low, high, reach, is_close):  # type: ignore[no-untyped-def]
+    """Mark the particles within reach of the bounds of plates `low` to `high` - 1.
+
+    The loops are over particles, so that they are vectorised.
+
+    Args:
+        tool_frame_positions: centres [m], shape (3, rows).
+        sphere: bounding sphere of the tool, see `ToolSet`.
+        bounds: bounds of the plates, see `Plates`.
+        reach: see `_search_radii`.
+        is_close: updated, shape (rows,).
+    """
+    num_in_sphere = 0
     for n in range(np.uint64(reach.size)):
-        x, y, z = (
-            tool_frame_positions[0, n] - sphere[0],
-            tool_frame_positions[1, n] - sphere[1],
-            tool_frame_positions[2, n] - sphere[2],
-        )
-        far = sphere[3] + reach[n]
-        around += x * x + y * y + z * z <= far * far
-    if around == 0:
+        x = tool_frame_positions[0, n] - sphere[SPHERE_CENTRE]
+        y = tool_frame_positions[1, n] - sphere[SPHERE_CENTRE + 1]
+        z = tool_frame_positions[2, n] - sphere[SPHERE_CENTRE + 2]
+        max_distance = sphere[SPHERE_RADIUS] + reach[n]
+        num_in_sphere += x * x + y * y + z * z <= max_distance * max_distance
+    if num_in_sphere == 0:
         return
     for k in range(low, high):
-        nx, ny, nz, height = bounds[0, k], bounds[1, k], bounds[2, k], bounds[3, k]
-        cx, cy, cz, size = bounds[4, k], bounds[5, k], bounds[6, k], bounds[7, k]
+        nx, ny, nz = (
+            bounds[BOUNDS_NORMAL, k],
+            bounds[BOUNDS_NORMAL + 1, k],
+            bounds[BOUNDS_NORMAL + 2, k],
+        )
+        cx, cy, cz = (
+            bounds[BOUNDS_CENTRE, k],
+            bounds[BOUNDS_CENTRE + 1, k],
+            bounds[BOUNDS_CENTRE + 2, k],
+        )
+        height, bounds_radius = bounds[BOUNDS_OFFSET, k], bounds[BOUNDS_RADIUS, k]
         for n in range(np.uint64(reach.size)):
-            x, y, z = (
-                tool_frame_positions[0, n],
-                tool_frame_positions[1, n],
-                tool_frame_positions[2, n],
-            )
+            x = tool_frame_positions[0, n]
+            y = tool_frame_positions[1, n]
+            z = tool_frame_positions[2, n]
             above = abs(nx * x + ny * y + nz * z - height)
             x -= cx
             y -= cy
             z -= cz
-            far = size + reach[n]
-            close[n] |= (above <= reach[n]) & (x * x + y * y + z * z <= far * far)
+            max_distance = bounds_radius + reach[n]
+            in_sphere = x * x + y * y + z * z <= max_distance * max_distance
+            is_close[n] |= (above <= reach[n]) & in_sphere

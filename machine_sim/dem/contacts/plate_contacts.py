@@ -1,9 +1,8 @@
-"""The plate contacts of a step, plate by plate, laid out for the compiler as pairs are.
+"""The plate contacts of a step, plate by plate, in blocks (see `plate_block`).
 
-Contacts of one plate fill blocks of their own: what is the plate's is then the same for all lanes
-of a vector. In a block, quantity q of slot s lies at `q * BLOCK + s`. Places and springs are in
-plate axes, (a, b, h) as in `plates`, taken once a step from float64 positions; the substeps go on
-in float32 displacements.
+Contacts of one plate fill blocks of their own, so that the data of the plate are the same for all
+lanes of a vector. Positions and springs are in plate axes (a, b, h), computed once per step from
+float64 positions; the substeps go on with float32 displacements.
 """
 
 from __future__ import annotations
@@ -13,26 +12,28 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from machine_sim.dem.body_records import (
+    ANGULAR_VELOCITY,
+    BODY_RECORD_SIZE,
+    CONTACT_RADIUS,
+    clear_force_sums,
+    tool_record_row,
+)
+from machine_sim.dem.contacts import plate_block as plate
 from machine_sim.dem.contacts.plate_contact_list import PlateContactTable
 from machine_sim.dem.contacts.simd import GROUP_SIZE
 from machine_sim.dem.state import ParticleState
 from machine_sim.dem.tools.plates import plate_coordinates
-from machine_sim.dem.tools.pose import to_tool_frame
+from machine_sim.dem.tools.pose import ANGULAR, ORIGIN, to_tool_frame
 from machine_sim.dem.tools.tool_set import ToolSet
+from machine_sim.dem.vec3 import load_row, subtract
 from msg_bridge.kernels import kernel
 
-__all__ = ["BLOCK_SIZE", "PlateContactBlocks", "PlateContacts"]
-
-BLOCK_SIZE = 64
-"""Contacts in a block, a multiple of the widest vector's lanes."""
-
-NUM_QUANTITIES = 16
-"""Place of the centre (3); arm from the tool's origin to it, map axes (3); radius, and its ratio to
-the contact radius; mass, friction, rolling friction, bond; spring (3); side."""
+__all__ = ["PlateContactBlocks", "PlateContacts"]
 
 _MIN_PLATE_RADIUS_FRACTION = np.float32(0.5)
-"""Smallest radius a plate feels, in full radii. One released into a crowd starts as a point, and
-its neighbours would press a point through a plate."""
+"""Minimum radius of a particle in contacts with plates, in full radii. A particle released among
+others starts as a point, and its neighbours would press a point through a plate."""
 _PI = np.float32(np.pi)
 _ZERO = np.float32(0.0)
 
@@ -41,10 +42,12 @@ class PlateContactBlocks(NamedTuple):
     """Plate contacts of one step, in blocks.
 
     Attributes:
-        plate, size: plate of each block, and its contacts, int64, shape (blocks,).
-        row: particle of each slot, uint32.
-        tool_row: the record of the plate's tool among the bodies, of each slot, uint32.
-        block: quantities, shape (blocks or more, QUANTITIES * BLOCK), float32.
+        plate: plate of each block, int64, shape (blocks,).
+        size: number of contacts in each block, int64, shape (blocks,).
+        row: row of the particle in each slot, uint32.
+        tool_row: row of the record of the plate's tool, of each slot, uint32.
+        block: quantities, see `plate_block`, float32, shape (blocks or more, NUM_QUANTITIES *
+            BLOCK_SIZE).
     """
 
     plate: NDArray[np.int64]
@@ -54,155 +57,193 @@ class PlateContactBlocks(NamedTuple):
     block: NDArray[np.float32]
 
 
+class _Particles(NamedTuple):
+    """Columns of `ParticleState` that plate contacts are made from."""
+
+    position: NDArray[np.float64]
+    radius: NDArray[np.float32]
+    mass: NDArray[np.float32]
+    tool_friction: NDArray[np.float32]
+    tool_rolling_friction: NDArray[np.float32]
+    adhesion: NDArray[np.float32]
+
+
 class PlateContacts:
-    """Lays out the plate contacts of a step, and keeps the room for them."""
+    """The plate contacts of a step, laid out in blocks that are allocated once."""
 
     def __init__(self) -> None:
         self._slot = np.zeros(0, np.int64)
         self._reserve(32)
 
-    def _reserve(self, blocks: int) -> None:
+    def _reserve(self, num_blocks: int) -> None:
         self._blocks = PlateContactBlocks(
-            np.zeros(blocks, np.int64),
-            np.zeros(blocks, np.int64),
-            np.zeros(blocks * BLOCK_SIZE, np.uint32),
-            np.zeros(blocks * BLOCK_SIZE, np.uint32),
-            np.zeros((blocks, NUM_QUANTITIES * BLOCK_SIZE), np.float32),
+            plate=np.zeros(num_blocks, np.int64),
+            size=np.zeros(num_blocks, np.int64),
+            row=np.zeros(num_blocks * plate.BLOCK_SIZE, np.uint32),
+            tool_row=np.zeros(num_blocks * plate.BLOCK_SIZE, np.uint32),
+            block=np.zeros((num_blocks, plate.NUM_QUANTITIES * plate.BLOCK_SIZE), np.float32),
         )
 
     def fill_blocks(  # type: ignore[no-untyped-def]
         self, state: ParticleState, table: PlateContactTable, tools: ToolSet, body, force_sums
     ) -> PlateContactBlocks:
-        """Take over the listed contacts, with their springs.
+        """Copy the listed contacts, with their springs, into blocks.
 
         Args:
-            store: the particles.
-            table: where they are listed.
-            tools: at the start of the step.
-            body, total: records and sums, see `bodies`; the last rows become the tools'.
+            state: the particles.
+            table: the listed contacts.
+            tools: the tools, which have begun the step.
+            body, force_sums: see `body_records`; the records of the tools are filled.
 
         Returns:
-            The blocks, good until the next call.
+            The blocks, valid until the next call.
         """
         blocks = self._blocks
         if not tools.tools:
-            return blocks._replace(plate=blocks.plate[:0], size=blocks.size[:0])
-        most = table.count // BLOCK_SIZE + len(tools.tool_of_plate)
-        if most > len(blocks.plate):
-            self._reserve(2 * most)
+            return _first_blocks(blocks, 0)
+        max_blocks = table.count // plate.BLOCK_SIZE + len(tools.tool_of_plate)
+        if max_blocks > len(blocks.plate):
+            self._reserve(2 * max_blocks)
             blocks = self._blocks
         if len(self._slot) < table.count:
             self._slot = np.zeros(len(table.row), np.int64)
-        count = _fill_blocks(
-            table.candidates, table.spring, table.side, state.position, state.radius, state.mass,
-            state.tool_friction, state.tool_rolling_friction, state.adhesion, tools.plates, tools.tool_of_plate,
-            tools.path[0], tools.twist, body, force_sums, blocks, self._slot,
+        particles = _Particles(
+            state.position, state.radius, state.mass, state.tool_friction,
+            state.tool_rolling_friction, state.adhesion,
         )  # fmt: skip
-        return blocks._replace(plate=blocks.plate[:count], size=blocks.size[:count])
+        count = _fill_blocks(
+            table.candidates, table.spring, table.side, particles, tools.motion, body, force_sums,
+            blocks, self._slot,
+        )  # fmt: skip
+        return _first_blocks(blocks, count)
 
     def store_history(self, table: PlateContactTable) -> None:
-        """Keep springs and sides in the table, from which the next one is listed."""
+        """Write springs and sides back to the table, from which the next step takes them."""
         _store_history(table.count, self._slot, self._blocks.block, table.spring, table.side)
+
+
+def _first_blocks(blocks: PlateContactBlocks, count: int) -> PlateContactBlocks:
+    """Return the first `count` of the blocks."""
+    return PlateContactBlocks(
+        blocks.plate[:count], blocks.size[:count], blocks.row, blocks.tool_row, blocks.block
+    )
 
 
 @kernel
 def _fill_blocks(  # type: ignore[no-untyped-def]
-    candidates, spring, side, position, radius, mass, friction, rolling_friction, adhesion, plates, tool_of_plate, pose,
-    twist, body, force_sums, blocks, slot,
+    candidates, spring, side, particles, tools, body, force_sums, blocks, slot,
 ):  # fmt: skip
-    """Fill the blocks, in the order of plates; returns how many.
+    """Fill the blocks in the order of plates.
 
     Args:
-        listed, spring, side: of the table.
-        position ... adhesion: of the particles.
-        plates, owner, twist: of the tools; pose: theirs at the start of the step.
-        body, total: in and out, see `PlateContacts.lay_out`.
-        blocks: out.
-        slot: out, where each listed contact went.
+        candidates, spring, side: the listed contacts, see `PlateContactTable`.
+        particles: `_Particles`.
+        tools: `ToolMotion`.
+        body, force_sums: see `body_records`; the records of the tools are filled.
+        blocks: out, `PlateContactBlocks`.
+        slot: out, slot of each listed contact.
+
+    Returns:
+        Number of blocks.
     """
-    row, tool_row, block = blocks.row, blocks.tool_row, blocks.block
-    last = body.shape[0] - 1
-    for t in range(pose.shape[0]):
-        # A tool is a body with a spin: rolling friction holds particles back toward it. What
-        # moves otherwise is taken off contact by contact, since it depends on the place.
-        for c in range(body.shape[1]):
-            body[last - t, c] = _ZERO
-        for c in range(force_sums.shape[1]):
-            force_sums[last - t, c] = _ZERO
-        for axis in range(3):
-            body[last - t, 12 + axis] = twist[t, 3 + axis]
-    count, free = _allocate_blocks(candidates.plate, tool_of_plate.size, blocks.plate, blocks.size)
+    pose, tool_of_plate = tools.path[0], tools.tool_of_plate
+    _fill_tool_records(tools.twist, body, force_sums)
+    count, next_slot = _allocate_blocks(
+        candidates.plate, tool_of_plate.size, blocks.plate, blocks.size
+    )
     for c in range(candidates.row.size):
         i, k = candidates.row[c], candidates.plate[c]
         t = tool_of_plate[k]
-        at = free[k]
-        free[k] += 1
+        at = next_slot[k]
+        next_slot[k] += 1
         slot[c] = at
-        row[at], tool_row[at] = i, last - t
-        b = block[at // BLOCK_SIZE]
-        s = at % BLOCK_SIZE
-        x, y, z = position[i, 0], position[i, 1], position[i, 2]
-        b[s + 3 * BLOCK_SIZE] = x - pose[t, 9]
-        b[s + 4 * BLOCK_SIZE] = y - pose[t, 10]
-        b[s + 5 * BLOCK_SIZE] = z - pose[t, 11]
-        x, y, z = to_tool_frame(pose[t], x, y, z)
-        b[s], b[s + BLOCK_SIZE], b[s + 2 * BLOCK_SIZE] = plate_coordinates(plates, k, x, y, z)
-        r = max(body[i, 3], _MIN_PLATE_RADIUS_FRACTION * radius[i])
-        b[s + 6 * BLOCK_SIZE], b[s + 7 * BLOCK_SIZE] = r, r / body[i, 3]
-        b[s + 8 * BLOCK_SIZE] = mass[i]
-        b[s + 9 * BLOCK_SIZE], b[s + 10 * BLOCK_SIZE] = friction[i], rolling_friction[i]
-        b[s + 11 * BLOCK_SIZE] = _PI * r * r * adhesion[i]
-        for axis in range(3):
-            b[s + (12 + axis) * BLOCK_SIZE] = spring[c, axis]
-        b[s + 15 * BLOCK_SIZE] = side[c]
+        blocks.row[at], blocks.tool_row[at] = i, tool_record_row(body.shape[0], t)
+        b = blocks.block[at // plate.BLOCK_SIZE]
+        s = at % plate.BLOCK_SIZE
+        centre = load_row(particles.position, i, 0)
+        plate.store(b, plate.LEVER_ARM, s, subtract(centre, load_row(pose, t, ORIGIN)))
+        x, y, z = to_tool_frame(pose[t], centre[0], centre[1], centre[2])
+        plate.store(b, plate.CENTRE, s, plate_coordinates(tools.plates, k, x, y, z))
+        contact_radius = body[i, CONTACT_RADIUS]
+        radius = max(contact_radius, _MIN_PLATE_RADIUS_FRACTION * particles.radius[i])
+        b[plate.RADIUS + s] = radius
+        b[plate.RADIUS_RATIO + s] = radius / contact_radius
+        b[plate.MASS + s] = particles.mass[i]
+        b[plate.FRICTION + s] = particles.tool_friction[i]
+        b[plate.ROLLING_FRICTION + s] = particles.tool_rolling_friction[i]
+        b[plate.ADHESION_FORCE + s] = _PI * radius * radius * particles.adhesion[i]
+        plate.store(b, plate.TANGENTIAL_SPRING, s, load_row(spring, c, 0))
+        b[plate.SIDE + s] = side[c]
     for n in range(count):
-        _pad_last_group(n * BLOCK_SIZE, blocks.size[n], row, tool_row, block[n])
+        _pad_last_group(n * plate.BLOCK_SIZE, blocks.size[n], blocks, blocks.block[n])
     return count
 
 
 @kernel
-def _allocate_blocks(candidates, num_plates, plate, size):  # type: ignore[no-untyped-def]
-    """Give each of `many` plates blocks enough for its contacts.
+def _fill_tool_records(twist, body, force_sums):  # type: ignore[no-untyped-def]
+    """Fill the records of the tools.
 
-    Args:
-        listed: plate of each contact.
-        many: how many plates there are.
-        plate, size: out, of each block.
-
-    Returns:
-        How many blocks, and the first slot of each plate.
+    Rolling resistance drives particles toward a tool's angular velocity. The rest of the tool's
+    motion is subtracted contact by contact, since it depends on the position: it is zero here.
     """
-    contacts, first = np.zeros(num_plates, np.int64), np.zeros(num_plates, np.int64)
-    for k in candidates:
-        contacts[k] += 1
-    blocks = 0
-    for k in range(num_plates):
-        first[k] = blocks * BLOCK_SIZE
-        left = contacts[k]
-        while left > 0:
-            plate[blocks], size[blocks] = k, min(left, BLOCK_SIZE)
-            left -= BLOCK_SIZE
-            blocks += 1
-    return blocks, first
+    for t in range(twist.shape[0]):
+        row = tool_record_row(body.shape[0], t)
+        for column in range(BODY_RECORD_SIZE):
+            body[row, column] = _ZERO
+        clear_force_sums(force_sums, row)
+        for axis in range(3):
+            body[row, ANGULAR_VELOCITY + axis] = twist[t, ANGULAR + axis]
 
 
 @kernel
-def _pad_last_group(begin, size, row, tool_row, b):  # type: ignore[no-untyped-def]
-    """Fill up the last group of a block with copies of its last contact that weigh nothing."""
+def _allocate_blocks(plate_of_contact, num_plates, plate_of_block, size):  # type: ignore[no-untyped-def]
+    """Give each plate enough blocks for its contacts.
+
+    Args:
+        plate_of_contact: plate of each contact.
+        num_plates: number of plates.
+        plate_of_block, size: out, plate and number of contacts of each block.
+
+    Returns:
+        Number of blocks, and the first slot of each plate.
+    """
+    num_contacts, first_slot = np.zeros(num_plates, np.int64), np.zeros(num_plates, np.int64)
+    for k in plate_of_contact:
+        num_contacts[k] += 1
+    num_blocks = 0
+    for k in range(num_plates):
+        first_slot[k] = num_blocks * plate.BLOCK_SIZE
+        num_left = num_contacts[k]
+        while num_left > 0:
+            plate_of_block[num_blocks], size[num_blocks] = k, min(num_left, plate.BLOCK_SIZE)
+            num_left -= plate.BLOCK_SIZE
+            num_blocks += 1
+    return num_blocks, first_slot
+
+
+@kernel
+def _pad_last_group(begin, size, blocks, b):  # type: ignore[no-untyped-def]
+    """Pad the last group of a block with copies of its last contact that exert no force.
+
+    Args:
+        begin: first slot of the block.
+        size: number of its contacts.
+        blocks: `PlateContactBlocks`.
+        b: quantities of the block.
+    """
+    row, tool_row = blocks.row, blocks.tool_row
     s = size
     while s % GROUP_SIZE != 0:
         row[begin + s], tool_row[begin + s] = row[begin + s - 1], tool_row[begin + s - 1]
-        for q in range(NUM_QUANTITIES):
-            b[s + q * BLOCK_SIZE] = b[s - 1 + q * BLOCK_SIZE]
-        b[s + 8 * BLOCK_SIZE] = b[s + 11 * BLOCK_SIZE] = _ZERO
+        for q in range(plate.NUM_QUANTITIES):
+            b[q * plate.BLOCK_SIZE + s] = b[q * plate.BLOCK_SIZE + s - 1]
+        b[plate.MASS + s] = b[plate.ADHESION_FORCE + s] = _ZERO
         s += 1
 
 
 @kernel
 def _store_history(count, slot, block, spring, side):  # type: ignore[no-untyped-def]
     for c in range(count):
-        b = block[slot[c] // BLOCK_SIZE]
-        s = slot[c] % BLOCK_SIZE
-        for axis in range(3):
-            spring[c, axis] = b[s + (12 + axis) * BLOCK_SIZE]
-        side[c] = b[s + 15 * BLOCK_SIZE]
+        b, s = block[slot[c] // plate.BLOCK_SIZE], slot[c] % plate.BLOCK_SIZE
+        spring[c, 0], spring[c, 1], spring[c, 2] = plate.load(b, plate.TANGENTIAL_SPRING, s)
+        side[c] = b[plate.SIDE + s]

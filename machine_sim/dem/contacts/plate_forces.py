@@ -1,234 +1,238 @@
-"""Forces of plates on particles, block by block: gather, contact maths in plate axes, scatter."""
+"""Forces of plates on particles, block by block: gather, evaluate in plate axes, scatter.
+
+A particle over a plate is pushed along the plate's normal, to the side that its contact remembers.
+Beside the plate it is pushed away from the closest point of the outline. All of this is done in
+plate axes (a, b, h), see `tools.plates`; the spring turns with the plate.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from machine_sim.dem.contacts.contact_law import contact_force, contact_force_and_moment
-from machine_sim.dem.contacts.plate_contacts import BLOCK_SIZE
+from machine_sim.dem.contacts import plate_block as plate
+from machine_sim.dem.contacts.contact_law import contact_force, contact_force_and_torque
 from machine_sim.dem.contacts.simd import GROUP_SIZE, gather_relative_motion, scatter_forces
+from machine_sim.dem.tools.plates import FRAME_N, FRAME_U, FRAME_V
+from machine_sim.dem.tools.pose import ANGULAR, LINEAR, ORIGIN, XX, XY, XZ, YX, YY, YZ, ZX, ZY, ZZ
+from machine_sim.dem.vec3 import add, cross, dot, load_row, scale, subtract
 from msg_bridge.kernels import kernel
 
 __all__ = ["plate_forces"]
 
 _ADHESION_RUPTURE_GAP = np.float32(0.06)
-"""Gap at which a particle sticks to a plate no more, in radii."""
-_NUM_SCRATCH_QUANTITIES = 15
-"""Quantities of a contact that are needed only within a substep, see `_to_plate`, `_closest`."""
+"""Gap at which the adhesion between a particle and a plate breaks, in radii."""
+_OVER_PLATE = np.float32(1e30)
+"""Squared distance from the outline of a centre whose closest point is not on the outline."""
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
-_INSIDE_POLYGON = np.float32(1e30)
-"""Squared distance to the outline where the closest point is none of it."""
 _TINY = np.float32(1e-20)
 
 
 @kernel
 def plate_forces(blocks, body, force_sums, tools, step, contact_params):  # type: ignore[no-untyped-def]
-    """Add the forces of plates to `total` and their reaction to `wrench`.
+    """Add the forces of plates to the sums of particles, and their reaction to the tools' wrenches.
 
     Args:
         blocks: `PlateContactBlocks`; springs and sides are updated.
-        body, total: see `bodies`.
-        tools: `ToolMotion`.
+        body, force_sums: see `body_records`.
+        tools: `ToolMotion`; the wrench is updated.
         step: number of the substep.
-        law: contact law.
+        contact_params: `ContactParameters`.
     """
-    plates, twist, wrench = tools.plates, tools.twist, tools.wrench
     start, pose = tools.path[0], tools.path[step]
-    w = np.empty(_NUM_SCRATCH_QUANTITIES * BLOCK_SIZE, np.float32)
-    axes, axes_change, origin_shift = (
-        np.empty(9, np.float32),
-        np.empty(9, np.float32),
-        np.empty(3, np.float32),
-    )
-    speed = np.empty(6, np.float32)
+    scratch = np.empty(plate.NUM_SCRATCH_QUANTITIES * plate.BLOCK_SIZE, np.float32)
     for n in range(blocks.plate.size):
-        k = blocks.plate[n]
-        t, begin, b = tools.tool_of_plate[k], n * BLOCK_SIZE, blocks.block[n]
-        filled = (blocks.size[n] + GROUP_SIZE - 1) // GROUP_SIZE * GROUP_SIZE
-        for s in range(0, filled, GROUP_SIZE):
-            gather_relative_motion(body, blocks.tool_row, blocks.row, begin + s, w, BLOCK_SIZE, s)
-        for r in range(3):
-            origin_shift[r] = pose[t, 9 + r] - start[t, 9 + r]
-            for c in range(3):
-                now = _plate_axis_component(plates.frame, k, r, pose[t], c)
-                axes[3 * r + c] = now
-                axes_change[3 * r + c] = now - _plate_axis_component(
-                    plates.frame, k, r, start[t], c
-                )
-        for c in range(6):
-            speed[c] = twist[t, c]
-        _transform_to_plate_axes(filled, b, w, axes, axes_change, origin_shift, speed)
-        _closest_points(filled, w, plates.corner[k], plates.num_corners[k])
-        _evaluate_contacts(filled, b, w, contact_params)
-        _transform_to_map_axes(filled, b, w, axes)
-        for s in range(0, filled, GROUP_SIZE):
-            scatter_forces(
-                body, force_sums, blocks.tool_row, blocks.row, begin + s, w, BLOCK_SIZE, s
+        k, begin, block = blocks.plate[n], n * plate.BLOCK_SIZE, blocks.block[n]
+        t = tools.tool_of_plate[k]
+        num_slots = (blocks.size[n] + GROUP_SIZE - 1) // GROUP_SIZE * GROUP_SIZE
+        for s in range(0, num_slots, GROUP_SIZE):
+            gather_relative_motion(
+                body, blocks.tool_row, blocks.row, begin + s, scratch, plate.BLOCK_SIZE, s
             )
-        for c in range(3):
-            force, moment = 0.0, 0.0
+        axes = _plate_axes(tools.plates.frame, k, pose[t])
+        start_axes = _plate_axes(tools.plates.frame, k, start[t])
+        axes_change = (
+            _to_float32(subtract(axes[0], start_axes[0])),
+            _to_float32(subtract(axes[1], start_axes[1])),
+            _to_float32(subtract(axes[2], start_axes[2])),
+        )
+        axes32 = _to_float32(axes[0]), _to_float32(axes[1]), _to_float32(axes[2])
+        origin_shift = subtract(load_row(pose, t, ORIGIN), load_row(start, t, ORIGIN))
+        _transform_to_plate_axes(
+            num_slots, block, scratch, axes32, axes_change, _to_float32(origin_shift),
+            _to_float32(load_row(tools.twist, t, LINEAR)),
+            _to_float32(load_row(tools.twist, t, ANGULAR)),
+        )  # fmt: skip
+        _find_closest_points(
+            num_slots, scratch, tools.plates.corner[k], tools.plates.num_corners[k]
+        )
+        _evaluate_contacts(num_slots, block, scratch, contact_params)
+        _transform_to_map_axes(num_slots, block, scratch, axes32)
+        for s in range(0, num_slots, GROUP_SIZE):
+            scatter_forces(
+                body, force_sums, blocks.tool_row, blocks.row, begin + s, scratch,
+                plate.BLOCK_SIZE, s,
+            )  # fmt: skip
+        for axis in range(3):
+            force, torque = 0.0, 0.0
             for s in range(blocks.size[n]):
-                force += w[s + c * BLOCK_SIZE]
-                moment += w[s + (9 + c) * BLOCK_SIZE]
-            wrench[t, c] -= force
-            wrench[t, 3 + c] -= moment
+                force += scratch[plate.FORCE + axis * plate.BLOCK_SIZE + s]
+                torque += scratch[plate.TOOL_TORQUE + axis * plate.BLOCK_SIZE + s]
+            tools.wrench[t, LINEAR + axis] -= force
+            tools.wrench[t, ANGULAR + axis] -= torque
 
 
 @kernel(forceinline=True)
-def _plate_axis_component(frame, k, r, pose, c):  # type: ignore[no-untyped-def]
-    """Component `c`, map axes, of axis `r` of plate `k`: u, v or n."""
-    u = 3 + 3 * r
-    return (
-        pose[3 * c] * frame[k, u]
-        + pose[3 * c + 1] * frame[k, u + 1]
-        + pose[3 * c + 2] * frame[k, u + 2]
+def _plate_axes(frame, k, pose):  # type: ignore[no-untyped-def]
+    """Return the axes u, v and n of plate `k`, map axes, three components each."""
+    rows = (
+        (pose[XX], pose[XY], pose[XZ]),
+        (pose[YX], pose[YY], pose[YZ]),
+        (pose[ZX], pose[ZY], pose[ZZ]),
     )
+    u, v, n = load_row(frame, k, FRAME_U), load_row(frame, k, FRAME_V), load_row(frame, k, FRAME_N)
+    return _in_axes(rows, u), _in_axes(rows, v), _in_axes(rows, n)
+
+
+@kernel(forceinline=True)
+def _to_float32(a):  # type: ignore[no-untyped-def]
+    return np.float32(a[0]), np.float32(a[1]), np.float32(a[2])
+
+
+@kernel(forceinline=True)
+def _in_axes(axes, a):  # type: ignore[no-untyped-def]
+    """Return the components of a vector along three axes."""
+    return dot(axes[0], a), dot(axes[1], a), dot(axes[2], a)
+
+
+@kernel(forceinline=True)
+def _from_axes(axes, a):  # type: ignore[no-untyped-def]
+    """Return the vector that has the given components along three axes."""
+    return add(add(scale(axes[0], a[0]), scale(axes[1], a[1])), scale(axes[2], a[2]))
 
 
 @kernel
-def _transform_to_plate_axes(n, b, w, axes, axes_change, origin_shift, twist):  # type: ignore[no-untyped-def]
-    """From motion in map axes to motion seen from the plate, in its axes.
-
-    In: displacement (0-2), velocity (3-5), surface speed at the contact radius (6-8). Out: place of
-    the centre (0-2), its velocity relative to the tool there (3-5), surface speed relative to the
-    tool's spin (6-8), all in plate axes; arm from the tool's origin (9-11), map axes.
+def _transform_to_plate_axes(  # type: ignore[no-untyped-def]
+    num_slots, block, scratch, axes, axes_change, origin_shift, tool_velocity, tool_angular_velocity
+):
+    """Replace the gathered motion by position and motion relative to the plate, in plate axes.
 
     Args:
-        axes: u, v, n of the plate now, map axes, shape (9,).
-        turned, shift: how these, and the tool's origin [m], have changed in the step.
-        twist: of the tool.
+        axes: u, v and n of the plate now, map axes, float32.
+        axes_change: change of `axes` since the start of the step: small enough for float32.
+        origin_shift: displacement of the tool's origin since the start of the step [m].
+        tool_velocity, tool_angular_velocity: twist of the tool, map axes [m/s], [rad/s].
     """
-    ux, uy, uz = axes[0], axes[1], axes[2]
-    vx, vy, vz = axes[3], axes[4], axes[5]
-    nx, ny, nz = axes[6], axes[7], axes[8]
-    # The turn of the plate within the step is small, and float32 exact enough for what it adds.
-    tux, tuy, tuz = axes_change[0], axes_change[1], axes_change[2]
-    tvx, tvy, tvz = axes_change[3], axes_change[4], axes_change[5]
-    tnx, tny, tnz = axes_change[6], axes_change[7], axes_change[8]
-    px, py, pz = origin_shift[0], origin_shift[1], origin_shift[2]
-    sx, sy, sz = twist[0], twist[1], twist[2]
-    ox, oy, oz = twist[3], twist[4], twist[5]
-    for s in range(np.uint64(n)):
-        dx, dy, dz = w[s] - px, w[s + BLOCK_SIZE] - py, w[s + 2 * BLOCK_SIZE] - pz
-        qx, qy, qz = b[s + 3 * BLOCK_SIZE], b[s + 4 * BLOCK_SIZE], b[s + 5 * BLOCK_SIZE]
-        w[s] = b[s] + (ux * dx + uy * dy + uz * dz) + (tux * qx + tuy * qy + tuz * qz)
-        w[s + BLOCK_SIZE] = (
-            b[s + BLOCK_SIZE] + (vx * dx + vy * dy + vz * dz) + (tvx * qx + tvy * qy + tvz * qz)
+    for s in range(np.uint64(num_slots)):
+        # Plate axes R at the start and R' now, lever arm r: R'(r + d) = R r + R' d + (R' - R) r.
+        shift = subtract(plate.load(scratch, plate.RELATIVE_DISPLACEMENT, s), origin_shift)
+        arm = plate.load(block, plate.LEVER_ARM, s)
+        centre = plate.load(block, plate.CENTRE, s)
+        position = add(add(centre, _in_axes(axes, shift)), _in_axes(axes_change, arm))
+        plate.store(scratch, plate.POSITION, s, position)
+        arm = add(arm, shift)
+        plate.store(scratch, plate.CURRENT_LEVER_ARM, s, arm)
+        velocity = plate.load(scratch, plate.RELATIVE_VELOCITY, s)
+        velocity = subtract(subtract(velocity, tool_velocity), cross(tool_angular_velocity, arm))
+        plate.store(scratch, plate.RELATIVE_VELOCITY, s, _in_axes(axes, velocity))
+        surface_velocity = subtract(
+            scale(plate.load(scratch, plate.SURFACE_VELOCITY, s), block[plate.RADIUS_RATIO + s]),
+            scale(tool_angular_velocity, block[plate.RADIUS + s]),
         )
-        w[s + 2 * BLOCK_SIZE] = (
-            b[s + 2 * BLOCK_SIZE] + (nx * dx + ny * dy + nz * dz) + (tnx * qx + tny * qy + tnz * qz)
-        )
-        qx, qy, qz = qx + dx, qy + dy, qz + dz
-        w[s + 9 * BLOCK_SIZE], w[s + 10 * BLOCK_SIZE], w[s + 11 * BLOCK_SIZE] = qx, qy, qz
-        dx = w[s + 3 * BLOCK_SIZE] - sx - (oy * qz - oz * qy)
-        dy = w[s + 4 * BLOCK_SIZE] - sy - (oz * qx - ox * qz)
-        dz = w[s + 5 * BLOCK_SIZE] - sz - (ox * qy - oy * qx)
-        w[s + 3 * BLOCK_SIZE] = ux * dx + uy * dy + uz * dz
-        w[s + 4 * BLOCK_SIZE] = vx * dx + vy * dy + vz * dz
-        w[s + 5 * BLOCK_SIZE] = nx * dx + ny * dy + nz * dz
-        r, ratio = b[s + 6 * BLOCK_SIZE], b[s + 7 * BLOCK_SIZE]
-        dx = w[s + 6 * BLOCK_SIZE] * ratio - ox * r
-        dy = w[s + 7 * BLOCK_SIZE] * ratio - oy * r
-        dz = w[s + 8 * BLOCK_SIZE] * ratio - oz * r
-        w[s + 6 * BLOCK_SIZE] = ux * dx + uy * dy + uz * dz
-        w[s + 7 * BLOCK_SIZE] = vx * dx + vy * dy + vz * dz
-        w[s + 8 * BLOCK_SIZE] = nx * dx + ny * dy + nz * dz
+        plate.store(scratch, plate.SURFACE_VELOCITY, s, _in_axes(axes, surface_velocity))
 
 
 @kernel
-def _closest_points(n, w, corner, corners):  # type: ignore[no-untyped-def]
-    """Closest points of the plate: squared distance in its plane (12) and the way to it (13, 14).
+def _find_closest_points(num_slots, scratch, corner, num_corners):  # type: ignore[no-untyped-def]
+    """Find the points of the plate that are closest to the centres.
 
-    As `closest_in_polygon`, edge by edge for all contacts: the closest point lies on an edge that
-    the centre is outside of.
+    The same as `closest_in_polygon`, but edge by edge for all contacts: the closest point lies on
+    an edge that the centre is outside of.
+
+    Args:
+        corner, num_corners: of the plate, see `Plates`.
     """
-    for s in range(np.uint64(n)):
-        w[s + 12 * BLOCK_SIZE] = _INSIDE_POLYGON
-        w[s + 13 * BLOCK_SIZE] = _ZERO
-        w[s + 14 * BLOCK_SIZE] = _ZERO
-    for e in range(corners):
-        f = e + 1 if e + 1 < corners else 0
-        a, b = np.float32(corner[e, 0]), np.float32(corner[e, 1])
-        ea = np.float32(corner[f, 0] - corner[e, 0])
-        eb = np.float32(corner[f, 1] - corner[e, 1])
-        inverse = _ONE / (ea * ea + eb * eb)
-        for s in range(np.uint64(n)):
-            pa, pb = w[s] - a, w[s + BLOCK_SIZE] - b
-            along = min(max((pa * ea + pb * eb) * inverse, _ZERO), _ONE)
-            da, db = pa - along * ea, pb - along * eb
-            square = da * da + db * db
-            nearer = (ea * pb - eb * pa < _ZERO) & (square < w[s + 12 * BLOCK_SIZE])
-            w[s + 12 * BLOCK_SIZE] = square if nearer else w[s + 12 * BLOCK_SIZE]
-            w[s + 13 * BLOCK_SIZE] = da if nearer else w[s + 13 * BLOCK_SIZE]
-            w[s + 14 * BLOCK_SIZE] = db if nearer else w[s + 14 * BLOCK_SIZE]
+    for s in range(np.uint64(num_slots)):
+        scratch[plate.OUTLINE_DISTANCE2 + s] = _OVER_PLATE
+        scratch[plate.OUTLINE_OFFSET_A + s] = _ZERO
+        scratch[plate.OUTLINE_OFFSET_B + s] = _ZERO
+    for e in range(num_corners):
+        f = e + 1 if e + 1 < num_corners else 0
+        corner_a, corner_b = np.float32(corner[e, 0]), np.float32(corner[e, 1])
+        edge_a = np.float32(corner[f, 0] - corner[e, 0])
+        edge_b = np.float32(corner[f, 1] - corner[e, 1])
+        inverse_length2 = _ONE / (edge_a * edge_a + edge_b * edge_b)
+        for s in range(np.uint64(num_slots)):
+            a = scratch[plate.POSITION_A + s] - corner_a
+            b = scratch[plate.POSITION_B + s] - corner_b
+            fraction = min(max((a * edge_a + b * edge_b) * inverse_length2, _ZERO), _ONE)
+            da, db = a - fraction * edge_a, b - fraction * edge_b
+            distance2 = da * da + db * db
+            is_closer = (edge_a * b - edge_b * a < _ZERO) & (
+                distance2 < scratch[plate.OUTLINE_DISTANCE2 + s]
+            )
+            scratch[plate.OUTLINE_DISTANCE2 + s] = (
+                distance2 if is_closer else scratch[plate.OUTLINE_DISTANCE2 + s]
+            )
+            scratch[plate.OUTLINE_OFFSET_A + s] = (
+                da if is_closer else scratch[plate.OUTLINE_OFFSET_A + s]
+            )
+            scratch[plate.OUTLINE_OFFSET_B + s] = (
+                db if is_closer else scratch[plate.OUTLINE_OFFSET_B + s]
+            )
 
 
 @kernel
-def _evaluate_contacts(n, b, w, contact_params):  # type: ignore[no-untyped-def]
-    """From places and motion to forces, in plate axes.
-
-    Out: force on the particle (0-2), its moment about the centre over the radius (3-5), share of
-    the rolling limit (6).
-    """
-    for s in range(np.uint64(n)):
-        h, r = w[s + 2 * BLOCK_SIZE], b[s + 6 * BLOCK_SIZE]
-        inside = w[s + 12 * BLOCK_SIZE] == _INSIDE_POLYGON
-        above = _ONE if h >= _ZERO else -_ONE
-        side = b[s + 15 * BLOCK_SIZE] if inside else above
-        da, db = w[s + 13 * BLOCK_SIZE], w[s + 14 * BLOCK_SIZE]
-        distance = np.sqrt(da * da + db * db + h * h + _TINY)
+def _evaluate_contacts(num_slots, block, scratch, contact_params):  # type: ignore[no-untyped-def]
+    """Replace position and motion by forces, in plate axes; update springs and sides."""
+    for s in range(np.uint64(num_slots)):
+        h, radius = scratch[plate.POSITION_H + s], block[plate.RADIUS + s]
+        is_over_plate = scratch[plate.OUTLINE_DISTANCE2 + s] == _OVER_PLATE
+        # The side can change only beside the plate.
+        side = block[plate.SIDE + s] if is_over_plate else (_ONE if h >= _ZERO else -_ONE)
+        offset = scratch[plate.OUTLINE_OFFSET_A + s], scratch[plate.OUTLINE_OFFSET_B + s], h
+        distance = np.sqrt(dot(offset, offset) + _TINY)
         inverse = _ONE / distance
-        nx, ny = da * inverse, db * inverse
-        nz = side if inside else h * inverse
-        overlap = r - (h * side if inside else distance)
-        # What holds it to the plate fades over a small gap.
-        cohesion_force = b[s + 11 * BLOCK_SIZE] * min(
-            max(_ONE + overlap / (_ADHESION_RUPTURE_GAP * r), _ZERO), _ONE
+        normal = (
+            offset[0] * inverse,
+            offset[1] * inverse,
+            side if is_over_plate else h * inverse,
+        )
+        overlap = radius - (h * side if is_over_plate else distance)
+        # The adhesion decreases linearly over a small gap.
+        cohesion_force = block[plate.ADHESION_FORCE + s] * min(
+            max(_ONE + overlap / (_ADHESION_RUPTURE_GAP * radius), _ZERO), _ONE
         )
         touches = _ONE if overlap > _ZERO else _ZERO
-        ax, ay, az = w[s + 6 * BLOCK_SIZE], w[s + 7 * BLOCK_SIZE], w[s + 8 * BLOCK_SIZE]
-        # The point that touches is a radius from the centre, and goes round with the spin.
-        normal_force, gx, gy, gz, sx, sy, sz = contact_force(
-            contact_params, b[s + 9 * BLOCK_SIZE], overlap, nx, ny, nz,
-            w[s + 3 * BLOCK_SIZE] - (ay * nz - az * ny),
-            w[s + 4 * BLOCK_SIZE] - (az * nx - ax * nz),
-            w[s + 5 * BLOCK_SIZE] - (ax * ny - ay * nx),
-            b[s + 12 * BLOCK_SIZE], b[s + 13 * BLOCK_SIZE], b[s + 14 * BLOCK_SIZE],
-        )  # fmt: skip
-        b[s + 12 * BLOCK_SIZE] = sx * touches
-        b[s + 13 * BLOCK_SIZE] = sy * touches
-        b[s + 14 * BLOCK_SIZE] = sz * touches
-        b[s + 15 * BLOCK_SIZE] = side
-        fx, fy, fz, tx, ty, tz, normal_force = contact_force_and_moment(
-            b[s + 8 * BLOCK_SIZE] * touches, cohesion_force, normal_force, gx, gy, gz, nx, ny, nz
+        # The contact point lies one radius from the centre and moves with the rotation.
+        contact_velocity = subtract(
+            plate.load(scratch, plate.RELATIVE_VELOCITY, s),
+            cross(plate.load(scratch, plate.SURFACE_VELOCITY, s), normal),
         )
-        w[s], w[s + BLOCK_SIZE], w[s + 2 * BLOCK_SIZE] = fx, fy, fz
-        w[s + 3 * BLOCK_SIZE], w[s + 4 * BLOCK_SIZE], w[s + 5 * BLOCK_SIZE] = tx, ty, tz
-        w[s + 6 * BLOCK_SIZE] = normal_force * b[s + 10 * BLOCK_SIZE]
+        normal_force, friction_force, spring = contact_force(
+            contact_params, block[plate.FRICTION + s], overlap, normal, contact_velocity,
+            plate.load(block, plate.TANGENTIAL_SPRING, s),
+        )  # fmt: skip
+        plate.store(block, plate.TANGENTIAL_SPRING, s, scale(spring, touches))
+        block[plate.SIDE + s] = side
+        force, torque_over_radius, normal_force = contact_force_and_torque(
+            block[plate.MASS + s] * touches, cohesion_force, normal_force, friction_force, normal
+        )
+        plate.store(scratch, plate.FORCE, s, force)
+        plate.store(scratch, plate.TORQUE_OVER_RADIUS, s, torque_over_radius)
+        scratch[plate.ROLLING_LIMIT + s] = normal_force * block[plate.ROLLING_FRICTION + s]
 
 
 @kernel
-def _transform_to_map_axes(n, b, w, axes):  # type: ignore[no-untyped-def]
-    """Forces (0-2) and turning forces (3-5) to map axes; moment about the tool's origin (9-11)."""
-    ux, uy, uz = axes[0], axes[1], axes[2]
-    vx, vy, vz = axes[3], axes[4], axes[5]
-    nx, ny, nz = axes[6], axes[7], axes[8]
-    for s in range(np.uint64(n)):
-        a, c, h = w[s], w[s + BLOCK_SIZE], w[s + 2 * BLOCK_SIZE]
-        fx = a * ux + c * vx + h * nx
-        fy = a * uy + c * vy + h * ny
-        fz = a * uz + c * vz + h * nz
-        w[s], w[s + BLOCK_SIZE], w[s + 2 * BLOCK_SIZE] = fx, fy, fz
-        a, c, h = w[s + 3 * BLOCK_SIZE], w[s + 4 * BLOCK_SIZE], w[s + 5 * BLOCK_SIZE]
-        tx = a * ux + c * vx + h * nx
-        ty = a * uy + c * vy + h * ny
-        tz = a * uz + c * vz + h * nz
-        r, ratio = b[s + 6 * BLOCK_SIZE], b[s + 7 * BLOCK_SIZE]
-        w[s + 3 * BLOCK_SIZE] = tx * ratio
-        w[s + 4 * BLOCK_SIZE] = ty * ratio
-        w[s + 5 * BLOCK_SIZE] = tz * ratio
-        qx, qy, qz = w[s + 9 * BLOCK_SIZE], w[s + 10 * BLOCK_SIZE], w[s + 11 * BLOCK_SIZE]
-        w[s + 9 * BLOCK_SIZE] = qy * fz - qz * fy + r * tx
-        w[s + 10 * BLOCK_SIZE] = qz * fx - qx * fz + r * ty
-        w[s + 11 * BLOCK_SIZE] = qx * fy - qy * fx + r * tz
+def _transform_to_map_axes(num_slots, block, scratch, axes):  # type: ignore[no-untyped-def]
+    """Transform forces and torques from plate axes to map axes; compute the torques on the tool."""
+    for s in range(np.uint64(num_slots)):
+        force = _from_axes(axes, plate.load(scratch, plate.FORCE, s))
+        torque = _from_axes(axes, plate.load(scratch, plate.TORQUE_OVER_RADIUS, s))
+        plate.store(scratch, plate.FORCE, s, force)
+        plate.store(
+            scratch, plate.TORQUE_OVER_RADIUS, s, scale(torque, block[plate.RADIUS_RATIO + s])
+        )
+        arm = plate.load(scratch, plate.CURRENT_LEVER_ARM, s)
+        tool_torque = add(cross(arm, force), scale(torque, block[plate.RADIUS + s]))
+        plate.store(scratch, plate.TOOL_TORQUE, s, tool_torque)

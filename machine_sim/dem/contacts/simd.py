@@ -1,8 +1,18 @@
-"""Vector code for the two loops that the compiler does not vectorise: gather and scatter.
+"""Vectorised gather and scatter between particle records and scratch blocks of contacts.
 
-The contact maths wants each quantity of many contacts side by side; particles are records. Between
-the two, four contacts at a time are transposed in registers. Written as LLVM vectors of 16 floats,
-which the compiler splits where the processor has narrower ones.
+The contact arithmetic needs each quantity of many contacts side by side, while particles are
+records, and the compiler does not vectorise the transposition between the two. Here four contacts
+at a time are transposed in registers. The code is written as LLVM vectors of 16 floats, which the
+compiler splits where the processor has narrower ones.
+
+A record of 16 floats is treated as four *lanes* of four floats. The layouts of `body_records` are
+built in here:
+
+    lane   columns   body record              force sums
+    0      0-3       displacement, -          force, rolling limit
+    1      4-7       velocity, -              torque over radius, -
+    2      8-11      surface velocity, -      -
+    3      12-15     angular velocity, -      limit-weighted angular velocity, -
 """
 
 from __future__ import annotations
@@ -14,126 +24,154 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-__all__ = ["GROUP_SIZE", "gather_relative_motion", "scatter_forces"]
+__all__ = [
+    "FORCE",
+    "GROUP_SIZE",
+    "RELATIVE_DISPLACEMENT",
+    "RELATIVE_VELOCITY",
+    "ROLLING_LIMIT",
+    "SURFACE_VELOCITY_SUM",
+    "TORQUE_OVER_RADIUS",
+    "gather_relative_motion",
+    "scatter_forces",
+]
 
 GROUP_SIZE = 4
 """Contacts that are gathered or scattered together."""
 
-_LANES = 4
-"""Groups of four floats in a record."""
+# Quantities of a scratch block, each a float per slot; vectors take three in a row.
+RELATIVE_DISPLACEMENT, RELATIVE_VELOCITY, SURFACE_VELOCITY_SUM = 0, 3, 6
+"""Quantities that `gather_relative_motion` writes."""
+FORCE, TORQUE_OVER_RADIUS, ROLLING_LIMIT = 0, 3, 6
+"""Quantities that `scatter_forces` reads."""
+
+_NUM_LANES = 4
+_RECORD_SIZE = 4 * _NUM_LANES
 _FLOAT_TYPE = ir.FloatType()
-_FOUR_FLOATS = ir.VectorType(_FLOAT_TYPE, 4)
-_RECORD_TYPE = ir.VectorType(_FLOAT_TYPE, 16)
+_LANE_TYPE = ir.VectorType(_FLOAT_TYPE, 4)
+_RECORD_TYPE = ir.VectorType(_FLOAT_TYPE, _RECORD_SIZE)
 _INDEX_TYPE = ir.IntType(32)
 _FUSE = ("contract",)
+"""The products may be fused with the sums, here and nowhere else."""
 
 
 @intrinsic
-def gather_relative_motion(typing, body, first, second, at, scratch, stride, slot):  # type: ignore[no-untyped-def]
-    """Motion of four contacts' second particles relative to their first, by quantity.
+def gather_relative_motion(typing, body, first, second, contact, scratch, stride, slot):  # type: ignore[no-untyped-def]
+    """Write the motion of the second bodies of four contacts relative to the first ones.
+
+    Quantity q is written to `scratch[q * stride + slot]` and the three elements after it.
 
     Args:
-        body: records, shape (n, 16): displacement, -, velocity, -, surface speed, -, and others.
-        first, second: rows of the contacts.
-        at: the first of four contacts.
-        scratch: out; component c of quantity q goes to `(3 q + c) * stride + slot` and the three
-            places behind it. Of surface speed, which turning gives, it is the sum of both.
-        stride, slot: see there.
+        body: body records, shape (n, 16), float32.
+        first, second: rows of the bodies of each contact, uint32.
+        contact: number of the first of the four contacts.
+        scratch: out, relative displacement and velocity, and the sum of the surface velocities.
+        stride: distance between quantities in `scratch`.
+        slot: position of the first contact in `scratch`.
     """
-    signature = types.void(body, first, second, at, scratch, stride, slot)
+    signature = types.void(body, first, second, contact, scratch, stride, slot)
 
     def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        array = _arrays(context, builder, signature, values)
-        at, out = values[3], _quantity_pointer(builder, array(4), values[5], values[6])
-        # The first's share is taken off, and in the third lane added.
+        array = _array_data(context, builder, signature, values)
+        contact, out = values[3], _quantity_pointer(builder, array(4), values[5], values[6])
+        # The motion of the first body is subtracted, its surface velocity (lane 2) added.
         sign = _constant([-1.0] * 8 + [1.0] * 4 + [0.0] * 4)
         rows = []
         for k in range(GROUP_SIZE):
-            i = _record_pointer(builder, array(0), _load_row(builder, array(1), at, k))
-            j = _record_pointer(builder, array(0), _load_row(builder, array(2), at, k))
+            i = _record_pointer(builder, array(0), _load_row(builder, array(1), contact, k))
+            j = _record_pointer(builder, array(0), _load_row(builder, array(2), contact, k))
             rows.append(_multiply_add(builder, _load(builder, i), sign, _load(builder, j)))
+        quantities = (RELATIVE_DISPLACEMENT, RELATIVE_VELOCITY, SURFACE_VELOCITY_SUM)
         for component, column in enumerate(_transpose_lanes(builder, rows)[:3]):
-            for lane in range(3):
-                _store(builder, _lane(builder, column, lane), out(3 * lane + component))
+            for lane, quantity in enumerate(quantities):
+                _store(builder, _lane(builder, column, lane), out(quantity + component))
         return context.get_dummy_value()
 
     return signature, generate
 
 
 @intrinsic
-def scatter_forces(typing, body, force_sums, first, second, at, scratch, stride, slot):  # type: ignore[no-untyped-def]
-    """Add the forces of four contacts to the sums of their particles, one contact after another.
+def scatter_forces(typing, body, force_sums, first, second, contact, scratch, stride, slot):  # type: ignore[no-untyped-def]
+    """Add the forces of four contacts to the sums of their bodies, one contact after another.
+
+    The force acts on the second body and its opposite on the first; torque over radius and rolling
+    limit act on both. Each body's limit-weighted angular velocity grows by the rolling limit times
+    the angular velocity of the other.
 
     Args:
-        body: records, shape (n, 16), with the spin in the last lane.
-        total: sums, shape (n, 16): force, limit, turning force, -, -, and in the last lane the
-            spin of the others times the limit.
-        first, second: rows of the contacts.
-        at: the first of four contacts.
-        scratch: force on the second (quantities 0-2), turning force on both (3-5), limit (6), at
-            `q * stride + slot` and the three places behind it.
-        stride, slot: see there.
+        body: body records, shape (n, 16), float32.
+        force_sums: updated, shape (n, 16), float32.
+        first, second: rows of the bodies of each contact, uint32.
+        contact: number of the first of the four contacts.
+        scratch: force, torque over radius and rolling limit; quantity q is read from
+            `scratch[q * stride + slot]` and the three elements after it.
+        stride: distance between quantities in `scratch`.
+        slot: position of the first contact in `scratch`.
     """
-    signature = types.void(body, force_sums, first, second, at, scratch, stride, slot)
+    signature = types.void(body, force_sums, first, second, contact, scratch, stride, slot)
 
     def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        array = _arrays(context, builder, signature, values)
-        at, source = values[4], _quantity_pointer(builder, array(5), values[6], values[7])
-        force = [builder.load(builder.bitcast(source(q), _FOUR_FLOATS.as_pointer()), align=4)
-                 for q in range(7)]  # fmt: skip
-        none = ir.Constant(_FOUR_FLOATS, [0.0] * 4)
-        limit = force[6]
-        columns = [
-            _concatenate_lanes(builder, force[c], force[3 + c], none, limit) for c in range(3)
-        ]
-        columns.append(_concatenate_lanes(builder, limit, none, none, none))
+        array = _array_data(context, builder, signature, values)
+        contact, source = values[4], _quantity_pointer(builder, array(5), values[6], values[7])
+
+        def four_floats(quantity: int) -> Any:
+            pointer = builder.bitcast(source(quantity), _LANE_TYPE.as_pointer())
+            return builder.load(pointer, align=4)
+
+        force = [four_floats(FORCE + component) for component in range(3)]
+        torque = [four_floats(TORQUE_OVER_RADIUS + component) for component in range(3)]
+        limit = four_floats(ROLLING_LIMIT)
+        zeros = ir.Constant(_LANE_TYPE, [0.0] * 4)
+        columns = [_concatenate_lanes(builder, force[c], torque[c], zeros, limit) for c in range(3)]
+        columns.append(_concatenate_lanes(builder, limit, zeros, zeros, zeros))
         angular_velocity = _blend_mask(range(12, 16))
         ones, signs = _constant([1.0] * 16), _constant([-1.0] * 3 + [1.0] * 13)
         for k, row in enumerate(_transpose_lanes(builder, columns)):
-            i, j = (_load_row(builder, array(n), at, k) for n in (2, 3))
+            i, j = (_load_row(builder, array(n), contact, k) for n in (2, 3))
             for own, other, sign in ((i, j, signs), (j, i, ones)):
                 record = _load(builder, _record_pointer(builder, array(0), other))
-                share = builder.shuffle_vector(sign, record, angular_velocity)
-                place = _record_pointer(builder, array(1), own)
-                _store(builder, _multiply_add(builder, row, share, _load(builder, place)), place)
+                factor = builder.shuffle_vector(sign, record, angular_velocity)
+                sums = _record_pointer(builder, array(1), own)
+                _store(builder, _multiply_add(builder, row, factor, _load(builder, sums)), sums)
         return context.get_dummy_value()
 
     return signature, generate
 
 
-def _arrays(context: Any, builder: Any, signature: Any, values: Any) -> Callable[[int], Any]:
-    """Data pointer of an argument that is an array."""
+def _array_data(context: Any, builder: Any, signature: Any, values: Any) -> Callable[[int], Any]:
+    """Return a function from the number of an array argument to its data pointer."""
     return lambda n: context.make_array(signature.args[n])(context, builder, values[n]).data
 
 
 def _quantity_pointer(builder: Any, data: Any, stride: Any, slot: Any) -> Callable[[int], Any]:
-    """Pointer to a slot of quantity q."""
+    """Return a function from a quantity q to the pointer to `data[q * stride + slot]`."""
     return lambda q: builder.gep(
         data, [builder.add(builder.mul(ir.Constant(stride.type, q), stride), slot)]
     )
 
 
-def _load_row(builder: Any, rows: Any, at: Any, k: int) -> Any:
-    place = builder.gep(rows, [builder.add(at, ir.Constant(at.type, k))])
-    return builder.zext(builder.load(place), ir.IntType(64))
+def _load_row(builder: Any, rows: Any, contact: Any, k: int) -> Any:
+    """Load `rows[contact + k]` as a 64-bit integer."""
+    pointer = builder.gep(rows, [builder.add(contact, ir.Constant(contact.type, k))])
+    return builder.zext(builder.load(pointer), ir.IntType(64))
 
 
 def _record_pointer(builder: Any, data: Any, row: Any) -> Any:
-    """Pointer to a record."""
-    place = builder.gep(data, [builder.mul(row, ir.Constant(row.type, 4 * _LANES))])
-    return builder.bitcast(place, _RECORD_TYPE.as_pointer())
+    """Return the pointer to the record of a row."""
+    pointer = builder.gep(data, [builder.mul(row, ir.Constant(row.type, _RECORD_SIZE))])
+    return builder.bitcast(pointer, _RECORD_TYPE.as_pointer())
 
 
-def _load(builder: Any, place: Any) -> Any:
-    return builder.load(place, align=4)
+def _load(builder: Any, pointer: Any) -> Any:
+    return builder.load(pointer, align=4)
 
 
-def _store(builder: Any, value: Any, place: Any) -> None:
-    builder.store(value, builder.bitcast(place, value.type.as_pointer()), align=4)
+def _store(builder: Any, value: Any, pointer: Any) -> None:
+    builder.store(value, builder.bitcast(pointer, value.type.as_pointer()), align=4)
 
 
 def _multiply_add(builder: Any, a: Any, b: Any, c: Any) -> Any:
-    """a b + c."""
+    """Return a b + c."""
     return builder.fadd(builder.fmul(a, b, flags=_FUSE), c, flags=_FUSE)
 
 
@@ -142,38 +180,39 @@ def _constant(values: Sequence[float]) -> Any:
 
 
 def _blend_mask(second: range) -> Any:
-    """Shuffle that takes the floats numbered in `second` from its second vector."""
-    return _shuffle([n + 16 * (n in second) for n in range(16)])
+    """Return a shuffle mask that takes the elements numbered in `second` from the second vector."""
+    return _shuffle_mask([n + 16 * (n in second) for n in range(16)])
 
 
-def _shuffle(numbers: Sequence[int]) -> Any:
+def _shuffle_mask(numbers: Sequence[int]) -> Any:
     return ir.Constant(ir.VectorType(_INDEX_TYPE, len(numbers)), list(numbers))
 
 
 def _lane(builder: Any, vector: Any, lane: int) -> Any:
-    return builder.shuffle_vector(vector, vector, _shuffle(range(4 * lane, 4 * lane + 4)))
+    """Return a lane of a record."""
+    return builder.shuffle_vector(vector, vector, _shuffle_mask(range(4 * lane, 4 * lane + 4)))
 
 
 def _concatenate_lanes(builder: Any, *lanes: Any) -> Any:
-    """One vector of 16 from four of 4."""
-    low, high = (builder.shuffle_vector(*lanes[n : n + 2], _shuffle(range(8))) for n in (0, 2))
-    return builder.shuffle_vector(low, high, _shuffle(range(16)))
+    """Return a vector of 16 floats from four lanes."""
+    low, high = (builder.shuffle_vector(*lanes[n : n + 2], _shuffle_mask(range(8))) for n in (0, 2))
+    return builder.shuffle_vector(low, high, _shuffle_mask(range(16)))
 
 
 def _transpose_lanes(builder: Any, rows: Sequence[Any]) -> list[Any]:
-    """Four vectors of four lanes: the 4 x 4 floats of each lane transposed."""
+    """Transpose, in each lane of four records, the 4 x 4 floats."""
 
-    def in_lanes(a: Any, b: Any, pattern: Sequence[int]) -> Any:
-        numbers = [4 * lane + n % 4 + 16 * (n // 4) for lane in range(_LANES) for n in pattern]
-        return builder.shuffle_vector(a, b, _shuffle(numbers))
+    def shuffle_in_lanes(a: Any, b: Any, pattern: Sequence[int]) -> Any:
+        numbers = [4 * lane + n % 4 + 16 * (n // 4) for lane in range(_NUM_LANES) for n in pattern]
+        return builder.shuffle_vector(a, b, _shuffle_mask(numbers))
 
     low, high = (0, 4, 1, 5), (2, 6, 3, 7)
-    ab_low, cd_low = in_lanes(rows[0], rows[1], low), in_lanes(rows[2], rows[3], low)
-    ab_high, cd_high = in_lanes(rows[0], rows[1], high), in_lanes(rows[2], rows[3], high)
+    ab_low, ab_high = (shuffle_in_lanes(rows[0], rows[1], half) for half in (low, high))
+    cd_low, cd_high = (shuffle_in_lanes(rows[2], rows[3], half) for half in (low, high))
     front, back = (0, 1, 4, 5), (2, 3, 6, 7)
     return [
-        in_lanes(ab_low, cd_low, front),
-        in_lanes(ab_low, cd_low, back),
-        in_lanes(ab_high, cd_high, front),
-        in_lanes(ab_high, cd_high, back),
+        shuffle_in_lanes(ab_low, cd_low, front),
+        shuffle_in_lanes(ab_low, cd_low, back),
+        shuffle_in_lanes(ab_high, cd_high, front),
+        shuffle_in_lanes(ab_high, cd_high, back),
     ]

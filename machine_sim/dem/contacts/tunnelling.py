@@ -1,4 +1,4 @@
-"""Who went through a plate within a step: what a simulation must never do, counted."""
+"""Count of particles that passed through a plate within a step, which must never happen."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from machine_sim.dem.contacts.plate_contact_list import SEARCH_RADIUS_FACTOR, PlateContactTable
 from machine_sim.dem.state import ParticleState
 from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
-from machine_sim.dem.tools.pose import to_tool_frame
-from machine_sim.dem.tools.tool_set import ToolSet
+from machine_sim.dem.tools.pose import ORIGIN, XX, to_tool_frame
+from machine_sim.dem.tools.tool_set import SPHERE_CENTRE, SPHERE_RADIUS, ToolSet
+from machine_sim.dem.vec3 import dot, load_row, subtract
 from msg_bridge.kernels import kernel
 
 __all__ = ["count_tunnelled"]
@@ -22,95 +23,123 @@ def count_tunnelled(
     tools: ToolSet,
     before: NDArray[np.float64],
 ) -> int:
-    """How many of `rows` went through a plate in this step, in the frame of the moving tool.
+    """Return how many particles passed through a plate in this step, relative to the moving tool.
 
     Args:
-        table: their contacts.
-        store: the particles.
-        rows: who moved.
-        tools: what may have been gone through.
-        before: their centres at the start of the step [m], map frame, shape (rows, 3).
+        table: the plate contacts of the step.
+        state: the particles at the end of the step.
+        rows: rows of the particles moved by forces.
+        tools: the tools.
+        before: centres of these particles at the start of the step [m], map frame, shape (rows, 3).
     """
     return int(
         _count_tunnelled(
-            rows, before, state.position, state.radius,
-            tools.plates, tools.tool_of_plate, tools.first_plate, tools.sphere,
-            tools.path[0], tools.path[-1], table.plate, table.side, table.begin, table.end,
+            rows, before, state.position, state.radius, tools.plates, tools.tool_of_plate,
+            tools.first_plate, tools.sphere, tools.path, table.arrays,
         )
     )  # fmt: skip
 
 
 @kernel
 def _count_tunnelled(  # type: ignore[no-untyped-def]
-    rows, before, after, radius, plates, tool_of_plate, first, sphere, start, last,
-    contact_plate, contact_side, begin, end,
-):  # fmt: skip
-    """How many paths, seen from a tool, pierce a plate.
+    rows, before, after, radius, plates, tool_of_plate, first_plate, sphere, path, contacts
+):
+    """Count the particles whose path in the frame of a tool pierces one of its plates.
 
-    A centre that comes back to the side its contact remembers is not counted again.
+    A centre that returns to the side that its contact remembers is not counted again.
+
+    Args:
+        before: centres at the start of the step [m], shape (rows, 3).
+        after, radius: columns of `ParticleState` at the end of the step.
+        plates, tool_of_plate, first_plate, sphere, path: see `ToolSet`.
+        contacts: `PlateContactArrays`.
     """
-    max_displacement = np.empty(start.shape[0])
-    for t in range(max_displacement.size):
-        max_displacement[t] = _max_tool_displacement(start[t], last[t], sphere[t])
+    start, end = path[0], path[path.shape[0] - 1]
+    tool_displacement = np.empty(start.shape[0])
+    for t in range(start.shape[0]):
+        tool_displacement[t] = _max_tool_displacement(start[t], end[t], sphere[t])
     count = 0
     for n in range(rows.size):
         i = rows[n]
-        dx, dy, dz = (
-            after[i, 0] - before[n, 0],
-            after[i, 1] - before[n, 1],
-            after[i, 2] - before[n, 2],
-        )
-        own = np.sqrt(dx * dx + dy * dy + dz * dz)
-        through = False
-        for t in range(max_displacement.size):
-            if begin[i] == end[i] and own + max_displacement[t] <= SEARCH_RADIUS_FACTOR * radius[i]:
-                # No plate was within reach, and none has come nearer than that: a tool turns by
-                # less than a right angle in a step.
+        displacement = subtract(load_row(after, i, 0), load_row(before, n, 0))
+        own_displacement = np.sqrt(dot(displacement, displacement))
+        tunnelled = False
+        for t in range(start.shape[0]):
+            # Plates within this distance of the particle are in the contact table.
+            listed_distance = SEARCH_RADIUS_FACTOR * radius[i]
+            has_contacts = contacts.begin[i] < contacts.end[i]
+            if not has_contacts and own_displacement + tool_displacement[t] <= listed_distance:
+                # No plate was within that distance, and none has come nearer by more than it: a
+                # tool turns by less than a right angle in a step.
                 continue
             x0, y0, z0 = to_tool_frame(start[t], before[n, 0], before[n, 1], before[n, 2])
-            x1, y1, z1 = to_tool_frame(last[t], after[i, 0], after[i, 1], after[i, 2])
+            x1, y1, z1 = to_tool_frame(end[t], after[i, 0], after[i, 1], after[i, 2])
+            segment = (x0, y0, z0), (x1, y1, z1)
             length = np.sqrt((x1 - x0) ** 2 + (y1 - y0) ** 2 + (z1 - z0) ** 2)
-            cx, cy, cz = x1 - sphere[t, 0], y1 - sphere[t, 1], z1 - sphere[t, 2]
-            if cx * cx + cy * cy + cz * cz > (sphere[t, 3] + length) ** 2:
+            sx, sy, sz = load_row(sphere, t, SPHERE_CENTRE)
+            cx, cy, cz = x1 - sx, y1 - sy, z1 - sz
+            if cx * cx + cy * cy + cz * cz > (sphere[t, SPHERE_RADIUS] + length) ** 2:
                 continue
-            if length <= SEARCH_RADIUS_FACTOR * radius[i]:
-                # No plate is within reach but those it has a contact with.
-                for m in range(begin[i], end[i]):
-                    k = contact_plate[m]
-                    if tool_of_plate[k] == t and _crosses_plate(
-                        plates, k, x0, y0, z0, x1, y1, z1, contact_side[m]
-                    ):
-                        through = True
+            if length <= listed_distance:
+                tunnelled |= _crosses_contact_plate(plates, tool_of_plate, t, segment, contacts, i)
                 continue
-            for k in range(first[t], first[t + 1]):
-                side = np.float32(0.0)
-                for m in range(begin[i], end[i]):
-                    if contact_plate[m] == k:
-                        side = contact_side[m]
-                if _crosses_plate(plates, k, x0, y0, z0, x1, y1, z1, side):
-                    through = True
-        count += through
+            for k in range(first_plate[t], first_plate[t + 1]):
+                tunnelled |= _crosses_plate(plates, k, segment, _contact_side(contacts, i, k))
+        count += tunnelled
     return count
 
 
 @kernel
 def _max_tool_displacement(start, end, sphere):  # type: ignore[no-untyped-def]
-    """How far a point of a tool has come at most [m]: its middle's way, and the turn about it."""
-    way, turn = 0.0, 0.0
+    """Return an upper bound of the displacement of any point of a tool [m].
+
+    It is the displacement of the centre of the bounding sphere, plus the radius times the Frobenius
+    norm of the change of the rotation: no vector changes by more than its length times that norm.
+
+    Args:
+        start, end: packed poses.
+        sphere: bounding sphere of the tool, see `ToolSet`.
+    """
+    centre_displacement2, rotation_change2 = 0.0, 0.0
     for c in range(3):
-        middle = end[9 + c] - start[9 + c]
+        centre = end[ORIGIN + c] - start[ORIGIN + c]
         for k in range(3):
-            change = end[3 * c + k] - start[3 * c + k]
-            middle += change * sphere[k]
-            turn += change * change
-        way += middle * middle
-    # No vector is changed by more than its length times the Frobenius norm of the change.
-    return np.sqrt(way) + np.sqrt(turn) * sphere[3]
+            change = end[XX + 3 * c + k] - start[XX + 3 * c + k]
+            centre += change * sphere[SPHERE_CENTRE + k]
+            rotation_change2 += change * change
+        centre_displacement2 += centre * centre
+    return np.sqrt(centre_displacement2) + np.sqrt(rotation_change2) * sphere[SPHERE_RADIUS]
 
 
 @kernel
-def _crosses_plate(plates, k, x0, y0, z0, x1, y1, z1, side):  # type: ignore[no-untyped-def]
-    """Whether a path pierces plate `k` and ends on the other side than `side`, 0 for any."""
+def _crosses_contact_plate(plates, tool_of_plate, t, segment, contacts, i):  # type: ignore[no-untyped-def]
+    """Return whether a segment pierces a plate of tool `t` that row `i` has a contact with."""
+    for m in range(contacts.begin[i], contacts.end[i]):
+        k = contacts.plate[m]
+        if tool_of_plate[k] == t and _crosses_plate(plates, k, segment, contacts.side[m]):
+            return True
+    return False
+
+
+@kernel
+def _contact_side(contacts, i, k):  # type: ignore[no-untyped-def]
+    """Return the side of plate `k` that the contact of row `i` remembers, 0 without a contact."""
+    side = np.float32(0.0)
+    for m in range(contacts.begin[i], contacts.end[i]):
+        if contacts.plate[m] == k:
+            side = contacts.side[m]
+    return side
+
+
+@kernel
+def _crosses_plate(plates, k, segment, side):  # type: ignore[no-untyped-def]
+    """Return whether a segment pierces plate `k` and ends on the side opposite to `side`.
+
+    Args:
+        segment: first and last point [m], tool frame.
+        side: +1 or -1; 0 for the side on which the segment begins.
+    """
+    (x0, y0, z0), (x1, y1, z1) = segment
     a0, b0, h0 = plate_coordinates(plates, k, x0, y0, z0)
     a1, b1, h1 = plate_coordinates(plates, k, x1, y1, z1)
     if (h0 >= 0.0) == (h1 >= 0.0):

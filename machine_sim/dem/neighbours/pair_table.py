@@ -1,20 +1,34 @@
-"""The table of near pairs: what `neighbours` fills and `contacts` reads."""
+"""The table of neighbouring pairs, which `verlet_list` fills and `contacts` reads."""
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
-__all__ = ["PairTable"]
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["PairArrays", "PairTable"]
+
+
+class PairArrays(NamedTuple):
+    """Arrays of a `PairTable` for kernels; see there."""
+
+    first: NDArray[np.uint32]
+    second: NDArray[np.uint32]
+    contact_flag: NDArray[np.uint8]
+    spring: NDArray[np.float32]
 
 
 class PairTable:
     """Listed pairs and their contact history.
 
     Attributes:
-        first, second: rows of each pair, uint32.
-        touching, spring: history, see `forces.pair_forces`.
-        begin, end: pairs of each row that is `first`, shape (n,).
-        bounds: of its parts, see `parts.partition_pairs`.
+        first, second: rows of the particles of each pair, uint32, shape (capacity,).
+        contact_flag: 1 for a pair in contact, whose `spring` is valid; `pair_search.BOTH_ASLEEP`
+            for one that is no longer listed; else 0; uint8, shape (capacity,).
+        spring: elongation of the tangential spring, map axes [m], float32, shape (capacity, 3).
+        begin, end: range of the pairs whose `first` is a given row, int64, shape (rows,).
+        bounds: first pair of each part of the list and the end, see `partition.partition_pairs`.
         count: number of pairs.
     """
 
@@ -29,6 +43,11 @@ class PairTable:
         self.count = 0
 
     @property
+    def arrays(self) -> PairArrays:
+        """Arrays of the pairs, for kernels."""
+        return PairArrays(self.first, self.second, self.contact_flag, self.spring)
+
+    @property
     def is_partitioned(self) -> bool:
-        """Whether there is more than one region for several threads to work in."""
+        """Whether the list has more than one region for several threads to work in."""
         return len(self.bounds) > 2

@@ -8,15 +8,16 @@ from numpy.typing import NDArray
 from support.particle_scenes import LITRE, STEP, engine
 
 from machine_sim.dem import ParticleEngine, Plates
-from machine_sim.dem.contacts.contact_law import contact_law
+from machine_sim.dem.body_records import BODY_RECORD_SIZE, FORCE_RECORD_SIZE, load_body_records
+from machine_sim.dem.contacts.contact_law import contact_parameters
+from machine_sim.dem.contacts.plate_block import BLOCK_SIZE
 from machine_sim.dem.contacts.plate_contact_list import SEARCH_RADIUS_FACTOR, PlateContactList
-from machine_sim.dem.contacts.plate_contacts import BLOCK_SIZE, PlateContacts
+from machine_sim.dem.contacts.plate_contacts import PlateContacts
 from machine_sim.dem.contacts.plate_forces import plate_forces
 from machine_sim.dem.contacts.tunnelling import count_tunnelled
-from machine_sim.dem.integrate import BODY_RECORD_SIZE, FORCE_RECORD_SIZE, load_body_records
 from machine_sim.dem.lifecycle.landing import distance_to_plates
 
-LAW = contact_law(0.00125, 6.0, 0.3)
+LAW = contact_parameters(0.00125, 6.0, 0.3)
 ADHESION_RUPTURE_GAP = 0.06
 
 
