@@ -1,12 +1,12 @@
-"""What it costs to run as nodes: lockstep speed, late ticks in real time, latency, recording.
+"""Measure a run with ROS nodes: lockstep speed, late ticks in real time, latency, recording.
 
-    python benchmarks/node_performance.py              # all of it: about 3 minutes
-    python benchmarks/node_performance.py --runs 1     # quicker, less sure
+    python benchmarks/node_performance.py              # everything, about 3 minutes
+    python benchmarks/node_performance.py --runs 1     # quicker, less certain
 
-Lockstep: a dig cycle as nodes over DDS (soil, machine, operator, recorder) beside the same cycle in
-one process. Real time: the same cycle by the wall clock; ticks that were late while the bucket held
-soil. Latency: from publishing a command to hearing of the tick that it takes effect in. It is all
-recorded: the recorder's share of a core, and what it missed, are told, too.
+Lockstep: a dig cycle with nodes over DDS (soil, machine, operator, recorder), compared with the same
+cycle in one process. Real time: the same cycle by the wall clock, with the ticks that were late while
+the bucket held soil. Latency: from publishing a command to receiving the tick in which it takes
+effect. Everything is recorded; the CPU share of the recorder and its lost messages are printed.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def in_process() -> float:
 
 
 def lockstep() -> float:
-    """The same as nodes, recorded."""
+    """The same with ROS nodes, recorded."""
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder, "bag")
         run_multi_process_dig(CONFIG, jacksboro_site(), Path(folder), bag)
@@ -132,21 +132,21 @@ def latency(count: int = 300) -> list[float]:
         RunningNodes(Path(folder), operator=False) as watched,
     ):
         node, rng = watched.node, np.random.default_rng(0)
-        heard: list[tuple[float, float]] = []
+        received: list[tuple[float, float]] = []
 
         def take(msg: JointState) -> None:
-            heard.append((time.monotonic(), msg.velocity[0]))
+            received.append((time.monotonic(), msg.velocity[0]))
 
         node.create_subscription(JointState, "/excavator/applied_commands", take, qos.STATE)
         commands = node.create_publisher(JointState, "/excavator/joint_commands", qos.STATE)
-        watched.spin_until(lambda: len(heard) > 100, 60.0)
+        watched.spin_until(lambda: len(received) > 100, 60.0)
         for number in range(count):
             time.sleep(float(rng.uniform(0.0, 0.02)))
             wanted = 1e-3 + 1e-6 * number  # told apart by its value
             sent = time.monotonic()
             commands.publish(JointState(name=["swing"], velocity=[wanted]))
-            watched.spin_until(lambda: bool(heard) and heard[-1][1] == wanted, 5.0)  # noqa: B023
-            waits.append(heard[-1][0] - sent)
+            watched.spin_until(lambda: bool(received) and received[-1][1] == wanted, 5.0)  # noqa: B023
+            waits.append(received[-1][0] - sent)
     return waits
 
 

@@ -53,7 +53,7 @@ from machine_sim.reference_cubes import CubeEngine
 COUNTS = (100, 200, 400, 1000, 5000, 10_000, 20_000, 40_000, 100_000)
 KINDS = ("falling", "settled", "asleep", "moving bucket")
 PEERS = {"LIGGGHTS": 40_000, "cubes": 1000}
-"""Who is measured beside the particles, up to how many: those that can be waited for."""
+"""Peers measured beside ours, and the largest number of particles that is feasible for each."""
 MIN_PARTICLES_TIMED = 1000
 """Particles that need to fall once only."""
 MAX_FALLS = 5

@@ -62,7 +62,7 @@ BUCKET = ((0.0, 0.0), (-0.4, 0.0), (-0.7, 0.1), (-0.9, 0.3), (-1.0, 0.5), (-1.0,
 
 
 def landings(x: float, y: float, volumes: NDArray[np.integer], moisture: int) -> Rows:
-    """LANDED rows at one place [m], of volumes [mm^3] at a moisture [%]."""
+    """Return DEPOSIT_REQUEST rows at one position [m] with volumes [mm^3] and a moisture [%]."""
     rows = empty_rows(DEPOSIT_REQUEST, volumes.size)
     rows["x"], rows["y"], rows["volume_mm3"] = x, y, volumes
     rows["moisture"], rows["machine_id"] = moisture, 1

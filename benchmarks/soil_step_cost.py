@@ -130,7 +130,7 @@ def baseline_soil(grid: Grid, heights: NDArray[np.float64]) -> ReferenceSoil:
 def landings(count: int, target: str) -> list[Line]:
     """`count` pieces land on one spot in each tick of 5 ms, for a second, then all comes to rest.
 
-    Our soil may leave some of the slip of a tick to later ones; what that takes is told, too.
+    Our soil may defer some relaxation to later ticks; the time of these is reported as well.
     """
     grid = Grid(257, 257, 0.4)
     soil = Soil(grid, np.zeros(grid.shape), PARAMS)

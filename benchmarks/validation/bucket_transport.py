@@ -198,18 +198,18 @@ class _Scene:
             yield
 
     def _inside(self) -> NDArray[np.bool_]:
-        """Who is in the bucket or in the heap on it."""
+        """Return a mask of the particles in the bucket or in the heap on it."""
         x, y, z = self._engine.positions_in_tool_frame(_BUCKET).T
         depth, length = -self._profile[:, 1].min(), self._shape.opening_length
         wide = np.abs(y) <= 0.5 * self._shape.width
         return np.asarray(wide & (x > -length) & (x < 0.0) & (z > -depth) & (z < 0.5 * length))
 
     def count_inside(self) -> int:
-        """How many are in the bucket or in the heap on it."""
+        """Return the number of particles in the bucket or in the heap on it."""
         return int(self._inside().sum())
 
     def remove_outside(self) -> int:
-        """Take away all that is not in it; returns how many are."""
+        """Remove all particles outside of it and return the number of those left."""
         self._engine.remove(self._engine.ids[~self._inside()])
         return self._engine.count
 

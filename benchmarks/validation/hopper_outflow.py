@@ -73,9 +73,9 @@ class Flow:
         opening: diameter of the hole, in particle diameters.
         rate: particles per second.
         error: of the rate, over the rate: standard error of the means of its parts.
-        law: rate that Beverloo's law tells, with C = 0.58 and k = 1.4.
-        particles: how many were in the bin, which is kept full.
-        tunnelled: how many went through a plate.
+        law: rate by Beverloo's law with C = 0.58 and k = 1.4.
+        particles: number of particles in the bin, which is kept full.
+        tunnelled: number of particles that passed through a plate.
     """
 
     opening: float

@@ -75,7 +75,7 @@ class RawSubscriptions:
         )
 
     def resubscribe(self, topic: str, publishers: Sequence[TopicEndpointInfo]) -> None:
-        """Subscribe anew with the QoS that all publishers offer; queued messages are lost."""
+        """Subscribe again with the QoS that all publishers offer; queued messages are lost."""
         entry = self._subscriptions[topic]
         self._node.destroy_subscription(entry.subscription)
         self._subscriptions[topic] = self._subscribe(topic, entry.message_class, publishers)

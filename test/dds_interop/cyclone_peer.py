@@ -176,7 +176,7 @@ class Peer:
     # What it does, in order.
 
     def listen(self):
-        """Everything that is told is heard, the map too, which was published before."""
+        """Everything that is told is received, the map too, which was published before."""
         enough = {"clock": 10, "soil/ledger": 10, f"{MACHINE}/joint_states": 5}
         for name in self.seen:
             needed = enough.get(name, 1)
@@ -287,7 +287,7 @@ def main():
         peer.finish()
     except NotSeenError as error:
         counts = {name: len(messages) for name, messages in peer.seen.items()}
-        print(f"waited {DEADLINE:g} s in vain for {error}; heard {counts}\nand saw {peer.report}")
+        print(f"waited {DEADLINE:g} s in vain for {error}; received {counts}\nand saw {peer.report}")
         return 1
     print("REPORT", json.dumps(peer.report), flush=True)
     signal.sigwait({signal.SIGINT})

@@ -93,7 +93,7 @@ def check_ledger(report, terrain_mm3: int) -> None:
     assert list(ledger) == ["kind", "run_id", "tick", *accounts, "start", *stamp, "imbalance"]
     assert ledger["terrain"] == terrain_mm3
     assert sum(ledger[account] for account in accounts) == ledger["start"]
-    assert report["imbalances"] == [0]  # in every ledger heard
+    assert report["imbalances"] == [0]  # in every ledger received
     ticks = report["ledger_ticks"]
     assert ledger["tick"] > ticks[0] >= 0
     assert ticks == sorted(ticks)

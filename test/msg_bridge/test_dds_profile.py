@@ -97,9 +97,9 @@ class Party:
 
     def listen(self, of: type, topic: str, profile: Any) -> list[Any]:
         """A list that messages are added to as they come."""
-        heard: list[Any] = []
-        self.node.create_subscription(of, topic, heard.append, profile)
-        return heard
+        received: list[Any] = []
+        self.node.create_subscription(of, topic, received.append, profile)
+        return received
 
     def close(self) -> None:
         self._executor.shutdown()
@@ -131,13 +131,13 @@ def test_rows_cross(parties: tuple[Party, Party]) -> None:
     clouds = [
         to_chunk_cloud(c, "map", STAMP) for c in split_into_chunks(3, Stream.CONVERSION, rows)
     ]
-    heard = receiver.listen(PointCloud2, "conversions", qos.ROWS)
+    received = receiver.listen(PointCloud2, "conversions", qos.ROWS)
     send(sender, "conversions", clouds, qos.ROWS)
-    receiver.spin_until(lambda: len(heard) == len(clouds))
-    chunks = [from_chunk_cloud(msg, Stream.CONVERSION) for msg in heard]
+    receiver.spin_until(lambda: len(received) == len(clouds))
+    chunks = [from_chunk_cloud(msg, Stream.CONVERSION) for msg in received]
     assert np.concatenate([chunk.rows for chunk in chunks]).tobytes() == rows.tobytes()
     assert {chunk.run_id for chunk in chunks} == {3}
-    assert {msg.header.frame_id for msg in heard} == {"map"}
+    assert {msg.header.frame_id for msg in received} == {"map"}
 
 
 def test_one_topic_carries_headers_requests_and_ledger(parties: tuple[Party, Party]) -> None:
@@ -149,19 +149,19 @@ def test_one_topic_carries_headers_requests_and_ledger(parties: tuple[Party, Par
         RetransmitRequest(1, 2, 3, Stream.DEPOSIT_REQUEST, 7, 8),
         Ledger(1, 4, 10, -20, 30, 40, 50, 60, 170),
     ]
-    heard = receiver.listen(Int64MultiArray, "tick", qos.ROWS)
+    received = receiver.listen(Int64MultiArray, "tick", qos.ROWS)
     send(sender, "tick", [to_multi_array(word) for word in words], qos.ROWS)
-    receiver.spin_until(lambda: len(heard) == len(words))
-    assert [from_multi_array(msg) for msg in heard] == words
+    receiver.spin_until(lambda: len(received) == len(words))
+    assert [from_multi_array(msg) for msg in received] == words
 
 
 def test_refusal_crosses(parties: tuple[Party, Party]) -> None:
     sender, receiver = parties
     refusal = JoinRejected(1, 2, 3, "5 mm³ too many; join empty")
-    heard = receiver.listen(String, "refusals", qos.ROWS)
+    received = receiver.listen(String, "refusals", qos.ROWS)
     send(sender, "refusals", [to_join_rejected_string(refusal)], qos.ROWS)
-    receiver.spin_until(lambda: bool(heard))
-    assert from_join_rejected_string(heard[0]) == refusal
+    receiver.spin_until(lambda: bool(received))
+    assert from_join_rejected_string(received[0]) == refusal
 
 
 def test_late_subscriber_gets_the_latest_terrain(parties: tuple[Party, Party]) -> None:
@@ -173,9 +173,9 @@ def test_late_subscriber_gets_the_latest_terrain(parties: tuple[Party, Party]) -
     for revision in (6, 7):
         terrain = TerrainMap(Keyframe(1, revision, grid, heights, volume), 0.5 * heights)
         publisher.publish(to_terrain_cloud(terrain, "map", STAMP))
-    heard = receiver.listen(PointCloud2, "map", qos.TRANSIENT_LOCAL)
-    receiver.spin_until(lambda: bool(heard))
-    back = from_terrain_cloud(heard[0])
+    received = receiver.listen(PointCloud2, "map", qos.TRANSIENT_LOCAL)
+    receiver.spin_until(lambda: bool(received))
+    back = from_terrain_cloud(received[0])
     assert (back.keyframe.revision, back.keyframe.grid) == (7, grid)
     assert np.array_equal(back.keyframe.elevation, heights)
     assert np.array_equal(back.volume_mm3, volume)
@@ -184,12 +184,12 @@ def test_late_subscriber_gets_the_latest_terrain(parties: tuple[Party, Party]) -
 def test_commands_are_heard_from_any_publisher(parties: tuple[Party, Party]) -> None:
     sender, receiver = parties
     for name, profile in (("reliable", qos.STATE), ("best_effort", qos.COMMANDS)):
-        heard = receiver.listen(String, name, qos.COMMANDS)
+        received = receiver.listen(String, name, qos.COMMANDS)
         publisher = sender.node.create_publisher(String, name, profile)
 
-        def came(publisher: Any = publisher, heard: list[Any] = heard) -> bool:
+        def came(publisher: Any = publisher, received: list[Any] = received) -> bool:
             publisher.publish(String(data="renewed"))
-            return bool(heard)
+            return bool(received)
 
         receiver.spin_until(came)
 

@@ -34,11 +34,11 @@ SITE: dict[str, Any] = {"site.terrain": "flat", "site.num_points": 65, "site.cel
 
 
 class Scene:
-    """A soil's node and what is heard of it.
+    """A soil's node and what is received of it.
 
     Attributes:
         soil: the node.
-        ledgers: of each tick, as heard.
+        ledgers: of each tick, as received.
     """
 
     def __init__(self, ros: Ros, **parameters: Any) -> None:
@@ -69,7 +69,7 @@ class Scene:
         return self.ros.add(MachineNode, namespace=namespace, parameters=parameters)
 
     def until_tick(self, tick: int) -> None:
-        """Until the soil has done a tick, and those who listen have heard of it."""
+        """Until the soil has done a tick, and those who listen have received of it."""
         self.ros.spin_until(
             lambda: self.tick >= tick and self._ledgers and self.ledgers[-1].tick >= tick,
             what=f"tick {tick}",
@@ -95,7 +95,7 @@ class Scene:
         self.ros.remove(machine)
 
     def shown(self, node: Node) -> dict[str, str]:
-        """What `/diagnostics` says of a node, as last heard; `message` and `level` included."""
+        """What `/diagnostics` says of a node, as last received; `message` and `level` included."""
         name = f"{node.get_fully_qualified_name().lstrip('/')}: "
         for array in reversed(self._diagnostics):
             for status in array.status:

@@ -35,9 +35,9 @@ def diagnostics(node: Node, clock: Clock) -> Diagnostics:
 
 
 def published(ros: Ros, diagnostics: Diagnostics) -> DiagnosticArray:
-    heard = ros.collect("/diagnostics", DiagnosticArray)
-    ros.spin_until(lambda: heard)
-    return heard[-1]
+    received = ros.collect("/diagnostics", DiagnosticArray)
+    ros.spin_until(lambda: received)
+    return received[-1]
 
 
 def test_counters_and_values_are_on_the_topic(ros: Ros, diagnostics: Diagnostics) -> None:
@@ -62,9 +62,9 @@ def test_it_is_published_while_simulation_time_stands_still(ros: Ros) -> None:
 
 def test_tasks_are_called_before_each_publication(ros: Ros, diagnostics: Diagnostics) -> None:
     diagnostics.add_task(lambda: diagnostics.count("called"))
-    heard = ros.collect("/diagnostics", DiagnosticArray)
-    ros.spin_until(lambda: len(heard) >= 2)
-    assert [array.status[0].values[0].value for array in heard[:2]] == ["1", "2"]
+    received = ros.collect("/diagnostics", DiagnosticArray)
+    ros.spin_until(lambda: len(received) >= 2)
+    assert [array.status[0].values[0].value for array in received[:2]] == ["1", "2"]
 
 
 def test_a_refusal_is_counted_and_warns(diagnostics: Diagnostics) -> None:

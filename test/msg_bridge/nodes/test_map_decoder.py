@@ -1,4 +1,4 @@
-"""Maps and the side length of their cells, heard in either order."""
+"""Maps and the side length of their cells, received in either order."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_a_machine_follows_a_soil_that_was_started_again_with_other_cells(ros: R
     configs = ros.publisher("/sim/config", String, qos.TRANSIENT_LOCAL, subscriptions=1)
     for run_id, cell in ((100, 0.4), (200, 0.3)):
         maps.publish(map_of(cell, run_id))
-        ros.spin_for(0.1)  # so that the map is heard first
+        ros.spin_for(0.1)  # so that the map is received first
         facts = RunFacts(
             run_id=run_id, tick_period=0.01, realtime=False, cell=cell, soils=(LooseSoil(0.2),)
         )

@@ -98,11 +98,11 @@ def test_a_signal_ends_a_node_cleanly(ros_process: StartProcess, number: int) ->
 def test_what_a_node_says_while_it_is_stopping_is_heard(
     ros: Ros, ros_process: StartProcess
 ) -> None:
-    heard = ros.collect("said", String, STATE)
+    received = ros.collect("said", String, STATE)
     process = ros_process(DIGGER)
     process.wait_for_output("listened to")
     process.stop()
-    ros.spin_until(lambda: [msg.data for msg in heard] == ["bye"])
+    ros.spin_until(lambda: [msg.data for msg in received] == ["bye"])
 
 
 def test_a_node_that_never_stops_is_ended(ros_domain: int, monkeypatch: pytest.MonkeyPatch) -> None:

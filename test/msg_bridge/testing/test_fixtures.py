@@ -145,15 +145,15 @@ def test_a_node_that_refuses_to_be_made_leaves_nothing(ros: Ros) -> None:
 
 def test_what_was_published_before_is_collected(ros: Ros) -> None:
     ros.add(Hello)
-    heard = ros.collect("said", String, TRANSIENT_LOCAL)
-    ros.spin_until(lambda: heard)
-    assert [msg.data for msg in heard] == ["hello"]
+    received = ros.collect("said", String, TRANSIENT_LOCAL)
+    ros.spin_until(lambda: received)
+    assert [msg.data for msg in received] == ["hello"]
 
 
 def test_publisher_waits_for_its_subscriptions(ros: Ros) -> None:
-    heard = ros.collect("orders", String)
+    received = ros.collect("orders", String)
     ros.publisher("orders", String, subscriptions=1).publish(String(data="dig"))
-    ros.spin_until(lambda: len(heard) == 1)
+    ros.spin_until(lambda: len(received) == 1)
 
 
 def test_a_service_answers(ros: Ros) -> None:
@@ -167,11 +167,11 @@ def test_a_service_that_is_not_there_is_named(ros: Ros) -> None:
 
 
 def test_what_was_waited_for_in_vain_is_said(ros: Ros) -> None:
-    heard = []
+    received = []
     with pytest.raises(
-        AssertionError, match=r"0\.1 s passed while waiting for: .*len\(heard\) > 3"
+        AssertionError, match=r"0\.1 s passed while waiting for: .*len\(received\) > 3"
     ):
-        ros.spin_until(lambda: len(heard) > 3, timeout=0.1)
+        ros.spin_until(lambda: len(received) > 3, timeout=0.1)
     with pytest.raises(AssertionError, match="waiting for: the bucket is full"):
         ros.spin_until(lambda: False, timeout=0.1, what="the bucket is full")
 
@@ -207,9 +207,9 @@ def test_a_process_gets_parameters_and_names(
     ros: Ros, ros_process: StartProcess, echo: list[str]
 ) -> None:
     process = ros_process(echo, parameters={"text": "1.0"}, namespace="/site", name="parrot")
-    heard = ros.collect("/site/said", String, TRANSIENT_LOCAL)
-    ros.spin_until(lambda: heard and "/site/parrot" in ros.node_names())
-    assert heard[0].data == "1.0"
+    received = ros.collect("/site/said", String, TRANSIENT_LOCAL)
+    ros.spin_until(lambda: received and "/site/parrot" in ros.node_names())
+    assert received[0].data == "1.0"
     assert process.wait_for_output("ready to echo (.*)")[1] == "1.0"
     assert process.stop() == 0
     assert not process.running

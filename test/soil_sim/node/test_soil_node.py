@@ -201,16 +201,16 @@ def test_cut_and_fill_are_told_to_late_comers_and_follow_what_is_dug(
     soil, design = run.endpoint.soil, scene.soil.site.design
     assert design is not None
     ros.spin_until(lambda: from_terrain_cloud(maps[-1]).keyframe.revision == soil.revision)
-    anew = compare_to_design(design, soil.columns.height)
-    ros.spin_until(lambda: received and from_cut_fill_array(received[-1]).cut == anew.cut)
+    expected = compare_to_design(design, soil.columns.height)
+    ros.spin_until(lambda: received and from_cut_fill_array(received[-1]).cut == expected.cut)
     state = from_cut_fill_array(received[-1])
-    assert state.remaining == anew.remaining
+    assert state.remaining == expected.remaining
     assert 0.0 < state.time <= run.tick * TICK
     before = from_terrain_cloud(maps[0])
     assert np.nansum(before.design_difference) * 0.16 == pytest.approx(40 * 9 * 0.16 * 0.5)
-    assert anew.cut < 40 * 9 * 0.16 * 0.5
+    assert expected.cut < 40 * 9 * 0.16 * 0.5
     shown = from_terrain_cloud(maps[-1]).design_difference
-    assert np.array_equal(shown, anew.difference, equal_nan=True)
+    assert np.array_equal(shown, expected.difference, equal_nan=True)
     quality = next(p for p in scene.soil.publishers if p.topic_name == "/soil/cut_fill").qos_profile
     assert quality.durability == qos.TRANSIENT_LOCAL.durability
 

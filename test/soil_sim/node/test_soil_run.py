@@ -216,9 +216,9 @@ def test_steps_asked_for_before_a_reset_are_not_done_after_it() -> None:
 def test_a_machine_is_silent_after_the_timeout_and_dropped_in_real_time_only(sync: str) -> None:
     time = Timeline(1, 2, sync=sync)
     time.send(2)
-    heard = {1: time.now, 2: time.now}
-    assert time.run.find_silent_machines(time.now + 0.9, heard) == []
-    found = time.run.find_silent_machines(time.now + 1.5, heard)
+    received = {1: time.now, 2: time.now}
+    assert time.run.find_silent_machines(time.now + 0.9, received) == []
+    found = time.run.find_silent_machines(time.now + 1.5, received)
     assert found == [SilentMachine(1, 1.5, is_dropped=sync == "realtime")]
     assert time.run.endpoint.exchange.joined == ((2,) if sync == "realtime" else (1, 2))
 
@@ -286,11 +286,11 @@ def test_cut_and_fill_follow_every_tick_to_the_last_bit_and_never_compare_anew(
         dig(time, 10)
         assert time.run.cut_fill.cut_mm3 < before
         assert site.design is not None
-        anew = compare_to_design(site.design, time.run.endpoint.soil.columns.height)
+        expected = compare_to_design(site.design, time.run.endpoint.soil.columns.height)
         now = time.run.cut_fill
-        assert (now.cut_mm3, now.fill_mm3) == (anew.cut_mm3, anew.fill_mm3)
-        assert now.within_tolerance == anew.within_tolerance
-        assert np.array_equal(now.difference, anew.difference, equal_nan=True)
+        assert (now.cut_mm3, now.fill_mm3) == (expected.cut_mm3, expected.fill_mm3)
+        assert now.within_tolerance == expected.within_tolerance
+        assert np.array_equal(now.difference, expected.difference, equal_nan=True)
     assert len(compared) == 1
 
 
