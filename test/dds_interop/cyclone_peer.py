@@ -287,7 +287,9 @@ def main():
         peer.finish()
     except NotSeenError as error:
         counts = {name: len(messages) for name, messages in peer.seen.items()}
-        print(f"waited {DEADLINE:g} s in vain for {error}; received {counts}\nand saw {peer.report}")
+        print(
+            f"waited {DEADLINE:g} s in vain for {error}; received {counts}\nand saw {peer.report}"
+        )
         return 1
     print("REPORT", json.dumps(peer.report), flush=True)
     signal.sigwait({signal.SIGINT})
