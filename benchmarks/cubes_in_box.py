@@ -1,7 +1,8 @@
 """What a 5 ms step costs with soil as rigid cubes in pybullet, and with particles.
 
 The same soil falls into the same open box and comes to rest: N rigid cubes with the constraints of
-the 2014 reference (`machine_sim.reference_cubes`), and N particles that are kept awake, so that both work.
+the 2014 reference (`machine_sim.reference_cubes`), and N particles that are kept awake, so that
+both work.
 Particles that may fall asleep, as shipped, are shown too. The box stands still. Medians over the
 runs of the median wall time per step; the engines take turns. Run from the repository root:
 `python benchmarks/cubes_in_box.py`.

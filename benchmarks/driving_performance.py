@@ -3,8 +3,8 @@
 It drives, stops, stands, pivots, climbs and holds on slopes, goes over a sill and pulls against a
 force. Prints a column for each kind of tracks: processor time of a step with all of the machine,
 and what it did; a star marks what misses its bar, which is meant for firm ground. Run from the
-repository root: `python benchmarks/driving_performance.py`; `--model physics` for one, `--soil loam` for
-softer ground. How it digs for minutes on rough ground is `digging_about.py`'s.
+repository root: `python benchmarks/driving_performance.py`; `--model physics` for one, `--soil
+loam` for softer ground. How it digs for minutes on rough ground is `digging_about.py`'s.
 """
 
 from __future__ import annotations

@@ -7,8 +7,8 @@ per time step, for a stiffer contact needs shorter ones; and both heaps, which s
 the comparison to be fair (rolling resistance is not the same: theirs is of each contact, ours of a
 particle). `benchmarks/liggghts_runner.py` says how LIGGGHTS is set up.
 
-Run from the repository root: `python benchmarks/liggghts_comparison.py`; takes about three minutes. LIGGGHTS
-must be installed: `apt-get install liggghts`.
+Run from the repository root: `python benchmarks/liggghts_comparison.py`; takes about three
+minutes. LIGGGHTS must be installed: `apt-get install liggghts`.
 """
 
 from __future__ import annotations

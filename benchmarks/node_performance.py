@@ -3,8 +3,10 @@
     python benchmarks/node_performance.py              # everything, about 3 minutes
     python benchmarks/node_performance.py --runs 1     # quicker, less certain
 
-Lockstep: a dig cycle with nodes over DDS (soil, machine, operator, recorder), compared with the same
-cycle in one process. Real time: the same cycle by the wall clock, with the ticks that were late while
+Lockstep: a dig cycle with nodes over DDS (soil, machine, operator, recorder), compared with the
+same
+cycle in one process. Real time: the same cycle by the wall clock, with the ticks that were late
+while
 the bucket held soil. Latency: from publishing a command to receiving the tick in which it takes
 effect. Everything is recorded; the CPU share of the recorder and its lost messages are printed.
 """

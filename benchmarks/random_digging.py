@@ -232,7 +232,8 @@ def main() -> None:
             operator.close()
             print(
                 f"{model:<8} seed {seed}: {did.seconds:5.0f} s,"
-                f" {did.problem or 'sound'}; {did.distance:.0f} m, stuck for {did.max_stuck_time:.1f} s at most,"
+                f" {did.problem or 'sound'}; {did.distance:.0f} m, stuck for"
+                f" {did.max_stuck_time:.1f} s at most,"
                 f" {did.moved:.2f} m3 in the bucket, {did.particles} particles, leaned"
                 f" {did.num_tilt_stops} times, imbalance {did.imbalance} mm3,"
                 f" {did.seconds / did.wall:.1f} x real time",

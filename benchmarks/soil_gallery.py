@@ -346,7 +346,8 @@ def draw_ruts(path: Path) -> None:
     figure = new_figure(wide + 0.6, 6.4)
     draw(figure, (0.3, 0.3), wide, soil, Camera(math.radians(-62.0), math.radians(38.0)), 6.0)
     print(
-        f"  ruts to {0.25 - float(soil.columns.height.min()):.3f} m, verified {soil.verify_volume()}"
+        f"  ruts to {0.25 - float(soil.columns.height.min()):.3f} m, verified"
+        f" {soil.verify_volume()}"
     )
     about = (
         "15 × 9 m, 0.1 m cells; 0.25 m of loose loam, packed toward bank density; heights six times"

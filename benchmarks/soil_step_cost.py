@@ -95,7 +95,10 @@ def print_median(lines: tuple[Line, ...]) -> None:
         times = (other / line.ours for other, line in zip(others, lines, strict=True))
         ratio = f"{format_value(statistics.median(times))} x"
     print(
-        f"{lines[0].name:<44}{format_value(ours):>10}{baseline:>11}{ratio:>9}  {lines[0].target}".rstrip(),
+        (
+            f"{lines[0].name:<44}{format_value(ours):>10}{baseline:>11}{ratio:>9}"
+            f"  {lines[0].target}"
+        ).rstrip(),
         flush=True,
     )
 
@@ -292,7 +295,8 @@ def check(
     left = baseline_soil(other.grid, soil.columns.height).max_slope_excess()
     if max(left, other.max_slope_excess()) > allowed:
         raise SystemExit(
-            f"{what}: too steep by {left:.4f} m (ours), {other.max_slope_excess():.4f} m (baseline);"
+            f"{what}: too steep by {left:.4f} m (ours), {other.max_slope_excess():.4f} m"
+            f" (baseline);"
             f" allowed are {allowed:.4f} m"
         )
 

@@ -72,7 +72,8 @@ NAMES = {
 }
 
 PROSE = {
-    # Objects are not persons, and sentences are plain; in comments, docstrings, texts and documents.
+    # Objects are not persons, and sentences are plain; in comments, docstrings, texts and
+    # documents.
     r"\banew\b": "again, or rebuild/recompute",
     r"\blikewise\b": "(say it)",
     r"\bof those (?:that|who)\b": "of the particles/cells that",

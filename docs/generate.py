@@ -44,18 +44,20 @@ one ROS domain:
 |---|---|---|
 | `/` | of the simulation: the namespace of its soil node | `/` |
 | `<n>/` | of a machine node, one level below the simulation's | `/excavator` |
-| `<m>/` | of a machine: that of its node, or one level below it where a node has several | `/excavator` |
+| `<m>/` | of a machine: that of its node, or one below it if the node has several | `/excavator` |
 
 `soil_sim --ros-args -r __ns:=/a` and `machine_sim --ros-args -r __ns:=/a/excavator` make a second
 simulation beside one in `/`. Nodes with `use_sim_time` need `-r /clock:=/a/clock` there.
 
-Only message types of `common_interfaces` and `rosgraph_msgs` are used (two optional topics excepted).
+Only message types of `common_interfaces` and `rosgraph_msgs` are used (two optional topics
+excepted).
 Units are SI: m, rad, s, N, Pa, unless a column says otherwise. Volumes are whole mm³ of *bank*
 (undisturbed) soil. Frames and axes are those of REP-103: x forward, y left, z up; a positive joint
-angle follows the right-hand rule about its axis. Matrices are in grid_map order: index (0, 0) is the
-+x, +y corner, rows run toward −x, columns toward −y.
+angle follows the right-hand rule about its axis. Matrices are in grid_map order: index (0, 0) is
+the +x, +y corner, rows run toward −x, columns toward −y.
 
-QoS profiles, all KEEP_LAST: `ROWS` reliable, depth 256; `STATE` reliable, depth 10; `TRANSIENT_LOCAL`
+QoS profiles, all KEEP_LAST: `ROWS` reliable, depth 256; `STATE` reliable, depth 10;
+`TRANSIENT_LOCAL`
 reliable, depth 1, latched; `COMMANDS` best effort, depth 10 (of the subscription: any publisher
 matches). Rates are in simulated time; `name`, value is a parameter and its default.
 
@@ -65,17 +67,18 @@ Readers ignore labels and fields that they do not know: later versions only appe
 _ROWS_OUTRO = """\
 ## Rows and labels
 
-Rows are the points of a PointCloud2; headers and the ledger are Int64MultiArrays whose label names each
-value. Their fields, units and guarantees are in [the exchange protocol](concepts/exchange_protocol.md); how
-to read them from a bag is in [bags](bags.md).
+Rows are the points of a PointCloud2; headers and the ledger are Int64MultiArrays whose label names
+each value. Their fields, units and guarantees are in [the exchange
+protocol](concepts/exchange_protocol.md); how to read them from a bag is in [bags](bags.md).
 """
 
 _PARAMETERS_INTRO = """\
 # Parameters
 
-Every parameter of every node, with type, unit, range and default. `<node> --help` prints the same list.
-Shipped files are in `config/`. A parameter outside of its range, or unknown, ends the node with exit
-code 2 and a sentence that says what to change.
+Every parameter of every node, with type, unit, range and default. `<node> --help` prints the same
+list.
+Shipped files are in `config/`. A parameter outside of its range, or unknown, ends the node with
+exit code 2 and a sentence that says what to change.
 """
 
 

@@ -113,7 +113,8 @@ class SoilEndpoint:
         return SoilTickResult(ledger, step)
 
     def release_absent_soil(self) -> tuple[int, ...]:
-        """Turn the soil of absent machines into terrain in the next tick, at their last tool position.
+        """Turn the soil of absent machines into terrain in the next tick, at their last tool
+        position.
 
         It gets the majority kind and the mean moisture of what the machine held. A machine that
         requests to rejoin before that tick keeps its soil.

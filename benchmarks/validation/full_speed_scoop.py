@@ -1,8 +1,8 @@
 """Scoops with every joint of the excavator at its top speed: nothing goes through the bucket.
 
 The shipped excavator, on the soil of `config/demo.yaml`, gets maximum joint velocities. It plunges
-its bucket into rough ground, drags, curls, lifts and swings, reverses and shakes, strikes the ground
-with its load, opens and flails. Seeds vary terrain, heading, posture, rotations and times.
+its bucket into rough ground, drags, curls, lifts and swings, reverses and shakes, strikes the
+ground with its load, opens and flails. Seeds vary terrain, heading, posture, rotations and times.
 
 The lip goes at up to 11 m/s then, 55 mm in a physics step: a particle's radius. None may get
 through a plate or the ground all the same, and no soil be lost.

@@ -2,8 +2,8 @@
 
 The pressure under a track depends on its sinkage below the undisturbed surface. The soil publishes
 the present heights but not the cause of a change: a column that became lower was compacted,
-excavated, or failed as a slope. Its bank volume separates these cases, because compaction leaves the
-volume unchanged. Tracks that return do not compact a rut further; soil that is added or removed
+excavated, or failed as a slope. Its bank volume separates these cases, because compaction leaves
+the volume unchanged. Tracks that return do not compact a rut further; soil that is added or removed
 reduces the stored depth by the height it accounts for.
 """
 

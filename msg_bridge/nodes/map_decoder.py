@@ -16,8 +16,8 @@ __all__ = ["MapDecoder"]
 class MapDecoder:
     """Decoder of the messages on `terrain/map`.
 
-    The float32 positions of a map do not determine every cell size exactly; `sim/config` has it. That
-    topic may arrive later, in the first run and after a soil node with another cell size has
+    The float32 positions of a map do not determine every cell size exactly; `sim/config` has it.
+    That topic may arrive later, in the first run and after a soil node with another cell size has
     started, and a map is not published again before the terrain changes. So a map that cannot be
     decoded yet is kept until the cell size is known.
 

@@ -231,7 +231,9 @@ def _declare(node: Node, name: str, value: Any, descriptor: ParameterDescriptor)
 
 
 def _from_ros(field: dataclasses.Field[Any], value: Any) -> Any:
-    """Convert a ROS value to the type of the field: `cell: 1` in YAML is an integer, meant as 1.0."""
+    """Convert a ROS value to the type of the field: `cell: 1` in YAML is an integer, meant as
+    1.0.
+    """
     items = item_type(field)
     if items is None:
         return _to_float(value) if isinstance(field.default, float) else value

@@ -33,8 +33,8 @@ Fixtures:
 - `ros`: a `msg_bridge.testing.ros_context.Ros` in that domain
 - `ros_process`: starts a `msg_bridge.testing.ros_process.RosProcess` in that domain
 
-Discovery is limited to the domain and to this machine, so tests may run in parallel, beside a running
-simulation, and in a network with robots.
+Discovery is limited to the domain and to this machine, so tests may run in parallel, beside a
+running simulation, and in a network with robots.
 """
 
 from __future__ import annotations

@@ -209,7 +209,8 @@ class Ros:
         rclpy.shutdown(context=self.context)
         if names:
             raise LeakedNodesError(
-                f"the test did not destroy the nodes {', '.join(names)}; create them with ros.node or"
+                f"the test did not destroy the nodes {', '.join(names)}; create them with"
+                f" ros.node or"
                 " ros.add, or call destroy_node()"
             )
 

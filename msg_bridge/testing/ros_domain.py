@@ -18,7 +18,8 @@ __all__ = ["TEST_DOMAIN_IDS", "NoFreeDomainError", "reserve_domain"]
 TEST_DOMAIN_IDS = range(1, 102)
 """Domain ids for tests: 0 is the default domain, and from 102 on the ports are ephemeral."""
 
-# Consecutive tests use different ids: peers remember a killed node for some seconds. Processes start
+# Consecutive tests use different ids: peers remember a killed node for some seconds. Processes
+# start
 # at different ids.
 _next = itertools.count(os.getpid())
 
@@ -49,7 +50,8 @@ def reserve_domain(folder: Path | None = None) -> Iterator[int]:
             os.close(lock)  # releases the lock
         return
     raise NoFreeDomainError(
-        f"all ROS domains from {TEST_DOMAIN_IDS[0]} to {TEST_DOMAIN_IDS[-1]} are reserved by tests (lock"
+        f"all ROS domains from {TEST_DOMAIN_IDS[0]} to {TEST_DOMAIN_IDS[-1]} are reserved by"
+        f" tests (lock"
         f" files in {folder}); run fewer tests at once"
     )
 

@@ -89,7 +89,9 @@ def rasterize_sweep(points, has_plate, raster):  # type: ignore[no-untyped-def]
 
 @helper
 def _apply_height_changes(raster):  # type: ignore[no-untyped-def]
-    """Translate the subcolumns of each column by the height change that others made since last tick."""
+    """Translate the subcolumns of each column by the height change that others made since last
+    tick.
+    """
     refined = raster.refined
     for slot in range(refined.num_used[0]):
         height = raster.height[refined.cells[slot]]

@@ -288,7 +288,8 @@ class SoilNode(SimNode):
         if silent.is_dropped:
             self.diagnostics.count("machines_dropped")
             self.get_logger().warning(
-                f"{text}: the run continues without it; its soil is booked as absent until it rejoins"
+                f"{text}: the run continues without it; its soil is booked as absent until it"
+                f" rejoins"
             )
         else:
             self.get_logger().warning(

@@ -10,8 +10,8 @@
 
 Heights are written in metres. The text chunk of a `.png` states the heights of its grey values 0
 and 65535, so that it is read without arguments. `.asc` and `.tif` store elevations and declare
--9999 as nodata. A `.tif` also stores the elevation of z = 0; a map from an `.asc` has elevations as heights.
-An `.npz` can also store `layers`. `north_up` describes the orders of cells.
+-9999 as nodata. A `.tif` also stores the elevation of z = 0; a map from an `.asc` has elevations
+as heights. An `.npz` can also store `layers`. `north_up` describes the orders of cells.
 """
 
 from __future__ import annotations

@@ -20,7 +20,8 @@ BOTH_ASLEEP = 2
 
 @threaded_kernel
 def find_pairs(  # type: ignore[no-untyped-def]
-    order, start, cells, shape, fast_outliers, active, sparse, position, predicted_radii, skin_widths, old_row,
+    order, start, cells, shape, fast_outliers, active, sparse, position, predicted_radii,
+    skin_widths, old_row,
     old_first, old_second, old_touching, old_spring, old_count,
     first, second, contact_flag, spring, begin, end, slabs,
 ):  # fmt: skip
@@ -98,7 +99,8 @@ def find_pairs(  # type: ignore[no-untyped-def]
     rest = np.zeros(NUM_CHUNKS, np.int64)
     for c in prange(NUM_CHUNKS):
         rest[c] = _transfer_history(
-            c * old_count // NUM_CHUNKS, (c + 1) * old_count // NUM_CHUNKS, new_row, active, old_first,
+            c * old_count // NUM_CHUNKS, (c + 1) * old_count // NUM_CHUNKS, new_row,
+            active, old_first,
             old_second, old_touching, old_spring, second, begin, end, contact_flag, spring,
         )  # fmt: skip
     return count, rest.sum()

@@ -133,7 +133,8 @@ class VerletList:
         )
         self._active = np.concatenate([self._active, active[num_listed:]])
         found = insert_rows(
-            num_listed, active, self._listed_position, self._predicted_radii, self._skin_widths, pairs.first, pairs.second,
+            num_listed, active, self._listed_position, self._predicted_radii, self._skin_widths,
+            pairs.first, pairs.second,
             pairs.contact_flag, pairs.spring, pairs.count,
         )  # fmt: skip
         if found < 0:
@@ -162,7 +163,8 @@ class VerletList:
         old = tracked_rows[tracked_rows < self.num_listed] if new else tracked_rows
         return old.size > 0 and bool(
             any_skin_exceeded.for_threads(self.threads)(
-                old, old.size == self.num_listed, state.position, state.velocity, self._listed_position,
+                old, old.size == self.num_listed, state.position, state.velocity,
+                self._listed_position,
                 self._skin_widths, state.contact_radius, state.radius, self._predicted_radii,
                 self._params.release_radius_fraction, growth_per_step(dt, self._params), dt,
             )

@@ -49,7 +49,8 @@ class TemporaryPackage:
     def write(self, module: str, source: str) -> None:
         path = self._folder / f"{module}.py"
         path.write_text(source.format(package=self.name))
-        # Python takes a .pyc file as current if the time of the source in whole seconds is the same.
+        # Python takes a .pyc file as current if the time of the source in whole seconds is the
+        # same.
         self._seconds += 10
         os.utime(path, (self._seconds, self._seconds))
 

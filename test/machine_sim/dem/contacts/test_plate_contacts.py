@@ -170,7 +170,8 @@ def test_forces_are_those_of_a_plain_reckoning(seed: int) -> None:
         np.zeros((room, FORCE_RECORD_SIZE), np.float32),
     )
     load_body_records.for_threads(1)(
-        np.arange(count), body, force_sums, state.velocity, state.angular_velocity, state.contact_radius,
+        np.arange(count), body, force_sums, state.velocity, state.angular_velocity,
+        state.contact_radius,
         state.radius, state.inverse_mass, state.sleep_state,
     )  # fmt: skip
     contacts = PlateContacts()
