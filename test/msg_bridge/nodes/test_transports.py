@@ -195,7 +195,7 @@ def test_what_is_lost_on_the_way_is_asked_for_again(ros: Ros, tmp_path: Path) ->
     scene = Scene(ros)
     machine = digger(scene, tmp_path)
     scene.until_tick(1)
-    leaks = [Leak(scene.soil._carrier, 7, 2), Leak(machine._carrier, 11, 3)]
+    leaks = [Leak(scene.soil._transport, 7, 2), Leak(machine._transport, 11, 3)]
     dig(scene, machine, lambda ledger: ledger.particles > 10**7)
     ros.spin_until(lambda: all(len(leak.lost) == leak.most for leak in leaks))
     scene.more_ticks(20)
