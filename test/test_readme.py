@@ -13,7 +13,12 @@ from msg_bridge.codec.qos import STATE
 from soil_sim.node.soil_node import SoilNode
 
 README = Path(__file__).resolve().parents[1] / "README.md"
-CODE = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+SOURCES = (README, README.parent / "docs" / "testing.md")
+CODE = [
+    code
+    for path in SOURCES
+    for code in re.findall(r"```python\n(.*?)```", path.read_text(encoding="utf-8"), re.DOTALL)
+]
 CONTROLLERS = [code for code in CODE if "rclpy.spin" in code]
 TESTS = [code for code in CODE if "def test_" in code]
 EXAMPLES = [code for code in CODE if code not in CONTROLLERS + TESTS]

@@ -278,11 +278,20 @@ def _upgrade_object(text: str, keys: Mapping[str, str]) -> str:
     return json.dumps(_rename(found, keys))
 
 
+def _periods_to_rates(section: dict[str, Any]) -> bool:
+    """Replace periods [s] of the soil node by rates [Hz]; return whether there were any."""
+    found = [name for name in ("map_period", "hash_period") if name in section]
+    for name in found:
+        section[name.replace("period", "rate")] = 1.0 / section.pop(name)
+    return bool(found)
+
+
 def _upgrade_config(text: str) -> str:
     try:
         config = yaml.safe_load(text)
+        has_periods = _periods_to_rates(config.get("soil_sim", {}))
         if "epoch" not in config["run"]:
-            return text
+            return str(yaml.safe_dump(config, sort_keys=False)) if has_periods else text
         for section, keys in _CONFIG_KEYS.items():
             if section in config:
                 config[section] = _rename(config[section], keys)

@@ -128,7 +128,19 @@ def _add_code(digest: Any, code: CodeType) -> None:
         if isinstance(constant, CodeType):
             _add_code(digest, constant)
         elif not (isinstance(constant, str) and " " in constant):
-            digest.update(repr(constant).encode())
+            digest.update(_canonical(constant).encode())
+
+
+def _canonical(constant: Any) -> str:
+    """Return a text of a constant that is the same in every process.
+
+    The order of a set of strings depends on the hash seed of the process.
+    """
+    if isinstance(constant, frozenset):
+        return f"frozenset({sorted(map(_canonical, constant))})"
+    if isinstance(constant, tuple):
+        return f"tuple({[_canonical(each) for each in constant]})"
+    return repr(constant)
 
 
 _DIGESTS = CodeDigests({"soil_sim", "machine_sim", "msg_bridge"})

@@ -72,7 +72,8 @@ def assert_same(recorded: DigOutcome, own: DigOutcome) -> None:
         )
     # Columns have whole numbers of mm3; heights are those of the site to that precision.
     np.testing.assert_allclose(recorded.site.heights, own.site.heights, rtol=1e-6, atol=1e-6)
-    for name in ("cycles", "ledger", "max_imbalance", "moved_volume", "tunnelled", "abort_reason"):
+    assert replace(recorded.ledger, run_id=own.ledger.run_id) == own.ledger
+    for name in ("cycles", "max_imbalance", "moved_volume", "tunnelled", "abort_reason"):
         assert getattr(recorded, name) == getattr(own, name), name
     assert recorded.simulated_time == pytest.approx(own.simulated_time, rel=1e-12)
     np.testing.assert_allclose(recorded.lip_path, own.lip_path, atol=1e-5)
@@ -114,11 +115,11 @@ def test_wall_time_is_the_log_time_from_first_to_last_tick(dig, recorded) -> Non
 
 
 def test_summary_has_run_mode_and_tick_of_the_state(dig, recorded, capsys) -> None:
-    print_summary(recorded)
+    print_summary(recorded, "loam")
     summary = capsys.readouterr().out
     assert "x real time, nodes machine_sim" in summary
     assert f"{recorded.state_hash} after tick {recorded.state_tick}" in summary
-    print_summary(dig.outcome)
+    print_summary(dig.outcome, "loam")
     assert "x real time, one process" in capsys.readouterr().out
 
 

@@ -53,7 +53,7 @@ def swap(profile):
     [
         (lambda v: v.pop("main_body"), r"main_body is missing; add it"),
         (lambda v: v.update(main_body="arm"), r"main_body is 'arm'; give one of base, upper"),
-        (lambda v: v["tracks"].update(guage=2.0), r"tracks has unknown key guage; .*gauge"),
+        (lambda v: v["tracks"].update(guage=2.0), r"tracks has unknown key guage .*gauge"),
         (lambda v: v["links"].update(mast={}), r"links has unknown key mast"),
         (lambda v: v["links"]["arm"].update(mass=-1.0), r"links.arm.mass is -1.0; .*above 0"),
         (lambda v: v["links"]["arm"].update(mass="heavy"), r"links.arm.mass is 'heavy'; .*number"),

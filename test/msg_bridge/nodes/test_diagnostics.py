@@ -92,7 +92,7 @@ def test_refusals_are_logged_once_a_second_for_each_topic(
     logged = ros.collect("/rosout", Log)
 
     def said() -> list[str]:
-        return [msg.msg for msg in logged if "refused" in msg.msg]
+        return [msg.msg for msg in logged if "rejected" in msg.msg]
 
     for _ in range(3):
         diagnostics.reject("cmd_vel", "NaN")

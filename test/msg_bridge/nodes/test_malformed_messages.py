@@ -68,5 +68,5 @@ def test_a_reason_that_quotes_a_huge_message_is_cut_short(ros: Ros) -> None:
         decode_array(serialize_message(message))
     diagnostics.reject("/soil/tick", str(error.value))
     shown = diagnostics.report().values["last rejected /soil/tick"]
-    assert "labelled" in shown
+    assert "label" in shown
     assert len(shown) < 1000

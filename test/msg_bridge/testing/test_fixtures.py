@@ -198,7 +198,7 @@ def test_nodes_left_behind_are_reported(ros_domain: int) -> None:
     done = Node("destroyed", context=made.context)
     done.destroy_node()
     left = Node("left", context=made.context)
-    with pytest.raises(LeakedNodesError, match="the test left nodes: /left;"):
+    with pytest.raises(LeakedNodesError, match="did not destroy the nodes /left;"):
         made.close()
     assert next(left.publishers, None) is None, "it was destroyed after all"
 
