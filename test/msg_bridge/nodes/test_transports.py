@@ -160,7 +160,7 @@ def test_in_lockstep_a_silent_machine_is_reported_and_waited_for(
 
     ros.spin_until(reported)
     assert "/excavator (machine_id 1) silent for" in told
-    assert "the soil waits" in told
+    assert "the run waits" in told
     stood = scene.tick
     ros.spin_for(0.3)
     assert scene.tick == stood
