@@ -88,43 +88,38 @@ def _find_changes(  # type: ignore[no-untyped-def]
     columns, repose_tan, frame, touched, volume_change_mm3, previous, material
 ):
     """Move the changed columns to the front of `touched`; return their number."""
+    firm, loose, bulk = columns.firm, columns.loose, columns.bulk
     count = 0
     for n in range(touched.size):
         i = touched[n]
-        if _is_changed(columns, previous, i):
+        is_volume_same = (
+            firm[i] == previous[i, _FIRM]
+            and loose[i] == previous[i, _LOOSE_VOLUME]
+            and bulk[i] == previous[i, _BULK]
+        )
+        if not (is_volume_same and _surface_key(columns, i) == previous[i, _SURFACE]):
             touched[n], touched[count] = touched[count], i
             count += 1
     for n in range(count):
         i = touched[n]
-        cover = columns.bulk[i] * columns.metres_per_mm3
-        if columns.firm[i] < previous[i, _FIRM] and cover < _MAX_COVER_ON_EXCAVATED:
+        cover = bulk[i] * columns.metres_per_mm3
+        if firm[i] < previous[i, _FIRM] and cover < _MAX_COVER_ON_EXCAVATED:
             material[i] = _EXCAVATED  # also where a thin layer of loose soil was deposited
             continue
-        is_deposited = columns.loose[i] > previous[i, _LOOSE_VOLUME] and cover > _MIN_LOOSE_COVER
+        is_deposited = loose[i] > previous[i, _LOOSE_VOLUME] and cover > _MIN_LOOSE_COVER
         if is_deposited and not _was_at_repose_angle(columns, repose_tan, frame, previous, i):
             material[i] = _LOOSE
     for n in range(touched.size):
         i = touched[n]
         before = previous[i, _FIRM] + previous[i, _LOOSE_VOLUME]
-        volume_change_mm3[n] = columns.firm[i] + columns.loose[i] - before
+        volume_change_mm3[n] = firm[i] + loose[i] - before
     for n in range(count):
         i = touched[n]
-        previous[i, _FIRM] = columns.firm[i]
-        previous[i, _LOOSE_VOLUME] = columns.loose[i]
-        previous[i, _BULK] = columns.bulk[i]
+        previous[i, _FIRM] = firm[i]
+        previous[i, _LOOSE_VOLUME] = loose[i]
+        previous[i, _BULK] = bulk[i]
         previous[i, _SURFACE] = _surface_key(columns, i)
     return count
-
-
-@helper(inline="always")
-def _is_changed(columns, previous, i):  # type: ignore[no-untyped-def]
-    """Return whether column i differs from its previous state."""
-    return (
-        columns.firm[i] != previous[i, _FIRM]
-        or columns.loose[i] != previous[i, _LOOSE_VOLUME]
-        or columns.bulk[i] != previous[i, _BULK]
-        or _surface_key(columns, i) != previous[i, _SURFACE]
-    )
 
 
 @helper(inline="always")

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from msg_bridge.contract.rows import Rows, SweepAction
 from msg_bridge.kernels import kernel
+from soil_sim.columns.operations import mix_moisture, remove_from_column
 from soil_sim.columns.state import Columns
-from soil_sim.excavation.removed_soil import REMOVED_SOIL, RemovedSoil, remove_soil
+from soil_sim.excavation.removed_soil import REMOVED_SOIL, RemovedSoil
 
 __all__ = ["KeyPointCut", "collision_points"]
 
@@ -75,11 +76,18 @@ def _lower_columns(points, columns, frame):  # type: ignore[no-untyped-def]
                 top = columns.height[k]
                 if not top > z:
                     continue
+                x, y = frame.x_first - i * frame.cell, frame.y_first - j * frame.cell
                 bulk = (top - z) / columns.metres_per_mm3
-                centroid = (
-                    frame.x_first - i * frame.cell,
-                    frame.y_first - j * frame.cell,
-                    0.5 * (top + z),
+                loose, firm = remove_from_column(columns, k, bulk)
+                if loose + firm == 0:
+                    continue
+                record = removed[count]
+                record.cell, record.volume_mm3 = k, loose + firm
+                record.x, record.y, record.z = x, y, 0.5 * (top + z)
+                # Removing soil changes neither the kinds nor the moistures of a column.
+                record.soil = columns.soil[k] if firm > loose else columns.loose_soil[k]
+                record.moisture = mix_moisture(
+                    loose, columns.loose_moisture[k], firm, columns.moisture[k]
                 )
-                count = remove_soil(columns, k, bulk, centroid, removed, count)
+                count += 1
     return removed[:count]

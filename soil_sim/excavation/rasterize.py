@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from msg_bridge.kernels import helper, kernel
-from soil_sim.excavation.rasterize_triangle import enter_column, rasterize_quad
+from soil_sim.excavation.rasterize_triangle import rasterize_quad, refine_column
 from soil_sim.tool_sweeps import interpolate_key_point
 
 __all__ = ["max_columns_touched", "rasterize_sweep"]
@@ -65,14 +65,18 @@ def _bounds(points, first, end, grid):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def rasterize_sweep(points, has_plate, raster):  # type: ignore[no-untyped-def]
+def rasterize_sweep(points, has_plate, raster, count):  # type: ignore[no-untyped-def]
     """Lower subcolumns to the surface that pairs and plates sweep, and sum what they lose.
 
     Args:
         points, has_plate: the fields of `SweptPairs`.
         raster: the `Raster`; its refined columns are changed.
+        count: number of refined columns.
+
+    Returns:
+        The number of refined columns.
     """
-    _apply_height_changes(raster)
+    _apply_height_changes(raster, count)
     for n in range(points.shape[0]):
         end = n + 2 if has_plate[n] else n + 1
         if _is_airborne(points, n, end, raster):
@@ -82,30 +86,28 @@ def rasterize_sweep(points, has_plate, raster):  # type: ignore[no-untyped-def]
         for edge in range(3 if has_plate[n] else 1):
             a = n, (1 if edge == 2 else 0)
             b = (n, 1) if edge == 0 else (n + 1, edge - 1)
-            _rasterize_edge(points, a, b, raster)
+            count = _rasterize_edge(points, a, b, raster, count)
         if has_plate[n]:
-            _rasterize_plate(points, n, raster)
+            count = _rasterize_plate(points, n, raster, count)
+    return count
 
 
 @helper
-def _apply_height_changes(raster):  # type: ignore[no-untyped-def]
-    """Translate the subcolumns of each column by the height change that others made since last
-    tick.
-    """
-    refined = raster.refined
-    for slot in range(refined.num_used[0]):
-        height = raster.height[refined.cells[slot]]
-        shift = height - refined.mean_height[slot]
+def _apply_height_changes(raster, count):  # type: ignore[no-untyped-def]
+    """Add to the subcolumns the height changes of their columns since the last tick."""
+    for slot in range(count):
+        height = raster.height[raster.cells[slot]]
+        shift = height - raster.mean_height[slot]
         if shift != 0.0:
-            refined.mean_height[slot] = height
-            for q in range(refined.subcolumn_height.shape[1]):
-                refined.subcolumn_height[slot, q] += shift
+            raster.mean_height[slot] = height
+            for q in range(raster.subcolumn_height.shape[1]):
+                raster.subcolumn_height[slot, q] += shift
 
 
 @helper(inline="always")
 def _is_airborne(points, first, end, raster):  # type: ignore[no-untyped-def]
     """Return whether pairs `first` to `end` stay above all columns; cheaper than to rasterize."""
-    height, refined, cols = raster.height, raster.refined, raster.grid.cols
+    cols = raster.grid.cols
     lowest = np.inf
     for m in range(first, end):
         for t in range(2):
@@ -117,14 +119,14 @@ def _is_airborne(points, first, end, raster):  # type: ignore[no-untyped-def]
         return True
     for i in range(np.int64(first_row), np.int64(last_row) + 1):
         for k in range(i * cols + np.int64(first_col), i * cols + np.int64(last_col) + 1):
-            slot = refined.slot_of[k]
-            if lowest <= height[k] or (slot >= 0 and lowest <= refined.initial_height[slot]):
+            slot = raster.slot_of[k]
+            if lowest <= raster.height[k] or (slot >= 0 and lowest <= raster.initial_height[slot]):
                 return False
     return True
 
 
 @helper(inline="always")
-def _rasterize_plate(points, n, raster):  # type: ignore[no-untyped-def]
+def _rasterize_plate(points, n, raster, count):  # type: ignore[no-untyped-def]
     """Rasterize the plate between pairs n and n + 1 at poses through the tick."""
     poses = 1
     for m in range(n, n + 2):
@@ -136,11 +138,12 @@ def _rasterize_plate(points, n, raster):  # type: ignore[no-untyped-def]
         b = interpolate_key_point(points, (n, 1), t)
         c = interpolate_key_point(points, (n + 1, 0), t)
         d = interpolate_key_point(points, (n + 1, 1), t)
-        rasterize_quad(a, b, c, d, raster)
+        count = rasterize_quad(a, b, c, d, raster, count)
+    return count
 
 
 @helper(inline="always")
-def _rasterize_edge(points, a, b, raster):  # type: ignore[no-untyped-def]
+def _rasterize_edge(points, a, b, raster, count):  # type: ignore[no-untyped-def]
     """Rasterize the quads that the edge from key point a to b, each (pair, end), sweeps."""
     poses = max(_num_poses(points, a, raster.grid), _num_poses(points, b, raster.grid))
     (m, p), (n, q) = a, b
@@ -149,9 +152,9 @@ def _rasterize_edge(points, a, b, raster):  # type: ignore[no-untyped-def]
     for s in range(1, poses + 1):
         to_a = interpolate_key_point(points, a, s / poses)
         to_b = interpolate_key_point(points, b, s / poses)
-        rasterize_quad(from_a, from_b, to_a, to_b, raster)
+        count = rasterize_quad(from_a, from_b, to_a, to_b, raster, count)
         from_a, from_b = to_a, to_b
-    _mark_occupied(from_a, from_b, raster)
+    return _mark_occupied(from_a, from_b, raster, count)
 
 
 @helper
@@ -169,9 +172,9 @@ def _num_poses(points, which, grid):  # type: ignore[no-untyped-def]
 
 
 @helper(inline="always")
-def _mark_occupied(a, b, raster):  # type: ignore[no-untyped-def]
+def _mark_occupied(a, b, raster, count):  # type: ignore[no-untyped-def]
     """Mark the columns in which the edge from point a to b lies below the surface."""
-    height, refined, grid = raster.height, raster.refined, raster.grid
+    grid = raster.grid
     length = max(abs(b[0] - a[0]), abs(b[1] - a[1]))
     steps = np.int64(min(np.ceil(length / grid.cell * grid.subcolumns_per_side), 1e6))
     for s in range(steps + 1):
@@ -181,4 +184,13 @@ def _mark_occupied(a, b, raster):  # type: ignore[no-untyped-def]
         if 0.0 <= row < grid.rows and 0.0 <= col < grid.cols:
             k = np.int64(row) * grid.cols + np.int64(col)
             z = max((1 - t) * a[2] + t * b[2], raster.floor)
-            enter_column(k, z, height, refined, raster.tick)
+            slot = raster.slot_of[k]
+            if slot < 0:
+                if not z < raster.height[k]:
+                    continue
+                slot = count
+                count += 1
+                refine_column(raster, k, slot)
+            if z <= raster.initial_height[slot]:
+                raster.last_tick[slot] = raster.tick
+    return count

@@ -35,7 +35,6 @@ class RefinedArrays(NamedTuple):
 
     Attributes:
         slot_of: slot of each column of the map, -1 if it is not refined, shape (columns,), int64.
-        num_used: number of slots in use, which are the first ones, shape (1,), int64.
         cells: flat index of the column in each slot, shape (slots,), int64.
         last_tick: last tick in which a tool was in the column, shape (slots,), int64.
         subcolumn_height: heights of its subcolumns [m], shape (slots, subcolumns_per_side**2),
@@ -47,7 +46,6 @@ class RefinedArrays(NamedTuple):
     """
 
     slot_of: NDArray[np.int64]
-    num_used: NDArray[np.int64]
     cells: NDArray[np.int64]
     last_tick: NDArray[np.int64]
     subcolumn_height: NDArray[np.float64]
@@ -61,6 +59,7 @@ class RefinedColumns:
 
     Attributes:
         subcolumns_per_side: number of subcolumns along a side of a column.
+        count: number of slots in use, which are the first ones.
         tick: number of the current tick.
         arrays: the tables.
     """
@@ -72,18 +71,13 @@ class RefinedColumns:
             subcolumns_per_side: number of subcolumns along a side of a column.
         """
         self.subcolumns_per_side = subcolumns_per_side
+        self.count = 0
         self.tick = 0
         self.arrays = _allocate(
             np.full(columns, -1, dtype=np.int64),
-            np.zeros(1, dtype=np.int64),
             _INITIAL_SLOTS,
             subcolumns_per_side,
         )
-
-    @property
-    def count(self) -> int:
-        """Number of refined columns."""
-        return int(self.arrays.num_used[0])
 
     @property
     def capacity(self) -> int:
@@ -96,7 +90,7 @@ class RefinedColumns:
         more = min(more, old.slot_of.size - used)
         if used + more > self.capacity:
             slots = max(used + more, 2 * self.capacity)
-            new = _allocate(old.slot_of, old.num_used, slots, self.subcolumns_per_side)
+            new = _allocate(old.slot_of, slots, self.subcolumns_per_side)
             for table, previous in zip(_slot_tables(new), _slot_tables(old), strict=True):
                 table[:used] = previous[:used]
             self.arrays = new
@@ -114,17 +108,14 @@ class RefinedColumns:
         if self.count == 0:
             freed = np.zeros(0, dtype=np.int64)
         else:
-            freed = _free_unused_slots(self.arrays, self.tick)
+            self.count, freed = _free_unused_slots(self.arrays, self.count, self.tick)
         self.tick += 1
         return self.arrays.cells[: self.count].copy(), np.sort(freed)
 
 
-def _allocate(
-    slot_of: NDArray[np.int64], num_used: NDArray[np.int64], slots: int, subcolumns_per_side: int
-) -> RefinedArrays:
+def _allocate(slot_of: NDArray[np.int64], slots: int, subcolumns_per_side: int) -> RefinedArrays:
     return RefinedArrays(
         slot_of=slot_of,
-        num_used=num_used,
         cells=np.zeros(slots, dtype=np.int64),
         last_tick=np.zeros(slots, dtype=np.int64),
         subcolumn_height=np.zeros((slots, subcolumns_per_side**2)),
@@ -147,26 +138,28 @@ def _slot_tables(arrays: RefinedArrays) -> tuple[NDArray[np.generic], ...]:
 
 
 @kernel
-def _free_unused_slots(arrays, tick):  # type: ignore[no-untyped-def]
-    """Free the slots of columns that no tool was in, and close the gaps; return those columns.
+def _free_unused_slots(arrays, count, tick):  # type: ignore[no-untyped-def]
+    """Free the slots of columns that no tool was in, and close the gaps.
 
     What a sweep removed is not moved along: every sweep begins by resetting it.
+
+    Returns:
+        (number of slots in use, flat indices of the freed columns).
     """
-    used = arrays.num_used[0]
-    freed = np.empty(used, dtype=np.int64)
+    slot_of, cells, last_tick, subcolumn_height, mean_height, initial_height, _ = arrays
+    freed = np.empty(count, dtype=np.int64)
     kept = 0
-    for slot in range(used):
-        cell = arrays.cells[slot]
-        if arrays.last_tick[slot] != tick:
-            arrays.slot_of[cell] = -1
+    for slot in range(count):
+        cell = cells[slot]
+        if last_tick[slot] != tick:
+            slot_of[cell] = -1
             freed[slot - kept] = cell
             continue
-        arrays.slot_of[cell] = kept
-        arrays.cells[kept], arrays.last_tick[kept] = cell, tick
-        arrays.mean_height[kept] = arrays.mean_height[slot]
-        arrays.initial_height[kept] = arrays.initial_height[slot]
-        for q in range(arrays.subcolumn_height.shape[1]):
-            arrays.subcolumn_height[kept, q] = arrays.subcolumn_height[slot, q]
+        slot_of[cell] = kept
+        cells[kept], last_tick[kept] = cell, tick
+        mean_height[kept] = mean_height[slot]
+        initial_height[kept] = initial_height[slot]
+        for q in range(subcolumn_height.shape[1]):
+            subcolumn_height[kept, q] = subcolumn_height[slot, q]
         kept += 1
-    arrays.num_used[0] = kept
-    return freed[: used - kept]
+    return kept, freed[: count - kept]

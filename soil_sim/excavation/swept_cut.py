@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.kernels import kernel
+from soil_sim.columns.operations import mix_moisture, remove_from_column
 from soil_sim.columns.state import Columns
 from soil_sim.excavation.rasterize import max_columns_touched, rasterize_sweep
 from soil_sim.excavation.rasterize_triangle import Raster, SubcolumnGrid
@@ -30,7 +31,7 @@ from soil_sim.excavation.refined_columns import (
     REMOVED_HEIGHT,
     RefinedColumns,
 )
-from soil_sim.excavation.removed_soil import REMOVED_SOIL, RemovedSoil, remove_soil
+from soil_sim.excavation.removed_soil import REMOVED_SOIL, RemovedSoil
 from soil_sim.tool_sweeps import SweptPairs
 
 __all__ = ["SweptCut"]
@@ -79,11 +80,11 @@ class SweptCut:
         """
         refined, columns = self._refined, self._columns.arrays
         refined.begin_sweep()
-        raster = Raster(columns.height, columns.floor, refined.arrays, self._grid, refined.tick)
-        rasterize_sweep(*pairs, raster)
+        raster = Raster(columns.height, columns.floor, *refined.arrays, self._grid, refined.tick)
+        refined.count = rasterize_sweep(*pairs, raster, refined.count)
         if refined.count == 0:  # all tools are in the air
             return np.zeros(0, dtype=REMOVED_SOIL)
-        removed: RemovedSoil = _remove_from_columns(columns, refined.arrays)
+        removed: RemovedSoil = _remove_from_columns(columns, refined.arrays, refined.count)
         return removed
 
     def end_tick(self) -> NDArray[np.int64]:
@@ -100,32 +101,38 @@ class SweptCut:
 
 
 @kernel
-def _remove_from_columns(columns, refined):  # type: ignore[no-untyped-def]
+def _remove_from_columns(columns, refined, num_refined):  # type: ignore[no-untyped-def]
     """Remove what the subcolumns lost from the columns, as whole mm^3 of bank volume.
 
     Returns:
         `REMOVED_SOIL` records.
     """
-    used = refined.num_used[0]
-    num_subcolumns = refined.subcolumn_height.shape[1]
-    removed = np.empty(used, REMOVED_SOIL)
+    moments, subcolumn_height = refined.removed_moments, refined.subcolumn_height
+    cells, mean_height = refined.cells, refined.mean_height
+    num_subcolumns = subcolumn_height.shape[1]
+    removed = np.empty(num_refined, REMOVED_SOIL)
     count = 0
-    for slot in range(used):
-        height_sum = refined.removed_moments[slot, REMOVED_HEIGHT]
+    for slot in range(num_refined):
+        height_sum = moments[slot, REMOVED_HEIGHT]
         if height_sum <= 0.0:
             continue
-        i = refined.cells[slot]
-        centroid = (
-            refined.removed_moments[slot, MOMENT_X] / height_sum,
-            refined.removed_moments[slot, MOMENT_Y] / height_sum,
-            refined.removed_moments[slot, MOMENT_Z] / height_sum,
-        )
+        i = cells[slot]
         bulk = height_sum / num_subcolumns / columns.metres_per_mm3
-        count = remove_soil(columns, i, bulk, centroid, removed, count)
+        loose, firm = remove_from_column(columns, i, bulk)
         # The rounding error is spread evenly: the mean of the subcolumns stays the height.
-        expected = refined.mean_height[slot] - height_sum / num_subcolumns
-        rounding = columns.height[i] - expected
+        rounding = columns.height[i] - (mean_height[slot] - height_sum / num_subcolumns)
         for q in range(num_subcolumns):
-            refined.subcolumn_height[slot, q] += rounding
-        refined.mean_height[slot] = columns.height[i]
+            subcolumn_height[slot, q] += rounding
+        mean_height[slot] = columns.height[i]
+        if loose + firm == 0:
+            continue
+        record = removed[count]
+        record.cell, record.volume_mm3 = i, loose + firm
+        record.x = moments[slot, MOMENT_X] / height_sum
+        record.y = moments[slot, MOMENT_Y] / height_sum
+        record.z = moments[slot, MOMENT_Z] / height_sum
+        # Removing soil changes neither the kinds nor the moistures of a column.
+        record.soil = columns.soil[i] if firm > loose else columns.loose_soil[i]
+        record.moisture = mix_moisture(loose, columns.loose_moisture[i], firm, columns.moisture[i])
+        count += 1
     return removed[:count]

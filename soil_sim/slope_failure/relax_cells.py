@@ -60,9 +60,12 @@ def relax_cells(columns, params, occupied, queue, budget):  # type: ignore[no-un
     Returns:
         The number of visits: searches of the neighbourhood of a column.
     """
-    index_offsets = np.empty(params.offsets.shape[0], dtype=np.int64)
-    for k in range(index_offsets.size):
-        index_offsets[k] = params.offsets[k, 0] * params.cols + params.offsets[k, 1]
+    # The arrays are read from their tuples here: in the loops Numba would count references to them.
+    firm, loose, height = columns.firm, columns.loose, columns.height
+    offsets, distance, tolerance = params.offsets, params.distance, params.tolerance
+    rows, cols, reach, count = params.rows, params.cols, params.reach, params.distance.size
+    index_offset = _index_offsets(params)
+    max_layer = _MAX_LAYER_THICKNESS * distance[0]
     visits = 0
     forward = True
     while not is_empty(queue) and visits < budget:
@@ -70,134 +73,96 @@ def relax_cells(columns, params, occupied, queue, budget):  # type: ignore[no-un
         visits += 1
         if occupied[i]:
             continue
-        row, col = i // params.cols, i % params.cols
-        is_interior = (
-            params.reach <= row < params.rows - params.reach
-            and params.reach <= col < params.cols - params.reach
-        )
-        if is_interior and not _may_fail(columns.height, params, index_offsets, i):
+        row, col = i // cols, i % cols
+        is_interior = reach <= row < rows - reach and reach <= col < cols - reach
+        if is_interior and not _may_fail(
+            height, index_offset, distance, i, params.min_repose_tan, tolerance
+        ):
             continue
-        forward, visits = _relax_cell(
-            columns, params, occupied, queue, index_offsets, i, is_interior, forward, visits
-        )
+        limit = params.stability.neighbour_height
+        has_cohesion = limit[columns.soil[i], columns.moisture[i], 0] > 0.0
+        has_moved, include_firm = False, not has_cohesion
+        while True:
+            firm_tangent = tangent = params.repose_tan[columns.soil[i], columns.moisture[i]]
+            if loose[i] > 0:
+                tangent = params.repose_tan[columns.loose_soil[i], columns.loose_moisture[i]]
+            if params.repose_tan_scale.size:
+                tangent *= params.repose_tan_scale[i]
+                firm_tangent *= params.repose_tan_scale[i]
+            firm_height = columns.floor + firm[i] * columns.metres_per_mm3
+            min_tangent = min(tangent, firm_tangent)
+            # Find the target: the neighbour with the largest excess, or with noise the largest
+            # score. Ties go to alternate ends of the neighbourhood, or a heap would drift.
+            target, target_excess, target_firm_excess = np.int64(-1), 0.0, 0.0
+            max_score, min_excess = 0.0, tolerance
+            is_firm_steep = False
+            forward = not forward
+            for n in range(count):
+                k = n if forward else count - 1 - n
+                if not is_interior:
+                    r, c = row + offsets[k, 0], col + offsets[k, 1]
+                    if r < 0 or r >= rows or c < 0 or c >= cols:
+                        continue
+                j = i + index_offset[k]
+                drop = height[i] - height[j]
+                if drop - min_tangent * distance[k] <= min_excess or occupied[j] != 0:
+                    continue
+                # Loose soil can move as far as there is any, and firm soil if it is unstable.
+                excess = min(drop - tangent * distance[k], height[i] - firm_height)
+                firm_excess = firm_height - height[j] - firm_tangent * distance[k]
+                is_firm_steep |= firm_excess > tolerance
+                if firm_excess > tolerance and include_firm:
+                    surface_excess = drop - tangent * distance[k]
+                    excess = max(surface_excess, firm_excess) if loose[i] > 0 else firm_excess
+                else:
+                    firm_excess = 0.0
+                if excess <= min_excess:
+                    continue
+                if params.jitter > 0.0:
+                    random = 2.0 * random_uniform(params.random_state) - 1.0
+                    score = excess * (1.0 + params.jitter * random)
+                    if score <= max_score:
+                        continue
+                    max_score = score
+                else:
+                    min_excess = excess
+                target, target_excess, target_firm_excess = j, excess, firm_excess
+            visits += 1
+            if is_firm_steep and not include_firm and is_unstable(columns, params, occupied, i):
+                include_firm = True  # search again in the same order, for the firm soil, too
+                forward = not forward
+                continue
+            if target < 0 or not _move_soil(
+                columns, i, target, target_excess, target_firm_excess, max_layer
+            ):
+                break
+            has_moved, include_firm = True, not has_cohesion
+            enqueue(queue, target)
+        if has_moved:
+            _enqueue_steep_above(columns, params, i, queue)
     return visits
 
 
+@helper
+def _index_offsets(params):  # type: ignore[no-untyped-def]
+    """Return the offsets of the flat indices of the neighbours, shape (n,), int64."""
+    index_offset = np.empty(params.distance.size, dtype=np.int64)
+    for k in range(index_offset.size):
+        index_offset[k] = params.offsets[k, 0] * params.cols + params.offsets[k, 1]
+    return index_offset
+
+
 @helper(forceinline=True)
-def _may_fail(height, params, index_offsets, i):  # type: ignore[no-untyped-def]
+def _may_fail(height, index_offset, distance, i, min_repose_tan, tolerance):  # type: ignore[no-untyped-def]
     """Return whether a column is steeper against any neighbour than the gentlest angle of repose.
 
     For columns whose whole neighbourhood lies on the map.
     """
-    highest = height[i] - params.tolerance
-    for k in range(index_offsets.size):
-        drop = highest - height[i + index_offsets[k]]
-        if drop > params.min_repose_tan * params.distance[k]:
+    highest = height[i] - tolerance
+    for k in range(index_offset.size):
+        if highest - height[i + index_offset[k]] > min_repose_tan * distance[k]:
             return True
     return False
-
-
-@helper(inline="always")
-def _relax_cell(  # type: ignore[no-untyped-def]
-    columns, params, occupied, queue, index_offsets, i, is_interior, forward, visits
-):
-    """Move soil from column i to its neighbours until it is too steep against none of them.
-
-    Args:
-        index_offsets: offset of the flat index of each neighbour.
-        is_interior: whether all neighbours lie on the map.
-        forward: whether the last search was in the order of the neighbours.
-        visits: number of visits so far.
-
-    Returns:
-        (`forward` and `visits` after this column).
-    """
-    has_moved = False
-    has_cohesion = params.stability.neighbour_height[columns.soil[i], columns.moisture[i], 0] > 0.0
-    include_firm = not has_cohesion
-    while True:
-        # Ties go to alternate ends of the neighbourhood, or a heap would drift to one side.
-        forward = not forward
-        target, excess, firm_excess, is_firm_steep = _find_target(
-            columns, params, occupied, index_offsets, i, is_interior, include_firm, forward
-        )
-        visits += 1
-        if is_firm_steep and not include_firm and is_unstable(columns, params, occupied, i):
-            include_firm = True  # search again in the same order, for the firm soil, too
-            forward = not forward
-            continue
-        if target < 0 or not _move_soil(columns, params, i, target, excess, firm_excess):
-            break
-        has_moved = True
-        include_firm = not has_cohesion
-        enqueue(queue, target)
-    if has_moved:
-        _enqueue_steep_above(columns, params, i, queue)
-    return forward, visits
-
-
-@helper(inline="always")
-def _find_target(  # type: ignore[no-untyped-def]
-    columns, params, occupied, index_offsets, i, is_interior, include_firm, forward
-):
-    """Find the neighbour that column i exceeds its angle of repose against by most.
-
-    With noise, the excess is weighted by a random number.
-
-    Returns:
-        target: flat index of the neighbour, -1 if there is none.
-        excess: excess of height of the soil that can move [m].
-        firm_excess: excess of height of the firm soil, 0 unless `include_firm` [m].
-        is_firm_steep: whether the firm soil is too steep against any neighbour.
-    """
-    firm_tangent = tangent = params.repose_tan[columns.soil[i], columns.moisture[i]]
-    if columns.loose[i] > 0:
-        tangent = params.repose_tan[columns.loose_soil[i], columns.loose_moisture[i]]
-    if params.repose_tan_scale.size:
-        tangent *= params.repose_tan_scale[i]
-        firm_tangent *= params.repose_tan_scale[i]
-    top = columns.height[i]
-    firm_top = columns.floor + columns.firm[i] * columns.metres_per_mm3
-    min_tangent = min(tangent, firm_tangent)
-    row, col = i // params.cols, i % params.cols
-    target = np.int64(-1)
-    target_excess = target_firm_excess = max_score = 0.0
-    min_excess = params.tolerance
-    is_firm_steep = False
-    count = index_offsets.size
-    for n in range(count):
-        k = n if forward else count - 1 - n
-        if not is_interior:
-            r, c = row + params.offsets[k, 0], col + params.offsets[k, 1]
-            if r < 0 or r >= params.rows or c < 0 or c >= params.cols:
-                continue
-        j = i + index_offsets[k]
-        distance, drop = params.distance[k], top - columns.height[j]
-        if drop - min_tangent * distance <= min_excess or occupied[j] != 0:
-            continue
-        # Loose soil can move as far as there is any, and firm soil if it is unstable.
-        excess = min(drop - tangent * distance, top - firm_top)
-        firm_excess = firm_top - columns.height[j] - firm_tangent * distance
-        is_firm_steep |= firm_excess > params.tolerance
-        if firm_excess > params.tolerance and include_firm:
-            if columns.loose[i] > 0:
-                excess = max(drop - tangent * distance, firm_excess)
-            else:
-                excess = firm_excess
-        else:
-            firm_excess = 0.0
-        if excess <= min_excess:
-            continue
-        if params.jitter > 0.0:
-            random = 2.0 * random_uniform(params.random_state) - 1.0
-            score = excess * (1.0 + params.jitter * random)
-            if score <= max_score:
-                continue
-            max_score = score
-        else:
-            min_excess = excess
-        target, target_excess, target_firm_excess = j, excess, firm_excess
-    return target, target_excess, target_firm_excess, is_firm_steep
 
 
 @helper
@@ -226,19 +191,18 @@ def _enqueue_steep_above(columns, params, i, queue):  # type: ignore[no-untyped-
 
 
 @helper(inline="always")
-def _move_soil(columns, params, i, j, excess, firm_excess):  # type: ignore[no-untyped-def]
+def _move_soil(columns, i, j, excess, firm_excess, max_layer):  # type: ignore[no-untyped-def]
     """Move soil from column i to j so that half of an excess of height [m] is removed.
 
     Loose soil moves first, and is loosened again if it was compacted. Of firm soil, which swells
-    where it is deposited, half of its own excess moves. The layer is at most `_MAX_LAYER_THICKNESS`
-    thick.
+    where it is deposited, half of its own excess moves. The layer is at most `max_layer` [m] thick.
 
     Returns:
         Whether any soil moved.
     """
     metres_per_mm3 = columns.metres_per_mm3
     has_moved = False
-    remaining = min(excess, 2.0 * (_MAX_LAYER_THICKNESS * params.distance[0]))
+    remaining = min(excess, 2.0 * max_layer)
     if columns.loose[i] > 0:
         kind = columns.loose_soil[i]
         bulking_factor = columns.bulking_factor[kind]

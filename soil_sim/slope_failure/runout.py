@@ -10,10 +10,7 @@ as long as a thin layer runs down at a time.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
 from msg_bridge.kernels import helper, kernel
 from soil_sim.columns.operations import add_loose
@@ -39,23 +36,6 @@ excess, soil moves to the farthest. On a slope at its angle of repose all are th
 the edge of the map, nor where columns differ by noise."""
 
 
-class _Neighbours(NamedTuple):
-    """Neighbours of an interior column, listed twice: forward, then backward.
-
-    Searches start alternately at the first and at the second list: ties go to alternate ends, or a
-    heap would drift to one side.
-
-    Attributes:
-        index_offset: offset of the flat index, shape (2 n,), int64.
-        preference: increase of the score with the distance [m], shape (2 n,), float64.
-        limit: rise to the column at the angle of repose [m], shape (2 n,), float64.
-    """
-
-    index_offset: NDArray[np.int64]
-    preference: NDArray[np.float64]
-    limit: NDArray[np.float64]
-
-
 @kernel
 def deposit_with_runout(columns, params, occupied, queue, shares, first_index, budget):  # type: ignore[no-untyped-def]
     """Add loose soil to columns and let it run out, in at most about `budget` steps.
@@ -75,35 +55,67 @@ def deposit_with_runout(columns, params, occupied, queue, shares, first_index, b
         The number of steps: moves from a column to a neighbour.
     """
     _merge_duplicates(shares, first_index)
-    neighbours = _list_neighbours(params)
+    # The arrays are read from their tuples here: in the loops Numba would count references to them.
+    height, repose_tan, tolerance = columns.height, params.repose_tan, params.tolerance
+    cells, volumes, soils, moistures = shares
+    rows, cols, reach, count = params.rows, params.cols, params.reach, params.distance.size
+    thin, thick = _MIN_LAYER * params.distance[0], _MAX_LAYER * params.distance[0]
+    is_even = params.jitter == 0.0 and params.repose_tan_scale.size == 0
+    index_offset, preference = _list_neighbours(params)
+    limit = np.empty(2 * count)
+    pending = np.arange(cells.size)
+    num_pending = _keep_pending(volumes, pending, pending.size)
     steps = 0
-    pending, num_pending = np.empty(shares.cells.size, dtype=np.int64), 0
-    for m in range(shares.cells.size):
-        first_index[shares.cells[m]] = 0
-        if shares.volume_mm3[m] != 0:
-            pending[num_pending] = m
-            num_pending += 1
     limit_tangent = np.nan
     while num_pending:
         # One layer of each in turn, so that the soil of many columns rises everywhere at once.
         for n in range(num_pending):
             m = pending[n]
-            tangent = params.repose_tan[shares.soil[m], shares.moisture[m]]
+            i, soil, moisture = cells[m], soils[m], moistures[m]
+            bulking_factor, tangent = columns.bulking_factor[soil], repose_tan[soil, moisture]
             if tangent != limit_tangent:
-                _set_limits(neighbours, params, tangent)
+                _set_limits(limit, params, tangent)
                 limit_tangent = tangent
-            volume = shares.volume_mm3[m]
+            metres = bulking_factor * columns.metres_per_mm3
+            volume = volumes[m]
             if steps < budget:
-                volume = min(_layer_volume(columns, params, volume, shares.soil[m]), volume)
-            shares.volume_mm3[m] -= volume
-            steps = _run_down(
-                columns, params, occupied, queue, neighbours, shares, m, volume, steps, budget
-            )
-        count, num_pending = num_pending, 0
-        for n in range(count):
-            if shares.volume_mm3[pending[n]] > 0:
-                pending[num_pending] = pending[n]
-                num_pending += 1
+                layer = min(max(volume / _LAYER_DIVISOR, thin / metres), thick / metres)
+                volume = min(np.int64(layer) + 1, volume)
+            volumes[m] -= volume
+            while volume > 0:
+                target, moving = np.int64(-1), np.int64(0)
+                if steps < budget and occupied[i] == 0:
+                    top = height[i] + volume * metres
+                    row = i // cols
+                    col = i - row * cols
+                    is_interior = reach <= row < rows - reach and reach <= col < cols - reach
+                    first = count * (steps % 2)
+                    if is_even and is_interior:
+                        max_excess = max_score = 0.0
+                        for k in range(first, first + count):
+                            j = i + index_offset[k]
+                            excess = top - height[j] - limit[k]
+                            if excess > tolerance and occupied[j] == 0:
+                                max_excess = max(max_excess, excess)
+                                score = excess + preference[k]
+                                if score > max_score:
+                                    max_score, target = score, j
+                    else:
+                        target, max_excess = _find_target(
+                            height, params, occupied, i, top, tangent, steps % 2 == 0
+                        )
+                    if target >= 0:
+                        moving = min(np.int64(max_excess / metres), volume)
+                staying = volume - moving
+                if staying > 0:
+                    bulk = np.int64(staying * bulking_factor + 0.5)
+                    add_loose(columns, i, staying, bulk, soil, moisture)
+                    loose_tangent = repose_tan[columns.loose_soil[i], columns.loose_moisture[i]]
+                    if loose_tangent != tangent or steps >= budget:
+                        enqueue(queue, i)  # it may stand less steeply than the deposited soil
+                steps += 1
+                i, volume = target, moving
+        num_pending = _keep_pending(volumes, pending, num_pending)
     return steps
 
 
@@ -117,11 +129,34 @@ def _merge_duplicates(shares, first_index):  # type: ignore[no-untyped-def]
         elif shares.soil[first] == shares.soil[m] and shares.moisture[first] == shares.moisture[m]:
             shares.volume_mm3[first] += shares.volume_mm3[m]
             shares.volume_mm3[m] = 0
+    for m in range(shares.cells.size):
+        first_index[shares.cells[m]] = 0
+
+
+@helper
+def _keep_pending(volumes, pending, count):  # type: ignore[no-untyped-def]
+    """Move those of `count` pending shares that have volume to the front; return their number.
+
+    `volumes` are those of all shares [mm^3], and `pending` are indices of shares.
+    """
+    kept = 0
+    for n in range(count):
+        if volumes[pending[n]] > 0:
+            pending[kept] = pending[n]
+            kept += 1
+    return kept
 
 
 @helper
 def _list_neighbours(params):  # type: ignore[no-untyped-def]
-    """Return the `_Neighbours` of interior columns, without limits."""
+    """List the neighbours of an interior column twice: forward, then backward.
+
+    Searches start alternately at the first and at the second list: ties go to alternate ends, or a
+    heap would drift to one side.
+
+    Returns:
+        (offset of the flat index, shape (2 n,), int64; increase of the score, shape (2 n,)).
+    """
     count = params.distance.size
     index_offset, preference = np.empty(2 * count, dtype=np.int64), np.empty(2 * count)
     for k in range(count):
@@ -129,98 +164,15 @@ def _list_neighbours(params):  # type: ignore[no-untyped-def]
         offset = params.offsets[k, 0] * params.cols + params.offsets[k, 1]
         index_offset[k] = index_offset[back] = offset
         preference[k] = preference[back] = _DISTANCE_PREFERENCE * params.distance[k]
-    return _Neighbours(index_offset, preference, np.empty(2 * count))
+    return index_offset, preference
 
 
 @helper
-def _set_limits(neighbours, params, tangent):  # type: ignore[no-untyped-def]
-    """Set the limits of neighbours for the tangent of an angle of repose."""
+def _set_limits(limit, params, tangent):  # type: ignore[no-untyped-def]
+    """Set the rise to each listed neighbour [m] at the tangent of an angle of repose."""
     count = params.distance.size
     for k in range(count):
-        limit = tangent * params.distance[k]
-        neighbours.limit[k] = neighbours.limit[2 * count - 1 - k] = limit
-
-
-@helper(inline="always")
-def _layer_volume(columns, params, volume, soil):  # type: ignore[no-untyped-def]
-    """Return the bank volume [mm^3] of the layer that runs down at once."""
-    metres = columns.bulking_factor[soil] * columns.metres_per_mm3
-    thin, thick = _MIN_LAYER * params.distance[0], _MAX_LAYER * params.distance[0]
-    layer = min(max(volume / _LAYER_DIVISOR, thin / metres), thick / metres)
-    return np.int64(layer) + 1
-
-
-@helper(inline="always")
-def _run_down(  # type: ignore[no-untyped-def]
-    columns, params, occupied, queue, neighbours, shares, m, volume, steps, budget
-):
-    """Let a bank volume [mm^3] of share m run down from its column to where it stays.
-
-    Returns:
-        The number of steps, those before included.
-    """
-    i, soil, moisture = shares.cells[m], shares.soil[m], shares.moisture[m]
-    bulking_factor, tangent = columns.bulking_factor[soil], params.repose_tan[soil, moisture]
-    metres = bulking_factor * columns.metres_per_mm3
-    has_noise = params.jitter != 0.0 or params.repose_tan_scale.size != 0
-    while volume > 0:
-        target, moving = np.int64(-1), np.int64(0)
-        if steps < budget and occupied[i] == 0:
-            top = columns.height[i] + volume * metres
-            if not has_noise and _is_interior(params, i):
-                target, excess = _find_interior_target(
-                    columns.height, params, occupied, neighbours, i, top, steps % 2
-                )
-            else:
-                target, excess = _find_target(
-                    columns.height, params, occupied, i, top, tangent, steps % 2 == 0
-                )
-            if target >= 0:
-                moving = min(np.int64(excess / metres), volume)
-        staying = volume - moving
-        if staying > 0:
-            bulk = np.int64(staying * bulking_factor + 0.5)
-            add_loose(columns, i, staying, bulk, soil, moisture)
-            loose_tangent = params.repose_tan[columns.loose_soil[i], columns.loose_moisture[i]]
-            if loose_tangent != tangent or steps >= budget:
-                enqueue(queue, i)  # its angle of repose may be smaller than that of the share
-        steps += 1
-        i, volume = target, moving
-    return steps
-
-
-@helper(inline="always")
-def _is_interior(params, i):  # type: ignore[no-untyped-def]
-    """Return whether the whole neighbourhood of column i lies on the map."""
-    row = i // params.cols
-    col = i - row * params.cols
-    return (
-        params.reach <= row < params.rows - params.reach
-        and params.reach <= col < params.cols - params.reach
-    )
-
-
-@helper(inline="always")
-def _find_interior_target(height, params, occupied, neighbours, i, top, half):  # type: ignore[no-untyped-def]
-    """Find the neighbour that soil up to `top` [m] on column i moves to.
-
-    For a column whose neighbours all lie on the map, without noise; `half` selects the list.
-
-    Returns:
-        (flat index of the neighbour, -1 if there is none; largest excess over any neighbour [m]).
-    """
-    count = params.distance.size
-    target = np.int64(-1)
-    max_score = max_excess = 0.0
-    for k in range(count * half, count * half + count):
-        j = i + neighbours.index_offset[k]
-        excess = top - height[j] - neighbours.limit[k]
-        if excess > params.tolerance and occupied[j] == 0:
-            max_excess = max(max_excess, excess)
-            score = excess + neighbours.preference[k]
-            if score > max_score:
-                max_score, target = score, j
-    return target, max_excess
+        limit[k] = limit[2 * count - 1 - k] = tangent * params.distance[k]
 
 
 @helper

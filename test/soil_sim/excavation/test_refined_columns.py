@@ -8,9 +8,8 @@ from soil_sim.excavation.refined_columns import RefinedColumns
 def refined(cells: list[int], last_ticks: list[int], tick: int) -> RefinedColumns:
     """Return refined columns of 2 x 2 subcolumns, with the last tick that a tool was in each."""
     columns = RefinedColumns(50, 2)
-    columns.tick = tick
+    columns.count, columns.tick = len(cells), tick
     tables = columns.arrays
-    tables.num_used[0] = len(cells)
     for slot, (cell, last) in enumerate(zip(cells, last_ticks, strict=True)):
         tables.slot_of[cell], tables.cells[slot], tables.last_tick[slot] = slot, cell, last
         tables.mean_height[slot], tables.initial_height[slot] = 0.1 * cell, 1.0 * cell
