@@ -21,7 +21,8 @@ from machine_sim.simulation import MachineSim
 from msg_bridge.contract.errors import ExchangeError, ParameterError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.exchange.direct_transport import DirectTransport
-from msg_bridge.exchange.machine_exchange import MachineExchange, TickAnswer
+from msg_bridge.exchange.machine_exchange import MachineExchange
+from msg_bridge.exchange.tick_answer import TickAnswer
 from soil_sim.endpoint import SoilEndpoint
 from soil_sim.soil import Soil
 

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from machine_sim.simulation import MachineSim
 from msg_bridge.contract.messages import Message
-from msg_bridge.exchange.machine_exchange import JoinState, MachineExchange, TickAnswer
+from msg_bridge.exchange.join_state import JoinState
+from msg_bridge.exchange.machine_exchange import MachineExchange
+from msg_bridge.exchange.tick_answer import TickAnswer
 
 __all__ = ["MachineEndpoint"]
 

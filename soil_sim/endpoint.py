@@ -24,7 +24,8 @@ from msg_bridge.contract.rows import (
     empty_rows,
     join_rows,
 )
-from msg_bridge.exchange.soil_exchange import SoilExchange, TickInput
+from msg_bridge.exchange.soil_exchange import SoilExchange
+from msg_bridge.exchange.tick_input import TickInput
 from soil_sim.soil import Soil, SoilStepResult
 from soil_sim.soil_inventory import SoilInventory
 

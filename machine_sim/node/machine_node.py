@@ -46,7 +46,7 @@ from msg_bridge.contract import topics
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.messages import Keyframe, Message
 from msg_bridge.contract.topics import parent_namespace, resolve
-from msg_bridge.exchange.machine_exchange import JoinState
+from msg_bridge.exchange.join_state import JoinState
 from msg_bridge.nodes.diagnostics import Diagnostics
 from msg_bridge.nodes.process_main import run_node
 from msg_bridge.nodes.ros_parameters import declare_parameters, on_parameter_change

@@ -14,7 +14,7 @@ from typing import Protocol
 from machine_sim.node.machine_run import MachineRun
 from msg_bridge.codec.run_config import RunFacts
 from msg_bridge.contract.messages import Keyframe
-from msg_bridge.exchange.machine_exchange import JoinState
+from msg_bridge.exchange.join_state import JoinState
 from msg_bridge.nodes.diagnostics import Diagnostics, Level
 
 __all__ = ["RunMembership"]

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from msg_bridge.contract.errors import ErrorCode, ExchangeError
+from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import JoinRejected, MachineHeader, Verb
 from msg_bridge.exchange.soil_accounts import SoilAccounts
 
 __all__ = ["JoinAdmission"]
-
-_MAX_MACHINE_ID, _MAX_SESSION_ID = 2**16 - 1, 2**32 - 1
-"""Largest values of the fields of rows."""
 
 
 class JoinAdmission:
@@ -25,20 +22,6 @@ class JoinAdmission:
     def waiting(self) -> frozenset[int]:
         """Machines whose request waits for the end of the tick."""
         return frozenset(self._waiting)
-
-    def check(self, header: MachineHeader) -> None:
-        """Check the numbers of a request.
-
-        Raises:
-            ExchangeError: ID_RANGE.
-        """
-        machine_id, session_id = header.machine_id, header.session_id
-        if not (1 <= machine_id <= _MAX_MACHINE_ID and 1 <= session_id <= _MAX_SESSION_ID):
-            raise ExchangeError(
-                f"machine {machine_id} requests to join in session {session_id}; give a machine id"
-                f" from 1 to {_MAX_MACHINE_ID} and a session id from 1 to {_MAX_SESSION_ID}",
-                ErrorCode.ID_RANGE,
-            )
 
     def is_new_session(self, header: MachineHeader) -> bool:
         """Return whether a request begins a session later than all before."""

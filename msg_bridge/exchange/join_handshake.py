@@ -59,8 +59,9 @@ class JoinHandshake:
         self._backlog.add(rows)
 
     def missing(self) -> list[tuple[Stream, RowRange]]:
-        """Return what to request again after the welcome."""
-        assert self.welcome is not None
+        """Return what to request again; nothing before the welcome, which counts the backlog."""
+        if self.welcome is None:
+            return []
         missing = [(Stream.BACKLOG, gap) for gap in self._backlog.missing(self._backlog_range)]
         if self.keyframe is None or self.keyframe.revision < self.welcome.revision:
             missing.append((Stream.KEYFRAME, RowRange(0, 1)))

@@ -1,10 +1,8 @@
 """The machine's end of the exchange, as a state machine without clock and network.
 
 Messages go in through `receive` and come out of `drain_outbox`. The owner calls `request_missing`
-when there has been no progress for a while; it requests again what has not arrived::
-
-    OUT -- join --> JOINING -- welcome --> READY -- send --> WAITING -- answer --> READY ...
-                                             '-- send(leave) --> LEAVING -- confirmed --> OUT
+when there has been no progress for a while; it requests again what has not arrived. `JoinState`
+draws the states.
 
 A machine does not wait for the answer to the tick it has just sent, but for the one before
 (`PIPELINE_DEPTH`), so that soil and machine compute at the same time. A leaving machine receives no
@@ -15,16 +13,11 @@ names the tick. It may drop a silent machine, which is OUT then and may rejoin w
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import Enum
-
 from msg_bridge.contract.errors import ErrorCode, ExchangeError
-from msg_bridge.contract.map_updates import map_updates_after
 from msg_bridge.contract.messages import (
     JoinRejected,
     Keyframe,
     MachineHeader,
-    MachineReceipt,
     Message,
     RetransmitRequest,
     RowChunk,
@@ -33,49 +26,16 @@ from msg_bridge.contract.messages import (
     Stream,
     Verb,
 )
-from msg_bridge.contract.rows import (
-    CONVERSION,
-    FORCE,
-    MAP_UPDATE,
-    Rows,
-    empty_rows,
-    rows_of_machine,
-)
+from msg_bridge.contract.rows import CONVERSION, Rows, empty_rows
 from msg_bridge.exchange.join_handshake import JoinHandshake
+from msg_bridge.exchange.join_state import JoinState
 from msg_bridge.exchange.machine_streams import MachineStreams
+from msg_bridge.exchange.session_key import MAX_MACHINE_ID, SessionKey
 from msg_bridge.exchange.stream_buffers import PIPELINE_DEPTH
+from msg_bridge.exchange.tick_answer import TickAnswer
 from msg_bridge.exchange.ticks_in_flight import TicksInFlight
 
-__all__ = ["JoinState", "MachineExchange", "TickAnswer"]
-
-_MAX_MACHINE_ID = 2**16 - 1
-
-
-class JoinState(Enum):
-    """State of a machine in the exchange."""
-
-    OUT = "out"
-    JOINING = "joining"
-    READY = "ready"
-    WAITING = "waiting"
-    LEAVING = "leaving"
-
-
-@dataclass(frozen=True)
-class TickAnswer:
-    """The soil's complete answer to a tick. The rows must not be modified.
-
-    Attributes:
-        tick: the soil's tick that answers; in real time it may be later than the tick sent.
-        conversions: CONVERSION rows of this machine, in order.
-        forces: FORCE rows of this machine.
-        map_updates: MAP_UPDATE rows newer than the keyframe.
-    """
-
-    tick: int
-    conversions: Rows
-    forces: Rows
-    map_updates: Rows
+__all__ = ["MachineExchange"]
 
 
 class MachineExchange:
@@ -105,9 +65,9 @@ class MachineExchange:
         Raises:
             ExchangeError: ID_RANGE.
         """
-        if not 1 <= machine_id <= _MAX_MACHINE_ID:
+        if not 1 <= machine_id <= MAX_MACHINE_ID:
             raise ExchangeError(
-                f"machine_id is {machine_id}; number machines from 1 to {_MAX_MACHINE_ID}",
+                f"machine_id is {machine_id}; number machines from 1 to {MAX_MACHINE_ID}",
                 ErrorCode.ID_RANGE,
             )
         self.machine_id = machine_id
@@ -173,9 +133,7 @@ class MachineExchange:
         self.session_id += 1
         self._begin_session()
         self._sent = MachineHeader(
-            self.run_id,
-            self.machine_id,
-            self.session_id,
+            *self._key,
             self.tick,
             Verb.JOIN if self._applied is None else Verb.REJOIN,
             conversions_received=self._applied or 0,
@@ -214,18 +172,13 @@ class MachineExchange:
                 ErrorCode.JOIN_STATE,
             )
         assert self._applied is not None
-        sweeps, sweep_range = self._streams.append(Stream.SWEEP, sweeps)
-        deposit_requests, request_range = self._streams.append(
-            Stream.DEPOSIT_REQUEST, deposit_requests
-        )
+        sent_rows = self._streams.append_tick(sweeps, deposit_requests)
         self._sent = MachineHeader(
-            self.run_id,
-            self.machine_id,
-            self.session_id,
+            *self._key,
             self.next_tick,
             Verb.LEAVE if leave else Verb.STEP,
-            sweep_range,
-            request_range,
+            sent_rows.sweeps,
+            sent_rows.deposit_requests,
             self._applied,
             pending_mm3,
             particles_mm3,
@@ -238,9 +191,7 @@ class MachineExchange:
         elif len(self._in_flight) > PIPELINE_DEPTH:
             self.join_state = JoinState.WAITING
         # The header comes last: over a transport that keeps the order its rows are there before it.
-        self._outbox += self._streams.chunks(Stream.SWEEP, sweeps)
-        self._outbox += self._streams.chunks(Stream.DEPOSIT_REQUEST, deposit_requests)
-        self._outbox.append(self._sent)
+        self._outbox += [*sent_rows.chunks, self._sent]
 
     def receive(self, message: Message) -> None:
         """Process one message of the soil; those of other runs and sessions are ignored.
@@ -254,7 +205,7 @@ class MachineExchange:
         if isinstance(message, SoilHeader):
             self._receive_header(message)
         elif isinstance(message, RowChunk):
-            if is_joining and message.stream is Stream.BACKLOG and self._is_own(message):
+            if is_joining and message.stream is Stream.BACKLOG and self._key.matches(message):
                 self._handshake.add_backlog(message.rows)
                 self._begin_ticks()
             else:
@@ -264,10 +215,10 @@ class MachineExchange:
                 self._handshake.add_keyframe(message)
                 self._begin_ticks()
         elif isinstance(message, JoinRejected):
-            if is_joining and self._is_own(message):
+            if is_joining and self._key.matches(message):
                 self.rejection_reason = message.reason
                 self.join_state = JoinState.OUT
-        elif isinstance(message, RetransmitRequest) and self._is_own(message):
+        elif isinstance(message, RetransmitRequest) and self._key.matches(message):
             if message.stream is Stream.HEADER:
                 self._outbox += self._in_flight.sent_headers(message.first)
             else:
@@ -277,26 +228,17 @@ class MachineExchange:
         """Return the awaited answer once it is complete, else None."""
         if self.join_state is JoinState.LEAVING and self._leave_confirmation is not None:
             self.join_state = JoinState.OUT
-            no_rows = (empty_rows(CONVERSION), empty_rows(FORCE), empty_rows(MAP_UPDATE))
-            return TickAnswer(self._leave_confirmation.tick, *no_rows)
-        answered = self._in_flight.pop() if self.join_state is JoinState.WAITING else None
-        if answered is None:
+            return TickAnswer.without_rows(self._leave_confirmation.tick)
+        completed = self._in_flight.pop() if self.join_state is JoinState.WAITING else None
+        if completed is None:
             return None
-        header, rows = answered.header, answered.rows
         assert self.keyframe is not None
-        self._streams.discard_through(Stream.SWEEP, answered.sent.sweeps.last)
-        receipt = self._receipt(header)
-        if receipt is not None:
-            self._streams.discard_through(Stream.DEPOSIT_REQUEST, receipt.deposit_requests_received)
+        header = completed.header
+        self._streams.discard_answered(completed.sent, self._key.receipt(header))
         self.join_state = JoinState.READY
         self.tick = header.tick
         self._applied = header.conversions.last
-        return TickAnswer(
-            header.tick,
-            rows_of_machine(rows[Stream.CONVERSION], self.machine_id),
-            rows_of_machine(rows[Stream.FORCE], self.machine_id),
-            map_updates_after(self.keyframe.revision, rows[Stream.MAP_UPDATE]),
-        )
+        return TickAnswer.for_machine(completed, self.machine_id, self.keyframe.revision)
 
     def request_missing(self) -> None:
         """Request again what has not arrived.
@@ -306,22 +248,17 @@ class MachineExchange:
         """
         if self._sent is None or self.join_state is JoinState.OUT:
             return
-        if self.join_state is JoinState.JOINING:
-            if self._handshake.welcome is None:
-                self._outbox.append(self._sent)
-                self._request(Stream.HEADER, RowRange(self._sent.tick, 1))
-            else:
-                for stream, span in self._handshake.missing():
-                    self._request(stream, span)
-            return
+        is_joining = self.join_state is JoinState.JOINING
         unanswered = self._in_flight.unanswered_headers()
+        if is_joining and self._handshake.welcome is None:
+            unanswered = [self._sent]
         # Either the soil lacks a part of the tick and requests it, or its header was lost.
         self._outbox += unanswered
         if unanswered or self.join_state is JoinState.READY:
             tick = unanswered[0].tick if unanswered else self.sent_tick
-            self._request(Stream.HEADER, RowRange(tick, 1))
-        for stream, span in self._in_flight.gaps():
-            self._request(stream, span)
+            self._outbox.append(self._key.request(Stream.HEADER, RowRange(tick, 1)))
+        missing = self._handshake.missing() if is_joining else self._in_flight.gaps()
+        self._outbox += [self._key.request(stream, span) for stream, span in missing]
 
     def drain_outbox(self) -> list[Message]:
         """Return the messages to send to the soil, in order, and empty the outbox."""
@@ -331,7 +268,8 @@ class MachineExchange:
 
     def _begin_session(self) -> None:
         """Reset all state of the session before; streams count from 1 in every session."""
-        self._streams = MachineStreams(self.run_id, self.machine_id, self.session_id)
+        self._key = SessionKey(self.run_id, self.machine_id, self.session_id)
+        self._streams = MachineStreams(self._key)
         self._in_flight = TicksInFlight()
         self._handshake = JoinHandshake()
         self._outbox = []
@@ -343,7 +281,7 @@ class MachineExchange:
 
     def _receive_header(self, header: SoilHeader) -> None:
         assert self._sent is not None
-        receipt = self._receipt(header)
+        receipt = self._key.receipt(header)
         if self.join_state is JoinState.JOINING:
             if receipt is not None and self._handshake.welcome is None:
                 self._handshake.set_welcome(header, receipt)
@@ -370,16 +308,3 @@ class MachineExchange:
         self.tick = self.sent_tick = handshake.welcome.tick
         self._applied = handshake.welcome.conversions.last
         self.join_state = JoinState.READY
-
-    def _receipt(self, header: SoilHeader) -> MachineReceipt | None:
-        return next((receipt for receipt in header.receipts if self._is_own(receipt)), None)
-
-    def _is_own(
-        self, message: MachineReceipt | RowChunk | RetransmitRequest | JoinRejected
-    ) -> bool:
-        """Return whether a message is of this machine and session."""
-        return message.machine_id == self.machine_id and message.session_id == self.session_id
-
-    def _request(self, stream: Stream, span: RowRange) -> None:
-        ids = (self.run_id, self.machine_id, self.session_id)
-        self._outbox.append(RetransmitRequest(*ids, stream, span.first, span.count))

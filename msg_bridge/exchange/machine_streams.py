@@ -2,21 +2,47 @@
 
 from __future__ import annotations
 
-from msg_bridge.contract.messages import Message, RetransmitRequest, RowRange, Stream
+from typing import NamedTuple
+
+from msg_bridge.contract.messages import (
+    MachineHeader,
+    MachineReceipt,
+    Message,
+    RetransmitRequest,
+    RowRange,
+    Stream,
+)
 from msg_bridge.contract.rows import Rows
 from msg_bridge.exchange.chunks import split_into_chunks
+from msg_bridge.exchange.session_key import SessionKey
 from msg_bridge.exchange.stream_buffers import SendBuffer
 
-__all__ = ["MachineStreams"]
+__all__ = ["MachineStreams", "SentRows"]
+
+
+class SentRows(NamedTuple):
+    """The rows of one tick.
+
+    Attributes:
+        sweeps: range of the SWEEP rows.
+        deposit_requests: range of the DEPOSIT_REQUEST rows.
+        chunks: the messages that carry them.
+    """
+
+    sweeps: RowRange
+    deposit_requests: RowRange
+    chunks: list[Message]
 
 
 class MachineStreams:
     """The streams of sweeps and deposit requests of one session."""
 
-    def __init__(self, run_id: int, machine_id: int, session_id: int) -> None:
-        self._run_id = run_id
-        self._machine_id = machine_id
-        self._session_id = session_id
+    def __init__(self, key: SessionKey) -> None:
+        """
+        Args:
+            key: the session.
+        """
+        self._key = key
         self._send_buffers = {
             stream: SendBuffer(stream) for stream in (Stream.SWEEP, Stream.DEPOSIT_REQUEST)
         }
@@ -26,32 +52,41 @@ class MachineStreams:
         """Number of rows kept."""
         return sum(buffer.num_buffered_rows for buffer in self._send_buffers.values())
 
-    def append(self, stream: Stream, rows: Rows) -> tuple[Rows, RowRange]:
-        """Number a copy of some rows and set their machine id; return them and their range."""
-        numbered, span = self._send_buffers[stream].append(rows)
-        if numbered.size:
-            numbered["machine_id"] = self._machine_id
-        return numbered, span
-
-    def chunks(self, stream: Stream, rows: Rows) -> list[Message]:
-        """Return rows as messages."""
-        return [
-            *split_into_chunks(
-                self._run_id,
-                stream,
-                rows,
-                machine_id=self._machine_id,
-                session_id=self._session_id,
-            )
-        ]
+    def append_tick(self, sweeps: Rows, deposit_requests: Rows) -> SentRows:
+        """Number a copy of the rows of a tick, set their machine id, and keep them."""
+        sweeps, sweep_range = self._append(Stream.SWEEP, sweeps)
+        deposit_requests, request_range = self._append(Stream.DEPOSIT_REQUEST, deposit_requests)
+        chunks = self._chunks(Stream.SWEEP, sweeps)
+        chunks += self._chunks(Stream.DEPOSIT_REQUEST, deposit_requests)
+        return SentRows(sweep_range, request_range, chunks)
 
     def retransmit(self, request: RetransmitRequest) -> list[Message]:
         """Return the kept rows that a request names."""
         if request.stream not in self._send_buffers:
             return []
         wanted = RowRange(request.first, request.count)
-        return self.chunks(request.stream, self._send_buffers[request.stream].kept_rows(wanted))
+        return self._chunks(request.stream, self._send_buffers[request.stream].kept_rows(wanted))
 
-    def discard_through(self, stream: Stream, number: int) -> None:
-        """Discard the rows of the ticks that end with row `number` or before."""
-        self._send_buffers[stream].discard_through(number)
+    def discard_answered(self, sent: MachineHeader, receipt: MachineReceipt | None) -> None:
+        """Discard the rows that the soil has.
+
+        Args:
+            sent: header of a tick that is answered.
+            receipt: the acknowledgement in the answer, if there is one.
+        """
+        self._send_buffers[Stream.SWEEP].discard_through(sent.sweeps.last)
+        if receipt is not None:
+            received = receipt.deposit_requests_received
+            self._send_buffers[Stream.DEPOSIT_REQUEST].discard_through(received)
+
+    def _append(self, stream: Stream, rows: Rows) -> tuple[Rows, RowRange]:
+        numbered, span = self._send_buffers[stream].append(rows)
+        if numbered.size:
+            numbered["machine_id"] = self._key.machine_id
+        return numbered, span
+
+    def _chunks(self, stream: Stream, rows: Rows) -> list[Message]:
+        run_id, machine_id, session_id = self._key
+        return [
+            *split_into_chunks(run_id, stream, rows, machine_id=machine_id, session_id=session_id)
+        ]

@@ -14,7 +14,6 @@ without a late machine, whose part then belongs to a later tick: its receipt sta
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +22,6 @@ from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import (
-    Keyframe,
     MachineHeader,
     Message,
     RetransmitRequest,
@@ -33,33 +31,18 @@ from msg_bridge.contract.messages import (
     Stream,
     Verb,
 )
-from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, Rows, empty_rows, join_rows
-from msg_bridge.exchange.chunks import split_into_chunks
+from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, Rows, empty_rows
 from msg_bridge.exchange.join_admission import JoinAdmission
+from msg_bridge.exchange.joined_machines import JoinedMachines
 from msg_bridge.exchange.machine_session import MachineSession
+from msg_bridge.exchange.session_key import SessionKey
 from msg_bridge.exchange.soil_accounts import SoilAccounts
 from msg_bridge.exchange.soil_streams import SoilStreams
 from msg_bridge.exchange.stream_buffers import PIPELINE_DEPTH
+from msg_bridge.exchange.tick_input import TickInput
+from msg_bridge.exchange.welcome import Layers, Welcome
 
-__all__ = ["SoilExchange", "TickInput"]
-
-
-@dataclass(frozen=True)
-class TickInput:
-    """Everything the machines sent for one tick. The rows must not be modified.
-
-    Attributes:
-        tick: its number; 0 is the welcome, before anything moves.
-        sweeps: SWEEP rows, ordered by machine and number.
-        deposit_requests: DEPOSIT_REQUEST rows, ordered by machine and number.
-    """
-
-    tick: int
-    sweeps: Rows
-    deposit_requests: Rows
-
-
-Layers = tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.uint8]]
+__all__ = ["SoilExchange"]
 
 
 class SoilExchange:
@@ -85,7 +68,7 @@ class SoilExchange:
         Args:
             grid: the grid of the terrain.
             elevation: returns the present elevation [m], shape (rows, cols).
-            layers: returns the present `volume_mm3`, `soil` and `moisture` of a `Keyframe`.
+            layers: returns the present `volume_mm3`, `soil` and `moisture`; None: zeros.
             expected: ids of the machines that must join before tick 1.
             run_id: number of the run.
         """
@@ -93,12 +76,10 @@ class SoilExchange:
         self.tick = -1
         self.ledger: Ledger | None = None
         self.accounts = SoilAccounts()
-        self._grid = grid
-        self._elevation = elevation
-        self._layers = layers
+        self._welcome = Welcome(grid, elevation, layers)
         self._expected = frozenset(expected)
         self._admission = JoinAdmission(run_id)
-        self._sessions: dict[int, MachineSession] = {}
+        self._machines = JoinedMachines()
         self._streams = SoilStreams(run_id)
         self._machines_in_tick: tuple[int, ...] = ()  # whose part is in the polled tick
         self._outbox: list[Message] = []
@@ -106,12 +87,12 @@ class SoilExchange:
     @property
     def joined(self) -> tuple[int, ...]:
         """Ids of the machines that take part, ascending."""
-        return tuple(sorted(self._sessions))
+        return self._machines.ids
 
     @property
     def late(self) -> tuple[int, ...]:
         """Ids of the machines whose part of the next tick is incomplete, ascending."""
-        return tuple(n for n in self.joined if not self._sessions[n].is_complete())
+        return self._machines.late
 
     @property
     def releasable_machines(self) -> tuple[int, ...]:
@@ -121,13 +102,12 @@ class SoilExchange:
     @property
     def is_missing_rows(self) -> bool:
         """Whether the header of a late machine is here and rows that it counts are not."""
-        return any(self._sessions[n].header is not None for n in self.late)
+        return self._machines.is_missing_rows
 
     @property
     def num_buffered_rows(self) -> int:
         """Number of rows in memory, published and received."""
-        received = sum(session.num_buffered_rows for session in self._sessions.values())
-        return received + self._streams.num_buffered_rows
+        return self._machines.num_buffered_rows + self._streams.num_buffered_rows
 
     def receive(self, message: Message) -> None:
         """Process one message of a machine; those of another run or session are ignored.
@@ -141,11 +121,11 @@ class SoilExchange:
             if message.verb in (Verb.JOIN, Verb.REJOIN):
                 self._receive_join_request(message)
             elif message.tick <= self.tick + 1 + PIPELINE_DEPTH:
-                session = self._session(message.machine_id, message.session_id)
+                session = self._machines.session(message.machine_id, message.session_id)
                 if session is not None:
                     session.receive_header(message)
         elif isinstance(message, RowChunk):
-            session = self._session(message.machine_id, message.session_id)
+            session = self._machines.session(message.machine_id, message.session_id)
             if session is not None:
                 session.receive_rows(message)
         elif isinstance(message, RetransmitRequest):
@@ -166,15 +146,10 @@ class SoilExchange:
                 return None
             return TickInput(0, empty_rows(SWEEP), empty_rows(DEPOSIT_REQUEST))
         late = self.late
-        if wait and (late or not (self._sessions or self._admission.waiting)):
+        if wait and (late or not (self._machines or self._admission.waiting)):
             return None
         self._machines_in_tick = tuple(n for n in self.joined if n not in late)
-        parts = [self._sessions[machine_id].tick_rows() for machine_id in self._machines_in_tick]
-        return TickInput(
-            self.tick + 1,
-            join_rows([sweeps for sweeps, _ in parts], SWEEP),
-            join_rows([requests for _, requests in parts], DEPOSIT_REQUEST),
-        )
+        return TickInput(self.tick + 1, *self._machines.tick_rows(self._machines_in_tick))
 
     def answer(
         self, conversions: Rows, forces: Rows, map_updates: Rows, *, revision: int, terrain_mm3: int
@@ -207,7 +182,7 @@ class SoilExchange:
         conversion_range = spans[Stream.CONVERSION]
         self.accounts.add_in_flight(conversion_range, rows[Stream.CONVERSION])
         for machine_id in self._machines_in_tick:
-            self._complete_tick(self._sessions[machine_id])
+            self._complete_tick(machine_id)
         self._machines_in_tick = ()
         admitted = self._admit(conversion_range.last)
         header = SoilHeader(
@@ -217,15 +192,14 @@ class SoilExchange:
             conversions=conversion_range,
             map_updates=spans[Stream.MAP_UPDATE],
             forces=spans[Stream.FORCE],
-            receipts=tuple(self._sessions[n].receipt for n in self.joined),
+            receipts=self._machines.receipts,
         )
-        for session in self._sessions.values():
-            session.record_published(header)
+        self._machines.record_published(header)
         self._outbox += self._streams.publish(header, rows)
-        self._welcome(admitted)
-        acknowledged = [session.acknowledged for session in self._sessions.values()]
+        self._outbox += self._welcome.messages(header, admitted)
         self._streams.discard(
-            acknowledged or [header.spans], self.accounts.last_row_acknowledged_by_all
+            self._machines.acknowledged or [header.spans],
+            self.accounts.last_row_acknowledged_by_all,
         )
         self.ledger = self.accounts.ledger(self.run_id, self.tick, terrain_mm3)
         return self.ledger
@@ -233,12 +207,12 @@ class SoilExchange:
     def drop(self, machine_id: int) -> None:
         """Continue without a joined machine that is silent; the soil it holds is absent now.
 
-        The machine learns of it from the next header and may rejoin with the soil it holds.
+        The next header has no receipt for the machine, which may rejoin with the soil it holds.
 
         Raises:
             ExchangeError: NOT_JOINED.
         """
-        if machine_id not in self._sessions:
+        if machine_id not in self._machines:
             raise ExchangeError(
                 f"machine {machine_id} takes no part; only a joined machine can be dropped",
                 ErrorCode.NOT_JOINED,
@@ -253,7 +227,7 @@ class SoilExchange:
         Raises:
             ExchangeError: STILL_JOINED: it takes part, or waits to rejoin.
         """
-        if machine_id in self._sessions or machine_id in self._admission.waiting:
+        if machine_id in self._machines or machine_id in self._admission.waiting:
             raise ExchangeError(
                 f"machine {machine_id} takes part; release its soil after it has left",
                 ErrorCode.STILL_JOINED,
@@ -264,49 +238,37 @@ class SoilExchange:
         """Request what has not arrived, and send the latest header again."""
         if self._streams.last_header is not None:
             self._outbox.append(self._streams.last_header)
-        for machine_id in self.late:
-            session = self._sessions[machine_id]
-            if session.header is None:
-                missing = [(Stream.HEADER, RowRange(self.tick + 1, 1))]
-            else:
-                missing = session.gaps()
-            for stream, gap in missing:
-                ids = (self.run_id, machine_id, session.session_id)
-                self._outbox.append(RetransmitRequest(*ids, stream, gap.first, gap.count))
+        self._outbox += self._machines.missing(self.run_id, self.tick + 1)
 
     def drain_outbox(self) -> list[Message]:
         """Return the messages to send to all machines, in order, and empty the outbox."""
         out, self._outbox = self._outbox, []
         return out
 
-    def _session(self, machine_id: int, session_id: int) -> MachineSession | None:
-        session = self._sessions.get(machine_id)
-        return session if session is not None and session.session_id == session_id else None
-
     def _receive_join_request(self, header: MachineHeader) -> None:
-        self._admission.check(header)
-        session = self._session(header.machine_id, header.session_id)
+        SessionKey(self.run_id, header.machine_id, header.session_id).check()
+        session = self._machines.session(header.machine_id, header.session_id)
         if session is not None:
-            if self._streams.last_header is not None:  # its welcome was lost
-                self._outbox.append(self._streams.last_header)
-                self._welcome([session])
+            last_header = self._streams.last_header
+            if last_header is not None:  # its welcome was lost
+                self._outbox += [last_header, *self._welcome.messages(last_header, [session])]
             return
-        if header.machine_id in self._sessions and self._admission.is_new_session(header):
+        if header.machine_id in self._machines and self._admission.is_new_session(header):
             self._end_session(header.machine_id)  # the machine restarted without leaving
         rejection = self._admission.add(header)
         if rejection is not None:
             self._outbox.append(rejection)
 
-    def _complete_tick(self, session: MachineSession) -> None:
+    def _complete_tick(self, machine_id: int) -> None:
         """Account the totals and acknowledgement of a machine, and discard its rows."""
-        header = session.complete_tick()
+        header = self._machines[machine_id].complete_tick()
         self.accounts.update_totals(header)
         if header.verb is Verb.LEAVE:
-            self._end_session(header.machine_id)
+            self._end_session(machine_id)
 
     def _end_session(self, machine_id: int) -> None:
         self.accounts.leave(machine_id)
-        del self._sessions[machine_id]
+        self._machines.remove(machine_id)
 
     def _admit(self, published: int) -> list[MachineSession]:
         """Begin the sessions of waiting machines as of this tick; return them.
@@ -320,43 +282,23 @@ class SoilExchange:
         for header in requests:
             backlog = self.accounts.backlog(header.machine_id)
             session = MachineSession(header.machine_id, header.session_id, backlog, self.tick)
-            self._sessions[header.machine_id] = session
+            self._machines.add(session)
             admitted.append(session)
         return admitted
 
-    def _welcome(self, sessions: list[MachineSession]) -> None:
-        """Post the terrain, and the backlog of each machine."""
-        if sessions:
-            self._outbox.append(self._keyframe())
-        for session in sessions:
-            self._post_backlog(session, RowRange(1, session.num_backlog_rows))
-
-    def _post_backlog(self, session: MachineSession, wanted: RowRange) -> None:
-        self._outbox += split_into_chunks(
-            self.run_id,
-            Stream.BACKLOG,
-            session.backlog.kept_rows(wanted),
-            machine_id=session.machine_id,
-            session_id=session.session_id,
-        )
-
-    def _keyframe(self) -> Keyframe:
-        header = self._streams.last_header
-        assert header is not None
-        layers = () if self._layers is None else self._layers()
-        return Keyframe(self.run_id, header.revision, self._grid, self._elevation().copy(), *layers)
-
     def _retransmit(self, request: RetransmitRequest) -> None:
-        if self._streams.last_header is None:
+        last_header = self._streams.last_header
+        if last_header is None:
             return
-        session = self._session(request.machine_id, request.session_id)
-        if request.stream is Stream.HEADER:  # a dropped machine learns of it this way
+        session = self._machines.session(request.machine_id, request.session_id)
+        if request.stream is Stream.HEADER:  # its receipts show whether the machine was dropped
             self._outbox += self._streams.retransmit(request)
         elif session is None:
             return
         elif request.stream is Stream.KEYFRAME:
-            self._outbox.append(self._keyframe())
+            self._outbox.append(self._welcome.keyframe(last_header))
         elif request.stream is Stream.BACKLOG:
-            self._post_backlog(session, RowRange(request.first, request.count))
+            wanted = RowRange(request.first, request.count)
+            self._outbox += self._welcome.backlog(self.run_id, session, wanted)
         else:
             self._outbox += self._streams.retransmit(request)

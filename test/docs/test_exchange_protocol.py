@@ -22,7 +22,7 @@ from msg_bridge.contract.messages import (
     Verb,
 )
 from msg_bridge.contract.rows import ConversionKind, SoilReaction, SweepAction
-from msg_bridge.exchange.machine_exchange import JoinState
+from msg_bridge.exchange.join_state import JoinState
 
 TEXT = (Path(__file__).parents[2] / "docs/concepts/exchange_protocol.md").read_text()
 

@@ -21,8 +21,10 @@ from msg_bridge.contract.rows import (
     Rows,
     empty_rows,
 )
-from msg_bridge.exchange.machine_exchange import JoinState, MachineExchange
-from msg_bridge.exchange.soil_exchange import SoilExchange, TickInput
+from msg_bridge.exchange.join_state import JoinState
+from msg_bridge.exchange.machine_exchange import MachineExchange
+from msg_bridge.exchange.soil_exchange import SoilExchange
+from msg_bridge.exchange.tick_input import TickInput
 
 GRID = Grid(4, 4, 1.0)
 

@@ -34,7 +34,8 @@ from msg_bridge.contract.rows import (
     Rows,
     empty_rows,
 )
-from msg_bridge.exchange.machine_exchange import JoinState, MachineExchange
+from msg_bridge.exchange.join_state import JoinState
+from msg_bridge.exchange.machine_exchange import MachineExchange
 from msg_bridge.exchange.soil_exchange import SoilExchange
 from soil_sim.soil import Soil
 from support.machine_scenes import excavator, level_soil

@@ -12,7 +12,7 @@ from support.wire import raises
 from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.messages import MachineHeader, RetransmitRequest, SoilHeader, Stream, Verb
 from msg_bridge.exchange.direct_transport import DirectTransport
-from msg_bridge.exchange.machine_exchange import JoinState
+from msg_bridge.exchange.join_state import JoinState
 
 
 def driver(seed: int = 0) -> ExchangeDriver:

@@ -21,7 +21,7 @@ from msg_bridge.contract.messages import (
 )
 from msg_bridge.contract.rows import SWEEP, empty_rows
 from msg_bridge.exchange.direct_transport import DirectTransport
-from msg_bridge.exchange.machine_exchange import JoinState
+from msg_bridge.exchange.join_state import JoinState
 from msg_bridge.exchange.stream_buffers import PIPELINE_DEPTH
 from msg_bridge.testing import LossyTransport
 

@@ -10,7 +10,7 @@ from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import SoilHeader
 from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, empty_rows
 from msg_bridge.exchange.direct_transport import DirectTransport
-from msg_bridge.exchange.machine_exchange import JoinState
+from msg_bridge.exchange.join_state import JoinState
 from msg_bridge.testing import LossyTransport
 
 

@@ -9,7 +9,8 @@ from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.messages import Keyframe, MachineHeader, RowChunk, Stream, Verb
 from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, empty_rows
 from msg_bridge.exchange.direct_transport import DirectTransport
-from msg_bridge.exchange.machine_exchange import JoinState, MachineExchange
+from msg_bridge.exchange.join_state import JoinState
+from msg_bridge.exchange.machine_exchange import MachineExchange
 from msg_bridge.testing import LossyTransport
 
 GOOD: dict[str, float] = {}

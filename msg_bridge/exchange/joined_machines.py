@@ -1,0 +1,106 @@
+"""The sessions of the machines that take part, by machine id."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from msg_bridge.contract.messages import (
+    MachineReceipt,
+    RetransmitRequest,
+    RowRange,
+    SoilHeader,
+    Stream,
+)
+from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, Rows, join_rows
+from msg_bridge.exchange.machine_session import MachineSession
+from msg_bridge.exchange.session_key import SessionKey
+
+__all__ = ["JoinedMachines"]
+
+
+class JoinedMachines:
+    """One session of each joined machine."""
+
+    def __init__(self) -> None:
+        self._sessions: dict[int, MachineSession] = {}
+
+    def __len__(self) -> int:
+        return len(self._sessions)
+
+    def __contains__(self, machine_id: int) -> bool:
+        return machine_id in self._sessions
+
+    def __getitem__(self, machine_id: int) -> MachineSession:
+        return self._sessions[machine_id]
+
+    def __iter__(self) -> Iterator[MachineSession]:
+        return iter(self._sessions.values())
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """Machine ids, ascending."""
+        return tuple(sorted(self._sessions))
+
+    @property
+    def late(self) -> tuple[int, ...]:
+        """Ids of the machines whose part of the next tick is incomplete, ascending."""
+        return tuple(n for n in self.ids if not self._sessions[n].is_complete())
+
+    @property
+    def is_missing_rows(self) -> bool:
+        """Whether the header of a late machine is here and rows that it counts are not."""
+        return any(self._sessions[n].header is not None for n in self.late)
+
+    @property
+    def num_buffered_rows(self) -> int:
+        """Number of rows kept, received ones and backlogs."""
+        return sum(session.num_buffered_rows for session in self)
+
+    @property
+    def receipts(self) -> tuple[MachineReceipt, ...]:
+        """Acknowledgements of the rows received, ordered by machine id."""
+        return tuple(self._sessions[n].receipt for n in self.ids)
+
+    @property
+    def acknowledged(self) -> list[dict[Stream, RowRange]]:
+        """Ranges of the soil's rows that each machine certainly has, by stream."""
+        return [session.acknowledged for session in self]
+
+    def session(self, machine_id: int, session_id: int) -> MachineSession | None:
+        """Return a session; None if the machine takes no part or is in another session."""
+        session = self._sessions.get(machine_id)
+        return session if session is not None and session.session_id == session_id else None
+
+    def add(self, session: MachineSession) -> None:
+        """Add the session of a machine that takes no part so far."""
+        self._sessions[session.machine_id] = session
+
+    def remove(self, machine_id: int) -> None:
+        """Remove the session of a machine that takes part."""
+        del self._sessions[machine_id]
+
+    def tick_rows(self, machine_ids: Iterable[int]) -> tuple[Rows, Rows]:
+        """Return the SWEEP and DEPOSIT_REQUEST rows of complete parts of a tick."""
+        parts = [self._sessions[n].tick_rows() for n in machine_ids]
+        return (
+            join_rows([sweeps for sweeps, _ in parts], SWEEP),
+            join_rows([requests for _, requests in parts], DEPOSIT_REQUEST),
+        )
+
+    def record_published(self, header: SoilHeader) -> None:
+        """Record a published header in all sessions."""
+        for session in self:
+            session.record_published(header)
+
+    def missing(self, run_id: int, next_tick: int) -> list[RetransmitRequest]:
+        """Return requests for what late machines have not delivered of the next tick."""
+        requests = []
+        for machine_id in self.late:
+            session = self._sessions[machine_id]
+            if session.header is None:
+                missing = [(Stream.HEADER, RowRange(next_tick, 1))]
+            else:
+                missing = session.gaps()
+            key = SessionKey(run_id, machine_id, session.session_id)
+            requests += [key.request(stream, gap) for stream, gap in missing]
+        return requests

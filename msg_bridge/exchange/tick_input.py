@@ -1,0 +1,24 @@
+"""The machines' rows of a tick, as the soil processes them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from msg_bridge.contract.rows import Rows
+
+__all__ = ["TickInput"]
+
+
+@dataclass(frozen=True)
+class TickInput:
+    """Everything the machines sent for one tick. The rows must not be modified.
+
+    Attributes:
+        tick: its number; 0 is the welcome, before anything moves.
+        sweeps: SWEEP rows, ordered by machine and number.
+        deposit_requests: DEPOSIT_REQUEST rows, ordered by machine and number.
+    """
+
+    tick: int
+    sweeps: Rows
+    deposit_requests: Rows
