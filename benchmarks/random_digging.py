@@ -200,7 +200,7 @@ class RandomOperator:
         outcome.seconds += tick
         outcome.imbalance = max(outcome.imbalance, ledger.imbalance, key=abs)
         outcome.particles = max(outcome.particles, self.sim.particles.count)
-        outcome.moved = max(outcome.moved, self.sim.payload.bank)
+        outcome.moved = max(outcome.moved, self.sim.payload.bank_m3)
         place = machine.base_pose[0]
         outcome.distance += float(np.linalg.norm(place - self._last_position))
         self._last_position = place

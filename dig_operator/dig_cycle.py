@@ -194,7 +194,7 @@ class DigCycle:
             else:
                 self._carried_fill = observation.fill
         elif self.phase is OperatorPhase.SWING:
-            self._delivered_fill, self._delivered_volume = observation.fill, observation.bank
+            self._delivered_fill, self._delivered_volume = observation.fill, observation.bank_m3
             self._dump_time = 0.0
         elif self.phase is OperatorPhase.DUMP:
             self._dump_time += dt
@@ -219,7 +219,7 @@ class DigCycle:
                 delivered_fill=self._delivered_fill,
                 residual_fill=observation.fill,
                 duration=observation.time - self._cycle_start_time,
-                moved_volume=self._delivered_volume - observation.bank,
+                moved_volume=self._delivered_volume - observation.bank_m3,
             )
         )
         self._adapt_target_fill()

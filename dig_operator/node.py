@@ -193,7 +193,7 @@ class DigOperatorNode(SimNode):
     def _on_payload(self, msg: Float64MultiArray) -> None:
         if self._facts is not None:
             payload = from_payload_array(msg)
-            tick = tick_from_stamp(stamp_from_seconds(payload.time), self._facts.tick_period)
+            tick = tick_from_stamp(stamp_from_seconds(payload.time_s), self._facts.tick_period)
             self._synchronizer.add_payload(tick, payload)
 
     def _on_ledger(self, msg: Int64MultiArray) -> None:

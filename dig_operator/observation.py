@@ -33,7 +33,7 @@ class Observation:
         fill: fill of the bucket, as a fraction of its heaped capacity.
         grid: grid of the terrain.
         elevation: height of the terrain [m], shape (rows, cols).
-        bank: bank volume of the soil in the bucket [m^3].
+        bank_m3: bank volume of the soil in the bucket [m^3].
         is_soil_moving: whether soil outside the bucket is still falling, settling or sliding.
     """
 
@@ -44,7 +44,7 @@ class Observation:
     fill: float
     grid: Grid
     elevation: Array
-    bank: float = 0.0
+    bank_m3: float = 0.0
     is_soil_moving: bool = False
 
     @property

@@ -65,7 +65,7 @@ class ObservationBuilder:
             base_position=np.array(base.position, dtype=np.float64),
             base_rotation=rotation_matrix(base.quaternion),
             fill=payload.fill,
-            bank=payload.bank,
+            bank_m3=payload.bank_m3,
             grid=terrain.grid,
             elevation=terrain.elevation,
             is_soil_moving=(has_terrain_changed or ledger.particles != 0 or ledger.in_flight != 0),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Protocol
 
 from dig_operator import Command, Observation
@@ -50,7 +51,7 @@ class OperatedMachine:
             world.tick * self._tick_period,
             machine.joint_positions,
             odometry_round_trip(base),
-            PayloadState(payload.bank, payload.loose, payload.mass, payload.fill),
+            PayloadState(**asdict(payload)),
             TerrainSnapshot(world.soil.grid, world.surface, world.soil.revision),
             world.ledger,
         )

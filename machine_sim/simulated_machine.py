@@ -97,9 +97,9 @@ class SimulatedMachine:
         """Soil in all tools at the end of the last tick; the fill is the maximum over the tools."""
         payloads = [coupling.payload for coupling in self.couplings.values()]
         return Payload(
-            sum(each.bank for each in payloads),
-            sum(each.loose for each in payloads),
-            sum(each.mass for each in payloads),
+            sum(each.bank_m3 for each in payloads),
+            sum(each.loose_m3 for each in payloads),
+            sum(each.mass_kg for each in payloads),
             max((each.fill for each in payloads), default=0.0),
         )
 

@@ -303,7 +303,7 @@ class MachineNode(SimNode):
             publishers.publish(simulated, self._params, is_due, sim_time, stamp)
         if is_due(self._params.state_rate):
             for name, each in zip(self._bins, sim.bins, strict=True):
-                payload = PayloadState(**asdict(each.payload), time=sim_time)
+                payload = PayloadState(**asdict(each.payload), time_s=sim_time)
                 self._shared_publishers.publish_payload(name, payload)
         if is_due(self._params.particle_rate):
             self._shared_publishers.publish_particles(sim.particles, stamp)

@@ -106,7 +106,7 @@ class MachinePublishers:
         self._state_publishers.publish_state(
             self._joint_values(machine),
             BaseState(*machine.base_pose, *machine.base_velocity),
-            PayloadState(**asdict(simulated.payload), time=time),
+            PayloadState(**asdict(simulated.payload), time_s=time),
             {
                 name: ToolWrench(*coupling.wrench, coupling.tool.pose[0])
                 for name, coupling in simulated.couplings.items()

@@ -17,15 +17,15 @@ class Payload:
     """Soil in a tool.
 
     Attributes:
-        bank: bank volume [m^3].
-        loose: loose volume [m^3].
-        mass: [kg].
+        bank_m3: bank volume [m^3].
+        loose_m3: loose volume [m^3].
+        mass_kg: mass [kg].
         fill: loose volume as a fraction of the tool's heaped capacity.
     """
 
-    bank: float
-    loose: float
-    mass: float
+    bank_m3: float
+    loose_m3: float
+    mass_kg: float
     fill: float
 
 
@@ -46,10 +46,10 @@ def measure_payload(shape: ContainerShape, particles: SoilEngine, pose: Pose) ->
         return EMPTY_PAYLOAD
     volume = particles.volumes_mm3[inside]
     swell = np.array([soil.swell for soil in particles.soils])
-    loose = float((volume * (1.0 + swell[particles.soil[inside]])).sum()) * 1e-9
+    loose_m3 = float((volume * (1.0 + swell[particles.soil[inside]])).sum()) * 1e-9
     return Payload(
         int(volume.sum()) * 1e-9,
-        loose,
+        loose_m3,
         float(particles.masses[inside].sum()),
-        loose / shape.heaped_capacity,
+        loose_m3 / shape.heaped_capacity,
     )

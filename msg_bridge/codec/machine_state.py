@@ -43,8 +43,6 @@ Array = NDArray[np.float64]
 BASE_JOINTS = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll")
 """The virtual joints from `map` to the base, in order."""
 
-_PAYLOAD_LABEL = "bank_m3,loose_m3,mass_kg,fill,time_s"
-
 _CYLINDER_FIELDS = ("length_m", "speed_m_s", "force_n", "cap_pa", "rod_pa")
 
 _MIN_COS_PITCH = 1e-9
@@ -77,20 +75,23 @@ class JointValues(NamedTuple):
 
 
 class PayloadState(NamedTuple):
-    """Soil in a machine's tools.
+    """Soil in a machine's tools. The fields are the labels of the array message, in order.
 
     Attributes:
-        bank, loose: bank volume, and loose volume in the tools [m^3].
-        mass: [kg].
-        fill: loose volume over the heaped capacity, of the fullest tool.
-        time: simulation time of the state [s]; an array message has no stamp.
+        bank_m3, loose_m3: bank and loose volume of the soil in the tools [m^3].
+        mass_kg: mass of the soil [kg].
+        fill: loose volume as a fraction of the heaped capacity, of the fullest tool.
+        time_s: simulation time of the state [s]; an array message has no stamp.
     """
 
-    bank: float
-    loose: float
-    mass: float
+    bank_m3: float
+    loose_m3: float
+    mass_kg: float
     fill: float
-    time: float = 0.0
+    time_s: float = 0.0
+
+
+_PAYLOAD_LABEL = ",".join(PayloadState._fields)
 
 
 def to_joint_state(joints: JointValues, base: BaseState, stamp: Time) -> JointState:

@@ -23,7 +23,7 @@ def build(
 ) -> Observation:
     terrain = TerrainSnapshot(GRID, np.full(GRID.shape, 0.25), revision)
     ledger = Ledger(1, 3, 10, in_flight, 0, particles, 0, 0, 10)
-    payload = PayloadState(bank=0.4, loose=0.5, mass=700.0, fill=0.6)
+    payload = PayloadState(bank_m3=0.4, loose_m3=0.5, mass_kg=700.0, fill=0.6)
     return builder.build(1.5, [0.1, 0.2, 0.3, 0.4], BASE, payload, terrain, ledger)
 
 
@@ -33,7 +33,7 @@ def test_observation_holds_the_values_of_the_messages() -> None:
     assert observation.joints.tolist() == [0.1, 0.2, 0.3, 0.4]
     assert observation.base_position.tolist() == [1.0, 2.0, 0.5]
     assert observation.yaw == pytest.approx(math.pi / 2)
-    assert (observation.fill, observation.bank) == (0.6, 0.4)
+    assert (observation.fill, observation.bank_m3) == (0.6, 0.4)
     assert observation.surface_heights(np.zeros(1), np.zeros(1)) == pytest.approx(0.25)
 
 

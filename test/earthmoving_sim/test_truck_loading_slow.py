@@ -46,8 +46,8 @@ def test_dumper_is_loaded_and_tips_its_load_elsewhere() -> None:
         step(2)
     loaded = truck.payload
     assert task.abort_reason == ""
-    assert loaded.bank > 0.0
-    assert loaded.mass == pytest.approx(1600.0 * loaded.bank, rel=1e-6)
+    assert loaded.bank_m3 > 0.0
+    assert loaded.mass_kg == pytest.approx(1600.0 * loaded.bank_m3, rel=1e-6)
 
     sim.command(np.zeros(4), np.zeros(2))
     truck.machine.command([0.0], [-1.5, -1.5])
@@ -55,7 +55,7 @@ def test_dumper_is_loaded_and_tips_its_load_elsewhere() -> None:
     truck.machine.command([0.0], [0.0, 0.0])
     step(50)
     assert truck.machine.base_pose[0][0] < -4.0
-    assert truck.payload.bank > 0.9 * loaded.bank, "the load is carried along"
+    assert truck.payload.bank_m3 > 0.9 * loaded.bank_m3, "the load is carried along"
     heap = (GRID.x(np.arange(161)) < -7.0)[:, None] & np.ones(161, bool)
     before = int(soil.columns.bulk[heap].sum())
     truck.machine.command([-0.2], [0.0, 0.0])
@@ -63,9 +63,9 @@ def test_dumper_is_loaded_and_tips_its_load_elsewhere() -> None:
     truck.machine.command([0.2], [1.0, 1.0])
     step(600)
     world.close()
-    assert truck.payload.bank == 0.0
+    assert truck.payload.bank_m3 == 0.0
     tipped = int(soil.columns.bulk[heap].sum()) - before
-    assert tipped * 1e-9 > 0.8 * loaded.bank
+    assert tipped * 1e-9 > 0.8 * loaded.bank_m3
     assert sim.particles.num_plate_tunnellings == 0
     assert imbalances == {0}
     ledger = world.ledger

@@ -121,14 +121,14 @@ def test_soil_in_a_bed_is_payload_and_moves_with_it(simulate) -> None:
     local = rng.uniform((0.4, -0.9, 0.2), (3.0, 0.9, 0.9), (150, 3))
     sim.particles.add(local @ rotation.T + origin, np.zeros_like(local), 4_000_000)
     run(sim, 150)
-    assert rig.payload.bank == pytest.approx(0.6)
-    assert rig.payload.mass == pytest.approx(960.0)
+    assert rig.payload.bank_m3 == pytest.approx(0.6)
+    assert rig.payload.mass_kg == pytest.approx(960.0)
     machine.command([0.0], [1.0, 1.0])
     run(sim, 200)
     machine.command([0.0], [0.0, 0.0])
     run(sim, 50)
     assert machine.base_pose[0][0] > 1.5
-    assert rig.payload.bank == pytest.approx(0.6)
+    assert rig.payload.bank_m3 == pytest.approx(0.6)
     machine.command([-0.2], [0.0, 0.0])
     for _ in range(700):
         step = sim.step()
@@ -138,7 +138,7 @@ def test_soil_in_a_bed_is_payload_and_moves_with_it(simulate) -> None:
             step.deposit_requests["particle_id"],
         )
         sim.apply(landed, NOTHING[1])
-    assert rig.payload.bank < 0.01
+    assert rig.payload.bank_m3 < 0.01
 
 
 def test_bin_collects_soil_and_stops_a_machine(simulate) -> None:
@@ -150,8 +150,8 @@ def test_bin_collects_soil_and_stops_a_machine(simulate) -> None:
     sim.machine.command([0.0], [1.0, 1.0])
     run(sim, 700)
     (hopper,) = sim.bins
-    assert hopper.payload.bank == pytest.approx(0.8)
-    assert hopper.payload.loose == pytest.approx(hopper.payload.fill * 19.4, rel=0.2)
+    assert hopper.payload.bank_m3 == pytest.approx(0.8)
+    assert hopper.payload.loose_m3 == pytest.approx(hopper.payload.fill * 19.4, rel=0.2)
     assert sim.machine.base_pose[0][0] < -3.0  # its cab touches the wall of the bin
 
 
@@ -174,7 +174,7 @@ def test_machine_without_joints_and_tools_drives(simulate) -> None:
     sim.machine.command([], [1.0, 1.0])
     run(sim, 100)
     assert sim.machine.base_pose[0][0] > 0.5
-    assert sim.payload.mass == 0.0
+    assert sim.payload.mass_kg == 0.0
     with pytest.raises(MachineError, match="give one with `tools`"):
         _ = sim.tool_coupling
 

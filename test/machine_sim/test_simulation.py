@@ -100,9 +100,9 @@ def test_payload_is_the_soil_in_the_bucket(machine: MachineSim) -> None:
     machine.particles.add(local @ rotation.T + origin, np.zeros((3, 3)), 500_000)
     machine.step()
     payload = machine.payload
-    assert payload.bank == pytest.approx(1e-3)
-    assert payload.loose == pytest.approx(1e-3, rel=1e-6)
-    assert payload.mass == pytest.approx(1.6)
+    assert payload.bank_m3 == pytest.approx(1e-3)
+    assert payload.loose_m3 == pytest.approx(1e-3, rel=1e-6)
+    assert payload.mass_kg == pytest.approx(1.6)
 
 
 def test_invalid_command_changes_nothing(machine: MachineSim) -> None:

@@ -184,7 +184,7 @@ def test_frames_are_prefixed_and_relative_to_the_map(
     assert received["bucket/wrench"][0].header.frame_id in {child for _, child in frames}
     assert received["particles"][0].header.frame_id == "map"
     assert {marker.header.frame_id for marker in received["markers"][0].markers} == {"map"}
-    assert from_payload_array(received["payload"][0]).bank == 0.0
+    assert from_payload_array(received["payload"][0]).bank_m3 == 0.0
 
 
 def test_overturned_machine_is_reported(ros: Ros) -> None:

@@ -95,7 +95,7 @@ def test_each_machine_publishes_in_its_namespace(ros: Ros) -> None:
     assert list(received["truck/applied_commands"][0].name) == ["bed", "left_track", "right_track"]
     assert list(received["truck/joint_states_measured"][0].name) == ["bed"]
     assert received["truck/cylinders"][0].layout.dim[0].label.startswith("bed_length_m,")
-    assert from_payload_array(received["truck/payload"][0]).bank == 0.0
+    assert from_payload_array(received["truck/payload"][0]).bank_m3 == 0.0
     assert received["digger/odom"][0].child_frame_id == "digger/base_link"
     assert received["truck/odom"][0].child_frame_id == "truck/base_link"
     assert received["truck/imu/base/data"][0].header.frame_id == "truck/base_link"
@@ -121,7 +121,7 @@ def test_bin_publishes_its_payload(ros: Ros) -> None:
     assert node.run is not None
     soil = np.array([[6.0, 0.1 * k, 0.5] for k in range(-5, 5)])
     node.run.sim.particles.add(soil, np.zeros_like(soil), 1_000_000)
-    ros.spin_until(lambda: told and from_payload_array(told[-1]).bank == pytest.approx(0.01))
+    ros.spin_until(lambda: told and from_payload_array(told[-1]).bank_m3 == pytest.approx(0.01))
     assert yaml.safe_load(config[0].data)["bins"]["hopper"]["height"] == 2.0
 
 
