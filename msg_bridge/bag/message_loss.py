@@ -12,12 +12,14 @@ Two kinds of sequence numbers show a loss:
 
 from __future__ import annotations
 
-import contextlib
 import struct
 from dataclasses import dataclass, field
 
 import numpy as np
+from sensor_msgs.msg import PointField
 
+from msg_bridge.codec.cdr_primitives import UINT32
+from msg_bridge.codec.cloud_layout import CloudLayout, RowBlock, read_cloud_layout
 from msg_bridge.exchange.stream_buffers import MAX_ROWS_IN_FLIGHT
 
 __all__ = ["MessageLossCounter"]
@@ -25,9 +27,7 @@ __all__ = ["MessageLossCounter"]
 _POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 _MODULUS = 2**32
 _MAX_OPEN_GAPS = 256
-_LITTLE_ENDIAN = b"\x00\x01"  # header of little-endian CDR
-_UINT16, _UINT32 = struct.Struct("<H"), struct.Struct("<I")
-_INTEGER_FORMATS = {4: _UINT16, 6: _UINT32}  # by PointField.datatype
+_INTEGER_FORMATS = {PointField.UINT16: struct.Struct("<H"), PointField.UINT32: UINT32}
 _ID_FIELDS = ("seq", "run_id", "machine_id", "session_id")
 
 
@@ -60,9 +60,9 @@ class MessageLossCounter:
         """
         if topic in self._unclassified:
             self._unclassified.discard(topic)
-            layout = _find_row_layout(data)
-            if layout is not None:
-                self._streams[topic] = _TopicStreams(layout)
+            reader = _RowReader.from_message(data)
+            if reader is not None:
+                self._streams[topic] = _TopicStreams(reader)
         streams = self._streams.get(topic)
         if streams is None:
             self._numbers[topic].add(number)
@@ -134,27 +134,25 @@ class _TopicSequence:
 class _TopicStreams:
     """The row streams on one topic, one for each machine that publishes there."""
 
-    def __init__(self, layout: _RowLayout) -> None:
-        self._layout = layout
+    def __init__(self, reader: _RowReader) -> None:
+        self._reader = reader
         self._by_machine: dict[int, _RowStream] = {}
 
     def add(self, data: bytes) -> None:
         """Add a cloud; one that is malformed or has no numbered rows is ignored."""
-        # The bytes of a raw message have not been validated.
-        with contextlib.suppress(struct.error):
-            self._add(data)
-
-    def _add(self, data: bytes) -> None:
-        offset = self._layout.find_rows(data)
-        if offset < 0:
-            layout = _find_row_layout(data)
-            if layout is None:
+        block = self._reader.layout.find_rows(data)
+        if block is None:
+            reader = _RowReader.from_message(data)
+            block = None if reader is None else reader.layout.find_rows(data)
+            if reader is None or block is None:
                 return
-            self._layout, offset = layout, layout.find_rows(data)
-        ids = self._layout.read(data, offset)
-        if ids is None:
-            return
-        machine_id, session, ranges = ids
+            self._reader = reader
+        if block.num_rows:
+            self._add_ranges(*self._reader.read(data, block))
+
+    def _add_ranges(
+        self, machine_id: int, session: tuple[int, int], ranges: list[tuple[int, int]]
+    ) -> None:
         stream = self._by_machine.get(machine_id)
         if stream is None:  # the number of earlier rows is unknown
             stream = self._by_machine[machine_id] = _RowStream(session, ranges[0][0])
@@ -219,93 +217,60 @@ class _RowStream:
 
 
 @dataclass(frozen=True)
-class _RowLayout:
-    """Positions of the ids of a cloud's rows in its CDR bytes.
+class _RowReader:
+    """Reads the ids in the rows of serialised clouds of one layout.
 
     Attributes:
-        head: the bytes from the cloud's fields to `point_step`, equal in all messages of a stream.
-        step: size of a row [bytes].
-        fields: offset in a row [bytes] and format of each id, by name.
+        layout: the layout.
+        ids: offset in a row [bytes] and format of each id, by name.
     """
 
-    head: bytes
-    step: int
-    fields: dict[str, tuple[int, struct.Struct]]
+    layout: CloudLayout
+    ids: dict[str, tuple[int, struct.Struct]]
 
-    def find_rows(self, data: bytes) -> int:
-        """Return the offset of the rows in a message; -1 if its layout is another one."""
-        begin = _fields_offset(data)
-        end = begin + len(self.head)
-        return end + 8 if data[begin:end] == self.head else -1  # after row_step and length
+    @classmethod
+    def from_message(cls, data: bytes) -> _RowReader | None:
+        """Return a reader for the layout of a PointCloud2; None if its rows are not numbered."""
+        layout = read_cloud_layout(data)
+        if layout is None:
+            return None
+        ids = {
+            each.name: (each.offset, _INTEGER_FORMATS[each.datatype])
+            for each in layout.fields
+            if each.name in _ID_FIELDS and each.datatype in _INTEGER_FORMATS
+        }
+        is_numbered = all(ids.get(name, (0, None))[1] is UINT32 for name in ("seq", "run_id"))
+        is_within_row = all(offset + form.size <= layout.step for offset, form in ids.values())
+        return cls(layout, ids) if is_numbered and is_within_row else None
 
     def read(
-        self, data: bytes, begin: int
-    ) -> tuple[int, tuple[int, int], list[tuple[int, int]]] | None:
+        self, data: bytes, block: RowBlock
+    ) -> tuple[int, tuple[int, int], list[tuple[int, int]]]:
         """Return (machine id, (run id, session id), ranges of rows as (first, count)).
 
-        Machine and session are 0 where rows are sent to all machines. None if there are no rows.
+        Machine and session are 0 where rows are sent to all machines.
 
         Args:
             data: CDR bytes of a message.
-            begin: offset of its rows.
+            block: its rows, at least one.
         """
-        count = _UINT32.unpack_from(data, begin - 4)[0] // self.step
-        if count == 0 or begin + count * self.step >= len(data):  # is_dense follows the rows
-            return None
         value = {
-            name: number.unpack_from(data, begin + offset)[0]
-            for name, (offset, number) in self.fields.items()
+            name: form.unpack_from(data, block.offset + offset)[0]
+            for name, (offset, form) in self.ids.items()
         }
         session_id = value.get("session_id")
         machine_id = 0 if session_id is None else value.get("machine_id", 0)
-        ranges = self._contiguous_ranges(data, begin, count)
+        ranges = self._contiguous_ranges(data, block)
         return machine_id, (value["run_id"], session_id or 0), ranges
 
-    def _contiguous_ranges(self, data: bytes, begin: int, count: int) -> list[tuple[int, int]]:
-        offset, number = self.fields["seq"]
-        first = number.unpack_from(data, begin + offset)[0]
-        last = number.unpack_from(data, begin + offset + (count - 1) * self.step)[0]
+    def _contiguous_ranges(self, data: bytes, block: RowBlock) -> list[tuple[int, int]]:
+        offset, form = self.ids["seq"]
+        begin, step, count = block.offset + offset, self.layout.step, block.num_rows
+        (first,) = form.unpack_from(data, begin)
+        (last,) = form.unpack_from(data, begin + (count - 1) * step)
         if (last - first) % _MODULUS == count - 1:
             return [(first, count)]
-        seq = np.ndarray(count, "<u4", data, begin + offset, (self.step,)).astype(np.int64)
+        seq = np.ndarray(count, "<u4", data, begin, (step,)).astype(np.int64)
         starts = np.flatnonzero(np.diff(seq, prepend=seq[0] - 2) % _MODULUS != 1)
         sizes = np.diff(starts, append=count)
         return [(int(seq[i]), int(n)) for i, n in zip(starts, sizes, strict=True)]
-
-
-def _fields_offset(data: bytes) -> int:
-    """Return the offset of the fields of a PointCloud2, after its header, height and width."""
-    frame_id = _UINT32.unpack_from(data, 12)[0]
-    return _align(16 + int(frame_id)) + 8
-
-
-def _align(offset: int) -> int:
-    """Round up to a multiple of 4 bytes."""
-    return (offset + 3) & ~3
-
-
-def _find_row_layout(data: bytes) -> _RowLayout | None:
-    """Return the layout of a PointCloud2 with numbered rows; None if they are not numbered."""
-    if data[:2] != _LITTLE_ENDIAN:
-        return None
-    fields: dict[str, tuple[int, struct.Struct]] = {}
-    try:
-        begin = position = _fields_offset(data)
-        count, position = _UINT32.unpack_from(data, position)[0], position + 4
-        for _ in range(count):
-            size = _UINT32.unpack_from(data, position)[0]
-            name = data[position + 4 : position + 3 + size].decode()
-            position = _align(position + 4 + size)
-            offset, datatype = struct.unpack_from("<IB", data, position)
-            position += 12  # offset, datatype, count
-            if name in _ID_FIELDS and datatype in _INTEGER_FORMATS:
-                fields[name] = (offset, _INTEGER_FORMATS[datatype])
-        end = position + 8  # is_bigendian, point_step
-        step = _UINT32.unpack_from(data, position + 4)[0]
-    except (struct.error, UnicodeDecodeError):
-        return None
-    is_numbered = all(fields.get(name, (0, None))[1] is _UINT32 for name in ("seq", "run_id"))
-    is_big_endian = data[position]
-    if step == 0 or is_big_endian or not is_numbered:
-        return None
-    return _RowLayout(data[begin:end], step, fields)

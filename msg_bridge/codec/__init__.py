@@ -4,6 +4,8 @@
 - `point_cloud`: rows as PointCloud2
 - `labelled_array`, `array_labels`: named values as arrays; labels of encoded dataclasses
 - `json_object`: JSON objects with fixed names and types
+- `cdr_primitives`: byte order, stamps and strings in serialised messages
+- `cloud_layout`: fields and rows of a serialised PointCloud2
 - `cdr`: row clouds and arrays serialised without message objects
 - `row_chunks`: chunks of rows with run and session
 - `tick_headers`: headers, requests, rejections and the ledger

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import struct
 import sys
 import time
 from collections.abc import Sequence
@@ -21,6 +20,7 @@ from std_msgs.msg import String
 from msg_bridge.bag.message_schemas import SchemaError
 from msg_bridge.bag.writer import BagWriter
 from msg_bridge.codec import qos
+from msg_bridge.codec.cdr_primitives import LITTLE_ENDIAN, STAMP
 from msg_bridge.contract import topics
 from msg_bridge.nodes.diagnostics import Diagnostics
 from msg_bridge.nodes.process_main import run_node
@@ -49,8 +49,6 @@ _SCANS_PER_PUBLISHER_CHECK = 10
 
 _MAX_MESSAGES_BEFORE_CLOCK = 10_000
 """Maximum number of messages kept until the first /clock; then simulation time 0 is assumed."""
-
-_CLOCK = struct.Struct("<iI")  # rosgraph_msgs/Clock, after the 4 bytes of the CDR header
 
 
 class RecorderNode(Node):
@@ -209,7 +207,7 @@ class RecorderNode(Node):
             self.recording.write(message, message.received_time)
             return
         if self._is_clock(message.topic):
-            seconds, nanoseconds = _CLOCK.unpack_from(message.data, 4)
+            seconds, nanoseconds = STAMP.unpack_from(message.data, len(LITTLE_ENDIAN))
             self._sim_time = seconds * 10**9 + nanoseconds
             self._write_messages_before_clock(self._sim_time)
             if not self._is_recorded(message.topic):
