@@ -51,7 +51,7 @@ simulation beside one in `/`. Nodes with `use_sim_time` need `-r /clock:=/a/cloc
 
 Only message types of `common_interfaces` and `rosgraph_msgs` are used (two optional topics
 excepted).
-Units are SI: m, rad, s, N, Pa, unless a column says otherwise. Volumes are whole mm³ of *bank*
+Units are SI: m, rad, s, N, Pa, unless a column states otherwise. Volumes are whole mm³ of *bank*
 (undisturbed) soil. Frames and axes are those of REP-103: x forward, y left, z up; a positive joint
 angle follows the right-hand rule about its axis. Matrices are in grid_map order: index (0, 0) is
 the +x, +y corner, rows run toward −x, columns toward −y.
@@ -61,7 +61,7 @@ QoS profiles, all KEEP_LAST: `ROWS` reliable, depth 256; `STATE` reliable, depth
 reliable, depth 1, latched; `COMMANDS` best effort, depth 10 (of the subscription: any publisher
 matches). Rates are in simulated time; `name`, value is a parameter and its default.
 
-Readers ignore labels and fields that they do not know: later versions only append.
+Readers ignore unknown labels and fields: later versions only append.
 """
 
 _ROWS_OUTRO = """\
@@ -78,7 +78,7 @@ _PARAMETERS_INTRO = """\
 Every parameter of every node, with type, unit, range and default. `<node> --help` prints the same
 list.
 Shipped files are in `config/`. A parameter outside of its range, or unknown, ends the node with
-exit code 2 and a sentence that says what to change.
+exit code 2 and an error message that names the change to make.
 """
 
 

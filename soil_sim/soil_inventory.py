@@ -1,6 +1,6 @@
 """Kind and moisture of the soil held by each machine, from its excavate and deposit rows.
 
-Each machine reports the volume that it holds. Only the soil needs to know its kind and moisture: it
+Each machine reports the volume that it holds. Only the soil needs its kind and moisture: it
 deposits the soil of a machine that has left.
 """
 

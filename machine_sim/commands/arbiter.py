@@ -1,6 +1,6 @@
 """Command arbitration: the newest valid command of each actuator, until it times out.
 
-- The newest command that names a joint or a track applies to it, whatever its source. Two sources
+- The newest command that names a joint or a track applies to it, from any source. Two sources
   that both keep publishing alternate; `AppliedCommand` gives the source of each value.
 - A command that is not renewed within `command_timeout` becomes zero, and zero means hold.
 - The emergency stop overrides all commands. Commands that arrive while it is active are checked and

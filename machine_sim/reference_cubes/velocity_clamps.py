@@ -60,8 +60,8 @@ def clamp_velocities(
 ) -> None:
     """Overwrite velocities as the reference does.
 
-    The carrier of a cube inside a tool is the tool. A cube near a tool, heaped on it or in its way,
-    may rise as fast as the tool does and keeps its horizontal velocity. A cube out of reach of all
+    The carrier of a cube inside a tool is the tool. A cube near a tool, on it or ahead of it, may
+    rise as fast as the tool does and keeps its horizontal velocity. A cube out of reach of all
     tools has no carrier.
 
     Args:

@@ -8,7 +8,7 @@ it; its contact point is fixed to the tool. Both act through a capped spring-dam
 
 The soil computes a bearing reaction whether the tool moves or not, but none while the tool has
 bounced off the ground. It computes a resistance to cutting only while the tool cuts; a zero for a
-tool that stalls, or is pressed back a little, says nothing about the soil ahead of it. A zero
+tool that stalls, or is pressed back a little, is no statement about the soil ahead of it. A zero
 therefore leaves the previous wrench in force. A wrench is removed once the tool is
 `_RELEASE_DISTANCE` away from where the wrench was set, or after `FORCE_TIMEOUT_TICKS` ticks
 without any FORCE row.

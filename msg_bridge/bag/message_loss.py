@@ -7,7 +7,7 @@ Two kinds of sequence numbers show a loss:
   nothing is counted. A gap counts only if the graph showed the same single publisher before and
   after it and numbers only increased; so publishers that start, end or restart cause no losses.
 - Row streams of the exchange number their rows from 1 in each run and session. There rows are
-  counted, whatever the number of publishers; a missing row that is sent again no longer counts.
+  counted, for any number of publishers; a missing row that is sent again no longer counts.
 """
 
 from __future__ import annotations

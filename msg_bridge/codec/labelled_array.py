@@ -1,8 +1,8 @@
 """Arrays of named values: one dimension whose label names each value, with its unit.
 
-A label is the names joined by commas, so that a reader who has only the message can tell what
-each number is. Readers accept names that they do not know behind those that they know: a later
-version may append values. A known name that is missing, repeated or in another place is an error.
+A label is the names joined by commas, so that the message alone states what each number is.
+Readers accept unknown names behind the known ones: a later version may append values. A
+known name that is missing, repeated or in another place is an error.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ OccupancyGrid instead: width counts cells along x, height cells along y, and the
 
 A cloud has no other place for numbers, so `revision` and `run_id` are fields with the same value in
 every point. Compared with the field `revision` of map updates they show which updates a keyframe
-already contains, in whatever order the two topics arrive. z is the elevation; there is no second
+already contains, in any order of arrival of the two topics. z is the elevation; there is no second
 field for it. The other layers are float32, because viewers colour by float32 fields.
 """
 

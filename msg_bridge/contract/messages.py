@@ -209,7 +209,7 @@ class RetransmitRequest:
     Attributes:
         run_id: number of the run.
         machine_id, session_id: the machine that requests, or from which the soil requests.
-        stream: the stream; KEYFRAME requests the terrain, whatever the numbers.
+        stream: the stream; KEYFRAME requests the terrain, for any range.
         first, count: the range.
     """
 

@@ -175,7 +175,7 @@ class MachineSession:
         return header
 
     def record_published(self, header: SoilHeader) -> None:
-        """Record a published header, and forget those before the latest that the machine has.
+        """Record a published header, and discard those before the latest that the machine has.
 
         A machine sends a tick after it has the answer to the one PIPELINE_DEPTH + 1 before.
         """

@@ -23,7 +23,7 @@ from msg_bridge.kernels.cache import cached
 
 __all__ = ["helper", "kernel"]
 
-_njit: Any = njit  # its stubs do not know all options
+_njit: Any = njit  # its stubs lack some options
 
 
 def kernel(function: Any = None, **options: Any) -> Any:

@@ -6,7 +6,7 @@
 A node may have these attributes, all optional:
 
 - `finished`: true when the node has completed its work; the process ends.
-- `stop()`: called once before the node is destroyed, whatever the reason.
+- `stop()`: called once before the node is destroyed, for any reason.
 - `stopping`: true while `stop()` still needs messages; the node is spun for 2 s at most.
 - `exit_code`: exit code of the process if no error occurred; 0 without it.
 """

@@ -250,9 +250,9 @@ def _to_float(value: Any) -> Any:
 
 
 def _check_field_names(params_class: type[Parameters], names: Collection[str]) -> None:
-    strangers = set(names) - {field.name for field in fields(params_class)}
-    if strangers:
-        raise TypeError(f"{params_class.__name__} has no field {', '.join(sorted(strangers))}")
+    unknown_fields = set(names) - {field.name for field in fields(params_class)}
+    if unknown_fields:
+        raise TypeError(f"{params_class.__name__} has no field {', '.join(sorted(unknown_fields))}")
 
 
 def _of(node: Node) -> str:

@@ -18,9 +18,8 @@ __all__ = ["TEST_DOMAIN_IDS", "NoFreeDomainError", "reserve_domain"]
 TEST_DOMAIN_IDS = range(1, 102)
 """Domain ids for tests: 0 is the default domain, and from 102 on the ports are ephemeral."""
 
-# Consecutive tests use different ids: peers remember a killed node for some seconds. Processes
-# start
-# at different ids.
+# Consecutive tests use different ids, because peers keep a killed node for some seconds. Each
+# process starts at a different id.
 _next = itertools.count(os.getpid())
 
 

@@ -154,7 +154,7 @@ def _index_offsets(params):  # type: ignore[no-untyped-def]
 
 @helper(forceinline=True)
 def _may_fail(height, index_offset, distance, i, min_repose_tan, tolerance):  # type: ignore[no-untyped-def]
-    """Return whether a column is steeper against any neighbour than the gentlest angle of repose.
+    """Return whether a column is steeper against any neighbour than the smallest angle of repose.
 
     For columns whose whole neighbourhood lies on the map.
     """
@@ -175,7 +175,7 @@ def _enqueue_steep_above(columns, params, i, queue):  # type: ignore[no-untyped-
             continue
         j = r * params.cols + c
         rise = columns.height[j] - columns.height[i] - params.tolerance
-        # Most columns are below the gentlest angle of repose: their own need not be read.
+        # Most columns are below the smallest angle of repose of all soils: theirs need not be read.
         if rise > params.min_repose_tan * params.distance[k]:
             limit = params.repose_tan[columns.soil[j], columns.moisture[j]]
             if columns.loose[j] > 0:

@@ -45,7 +45,7 @@ _DISTANCE_RATIO = 1.15
 """Ratio of successive distances at which distant columns are checked; at least one cell apart."""
 
 _MIN_FACE_ANGLE = math.radians(50.0)
-"""Slope of the gentlest face that is checked beyond the neighbourhood that soil slides in [rad]."""
+"""Minimum slope of a face that is checked beyond the neighbourhood that soil slides in [rad]."""
 
 _DIRECTIONS = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))
 

@@ -98,7 +98,7 @@ def write_geotiff(path: Path, height_map: HeightMap) -> None:
     A map without georeference is centred on (0, 0).
 
     Raises:
-        TerrainError: PROJ does not know the crs of the georeference, or an elevation exceeds
+        TerrainError: the crs of the georeference is unknown to PROJ, or an elevation exceeds
             `HEIGHT_LIMIT`.
     """
     place = height_map.georeference
@@ -126,7 +126,7 @@ def write_geotiff_values(
     """Write one band with the dtype of the values, shape (rows, cols), in matrix order.
 
     Raises:
-        TerrainError: PROJ does not know the crs of the georeference.
+        TerrainError: the crs of the georeference is unknown to PROJ.
     """
     rasterio = _import_rasterio()
     place = georeference or Georeference("", 0.0, 0.0)

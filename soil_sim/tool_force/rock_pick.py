@@ -16,8 +16,8 @@ friction psi between pick and rock; sigma_c drops out:
 
     FC = 4 pi sigma_t d^2 sin^2(theta / 2 + psi) / cos(theta / 2 + psi)
 
-Both are as quoted by Goktan and Gunes (J. South. Afr. Inst. Min. Metall. 105, 2005, 257-263), who
-also find that neither predicts an asymmetric attack well: they give the order of magnitude. The
+Both are as quoted by Goktan and Gunes (J. South. Afr. Inst. Min. Metall. 105, 2005, 257-263), which
+also finds that neither predicts an asymmetric attack well: they give the order of magnitude. The
 mean force over a cut is a fraction of the peak.
 
 Neither theory gives the normal force FN, which pushes the pick out of the rock. It is FC times a

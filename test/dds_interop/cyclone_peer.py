@@ -1,13 +1,13 @@
-"""A controller on plain Cyclone DDS: it knows the topics and their types, and nothing of ours.
+"""Controller on plain Cyclone DDS that uses the topics and their types, and no code of the package.
 
     python cyclone_peer.py DOMAIN
 
-It reads what the soil and the machine tell, moves the boom by two kinds of command, sends one that
-must be refused, and writes a line `REPORT {...}` of what it saw as JSON. Then it waits for SIGINT
-and ends with 0. If what it waits for does not come, it writes what it has and ends with 1.
+Reads the topics of soil and machine, moves the boom by two kinds of command, sends an invalid
+command, and prints a line `REPORT {...}` with everything it observed as JSON. Then it waits for
+SIGINT and ends with exit code 0. After a timeout it prints what was received and ends with 1.
 
-It must import nothing but the standard library and cyclonedds: the types below are written from
-the message definitions of ROS 2, and stand for any DDS program that knows these.
+It imports only the standard library and cyclonedds. The types below are written from the message
+definitions of ROS 2, as any DDS program can write them.
 """
 
 import json
@@ -27,13 +27,13 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-DEADLINE = 30.0  # s for each thing waited for
-PERIOD = 0.05  # s between two commands
-TURN = 0.002  # s between two looks at the readers
-SPEED = 0.2  # rad/s the boom is told
-TRAVEL = 0.1  # rad it shall go
+TIMEOUT = 30.0  # of each wait [s]
+COMMAND_PERIOD = 0.05  # [s]
+POLL_PERIOD = 0.002  # of the readers [s]
+SPEED = 0.2  # commanded velocity of the boom [rad/s]
+TRAVEL = 0.1  # of the boom for each kind of command [rad]
 
-# On the loopback interface, each participant asked by its own port: nobody else is disturbed.
+# Unicast on the loopback interface only: no other DDS program receives anything.
 CONFIG = """
 <CycloneDDS><Domain>
   <General>
@@ -50,7 +50,7 @@ CONFIG = """
 
 
 def message(package, kind, /, **fields):
-    """A ROS message type, by its name on the wire."""
+    """Return a ROS message type with its name on the wire."""
     return make_idl_struct(kind, f"{package}::msg::dds_::{kind}_", fields)
 
 
@@ -97,7 +97,7 @@ TRANSIENT_LOCAL = Qos(
     Policy.History.KeepLast(1),
 )
 
-# PointField.datatype: how struct calls it.
+# Format character of `struct` for each PointField.datatype.
 FORMATS = {2: "B", 4: "H", 6: "I", 7: "f", 8: "d"}
 
 MACHINE = "excavator"
@@ -113,16 +113,16 @@ READ = {
 }
 
 
-class NotSeenError(Exception):
-    """What is waited for did not come."""
+class WaitTimeoutError(Exception):
+    """A condition was not met within `TIMEOUT`."""
 
 
 class Peer:
-    """Readers and writers, and all that has been read.
+    """Readers, writers, and all received messages.
 
     Attributes:
-        seen: messages by topic, oldest first.
-        report: what is told in the end.
+        received: messages by topic, oldest first.
+        report: content of the REPORT line.
     """
 
     def __init__(self, domain):
@@ -138,51 +138,55 @@ class Peer:
         }
         self._front = DataWriter(participant, topic(FRONT, Float64MultiArray), RELIABLE)
         self._joints = DataWriter(participant, topic(JOINTS, JointState), RELIABLE)
-        self.seen = {name: [] for name in READ}
+        self.received = {name: [] for name in READ}
         self.report = {}
 
     def wait(self, what, condition, act=lambda: None):
-        """Read until a condition holds, and act at 20 Hz meanwhile.
+        """Read messages until a condition holds, and call `act` at 20 Hz.
 
         Raises:
-            NotSeenError: it did not come to hold in time.
+            WaitTimeoutError: the condition was not met in time.
         """
-        deadline = time.monotonic() + DEADLINE
+        deadline = time.monotonic() + TIMEOUT
         due = 0.0
         while not condition():
             now = time.monotonic()
             if now > deadline:
-                raise NotSeenError(what)
+                raise WaitTimeoutError(what)
             if now >= due:
                 act()
-                due = now + PERIOD
+                due = now + COMMAND_PERIOD
             for name, reader in self._readers.items():
                 taken = reader.take(256)
-                self.seen[name] += [each for each in taken if not isinstance(each, InvalidSample)]
-            time.sleep(TURN)
+                self.received[name] += [
+                    each for each in taken if not isinstance(each, InvalidSample)
+                ]
+            time.sleep(POLL_PERIOD)
 
     def front(self, *velocities):
-        """Command all joints: swing, boom, arm, bucket [rad/s]."""
+        """Publish velocities of all joints: swing, boom, arm, bucket [rad/s]."""
         self._front.write(Float64MultiArray(Layout([], 0), list(velocities)))
 
     def joints(self, **velocities):
-        """Command some joints [rad/s]."""
+        """Publish velocities of some joints [rad/s]."""
         names, values = list(velocities), list(velocities.values())
         self._joints.write(JointState(Header(Time(0, 0), ""), names, [], values, []))
 
     def last(self, topic):
-        return self.seen[topic][-1]
+        return self.received[topic][-1]
 
-    # What it does, in order.
+    # Stages, in order.
 
-    def listen(self):
-        """Everything that is told is received, the map too, which was published before."""
-        enough = {"clock": 10, "soil/ledger": 10, f"{MACHINE}/joint_states": 5}
-        for name in self.seen:
-            needed = enough.get(name, 1)
-            self.wait(f"{needed} on {name}", lambda n=name, k=needed: len(self.seen[n]) >= k)
+    def read_topics(self):
+        """Receive messages on every topic, with the map that was published before."""
+        num_required = {"clock": 10, "soil/ledger": 10, f"{MACHINE}/joint_states": 5}
+        for name in self.received:
+            count = num_required.get(name, 1)
+            self.wait(
+                f"{count} messages on {name}", lambda n=name, k=count: len(self.received[n]) >= k
+            )
         self.report["map"] = read_map(self.last("terrain/map"))
-        clock = [each.clock for each in self.seen["clock"]]
+        clock = [each.clock for each in self.received["clock"]]
         self.report["clock"] = [each.sec + 1e-9 * each.nanosec for each in clock]
         state = self.last(f"{MACHINE}/joint_states")
         self.report["joint_states"] = {
@@ -190,32 +194,32 @@ class Peer:
             "sizes": [len(state.position), len(state.velocity), len(state.effort)],
         }
 
-    def move(self, name, speed, act):
-        """Command the boom until it has gone its way, and goes as fast as told."""
+    def move_boom(self, name, speed, act):
+        """Command the boom until it has moved `TRAVEL` and has the commanded velocity."""
         states, applied = f"{MACHINE}/joint_states", f"{MACHINE}/applied_commands"
-        begin, first = joints_of(self.last(states)), len(self.seen[applied])
+        initial, first = joints_of(self.last(states)), len(self.received[applied])
 
-        def there():
-            went = joints_of(self.last(states))["boom"] - begin["boom"]
-            goes = joints_of(self.last(states), "velocity")["boom"]
-            return went / speed >= TRAVEL / abs(speed) and abs(goes / speed - 1.0) < 0.02
+        def reached():
+            travel = joints_of(self.last(states))["boom"] - initial["boom"]
+            velocity = joints_of(self.last(states), "velocity")["boom"]
+            return travel / speed >= TRAVEL / abs(speed) and abs(velocity / speed - 1.0) < 0.02
 
-        self.wait(f"the boom to go {TRAVEL} rad at {speed} rad/s by {name}", there, act)
+        self.wait(f"the boom to move {TRAVEL} rad at {speed} rad/s by {name}", reached, act)
         end = joints_of(self.last(states))
         self.report[name] = {
-            "moved": {joint: end[joint] - begin[joint] for joint in begin},
+            "moved": {joint: end[joint] - initial[joint] for joint in initial},
             "speed": joints_of(self.last(states), "velocity")["boom"],
             "applied_names": self.last(applied).name,
-            "applied": distinct(each.velocity for each in self.seen[applied][first:]),
+            "applied": distinct(each.velocity for each in self.received[applied][first:]),
         }
 
     def send_invalid_command(self):
-        """Send what is no number, and read that it was refused."""
+        """Send NaN, and receive the diagnostics of the rejection."""
         applied = f"{MACHINE}/applied_commands"
-        first, key = len(self.seen[applied]), "rejected front_velocity_controller/commands"
+        first, key = len(self.received[applied]), "rejected front_velocity_controller/commands"
 
-        def told():
-            for array in self.seen["diagnostics"]:
+        def rejection():
+            for array in self.received["diagnostics"]:
                 for status in array.status:
                     values = {each.key: each.value for each in status.values}
                     if key in values:
@@ -223,22 +227,22 @@ class Peer:
                         return {**found, "message": status.message, "values": values}
             return None
 
-        self.report["refused_before"] = told()
-        self.wait("the refusal", told, lambda: self.front(0.3, math.nan, 0.3, 0.3))
-        self.report["refusal"] = told()
-        after = self.seen[applied][first:]
+        self.report["rejection_before"] = rejection()
+        self.wait("the rejection", rejection, lambda: self.front(0.3, math.nan, 0.3, 0.3))
+        self.report["rejection"] = rejection()
+        after = self.received[applied][first:]
         self.report["applied_after_nan"] = distinct(each.velocity for each in after)
 
     def finish(self):
-        """What was true all the time."""
+        """Report what held in all received messages."""
         ledgers = [
             dict(zip(each.layout.dim[0].label.split(","), each.data, strict=True))
-            for each in self.seen["soil/ledger"]
+            for each in self.received["soil/ledger"]
         ]
         self.report["ledger"] = ledgers[-1]
         self.report["imbalances"] = sorted({each["imbalance"] for each in ledgers})
         self.report["ledger_ticks"] = [each["tick"] for each in ledgers[:10]]
-        states = self.seen[f"{MACHINE}/joint_states"]
+        states = self.received[f"{MACHINE}/joint_states"]
         self.report["finite"] = all(math.isfinite(x) for each in states for x in each.position)
         self.report["modules"] = sorted({name.partition(".")[0] for name in sys.modules})
 
@@ -248,13 +252,13 @@ def joints_of(state, of="position"):
 
 
 def distinct(lists):
-    """Without repeats, in order; what JSON has no word for as text."""
+    """Return lists without repetitions, in order; NaN and infinity, which JSON lacks, as text."""
     plain = [[x if math.isfinite(x) else str(x) for x in each] for each in lists]
     return [each for i, each in enumerate(plain) if each not in plain[:i]]
 
 
 def read_map(cloud):
-    """An organised cloud, decoded by what it says of itself."""
+    """Return an organised cloud, decoded by its own description of the fields."""
     fields = {each.name: (each.offset, FORMATS[each.datatype]) for each in cloud.fields}
     order = ">" if cloud.is_bigendian else "<"
     data = bytes(cloud.data)
@@ -271,8 +275,8 @@ def read_map(cloud):
         "shape": [cloud.height, cloud.width],
         "fields": [[each.name, each.offset, each.datatype, each.count] for each in cloud.fields],
         "bytes": [cloud.point_step, cloud.row_step, len(data)],
-        # Row, column, position of every 97th cell: all over the map, and a list one can read.
-        "some": [[*cell, *(value(field, *cell) for field in "xyz")] for cell in cells[::97]],
+        # Row, column and position of every 97th cell: a short sample from the whole map.
+        "sample": [[*cell, *(value(field, *cell) for field in "xyz")] for cell in cells[::97]],
         "mm3": sum(int(value("volume_mm3", *cell)) for cell in cells),
     }
 
@@ -280,16 +284,14 @@ def read_map(cloud):
 def main():
     peer = Peer(int(sys.argv[1]))
     try:
-        peer.listen()
-        peer.move("front", SPEED, lambda: peer.front(0.0, SPEED, 0.0, 0.0))
-        peer.move("joints", -SPEED, lambda: peer.joints(boom=-SPEED))
+        peer.read_topics()
+        peer.move_boom("front", SPEED, lambda: peer.front(0.0, SPEED, 0.0, 0.0))
+        peer.move_boom("joints", -SPEED, lambda: peer.joints(boom=-SPEED))
         peer.send_invalid_command()
         peer.finish()
-    except NotSeenError as error:
-        counts = {name: len(messages) for name, messages in peer.seen.items()}
-        print(
-            f"waited {DEADLINE:g} s in vain for {error}; received {counts}\nand saw {peer.report}"
-        )
+    except WaitTimeoutError as error:
+        counts = {name: len(messages) for name, messages in peer.received.items()}
+        print(f"{TIMEOUT:g} s passed while waiting for {error}; received {counts},\n{peer.report}")
         return 1
     print("REPORT", json.dumps(peer.report), flush=True)
     signal.sigwait({signal.SIGINT})
@@ -297,6 +299,6 @@ def main():
 
 
 if __name__ == "__main__":
-    # Blocked from the start, so that it is there to be waited for, in the threads of DDS too.
+    # Blocked before DDS starts its threads, so that none of them handles SIGINT.
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     sys.exit(main())

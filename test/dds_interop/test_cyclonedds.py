@@ -1,6 +1,6 @@
-"""A stranger on another DDS, who knows ROS 2 messages only, hears our nodes and drives a machine.
+"""A peer on Cyclone DDS receives the topics of the nodes and drives a machine.
 
-The stranger is `cyclone_peer.py`, a process of its own without rclpy or anything of this package.
+The peer is `cyclone_peer.py`, a process without rclpy and without code of this package.
 """
 
 import importlib.util
@@ -23,28 +23,28 @@ pytestmark = pytest.mark.skipif(
 )
 
 PEER = Path(__file__).with_name("cyclone_peer.py")
-TIMEOUT = 240.0  # s: the peer itself waits up to 30 s for each thing, and says what did not come
-SPEED, TRAVEL = 0.2, 0.1  # rad/s and rad the peer has the boom go
+TIMEOUT = 240.0  # s; the peer waits up to 30 s for each condition, and prints which was not met
+SPEED, TRAVEL = 0.2, 0.1  # velocity [rad/s] and travel [rad] of the boom, as in the peer
 
-# What the peer must do without.
-OURS = {"earthmoving_sim", "machine_sim", "msg_bridge", "soil_sim"}
+# Packages that the peer must not import.
+OWN = {"earthmoving_sim", "machine_sim", "msg_bridge", "soil_sim"}
 ROS = {"builtin_interfaces", "rclpy", "rosidl_runtime_py", "sensor_msgs", "std_msgs"}
 
-UINT32, FLOAT32, FLOAT64 = 6, 7, 8  # as PointField numbers them
+UINT32, FLOAT32, FLOAT64 = 6, 7, 8  # values of PointField.datatype
 
 
 @pytest.fixture
 def site() -> HeightMap:
-    """Nearly flat ground of which every cell has a height of its own.
+    """Return nearly flat ground on which every cell has a different height.
 
-    The message of its map is more than twice as large as a UDP packet can be.
+    Its map message is more than twice as large as the largest UDP packet.
     """
     grid = Grid(65, 67, 0.4)
     number = np.arange(grid.rows * grid.cols).reshape(grid.shape)
     return HeightMap(grid, 0.25 + 1e-5 * number)
 
 
-def test_peer_on_another_dds_hears_the_nodes_and_drives_the_machine(
+def test_peer_on_another_dds_receives_topics_and_drives_the_machine(
     ros, ros_process, site, tmp_path
 ) -> None:
     save_terrain(tmp_path / "site.npz", site)
@@ -59,21 +59,21 @@ def test_peer_on_another_dds_hears_the_nodes_and_drives_the_machine(
     peer.stop()
     report = json.loads(peer.output.partition("REPORT ")[2])
 
-    assert not {*report["modules"]} & (OURS | ROS)
+    assert not {*report["modules"]} & (OWN | ROS)
     check_time(report)
     check_joints(report)
     check_ledger(report, soil.run.endpoint.soil.columns.total_mm3)
     check_map(report["map"], site, soil.run.endpoint.soil.columns.total_mm3)
     check_motion(report["front"], SPEED)
     check_motion(report["joints"], -SPEED)
-    check_refusal(report)
+    check_rejection(report)
 
 
 def check_time(report) -> None:
     clock = report["clock"]
     assert clock[0] > 0.0
     assert clock[-1] > clock[0]
-    # A tick may be told again while time stands still.
+    # A tick may be published twice while time stands still.
     assert (np.diff(clock) >= 0.0).all()
 
 
@@ -100,11 +100,11 @@ def check_ledger(report, terrain_mm3: int) -> None:
 
 
 def check_map(found, site: HeightMap, terrain_mm3: int) -> None:
-    """The map that the peer decoded is the site, and holds the soil that the ledger counts."""
+    """Assert that the map that the peer decoded is the site, with the soil volume of the ledger."""
     rows, cols = site.grid.shape
     assert found["shape"] == [rows, cols]
     assert found["frame_id"] == "map"
-    assert found["stamp"] == [0, 0]  # the one from before the first tick
+    assert found["stamp"] == [0, 0]  # published before the first tick
     assert found["fields"] == [
         ["x", 0, FLOAT32, 1],
         ["y", 4, FLOAT32, 1],
@@ -119,44 +119,44 @@ def check_map(found, site: HeightMap, terrain_mm3: int) -> None:
         ["run_id", 44, UINT32, 1],
     ]
     assert found["bytes"] == [48, 48 * cols, 48 * cols * rows]  # of a point, a row, all
-    assert len(found["some"]) > 40
+    assert len(found["sample"]) > 40
     # Index (0, 0) is the +x, +y corner.
     expected = [
         [row, col, 0.4 * (32 - row), 0.4 * (33 - col), site.heights[row, col]]
-        for row, col, *_ in found["some"]
+        for row, col, *_ in found["sample"]
     ]
-    np.testing.assert_allclose(found["some"], expected, rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(found["sample"], expected, rtol=0.0, atol=1e-6)
     assert found["mm3"] == terrain_mm3
 
 
 def boom_at(speed: float) -> list[float]:
-    """A command as it is applied: joints, then tracks."""
+    """Return an applied command: joints, then tracks."""
     return [0.0, speed, 0.0, 0.0, 0.0, 0.0]
 
 
 def check_motion(found, speed: float) -> None:
-    """The boom went as it was told, and nothing else did."""
+    """Assert that the boom moved as commanded, and nothing else."""
     assert found["applied_names"] == ["swing", "boom", "arm", "bucket", "left_track", "right_track"]
     assert boom_at(speed) in found["applied"]
-    # Until it has come, what was in force before still is.
-    known = [boom_at(each) for each in (0.0, SPEED, -SPEED)]
-    assert [each for each in found["applied"] if each not in known] == []
+    # The previous command applies until the new one arrives.
+    expected = [boom_at(each) for each in (0.0, SPEED, -SPEED)]
+    assert [each for each in found["applied"] if each not in expected] == []
     assert np.sign(speed) * found["moved"]["boom"] >= TRAVEL
     assert found["speed"] == pytest.approx(speed, rel=0.02)
     others = [found["moved"][joint] for joint in ("swing", "arm", "bucket", "base_x", "base_y")]
     assert np.abs(others).max() < 0.01
 
 
-def check_refusal(report) -> None:
-    """What is no number was refused whole, and the sender can read why."""
-    assert report["refused_before"] is None
-    refusal = report["refusal"]
-    assert refusal["name"] == "excavator/machine_sim: machine_sim"
-    assert refusal["level"] == 1  # WARN
-    assert refusal["message"] == "messages rejected on front_velocity_controller/commands"
+def check_rejection(report) -> None:
+    """Assert that the command with NaN was rejected as a whole, with its reason in diagnostics."""
+    assert report["rejection_before"] is None
+    rejection = report["rejection"]
+    assert rejection["name"] == "excavator/machine_sim: machine_sim"
+    assert rejection["level"] == 1  # WARN
+    assert rejection["message"] == "messages rejected on front_velocity_controller/commands"
     key = "rejected front_velocity_controller/commands"
-    assert int(refusal["values"][key]) >= 1
-    assert "not finite" in refusal["values"][f"last {key}"]
-    # The last good command stays in force until it is too old.
-    known = [boom_at(-SPEED), boom_at(0.0)]
-    assert [each for each in report["applied_after_nan"] if each not in known] == []
+    assert int(rejection["values"][key]) >= 1
+    assert "not finite" in rejection["values"][f"last {key}"]
+    # The last valid command applies until its timeout.
+    expected = [boom_at(-SPEED), boom_at(0.0)]
+    assert [each for each in report["applied_after_nan"] if each not in expected] == []

@@ -48,11 +48,11 @@ from msg_bridge.contract.rows import CONVERSION
 from msg_bridge.dds_profile import PROFILE_VARIABLE, use_shipped_profile
 from msg_bridge.exchange.chunks import split_into_chunks
 
-DOMAIN = 1 + os.getpid() % 101  # nobody else's, and its ports below the ephemeral ones
+DOMAIN = 1 + os.getpid() % 101  # differs between processes; its ports are below the ephemeral ones
 DEADLINE = 20.0  # s
 STAMP = Time(sec=1)
 
-# A participant as a user's process makes it; prints the sizes of its shared memory segments.
+# Creates a participant and prints the sizes of its shared memory segments.
 PARTICIPANT = """\
 import os, sys
 from pathlib import Path
@@ -70,7 +70,7 @@ rclpy.shutdown()
 
 @pytest.fixture
 def no_profile(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A user who has chosen no profile; what is set in the test is undone."""
+    """Remove the choice of a DDS profile for the test."""
     monkeypatch.setenv(PROFILE_VARIABLE, "")
     monkeypatch.delenv(PROFILE_VARIABLE)
 
@@ -92,11 +92,11 @@ class Party:
     def spin_until(self, condition: Callable[[], bool]) -> None:
         deadline = time.monotonic() + DEADLINE
         while not condition():
-            assert time.monotonic() < deadline, "what was sent has not come"
+            assert time.monotonic() < deadline, "the messages were not received"
             self._executor.spin_once(timeout_sec=0.05)
 
     def listen(self, of: type, topic: str, profile: Any) -> list[Any]:
-        """A list that messages are added to as they come."""
+        """Return a list to which received messages are appended."""
         received: list[Any] = []
         self.node.create_subscription(of, topic, received.append, profile)
         return received
@@ -117,7 +117,7 @@ def parties(no_profile: None) -> Iterator[tuple[Party, Party]]:
 
 
 def send(sender: Party, topic: str, messages: list[Any], profile: Any) -> None:
-    """Publish once somebody listens."""
+    """Publish messages once there is a subscription."""
     publisher = sender.node.create_publisher(type(messages[0]), topic, profile)
     sender.spin_until(lambda: publisher.get_subscription_count() > 0)
     for message in messages:
@@ -155,13 +155,13 @@ def test_one_topic_carries_headers_requests_and_ledger(parties: tuple[Party, Par
     assert [from_multi_array(msg) for msg in received] == words
 
 
-def test_refusal_crosses(parties: tuple[Party, Party]) -> None:
+def test_rejection_crosses(parties: tuple[Party, Party]) -> None:
     sender, receiver = parties
-    refusal = JoinRejected(1, 2, 3, "5 mm³ too many; join empty")
-    received = receiver.listen(String, "refusals", qos.ROWS)
-    send(sender, "refusals", [to_join_rejected_string(refusal)], qos.ROWS)
+    rejection = JoinRejected(1, 2, 3, "5 mm³ too many; join empty")
+    received = receiver.listen(String, "join_rejections", qos.ROWS)
+    send(sender, "join_rejections", [to_join_rejected_string(rejection)], qos.ROWS)
     receiver.spin_until(lambda: bool(received))
-    assert from_join_rejected_string(received[0]) == refusal
+    assert from_join_rejected_string(received[0]) == rejection
 
 
 def test_late_subscriber_gets_the_latest_terrain(parties: tuple[Party, Party]) -> None:

@@ -31,13 +31,13 @@ class Digger:
         self.carry()
 
     def carry(self) -> list[Message]:
-        """Both boxes, once each; returns what the soil said."""
+        """Both boxes, once each; returns the messages of the soil."""
         for message in self.exchange.drain_outbox():
             self.endpoint.receive(message)
-        said = self.endpoint.drain_outbox()
-        for message in said:
+        sent = self.endpoint.drain_outbox()
+        for message in sent:
             self.exchange.receive(message)
-        return said
+        return sent
 
     def send(self, sweeps: Rows, deposit_requests: Rows = NOTHING, *, leave: bool = False) -> None:
         self.exchange.send(
@@ -94,10 +94,10 @@ def test_the_welcome_moves_nothing_and_shows_the_terrain(endpoint: SoilEndpoint)
     assert done is not None
     assert done.step.conversions.size == done.step.map_updates.size == 0
     assert done.ledger.terrain == endpoint.soil.total_mm3 == done.ledger.start
-    said = digger.carry()
-    assert [type(message) for message in said] == [SoilHeader, Keyframe]
-    assert (said[1].elevation == endpoint.soil.columns.height).all()
-    shown = (said[1].volume_mm3, said[1].soil, said[1].moisture)
+    sent = digger.carry()
+    assert [type(message) for message in sent] == [SoilHeader, Keyframe]
+    assert (sent[1].elevation == endpoint.soil.columns.height).all()
+    shown = (sent[1].volume_mm3, sent[1].soil, sent[1].moisture)
     assert all(map(np.array_equal, shown, endpoint.soil.layers))
 
 

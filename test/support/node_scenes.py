@@ -1,4 +1,4 @@
-"""Nodes on a small level site, built and spun in a test's own executor."""
+"""Nodes on a small level site, in the executor of a test."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ SITE: dict[str, Any] = {"site.terrain": "flat", "site.num_points": 65, "site.cel
 
 
 class Scene:
-    """A soil's node and what is received of it.
+    """A soil node, machine nodes, and the received ledgers and diagnostics.
 
     Attributes:
-        soil: the node.
-        ledgers: of each tick, as received.
+        soil: the soil node.
+        ledgers: received ledgers, one a tick.
     """
 
     def __init__(self, ros: Ros, **parameters: Any) -> None:
-        """`parameters` are the soil's; in lockstep unless they say otherwise."""
+        """Start a soil node with `parameters`, by default in lockstep."""
         self.ros = ros
         self._ledgers = ros.collect("/soil/ledger", Int64MultiArray)
         self._diagnostics = ros.collect("/diagnostics", DiagnosticArray)
@@ -57,7 +57,7 @@ class Scene:
 
     @property
     def tick(self) -> int:
-        """The soil's."""
+        """Last tick of the soil."""
         return self.soil.run.tick
 
     @property
@@ -65,11 +65,11 @@ class Scene:
         return self.soil.run.endpoint.exchange.joined
 
     def machine(self, namespace: str = "/excavator", **parameters: Any) -> MachineNode:
-        """A machine's node; it has not joined yet."""
+        """Start a machine node, which joins later."""
         return self.ros.add(MachineNode, namespace=namespace, parameters=parameters)
 
     def until_tick(self, tick: int) -> None:
-        """Until the soil has done a tick, and those who listen have received of it."""
+        """Spin until the soil has computed a tick and its ledger is received."""
         self.ros.spin_until(
             lambda: self.tick >= tick and self._ledgers and self.ledgers[-1].tick >= tick,
             what=f"tick {tick}",
@@ -89,13 +89,13 @@ class Scene:
         assert response.success, response.message
 
     def leave(self, machine: MachineNode) -> None:
-        """End a machine as its process would."""
+        """Stop and remove a machine as its process would."""
         machine.stop()
         self.ros.spin_until(lambda: not machine.stopping, what="the machine to have left")
         self.ros.remove(machine)
 
     def shown(self, node: Node) -> dict[str, str]:
-        """What `/diagnostics` says of a node, as last received; `message` and `level` included."""
+        """Return the last received diagnostics of a node, with `message` and `level`."""
         name = f"{node.get_fully_qualified_name().lstrip('/')}: "
         for array in reversed(self._diagnostics):
             for status in array.status:
@@ -105,27 +105,27 @@ class Scene:
         return {}
 
     def until_shown(self, node: SoilNode | MachineNode, key: str, value: Any) -> None:
-        """Until `/diagnostics` has a value under a key; it is published without waiting."""
+        """Spin until the diagnostics of a node have a value; they are published without delay."""
 
         def holds() -> bool:
             node.diagnostics.publish()
             return self.shown(node).get(key) == str(value)
 
-        wanted = f"{key} {value} in the diagnostics"
+        condition = f"{key} {value} in the diagnostics"
         try:
-            self.ros.spin_until(holds, what=wanted)
+            self.ros.spin_until(holds, what=condition)
         except AssertionError as error:
             raise AssertionError(f"{error}; they are {self.shown(node)}") from None
 
 
 def ready_to_dig() -> MachineSpec:
-    """The excavator with its lip just above level ground, 7 m before it."""
+    """Return the excavator with its lip just above level ground, 7 m ahead of it."""
     machine = excavator()
     return replace(machine, home=np.array([0.0, *lip_at(machine, 7.0, 0.1, 2.0)]))
 
 
 def machine_file(folder: Path, machine: MachineSpec) -> str:
-    """A machine file of the excavator with another home."""
+    """Write a machine file of the excavator with another home pose; return its path."""
     content = yaml.safe_load(find_config("machines/excavator.yaml").read_text())
     home = [float(angle) for angle in machine.home]
     content["home"] = dict(zip(machine.joints, home, strict=True))
@@ -137,55 +137,55 @@ def machine_file(folder: Path, machine: MachineSpec) -> str:
 def lip_at(
     machine: MachineSpec, reach: float, height: float, attitude: float
 ) -> NDArray[np.float64]:
-    """Angles of boom, arm and bucket that put the lip somewhere before it [m] (level ground)."""
+    """Return angles of boom, arm and bucket for a position of the lip over level ground [rad]."""
     origin = float(arm_geometry(machine).swing[2])
     return np.array(solve_arm_angles(machine, reach, height - origin, attitude))
 
 
-def drag_angles(machine: MachineSpec, part: float) -> NDArray[np.float64]:
-    """Angles of boom, arm, bucket at a part, 0 to 1, of a drag through the ground."""
-    depth = 0.35 * np.sin(np.pi * part) - 0.1 * (1.0 - part)
-    return lip_at(machine, 7.0 - 1.5 * part, -depth, 2.0 + 0.5 * part)
+def drag_angles(machine: MachineSpec, fraction: float) -> NDArray[np.float64]:
+    """Return angles of boom, arm, bucket at a fraction of a drag through the ground [rad]."""
+    depth = 0.35 * np.sin(np.pi * fraction) - 0.1 * (1.0 - fraction)
+    return lip_at(machine, 7.0 - 1.5 * fraction, -depth, 2.0 + 0.5 * fraction)
 
 
 def drag_velocities(machine: MachineSpec, tick: int, ticks: int) -> NDArray[np.float64]:
-    """What to do in the tick after `tick`: drive a little, then drag; shape (6,)."""
+    """Return the velocities of the tick after `tick`: drive, then drag; shape (6,)."""
     command = np.zeros(6)
     if tick < 30:
         command[4:] = 0.4, 0.3
     elif tick < ticks:
-        way = [drag_angles(machine, (t - 30) / (ticks - 30)) for t in (tick, tick + 1)]
-        command[1:4] = (way[1] - way[0]) / TICK
+        angles = [drag_angles(machine, (t - 30) / (ticks - 30)) for t in (tick, tick + 1)]
+        command[1:4] = (angles[1] - angles[0]) / TICK
         command[0] = 0.02
     return command
 
 
 def joint_command(tick: int, velocities: ArrayLike) -> JointState:
-    """A `joint_commands` message that answers the state of a tick."""
+    """Return a `joint_commands` message that answers the state of a tick."""
     return to_command_state(COMMAND_NAMES, velocities, stamp_from_tick(tick, TICK))
 
 
 def dig(
     scene: Scene, machine: MachineNode, enough: Callable[[Ledger], bool], name: str = ""
 ) -> Publisher:
-    """Have a machine that is ready to dig put its lip into the ground and draw it in.
+    """Drag the bucket of a machine that is ready to dig until the ledger meets a condition.
 
-    Its `commands.command_timeout` must be long. Of several in its node it is the first, of a name.
+    The machine needs a long `commands.command_timeout`. In a node with several machines, the first
+    one digs; `name` is its name.
     """
     name = "/".join(filter(None, (machine.get_namespace(), name, "joint_commands")))
     publisher = scene.ros.publisher(name, JointState, subscriptions=1)
     scene.until_tick(1)
-    way = (0.3, 0.6, 0.9)
-    for part in way:
-        goal = drag_angles(excavator(), part)
+    for fraction in (0.3, 0.6, 0.9):
+        goal = drag_angles(excavator(), fraction)
         names = ["boom", "arm", "bucket"]
         publisher.publish(JointState(name=names, position=goal.tolist()))
         run = machine.run
 
-        def there(goal: NDArray[np.float64] = goal, run: Any = run) -> bool:
+        def reached(goal: NDArray[np.float64] = goal, run: Any = run) -> bool:
             angles = run.sim.machine.joint_positions[1:]
             return bool(np.abs(angles - goal).max() < 0.05) or enough(scene.ledgers[-1])
 
-        scene.ros.spin_until(there, what=f"{part} of the drag")
+        scene.ros.spin_until(reached, what=f"{fraction:.0%} of the drag")
     scene.ros.spin_until(lambda: enough(scene.ledgers[-1]), what="soil in the bucket")
     return publisher

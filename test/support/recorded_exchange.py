@@ -1,4 +1,4 @@
-"""Runs of soil and machines in one process, with all messages recorded as nodes publish them."""
+"""Runs of soil and machines in one process that record all messages in the form of the nodes."""
 
 from __future__ import annotations
 

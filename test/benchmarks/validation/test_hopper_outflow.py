@@ -1,4 +1,4 @@
-"""Bins empty as Beverloo's law tells."""
+"""The outflow of hoppers follows Beverloo's law."""
 
 import math
 

@@ -117,9 +117,9 @@ def test_limited_twist_keeps_its_curve_radius(arbiter, spec):
     commander.receive_twist(1.5, 0.6, 0.0)
     left, right = tracks(commander, 0.0)
     assert right == pytest.approx(spec.tracks.max_speed)
-    told = 0.6 / 1.5
-    driven = ((right - left) / spec.tracks.gauge) / (0.5 * (left + right))
-    assert driven == pytest.approx(told)
+    commanded_curvature = 0.6 / 1.5
+    curvature = ((right - left) / spec.tracks.gauge) / (0.5 * (left + right))
+    assert curvature == pytest.approx(commanded_curvature)
 
 
 def test_velocity_above_the_maximum_is_accepted(arbiter):

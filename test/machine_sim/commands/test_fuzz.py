@@ -132,20 +132,20 @@ steps = st.lists(
 @settings(max_examples=300, deadline=None)
 @given(steps=steps)
 def test_invalid_inputs_change_nothing(spec, steps):
-    spared, told = CommandArbiter(spec, PARAMS), CommandArbiter(spec, PARAMS)
+    reference, tested = CommandArbiter(spec, PARAMS), CommandArbiter(spec, PARAMS)
     now = 0.0
     for passed, (kind, command), tick in steps:
         now += passed
         stamp = {"stale": now - 1.0, "early": now + 1.0, "unstamped": None}.get(kind, now)
         if kind == "good":
-            call(spared, *command, now, stamp)
-            call(told, *command, now, stamp)
+            call(reference, *command, now, stamp)
+            call(tested, *command, now, stamp)
         else:
-            assert refused(told, *command, now, stamp), command
+            assert refused(tested, *command, now, stamp), command
         if tick:
-            assert same(spared.command_at(now, HOME), told.command_at(now, HOME))
-        assert spared.is_stopped == told.is_stopped
-    assert same(spared.command_at(now, HOME), told.command_at(now, HOME))
+            assert same(reference.command_at(now, HOME), tested.command_at(now, HOME))
+        assert reference.is_stopped == tested.is_stopped
+    assert same(reference.command_at(now, HOME), tested.command_at(now, HOME))
 
 
 anything = st.recursive(

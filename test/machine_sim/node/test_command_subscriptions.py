@@ -144,12 +144,12 @@ ALL: list[tuple[str, Callable[[], Any], tuple[Any, ...]]] = [
 ]
 
 
-@pytest.mark.parametrize(("topic", "message", "told"), ALL)
+@pytest.mark.parametrize(("topic", "message", "expected"), ALL)
 def test_receiver_gets_each_message_with_its_time_of_arrival(
-    machine: Machine, topic: str, message: Callable[[], Any], told: tuple[Any, ...]
+    machine: Machine, topic: str, message: Callable[[], Any], expected: tuple[Any, ...]
 ) -> None:
     machine.send(topic, message())
-    assert machine.receiver.received == [told]
+    assert machine.receiver.received == [expected]
     assert machine.rejected == []
 
 

@@ -215,8 +215,8 @@ def test_sensors_are_published_with_frames_and_delay(ros: Ros) -> None:
     assert imus["upper"][0].header.frame_id == "excavator/upper"
     assert imus["upper"][0].linear_acceleration.z == pytest.approx(9.81, abs=0.5)
     assert list(encoders[-1].name) == list(NAMES)
-    told = tick_from_stamp(imus["base"][-1].header.stamp, TICK)
-    assert told - tick_from_stamp(encoders[-1].header.stamp, TICK) in range(2, 7)
+    tick = tick_from_stamp(imus["base"][-1].header.stamp, TICK)
+    assert tick - tick_from_stamp(encoders[-1].header.stamp, TICK) in range(2, 7)
 
 
 def test_states_are_published_at_their_rates_and_applied_commands_each_tick(ros: Ros) -> None:
@@ -487,7 +487,7 @@ def test_signal_ends_machine_operator_and_soil_cleanly(
                     return {v.key: v.value for v in status.values}.get("machines", "")
         return ""
 
-    # Nobody is left who could be late: a machine that left is not silent.
+    # No machine is left that could be late: one that left is not silent.
     ros.spin_until(lambda: machines() == "none")
     assert soil.stop(number) == 0
     assert "silent" not in soil.output

@@ -114,14 +114,16 @@ def test_each_machine_publishes_in_its_namespace(ros: Ros) -> None:
 
 def test_bin_publishes_its_payload(ros: Ros) -> None:
     scene = Scene(ros)
-    told = ros.collect("/site/hopper/payload", Float64MultiArray, qos.STATE)
+    payloads = ros.collect("/site/hopper/payload", Float64MultiArray, qos.STATE)
     config = ros.collect("/site/config", String, qos.TRANSIENT_LOCAL)
     node = digger_and_truck(scene, bins=["hopper"], **{"hopper.x": 6.0, "hopper.height": 2.0})
     scene.until_tick(3)
     assert node.run is not None
     soil = np.array([[6.0, 0.1 * k, 0.5] for k in range(-5, 5)])
     node.run.sim.particles.add(soil, np.zeros_like(soil), 1_000_000)
-    ros.spin_until(lambda: told and from_payload_array(told[-1]).bank_m3 == pytest.approx(0.01))
+    ros.spin_until(
+        lambda: payloads and from_payload_array(payloads[-1]).bank_m3 == pytest.approx(0.01)
+    )
     assert yaml.safe_load(config[0].data)["bins"]["hopper"]["height"] == 2.0
 
 

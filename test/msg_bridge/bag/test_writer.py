@@ -1,4 +1,4 @@
-"""A bag is valid for rosbags and mcap, and readable whatever ends its recorder."""
+"""A bag is valid for rosbags and mcap, and readable however its recorder ends."""
 
 import contextlib
 import signal

@@ -85,8 +85,8 @@ def forward_kinematics(urdf, state):
                 assert shift.get("rpy") is None
                 origin = origin + turn @ np.array(shift.get("xyz").split(), dtype=float)
             axis = np.array(joint.find("axis").get("xyz").split(), dtype=float)
-            alike = joint.find("mimic")
-            value = values[joint.get("name") if alike is None else alike.get("joint")]
+            mimic = joint.find("mimic")
+            value = values[joint.get("name") if mimic is None else mimic.get("joint")]
             if joint.get("type") == "prismatic":
                 origin = origin + turn @ axis * value
             else:

@@ -125,7 +125,7 @@ def test_wrong_number_of_transforms_is_rejected():
 
 @pytest.fixture
 def fresh_import():
-    """What is known about tf2_msgs is forgotten before and after."""
+    """Clear the cached import of tf2_msgs before and after the test."""
     poses._tf_message.cache_clear()
     yield
     poses._tf_message.cache_clear()

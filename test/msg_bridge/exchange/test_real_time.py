@@ -66,7 +66,7 @@ def test_the_part_of_a_late_machine_belongs_to_a_later_tick() -> None:
 def test_a_late_machine_is_answered_with_the_rows_of_all_ticks_it_missed() -> None:
     clock = Clock()
     machine = clock.machines[0]
-    while not machine.exchange.waiting:  # two ticks are on their way
+    while not machine.exchange.waiting:  # two ticks are in flight
         machine.step()
     last = machine.exchange.tick
     for _ in range(3):

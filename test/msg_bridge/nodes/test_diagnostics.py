@@ -1,4 +1,4 @@
-"""What a node says about itself on /diagnostics."""
+"""Counters, values, rejections and problems of a node on /diagnostics."""
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -10,7 +10,7 @@ from msg_bridge.testing.ros_context import Ros
 
 
 class Clock:
-    """A wall clock that a test sets."""
+    """Wall clock that a test sets."""
 
     def __init__(self) -> None:
         self.time = 1000.0
@@ -40,7 +40,7 @@ def published(ros: Ros, diagnostics: Diagnostics) -> DiagnosticArray:
     return received[-1]
 
 
-def test_counters_and_values_are_on_the_topic(ros: Ros, diagnostics: Diagnostics) -> None:
+def test_counters_and_values_are_published(ros: Ros, diagnostics: Diagnostics) -> None:
     diagnostics.count("ticks")
     diagnostics.count("ticks", 4)
     diagnostics.set("lateness ms", 1.5)
@@ -53,7 +53,7 @@ def test_counters_and_values_are_on_the_topic(ros: Ros, diagnostics: Diagnostics
     assert array.header.stamp.sec > 0
 
 
-def test_it_is_published_while_simulation_time_stands_still(ros: Ros) -> None:
+def test_diagnostics_are_published_while_simulation_time_stands_still(ros: Ros) -> None:
     node = ros.node("soil_sim", parameters={"use_sim_time": True})
     array = published(ros, Diagnostics(node))
     assert array.status[0].name == "soil_sim"
@@ -67,7 +67,7 @@ def test_tasks_are_called_before_each_publication(ros: Ros, diagnostics: Diagnos
     assert [array.status[0].values[0].value for array in received[:2]] == ["1", "2"]
 
 
-def test_a_refusal_is_counted_and_warns(diagnostics: Diagnostics) -> None:
+def test_rejection_is_counted_and_sets_level_warn(diagnostics: Diagnostics) -> None:
     diagnostics.reject("cmd_vel", "NaN")
     diagnostics.reject("cmd_vel", "too old")
     report = diagnostics.report()
@@ -76,7 +76,7 @@ def test_a_refusal_is_counted_and_warns(diagnostics: Diagnostics) -> None:
     assert report.values == {"rejected cmd_vel": "2", "last rejected cmd_vel": "too old"}
 
 
-def test_a_refusal_warns_for_a_while_only(diagnostics: Diagnostics, clock: Clock) -> None:
+def test_rejection_warns_for_a_limited_time(diagnostics: Diagnostics, clock: Clock) -> None:
     diagnostics.reject("cmd_vel", "NaN")
     clock.time += REJECTION_WARN_TIME
     assert diagnostics.report().level is Level.WARN
@@ -86,12 +86,12 @@ def test_a_refusal_warns_for_a_while_only(diagnostics: Diagnostics, clock: Clock
     assert report.values["rejected cmd_vel"] == "1"
 
 
-def test_refusals_are_logged_once_a_second_for_each_topic(
+def test_rejections_are_logged_once_a_second_for_each_topic(
     ros: Ros, diagnostics: Diagnostics, clock: Clock
 ) -> None:
     logged = ros.collect("/rosout", Log)
 
-    def said() -> list[str]:
+    def log_lines() -> list[str]:
         return [msg.msg for msg in logged if "rejected" in msg.msg]
 
     for _ in range(3):
@@ -99,15 +99,15 @@ def test_refusals_are_logged_once_a_second_for_each_topic(
     diagnostics.reject("joy", "no axes")
     clock.time += 1.0
     diagnostics.reject("cmd_vel", "too old")
-    ros.spin_until(lambda: len(said()) >= 3)
-    assert said() == [
+    ros.spin_until(lambda: len(log_lines()) >= 3)
+    assert log_lines() == [
         "rejected a message on cmd_vel: NaN",
         "rejected a message on joy: no axes",
         "rejected a message on cmd_vel: too old (2 more rejected since)",
     ]
 
 
-def test_a_problem_stands_until_it_is_cleared(diagnostics: Diagnostics) -> None:
+def test_problem_persists_until_it_is_cleared(diagnostics: Diagnostics) -> None:
     diagnostics.problem("no machine has joined")
     assert diagnostics.report().level is Level.WARN
     diagnostics.problem("the ledger is off by 3 mm3", Level.ERROR)

@@ -1,4 +1,4 @@
-"""Maps and the side length of their cells, received in either order."""
+"""Terrain maps and their exact cell size, received in either order."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ def map_of(cell: float, run_id: int = 1) -> PointCloud2:
 
 
 class Reader(MapDecoder):
-    """Remembers the cells of what it took, and the reasons of what it refused."""
+    """Decoder that collects the cell sizes of accepted maps and the reasons of rejections."""
 
     def __init__(self, *, guess: bool = False) -> None:
-        self.taken: list[float] = []
+        self.cells: list[float] = []
         self.reasons: list[str] = []
         super().__init__(
-            lambda frame: self.taken.append(frame.grid.cell),
+            lambda frame: self.cells.append(frame.grid.cell),
             lambda topic, reason: self.reasons.append(reason),
             topic="/terrain/map",
             guess=guess,
@@ -42,41 +42,41 @@ class Reader(MapDecoder):
 CELL = 1.0 / 3.0
 
 
-def test_a_map_that_comes_first_is_read_exactly_once_its_cells_are_known() -> None:
+def test_map_received_first_is_decoded_once_when_the_cell_size_arrives() -> None:
     reader = Reader()
     reader.read(map_of(CELL))
-    assert (reader.taken, reader.reasons) == ([], [])
+    assert (reader.cells, reader.reasons) == ([], [])
     reader.set_cell(CELL)
     reader.set_cell(CELL)
-    assert (reader.taken, reader.reasons) == ([CELL], [])
+    assert (reader.cells, reader.reasons) == ([CELL], [])
 
 
-def test_a_map_of_other_cells_is_taken_once_they_are_told() -> None:
+def test_map_with_another_cell_size_waits_for_the_new_cell_size() -> None:
     reader = Reader()
     reader.set_cell(0.2)
     reader.read(map_of(0.2))
     reader.read(map_of(0.1))
-    assert reader.taken == [0.2]
+    assert reader.cells == [0.2]
     reader.set_cell(0.1)
-    assert reader.taken == [0.2, 0.1]
+    assert reader.cells == [0.2, 0.1]
 
 
-def test_who_may_never_be_told_reads_at_once() -> None:
+def test_decoder_that_may_guess_the_cell_size_decodes_at_once() -> None:
     reader = Reader(guess=True)
     reader.read(map_of(0.2))
     reader.read(map_of(CELL))
-    assert reader.taken == pytest.approx([0.2, CELL], rel=1e-6)
+    assert reader.cells == pytest.approx([0.2, CELL], rel=1e-6)
 
 
-def test_a_broken_map_is_refused() -> None:
+def test_malformed_map_is_rejected() -> None:
     reader = Reader()
     reader.set_cell(0.2)
     reader.read(PointCloud2())
-    assert reader.taken == []
+    assert reader.cells == []
     assert len(reader.reasons) == 1
 
 
-def test_a_machine_follows_a_soil_that_was_started_again_with_other_cells(ros: Ros) -> None:
+def test_machine_follows_a_restarted_soil_with_another_cell_size(ros: Ros) -> None:
     machine = ros.add(MachineNode)
     maps = ros.publisher("/terrain/map", PointCloud2, qos.TRANSIENT_LOCAL, subscriptions=1)
     configs = ros.publisher("/sim/config", String, qos.TRANSIENT_LOCAL, subscriptions=1)

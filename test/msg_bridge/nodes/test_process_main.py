@@ -1,4 +1,4 @@
-"""A node as a process: arguments, signals, errors, exit codes."""
+"""Nodes as processes: arguments, signals, errors, exit codes."""
 
 import os
 import signal
@@ -32,28 +32,28 @@ class DiggerParams(Parameters):
 
 
 class Digger(Node):
-    """A node that ends in the way it is told to; this file is also its program."""
+    """Node that ends as its parameter `act` demands; this file is also its executable."""
 
     exit_code = 0
     finished = False
     stopping = False
-    listeners = 0
+    num_subscribers = 0
 
     def __init__(self) -> None:
         super().__init__("digger")
         self.params = declare_parameters(self, DiggerParams)
-        self.said = self.create_publisher(String, "said", STATE)
+        self.texts = self.create_publisher(String, "texts", STATE)
         self.create_timer(0.02, self.act)
         print("ready at", self.params.depth)
 
     def act(self) -> None:
         act = self.params.act
-        if self.stopping:  # what it still has to say
-            self.said.publish(String(data="bye"))
+        if self.stopping:
+            self.texts.publish(String(data="bye"))
             self.stopping = act == "never stops"
-        elif act == "wait" and self.said.get_subscription_count() > self.listeners:
-            self.listeners += 1
-            print("listened to")
+        elif act == "wait" and self.texts.get_subscription_count() > self.num_subscribers:
+            self.num_subscribers += 1
+            print("subscribed")
         elif act == "finish":
             self.finished, self.exit_code = True, 3
         elif act == "reject":
@@ -88,36 +88,38 @@ def lines(process: RosProcess) -> list[str]:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_a_node_cleanly(ros_process: StartProcess, number: int) -> None:
+def test_signal_ends_a_node_cleanly(ros_process: StartProcess, number: int) -> None:
     process = ros_process(DIGGER)
     process.wait_for_output("ready")
     process.stop(number, expect=0)
     assert lines(process) == ["ready at 1.0", "stopped once"]
 
 
-def test_what_a_node_says_while_it_is_stopping_is_heard(
+def test_messages_published_while_stopping_are_delivered(
     ros: Ros, ros_process: StartProcess
 ) -> None:
-    received = ros.collect("said", String, STATE)
+    received = ros.collect("texts", String, STATE)
     process = ros_process(DIGGER)
-    process.wait_for_output("listened to")
+    process.wait_for_output("subscribed")
     process.stop()
     ros.spin_until(lambda: [msg.data for msg in received] == ["bye"])
 
 
-def test_a_node_that_never_stops_is_ended(ros_domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_node_that_never_stops_is_ended_after_max_stop_time(
+    ros_domain: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(process_main, "_MAX_STOP_TIME", 0.2)
     assert run_here("-p", "act:=never stops") == 0
 
 
-def test_a_finished_node_gives_the_exit_code(
+def test_finished_node_sets_the_exit_code(
     ros_domain: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run_here("-p", "act:=finish") == 3
     assert "stopped once" in capsys.readouterr().out
 
 
-def test_bad_input_ends_a_process(ros_process: StartProcess) -> None:
+def test_invalid_parameter_ends_the_process_with_exit_code_2(ros_process: StartProcess) -> None:
     process = ros_process(DIGGER, parameters={"depth": 3})
     process.wait(expect=2)
     assert lines(process) == ["digger: depth is 3.0 m; give a value from 0.0 to 2.0 m (how deep)"]
@@ -135,41 +137,43 @@ def test_bad_input_ends_a_process(ros_process: StartProcess) -> None:
         (["-p", "act:=reject"], "digger: the ground is frozen; wait for summer"),
     ],
 )
-def test_bad_input_gives_exit_code_2_and_one_sentence(
+def test_invalid_arguments_give_exit_code_2_and_a_one_line_error(
     ros_domain: int, capfd: pytest.CaptureFixture[str], arguments: list[str], line: str
 ) -> None:
     assert run_here(*arguments) == 2
     errors = capfd.readouterr().err
-    (said,) = [text for text in errors.splitlines() if text.startswith("digger: ")]
-    assert said.startswith(line)
+    (error,) = [text for text in errors.splitlines() if text.startswith("digger: ")]
+    assert error.startswith(line)
     assert "Traceback" not in errors
 
 
-def test_a_whole_number_is_good_for_a_double(
+def test_integer_is_accepted_for_a_double_parameter(
     ros_domain: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run_here("-p", "depth:=2", "-p", "act:=finish") == 3
     assert "ready at 2.0\n" in capsys.readouterr().out
 
 
-def test_a_bug_in_a_callback_is_raised(ros_domain: int, capsys: pytest.CaptureFixture[str]) -> None:
+def test_exception_in_a_callback_propagates_after_stop(
+    ros_domain: int, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(ZeroDivisionError, match="a bug"):
         run_here("-p", "act:=break")
-    assert "stopped once" in capsys.readouterr().out, "its files are closed all the same"
+    assert "stopped once" in capsys.readouterr().out
     assert not rclpy.ok()
 
 
-def test_a_second_interrupt_ends_a_hanging_node(ros_process: StartProcess) -> None:
+def test_repeated_interrupt_kills_a_hanging_node(ros_process: StartProcess) -> None:
     process = ros_process(DIGGER, parameters={"act": "hang"})
     process.wait_for_output("hanging")
     deadline = time.monotonic() + 20.0
-    while process.running and time.monotonic() < deadline:  # as somebody who presses it on and on
+    while process.running and time.monotonic() < deadline:
         process.interrupt()
         time.sleep(0.2)
     process.wait(expect=-signal.SIGINT)
 
 
-def test_an_interrupt_that_comes_twice_at_once_is_one(ros_domain: int) -> None:
+def test_two_interrupts_at_once_count_as_one(ros_domain: int) -> None:
     assert run_here("-p", "act:=interrupt twice") == 0
 
 
@@ -177,7 +181,7 @@ def reject() -> Node:
     raise EarthmovingError("no")
 
 
-def test_signal_handlers_are_as_before(ros_domain: int) -> None:
+def test_signal_handlers_are_restored(ros_domain: int) -> None:
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.getsignal(number) for number in numbers]
     assert run_here(make_node=reject) == 2
@@ -185,7 +189,7 @@ def test_signal_handlers_are_as_before(ros_domain: int) -> None:
     assert not rclpy.ok()
 
 
-def test_a_node_can_be_run_beside_the_main_thread(ros_domain: int) -> None:
+def test_node_runs_outside_the_main_thread(ros_domain: int) -> None:
     codes = []
     thread = threading.Thread(target=lambda: codes.append(run_here("-p", "act:=finish")))
     thread.start()

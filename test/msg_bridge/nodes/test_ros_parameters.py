@@ -178,9 +178,9 @@ def test_an_unknown_name_is_reported_with_what_it_may_mean(ros_domain: int) -> N
         node.destroy_node()
     finally:
         rclpy.shutdown(context=context)
-    said = str(caught.value)
-    assert "/example has no parameter soil.sell (do you mean soil.cell?); it has" in said
-    assert "soil.machines, soil.mode" in said
+    message = str(caught.value)
+    assert "/example has no parameter soil.sell (do you mean soil.cell?); it has" in message
+    assert "soil.machines, soil.mode" in message
 
 
 def test_known_names_are_not_reported(ros: Ros) -> None:

@@ -1,4 +1,4 @@
-"""Whether those who are to miss nothing are listening."""
+"""Topics that a required subscriber does not subscribe to yet."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from msg_bridge.testing.ros_context import Ros
 
 
 @pytest.fixture
-def speaker(ros: Ros) -> SimNode:
-    """A node with two topics of its own, beside those that every node has."""
-    node = ros.add(SimNode, "speaker")
+def publisher_node(ros: Ros) -> SimNode:
+    """Return a node with two topics beside those of every node."""
+    node = ros.add(SimNode, "publisher_node")
     for topic in ("one", "two"):
         node.create_publisher(String, topic, 10)
     return node
@@ -24,46 +24,50 @@ def own(topics: list[str]) -> list[str]:
     return [topic for topic in topics if topic.startswith(("/one", "/two"))]
 
 
-def listen(node: Node, *topics: str) -> None:
+def subscribe(node: Node, *topics: str) -> None:
     for topic in topics:
         node.create_subscription(String, topic, lambda message: None, 10)
 
 
-def test_with_nobody_to_wait_for_nothing_is_missing(speaker: SimNode) -> None:
-    assert unmatched_topics(speaker, ()) == []
+def test_no_topic_is_unmatched_without_required_subscribers(publisher_node: SimNode) -> None:
+    assert unmatched_topics(publisher_node, ()) == []
 
 
-def test_every_topic_of_a_listener_that_is_not_there_is_named(speaker: SimNode) -> None:
-    missing = unmatched_topics(speaker, ["recorder"])
+def test_all_topics_are_unmatched_for_an_absent_subscriber(publisher_node: SimNode) -> None:
+    missing = unmatched_topics(publisher_node, ["recorder"])
     assert own(missing) == ["/one (recorder)", "/two (recorder)"]
 
 
-def test_a_topic_is_heard_once_its_listener_is_matched(ros: Ros, speaker: SimNode) -> None:
+def test_topic_is_matched_once_the_subscription_is(ros: Ros, publisher_node: SimNode) -> None:
     recorder = ros.node("recorder")
-    listen(recorder, "one")
-    ros.spin_until(lambda: own(unmatched_topics(speaker, ["recorder"])) == ["/two (recorder)"])
-    listen(recorder, "two")
-    ros.spin_until(lambda: own(unmatched_topics(speaker, ["recorder"])) == [])
+    subscribe(recorder, "one")
+    ros.spin_until(
+        lambda: own(unmatched_topics(publisher_node, ["recorder"])) == ["/two (recorder)"]
+    )
+    subscribe(recorder, "two")
+    ros.spin_until(lambda: own(unmatched_topics(publisher_node, ["recorder"])) == [])
 
 
-def test_another_listener_does_not_stand_in(ros: Ros, speaker: SimNode) -> None:
-    listen(ros.node("viewer"), "one", "two")
-    ros.spin_until(lambda: own(unmatched_topics(speaker, ["viewer"])) == [])
-    assert own(unmatched_topics(speaker, ["viewer", "recorder"])) == [
+def test_subscription_of_another_node_does_not_match(ros: Ros, publisher_node: SimNode) -> None:
+    subscribe(ros.node("viewer"), "one", "two")
+    ros.spin_until(lambda: own(unmatched_topics(publisher_node, ["viewer"])) == [])
+    assert own(unmatched_topics(publisher_node, ["viewer", "recorder"])) == [
         "/one (recorder)",
         "/two (recorder)",
     ]
 
 
-def test_a_listener_that_has_gone_is_missed(ros: Ros, speaker: SimNode) -> None:
+def test_topics_of_a_removed_subscriber_are_unmatched_again(
+    ros: Ros, publisher_node: SimNode
+) -> None:
     recorder = ros.node("recorder")
-    listen(recorder, "one", "two")
-    ros.spin_until(lambda: own(unmatched_topics(speaker, ["recorder"])) == [])
+    subscribe(recorder, "one", "two")
+    ros.spin_until(lambda: own(unmatched_topics(publisher_node, ["recorder"])) == [])
     ros.remove(recorder)
-    ros.spin_until(lambda: len(own(unmatched_topics(speaker, ["recorder"]))) == 2)
+    ros.spin_until(lambda: len(own(unmatched_topics(publisher_node, ["recorder"]))) == 2)
 
 
-def test_a_subscription_that_is_known_but_not_matched_does_not_count(speaker: SimNode) -> None:
+def test_discovered_but_unmatched_subscription_does_not_count(publisher_node: SimNode) -> None:
     class Unmatched:
         topic_name = "/one"
 

@@ -1,4 +1,4 @@
-"""The exchange over topics: several machines, late ones, silent ones, messages lost or broken."""
+"""The exchange over topics: several, late and silent machines; lost and malformed messages."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from msg_bridge.testing.ros_context import Ros
 
 
 def digger(scene: Scene, folder: Path, namespace: str = "/excavator", **params: Any) -> MachineNode:
-    """A machine that is ready to dig, once told."""
+    """Add a machine whose bucket is just above the ground, with a long command timeout."""
     path = machine_file(folder, ready_to_dig())
     options = {"commands.command_timeout": 60.0, "machine": path, **params}
     return scene.machine(namespace, **options)
 
 
-def held(machine: MachineNode) -> int:
-    """What a machine holds [mm^3]."""
+def soil_of(machine: MachineNode) -> int:
+    """Return the bank volume in a machine's particles and pending soil [mm^3]."""
     assert machine.run is not None
     sim = machine.run.sim
     return sim.pending_mm3 + sim.particles.total_volume_mm3
 
 
-def balanced(scene: Scene) -> bool:
+def is_balanced(scene: Scene) -> bool:
     return {ledger.imbalance for ledger in scene.ledgers} == {0}
 
 
@@ -42,7 +42,7 @@ def balanced(scene: Scene) -> bool:
 
 
 @pytest.mark.parametrize("sync", ["lockstep", "realtime"])
-def test_two_machines_take_part_at_once(ros: Ros, sync: str) -> None:
+def test_two_machines_run_at_the_same_time(ros: Ros, sync: str) -> None:
     applied = [
         ros.collect(f"/{name}/applied_commands", JointState) for name in ("excavator", "digger")
     ]
@@ -58,23 +58,25 @@ def test_two_machines_take_part_at_once(ros: Ros, sync: str) -> None:
     scene.until_shown(scene.soil, "machines", "1, 7")
 
 
-def test_each_of_two_machines_is_credited_with_what_it_digs(ros: Ros, tmp_path: Path) -> None:
+def test_soil_is_credited_to_the_machine_that_excavated_it(ros: Ros, tmp_path: Path) -> None:
     scene = Scene(ros, expected_machines=[1, 2])
     first = digger(scene, tmp_path, y=5.0)
     second = digger(scene, tmp_path, "/excavator_2", machine_id=2, y=-5.0)
     scene.until_tick(1)
     dig(scene, second, lambda ledger: ledger.particles > 2 * 10**7)
-    assert held(first) == 0
-    assert held(second) > 10**7
+    assert soil_of(first) == 0
+    assert soil_of(second) > 10**7
     scene.leave(first)
     dug = scene.tick
     scene.until_tick(dug + 5)
     assert scene.joined == (2,)
-    assert balanced(scene)
+    assert is_balanced(scene)
 
 
 @pytest.mark.parametrize("sync", ["lockstep", "realtime"])
-def test_a_machine_may_come_late(ros: Ros, tmp_path: Path, sync: str) -> None:
+def test_machine_that_joins_late_receives_the_changed_terrain(
+    ros: Ros, tmp_path: Path, sync: str
+) -> None:
     scene = Scene(ros, sync=sync, machine_timeout=20.0)
     first = digger(scene, tmp_path)
     dig(scene, first, lambda ledger: ledger.particles > 10**7)
@@ -87,12 +89,12 @@ def test_a_machine_may_come_late(ros: Ros, tmp_path: Path, sync: str) -> None:
     assert late.run is not None
     ros.spin_until(lambda: late.run.endpoint.exchange.join_state.value != "joining")
     assert late.run.sim.ground.elevation.min() < -0.01
-    known = np.abs(late.run.sim.ground.elevation - soil.columns.height)
-    assert np.count_nonzero(known > 0.02) < 30  # but for the last tick or two it is the same
-    assert balanced(scene)
+    difference = np.abs(late.run.sim.ground.elevation - soil.columns.height)
+    assert np.count_nonzero(difference > 0.02) < 30  # changes of the last tick or two
+    assert is_balanced(scene)
 
 
-def test_a_second_machine_with_the_same_source_is_refused_and_the_first_goes_on(
+def test_second_machine_with_the_same_machine_id_is_rejected_and_the_first_continues(
     ros: Ros,
 ) -> None:
     scene = Scene(ros)
@@ -110,112 +112,110 @@ def test_a_second_machine_with_the_same_source_is_refused_and_the_first_goes_on(
     scene.soil.diagnostics.publish()
     topic = f"{other.get_namespace()}/soil_tick"
     ros.spin_until(lambda: int(scene.shown(scene.soil).get(f"rejected {topic}", 0)) >= 1)
-    stood = scene.tick
-    scene.until_tick(stood + 20)
+    scene.more_ticks(20)
     assert scene.joined == (1,)
-    assert balanced(scene)
+    assert is_balanced(scene)
 
 
 # Silent machines.
 
 
-def test_in_real_time_a_machine_that_stands_still_is_absent_until_it_is_back(
-    ros: Ros, tmp_path: Path
-) -> None:
+def test_silent_machine_is_absent_in_real_time_until_it_rejoins(ros: Ros, tmp_path: Path) -> None:
     scene = Scene(ros, sync="realtime", machine_timeout=0.4)
     machine = digger(scene, tmp_path)
     dig(scene, machine, lambda ledger: ledger.particles > 10**7)
-    ros.executor.remove_node(machine)  # as if its process were stopped
+    ros.executor.remove_node(machine)  # its process is suspended
     ros.spin_until(lambda: scene.joined == ())
-    dropped = scene.tick
-    scene.until_tick(dropped + 2)
-    gone = scene.ledgers[-1]
-    assert (gone.pending, gone.particles) == (0, 0)
-    assert gone.absent > 10**7
+    scene.more_ticks(2)
+    ledger = scene.ledgers[-1]
+    assert (ledger.pending, ledger.particles) == (0, 0)
+    assert ledger.absent > 10**7
     scene.until_shown(scene.soil, "machines_dropped", 1)
-    stood = scene.tick
-    scene.until_tick(stood + 10)  # and the soil goes on
+    scene.more_ticks(10)  # the soil continues without the machine
     ros.executor.add_node(machine)
     ros.spin_until(lambda: scene.joined == (1,))
     scene.more_ticks(10)
     assert scene.ledgers[-1].absent == 0
     assert scene.ledgers[-1].particles > 0
     scene.until_shown(machine, "times_dropped", 1)
-    assert balanced(scene)
+    assert is_balanced(scene)
 
 
-def test_in_lockstep_a_silent_machine_is_reported_and_waited_for(
+def test_silent_machine_is_reported_and_waited_for_in_lockstep(
     ros: Ros, capfd: pytest.CaptureFixture[str]
 ) -> None:
     scene = Scene(ros, machine_timeout=0.2)
     machine = scene.machine()
     scene.until_tick(3)
     ros.executor.remove_node(machine)
-    told = ""
+    output = ""
 
     def reported() -> bool:
-        nonlocal told
-        told += capfd.readouterr().err
-        return "silent for" in told
+        nonlocal output
+        output += capfd.readouterr().err
+        return "silent for" in output
 
     ros.spin_until(reported)
-    assert "/excavator (machine_id 1) silent for" in told
-    assert "the run waits" in told
+    assert "/excavator (machine_id 1) silent for" in output
+    assert "the run waits" in output
     stood = scene.tick
     ros.spin_for(0.3)
     assert scene.tick == stood
     assert scene.joined == (1,)
     ros.executor.add_node(machine)
     scene.until_tick(stood + 10)
-    assert balanced(scene)
+    assert is_balanced(scene)
 
 
-# Messages that are lost, or broken.
+# Lost and malformed messages.
 
 
-class Leak:
-    """Loses every so manieth message on its way into a node."""
+class LossyReceiver:
+    """Drops every `every`-th received message of a node, at most `max_lost`."""
 
-    def __init__(self, carrier: Any, every: int, most: int) -> None:
-        self._receive: Callable[[Message], None] = carrier._receive
-        self.every, self.most = every, most
+    def __init__(self, transport: Any, every: int, max_lost: int) -> None:
+        self._receive: Callable[[Message], None] = transport._receive
+        self.every, self.max_lost = every, max_lost
         self.count = 0
         self.lost: list[Message] = []
-        carrier._receive = self
+        transport._receive = self
 
     def __call__(self, message: Message) -> None:
         self.count += 1
-        if self.count % self.every == 0 and len(self.lost) < self.most:
+        if self.count % self.every == 0 and len(self.lost) < self.max_lost:
             self.lost.append(message)
         else:
             self._receive(message)
 
 
-def test_what_is_lost_on_the_way_is_asked_for_again(ros: Ros, tmp_path: Path) -> None:
+def test_lost_messages_are_requested_again(ros: Ros, tmp_path: Path) -> None:
     scene = Scene(ros)
     machine = digger(scene, tmp_path)
     scene.until_tick(1)
-    leaks = [Leak(scene.soil._transport, 7, 2), Leak(machine._transport, 11, 3)]
+    receivers = [
+        LossyReceiver(scene.soil._transport, 7, 2),
+        LossyReceiver(machine._transport, 11, 3),
+    ]
     dig(scene, machine, lambda ledger: ledger.particles > 10**7)
-    ros.spin_until(lambda: all(len(leak.lost) == leak.most for leak in leaks))
+    ros.spin_until(lambda: all(len(receiver.lost) == receiver.max_lost for receiver in receivers))
     scene.more_ticks(20)
     scene.pause()
     assert machine.run is not None
-    assert balanced(scene)
+    assert is_balanced(scene)
     assert scene.trigger("/soil/verify").success
-    assert len({type(message) for leak in leaks for message in leak.lost}) > 1
+    assert len({type(message) for receiver in receivers for message in receiver.lost}) > 1
     refused = [key for key in scene.soil.diagnostics.report().values if key.startswith("refused")]
     assert refused == []
 
 
-BROKEN_FOR_SOIL = [
+MALFORMED_FOR_SOIL = [
     ("/soil/tool_sweeps", PointCloud2()),
     ("/soil/deposit_requests", PointCloud2(height=1, width=9)),
     ("/excavator/soil_tick", Int64MultiArray()),
     ("/excavator/soil_tick", Int64MultiArray(data=[1, 2, 3])),
     ("/excavator/soil_tick", to_multi_array(Ledger(1, 1, 0, 0, 0, 0, 0, 0, 0))),
 ]
-BROKEN_FOR_MACHINE = [
+MALFORMED_FOR_MACHINE = [
     ("/soil/tick", Int64MultiArray(data=[7])),
     ("/soil/tick", to_multi_array(Ledger(1, 1, 0, 0, 0, 0, 0, 0, 0))),
     ("/soil/conversions", PointCloud2()),
@@ -228,14 +228,14 @@ BROKEN_FOR_MACHINE = [
 ]
 
 
-@pytest.mark.parametrize("whom", ["soil", "machine"])
-def test_broken_messages_are_counted_and_change_nothing(ros: Ros, whom: str) -> None:
+@pytest.mark.parametrize("receiver", ["soil", "machine"])
+def test_malformed_messages_are_counted_and_change_nothing(ros: Ros, receiver: str) -> None:
     scene = Scene(ros)
     machine = scene.machine()
     scene.until_tick(3)
-    node = scene.soil if whom == "soil" else machine
+    node = scene.soil if receiver == "soil" else machine
     counts: dict[str, int] = {}
-    for topic, message in BROKEN_FOR_SOIL if whom == "soil" else BROKEN_FOR_MACHINE:
+    for topic, message in MALFORMED_FOR_SOIL if receiver == "soil" else MALFORMED_FOR_MACHINE:
         latched = topic in ("/terrain/map", "/sim/config")
         profile = qos.TRANSIENT_LOCAL if latched else qos.ROWS
         publisher = ros.publisher(topic, type(message), profile, subscriptions=1)
@@ -250,4 +250,4 @@ def test_broken_messages_are_counted_and_change_nothing(ros: Ros, whom: str) -> 
         ros.helper.destroy_publisher(publisher)
     scene.more_ticks(10)
     assert scene.joined == (1,)
-    assert balanced(scene)
+    assert is_balanced(scene)

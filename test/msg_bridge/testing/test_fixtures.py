@@ -34,7 +34,7 @@ class Echo(Node):
         super().__init__("echo")
         self.exit_code = self.declare_parameter("exit_code", 0).value
         text = self.declare_parameter("text", "").value
-        self.create_publisher(String, "said", TRANSIENT_LOCAL).publish(String(data=text))
+        self.create_publisher(String, "texts", TRANSIENT_LOCAL).publish(String(data=text))
         print("ready to echo", text)
 
 sys.exit(run_node(Echo, name="echo"))
@@ -60,7 +60,7 @@ class Hello(Node):
     def __init__(self, **kwargs):
         super().__init__("hello", **kwargs)
         self.params = declare_parameters(self, HelloParams)
-        publisher = self.create_publisher(String, "said", TRANSIENT_LOCAL)
+        publisher = self.create_publisher(String, "texts", TRANSIENT_LOCAL)
         publisher.publish(String(data=self.params.greeting))
         self.create_service(Trigger, "ask", self.answer)
 
@@ -113,7 +113,7 @@ def test_processes_at_once_get_different_domains(tmp_path: Path, ros_domain: int
     assert f"has_{ros_domain}" not in taken
 
 
-def test_a_domain_is_free_again_when_its_test_has_ended(
+def test_domain_is_released_at_the_end_of_its_test(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(domain, "TEST_DOMAIN_IDS", range(1, 3))
@@ -125,27 +125,27 @@ def test_a_domain_is_free_again_when_its_test_has_ended(
         assert again in (1, 2)
 
 
-def test_a_node_takes_parameters_and_namespace(ros: Ros) -> None:
+def test_node_gets_parameters_and_namespace(ros: Ros) -> None:
     node = ros.add(Hello, parameters={"greeting": "good day"}, namespace="/site")
     assert node.params == HelloParams(greeting="good day")
     assert node.get_fully_qualified_name() == "/site/hello"
 
 
-def test_a_parameter_the_node_does_not_have_is_an_error(ros: Ros) -> None:
+def test_unknown_parameter_is_an_error(ros: Ros) -> None:
     with pytest.raises(ParameterError, match=r"no parameter greting \(do you mean greeting\?\)"):
         ros.add(Hello, parameters={"greting": "good day"})
 
 
-def test_a_node_that_refuses_to_be_made_leaves_nothing(ros: Ros) -> None:
+def test_node_whose_constructor_fails_is_removed_from_the_graph(ros: Ros) -> None:
     with pytest.raises(ParameterError, match="from 1 to 3") as caught:
         ros.add(Hello, parameters={"times": 4})
     assert "/hello" not in ros.node_names()
-    assert caught.tb is not None, "its traceback still holds the node"
+    assert caught.tb is not None  # the traceback keeps the node alive
 
 
-def test_what_was_published_before_is_collected(ros: Ros) -> None:
+def test_transient_local_messages_from_before_are_collected(ros: Ros) -> None:
     ros.add(Hello)
-    received = ros.collect("said", String, TRANSIENT_LOCAL)
+    received = ros.collect("texts", String, TRANSIENT_LOCAL)
     ros.spin_until(lambda: received)
     assert [msg.data for msg in received] == ["hello"]
 
@@ -156,17 +156,17 @@ def test_publisher_waits_for_its_subscriptions(ros: Ros) -> None:
     ros.spin_until(lambda: len(received) == 1)
 
 
-def test_a_service_answers(ros: Ros) -> None:
+def test_service_can_be_called(ros: Ros) -> None:
     ros.add(Hello)
     assert ros.call(Trigger, "ask", Trigger.Request()).message == "hello"
 
 
-def test_a_service_that_is_not_there_is_named(ros: Ros) -> None:
+def test_error_names_a_missing_service(ros: Ros) -> None:
     with pytest.raises(AssertionError, match="waiting for: the service ask"):
         ros.call(Trigger, "ask", Trigger.Request(), timeout=0.1)
 
 
-def test_what_was_waited_for_in_vain_is_said(ros: Ros) -> None:
+def test_error_names_the_condition_that_was_not_met(ros: Ros) -> None:
     received = []
     with pytest.raises(
         AssertionError, match=r"0\.1 s passed while waiting for: .*len\(received\) > 3"
@@ -176,7 +176,7 @@ def test_what_was_waited_for_in_vain_is_said(ros: Ros) -> None:
         ros.spin_until(lambda: False, timeout=0.1, what="the bucket is full")
 
 
-def test_an_exception_in_a_callback_reaches_the_test(ros: Ros) -> None:
+def test_exception_in_a_callback_reaches_the_test(ros: Ros) -> None:
     def fail() -> None:
         raise ZeroDivisionError
 
@@ -185,14 +185,14 @@ def test_an_exception_in_a_callback_reaches_the_test(ros: Ros) -> None:
         ros.spin_until(lambda: False, timeout=5.0)
 
 
-def test_a_removed_node_is_gone(ros: Ros) -> None:
+def test_removed_node_leaves_the_graph(ros: Ros) -> None:
     node = ros.add(Hello)
     ros.spin_until(lambda: "/hello" in ros.node_names())
     ros.remove(node)
     ros.spin_until(lambda: "/hello" not in ros.node_names())
 
 
-def test_nodes_left_behind_are_reported(ros_domain: int) -> None:
+def test_leaked_nodes_are_reported(ros_domain: int) -> None:
     made = Ros(ros_domain)
     made.node("known")
     done = Node("destroyed", context=made.context)
@@ -200,14 +200,14 @@ def test_nodes_left_behind_are_reported(ros_domain: int) -> None:
     left = Node("left", context=made.context)
     with pytest.raises(LeakedNodesError, match="did not destroy the nodes /left;"):
         made.close()
-    assert next(left.publishers, None) is None, "it was destroyed after all"
+    assert next(left.publishers, None) is None  # it has been destroyed
 
 
-def test_a_process_gets_parameters_and_names(
+def test_process_gets_parameters_and_names(
     ros: Ros, ros_process: StartProcess, echo: list[str]
 ) -> None:
     process = ros_process(echo, parameters={"text": "1.0"}, namespace="/site", name="parrot")
-    received = ros.collect("/site/said", String, TRANSIENT_LOCAL)
+    received = ros.collect("/site/texts", String, TRANSIENT_LOCAL)
     ros.spin_until(lambda: received and "/site/parrot" in ros.node_names())
     assert received[0].data == "1.0"
     assert process.wait_for_output("ready to echo (.*)")[1] == "1.0"
@@ -215,7 +215,7 @@ def test_a_process_gets_parameters_and_names(
     assert not process.running
 
 
-def test_another_exit_code_is_an_error_that_shows_the_output(
+def test_unexpected_exit_code_is_an_error_with_the_output(
     ros_process: StartProcess, echo: list[str]
 ) -> None:
     process = ros_process(echo, parameters={"exit_code": 3})
@@ -236,7 +236,7 @@ def test_waiting_for_output_ends_when_the_process_does(ros_process: StartProcess
         process.wait_for_output("ready")
 
 
-def test_a_process_left_running_is_killed_and_its_output_shown(
+def test_process_left_running_is_killed_and_its_output_shown(
     tmp_path: Path, ros_domain: int
 ) -> None:
     (tmp_path / "conftest.py").write_text('pytest_plugins = ["msg_bridge.testing.fixtures"]\n')

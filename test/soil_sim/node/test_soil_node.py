@@ -1,4 +1,4 @@
-"""The soil's node: time, what it tells, its services."""
+"""The soil node: time, publications, services."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def ticks_of(clock: list[Clock]) -> list[int]:
     return [tick_from_stamp(message.clock, TICK) for message in clock]
 
 
-# What it tells.
+# Publications.
 
 
 def test_in_real_time_the_clock_goes_on_without_machines_and_not_faster_than_the_wall(
@@ -549,7 +549,7 @@ def test_in_lockstep_what_was_left_behind_is_no_trap_for_who_comes_back(
 ) -> None:
     scene = digging(ros, tmp_path)
     scene.leave(next(n for n in ros.executor.get_nodes() if isinstance(n, MachineNode)))
-    assert scene.trigger("/soil/release").success  # no tick comes before somebody joins
+    assert scene.trigger("/soil/release").success  # no tick until a machine joins
     now = int(time.time())
     ros.spin_until(lambda: int(time.time()) > now, what="the second that begins another life")
     scene.machine(x=-5.0)

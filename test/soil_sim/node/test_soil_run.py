@@ -1,4 +1,4 @@
-"""The soil in time: when a tick is due and whom it waits for, by a clock of the test's own."""
+"""Timing of the soil run: when a tick is due and what it waits for, on a simulated clock."""
 
 from __future__ import annotations
 
@@ -251,7 +251,7 @@ def test_a_machine_stepping_while_paused_in_real_time_is_not_dropped() -> None:
 
 
 def site_with_design(depth: float) -> Site:
-    """Level ground that shall become a pit, and nothing designed around it."""
+    """Return level ground with a design that has a pit in the middle and is NaN elsewhere."""
     grid = flat_soil().grid
     heights = np.full(grid.shape, np.nan)
     heights[20:40, 20:40] = -depth

@@ -1,4 +1,4 @@
-"""ESRI ASCII grids: strict, and every refusal names the line or the key."""
+"""ESRI ASCII grids: parsing is strict, and every error names the line or the key."""
 
 import numpy as np
 import pytest
