@@ -41,7 +41,7 @@ from msg_bridge.codec.stamps import stamp_from_seconds, stamp_from_tick, tick_fr
 from msg_bridge.codec.tick_headers import from_multi_array
 from msg_bridge.config_files import find_config
 from msg_bridge.contract import topics
-from msg_bridge.contract.errors import EarthmovingError
+from msg_bridge.contract.errors import EarthmovingError, ErrorCode
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.topics import parent_namespace, resolve
 from msg_bridge.nodes.diagnostics import Diagnostics
@@ -268,12 +268,14 @@ def _joint_angles(msg: JointState, names: Sequence[str]) -> list[float]:
     """Return the angles of the named joints [rad], in the order of `names`.
 
     Raises:
-        CodecError: an angle is missing or not finite.
+        CodecError: VALUE: an angle is missing or not finite.
     """
     angle_of = dict(zip(msg.name, msg.position, strict=False))
     angles = [angle_of.get(name, math.nan) for name in names]
     if not all(map(math.isfinite, angles)):
-        raise CodecError(f"the joint states need a finite angle of {', '.join(names)}")
+        raise CodecError(
+            f"the joint states need a finite angle of {', '.join(names)}", ErrorCode.VALUE
+        )
     return angles
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from machine_sim.endpoint import MachineEndpoint
 from machine_sim.simulation import MachineSim
-from msg_bridge.contract.errors import ExchangeError, ParameterError
+from msg_bridge.contract.errors import ErrorCode, ExchangeError, ParameterError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.exchange.direct_transport import DirectTransport
 from msg_bridge.exchange.machine_exchange import MachineExchange
@@ -99,14 +99,18 @@ class World:
             if answer is not None:
                 self.answers[machine_id] = answer
             elif not endpoint.is_ready:
-                raise ExchangeError("the direct transport lost the soil's answer")
+                raise ExchangeError(
+                    "the direct transport lost the soil's answer", ErrorCode.LOST_MESSAGE
+                )
         return self.ledger
 
     def _soil_tick(self) -> Ledger:
         self._transport.deliver()
         done = self._soil_endpoint.advance()
         if done is None:
-            raise ExchangeError("the direct transport lost a machine's tick")
+            raise ExchangeError(
+                "the direct transport lost a machine's tick", ErrorCode.LOST_MESSAGE
+            )
         for reason in done.step.rejected_tools:
             _log.warning("tick %d: %s", done.ledger.tick, reason)
         self._transport.deliver()

@@ -15,7 +15,7 @@ from msg_bridge.codec import qos
 from msg_bridge.codec.row_chunks import chunk_to_cdr
 from msg_bridge.codec.tick_headers import from_join_rejected_string, message_to_cdr
 from msg_bridge.contract import topics
-from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.messages import Message, RetransmitRequest, RowChunk, SoilHeader, Stream
 from msg_bridge.contract.topics import (
     MAP_FRAME,
@@ -118,11 +118,14 @@ class MachineTransport:
         try:
             self._receive(decode(msg))
         except ExchangeError as error:
-            self._reject(topic, str(error))
+            self._reject(topic, error.coded_message)
 
 
 def _decode_soil_message(data: bytes) -> Message:
     message = decode_array(data)
     if not isinstance(message, (SoilHeader, RetransmitRequest)):
-        raise ExchangeError(f"a {type(message).__name__} is not a message of the soil to machines")
+        raise ExchangeError(
+            f"a {type(message).__name__} is not a message of the soil to machines",
+            ErrorCode.STREAM_DIRECTION,
+        )
     return message

@@ -14,9 +14,10 @@ class ParameterError(EarthmovingError):
 
 
 class ErrorCode(StrEnum):
-    """Reason of an `ExchangeError`, for programs; the message is for people."""
+    """Reason of an `ExchangeError`, for programs; the message is for people.
 
-    UNSPECIFIED = "unspecified"
+    docs/concepts/exchange_protocol.md lists the codes.
+    """
 
     # Protocol: a well-formed message, or a call, at odds with the state of the exchange.
     ID_RANGE = "id_range"
@@ -49,8 +50,14 @@ class ErrorCode(StrEnum):
     """A machine rejoins with another volume of soil than it left with."""
     OFF_MAP = "off_map"
     """A map update lies outside the grid."""
+    MACHINE_ID_TAKEN = "machine_id_taken"
+    """A machine node uses the machine id of another one that is running."""
+    LOST_MESSAGE = "lost_message"
+    """A transport that loses no messages has lost one."""
 
     # Encoding: a message that cannot be decoded, or a value that cannot be encoded.
+    SERIALIZATION = "serialization"
+    """Bytes that are truncated, or a message of another type."""
     LAYOUT = "layout"
     """Sizes of a message contradict one another."""
     MESSAGE_KIND = "message_kind"
@@ -86,6 +93,11 @@ class ExchangeError(EarthmovingError):
         code: the reason.
     """
 
-    def __init__(self, message: str, code: ErrorCode = ErrorCode.UNSPECIFIED) -> None:
+    def __init__(self, message: str, code: ErrorCode) -> None:
         super().__init__(message)
         self.code = code
+
+    @property
+    def coded_message(self) -> str:
+        """The code and the message, for logs and diagnostics."""
+        return f"{self.code}: {self}"

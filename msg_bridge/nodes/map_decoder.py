@@ -56,7 +56,7 @@ class MapDecoder:
             self._pending_map = None
             self._take(keyframe)
         except ExchangeError as error:
-            self._reject(self.topic, str(error))
+            self._reject(self.topic, error.coded_message)
 
     def set_cell(self, cell: float) -> None:
         """Set the cell size [m] and decode the map that was kept."""

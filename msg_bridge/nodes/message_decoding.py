@@ -11,6 +11,7 @@ from std_msgs.msg import Int64MultiArray
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.row_chunks import chunk_from_cdr, from_chunk_cloud
 from msg_bridge.codec.tick_headers import ArrayMessage, from_multi_array, message_from_cdr
+from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.messages import RowChunk, Stream
 
 __all__ = ["decode_array", "decode_chunk"]
@@ -44,11 +45,12 @@ def _deserialize(data: bytes, kind: Any) -> Any:
     """Deserialize a message.
 
     Raises:
-        CodecError: the bytes are truncated or of another type.
+        CodecError: SERIALIZATION.
     """
     try:
         return deserialize_message(data, kind)
     except (RuntimeError, MemoryError) as error:  # rclpy's RMWError is a RuntimeError
         raise CodecError(
-            f"{len(data)} bytes are not a {kind.__name__}: they are truncated or of another type"
+            f"{len(data)} bytes are not a {kind.__name__}: they are truncated or of another type",
+            ErrorCode.SERIALIZATION,
         ) from error

@@ -13,7 +13,7 @@ from std_msgs.msg import Int64MultiArray
 
 from msg_bridge.codec import qos
 from msg_bridge.contract import topics
-from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import Message, Stream
 from msg_bridge.contract.topics import STREAM_TOPICS, resolve
@@ -93,7 +93,7 @@ class TerrainSubscriber:
         try:
             self.follower.receive(decode(msg))
         except ExchangeError as error:
-            self._reject(topic, str(error))
+            self._reject(topic, error.coded_message)
 
     def _on_stall(self) -> None:
         stalled = self.follower.tick == self._last_tick
@@ -105,5 +105,7 @@ class TerrainSubscriber:
 def _decode_soil_message(data: bytes) -> Message:
     message = decode_array(data)
     if isinstance(message, Ledger):
-        raise ExchangeError("a ledger does not belong on the topic of tick headers")
+        raise ExchangeError(
+            "a ledger does not belong on the topic of tick headers", ErrorCode.STREAM_DIRECTION
+        )
     return message

@@ -17,7 +17,7 @@ from msg_bridge.codec import qos
 from msg_bridge.codec.row_chunks import chunk_to_cdr
 from msg_bridge.codec.tick_headers import message_to_cdr, to_join_rejected_string
 from msg_bridge.contract import topics
-from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.messages import (
     JoinRejected,
     Keyframe,
@@ -133,7 +133,10 @@ class SoilTransport:
     def _decode_machine_message(self, namespace: str, data: bytes) -> Message:
         message = decode_array(data)
         if not isinstance(message, (MachineHeader, RetransmitRequest)):
-            raise ExchangeError(f"a {type(message).__name__} does not come from a machine node")
+            raise ExchangeError(
+                f"a {type(message).__name__} does not come from a machine node",
+                ErrorCode.STREAM_DIRECTION,
+            )
         owner = self.machines.get(message.machine_id, namespace)
         if owner != namespace and self._node.count_publishers(resolve(topics.MACHINE_TICK, owner)):
             reason = (
@@ -145,7 +148,7 @@ class SoilTransport:
                     message.run_id, message.machine_id, message.session_id, reason
                 )
                 self._rejections.publish(to_join_rejected_string(rejection))
-            raise ExchangeError(reason)
+            raise ExchangeError(reason, ErrorCode.MACHINE_ID_TAKEN)
         self.machines[message.machine_id] = namespace
         return message
 
@@ -155,4 +158,4 @@ class SoilTransport:
             self.last_message_times[message.machine_id] = time.monotonic()
             self._receive(message)
         except ExchangeError as error:
-            self._reject(topic, str(error))
+            self._reject(topic, error.coded_message)

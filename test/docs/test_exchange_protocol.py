@@ -12,6 +12,7 @@ import pytest
 from msg_bridge.codec.array_labels import known_labels
 from msg_bridge.codec.terrain import TERRAIN_CELL
 from msg_bridge.codec.tick_headers import ArrayKind
+from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import (
     STREAM_DTYPE,
@@ -95,6 +96,11 @@ def test_values_of_enumerations(section: str, name: str, members: type[IntEnum])
         (int(value), member) for value, member in re.findall(r"(\d) ([A-Z_]+)", cells[-1])
     }
     assert documented == {(member.value, member.name) for member in members}
+
+
+def test_error_codes() -> None:
+    section = TEXT.partition("## Error codes\n")[2].partition("\n## ")[0]
+    assert re.findall(r"^\| `(\w+)` \|", section, flags=re.M) == list(ErrorCode)
 
 
 def test_states_of_a_machine() -> None:

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from support.machine_scenes import GRID, machine_on_level_ground
+from support.wire import raises
 
 from machine_sim.endpoint import MachineEndpoint
-from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.messages import Keyframe, MachineHeader, RowChunk, Stream, Verb
 from msg_bridge.contract.rows import CONVERSION, FORCE, MAP_UPDATE, ConversionKind, empty_rows
 from msg_bridge.exchange.machine_exchange import MachineExchange
@@ -104,7 +105,7 @@ def test_the_tick_after_the_next_waits_for_the_answer(
     side.step()
     assert not side.is_ready
     assert side.poll() is None
-    with pytest.raises(ExchangeError, match="waiting"):
+    with raises(ErrorCode.JOIN_STATE):
         side.step()
 
 

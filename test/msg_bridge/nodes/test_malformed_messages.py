@@ -10,12 +10,15 @@ from support.node_scenes import Scene
 
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.tick_headers import message_to_cdr, to_multi_array
+from msg_bridge.contract.errors import ErrorCode
+from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import MachineHeader, Stream, Verb
 from msg_bridge.nodes.diagnostics import Diagnostics
 from msg_bridge.nodes.message_decoding import decode_array, decode_chunk
 from msg_bridge.testing.ros_context import Ros
 
 HEAD = b"\x00\x01\x00\x00"
+LEDGER = Ledger(3, 4, 9, 0, 0, 0, 0, 0, 9)
 HEADER = MachineHeader(run_id=3, machine_id=1, session_id=2, tick=4, verb=Verb.STEP)
 
 GARBAGE = {
@@ -57,6 +60,9 @@ def test_a_node_that_is_sent_garbage_goes_on(ros: Ros) -> None:
             publisher.publish(data)
         key = f"rejected {topic}"
         scene.until_shown(node, key, len(GARBAGE))
+        publisher.publish(to_multi_array(LEDGER))
+        scene.until_shown(node, key, len(GARBAGE) + 1)
+        assert scene.shown(node)[f"last {key}"].startswith(ErrorCode.STREAM_DIRECTION)
     scene.more_ticks(5)
 
 

@@ -15,6 +15,7 @@ from support.node_scenes import Scene, dig, machine_file, ready_to_dig
 from machine_sim.node.machine_node import MachineNode
 from msg_bridge.codec import qos
 from msg_bridge.codec.tick_headers import to_multi_array
+from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import Message
 from msg_bridge.testing.ros_context import Ros
@@ -107,11 +108,17 @@ def test_second_machine_with_the_same_machine_id_is_rejected_and_the_first_conti
     other = second if owner is first else first
     scene.until_shown(other, "level", 2)
     message = scene.shown(other)["message"]
-    assert f"machine_id 1 belongs to {owner.get_namespace()}" in message
+    assert owner.get_namespace() in message
     assert f"give {other.get_namespace()} another `machine_id`" in message
     scene.soil.diagnostics.publish()
     topic = f"{other.get_namespace()}/soil_tick"
-    ros.spin_until(lambda: int(scene.shown(scene.soil).get(f"rejected {topic}", 0)) >= 1)
+    ros.spin_until(
+        lambda: (
+            scene.shown(scene.soil)
+            .get(f"last rejected {topic}", "")
+            .startswith(ErrorCode.MACHINE_ID_TAKEN)
+        )
+    )
     scene.more_ticks(20)
     assert scene.joined == (1,)
     assert is_balanced(scene)
