@@ -24,7 +24,9 @@ SUMMARY = "recompute from a bag where all soil was at every tick, to the mm3"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `earthmoving audit`."""
     parser.add_argument("bag", type=Path, help="folder of a bag, or an .mcap file")
-    parser.add_argument("--namespace", default="/", help="of the simulation, if it has one")
+    parser.add_argument(
+        "--namespace", help="namespace of the simulation; needed if the bag has several"
+    )
     parser.add_argument("--json", action="store_true", help="print the whole report as JSON")
 
 

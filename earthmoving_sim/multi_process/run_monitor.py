@@ -74,7 +74,7 @@ class RunMonitor:
         return self._has_ticked
 
     def check_no_other_simulation(self) -> None:
-        """Check that no soil node runs in this ROS domain: its topics would be the same.
+        """Check that no soil node runs in the same namespace: its topics would be the same.
 
         Raises:
             NodeProcessError: there is one.
@@ -82,10 +82,11 @@ class RunMonitor:
         deadline = time.monotonic() + _DISCOVERY_TIME
         while time.monotonic() < deadline:
             self._executor.spin_once(timeout_sec=0.05)
-            if "soil_sim" in self._node.get_node_names():
+            nodes = self._node.get_node_names_and_namespaces()
+            if ("soil_sim", self._node.get_namespace()) in nodes:
                 raise NodeProcessError(
-                    "a soil_sim is running in this ROS domain already; stop it, or choose another"
-                    " domain: export ROS_DOMAIN_ID=<1 to 101>"
+                    "a soil_sim is running in this ROS domain and namespace already; stop it, or"
+                    " choose another domain: export ROS_DOMAIN_ID=<1 to 101>"
                 )
 
     def spin(self, processes: Sequence[NodeProcess]) -> None:

@@ -50,7 +50,9 @@ _MARKERS_SUFFIX = "/markers"  # in the machine's namespace
 _MARKER_TYPE = "visualization_msgs/msg/MarkerArray"
 
 
-def outcome_from_bag(path: str | Path, progress: bool = False) -> DigOutcome:
+def outcome_from_bag(
+    path: str | Path, progress: bool = False, *, namespace: str | None = None
+) -> DigOutcome:
     """Return the outcome of the last run in a bag.
 
     The machine is drawn from its file, whose name is in the bag; without shoes if the bag has no
@@ -59,12 +61,13 @@ def outcome_from_bag(path: str | Path, progress: bool = False) -> DigOutcome:
     Args:
         path: a bag's folder, or an .mcap file.
         progress: whether to print how much of the bag has been read.
+        namespace: that of the simulation; needed if the bag has several.
 
     Raises:
-        BagReadError: it cannot be read as a bag.
+        BagReadError: it cannot be read as a bag, or has several simulations.
         RecordedRunError: a topic or a message is missing or wrong.
     """
-    reader = BagReader(path)
+    reader = BagReader(path, namespace=namespace)
     namespaces = _find_namespaces(reader)
     types = {
         **{name: decoder.type for name, decoder in run_topic_decoders(namespaces).items()},
@@ -118,7 +121,11 @@ def _build_outcome(
 
 def _find_namespaces(reader: BagReader) -> Namespaces:
     """Return the namespaces of the one machine with an operator."""
-    operators = [name for name in reader.topics if name.endswith(PHASE_SUFFIX)]
+    operators = [
+        name
+        for name in reader.topics
+        if name.endswith(PHASE_SUFFIX) and reader.is_of_simulation(name)
+    ]
     if len(operators) != 1:
         raise RecordedRunError(
             f"{reader.path} must have one topic <machine>{PHASE_SUFFIX}, and has"

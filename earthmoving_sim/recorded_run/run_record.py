@@ -294,7 +294,7 @@ class _RunBuilder:
 
     def _count_tunnelled(self, diagnostics: list[dict[str, dict[str, str]]]) -> int:
         """Return the last count of tunnelled particles that the machine's node published."""
-        namespace = self._namespaces.node.strip("/")
+        namespace = f"{self._reader.namespace}{self._namespaces.node}".strip("/")
         for statuses in reversed(diagnostics):
             for node, values in statuses.items():
                 is_own = node.rpartition("/")[0] == namespace

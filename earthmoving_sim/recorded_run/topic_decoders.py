@@ -81,7 +81,10 @@ class TopicDecoder(NamedTuple):
 
 
 class Namespaces(NamedTuple):
-    """Namespaces of a machine and of the node that simulates it, alone or with others."""
+    """Namespaces of a machine and of the node that simulates it, alone or with others.
+
+    Both are relative to the namespace of the simulation, as all topics of a `BagReader` are.
+    """
 
     machine: str
     node: str

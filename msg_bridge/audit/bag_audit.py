@@ -35,17 +35,17 @@ def audit_bag(
     path: str | Path,
     progress: Callable[[float], None] | None = None,
     *,
-    namespace: str = "/",
+    namespace: str | None = None,
 ) -> AuditReport:
     """Audit all runs of a bag.
 
     Args:
         path: a folder with metadata.yaml, a folder of .mcap files, or one such file.
         progress: called now and then with the fraction read [0..1].
-        namespace: that of the simulation to audit.
+        namespace: that of the simulation to audit; needed if the bag has several.
 
     Raises:
-        BagReadError: it cannot be read.
+        BagReadError: it cannot be read, or has several simulations.
     """
     reader = BagReader(path, namespace=namespace)
     collected = collect_messages(reader, progress)

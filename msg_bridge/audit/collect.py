@@ -106,7 +106,11 @@ def collect_messages(
         BagReadError: the file is damaged, or a message type is not installed.
     """
     collector = _Collector()
-    topics = frozenset(name for name in reader.topics if collector.handler(name) is not None)
+    topics = frozenset(
+        name
+        for name in reader.topics
+        if collector.handler(name) is not None and reader.is_of_simulation(name)
+    )
     total = sum(reader.topics[name].count for name in topics)
     step = max(1, total // _PROGRESS_STEPS)
     read = 0

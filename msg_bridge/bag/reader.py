@@ -22,11 +22,12 @@ from mcap.records import Channel, Message
 
 from msg_bridge.bag.legacy_names import RecordedRun, current_topic, upgrade_message
 from msg_bridge.bag.mcap_index import BagReadError, McapFile, index_file, read_records
+from msg_bridge.contract import topics
 
 __all__ = ["BagReadError", "BagReader", "TopicInfo"]
 
-
-_CONFIG_TOPIC = "/sim/config"
+_CONFIG_TOPIC = f"/{topics.SIM_CONFIG}"
+_SOIL_TICK_TOPIC = f"/{topics.SOIL_TICK}"
 
 
 @dataclass(frozen=True)
@@ -47,27 +48,29 @@ class BagReader:
 
     Attributes:
         path: the path as given.
-        namespace: the namespace of the simulation that is read, empty for `/`.
+        namespace: namespace of the simulation that is read, empty for `/`.
         files: its MCAP files, in the order they were written.
         topics: type and number of messages of each topic, by its current name relative to the
             namespace, with a leading `/`; only topics of CDR messages of ROS 2 types.
         truncated: names of files without an end; what came after their last complete chunk is lost.
     """
 
-    def __init__(self, path: str | Path, *, namespace: str = "/") -> None:
+    def __init__(self, path: str | Path, *, namespace: str | None = "/") -> None:
         """Find the messages of a bag.
 
         Args:
             path: the folder or file.
-            namespace: that of the simulation to read; topics outside of it are left out.
+            namespace: that of the simulation to read; topics outside of it are left out. None: that
+                of the only simulation in the bag, `/` if there is none.
 
         Raises:
-            BagReadError: no such file, not MCAP, no messages, or none of ROS 2.
+            BagReadError: no such file, not MCAP, no messages, or none of ROS 2; several simulations
+                and no namespace.
         """
         self.path = Path(path)
-        self.namespace = namespace.rstrip("/")
         self.files = _find_files(self.path)
         self._files = [index_file(number, file) for number, file in enumerate(self.files)]
+        self.namespace = (self._find_simulation() if namespace is None else namespace).rstrip("/")
         self.truncated = tuple(file.path.name for file in self._files if not file.is_complete)
         self.topics = self._list_topics()
         if not any(file.counts.total() for file in self._files):
@@ -124,8 +127,27 @@ class BagReader:
             raise BagReadError(f"a message on {topic} is no {type_name}: {error}") from error
         return upgrade_message(topic, message, lambda: self._run_at(log_time))
 
+    def is_of_simulation(self, topic: str) -> bool:
+        """Return whether a topic is not that of another simulation in a namespace below this."""
+        return not any(topic.startswith(f"{each}/") for each in self._nested_simulations)
+
     def __iter__(self) -> Iterator[tuple[str, int, Any]]:
         return self.messages()
+
+    def _find_simulation(self) -> str:
+        """Return the namespace of the only simulation that publishes tick headers."""
+        names = {channel.topic for file in self._files for channel in file.channels.values()}
+        found = sorted(
+            name.removesuffix(_SOIL_TICK_TOPIC) or "/"
+            for name in names
+            if name.endswith(_SOIL_TICK_TOPIC)
+        )
+        if len(found) > 1:
+            raise BagReadError(
+                f"{self.path} has simulations in the namespaces {', '.join(found)}; choose one by"
+                " its namespace"
+            )
+        return found[0] if found else "/"
 
     def _list_topics(self) -> dict[str, TopicInfo]:
         topics: dict[str, TopicInfo] = {}
@@ -172,6 +194,12 @@ class BagReader:
         """Return the run that was recorded at a time; None if the bag has no configuration."""
         earlier = [run for time, run in self._runs if time <= log_time]
         return earlier[-1] if earlier else next((run for _, run in self._runs), None)
+
+    @cached_property
+    def _nested_simulations(self) -> list[str]:
+        """Namespaces of the simulations below this one, relative to it."""
+        names = (name.removesuffix(_SOIL_TICK_TOPIC) for name in self.topics)
+        return [name for name in names if name and name + _SOIL_TICK_TOPIC in self.topics]
 
     @cached_property
     def _runs(self) -> list[tuple[int, RecordedRun]]:

@@ -1,9 +1,13 @@
-"""Run a Python module in a process that receives SIGTERM when its parent dies.
+"""Run a Python module in a process that ends with its parent and can be interrupted.
 
     python -m msg_bridge.processes.child_main PARENT_PID MODULE [ARGUMENT ...]
 
-The request is made before the module is imported, so that no node outlives its parent, not even if
-the parent is killed while the node starts. On systems without `prctl` (not Linux) it has no effect.
+The kernel sends SIGTERM to the process when its parent dies. This is requested before the module is
+imported, so that no node outlives its parent, not even if the parent is killed while the node
+starts. On systems without `prctl` (not Linux) it has no effect.
+
+Python's handler of SIGINT is restored: a process inherits an ignored SIGINT, for example from a
+shell's background job, and could not be interrupted.
 """
 
 from __future__ import annotations
@@ -24,6 +28,7 @@ def main(argv: list[str]) -> None:
     """Run the module named in the command line as `__main__`."""
     parent_pid, module, *arguments = argv
     _terminate_with_parent(int(parent_pid))
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.argv = [module, *arguments]
     runpy.run_module(module, run_name="__main__", alter_sys=True)
 

@@ -27,6 +27,7 @@ from earthmoving_sim.single_process_dig import (
     SingleProcessDig,
 )
 from machine_sim.node.machine_node import MachineNode
+from msg_bridge.bag.reader import BagReadError
 from msg_bridge.codec.run_config import RunFacts, to_config_yaml
 from msg_bridge.codec.state_hash import from_state_hash_string
 from msg_bridge.codec.tick_headers import from_multi_array, to_multi_array
@@ -270,6 +271,37 @@ def test_machine_of_a_node_with_several_has_the_same_outcome(dig, recorded, outc
         recording.messages.append((here, time, here_message))
     cycles = "/site/excavator/operator/cycles"
     assert_same(outcome(recording, cycles=cycles), recorded)
+
+
+def in_namespace(recording: Recording, namespace: str) -> Recording:
+    """Return a recording of the same run in a namespace."""
+    moved = Recording()
+    for topic, time, message in recording.messages:
+        if topic == "/diagnostics":
+            status = [
+                DiagnosticStatus(name=f"{namespace[1:]}/{each.name}", values=each.values)
+                for each in message.status
+            ]
+            message = DiagnosticArray(status=status)
+        moved.messages.append((f"{namespace}{topic}", time, message))
+    return moved
+
+
+def test_only_simulation_of_a_bag_may_be_in_any_namespace(dig, recorded, outcome) -> None:
+    recording = in_namespace(dig.recording, "/site_a")
+    cycles = "/site_a/excavator/operator/cycles"
+    assert_same(outcome(recording, cycles=cycles), recorded)
+
+
+@pytest.mark.parametrize("namespace", ["/", "/site_a"])
+def test_one_of_several_simulations_is_read_by_its_namespace(
+    dig, recorded, tmp_path, namespace
+) -> None:
+    both = Recording(dig.recording.messages + in_namespace(dig.recording, "/site_a").messages)
+    bag = write(tmp_path / "bag", both, cycles=namespace.rstrip("/") + CYCLES)
+    assert_same(outcome_from_bag(bag, namespace=namespace), recorded)
+    with pytest.raises(BagReadError, match="namespaces /, /site_a;"):
+        outcome_from_bag(bag)
 
 
 # Missing or invalid messages

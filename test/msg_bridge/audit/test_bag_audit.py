@@ -13,6 +13,7 @@ from msg_bridge.audit import bag_audit as audit_module
 from msg_bridge.audit.bag_audit import audit_bag
 from msg_bridge.audit.numbered_rows import Spans, order_rows
 from msg_bridge.audit.report import Check
+from msg_bridge.bag.reader import BagReadError
 from msg_bridge.contract.messages import RowRange, Stream
 from msg_bridge.contract.rows import MAP_UPDATE, ConversionKind, Rows, empty_rows
 
@@ -78,8 +79,18 @@ def test_run_with_machines_that_leave_rejoin_and_crash_passes(audit) -> None:
 
 def test_simulation_in_a_namespace_is_audited_by_its_namespace(recording, tmp_path: Path) -> None:
     messages = [(f"/site_a{topic}", time, message) for topic, time, message in recording.messages]
-    path = Recording([*messages, *scripted_run().recording.messages]).write(tmp_path / "a.mcap")
-    report = audit_bag(path, namespace="/site_a")
+    path = Recording([*messages, *recording.messages]).write(tmp_path / "a.mcap")
+    for namespace in ("/", "/site_a"):
+        report = audit_bag(path, namespace=namespace)
+        assert report.passed
+        assert report.messages == len(recording.messages)
+    with pytest.raises(BagReadError, match="namespaces /, /site_a;"):
+        audit_bag(path)
+
+
+def test_only_simulation_of_a_bag_is_audited_in_any_namespace(recording, tmp_path: Path) -> None:
+    messages = [(f"/site_a{topic}", time, message) for topic, time, message in recording.messages]
+    report = audit_bag(Recording(messages).write(tmp_path / "a.mcap"))
     assert report.passed
     assert report.runs[0].ticks == TICKS + 1
 

@@ -9,6 +9,8 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+
 from msg_bridge.processes import ChildProcess, python_module_command
 
 WAIT = "import time; print('started', flush=True); time.sleep(60)"
@@ -66,6 +68,23 @@ def test_python_module_ends_when_its_parent_is_killed(tmp_path: Path) -> None:
     while is_running(pid) and time.monotonic() < deadline:
         time.sleep(0.02)
     assert not is_running(pid)
+
+
+def test_module_can_be_interrupted_when_its_parent_ignores_sigint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "waiting.py").write_text(WAIT)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        process = ChildProcess(python_module_command("waiting"), tmp_path / "log.txt")
+    finally:
+        signal.signal(signal.SIGINT, before)
+    while "started" not in process.output and process.exit_code is None:
+        time.sleep(0.02)
+    process.interrupt()
+    assert process.wait(30.0) == -signal.SIGINT
+    assert "KeyboardInterrupt" in process.output
 
 
 def test_module_is_not_run_when_its_parent_is_already_dead(tmp_path: Path) -> None:
