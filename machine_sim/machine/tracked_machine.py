@@ -72,6 +72,7 @@ class TrackedMachine:
         tracks: its tracks, with shoe poses and loads.
         hydraulics: its cylinders and their supply.
         tools: its tools, by name.
+        client_id: id of the physics client.
         body: id of its multibody in the physics client.
     """
 
@@ -100,7 +101,7 @@ class TrackedMachine:
         x, y = finite_numbers(position, 2, "position")
         self.tracks: Tracks = _TRACK_CLASSES[track_model](spec, ground)
         self.spec = spec = self.tracks.spec
-        self._client: int = client if isinstance(client, int) else client._client
+        self.client_id: int = client if isinstance(client, int) else client._client
         self._base_com = np.array(spec.links[BASE].center_of_mass)
         self._limits = list(spec.joints.values())
         self.hydraulics = HydraulicSystem(
@@ -112,14 +113,14 @@ class TrackedMachine:
         self._command = [0.0] * len(self._limits)
         self._reference = JointReference(self._limits, spec.home)
         pose = standing_pose(spec, ground, x, y, yaw)
-        self.body, self._joints = load_multibody(self._client, self.tracks.urdf(), spec, *pose)
-        self.tracks.attach(self._client, self.body, *pose)
+        self.body, self._joints = load_multibody(self.client_id, self.tracks.urdf(), spec, *pose)
+        self.tracks.attach(self.client_id, self.body, *pose)
         self._position_gains = [_POSITION_GAIN] * len(self._joints)
         self._velocity_gains = [_VELOCITY_GAIN] * len(self._joints)
         children = [joint.child for joint in spec.joints.values()]
         self.tools = {
             name: Tool(
-                self._client,
+                self.client_id,
                 self.body,
                 self._joints[children.index(mount.link)],
                 mount.shape,
@@ -164,7 +165,7 @@ class TrackedMachine:
             self._angular_velocity,
             self._main_body_angle,
         ).tolist()
-        body, client, world = self.body, self._client, pybullet.WORLD_FRAME
+        body, client, world = self.body, self.client_id, pybullet.WORLD_FRAME
         force, torque = wrench[:3], wrench[3:]
         pybullet.applyExternalForce(body, -1, force, self._com_list, world, client)
         pybullet.applyExternalTorque(body, -1, torque, world, client)
@@ -179,7 +180,7 @@ class TrackedMachine:
         Raises:
             MachineError: the state is not finite, so that the run cannot go on.
         """
-        body, client = self.body, self._client
+        body, client = self.body, self.client_id
         self._com_list, quaternion = pybullet.getBasePositionAndOrientation(body, client)
         velocity, angular_velocity = pybullet.getBaseVelocity(body, client)
         # pybullet does not accept an empty list of joints.
@@ -280,7 +281,7 @@ class TrackedMachine:
             torques,
             self._position_gains,
             self._velocity_gains,
-            physicsClientId=self._client,
+            physicsClientId=self.client_id,
         )
 
     def _ordered_velocities(self, velocities: Mapping[str, float] | ArrayLike) -> ArrayLike:

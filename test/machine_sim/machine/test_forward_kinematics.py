@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import pybullet
 import pytest
 
 from machine_sim.machine import MachineError, rotation_matrix, tool_pose
@@ -37,7 +36,7 @@ def test_link_poses_are_those_of_the_physics(scene, spec):
     }
     assert set(names) == set(link_frame_names(spec)[1:5])
     for k, name in enumerate(link_frame_names(spec)[1:5], start=1):
-        state = pybullet.getLinkState(machine.body, names[name], 0, 1, client._client)
+        state = client.getLinkState(machine.body, names[name], 0, 1)
         np.testing.assert_allclose(poses.positions[k], state[4], atol=5e-6)
         np.testing.assert_allclose(
             rotation_matrix(poses.quaternions[k]), rotation_matrix(state[5]), atol=5e-6

@@ -282,7 +282,7 @@ def test_overturned_machine_rests_on_its_main_body(scene, spec):
 
 def test_two_machines_share_a_client(spec, scene):
     s = scene()
-    other = TrackedMachine(spec, s.client._client, s.ground, (0.0, 9.0), math.pi)
+    other = TrackedMachine(spec, s.machine.client_id, s.ground, (0.0, 9.0), math.pi)
     s.machine.command([0.0] * 4, [0.5, 0.5])
     start = other.base_pose[0]
     for _ in range(200):

@@ -194,7 +194,7 @@ def test_overturned_machine_is_reported(ros: Ros) -> None:
     assert float(levers.scene.shown(node)["tilt_rad"]) < 0.02
     on_its_side = pybullet.getQuaternionFromEuler((0.5 * math.pi, 0.0, 0.0))
     pybullet.resetBasePositionAndOrientation(
-        machine.body, [0.0, 0.0, 1.5], on_its_side, machine._client
+        machine.body, [0.0, 0.0, 1.5], on_its_side, machine.client_id
     )
     machine.after_step()
     levers.scene.until_shown(node, "overturned", True)

@@ -16,7 +16,6 @@ from std_msgs.msg import String
 from msg_bridge.codec.qos import STATE
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.parameters import Parameters, parameter
-from msg_bridge.nodes import process_main
 from msg_bridge.nodes.node_usage import NodeUsage
 from msg_bridge.nodes.process_main import run_node
 from msg_bridge.nodes.ros_parameters import declare_parameters
@@ -105,10 +104,7 @@ def test_messages_published_while_stopping_are_delivered(
     ros.spin_until(lambda: [msg.data for msg in received] == ["bye"])
 
 
-def test_node_that_never_stops_is_ended_after_max_stop_time(
-    ros_domain: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(process_main, "_MAX_STOP_TIME", 0.2)
+def test_node_that_never_stops_is_ended(ros_domain: int) -> None:
     assert run_here("-p", "act:=never stops") == 0
 
 

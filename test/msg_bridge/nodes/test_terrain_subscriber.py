@@ -1,4 +1,4 @@
-"""The terrain as any node can follow it, beside a soil that is dug."""
+"""Any node can follow the terrain while soil is excavated."""
 
 from __future__ import annotations
 
@@ -27,49 +27,49 @@ GRID = Grid(4, 4, 1.0)
 
 
 class Viewer(Node):
-    """A node that follows the terrain."""
+    """Node that follows the terrain."""
 
     def __init__(self, **kwargs: object) -> None:
         super().__init__("viewer", **kwargs)
-        self.refused: list[tuple[str, str]] = []
-        self.resynced = 0
+        self.rejections: list[tuple[str, str]] = []
+        self.num_resyncs = 0
         self.ticks: list[int] = []
-        poller = SubscriptionPoller(self, self.note)
+        poller = SubscriptionPoller(self, self.append_tick)
         self.listener = TerrainSubscriber(
             self,
             poller,
-            lambda *what: self.refused.append(what),
+            lambda *rejection: self.rejections.append(rejection),
             self.resync,
             simulation_namespace="/",
         )
         self.follower = self.listener.follower
-        # What wakes it in every tick.
+        # Triggers the poller in every tick.
         poller.subscribe(Int64MultiArray, "/soil/ledger", qos.ROWS, lambda message: None)
 
-    def note(self) -> None:
+    def append_tick(self) -> None:
         self.ticks.append(self.follower.tick)
 
     def resync(self) -> None:
-        self.resynced += 1
+        self.num_resyncs += 1
 
 
-def same(viewer: Viewer, scene: Scene) -> bool:
-    """Whether it shows the soil's surface as it is."""
+def is_current(viewer: Viewer, scene: Scene) -> bool:
+    """Return whether a viewer has the current surface of the soil."""
     soil, follower = scene.soil.run.endpoint.soil, viewer.follower
     if (follower.tick, follower.revision) != (scene.tick, soil.revision):
         return False
     return bool((follower.elevation == soil.columns.height.astype(np.float32)).all())
 
 
-def waker(ros: Ros) -> Callable[[], None]:
-    """Publishes what wakes a viewer."""
+def make_trigger(ros: Ros) -> Callable[[], None]:
+    """Return a function that publishes a message that triggers the viewer's poller."""
     ledgers = ros.publisher("/soil/ledger", Int64MultiArray, subscriptions=1)
     return lambda: ledgers.publish(Int64MultiArray())
 
 
 @pytest.fixture
 def digging(ros: Ros, tmp_path: Path) -> Scene:
-    """A scene whose soil is being dug."""
+    """Return a scene whose machine is excavating soil."""
     scene = Scene(ros)
     options = {"commands.command_timeout": 60.0, "machine": machine_file(tmp_path, ready_to_dig())}
     machine = scene.machine(**options)
@@ -77,48 +77,48 @@ def digging(ros: Ros, tmp_path: Path) -> Scene:
     return scene
 
 
-def test_the_terrain_is_followed_tick_by_tick_from_the_beginning(ros: Ros, tmp_path: Path) -> None:
+def test_terrain_is_followed_from_the_first_tick(ros: Ros, tmp_path: Path) -> None:
     viewer = ros.add(Viewer)
     scene = Scene(ros)
     options = {"commands.command_timeout": 60.0, "machine": machine_file(tmp_path, ready_to_dig())}
     dig(scene, scene.machine(**options), lambda ledger: ledger.particles > 10**7)
     scene.pause()
-    ros.spin_until(lambda: same(viewer, scene))
+    ros.spin_until(lambda: is_current(viewer, scene))
     assert viewer.follower.revision > 5
-    assert viewer.follower.gaps == viewer.resynced == 0
+    assert viewer.follower.gaps == viewer.num_resyncs == 0
     assert viewer.ticks == sorted(viewer.ticks)
-    assert viewer.refused == []
+    assert viewer.rejections == []
 
 
-def test_who_comes_late_sees_the_same(ros: Ros, digging: Scene) -> None:
+def test_late_subscriber_has_the_current_terrain(ros: Ros, digging: Scene) -> None:
     viewer = ros.add(Viewer)
     digging.more_ticks(5)
     digging.pause()
-    ros.spin_until(lambda: same(viewer, digging))
+    ros.spin_until(lambda: is_current(viewer, digging))
     assert viewer.follower.elevation.min() < -0.05
 
 
-def test_who_comes_while_time_stands_still_sees_it_too(ros: Ros, digging: Scene) -> None:
+def test_late_subscriber_has_the_current_terrain_while_paused(ros: Ros, digging: Scene) -> None:
     digging.pause()
     viewer = ros.add(Viewer)
-    ros.spin_until(lambda: same(viewer, digging))
+    ros.spin_until(lambda: is_current(viewer, digging))
 
 
-def test_a_reset_is_followed(ros: Ros, digging: Scene) -> None:
+def test_reset_is_followed(ros: Ros, digging: Scene) -> None:
     viewer = ros.add(Viewer)
     digging.more_ticks(3)
     digging.trigger("/sim/reset")
     run_id = digging.soil.run.endpoint.exchange.run_id
     digging.until_tick(3)
     digging.pause()
-    ros.spin_until(lambda: same(viewer, digging))
+    ros.spin_until(lambda: is_current(viewer, digging))
     assert viewer.follower.run_id == run_id
     assert viewer.follower.elevation.min() == 0.0
 
 
-def test_messages_that_cannot_be_read_are_refused_and_change_nothing(ros: Ros) -> None:
+def test_malformed_messages_are_rejected_and_change_nothing(ros: Ros) -> None:
     viewer = ros.add(Viewer)
-    wake = waker(ros)
+    trigger = make_trigger(ros)
     tick = ros.publisher("/soil/tick", Int64MultiArray, subscriptions=1)
     changes = ros.publisher("/terrain/map_updates", PointCloud2, subscriptions=1)
     terrain = ros.publisher("/terrain/map", PointCloud2, qos.TRANSIENT_LOCAL, subscriptions=1)
@@ -126,15 +126,17 @@ def test_messages_that_cannot_be_read_are_refused_and_change_nothing(ros: Ros) -
     tick.publish(to_multi_array(Ledger(1, 1, 0, 0, 0, 0, 0, 0, 0)))
     changes.publish(PointCloud2())
     terrain.publish(PointCloud2())
-    ros.spin_until(lambda: wake() or len(viewer.refused) == 4)
-    topics = sorted(topic for topic, _ in viewer.refused)
+    ros.spin_until(lambda: trigger() or len(viewer.rejections) == 4)
+    topics = sorted(topic for topic, _ in viewer.rejections)
     assert topics == ["/soil/tick", "/soil/tick", "/terrain/map", "/terrain/map_updates"]
     assert viewer.follower.grid is None
 
 
-def test_after_a_stall_a_keyframe_is_taken_for_what_is_missing(ros: Ros) -> None:
-    viewer = ros.add(Viewer)
-    wake = waker(ros)
+def test_keyframe_replaces_missing_rows_after_a_stall_while_simulation_time_stands_still(
+    ros: Ros,
+) -> None:
+    viewer = ros.add(Viewer, parameters={"use_sim_time": True})
+    trigger = make_trigger(ros)
     tick = ros.publisher("/soil/tick", Int64MultiArray, subscriptions=1)
     terrain = ros.publisher("/terrain/map", PointCloud2, qos.TRANSIENT_LOCAL, subscriptions=1)
     none = RowRange()
@@ -145,10 +147,10 @@ def test_after_a_stall_a_keyframe_is_taken_for_what_is_missing(ros: Ros) -> None
         return to_terrain_cloud(layers, "map", stamp_from_tick(0, TICK))
 
     terrain.publish(keyframe(0, 0.0))
-    ros.spin_until(lambda: wake() or viewer.follower.grid is not None)
-    header = SoilHeader(1, 1, 1, none, RowRange(1, 3), none, ())  # its rows never come
+    ros.spin_until(lambda: trigger() or viewer.follower.grid is not None)
+    header = SoilHeader(1, 1, 1, none, RowRange(1, 3), none, ())  # its rows are never sent
     tick.publish(to_multi_array(header))
     terrain.publish(keyframe(1, 0.5))
-    ros.spin_until(lambda: wake() or viewer.resynced == 1)
+    ros.spin_until(lambda: trigger() or viewer.num_resyncs == 1)
     assert (viewer.follower.tick, viewer.follower.revision) == (1, 1)
     assert (viewer.follower.elevation == 0.5).all()

@@ -178,14 +178,13 @@ def test_silent_machine_is_reported_and_waited_for_in_lockstep(
 
 
 class LossyReceiver:
-    """Drops every `every`-th received message of a node, at most `max_lost`."""
+    """Method `receive` that drops every `every`-th message, at most `max_lost`."""
 
-    def __init__(self, transport: Any, every: int, max_lost: int) -> None:
-        self._receive: Callable[[Message], None] = transport._receive
+    def __init__(self, receive: Callable[[Message], None], every: int, max_lost: int) -> None:
+        self._receive = receive
         self.every, self.max_lost = every, max_lost
         self.count = 0
         self.lost: list[Message] = []
-        transport._receive = self
 
     def __call__(self, message: Message) -> None:
         self.count += 1
@@ -195,14 +194,20 @@ class LossyReceiver:
             self._receive(message)
 
 
-def test_lost_messages_are_requested_again(ros: Ros, tmp_path: Path) -> None:
+def test_lost_messages_are_requested_again(
+    ros: Ros, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     scene = Scene(ros)
     machine = digger(scene, tmp_path)
     scene.until_tick(1)
+    assert machine.run is not None
+    soil_end, machine_end = scene.soil.run.endpoint, machine.run.endpoint
     receivers = [
-        LossyReceiver(scene.soil._transport, 7, 2),
-        LossyReceiver(machine._transport, 11, 3),
+        LossyReceiver(soil_end.receive, 7, 2),
+        LossyReceiver(machine_end.receive, 11, 3),
     ]
+    monkeypatch.setattr(soil_end, "receive", receivers[0])
+    monkeypatch.setattr(machine_end, "receive", receivers[1])
     dig(scene, machine, lambda ledger: ledger.particles > 10**7)
     ros.spin_until(lambda: all(len(receiver.lost) == receiver.max_lost for receiver in receivers))
     scene.more_ticks(20)

@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pybullet
 import pytest
 
 from machine_sim.machine import MachineError, TrackedMachine
@@ -274,7 +273,7 @@ def test_shoes_touch_only_the_wheels_of_their_own_side(scene):
     drive(s, [0.5, -0.3], 1.0)
     first = s.machine.body + 1
     links = {
-        pybullet.getJointInfo(s.machine.body, i, s.client._client)[1].decode(): i
+        s.client.getJointInfo(s.machine.body, i)[1].decode(): i
         for i in range(s.client.getNumJoints(s.machine.body))
     }
     contacts = set()
