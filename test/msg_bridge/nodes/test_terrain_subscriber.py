@@ -11,6 +11,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Int64MultiArray
 from support.node_scenes import TICK, Scene, dig, machine_file, ready_to_dig
+from support.soil_node_scenes import excavating_scene
 
 from msg_bridge.codec import qos
 from msg_bridge.codec.stamps import stamp_from_tick
@@ -70,11 +71,7 @@ def make_trigger(ros: Ros) -> Callable[[], None]:
 @pytest.fixture
 def digging(ros: Ros, tmp_path: Path) -> Scene:
     """Return a scene whose machine is excavating soil."""
-    scene = Scene(ros)
-    options = {"commands.command_timeout": 60.0, "machine": machine_file(tmp_path, ready_to_dig())}
-    machine = scene.machine(**options)
-    dig(scene, machine, lambda ledger: ledger.particles > 10**7)
-    return scene
+    return excavating_scene(ros, tmp_path)
 
 
 def test_terrain_is_followed_from_the_first_tick(ros: Ros, tmp_path: Path) -> None:

@@ -19,11 +19,11 @@ from soil_sim.soils.params import SoilParams
 from soil_sim.terrain import Layers, flat
 
 TICK = 0.01
-STILL = bucket_sweep((0, 0, 1), (0, 0, 1))
+AT_REST = bucket_sweep((0, 0, 1), (0, 0, 1))
 
 
 class Timeline:
-    """A run, machines that are only their messages, and a wall clock."""
+    """A soil run, the exchange ends of machines, and a simulated wall clock."""
 
     def __init__(self, *machines: int, site: Site | None = None, **params: Any) -> None:
         given = {
@@ -41,10 +41,10 @@ class Timeline:
         for machine in self.machines.values():
             machine.join()
         self.exchange()
-        self.ticks()  # the welcome, where it may come
+        self.ticks()  # the welcome, if all machines have joined
 
     def exchange(self) -> None:
-        """Carry everything both ways."""
+        """Deliver all messages in both directions."""
         for machine in self.machines.values():
             for message in machine.drain_outbox():
                 self.run.endpoint.receive(message)
@@ -54,14 +54,14 @@ class Timeline:
         for machine in self.machines.values():
             machine.poll()
 
-    def send(self, machine_id: int, sweep: Rows = STILL) -> None:
-        """A machine's next tick arrives."""
+    def send(self, machine_id: int, sweep: Rows = AT_REST) -> None:
+        """Deliver the next tick of a machine."""
         nothing = make_deposit_requests([], [], 0)
         self.machines[machine_id].send(sweep.copy(), nothing, pending_mm3=0, particles_mm3=0)
         self.exchange()
 
     def ticks(self) -> int:
-        """Do all ticks that can be done now; how many there were."""
+        """Compute all ticks that are possible now; return their number."""
         count = 0
         while self.run.advance(self.now) is not None:
             count += 1
@@ -69,13 +69,13 @@ class Timeline:
         return count
 
     def wait(self, ticks: float) -> int:
-        """Let the wall clock go on, and the timer fire once; the ticks that were done then."""
+        """Advance the wall clock and fire the timer; return the number of ticks computed."""
         self.now += ticks * TICK
         self.run.on_timer(self.now)
         return self.ticks()
 
 
-def test_the_welcome_is_tick_0_and_comes_once_all_have_joined() -> None:
+def test_welcome_is_tick_0_and_waits_until_all_machines_have_joined() -> None:
     assert Timeline(1, 2).run.tick == 0
     waiting = Timeline(1)
     waiting.run.reset()
@@ -83,7 +83,7 @@ def test_the_welcome_is_tick_0_and_comes_once_all_have_joined() -> None:
     assert waiting.run.tick == -1
 
 
-def test_held_not_even_the_welcome_comes() -> None:
+def test_welcome_waits_for_required_subscribers() -> None:
     time = Timeline(sync="lockstep")
     time.run.reset()
     time.run.waiting_for_subscribers = True
@@ -92,7 +92,7 @@ def test_held_not_even_the_welcome_comes() -> None:
     assert time.ticks() == 1
 
 
-def test_in_lockstep_a_tick_is_due_at_once_and_waits_for_all() -> None:
+def test_lockstep_tick_waits_for_all_machines() -> None:
     time = Timeline(1, 2, sync="lockstep")
     time.send(1)
     assert time.ticks() == 0
@@ -101,13 +101,13 @@ def test_in_lockstep_a_tick_is_due_at_once_and_waits_for_all() -> None:
     assert time.ticks() == 0
 
 
-def test_in_lockstep_the_wall_clock_has_no_say() -> None:
+def test_lockstep_is_independent_of_the_wall_clock() -> None:
     time = Timeline(1, sync="lockstep")
     assert time.wait(1000) == 0
     assert time.run.tick == 0
 
 
-def test_in_real_time_a_tick_waits_for_its_time() -> None:
+def test_real_time_tick_waits_for_its_time() -> None:
     time = Timeline(1)
     assert time.wait(0) == 0  # begins the schedule
     time.send(1)
@@ -115,13 +115,13 @@ def test_in_real_time_a_tick_waits_for_its_time() -> None:
     assert time.wait(1) == 1
 
 
-def test_in_real_time_the_soil_alone_goes_on() -> None:
+def test_real_time_continues_without_machines() -> None:
     time = Timeline()
     time.wait(0)
     assert [time.wait(1) for _ in range(5)] == [1] * 5
 
 
-def test_in_real_time_a_late_machine_is_waited_for_until_the_next_tick_is_due() -> None:
+def test_real_time_waits_for_a_late_machine_until_the_next_tick_is_due() -> None:
     time = Timeline(1)
     time.wait(0)
     assert time.wait(1) == 0
@@ -131,7 +131,7 @@ def test_in_real_time_a_late_machine_is_waited_for_until_the_next_tick_is_due() 
     assert time.ticks() == 1  # with it
 
 
-def test_paused_no_tick_comes_but_one_asked_for() -> None:
+def test_paused_run_computes_requested_steps_only() -> None:
     time = Timeline(sync="realtime")
     time.wait(0)
     time.run.pause(True)
@@ -141,7 +141,7 @@ def test_paused_no_tick_comes_but_one_asked_for() -> None:
     assert not time.run.realtime
 
 
-def test_a_step_waits_for_the_machines_as_lockstep_does() -> None:
+def test_step_waits_for_all_machines() -> None:
     time = Timeline(1, sync="realtime")
     time.run.pause(True)
     assert time.run.step() == 1
@@ -153,18 +153,18 @@ def test_a_step_waits_for_the_machines_as_lockstep_does() -> None:
 
 
 @pytest.mark.parametrize("sync", ["lockstep", "realtime"])
-def test_a_step_without_machines_is_done_at_once(sync: str) -> None:
+def test_step_without_machines_is_computed_at_once(sync: str) -> None:
     time = Timeline(sync=sync)
     time.run.pause(True)
     time.run.step()
     assert time.ticks() == 1
 
 
-def test_in_lockstep_time_stands_still_while_nobody_takes_part() -> None:
+def test_lockstep_stands_still_without_machines() -> None:
     assert Timeline(sync="lockstep").ticks() == 0
 
 
-def test_after_a_pause_time_goes_on_where_it_stood() -> None:
+def test_schedule_continues_after_a_pause_without_catching_up() -> None:
     time = Timeline()
     time.wait(0)
     time.wait(1)
@@ -176,28 +176,28 @@ def test_after_a_pause_time_goes_on_where_it_stood() -> None:
     assert (time.run.tick, time.run.scheduler.num_reschedules) == (2, 0)
 
 
-def test_a_run_may_begin_paused() -> None:
+def test_run_can_start_paused() -> None:
     time = Timeline(1, sync="lockstep", paused=True)
     assert time.run.tick == 0
     time.send(1)
     assert time.ticks() == 0
 
 
-def test_a_reset_begins_the_next_epoch_on_the_untouched_site() -> None:
+def test_reset_starts_the_next_run_on_the_initial_site() -> None:
     time = Timeline(1, sync="lockstep")
-    untouched = time.run.endpoint.soil.state_hash()
+    initial = time.run.endpoint.soil.state_hash()
     down = bucket_sweep((0, 0, -0.1), (-0.1, 0, -0.2))
     nothing = make_deposit_requests([], [], 0)
     time.machines[1].send(down, nothing, pending_mm3=0, particles_mm3=0)
     time.exchange()
     time.ticks()
-    assert time.run.endpoint.soil.state_hash() != untouched
+    assert time.run.endpoint.soil.state_hash() != initial
     time.run.reset()
     assert (time.run.tick, time.run.endpoint.exchange.run_id) == (-1, 8)
-    assert time.run.endpoint.soil.state_hash() == untouched
+    assert time.run.endpoint.soil.state_hash() == initial
 
 
-def test_steps_asked_for_before_a_reset_are_not_done_after_it() -> None:
+def test_reset_cancels_pending_steps() -> None:
     time = Timeline(1, sync="lockstep")
     time.run.pause(True)
     for _ in range(3):
@@ -213,7 +213,9 @@ def test_steps_asked_for_before_a_reset_are_not_done_after_it() -> None:
 
 
 @pytest.mark.parametrize("sync", ["lockstep", "realtime"])
-def test_a_machine_is_silent_after_the_timeout_and_dropped_in_real_time_only(sync: str) -> None:
+def test_silent_machine_is_reported_after_the_timeout_and_dropped_in_real_time_only(
+    sync: str,
+) -> None:
     time = Timeline(1, 2, sync=sync)
     time.send(2)
     received = {1: time.now, 2: time.now}
@@ -223,7 +225,7 @@ def test_a_machine_is_silent_after_the_timeout_and_dropped_in_real_time_only(syn
     assert time.run.endpoint.exchange.joined == ((2,) if sync == "realtime" else (1, 2))
 
 
-def test_a_machine_that_is_not_waited_for_is_not_silent() -> None:
+def test_machine_that_is_not_waited_for_is_not_silent() -> None:
     time = Timeline(1, sync="lockstep")
     later = time.now + 10.0
     time.run.pause(True)
@@ -232,12 +234,12 @@ def test_a_machine_that_is_not_waited_for_is_not_silent() -> None:
     assert [each.machine_id for each in time.run.find_silent_machines(later, {1: time.now})] == [1]
 
 
-def test_a_machine_that_was_never_heard_is_given_its_time() -> None:
+def test_machine_without_messages_is_not_silent_at_once() -> None:
     time = Timeline(1, sync="lockstep")
     assert time.run.find_silent_machines(time.now, {}) == []
 
 
-def test_a_machine_stepping_while_paused_in_real_time_is_not_dropped() -> None:
+def test_silent_machine_is_not_dropped_by_a_step_in_real_time() -> None:
     time = Timeline(1, sync="realtime")
     time.run.pause(True)
     time.run.step()
@@ -245,9 +247,6 @@ def test_a_machine_stepping_while_paused_in_real_time_is_not_dropped() -> None:
         each.is_dropped for each in time.run.find_silent_machines(time.now + 10.0, {1: time.now})
     ] == [False]
     assert time.run.endpoint.exchange.joined == (1,)
-
-
-# The design.
 
 
 def site_with_design(depth: float) -> Site:
@@ -259,24 +258,24 @@ def site_with_design(depth: float) -> Site:
 
 
 def dig(time: Timeline, ticks: int) -> None:
-    """Drag a bucket through the pit that is designed."""
+    """Drag a bucket through the pit of the design."""
     x = 0.02 * np.arange(ticks + 1) - 0.5
     for a, b in pairwise(x.tolist()):
         time.send(1, bucket_sweep((a, 0.0, -0.3), (b, 0.0, -0.3)))
         assert time.ticks() == 1
 
 
-def test_without_a_design_there_is_no_cut_and_fill() -> None:
+def test_run_without_design_has_no_cut_and_fill() -> None:
     assert Timeline().run.cut_fill is None
 
 
-def test_cut_and_fill_follow_every_tick_to_the_last_bit_and_never_compare_anew(
+def test_cut_and_fill_are_updated_exactly_without_comparing_the_whole_design_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    site, compared = site_with_design(0.5), []
+    site, comparisons = site_with_design(0.5), []
     monkeypatch.setattr(
         "soil_sim.site.site.compare_to_design",
-        lambda *a, **k: compared.append(1) or compare_to_design(*a, **k),
+        lambda *a, **k: comparisons.append(1) or compare_to_design(*a, **k),
     )
     time = Timeline(1, site=site, sync="lockstep")
     assert time.run.cut_fill is not None
@@ -291,20 +290,20 @@ def test_cut_and_fill_follow_every_tick_to_the_last_bit_and_never_compare_anew(
         assert (now.cut_mm3, now.fill_mm3) == (expected.cut_mm3, expected.fill_mm3)
         assert now.within_tolerance == expected.within_tolerance
         assert np.array_equal(now.difference, expected.difference, equal_nan=True)
-    assert len(compared) == 1
+    assert len(comparisons) == 1
 
 
-def test_a_reset_has_all_of_the_design_to_dig_again() -> None:
+def test_reset_restores_the_cut_volume() -> None:
     time = Timeline(1, site=site_with_design(0.5), sync="lockstep")
     assert time.run.cut_fill is not None
-    whole = time.run.cut_fill.cut_mm3
+    initial = time.run.cut_fill.cut_mm3
     dig(time, 20)
-    assert time.run.cut_fill.cut_mm3 < whole
+    assert time.run.cut_fill.cut_mm3 < initial
     time.run.reset()
-    assert time.run.cut_fill.cut_mm3 == whole
+    assert time.run.cut_fill.cut_mm3 == initial
 
 
-def test_a_reset_begins_on_the_layers_of_the_site() -> None:
+def test_reset_restores_the_layers_of_the_site() -> None:
     grid = flat_soil().grid
     ids = np.ones(grid.shape, dtype=np.uint8)
     moisture = np.full(grid.shape, 37, dtype=np.uint8)
