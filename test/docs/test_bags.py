@@ -9,6 +9,7 @@ import pytest
 
 from dig_operator import CycleReport
 from msg_bridge.audit.report import AuditReport, Check, CheckResult, Finding, RunReport
+from msg_bridge.codec.array_labels import known_labels
 from msg_bridge.codec.row_chunks import chunk_dtype
 from msg_bridge.codec.terrain import TERRAIN_CELL
 from msg_bridge.contract.ledger import Ledger
@@ -68,9 +69,9 @@ def test_keys_of_a_cycle_are_those_of_its_report() -> None:
     assert keys == {field.name for field in fields(CycleReport)}
 
 
-def test_accounts_are_those_of_the_ledger() -> None:
-    accounts = {name for row in table_after("The accounts of the ledger") for name in names(row[0])}
-    assert accounts < {field.name for field in fields(Ledger)}
+def test_labels_are_those_of_the_ledger() -> None:
+    labels = [name for row in table_after("The labels of the ledger") for name in names(row[0])]
+    assert labels == list(known_labels(Ledger, 0))
 
 
 def test_checks_and_json_keys_are_those_of_the_audit() -> None:
