@@ -21,8 +21,8 @@ _SUFFIXES = (".py", ".md", ".yaml", ".toml", ".cfg", ".xml")
 _EXCLUDED = re.compile(
     r"docs/check_terms\.py|test/docs/test_style_checks\.py|LICENSE"
     r"|CHANGELOG\.md"  # has the former names
-    r"|msg_bridge/bag/legacy_names\.py"  # maps them
-    r"|test/msg_bridge/bag/test_(?:legacy_names|reader)\.py"
+    r"|msg_bridge/bag/legacy_(?:names|messages)\.py"  # maps them
+    r"|test/msg_bridge/bag/test_(?:legacy_messages|reader)\.py"
     r"|bags/.*/metadata\.yaml"  # recorded
 )
 

@@ -3,7 +3,7 @@
 A file without a summary (its recorder was killed) is read up to its last complete chunk. Only the
 chunks that are due are in memory, and only messages of the requested topics are decoded, into the
 message classes of the installed ROS. Names of older formats are replaced by the current ones
-(`legacy_names`), both of topics and within decoded messages.
+(`legacy_names`, `legacy_messages`), both of topics and within decoded messages.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from typing import Any
 import yaml
 from mcap.records import Channel, Message
 
-from msg_bridge.bag.legacy_names import RecordedRun, current_topic, upgrade_message
+from msg_bridge.bag.legacy_messages import RecordedRun, upgrade_message
+from msg_bridge.bag.legacy_names import current_topic
 from msg_bridge.bag.mcap_index import BagReadError, McapFile, index_file, read_records
 from msg_bridge.contract import topics
 

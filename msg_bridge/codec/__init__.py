@@ -10,7 +10,8 @@
 - `row_chunks`: chunks of rows with run and session
 - `tick_headers`: headers, requests, rejections and the ledger
 - `state_hash`: the hash of a state after a tick
-- `terrain`, `grid_estimation`, `grid_map`: the terrain surface, its grid, grid_map_msgs/GridMap
+- `terrain`, `grid_estimation`: the terrain surface as a cloud, and the grid of its points
+- `terrain_images`, `grid_map`: the same as images, and as grid_map_msgs/GridMap
 - `cut_fill`: volume still to cut and to fill
 - `machine_state`: joints, commands, payload and cylinders
 - `poses`, `rotations`: odometry, transforms, wrench; rotation matrices and angles

@@ -15,13 +15,8 @@ from msg_bridge.codec import qos
 from msg_bridge.codec.cut_fill import CutFillState, to_cut_fill_array
 from msg_bridge.codec.grid_map import grid_map_type, to_grid_map
 from msg_bridge.codec.state_hash import StateHash, to_state_hash_string
-from msg_bridge.codec.terrain import (
-    TerrainMap,
-    to_elevation_image,
-    to_map_info,
-    to_terrain_cloud,
-    to_tilt_image,
-)
+from msg_bridge.codec.terrain import TerrainMap, to_terrain_cloud
+from msg_bridge.codec.terrain_images import to_elevation_image, to_map_info, to_tilt_image
 from msg_bridge.codec.tick_headers import message_to_cdr, with_stamp
 from msg_bridge.contract import topics
 from msg_bridge.contract.ledger import Ledger

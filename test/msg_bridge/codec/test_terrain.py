@@ -20,8 +20,6 @@ from msg_bridge.codec.terrain import (
     TerrainMap,
     from_terrain_cloud,
     keyframe_from_terrain_cloud,
-    to_elevation_image,
-    to_map_info,
     to_terrain_cloud,
 )
 from msg_bridge.contract.errors import ErrorCode
@@ -203,27 +201,6 @@ def test_point_has_48_bytes_and_display_layers_are_float32() -> None:
     kinds = {field.name: field.datatype for field in msg.fields}
     layers = ("loose_depth", "surface_material", "moisture", "soil", "design_difference")
     assert {kinds[name] for name in layers} == {PointField.FLOAT32}
-
-
-def test_image_has_the_matrix_order_of_the_elevation() -> None:
-    frame = terrain().keyframe
-    msg = to_elevation_image(frame, "map", STAMP)
-    assert (msg.height, msg.width, msg.encoding, msg.step) == (3, 5, "32FC1", 20)
-    assert np.array_equal(np.frombuffer(msg.data, "<f4").reshape(3, 5), frame.elevation)
-
-
-def test_info_gives_the_corner_at_minus_x_minus_y_of_the_outer_cell() -> None:
-    grid = Grid(3, 5, 0.2)
-    info = to_map_info(grid, STAMP)
-    assert info.origin.position.x == pytest.approx(grid.x(2) - 0.1)
-    assert info.origin.position.y == pytest.approx(grid.y(4) - 0.1)
-    assert info.origin.orientation.w == 1.0
-
-
-def test_info_counts_width_along_x_and_height_along_y() -> None:
-    info = to_map_info(Grid(3, 5, 0.2), STAMP)
-    assert (info.width, info.height) == (3, 5)
-    assert info.resolution == pytest.approx(0.2)
 
 
 def other_shape(site: TerrainMap) -> TerrainMap:

@@ -13,7 +13,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Int64MultiArray, MultiArrayDimension, MultiArrayLayout, String
 
-from msg_bridge.bag.legacy_names import RecordedRun, current_topic, upgrade_message
+from msg_bridge.bag.legacy_messages import RecordedRun, upgrade_message
+from msg_bridge.bag.legacy_names import current_topic
 from msg_bridge.codec.point_cloud import from_point_cloud, to_point_cloud
 from msg_bridge.codec.run_config import RunFacts, parse_run_facts, to_config_yaml
 from msg_bridge.codec.state_hash import StateHash, from_state_hash_string
