@@ -5,6 +5,7 @@ It is a baseline for `machine_sim.dem`, with which machines normally run. In the
 - `tool_proximity`: which cube is in or near which tool
 - `velocity_clamps`: the velocity constraints that keep cubes in a bucket
 - `ground_contacts`: cubes on the terrain, which changes and so is not in pybullet
+- `ground_impulses`: normal and friction impulses of the ground on one cube
 - `cube_bodies`: the cubes in pybullet
 - `plate_bodies`: the tools in pybullet, and the forces on them
 - `engine`: all of it in one step

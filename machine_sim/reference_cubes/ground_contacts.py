@@ -1,8 +1,8 @@
 """Cubes on the terrain, which changes all the time and therefore is not in pybullet.
 
 Before each step the velocity of a cube that would enter the surface is changed so that it does not:
-impulses at its eight corners, and under its centre for ridges narrower than the cube, solved with
-Coulomb friction for the cube alone. A cube that is in the surface already comes out at a bounded
+by impulses (`ground_impulses`) at its eight corners, and under its centre for ridges narrower than
+the cube. A cube that is in the surface already comes out at a bounded
 speed. The effect of other cubes in the coming step is not known here. It is expected to be the same
 as in the last step, so that a pile rests on its lowest layer.
 
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from machine_sim.dem.state import ParticleState
 from machine_sim.ground.contact_surface import surface_at
+from machine_sim.reference_cubes.ground_impulses import ContactPoints, solve_impulses
 from msg_bridge.kernels import kernel
 
 __all__ = ["CubeView", "ExpectedChange", "finish_ground_contacts", "resolve_ground_contacts"]
@@ -26,8 +27,6 @@ __all__ = ["CubeView", "ExpectedChange", "finish_ground_contacts", "resolve_grou
 _NUM_CORNERS = 8
 _NUM_CONTACT_POINTS = 9
 """Possible contact points of a cube: its corners and the point under its centre."""
-_NUM_SOLVER_ITERATIONS = 10
-"""Iterations over the contact points of a cube."""
 _RECOVERY_FRACTION = 0.2
 """Fraction of its depth by which a point comes out in a step."""
 _MAX_RECOVERY_SPEED, _MAX_LIMITED_RECOVERY_SPEED = 1.0, 0.3
@@ -69,22 +68,6 @@ class ExpectedChange(NamedTuple):
     gravity_delta_v: float
 
 
-class _ContactPoints(NamedTuple):
-    """Contact points of one cube; impulses are per kilogram.
-
-    Attributes:
-        arm: from the centre [m], map axes, shape (points, 3).
-        min_normal_speed: minimum normal speed after the impulses [m/s], shape (points,).
-        normal_impulse: [m/s], 0 or more, shape (points,).
-        friction_impulse: [m/s], map axes, shape (points, 3).
-    """
-
-    arm: NDArray[np.float64]
-    min_normal_speed: NDArray[np.float64]
-    normal_impulse: NDArray[np.float64]
-    friction_impulse: NDArray[np.float64]
-
-
 @kernel(forceinline=True)
 def _slopes(surface, ground, x, y, reach):  # type: ignore[no-untyped-def]
     """Return dz/dx and dz/dy across `reach` [m] on each side, past the creases between columns."""
@@ -111,7 +94,7 @@ def resolve_ground_contacts(  # type: ignore[no-untyped-def]
         quaternion: attitudes x y z w, shape (n, 4).
         expected: `ExpectedChange` of the step.
     """
-    points = _ContactPoints(
+    points = ContactPoints(
         np.empty((_NUM_CONTACT_POINTS, 3)),
         np.empty(_NUM_CONTACT_POINTS),
         np.empty(_NUM_CONTACT_POINTS),
@@ -145,7 +128,7 @@ def resolve_ground_contacts(  # type: ignore[no-untyped-def]
         wx = angular_velocity[i, 0] + expected.angular_velocity[i, 0]
         wy = angular_velocity[i, 1] + expected.angular_velocity[i, 1]
         wz = angular_velocity[i, 2] + expected.angular_velocity[i, 2]
-        vx, vy, vz, wx, wy, wz = _solve_impulses(
+        vx, vy, vz, wx, wy, wz = solve_impulses(
             points, num_points, normal, friction, h, (vx, vy, vz), (wx, wy, wz)
         )
         velocity[i, 0] = vx - expected.velocity[i, 0]
@@ -169,7 +152,7 @@ def _find_contact_points(  # type: ignore[no-untyped-def]
         nz: vertical component of the ground's normal.
         reach: maximum distance of a contact point from the ground [m].
         max_speed: maximum speed at which a point comes out of the ground [m/s].
-        points: `_ContactPoints`, out.
+        points: `ContactPoints`, out.
 
     Returns:
         Number of contact points.
@@ -198,66 +181,6 @@ def _find_contact_points(  # type: ignore[no-untyped-def]
             points.friction_impulse[count, axis] = 0.0
         count += 1
     return count
-
-
-@kernel
-def _solve_impulses(points, num_points, normal, friction, h, velocity, angular_velocity):  # type: ignore[no-untyped-def]
-    """Apply normal and friction impulses to one cube: projected Gauss-Seidel iterations.
-
-    Args:
-        points: `_ContactPoints` with cleared impulses.
-        num_points: number of contact points.
-        normal: unit normal of the ground.
-        friction: Coulomb coefficient.
-        h: half edge [m].
-        velocity, angular_velocity: [m/s], [rad/s], expected at the end of the step.
-
-    Returns:
-        Velocity and angular velocity after the impulses, three components each.
-    """
-    nx, ny, nz = normal
-    vx, vy, vz = velocity
-    wx, wy, wz = angular_velocity
-    arm, normal_impulse, friction_impulse = (
-        points.arm,
-        points.normal_impulse,
-        points.friction_impulse,
-    )
-    # Impulses are per kilogram; the moment of inertia of a cube is the same about every axis.
-    angular_compliance = 1.5 / (h * h)
-    for _ in range(_NUM_SOLVER_ITERATIONS):
-        for p in range(num_points):
-            ax, ay, az = arm[p, 0], arm[p, 1], arm[p, 2]
-            ux, uy, uz = vx + wy * az - wz * ay, vy + wz * ax - wx * az, vz + wx * ay - wy * ax
-            tx, ty, tz = ay * nz - az * ny, az * nx - ax * nz, ax * ny - ay * nx
-            un = ux * nx + uy * ny + uz * nz
-            before = normal_impulse[p]
-            compliance = 1.0 + angular_compliance * (tx * tx + ty * ty + tz * tz)
-            change = (points.min_normal_speed[p] - un) / compliance
-            normal_impulse[p] = max(before + change, 0.0)
-            j = normal_impulse[p] - before
-            vx, vy, vz = vx + j * nx, vy + j * ny, vz + j * nz
-            wx = wx + angular_compliance * j * tx
-            wy = wy + angular_compliance * j * ty
-            wz = wz + angular_compliance * j * tz
-            ux, uy, uz = vx + wy * az - wz * ay, vy + wz * ax - wx * az, vz + wx * ay - wy * ax
-            un = ux * nx + uy * ny + uz * nz
-            mobility = 1.0 / (1.0 + angular_compliance * (ax * ax + ay * ay + az * az))
-            fx = friction_impulse[p, 0] - mobility * (ux - un * nx)
-            fy = friction_impulse[p, 1] - mobility * (uy - un * ny)
-            fz = friction_impulse[p, 2] - mobility * (uz - un * nz)
-            size, limit = np.sqrt(fx * fx + fy * fy + fz * fz), friction * normal_impulse[p]
-            if size > limit:
-                fx, fy, fz = fx * limit / size, fy * limit / size, fz * limit / size
-            jx = fx - friction_impulse[p, 0]
-            jy = fy - friction_impulse[p, 1]
-            jz = fz - friction_impulse[p, 2]
-            friction_impulse[p, 0], friction_impulse[p, 1], friction_impulse[p, 2] = fx, fy, fz
-            vx, vy, vz = vx + jx, vy + jy, vz + jz
-            wx += angular_compliance * (ay * jz - az * jy)
-            wy += angular_compliance * (az * jx - ax * jz)
-            wz += angular_compliance * (ax * jy - ay * jx)
-    return vx, vy, vz, wx, wy, wz
 
 
 @kernel(forceinline=True)

@@ -21,10 +21,12 @@ from msg_bridge.contract.rows import (
     Rows,
     empty_rows,
 )
+from msg_bridge.exchange.direct_transport import DirectTransport
 from msg_bridge.exchange.join_state import JoinState
 from msg_bridge.exchange.machine_exchange import MachineExchange
 from msg_bridge.exchange.soil_exchange import SoilExchange
 from msg_bridge.exchange.tick_input import TickInput
+from msg_bridge.testing import LossyTransport
 
 GRID = Grid(4, 4, 1.0)
 
@@ -166,11 +168,39 @@ class FakeMachine:
 class ExchangeDriver:
     """Delivers messages and steps all participants, with retransmission requests at times."""
 
-    def __init__(self, soil: FakeSoil, machines: list[FakeMachine], transport: Transport) -> None:
-        self.soil = soil
-        self.machines = machines
-        self.transport = transport
+    def __init__(
+        self, num_machines: int = 1, *, expected: int | None = None, seed: int = 0, **loss: float
+    ) -> None:
+        """Connect a soil and machines; the expected ones have requested to join.
+
+        Args:
+            num_machines: number of machines, with the ids from 1 on.
+            expected: number of machines that the soil waits for, all by default.
+            seed: seed of all random numbers.
+            loss: probabilities of `LossyTransport`; without any, the transport is direct.
+        """
+        expected = num_machines if expected is None else expected
+        self.soil = FakeSoil(np.random.default_rng(seed), expected=tuple(range(1, expected + 1)))
+        self.machines = [
+            FakeMachine(np.random.default_rng(seed + n), n) for n in range(1, num_machines + 1)
+        ]
         self.rounds = 0
+        self._seed, self._loss = seed, loss
+        self.connect()
+        for machine in self.machines[:expected]:
+            machine.exchange.join()
+
+    def connect(self) -> None:
+        """Connect the present machines with the soil."""
+        ends = [machine.exchange for machine in self.machines]
+        self.transport: Transport = DirectTransport(self.soil.exchange, ends)
+        if self._loss:
+            rng = np.random.default_rng(self._seed)
+            self.transport = LossyTransport(self.soil.exchange, ends, rng, **self._loss)
+
+    def is_balanced(self) -> bool:
+        """Return whether the ledger was balanced at every tick."""
+        return {ledger.imbalance for ledger in self.soil.ledgers} == {0}
 
     def round(self, *, leaving: FakeMachine | None = None) -> bool:
         """Do one round; return whether anything happened. `leaving` leaves with its next tick."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from machine_sim.dem import ParticleEngine, ParticleParams, Pose, SoilEngine
 from machine_sim.ground.contact_surface import Ground
+from machine_sim.reference_cubes import CubeEngine, VelocityClamps
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 
@@ -35,6 +36,19 @@ def engine(
 ) -> ParticleEngine:
     """Return an engine without particles over `sloping_ground`."""
     return ParticleEngine(ParticleParams.from_mapping(params), sloping_ground(slope), soils=soils)
+
+
+def cubes(
+    *,
+    slope: float = 0.0,
+    soils: Sequence[LooseSoil] = (LooseSoil(swell=0.25),),
+    clamps: VelocityClamps | None = None,
+    **params: float,
+) -> CubeEngine:
+    """Return an engine without cubes over `sloping_ground`."""
+    return CubeEngine(
+        ParticleParams.from_mapping(params), sloping_ground(slope), soils=soils, clamps=clamps
+    )
 
 
 def run(world: SoilEngine, seconds: float) -> None:

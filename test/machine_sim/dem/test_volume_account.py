@@ -1,15 +1,16 @@
-"""Exact volume and permanent ids of particles, and the validation of what is added."""
+"""Both engines: exact volume and permanent ids of particles, and validation of added ones."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.particle_scenes import LITRE, STEP, engine
+from support.particle_scenes import LITRE, STEP, cubes, engine
 
 from machine_sim.dem import ParticleError
 from msg_bridge.contract.loose_soil import LooseSoil
 
 THREE = np.array([[0, 0, 1.0], [0, 0, 1.0], [0, 0.2, 1.0]])
+both_engines = pytest.mark.parametrize("make", [engine, cubes])
 actions = st.lists(
     st.tuples(
         st.sampled_from(["add", "remove", "freeze", "unfreeze", "step"]),
@@ -19,10 +20,11 @@ actions = st.lists(
 )
 
 
-@settings(max_examples=40, deadline=None)
-@given(actions)
-def test_volume_is_exact_after_any_sequence_of_calls(calls):
-    world = engine(soils=[LooseSoil()] * 3)
+@both_engines
+@settings(max_examples=25, deadline=None)
+@given(calls=actions)
+def test_volume_is_exact_after_any_sequence_of_calls(make, calls):
+    world = make(soils=[LooseSoil()] * 3)
     volume_by_id = {}
     last_id = 0
     for action, seed in calls:
@@ -49,10 +51,11 @@ def test_volume_is_exact_after_any_sequence_of_calls(calls):
         assert np.isfinite(world.positions).all()
 
 
+@both_engines
 @pytest.mark.parametrize("method", ["remove", "freeze", "unfreeze"])
 @pytest.mark.parametrize("ids", [[1, 99], [1, 1], [0], [2**33]])
-def test_unknown_ids_are_rejected_and_change_nothing(method, ids):
-    world = engine()
+def test_unknown_ids_are_rejected_and_change_nothing(make, method, ids):
+    world = make()
     world.add(THREE, np.zeros((3, 3)), LITRE)
     with pytest.raises(ParticleError):
         getattr(world, method)(ids)
@@ -60,8 +63,9 @@ def test_unknown_ids_are_rejected_and_change_nothing(method, ids):
     assert world.frozen_ids.size == 0
 
 
-def test_ids_are_never_reused():
-    world = engine()
+@both_engines
+def test_ids_are_never_reused(make):
+    world = make()
     first = world.add([[0, 0, 1]], [[0, 0, 0]], LITRE)
     world.remove(first)
     second = world.add([[0, 0, 1]], [[0, 0, 0]], LITRE)
@@ -70,6 +74,7 @@ def test_ids_are_never_reused():
         world.remove(first)
 
 
+@both_engines
 @pytest.mark.parametrize(
     ("position", "volume"),
     [
@@ -85,10 +90,20 @@ def test_ids_are_never_reused():
         ([[0, 0]], LITRE),
     ],
 )
-def test_invalid_particles_are_rejected(position, volume):
-    world = engine()
+def test_invalid_particles_are_rejected(make, position, volume):
+    world = make()
     with pytest.raises(ParticleError):
         world.add(position, [[0, 0, 0]], volume)
+    assert world.count == 0
+    world.step(STEP)
+
+
+@both_engines
+@pytest.mark.parametrize("soil", [1, 256])
+def test_unknown_soils_are_rejected(make, soil):
+    world = make()
+    with pytest.raises(ParticleError):
+        world.add([[0, 0, 1]], [[0, 0, 0]], LITRE, soil)
     assert world.count == 0
 
 
@@ -111,8 +126,9 @@ def test_the_fastest_and_farthest_particles_stay_finite():
     assert world.total_volume_mm3 == 4 * LITRE
 
 
-def test_particles_beyond_the_capacity_are_all_rejected():
-    world = engine(capacity=5)
+@both_engines
+def test_particles_beyond_the_capacity_are_all_rejected(make):
+    world = make(capacity=5)
     world.add(THREE, np.zeros((3, 3)), LITRE)
     assert world.free_capacity == 2
     with pytest.raises(ParticleError, match="capacity"):

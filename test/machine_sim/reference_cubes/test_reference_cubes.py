@@ -2,22 +2,20 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from support.particle_scenes import (
     LITRE,
     STEP,
     box,
     cloud,
+    cubes,
     drive,
     pose,
     run,
-    sloping_ground,
     square,
 )
 
-from machine_sim.dem import ParticleError, ParticleParams
-from machine_sim.reference_cubes import CubeEngine, VelocityClamps
+from machine_sim.dem import ParticleError
+from machine_sim.reference_cubes import VelocityClamps
 from msg_bridge.contract.constants import GRAVITY
 from msg_bridge.contract.loose_soil import LooseSoil
 
@@ -26,12 +24,6 @@ EDGE = np.cbrt(1.25e-3)
 HALF = 0.5 * EDGE
 FREE = VelocityClamps(enabled=False)
 THREE = np.array([[0, 0, 1.0], [0, 0, 1.0], [0, 0.2, 1.0]])
-
-
-def cubes(*, slope=0.0, soils=(SOIL,), clamps=None, **params):
-    """Return an engine without cubes over `sloping_ground`."""
-    params = ParticleParams.from_mapping(params)
-    return CubeEngine(params, sloping_ground(slope), soils=soils, clamps=clamps)
 
 
 def filled_box(z=1.0, **options):
@@ -116,42 +108,7 @@ def test_a_cube_near_a_digging_tool_leaves_the_ground_slowly():
     assert world.num_ground_tunnellings == 0
 
 
-# Volume and ids.
-
-actions = st.lists(
-    st.tuples(
-        st.sampled_from(["add", "remove", "freeze", "unfreeze", "step"]),
-        st.integers(0, 2**31),
-    ),
-    max_size=15,
-)
-
-
-@settings(max_examples=15, deadline=None)
-@given(actions)
-def test_volume_is_exact_after_any_sequence_of_calls(calls):
-    world = cubes(soils=[LooseSoil()] * 3)
-    volume_by_id = {}
-    for action, seed in calls:
-        rng = np.random.default_rng(seed)
-        chosen = rng.permutation(list(volume_by_id))[: rng.integers(0, 6)].astype(np.uint32)
-        if action == "add":
-            n = int(rng.integers(0, 12))
-            volumes = rng.integers(1, 3 * LITRE, n)
-            points = rng.uniform([-0.3, -0.3, 0.3], [0.3, 0.3, 0.9], (n, 3))
-            ids = world.add(points, np.zeros((n, 3)), volumes, 2, 9)
-            volume_by_id.update(zip(ids.tolist(), volumes.tolist(), strict=True))
-        elif action == "step":
-            world.step(STEP)
-        else:
-            getattr(world, action)(chosen)
-            if action == "remove":
-                for removed in chosen.tolist():
-                    del volume_by_id[removed]
-        assert world.total_volume_mm3 == sum(volume_by_id.values())
-        ids, volumes = world.ids.tolist(), world.volumes_mm3.tolist()
-        assert dict(zip(ids, volumes, strict=True)) == volume_by_id
-        assert np.isfinite(world.positions).all()
+# Properties and freezing.
 
 
 def test_size_mass_and_friction_follow_from_the_soil():
@@ -163,39 +120,6 @@ def test_size_mass_and_friction_follow_from_the_soil():
     np.testing.assert_allclose(
         world.contact_coefficients.friction, np.tan(np.radians([30.0, 40.0, 45.0])), rtol=1e-6
     )
-
-
-@pytest.mark.parametrize(
-    ("position", "volume", "soil"),
-    [
-        ([[0, 0, np.nan]], LITRE, 0),
-        ([[0, 0, 1]], 0, 0),
-        ([[0, 0, 1]], 0.5, 0),
-        ([[0, 0, 1]], 2**33, 0),
-        ([[0, 0, 1]], [LITRE, LITRE], 0),
-        ([[0, 0]], LITRE, 0),
-        ([[0, 0, 1]], LITRE, 1),
-        ([[0, 0, 1]], LITRE, 256),
-        (THREE, LITRE, 0),
-    ],
-)
-def test_invalid_soil_is_rejected_and_nothing_is_added(position, volume, soil):
-    world = cubes(capacity=2)
-    with pytest.raises(ParticleError):
-        world.add(position, np.zeros_like(position, dtype=float), volume, soil)
-    assert world.count == 0
-    world.step(STEP)
-
-
-@pytest.mark.parametrize("method", ["remove", "freeze", "unfreeze"])
-def test_unknown_ids_are_rejected_and_change_nothing(method):
-    world = cubes()
-    world.add(THREE, np.zeros((3, 3)), LITRE)
-    for ids in ([1, 99], [1, 1]):
-        with pytest.raises(ParticleError):
-            getattr(world, method)(ids)
-    assert world.count == 3
-    assert world.frozen_ids.size == 0
 
 
 def test_a_frozen_cube_supports_others_until_it_is_unfrozen():

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.exchange_fakes import ExchangeDriver, FakeMachine, FakeSoil
+from support.exchange_fakes import ExchangeDriver
 from support.wire import raises
 
 from msg_bridge.contract.errors import ErrorCode
@@ -19,41 +19,21 @@ from msg_bridge.contract.rows import (
     ConversionKind,
     empty_rows,
 )
-from msg_bridge.exchange.direct_transport import DirectTransport
 from msg_bridge.testing import LossyTransport
 
 
-def driver(count: int = 1, seed: int = 0, **loss: float) -> ExchangeDriver:
-    """Return a soil and `count` machines, joined; over a lossy transport if any loss is given."""
-    machine_ids = tuple(range(1, count + 1))
-    soil = FakeSoil(np.random.default_rng(seed), expected=machine_ids)
-    machines = [FakeMachine(np.random.default_rng(seed + n), n) for n in machine_ids]
-    ends = [machine.exchange for machine in machines]
-    for end in ends:
-        end.join()
-    if loss:
-        return ExchangeDriver(
-            soil, machines, LossyTransport(soil.exchange, ends, np.random.default_rng(7), **loss)
-        )
-    return ExchangeDriver(soil, machines, DirectTransport(soil.exchange, ends))
-
-
-def imbalances(run: ExchangeDriver) -> set[int]:
-    return {ledger.imbalance for ledger in run.soil.ledgers}
-
-
 def test_every_tick_balances_over_the_direct_transport() -> None:
-    run = driver(3)
+    run = ExchangeDriver(3)
     run.ticks(200)
     assert len(run.soil.ledgers) == 200
-    assert imbalances(run) == {0}
+    assert run.is_balanced()
     assert run.soil.ledgers[-1].outside > 0
     assert run.soil.ledgers[-1].particles > 0
     assert any(ledger.in_flight for ledger in run.soil.ledgers)
 
 
 def test_a_hundred_thousand_rows_over_a_lossy_transport_are_exact() -> None:
-    run = driver(2, drop=0.1, duplicate=0.1, delay=0.2)
+    run = ExchangeDriver(2, drop=0.1, duplicate=0.1, delay=0.2)
     for machine in run.machines:
         machine.rows_per_tick = 200
     run.ticks(320)
@@ -65,13 +45,13 @@ def test_a_hundred_thousand_rows_over_a_lossy_transport_are_exact() -> None:
     assert len(applied) + len(run.soil.rows_seen) > 100_000
     assert len(set(applied)) == len(applied)
     assert len(set(run.soil.rows_seen)) == len(run.soil.rows_seen)
-    assert imbalances(run) == {0}
+    assert run.is_balanced()
 
 
 def test_a_lossy_transport_changes_no_result() -> None:
     outcomes = []
     for loss in ({}, {"drop": 0.3, "duplicate": 0.2, "delay": 0.5}):
-        run = driver(2, seed=3, **loss)
+        run = ExchangeDriver(2, seed=3, **loss)
         run.ticks(60)
         outcomes.append((run.soil.ledgers[:60], run.machines[0].applied[:300]))
     assert outcomes[0] == outcomes[1]
@@ -79,7 +59,7 @@ def test_a_lossy_transport_changes_no_result() -> None:
 
 @pytest.mark.parametrize("tamper", ["drop", "double", "alter"])
 def test_one_tampered_row_shows_as_imbalance(tamper: str) -> None:
-    run = driver()
+    run = ExchangeDriver()
     machine = run.machines[0]
     apply_unchanged = machine.apply
 
@@ -106,7 +86,7 @@ def test_one_tampered_row_shows_as_imbalance(tamper: str) -> None:
 
 
 def test_nothing_is_in_flight_after_all_rows_are_acknowledged() -> None:
-    run = driver(2)
+    run = ExchangeDriver(2)
     run.ticks(20)
     for machine in run.machines:
         machine.rows_per_tick = 0
@@ -126,19 +106,19 @@ def test_nothing_is_in_flight_after_all_rows_are_acknowledged() -> None:
 def test_invalid_rows_are_rejected_and_change_nothing(
     stream: Stream, rows: np.ndarray, code: ErrorCode
 ) -> None:
-    run = driver()
+    run = ExchangeDriver()
     run.ticks(3)
     if stream is Stream.DEPOSIT_REQUEST and rows.dtype == SWEEP:
         rows["machine_id"] = 1
     with raises(code):
         run.soil.exchange.receive(RowChunk(1, stream, 1, 1, rows))
     run.ticks(3)
-    assert imbalances(run) == {0}
+    assert run.is_balanced()
 
 
 @pytest.mark.parametrize("span", [RowRange(1, 10**10), RowRange(5000, 3), RowRange(1, -4)])
 def test_header_with_invalid_row_counts_is_rejected(span: RowRange) -> None:
-    run = driver()
+    run = ExchangeDriver()
     run.machines[0].rows_per_tick = 3
     run.ticks(3)
     messages = run.hold_next_tick(run.machines[0])
@@ -149,11 +129,11 @@ def test_header_with_invalid_row_counts_is_rejected(span: RowRange) -> None:
     for message in messages:
         run.soil.exchange.receive(message)
     run.ticks(3)
-    assert imbalances(run) == {0}
+    assert run.is_balanced()
 
 
 def test_conversions_of_a_machine_that_is_not_joined_are_rejected() -> None:
-    run = driver()
+    run = ExchangeDriver()
     run.ticks(3)
     unknown = empty_rows(CONVERSION, 1)
     unknown["machine_id"] = 77
@@ -166,7 +146,7 @@ def test_conversions_of_a_machine_that_is_not_joined_are_rejected() -> None:
 
 
 def test_a_machine_is_one_tick_ahead_of_its_answers_and_not_more() -> None:
-    run = driver()
+    run = ExchangeDriver()
     machine = run.machines[0]
     run.until(lambda: machine.exchange.joined)
     while not machine.exchange.waiting:
@@ -181,7 +161,7 @@ def test_a_machine_is_one_tick_ahead_of_its_answers_and_not_more() -> None:
 @pytest.mark.parametrize("loss", [{}, {"drop": 0.3, "duplicate": 0.2, "delay": 0.5}])
 def test_answers_are_processed_at_a_fixed_delay(loss: dict[str, float]) -> None:
     """Otherwise the input of a machine's tick would depend on the latency of messages."""
-    run = driver(2, seed=5, **loss)
+    run = ExchangeDriver(2, seed=5, **loss)
     run.ticks(40)
     for machine in run.machines:
         assert len(machine.answers) > 30
@@ -189,7 +169,7 @@ def test_answers_are_processed_at_a_fixed_delay(loss: dict[str, float]) -> None:
 
 
 def test_send_does_not_modify_its_arguments() -> None:
-    run = driver()
+    run = ExchangeDriver()
     run.until(lambda: run.machines[0].exchange.joined)
     machine = run.machines[0].exchange
     while machine.waiting:

@@ -2,35 +2,22 @@
 
 import numpy as np
 import pytest
-from support.exchange_fakes import ExchangeDriver, FakeMachine, FakeSoil
+from support.exchange_fakes import ExchangeDriver, FakeMachine
 from support.wire import raises
 
 from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import SoilHeader
 from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, empty_rows
-from msg_bridge.exchange.direct_transport import DirectTransport
 from msg_bridge.exchange.join_state import JoinState
-from msg_bridge.testing import LossyTransport
 
 
 class Clock(ExchangeDriver):
     """Soil and machines, joined; the soil can tick without waiting."""
 
     def __init__(self, count: int = 1, seed: int = 0, **loss: float) -> None:
-        machine_ids = range(1, count + 1)
-        soil = FakeSoil(np.random.default_rng(seed), expected=tuple(machine_ids))
-        machines = [FakeMachine(np.random.default_rng(seed + n), n) for n in machine_ids]
-        ends = [machine.exchange for machine in machines]
-        transport = (
-            LossyTransport(soil.exchange, ends, np.random.default_rng(seed), **loss)
-            if loss
-            else DirectTransport(soil.exchange, ends)
-        )
-        super().__init__(soil, machines, transport)
-        for machine in machines:
-            machine.exchange.join()
-        self.until(lambda: all(m.exchange.joined for m in machines))
+        super().__init__(count, seed=seed, **loss)
+        self.until(lambda: all(m.exchange.joined for m in self.machines))
 
     def tick(self) -> Ledger:
         """Do one tick without waiting for machines."""
@@ -39,9 +26,6 @@ class Clock(ExchangeDriver):
 
     def rejoin(self, machine: FakeMachine) -> None:
         machine.exchange.join(**machine.totals)
-
-    def is_balanced(self) -> bool:
-        return {ledger.imbalance for ledger in self.soil.ledgers} == {0}
 
 
 def test_the_part_of_a_late_machine_belongs_to_a_later_tick() -> None:

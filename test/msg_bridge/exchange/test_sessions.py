@@ -2,41 +2,21 @@
 
 import numpy as np
 import pytest
-from support.exchange_fakes import GRID, ExchangeDriver, FakeMachine, FakeSoil
+from support.exchange_fakes import GRID, ExchangeDriver, FakeMachine
 from support.wire import raises
 
 from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.messages import Keyframe, MachineHeader, RowChunk, Stream, Verb
 from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, empty_rows
-from msg_bridge.exchange.direct_transport import DirectTransport
 from msg_bridge.exchange.join_state import JoinState
 from msg_bridge.exchange.machine_exchange import MachineExchange
-from msg_bridge.testing import LossyTransport
 
 GOOD: dict[str, float] = {}
 BAD = {"drop": 0.2, "duplicate": 0.2, "delay": 0.4}
 
 
 class Fleet(ExchangeDriver):
-    """A driver with a changing set of machines."""
-
-    def __init__(self, count: int, expected: int, seed: int = 0, **loss: float) -> None:
-        soil = FakeSoil(np.random.default_rng(seed), expected=tuple(range(1, expected + 1)))
-        machines = [FakeMachine(np.random.default_rng(seed + n), n) for n in range(1, count + 1)]
-        self._loss, self._seed = loss, seed
-        super().__init__(soil, machines, DirectTransport(soil.exchange, []))
-        self.connect()
-        for machine in machines[:expected]:
-            machine.exchange.join()
-
-    def connect(self) -> None:
-        """Connect the present machines."""
-        ends = [machine.exchange for machine in self.machines]
-        if self._loss:
-            rng = np.random.default_rng(self._seed)
-            self.transport = LossyTransport(self.soil.exchange, ends, rng, **self._loss)
-        else:
-            self.transport = DirectTransport(self.soil.exchange, ends)
+    """A driver that can stop sending."""
 
     def until_ready(self, machine: FakeMachine) -> None:
         """Wait for the answer to a machine's tick without sending another."""
@@ -49,9 +29,6 @@ class Fleet(ExchangeDriver):
             if answer is not None:
                 machine.apply(answer.conversions)
         raise AssertionError("no answer")
-
-    def is_balanced(self) -> bool:
-        return {ledger.imbalance for ledger in self.soil.ledgers} == {0}
 
 
 def test_the_first_tick_waits_for_every_expected_machine() -> None:
