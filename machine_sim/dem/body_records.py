@@ -17,6 +17,7 @@ import numpy as np
 from numba import prange
 
 from machine_sim.dem.partition import NUM_CHUNKS, row_chunk
+from machine_sim.dem.state import AWAKE
 from machine_sim.dem.vec3 import load_row, scale, store_row
 from msg_bridge.kernels import kernel, threaded_kernel
 
@@ -117,7 +118,7 @@ def _load_chunk(  # type: ignore[no-untyped-def]
         store_row(body, i, SURFACE_VELOCITY, scale(turning, contact_radius[i]))
         store_row(body, i, ANGULAR_VELOCITY, turning)
         body[i, CONTACT_RADIUS] = contact_radius[i]
-        body[i, INVERSE_MASS] = inverse_mass[i] if sleep_state[i] == 0 else _ZERO
+        body[i, INVERSE_MASS] = inverse_mass[i] if sleep_state[i] == AWAKE else _ZERO
         body[i, MASS_OVER_INERTIA] = _SPHERE_MASS_OVER_INERTIA / (radius[i] * radius[i])
         clear_force_sums(force_sums, i)
 

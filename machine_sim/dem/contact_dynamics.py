@@ -17,8 +17,8 @@ from machine_sim.dem.contacts.ground_contacts import (
     GroundContactList,
     GroundContacts,
     ground_particles,
-    recover_and_time_settling,
 )
+from machine_sim.dem.contacts.ground_recovery import recover_and_time_settling
 from machine_sim.dem.contacts.pair_contacts import PairContactBlocks, PairContacts
 from machine_sim.dem.contacts.plate_contact_list import PlateContactList
 from machine_sim.dem.contacts.plate_contacts import PlateContacts

@@ -1,4 +1,8 @@
-"""How particles of a soil touch: friction, rolling resistance, stickiness, by soil and moisture."""
+"""Contact coefficients of particles by soil type and moisture, calibrated to the soil's properties.
+
+Friction and rolling friction are chosen so that particles pour to the soil's angle of repose, less
+the part of it that is due to cohesion.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.dem.state import ParticleError
+from msg_bridge.contract.constants import GRAVITY, MOISTURE_LEVELS
 from msg_bridge.contract.loose_soil import LooseSoil
 
 __all__ = ["ContactMaterials"]
-
-_SATURATED = 100
-"""Highest moisture [% of saturation]."""
 
 _REPOSE_ANGLE_TABLE = (
     (10.0, 0.03, 0.0),
@@ -28,63 +30,53 @@ _REPOSE_ANGLE_TABLE = (
     (40.7, 0.40, 0.20),
     (44.8, 0.60, 0.30),
 )
-"""Angle of repose [deg] that some thousands pour to, by friction and rolling friction; a mean of
-several pours, of which each is off by a degree."""
+"""Angle of repose [deg] of some thousand cohesionless particles, friction and rolling friction
+coefficient. The angles are means of several pours, which differ by a degree."""
 
 _PACKING_FRACTION_TABLE = ((15.0, 0.66), (30.0, 0.60), (45.0, 0.60))
-"""Part of the room of a heap that is particles, by its angle of repose [deg]."""
+"""Angle of repose [deg] and packing fraction of a heap."""
 
 _CONTACT_AREA_FRACTION = 0.05
-"""Part of a particle's cross section on which it sticks. Cohesion and adhesion are measured over
-faces that touch all over; lumps touch at a few spots."""
+"""Fraction of a particle's cross section on which cohesion and adhesion act. They are measured on
+faces in full contact; lumps touch at a few spots."""
 
 _BOND_STEEPENING_TABLE = ((0.0, 0.0), (0.2, 3.4), (0.4, 5.8), (0.9, 11.5), (2.0, 15.0))
-"""By *bond number*, the force that parts two particles over the weight of one: how much steeper
-[deg] they pour where they hold together. An angle of repose is measured on soil as it coheres, so
-that so much less of it is left to friction."""
+"""Bond number, the cohesion force of two particles over the weight of one, and the increase of the
+angle of repose by cohesion [deg]. A soil's angle of repose is measured with its cohesion, so that
+friction accounts only for the rest."""
 
-_GRAVITY = 9.81
 _TOOL_ROLLING_FRICTION = 0.1
-"""Rolling friction on steel."""
-
-
-def _contact_coefficients(
-    repose_angle: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Friction and rolling friction by angle of repose [deg], where nothing coheres."""
-    angle, friction, rolling_friction = (
-        list(column) for column in zip(*_REPOSE_ANGLE_TABLE, strict=True)
-    )
-    return np.interp(repose_angle, angle, friction), np.interp(
-        repose_angle, angle, rolling_friction
-    )
+"""Rolling friction coefficient on steel."""
 
 
 class ContactMaterials:
-    """Contact properties, by soil and moisture, shape (soils, 101), float32.
+    """Tables of contact coefficients, by soil type and moisture.
+
+    Tables without a shape have shape (soils, MOISTURE_LEVELS), float32.
 
     Attributes:
-        friction, rolling: between particles.
-        cohesion: pressure that holds two together, on the smaller's cross section [Pa].
-        tool_friction, tool_rolling_friction: at a tool.
-        adhesion: pressure that holds one to a tool [Pa].
-        packing: part of the room of a heap that is particles.
-        swell, density: of each soil, shape (soils,), see `LooseSoil`.
+        friction, rolling_friction: coefficients between particles.
+        cohesion: cohesion of two particles [Pa], on the cross section of the smaller one.
+        tool_friction, tool_rolling_friction: coefficients at a tool.
+        adhesion: adhesion to a tool [Pa], on a particle's cross section.
+        packing: packing fraction of a heap.
+        swell, density: of each soil type, shape (soils,), float64, see `LooseSoil`.
     """
 
     def __init__(self, soils: Sequence[LooseSoil], nominal_volume: float) -> None:
-        """
+        """Compute the tables.
+
         Args:
-            soils: by id.
-            nominal_volume: bank volume of a particle [mm^3]; the smaller, the more of its angle of
-                repose a soil owes to cohesion.
+            soils: soil types in the order of their ids.
+            nominal_volume: bank volume of a particle [mm^3]; the smaller it is, the larger the part
+                of the angle of repose that is due to cohesion.
 
         Raises:
-            ParticleError: no soil.
+            ParticleError: no soil type.
         """
         if not soils:
-            raise ParticleError("particles need a soil; give one at least")
-        shape = (len(soils), _SATURATED + 1)
+            raise ParticleError("particles need a soil type; give at least one")
+        shape = (len(soils), MOISTURE_LEVELS)
         self.friction = np.zeros(shape, np.float32)
         self.rolling_friction = np.zeros(shape, np.float32)
         self.packing = np.zeros(shape, np.float32)
@@ -94,41 +86,51 @@ class ContactMaterials:
         self.tool_rolling_friction = np.full(shape, _TOOL_ROLLING_FRICTION, np.float32)
         self.swell = np.array([soil.swell for soil in soils])
         self.density = np.array([soil.density for soil in soils])
-        heap, packing = (list(column) for column in zip(*_PACKING_FRACTION_TABLE, strict=True))
-        bond, steepening = (list(column) for column in zip(*_BOND_STEEPENING_TABLE, strict=True))
         for k, soil in enumerate(soils):
-            self.tool_friction[k] = math.tan(math.radians(soil.tool_friction))
-            angles = np.array([soil.repose_angle(m) for m in range(_SATURATED + 1)])
-            sticks = np.array([soil.moisture_strength_factor(m) for m in range(_SATURATED + 1)])
-            self.packing[k] = np.interp(angles, heap, packing)
-            self.cohesion[k] = _CONTACT_AREA_FRACTION * soil.cohesion * sticks
-            self.adhesion[k] = _CONTACT_AREA_FRACTION * soil.adhesion * sticks
-            steeper = np.interp(self._bond_numbers(k, 1e-9 * nominal_volume), bond, steepening)
-            self.friction[k], self.rolling_friction[k] = _contact_coefficients(angles - steeper)
+            self._fill_tables(k, soil, nominal_volume)
+
+    def _fill_tables(self, k: int, soil: LooseSoil, nominal_volume: float) -> None:
+        """Fill row `k` of the tables."""
+        self.tool_friction[k] = math.tan(math.radians(soil.tool_friction))
+        repose_angle = np.array([soil.repose_angle(m) for m in range(MOISTURE_LEVELS)])
+        strength = np.array([soil.moisture_strength_factor(m) for m in range(MOISTURE_LEVELS)])
+        self.packing[k] = np.interp(repose_angle, *zip(*_PACKING_FRACTION_TABLE, strict=True))
+        self.cohesion[k] = _CONTACT_AREA_FRACTION * soil.cohesion * strength
+        self.adhesion[k] = _CONTACT_AREA_FRACTION * soil.adhesion * strength
+        bond_number = self._bond_numbers(k, 1e-9 * nominal_volume)
+        steepening = np.interp(bond_number, *zip(*_BOND_STEEPENING_TABLE, strict=True))
+        angle, friction, rolling_friction = zip(*_REPOSE_ANGLE_TABLE, strict=True)
+        self.friction[k] = np.interp(repose_angle - steepening, angle, friction)
+        self.rolling_friction[k] = np.interp(repose_angle - steepening, angle, rolling_friction)
 
     def radius(
         self, bank: NDArray[np.floating], soil: NDArray[np.int64], moisture: NDArray[np.int64]
     ) -> NDArray[np.float64]:
-        """Of spheres [m] that fill the room of loose soil of some bank volumes [m^3]."""
+        """Return the radii [m] of spheres that fill, when packed, the bulk volume of loose soil.
+
+        Args:
+            bank: bank volumes [m^3], shape (n,).
+            soil, moisture: soil types and moistures [% of saturation], shape (n,).
+        """
         bulk = bank * (1.0 + self.swell[soil])
         return np.asarray(np.cbrt(0.75 / math.pi * bulk * self.packing[soil, moisture]))
 
     def _bond_numbers(self, soil: int, bank: float) -> NDArray[np.float64]:
-        """Of particles of a bank volume [m^3], by moisture, shape (101,)."""
-        moisture = np.arange(_SATURATED + 1)
-        kind = np.full_like(moisture, soil)
-        area = math.pi * self.radius(np.full(moisture.size, bank), kind, moisture) ** 2
-        weight = bank * self.density[soil] * _GRAVITY
+        """Return the bond numbers of particles of a bank volume [m^3], by moisture."""
+        moisture = np.arange(MOISTURE_LEVELS)
+        soils = np.full_like(moisture, soil)
+        area = math.pi * self.radius(np.full(moisture.size, bank), soils, moisture) ** 2
+        weight = bank * self.density[soil] * GRAVITY
         return np.asarray(area * self.cohesion[soil] / weight)
 
     def validate_soil_ids(self, soil: NDArray[np.integer]) -> None:
-        """Refuse soils that are not in the tables.
+        """Check that soil types are in the tables.
 
         Raises:
-            ParticleError: one is not.
+            ParticleError: an unknown soil type.
         """
         if soil.size and int(soil.max()) >= len(self.swell):
             raise ParticleError(
-                f"soil {soil.max()} is not known, only {len(self.swell)} soils are; give the engine"
-                " all soils of the terrain"
+                f"soil type {soil.max()} is unknown, as there are only {len(self.swell)}; give the"
+                " engine all soil types of the terrain"
             )

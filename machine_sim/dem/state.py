@@ -13,7 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.kernels import kernel
 
-__all__ = ["ParticleError", "ParticleState"]
+__all__ = ["ASLEEP_ON_MAP", "AWAKE", "ParticleError", "ParticleState"]
+
+AWAKE = 0
+"""Sleep state of a particle that moves by forces (unless it is frozen)."""
+ASLEEP_ON_MAP = 1
+"""Sleep state of a particle at rest relative to the map; higher ones are for tools, see
+`sleep.sleep_state`."""
 
 _COLUMN_TYPES: dict[str, tuple[str, tuple[int, ...]]] = {
     "position": ("f8", (3,)),

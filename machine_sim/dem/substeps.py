@@ -8,7 +8,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from machine_sim.dem.contacts.ground_contacts import ground_forces
+from machine_sim.dem.contacts.ground_forces import ground_forces
 from machine_sim.dem.contacts.pair_forces import pair_forces
 from machine_sim.dem.contacts.plate_forces import plate_forces
 from machine_sim.dem.integrate import advance_locked_loads, integrate_bodies

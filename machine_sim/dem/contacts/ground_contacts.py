@@ -20,25 +20,12 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from machine_sim.dem.body_records import (
-    CONTACT_RADIUS,
-    DISPLACEMENT,
-    FORCE,
-    ROLLING_LIMIT,
-    SURFACE_VELOCITY,
-    TORQUE_OVER_RADIUS,
-    VELOCITY,
-)
-from machine_sim.dem.contacts.contact_law import ContactParameters, contact_force
-from machine_sim.dem.partition import NUM_CHUNKS, row_chunk
+
+from machine_sim.dem.contacts.contact_law import ContactParameters
+from machine_sim.dem.partition import NUM_CHUNKS
 from machine_sim.dem.state import ParticleState
-from machine_sim.dem.tools.plane import (
-    PLANE_NORMAL,
-    PLANE_OFFSET,
-    PLANE_SIZE,
-    signed_distance,
-)
-from machine_sim.dem.vec3 import add, cross, dot, load_row, scale, store_row, subtract
+from machine_sim.dem.tools.plane import PLANE_NORMAL, PLANE_OFFSET, PLANE_SIZE
+from machine_sim.dem.vec3 import dot, load_row, store_row
 from machine_sim.ground.contact_surface import Ground, surface_at
 from msg_bridge.kernels import kernel, threaded_kernel
 
@@ -46,9 +33,10 @@ __all__ = [
     "GroundContactList",
     "GroundContacts",
     "GroundParticles",
-    "ground_forces",
     "ground_particles",
-    "recover_and_time_settling",
+    "max_limited_overlap",
+    "reset_spring",
+    "terrain_height",
 ]
 
 _MAX_LIMITED_ACCELERATION = 100.0
@@ -59,9 +47,6 @@ _SEARCH_RADIUS_FACTOR = 1.2
 """Distance to the ground at which a particle at rest is listed, in radii."""
 _ACCELERATION_MARGIN = 1.3
 """Distance ahead that is searched, over the distance travelled in a step at constant velocity."""
-_SETTLED_DISTANCE = np.sqrt(3.0)
-"""Distance of a centre from the ground below which the particle lies on it, in radii: half the
-diagonal of a cube of the particle's diameter, the rule for cubes."""
 
 
 class GroundContacts(NamedTuple):
@@ -141,40 +126,14 @@ class GroundContactList:
         return GroundContacts(self._row[:count], self._plane[:count])
 
 
-def recover_and_time_settling(
-    state: ParticleState,
-    ground: Ground,
-    rows: NDArray[np.int64],
-    contacts: GroundContacts,
-    settle_speed: float,
-    dt: float,
-    threads: int,
-) -> int:
-    """Put particles that sank through the ground back onto it, and update the settle timers.
-
-    A centre more than a radius below the surface is put back onto it at rest, unless its contact is
-    penetration-limited. `state.settle_timer` of a particle slower than `settle_speed` [m/s] on the
-    ground grows by `dt` [s]; that of any other is reset.
-
-    Returns:
-        Number of particles put back.
-    """
-    return int(
-        _recover_and_time_settling.for_threads(threads)(
-            ground.surface, ground.frame, dt, settle_speed, rows, contacts, state.position,
-            state.velocity, state.radius, state.penetration_limited, state.settle_timer,
-        )
-    )  # fmt: skip
-
-
 @kernel(forceinline=True)
-def _max_limited_overlap(params):  # type: ignore[no-untyped-def]
+def max_limited_overlap(params):  # type: ignore[no-untyped-def]
     """Return the overlap [m] above which the spring force of a limited contact is constant."""
     return _MAX_LIMITED_ACCELERATION / np.float64(params.normal_stiffness)
 
 
 @kernel
-def _height(surface, frame, x, y):  # type: ignore[no-untyped-def]
+def terrain_height(surface, frame, x, y):  # type: ignore[no-untyped-def]
     """Return the terrain height [m] at (x, y)."""
     x_first, y_first, inverse_cell = frame
     return surface_at(surface, x_first, y_first, inverse_cell, x, y)[0]
@@ -211,6 +170,14 @@ def _list_contacts(  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _fit_slopes(surface, frame, x, y, r):  # type: ignore[no-untyped-def]
+    """Return the mean slopes of the terrain along x and y across 2 r [m] about (x, y)."""
+    rise_x = terrain_height(surface, frame, x + r, y) - terrain_height(surface, frame, x - r, y)
+    rise_y = terrain_height(surface, frame, x, y + r) - terrain_height(surface, frame, x, y - r)
+    return rise_x / (2 * r), rise_y / (2 * r)
+
+
+@kernel
 def _fit_planes(  # type: ignore[no-untyped-def]
     surface, frame, dt, params, rows, ground_masked, near_tool, particles, row, plane,
 ):  # fmt: skip
@@ -218,7 +185,7 @@ def _fit_planes(  # type: ignore[no-untyped-def]
     position, velocity, spring = particles.position, particles.velocity, particles.spring
     penetration_limited = particles.penetration_limited
     x_first, y_first, inverse_cell = frame
-    max_limited_overlap = _max_limited_overlap(params)
+    limited_overlap = max_limited_overlap(params)
     count = 0
     for k in range(rows.size):
         if ground_masked[k]:
@@ -234,16 +201,15 @@ def _fit_planes(  # type: ignore[no-untyped-def]
         above = z - height
         inverse_nz = np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
         if above > max(_CLIFF_CLEARANCE * r, reach) and above > reach * inverse_nz:
-            _reset_spring(spring, i)
+            reset_spring(spring, i)
             continue
-        slope_x = (_height(surface, frame, x + r, y) - _height(surface, frame, x - r, y)) / (2 * r)
-        slope_y = (_height(surface, frame, x, y + r) - _height(surface, frame, x, y - r)) / (2 * r)
+        slope_x, slope_y = _fit_slopes(surface, frame, x, y, r)
         nz = 1.0 / np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
         if above * nz > reach:
-            _reset_spring(spring, i)
+            reset_spring(spring, i)
             continue
         overlap = particles.contact_radius[i] - above * nz
-        penetration_limited[i] = near_tool[k] or (was_limited and overlap > max_limited_overlap)
+        penetration_limited[i] = near_tool[k] or (was_limited and overlap > limited_overlap)
         nx, ny = -slope_x * nz, -slope_y * nz
         row[count] = i
         store_row(plane, count, PLANE_NORMAL, (nx, ny, nz))
@@ -253,111 +219,7 @@ def _fit_planes(  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def _reset_spring(spring, i):  # type: ignore[no-untyped-def]
+def reset_spring(spring, i):  # type: ignore[no-untyped-def]
+    """Set the tangential spring of particle `i` to zero."""
     spring[i, 0] = spring[i, 1] = spring[i, 2] = np.float32(0.0)
 
-
-@kernel
-def ground_forces(  # type: ignore[no-untyped-def]
-    low, high, contacts, particles, body, force_sums, params, friction, rolling_friction
-):
-    """Add the forces of ground contacts `low` to `high` - 1 to the sums of their particles.
-
-    Args:
-        contacts: `GroundContacts`.
-        particles: `GroundParticles`, with positions at the start of the step; springs are updated.
-        body, force_sums: see `body_records`.
-        params: `ContactParameters`.
-        friction, rolling_friction: coefficients at the ground.
-    """
-    plane, spring = contacts.plane, particles.spring
-    max_limited_overlap = _max_limited_overlap(params)
-    for c in range(low, high):
-        i = contacts.row[c]
-        normal = load_row(plane, c, PLANE_NORMAL)
-        centre = add(load_row(particles.position, i, 0), load_row(body, i, DISPLACEMENT))
-        contact_radius = np.float64(body[i, CONTACT_RADIUS])
-        # The overlap is limited to one radius: deeper ones are for `recover_and_time_settling`.
-        overlap = min(contact_radius - signed_distance(plane[c], *centre), contact_radius)
-        if overlap <= 0.0:
-            _reset_spring(spring, i)
-            continue
-        if particles.penetration_limited[i]:
-            overlap = min(overlap, max_limited_overlap)
-        surface_velocity = cross(load_row(body, i, SURFACE_VELOCITY), normal)
-        contact_velocity = subtract(load_row(body, i, VELOCITY), surface_velocity)
-        normal_force, friction_force, elongation = contact_force(
-            params, friction, overlap, normal, contact_velocity, load_row(spring, i, 0)
-        )
-        store_row(spring, i, 0, elongation)
-        mass = particles.mass[i]
-        force = scale(add(scale(normal, normal_force), friction_force), mass)
-        torque_over_radius = scale(cross(friction_force, normal), mass)
-        store_row(force_sums, i, FORCE, add(load_row(force_sums, i, FORCE), force))
-        force_sums[i, ROLLING_LIMIT] += mass * normal_force * rolling_friction
-        store_row(
-            force_sums, i, TORQUE_OVER_RADIUS,
-            add(load_row(force_sums, i, TORQUE_OVER_RADIUS), torque_over_radius),
-        )  # fmt: skip
-
-
-@threaded_kernel
-def _recover_and_time_settling(  # type: ignore[no-untyped-def]
-    surface, frame, dt, settle_speed, rows, contacts, position, velocity, radius,
-    penetration_limited, settle_timer,
-):  # fmt: skip
-    """See `recover_and_time_settling`; `position` ... `settle_timer` are columns of the state."""
-    row, plane = contacts.row, contacts.plane
-    num_recovered = np.zeros(NUM_CHUNKS, np.int64)
-    for c in prange(NUM_CHUNKS):
-        _advance_settle_timers(dt, settle_speed, row_chunk(rows, c), velocity, settle_timer)
-    for c in prange(NUM_CHUNKS):
-        num_recovered[c] = _recover_chunk(
-            surface, frame, row_chunk(row, c), plane[c * row.size // NUM_CHUNKS :], position,
-            velocity, radius, penetration_limited, settle_timer,
-        )  # fmt: skip
-    # Timers of slow particles that are not on the ground are still negative.
-    for c in prange(NUM_CHUNKS):
-        _clear_airborne_timers(row_chunk(rows, c), settle_timer)
-    return num_recovered.sum()
-
-
-@kernel
-def _advance_settle_timers(dt, settle_speed, rows, velocity, settle_timer):  # type: ignore[no-untyped-def]
-    """Advance the timers of slow particles, negated until the particle is found on the ground."""
-    for i in rows:
-        speed2 = dot(load_row(velocity, i, 0), load_row(velocity, i, 0))
-        settle_timer[i] = -settle_timer[i] - np.float32(dt) if speed2 < settle_speed**2 else 0.0
-
-
-@kernel
-def _clear_airborne_timers(rows, settle_timer):  # type: ignore[no-untyped-def]
-    for i in rows:
-        settle_timer[i] = max(settle_timer[i], np.float32(0.0))
-
-
-@kernel
-def _recover_chunk(  # type: ignore[no-untyped-def]
-    surface, frame, row, plane, position, velocity, radius, penetration_limited, settle_timer
-):
-    """Put back the listed particles that sank, and keep the timers of those on the ground.
-
-    Returns:
-        Number of particles put back.
-    """
-    num_recovered = 0
-    for c in range(row.size):
-        i = row[c]
-        r = np.float64(radius[i])
-        x, y, z = load_row(position, i, 0)
-        height = _height(surface, frame, x, y)
-        nz = plane[c, PLANE_NORMAL + 2]
-        distance = (z - height) * nz
-        if distance < -r and not penetration_limited[i]:
-            position[i, 2] = height + r / nz
-            store_row(velocity, i, 0, (0.0, 0.0, 0.0))
-            num_recovered += 1
-            distance = r
-        if distance <= _SETTLED_DISTANCE * r:
-            settle_timer[i] = -settle_timer[i]
-    return num_recovered

@@ -1,323 +1,244 @@
-"""Who is near whom: pairs found cell by cell, and their contact history carried over.
+"""Search for neighbouring pairs, cell by cell.
 
-Chunks of the cells are worked at side by side; the list comes out in the order of cells, however
-many threads there are.
+Chunks of the cells are searched in parallel. The list is in the order of cells, whatever the number
+of threads.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import prange
+from numpy.typing import NDArray
 
+from machine_sim.dem.neighbours.neighbourhood import (
+    REACH,
+    WORD,
+    allocate_neighbourhood,
+    list_all_pairs,
+    list_later_pairs,
+    mark_neighbours,
+)
 from machine_sim.dem.partition import NUM_CHUNKS
 from msg_bridge.kernels import kernel, threaded_kernel
 
-__all__ = ["BOTH_ASLEEP", "find_pairs"]
+__all__ = ["SearchParticles", "find_pairs"]
 
-BOTH_ASLEEP = 2
-"""Mark in `touching` of an old pair that touches and is listed no more, as both rest."""
+_NUM_STRIPS = 5
+"""Strips of three cells along z: half of the 27 cells about a cell, in the order of cells; those of
+the other half follow."""
+
+
+class SearchParticles(NamedTuple):
+    """Data of all particles for the search, by row.
+
+    Attributes:
+        position: centres [m], shape (n, 3).
+        reach: predicted contact radius plus skin width [m], shape (n,).
+        active: whether each particle moves by forces; two that do not are no pair.
+    """
+
+    position: NDArray[np.float64]
+    reach: NDArray[np.float64]
+    active: NDArray[np.bool_]
 
 
 @threaded_kernel
-def find_pairs(  # type: ignore[no-untyped-def]
-    order, start, cells, shape, fast_outliers, active, sparse, position, predicted_radii,
-    skin_widths, old_row,
-    old_first, old_second, old_touching, old_spring, old_count,
-    first, second, contact_flag, spring, begin, end, slabs,
-):  # fmt: skip
-    """Fill the table with all pairs closer than their sizes and skins together.
+def find_pairs(grid, fast_outliers, sparse, particles, first, second, begin, end, slabs):  # type: ignore[no-untyped-def]
+    """List all pairs closer than the sum of their reaches.
 
     Args:
-        order, start, cells, shape: of `counting_sort_rows`, the strays not among them.
-        strays: rows too fast for the cells: each is compared with all others, and their pairs come
-            last.
-        live: which rows move by forces.
-        few: whether these are few: then only their cells are looked at, and all around them.
-        position, sizes, skins: of the particles, by row; see `neighbours`.
-        old_row: row of each in the old table, -1 if it has none.
-        old_*: the old table. Pairs that `RESTS` are marked in it, their rows made the present ones.
-        slabs: out, the first pair of each layer of cells along y, and the end.
-        The rest: the new table.
+        grid: `CellGrid` of the particles without the fast outliers.
+        fast_outliers: rows too fast for the cells: each is compared with all other particles, and
+            their pairs come last.
+        sparse: whether active particles are few: then only their cells are searched, and the cells
+            on all sides of them.
+        particles: `SearchParticles`.
+        first, second, begin, end: out, arrays of the new `PairTable`.
+        slabs: out, first pair of each layer of cells along y, and the end.
 
     Returns:
-        Number of pairs, or -1 where the table is too small; and how many old ones are so marked.
+        Number of pairs, or -1 where the table is too small.
     """
-    n = order.size
-    at, is_active = np.empty((4, n), np.float32), np.empty(n, np.uint8)
+    order, n = grid.order, grid.order.size
+    packed, is_active = np.empty((4, n), np.float32), np.empty(n, np.uint8)
     for c in prange(NUM_CHUNKS):
-        _gather_sorted(
-            c * n // NUM_CHUNKS,
-            (c + 1) * n // NUM_CHUNKS,
-            order,
-            position,
-            predicted_radii,
-            skin_widths,
-            active,
-            at,
-            is_active,
+        _pack_sorted(
+            c * n // NUM_CHUNKS, (c + 1) * n // NUM_CHUNKS, order, particles, packed, is_active
         )
-    # Each chunk of the cells fills a stretch of the table; then the stretches are put together.
-    found, room = np.zeros(NUM_CHUNKS, np.int64), first.size // NUM_CHUNKS
+    # Each chunk of the cells fills a section of the table; then the sections are joined.
+    num_found, capacity = np.zeros(NUM_CHUNKS, np.int64), first.size // NUM_CHUNKS
     for c in prange(NUM_CHUNKS):
-        low, high = _chunk_start(c, cells, start), _chunk_start(c + 1, cells, start)
-        found[c] = _find_chunk_pairs(
-            low, high, order, start, cells, shape, sparse, at, is_active,
-            first[c * room : (c + 1) * room], second[c * room : (c + 1) * room], begin, end,
+        low, high = _chunk_start(c, grid), _chunk_start(c + 1, grid)
+        num_found[c] = _find_chunk_pairs(
+            low, high, grid, sparse, packed, is_active, first[c * capacity : (c + 1) * capacity],
+            second[c * capacity : (c + 1) * capacity], begin, end,
         )  # fmt: skip
-    if found.min() < 0:
-        return -1, 0
-    count = np.int64(0)  # typed, or what it is given to is compiled once more for this 0
+    if num_found.min() < 0:
+        return -1
+    # The 0 is typed, or the functions it is passed to are compiled once more for its literal.
+    count = np.int64(0)
     for c in range(NUM_CHUNKS):
-        mine = order[_chunk_start(c, cells, start) : _chunk_start(c + 1, cells, start)]
-        _compact_chunk(c * room, found[c], count, mine, first, second, begin, end)
-        count += found[c]
-    nx, ny, nz = shape
+        rows = order[_chunk_start(c, grid) : _chunk_start(c + 1, grid)]
+        _move_section(c * capacity, num_found[c], count, rows, first, second, begin, end)
+        count += num_found[c]
+    nx, ny, nz = grid.shape
     for slab in range(ny):
-        a = start[slab * nx * nz]
-        slabs[slab] = begin[order[a]] if a < n else count
-    count = _find_outlier_pairs(
-        fast_outliers,
-        active,
-        position,
-        predicted_radii,
-        skin_widths,
-        first,
-        second,
-        begin,
-        end,
-        count,
-    )
-    if count < 0:
-        return -1, 0
+        place = grid.start[slab * nx * nz]
+        slabs[slab] = begin[order[place]] if place < n else count
+    count = _find_outlier_pairs(fast_outliers, particles, first, second, begin, end, count)
     slabs[ny] = count
-    new_row = np.full(old_row.max() + 1, -1, np.int32)
-    for i in range(old_row.size):
-        if old_row[i] >= 0:
-            new_row[old_row[i]] = i
-    for c in prange(NUM_CHUNKS):
-        contact_flag[c * count // NUM_CHUNKS : (c + 1) * count // NUM_CHUNKS] = 0
-    rest = np.zeros(NUM_CHUNKS, np.int64)
-    for c in prange(NUM_CHUNKS):
-        rest[c] = _transfer_history(
-            c * old_count // NUM_CHUNKS, (c + 1) * old_count // NUM_CHUNKS, new_row,
-            active, old_first,
-            old_second, old_touching, old_spring, second, begin, end, contact_flag, spring,
-        )  # fmt: skip
-    return count, rest.sum()
-
-
-@kernel
-def _gather_sorted(low, high, order, position, predicted_radii, skin_widths, active, at, is_active):  # type: ignore[no-untyped-def]
-    """Places, sizes and who is live in the order of cells.
-
-    float32 relative to a particle in the middle: near enough for a list with a skin.
-    """
-    middle = order[order.size // 2]
-    for a in range(low, high):
-        i = order[a]
-        for axis in range(3):
-            at[axis, a] = position[i, axis] - position[middle, axis]
-        at[3, a], is_active[a] = predicted_radii[i] + skin_widths[i], active[i]
-
-
-@kernel
-def _chunk_start(c, cells, start):  # type: ignore[no-untyped-def]
-    """First place of chunk `c`, that of a cell."""
-    a = c * cells.size // NUM_CHUNKS
-    return start[cells[a]] if a < cells.size else cells.size
-
-
-@kernel
-def _compact_chunk(begins, found, to, rows, first, second, begin, end):  # type: ignore[no-untyped-def]
-    """Move what was found in a stretch of the table down to where it belongs."""
-    if begins > to:
-        for k in range(found):
-            first[to + k] = first[begins + k]
-            second[to + k] = second[begins + k]
-    for i in rows:
-        begin[i] += to
-        end[i] += to
-
-
-@kernel
-def _mark_neighbours(around, is_active, own, others, mark):  # type: ignore[no-untyped-def]
-    """Mark which of those around (x, y, z, size by row of `around`) are near number `own`.
-
-    Two that are not `lively` are not. Marks up to a whole number of eight are written.
-    """
-    xa, ya, za, sa = around[0, own], around[1, own], around[2, own], around[3, own]
-    xs, ys, zs, predicted_radii, alive = around[0], around[1], around[2], around[3], is_active[own]
-    for m in range(np.uint64(others)):
-        dx, dy, dz, near = xs[m] - xa, ys[m] - ya, zs[m] - za, predicted_radii[m] + sa
-        mark[m] = np.uint8(dx * dx + dy * dy + dz * dz < near * near) & (alive | is_active[m])
-    for m in range(others, (others + 7) // 8 * 8):
-        mark[m] = np.uint8(0)
-
-
-@kernel
-def _find_chunk_pairs(  # type: ignore[no-untyped-def]
-    begins, ends, order, start, cells, shape, sparse, at, is_active_at, first, second, begin, end
-):
-    """List the pairs of the cells at the places from `begins` to `ends`; -1 for want of room."""
-    nx, _, nz = shape
-    x, y, z, size = at[0], at[1], at[2], at[3]
-    strips = 10 if sparse else 5
-    low, high = np.zeros(10, np.int64), np.zeros(10, np.int64)
-    around = np.empty((4, 512), np.float32)
-    row = np.empty(512, np.uint32)
-    is_active, mark = np.empty(512, np.uint8), np.zeros(520, np.uint8)
-    marked = np.empty(mark.size // 8, np.int64)
-    count, a = 0, begins
-    while a < ends:
-        # All of one cell have the same others around: half of the 27 cells, in 5 strips along z,
-        # or all of them in 10.
-        c = cells[a]
-        end_of_cell = start[c + 1]
-        awake = not sparse
-        for b in range(a, end_of_cell):
-            awake |= is_active_at[b] != 0
-        if not awake:
-            for b in range(a, end_of_cell):
-                begin[order[b]] = end[order[b]] = count
-            a = end_of_cell
-            continue
-        low[0], high[0] = a, start[c + 2]
-        low[5], high[5] = start[c - 1], a
-        others = high[0] - low[0]
-        for strip in range(1, strips):
-            if strip != 5:
-                half = strip % 5
-                way = nz if half == 1 else (nx + half - 3) * nz
-                middle = c + way if strip < 5 else c - way
-                low[strip], high[strip] = start[middle - 1], start[middle + 2]
-            others += high[strip] - low[strip] if strip != 5 else high[5] - low[5]
-        if others > row.size:
-            around = np.empty((4, 2 * others), np.float32)
-            row = np.empty(2 * others, np.uint32)
-            is_active, mark = np.empty(2 * others, np.uint8), np.zeros(2 * others + 8, np.uint8)
-            marked = np.empty(mark.size // 8, np.int64)
-        if count + (end_of_cell - a) * others > first.size:
-            return -1
-        m, after = 0, 0
-        for strip in range(strips):
-            if strip == 5:
-                after = m  # here begin those that come before this cell in the order
-            for b in range(low[strip], high[strip]):
-                around[0, m], around[1, m], around[2, m] = x[b], y[b], z[b]
-                around[3, m] = size[b]
-                row[m], is_active[m] = order[b], is_active_at[b]
-                m += 1
-        words = mark[: mark.size // 8 * 8].view(np.uint64)
-        for own in range(end_of_cell - a):
-            i = row[own]
-            begin[i] = count
-            if sparse and not is_active[own]:
-                end[i] = count
-                continue
-            _mark_neighbours(around, is_active, own, others, mark)
-            # Few are near: eight marks are passed over at a time, and which without branches.
-            some = 0
-            for word in range(0 if sparse else own // 8, (others + 7) // 8):
-                marked[some] = word
-                some += words[word] != 0
-            for n in range(some):
-                word = marked[n]
-                if not sparse:
-                    for m in range(max(8 * word, own + 1), 8 * word + 8):
-                        first[count] = i
-                        second[count] = row[min(m, others - 1)]
-                        count += np.int64(mark[m])
-                else:
-                    for m in range(8 * word, min(8 * word + 8, others)):
-                        # Each pair once: of two that are live by the one that comes first.
-                        before = m < own or m >= after
-                        if mark[m] == 0 or m == own or (is_active[m] and before):
-                            continue
-                        first[count] = i
-                        second[count] = row[m]
-                        count += 1
-            end[i] = count
-        a = end_of_cell
     return count
 
 
 @kernel
-def _find_outlier_pairs(  # type: ignore[no-untyped-def]
-    fast_outliers, active, position, predicted_radii, skin_widths, first, second, begin, end, count
-):
-    """List the pairs of strays from number `count` on; the end, or -1 for want of room."""
-    n = active.size
+def _pack_sorted(low, high, order, particles, packed, is_active):  # type: ignore[no-untyped-def]
+    """Copy positions, reaches and activity in the order of cells.
+
+    Positions are in float32 relative to a particle in the middle, which is accurate enough for a
+    list with a skin.
+    """
+    position, middle = particles.position, order[order.size // 2]
+    for place in range(low, high):
+        i = order[place]
+        for axis in range(3):
+            packed[axis, place] = position[i, axis] - position[middle, axis]
+        packed[REACH, place], is_active[place] = particles.reach[i], particles.active[i]
+
+
+@kernel
+def _chunk_start(c, grid):  # type: ignore[no-untyped-def]
+    """Return the first place of chunk `c`, which is the first of a cell."""
+    place = c * grid.cell.size // NUM_CHUNKS
+    return grid.start[grid.cell[place]] if place < grid.cell.size else grid.cell.size
+
+
+@kernel
+def _move_section(source, count, target, rows, first, second, begin, end):  # type: ignore[no-untyped-def]
+    """Move a section of the table to its final position, and shift the ranges of its rows."""
+    if source > target:
+        for k in range(count):
+            first[target + k] = first[source + k]
+            second[target + k] = second[source + k]
+    for i in rows:
+        begin[i] += target
+        end[i] += target
+
+
+@kernel
+def _find_chunk_pairs(low, high, grid, sparse, packed, is_active, first, second, begin, end):  # type: ignore[no-untyped-def]
+    """List the pairs of the cells at places `low` to `high` - 1.
+
+    All particles of a cell have the same neighbourhood: half of the 27 cells, or all of them where
+    active particles are few.
+
+    Returns:
+        Number of pairs, or -1 where the section of the table is too small.
+    """
+    strip_low, strip_high = np.zeros(2 * _NUM_STRIPS, np.int64), np.zeros(2 * _NUM_STRIPS, np.int64)
+    around = allocate_neighbourhood(512)
+    count, place = 0, low
+    while place < high:
+        c = grid.cell[place]
+        end_of_cell = grid.start[c + 1]
+        if sparse and not is_active[place:end_of_cell].any():
+            for k in range(place, end_of_cell):
+                begin[grid.order[k]] = end[grid.order[k]] = count
+            place = end_of_cell
+            continue
+        size = _find_strips(c, place, grid, sparse, strip_low, strip_high)
+        if size > around.row.size:
+            around = allocate_neighbourhood(2 * size)
+        if count + (end_of_cell - place) * size > first.size:
+            return -1
+        num_after = _gather(strip_low, strip_high, sparse, grid.order, packed, is_active, around)
+        for own in range(end_of_cell - place):
+            i = around.row[own]
+            begin[i] = count
+            if not sparse:
+                count = list_later_pairs(own, size, around, first, second, count)
+            elif around.is_active[own]:
+                count = list_all_pairs(own, size, num_after, around, first, second, count)
+            end[i] = count
+        place = end_of_cell
+    return count
+
+
+@kernel
+def _find_strips(c, place, grid, sparse, low, high):  # type: ignore[no-untyped-def]
+    """Find the places of the particles about cell `c`, in strips along z.
+
+    Strips 0 to 4 are the cell itself and those after it in the order of cells; strips 5 to 9, used
+    only if `sparse`, are those before it.
+
+    Returns:
+        Number of particles in the strips.
+    """
+    start, nx, nz = grid.start, grid.shape[0], grid.shape[2]
+    low[0], high[0] = place, start[c + 2]
+    low[_NUM_STRIPS], high[_NUM_STRIPS] = start[c - 1], place
+    for half in range(1, _NUM_STRIPS):
+        offset = nz if half == 1 else (nx + half - 3) * nz
+        low[half], high[half] = start[c + offset - 1], start[c + offset + 2]
+        low[_NUM_STRIPS + half] = start[c - offset - 1]
+        high[_NUM_STRIPS + half] = start[c - offset + 2]
+    size = 0
+    for strip in range(2 * _NUM_STRIPS if sparse else _NUM_STRIPS):
+        size += high[strip] - low[strip]
+    return size
+
+
+@kernel
+def _gather(low, high, sparse, order, packed, is_active, around):  # type: ignore[no-untyped-def]
+    """Copy the particles of the strips into a neighbourhood, those of the cell itself first.
+
+    Returns:
+        Number of particles in the strips that are not before the cell in the order.
+    """
+    m, num_after = 0, 0
+    for strip in range(2 * _NUM_STRIPS if sparse else _NUM_STRIPS):
+        if strip == _NUM_STRIPS:
+            num_after = m
+        for place in range(low[strip], high[strip]):
+            for quantity in range(4):
+                around.packed[quantity, m] = packed[quantity, place]
+            around.row[m], around.is_active[m] = order[place], is_active[place]
+            m += 1
+    return num_after
+
+
+@kernel
+def _find_outlier_pairs(fast_outliers, particles, first, second, begin, end, count):  # type: ignore[no-untyped-def]
+    """List the pairs of fast outliers after the `count` pairs in the table.
+
+    Returns:
+        Number of pairs in the table, or -1 where it is too small.
+    """
+    position, n = particles.position, particles.active.size
     if fast_outliers.size == 0:
         return count
-    around, is_active = np.empty((4, n), np.float32), np.empty(n, np.uint8)
+    packed, is_active = np.empty((4, n), np.float32), np.empty(n, np.uint8)
     for j in range(n):
         for axis in range(3):
-            around[axis, j] = position[j, axis] - position[fast_outliers[0], axis]
-        around[3, j], is_active[j] = predicted_radii[j] + skin_widths[j], active[j]
-    mark, stray = np.zeros((n + 7) // 8 * 8, np.uint8), np.zeros(n, np.bool_)
-    words = mark.view(np.uint64)
+            packed[axis, j] = position[j, axis] - position[fast_outliers[0], axis]
+        packed[REACH, j], is_active[j] = particles.reach[j], particles.active[j]
+    mark = np.zeros((n + WORD - 1) // WORD * WORD, np.uint8)
+    words, is_listed = mark.view(np.uint64), np.zeros(n, np.bool_)
     for i in fast_outliers:
         if count + n > first.size:
             return -1
-        _mark_neighbours(around, is_active, i, n, mark)
-        # Each pair once: of two strays by the one that comes first.
-        stray[i] = True
+        mark_neighbours(packed, is_active, i, n, mark)
+        # Each pair is listed once: a pair of two outliers by the first of them.
+        is_listed[i] = True
         begin[i] = count
         for word in range(words.size):
             if words[word] == 0:
                 continue
-            for j in range(8 * word, 8 * word + 8):
-                if mark[j] and not stray[j]:
+            for j in range(WORD * word, WORD * word + WORD):
+                if mark[j] and not is_listed[j]:
                     first[count] = i
                     second[count] = j
                     count += 1
         end[i] = count
     return count
-
-
-@kernel
-def _transfer_history(  # type: ignore[no-untyped-def]
-    low, high, new_row, active, old_first, old_second, old_touching, old_spring, second, begin, end,
-    contact_flag, spring,
-):  # fmt: skip
-    """Carry history from the old table to the new: of the old pairs those that touch have one.
-
-    Returns:
-        How many are marked as both at rest.
-    """
-    # Who has a history is looked for without branches: no processor guesses which pairs touch.
-    listed, count = np.empty(high - low, np.int64), 0
-    for m in range(low, high):
-        listed[count] = m
-        count += old_touching[m] != 0
-    rest = 0
-    for m in listed[:count]:
-        # Rows that were listed last before others were taken away may be beyond the end.
-        i = new_row[old_first[m]] if old_first[m] < new_row.size else -1
-        j = new_row[old_second[m]] if old_second[m] < new_row.size else -1
-        if i < 0 or j < 0:
-            continue
-        if not (active[i] or active[j]):
-            old_touching[m] = BOTH_ASLEEP
-            old_first[m], old_second[m] = i, j
-            rest += 1
-            continue
-        sign = np.float32(1.0)
-        k = _find(second, begin[i], end[i], j)
-        if k < 0:
-            k = _find(second, begin[j], end[j], i)
-            sign = np.float32(-1.0)
-        if k >= 0:
-            contact_flag[k] = 1
-            for axis in range(3):
-                spring[k, axis] = sign * old_spring[m, axis]
-    return rest
-
-
-@kernel
-def _find(second, low, high, row):  # type: ignore[no-untyped-def]
-    """Place of `row` in second[low:high], -1 if it is not there."""
-    for k in range(low, high):
-        if second[k] == row:
-            return k
-    return -1

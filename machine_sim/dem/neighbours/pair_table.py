@@ -24,8 +24,9 @@ class PairTable:
 
     Attributes:
         first, second: rows of the particles of each pair, uint32, shape (capacity,).
-        contact_flag: 1 for a pair in contact, whose `spring` is valid; `pair_search.BOTH_ASLEEP`
-            for one that is no longer listed; else 0; uint8, shape (capacity,).
+        contact_flag: 1 for a pair in contact, whose `spring` is valid; else 0; or
+            `history_transfer.BOTH_ASLEEP` for one that is no longer listed; uint8, shape
+            (capacity,).
         spring: elongation of the tangential spring, map axes [m], float32, shape (capacity, 3).
         begin, end: range of the pairs whose `first` is a given row, int64, shape (rows,).
         bounds: first pair of each part of the list and the end, see `partition.partition_pairs`.

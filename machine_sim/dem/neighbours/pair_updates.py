@@ -1,98 +1,89 @@
-"""A pair list that stays good while a few particles come and go, without being made anew.
+"""Insertion and removal of particles in a pair list, without a rebuild.
 
-Where soil is cut and lands some come and go in every tick. Pairs of those that go are taken out.
-Those that come are compared with all others, at the places where these were when they were listed:
-a list holds as long as nobody has left the common motion *since then* by more than its skin, and
-that must hold for pairs of new and old, too.
+Where soil is cut and lands, particles are added and removed in every tick. The pairs of removed
+particles are deleted. An added particle is compared with all others at the positions where these
+were listed: a list is valid as long as no particle has left the common motion *since it was listed*
+by more than its skin, and that must hold for pairs of an added particle and an older one, too.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from machine_sim.dem.vec3 import dot, load_row, subtract
 from msg_bridge.kernels import kernel
 
 __all__ = ["insert_rows", "mean_displacement", "remove_pairs"]
 
 
 @kernel
-def remove_pairs(kept, num_listed, first, second, contact_flag, spring, num_pairs):  # type: ignore[no-untyped-def]
-    """Take out the pairs of rows that are gone, and number the others anew.
+def remove_pairs(kept, num_listed, pairs, num_pairs):  # type: ignore[no-untyped-def]
+    """Delete the pairs of removed rows, and renumber the rows of the others.
 
     Args:
-        kept: rows that are left, ascending, in old numbers.
-        listed: how many rows there were.
-        first, second, touching, spring: of the pair table; updated.
-        pairs: how many.
+        kept: previous numbers of the rows that are left, ascending.
+        num_listed: previous number of rows.
+        pairs: `PairArrays`; updated.
+        num_pairs: previous number of pairs.
 
     Returns:
-        How many are left.
+        Number of pairs.
     """
     new_row = np.full(num_listed, -1, np.int64)
     for k in range(kept.size):
         new_row[kept[k]] = k
     count = 0
     for k in range(num_pairs):
-        i, j = new_row[first[k]], new_row[second[k]]
+        i, j = new_row[pairs.first[k]], new_row[pairs.second[k]]
         if i < 0 or j < 0:
             continue
-        first[count], second[count], contact_flag[count] = i, j, contact_flag[k]
+        pairs.first[count], pairs.second[count] = i, j
+        pairs.contact_flag[count] = pairs.contact_flag[k]
         for axis in range(3):
-            spring[count, axis] = spring[k, axis]
+            pairs.spring[count, axis] = pairs.spring[k, axis]
         count += 1
     return count
 
 
 @kernel
-def mean_displacement(rows, position, origin):  # type: ignore[no-untyped-def]
-    """Mean way [m] of some rows since they were listed, shape (3,)."""
+def mean_displacement(rows, position, listed_position):  # type: ignore[no-untyped-def]
+    """Return the mean displacement [m] of some rows since they were listed, shape (3,)."""
     displacement = np.zeros(3)
     for i in rows:
         for axis in range(3):
-            displacement[axis] += position[i, axis] - origin[i, axis]
+            displacement[axis] += position[i, axis] - listed_position[i, axis]
     return displacement / rows.size
 
 
 @kernel
-def insert_rows(  # type: ignore[no-untyped-def]
-    num_listed,
-    active,
-    origin,
-    predicted_radii,
-    skin_widths,
-    first,
-    second,
-    contact_flag,
-    spring,
-    num_pairs,
-):
-    """List the pairs of the rows from `listed` on behind the others.
+def insert_rows(num_listed, particles, pairs, num_pairs):  # type: ignore[no-untyped-def]
+    """Append the pairs of the rows from `num_listed` on.
 
     Args:
-        listed: rows that are in the table already.
-        live: which rows move by forces; two that do not are no pair.
-        origin: where all were when they were listed [m]; for new ones where they would have been.
-        sizes, skins: of all [m].
-        first, second, touching, spring: of the pair table; updated.
-        pairs: how many there are.
+        num_listed: number of rows in the table already.
+        particles: `SearchParticles` with the positions at which they were listed; for an added
+            particle that at which it would have been.
+        pairs: `PairArrays`; updated.
+        num_pairs: number of pairs in the table already.
 
     Returns:
-        How many there are now, or -1 where the table is too small.
+        Number of pairs, or -1 where the table is too small.
     """
-    near = np.empty(active.size, np.bool_)
+    position, reach, active = particles.position, particles.reach, particles.active
+    is_near = np.empty(active.size, np.bool_)
     for i in range(num_listed, active.size):
-        x, y, z = origin[i, 0], origin[i, 1], origin[i, 2]
-        size = predicted_radii[i] + skin_widths[i]
+        centre, own_reach = load_row(position, i, 0), reach[i]
         for j in range(np.uint64(i)):
-            dx, dy, dz = origin[j, 0] - x, origin[j, 1] - y, origin[j, 2] - z
-            reach = size + predicted_radii[j] + skin_widths[j]
-            near[j] = dx * dx + dy * dy + dz * dz < reach * reach
-        if num_pairs + i > first.size:
+            separation = subtract(load_row(position, j, 0), centre)
+            max_distance = own_reach + reach[j]
+            is_near[j] = dot(separation, separation) < max_distance * max_distance
+        if num_pairs + i > pairs.first.size:
             return -1
         for j in range(i):
-            if near[j] and (active[i] or active[j]):
-                first[num_pairs], second[num_pairs], contact_flag[num_pairs] = i, j, 0
+            if is_near[j] and (active[i] or active[j]):
+                pairs.first[num_pairs], pairs.second[num_pairs] = i, j
+                pairs.contact_flag[num_pairs] = 0
                 for axis in range(3):
-                    spring[num_pairs, axis] = 0.0
+                    pairs.spring[num_pairs, axis] = 0.0
                 num_pairs += 1
     return num_pairs

@@ -1,152 +1,202 @@
-"""Skins and sizes: how far a pair list looks ahead of each particle, and when that is used up."""
+"""Skin widths and predicted radii: how far ahead a pair list searches, and when it expires."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import prange
+from numpy.typing import NDArray
 
 from machine_sim.dem.partition import NUM_CHUNKS, row_chunk
+from machine_sim.dem.vec3 import add, dot, load_row, scale, subtract
 from msg_bridge.kernels import kernel, threaded_kernel
 
 __all__ = [
     "ACCELERATION_MARGIN",
     "LIST_LIFETIME_STEPS",
+    "GrowthPrediction",
+    "ListedParticles",
     "any_skin_exceeded",
     "compute_skin_widths",
     "predict_contact_radii",
 ]
 
 LIST_LIFETIME_STEPS = 5.0
-"""For how many steps a list should hold where particles move."""
+"""Number of steps that a list should be valid for while particles move."""
 ACCELERATION_MARGIN = 1.3
-"""Room for acceleration: how far ahead a particle is looked for, over how far it comes."""
+"""Skin width over the distance travelled at constant velocity: a margin for acceleration."""
+
+
+class ListedParticles(NamedTuple):
+    """What a pair list assumed of its particles when it was made, by row.
+
+    Attributes:
+        position: centres at that time [m], shape (n, 3).
+        skin_width: displacement relative to the mean that the list allows for [m], shape (n,).
+        predicted_radius: contact radius that the list allows for [m], shape (n,).
+    """
+
+    position: NDArray[np.float64]
+    skin_width: NDArray[np.float64]
+    predicted_radius: NDArray[np.float64]
+
+
+class GrowthPrediction(NamedTuple):
+    """Bounds of the growth of contact radii.
+
+    Attributes:
+        initial: maximum contact radius of a particle just released, in radii.
+        increase: maximum growth in the time looked ahead, in radii.
+    """
+
+    initial: float
+    increase: float
 
 
 @threaded_kernel
 def any_skin_exceeded(  # type: ignore[no-untyped-def]
-    rows,
-    tracks_all,
-    position,
-    velocity,
-    origin,
-    skin_widths,
-    contact_radius,
-    radius,
-    predicted_radii,
-    start,
-    growth,
-    dt,
+    rows, tracks_all, position, velocity, contact_radius, radius, listed, growth, dt
 ):
-    """Whether one of `rows` may leave its skin or outgrow its size within the next step.
+    """Return whether a particle may leave its skin or outgrow its predicted radius within a step.
 
-    Seen from the mean motion where they are all there are.
+    Args:
+        rows: tracked rows.
+        tracks_all: whether these are all particles: then displacements are relative to their mean.
+        position ... radius: columns of `ParticleState`.
+        listed: `ListedParticles`.
+        growth: `GrowthPrediction` of one step.
+        dt: length of the step [s].
     """
     displacement = np.zeros((NUM_CHUNKS, 3))
     if tracks_all:
         for c in prange(NUM_CHUNKS):
-            _sum_displacements(row_chunk(rows, c), position, velocity, origin, dt, displacement[c])
+            _sum_displacements(
+                row_chunk(rows, c), position, velocity, listed.position, dt, displacement[c]
+            )
     mean = np.zeros(3)
     for c in range(NUM_CHUNKS):
         for axis in range(3):
             mean[axis] += displacement[c, axis] / rows.size
     exceeded = np.zeros(NUM_CHUNKS, np.bool_)
     for c in prange(NUM_CHUNKS):
-        part = row_chunk(rows, c)
+        chunk = row_chunk(rows, c)
         exceeded[c] = _exceeds_skin(
-            part, position, velocity, origin, skin_widths, dt, mean
-        ) or _exceeds_predicted_radius(part, contact_radius, radius, predicted_radii, start, growth)
+            chunk, position, velocity, listed, dt, mean
+        ) or _exceeds_predicted_radius(chunk, contact_radius, radius, listed, growth)
     return exceeded.any()
 
 
 @kernel
-def _sum_displacements(rows, position, velocity, origin, dt, displacement):  # type: ignore[no-untyped-def]
+def _sum_displacements(rows, position, velocity, listed_position, dt, displacement):  # type: ignore[no-untyped-def]
+    """Add up the displacements of some rows at the end of the step [m]."""
     for i in rows:
         for axis in range(3):
-            displacement[axis] += position[i, axis] - origin[i, axis] + dt * velocity[i, axis]
+            displacement[axis] += (
+                position[i, axis] - listed_position[i, axis] + dt * velocity[i, axis]
+            )
 
 
 @kernel
-def _exceeds_skin(rows, position, velocity, origin, skin_widths, dt, mean):  # type: ignore[no-untyped-def]
+def _exceeds_skin(rows, position, velocity, listed, dt, mean):  # type: ignore[no-untyped-def]
+    """Return whether the displacement of a row at the end of the step exceeds its skin width."""
     for i in rows:
-        dx = position[i, 0] - origin[i, 0] + dt * velocity[i, 0] - mean[0]
-        dy = position[i, 1] - origin[i, 1] + dt * velocity[i, 1] - mean[1]
-        dz = position[i, 2] - origin[i, 2] + dt * velocity[i, 2] - mean[2]
-        if dx * dx + dy * dy + dz * dz > skin_widths[i] * skin_widths[i]:
+        displacement = subtract(load_row(position, i, 0), load_row(listed.position, i, 0))
+        displacement = add(displacement, scale(load_row(velocity, i, 0), dt))
+        relative = subtract(displacement, mean)
+        if dot(relative, relative) > listed.skin_width[i] * listed.skin_width[i]:
             return True
     return False
 
 
 @kernel
-def _exceeds_predicted_radius(rows, contact_radius, radius, predicted_radii, start, growth):  # type: ignore[no-untyped-def]
-    found = False
+def _exceeds_predicted_radius(rows, contact_radius, radius, listed, growth):  # type: ignore[no-untyped-def]
+    """Return whether the contact radius of a row may exceed the predicted one."""
+    exceeds = False
     for i in rows:
-        found |= _grown_radius(contact_radius[i], radius[i], start, growth) > predicted_radii[i]
-    return found
+        grown = _grown_radius(contact_radius[i], radius[i], growth)
+        exceeds |= grown > listed.predicted_radius[i]
+    return exceeds
 
 
 @kernel
-def predict_contact_radii(contact_radius, radius, start, growth, predicted_radii):  # type: ignore[no-untyped-def]
-    """Fill `sizes` with what contact radii grow to [m]."""
-    for i in range(predicted_radii.size):
-        predicted_radii[i] = _grown_radius(contact_radius[i], radius[i], start, growth)
+def predict_contact_radii(contact_radius, radius, growth, predicted_radius):  # type: ignore[no-untyped-def]
+    """Fill `predicted_radius` [m] with the contact radii after growth by `GrowthPrediction`."""
+    for i in range(predicted_radius.size):
+        predicted_radius[i] = _grown_radius(contact_radius[i], radius[i], growth)
 
 
 @kernel(forceinline=True)
-def _grown_radius(contact_radius, radius, start, growth):  # type: ignore[no-untyped-def]
-    """Contact radius after growing by `growth` radii; one just released starts at up to `start`."""
-    least = contact_radius if contact_radius > 0.0 else start * radius
-    return min(least + growth * radius, np.float64(radius))
+def _grown_radius(contact_radius, radius, growth):  # type: ignore[no-untyped-def]
+    """Return the maximum contact radius [m] after growth; it is 0 before the first step."""
+    present = contact_radius if contact_radius > 0.0 else growth.initial * radius
+    return min(present + growth.increase * radius, np.float64(radius))
 
 
 @kernel
 def compute_skin_widths(  # type: ignore[no-untyped-def]
-    rows, tracks_all, velocity, dt, base, max_skin_width, max_fast_outliers, skin_widths
+    rows, tracks_all, velocity, dt, base_width, max_width, max_fast_outliers, skin_width
 ):
-    """Fill the `skins` of `rows` [m]: `base`, and the way relative to the mean in some steps.
+    """Compute the skin widths of `rows`: a base and the distance travelled in some steps.
 
-    `STEPS` of them, fewer where more than `most_strays` would go farther than `longest`, but one
-    at least.
+    Distances are relative to the mean motion if all particles are tracked. The number of steps is
+    `LIST_LIFETIME_STEPS`, or fewer where more than `max_fast_outliers` particles would travel
+    farther than `max_width`, but at least one.
+
+    Args:
+        rows: tracked rows.
+        tracks_all: whether these are all particles.
+        velocity: [m/s], shape (n, 3).
+        dt: length of a step [s].
+        base_width: skin width of a particle at rest [m].
+        max_width: maximum distance travelled, but for fast outliers [m].
+        max_fast_outliers: maximum number of fast outliers.
+        skin_width: out, by row [m], shape (n,).
 
     Returns:
-        The longest skin of those that are no strays [m], and the strays.
+        Largest skin width without fast outliers [m], and the rows of these.
     """
-    ux, uy, uz = 0.0, 0.0, 0.0
+    mean = _mean_velocity(rows, velocity) if tracks_all else (0.0, 0.0, 0.0)
+    speed = skin_width
     for i in rows:
-        ux += velocity[i, 0]
-        uy += velocity[i, 1]
-        uz += velocity[i, 2]
-    share = 1.0 / rows.size if tracks_all else 0.0
-    ux, uy, uz = ux * share, uy * share, uz * share
-    for i in rows:
-        dx, dy, dz = velocity[i, 0] - ux, velocity[i, 1] - uy, velocity[i, 2] - uz
-        skin_widths[i] = np.sqrt(dx * dx + dy * dy + dz * dz)
-    step, steps = ACCELERATION_MARGIN * dt, LIST_LIFETIME_STEPS
-    limit = max_skin_width / (step * steps)
-    count = _count_faster(rows, skin_widths, limit)
-    while count > max_fast_outliers and steps > 1.0:
-        steps -= 1.0
-        limit = max_skin_width / (step * steps)
-        count = _count_faster(rows, skin_widths, limit)
+        relative = subtract(load_row(velocity, i, 0), mean)
+        speed[i] = np.sqrt(dot(relative, relative))
+    step, num_steps = ACCELERATION_MARGIN * dt, LIST_LIFETIME_STEPS
+    max_speed = max_width / (step * num_steps)
+    count = _count_faster(rows, speed, max_speed)
+    while count > max_fast_outliers and num_steps > 1.0:
+        num_steps -= 1.0
+        max_speed = max_width / (step * num_steps)
+        count = _count_faster(rows, speed, max_speed)
     if count > max_fast_outliers:
-        limit, count = np.inf, 0
+        max_speed, count = np.inf, 0
     fast_outliers = np.empty(count, np.int64)
     count, fastest = 0, 0.0
     for i in rows:
-        if skin_widths[i] > limit:
+        if speed[i] > max_speed:
             fast_outliers[count] = i
             count += 1
         else:
-            fastest = max(fastest, skin_widths[i])
-    steps = min(max(max_skin_width / max(step * fastest, 1e-12), 1.0), LIST_LIFETIME_STEPS)
+            fastest = max(fastest, speed[i])
+    num_steps = min(max(max_width / max(step * fastest, 1e-12), 1.0), LIST_LIFETIME_STEPS)
     for i in rows:
-        skin_widths[i] = base + step * steps * skin_widths[i]
-    return base + step * steps * fastest, fast_outliers
+        skin_width[i] = base_width + step * num_steps * speed[i]
+    return base_width + step * num_steps * fastest, fast_outliers
 
 
 @kernel
-def _count_faster(rows, speed, limit):  # type: ignore[no-untyped-def]
-    """How many are."""
+def _mean_velocity(rows, velocity):  # type: ignore[no-untyped-def]
+    """Return the mean velocity of some rows [m/s]."""
+    total = 0.0, 0.0, 0.0
+    for i in rows:
+        total = add(total, load_row(velocity, i, 0))
+    return scale(total, 1.0 / rows.size)
+
+
+@kernel
+def _count_faster(rows, speed, max_speed):  # type: ignore[no-untyped-def]
+    """Return the number of rows faster than `max_speed` [m/s]."""
     count = 0
     for i in rows:
-        count += speed[i] > limit
+        count += speed[i] > max_speed
     return count

@@ -1,11 +1,12 @@
-"""Springs of pairs that rest: kept while nobody lists them, and given back when one of them wakes.
+"""Tangential springs of pairs asleep, kept while the pairs are not listed.
 
-A pair of which neither moves is not listed, or a hundred thousand asleep would cost what they cost
-awake. But friction remembers: without their springs those that wake would lean on nothing until
-they have slipped a little, and a heap woken again and again would creep.
+A pair of which neither particle moves is not listed, or a hundred thousand sleeping particles would
+cost as much as awake ones. But friction has memory: without their springs, particles that wake
+would have no support against sliding until they have slipped a little, and a heap that is woken
+often would creep.
 
-So the springs lie in a hash table by the ids of the pair, which outlast rows. It is touched when
-pairs fall asleep and when they wake, never for those that sleep on.
+So the springs are kept in a hash table by the ids of the pair, which, unlike rows, do not change.
+It is accessed when pairs fall asleep and when they wake, never for pairs that stay asleep.
 """
 
 from __future__ import annotations
@@ -13,26 +14,27 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.dem.neighbours.pair_search import BOTH_ASLEEP
+from machine_sim.dem.neighbours.history_transfer import BOTH_ASLEEP
 from machine_sim.dem.neighbours.pair_table import PairTable
-from machine_sim.dem.state import ParticleState
+from machine_sim.dem.state import ASLEEP_ON_MAP, ParticleState
 from msg_bridge.kernels import kernel
 
 __all__ = ["SpringHistory"]
 
 _MIN_SLOTS = 1024
 _EMPTY = np.uint64(0)
-"""Key of no pair: ids are from 1."""
+"""Key of an empty slot; ids begin at 1."""
 _ONE = np.uint64(1)
 _ID_BITS = np.uint64(32)
-_MIX = np.uint64(0x9E3779B97F4A7C15)
+_HASH_MULTIPLIER = np.uint64(0x9E3779B97F4A7C15)
 """2^64 over the golden ratio: Knuth, The Art of Computer Programming 3, section 6.4."""
 
 
 class SpringHistory:
-    """The table: open addressing, the next free slot taken, gaps closed when an entry is taken out.
+    """Hash table from pairs of ids to springs: open addressing with linear probing.
 
-    Entries of particles that were removed stay until there is no room; then they are dropped.
+    The gap of a removed entry is closed. Entries of particles that no longer exist stay until the
+    table is full; then they are dropped.
 
     Attributes:
         count: number of entries.
@@ -40,7 +42,7 @@ class SpringHistory:
 
     def __init__(self) -> None:
         self.count = 0
-        # No room at first: all that lays a table out is compiled when the first spring is kept.
+        # Without slots at first: growing the table is compiled when the first spring is saved.
         self._allocate(1)
 
     def _allocate(self, num_slots: int) -> None:
@@ -53,68 +55,74 @@ class SpringHistory:
         return len(self._pair_key)
 
     def save(self, state: ParticleState, old: PairTable, num_marked: int) -> None:
-        """Keep the springs of the pairs of the table `old` that are marked as both at rest.
+        """Save the springs of the pairs of a table that are marked as both asleep.
 
-        Those in a tool are not kept: springs are in map axes, and the tool turns. What rides wakes
-        because it is tilted or shaken, and finds its hold anew.
+        Those in a tool are not saved: springs are in map axes, and the tool turns. Locked soil
+        wakes when it is tilted or shaken, and new springs form then.
 
         Args:
-            store: the particles.
-            old: its marked pairs in present rows, see `listing.find_pairs`.
-            marked: how many there are.
+            state: the particles.
+            old: table with marked pairs in present rows, see `transfer_history`.
+            num_marked: number of these pairs.
         """
         if 4 * (self.count + num_marked) > 3 * self.num_slots:
             self._grow_table(num_marked, state.particle_id)
         self.count += _save(
-            old.first, old.second, old.count, old.contact_flag, old.spring, state.particle_id,
-            state.sleep_state, self._pair_key, self._spring,
+            old.arrays, old.count, state.particle_id, state.sleep_state, self._pair_key,
+            self._spring,
         )  # fmt: skip
 
     def restore(self, state: ParticleState, was_active: NDArray[np.bool_], new: PairTable) -> None:
-        """Give the pairs of the table `new` of which both rested until now their springs.
+        """Return their springs to the pairs of a table that were both asleep until now.
 
         Args:
-            store: the particles; `pair_list_row` is still that of the table before.
-            live_before: which rows of that were live.
-            new: its `touching` and `spring` are updated.
+            state: the particles; `pair_list_row` is still that of the previous table.
+            was_active: which rows of the previous table were active.
+            new: the table; its contact flags and springs are updated.
         """
         if self.count:
             self.count -= _restore(
-                new.first, new.second, new.count, new.contact_flag, new.spring, state.particle_id,
-                state.pair_list_row, was_active, self._pair_key, self._spring,
+                new.arrays, new.count, state.particle_id, state.pair_list_row, was_active,
+                self._pair_key, self._spring,
             )  # fmt: skip
 
-    def _grow_table(self, more: int, live_ids: NDArray[np.uint32]) -> None:
-        """Drop entries of those not alive, and lay the table out for `more` besides the others.
+    def _grow_table(self, num_new: int, live_ids: NDArray[np.uint32]) -> None:
+        """Drop entries of particles that no longer exist, and make room for `num_new` entries.
 
-        It has as many slots as particles at least, so that looking through all of them is rare.
+        There are at least as many slots as particles, so that searching all slots is rare.
         """
-        used = np.flatnonzero(self._pair_key)
+        used = self._pair_key != _EMPTY
         key, spring = self._pair_key[used], self._spring[used]
         lower, higher = (key >> _ID_BITS).astype(np.uint32), key.astype(np.uint32)
         kept = np.isin(lower, live_ids) & np.isin(higher, live_ids)
         self.count = int(np.count_nonzero(kept))
-        least = max(2 * (self.count + more), len(live_ids), _MIN_SLOTS)
-        self._allocate(1 << (least - 1).bit_length())
+        min_slots = max(2 * (self.count + num_new), len(live_ids), _MIN_SLOTS)
+        self._allocate(1 << (min_slots - 1).bit_length())
         _insert_all(key[kept], spring[kept], self._pair_key, self._spring)
 
 
 @kernel
-def _pair_key(one, other):  # type: ignore[no-untyped-def]
-    """Key of a pair of ids, the same whichever comes first."""
-    return (np.uint64(min(one, other)) << _ID_BITS) | np.uint64(max(one, other))
+def _pair_key(i, j):  # type: ignore[no-untyped-def]
+    """Return the key of a pair of ids, the same in either order."""
+    return (np.uint64(min(i, j)) << _ID_BITS) | np.uint64(max(i, j))
+
+
+@kernel
+def _spring_sign(first_id, second_id):  # type: ignore[no-untyped-def]
+    """Return the sign of a pair's spring in the table, where the lower id comes first."""
+    return np.float32(1.0) if first_id < second_id else np.float32(-1.0)
 
 
 @kernel
 def _home_slot(key, table):  # type: ignore[no-untyped-def]
-    """The slot where a key belongs."""
-    key *= _MIX
+    """Return the slot at which the search for a key begins."""
+    key *= _HASH_MULTIPLIER
     return (key ^ (key >> _ID_BITS)) & np.uint64(table.size - 1)
 
 
 @kernel
 def _find_slot(key, table):  # type: ignore[no-untyped-def]
-    """The slot where a key is; the empty one where it would go, if it is not there."""
+    """Return the slot of a key, or the empty slot for it if it is not in the table."""
     slot, last = _home_slot(key, table), np.uint64(table.size - 1)
     while table[slot] != key and table[slot] != _EMPTY:
         slot = (slot + _ONE) & last
@@ -123,7 +131,7 @@ def _find_slot(key, table):  # type: ignore[no-untyped-def]
 
 @kernel
 def _remove_slot(gap, table, springs):  # type: ignore[no-untyped-def]
-    """Empty a slot: those behind that could not have it before move up."""
+    """Empty a slot, and move up the entries after it that probing had displaced."""
     last = np.uint64(table.size - 1)
     slot = (gap + _ONE) & last
     while table[slot] != _EMPTY:
@@ -138,7 +146,7 @@ def _remove_slot(gap, table, springs):  # type: ignore[no-untyped-def]
 
 @kernel
 def _insert_all(key, spring, table, springs):  # type: ignore[no-untyped-def]
-    """Enter keys that are not there, with their springs."""
+    """Insert keys that are not in the table, with their springs."""
     for k in range(key.size):
         slot = _find_slot(key[k], table)
         table[slot] = key[k]
@@ -147,44 +155,47 @@ def _insert_all(key, spring, table, springs):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _save(first, second, count, contact_flag, spring, ids, sleep_state, table, springs):  # type: ignore[no-untyped-def]
-    """Enter the marked pairs, with their springs as the higher id's; returns how many are new."""
-    new = 0
+def _save(pairs, count, ids, sleep_state, table, springs):  # type: ignore[no-untyped-def]
+    """Save the springs of the pairs marked as both asleep; return the number of new entries."""
+    num_new = 0
     for k in range(count):
-        i, j = first[k], second[k]
-        if contact_flag[k] != BOTH_ASLEEP or sleep_state[i] > 1 or sleep_state[j] > 1:
+        i, j = pairs.first[k], pairs.second[k]
+        if pairs.contact_flag[k] != BOTH_ASLEEP:
             continue
-        key = _pair_key(ids[i], ids[j])
+        if sleep_state[i] > ASLEEP_ON_MAP or sleep_state[j] > ASLEEP_ON_MAP:
+            continue
+        key, sign = _pair_key(ids[i], ids[j]), _spring_sign(ids[i], ids[j])
         slot = _find_slot(key, table)
-        new += table[slot] == _EMPTY
+        num_new += table[slot] == _EMPTY
         table[slot] = key
-        sign = np.float32(1.0) if ids[i] < ids[j] else np.float32(-1.0)
         for axis in range(3):
-            springs[slot, axis] = sign * spring[k, axis]
-    return new
+            springs[slot, axis] = sign * pairs.spring[k, axis]
+    return num_new
 
 
 @kernel
-def _restore(  # type: ignore[no-untyped-def]
-    first, second, count, contact_flag, spring, ids, old_row, was_active, table, springs
-):
-    """Take out the pairs that were there when the table before was made and did not move.
+def _restore(pairs, count, ids, old_row, was_active, table, springs):  # type: ignore[no-untyped-def]
+    """Move the springs of listed pairs that were both asleep from the table to the pairs.
+
+    Args:
+        old_row: row of each particle in the previous pair table, -1 for none.
+        was_active: which rows of that table were active.
 
     Returns:
-        How many were found.
+        Number of springs restored.
     """
-    found = 0
+    num_restored = 0
     for k in range(count):
-        i, j = first[k], second[k]
+        i, j = pairs.first[k], pairs.second[k]
         if old_row[i] < 0 or was_active[old_row[i]] or old_row[j] < 0 or was_active[old_row[j]]:
             continue
         slot = _find_slot(_pair_key(ids[i], ids[j]), table)
         if table[slot] == _EMPTY:
             continue
-        contact_flag[k] = 1
-        sign = np.float32(1.0) if ids[i] < ids[j] else np.float32(-1.0)
+        pairs.contact_flag[k] = 1
+        sign = _spring_sign(ids[i], ids[j])
         for axis in range(3):
-            spring[k, axis] = sign * springs[slot, axis]
+            pairs.spring[k, axis] = sign * springs[slot, axis]
         _remove_slot(slot, table, springs)
-        found += 1
-    return found
+        num_restored += 1
+    return num_restored

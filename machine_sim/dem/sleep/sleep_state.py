@@ -8,7 +8,7 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from machine_sim.dem.state import ParticleState
+from machine_sim.dem.state import ASLEEP_ON_MAP, AWAKE, ParticleState
 from msg_bridge.kernels import kernel
 
 __all__ = [
@@ -21,10 +21,6 @@ __all__ = [
     "select_moving_rows",
 ]
 
-AWAKE = 0
-"""Sleep state of a particle that moves by forces (unless it is frozen)."""
-ASLEEP_ON_MAP = 1
-"""Sleep state of a particle at rest relative to the map."""
 FIRST_LOCKED_TOOL = 2
 """Sleep state of a particle that is locked to tool 0; tool t has FIRST_LOCKED_TOOL + t."""
 

@@ -1,55 +1,89 @@
-"""Gather and scatter of four contacts at a time, beside plain numpy."""
+"""Gather and scatter of four contacts at a time, compared with NumPy."""
 
 import numpy as np
 from numba import njit
 
-from machine_sim.dem.contacts.simd import GROUP_SIZE, gather_relative_motion, scatter_forces
+from machine_sim.dem.body_records import (
+    ANGULAR_VELOCITY,
+    BODY_RECORD_SIZE,
+    DISPLACEMENT,
+    FORCE_RECORD_SIZE,
+    LIMIT_WEIGHTED_ANGULAR_VELOCITY,
+    SURFACE_VELOCITY,
+    VELOCITY,
+)
+from machine_sim.dem.body_records import FORCE as FORCE_SUM
+from machine_sim.dem.body_records import ROLLING_LIMIT as ROLLING_LIMIT_SUM
+from machine_sim.dem.body_records import TORQUE_OVER_RADIUS as TORQUE_SUM
+from machine_sim.dem.contacts.simd import (
+    FORCE,
+    GROUP_SIZE,
+    RELATIVE_DISPLACEMENT,
+    RELATIVE_VELOCITY,
+    ROLLING_LIMIT,
+    SURFACE_VELOCITY_SUM,
+    TORQUE_OVER_RADIUS,
+    gather_relative_motion,
+    scatter_forces,
+)
 
 STRIDE = 12
 
 
 @njit
-def gather(body, first, second, at, scratch, slot):
-    gather_relative_motion(body, first, second, at, scratch, STRIDE, slot)
+def gather(body, first, second, contact, scratch, slot):
+    gather_relative_motion(body, first, second, contact, scratch, STRIDE, slot)
 
 
 @njit
-def scatter(body, force_sums, first, second, at, scratch, slot):
-    scatter_forces(body, force_sums, first, second, at, scratch, STRIDE, slot)
+def scatter(body, force_sums, first, second, contact, scratch, slot):
+    scatter_forces(body, force_sums, first, second, contact, scratch, STRIDE, slot)
+
+
+def vector(start):
+    """Return the slice of a vector that starts at a slot."""
+    return slice(start, start + 3)
 
 
 def contacts():
-    """Some records, and contacts that share rows within a group."""
-    body = np.random.default_rng(1).normal(size=(6, 16)).astype(np.float32)
+    """Return body records, and contacts of which some in a group share a body."""
+    body = np.random.default_rng(1).normal(size=(6, BODY_RECORD_SIZE)).astype(np.float32)
     first = np.array([0, 1, 1, 1, 2, 2, 3, 5], np.uint32)
     second = np.array([1, 2, 3, 4, 3, 4, 4, 0], np.uint32)
     return body, first, second
 
 
-def test_gathers_differences_and_the_sum_of_surface_speeds():
+def test_gathers_relative_motion_and_sum_of_surface_velocities():
     body, first, second = contacts()
     scratch = np.zeros(9 * STRIDE, np.float32)
     gather(body, first, second, 4, scratch, 8)
     found = scratch.reshape(9, STRIDE)
     i, j = body[first[4:]], body[second[4:]]
-    expected = np.hstack([j[:, 0:3] - i[:, 0:3], j[:, 4:7] - i[:, 4:7], i[:, 8:11] + j[:, 8:11]])
-    np.testing.assert_allclose(found[:, 8 : 8 + GROUP_SIZE], expected.T, rtol=1e-6, atol=1e-6)
-    assert not found[:, :8].any(), "it writes nowhere else"
+    expected = np.zeros((9, GROUP_SIZE))
+    displacement, velocity = vector(DISPLACEMENT), vector(VELOCITY)
+    surface_velocity = vector(SURFACE_VELOCITY)
+    expected[vector(RELATIVE_DISPLACEMENT)] = (j - i)[:, displacement].T
+    expected[vector(RELATIVE_VELOCITY)] = (j - i)[:, velocity].T
+    expected[vector(SURFACE_VELOCITY_SUM)] = (i + j)[:, surface_velocity].T
+    np.testing.assert_allclose(found[:, 8 : 8 + GROUP_SIZE], expected, rtol=1e-6, atol=1e-6)
+    assert not found[:, :8].any(), "written outside the slots of the group"
 
 
-def test_scatters_to_both_particles_also_where_contacts_share_one():
+def test_scatters_to_both_bodies_where_contacts_share_one():
     body, first, second = contacts()
-    force = np.random.default_rng(2).normal(size=(7, STRIDE)).astype(np.float32)
-    force_sums = np.random.default_rng(3).normal(size=(6, 16)).astype(np.float32)
-    expected = force_sums.astype(np.float64)
+    scratch = np.random.default_rng(2).normal(size=(7, STRIDE)).astype(np.float32)
+    sums = np.random.default_rng(3).normal(size=(6, FORCE_RECORD_SIZE)).astype(np.float32)
+    expected = sums.astype(np.float64)
     for slot, (i, j) in enumerate(
         zip(first[:GROUP_SIZE], second[:GROUP_SIZE], strict=True), start=4
     ):
-        f, turn, limit = force[:3, slot], force[3:6, slot], force[6, slot]
+        limit = scratch[ROLLING_LIMIT, slot]
         for own, other, sign in ((i, j, -1.0), (j, i, 1.0)):
-            expected[own, 0:3] += sign * f
-            expected[own, 3] += limit
-            expected[own, 4:7] += turn
-            expected[own, 12:15] += limit * body[other, 12:15]
-    scatter(body, force_sums, first, second, 0, force.reshape(-1), 4)
-    np.testing.assert_allclose(force_sums, expected, rtol=1e-5, atol=1e-5)
+            expected[own, vector(FORCE_SUM)] += sign * scratch[vector(FORCE), slot]
+            expected[own, ROLLING_LIMIT_SUM] += limit
+            expected[own, vector(TORQUE_SUM)] += scratch[vector(TORQUE_OVER_RADIUS), slot]
+            expected[own, vector(LIMIT_WEIGHTED_ANGULAR_VELOCITY)] += (
+                limit * body[other, vector(ANGULAR_VELOCITY)]
+            )
+    scatter(body, sums, first, second, 0, scratch.reshape(-1), 4)
+    np.testing.assert_allclose(sums, expected, rtol=1e-5, atol=1e-5)

@@ -1,4 +1,4 @@
-"""The neighbour list against brute force: nobody is missed, nobody listed twice."""
+"""Verlet list compared with brute force: all pairs in contact are listed, each once."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from machine_sim.dem import ParticleEngine
 
 
 def scene(seed: int) -> ParticleEngine:
-    """Particles of many sizes, sleepers among them, some strays far away."""
+    """Return an engine with particles of many sizes and speeds, some of them far away."""
     rng = np.random.default_rng(seed)
     count = int(rng.integers(2, 300))
     world = engine(gravity=0.0)
@@ -23,52 +23,54 @@ def scene(seed: int) -> ParticleEngine:
     return world
 
 
-def listed(world: ParticleEngine) -> list[tuple[int, int]]:
+def listed_pairs(world: ParticleEngine) -> list[tuple[int, int]]:
+    """Return the listed pairs of rows, the lower row first."""
     pairs = world.neighbour_list.pairs
     both = np.stack([pairs.first[: pairs.count], pairs.second[: pairs.count]], axis=1)
     return [tuple(pair) for pair in np.sort(both.astype(np.int64), axis=1).tolist()]
 
 
-def touching(
-    position: NDArray[np.float64], radius: NDArray[np.float32], live: NDArray[np.bool_]
+def touching_pairs(
+    position: NDArray[np.float64], radius: NDArray[np.float32], active: NDArray[np.bool_]
 ) -> set[tuple[int, int]]:
+    """Return the pairs within 1.03 sums of radii, of which one particle at least is active."""
     distance = np.linalg.norm(position[:, None] - position[None], axis=2)
     sums = radius.astype(float)[:, None] + radius[None]
     near = distance < 1.03 * sums
-    near &= live[:, None] | live[None]
+    near &= active[:, None] | active[None]
     return {(int(i), int(j)) for i, j in zip(*np.nonzero(near), strict=True) if i < j}
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_all_who_touch_are_listed_once(seed: int) -> None:
+def test_all_pairs_in_contact_are_listed_once(seed: int) -> None:
     world = scene(seed)
     state = world.state
     asleep = np.random.default_rng(seed + 1000).uniform(size=world.count) < (seed % 4) / 3.2
     asleep[0] = False
     state.sleep_state[asleep] = 1
     state.velocity[asleep] = 0.0
-    live = state.sleep_state == 0
-    world.neighbour_list.build(state, np.flatnonzero(live), STEP)
-    found = listed(world)
-    assert len(set(found)) == len(found)
-    assert touching(state.position, state.radius, live) <= set(found)
+    active = state.sleep_state == 0
+    world.neighbour_list.build(state, np.flatnonzero(active), STEP)
+    listed = listed_pairs(world)
+    assert len(set(listed)) == len(listed)
+    assert touching_pairs(state.position, state.radius, active) <= set(listed)
 
 
-def test_a_first_row_far_away_spoils_nothing() -> None:
+def test_list_is_complete_if_the_first_row_is_far_away() -> None:
     world = engine(gravity=0.0)
     rng = np.random.default_rng(1)
     at = rng.uniform(-0.3, 0.3, (301, 3)) + np.array([0.0, 0.0, 3.0])
     at[0, 0] = 1e6
     world.add(at, np.zeros_like(at), LITRE // 2, grow=False)
-    live = np.ones(world.count, dtype=np.bool_)
+    active = np.ones(world.count, dtype=np.bool_)
     world.neighbour_list.build(world.state, np.arange(world.count), STEP)
-    found = listed(world)
-    assert len(found) > 300
-    assert touching(world.state.position, world.state.radius, live) <= set(found)
+    listed = listed_pairs(world)
+    assert len(listed) > 300
+    assert touching_pairs(world.state.position, world.state.radius, active) <= set(listed)
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_all_who_touch_are_listed_while_some_come_and_go(seed: int) -> None:
+def test_list_stays_complete_through_insertion_and_removal(seed: int) -> None:
     rng = np.random.default_rng(seed)
     world = engine()
     for _ in range(200):
@@ -82,22 +84,22 @@ def test_all_who_touch_are_listed_while_some_come_and_go(seed: int) -> None:
         if rng.uniform() < 0.05 and world.count:
             world.freeze(world.state.particle_id[-1:])
         state = world.state
-        live = (state.sleep_state == 0) & ~state.frozen
-        if not live.any():
+        active = (state.sleep_state == 0) & ~state.frozen
+        if not active.any():
             continue
         ids, before = state.particle_id.copy(), state.position.copy()
         world.step(STEP)
-        found = listed(world)
-        assert len(set(found)) == len(found)
-        # As large as they have grown in the step, where they were at its beginning.
-        near = touching(before, state.contact_radius[world.rows_of(ids)], live)
+        listed = listed_pairs(world)
+        assert len(set(listed)) == len(listed)
+        # Positions at the start of the step, contact radii after growth in it.
+        near = touching_pairs(before, state.contact_radius[world.rows_of(ids)], active)
         by_id = {frozenset((int(ids[i]), int(ids[j]))) for i, j in near}
-        now = state.particle_id.tolist()
-        assert by_id <= {frozenset((now[i], now[j])) for i, j in found}
-    assert world.num_list_builds < 150, "most came and went without a new list"
+        ids_after = state.particle_id.tolist()
+        assert by_id <= {frozenset((ids_after[i], ids_after[j])) for i, j in listed}
+    assert world.num_list_builds < 150, "particles were inserted by rebuilding the list"
 
 
-def test_history_stays_with_its_pair_when_others_go() -> None:
+def test_springs_stay_with_their_pairs_when_others_are_removed() -> None:
     world = engine()
     at = cloud(80, 0.08, (0.2, 0.2), 0.1)
     world.add(at, np.zeros_like(at), LITRE // 4, grow=False)
@@ -105,17 +107,17 @@ def test_history_stays_with_its_pair_when_others_go() -> None:
         world.step(STEP)
     world.store_springs()
     before = springs(world)
-    gone = set(world.state.particle_id[::7].tolist())
-    world.remove(sorted(gone))
+    removed = set(world.state.particle_id[::7].tolist())
+    world.remove(sorted(removed))
     assert not world.neighbour_list.is_stale
     after = springs(world)
-    left = {pair: spring for pair, spring in before.items() if not gone & set(pair)}
-    assert 5 < len(left) < len(before)
-    assert after == left
+    expected = {pair: spring for pair, spring in before.items() if not removed & set(pair)}
+    assert 5 < len(expected) < len(before)
+    assert after == expected
 
 
 def springs(world: ParticleEngine) -> dict[tuple[int, int], tuple[float, ...]]:
-    """Springs of the pairs that touch, by the ids of their particles."""
+    """Return the springs of the pairs in contact, by the ids of their particles."""
     pairs, ids = world.neighbour_list.pairs, world.state.particle_id
     return {
         (int(ids[pairs.first[k]]), int(ids[pairs.second[k]])): tuple(pairs.spring[k].tolist())
@@ -124,8 +126,8 @@ def springs(world: ParticleEngine) -> dict[tuple[int, int], tuple[float, ...]]:
     }
 
 
-def test_a_few_fast_ones_do_not_wear_the_list_out() -> None:
-    """A column falls as one; crumbs beside it are at rest, seen from the map, or far faster."""
+def test_a_few_fast_particles_do_not_shorten_the_life_of_the_list() -> None:
+    """Compare a cloud at rest with one that a few fast particles leave."""
     builds = []
     for fast in (0, 5):
         world = engine(gravity=0.0)

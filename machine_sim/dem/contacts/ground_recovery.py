@@ -1,0 +1,109 @@
+"""End of a step on the ground: recovery of particles that sank through it, and settle timers."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+from numpy.typing import NDArray
+
+from machine_sim.dem.contacts.ground_contacts import GroundContacts, terrain_height
+from machine_sim.dem.partition import NUM_CHUNKS, row_chunk
+from machine_sim.dem.state import ParticleState
+from machine_sim.dem.tools.plane import PLANE_NORMAL
+from machine_sim.dem.vec3 import dot, load_row, store_row
+from machine_sim.ground.contact_surface import Ground
+from msg_bridge.kernels import kernel, threaded_kernel
+
+__all__ = ["recover_and_time_settling"]
+
+_SETTLED_DISTANCE = np.sqrt(3.0)
+"""Distance of a centre from the ground below which the particle lies on it, in radii: half the
+diagonal of a cube of the particle's diameter, the rule for cubes."""
+
+
+def recover_and_time_settling(
+    state: ParticleState,
+    ground: Ground,
+    rows: NDArray[np.int64],
+    contacts: GroundContacts,
+    settle_speed: float,
+    dt: float,
+    threads: int,
+) -> int:
+    """Put particles that sank through the ground back onto it, and update the settle timers.
+
+    A centre more than a radius below the surface is put back onto it at rest, unless its contact is
+    penetration-limited. `state.settle_timer` of a particle slower than `settle_speed` [m/s] on the
+    ground grows by `dt` [s]; that of any other is reset.
+
+    Returns:
+        Number of particles put back.
+    """
+    return int(
+        _recover_and_time_settling.for_threads(threads)(
+            ground.surface, ground.frame, dt, settle_speed, rows, contacts, state.position,
+            state.velocity, state.radius, state.penetration_limited, state.settle_timer,
+        )
+    )  # fmt: skip
+
+
+@threaded_kernel
+def _recover_and_time_settling(  # type: ignore[no-untyped-def]
+    surface, frame, dt, settle_speed, rows, contacts, position, velocity, radius,
+    penetration_limited, settle_timer,
+):  # fmt: skip
+    """See `recover_and_time_settling`; `position` ... `settle_timer` are columns of the state."""
+    row, plane = contacts.row, contacts.plane
+    num_recovered = np.zeros(NUM_CHUNKS, np.int64)
+    for c in prange(NUM_CHUNKS):
+        _advance_settle_timers(dt, settle_speed, row_chunk(rows, c), velocity, settle_timer)
+    for c in prange(NUM_CHUNKS):
+        num_recovered[c] = _recover_chunk(
+            surface, frame, row_chunk(row, c), plane[c * row.size // NUM_CHUNKS :], position,
+            velocity, radius, penetration_limited, settle_timer,
+        )  # fmt: skip
+    # Timers of slow particles that are not on the ground are still negative.
+    for c in prange(NUM_CHUNKS):
+        _clear_airborne_timers(row_chunk(rows, c), settle_timer)
+    return num_recovered.sum()
+
+
+@kernel
+def _advance_settle_timers(dt, settle_speed, rows, velocity, settle_timer):  # type: ignore[no-untyped-def]
+    """Advance the timers of slow particles, negated until the particle is found on the ground."""
+    for i in rows:
+        speed2 = dot(load_row(velocity, i, 0), load_row(velocity, i, 0))
+        settle_timer[i] = -settle_timer[i] - np.float32(dt) if speed2 < settle_speed**2 else 0.0
+
+
+@kernel
+def _clear_airborne_timers(rows, settle_timer):  # type: ignore[no-untyped-def]
+    for i in rows:
+        settle_timer[i] = max(settle_timer[i], np.float32(0.0))
+
+
+@kernel
+def _recover_chunk(  # type: ignore[no-untyped-def]
+    surface, frame, row, plane, position, velocity, radius, penetration_limited, settle_timer
+):
+    """Put back the listed particles that sank, and keep the timers of those on the ground.
+
+    Returns:
+        Number of particles put back.
+    """
+    num_recovered = 0
+    for c in range(row.size):
+        i = row[c]
+        r = np.float64(radius[i])
+        x, y, z = load_row(position, i, 0)
+        height = terrain_height(surface, frame, x, y)
+        nz = plane[c, PLANE_NORMAL + 2]
+        distance = (z - height) * nz
+        if distance < -r and not penetration_limited[i]:
+            position[i, 2] = height + r / nz
+            store_row(velocity, i, 0, (0.0, 0.0, 0.0))
+            num_recovered += 1
+            distance = r
+        if distance <= _SETTLED_DISTANCE * r:
+            settle_timer[i] = -settle_timer[i]
+    return num_recovered
