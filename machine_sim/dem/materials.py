@@ -94,12 +94,12 @@ class ContactMaterials:
         self.tool_friction[k] = math.tan(math.radians(soil.tool_friction))
         repose_angle = np.array([soil.repose_angle(m) for m in range(MOISTURE_LEVELS)])
         strength = np.array([soil.moisture_strength_factor(m) for m in range(MOISTURE_LEVELS)])
-        self.packing[k] = np.interp(repose_angle, *zip(*_PACKING_FRACTION_TABLE, strict=True))
+        self.packing[k] = np.interp(repose_angle, *_columns(_PACKING_FRACTION_TABLE))
         self.cohesion[k] = _CONTACT_AREA_FRACTION * soil.cohesion * strength
         self.adhesion[k] = _CONTACT_AREA_FRACTION * soil.adhesion * strength
         bond_number = self._bond_numbers(k, 1e-9 * nominal_volume)
-        steepening = np.interp(bond_number, *zip(*_BOND_STEEPENING_TABLE, strict=True))
-        angle, friction, rolling_friction = zip(*_REPOSE_ANGLE_TABLE, strict=True)
+        steepening = np.interp(bond_number, *_columns(_BOND_STEEPENING_TABLE))
+        angle, friction, rolling_friction = _columns(_REPOSE_ANGLE_TABLE)
         self.friction[k] = np.interp(repose_angle - steepening, angle, friction)
         self.rolling_friction[k] = np.interp(repose_angle - steepening, angle, rolling_friction)
 
@@ -134,3 +134,8 @@ class ContactMaterials:
                 f"soil type {soil.max()} is unknown, as there are only {len(self.swell)}; give the"
                 " engine all soil types of the terrain"
             )
+
+
+def _columns(table: tuple[tuple[float, ...], ...]) -> NDArray[np.float64]:
+    """Return the columns of a table as rows, shape (columns, entries)."""
+    return np.array(table).T

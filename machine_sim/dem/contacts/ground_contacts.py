@@ -20,7 +20,6 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-
 from machine_sim.dem.contacts.contact_law import ContactParameters
 from machine_sim.dem.partition import NUM_CHUNKS
 from machine_sim.dem.state import ParticleState
@@ -222,4 +221,3 @@ def _fit_planes(  # type: ignore[no-untyped-def]
 def reset_spring(spring, i):  # type: ignore[no-untyped-def]
     """Set the tangential spring of particle `i` to zero."""
     spring[i, 0] = spring[i, 1] = spring[i, 2] = np.float32(0.0)
-

@@ -25,13 +25,14 @@ class CellGrid(NamedTuple):
         order: the rows, cell by cell, int32, shape (n,).
         start: first place in `order` of each cell, and the end, int32, shape (cells + 1,).
         cell: cell of each place in `order`, int32, shape (n,).
-        shape: number of cells along x, y and z.
+        shape: number of cells along x, y and z, int64, shape (3,). An array, as Numba cannot pass a
+            tuple within a tuple to a parallel kernel.
     """
 
     order: NDArray[np.int32]
     start: NDArray[np.int32]
     cell: NDArray[np.int32]
-    shape: tuple[int, int, int]
+    shape: NDArray[np.int64]
 
 
 def spatial_order(state: ParticleState) -> NDArray[np.intp]:
@@ -109,7 +110,7 @@ def sort_into_cells(rows, position, cell_size):  # type: ignore[no-untyped-def]
         order[next_place[c]] = rows[k]
         cell[next_place[c]] = c
         next_place[c] += 1
-    return CellGrid(order, start, cell, (nx, ny, nz))
+    return CellGrid(order, start, cell, shape)
 
 
 @kernel

@@ -234,7 +234,8 @@ def test_path_through_a_plate_is_counted_whatever_its_length(seed: int) -> None:
     rotation_matrix, origin = rotation(rng), np.array([1.0, -2.0, 5.0])
     flat = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
     world.add_tool(0, [flat], (rotation_matrix, origin))
-    world.set_tool_motion(0, (rotation_matrix, origin), (rotation_matrix, origin + rotation_matrix @ [0.0, 0.0, 0.02]))
+    lifted = origin + rotation_matrix @ [0.0, 0.0, 0.02]
+    world.set_tool_motion(0, (rotation_matrix, origin), (rotation_matrix, lifted))
     inside = np.concatenate([rng.uniform(-0.45, 0.45, (50, 2)), np.full((50, 1), 0.05)], axis=1)
     world.add(origin + inside @ rotation_matrix.T, np.zeros((50, 3)), LITRE, grow=False)
     world.tools.begin_step(STEP)
