@@ -16,7 +16,7 @@ from machine_sim.dem.contacts.contact_law import ContactParameters
 from machine_sim.dem.contacts.ground_contacts import (
     GroundContactList,
     GroundContacts,
-    ground_particles,
+    GroundParticles,
 )
 from machine_sim.dem.contacts.ground_recovery import recover_and_time_settling
 from machine_sim.dem.contacts.pair_contacts import PairContactBlocks, PairContacts
@@ -174,7 +174,7 @@ class ContactDynamics:
         """
         if self._num_growing == 0:
             return False
-        params, pairs, view = self._params, self.neighbour_list.pairs, GrowthView.of(self._state)
+        params, pairs, view = self._params, self.neighbour_list.pairs, self._state.view(GrowthView)
         first, second = pairs.first[: pairs.count], pairs.second[: pairs.count]
         if self._invalidation.is_stale(Derived.INITIAL_RADII):
             set_initial_radii(
@@ -216,14 +216,14 @@ class ContactDynamics:
             rebuild=self._invalidation.is_stale(Derived.CONTACT_BLOCKS),
             radii_changed=radii_changed,
         )  # fmt: skip
-        self._invalidation.mark_rebuilt(Derived.BODY_RECORDS | Derived.CONTACT_BLOCKS)
+        self._invalidation.mark_rebuilt(Derived.BODY_RECORDS, Derived.CONTACT_BLOCKS)
         plate_contacts = self._plate_contacts.fill_blocks(
             state, self.plate_list.table, tools, body, force_sums
         )
         run_substeps.for_threads(threads)(
             self._substep_params, *contact_params, moving.free,
             LockedRows(moving.locked, moving.locked_tool), body, force_sums,
-            ground_particles(state), self._pair_contacts.blocks, plate_contacts, ground_contacts,
+            state.view(GroundParticles), self._pair_contacts.blocks, plate_contacts, ground_contacts,
             tools.motion,
         )  # fmt: skip
         self._plate_contacts.store_history(self.plate_list.table)

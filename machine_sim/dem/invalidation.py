@@ -36,7 +36,7 @@ that when the blocks become stale.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from enum import Enum, Flag, auto
+from enum import Enum, auto
 
 __all__ = ["STALE_AFTER", "Change", "Derived", "Invalidation"]
 
@@ -56,7 +56,7 @@ class Change(Enum):
     BUFFERS_REALLOCATED = auto()
 
 
-class Derived(Flag):
+class Derived(Enum):
     """Data that is derived from the particles, see the module."""
 
     NEIGHBOUR_LIST = auto()
@@ -65,12 +65,12 @@ class Derived(Flag):
     INITIAL_RADII = auto()
 
 
-_LIST = Derived.NEIGHBOUR_LIST | Derived.CONTACT_BLOCKS
-_RECORDS = Derived.BODY_RECORDS | Derived.CONTACT_BLOCKS
+_LIST = frozenset({Derived.NEIGHBOUR_LIST, Derived.CONTACT_BLOCKS})
+_RECORDS = frozenset({Derived.BODY_RECORDS, Derived.CONTACT_BLOCKS})
 
-STALE_AFTER: Mapping[Change, Derived] = {
-    Change.PARTICLES_ADDED: Derived.CONTACT_BLOCKS,
-    Change.GROWING_ADDED: Derived.CONTACT_BLOCKS | Derived.INITIAL_RADII,
+STALE_AFTER: Mapping[Change, frozenset[Derived]] = {
+    Change.PARTICLES_ADDED: frozenset({Derived.CONTACT_BLOCKS}),
+    Change.GROWING_ADDED: frozenset({Derived.CONTACT_BLOCKS, Derived.INITIAL_RADII}),
     Change.PARTICLES_REMOVED: _RECORDS,
     Change.PARTICLES_FROZEN: _RECORDS,
     Change.PARTICLES_UNFROZEN: _LIST,
@@ -87,16 +87,16 @@ class Invalidation:
     """Which derived data is stale. All but initial radii is stale at first."""
 
     def __init__(self) -> None:
-        self._stale = _LIST | _RECORDS
+        self._stale = set(_LIST | _RECORDS)
 
     def record(self, change: Change) -> None:
         """Mark as stale what a change affects."""
         self._stale |= STALE_AFTER[change]
 
     def is_stale(self, derived: Derived) -> bool:
-        """Return whether any of this data is stale."""
-        return bool(self._stale & derived)
+        """Return whether this data is stale."""
+        return derived in self._stale
 
-    def mark_rebuilt(self, derived: Derived) -> None:
+    def mark_rebuilt(self, *derived: Derived) -> None:
         """Record that this data is valid again."""
-        self._stale &= ~derived
+        self._stale.difference_update(derived)

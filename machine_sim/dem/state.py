@@ -5,7 +5,7 @@ Rows are in the order of release until `reorder` is called; the particle ids are
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,6 +52,7 @@ _COLUMN_TYPES: dict[str, tuple[str, tuple[int, ...]]] = {
 """Data type and shape of one row of each column."""
 
 
+ViewT = TypeVar("ViewT", bound=tuple[Any, ...])
 _DUPLICATE_ID, _UNKNOWN_ID = 1, 2
 _INITIAL_CAPACITY = 1024
 
@@ -128,6 +129,7 @@ class ParticleState:
         self.next_id = 1
         self._columns = _allocate(min(capacity, _INITIAL_CAPACITY))
         self._rows_by_id: NDArray[np.intp] | None = None
+        self._views: dict[type, Any] = {}
         self._update_views()
 
     @property
@@ -218,9 +220,25 @@ class ParticleState:
             columns[name][: self.count] = column[: self.count]
         self._columns = columns
 
+    def view(self, fields: type[ViewT]) -> ViewT:
+        """Return some columns as a named tuple, for kernels.
+
+        Args:
+            fields: named tuple whose fields are names of columns.
+
+        Returns:
+            The columns; the same object until particles are added, removed or reordered.
+        """
+        view: ViewT | None = self._views.get(fields)
+        if view is None:
+            names = fields._fields  # type: ignore[attr-defined]
+            view = self._views[fields] = fields(*(getattr(self, name) for name in names))
+        return view
+
     def _update_views(self) -> None:
         """Make the attributes views of the rows in use."""
         self._rows_by_id = None
+        self._views.clear()
         for name, column in self._columns.items():
             setattr(self, name, column[: self.count])
 

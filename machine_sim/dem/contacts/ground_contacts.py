@@ -32,7 +32,6 @@ __all__ = [
     "GroundContactList",
     "GroundContacts",
     "GroundParticles",
-    "ground_particles",
     "max_limited_overlap",
     "reset_spring",
     "terrain_height",
@@ -61,7 +60,7 @@ class GroundContacts(NamedTuple):
 
 
 class GroundParticles(NamedTuple):
-    """Columns of `ParticleState` for ground contacts; `spring` is `ground_spring`."""
+    """Columns of `ParticleState` for ground contacts; see there for the units."""
 
     position: NDArray[np.float64]
     velocity: NDArray[np.float64]
@@ -69,15 +68,7 @@ class GroundParticles(NamedTuple):
     contact_radius: NDArray[np.float32]
     mass: NDArray[np.float32]
     penetration_limited: NDArray[np.bool_]
-    spring: NDArray[np.float32]
-
-
-def ground_particles(state: ParticleState) -> GroundParticles:
-    """Return the columns of the particles, for kernels."""
-    return GroundParticles(
-        state.position, state.velocity, state.radius, state.contact_radius, state.mass,
-        state.penetration_limited, state.ground_spring,
-    )  # fmt: skip
+    ground_spring: NDArray[np.float32]
 
 
 class GroundContactList:
@@ -120,7 +111,7 @@ class GroundContactList:
             self._plane = np.zeros((2 * rows.size, PLANE_SIZE))
         count = _list_contacts.for_threads(threads)(
             ground.surface, ground.frame, dt, params, rows, ground_masked, near_tool,
-            ground_particles(state), self._row, self._plane,
+            state.view(GroundParticles), self._row, self._plane,
         )  # fmt: skip
         return GroundContacts(self._row[:count], self._plane[:count])
 
@@ -181,7 +172,8 @@ def _fit_planes(  # type: ignore[no-untyped-def]
     surface, frame, dt, params, rows, ground_masked, near_tool, particles, row, plane,
 ):  # fmt: skip
     """List the contacts of a chunk; return their number."""
-    position, velocity, spring = particles.position, particles.velocity, particles.spring
+    position, velocity, radius = particles.position, particles.velocity, particles.radius
+    contact_radius, spring = particles.contact_radius, particles.ground_spring
     penetration_limited = particles.penetration_limited
     x_first, y_first, inverse_cell = frame
     limited_overlap = max_limited_overlap(params)
@@ -193,7 +185,7 @@ def _fit_planes(  # type: ignore[no-untyped-def]
         was_limited = penetration_limited[i]
         penetration_limited[i] = near_tool[k]
         x, y, z = load_row(position, i, 0)
-        r = np.float64(particles.radius[i])
+        r = np.float64(radius[i])
         speed2 = dot(load_row(velocity, i, 0), load_row(velocity, i, 0))
         reach = _SEARCH_RADIUS_FACTOR * r + _ACCELERATION_MARGIN * dt * np.sqrt(speed2)
         height, slope_x, slope_y = surface_at(surface, x_first, y_first, inverse_cell, x, y)
@@ -207,7 +199,7 @@ def _fit_planes(  # type: ignore[no-untyped-def]
         if above * nz > reach:
             reset_spring(spring, i)
             continue
-        overlap = particles.contact_radius[i] - above * nz
+        overlap = contact_radius[i] - above * nz
         penetration_limited[i] = near_tool[k] or (was_limited and overlap > limited_overlap)
         nx, ny = -slope_x * nz, -slope_y * nz
         row[count] = i

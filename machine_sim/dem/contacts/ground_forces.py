@@ -35,19 +35,21 @@ def ground_forces(  # type: ignore[no-untyped-def]
         params: `ContactParameters`.
         friction, rolling_friction: coefficients at the ground.
     """
-    plane, spring = contacts.plane, particles.spring
+    row, plane, spring = contacts.row, contacts.plane, particles.ground_spring
+    position, mass_of_row = particles.position, particles.mass
+    penetration_limited = particles.penetration_limited
     limited_overlap = max_limited_overlap(params)
     for c in range(low, high):
-        i = contacts.row[c]
+        i = row[c]
         normal = load_row(plane, c, PLANE_NORMAL)
-        centre = add(load_row(particles.position, i, 0), load_row(body, i, DISPLACEMENT))
+        centre = add(load_row(position, i, 0), load_row(body, i, DISPLACEMENT))
         contact_radius = np.float64(body[i, CONTACT_RADIUS])
         # The overlap is limited to one radius: deeper ones are for `ground_recovery`.
         overlap = min(contact_radius - signed_distance(plane[c], *centre), contact_radius)
         if overlap <= 0.0:
             reset_spring(spring, i)
             continue
-        if particles.penetration_limited[i]:
+        if penetration_limited[i]:
             overlap = min(overlap, limited_overlap)
         surface_velocity = cross(load_row(body, i, SURFACE_VELOCITY), normal)
         contact_velocity = subtract(load_row(body, i, VELOCITY), surface_velocity)
@@ -55,7 +57,7 @@ def ground_forces(  # type: ignore[no-untyped-def]
             params, friction, overlap, normal, contact_velocity, load_row(spring, i, 0)
         )
         store_row(spring, i, 0, elongation)
-        mass = particles.mass[i]
+        mass = mass_of_row[i]
         force = scale(add(scale(normal, normal_force), friction_force), mass)
         torque_over_radius = scale(cross(friction_force, normal), mass)
         store_row(force_sums, i, FORCE, add(load_row(force_sums, i, FORCE), force))

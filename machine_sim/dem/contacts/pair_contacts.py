@@ -110,12 +110,8 @@ class PairContacts:
         """
         if rebuild:
             self._allocate_blocks(pairs)
-        particles = _Particles(
-            state.position, state.inverse_mass, state.friction, state.rolling_friction,
-            state.cohesion,
-        )  # fmt: skip
         _update.for_threads(threads)(
-            np.float32(dt), pairs.arrays, pairs.bounds, particles, body, self.blocks,
+            np.float32(dt), pairs.arrays, pairs.bounds, state.view(_Particles), body, self.blocks,
             self._pair_index, self._candidates, self._num_candidates, rebuild, radii_changed,
         )  # fmt: skip
 
@@ -179,9 +175,9 @@ def _separation(position, i, j):  # type: ignore[no-untyped-def]
 @kernel
 def _update_separations(begin, size, contacts, position):  # type: ignore[no-untyped-def]
     """Compute the separations of existing contacts at the start of the step."""
-    first, second = contacts.first, contacts.second
+    first, second, block = contacts.first, contacts.second, contacts.block
     for start in range(begin, begin + size, pair.BLOCK_SIZE):
-        b = contacts.block[start // pair.BLOCK_SIZE]
+        b = block[start // pair.BLOCK_SIZE]
         for s in range(min(begin + size - start, pair.BLOCK_SIZE)):
             i, j = first[start + s], second[start + s]
             pair.store(b, pair.SEPARATION, s, _separation(position, i, j))
@@ -190,9 +186,9 @@ def _update_separations(begin, size, contacts, position):  # type: ignore[no-unt
 @kernel
 def _update_contact_radii(begin, size, contacts, body, cohesion):  # type: ignore[no-untyped-def]
     """Update what depends on contact radii in existing contacts."""
-    first, second = contacts.first, contacts.second
+    first, second, block = contacts.first, contacts.second, contacts.block
     for start in range(begin, begin + size, pair.BLOCK_SIZE):
-        b = contacts.block[start // pair.BLOCK_SIZE]
+        b = block[start // pair.BLOCK_SIZE]
         for s in range(min(begin + size - start, pair.BLOCK_SIZE)):
             i, j = first[start + s], second[start + s]
             _set_radius_quantities(
@@ -217,21 +213,44 @@ def _add_touching(dt, pairs, candidates, particles, body, begin, contacts, pair_
     Returns:
         Number of contacts added, and number of candidates left.
     """
+    # All arrays are read before the loop: a table passed to a function in it, or read in it, counts
+    # references to its arrays each time, which takes longer than the work.
     first, second, block = contacts.first, contacts.second, contacts.block
+    pair_first, pair_second, spring = pairs.first, pairs.second, pairs.spring
+    contact_flag, position, cohesion = pairs.contact_flag, particles.position, particles.cohesion
+    friction, rolling_friction = particles.friction, particles.rolling_friction
+    inverse_mass = particles.inverse_mass
     # The 0 is typed, or `_select_touching` is compiled once more for its literal.
     slot, num_left = begin, np.int64(0)
     selected = np.empty(pair.BLOCK_SIZE, np.uint32)
     for start in range(0, candidates.size, pair.BLOCK_SIZE):
         count, num_left = _select_touching(
-            dt, pairs, start, min(start + pair.BLOCK_SIZE, candidates.size), candidates,
-            num_left, particles.position, body, selected,
+            dt, pair_first, pair_second, contact_flag, start,
+            min(start + pair.BLOCK_SIZE, candidates.size), candidates, num_left, position, body,
+            selected,
         )  # fmt: skip
         for m in range(count):
             k = selected[m]
-            first[slot], second[slot], pair_index[slot] = pairs.first[k], pairs.second[k], k
-            _fill_slot(
-                block[slot // pair.BLOCK_SIZE], slot % pair.BLOCK_SIZE, pairs, k, particles, body
-            )
+            i, j = pair_first[k], pair_second[k]
+            first[slot], second[slot], pair_index[slot] = i, j, k
+            b, s = block[slot // pair.BLOCK_SIZE], slot % pair.BLOCK_SIZE
+            pair.store(b, pair.SEPARATION, s, _separation(position, i, j))
+            # The coefficients of a contact between two soils are those of the weaker one.
+            _set_radius_quantities(
+                b, s, body[i, CONTACT_RADIUS], body[j, CONTACT_RADIUS],
+                min(cohesion[i], cohesion[j]),
+            )  # fmt: skip
+            b[pair.FRICTION + s] = min(friction[i], friction[j])
+            b[pair.ROLLING_FRICTION + s] = min(rolling_friction[i], rolling_friction[j])
+            # A sleeping particle counts with its own mass. With an infinite one the contact would
+            # be twice as stiff while it sleeps, and its neighbours would move each time it falls
+            # asleep or wakes.
+            b[pair.EFFECTIVE_MASS + s] = _ONE / (inverse_mass[i] + inverse_mass[j])
+            was_in_contact = np.float32(contact_flag[k])
+            for axis in range(3):
+                b[pair.TANGENTIAL_SPRING + axis * pair.BLOCK_SIZE + s] = (
+                    spring[k, axis] * was_in_contact
+                )
             slot += 1
     num_added, end = slot - begin, slot
     while end % GROUP_SIZE != 0:
@@ -244,31 +263,10 @@ def _add_touching(dt, pairs, candidates, particles, body, begin, contacts, pair_
     return num_added, num_left
 
 
-@kernel(forceinline=True)
-def _fill_slot(b, s, pairs, k, particles, body):  # type: ignore[no-untyped-def]
-    """Fill in all quantities of slot `s` for pair number `k`."""
-    i, j = pairs.first[k], pairs.second[k]
-    friction, rolling_friction = particles.friction, particles.rolling_friction
-    inverse_mass, cohesion = particles.inverse_mass, particles.cohesion
-    pair.store(b, pair.SEPARATION, s, _separation(particles.position, i, j))
-    # The coefficients of a contact between two soils are those of the weaker one.
-    _set_radius_quantities(
-        b, s, body[i, CONTACT_RADIUS], body[j, CONTACT_RADIUS], min(cohesion[i], cohesion[j])
-    )
-    b[pair.FRICTION + s] = min(friction[i], friction[j])
-    b[pair.ROLLING_FRICTION + s] = min(rolling_friction[i], rolling_friction[j])
-    # A sleeping particle counts with its own mass. With an infinite one the contact would be twice
-    # as stiff while it sleeps, and its neighbours would move each time it falls asleep or wakes.
-    b[pair.EFFECTIVE_MASS + s] = _ONE / (inverse_mass[i] + inverse_mass[j])
-    was_in_contact = np.float32(pairs.contact_flag[k])
-    for axis in range(3):
-        b[pair.TANGENTIAL_SPRING + axis * pair.BLOCK_SIZE + s] = (
-            pairs.spring[k, axis] * was_in_contact
-        )
-
-
 @kernel
-def _select_touching(dt, pairs, low, high, candidates, num_left, position, body, selected):  # type: ignore[no-untyped-def]
+def _select_touching(  # type: ignore[no-untyped-def]
+    dt, first, second, contact_flag, low, high, candidates, num_left, position, body, selected
+):
     """Select the candidates from `low` to `high` that may touch within a step, without branches.
 
     The others stay candidates, moved down to number `num_left` and up. Their contact history is
@@ -277,11 +275,10 @@ def _select_touching(dt, pairs, low, high, candidates, num_left, position, body,
     Returns:
         Number of pairs selected, and number of candidates left so far.
     """
-    contact_flag = pairs.contact_flag
     count = 0
     for m in range(low, high):
         k = candidates[m]
-        i, j = pairs.first[k], pairs.second[k]
+        i, j = first[k], second[k]
         separation = _separation(position, i, j)
         velocity = subtract(load_row(body, j, VELOCITY), load_row(body, i, VELOCITY))
         # Approach speed and gap are both multiplied by the distance, which saves a division.

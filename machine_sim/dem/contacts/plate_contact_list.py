@@ -162,10 +162,13 @@ def _list_candidates(  # type: ignore[no-untyped-def]
             tool_frame_positions[t], tools.sphere[t], plates.bounds, first_plate[t],
             first_plate[t + 1], reach[t], is_close[t],
         )  # fmt: skip
+    row, plate, side, spring = new.row, new.plate, new.side, new.spring
+    begin, end, old_begin, old_end = new.begin, new.end, old.begin, old.end
+    old_plate, old_side, old_spring = old.plate, old.side, old.spring
     count = 0
     for n in range(rows.size):
         i = rows[n]
-        new.begin[i] = count
+        begin[i] = count
         for t in range(num_tools):
             if not is_close[t, n]:
                 continue
@@ -180,30 +183,26 @@ def _list_candidates(  # type: ignore[no-untyped-def]
                 ca, cb, _ = closest_in_polygon(plates, k, a, b)
                 if (a - ca) ** 2 + (b - cb) ** 2 + h * h > max_distance * max_distance:
                     continue
-                if count == new.row.size:
+                if count == row.size:
                     return -1
-                new.row[count], new.plate[count] = i, k
-                new.side[count] = np.float32(1.0) if h >= 0.0 else np.float32(-1.0)
+                row[count], plate[count] = i, k
+                side[count] = np.float32(1.0) if h >= 0.0 else np.float32(-1.0)
                 for axis in range(3):
-                    new.spring[count, axis] = np.float32(0.0)
-                if list_row[i] >= 0:
-                    _transfer_history(old, list_row[i], k, new, count)
+                    spring[count, axis] = np.float32(0.0)
+                old_row = list_row[i]
+                if old_row >= 0:
+                    # Copy side and spring from the former contact of the same two.
+                    for m in range(old_begin[old_row], old_end[old_row]):
+                        if old_plate[m] == k:
+                            side[count] = old_side[m]
+                            for axis in range(3):
+                                spring[count, axis] = old_spring[m, axis]
                 count += 1
-        new.end[i] = count
+        end[i] = count
     list_row[:] = -1
     for i in rows:
         list_row[i] = i
     return count
-
-
-@kernel(forceinline=True)
-def _transfer_history(old, row, plate, new, contact):  # type: ignore[no-untyped-def]
-    """Copy side and spring of the contact of an old row with a plate, if there is one."""
-    for m in range(old.begin[row], old.end[row]):
-        if old.plate[m] == plate:
-            new.side[contact] = old.side[m]
-            for axis in range(3):
-                new.spring[contact, axis] = old.spring[m, axis]
 
 
 @kernel

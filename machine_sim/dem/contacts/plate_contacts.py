@@ -107,12 +107,8 @@ class PlateContacts:
             blocks = self._blocks
         if len(self._slot) < table.count:
             self._slot = np.zeros(len(table.row), np.int64)
-        particles = _Particles(
-            state.position, state.radius, state.mass, state.tool_friction,
-            state.tool_rolling_friction, state.adhesion,
-        )  # fmt: skip
         count = _fill_blocks(
-            table.candidates, table.spring, table.side, particles, tools.motion, body, force_sums,
+            table.candidates, table.spring, table.side, state.view(_Particles), tools.motion, body, force_sums,
             blocks, self._slot,
         )  # fmt: skip
         return _first_blocks(blocks, count)
@@ -146,36 +142,41 @@ def _fill_blocks(  # type: ignore[no-untyped-def]
     Returns:
         Number of blocks.
     """
-    pose, tool_of_plate = tools.path[0], tools.tool_of_plate
+    pose, tool_of_plate, plates = tools.path[0], tools.tool_of_plate, tools.plates
+    row, plate_of_contact = candidates.row, candidates.plate
+    slot_row, slot_tool_row, block = blocks.row, blocks.tool_row, blocks.block
+    position, full_radius, mass = particles.position, particles.radius, particles.mass
+    friction, adhesion = particles.tool_friction, particles.adhesion
+    rolling_friction = particles.tool_rolling_friction
     _fill_tool_records(tools.twist, body, force_sums)
     count, next_slot = _allocate_blocks(
-        candidates.plate, tool_of_plate.size, blocks.plate, blocks.size
+        plate_of_contact, tool_of_plate.size, blocks.plate, blocks.size
     )
-    for c in range(candidates.row.size):
-        i, k = candidates.row[c], candidates.plate[c]
+    for c in range(row.size):
+        i, k = row[c], plate_of_contact[c]
         t = tool_of_plate[k]
         at = next_slot[k]
         next_slot[k] += 1
         slot[c] = at
-        blocks.row[at], blocks.tool_row[at] = i, tool_record_row(body.shape[0], t)
-        b = blocks.block[at // plate.BLOCK_SIZE]
+        slot_row[at], slot_tool_row[at] = i, tool_record_row(body.shape[0], t)
+        b = block[at // plate.BLOCK_SIZE]
         s = at % plate.BLOCK_SIZE
-        centre = load_row(particles.position, i, 0)
+        centre = load_row(position, i, 0)
         plate.store(b, plate.LEVER_ARM, s, subtract(centre, load_row(pose, t, ORIGIN)))
         x, y, z = to_tool_frame(pose[t], centre[0], centre[1], centre[2])
-        plate.store(b, plate.CENTRE, s, plate_coordinates(tools.plates, k, x, y, z))
+        plate.store(b, plate.CENTRE, s, plate_coordinates(plates, k, x, y, z))
         contact_radius = body[i, CONTACT_RADIUS]
-        radius = max(contact_radius, _MIN_PLATE_RADIUS_FRACTION * particles.radius[i])
+        radius = max(contact_radius, _MIN_PLATE_RADIUS_FRACTION * full_radius[i])
         b[plate.RADIUS + s] = radius
         b[plate.RADIUS_RATIO + s] = radius / contact_radius
-        b[plate.MASS + s] = particles.mass[i]
-        b[plate.FRICTION + s] = particles.tool_friction[i]
-        b[plate.ROLLING_FRICTION + s] = particles.tool_rolling_friction[i]
-        b[plate.ADHESION_FORCE + s] = _PI * radius * radius * particles.adhesion[i]
+        b[plate.MASS + s] = mass[i]
+        b[plate.FRICTION + s] = friction[i]
+        b[plate.ROLLING_FRICTION + s] = rolling_friction[i]
+        b[plate.ADHESION_FORCE + s] = _PI * radius * radius * adhesion[i]
         plate.store(b, plate.TANGENTIAL_SPRING, s, load_row(spring, c, 0))
         b[plate.SIDE + s] = side[c]
     for n in range(count):
-        _pad_last_group(n * plate.BLOCK_SIZE, blocks.size[n], blocks, blocks.block[n])
+        _pad_last_group(n * plate.BLOCK_SIZE, blocks.size[n], slot_row, slot_tool_row, block[n])
     return count
 
 
@@ -222,16 +223,15 @@ def _allocate_blocks(plate_of_contact, num_plates, plate_of_block, size):  # typ
 
 
 @kernel
-def _pad_last_group(begin, size, blocks, b):  # type: ignore[no-untyped-def]
+def _pad_last_group(begin, size, row, tool_row, b):  # type: ignore[no-untyped-def]
     """Pad the last group of a block with copies of its last contact that exert no force.
 
     Args:
         begin: first slot of the block.
         size: number of its contacts.
-        blocks: `PlateContactBlocks`.
+        row, tool_row: see `PlateContactBlocks`.
         b: quantities of the block.
     """
-    row, tool_row = blocks.row, blocks.tool_row
     s = size
     while s % GROUP_SIZE != 0:
         row[begin + s], tool_row[begin + s] = row[begin + s - 1], tool_row[begin + s - 1]

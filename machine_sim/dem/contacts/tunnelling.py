@@ -55,6 +55,8 @@ def _count_tunnelled(  # type: ignore[no-untyped-def]
         contacts: `PlateContactArrays`.
     """
     start, end = path[0], path[path.shape[0] - 1]
+    contact_begin, contact_end = contacts.begin, contacts.end
+    contact_plate, contact_side = contacts.plate, contacts.side
     tool_displacement = np.empty(start.shape[0])
     for t in range(start.shape[0]):
         tool_displacement[t] = _max_tool_displacement(start[t], end[t], sphere[t])
@@ -67,8 +69,8 @@ def _count_tunnelled(  # type: ignore[no-untyped-def]
         for t in range(start.shape[0]):
             # Plates within this distance of the particle are in the contact table.
             listed_distance = SEARCH_RADIUS_FACTOR * radius[i]
-            has_contacts = contacts.begin[i] < contacts.end[i]
-            if not has_contacts and own_displacement + tool_displacement[t] <= listed_distance:
+            first, last = contact_begin[i], contact_end[i]
+            if first == last and own_displacement + tool_displacement[t] <= listed_distance:
                 # No plate was within that distance, and none has come nearer by more than it: a
                 # tool turns by less than a right angle in a step.
                 continue
@@ -81,10 +83,19 @@ def _count_tunnelled(  # type: ignore[no-untyped-def]
             if cx * cx + cy * cy + cz * cz > (sphere[t, SPHERE_RADIUS] + length) ** 2:
                 continue
             if length <= listed_distance:
-                tunnelled |= _crosses_contact_plate(plates, tool_of_plate, t, segment, contacts, i)
+                # No plate is within that distance but those that it has a contact with.
+                for m in range(first, last):
+                    k = contact_plate[m]
+                    tunnelled |= tool_of_plate[k] == t and _crosses_plate(
+                        plates, k, segment, contact_side[m]
+                    )
                 continue
             for k in range(first_plate[t], first_plate[t + 1]):
-                tunnelled |= _crosses_plate(plates, k, segment, _contact_side(contacts, i, k))
+                side = np.float32(0.0)
+                for m in range(first, last):
+                    if contact_plate[m] == k:
+                        side = contact_side[m]
+                tunnelled |= _crosses_plate(plates, k, segment, side)
         count += tunnelled
     return count
 
@@ -109,26 +120,6 @@ def _max_tool_displacement(start, end, sphere):  # type: ignore[no-untyped-def]
             rotation_change2 += change * change
         centre_displacement2 += centre * centre
     return np.sqrt(centre_displacement2) + np.sqrt(rotation_change2) * sphere[SPHERE_RADIUS]
-
-
-@kernel
-def _crosses_contact_plate(plates, tool_of_plate, t, segment, contacts, i):  # type: ignore[no-untyped-def]
-    """Return whether a segment pierces a plate of tool `t` that row `i` has a contact with."""
-    for m in range(contacts.begin[i], contacts.end[i]):
-        k = contacts.plate[m]
-        if tool_of_plate[k] == t and _crosses_plate(plates, k, segment, contacts.side[m]):
-            return True
-    return False
-
-
-@kernel
-def _contact_side(contacts, i, k):  # type: ignore[no-untyped-def]
-    """Return the side of plate `k` that the contact of row `i` remembers, 0 without a contact."""
-    side = np.float32(0.0)
-    for m in range(contacts.begin[i], contacts.end[i]):
-        if contacts.plate[m] == k:
-            side = contacts.side[m]
-    return side
 
 
 @kernel

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.dem.params import ParticleParams
-from machine_sim.dem.state import ParticleState
 from machine_sim.dem.tools.plane import signed_distance
 from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
 from machine_sim.dem.tools.pose import to_tool_frame
@@ -39,11 +38,6 @@ class GrowthView(NamedTuple):
     radius: NDArray[np.float32]
     contact_radius: NDArray[np.float32]
     inverse_mass: NDArray[np.float32]
-
-    @classmethod
-    def of(cls, state: ParticleState) -> GrowthView:
-        """Return views of the columns of a state."""
-        return cls(state.position, state.radius, state.contact_radius, state.inverse_mass)
 
 
 def growth_per_step(dt: float, params: ParticleParams) -> float:

@@ -55,32 +55,34 @@ def _transfer_chunk(low, high, old, new_row, active, new, begin, end):  # type: 
     Returns:
         Number of pairs marked as both asleep.
     """
+    first, second, contact_flag, spring = old.first, old.second, old.contact_flag, old.spring
+    new_second, new_flag, new_spring = new.second, new.contact_flag, new.spring
     # Pairs in contact are selected without branches, which no processor could predict.
     touching, count = np.empty(high - low, np.int64), 0
     for m in range(low, high):
         touching[count] = m
-        count += old.contact_flag[m] != 0
+        count += contact_flag[m] != 0
     num_asleep = 0
     for m in touching[:count]:
-        i = new_row[old.first[m]] if old.first[m] < new_row.size else -1
-        j = new_row[old.second[m]] if old.second[m] < new_row.size else -1
+        i = new_row[first[m]] if first[m] < new_row.size else -1
+        j = new_row[second[m]] if second[m] < new_row.size else -1
         if i < 0 or j < 0:
             continue
         if not (active[i] or active[j]):
-            old.contact_flag[m] = BOTH_ASLEEP
-            old.first[m], old.second[m] = i, j
+            contact_flag[m] = BOTH_ASLEEP
+            first[m], second[m] = i, j
             num_asleep += 1
             continue
         # The spring points from the first particle to the second.
         sign = np.float32(1.0)
-        k = _find_row(new.second, begin[i], end[i], j)
+        k = _find_row(new_second, begin[i], end[i], j)
         if k < 0:
-            k = _find_row(new.second, begin[j], end[j], i)
+            k = _find_row(new_second, begin[j], end[j], i)
             sign = np.float32(-1.0)
         if k >= 0:
-            new.contact_flag[k] = 1
+            new_flag[k] = 1
             for axis in range(3):
-                new.spring[k, axis] = sign * old.spring[m, axis]
+                new_spring[k, axis] = sign * spring[m, axis]
     return num_asleep
 
 

@@ -76,12 +76,12 @@ def mark_neighbours(packed, is_active, own, size, mark):  # type: ignore[no-unty
 
 
 @kernel
-def _find_marked_words(low, size, around):  # type: ignore[no-untyped-def]
+def _find_marked_words(low, size, mark, marked_words):  # type: ignore[no-untyped-def]
     """Find the words of marks from `low` on that are not zero; few are. Return their number."""
-    words = around.mark[: around.mark.size // WORD * WORD].view(np.uint64)
+    words = mark[: mark.size // WORD * WORD].view(np.uint64)
     count = 0
     for word in range(low, (size + WORD - 1) // WORD):
-        around.marked_words[count] = word
+        marked_words[count] = word
         count += words[word] != 0
     return count
 
@@ -93,10 +93,10 @@ def list_later_pairs(own, size, around, first, second, count):  # type: ignore[n
     Returns:
         Number of pairs in the table.
     """
-    row, mark = around.row, around.mark
+    row, mark, marked_words = around.row, around.mark, around.marked_words
     mark_neighbours(around.packed, around.is_active, own, size, mark)
-    for n in range(_find_marked_words(own // WORD, size, around)):
-        low = WORD * around.marked_words[n]
+    for n in range(_find_marked_words(own // WORD, size, mark, marked_words)):
+        low = WORD * marked_words[n]
         for m in range(max(low, own + 1), low + WORD):
             first[count] = row[own]
             second[count] = row[min(m, size - 1)]
@@ -114,13 +114,14 @@ def list_all_pairs(own, size, num_after, around, first, second, count):  # type:
     Returns:
         Number of pairs in the table.
     """
-    row, mark = around.row, around.mark
-    mark_neighbours(around.packed, around.is_active, own, size, mark)
-    for n in range(_find_marked_words(0, size, around)):
-        low = WORD * around.marked_words[n]
+    row, mark, marked_words = around.row, around.mark, around.marked_words
+    is_active = around.is_active
+    mark_neighbours(around.packed, is_active, own, size, mark)
+    for n in range(_find_marked_words(0, size, mark, marked_words)):
+        low = WORD * marked_words[n]
         for m in range(low, min(low + WORD, size)):
             is_before = m < own or m >= num_after
-            if mark[m] == 0 or m == own or (around.is_active[m] and is_before):
+            if mark[m] == 0 or m == own or (is_active[m] and is_before):
                 continue
             first[count] = row[own]
             second[count] = row[m]

@@ -100,11 +100,12 @@ def _pack_sorted(low, high, order, particles, packed, is_active):  # type: ignor
     list with a skin.
     """
     position, middle = particles.position, order[order.size // 2]
+    reach, active = particles.reach, particles.active
     for place in range(low, high):
         i = order[place]
         for axis in range(3):
             packed[axis, place] = position[i, axis] - position[middle, axis]
-        packed[REACH, place], is_active[place] = particles.reach[i], particles.active[i]
+        packed[REACH, place], is_active[place] = reach[i], active[i]
 
 
 @kernel
@@ -138,21 +139,22 @@ def _find_chunk_pairs(low, high, grid, sparse, packed, is_active, first, second,
     """
     strip_low, strip_high = np.zeros(2 * _NUM_STRIPS, np.int64), np.zeros(2 * _NUM_STRIPS, np.int64)
     around = allocate_neighbourhood(512)
+    order, start, cell, shape = grid.order, grid.start, grid.cell, grid.shape
     count, place = 0, low
     while place < high:
-        c = grid.cell[place]
-        end_of_cell = grid.start[c + 1]
+        c = cell[place]
+        end_of_cell = start[c + 1]
         if sparse and not is_active[place:end_of_cell].any():
             for k in range(place, end_of_cell):
-                begin[grid.order[k]] = end[grid.order[k]] = count
+                begin[order[k]] = end[order[k]] = count
             place = end_of_cell
             continue
-        size = _find_strips(c, place, grid, sparse, strip_low, strip_high)
+        size = _find_strips(c, place, start, shape, sparse, strip_low, strip_high)
         if size > around.row.size:
             around = allocate_neighbourhood(2 * size)
         if count + (end_of_cell - place) * size > first.size:
             return -1
-        num_after = _gather(strip_low, strip_high, sparse, grid.order, packed, is_active, around)
+        num_after = _gather(strip_low, strip_high, sparse, order, packed, is_active, around)
         for own in range(end_of_cell - place):
             i = around.row[own]
             begin[i] = count
@@ -166,16 +168,16 @@ def _find_chunk_pairs(low, high, grid, sparse, packed, is_active, first, second,
 
 
 @kernel
-def _find_strips(c, place, grid, sparse, low, high):  # type: ignore[no-untyped-def]
+def _find_strips(c, place, start, shape, sparse, low, high):  # type: ignore[no-untyped-def]
     """Find the places of the particles about cell `c`, in strips along z.
 
     Strips 0 to 4 are the cell itself and those after it in the order of cells; strips 5 to 9, used
-    only if `sparse`, are those before it.
+    only if `sparse`, are those before it. `start` and `shape` are those of the `CellGrid`.
 
     Returns:
         Number of particles in the strips.
     """
-    start, nx, nz = grid.start, grid.shape[0], grid.shape[2]
+    nx, nz = shape[0], shape[2]
     low[0], high[0] = place, start[c + 2]
     low[_NUM_STRIPS], high[_NUM_STRIPS] = start[c - 1], place
     for half in range(1, _NUM_STRIPS):
@@ -196,14 +198,15 @@ def _gather(low, high, sparse, order, packed, is_active, around):  # type: ignor
     Returns:
         Number of particles in the strips that are not before the cell in the order.
     """
+    around_packed, row, around_active = around.packed, around.row, around.is_active
     m, num_after = 0, 0
     for strip in range(2 * _NUM_STRIPS if sparse else _NUM_STRIPS):
         if strip == _NUM_STRIPS:
             num_after = m
         for place in range(low[strip], high[strip]):
             for quantity in range(4):
-                around.packed[quantity, m] = packed[quantity, place]
-            around.row[m], around.is_active[m] = order[place], is_active[place]
+                around_packed[quantity, m] = packed[quantity, place]
+            row[m], around_active[m] = order[place], is_active[place]
             m += 1
     return num_after
 
@@ -215,14 +218,15 @@ def _find_outlier_pairs(fast_outliers, particles, first, second, begin, end, cou
     Returns:
         Number of pairs in the table, or -1 where it is too small.
     """
-    position, n = particles.position, particles.active.size
+    position, reach, active = particles.position, particles.reach, particles.active
+    n = active.size
     if fast_outliers.size == 0:
         return count
     packed, is_active = np.empty((4, n), np.float32), np.empty(n, np.uint8)
     for j in range(n):
         for axis in range(3):
             packed[axis, j] = position[j, axis] - position[fast_outliers[0], axis]
-        packed[REACH, j], is_active[j] = particles.reach[j], particles.active[j]
+        packed[REACH, j], is_active[j] = reach[j], active[j]
     mark = np.zeros((n + WORD - 1) // WORD * WORD, np.uint8)
     words, is_listed = mark.view(np.uint64), np.zeros(n, np.bool_)
     for i in fast_outliers:

@@ -100,11 +100,12 @@ def _sum_displacements(rows, position, velocity, listed_position, dt, displaceme
 @kernel
 def _exceeds_skin(rows, position, velocity, listed, dt, mean):  # type: ignore[no-untyped-def]
     """Return whether the displacement of a row at the end of the step exceeds its skin width."""
+    listed_position, skin_width = listed.position, listed.skin_width
     for i in rows:
-        displacement = subtract(load_row(position, i, 0), load_row(listed.position, i, 0))
+        displacement = subtract(load_row(position, i, 0), load_row(listed_position, i, 0))
         displacement = add(displacement, scale(load_row(velocity, i, 0), dt))
         relative = subtract(displacement, mean)
-        if dot(relative, relative) > listed.skin_width[i] * listed.skin_width[i]:
+        if dot(relative, relative) > skin_width[i] * skin_width[i]:
             return True
     return False
 
@@ -112,10 +113,10 @@ def _exceeds_skin(rows, position, velocity, listed, dt, mean):  # type: ignore[n
 @kernel
 def _exceeds_predicted_radius(rows, contact_radius, radius, listed, growth):  # type: ignore[no-untyped-def]
     """Return whether the contact radius of a row may exceed the predicted one."""
-    exceeds = False
+    predicted_radius, exceeds = listed.predicted_radius, False
     for i in rows:
         grown = _grown_radius(contact_radius[i], radius[i], growth)
-        exceeds |= grown > listed.predicted_radius[i]
+        exceeds |= grown > predicted_radius[i]
     return exceeds
 
 

@@ -111,7 +111,7 @@ class SleepManager:
         if rows.size == 0:
             self._wake_spheres.clear()
             return rows
-        params, view = self._params, SleepView.of(state)
+        params, view = self._params, state.view(SleepView)
         woken = np.zeros(rows.size, np.bool_)
         wake_load = self._gravity.changed_by(params.wake_gravity_change * params.gravity)
         if self._wake_spheres:
@@ -154,7 +154,7 @@ class SleepManager:
             tools: before `ToolSet.end_step`.
             locked_rows, tool_of_row: locked rows, one at least, and the tool index of each.
         """
-        view = SleepView.of(state)
+        view = state.view(SleepView)
         for t in np.unique(tool_of_row):
             load, centre = move_locked_load(
                 t, locked_rows, tool_of_row, tools.path[-1, t], tools.twist[t], state.mass, view
@@ -179,7 +179,9 @@ class SleepManager:
         """
         if rows.size == state.count:
             return 0
-        return int(wake_touching(rows, pair_contacts, SleepView.of(state), self._params.wake_speed))
+        return int(
+            wake_touching(rows, pair_contacts, state.view(SleepView), self._params.wake_speed)
+        )
 
     def put_to_sleep(
         self,
@@ -208,7 +210,7 @@ class SleepManager:
             return rows[:0]
         falls_asleep = np.zeros(rows.size, np.bool_)
         update_sleep_timers(
-            rows, inside, SleepView.of(state), tools.motion, params.sleep_speed, params.sleep_time,
+            rows, inside, state.view(SleepView), tools.motion, params.sleep_speed, params.sleep_time,
             dt, falls_asleep,
         )  # fmt: skip
         if not falls_asleep.any():
@@ -245,7 +247,7 @@ class SleepManager:
         if not has_load and not (sleep_ready & inside).any() and not (tool_of_contact == t).any():
             return on_tool, on_other
         trace_support(
-            t, rows, sleep_ready, SleepView.of(state), contacts, tools.motion, on_tool, on_other
+            t, rows, sleep_ready, state.view(SleepView), contacts, tools.motion, on_tool, on_other
         )
         is_moving = np.abs(tools.twist[t]).max() > _MAX_REST_TWIST
         stays_awake = inside & sleep_ready & (~on_other if not is_moving else True)

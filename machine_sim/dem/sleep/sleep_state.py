@@ -8,7 +8,7 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from machine_sim.dem.state import ASLEEP_ON_MAP, AWAKE, ParticleState
+from machine_sim.dem.state import ASLEEP_ON_MAP, AWAKE
 from msg_bridge.kernels import kernel
 
 __all__ = [
@@ -49,11 +49,6 @@ class SleepView(NamedTuple):
     sleep_state: NDArray[np.int16]
     sleep_timer: NDArray[np.float32]
     wake_reference: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, state: ParticleState) -> SleepView:
-        """Return views of the columns of a state."""
-        return cls(*(getattr(state, name) for name in cls._fields))
 
 
 @kernel

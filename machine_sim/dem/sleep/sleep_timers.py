@@ -28,7 +28,7 @@ def update_sleep_timers(rows, inside, view, tools, sleep_speed, sleep_time, dt, 
         sleep_ready: out, which of `rows` have been slow for that long.
     """
     position, velocity, angular_velocity = view.position, view.velocity, view.angular_velocity
-    sleep_timer = view.sleep_timer
+    sleep_timer, radius, contact_radius = view.sleep_timer, view.radius, view.contact_radius
     pose, twist = tools.path[tools.path.shape[0] - 1], tools.twist
     for k in range(rows.size):
         i, t = rows[k], inside[k]
@@ -45,9 +45,9 @@ def update_sleep_timers(rows, inside, view, tools, sleep_speed, sleep_time, dt, 
             wx -= twist[t, ANGULAR]
             wy -= twist[t, ANGULAR + 1]
             wz -= twist[t, ANGULAR + 2]
-        r = np.float64(view.radius[i])
+        r = np.float64(radius[i])
         speed2 = vx * vx + vy * vy + vz * vz + r * r * (wx * wx + wy * wy + wz * wz)
-        if speed2 > sleep_speed * sleep_speed or view.contact_radius[i] < view.radius[i]:
+        if speed2 > sleep_speed * sleep_speed or contact_radius[i] < radius[i]:
             sleep_timer[i] = np.float32(0.0)
         else:
             sleep_timer[i] += np.float32(dt)

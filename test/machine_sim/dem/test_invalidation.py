@@ -4,14 +4,14 @@ import pytest
 
 from machine_sim.dem.invalidation import STALE_AFTER, Change, Derived, Invalidation
 
-PERSISTENT = Derived.NEIGHBOUR_LIST | Derived.CONTACT_BLOCKS | Derived.BODY_RECORDS
+PERSISTENT = (Derived.NEIGHBOUR_LIST, Derived.CONTACT_BLOCKS, Derived.BODY_RECORDS)
 
 
 @pytest.fixture
 def invalidation() -> Invalidation:
     """An invalidation after a step that has rebuilt everything."""
     rebuilt = Invalidation()
-    rebuilt.mark_rebuilt(PERSISTENT)
+    rebuilt.mark_rebuilt(*PERSISTENT)
     return rebuilt
 
 

@@ -44,7 +44,7 @@ def supported_rows(
     )  # fmt: skip
     on_tool, on_other = np.zeros(COUNT, np.bool_), np.zeros(COUNT, np.bool_)
     trace_support(
-        0, np.arange(COUNT), np.isin(ALL, sleep_ready), SleepView.of(state), contacts,
+        0, np.arange(COUNT), np.isin(ALL, sleep_ready), state.view(SleepView), contacts,
         tools.motion, on_tool, on_other,
     )  # fmt: skip
     return np.flatnonzero(on_tool).tolist(), np.flatnonzero(on_other).tolist()
