@@ -106,7 +106,7 @@ def load_body_records(  # type: ignore[no-untyped-def]
         )  # fmt: skip
 
 
-@kernel
+@kernel(forceinline=True)
 def _load_chunk(  # type: ignore[no-untyped-def]
     rows, body, force_sums, velocity, angular_velocity, contact_radius, radius, inverse_mass,
     sleep_state,
@@ -130,7 +130,7 @@ def store_body_records(rows, body, position, velocity, angular_velocity):  # typ
         _store_chunk(row_chunk(rows, c), body, position, velocity, angular_velocity)
 
 
-@kernel
+@kernel(forceinline=True)
 def _store_chunk(rows, body, position, velocity, angular_velocity):  # type: ignore[no-untyped-def]
     for i in rows:
         for axis in range(3):

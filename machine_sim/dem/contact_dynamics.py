@@ -223,7 +223,7 @@ class ContactDynamics:
         run_substeps.for_threads(threads)(
             self._substep_params, *contact_params, moving.free,
             LockedRows(moving.locked, moving.locked_tool), body, force_sums,
-            state.view(GroundParticles), self._pair_contacts.blocks, plate_contacts, ground_contacts,
+            state.view(GroundParticles), self.pair_contacts, plate_contacts, ground_contacts,
             tools.motion,
         )  # fmt: skip
         self._plate_contacts.store_history(self.plate_list.table)

@@ -29,7 +29,7 @@ _ONE = np.float32(1.0)
 _TINY = np.float32(1e-20)
 
 
-@kernel
+@kernel(forceinline=True)
 def integrate_bodies(rows, body, force_sums, radius, gravity, dt):  # type: ignore[no-untyped-def]
     """Advance particles by one substep of semi-implicit Euler, and clear their force sums.
 
@@ -89,7 +89,7 @@ def _integrate_rotation(  # type: ignore[no-untyped-def]
     return add(neighbours, scale(rolling, remaining))
 
 
-@kernel
+@kernel(forceinline=True)
 def advance_locked_loads(locked, body, force_sums, position, tools, step, dt):  # type: ignore[no-untyped-def]
     """Move soil locked to tools by one substep, and add the forces on it to the tools' wrenches.
 

@@ -66,6 +66,7 @@ class Ground:
             soil, moisture: see the attributes; zeros if None.
         """
         self.grid = grid
+        self.frame = GridFrame(grid.x_first, grid.y_first, 1.0 / grid.cell)
         self.soils = tuple(soils)
         zeros = np.zeros(grid.shape, dtype=np.uint8)
         self.soil: NDArray[np.uint8] = self._check_soil_ids(zeros if soil is None else soil).copy()
@@ -90,11 +91,6 @@ class Ground:
     def max_sinkage(self) -> NDArray[np.float64]:
         """Maximum depth of soles below the undisturbed surface [m], same shape; soles write it."""
         return self._compaction.max_sinkage
-
-    @property
-    def frame(self) -> GridFrame:
-        """Position of the grid in the map frame."""
-        return GridFrame(self.grid.x_first, self.grid.y_first, 1.0 / self.grid.cell)
 
     def apply_keyframe(self, keyframe: Keyframe) -> None:
         """Replace the whole terrain; the contact surface rises to it at its limited speed."""

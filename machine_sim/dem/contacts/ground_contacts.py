@@ -122,7 +122,7 @@ def max_limited_overlap(params):  # type: ignore[no-untyped-def]
     return _MAX_LIMITED_ACCELERATION / np.float64(params.normal_stiffness)
 
 
-@kernel
+@kernel(forceinline=True)
 def terrain_height(surface, frame, x, y):  # type: ignore[no-untyped-def]
     """Return the terrain height [m] at (x, y)."""
     x_first, y_first, inverse_cell = frame
@@ -159,7 +159,7 @@ def _list_contacts(  # type: ignore[no-untyped-def]
     return count
 
 
-@kernel
+@kernel(forceinline=True)
 def _fit_slopes(surface, frame, x, y, r):  # type: ignore[no-untyped-def]
     """Return the mean slopes of the terrain along x and y across 2 r [m] about (x, y)."""
     rise_x = terrain_height(surface, frame, x + r, y) - terrain_height(surface, frame, x - r, y)
@@ -167,7 +167,7 @@ def _fit_slopes(surface, frame, x, y, r):  # type: ignore[no-untyped-def]
     return rise_x / (2 * r), rise_y / (2 * r)
 
 
-@kernel
+@kernel(forceinline=True)
 def _fit_planes(  # type: ignore[no-untyped-def]
     surface, frame, dt, params, rows, ground_masked, near_tool, particles, row, plane,
 ):  # fmt: skip

@@ -22,7 +22,7 @@ from msg_bridge.kernels import kernel
 __all__ = ["ground_forces"]
 
 
-@kernel
+@kernel(forceinline=True)
 def ground_forces(  # type: ignore[no-untyped-def]
     low, high, contacts, particles, body, force_sums, params, friction, rolling_friction
 ):

@@ -65,31 +65,33 @@ class _Particles(NamedTuple):
 
 
 class PairContacts:
-    """The contacts between particles, kept from step to step until the pair list is rebuilt."""
+    """The contacts between particles, kept from step to step until the pair list is rebuilt.
+
+    Attributes:
+        blocks: the contacts, for kernels.
+    """
 
     def __init__(self) -> None:
-        self._begin = np.zeros(1, np.int64)
-        self._size = np.zeros(1, np.int64)
         # Pairs that are not yet contacts: indices into the pair table, part by part.
         self._candidates = np.zeros(0, np.uint32)
         self._num_candidates = np.zeros(1, np.int64)
         self._reserve(32)
 
     @property
-    def blocks(self) -> PairContactBlocks:
-        """The contacts, for kernels."""
-        return PairContactBlocks(self._first, self._second, self._block, self._begin, self._size)
-
-    @property
     def count(self) -> int:
         """Number of contacts."""
-        return int(self._size.sum())
+        return int(self.blocks.size.sum())
 
     def _reserve(self, num_blocks: int) -> None:
-        self._first = np.zeros(num_blocks * pair.BLOCK_SIZE, np.uint32)
-        self._second = np.zeros(num_blocks * pair.BLOCK_SIZE, np.uint32)
-        self._pair_index = np.zeros(num_blocks * pair.BLOCK_SIZE, np.uint32)
-        self._block = np.zeros((num_blocks, pair.NUM_QUANTITIES * pair.BLOCK_SIZE), np.float32)
+        num_slots = num_blocks * pair.BLOCK_SIZE
+        self._pair_index = np.zeros(num_slots, np.uint32)
+        self.blocks = PairContactBlocks(
+            first=np.zeros(num_slots, np.uint32),
+            second=np.zeros(num_slots, np.uint32),
+            block=np.zeros((num_blocks, pair.NUM_QUANTITIES * pair.BLOCK_SIZE), np.float32),
+            begin=np.zeros(1, np.int64),
+            size=np.zeros(1, np.int64),
+        )
 
     def update(  # type: ignore[no-untyped-def]
         self, state: ParticleState, body, pairs: PairTable, dt: float, threads: int, *,
@@ -118,19 +120,24 @@ class PairContacts:
     def _allocate_blocks(self, pairs: PairTable) -> None:
         """Give each part of the pair list enough blocks for all of its pairs."""
         num_blocks = (np.diff(pairs.bounds) + pair.BLOCK_SIZE - 1) // pair.BLOCK_SIZE
-        self._begin = pair.BLOCK_SIZE * (np.cumsum(num_blocks) - num_blocks)
-        self._size = np.zeros(len(num_blocks), np.int64)
+        last_block = np.cumsum(num_blocks)
+        if int(last_block[-1]) > len(self.blocks.block):
+            self._reserve(2 * int(last_block[-1]))
+        self.blocks = self.blocks._replace(
+            begin=pair.BLOCK_SIZE * (last_block - num_blocks),
+            size=np.zeros(len(num_blocks), np.int64),
+        )
         self._num_candidates = np.zeros(len(num_blocks), np.int64)
-        if int(num_blocks.sum()) > len(self._block):
-            self._reserve(2 * int(num_blocks.sum()))
         if pairs.count > len(self._candidates):
             self._candidates = np.zeros(2 * pairs.count, np.uint32)
 
     def store_history(self, pairs: PairTable, threads: int) -> None:
         """Write the tangential springs back to the pair table."""
+        blocks = self.blocks
         _store_history.for_threads(threads)(
-            self._begin, self._size, self._pair_index, self._block, pairs.contact_flag, pairs.spring
-        )
+            blocks.begin, blocks.size, self._pair_index, blocks.block, pairs.contact_flag,
+            pairs.spring,
+        )  # fmt: skip
 
 
 @threaded_kernel
@@ -172,7 +179,7 @@ def _separation(position, i, j):  # type: ignore[no-untyped-def]
     return np.float32(x), np.float32(y), np.float32(z)
 
 
-@kernel
+@kernel(forceinline=True)
 def _update_separations(begin, size, contacts, position):  # type: ignore[no-untyped-def]
     """Compute the separations of existing contacts at the start of the step."""
     first, second, block = contacts.first, contacts.second, contacts.block
@@ -183,7 +190,7 @@ def _update_separations(begin, size, contacts, position):  # type: ignore[no-unt
             pair.store(b, pair.SEPARATION, s, _separation(position, i, j))
 
 
-@kernel
+@kernel(forceinline=True)
 def _update_contact_radii(begin, size, contacts, body, cohesion):  # type: ignore[no-untyped-def]
     """Update what depends on contact radii in existing contacts."""
     first, second, block = contacts.first, contacts.second, contacts.block
@@ -206,13 +213,14 @@ def _set_radius_quantities(b, s, ri, rj, cohesion):  # type: ignore[no-untyped-d
     b[pair.MAX_OVERLAP + s] = smaller
 
 
-@kernel
+@kernel(forceinline=True)
 def _add_touching(dt, pairs, candidates, particles, body, begin, contacts, pair_index):  # type: ignore[no-untyped-def]
     """Copy the candidates that may touch to the slots from `begin` on.
 
     Returns:
         Number of contacts added, and number of candidates left.
     """
+    selected = np.empty(pair.BLOCK_SIZE, np.uint32)
     # All arrays are read before the loop: a table passed to a function in it, or read in it, counts
     # references to its arrays each time, which takes longer than the work.
     first, second, block = contacts.first, contacts.second, contacts.block
@@ -222,7 +230,6 @@ def _add_touching(dt, pairs, candidates, particles, body, begin, contacts, pair_
     inverse_mass = particles.inverse_mass
     # The 0 is typed, or `_select_touching` is compiled once more for its literal.
     slot, num_left = begin, np.int64(0)
-    selected = np.empty(pair.BLOCK_SIZE, np.uint32)
     for start in range(0, candidates.size, pair.BLOCK_SIZE):
         count, num_left = _select_touching(
             dt, pair_first, pair_second, contact_flag, start,
@@ -263,7 +270,7 @@ def _add_touching(dt, pairs, candidates, particles, body, begin, contacts, pair_
     return num_added, num_left
 
 
-@kernel
+@kernel(forceinline=True)
 def _select_touching(  # type: ignore[no-untyped-def]
     dt, first, second, contact_flag, low, high, candidates, num_left, position, body, selected
 ):

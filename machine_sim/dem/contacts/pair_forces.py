@@ -20,7 +20,7 @@ _ZERO = np.float32(0.0)
 _TINY_LENGTH2 = np.float32(1e-18)
 
 
-@kernel
+@kernel(forceinline=True)
 def pair_forces(begin, size, contacts, body, force_sums, contact_params):  # type: ignore[no-untyped-def]
     """Add the forces of a range of pair contacts to the sums of their particles.
 
@@ -31,8 +31,8 @@ def pair_forces(begin, size, contacts, body, force_sums, contact_params):  # typ
             meaningless.
         contact_params: `ContactParameters`.
     """
-    first, second = contacts.first, contacts.second
     scratch = np.empty(pair.NUM_SCRATCH_QUANTITIES * pair.BLOCK_SIZE, np.float32)
+    first, second = contacts.first, contacts.second
     for at in range(begin, begin + size, pair.BLOCK_SIZE):
         block = contacts.block[at // pair.BLOCK_SIZE]
         num_slots = min(begin + size - at, pair.BLOCK_SIZE)

@@ -108,8 +108,8 @@ class PlateContacts:
         if len(self._slot) < table.count:
             self._slot = np.zeros(len(table.row), np.int64)
         count = _fill_blocks(
-            table.candidates, table.spring, table.side, state.view(_Particles), tools.motion, body, force_sums,
-            blocks, self._slot,
+            table.candidates, table.spring, table.side, state.view(_Particles), tools.motion, body,
+            force_sums, blocks, self._slot,
         )  # fmt: skip
         return _first_blocks(blocks, count)
 
@@ -180,7 +180,7 @@ def _fill_blocks(  # type: ignore[no-untyped-def]
     return count
 
 
-@kernel
+@kernel(forceinline=True)
 def _fill_tool_records(twist, body, force_sums):  # type: ignore[no-untyped-def]
     """Fill the records of the tools.
 
@@ -196,7 +196,7 @@ def _fill_tool_records(twist, body, force_sums):  # type: ignore[no-untyped-def]
             body[row, ANGULAR_VELOCITY + axis] = twist[t, ANGULAR + axis]
 
 
-@kernel
+@kernel(forceinline=True)
 def _allocate_blocks(plate_of_contact, num_plates, plate_of_block, size):  # type: ignore[no-untyped-def]
     """Give each plate enough blocks for its contacts.
 
@@ -222,7 +222,7 @@ def _allocate_blocks(plate_of_contact, num_plates, plate_of_block, size):  # typ
     return num_blocks, first_slot
 
 
-@kernel
+@kernel(forceinline=True)
 def _pad_last_group(begin, size, row, tool_row, b):  # type: ignore[no-untyped-def]
     """Pad the last group of a block with copies of its last contact that exert no force.
 

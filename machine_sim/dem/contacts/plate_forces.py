@@ -28,7 +28,7 @@ _ONE = np.float32(1.0)
 _TINY = np.float32(1e-20)
 
 
-@kernel
+@kernel(forceinline=True)
 def plate_forces(blocks, body, force_sums, tools, step, contact_params):  # type: ignore[no-untyped-def]
     """Add the forces of plates to the sums of particles, and their reaction to the tools' wrenches.
 

@@ -100,7 +100,7 @@ def _count_tunnelled(  # type: ignore[no-untyped-def]
     return count
 
 
-@kernel
+@kernel(forceinline=True)
 def _max_tool_displacement(start, end, sphere):  # type: ignore[no-untyped-def]
     """Return an upper bound of the displacement of any point of a tool [m].
 
@@ -122,7 +122,7 @@ def _max_tool_displacement(start, end, sphere):  # type: ignore[no-untyped-def]
     return np.sqrt(centre_displacement2) + np.sqrt(rotation_change2) * sphere[SPHERE_RADIUS]
 
 
-@kernel
+@kernel(forceinline=True)
 def _crosses_plate(plates, k, segment, side):  # type: ignore[no-untyped-def]
     """Return whether a segment pierces plate `k` and ends on the side opposite to `side`.
 

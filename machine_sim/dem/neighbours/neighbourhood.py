@@ -59,7 +59,7 @@ def allocate_neighbourhood(capacity):  # type: ignore[no-untyped-def]
     )
 
 
-@kernel
+@kernel(forceinline=True)
 def mark_neighbours(packed, is_active, own, size, mark):  # type: ignore[no-untyped-def]
     """Mark the particles within reach of number `own`, if one of the two is active.
 
@@ -75,7 +75,7 @@ def mark_neighbours(packed, is_active, own, size, mark):  # type: ignore[no-unty
         mark[m] = np.uint8(0)
 
 
-@kernel
+@kernel(forceinline=True)
 def _find_marked_words(low, size, mark, marked_words):  # type: ignore[no-untyped-def]
     """Find the words of marks from `low` on that are not zero; few are. Return their number."""
     words = mark[: mark.size // WORD * WORD].view(np.uint64)
@@ -86,7 +86,7 @@ def _find_marked_words(low, size, mark, marked_words):  # type: ignore[no-untype
     return count
 
 
-@kernel
+@kernel(forceinline=True)
 def list_later_pairs(own, size, around, first, second, count):  # type: ignore[no-untyped-def]
     """List the pairs of number `own` with particles after it, without branches.
 
@@ -104,7 +104,7 @@ def list_later_pairs(own, size, around, first, second, count):  # type: ignore[n
     return count
 
 
-@kernel
+@kernel(forceinline=True)
 def list_all_pairs(own, size, num_after, around, first, second, count):  # type: ignore[no-untyped-def]
     """List the pairs of the active number `own` with particles on all sides.
 

@@ -28,6 +28,7 @@ class PairTable:
             `history_transfer.BOTH_ASLEEP` for one that is no longer listed; uint8, shape
             (capacity,).
         spring: elongation of the tangential spring, map axes [m], float32, shape (capacity, 3).
+        arrays: the four above, for kernels.
         begin, end: range of the pairs whose `first` is a given row, int64, shape (rows,).
         bounds: first pair of each part of the list and the end, see `partition.partition_pairs`.
         count: number of pairs.
@@ -38,15 +39,11 @@ class PairTable:
         self.second = np.zeros(capacity, np.uint32)
         self.contact_flag = np.zeros(capacity, np.uint8)
         self.spring = np.zeros((capacity, 3), np.float32)
+        self.arrays = PairArrays(self.first, self.second, self.contact_flag, self.spring)
         self.begin = np.zeros(rows, np.int64)
         self.end = np.zeros(rows, np.int64)
         self.bounds = np.zeros(2, np.int64)
         self.count = 0
-
-    @property
-    def arrays(self) -> PairArrays:
-        """Arrays of the pairs, for kernels."""
-        return PairArrays(self.first, self.second, self.contact_flag, self.spring)
 
     @property
     def is_partitioned(self) -> bool:

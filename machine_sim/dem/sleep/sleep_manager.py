@@ -210,8 +210,8 @@ class SleepManager:
             return rows[:0]
         falls_asleep = np.zeros(rows.size, np.bool_)
         update_sleep_timers(
-            rows, inside, state.view(SleepView), tools.motion, params.sleep_speed, params.sleep_time,
-            dt, falls_asleep,
+            rows, inside, state.view(SleepView), tools.path[-1], tools.twist, params.sleep_speed,
+            params.sleep_time, dt, falls_asleep,
         )  # fmt: skip
         if not falls_asleep.any():
             return rows[:0]

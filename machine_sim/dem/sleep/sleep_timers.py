@@ -11,7 +11,9 @@ __all__ = ["update_sleep_timers"]
 
 
 @kernel
-def update_sleep_timers(rows, inside, view, tools, sleep_speed, sleep_time, dt, sleep_ready):  # type: ignore[no-untyped-def]
+def update_sleep_timers(  # type: ignore[no-untyped-def]
+    rows, inside, view, pose, twist, sleep_speed, sleep_time, dt, sleep_ready
+):
     """Advance the timers of awake particles, and mark those that may fall asleep.
 
     A particle is slow where the speed of its centre and of its surface, v^2 + (w r)^2, relative to
@@ -21,7 +23,7 @@ def update_sleep_timers(rows, inside, view, tools, sleep_speed, sleep_time, dt, 
         rows: awake rows.
         inside: tool index of each of `rows`, `NO_TOOL` for none.
         view: `SleepView`; the timers are updated.
-        tools: `ToolMotion` at the end of the step.
+        pose, twist: packed poses at the end of the step, and twists, of the tools.
         sleep_speed: [m/s].
         sleep_time: how long a particle must be slow [s].
         dt: [s].
@@ -29,7 +31,6 @@ def update_sleep_timers(rows, inside, view, tools, sleep_speed, sleep_time, dt, 
     """
     position, velocity, angular_velocity = view.position, view.velocity, view.angular_velocity
     sleep_timer, radius, contact_radius = view.sleep_timer, view.radius, view.contact_radius
-    pose, twist = tools.path[tools.path.shape[0] - 1], tools.twist
     for k in range(rows.size):
         i, t = rows[k], inside[k]
         vx, vy, vz = velocity[i, 0], velocity[i, 1], velocity[i, 2]

@@ -71,6 +71,7 @@ class ToolSet:
         twist: packed twists in the step, shape (tools, 6).
         wrench: packed wrenches on the tools, shape (tools, 6). During a step their sum over the
             substeps, after it the mean.
+        motion: the arrays of a step that has begun, for kernels.
     """
 
     def __init__(self, substeps: int) -> None:
@@ -126,19 +127,6 @@ class ToolSet:
             pack_pose(tool.end, self._end[t])
         interpolate_poses(self._start, self._end, dt, self.path, self.twist)
         self.wrench[:] = 0.0
-
-    @property
-    def motion(self) -> ToolMotion:
-        """The arrays of a step that has begun, for kernels."""
-        return ToolMotion(
-            self.plates,
-            self.tool_of_plate,
-            self.first_plate,
-            self.sphere,
-            self.path,
-            self.twist,
-            self.wrench,
-        )
 
     def tool_frame_positions(
         self, rows: NDArray[np.int64], position: NDArray[np.float64]
@@ -212,6 +200,10 @@ class ToolSet:
         self.path = np.zeros((self.substeps + 1, count, POSE_SIZE))
         self.twist = np.zeros((count, TWIST_SIZE))
         self.wrench = np.zeros((count, TWIST_SIZE))
+        self.motion = ToolMotion(
+            self.plates, self.tool_of_plate, self.first_plate, self.sphere, self.path, self.twist,
+            self.wrench,
+        )  # fmt: skip
 
 
 @kernel
@@ -255,7 +247,7 @@ def _classify(  # type: ignore[no-untyped-def]
                 inside[n], ground_masked[n] = t, is_digging[t]
 
 
-@kernel
+@kernel(forceinline=True)
 def _mark_within_sphere(positions, sphere, margin, within):  # type: ignore[no-untyped-def]
     """Mark the positions within a margin [m] of a bounding sphere, and return their number."""
     count, max_distance2 = 0, (sphere[SPHERE_RADIUS] + margin) ** 2
@@ -268,7 +260,7 @@ def _mark_within_sphere(positions, sphere, margin, within):  # type: ignore[no-u
     return count
 
 
-@kernel
+@kernel(forceinline=True)
 def _exclude_beyond_plane(positions, nx, ny, nz, offset, within):  # type: ignore[no-untyped-def]
     """Clear the mark of each position beyond a plane."""
     for n in range(np.uint64(within.size)):
