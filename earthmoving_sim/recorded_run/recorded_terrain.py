@@ -100,7 +100,7 @@ class RecordedTerrain:
         return HeightMap(keyframe.grid, keyframe.elevation), self._elevation, self._loose_depth
 
     def _apply(self) -> None:
-        """Apply all consecutive rows; each has the whole state of its cell, so the last counts."""
+        """Apply all consecutive rows; each has the complete state of its cell."""
         while self.first is not None and (rows := self._take_next_rows()) is not None:
             layers = {"z": self._elevation, "loose_depth": self._loose_depth}
             try:

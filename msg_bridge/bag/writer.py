@@ -230,7 +230,7 @@ class BagWriter:
         part = path.with_suffix(".part")
         try:
             part.write_text(text, encoding="utf-8")
-            part.replace(path)  # atomically, so that no reader sees a part of it
+            part.replace(path)  # atomically, so that readers never find an incomplete file
         except OSError as error:
             with contextlib.suppress(OSError):
                 part.unlink(missing_ok=True)

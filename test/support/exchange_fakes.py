@@ -120,8 +120,8 @@ class FakeMachine:
         return {"pending_mm3": sum(self.pending), "particles_mm3": sum(self.particles.values())}
 
     @property
-    def held(self) -> int:
-        """All soil that it holds [mm^3]."""
+    def soil_mm3(self) -> int:
+        """All soil in the machine [mm^3]."""
         return sum(self.totals.values())
 
     def step(self, *, leave: bool = False) -> bool:

@@ -106,15 +106,15 @@ def test_a_dropped_machine_rejoins_with_all_its_soil() -> None:
     clock = Clock(2)
     machine = clock.machines[0]
     clock.ticks(20)
-    clock.until(lambda: machine.held > 0 and machine.exchange.waiting)
-    held = machine.held
+    clock.until(lambda: machine.soil_mm3 > 0 and machine.exchange.waiting)
+    volume = machine.soil_mm3
     clock.soil.exchange.drop(1)
     ledger = clock.tick()
     assert ledger.absent != 0
     assert ledger.imbalance == 0
     clock.until(lambda: machine.exchange.join_state is JoinState.OUT)
     assert machine.exchange.dropped
-    assert machine.held == held
+    assert machine.soil_mm3 == volume
     clock.rejoin(machine)
     clock.until(lambda: machine.exchange.joined)
     clock.ticks(20)
@@ -134,7 +134,7 @@ def test_soil_of_an_absent_machine_can_be_released_into_the_terrain() -> None:
     clock = Clock(2)
     machine, other = clock.machines
     clock.ticks(20)
-    clock.until(lambda: machine.held > 0)
+    clock.until(lambda: machine.soil_mm3 > 0)
     clock.leave(machine)
     clock.ticks(2)
     absent = clock.soil.ledgers[-1].absent
@@ -159,7 +159,7 @@ def test_soil_of_a_joined_machine_cannot_be_released() -> None:
 def test_released_soil_must_be_deposited() -> None:
     clock = Clock(2)
     clock.ticks(20)
-    clock.until(lambda: clock.machines[0].held > 0)
+    clock.until(lambda: clock.machines[0].soil_mm3 > 0)
     clock.leave(clock.machines[0])
     clock.soil.exchange.release(1)
     with raises(ErrorCode.RELEASE):

@@ -62,10 +62,10 @@ def test_soil_of_a_leaving_machine_is_absent_until_it_rejoins(loss: dict[str, fl
     fleet.ticks(20)
     leaving = fleet.machines[1]
     fleet.leave(leaving)
-    assert leaving.held > 0
+    assert leaving.soil_mm3 > 0
     fleet.ticks(20)
     assert fleet.soil.exchange.joined == (1,)
-    assert fleet.soil.ledgers[-1].absent == leaving.held
+    assert fleet.soil.ledgers[-1].absent == leaving.soil_mm3
     before = len(leaving.applied)
     leaving.exchange.join(**leaving.totals)
     fleet.until(lambda: len(leaving.applied) > before + 30)
@@ -78,16 +78,16 @@ def test_rows_of_the_last_tick_are_received_after_rejoining() -> None:
     machine = fleet.machines[0]
     machine.rows_per_tick = 0
     fleet.ticks(3)
-    assert machine.held == 0
+    assert machine.soil_mm3 == 0
     fleet.until_ready(machine)
     machine.exchange.send(
         empty_rows(SWEEP, 3), empty_rows(DEPOSIT_REQUEST), **machine.totals, leave=True
     )
     fleet.leave(machine)
-    assert machine.held == 0
+    assert machine.soil_mm3 == 0
     machine.exchange.join()
     fleet.ticks(3)
-    assert machine.held == fleet.soil.ledgers[0].terrain - fleet.soil.terrain
+    assert machine.soil_mm3 == fleet.soil.ledgers[0].terrain - fleet.soil.terrain
     assert fleet.is_balanced()
 
 
@@ -107,8 +107,8 @@ def test_two_machines_leave_in_successive_ticks() -> None:
 def test_a_crashed_machine_restarts_empty_and_its_soil_remains_absent() -> None:
     fleet = Fleet(2, expected=2, **BAD)
     fleet.ticks(15)
-    held = fleet.machines[1].held
-    assert held > 0
+    volume = fleet.machines[1].soil_mm3
+    assert volume > 0
     fleet.machines[1] = FakeMachine(np.random.default_rng(99), 2, session_id=10)
     fleet.connect()
     fleet.machines[1].exchange.join()
