@@ -1,9 +1,9 @@
-"""Fixtures for all tests of nodes: the same that are there for users."""
+"""Fixtures for tests of nodes: those that users have."""
 
 from hypothesis import settings
 
 pytest_plugins = ["msg_bridge.testing.fixtures"]
 
-# An example that compiles a kernel first takes seconds; how long one takes is not what is tested.
+# An example that compiles a kernel takes seconds; durations are not tested.
 settings.register_profile("no_deadline", deadline=None)
 settings.load_profile("no_deadline")

@@ -87,7 +87,7 @@ def test_machine_is_ready_once_it_has_joined_and_received_the_terrain(
     assert (side.sim.ground.elevation == 0.25).all()
 
 
-def test_a_tick_sends_header_and_sweep(side: MachineEndpoint, soil: FakeSoil) -> None:
+def test_tick_sends_header_and_sweep(side: MachineEndpoint, soil: FakeSoil) -> None:
     side.step()
     assert (side.tick, side.exchange.tick) == (1, 0)
     soil.to_soil()
@@ -97,9 +97,7 @@ def test_a_tick_sends_header_and_sweep(side: MachineEndpoint, soil: FakeSoil) ->
     assert (sweep.stream, sweep.rows.size) == (Stream.SWEEP, header.sweeps.count)
 
 
-def test_the_tick_after_the_next_waits_for_the_answer(
-    side: MachineEndpoint, soil: FakeSoil
-) -> None:
+def test_tick_after_the_next_waits_for_the_answer(side: MachineEndpoint, soil: FakeSoil) -> None:
     side.step()
     assert side.is_ready
     side.step()
@@ -109,9 +107,7 @@ def test_the_tick_after_the_next_waits_for_the_answer(
         side.step()
 
 
-def test_an_answer_is_taken_after_the_next_tick_and_not_sooner(
-    side: MachineEndpoint, soil: FakeSoil
-) -> None:
+def test_answer_is_applied_after_the_next_tick(side: MachineEndpoint, soil: FakeSoil) -> None:
     side.step()
     soil.answer(parcels=(700,))
     assert side.poll() is None
@@ -120,7 +116,7 @@ def test_an_answer_is_taken_after_the_next_tick_and_not_sooner(
     assert side.sim.pending_mm3 == 700
 
 
-def test_the_answer_becomes_pending_soil_and_new_ground(
+def test_answer_adds_pending_soil_and_updates_the_ground(
     side: MachineEndpoint, soil: FakeSoil
 ) -> None:
     side.step()

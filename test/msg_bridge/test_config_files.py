@@ -18,7 +18,7 @@ def file(path: Path, text: str = "shipped") -> Path:
 
 @pytest.fixture
 def checkout(tmp_path, monkeypatch) -> Path:
-    """A checkout's root, and a working folder outside it."""
+    """Return the root of a checkout, and set a working folder outside of it."""
     root, elsewhere = tmp_path / "checkout", tmp_path / "elsewhere"
     file(root / "package.xml")
     elsewhere.mkdir()
@@ -46,7 +46,7 @@ def test_wheel_install_config_is_found_below_the_environment(tmp_path, monkeypat
     assert find_config("soil.yaml") == shipped
 
 
-def test_config_folder_of_another_package_in_site_packages_is_not_ours(tmp_path, monkeypatch):
+def test_config_folder_of_another_package_in_site_packages_is_ignored(tmp_path, monkeypatch):
     monkeypatch.setattr(config_files, "PACKAGES_FOLDER", tmp_path)
     monkeypatch.setattr(sys, "prefix", str(tmp_path))
     file(tmp_path / "config/soil.yaml")
@@ -54,13 +54,13 @@ def test_config_folder_of_another_package_in_site_packages_is_not_ours(tmp_path,
         find_config("soil.yaml")
 
 
-def test_users_file_comes_before_the_shipped_one(checkout):
+def test_user_file_overrides_the_shipped_one(checkout):
     file(checkout / "config/soil.yaml")
     file(Path("soil.yaml"), "user's")
     assert find_config("soil.yaml").read_text() == "user's"
 
 
-def test_absolute_path_is_taken_as_it_is(checkout, tmp_path):
+def test_absolute_path_is_used_unchanged(checkout, tmp_path):
     own = file(tmp_path / "own.yaml")
     assert find_config(str(own)) == own
 
@@ -71,7 +71,7 @@ def test_folder_is_not_a_config_file(checkout):
         find_config("machines")
 
 
-def test_missing_file_says_where_it_looked_and_what_is_shipped(checkout):
+def test_error_of_a_missing_file_lists_folders_and_shipped_files(checkout):
     file(checkout / "config/soil.yaml")
     with pytest.raises(ConfigError) as error:
         find_config("soli.yaml")
@@ -81,7 +81,7 @@ def test_missing_file_says_where_it_looked_and_what_is_shipped(checkout):
     assert "Shipped with the package: soil.yaml" in message
 
 
-def test_empty_name_is_refused(checkout):
+def test_empty_name_is_rejected(checkout):
     with pytest.raises(ConfigError, match="empty"):
         find_config("")
 
@@ -90,7 +90,7 @@ def test_config_error_is_an_error_of_the_package():
     assert issubclass(ConfigError, EarthmovingError)
 
 
-def test_shipped_names_can_be_found_again(checkout):
+def test_shipped_names_are_found(checkout):
     for name in ("soil.yaml", "machines/excavator.yaml", "machines/README.md"):
         file(checkout / "config" / name)
     names = shipped_configs()

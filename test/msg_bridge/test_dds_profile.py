@@ -49,7 +49,7 @@ from msg_bridge.dds_profile import PROFILE_VARIABLE, use_shipped_profile
 from msg_bridge.exchange.chunks import split_into_chunks
 
 DOMAIN = 1 + os.getpid() % 101  # differs between processes; its ports are below the ephemeral ones
-DEADLINE = 20.0  # s
+TIMEOUT = 20.0  # [s]
 STAMP = Time(sec=1)
 
 # Creates a participant and prints the sizes of its shared memory segments.
@@ -75,8 +75,8 @@ def no_profile(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(PROFILE_VARIABLE)
 
 
-class Party:
-    """A node in a participant of its own."""
+class Participant:
+    """Node in a separate DDS participant."""
 
     def __init__(self, name: str) -> None:
         self._context = Context()
@@ -90,12 +90,12 @@ class Party:
         self._executor.add_node(self.node)
 
     def spin_until(self, condition: Callable[[], bool]) -> None:
-        deadline = time.monotonic() + DEADLINE
+        deadline = time.monotonic() + TIMEOUT
         while not condition():
             assert time.monotonic() < deadline, "the messages were not received"
             self._executor.spin_once(timeout_sec=0.05)
 
-    def listen(self, of: type, topic: str, profile: Any) -> list[Any]:
+    def subscribe(self, of: type, topic: str, profile: Any) -> list[Any]:
         """Return a list to which received messages are appended."""
         received: list[Any] = []
         self.node.create_subscription(of, topic, received.append, profile)
@@ -108,15 +108,15 @@ class Party:
 
 
 @pytest.fixture
-def parties(no_profile: None) -> Iterator[tuple[Party, Party]]:
+def participants(no_profile: None) -> Iterator[tuple[Participant, Participant]]:
     use_shipped_profile()
-    sender, receiver = Party("sender"), Party("receiver")
+    sender, receiver = Participant("sender"), Participant("receiver")
     yield sender, receiver
     sender.close()
     receiver.close()
 
 
-def send(sender: Party, topic: str, messages: list[Any], profile: Any) -> None:
+def send(sender: Participant, topic: str, messages: list[Any], profile: Any) -> None:
     """Publish messages once there is a subscription."""
     publisher = sender.node.create_publisher(type(messages[0]), topic, profile)
     sender.spin_until(lambda: publisher.get_subscription_count() > 0)
@@ -124,14 +124,14 @@ def send(sender: Party, topic: str, messages: list[Any], profile: Any) -> None:
         publisher.publish(message)
 
 
-def test_rows_cross(parties: tuple[Party, Party]) -> None:
-    sender, receiver = parties
+def test_rows_are_transmitted_unchanged(participants: tuple[Participant, Participant]) -> None:
+    sender, receiver = participants
     raw = np.random.default_rng(1).integers(0, 256, 50_000 * CONVERSION.itemsize, dtype=np.uint8)
     rows = raw.view(CONVERSION)
     clouds = [
         to_chunk_cloud(c, "map", STAMP) for c in split_into_chunks(3, Stream.CONVERSION, rows)
     ]
-    received = receiver.listen(PointCloud2, "conversions", qos.ROWS)
+    received = receiver.subscribe(PointCloud2, "conversions", qos.ROWS)
     send(sender, "conversions", clouds, qos.ROWS)
     receiver.spin_until(lambda: len(received) == len(clouds))
     chunks = [from_chunk_cloud(msg, Stream.CONVERSION) for msg in received]
@@ -140,8 +140,10 @@ def test_rows_cross(parties: tuple[Party, Party]) -> None:
     assert {msg.header.frame_id for msg in received} == {"map"}
 
 
-def test_one_topic_carries_headers_requests_and_ledger(parties: tuple[Party, Party]) -> None:
-    sender, receiver = parties
+def test_one_topic_carries_headers_requests_and_ledger(
+    participants: tuple[Participant, Participant],
+) -> None:
+    sender, receiver = participants
     span = RowRange(2**62, 3)
     words = [
         MachineHeader(1, 2, 3, 4, Verb.STEP, span, span, -1, 2**63 - 1, -(2**63), 5),
@@ -149,23 +151,25 @@ def test_one_topic_carries_headers_requests_and_ledger(parties: tuple[Party, Par
         RetransmitRequest(1, 2, 3, Stream.DEPOSIT_REQUEST, 7, 8),
         Ledger(1, 4, 10, -20, 30, 40, 50, 60, 170),
     ]
-    received = receiver.listen(Int64MultiArray, "tick", qos.ROWS)
+    received = receiver.subscribe(Int64MultiArray, "tick", qos.ROWS)
     send(sender, "tick", [to_multi_array(word) for word in words], qos.ROWS)
     receiver.spin_until(lambda: len(received) == len(words))
     assert [from_multi_array(msg) for msg in received] == words
 
 
-def test_rejection_crosses(parties: tuple[Party, Party]) -> None:
-    sender, receiver = parties
+def test_rejection_is_transmitted(participants: tuple[Participant, Participant]) -> None:
+    sender, receiver = participants
     rejection = JoinRejected(1, 2, 3, "5 mm³ too many; join empty")
-    received = receiver.listen(String, "join_rejections", qos.ROWS)
+    received = receiver.subscribe(String, "join_rejections", qos.ROWS)
     send(sender, "join_rejections", [to_join_rejected_string(rejection)], qos.ROWS)
     receiver.spin_until(lambda: bool(received))
     assert from_join_rejected_string(received[0]) == rejection
 
 
-def test_late_subscriber_gets_the_latest_terrain(parties: tuple[Party, Party]) -> None:
-    sender, receiver = parties
+def test_late_subscriber_gets_the_latest_terrain(
+    participants: tuple[Participant, Participant],
+) -> None:
+    sender, receiver = participants
     grid = Grid(129, 65, 0.2)
     heights = np.arange(129.0 * 65).reshape(grid.shape)
     volume = np.arange(129 * 65).reshape(grid.shape)
@@ -173,7 +177,7 @@ def test_late_subscriber_gets_the_latest_terrain(parties: tuple[Party, Party]) -
     for revision in (6, 7):
         terrain = TerrainMap(Keyframe(1, revision, grid, heights, volume), 0.5 * heights)
         publisher.publish(to_terrain_cloud(terrain, "map", STAMP))
-    received = receiver.listen(PointCloud2, "map", qos.TRANSIENT_LOCAL)
+    received = receiver.subscribe(PointCloud2, "map", qos.TRANSIENT_LOCAL)
     receiver.spin_until(lambda: bool(received))
     back = from_terrain_cloud(received[0])
     assert (back.keyframe.revision, back.keyframe.grid) == (7, grid)
@@ -181,10 +185,12 @@ def test_late_subscriber_gets_the_latest_terrain(parties: tuple[Party, Party]) -
     assert np.array_equal(back.volume_mm3, volume)
 
 
-def test_commands_are_heard_from_any_publisher(parties: tuple[Party, Party]) -> None:
-    sender, receiver = parties
+def test_commands_are_received_from_any_publisher(
+    participants: tuple[Participant, Participant],
+) -> None:
+    sender, receiver = participants
     for name, profile in (("reliable", qos.STATE), ("best_effort", qos.COMMANDS)):
-        received = receiver.listen(String, name, qos.COMMANDS)
+        received = receiver.subscribe(String, name, qos.COMMANDS)
         publisher = sender.node.create_publisher(String, name, profile)
 
         def came(publisher: Any = publisher, received: list[Any] = received) -> bool:
@@ -200,7 +206,7 @@ def test_shipped_profile_is_used_if_the_user_has_none(no_profile: None) -> None:
 
 
 @pytest.mark.parametrize("own", ["/home/me/own.xml", ""])
-def test_users_profile_is_left_alone(monkeypatch: pytest.MonkeyPatch, own: str) -> None:
+def test_profile_of_the_user_is_kept(monkeypatch: pytest.MonkeyPatch, own: str) -> None:
     monkeypatch.setenv(PROFILE_VARIABLE, own)
     assert use_shipped_profile() is None
     assert os.environ[PROFILE_VARIABLE] == own

@@ -1,4 +1,4 @@
-"""The soil behind its end of the exchange, with a machine that is only its messages."""
+"""Soil endpoint, with a machine that consists of its messages."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ DOWN = [(0.3, 0.05), (0.2, -0.05), (0.1, -0.15), (0.0, -0.2), (-0.1, -0.2)]  # l
 
 
 class Digger:
-    """A machine's end of the exchange that keeps what it is given as one number."""
+    """Machine exchange that accounts its soil as one number."""
 
     def __init__(self, endpoint: SoilEndpoint, machine_id: int = 1) -> None:
         self.endpoint = endpoint
         self.exchange = MachineExchange(machine_id)
-        self.held = 0
+        self.soil_mm3 = 0
         self.exchange.join()
-        self.carry()
+        self.deliver()
 
-    def carry(self) -> list[Message]:
-        """Both boxes, once each; returns the messages of the soil."""
+    def deliver(self) -> list[Message]:
+        """Deliver all messages in both directions; return those of the soil."""
         for message in self.exchange.drain_outbox():
             self.endpoint.receive(message)
         sent = self.endpoint.drain_outbox()
@@ -41,20 +41,20 @@ class Digger:
 
     def send(self, sweeps: Rows, deposit_requests: Rows = NOTHING, *, leave: bool = False) -> None:
         self.exchange.send(
-            sweeps, deposit_requests, pending_mm3=self.held, particles_mm3=0, leave=leave
+            sweeps, deposit_requests, pending_mm3=self.soil_mm3, particles_mm3=0, leave=leave
         )
         for message in self.exchange.drain_outbox():
             self.endpoint.receive(message)
 
     def take(self) -> None:
-        """Takes the answer that is due: to the tick before the last sent."""
-        self.carry()
+        """Apply the answer that is due: to the tick before the last one sent."""
+        self.deliver()
         answer = self.exchange.poll()
         if answer is not None:
-            self.held += int(answer.conversions["volume_mm3"].astype(np.int64).sum())
+            self.soil_mm3 += int(answer.conversions["volume_mm3"].astype(np.int64).sum())
 
     def dig(self) -> SoilTickResult:
-        """Pushes a bucket into the ground and waits a tick; returns the last tick."""
+        """Push a bucket into the ground and wait a tick; return the last tick."""
         done = None
         for (x0, z0), (x1, z1) in pairwise([*DOWN, DOWN[-1]]):
             self.send(bucket_sweep((x0, 0.0, z0), (x1, 0.0, z1)))
@@ -72,12 +72,12 @@ def endpoint() -> SoilEndpoint:
 def welcomed(endpoint: SoilEndpoint) -> Digger:
     digger = Digger(endpoint)
     assert endpoint.advance() is not None
-    digger.carry()
+    digger.deliver()
     assert digger.exchange.joined
     return digger
 
 
-def test_nothing_happens_before_the_expected_machines_have_joined() -> None:
+def test_no_tick_before_the_expected_machines_have_joined() -> None:
     endpoint = SoilEndpoint(flat_soil(), expected=(1, 2))
     assert endpoint.tick == -1
     Digger(endpoint, 1)
@@ -88,40 +88,42 @@ def test_nothing_happens_before_the_expected_machines_have_joined() -> None:
     assert (done.ledger.tick, endpoint.tick) == (0, 0)
 
 
-def test_the_welcome_moves_nothing_and_shows_the_terrain(endpoint: SoilEndpoint) -> None:
+def test_welcome_has_the_terrain_and_changes_nothing(endpoint: SoilEndpoint) -> None:
     digger = Digger(endpoint)
     done = endpoint.advance()
     assert done is not None
     assert done.step.conversions.size == done.step.map_updates.size == 0
     assert done.ledger.terrain == endpoint.soil.total_mm3 == done.ledger.start
-    sent = digger.carry()
+    sent = digger.deliver()
     assert [type(message) for message in sent] == [SoilHeader, Keyframe]
     assert (sent[1].elevation == endpoint.soil.columns.height).all()
     shown = (sent[1].volume_mm3, sent[1].soil, sent[1].moisture)
     assert all(map(np.array_equal, shown, endpoint.soil.layers))
 
 
-def test_what_a_bucket_takes_is_told_in_conversions_and_balances(endpoint: SoilEndpoint) -> None:
+def test_excavated_volume_is_in_the_conversions_and_the_ledger_balances(
+    endpoint: SoilEndpoint,
+) -> None:
     digger = welcomed(endpoint)
     before = endpoint.soil.total_mm3
     done = digger.dig()
-    assert digger.held == before - endpoint.soil.total_mm3 > 0
+    assert digger.soil_mm3 == before - endpoint.soil.total_mm3 > 0
     assert done.ledger.imbalance == 0
     assert endpoint.soil.verify_volume()
 
 
-def test_a_tick_waits_for_every_machine_unless_told_not_to(endpoint: SoilEndpoint) -> None:
+def test_tick_waits_for_every_machine_unless_wait_is_false(endpoint: SoilEndpoint) -> None:
     digger = welcomed(endpoint)
     assert endpoint.advance() is None
     done = endpoint.advance(wait=False)
     assert done is not None
     assert endpoint.tick == 1
-    digger.carry()
+    digger.deliver()
     digger.send(bucket_sweep((0, 0, 1), (0, 0, 1)))
     assert endpoint.advance() is not None
 
 
-def test_what_an_absent_machine_held_becomes_terrain_where_it_last_swept(
+def test_released_soil_is_deposited_at_the_last_sweep(
     endpoint: SoilEndpoint,
 ) -> None:
     digger = welcomed(endpoint)
@@ -131,7 +133,7 @@ def test_what_an_absent_machine_held_becomes_terrain_where_it_last_swept(
     left = endpoint.advance()
     assert left is not None
     held = left.ledger.absent
-    assert held >= digger.held > 0
+    assert held >= digger.soil_mm3 > 0
     heights = endpoint.soil.columns.height.copy()
     assert endpoint.release_absent_soil() == (1,)
     done = endpoint.advance(wait=False)
@@ -139,14 +141,14 @@ def test_what_an_absent_machine_held_becomes_terrain_where_it_last_swept(
     assert (done.ledger.absent, done.ledger.imbalance) == (0, 0)
     assert done.ledger.terrain == left.ledger.terrain + held
     raised = np.argwhere(endpoint.soil.columns.height > heights + 1e-6)
-    # The left end of the lip, where the first pair of its key points was, within what slips.
+    # The left end of the lip, position of the first pair of key points, within the relaxation.
     grid = endpoint.soil.grid
     place = np.array([grid.row(x), grid.col(0.6)])
     assert np.hypot(*(raised - place).T).min() < 2.5
     assert endpoint.soil.verify_volume()
 
 
-def test_what_is_released_is_of_the_kind_and_as_moist_as_what_was_dug() -> None:
+def test_released_soil_has_the_kind_and_moisture_of_the_excavated_soil() -> None:
     grid = Grid(61, 61, 0.2)
     ids = np.full(grid.shape, 1, dtype=np.uint8)
     params = SoilParams(soil="loam", additional_soils=("wet clay",))
@@ -169,35 +171,35 @@ def test_what_is_released_is_of_the_kind_and_as_moist_as_what_was_dug() -> None:
     assert set(soil.columns.loose_soil[grown].tolist()) == {1}
 
 
-def test_nothing_is_released_where_nobody_has_left_anything(endpoint: SoilEndpoint) -> None:
+def test_release_without_absent_soil_does_nothing(endpoint: SoilEndpoint) -> None:
     digger = welcomed(endpoint)
     digger.dig()
     assert endpoint.release_absent_soil() == ()
 
 
-def test_a_machine_that_asks_to_come_back_before_the_release_keeps_what_it_holds(
+def test_machine_that_rejoins_before_the_release_keeps_its_soil(
     endpoint: SoilEndpoint,
 ) -> None:
     digger = welcomed(endpoint)
     digger.dig()
     digger.send(bucket_sweep((0, 0, 1), (0, 0, 1)), leave=True)
     endpoint.advance()
-    digger.carry()
+    digger.deliver()
     digger.exchange.poll()
     assert endpoint.release_absent_soil() == (1,)
-    digger.exchange.join(pending_mm3=digger.held)
-    digger.carry()
+    digger.exchange.join(pending_mm3=digger.soil_mm3)
+    digger.deliver()
     assert endpoint.release_absent_soil() == ()
     done = endpoint.advance()
     assert done is not None
     assert (done.ledger.absent, done.ledger.imbalance) == (0, 0)
-    assert done.ledger.pending == digger.held > 0
-    digger.carry()
+    assert done.ledger.pending == digger.soil_mm3 > 0
+    digger.deliver()
     digger.send(bucket_sweep((0, 0, 1), (0, 0, 1)))
     assert endpoint.advance() is not None
 
 
-def test_a_volume_beyond_what_one_row_carries_is_released_whole(endpoint: SoilEndpoint) -> None:
+def test_released_volume_beyond_the_limit_of_a_row_is_complete(endpoint: SoilEndpoint) -> None:
     volume = 2 * MAX_ROW_VOLUME + 5
     endpoint.exchange.release = lambda machine_id: volume  # type: ignore[method-assign]
     rows = endpoint.release_rows(3)

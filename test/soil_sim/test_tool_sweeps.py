@@ -169,7 +169,7 @@ def tool(machine_id: int, number: int, actions: list[SweepAction], x: float = 0.
     return rows
 
 
-def test_a_pair_has_start_and_end_of_its_left_and_right_end() -> None:
+def test_pair_has_start_and_end_of_its_left_and_right_end() -> None:
     rows = bucket_sweep((0.0, 0.5, 0.25), (0.125, 0.5, 0.0), width=1.0)
     (machine,) = group_by_machine(validate_sweeps(rows)[0])
     assert machine.machine_id == 1

@@ -1,1 +1,1 @@
-"""What several tests share."""
+"""Scenes, fakes and helpers that several tests share."""

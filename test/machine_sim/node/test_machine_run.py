@@ -252,7 +252,7 @@ def test_late_command_takes_effect_at_once(make: MakeRun) -> None:
     assert delivered == [5]
 
 
-def test_in_real_time_no_command_is_delayed(make: MakeRun) -> None:
+def test_commands_are_not_delayed_in_real_time(make: MakeRun) -> None:
     run = make(command_delay=5, realtime=True)
     Soil(run)
     delivered: list[int] = []
@@ -267,7 +267,7 @@ def test_rejected_command_is_no_answer(make: MakeRun) -> None:
     assert not run.can_step
 
 
-def test_in_real_time_no_command_is_awaited(make: MakeRun) -> None:
+def test_commands_are_not_awaited_in_real_time(make: MakeRun) -> None:
     run = make(command_wait_period=1, realtime=True)
     Soil(run)
     assert run.can_step

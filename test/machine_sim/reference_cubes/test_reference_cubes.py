@@ -22,7 +22,7 @@ from msg_bridge.contract.loose_soil import LooseSoil
 SOIL = LooseSoil(swell=0.25)
 EDGE = np.cbrt(1.25e-3)
 HALF = 0.5 * EDGE
-FREE = VelocityClamps(enabled=False)
+UNCLAMPED = VelocityClamps(enabled=False)
 THREE = np.array([[0, 0, 1.0], [0, 0, 1.0], [0, 0.2, 1.0]])
 
 
@@ -42,9 +42,6 @@ def fraction_inside(world):
     return float(np.mean((np.abs(x) < 0.25) & (np.abs(y) < 0.25) & (z > 0.0) & (z < 0.6)))
 
 
-# On the terrain.
-
-
 @pytest.mark.parametrize("slope", [0.0, 0.4])
 def test_cubes_come_to_rest_on_the_ground(slope):
     world = cubes(slope=slope)
@@ -60,15 +57,15 @@ def test_cubes_come_to_rest_on_the_ground(slope):
 
 
 def test_cubes_slide_down_a_slope_without_friction():
-    world = cubes(slope=0.4, ground_friction=0.0, clamps=FREE)
+    world = cubes(slope=0.4, ground_friction=0.0, clamps=UNCLAMPED)
     world.add([[0, 0, HALF * np.hypot(1.0, 0.4)]], [[0, 0, 0]], LITRE)
     run(world, 1.0)
     # Half of the horizontal acceleration g sin(a) cos(a).
     assert world.positions[0, 0] == pytest.approx(-0.5 * GRAVITY * 0.4 / 1.16, rel=0.03)
 
 
-def test_a_pile_rests_on_its_lowest_layer():
-    world = cubes(clamps=FREE)
+def test_stacked_cubes_rest_on_one_another():
+    world = cubes(clamps=UNCLAMPED)
     world.add([[0, 0, HALF + k * EDGE] for k in range(4)], np.zeros((4, 3)), LITRE)
     run(world, 0.5)
     np.testing.assert_allclose(world.positions[:, 2] / HALF, [1, 3, 5, 7], atol=0.05)
@@ -88,7 +85,7 @@ def test_cubes_follow_ground_that_changes():
     assert world.num_ground_tunnellings == 0
 
 
-def test_a_cube_deep_in_the_ground_is_put_on_it():
+def test_cube_deep_in_the_ground_is_moved_to_the_surface():
     world = cubes()
     world.add([[0, 0, -0.5]], [[0, 0, 0]], LITRE)
     world.step(STEP)
@@ -96,7 +93,7 @@ def test_a_cube_deep_in_the_ground_is_put_on_it():
     assert world.num_ground_tunnellings == 1
 
 
-def test_a_cube_near_a_digging_tool_leaves_the_ground_slowly():
+def test_cube_near_a_digging_tool_leaves_the_ground_at_limited_speed():
     world = cubes()
     world.add_tool(0, [square(0.2)], pose(z=0.4))
     world.add([[0.3, 0, 0]], [[0, 0, 0]], LITRE)
@@ -106,9 +103,6 @@ def test_a_cube_near_a_digging_tool_leaves_the_ground_slowly():
         assert np.linalg.norm(world.velocities[0]) < 0.35
     assert world.positions[0, 2] == pytest.approx(0.15 + HALF, abs=0.002)
     assert world.num_ground_tunnellings == 0
-
-
-# Properties and freezing.
 
 
 def test_size_mass_and_friction_follow_from_the_soil():
@@ -122,7 +116,7 @@ def test_size_mass_and_friction_follow_from_the_soil():
     )
 
 
-def test_a_frozen_cube_supports_others_until_it_is_unfrozen():
+def test_frozen_cube_supports_others_until_it_is_unfrozen():
     world = cubes()
     ids = world.add([[0, 0, 1.0], [0, 0, 1.0 + EDGE]], np.zeros((2, 3)), LITRE)
     world.freeze(ids[:1])
@@ -133,10 +127,7 @@ def test_a_frozen_cube_supports_others_until_it_is_unfrozen():
     assert (world.positions[:, 2] < [0.85, 0.85 + EDGE]).all()
 
 
-# In tools.
-
-
-def test_a_resting_load_weighs_on_the_tool():
+def test_tool_wrench_is_the_weight_of_a_resting_load():
     world = filled_box()
     force, torque = np.mean([_wrench(world) for _ in range(20)], axis=0)
     weight = GRAVITY * float(world.masses.sum())
@@ -164,7 +155,7 @@ def test_cubes_stay_in_a_box_that_is_lifted_and_fall_out_when_it_is_tipped():
 
 
 def test_friction_carries_a_cube_on_a_rotating_plate():
-    world = cubes(clamps=FREE)
+    world = cubes(clamps=UNCLAMPED)
     world.add_tool(0, [square(0.6)], pose(z=1.0))
     world.add([[0.3, 0, 1.01 + HALF]], [[0, 0, 0]], LITRE)
     run(world, 0.2)
@@ -177,7 +168,7 @@ def test_friction_carries_a_cube_on_a_rotating_plate():
     np.testing.assert_allclose(world.positions_in_tool_frame(0)[0], start, atol=0.01)
 
 
-def test_a_cube_that_tunnels_through_a_plate_is_counted():
+def test_tunnelling_through_a_plate_is_counted():
     world = cubes(gravity=0.0)
     world.add_tool(0, [square(0.5)], pose(z=2.0))
     world.add([[0, 0, 2.3], [0.7, 0, 2.3]], [[0, 0, -150.0]] * 2, LITRE)
@@ -185,7 +176,7 @@ def test_a_cube_that_tunnels_through_a_plate_is_counted():
     assert world.num_plate_tunnellings == 1
 
 
-def test_a_load_falls_when_its_tool_is_removed():
+def test_load_falls_when_its_tool_is_removed():
     world = filled_box()
     heights = world.positions[:, 2].copy()
     world.remove_tool(0)
@@ -195,12 +186,9 @@ def test_a_load_falls_when_its_tool_is_removed():
         world.tool_wrench(0)
 
 
-# Velocity clamps.
-
-
-def test_the_clamp_stops_upward_motion():
+def test_clamp_stops_upward_motion():
     heights = []
-    for clamps in (None, FREE):
+    for clamps in (None, UNCLAMPED):
         world = cubes(clamps=clamps)
         world.add([[0, 0, 1.0]], [[0, 0, 3.0]], LITRE)
         run(world, 0.3)
@@ -209,16 +197,16 @@ def test_the_clamp_stops_upward_motion():
     assert heights[1] > 1.4
 
 
-def test_the_clamp_damps_horizontal_velocity():
+def test_clamp_damps_horizontal_velocity():
     world = cubes()
     world.add([[0, 0, 3.0]], [[2.0, 1.0, 0]], LITRE)
     run(world, 0.05)
     np.testing.assert_allclose(world.velocities[0, :2], np.array([2.0, 1.0]) / 1.1**10)
 
 
-def test_the_clamps_keep_cubes_in_a_box_that_stops_abruptly():
+def test_clamps_keep_cubes_in_a_box_that_stops_abruptly():
     rises = []
-    for clamps in (None, FREE):
+    for clamps in (None, UNCLAMPED):
         world = filled_box(clamps=clamps)
         drive(world, [pose(z=1.0 + 0.0075 * k) for k in range(41)])
         top = world.positions_in_tool_frame(0)[:, 2].max()
@@ -231,10 +219,7 @@ def test_the_clamps_keep_cubes_in_a_box_that_stops_abruptly():
     assert rises[1] > 0.05
 
 
-# Landing.
-
-
-def test_a_cube_lands_after_the_settle_time_on_the_ground():
+def test_cube_settles_after_the_settle_time_on_the_ground():
     world = cubes(settle_time=0.2)
     ids = world.add([[0, 0, HALF], [2, 0, 3.0]], np.zeros((2, 3)), LITRE)
     run(world, 0.15)
@@ -245,31 +230,28 @@ def test_a_cube_lands_after_the_settle_time_on_the_ground():
     assert world.settled().size == 0
 
 
-@pytest.mark.parametrize(("height", "lands"), [(0.84, True), (0.89, False)])
-def test_a_cube_lands_only_within_half_a_diagonal_of_the_ground(height, lands):
+@pytest.mark.parametrize(("height", "settles"), [(0.84, True), (0.89, False)])
+def test_cube_settles_only_within_half_a_diagonal_of_the_ground(height, settles):
     world = cubes()
     support = height - 0.5
-    at = [[0, 0, 0.5 * support * EDGE], [0, 0, height * EDGE]]
-    ids = world.add(at, np.zeros((2, 3)), [round(LITRE * support**3), LITRE])
+    positions = [[0, 0, 0.5 * support * EDGE], [0, 0, height * EDGE]]
+    ids = world.add(positions, np.zeros((2, 3)), [round(LITRE * support**3), LITRE])
     world.freeze(ids[:1])
     run(world, 0.2)
-    assert world.settled().tolist() == ([int(ids[1])] if lands else [])
+    assert world.settled().tolist() == ([int(ids[1])] if settles else [])
 
 
-def test_cubes_land_away_from_tools_or_off_the_map():
+def test_cubes_settle_away_from_tools_or_off_the_map():
     world = cubes()
     world.add_tool(0, box(1.0, 1.0, 0.6), pose(z=0.0), is_digging=False)
     world.add_tool(1, [square(0.3)], pose(3.0, 0, 0.2, np.pi / 2))
-    places = [[0, 0, 0.07], [3.01 + HALF, 0, HALF], [3.5, 0, HALF], [8.2, 0, 2.0]]
-    ids = world.add(places, np.zeros((4, 3)), LITRE)
+    positions = [[0, 0, 0.07], [3.01 + HALF, 0, HALF], [3.5, 0, HALF], [8.2, 0, 2.0]]
+    ids = world.add(positions, np.zeros((4, 3)), LITRE)
     run(world, 0.3)
     np.testing.assert_array_equal(world.settled(), ids[2:])
 
 
-# The engine.
-
-
-def test_a_run_repeats_bit_by_bit():
+def test_run_is_reproducible_bit_for_bit():
     ends = []
     for _ in range(2):
         world = filled_box()

@@ -36,18 +36,18 @@ def test_bucket_moved_lip_first_cuts() -> None:
     assert (rows["action"][:6] == SweepAction.CUT).all()
 
 
-def test_a_bucket_pushed_onto_its_back_presses() -> None:
+def test_bucket_pushed_onto_its_back_compacts() -> None:
     rotation, _ = DIGGING
     outward = rotation @ BUCKET.outward_normals[3]
     rows = bucket_sweep().rows(DIGGING, moved(tuple(0.01 * outward)))
     assert (rows["action"][6:8] == SweepAction.COMPACT).all()
 
 
-def test_a_bucket_at_rest_counts_as_cutting() -> None:
+def test_bucket_at_rest_cuts() -> None:
     assert (bucket_sweep().rows(DIGGING, DIGGING)["action"] == SweepAction.CUT).all()
 
 
-def test_tracks_that_drive_press_what_is_under_their_shoes() -> None:
+def test_driving_tracks_compact_below_their_shoes() -> None:
     start, end = (np.eye(3), np.zeros(3)), (np.eye(3), np.array([0.02, 0.0, 0.0]))
     tracks = MACHINE.tracks
     rows = TrackSweep(tracks, 1).rows(start, end)
@@ -63,6 +63,6 @@ def test_tracks_that_drive_press_what_is_under_their_shoes() -> None:
     assert not rows["z0"].any()
 
 
-def test_tracks_that_stand_press_no_more() -> None:
+def test_standing_tracks_do_not_compact() -> None:
     pose = (np.eye(3), np.array([3.0, 1.0, 0.2]))
     assert TrackSweep(MACHINE.tracks, 1).rows(pose, pose).size == 0

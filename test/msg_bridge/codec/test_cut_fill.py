@@ -20,7 +20,7 @@ def test_cut_and_fill_are_transmitted_bit_by_bit() -> None:
     assert from_cut_fill_array(over_the_wire(to_cut_fill_array(STATE))) == STATE
 
 
-def test_the_label_names_each_value_with_its_unit() -> None:
+def test_label_names_each_value_with_its_unit() -> None:
     (dimension,) = to_cut_fill_array(STATE).layout.dim
     assert dimension.label == "time_s,cut_m3,fill_m3,remaining_m3,within_tolerance"
     assert dimension.size == dimension.stride == 5
@@ -77,6 +77,6 @@ def test_values_appended_by_a_later_version_are_left_out() -> None:
         STATE._replace(within_tolerance=1.5),
     ],
 )
-def test_impossible_values_are_rejected(state: CutFillState) -> None:
+def test_invalid_values_are_rejected(state: CutFillState) -> None:
     with raises(ErrorCode.VALUE, CodecError):
         from_cut_fill_array(to_cut_fill_array(state))

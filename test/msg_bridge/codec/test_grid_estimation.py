@@ -23,7 +23,7 @@ def read_cell(cell: float, shape: tuple[int, int]) -> float:
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("cell", [1.0 / 3.0, FOOT, 0.1234567, np.pi])
-def test_a_cell_of_many_digits_is_read_to_float32_precision(
+def test_cell_size_of_many_digits_is_estimated_to_float32_precision(
     cell: float, shape: tuple[int, int]
 ) -> None:
     assert read_cell(cell, shape) == pytest.approx(cell, rel=2e-7)
@@ -31,11 +31,11 @@ def test_a_cell_of_many_digits_is_read_to_float32_precision(
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("cell", [0.01, 0.05, 0.1, 0.2, 0.3, 1.0, 12.5, 30.0, 0.123456])
-def test_a_cell_of_few_digits_is_read_exactly(cell: float, shape: tuple[int, int]) -> None:
+def test_cell_size_of_few_digits_is_estimated_exactly(cell: float, shape: tuple[int, int]) -> None:
     assert read_cell(cell, shape) == cell
 
 
-def test_cells_of_any_size_are_read() -> None:
+def test_any_cell_size_is_estimated() -> None:
     rng = np.random.default_rng(0)
     for cell in 10.0 ** rng.uniform(-2.0, 2.9, 50):
         for shape in SHAPES:

@@ -49,7 +49,7 @@ def test_particles_are_transmitted(count):
     np.testing.assert_array_equal(rows["soil"], state.soil)
 
 
-def test_a_point_is_packed():
+def test_point_is_packed():
     assert PARTICLE.itemsize == 37
     names = "x y z vx vy vz diameter id volume_mm3 soil"
     assert [field.name for field in cloud_of(some_particles(1)).fields] == names.split()

@@ -70,7 +70,7 @@ def test_many_rows_are_transmitted(dtype: np.dtype[np.void]) -> None:
     assert transmitted(rows).tobytes() == rows.tobytes()
 
 
-def test_a_strided_array_is_transmitted() -> None:
+def test_strided_array_is_transmitted() -> None:
     rows = random_rows(CONVERSION, 10)[::2]
     assert transmitted(rows).tobytes() == rows.tobytes()
 

@@ -79,7 +79,7 @@ def test_configuration_has_the_versions_of_the_software() -> None:
     assert versions()["numpy"].split(".")[0].isdigit()
 
 
-def test_a_section_cannot_replace_the_versions() -> None:
+def test_section_cannot_replace_the_versions() -> None:
     content = yaml.safe_load(to_config_yaml(FACTS, {"versions": "none"}))
     assert content["versions"] == versions()
 

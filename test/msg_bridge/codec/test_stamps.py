@@ -54,6 +54,6 @@ def test_time_outside_the_range_of_stamps_is_rejected(seconds: float) -> None:
 
 
 @pytest.mark.parametrize("period", [0.0, -0.01, float("nan"), float("inf"), 1e-10])
-def test_impossible_tick_period_is_rejected(period: float) -> None:
+def test_invalid_tick_period_is_rejected(period: float) -> None:
     with raises(ErrorCode.STAMP, CodecError):
         stamp_from_tick(1, period)

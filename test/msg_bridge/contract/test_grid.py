@@ -15,7 +15,7 @@ def test_index_zero_is_the_corner_at_plus_x_plus_y() -> None:
     assert grid.y(2) == pytest.approx(-0.5)
 
 
-def test_the_map_is_as_wide_as_its_columns() -> None:
+def test_map_width_is_the_number_of_columns_times_the_spacing() -> None:
     grid = Grid(5, 3, 0.5)
     assert grid.size == (2.5, 1.5)
     assert grid.contains([1.25, 1.26], [0.0, 0.0]).tolist() == [True, False]
@@ -30,11 +30,11 @@ def test_rows_and_x_are_inverse(rows: int, cols: int, cell: float, index: float)
 
 
 @pytest.mark.parametrize("cell", [0.0, -1.0, np.nan, np.inf])
-def test_impossible_spacing_is_refused(cell: float) -> None:
+def test_invalid_spacing_is_rejected(cell: float) -> None:
     with pytest.raises(ParameterError, match="spacing"):
         Grid(5, 5, cell)
 
 
-def test_a_single_column_is_refused() -> None:
+def test_grid_of_one_column_is_rejected() -> None:
     with pytest.raises(ParameterError, match="at least 2 x 2"):
         Grid(1, 5, 0.5)

@@ -15,11 +15,11 @@ BALANCED = Ledger(
 )
 
 
-def test_a_closed_ledger_has_no_imbalance() -> None:
+def test_closed_ledger_has_no_imbalance() -> None:
     assert BALANCED.imbalance == 0
 
 
-def test_one_cubic_millimetre_in_any_account_shows() -> None:
+def test_1_mm3_in_any_account_is_an_imbalance() -> None:
     for name in ("terrain", "in_flight", "pending", "particles", "absent", "outside"):
         lost = replace(BALANCED, **{name: getattr(BALANCED, name) - 1})
         assert lost.imbalance == -1

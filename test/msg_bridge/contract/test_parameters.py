@@ -17,18 +17,18 @@ class Example(Parameters):
     names: tuple[str, ...] = parameter((), "what for", items=str)
 
 
-def test_a_mapping_sets_the_named_parameters() -> None:
+def test_mapping_sets_the_named_parameters() -> None:
     made = Example.from_mapping({"speed": 2, "mode": "b", "on": False})
     assert made == Example(speed=2, count=3, mode="b", on=False)
 
 
-def test_a_list_becomes_a_tuple() -> None:
+def test_list_is_converted_to_a_tuple() -> None:
     made = Example.from_mapping({"machines": [2, 1], "names": ["a"]})
     assert (made.machines, made.names) == ((2, 1), ("a",))
     assert hash(made) == hash(Example(machines=(2, 1), names=("a",)))
 
 
-def test_an_empty_default_must_say_what_the_list_holds() -> None:
+def test_empty_list_default_requires_an_element_type() -> None:
     with pytest.raises(TypeError, match="give `items` too"):
         parameter((), "which")
 
@@ -50,6 +50,6 @@ def test_an_empty_default_must_say_what_the_list_holds() -> None:
         ({"names": ["a", 2]}, r"names\[1\] is 2; give one of: a text"),
     ],
 )
-def test_invalid_value_is_rejected_by_name(values: dict[str, Any], message: str) -> None:
+def test_error_of_an_invalid_parameter_names_it(values: dict[str, Any], message: str) -> None:
     with pytest.raises(ParameterError, match=message):
         Example.from_mapping(values)

@@ -31,14 +31,14 @@ GARBAGE = {
 
 
 @pytest.mark.parametrize("data", GARBAGE.values(), ids=GARBAGE.keys())
-def test_bytes_that_are_no_message_are_refused_with_a_sentence(data: bytes) -> None:
+def test_error_of_random_bytes_names_the_topic(data: bytes) -> None:
     with pytest.raises(CodecError):
         decode_array(data)
     with pytest.raises(CodecError):
         decode_chunk(data, Stream.SWEEP)
 
 
-def test_every_message_that_is_cut_short_is_refused() -> None:
+def test_truncated_messages_are_rejected() -> None:
     whole = message_to_cdr(HEADER)
     assert decode_array(whole) == HEADER
     for size in range(len(whole)):
@@ -50,7 +50,7 @@ def test_every_message_that_is_cut_short_is_refused() -> None:
             decode_chunk(cloud[:size], Stream.DEPOSIT_REQUEST)
 
 
-def test_a_node_that_is_sent_garbage_goes_on(ros: Ros) -> None:
+def test_node_continues_after_malformed_messages(ros: Ros) -> None:
     scene = Scene(ros)
     machine = scene.machine()
     scene.until_tick(3)
@@ -66,7 +66,7 @@ def test_a_node_that_is_sent_garbage_goes_on(ros: Ros) -> None:
     scene.more_ticks(5)
 
 
-def test_a_reason_that_quotes_a_huge_message_is_cut_short(ros: Ros) -> None:
+def test_long_rejection_reason_is_shortened(ros: Ros) -> None:
     diagnostics = Diagnostics(ros.node())
     message = to_multi_array(HEADER)
     message.layout.dim[0].label = "x" * 1_000_000

@@ -66,7 +66,7 @@ def set_atomically(ros, values):
     return ros.call(SetParametersAtomically, "/example/set_parameters_atomically", request).result
 
 
-def test_without_values_the_defaults_are_read_and_declared(ros: Ros) -> None:
+def test_defaults_are_declared_without_overrides(ros: Ros) -> None:
     node = example(ros, {})
     assert node.params == Example()
     for name in ("cell", "count", "mode", "on"):
@@ -75,7 +75,7 @@ def test_without_values_the_defaults_are_read_and_declared(ros: Ros) -> None:
     assert list(node.get_parameter("soil.names").value) == []
 
 
-def test_values_are_read(ros: Ros) -> None:
+def test_parameter_overrides_are_read(ros: Ros) -> None:
     given = {"cell": 0.5, "count": 4, "mode": "b", "on": False}
     lists = {"machines": (2, 3), "names": ("x",), "weights": (1.0, 2.0)}
     node = example(ros, {**given, **lists})
@@ -97,7 +97,7 @@ def test_values_are_read_from_a_file_and_the_command_line(ros: Ros, tmp_path: Pa
     )
 
 
-def test_a_whole_number_is_good_for_a_double(ros: Ros) -> None:
+def test_integer_is_accepted_for_a_double(ros: Ros) -> None:
     node = example(ros, {"cell": 1, "weights": (1, 2)})
     assert isinstance(node.params.cell, float)
     assert node.get_parameter("soil.cell").type_ is Parameter.Type.DOUBLE
@@ -119,23 +119,23 @@ def test_a_whole_number_is_good_for_a_double(ros: Ros) -> None:
         ({"cell": 2.0, "count": 1}, "cell 2.0 is more than count 1"),
     ],
 )
-def test_a_bad_value_is_refused_with_a_sentence(ros: Ros, values, message) -> None:
+def test_invalid_value_is_rejected(ros: Ros, values, message) -> None:
     with pytest.raises(ParameterError, match=message):
         example(ros, values)
 
 
-def test_a_name_declared_twice_is_an_error_of_ours(ros: Ros) -> None:
+def test_duplicate_declaration_is_a_type_error(ros: Ros) -> None:
     node = example(ros, {})
     with pytest.raises(ParameterError, match=r"parameter soil\.cell of /example cannot be decl"):
         declare_parameters(node, Example, "soil.")
 
 
-def test_a_field_that_is_not_there_cannot_be_changeable(ros: Ros) -> None:
+def test_unknown_changeable_field_is_a_type_error(ros: Ros) -> None:
     with pytest.raises(TypeError, match="Example has no field sell"):
         example(ros, {}, changeable=("sell",))
 
 
-def test_descriptors_tell_type_meaning_unit_and_range(ros: Ros) -> None:
+def test_descriptors_have_type_meaning_unit_and_range(ros: Ros) -> None:
     node = example(ros, {}, changeable=("count",))
     names = ["soil.cell", "soil.count", "soil.offset", "soil.free", "soil.mode", "soil.machines"]
     request = DescribeParameters.Request(names=names)
@@ -156,14 +156,14 @@ def test_descriptors_tell_type_meaning_unit_and_range(ros: Ros) -> None:
     assert known_parameters(node)[:2] == ["soil.cell", "soil.count"]
 
 
-def test_an_empty_list_keeps_its_type(ros: Ros) -> None:
+def test_empty_list_keeps_its_type(ros: Ros) -> None:
     example(ros, {})
     request = GetParameters.Request(names=["soil.names"])
     (value,) = ros.call(GetParameters, "/example/get_parameters", request).values
     assert value.type == ParameterType.PARAMETER_STRING_ARRAY
 
 
-def test_an_unknown_name_is_reported_with_what_it_may_mean(ros_domain: int) -> None:
+def test_error_of_an_unknown_parameter_suggests_a_similar_name(ros_domain: int) -> None:
     context = Context()
     rclpy.init(
         args=["test", "--ros-args", "-p", "soil.sell:=0.1", "-p", "qos_overrides./tf.x.depth:=3"],
@@ -183,13 +183,13 @@ def test_an_unknown_name_is_reported_with_what_it_may_mean(ros_domain: int) -> N
     assert "soil.machines, soil.mode" in message
 
 
-def test_known_names_are_not_reported(ros: Ros) -> None:
+def test_valid_names_are_not_reported(ros: Ros) -> None:
     node = example(ros, {"cell": 0.5})
     assert unknown_overrides(node) == []
     reject_unknown_overrides(node)
 
 
-def test_a_change_is_applied_as_one_dataclass(ros: Ros) -> None:
+def test_parameter_change_is_applied_as_one_dataclass(ros: Ros) -> None:
     node = example(ros, {"mode": "b"}, changeable=("cell", "count", "machines"))
     asked = {"soil.cell": 5.0, "soil.count": 8, "soil.machines": [4, 5]}
     assert set_atomically(ros, asked).successful
@@ -206,7 +206,7 @@ def test_a_change_is_applied_as_one_dataclass(ros: Ros) -> None:
         ({"soil.count": 0}, "soil.count"),
     ],
 )
-def test_a_bad_change_is_refused_and_changes_nothing(ros: Ros, asked, reason) -> None:
+def test_invalid_change_is_rejected_and_changes_nothing(ros: Ros, asked, reason) -> None:
     node = example(ros, {}, changeable=("cell", "count", "machines"))
     result = set_atomically(ros, asked)
     assert not result.successful
@@ -216,7 +216,7 @@ def test_a_bad_change_is_refused_and_changes_nothing(ros: Ros, asked, reason) ->
     assert node.get_parameter("soil.cell").value == 0.2
 
 
-def test_a_change_of_other_parameters_is_not_ours(ros: Ros) -> None:
+def test_change_of_other_parameters_is_ignored(ros: Ros) -> None:
     node = example(ros, {}, changeable=("cell",))
     node.declare_parameter("other", 1)
     assert set_atomically(ros, {"other": 2}).successful
@@ -224,7 +224,7 @@ def test_a_change_of_other_parameters_is_not_ours(ros: Ros) -> None:
 
 
 @pytest.mark.parametrize(("good", "bad"), [("first", "second"), ("second", "first")])
-def test_what_one_part_refuses_is_applied_to_no_part(ros: Ros, good: str, bad: str) -> None:
+def test_change_rejected_by_one_component_is_applied_to_none(ros: Ros, good: str, bad: str) -> None:
     node = ros.node("example")
     applied = []
     for prefix in ("first.", "second."):

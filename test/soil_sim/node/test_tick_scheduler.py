@@ -30,15 +30,15 @@ def dues(scheduler: TickScheduler, now: float) -> int:
     return count
 
 
-def test_nothing_is_due_before_the_timer_has_fired() -> None:
+def test_no_tick_is_due_before_the_timer_has_fired() -> None:
     assert not TickScheduler(TICK).is_due
 
 
-def test_the_first_call_only_begins_the_schedule(scheduler: TickScheduler) -> None:
+def test_first_call_starts_the_schedule_without_a_tick(scheduler: TickScheduler) -> None:
     assert not scheduler.is_due
 
 
-def test_each_period_asks_for_one_tick(scheduler: TickScheduler) -> None:
+def test_one_tick_is_due_per_period(scheduler: TickScheduler) -> None:
     asked = []
     for tick in range(1, 6):
         scheduler.on_timer(at(tick))
@@ -47,7 +47,7 @@ def test_each_period_asks_for_one_tick(scheduler: TickScheduler) -> None:
     assert (scheduler.num_late_ticks, scheduler.num_reschedules) == (0, 0)
 
 
-def test_a_timer_that_jitters_asks_for_one_tick_all_the_same(scheduler: TickScheduler) -> None:
+def test_timer_jitter_does_not_change_the_number_of_ticks(scheduler: TickScheduler) -> None:
     asked = []
     for tick in range(1, 200):
         now = at(tick + 0.4 * (-1) ** tick)
@@ -56,12 +56,12 @@ def test_a_timer_that_jitters_asks_for_one_tick_all_the_same(scheduler: TickSche
     assert asked == [1] * 199
 
 
-def test_a_call_that_is_left_out_is_made_up_for(scheduler: TickScheduler) -> None:
+def test_missed_timer_call_is_caught_up(scheduler: TickScheduler) -> None:
     scheduler.on_timer(at(3))
     assert dues(scheduler, at(3)) == 3
 
 
-def test_a_tick_is_overdue_once_the_next_is_due_too(scheduler: TickScheduler) -> None:
+def test_tick_is_overdue_once_the_next_is_due(scheduler: TickScheduler) -> None:
     scheduler.on_timer(at(1))
     assert (scheduler.is_due, scheduler.is_overdue) == (True, False)
     scheduler.on_timer(at(2))
@@ -70,7 +70,7 @@ def test_a_tick_is_overdue_once_the_next_is_due_too(scheduler: TickScheduler) ->
     assert (scheduler.is_due, scheduler.is_overdue) == (True, False)
 
 
-def test_a_tick_done_after_its_time_counts_as_late(scheduler: TickScheduler) -> None:
+def test_tick_completed_after_its_time_is_late(scheduler: TickScheduler) -> None:
     scheduler.on_timer(at(1))
     scheduler.mark_done(at(1 + 0.9 * LATE_FRACTION))
     assert scheduler.num_late_ticks == 0
@@ -79,13 +79,13 @@ def test_a_tick_done_after_its_time_counts_as_late(scheduler: TickScheduler) -> 
     assert scheduler.num_late_ticks == 1
 
 
-def test_a_short_lag_is_caught_up_with(scheduler: TickScheduler) -> None:
+def test_short_lag_is_caught_up(scheduler: TickScheduler) -> None:
     scheduler.on_timer(START + 0.5)
     assert dues(scheduler, START + 0.5) == 50
     assert scheduler.num_reschedules == 0
 
 
-def test_after_a_long_stop_the_schedule_is_moved_and_goes_on_at_its_pace(
+def test_schedule_is_moved_after_a_long_stop(
     scheduler: TickScheduler,
 ) -> None:
     scheduler.on_timer(START + 60.0)
@@ -100,7 +100,7 @@ def test_after_a_long_stop_the_schedule_is_moved_and_goes_on_at_its_pace(
     assert scheduler.num_reschedules == 1
 
 
-def test_a_host_too_slow_for_real_time_slips_again_and_again(scheduler: TickScheduler) -> None:
+def test_schedule_is_moved_repeatedly_on_a_slow_host(scheduler: TickScheduler) -> None:
     now = START
     for _ in range(200):  # each tick takes two
         now += 2 * TICK
@@ -111,7 +111,7 @@ def test_a_host_too_slow_for_real_time_slips_again_and_again(scheduler: TickSche
     assert scheduler.num_late_ticks > 150
 
 
-def test_a_schedule_that_was_stopped_does_not_ask_for_the_time_in_between(
+def test_stopped_schedule_does_not_catch_up(
     scheduler: TickScheduler,
 ) -> None:
     scheduler.on_timer(at(5))
@@ -124,6 +124,6 @@ def test_a_schedule_that_was_stopped_does_not_ask_for_the_time_in_between(
     assert scheduler.num_reschedules == 0
 
 
-def test_a_tick_that_was_not_due_cannot_be_done() -> None:
+def test_completing_a_tick_that_is_not_due_is_an_error() -> None:
     with pytest.raises(AssertionError):
         TickScheduler(TICK).mark_done(START)

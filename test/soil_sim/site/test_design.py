@@ -1,4 +1,4 @@
-"""Cut and fill against a design: known volumes, and updates that never drift."""
+"""Cut and fill against a design: known volumes, and incremental updates without drift."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def level(grid=GRID, height=0.0):
 
 
 def pit():
-    """Level ground with a pit 2 m x 3 m x 0.5 m."""
+    """Return level ground with a pit 2 m x 3 m x 0.5 m."""
     heights = level()
     heights[10:20, 5:20] = -0.5
     return heights
@@ -33,24 +33,24 @@ def same(one: CutFill, other: CutFill) -> bool:
     ) and np.array_equal(one.difference, other.difference, equal_nan=True)
 
 
-def test_a_pit_to_dig_is_its_volume_of_cut():
+def test_cut_of_a_pit_is_its_volume():
     result = compare_to_design(DesignSurface(GRID, pit()), level())
     assert (result.cut, result.fill, result.remaining) == (3.0, 0.0, 3.0)
 
 
-def test_a_pit_to_fill_is_its_volume_of_fill():
+def test_fill_of_a_pit_is_its_volume():
     result = compare_to_design(DesignSurface(GRID, level()), pit())
     assert (result.cut, result.fill, result.remaining) == (0.0, 3.0, 3.0)
 
 
-def test_cut_and_fill_do_not_balance_one_another():
+def test_cut_and_fill_do_not_cancel():
     design = pit()
     design[30:35, 5:20] = 1.0
     result = compare_to_design(DesignSurface(GRID, design), level())
     assert (result.cut, result.fill, result.remaining) == (3.0, 3.0, 6.0)
 
 
-def test_a_slope_through_level_ground_is_cut_and_fill_by_halves():
+def test_inclined_design_through_level_ground_has_equal_cut_and_fill():
     grid = Grid(100, 50, 0.1)
     design = slope(grid, np.arctan(0.2), 0.0).heights
     result = compare_to_design(DesignSurface(grid, design), level(grid))
@@ -59,7 +59,7 @@ def test_a_slope_through_level_ground_is_cut_and_fill_by_halves():
     assert result.fill == pytest.approx(result.cut, abs=1e-6)
 
 
-def test_what_has_no_design_counts_nothing():
+def test_cells_without_design_are_not_counted():
     design = level(height=np.nan)
     design[0, :10] = -1.0
     ground = level(height=3.0)
@@ -77,7 +77,7 @@ def test_difference_is_elevation_minus_design():
         result.difference[0, 0] = 1.0
 
 
-def test_a_difference_of_the_tolerance_is_within_it():
+def test_difference_equal_to_the_tolerance_is_within_it():
     # In float64 1.05 - 1.0 is more than 0.05.
     ground = level(height=1.05)
     ground[:10] = 1.0501
@@ -87,7 +87,7 @@ def test_a_difference_of_the_tolerance_is_within_it():
     assert result.within_tolerance == 0.5
 
 
-def test_without_tolerance_only_the_design_itself_is_within_it():
+def test_zero_tolerance_requires_the_exact_design_height():
     ground = level()
     ground[0] = 0.001
     assert (
@@ -108,7 +108,7 @@ HEIGHTS = st.floats(-20.0, 20.0)
         st.lists(st.tuples(st.integers(0, 3), st.integers(0, 4), HEIGHTS), max_size=8), max_size=5
     ),
 )
-def test_updates_give_what_comparing_anew_gives_to_the_last_bit(design, ground, steps):
+def test_incremental_updates_equal_a_full_comparison_exactly(design, ground, steps):
     design[0, 0] = 0.0
     surface = DesignSurface(SMALL, design)
     followed = compare_to_design(surface, ground, tolerance=1.0)
@@ -139,7 +139,7 @@ def test_updates_give_what_comparing_anew_gives_to_the_last_bit(design, ground, 
         ([0], [0], [1e15], "too much to sum"),
     ],
 )
-def test_update_that_cannot_be_is_refused_and_changes_nothing(rows, cols, heights, why):
+def test_invalid_update_is_rejected_and_changes_nothing(rows, cols, heights, why):
     surface = DesignSurface(GRID, pit())
     result = compare_to_design(surface, level())
     with pytest.raises(SoilError, match=why):
@@ -147,42 +147,42 @@ def test_update_that_cannot_be_is_refused_and_changes_nothing(rows, cols, height
     assert same(result, compare_to_design(surface, level()))
 
 
-def test_update_of_no_cell_changes_nothing():
+def test_empty_update_changes_nothing():
     result = compare_to_design(DesignSurface(GRID, pit()), level())
     result.update(np.array([], dtype=int), np.array([], dtype=int), [])
     assert result.cut == 3.0
 
 
 @pytest.mark.parametrize("tolerance", [-0.1, np.nan, np.inf])
-def test_impossible_tolerance_is_refused(tolerance):
+def test_invalid_tolerance_is_rejected(tolerance):
     with pytest.raises(SoilError, match="tolerance is"):
         compare_to_design(DesignSurface(GRID, pit()), level(), tolerance=tolerance)
 
 
-def test_ground_of_another_shape_is_refused():
+def test_terrain_of_another_shape_is_rejected():
     with pytest.raises(SoilError, match=r"shape \(30, 40\), the design \(40, 30\)"):
         compare_to_design(DesignSurface(GRID, pit()), level().T)
 
 
-def test_ground_with_a_hole_is_refused():
+def test_terrain_with_nan_is_rejected():
     with pytest.raises(SoilError, match="1200 elevations are not finite"):
         compare_to_design(DesignSurface(GRID, pit()), level(height=np.nan))
 
 
-def test_design_of_another_shape_is_refused():
+def test_design_of_another_shape_is_rejected():
     with pytest.raises(SoilError, match=r"shape \(30, 40\), the terrain \(40, 30\)"):
         DesignSurface(GRID, level().T)
 
 
 @pytest.mark.parametrize("bad", [-9999.0, np.inf, 1e20])
-def test_mark_of_a_missing_height_is_no_design(bad):
+def test_nodata_value_is_not_a_design_height(bad):
     heights = pit()
     heights[3, 4] = bad
     with pytest.raises(SoilError, match="at row 3, col 4; give NaN"):
         DesignSurface(GRID, heights)
 
 
-def test_design_without_a_height_is_refused():
+def test_design_without_any_height_is_rejected():
     with pytest.raises(SoilError, match="no height in any cell"):
         DesignSurface(GRID, level(height=np.nan))
 
@@ -195,7 +195,7 @@ def test_design_is_read_from_any_terrain_file(tmp_path, suffix):
     assert np.array_equal(design.heights, pit())
 
 
-def test_missing_heights_of_a_file_are_undesigned(tmp_path):
+def test_cells_with_nodata_have_no_design(tmp_path):
     (tmp_path / "pad.asc").write_text(
         "ncols 3\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 0.5\n1 -9999 1\n2 2 0\n"
     )
@@ -207,14 +207,14 @@ def test_missing_heights_of_a_file_are_undesigned(tmp_path):
 
 
 @pytest.mark.parametrize("cell", [0.1, 0.25, 1.0])
-def test_a_plane_of_another_spacing_stays_the_plane(tmp_path, cell):
+def test_plane_of_another_spacing_is_resampled_exactly(tmp_path, cell):
     coarse = Grid(int(10 / cell) + 1, int(9 / cell) + 1, cell)
     save_terrain(tmp_path / "ramp.npz", slope(coarse, 0.3, 0.7))
     design = load_design(tmp_path / "ramp.npz", GRID)
     np.testing.assert_allclose(design.heights, slope(GRID, 0.3, 0.7).heights, atol=1e-12)
 
 
-def test_design_smaller_than_the_terrain_ends_with_its_cells(tmp_path):
+def test_terrain_beyond_a_smaller_design_has_no_design(tmp_path):
     save_terrain(tmp_path / "pad.npz", HeightMap(Grid(5, 4, 0.4), np.ones((5, 4))))
     design = load_design(tmp_path / "pad.npz", GRID)
     # 2 m x 1.6 m in cells of 0.2 m, centred.
@@ -225,7 +225,7 @@ def test_design_smaller_than_the_terrain_ends_with_its_cells(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".tif"])
-def test_design_lies_and_is_as_high_as_its_georeference_says(tmp_path, suffix):
+def test_design_is_positioned_by_its_georeference_and_datum(tmp_path, suffix):
     pad = HeightMap(Grid(2, 2, 0.2), np.ones((2, 2)), PLACE.translated(1.0, -2.0, 0.5))
     save_terrain(tmp_path / f"pad{suffix}", pad)
     design = load_design(tmp_path / f"pad{suffix}", GRID, georeference=PLACE)
@@ -244,38 +244,38 @@ def test_design_without_georeference_is_centred(tmp_path):
     assert design.has_design[19:21, 14:16].all()
 
 
-def test_design_that_does_not_lie_on_the_terrain_is_refused(tmp_path):
+def test_design_that_does_not_overlap_the_terrain_is_rejected(tmp_path):
     pad = HeightMap(Grid(2, 2, 0.2), np.ones((2, 2)), PLACE.translated(0.0, 4000.0))
     save_terrain(tmp_path / "pad.tif", pad)
     with pytest.raises(TerrainError, match=r"pad\.tif: .*4000 m north .* no height on the terrain"):
         load_design(tmp_path / "pad.tif", GRID, georeference=PLACE)
 
 
-def test_design_in_another_system_is_refused(tmp_path):
+def test_design_in_another_crs_is_rejected(tmp_path):
     save_terrain(tmp_path / "pit.tif", HeightMap(GRID, pit(), PLACE))
     other = Georeference("EPSG:32632", PLACE.easting, PLACE.northing)
     with pytest.raises(TerrainError, match="reproject it"):
         load_design(tmp_path / "pit.tif", GRID, georeference=other)
 
 
-def test_one_system_by_two_names_is_one(tmp_path):
+def test_equivalent_crs_definitions_are_equal(tmp_path):
     save_terrain(tmp_path / "pit.tif", HeightMap(GRID, pit(), PLACE))
     named = Georeference("epsg:32633", PLACE.easting, PLACE.northing, PLACE.elevation)
     design = load_design(tmp_path / "pit.tif", GRID, georeference=named)
     np.testing.assert_allclose(design.heights, pit(), atol=1e-12)
 
 
-def test_a_height_beside_a_gap_is_not_blurred_into_it(tmp_path):
+def test_resampling_does_not_extrapolate_into_cells_without_design(tmp_path):
     heights = pit()
     heights[0, 0] = np.nan
     np.save(tmp_path / "pit.npy", heights)
-    fine = Grid(79, 59, 0.1)  # every second point is one of the file's
+    fine = Grid(79, 59, 0.1)  # every second point is a point of the file
     design = load_design(tmp_path / "pit.npy", fine, cell=0.2)
     assert np.array_equal(design.heights[::2, ::2], heights, equal_nan=True)
     assert np.isnan(design.heights).sum() == 4
 
 
-def test_undeclared_mark_in_a_design_file_is_refused(tmp_path):
+def test_undeclared_nodata_value_in_a_design_is_rejected(tmp_path):
     heights = pit()
     heights[0, 0] = -9999.0
     np.save(tmp_path / "pit.npy", heights)

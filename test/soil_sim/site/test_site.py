@@ -1,4 +1,4 @@
-"""The site a node begins with: its ground, layers and design, and errors that name parameters."""
+"""Initial site of a node: terrain, layers, design, and errors that name the parameter."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def saved_layer(folder: Path, name: str, kind: str, grid: Grid = GRID) -> str:
     return str(folder / name)
 
 
-def test_made_ground_has_neither_layers_nor_a_design() -> None:
+def test_synthetic_terrain_has_no_layers_and_no_design() -> None:
     site = make_site(SiteParams(terrain="flat", num_points=9, cell=0.5))
     assert site.grid == Grid(9, 9, 0.5)
     assert not site.heights.any()
@@ -48,7 +48,7 @@ def test_made_ground_has_neither_layers_nor_a_design() -> None:
     assert site.cut_fill(site.heights) is None
 
 
-def test_an_archive_gives_its_layers_by_itself(tmp_path: Path) -> None:
+def test_layers_of_an_archive_are_used_by_default(tmp_path: Path) -> None:
     site = make_site(SiteParams(terrain=saved(tmp_path, "own.npz", Layers(IDS, PERCENT))))
     assert np.array_equal(site.heights, HEIGHTS)
     soil = site.make_soil(THREE)
@@ -56,7 +56,7 @@ def test_an_archive_gives_its_layers_by_itself(tmp_path: Path) -> None:
     assert np.array_equal(soil.columns.moisture, PERCENT)
 
 
-def test_an_archive_without_layers_is_ground_of_one_soil(tmp_path: Path) -> None:
+def test_archive_without_layers_has_one_soil(tmp_path: Path) -> None:
     site = make_site(SiteParams(terrain=saved(tmp_path, "own.npz")))
     soil = site.make_soil(SoilParams(soil="wet sand"))
     assert not soil.columns.soil.any()
@@ -64,7 +64,7 @@ def test_an_archive_without_layers_is_ground_of_one_soil(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("suffix", [".npy", ".npz", ".png", ".asc", ".tif"])
-def test_maps_of_soil_and_moisture_lie_on_any_ground(tmp_path: Path, suffix: str) -> None:
+def test_soil_and_moisture_maps_combine_with_any_terrain_file(tmp_path: Path, suffix: str) -> None:
     site = make_site(
         SiteParams(
             terrain=saved(tmp_path, "ground.asc"),
@@ -77,13 +77,13 @@ def test_maps_of_soil_and_moisture_lie_on_any_ground(tmp_path: Path, suffix: str
     assert np.array_equal(soil.columns.moisture, PERCENT)
 
 
-def test_maps_lie_on_made_ground_too(tmp_path: Path) -> None:
+def test_soil_and_moisture_maps_combine_with_synthetic_terrain(tmp_path: Path) -> None:
     path = saved_layer(tmp_path, "soil.npy", "soil", Grid(9, 9, 0.2))
     site = make_site(SiteParams(terrain="rough", num_points=9, soil_map=path))
     assert np.array_equal(site.make_soil(THREE).columns.soil, np.resize(IDS, (9, 9)))
 
 
-def test_a_map_that_is_named_stands_above_the_layer_of_an_archive(tmp_path: Path) -> None:
+def test_given_map_overrides_the_layer_of_an_archive(tmp_path: Path) -> None:
     terrain = saved(tmp_path, "own.npz", Layers(np.zeros_like(IDS), PERCENT))
     path = saved_layer(tmp_path, "soil.npy", "soil")
     soil = make_site(SiteParams(terrain=terrain, soil_map=path)).make_soil(THREE)
@@ -92,13 +92,13 @@ def test_a_map_that_is_named_stands_above_the_layer_of_an_archive(tmp_path: Path
 
 
 @pytest.mark.parametrize("suffix", [".npy", ".npz", ".asc", ".tif"])
-def test_heights_in_feet_become_metres(tmp_path: Path, suffix: str) -> None:
+def test_vertical_scale_converts_feet_to_metres(tmp_path: Path, suffix: str) -> None:
     terrain = saved(tmp_path, f"feet{suffix}")
     site = make_site(SiteParams(terrain=terrain, cell=0.5, vertical_scale=0.3048))
     assert site.heights == pytest.approx(0.3048 * HEIGHTS, rel=1e-6)
 
 
-def test_a_picture_that_states_its_spacing_keeps_it_and_one_that_does_not_is_given_it(
+def test_cell_size_parameter_applies_to_images_without_spacing_only(
     tmp_path: Path,
 ) -> None:
     assert make_site(SiteParams(terrain=saved(tmp_path, "own.png"), cell=0.2)).grid == GRID
@@ -107,7 +107,7 @@ def test_a_picture_that_states_its_spacing_keeps_it_and_one_that_does_not_is_giv
 
 
 @pytest.mark.parametrize("suffix", [".npy", ".npz", ".png", ".asc", ".tif"])
-def test_a_design_from_any_file_is_compared_with_the_ground(tmp_path: Path, suffix: str) -> None:
+def test_design_of_any_format_is_compared_with_the_terrain(tmp_path: Path, suffix: str) -> None:
     path = saved(tmp_path, f"design{suffix}")
     save_terrain(tmp_path / "ground.asc", flat(GRID))
     site = make_site(SiteParams(terrain=str(tmp_path / "ground.asc"), design=path))
@@ -118,7 +118,7 @@ def test_a_design_from_any_file_is_compared_with_the_ground(tmp_path: Path, suff
     assert result.fill == pytest.approx(HEIGHTS.sum() * 0.25, abs=1e-2)
 
 
-def test_a_design_in_feet_is_scaled_as_the_ground_is(tmp_path: Path) -> None:
+def test_vertical_scale_applies_to_terrain_and_design(tmp_path: Path) -> None:
     path = saved(tmp_path, "feet.npz")
     site = make_site(SiteParams(terrain=path, design=path, vertical_scale=0.3048))
     result = site.cut_fill(site.heights)
@@ -126,7 +126,7 @@ def test_a_design_in_feet_is_scaled_as_the_ground_is(tmp_path: Path) -> None:
     assert (result.remaining, result.within_tolerance) == (0.0, 1.0)
 
 
-def test_the_tolerance_of_the_design_is_the_one_given(tmp_path: Path) -> None:
+def test_design_has_the_given_tolerance(tmp_path: Path) -> None:
     path = saved(tmp_path, "design.npz")
     site = make_site(SiteParams(terrain=path, design=path, design_tolerance=0.2))
     result = site.cut_fill(site.heights + 0.15)
@@ -134,12 +134,12 @@ def test_the_tolerance_of_the_design_is_the_one_given(tmp_path: Path) -> None:
     assert result.within_tolerance == 1.0
 
 
-def test_the_range_of_a_picture_is_for_the_design_where_that_is_the_picture(
+def test_height_range_applies_to_a_design_image(
     tmp_path: Path,
 ) -> None:
     from PIL import Image
 
-    grey = np.full((4, 5), 65535, dtype=np.uint16)  # a north-up picture, 5 wide along x
+    grey = np.full((4, 5), 65535, dtype=np.uint16)  # a north-up image, 5 pixels wide along x
     Image.fromarray(grey).save(tmp_path / "design.png")
     params = SiteParams(
         terrain=saved(tmp_path, "ground.asc"),
@@ -153,7 +153,7 @@ def test_the_range_of_a_picture_is_for_the_design_where_that_is_the_picture(
 
 
 def bad(folder: Path, **given: object) -> SiteParams:
-    """Parameters whose file names are of files in the folder."""
+    """Return parameters with file names in the folder."""
     names = ("terrain", "soil_map", "moisture_map", "design")
     paths = {n: str(folder / str(given[n])) for n in names if n in given}
     return SiteParams(**{"terrain": "flat", **given, **paths})  # type: ignore[arg-type]
@@ -176,7 +176,7 @@ def bad(folder: Path, **given: object) -> SiteParams:
         ({"terrain": "far.npz", "design": "place.npz"}, r"^site\.design: .*no height on the ter"),
     ],
 )
-def test_a_file_that_is_not_what_it_shall_be_is_refused_by_its_parameter(
+def test_error_of_an_invalid_file_names_its_parameter(
     tmp_path: Path, given: dict[str, object], message: str
 ) -> None:
     saved(tmp_path, "own.npy")
@@ -204,7 +204,7 @@ def test_a_file_that_is_not_what_it_shall_be_is_refused_by_its_parameter(
         ),
     ],
 )
-def test_a_parameter_without_its_file_is_refused(
+def test_parameter_of_a_missing_file_is_rejected(
     tmp_path: Path, given: dict[str, object], message: str
 ) -> None:
     saved(tmp_path, "own.npy")
@@ -212,7 +212,7 @@ def test_a_parameter_without_its_file_is_refused(
         make_site(bad(tmp_path, **given))
 
 
-def test_an_id_without_a_kind_is_refused_by_what_to_name() -> None:
+def test_error_of_an_unknown_soil_id_names_the_parameter() -> None:
     site = Site(HeightMap(GRID, HEIGHTS), Layers(soil=IDS))
     with pytest.raises(
         SoilError, match=r"site\.soil_map.* go to 2, but soil\.additional_soils names 1"
@@ -221,7 +221,7 @@ def test_an_id_without_a_kind_is_refused_by_what_to_name() -> None:
     assert site.make_soil(THREE).columns.soil.max() == 2
 
 
-def test_moisture_is_given_by_the_site_or_by_the_soil_and_not_both() -> None:
+def test_moisture_of_site_and_of_soil_are_exclusive() -> None:
     site = Site(HeightMap(GRID, HEIGHTS), Layers(moisture=PERCENT))
     with pytest.raises(EarthmovingError, match=r"soil\.moisture is 50 and site\.moisture_map"):
         site.make_soil(SoilParams(moisture=50))

@@ -92,7 +92,7 @@ def test_critical_height_is_that_of_terzaghi() -> None:
         ("mud: {colour: [1.0]}", "red, green and blue"),
     ],
 )
-def test_invalid_file_of_soils_is_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_invalid_file_of_soils_is_rejected(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "own.yaml"
     path.write_text(text)
     with pytest.raises((SoilError, ParameterError), match=message):
@@ -110,7 +110,7 @@ def test_name_and_properties_of_a_soil_are_exclusive() -> None:
     assert others[1:] == (SHIPPED["rock"], SHIPPED["loam"])
 
 
-def test_invalid_layers_are_refused() -> None:
+def test_invalid_layers_are_rejected() -> None:
     ids = np.full(GRID.shape, 2)
     with pytest.raises(SoilError, match=r"layer soil .* values 0 to 0"):
         Soil(GRID, np.zeros(GRID.shape), soil=ids)

@@ -32,97 +32,97 @@ def test_grid_is_read_north_up(tmp_path):
     assert np.array_equal(loaded.heights, [[3.0, 6.5], [2.0, 5.0], [1.0, 4.0]])
 
 
-def test_place_is_the_centre_from_the_corner(tmp_path):
+def test_georeference_of_a_corner_is_converted_to_the_centre(tmp_path):
     assert load_terrain(asc(tmp_path)).georeference == Georeference("", 103.0, 202.0)
 
 
-def test_place_is_the_centre_from_the_centre_of_the_corner_cell(tmp_path):
+def test_georeference_of_a_cell_centre_is_converted_to_the_map_centre(tmp_path):
     path = asc(tmp_path, drop=("xllcorner", "yllcorner"), xllcenter="101.0", yllcenter="201.0")
     assert load_terrain(path).georeference == Georeference("", 103.0, 202.0)
 
 
-def test_keys_may_be_in_capitals_and_exponents_and_blank_lines_are_read(tmp_path):
+def test_upper_case_keys_exponents_and_blank_lines_are_accepted(tmp_path):
     path = asc(tmp_path, rows=("", "1e0 2 +3", "4 5 65e-1", ""), drop=("ncols",), NCOLS="3")
     assert load_terrain(path).heights[0, 1] == 6.5
 
 
 @pytest.mark.parametrize("key", ["ncols", "nrows", "xllcorner", "yllcorner", "cellsize"])
-def test_missing_key_is_refused_by_name(tmp_path, key):
+def test_missing_key_is_named(tmp_path, key):
     with pytest.raises(TerrainError, match=rf"lacks {key}"):
         load_terrain(asc(tmp_path, drop=(key,)))
 
 
 @pytest.mark.parametrize("key", ["dx", "nan_value", "sizecell"])
-def test_unknown_key_is_refused_with_the_known_ones(tmp_path, key):
+def test_error_of_an_unknown_key_lists_the_valid_keys(tmp_path, key):
     with pytest.raises(TerrainError, match=rf"line 7 has the key '{key}'; give one of ncols"):
         load_terrain(asc(tmp_path, **{key: "1"}))
 
 
-def test_key_given_twice_is_refused(tmp_path):
+def test_duplicate_key_is_rejected(tmp_path):
     with pytest.raises(TerrainError, match="line 7 must be ncols and one number, given once"):
         load_terrain(asc(tmp_path, NCOLS="3"))
 
 
-def test_corner_and_center_together_are_refused(tmp_path):
+def test_corner_and_center_keys_together_are_rejected(tmp_path):
     with pytest.raises(TerrainError, match="xllcorner and xllcenter; keep one"):
         load_terrain(asc(tmp_path, xllcenter="1"))
 
 
 @pytest.mark.parametrize("value", ["0", "-1", "1", "2.5", "x", "nan", ""])
-def test_impossible_count_is_refused(tmp_path, value):
+def test_invalid_number_of_rows_or_columns_is_rejected(tmp_path, value):
     with pytest.raises(TerrainError, match="ncols"):
         load_terrain(asc(tmp_path, ncols=value))
 
 
 @pytest.mark.parametrize("value", ["0", "-2", "nan", "inf", "two", "2,0"])
-def test_impossible_cellsize_is_refused(tmp_path, value):
+def test_invalid_cellsize_is_rejected(tmp_path, value):
     with pytest.raises(TerrainError, match="cellsize"):
         load_terrain(asc(tmp_path, cellsize=value))
 
 
 @pytest.mark.parametrize("rows", [("1 2 3", "4 5"), ("1 2 3", "4 5 6 7"), ("1", "2")])
-def test_line_with_a_wrong_count_is_refused_by_number(tmp_path, rows):
+def test_error_of_a_row_of_wrong_length_has_its_line_number(tmp_path, rows):
     with pytest.raises(TerrainError, match=r"line [78] has \d values, not ncols = 3"):
         load_terrain(asc(tmp_path, rows=rows))
 
 
 @pytest.mark.parametrize("rows", [(), ("1 2 3",), ("1 2 3",) * 3])
-def test_wrong_number_of_rows_is_refused(tmp_path, rows):
+def test_wrong_number_of_rows_is_rejected(tmp_path, rows):
     with pytest.raises(TerrainError, match=rf"it has {len(rows)} rows of values, not nrows = 2"):
         load_terrain(asc(tmp_path, rows=rows))
 
 
 @pytest.mark.parametrize("word", ["x", "nan", "NaN", "inf", "-inf", "1,5", "1_0", "0x1", "1e999"])
 @pytest.mark.parametrize("column", [0, 1])
-def test_word_that_is_no_height_is_refused_with_its_line(tmp_path, word, column):
+def test_error_of_a_non_numeric_height_has_its_line_number(tmp_path, word, column):
     words = ["4", "5", "6"]
     words[column] = word
     with pytest.raises(TerrainError, match=rf"line 8 has '{word}'"):
         load_terrain(asc(tmp_path, rows=("1 2 3", " ".join(words))))
 
 
-def test_cell_without_height_is_refused_with_its_position(tmp_path):
+def test_error_of_a_cell_without_height_has_its_position(tmp_path):
     with pytest.raises(TerrainError, match="line 8, value 2 is -5, the nodata value; 1 of 6 cells"):
         load_terrain(asc(tmp_path, rows=("1 2 3", "4 -5.0 6"), NODATA_value="-5"))
 
 
-def test_minus_9999_is_no_height_where_the_file_names_no_mark(tmp_path):
+def test_default_nodata_value_is_minus_9999(tmp_path):
     with pytest.raises(TerrainError, match="line 6, value 3 is -9999"):
         load_terrain(asc(tmp_path, rows=("1 2 -9999", "4 5 6"), drop=("NODATA_value",)))
 
 
-def test_file_that_is_no_text_is_refused(tmp_path):
+def test_binary_file_is_rejected(tmp_path):
     (tmp_path / "site.asc").write_bytes(b"ncols 3\xff")
     with pytest.raises(TerrainError, match="byte 7 is not ASCII"):
         load_terrain(tmp_path / "site.asc")
 
 
-def test_header_that_promises_a_huge_grid_is_refused_without_making_it(tmp_path):
+def test_header_of_a_huge_grid_is_rejected_without_allocation(tmp_path):
     with pytest.raises(TerrainError, match="not ncols"):
         load_terrain(asc(tmp_path, ncols="1000000000", nrows="1000000000"))
 
 
-def test_gdal_reads_a_saved_grid_as_we_do(tmp_path):
+def test_gdal_reads_the_same_heights_from_a_saved_grid(tmp_path):
     heights = np.random.default_rng(0).normal(size=(4, 6))
     made = HeightMap(Grid(4, 6, 0.5), heights, Georeference("", 500_000.0, 5_200_000.0))
     save_terrain(tmp_path / "site.asc", made)

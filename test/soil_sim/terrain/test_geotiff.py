@@ -1,4 +1,4 @@
-"""GeoTIFFs: one north-up band in metres; the file's place on Earth is kept."""
+"""GeoTIFFs: one north-up band in metres, with its georeference."""
 
 import dataclasses
 
@@ -38,18 +38,18 @@ def tif(folder, picture=PICTURE, **profile):
 
 
 @pytest.mark.parametrize("dtype", ["int16", "uint8", "int32", "float32", "float64"])
-def test_band_of_any_real_type_is_read_north_up(tmp_path, dtype):
+def test_band_of_any_numeric_type_is_read_north_up(tmp_path, dtype):
     loaded = load_terrain(tif(tmp_path, PICTURE.astype(dtype)))
     assert loaded.grid == Grid(4, 3, 2.0)
     assert np.array_equal(loaded.heights, PICTURE.T[::-1])
 
 
-def test_place_is_the_centre_of_the_picture(tmp_path):
+def test_georeference_is_the_centre_of_the_raster(tmp_path):
     place = load_terrain(tif(tmp_path)).georeference
     assert place == Georeference("EPSG:32633", 500_004.0, 5_199_997.0)
 
 
-def test_system_without_a_code_is_kept_as_wkt(tmp_path):
+def test_crs_without_code_is_stored_as_wkt(tmp_path):
     mine = CRS.from_proj4("+proj=tmerc +lat_0=1 +lon_0=2 +k=1 +x_0=3 +y_0=4 +units=m")
     first = load_terrain(tif(tmp_path, crs=mine))
     save_terrain(tmp_path / "again.tif", first)
@@ -57,21 +57,21 @@ def test_system_without_a_code_is_kept_as_wkt(tmp_path):
         assert dataset.crs == mine
 
 
-def test_saved_file_lies_where_the_original_lay(tmp_path):
+def test_georeference_of_a_saved_file_is_unchanged(tmp_path):
     save_terrain(tmp_path / "again.tif", load_terrain(tif(tmp_path)))
     with rasterio.open(tmp_path / "site.tif") as old, rasterio.open(tmp_path / "again.tif") as new:
         assert (new.crs, new.transform, new.bounds) == (old.crs, old.transform, old.bounds)
         assert np.array_equal(new.read(1), old.read(1))
 
 
-def test_saved_file_holds_elevations(tmp_path):
+def test_saved_file_has_elevations(tmp_path):
     place = Georeference("EPSG:32633", 0.0, 9.0, elevation=100.0)
     save_terrain(tmp_path / "site.tif", HeightMap(Grid(2, 2, 1.0), np.ones((2, 2)), place))
     with rasterio.open(tmp_path / "site.tif") as dataset:
         assert (dataset.read(1) == 101.0).all()
 
 
-def test_saved_file_declares_metres_and_a_mark_of_missing_heights(tmp_path):
+def test_saved_file_declares_metres_and_nodata(tmp_path):
     save_terrain(tmp_path / "site.tif", HeightMap(Grid(2, 2, 1.0), np.ones((2, 2))))
     with rasterio.open(tmp_path / "site.tif") as dataset:
         assert dataset.units == ("metre",)
@@ -79,7 +79,7 @@ def test_saved_file_declares_metres_and_a_mark_of_missing_heights(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["site.tif"]
 
 
-def test_heights_in_feet_are_refused_unless_their_scale_is_given(tmp_path):
+def test_heights_in_feet_are_rejected_unless_vertical_scale_is_given(tmp_path):
     path = tif(tmp_path)
     with rasterio.open(path, "r+") as dataset:
         dataset.units = ("US survey foot",)
@@ -90,7 +90,7 @@ def test_heights_in_feet_are_refused_unless_their_scale_is_given(tmp_path):
 
 
 @pytest.mark.parametrize("z0", ["high", "nan", "inf"])
-def test_damaged_elevation_of_z_0_is_refused(tmp_path, z0):
+def test_invalid_datum_tag_is_rejected(tmp_path, z0):
     path = tif(tmp_path)
     with rasterio.open(path, "r+") as dataset:
         dataset.update_tags(EARTHMOVING_SIM_Z0=z0)
@@ -98,7 +98,7 @@ def test_damaged_elevation_of_z_0_is_refused(tmp_path, z0):
         load_terrain(path)
 
 
-def test_tag_that_is_no_text_is_refused(tmp_path):
+def test_tag_that_is_not_text_is_rejected(tmp_path):
     path = tmp_path / "site.tif"
     save_terrain(path, HeightMap(Grid(2, 2, 1.0), np.ones((2, 2))))
     content = path.read_bytes()
@@ -108,7 +108,7 @@ def test_tag_that_is_no_text_is_refused(tmp_path):
         load_terrain(path)
 
 
-def test_file_that_lost_where_z_0_is_keeps_its_elevations(tmp_path):
+def test_file_without_datum_tag_keeps_its_elevations(tmp_path):
     path = tmp_path / "site.tif"
     place = Georeference("EPSG:32633", 0.0, 9.0, elevation=800.1)
     save_terrain(path, HeightMap(Grid(2, 2, 1.0), np.ones((2, 2)), place))
@@ -128,7 +128,7 @@ def test_scale_and_offset_of_the_band_are_applied(tmp_path):
 
 
 @pytest.mark.parametrize("nodata", [-9999.0, float("nan"), 7.0])
-def test_missing_heights_are_refused_with_their_count_and_place(tmp_path, nodata):
+def test_error_of_missing_heights_has_their_number_and_position(tmp_path, nodata):
     picture = np.ones((3, 4))
     picture[1, 2] = picture[2, 0] = nodata
     with pytest.raises(TerrainError, match=r"2 of 12 pixels have no height.*row 1, column 2"):
@@ -136,31 +136,31 @@ def test_missing_heights_are_refused_with_their_count_and_place(tmp_path, nodata
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
-def test_heights_that_are_no_number_are_refused_without_a_mark(tmp_path, bad):
+def test_nan_heights_are_rejected_without_nodata(tmp_path, bad):
     picture = np.ones((3, 4))
     picture[2, 3] = bad
     with pytest.raises(TerrainError, match=r"1 of 12 pixels.*row 2, column 3"):
         load_terrain(tif(tmp_path, picture))
 
 
-def test_mark_that_the_file_does_not_declare_is_refused(tmp_path):
+def test_undeclared_nodata_value_is_rejected(tmp_path):
     picture = PICTURE.astype("int16")
     picture[0, 0] = -32768
     with pytest.raises(TerrainError, match="-32768"):
         load_terrain(tif(tmp_path, picture))
 
 
-def test_several_bands_are_refused(tmp_path):
+def test_several_bands_are_rejected(tmp_path):
     with pytest.raises(TerrainError, match="3 bands; export one band"):
         load_terrain(tif(tmp_path, np.zeros((3, 4, 4), dtype="uint8")))
 
 
-def test_complex_band_is_refused(tmp_path):
+def test_complex_band_is_rejected(tmp_path):
     with pytest.raises(TerrainError, match="give integers or real numbers"):
         load_terrain(tif(tmp_path, PICTURE.astype("complex64")))
 
 
-def test_band_of_one_row_is_refused(tmp_path):
+def test_band_of_one_row_is_rejected(tmp_path):
     with pytest.raises(TerrainError, match="at least 2 cells each"):
         load_terrain(tif(tmp_path, PICTURE[:1]))
 
@@ -175,7 +175,7 @@ def test_band_of_one_row_is_refused(tmp_path):
     ids=["south-up", "east-left", "turned"],
 )
 @pytest.mark.parametrize("cell", [None, 2.0])
-def test_picture_that_is_not_north_up_is_refused(tmp_path, transform, cell):
+def test_raster_that_is_not_north_up_is_rejected(tmp_path, transform, cell):
     with pytest.raises(TerrainError, match="not north-up; rotate it with gdalwarp"):
         load_terrain(tif(tmp_path, transform=transform), cell=cell)
 
@@ -188,38 +188,38 @@ UNUSABLE = [
 
 
 @pytest.mark.parametrize(("profile", "why"), UNUSABLE)
-def test_spacing_that_is_not_in_metres_is_refused_with_advice(tmp_path, profile, why):
+def test_spacing_in_other_units_than_metres_is_rejected(tmp_path, profile, why):
     with pytest.raises(TerrainError, match=rf"{why}.*gdalwarp.*or give cell"):
         load_terrain(tif(tmp_path, **profile))
 
 
 @pytest.mark.parametrize(("profile", "_why"), UNUSABLE)
-def test_given_cell_takes_such_ground_without_its_place(tmp_path, profile, _why):
+def test_spacing_in_other_units_is_accepted_with_a_given_cell_size(tmp_path, profile, _why):
     loaded = load_terrain(tif(tmp_path, **profile), cell=30.0)
     assert loaded.grid == Grid(4, 3, 30.0)
     assert loaded.georeference is None
 
 
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
-def test_plain_tiff_needs_a_cell(tmp_path):
+def test_tiff_without_georeference_needs_a_cell_size(tmp_path):
     path = tif(tmp_path, crs=None, transform=Affine.identity())
     with pytest.raises(TerrainError, match="give cell"):
         load_terrain(path)
     assert load_terrain(path, cell=0.2).grid == Grid(4, 3, 0.2)
 
 
-def test_metres_without_a_system_keep_their_coordinates(tmp_path):
+def test_coordinates_in_metres_without_crs_are_kept(tmp_path):
     place = load_terrain(tif(tmp_path, crs=None)).georeference
     assert place == Georeference("", 500_004.0, 5_199_997.0)
 
 
-def test_other_raster_named_tif_is_refused(tmp_path):
+def test_raster_of_another_format_named_tif_is_rejected(tmp_path):
     (tmp_path / "site.tif").write_text("ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\n")
     with pytest.raises(TerrainError, match="not a complete GeoTIFF"):
         load_terrain(tmp_path / "site.tif")
 
 
-def test_gdal_finds_every_height_at_its_easting_and_northing(tmp_path):
+def test_gdal_reads_every_height_at_its_easting_and_northing(tmp_path):
     path = tif(tmp_path)
     loaded = load_terrain(path)
     place = loaded.georeference

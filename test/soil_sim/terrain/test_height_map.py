@@ -1,4 +1,4 @@
-"""A height map takes only ground, and its ways to fit a site change what they say, nothing else."""
+"""Height maps: validation, crop, resampling, relief and slope limit."""
 
 import math
 
@@ -22,14 +22,14 @@ def ground(seed: int = 0, grid: Grid = GRID) -> HeightMap:
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, -9999.0, -32768.0, 1e20])
-def test_height_that_is_no_ground_is_refused_with_its_cell(bad):
+def test_error_of_an_invalid_height_has_its_cell(bad):
     heights = np.zeros(GRID.shape)
     heights[3, 5] = bad
     with pytest.raises(TerrainError, match=r"row 3, col 5.*fill such cells or crop"):
         HeightMap(GRID, heights)
 
 
-def test_shape_that_is_not_the_grids_is_refused():
+def test_heights_of_another_shape_are_rejected():
     with pytest.raises(TerrainError, match=r"shape \(7, 5\).*grid \(5, 7\)"):
         HeightMap(GRID, np.zeros((7, 5)))
 
@@ -44,12 +44,12 @@ def test_shape_that_is_not_the_grids_is_refused():
     ],
     ids=["complex", "object", "bool", "text"],
 )
-def test_heights_that_are_no_real_numbers_are_refused(heights):
+def test_non_numeric_heights_are_rejected(heights):
     with pytest.raises(TerrainError, match="give integers or real numbers"):
         HeightMap(GRID, heights)
 
 
-def test_heights_cannot_be_changed_from_outside():
+def test_heights_are_read_only():
     heights = np.zeros(GRID.shape)
     made = HeightMap(GRID, heights)
     heights[0, 0] = 1.0
@@ -59,17 +59,17 @@ def test_heights_cannot_be_changed_from_outside():
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, "1", None, True])
-def test_georeference_without_a_number_is_refused(value):
+def test_georeference_with_nan_is_rejected(value):
     with pytest.raises(TerrainError, match="easting is"):
         Georeference("EPSG:32633", value, 0.0)
 
 
-def test_georeference_whose_crs_is_no_text_is_refused():
+def test_crs_that_is_not_text_is_rejected():
     with pytest.raises(TerrainError, match="EPSG code or WKT"):
         Georeference(32633, 0.0, 0.0)  # type: ignore[arg-type]
 
 
-def test_crop_keeps_every_height_where_it_lies_on_earth():
+def test_crop_keeps_the_coordinates_of_every_height():
     whole = ground()
     piece = whole.cropped(1, 2, 3, 4)
     row, col = 2, 1
@@ -81,12 +81,12 @@ def test_crop_keeps_every_height_where_it_lies_on_earth():
 
 
 @pytest.mark.parametrize("piece", [(-1, 0, 3, 3), (0, 0, 6, 3), (0, 5, 3, 3), (0, 0, 1, 3)])
-def test_crop_beyond_the_map_is_refused(piece):
+def test_crop_beyond_the_map_is_rejected(piece):
     with pytest.raises(TerrainError, match="at least 2 x 2 within it"):
         ground().cropped(*piece)
 
 
-def test_resampling_onto_the_own_grid_changes_no_bit():
+def test_resampling_onto_the_same_grid_is_exact():
     grid = Grid(33, 40, 0.1)
     whole = ground(grid=grid)
     assert np.array_equal(whole.resampled(33, 40, 0.1).heights, whole.heights)
@@ -111,7 +111,7 @@ def test_resampling_is_bilinear_between_grid_points():
     assert np.array_equal(fine, [[4.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
 
 
-def test_resampling_keeps_the_place():
+def test_resampling_keeps_the_georeference():
     assert ground().resampled(4, 4, 0.3).georeference == PLACE
 
 
@@ -121,12 +121,12 @@ def test_resampling_reaches_the_outer_grid_points():
 
 
 @pytest.mark.parametrize("wider", [(6, 7, 0.5), (5, 8, 0.5), (5, 7, 0.501)])
-def test_resampling_beyond_the_outer_grid_points_is_refused(wider):
+def test_resampling_beyond_the_outer_grid_points_is_rejected(wider):
     with pytest.raises(TerrainError, match="fewer points or a smaller spacing"):
         ground().resampled(*wider)
 
 
-def test_other_spacing_keeps_heights_and_drops_the_place():
+def test_other_spacing_keeps_heights_and_drops_the_georeference():
     stretched = ground().with_cell(2.0)
     assert np.array_equal(stretched.heights, ground().heights)
     assert stretched.grid == Grid(5, 7, 2.0)
@@ -134,29 +134,29 @@ def test_other_spacing_keeps_heights_and_drops_the_place():
 
 
 @pytest.mark.parametrize("cell", [0.0, -1.0, math.nan, math.inf])
-def test_impossible_spacing_is_refused(cell):
+def test_invalid_spacing_is_rejected(cell):
     with pytest.raises(ParameterError, match="give a spacing"):
         ground().with_cell(cell)
 
 
 @given(relief=st.floats(0.0, 1000.0))
-def test_relief_is_as_asked_about_the_same_mean(relief):
+def test_scaled_relief_has_the_requested_range_and_the_same_mean(relief):
     scaled = ground().with_relief(relief)
     assert scaled.relief == pytest.approx(relief, abs=1e-9)
     assert scaled.heights.mean() == pytest.approx(ground().heights.mean(), abs=1e-9)
 
 
-def test_scaled_ground_has_no_georeference():
+def test_scaled_terrain_has_no_georeference():
     assert ground().with_relief(1.0).georeference is None
 
 
-def test_level_ground_has_no_relief_to_scale():
+def test_relief_of_level_ground_cannot_be_scaled():
     with pytest.raises(TerrainError, match="level terrain"):
         HeightMap(GRID, np.zeros(GRID.shape)).with_relief(1.0)
 
 
 @pytest.mark.parametrize("relief", [-1.0, math.nan, math.inf])
-def test_impossible_relief_is_refused(relief):
+def test_invalid_relief_is_rejected(relief):
     with pytest.raises(TerrainError, match="finite range"):
         ground().with_relief(relief)
 
@@ -168,26 +168,26 @@ def test_steepest_slope_is_that_of_a_plane_toward_a_neighbour(direction):
 
 
 @given(angle=st.floats(0.01, 1.5), seed=st.integers(0, 100))
-def test_no_neighbour_is_steeper_than_the_limit(angle, seed):
+def test_slopes_between_neighbours_are_limited(angle, seed):
     assert ground(seed).with_slope_limit(angle).max_slope <= angle
 
 
-def test_slope_limit_is_used_in_full_by_steeper_ground():
+def test_steeper_terrain_has_the_slope_limit():
     assert ground().with_slope_limit(0.2).max_slope == pytest.approx(0.2)
 
 
-def test_ground_gentler_than_the_limit_stays_as_it_is():
+def test_terrain_below_the_slope_limit_is_unchanged():
     gentle = ground().with_slope_limit(0.2)
     assert gentle.with_slope_limit(0.3) is gentle
 
 
 @pytest.mark.parametrize("angle", [0.0, -0.1, math.pi / 2, math.nan])
-def test_impossible_slope_limit_is_refused(angle):
+def test_invalid_slope_limit_is_rejected(angle):
     with pytest.raises(TerrainError, match="between 0 and pi/2"):
         ground().with_slope_limit(angle)
 
 
-def test_lowered_ground_keeps_its_elevations():
+def test_shifted_terrain_keeps_its_elevations():
     with_datum_raised = ground().with_datum_raised(0.5)
     np.testing.assert_allclose(with_datum_raised.heights, ground().heights - 0.5)
     np.testing.assert_allclose(with_datum_raised.elevations, ground().elevations)

@@ -1,4 +1,4 @@
-"""Layers lie cell for cell on the terrain, and what cannot be a soil or a moisture is refused."""
+"""Layers match the terrain cell by cell; invalid soil ids and moistures are rejected."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def pixels(path):
 @BOTH
 @pytest.mark.parametrize("place", [None, PLACE])
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_layer_comes_back(tmp_path, suffix, kind, place):
+def test_layer_round_trips(tmp_path, suffix, kind, place):
     path = tmp_path / f"layer{suffix}"
     save_layer(path, LAYERS[kind], GRID, kind=kind, georeference=place)
     loaded = load_layer(path, GRID, kind=kind, georeference=PLACE)
@@ -62,7 +62,7 @@ def test_layer_comes_back(tmp_path, suffix, kind, place):
     suffix=st.sampled_from(SUFFIXES),
     percent=npst.arrays(np.uint8, (3, 2), elements=st.integers(0, 100)),
 )
-def test_any_moisture_comes_back(tmp_path, suffix, percent):
+def test_any_moisture_round_trips(tmp_path, suffix, percent):
     save_layer(tmp_path / f"layer{suffix}", percent, GRID, kind="moisture")
     back = load_layer(tmp_path / f"layer{suffix}", GRID, kind="moisture")
     assert np.array_equal(back, percent)
@@ -70,37 +70,37 @@ def test_any_moisture_comes_back(tmp_path, suffix, percent):
 
 @BOTH
 @pytest.mark.parametrize("suffix", [".png", ".asc", ".tif"])
-def test_layer_lies_as_the_heights_of_a_picture_do(tmp_path, suffix, kind):
+def test_layer_has_the_orientation_of_heights(tmp_path, suffix, kind):
     save_layer(tmp_path / f"layer{suffix}", LAYERS[kind], GRID, kind=kind)
     save_terrain(tmp_path / f"site{suffix}", HeightMap(GRID, LAYERS[kind]))
     layer, site = pixels(tmp_path / f"layer{suffix}"), pixels(tmp_path / f"site{suffix}")
     assert np.array_equal(np.argsort(layer, axis=None), np.argsort(site, axis=None))
 
 
-def test_picture_of_soils_is_read_north_up(tmp_path):
+def test_soil_image_is_read_north_up(tmp_path):
     Image.fromarray(to_north_up(IDS).copy()).save(tmp_path / "soil.png")
     assert np.array_equal(load_layer(tmp_path / "soil.png", GRID, kind="soil"), IDS)
 
 
-def test_picture_of_sixteen_bits_is_read(tmp_path):
+def test_16_bit_image_is_read(tmp_path):
     Image.fromarray(to_north_up(PERCENT).astype(np.uint16)).save(tmp_path / "wet.png")
     loaded = load_layer(tmp_path / "wet.png", GRID, kind="moisture")
     assert np.array_equal(loaded, PERCENT)
 
 
-def test_picture_with_colours_is_refused(tmp_path):
+def test_colour_image_is_rejected(tmp_path):
     Image.fromarray(np.zeros((2, 3, 3), dtype=np.uint8)).save(tmp_path / "soil.png")
     with pytest.raises(TerrainError, match="export an 8- or 16-bit greyscale PNG"):
         load_layer(tmp_path / "soil.png", GRID, kind="soil")
 
 
-def test_picture_with_a_palette_is_refused(tmp_path):
+def test_palette_image_is_rejected(tmp_path):
     Image.fromarray(to_north_up(IDS).copy()).convert("P").save(tmp_path / "soil.png")
     with pytest.raises(TerrainError, match="without alpha or palette"):
         load_layer(tmp_path / "soil.png", GRID, kind="soil")
 
 
-def test_our_picture_of_another_layer_is_refused(tmp_path):
+def test_saved_image_of_another_layer_is_rejected(tmp_path):
     save_layer(tmp_path / "wet.png", PERCENT, GRID, kind="moisture")
     with pytest.raises(TerrainError, match=r"wet\.png: its layer is 'moisture', not 'soil'"):
         load_layer(tmp_path / "wet.png", GRID, kind="soil")
@@ -108,21 +108,21 @@ def test_our_picture_of_another_layer_is_refused(tmp_path):
 
 @BOTH
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_other_shape_is_refused_with_the_one_expected(tmp_path, suffix, kind):
+def test_error_of_a_wrong_shape_has_the_expected_one(tmp_path, suffix, kind):
     path = tmp_path / f"layer{suffix}"
     save_layer(path, LAYERS[kind].T.copy(), Grid(2, 3, 0.5), kind=kind)
     with pytest.raises(TerrainError, match=r"shape \(2, 3\).*terrain \(3, 2\).*3 x 2 cells"):
         load_layer(path, GRID, kind=kind)
 
 
-def test_picture_of_another_shape_is_refused_with_the_pixels_expected(tmp_path):
+def test_error_of_a_wrong_image_size_has_the_expected_one(tmp_path):
     Image.fromarray(IDS).save(tmp_path / "soil.png")
     with pytest.raises(TerrainError, match="3 pixels wide and 2 high"):
         load_layer(tmp_path / "soil.png", GRID, kind="soil")
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".png", ".asc", ".tif"])
-def test_other_spacing_is_refused(tmp_path, suffix):
+def test_other_spacing_is_rejected(tmp_path, suffix):
     path = tmp_path / f"soil{suffix}"
     save_layer(path, IDS, GRID, kind="soil")
     with pytest.raises(TerrainError, match=r"states cells of 0\.5 m, the terrain.*0\.2 m"):
@@ -130,14 +130,14 @@ def test_other_spacing_is_refused(tmp_path, suffix):
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".png", ".asc", ".tif"])
-def test_layer_that_lies_elsewhere_is_refused(tmp_path, suffix):
+def test_layer_at_another_position_is_rejected(tmp_path, suffix):
     path = tmp_path / f"soil{suffix}"
     save_layer(path, IDS, GRID, kind="soil", georeference=PLACE)
     with pytest.raises(TerrainError, match="lies 0 m east and 7 m north of the terrain"):
         load_layer(path, GRID, kind="soil", georeference=PLACE.translated(0.0, -7.0))
 
 
-def test_layer_in_another_system_is_refused(tmp_path):
+def test_layer_in_another_crs_is_rejected(tmp_path):
     save_layer(tmp_path / "soil.tif", IDS, GRID, kind="soil", georeference=PLACE)
     other = Georeference("EPSG:32632", PLACE.easting, PLACE.northing)
     with pytest.raises(TerrainError, match="crs is 'EPSG:32633', the terrain's 'EPSG:32632'"):
@@ -145,7 +145,7 @@ def test_layer_in_another_system_is_refused(tmp_path):
 
 
 @BOTH
-def test_cells_without_a_value_in_an_array_are_refused_with_their_number(tmp_path, kind):
+def test_error_of_missing_values_in_an_array_has_their_number(tmp_path, kind):
     values = np.ones(GRID.shape)
     values[0, 0] = values[2, 1] = np.nan
     with pytest.raises(TerrainError, match=rf"2 of 6 cells have no {kind}"):
@@ -153,7 +153,7 @@ def test_cells_without_a_value_in_an_array_are_refused_with_their_number(tmp_pat
 
 
 @BOTH
-def test_cells_without_a_value_in_an_ascii_grid_are_refused_with_their_number(tmp_path, kind):
+def test_error_of_missing_values_in_an_ascii_grid_has_their_number(tmp_path, kind):
     (tmp_path / "layer.asc").write_text(
         "ncols 3\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 0.5\n1 -9999 1\n-9999 -9999 0\n"
     )
@@ -162,7 +162,7 @@ def test_cells_without_a_value_in_an_ascii_grid_are_refused_with_their_number(tm
 
 
 @BOTH
-def test_cells_without_a_value_in_a_geotiff_are_refused_with_their_number(tmp_path, kind):
+def test_error_of_missing_values_in_a_geotiff_has_their_number(tmp_path, kind):
     save_layer(tmp_path / "layer.tif", np.ones((3, 2), np.uint8), GRID, kind=kind)
     with rasterio.open(tmp_path / "layer.tif", "r+") as dataset:
         values = dataset.read(1)
@@ -174,7 +174,7 @@ def test_cells_without_a_value_in_a_geotiff_are_refused_with_their_number(tmp_pa
 
 
 @pytest.mark.parametrize("bad", [0.5, -1.0, 256.0, np.inf, 1e300])
-def test_number_that_is_no_soil_id_is_refused_with_its_cell(tmp_path, bad):
+def test_error_of_an_invalid_soil_id_has_its_cell(tmp_path, bad):
     values = IDS.astype(float)
     values[2, 0] = bad
     with pytest.raises(TerrainError, match=r"1 of 6 values are not soil ids.*at row 2, col 0"):
@@ -182,34 +182,34 @@ def test_number_that_is_no_soil_id_is_refused_with_its_cell(tmp_path, bad):
 
 
 @pytest.mark.parametrize("bad", [-0.01, 100.01, np.inf])
-def test_moisture_out_of_range_is_refused_with_its_cell(tmp_path, bad):
+def test_error_of_a_moisture_out_of_range_has_its_cell(tmp_path, bad):
     values = PERCENT.astype(float)
     values[1, 1] = bad
     with pytest.raises(TerrainError, match=r"moisture from 0 to 100 %, the first.*row 1, col 1"):
         load_layer(npy(tmp_path, values), GRID, kind="moisture")
 
 
-def test_moisture_in_fractions_of_saturation_is_refused(tmp_path):
+def test_moisture_as_a_fraction_is_rejected(tmp_path):
     path = npy(tmp_path, PERCENT / 100.0)
     with pytest.raises(TerrainError, match="give per cent of saturation, 0 to 100"):
         load_layer(path, GRID, kind="moisture")
 
 
-def test_integer_moistures_of_at_most_one_per_cent_are_accepted(tmp_path):
+def test_integer_moistures_up_to_one_percent_are_accepted(tmp_path):
     values = PERCENT % 2
     assert np.array_equal(load_layer(npy(tmp_path, values), GRID, kind="moisture"), values)
 
 
-def test_moisture_is_rounded_to_whole_percent():
+def test_moisture_is_rounded_to_integer_percent():
     assert moisture_percent([[12.4, 12.6], [99.4, 99.6]]).tolist() == [[12, 13], [99, 100]]
 
 
-def test_ids_may_be_whole_numbers_of_any_type():
+def test_ids_of_any_numeric_type_are_accepted():
     assert soil_ids([[1.0, 2.0], [3.0, 255.0]]).tolist() == [[1, 2], [3, 255]]
 
 
 @pytest.mark.parametrize("kind", ["", "Soil", "heights", None])
-def test_unknown_kind_is_refused_with_the_known_ones(tmp_path, kind):
+def test_error_of_an_unknown_layer_lists_the_known_ones(tmp_path, kind):
     with pytest.raises(TerrainError, match="give one of soil, moisture"):
         load_layer(npy(tmp_path, IDS), GRID, kind=kind)
     with pytest.raises(TerrainError, match="give one of soil, moisture"):
@@ -218,27 +218,27 @@ def test_unknown_kind_is_refused_with_the_known_ones(tmp_path, kind):
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_missing_file_is_refused_by_its_name(tmp_path, suffix):
+def test_missing_file_is_named(tmp_path, suffix):
     with pytest.raises(TerrainError, match=rf"no\{suffix}: there is no such file"):
         load_layer(tmp_path / f"no{suffix}", GRID, kind="soil")
 
 
-def test_layer_of_another_type_is_refused_at_saving(tmp_path):
+def test_layer_of_another_type_is_rejected_when_saving(tmp_path):
     with pytest.raises(TerrainError, match="convert it with soil_ids or moisture_percent"):
         save_layer(tmp_path / "wet.npy", PERCENT / 2.0, GRID, kind="moisture")
 
 
-def test_layer_of_another_shape_is_refused_at_saving(tmp_path):
+def test_layer_of_another_shape_is_rejected_when_saving(tmp_path):
     with pytest.raises(TerrainError, match=r"3 x 2 cells"):
         save_layer(tmp_path / "soil.npy", IDS[:2], GRID, kind="soil")
 
 
-def test_moisture_above_saturation_is_refused_at_saving(tmp_path):
+def test_moisture_above_saturation_is_rejected_when_saving(tmp_path):
     with pytest.raises(TerrainError, match="goes up to 101 %"):
         save_layer(tmp_path / "wet.npy", PERCENT + np.uint8(1), GRID, kind="moisture")
 
 
-def test_terrain_and_layers_share_a_file(tmp_path):
+def test_archive_contains_terrain_and_layers(tmp_path):
     path = tmp_path / "site.npz"
     site = HeightMap(GRID, np.arange(6.0).reshape(3, 2), PLACE)
     save_terrain(path, site, layers=Layers(IDS, PERCENT))
@@ -251,7 +251,7 @@ def test_terrain_and_layers_share_a_file(tmp_path):
     assert np.array_equal(load_layer(path, GRID, kind="soil", georeference=PLACE), IDS)
 
 
-def test_terrain_without_layers_has_none(tmp_path):
+def test_archive_without_layers_has_none(tmp_path):
     save_terrain(tmp_path / "site.npz", HeightMap(GRID, np.zeros((3, 2))))
     _, layers = load_terrain_with_layers(tmp_path / "site.npz")
     assert (layers.soil, layers.moisture) == (None, None)
@@ -260,7 +260,7 @@ def test_terrain_without_layers_has_none(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [suffix for suffix in SUFFIXES if suffix != ".npz"])
-def test_layers_beside_heights_are_refused_where_there_is_no_room(tmp_path, suffix):
+def test_layers_are_rejected_by_formats_without_them(tmp_path, suffix):
     site = HeightMap(GRID, np.zeros((3, 2)))
     with pytest.raises(TerrainError, match=r"only \.npz stores layers"):
         save_terrain(tmp_path / f"site{suffix}", site, layers=Layers(IDS))
@@ -269,7 +269,7 @@ def test_layers_beside_heights_are_refused_where_there_is_no_room(tmp_path, suff
         load_terrain_with_layers(tmp_path / f"site{suffix}", cell=0.5)
 
 
-def test_layers_of_another_shape_than_the_heights_are_refused(tmp_path):
+def test_layers_of_another_shape_than_the_heights_are_rejected(tmp_path):
     path = tmp_path / "site.npz"
     with pytest.raises(TerrainError, match="3 x 2 cells"):
         save_terrain(path, HeightMap(GRID, np.zeros((3, 2))), layers=Layers(IDS[:2]))
@@ -278,7 +278,7 @@ def test_layers_of_another_shape_than_the_heights_are_refused(tmp_path):
         load_terrain_with_layers(path)
 
 
-def test_moisture_beside_heights_is_in_per_cent(tmp_path):
+def test_moisture_of_an_archive_is_in_percent(tmp_path):
     path = tmp_path / "site.npz"
     np.savez(path, heights=np.zeros((3, 2)), cell=0.5, moisture=PERCENT)
     assert np.array_equal(load_terrain_with_layers(path)[1].moisture, PERCENT)
@@ -291,7 +291,7 @@ def test_moisture_beside_heights_is_in_per_cent(tmp_path):
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
-def test_damaged_bytes_make_a_layer_or_a_terrain_error_never_another(tmp_path, suffix, kind, data):
+def test_corrupted_layer_is_read_or_raises_terrain_error(tmp_path, suffix, kind, data):
     path = tmp_path / f"layer{suffix}"
     save_layer(path, LAYERS[kind], GRID, kind=kind, georeference=PLACE)
     content = bytearray(path.read_bytes())

@@ -1,4 +1,4 @@
-"""Pictures of the ground are north-up; the matrix starts at +x (east), +y (north)."""
+"""Images of terrain are north-up; the matrix starts at +x (east), +y (north)."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from soil_sim.terrain import from_north_up, to_north_up
     [((0, -1), 1, 1), ((0, 0), -1, 1), ((-1, -1), 1, -1), ((-1, 0), -1, -1)],
     ids=["NE", "NW", "SE", "SW"],
 )
-def test_peak_in_a_corner_of_the_picture_lies_there_in_the_map(corner, east, north):
+def test_corner_of_an_image_is_the_same_corner_of_the_map(corner, east, north):
     picture = np.zeros((3, 6))
     picture[corner] = 1.0
     made = from_north_up(picture, 0.5)
@@ -24,7 +24,7 @@ def test_peak_in_a_corner_of_the_picture_lies_there_in_the_map(corner, east, nor
 
 
 @given(height=st.integers(2, 9), width=st.integers(2, 9))
-def test_every_pixel_lies_at_its_east_and_north(height, width):
+def test_every_pixel_has_its_easting_and_northing(height, width):
     picture = np.arange(height * width).reshape(height, width)
     made = from_north_up(picture, 2.0)
     x, y = made.grid.x(np.arange(width)), made.grid.y(np.arange(height))
@@ -33,6 +33,6 @@ def test_every_pixel_lies_at_its_east_and_north(height, width):
     assert np.array_equal(made.heights, picture[row[None, :], column[:, None]])
 
 
-def test_picture_comes_back_from_its_map():
+def test_image_round_trips():
     picture = np.arange(12.0).reshape(3, 4)
     assert np.array_equal(to_north_up(from_north_up(picture, 1.0).heights), picture)

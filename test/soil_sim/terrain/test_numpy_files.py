@@ -15,7 +15,7 @@ def npz(folder, **arrays):
 
 
 @pytest.mark.parametrize("dtype", ["<i2", ">i4", "u1", "<f4", ">f8", "f2"])
-def test_array_of_any_real_type_is_taken_in_matrix_order(tmp_path, dtype):
+def test_array_of_any_numeric_type_is_read_in_matrix_order(tmp_path, dtype):
     heights = np.arange(12).reshape(3, 4)
     np.save(tmp_path / "site.npy", np.asfortranarray(heights.astype(dtype)))
     loaded = load_terrain(tmp_path / "site.npy", cell=0.5)
@@ -23,21 +23,21 @@ def test_array_of_any_real_type_is_taken_in_matrix_order(tmp_path, dtype):
     assert np.array_equal(loaded.heights, heights)
 
 
-def test_npy_without_cell_is_refused(tmp_path):
+def test_npy_without_cell_size_is_rejected(tmp_path):
     np.save(tmp_path / "site.npy", np.zeros((3, 3)))
     with pytest.raises(TerrainError, match=r"site\.npy: it states no spacing.*give cell"):
         load_terrain(tmp_path / "site.npy")
 
 
 @pytest.mark.parametrize("shape", [(), (4,), (2, 2, 2), (1, 5), (5, 1), (0, 0)])
-def test_array_that_is_no_map_is_refused(tmp_path, shape):
+def test_array_of_invalid_shape_is_rejected(tmp_path, shape):
     np.save(tmp_path / "site.npy", np.zeros(shape))
     with pytest.raises(TerrainError, match="site"):
         load_terrain(tmp_path / "site.npy", cell=0.5)
 
 
 @pytest.mark.parametrize("dtype", ["c16", "U3", "M8[s]", "?", "f4,f4"])
-def test_array_that_is_no_number_is_refused(tmp_path, dtype):
+def test_non_numeric_array_is_rejected(tmp_path, dtype):
     np.save(tmp_path / "site.npy", np.zeros((3, 3), dtype=dtype))
     with pytest.raises(TerrainError, match="give integers or real numbers"):
         load_terrain(tmp_path / "site.npy", cell=0.5)
@@ -49,7 +49,7 @@ class _Trap:
 
 
 @pytest.mark.parametrize("suffix", [".npy", ".npz"])
-def test_nothing_is_unpickled(tmp_path, suffix):
+def test_pickled_objects_are_not_loaded(tmp_path, suffix):
     path = tmp_path / f"site{suffix}"
     trap = np.full((3, 3), _Trap(), dtype=object)
     if suffix == ".npy":
@@ -60,20 +60,20 @@ def test_nothing_is_unpickled(tmp_path, suffix):
         load_terrain(path, cell=0.5)
 
 
-def test_nan_is_refused_with_its_cell(tmp_path):
+def test_error_of_nan_has_its_cell(tmp_path):
     heights = np.zeros((3, 3))
     heights[1, 2] = np.nan
     with pytest.raises(TerrainError, match="row 1, col 2"):
         load_terrain(npz(tmp_path, heights=heights, cell=0.5))
 
 
-def test_archive_named_as_an_array_is_refused(tmp_path):
+def test_archive_named_npy_is_rejected(tmp_path):
     npz(tmp_path, heights=np.zeros((3, 3)), cell=0.5).rename(tmp_path / "site.npy")
     with pytest.raises(TerrainError, match=r"give it the suffix \.npz"):
         load_terrain(tmp_path / "site.npy", cell=0.5)
 
 
-def test_array_named_as_an_archive_is_refused(tmp_path):
+def test_array_named_npz_is_rejected(tmp_path):
     np.save(tmp_path / "site.npy", np.zeros((3, 3)))
     (tmp_path / "site.npy").rename(tmp_path / "site.npz")
     with pytest.raises(TerrainError, match="not a complete archive"):
@@ -90,12 +90,12 @@ def test_array_named_as_an_archive_is_refused(tmp_path):
     ],
     ids=["no heights", "no cell", "unknown", "half a georeference"],
 )
-def test_archive_with_other_arrays_is_refused_with_what_it_should_hold(tmp_path, arrays):
+def test_error_of_missing_arrays_lists_the_required_ones(tmp_path, arrays):
     with pytest.raises(TerrainError, match="give it heights, cell and, for georeferenced"):
         load_terrain(npz(tmp_path, **arrays))
 
 
 @pytest.mark.parametrize("cell", [0.0, -1.0, np.nan, np.inf, "half", [0.5, 0.5], 1j])
-def test_impossible_cell_in_an_archive_is_refused(tmp_path, cell):
+def test_invalid_cell_size_in_an_archive_is_rejected(tmp_path, cell):
     with pytest.raises(TerrainError, match=r"cell is"):
         load_terrain(npz(tmp_path, heights=np.zeros((3, 3)), cell=cell))

@@ -1,4 +1,4 @@
-"""Made ground is what its parameters say."""
+"""Synthetic terrain has the properties given by its parameters."""
 
 import math
 
@@ -14,11 +14,11 @@ from soil_sim.terrain import flat, rough, slope
 GRID = Grid(40, 60, 0.2)
 
 
-def test_flat_ground_has_one_height():
+def test_flat_terrain_has_constant_height():
     assert (flat(GRID, 1.5).heights == 1.5).all()
 
 
-def test_flat_ground_at_no_height_is_refused():
+def test_flat_terrain_at_nan_is_rejected():
     with pytest.raises(TerrainError, match="fill such cells"):
         flat(GRID, math.nan)
 
@@ -37,24 +37,24 @@ def test_slope_has_height_zero_at_the_centre():
 
 
 @pytest.mark.parametrize("angle", [-0.1, math.pi / 2, math.nan])
-def test_impossible_slope_is_refused(angle):
+def test_invalid_slope_is_rejected(angle):
     with pytest.raises(TerrainError, match="angle is"):
         slope(GRID, angle, 0.0)
 
 
-def test_slope_without_direction_is_refused():
+def test_slope_without_direction_is_rejected():
     with pytest.raises(TerrainError, match="direction is"):
         slope(GRID, 0.1, math.inf)
 
 
 @given(rms=st.floats(0.0, 10.0), length=st.floats(0.2, 8.0), seed=st.integers(0, 99))
-def test_rough_ground_has_its_rms_about_zero(rms, length, seed):
+def test_rough_terrain_has_zero_mean_and_the_given_rms(rms, length, seed):
     heights = rough(GRID, rms, length, np.random.default_rng(seed)).heights
     assert math.sqrt(np.mean(heights**2)) == pytest.approx(rms, abs=1e-12)
     assert heights.mean() == pytest.approx(0.0, abs=1e-9)
 
 
-def test_rough_ground_is_the_same_from_the_same_seed():
+def test_rough_terrain_is_reproducible_by_its_seed():
     one, same, other = (
         rough(GRID, 1.0, 1.0, np.random.default_rng(seed)).heights for seed in (1, 1, 2)
     )
@@ -64,7 +64,7 @@ def test_rough_ground_is_the_same_from_the_same_seed():
 
 @pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize("distance", [0.5, 1.0, 1.5])
-def test_rough_ground_correlates_as_a_gaussian(axis, distance):
+def test_rough_terrain_has_a_gaussian_autocorrelation(axis, distance):
     length = 2.0
     h = rough(Grid(600, 500, 0.25), 1.0, length, np.random.default_rng(5)).heights
     step = round(distance * length / 0.25)
@@ -72,7 +72,7 @@ def test_rough_ground_correlates_as_a_gaussian(axis, distance):
     assert np.mean(h[step:] * h[:-step]) == pytest.approx(math.exp(-(distance**2)), abs=0.06)
 
 
-def test_opposite_edges_of_rough_ground_do_not_match():
+def test_rough_terrain_is_not_periodic():
     rng = np.random.default_rng(7)
     edges = [rough(GRID, 1.0, 2.0, rng).heights[[0, -1]] for _ in range(200)]
     first, last = np.concatenate(edges, axis=1)
@@ -80,12 +80,12 @@ def test_opposite_edges_of_rough_ground_do_not_match():
 
 
 @pytest.mark.parametrize("rms", [-1.0, math.nan, math.inf])
-def test_impossible_roughness_is_refused(rms):
+def test_invalid_roughness_is_rejected(rms):
     with pytest.raises(TerrainError, match="rms is"):
         rough(GRID, rms, 1.0, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("length", [0.0, 0.19, 8.1, math.nan])
-def test_correlation_length_that_the_map_cannot_show_is_refused(length):
+def test_correlation_length_too_long_for_the_map_is_rejected(length):
     with pytest.raises(TerrainError, match="from a cell"):
         rough(GRID, 1.0, length, np.random.default_rng(0))

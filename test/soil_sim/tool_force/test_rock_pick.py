@@ -1,3 +1,5 @@
+"""Cutting force of a conical pick: Evans and Goktan against manual calculations, scaling."""
+
 import math
 
 import pytest
@@ -18,17 +20,17 @@ PICK = {
 MODELS = ("evans", "goktan")
 
 
-def test_evans_by_hand() -> None:
+def test_evans_force_equals_a_manual_calculation() -> None:
     # 16 pi (5e6)^2 0.01^2 = 125,663.7e6; cos^2(40 deg) = 0.586824; times 80e6: 46.94593e6
     assert pick_force(**PICK, model="evans").cutting == pytest.approx(2676.77, abs=0.01)
 
 
-def test_goktan_by_hand() -> None:
+def test_goktan_force_equals_a_manual_calculation() -> None:
     # 4 pi 5e6 0.01^2 = 6283.185; sin^2(50 deg) = 0.586824; cos(50 deg) = 0.642788
     assert pick_force(**PICK, model="goktan").cutting == pytest.approx(5736.15, abs=0.01)
 
 
-def test_a_right_angled_cone_without_friction_gives_round_numbers() -> None:
+def test_force_of_a_right_angled_cone_without_friction() -> None:
     cone = {**PICK, "tip_angle": math.pi / 2, "friction": 0.0}
     # In N, mm and MPa: evans 16 pi 25 100 / (0.5 80), goktan 4 pi 5 100 (0.5 / sqrt 0.5)
     assert pick_force(**cone, model="evans").cutting == pytest.approx(1000 * math.pi)
@@ -39,7 +41,7 @@ def test_a_right_angled_cone_without_friction_gives_round_numbers() -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 @given(factor=st.floats(0.1, 10.0))
-def test_the_force_has_the_unit_of_stress_times_area(model: str, factor: float) -> None:
+def test_force_scales_with_strength_and_depth_squared(model: str, factor: float) -> None:
     force = pick_force(**PICK, model=model).cutting
     deeper = {**PICK, "depth": factor * PICK["depth"]}
     assert pick_force(**deeper, model=model).cutting == pytest.approx(factor**2 * force)
@@ -48,28 +50,28 @@ def test_the_force_has_the_unit_of_stress_times_area(model: str, factor: float) 
 
 
 @pytest.mark.parametrize("model", MODELS)
-@given(tip=st.floats(1.0, 150.0), more=st.floats(0.1, 9.0))
-def test_a_blunter_pick_needs_more(model: str, tip: float, more: float) -> None:
+@given(tip=st.floats(1.0, 150.0), increase=st.floats(0.1, 9.0))
+def test_force_increases_with_the_tip_angle(model: str, tip: float, increase: float) -> None:
     sharp, blunt = (
         pick_force(**{**PICK, "tip_angle": math.radians(angle)}, model=model)
-        for angle in (tip, tip + more)
+        for angle in (tip, tip + increase)
     )
     assert 0.0 < sharp.cutting < blunt.cutting < math.inf
 
 
-def test_friction_counts_with_goktan_alone() -> None:
+def test_friction_affects_the_goktan_model_only() -> None:
     smooth = {**PICK, "friction": 0.0}
     assert pick_force(**smooth, model="evans") == pick_force(**PICK, model="evans")
     assert pick_force(**smooth, model="goktan").cutting < pick_force(**PICK, model="goktan").cutting
 
 
-def test_strength_in_compression_counts_with_evans_alone() -> None:
+def test_compressive_strength_affects_the_evans_model_only() -> None:
     hard = {**PICK, "compressive_strength": 160e6}
     assert pick_force(**hard, model="goktan") == pick_force(**PICK, model="goktan")
     assert pick_force(**hard, model="evans").cutting == pytest.approx(2676.77 / 2, abs=0.01)
 
 
-def test_the_normal_force_is_the_chosen_part_of_the_cutting_force() -> None:
+def test_normal_force_is_the_given_ratio_of_the_cutting_force() -> None:
     assert pick_force(**PICK).normal == pick_force(**PICK).cutting
     worn = pick_force(**PICK, normal_ratio=1.8)
     assert worn.cutting == pick_force(**PICK).cutting
@@ -77,18 +79,18 @@ def test_the_normal_force_is_the_chosen_part_of_the_cutting_force() -> None:
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_no_depth_is_no_force(model: str) -> None:
+def test_force_is_zero_without_depth(model: str) -> None:
     assert pick_force(**{**PICK, "depth": 0.0}, model=model).cutting == 0.0
     assert evans_force(-0.01, 1.4, 5e6, 80e6) == goktan_force(-0.01, 1.4, 5e6, 0.2) == 0.0
 
 
-@pytest.mark.parametrize("place", range(4))
-def test_what_is_not_a_number_gives_no_number(place: int) -> None:
+@pytest.mark.parametrize("index", range(4))
+def test_nan_argument_gives_nan(index: int) -> None:
     for kernel, arguments in (
         (evans_force, [0.01, 1.4, 5e6, 80e6]),
         (goktan_force, [0.01, 1.4, 5e6, 0.2]),
     ):
-        arguments[place] = math.nan
+        arguments[index] = math.nan
         assert math.isnan(kernel(*arguments))
 
 
@@ -111,12 +113,12 @@ def test_what_is_not_a_number_gives_no_number(place: int) -> None:
         ("model", "merchant"),
     ],
 )
-def test_a_value_that_makes_no_sense_is_refused_by_name(name: str, value: object) -> None:
+def test_error_of_an_invalid_value_names_the_parameter(name: str, value: object) -> None:
     with pytest.raises(SoilError, match=rf"^{name} is .*; give "):
         pick_force(**{**PICK, name: value})
 
 
-def test_the_kernels_can_be_called_from_a_kernel() -> None:
+def test_kernels_can_be_called_from_a_kernel() -> None:
     @njit
     def both(depth):
         return evans_force(depth, 1.4, 5e6, 80e6) + goktan_force(depth, 1.4, 5e6, 0.2)

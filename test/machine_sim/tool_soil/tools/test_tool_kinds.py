@@ -39,7 +39,7 @@ def test_blade_releases_soil_ahead_of_its_plate() -> None:
 @pytest.mark.parametrize(
     "change", [{"profile": [[0.0, 0.0], [0.1, -0.2]]}, {"profile": [[0.0, 0.0]]}, {"width": 0.0}]
 )
-def test_bad_blade_is_rejected(change) -> None:
+def test_invalid_blade_is_rejected(change) -> None:
     with pytest.raises(MachineError):
         BladeShape(**{"profile": PROFILE, "width": 2.8, **change})
 
