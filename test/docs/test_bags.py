@@ -1,4 +1,4 @@
-"""The examples in docs/bags.md run, and its tables agree with the code."""
+"""The tables of docs/bags.md agree with the code."""
 
 import re
 from dataclasses import fields
@@ -17,7 +17,6 @@ from msg_bridge.contract.messages import Stream
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/bags.md").read_text(encoding="utf-8")
-EXAMPLES = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 
 TYPES = {"float32": "<f4", "float64": "<f8", "uint8": "|u1", "uint16": "<u2", "uint32": "<u4"}
 
@@ -37,15 +36,6 @@ def table_after(text: str) -> list[list[str]]:
 def names(cell: str) -> list[str]:
     """Return the names in back quotes of a cell."""
     return re.findall(r"`([^`]+)`", cell)
-
-
-@pytest.mark.parametrize("example", EXAMPLES)
-def test_example_runs(
-    example: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(ROOT)
-    exec(compile(example, "docs/bags.md", "exec"), {})
-    assert capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
