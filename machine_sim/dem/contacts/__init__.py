@@ -12,7 +12,7 @@ In the order of the algorithm:
 - `pair_forces`, `plate_forces`, `ground_forces`: forces in each substep
 - `tunnelling`: count of particles that passed through a plate
 
-A contact with a plate remembers on which side of the plate the particle is. The side changes only
+A contact with a plate stores on which side of the plate the particle is. The side changes only
 beside the plate: a centre that is pressed through the middle of a plate is still pushed back.
 """
 

@@ -51,7 +51,7 @@ def contact_parameters(
     """Return the constants of the law for a contact of a given duration.
 
     The contact duration is half a period of the undamped spring, pi/w0: it bounds stiffness and
-    damping, whatever the restitution. With b = g/2m the damping rate, w^2 = w0^2 - b^2 and x = b/w,
+    damping, for any restitution. With b = g/2m the damping rate, w^2 = w0^2 - b^2 and x = b/w,
     the restitution is e = exp(-x (pi - 2 atan x)): the contact force is never attractive, so bodies
     separate when the force is zero, not when the spring is relaxed (Schwager & Poeschel, Granular
     Matter 9 (2007) 465, doi:10.1007/s10035-007-0065-z). The equation is solved for x by bisection.

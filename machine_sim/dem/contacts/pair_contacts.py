@@ -34,7 +34,7 @@ _LOOKAHEAD_STEPS = np.float32(1.4)
 """Time ahead in which a pair may touch to become a contact, in steps: one, and a margin for
 acceleration."""
 _MIN_LOOKAHEAD_GAP = BOND_RUPTURE_GAP
-"""Gap up to which a pair becomes a contact whatever its velocity, in sums of contact radii."""
+"""Gap up to which a pair becomes a contact at any velocity, in sums of contact radii."""
 
 
 class PairContactBlocks(NamedTuple):

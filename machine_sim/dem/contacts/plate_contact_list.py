@@ -1,6 +1,6 @@
 """The list of plates that each particle may touch within a step, with the contacts' history.
 
-The list is made in every step. A contact remembers its tangential spring and the side of the plate
+The list is made in every step. A contact stores its tangential spring and the side of the plate
 that the particle is on; both are carried over from the list of the step before.
 """
 

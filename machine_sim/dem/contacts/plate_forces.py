@@ -1,6 +1,6 @@
 """Forces of plates on particles, block by block: gather, evaluate in plate axes, scatter.
 
-A particle over a plate is pushed along the plate's normal, to the side that its contact remembers.
+A particle over a plate is pushed along the plate's normal, to the side that its contact stores.
 Beside the plate it is pushed away from the closest point of the outline. All of this is done in
 plate axes (a, b, h), see `tools.plates`; the spring turns with the plate.
 """

@@ -46,7 +46,7 @@ def _count_tunnelled(  # type: ignore[no-untyped-def]
 ):
     """Count the particles whose path in the frame of a tool pierces one of its plates.
 
-    A centre that returns to the side that its contact remembers is not counted again.
+    A centre that returns to the side that its contact stores is not counted again.
 
     Args:
         before: centres at the start of the step [m], shape (rows, 3).

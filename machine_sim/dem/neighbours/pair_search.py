@@ -1,6 +1,6 @@
 """Search for neighbouring pairs, cell by cell.
 
-Chunks of the cells are searched in parallel. The list is in the order of cells, whatever the number
+Chunks of the cells are searched in parallel. The list is in the order of cells for any number
 of threads.
 """
 

@@ -1,4 +1,4 @@
-"""Wake conditions: no particle sleeps without support, whatever removes it."""
+"""Wake conditions: no particle sleeps after its support was removed."""
 
 from __future__ import annotations
 
