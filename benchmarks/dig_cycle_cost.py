@@ -1,8 +1,10 @@
-"""What a dig cycle costs, part by part, and how the soil's part grows with the map.
+"""Measure the parts of a dig cycle, and the soil's time per tick against the size of the map.
 
-Runs the demo's first cycle in one process, with its particles of 1 litre and with smaller ones, and
-prints the mean wall time per tick of each part; then one scripted scoop on maps of growing size.
-Run from the repository root: `python benchmarks/dig_cycle_cost.py`.
+    python -m benchmarks.dig_cycle_cost
+
+Runs the first cycle of the demo in one process, with its particles of 1 litre and with smaller
+ones, and prints the mean wall time per tick of each part; then a scripted scoop on maps of
+growing size.
 """
 
 from __future__ import annotations
@@ -10,113 +12,123 @@ from __future__ import annotations
 import dataclasses
 import statistics
 import time
-from collections import defaultdict
 from collections.abc import Callable
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from benchmarks.bucket_sweeps import NO_DEPOSIT_REQUESTS, bucket_sweep
+from benchmarks.result_table import Column, ResultTable, describe_load, make_parser
+from benchmarks.timing import elapsed_ms, interleave
 from earthmoving_sim.run_config import load_run_config
 from earthmoving_sim.single_process_dig import SingleProcessDig
 from msg_bridge.contract.grid import Grid
-from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, Rows, empty_rows
 from soil_sim.soil import Soil
 
 RUNS = 3
-VOLUMES = (1_000_000, 415_000)  # mm^3 bank: the demo's, and for 3,000 particles
+VOLUMES = (1_000_000, 415_000)
+"""Nominal bank volumes of a particle [mm^3]: the demo's, and one that gives 3,000 particles."""
 SIZES = (129, 257, 513, 1025)
+"""Numbers of rows and columns of the maps."""
+SCOOP_TICKS = 300
 PROFILE = ((0.0, 0.0), (-0.24, 0.28), (-0.5, 0.53), (-0.79, 0.7), (-1.1, 0.68))
+"""(x, z) of the bucket's key points from its lip [m]."""
+
+
+class CycleCost(NamedTuple):
+    """Cost of a dig cycle.
+
+    Attributes:
+        real_time_factor: simulated over wall time.
+        parts: mean wall time per tick [ms] of each part.
+        max_particles: maximum number of particles at once.
+    """
+
+    real_time_factor: float
+    parts: dict[str, float]
+    max_particles: int
 
 
 def main() -> None:
-    """Print both tables."""
-    cycle_by_part()
-    scoop_by_size()
+    """Measure and print both tables."""
+    options = make_parser(__doc__, runs=RUNS).parse_args()
+    measure_parts(options.runs, as_json=options.json)
+    measure_scoops(as_json=options.json)
 
 
-def cycle_by_part() -> None:
-    """Mean wall time per tick of the parts of the demo's first cycle; medians of the runs."""
-    _one_cycle(VOLUMES[0])  # what is compiled or read for the first time is not timed
-    runs = [[_one_cycle(volume) for volume in VOLUMES] for _ in range(RUNS)]
-    by_volume = list(zip(*runs, strict=True))
-    print("one dig cycle of the demo, mean per tick of 10 ms")
-    _print("particles at most", [f"{many[0][2]:8d}" for many in by_volume])
-    for part in runs[0][0][1]:
-        spent = [statistics.median(run[1][part] for run in many) for many in by_volume]
-        _print(part, [f"{ms:8.3f}" for ms in spent], "ms")
-    times = [statistics.median(run[0] for run in many) for many in by_volume]
-    _print("times real time", [f"{value:8.1f}" for value in times])
-    print()
+def measure_parts(runs: int, *, as_json: bool) -> None:
+    """Print the mean wall time per tick of each part of the demo's first cycle."""
+    run_cycle(VOLUMES[0])  # compiles kernels and reads files
+    costs = interleave([partial(run_cycle, volume) for volume in VOLUMES], runs)
+    by_volume = list(zip(*costs, strict=True))
+    columns = [Column(f"{1e-6 * volume:g} L") for volume in VOLUMES]
+    table = ResultTable(columns, as_json=as_json)
+    table.print_note(describe_load())
+    table.print_note("One dig cycle of the demo, mean ms per tick of 10 ms, by particle volume")
+    table.print_header()
+    for part in costs[0][0].parts:
+        medians = [statistics.median(cost.parts[part] for cost in each) for each in by_volume]
+        table.print_row(part, medians)
+    factors = [statistics.median(cost.real_time_factor for cost in each) for each in by_volume]
+    table.print_row("real-time factor", factors, unit="")
+    counts = [float(each[0].max_particles) for each in by_volume]
+    table.print_row("max particles", counts, unit="", texts=[f"{count:.0f}" for count in counts])
 
 
-def _print(label: str, columns: list[str], unit: str = "") -> None:
-    print(f"  {label:<24}{''.join(columns)} {unit}")
-
-
-def scoop_by_size() -> None:
-    """Wall time per tick of the soil while a bucket is dragged 3 m, for maps of 0.2 m columns."""
-    print("soil tick during a scoop, median")
+def measure_scoops(*, as_json: bool) -> None:
+    """Print the soil's time per tick while a bucket is dragged 3 m, on maps of 0.2 m columns."""
+    table = ResultTable([Column("median tick")], as_json=as_json)
+    table.print_note("\nTick of the soil during a scoop, ms")
+    table.print_header("columns")
     for size in SIZES:
-        print(f"  {size:5d} x {size:<5d}{1e3 * statistics.median(_scoop(size)):8.3f} ms")
+        table.print_row(f"{size} x {size}", [statistics.median(time_scoop(size))])
 
 
-def _one_cycle(volume_mm3: int) -> tuple[float, dict[str, float], int]:
-    """Times real time, ms per tick by part, and most particles."""
+def run_cycle(nominal_volume: int) -> CycleCost:
+    """Run the demo's first cycle with particles of a nominal bank volume [mm^3]."""
     config = load_run_config("demo.yaml", {"cycles": 1})
-    particles = dataclasses.replace(config.particles, nominal_volume=volume_mm3)
+    particles = dataclasses.replace(config.particles, nominal_volume=nominal_volume)
     dig = SingleProcessDig(dataclasses.replace(config, particles=particles))
-    spent: dict[str, float] = defaultdict(float)
+    seconds: dict[str, float] = {}
     machine, world = dig.machine, dig.world
-    _time(machine, "step", "machine side", spent)
-    _time(machine.particles, "step", "  of it particles", spent)
-    _time(machine.machine, "before_step", "  of it tracks, motors", spent)
-    _time(world.soil, "step", "soil", spent)
-    _time(world, "step", "machine, soil, exchange", spent)
-    _time(dig.task, "command", "operator", spent)
+    add_timer(world, "step", "machine, soil, exchange", seconds)
+    add_timer(machine, "step", "machine", seconds)
+    add_timer(machine.particles, "step", "  of it particles", seconds)
+    add_timer(machine.machine, "before_step", "  of it tracks, motors", seconds)
+    add_timer(world.soil, "step", "soil", seconds)
+    add_timer(dig.task, "command", "operator", seconds)
     outcome = dig.run()
     dig.close()
-    ticks = outcome.simulated_time / dig.config.stepping.tick_period
-    parts = {name: 1e3 * seconds / ticks for name, seconds in spent.items()}
-    return outcome.simulated_time / outcome.wall_time, parts, outcome.max_particles
+    num_ticks = outcome.simulated_time / dig.config.stepping.tick_period
+    parts = {name: 1e3 * total / num_ticks for name, total in seconds.items()}
+    return CycleCost(outcome.simulated_time / outcome.wall_time, parts, outcome.max_particles)
 
 
-def _time(owner: Any, name: str, part: str, spent: dict[str, float]) -> None:
-    """Let calls of a method add their wall time to `spent[part]`."""
+def add_timer(owner: Any, name: str, part: str, seconds: dict[str, float]) -> None:
+    """Replace the method `name` of `owner`: its calls add their wall time to `seconds[part]`."""
     method: Callable[..., Any] = getattr(owner, name)
+    seconds[part] = 0.0
 
     def timed(*args: Any, **options: Any) -> Any:
         start = time.perf_counter()
         result = method(*args, **options)
-        spent[part] += time.perf_counter() - start
+        seconds[part] += time.perf_counter() - start
         return result
 
     setattr(owner, name, timed)
 
 
-def _scoop(size: int) -> list[float]:
-    """Wall time of each tick [s]."""
+def time_scoop(size: int) -> list[float]:
+    """Return the wall time of each tick [ms] of a 1.2 m bucket at 0.3 m depth, 10 mm a tick."""
     grid = Grid(size, size, 0.2)
     soil = Soil(grid, np.zeros(grid.shape))
-    nothing = empty_rows(DEPOSIT_REQUEST)
     times = []
-    for tick in range(300):
-        sweeps = _sweeps(-1.5 + 0.01 * tick)
-        start = time.perf_counter()
-        soil.step(tick, sweeps, nothing)
-        times.append(time.perf_counter() - start)
+    for tick in range(SCOOP_TICKS):
+        x = -1.5 + 0.01 * tick
+        sweep = bucket_sweep((x, 0.0, -0.3), (x + 0.01, 0.0, -0.3), PROFILE)
+        times.append(elapsed_ms(partial(soil.step, tick, sweep, NO_DEPOSIT_REQUESTS)))
     return times
-
-
-def _sweeps(x: float) -> Rows:
-    """A 1.2 m bucket at 0.3 m depth that moves 10 mm toward +x."""
-    rows = empty_rows(SWEEP, 2 * len(PROFILE))
-    for pair, (back, up) in enumerate(PROFILE):
-        for side, y in ((0, 0.6), (1, -0.6)):
-            row = rows[2 * pair + side]
-            row["pair"], row["y0"], row["y1"] = pair, y, y
-            row["x0"], row["x1"] = x + back, x + back + 0.01
-            row["z0"] = row["z1"] = up - 0.3
-    return rows
 
 
 if __name__ == "__main__":

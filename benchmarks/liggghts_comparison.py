@@ -1,71 +1,80 @@
-"""What particles cost beside LIGGGHTS, on the same heap and in the same run.
+"""Compare the cost of particles with LIGGGHTS on the same heap in the same run.
 
-The same block of spheres, same places, sizes, weights and coefficients, falls on level ground in
-both and comes to rest; ours is kept awake, so that both work. One core each, taking turns. Printed:
-wall time per particle and 5 ms while it falls and at rest, medians over the runs; the same
-per time step, for a stiffer contact needs shorter ones; and both heaps, which should be alike for
-the comparison to be fair (rolling resistance is not the same: theirs is of each contact, ours of a
-particle). `benchmarks/liggghts_runner.py` says how LIGGGHTS is set up.
+    python -m benchmarks.liggghts_comparison       # about three minutes
 
-Run from the repository root: `python benchmarks/liggghts_comparison.py`; takes about three
-minutes. LIGGGHTS must be installed: `apt-get install liggghts`.
+The same block of spheres (positions, sizes, masses and coefficients) falls on level ground in both
+programs and comes to rest; this project's particles are kept awake, so that both solve contacts.
+Each uses one core, in turn. Printed are medians over the runs of the wall time per particle and
+5 ms, while falling and at rest, the same per time step (a stiffer contact needs shorter steps),
+and the shape of both heaps, which should be similar for the comparison to be fair. Rolling
+resistance is not the same: LIGGGHTS has one for each contact, this project one for each particle.
+`liggghts_runner` has the set-up of LIGGGHTS, which must be installed: `apt-get install liggghts`.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
 
 import numpy as np
-from liggghts_runner import (
+
+from benchmarks.liggghts_runner import (
+    INSTALL_HINT,
     MIN_YOUNGS_MODULUS,
-    MISSING,
     ContactCoefficients,
-    HeapResult,
     LiggghtsError,
     Spheres,
-    fall,
-    installed,
+    drop_spheres,
+    is_installed,
     rayleigh_time,
     substeps,
 )
-from particle_scenes import (
-    FALLING,
+from benchmarks.particle_scenes import (
+    FALLING_STEPS,
+    REST_GROUP,
+    REST_GROUPS,
     STEP,
     HeapShape,
     add_block,
-    describe_load,
     flat_ground,
     measure_heap,
-    run,
     settle_steps,
+    step_untimed,
     time_steps,
 )
-
+from benchmarks.result_table import Column, ResultTable, describe_load, make_parser
 from machine_sim.dem import ParticleEngine, ParticleParams, warm_up
 
 COUNTS = (1000, 5000, 20_000)
 RUNS = 3
-GROUP, GROUPS = 20, 5
-"""Steps at rest that are timed together, and how often."""
 MAX_HEAP_DIFFERENCE = 0.2
-"""Part by which heaps that are alike differ at most, in height, radius and contacts."""
+"""Maximum relative difference of similar heaps in height, radius and contacts."""
+
+COLUMNS = (
+    *(Column("particles", "us"), Column("LIGGGHTS", "us"), Column("ratio", "", ".1f")),
+    *(Column("particles, step", "us", ".4f"), Column("LIGGGHTS, step", "us", ".4f")),
+    Column("ratio, step", "", ".1f"),
+)
 
 
 def run_particle_engine(count: int) -> tuple[float, float, HeapShape, Spheres]:
-    """Falling and at rest [us per particle and step], the heap, and how it began."""
+    """Drop a block of particles.
+
+    Returns:
+        (time while falling, time at rest [us per particle and 5 ms], the heap, the spheres at the
+        start).
+    """
     engine = ParticleEngine(ParticleParams(capacity=10**6, allow_sleeping=False), flat_ground())
     add_block(engine, count)
     start = as_spheres(engine)
-    falling = time_steps(engine, FALLING, group=FALLING)
-    run(engine, settle_steps(count))
-    rest = time_steps(engine, GROUP * GROUPS, group=GROUP)
+    falling = time_steps(engine, FALLING_STEPS, group=FALLING_STEPS)
+    step_untimed(engine, settle_steps(count))
+    resting = time_steps(engine, REST_GROUP * REST_GROUPS, group=REST_GROUP)
     heap = measure_heap(engine.positions, engine.radii)
-    return 1e3 * falling / count, 1e3 * rest / count, heap, start
+    return 1e3 * falling / count, 1e3 * resting / count, heap, start
 
 
 def as_spheres(engine: ParticleEngine) -> Spheres:
-    """Particles of one soil, as LIGGGHTS needs to know them."""
+    """Return particles of one soil as input for LIGGGHTS."""
     params, coefficients = engine.params, engine.contact_coefficients
     return Spheres(
         position=engine.positions.copy(),
@@ -77,81 +86,84 @@ def as_spheres(engine: ParticleEngine) -> Spheres:
             float(coefficients.rolling_friction[0]),
             params.restitution,
         ),
-        ground=ContactCoefficients(
+        ground_contact=ContactCoefficients(
             params.ground_friction, params.ground_rolling_friction, params.boundary_restitution
         ),
     )
 
 
 def run_liggghts(
-    spheres: Spheres, young: float = MIN_YOUNGS_MODULUS
+    spheres: Spheres, youngs_modulus: float = MIN_YOUNGS_MODULUS
 ) -> tuple[float, float, HeapShape]:
-    """Falling and at rest in LIGGGHTS [us per particle and step of ours], and the heap."""
-    count, per_step = len(spheres.position), substeps(spheres, STEP, young)
-    parts = [FALLING, settle_steps(count), *[GROUP] * GROUPS]
-    outcome: HeapResult = fall(spheres, STEP / per_step, [n * per_step for n in parts], young)
+    """Drop the same block in LIGGGHTS.
+
+    Returns:
+        (time while falling, time at rest [us per particle and 5 ms], the heap).
+    """
+    count, per_step = len(spheres.position), substeps(spheres, STEP, youngs_modulus)
+    parts = [FALLING_STEPS, settle_steps(count), *[REST_GROUP] * REST_GROUPS]
+    outcome = drop_spheres(
+        spheres, STEP / per_step, [steps * per_step for steps in parts], youngs_modulus
+    )
     scale = 1e6 / count
-    falling = scale * outcome.seconds[0] / FALLING
-    rest = scale * float(np.median(outcome.seconds[2:])) / GROUP
-    return falling, rest, measure_heap(outcome.position, spheres.radius)
+    falling = scale * outcome.seconds[0] / FALLING_STEPS
+    resting = scale * float(np.median(outcome.seconds[2:])) / REST_GROUP
+    return falling, resting, measure_heap(outcome.position, spheres.radius)
 
 
-def compare(count: int, runs: int, young: float) -> None:
-    """Print what `count` particles cost in both, and their heaps."""
+def compare(table: ResultTable, count: int, runs: int, youngs_modulus: float) -> None:
+    """Measure `count` particles in both programs; print times and heaps."""
     costs = []
     for _ in range(runs):
-        falling, rest, heap, spheres = run_particle_engine(count)
-        falling_l, rest_l, heap_l = run_liggghts(spheres, young)
-        costs.append(((falling, falling_l), (rest, rest_l)))
-    steps = (ParticleParams().substeps, substeps(spheres, STEP, young))
-    for phase, (mine, its) in zip(("falling", "at rest"), np.median(costs, axis=0), strict=True):
-        a, b = mine / steps[0], its / steps[1]
-        print(
-            f"{count:>7} {phase:<8}{mine:>9.3f}{its:>10.3f}{its / mine:>7.1f}"
-            f"{a:>13.4f}{b:>10.4f}{b / a:>7.1f}"
+        falling, resting, heap, spheres = run_particle_engine(count)
+        peer_falling, peer_resting, peer_heap = run_liggghts(spheres, youngs_modulus)
+        costs.append(((falling, peer_falling), (resting, peer_resting)))
+    own_steps = ParticleParams().substeps
+    peer_steps = substeps(spheres, STEP, youngs_modulus)
+    for phase, (own, peer) in zip(
+        ("falling", "at rest"), np.median(costs, axis=0).tolist(), strict=True
+    ):
+        own_step, peer_step = own / own_steps, peer / peer_steps
+        values = [own, peer, peer / own, own_step, peer_step, peer_step / own_step]
+        table.print_row(f"{count} {phase}", values)
+    for name, shape in (("particles", heap), ("LIGGGHTS", peer_heap)):
+        table.print_note(
+            f"  heap, {name}: {shape.height:.2f} m high, {shape.radius:.2f} m in radius,"
+            f" {shape.contacts:.1f} contacts per particle"
         )
-    for name, one, other in (("ours", heap, heap_l), ("LIGGGHTS", heap_l, heap)):
-        alike = all(
-            abs(getattr(one, f) - getattr(other, f)) < MAX_HEAP_DIFFERENCE * getattr(other, f)
-            for f in ("height", "radius", "contacts")
-        )
-        print(
-            f"{'':>8}heap, {name}: {one.height:.2f} m high, {one.radius:.2f} m in radius,"
-            f" {one.contacts:.1f} contacts each{'' if alike else ' -- NOT MAX_HEAP_DIFFERENCE'}",
-            flush=True,
-        )
+    if not heap.is_similar(peer_heap, MAX_HEAP_DIFFERENCE):
+        table.print_note(f"  heaps differ by more than {100 * MAX_HEAP_DIFFERENCE:.0f} %")
 
 
 def main() -> None:
-    """Print the table."""
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--counts", type=int, nargs="+", default=COUNTS)
-    options.add_argument("--runs", type=int, default=RUNS, help="of each; medians are printed")
-    options.add_argument(
-        "--young",
+    """Measure and print the table."""
+    parser = make_parser(__doc__, runs=RUNS)
+    parser.add_argument("--counts", type=int, nargs="+", default=COUNTS, help="particle numbers")
+    parser.add_argument(
+        "--youngs-modulus",
         type=float,
         default=MIN_YOUNGS_MODULUS,
-        help=f"modulus in LIGGGHTS [Pa], from {MIN_YOUNGS_MODULUS:g}",
+        help=f"Young's modulus in LIGGGHTS [Pa], at least {MIN_YOUNGS_MODULUS:g}",
     )
-    given = options.parse_args()
-    if not installed():
-        raise SystemExit(MISSING)
+    options = parser.parse_args()
+    if not is_installed():
+        raise SystemExit(INSTALL_HINT)
     warm_up()
-    *_, spheres = run_particle_engine(50)  # compiles the rest
-    per_step = substeps(spheres, STEP, given.young)
-    rayleigh = rayleigh_time(float(spheres.radius[0]), float(spheres.density[0]), given.young)
-    share = STEP / per_step / rayleigh
-    print(
-        f"{describe_load()}; medians of {given.runs} runs\n"
-        f"ours: time step {1e3 * STEP / ParticleParams().substeps:.3g} ms\n"
-        f"LIGGGHTS: Young's modulus {given.young:.3g} Pa, time step {1e3 * STEP / per_step:.3g} ms,"
-        f" {100 * share:.0f} % of the Rayleigh time\n\n"
-        f"{'us per particle':<16}{'per 5 ms':^26}{'per time step':>24}\n"
-        f"{'N':>7}{'':<9}" + f"{'ours':>9}{'LIGGGHTS':>10}{'ratio':>7}    " * 2
+    *_, spheres = run_particle_engine(50)  # compiles the kernels that warm_up does not
+    modulus = options.youngs_modulus
+    timestep = STEP / substeps(spheres, STEP, modulus)
+    rayleigh = rayleigh_time(float(spheres.radius[0]), float(spheres.density[0]), modulus)
+    table = ResultTable(COLUMNS, as_json=options.json, row_width=16)
+    table.print_note(
+        f"{describe_load()}; us per particle and 5 ms or time step, medians of {options.runs} runs"
+        f"\nparticles: time step {1e3 * STEP / ParticleParams().substeps:.3g} ms"
+        f"\nLIGGGHTS: Young's modulus {modulus:.3g} Pa, time step {1e3 * timestep:.3g} ms,"
+        f" {100 * timestep / rayleigh:.0f} % of the Rayleigh time"
     )
+    table.print_header()
     try:
-        for count in given.counts:
-            compare(count, given.runs, given.young)
+        for count in options.counts:
+            compare(table, count, options.runs, modulus)
     except LiggghtsError as error:
         raise SystemExit(str(error)) from error
 

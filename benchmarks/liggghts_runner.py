@@ -1,14 +1,14 @@
-"""Spheres that fall on level ground in LIGGGHTS: its input, a run of it, and what it said.
+"""Drop spheres on level ground in LIGGGHTS: write its input, run it, and read its output.
 
-LIGGGHTS is a free program for discrete elements (https://www.cfdem.com). Contacts there are those
+LIGGGHTS is a free discrete element program (https://www.cfdem.com). The contact model is the one
 most used in it: Hertz's law with damping, a tangential spring with Coulomb friction, and rolling
-resistance as a spring that yields (`epsd2`), with which a heap comes to rest; with the simpler
-`cdt` it trembles on, and costs no less.
+resistance as an elastic-plastic spring-dashpot (`epsd2`), with which a heap comes to rest. With
+the simpler `cdt` the heap does not come to rest, and the cost is no lower.
 
-It is run as cheaply as is sound. Its spheres are as soft as it accepts, for the softer they are,
-the longer may its time step be; that is a fifth of the Rayleigh time or less, as is common. The
-skin of its neighbour lists and its box, which follows the particles, are those with which it was
-fastest.
+The settings are the cheapest that give correct results. The spheres are as soft as LIGGGHTS
+accepts, because softer spheres allow a longer time step; the time step is at most a fifth of the
+Rayleigh time, as is common. The skin of the neighbour lists and the box that follows the particles
+were the fastest in trials.
 """
 
 from __future__ import annotations
@@ -27,43 +27,50 @@ import numpy as np
 from numpy.typing import NDArray
 
 PROGRAM = "liggghts"
-MISSING = (
+INSTALL_HINT = (
     "LIGGGHTS is not installed: no program `liggghts` is on the PATH. Debian and Ubuntu have it:"
     " apt-get install liggghts"
 )
 MIN_YOUNGS_MODULUS = 5e6
-"""The lowest Young's modulus that LIGGGHTS takes without being told to [Pa]."""
+"""Lowest Young's modulus that LIGGGHTS accepts by default [Pa]."""
 
-_POISSON = 0.3
-_RAYLEIGH_SHARE = 0.2
+_POISSON_RATIO = 0.3
+_MAX_RAYLEIGH_FRACTION = 0.2
 _TIME_LIMIT = 3600.0  # [s]
 _LOOP = re.compile(r"^Loop time of (\S+) on \d+ procs for (\d+) steps with (\d+) atoms", re.M)
 _DANGEROUS = re.compile(r"^Dangerous builds = (\d+)", re.M)
 
 
 class LiggghtsError(Exception):
-    """LIGGGHTS cannot be run, or what it did is of no use."""
+    """LIGGGHTS cannot be run, or its result cannot be used."""
 
 
 @dataclass(frozen=True)
 class ContactCoefficients:
-    """How two spheres touch, or one the ground: Coulomb and rolling friction, rebound."""
+    """Coefficients of a contact between two spheres, or between a sphere and the ground.
+
+    Attributes:
+        friction: Coulomb friction coefficient.
+        rolling_friction: rolling friction coefficient.
+        restitution: coefficient of restitution.
+    """
 
     friction: float
-    rolling: float
+    rolling_friction: float
     restitution: float
 
 
 @dataclass(frozen=True)
 class Spheres:
-    """What is to fall.
+    """Spheres at rest above level ground.
 
     Attributes:
         position: centres [m], shape (n, 3); the ground is at z = 0.
-        radius: [m], shape (n,).
-        density: [kg/m^3], shape (n,).
-        gravity: [m/s^2].
-        each_other, ground: how they touch.
+        radius: radii [m], shape (n,).
+        density: densities [kg/m^3], shape (n,).
+        gravity: gravitational acceleration [m/s^2].
+        particle_contact: coefficients between two spheres.
+        ground_contact: coefficients between a sphere and the ground.
     """
 
     position: NDArray[np.float64]
@@ -71,15 +78,15 @@ class Spheres:
     density: NDArray[np.floating]
     gravity: float
     particle_contact: ContactCoefficients
-    ground: ContactCoefficients
+    ground_contact: ContactCoefficients
 
 
 @dataclass(frozen=True)
 class HeapResult:
-    """What a run gave.
+    """Result of a run.
 
     Attributes:
-        seconds: wall time of each part of the run [s], reading and setting up left out.
+        seconds: wall time of each part of the run [s], without reading and set-up.
         position: centres at the end [m], shape (n, 3).
     """
 
@@ -87,28 +94,35 @@ class HeapResult:
     position: NDArray[np.float64]
 
 
-def installed() -> bool:
-    """Whether there is a LIGGGHTS to run."""
+def is_installed() -> bool:
+    """Return whether the program is on the PATH."""
     return shutil.which(PROGRAM) is not None
 
 
-def rayleigh_time(radius: float, density: float, young: float) -> float:
-    """Time a wave takes along the surface of a sphere [s]; bounds the time step."""
-    shear = young / (2.0 * (1.0 + _POISSON))
-    return math.pi * radius * math.sqrt(density / shear) / (0.1631 * _POISSON + 0.8766)
+def rayleigh_time(radius: float, density: float, youngs_modulus: float) -> float:
+    """Return the time [s] of a Rayleigh wave over half a sphere's circumference; limits the step.
+
+    Args:
+        radius: [m].
+        density: [kg/m^3].
+        youngs_modulus: [Pa].
+    """
+    rigidity = youngs_modulus / (2.0 * (1.0 + _POISSON_RATIO))
+    wave_number = 0.1631 * _POISSON_RATIO + 0.8766
+    return math.pi * radius * math.sqrt(density / rigidity) / wave_number
 
 
-def substeps(spheres: Spheres, interval: float, young: float) -> int:
-    """Fewest time steps in an interval [s] that are each a fifth of the Rayleigh time or less."""
-    least = min(
-        rayleigh_time(r, d, young)
+def substeps(spheres: Spheres, interval: float, youngs_modulus: float) -> int:
+    """Return the smallest number of steps in an interval [s], each <= 0.2 of the Rayleigh time."""
+    shortest = min(
+        rayleigh_time(r, d, youngs_modulus)
         for r, d in np.unique(np.column_stack([spheres.radius, spheres.density]), axis=0).tolist()
     )
-    return math.ceil(interval / (_RAYLEIGH_SHARE * least))
+    return math.ceil(interval / (_MAX_RAYLEIGH_FRACTION * shortest))
 
 
 def data_text(spheres: Spheres) -> str:
-    """The file of particles, with diameter and density, as `read_data` wants it."""
+    """Return the particle file with diameters and densities for the command `read_data`."""
     width = np.ptp(spheres.position, axis=0).max() + 1.0
     low, high = spheres.position.min(axis=0) - width, spheres.position.max(axis=0) + width
     bounds = [f"{a:.9g} {b:.9g} {x}lo {x}hi" for a, b, x in zip(low, high, "xyz", strict=True)]
@@ -119,28 +133,31 @@ def data_text(spheres: Spheres) -> str:
         f"{k} 1 {2.0 * r:.9g} {d:.9g} {x:.9g} {y:.9g} {z:.9g}"
         for k, (r, d, (x, y, z)) in enumerate(columns, start=1)
     ]
-    head = ["spheres that fall", "", f"{len(rows)} atoms", "2 atom types", *bounds]
+    head = ["falling spheres", "", f"{len(rows)} atoms", "2 atom types", *bounds]
     return "\n".join([*head, "", "Atoms", "", *rows, ""])
 
 
 def input_text(
-    spheres: Spheres, timestep: float, parts: Sequence[int], young: float = MIN_YOUNGS_MODULUS
+    spheres: Spheres,
+    timestep: float,
+    parts: Sequence[int],
+    youngs_modulus: float = MIN_YOUNGS_MODULUS,
 ) -> str:
-    """The script of a run; it reads `data.txt` and ends with writing `end.txt`.
+    """Return the script of a run, which reads `data.txt` and writes `end.txt` at the end.
 
     Args:
-        spheres: what falls.
+        spheres: the spheres at the start.
         timestep: [s].
-        parts: time steps of each part that is timed.
-        young: Young's modulus [Pa].
+        parts: number of time steps of each part that is timed.
+        youngs_modulus: Young's modulus [Pa].
     """
     model = "model hertz tangential history rolling_friction epsd2"
-    particle_contact, ground = spheres.particle_contact, spheres.ground
     skin = float(spheres.radius.mean())
+    modulus, poisson = f"{youngs_modulus:.9g}", _POISSON_RATIO
 
     def pairs(name: str) -> str:
-        # Type 1 are the spheres, type 2 is the ground.
-        a, b = getattr(particle_contact, name), getattr(ground, name)
+        # Type 1 is the spheres, type 2 the ground.
+        a, b = getattr(spheres.particle_contact, name), getattr(spheres.ground_contact, name)
         return f"peratomtypepair 2 {a:.9g} {b:.9g} {b:.9g} {b:.9g}"
 
     return "\n".join(
@@ -154,11 +171,12 @@ def input_text(
             "read_data data.txt",
             f"neighbor {skin:.9g} bin",
             "neigh_modify delay 0",
-            f"fix young all property/global youngsModulus peratomtype {young:.9g} {young:.9g}",
-            f"fix poisson all property/global poissonsRatio peratomtype {_POISSON} {_POISSON}",
+            f"fix young all property/global youngsModulus peratomtype {modulus} {modulus}",
+            f"fix poisson all property/global poissonsRatio peratomtype {poisson} {poisson}",
             f"fix rebound all property/global coefficientRestitution {pairs('restitution')}",
             f"fix coulomb all property/global coefficientFriction {pairs('friction')}",
-            f"fix rolling all property/global coefficientRollingFriction {pairs('rolling')}",
+            "fix rolling all property/global coefficientRollingFriction"
+            f" {pairs('rolling_friction')}",
             f"pair_style gran {model}",
             "pair_coeff * *",
             f"timestep {timestep:.9g}",
@@ -175,28 +193,33 @@ def input_text(
     )
 
 
-def loop_seconds(said: str, parts: Sequence[int], count: int) -> list[float]:
-    """Wall times [s] of the parts of a run, from what LIGGGHTS printed.
+def loop_seconds(output: str, parts: Sequence[int], count: int) -> list[float]:
+    """Return the wall times [s] of the parts of a run from the output of LIGGGHTS.
 
     Raises:
-        LiggghtsError: parts are missing, spheres were lost, or neighbours seen too late.
+        LiggghtsError: parts are missing, spheres were lost, or neighbour lists were built too late.
     """
-    loops = [(float(t), int(steps), int(atoms)) for t, steps, atoms in _LOOP.findall(said)]
+    loops = [(float(t), int(steps), int(atoms)) for t, steps, atoms in _LOOP.findall(output)]
     loops = loops[: len(parts)]
     if [steps for _, steps, _ in loops] != list(parts):
-        raise LiggghtsError(f"LIGGGHTS did not run {list(parts)} steps; it said:\n{said[-2000:]}")
+        raise LiggghtsError(
+            f"LIGGGHTS did not run {list(parts)} steps; its output ends with:\n{output[-2000:]}"
+        )
     if any(atoms != count for _, _, atoms in loops):
         raise LiggghtsError(f"LIGGGHTS lost some of {count} spheres: {loops}")
-    if any(int(late) for late in _DANGEROUS.findall(said)):
-        raise LiggghtsError("LIGGGHTS built its neighbour lists too late; give it a larger skin")
+    if any(int(num_late) for num_late in _DANGEROUS.findall(output)):
+        raise LiggghtsError("LIGGGHTS built its neighbour lists too late; enlarge the skin")
     return [seconds for seconds, _, _ in loops]
 
 
 def last_positions(dump: str, count: int) -> NDArray[np.float64]:
-    """Centres [m] in the order of the data file, shape (count, 3), from a dump's last frame.
+    """Return the centres [m] of a dump's last frame in the order of the data file.
+
+    Returns:
+        Centres of shape (count, 3).
 
     Raises:
-        LiggghtsError: they are not all there.
+        LiggghtsError: the frame is incomplete.
     """
     _, head, body = dump.rpartition("ITEM: ATOMS id x y z")
     rows = [line.split() for line in body.splitlines() if line.strip()]
@@ -206,21 +229,24 @@ def last_positions(dump: str, count: int) -> NDArray[np.float64]:
     return np.asarray(table[np.argsort(table[:, 0]), 1:])
 
 
-def fall(
-    spheres: Spheres, timestep: float, parts: Sequence[int], young: float = MIN_YOUNGS_MODULUS
+def drop_spheres(
+    spheres: Spheres,
+    timestep: float,
+    parts: Sequence[int],
+    youngs_modulus: float = MIN_YOUNGS_MODULUS,
 ) -> HeapResult:
-    """Run LIGGGHTS on one core; arguments as of `input_text`.
+    """Run LIGGGHTS on one core; the arguments are those of `input_text`.
 
     Raises:
-        LiggghtsError: it is not installed, it failed, or what it did is of no use.
+        LiggghtsError: LIGGGHTS is not installed or failed, or its result cannot be used.
     """
-    if not installed():
-        raise LiggghtsError(MISSING)
+    if not is_installed():
+        raise LiggghtsError(INSTALL_HINT)
     count = len(spheres.position)
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
         (folder / "data.txt").write_text(data_text(spheres))
-        (folder / "in.txt").write_text(input_text(spheres, timestep, parts, young))
+        (folder / "in.txt").write_text(input_text(spheres, timestep, parts, youngs_modulus))
         try:
             result = subprocess.run(
                 [PROGRAM, "-in", "in.txt", "-log", "none"],
@@ -236,6 +262,6 @@ def fall(
         except subprocess.TimeoutExpired as error:
             raise LiggghtsError(f"LIGGGHTS took more than {_TIME_LIMIT:.0f} s") from error
         if result.returncode or "ERROR" in result.stdout:
-            raise LiggghtsError(f"LIGGGHTS failed; it said:\n{result.stdout[-2000:]}")
+            raise LiggghtsError(f"LIGGGHTS failed; its output ends with:\n{result.stdout[-2000:]}")
         seconds = loop_seconds(result.stdout, parts, count)
         return HeapResult(seconds, last_positions((folder / "end.txt").read_text(), count))

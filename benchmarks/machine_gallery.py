@@ -1,7 +1,8 @@
-"""Pictures of machines at work: an excavator that loads a dumper, a road header that cuts a face.
+"""Draw machines at work: an excavator that loads a dumper, a road header that cuts a face.
 
-Run from the repository root: `python -m benchmarks.machine_gallery --folder docs/images`; it takes
-a minute or two.
+    python -m benchmarks.machine_gallery docs/images     # one or two minutes
+
+Writes machines_loading.png and machines_face.png into the given folder, or into out/.
 """
 
 from __future__ import annotations
@@ -28,10 +29,12 @@ from msg_bridge.contract.grid import Grid
 from soil_sim.soil import Soil
 from soil_sim.soils.params import SoilParams
 
-_GRAIN = "#7d5a38"
-_LOOK_EVERY = 2
-_GIVE_UP = 120.0
-"""Simulated time after which a scene is drawn as it is [s]."""
+_PARTICLE_COLOUR = "#7d5a38"
+_NOMINAL_VOLUME = 1_000_000
+"""Nominal bank volume of a particle [mm^3]."""
+_COMMAND_INTERVAL_TICKS = 2
+_TIMEOUT = 120.0
+"""Simulated time after which a scene is drawn unfinished [s]."""
 
 _OCTAHEDRON = np.array(
     [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)], dtype=np.float64
@@ -41,60 +44,61 @@ _OCTAHEDRON_FACES = [(x, y, z) for x in (0, 1) for y in (2, 3) for z in (4, 5)]
 
 def main() -> None:
     """Draw both pictures."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--folder", type=Path, default=Path("out"), help="where to write them")
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument(
+        "folder", type=Path, nargs="?", default=Path("out"), help="folder to write into"
+    )
     folder = parser.parse_args().folder
     folder.mkdir(parents=True, exist_ok=True)
-    for name, draw in (("machines_loading", loading), ("machines_face", face)):
+    for name, draw in (("machines_loading", load_dumper), ("machines_face", cut_face)):
         print(draw_site_3d(draw(), folder / f"{name}.png", labels=False))
 
 
-def loading() -> SiteRecord:
-    """The second bucket falls into a dumper's bed."""
+def load_dumper() -> SiteRecord:
+    """Return the site while an excavator dumps its second bucket into a dumper."""
     grid = Grid(161, 161, 0.2)
     soil = Soil(grid, np.zeros(grid.shape), SoilParams(repose_angle=35.0, swell=0.15))
-    sim = _simulate(soil, [("excavator", (-2.0, 0.0)), ("dumper", (0.35, 6.3))], 1_000_000)
+    sim = _simulate(soil, [("excavator", (-2.0, 0.0)), ("dumper", (0.35, 6.3))])
     behaviour = BehaviourParams(clearance=2.8, empty_threshold=0.05)
     operator = DigTask(
-        sim.simulated_machines[0].machine.spec, behaviour, DigTaskParams(cycles=2, timeout=_GIVE_UP)
+        sim.simulated_machines[0].machine.spec, behaviour, DigTaskParams(cycles=2, timeout=_TIMEOUT)
     )
 
-    def falling() -> bool:
-        busy = operator.cycle == 2 and operator.phase == "dump"
-        return busy and sim.simulated_machines[0].payload.fill < 0.5
+    def is_half_empty() -> bool:
+        is_dumping = operator.cycle == 2 and operator.phase == "dump"
+        return is_dumping and sim.simulated_machines[0].payload.fill < 0.5
 
-    return _work(soil, sim, operator, falling, "An excavator loads a dumper")
+    return _work(soil, sim, operator, is_half_empty, "An excavator loads a dumper")
 
 
-def face() -> SiteRecord:
-    """The head goes across a face of rock for the first time."""
+def cut_face() -> SiteRecord:
+    """Return the site while a drum crosses a face of rock for the first time."""
     grid = Grid(141, 141, 0.1)
     x = grid.x(np.arange(grid.rows))
     heights, ids = np.zeros(grid.shape), np.zeros(grid.shape, np.uint8)
     heights[x > 2.4], ids[x > 2.2] = 2.2, 1
-    soil = Soil(grid, heights, SoilParams(soil="loam", additional_soils=["rock"]), soil=ids)
-    sim = _simulate(soil, [("road_header", (-2.6, 0.0))], 1_000_000)
-    task = FaceCuttingParams(width=3.2, height=1.8, rounds=1, timeout=_GIVE_UP)
+    soil = Soil(grid, heights, SoilParams(soil="loam", additional_soils=("rock",)), soil=ids)
+    sim = _simulate(soil, [("road_header", (-2.6, 0.0))])
+    task = FaceCuttingParams(width=3.2, height=1.8, rounds=1, timeout=_TIMEOUT)
     operator = FaceCuttingTask(sim.machine.spec, task)
 
-    def across() -> bool:
+    def is_in_the_middle() -> bool:
         return operator.phase == "slew" and abs(float(sim.machine.joint_positions[0])) < 0.05
 
-    return _work(soil, sim, operator, across, "A road header cuts a face of rock")
+    return _work(soil, sim, operator, is_in_the_middle, "A road header cuts a face of rock")
 
 
-def _simulate(
-    soil: Soil, machines: list[tuple[str, tuple[float, float]]], grain: int
-) -> MachineSim:
+def _simulate(soil: Soil, machines: list[tuple[str, tuple[float, float]]]) -> MachineSim:
+    """Return a simulation of shipped machines by name and position [m]."""
     return MachineSim(
         [
-            Placement(load_machine_spec(find_config(f"machines/{name}.yaml")), place)
-            for name, place in machines
+            Placement(load_machine_spec(find_config(f"machines/{name}.yaml")), position)
+            for name, position in machines
         ],
         soil.grid,
         soil.columns.height,
         soils=soil.loose_soils,
-        particle_params=ParticleParams(nominal_volume=grain),
+        particle_params=ParticleParams(nominal_volume=_NOMINAL_VOLUME),
     )
 
 
@@ -102,20 +106,20 @@ def _work(
     soil: Soil,
     sim: MachineSim,
     operator: DigTask | FaceCuttingTask,
-    enough: Callable[[], bool],
+    is_finished: Callable[[], bool],
     title: str,
 ) -> SiteRecord:
-    """Let the first machine's operator work until there is something to be seen."""
+    """Run the operator of the first machine until `is_finished`, and record the site."""
     world, machine, tick = World(soil, {1: sim}), sim.machine, sim.params.tick_period
     operated = OperatedMachine(world, sim.simulated_machines[0], operator, tick)
     before = soil.columns.height.copy()
-    while not (operator.done or enough()):
-        operated.observe_and_command(_LOOK_EVERY * tick)
-        for _ in range(_LOOK_EVERY):
+    while not (operator.done or is_finished()):
+        operated.observe_and_command(_COMMAND_INTERVAL_TICKS * tick)
+        for _ in range(_COMMAND_INTERVAL_TICKS):
             world.step()
         if world.tick % 500 == 0:
             print(f"  {title}: {world.tick * tick:.0f} s, {operator.phase}", flush=True)
-    faces = [face for rig in sim.simulated_machines for face in _faces(rig.machine)]
+    faces = [face for each in sim.simulated_machines for face in _polygons(each.machine)]
     record = SiteRecord(
         grid=soil.grid,
         before=before,
@@ -126,25 +130,26 @@ def _work(
         lip_phase=np.zeros(0, str),
         machine_outline=(),
         title=title,
-        machine_faces=[*faces, *_materials(sim.particles)],
+        machine_faces=[*faces, *_particle_polygons(sim.particles)],
         machine_position=(float(machine.base_pose[0][0]), float(machine.base_pose[0][1])),
     )
     world.close()
     return record
 
 
-def _faces(machine: TrackedMachine) -> list[tuple[str, NDArray[np.float64]]]:
+def _polygons(machine: TrackedMachine) -> list[tuple[str, NDArray[np.float64]]]:
+    """Return the polygons of a machine with their colours, map frame."""
     position, quaternion = machine.base_pose
     pose = (position, rotation_matrix(quaternion), machine.joint_positions)
     return machine_faces(machine.spec, *pose, machine.tracks.shoe_poses)
 
 
-def _materials(particles: SoilEngine) -> Iterator[tuple[str, NDArray[np.float64]]]:
-    """Every particle as an octahedron."""
+def _particle_polygons(particles: SoilEngine) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """Yield the faces of an octahedron for each particle."""
     for position, radius in zip(particles.positions, particles.radii, strict=True):
         corners = position + float(radius) * _OCTAHEDRON
-        for corner in _OCTAHEDRON_FACES:
-            yield _GRAIN, corners[list(corner)]
+        for face in _OCTAHEDRON_FACES:
+            yield _PARTICLE_COLOUR, corners[list(face)]
 
 
 if __name__ == "__main__":

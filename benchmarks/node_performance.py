@@ -1,25 +1,23 @@
 """Measure a run with ROS nodes: lockstep speed, late ticks in real time, latency, recording.
 
-    python benchmarks/node_performance.py              # everything, about 3 minutes
-    python benchmarks/node_performance.py --runs 1     # quicker, less certain
+    python -m benchmarks.node_performance              # about 3 minutes
+    python -m benchmarks.node_performance --runs 1     # faster, less precise
 
 Lockstep: a dig cycle with nodes over DDS (soil, machine, operator, recorder), compared with the
-same
-cycle in one process. Real time: the same cycle by the wall clock, with the ticks that were late
-while
-the bucket held soil. Latency: from publishing a command to receiving the tick in which it takes
-effect. Everything is recorded; the CPU share of the recorder and its lost messages are printed.
+same cycle in one process. Real time: the same cycle by the wall clock, and the fraction of ticks
+that were late while the bucket held soil. Latency: from publishing a command to receiving the
+message that reports it as applied. Everything is recorded; the CPU time of the recorder over wall
+time and its lost messages are printed.
 """
 
 from __future__ import annotations
 
-import argparse
-import os
 import statistics
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import rclpy
@@ -29,6 +27,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
+from benchmarks.result_table import Column, ResultTable, describe_load, make_parser
+from benchmarks.timing import interleave
 from earthmoving_sim.demo_site import jacksboro_site
 from earthmoving_sim.multi_process.dig import run_multi_process_dig
 from earthmoving_sim.multi_process.node_process import NodeProcess, stop_all
@@ -45,54 +45,81 @@ from msg_bridge.dds_profile import use_shipped_profile
 from soil_sim.terrain import save_terrain
 
 CONFIG = load_run_config("demo.yaml", {"cycles": 1})
-MIN_LOADED_PARTICLES = 500  # particles from which the bucket counts as working
+MIN_LOADED_PARTICLES = 500
+"""Number of particles above which the bucket counts as loaded."""
+NUM_COMMANDS = 300
+"""Number of commands whose latency is measured."""
+
+
+class RealTimeResult(NamedTuple):
+    """Result of a dig cycle in real time.
+
+    Attributes:
+        late_fraction: fraction of ticks that were late while the bucket was loaded.
+        max_particles: maximum number of particles.
+        recorder_cpu_fraction: CPU time of the recorder over wall time.
+        num_lost: number of messages that the recorder lost.
+    """
+
+    late_fraction: float
+    max_particles: float
+    recorder_cpu_fraction: float
+    num_lost: float
 
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=3, help="of each; medians are printed")
-    runs = parser.parse_args().runs
-    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} before")
-    direct, nodes = [], []
-    for _ in range(runs):
-        direct.append(in_process())
-        nodes.append(lockstep())
-    print(f"one process   {median(direct):5.2f} x real time")
-    print(f"lockstep, DDS {median(nodes):5.2f} x real time, {format_values(nodes)}")
-    late, most, recorder, missed = zip(*(real_time() for _ in range(runs)), strict=True)
-    print(
-        f"real time     {100 * median(late):5.2f} % of ticks late with up to {max(most):.0f}"
-        f" particles, {format_values([100 * x for x in late])}"
+    parser = make_parser(__doc__, runs=3)
+    parser.add_argument(
+        "--commands", type=int, default=NUM_COMMANDS, help="commands whose latency is measured"
     )
-    print(f"recorder      {100 * median(recorder):5.1f} % of a core, {sum(missed):.0f} missed")
-    waits = latency()
-    for part in (50, 99):
-        print(f"command       {1e3 * np.percentile(waits, part):5.1f} ms to its tick, p{part}")
+    options = parser.parse_args()
+    table = ResultTable([Column("median", "", ".2f")], as_json=options.json, row_width=44)
+    table.print_note(f"{describe_load()}; medians of {options.runs} runs")
+    table.print_header()
+    factors = interleave([run_in_process, run_lockstep], options.runs)
+    for name, values in zip(
+        ("real-time factor, one process", "real-time factor, nodes in lockstep"),
+        zip(*factors, strict=True),
+        strict=True,
+    ):
+        table.print_row(name, [statistics.median(values)], remark=format_values(values))
+    late, particles, recorder_cpu, lost = zip(
+        *(run_in_real_time() for _ in range(options.runs)), strict=True
+    )
+    percent = [100.0 * fraction for fraction in late]
+    table.print_row(
+        "late ticks in real time [%]",
+        [statistics.median(percent)],
+        unit="%",
+        remark=f"{format_values(percent)}; up to {max(particles):.0f} particles",
+    )
+    cpu = 100.0 * statistics.median(recorder_cpu)
+    table.print_row("recorder, fraction of a core [%]", [cpu], unit="%")
+    table.print_row("recorder, lost messages", [sum(lost)])
+    latencies = measure_latency(options.commands)
+    for percentile in (50, 99):
+        latency = 1e3 * float(np.percentile(latencies, percentile))
+        table.print_row(f"command latency, p{percentile} [ms]", [latency], unit="ms")
 
 
-def median(values: list[float] | tuple[float, ...]) -> float:
-    """The middle one."""
-    return statistics.median(values)
+def format_values(values: Sequence[float]) -> str:
+    """Return the values of all runs as a text, to show their scatter."""
+    return "runs: " + ", ".join(f"{value:.2f}" for value in values)
 
 
-def format_values(values: list[float]) -> str:
-    """All of them, so that one sees how they scatter."""
-    return "of " + ", ".join(f"{value:.2f}" for value in values)
-
-
-def in_process() -> float:
-    """Simulated over wall time of a cycle in one process."""
-    run = SingleProcessDig(CONFIG, jacksboro_site())
+def run_in_process() -> float:
+    """Return simulated over wall time of a dig cycle in one process."""
+    dig = SingleProcessDig(CONFIG, jacksboro_site())
     try:
-        outcome = run.run()
+        outcome = dig.run()
     finally:
-        run.close()
+        dig.close()
     return outcome.simulated_time / outcome.wall_time
 
 
-def lockstep() -> float:
-    """The same with ROS nodes, recorded."""
+def run_lockstep() -> float:
+    """Return simulated over wall time of a dig cycle with ROS nodes in lockstep, recorded."""
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder, "bag")
         run_multi_process_dig(CONFIG, jacksboro_site(), Path(folder), bag)
@@ -100,63 +127,63 @@ def lockstep() -> float:
         return outcome.simulated_time / outcome.wall_time
 
 
-def real_time() -> tuple[float, float, float, float]:
-    """A cycle by the wall clock.
-
-    Returns:
-        (share of ticks that were late while particles were many, most particles, the recorder's
-        share of a core, messages it missed).
-    """
+def run_in_real_time() -> RealTimeResult:
+    """Run a dig cycle with ROS nodes by the wall clock."""
     with (
         tempfile.TemporaryDirectory() as folder,
-        RunningNodes(Path(folder), operator=True) as watched,
+        RunningNodes(Path(folder), operator=True) as running,
     ):
-        watched.spin_until(lambda: watched.processes["dig_operator"].exit_code is not None, 180.0)
-        late = ticks = 0
-        for before, after in zip(watched.snapshots, watched.snapshots[1:], strict=False):
+        running.spin_until(lambda: running.processes["dig_operator"].exit_code is not None, 180.0)
+        num_late = num_ticks = 0
+        for before, after in zip(running.snapshots, running.snapshots[1:], strict=False):
             if min(before["particles"], after["particles"]) > MIN_LOADED_PARTICLES:
-                late += int(after["late_ticks"] - before["late_ticks"])
-                ticks += int(after["tick"] - before["tick"])
-        most = max(each["particles"] for each in watched.snapshots)
-        return (
-            late / max(ticks, 1),
-            most,
-            watched.recorder_cpu_fraction,
-            watched.snapshots[-1]["num_lost"],
+                num_late += int(after["late_ticks"] - before["late_ticks"])
+                num_ticks += int(after["tick"] - before["tick"])
+        return RealTimeResult(
+            num_late / max(num_ticks, 1),
+            max(each["particles"] for each in running.snapshots),
+            running.recorder_cpu_fraction,
+            running.snapshots[-1]["num_lost"],
         )
 
 
-def latency(count: int = 300) -> list[float]:
-    """Wall times from publishing a command to hearing that it is applied [s]."""
-    waits: list[float] = []
+def measure_latency(count: int) -> list[float]:
+    """Return wall times [s] from publishing a command to receiving it as applied."""
+    latencies: list[float] = []
     with (
         tempfile.TemporaryDirectory() as folder,
-        RunningNodes(Path(folder), operator=False) as watched,
+        RunningNodes(Path(folder), operator=False) as running,
     ):
-        node, rng = watched.node, np.random.default_rng(0)
+        node, rng = running.node, np.random.default_rng(0)
         received: list[tuple[float, float]] = []
 
-        def take(msg: JointState) -> None:
+        def store(msg: JointState) -> None:
             received.append((time.monotonic(), msg.velocity[0]))
 
-        node.create_subscription(JointState, "/excavator/applied_commands", take, qos.STATE)
+        node.create_subscription(JointState, "/excavator/applied_commands", store, qos.STATE)
         commands = node.create_publisher(JointState, "/excavator/joint_commands", qos.STATE)
-        watched.spin_until(lambda: len(received) > 100, 60.0)
+        running.spin_until(lambda: len(received) > 100, 60.0)
         for number in range(count):
             time.sleep(float(rng.uniform(0.0, 0.02)))
-            wanted = 1e-3 + 1e-6 * number  # told apart by its value
+            velocity = 1e-3 + 1e-6 * number  # a different value identifies each command
             sent = time.monotonic()
-            commands.publish(JointState(name=["swing"], velocity=[wanted]))
-            watched.spin_until(lambda: bool(received) and received[-1][1] == wanted, 5.0)  # noqa: B023
-            waits.append(received[-1][0] - sent)
-    return waits
+            commands.publish(JointState(name=["swing"], velocity=[velocity]))
+            running.spin_until(lambda: bool(received) and received[-1][1] == velocity, 5.0)  # noqa: B023
+            latencies.append(received[-1][0] - sent)
+    return latencies
 
 
 class RunningNodes:
-    """Nodes in real time, and what they say of themselves."""
+    """Nodes that run in real time as subprocesses, and their diagnostics.
+
+    Attributes:
+        node: a node of this process.
+        processes: processes by node name.
+        snapshots: diagnostics values, one dictionary for each status of the soil node.
+    """
 
     def __init__(self, folder: Path, *, operator: bool) -> None:
-        """Start them, with an operator or without."""
+        """Start soil, machine, recorder, and optionally the operator; logs go to `folder`."""
         site, parameters = folder / "site.npz", folder / "parameters.yaml"
         save_terrain(site, jacksboro_site())
         write_node_parameters(
@@ -170,11 +197,11 @@ class RunningNodes:
         )
         use_shipped_profile()
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        self.node = Node("bench")
+        self.node = Node("node_performance")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
-        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._take, 10)
-        self._now: dict[str, float] = dict.fromkeys(
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._store, 10)
+        self._latest: dict[str, float] = dict.fromkeys(
             ("particles", "late_ticks", "tick", "num_lost"), 0.0
         )
         self.snapshots: list[dict[str, float]] = []
@@ -190,7 +217,7 @@ class RunningNodes:
             name: NodeProcess(name, module, arguments, folder / f"{name}.log")
             for name, module in modules.items()
         }
-        self._cpu: list[tuple[float, float]] = []
+        self._recorder_cpu: list[tuple[float, float]] = []  # wall time, CPU time [s]
 
     def __enter__(self) -> RunningNodes:
         return self
@@ -203,29 +230,35 @@ class RunningNodes:
         rclpy.try_shutdown()
 
     def spin_until(self, condition: Callable[[], bool], timeout: float) -> None:
-        """Listen until a condition holds."""
+        """Process messages until a condition holds.
+
+        Raises:
+            TimeoutError: the condition does not hold after `timeout` [s].
+        """
         deadline = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > deadline:
-                raise TimeoutError("it does not come; look into what the nodes print")
+                raise TimeoutError(f"no result after {timeout:g} s; see the logs of the nodes")
             self._executor.spin_once(timeout_sec=0.05)
 
     @property
     def recorder_cpu_fraction(self) -> float:
-        """CPU time of the recorder over wall time, start and end left out."""
-        (t0, c0), (t1, c1) = self._cpu[len(self._cpu) // 4], self._cpu[-1]
-        return (c1 - c0) / (t1 - t0)
+        """CPU time of the recorder over wall time, without the first quarter of the run."""
+        samples = self._recorder_cpu
+        (wall_start, cpu_start), (wall_end, cpu_end) = samples[len(samples) // 4], samples[-1]
+        return (cpu_end - cpu_start) / (wall_end - wall_start)
 
-    def _take(self, msg: DiagnosticArray) -> None:
+    def _store(self, msg: DiagnosticArray) -> None:
+        """Keep the latest values; append a snapshot at each status of the soil node."""
         for status in msg.status:
+            is_soil = "soil_sim" in status.name
             for value in status.values:
-                if value.key in self._now and not status.name.startswith("bench"):
-                    own_tick = "soil_sim" in status.name
-                    if value.key != "tick" or own_tick:
-                        self._now[value.key] = float(value.value)
-            if "soil_sim" in status.name:
-                self.snapshots.append(dict(self._now))
-                self._cpu.append((time.monotonic(), self.processes["exchange_recorder"].cpu_time))
+                if value.key in self._latest and (is_soil or value.key != "tick"):
+                    self._latest[value.key] = float(value.value)
+            if is_soil:
+                self.snapshots.append(dict(self._latest))
+                cpu_time = self.processes["exchange_recorder"].cpu_time
+                self._recorder_cpu.append((time.monotonic(), cpu_time))
 
 
 if __name__ == "__main__":

@@ -1,42 +1,44 @@
-"""What a 5 ms step of N particles costs: falling to a heap, settled, asleep, in a moving bucket.
+"""Measure a 5 ms step of N particles: falling to a heap, settled, asleep, in a moving bucket.
 
-Prints a table of wall time per step, and `--chart FILE` draws it. A fall is timed as a whole; where
-all steps are alike it is the median step; few particles fall several times. Beside it stand the
-same block as cubes in pybullet (the 2014 way of working), as many as can be waited for, and as
-spheres in LIGGGHTS where that is installed; `--peers` chooses, and without a name leaves them out.
-One core, or for our own particles `--threads`. Run from the repository root:
-`python benchmarks/particle_step_cost.py`; takes about ten minutes.
+    python -m benchmarks.particle_step_cost        # about ten minutes
+    python -m benchmarks.particle_step_cost --counts 1000 --peers
 
-`liggghts.py` looks closer at LIGGGHTS, `cubes.py` at cubes in a box, `particle_features.py` at what
-sizes that vary, soil that sticks, growth and sleep cost.
+Prints the wall time per step, and per particle and step; `--chart FILE` draws it. A fall is timed
+as a whole, and small numbers of particles fall several times; where all steps are alike the median
+step is taken. The same block is measured as cubes in pybullet (the method of 2014) and, where it
+is installed, as spheres in LIGGGHTS, up to a number of particles that each can handle; `--peers`
+selects, and without a name omits, these. One core is used, or `--threads` for this project's
+particles.
+
+`liggghts_comparison` compares with LIGGGHTS in detail, `cubes_in_box` with cubes in a box;
+`particle_feature_cost` measures the cost of each feature.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
 from pathlib import Path
 from typing import Literal
 
-import liggghts_comparison
 import numpy as np
-from liggghts_runner import MISSING, LiggghtsError, installed
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
-from particle_scenes import (
-    FALLING,
+
+from benchmarks.liggghts_comparison import as_spheres, run_liggghts
+from benchmarks.liggghts_runner import INSTALL_HINT, LiggghtsError, is_installed
+from benchmarks.particle_scenes import (
+    FALLING_STEPS,
     STEP,
     Engine,
     add_block,
-    describe_load,
     flat_ground,
-    run,
     settle_steps,
+    step_untimed,
     time_bucket,
     time_steps,
 )
-
+from benchmarks.result_table import Column, ResultTable, describe_load, make_parser
 from earthmoving_sim.pictures.style import (
     DPI,
     GREY,
@@ -52,16 +54,20 @@ from machine_sim.reference_cubes import CubeEngine
 
 COUNTS = (100, 200, 400, 1000, 5000, 10_000, 20_000, 40_000, 100_000)
 KINDS = ("falling", "settled", "asleep", "moving bucket")
+PEER_KINDS = ("falling", "settled")
+
 PEERS = {"LIGGGHTS": 40_000, "cubes": 1000}
-"""Peers measured beside ours, and the largest number of particles that is feasible for each."""
+"""Maximum number of particles of each peer, by its run time."""
+
 MIN_PARTICLES_TIMED = 1000
-"""Particles that need to fall once only."""
+"""Total number of particles over all falls; a smaller block falls several times."""
 MAX_FALLS = 5
 MIN_ASLEEP_FRACTION = 0.99
-"""Share of particles that rest where all are said to."""
+"""Fraction of particles that must sleep in the scene "asleep"."""
 
-_MAX_SLEEP_WAITS = 8
-"""Times 250 steps that a heap may take to fall asleep."""
+_SLEEP_CHECK_STEPS, _MAX_SLEEP_CHECKS = 250, 8
+"""Steps between checks whether a heap is asleep, and maximum number of checks."""
+
 LABELS = {
     "particles": "particles",
     "LIGGGHTS": "spheres in LIGGGHTS",
@@ -76,56 +82,54 @@ STYLES: dict[str, Literal["-", "--", ":", "-."]] = {
 }
 
 
-def particles(**params: float) -> ParticleEngine:
-    """An engine with room for all."""
+def make_particles(**params: float) -> ParticleEngine:
+    """Return an engine with a capacity for all counts."""
     return ParticleEngine(ParticleParams.from_mapping({"capacity": 10**6, **params}), flat_ground())
 
 
 def time_heap(engine: Engine, count: int) -> tuple[float, float]:
-    """A block that falls to a heap [ms a step]: falling, settled."""
+    """Return the wall time of a step [ms] of a block that falls to a heap: falling, settled."""
     add_block(engine, count)
-    falling = time_steps(engine, FALLING, group=FALLING)
-    run(engine, settle_steps(count))
+    falling = time_steps(engine, FALLING_STEPS, group=FALLING_STEPS)
+    step_untimed(engine, settle_steps(count))
     return falling, time_steps(engine, 30)
 
 
+def time_asleep(awake: ParticleEngine, threads: int) -> float:
+    """Return the wall time of a step [ms] of a settled heap after it has fallen asleep.
+
+    Raises:
+        SystemExit: fewer than `MIN_ASLEEP_FRACTION` of the particles sleep.
+    """
+    engine = make_particles(sleep_speed=0.05, threads=threads)
+    positions = awake.positions
+    engine.add(positions, np.zeros_like(positions), awake.volumes_mm3, grow=False)
+    for _ in range(_MAX_SLEEP_CHECKS):
+        step_untimed(engine, _SLEEP_CHECK_STEPS)
+        asleep_fraction = float((engine.sleep_states != AWAKE).mean())
+        if asleep_fraction >= MIN_ASLEEP_FRACTION:
+            return time_steps(engine, 60)
+    raise SystemExit(f"only {100 * asleep_fraction:.0f} % of {engine.count} particles fell asleep")
+
+
 def run_particle_engine(count: int, threads: int) -> list[float]:
-    """All of `KINDS` [ms a step], on some cores."""
-    engine = particles(allow_sleeping=False, threads=threads)
+    """Return the wall time of a step [ms] for each of `KINDS`."""
+    engine = make_particles(allow_sleeping=False, threads=threads)
     falling, settled = time_heap(engine, count)
-    calm = particles(sleep_speed=0.05, threads=threads)
-    place = engine.positions
-    calm.add(place, np.zeros_like(place), engine.volumes_mm3, grow=False)
-    resting = 0.0
-    for _ in range(_MAX_SLEEP_WAITS):
-        run(calm, 250)
-        resting = float((calm.sleep_states != AWAKE).mean())
-        if resting >= MIN_ASLEEP_FRACTION:
-            break
-    asleep = time_steps(calm, 60)
-    assert resting >= MIN_ASLEEP_FRACTION, (
-        f"{100 * resting:.0f} % of {count} are asleep, which is no such scene"
-    )
-    # Shaken enough to stay awake, unless it rides as one body.
-    return [
-        falling,
-        settled,
-        asleep,
-        time_bucket(particles(allow_load_locking=False, threads=threads), count),
-    ]
+    # Without load locking the bucket's motion keeps its particles awake.
+    bucket = time_bucket(make_particles(allow_load_locking=False, threads=threads), count)
+    return [falling, settled, time_asleep(engine, threads), bucket]
 
 
 def run_peer(name: str, count: int) -> list[float]:
-    """Falling and settled [ms a step]; nan for more than `PEERS` has, or a failure."""
+    """Return times of `PEER_KINDS` [ms per step]; nan above the peer's maximum, or on failure."""
     if count > PEERS[name]:
         return [math.nan, math.nan]
     if name == "LIGGGHTS":
-        block = particles()
+        block = make_particles()
         add_block(block, count)
         try:
-            falling, settled, _ = liggghts_comparison.run_liggghts(
-                liggghts_comparison.as_spheres(block)
-            )
+            falling, settled, _ = run_liggghts(as_spheres(block))
         except LiggghtsError as error:
             print(error)
             return [math.nan, math.nan]
@@ -138,27 +142,34 @@ def run_peer(name: str, count: int) -> list[float]:
 
 
 def measure_row(count: int, peers: list[str], threads: int) -> list[float]:
-    """A row of the table [ms a step]: medians over falls that take turns."""
-    falls = min(math.ceil(MIN_PARTICLES_TIMED / count), MAX_FALLS)
+    """Return a row of the table [ms per step]: medians over interleaved falls."""
+    num_falls = min(math.ceil(MIN_PARTICLES_TIMED / count), MAX_FALLS)
     rows = [
         [
             *run_particle_engine(count, threads),
             *(t for name in peers for t in run_peer(name, count)),
         ]
-        for _ in range(falls)
+        for _ in range(num_falls)
     ]
     return [float(t) for t in np.median(rows, axis=0)]
 
 
-def draw(counts: list[int], times: NDArray[np.float64], names: list[str], path: Path) -> None:
-    """Chart of ms per step against N, with the line of real time."""
+def draw_chart(counts: list[int], times: NDArray[np.float64], names: list[str], path: Path) -> None:
+    """Draw the time per step against the number of particles, with the line of real time.
+
+    Args:
+        counts: numbers of particles.
+        times: wall times of a step [ms], shape (counts, names).
+        names: program and kind of each column of `times`.
+        path: file to write.
+    """
     figure = new_figure(8.2, 5.0)
     axes = add_axes(figure, 0.7, 0.55, 5.4, 4.2)
     axes.axhline(1e3 * STEP, color=GREY, linewidth=0.8)
     axes.text(counts[0], 1.08e3 * STEP, "real time", size=SMALL, color=GREY, va="bottom")
     for column, name in zip(times.T, names, strict=True):
-        who, kind = name.split(" ", 1)
-        axes.loglog(counts, column, STYLES[kind], color=COLOURS[who], marker="o", markersize=3)
+        program, kind = name.split(" ", 1)
+        axes.loglog(counts, column, STYLES[kind], color=COLOURS[program], marker="o", markersize=3)
     axes.set_xlabel("particles", size=LABEL, color=INK)
     axes.set_ylabel("ms per 5 ms step, one core", size=LABEL, color=INK)
     for axis in (axes.xaxis, axes.yaxis):
@@ -166,9 +177,9 @@ def draw(counts: list[int], times: NDArray[np.float64], names: list[str], path: 
         axis.set_minor_formatter(NullFormatter())
     axes.grid(alpha=0.25, linewidth=0.5)
     kinds = [kind for kind in STYLES if any(name.endswith(kind) for name in names)]
-    shown = [who for who in COLOURS if any(name.startswith(who) for name in names)]
+    programs = [key for key in COLOURS if any(name.startswith(key) for name in names)]
     keys = [
-        *(Line2D([], [], color=COLOURS[who], label=LABELS[who], linewidth=3) for who in shown),
+        *(Line2D([], [], color=COLOURS[key], label=LABELS[key], linewidth=3) for key in programs),
         *(Line2D([], [], color=INK, linestyle=STYLES[kind], label=kind) for kind in kinds),
     ]
     axes.legend(
@@ -183,31 +194,35 @@ def draw(counts: list[int], times: NDArray[np.float64], names: list[str], path: 
 
 
 def main() -> None:
-    """Print the table."""
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--counts", type=int, nargs="+", default=COUNTS)
-    options.add_argument("--peers", choices=PEERS, nargs="*", default=tuple(PEERS))
-    options.add_argument("--threads", type=int, default=1, help="cores that our particles may use")
-    options.add_argument("--chart", type=Path, help="draw ms per step against N into this file")
-    given = options.parse_args()
-    peers = list(given.peers)
-    if "LIGGGHTS" in peers and not installed():
-        print(f"{MISSING}\n")
-        peers.remove("LIGGGHTS")
-    print(describe_load())
-    warm_up(ParticleParams(threads=given.threads))
-    measure_row(20, peers, given.threads)
+    """Measure and print the table."""
+    parser = make_parser(__doc__)
+    parser.add_argument("--counts", type=int, nargs="+", default=COUNTS, help="particle numbers")
+    parser.add_argument(
+        "--peers", choices=PEERS, nargs="*", default=tuple(PEERS), help="programs to compare with"
+    )
+    parser.add_argument("--threads", type=int, default=1, help="threads of this project's engine")
+    parser.add_argument("--chart", type=Path, help="file to draw ms per step against N into")
+    options = parser.parse_args()
+    peers = list(options.peers)
     names = [f"particles {kind}" for kind in KINDS]
-    names += [f"{name} {kind}" for name in peers for kind in KINDS[:2]]
-    print("ms per 5 ms step (us per particle)")
-    print(f"{'N':>7}" + "".join(f"{name.removeprefix('particles '):>19}" for name in names))
+    if "LIGGGHTS" in peers and not is_installed():
+        peers.remove("LIGGGHTS")
+    names += [f"{name} {kind}" for name in peers for kind in PEER_KINDS]
+    columns = [Column(name.removeprefix("particles ")) for name in names]
+    table = ResultTable(columns, as_json=options.json, row_width=8, width=19)
+    if len(peers) < len(options.peers):
+        table.print_note(INSTALL_HINT)
+    table.print_note(f"{describe_load()}; ms per 5 ms step (us per particle)")
+    warm_up(ParticleParams(threads=options.threads))
+    measure_row(20, peers, options.threads)
+    table.print_header("N")
     rows = []
-    for count in given.counts:
-        rows.append(measure_row(count, peers, given.threads))
-        cells = ("" if math.isnan(t) else f"{t:.3f} ({1e3 * t / count:.3f})" for t in rows[-1])
-        print(f"{count:>7}" + "".join(f"{cell:>19}" for cell in cells), flush=True)
-    if given.chart:
-        draw(list(given.counts), np.array(rows), names, given.chart)
+    for count in options.counts:
+        rows.append(measure_row(count, peers, options.threads))
+        texts = ["" if math.isnan(t) else f"{t:.3f} ({1e3 * t / count:.3f})" for t in rows[-1]]
+        table.print_row(f"{count}", rows[-1], texts=texts)
+    if options.chart:
+        draw_chart(list(options.counts), np.array(rows), names, options.chart)
 
 
 if __name__ == "__main__":

@@ -1,16 +1,17 @@
-"""Whether the machine stays sound while it drives and digs about at random on rough ground.
+"""Test the excavator with random driving and digging on rough ground.
 
-A careless operator works on rolling ground: it drives straight, round bends and on the spot, digs
-with all joints, drives while it digs, and falls into what it dug. All it is careful about is not to
-fall over: once the machine leans far, it stops and lifts the boom, or puts its load down. Prints a
-line a run: how long it lasted and why it ended, for how long it was stuck, and whether the volume
-always balanced. Run from the repository root: `python benchmarks/random_digging.py`;
-`--minutes 10` for the long proof, 40 minutes for three seeds on tracks of either kind.
+    python -m benchmarks.random_digging                # one minute for each seed and track model
+    python -m benchmarks.random_digging --minutes 10   # about 40 minutes of wall-clock time
+
+An operator gives random commands on rolling ground: the machine drives straight, in curves and on
+the spot, digs with all joints, drives while it digs, and drives into its own pits. The operator
+only avoids overturning: when the machine tilts too far, it stops and raises the boom, or lowers
+its load. Prints a row for each run: why and when it ended, the longest time stuck, the volume
+imbalance, and the speed.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
 import time
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.result_table import Column, ResultTable, describe_load, make_parser
 from earthmoving_sim.world import World
 from machine_sim.machine import MachineError, load_machine_spec, rotation_matrix
 from machine_sim.machine.tracks.track_model import TRACK_MODELS, TrackModel
@@ -34,16 +36,19 @@ Array = NDArray[np.float64]
 GRID = Grid(257, 257, 0.2)
 
 MAX_DISTANCE_FROM_CENTRE = 16.0
-"""Furthest from the middle of the map that it drives away from it [m]."""
+"""Distance from the middle of the map beyond which the machine drives back [m]."""
 
 STOP_TILT, RESUME_TILT = 0.35, 0.2
-"""Tilt [rad] at which the operator lets go, and at which it goes on."""
+"""Tilt [rad] at which the operator stops, and below which it continues."""
 
 FREE_TOOL_FORCE = 20e3
-"""Soil that holds the tool with less than this leaves the machine free to drive [N]."""
+"""Force on the tool below which the machine is free to drive [N]."""
 
 STUCK_DISTANCE = 0.5
-"""A machine that got this far is not stuck [m]."""
+"""Distance after which a machine is not stuck [m]."""
+
+MAX_SPEED = 10.0
+"""Base speed above which a run counts as failed [m/s]."""
 
 TRACK_SPEEDS = (
     (0.8, 0.8),
@@ -54,47 +59,48 @@ TRACK_SPEEDS = (
     (0.4, -0.4),
     (1.2, 1.2),
 )
-"""Track speeds [m/s]."""
+"""Left and right track speeds [m/s] of which the operator chooses."""
 
 MAX_JOINT_SPEEDS = np.array([0.5, 0.35, 0.7, 0.9])
-"""Greatest speeds of swing, boom, arm and bucket while digging [rad/s]."""
+"""Maximum speeds of swing, boom, arm and bucket while digging [rad/s]."""
 
 LIFT_VELOCITIES = np.array([0.0, -0.4, 0.0, 0.0])
-"""Joint speeds that lift the arm off the ground [rad/s]."""
+"""Joint velocities that raise the boom [rad/s]."""
 
 
 @dataclass
 class DrivingOutcome:
-    """How a run went.
+    """Result of a run.
 
     Attributes:
-        seconds: simulated, until it ended or went wrong.
-        problem: what went wrong, empty if nothing.
-        leaned: how often the operator had to let go.
-        way: gone [m].
-        moved: soil that was in the bucket at once, the most [m^3].
-        stuck: longest time that it was told to drive, was free, and did not get `GONE` far [s].
-        imbalance: the worst of all ticks [mm^3].
-        particles: the most at once.
-        wall: time it took [s].
+        seconds: simulated time until the run ended or failed [s].
+        problem: why the run failed; empty if it did not.
+        num_tilt_stops: number of times the operator stopped because of the tilt.
+        distance: distance driven [m].
+        max_payload: maximum bank volume in the bucket [m^3].
+        max_stuck_time: longest time with a drive command and a free tool in which the machine
+            moved less than `STUCK_DISTANCE` [s].
+        imbalance: volume imbalance of the worst tick [mm^3].
+        max_particles: maximum number of particles at once.
+        wall_time: wall time of the run [s].
     """
 
     seconds: float = 0.0
     problem: str = ""
     num_tilt_stops: int = 0
     distance: float = 0.0
-    moved: float = 0.0
+    max_payload: float = 0.0
     max_stuck_time: float = 0.0
     imbalance: int = 0
-    particles: int = 0
-    wall: float = 0.0
+    max_particles: int = 0
+    wall_time: float = 0.0
 
 
 def rolling_ground(seed: int) -> Array:
-    """Heights of ground of 14 random waves [m], 0.3 m high in all."""
+    """Return heights [m] of ground of 14 random waves, about 0.3 m high in total."""
     rng = np.random.default_rng(seed)
-    across = np.arange(GRID.rows)
-    x, y = np.meshgrid(GRID.x(across), GRID.y(across), indexing="ij")
+    cells = np.arange(GRID.rows)
+    x, y = np.meshgrid(GRID.x(cells), GRID.y(cells), indexing="ij")
     heights = np.zeros(GRID.shape)
     for _ in range(14):
         kx, ky, phase = *rng.normal(0.0, 0.6, 2), rng.uniform(0.0, 2.0 * math.pi)
@@ -103,7 +109,7 @@ def rolling_ground(seed: int) -> Array:
 
 
 def place_machine(soil: Soil, model: TrackModel, seed: int) -> MachineSim:
-    """The machine that digs, in the middle of the map."""
+    """Return a simulation of the excavator in the middle of the map."""
     return MachineSim(
         [Placement(load_machine_spec(find_config("machines/excavator.yaml")))],
         GRID,
@@ -117,10 +123,12 @@ def place_machine(soil: Soil, model: TrackModel, seed: int) -> MachineSim:
 
 
 class RandomOperator:
-    """The operator, and the world it is let loose on.
+    """An operator with random commands, and its world.
 
     Attributes:
-        outcome: how it went so far.
+        sim: simulation of the machine.
+        world: world of soil and machine.
+        outcome: result so far.
     """
 
     def __init__(self, model: TrackModel, seed: int, soil: str = "loam") -> None:
@@ -130,44 +138,44 @@ class RandomOperator:
         self.outcome = DrivingOutcome()
         self._rng = np.random.default_rng(seed)
         self._last_position = self.sim.machine.base_pose[0]
-        self._stuck_reference = self._last_position  # where it was when it last got somewhere
-        self._stuck_time = 0.0  # for how long it has tried to get away from there [s]
+        self._stuck_reference = self._last_position  # position at the start of the stuck time
+        self._stuck_time = 0.0  # time with a drive command since then [s]
 
     def run(self, seconds: float) -> DrivingOutcome:
-        """Work for that long, or until something goes wrong."""
-        began, outcome = time.perf_counter(), self.outcome
+        """Work for some simulated seconds, or until the run fails."""
+        start, outcome = time.perf_counter(), self.outcome
         try:
             while outcome.seconds < seconds and not outcome.problem:
                 self._perform_action()
         except MachineError as error:
             outcome.problem = str(error)
-        outcome.wall = time.perf_counter() - began
+        outcome.wall_time = time.perf_counter() - start
         return outcome
 
     def close(self) -> None:
-        """Free the world."""
+        """Close the world."""
         self.world.close()
 
     def _perform_action(self) -> None:
-        """Do one thing for one to four seconds."""
-        kind, lasts = self._rng.integers(4), self._rng.uniform(1.0, 4.0)
+        """Dig, drive, or both for one to four seconds, then correct the tilt if necessary."""
+        kind, duration = self._rng.integers(4), self._rng.uniform(1.0, 4.0)
         digs, drives = kind > 0, kind < 2
         joints = self._rng.uniform(-1.0, 1.0, 4) * MAX_JOINT_SPEEDS if digs else LIFT_VELOCITIES
-        self._hold_command(joints, self._choose_track_speeds() if drives else (0.0, 0.0), lasts)
+        self._hold_command(joints, self._choose_track_speeds() if drives else (0.0, 0.0), duration)
         if self.sim.machine.tilt > STOP_TILT:
             self._recover_from_tilt()
 
     def _choose_track_speeds(self) -> tuple[float, float]:
-        """Track speeds [m/s]: any, or back toward the middle of the map."""
+        """Return random track speeds [m/s], or speeds back toward the middle of the map."""
         tracks = TRACK_SPEEDS[self._rng.integers(len(TRACK_SPEEDS))]
-        place, quaternion = self.sim.machine.base_pose
-        if np.hypot(*place[:2]) > MAX_DISTANCE_FROM_CENTRE:
-            back = -0.8 if place @ rotation_matrix(quaternion)[:, 0] > 0.0 else 0.8
-            tracks = (back, back)
+        position, quaternion = self.sim.machine.base_pose
+        if np.hypot(*position[:2]) > MAX_DISTANCE_FROM_CENTRE:
+            speed = -0.8 if position @ rotation_matrix(quaternion)[:, 0] > 0.0 else 0.8
+            tracks = (speed, speed)
         return tracks
 
     def _recover_from_tilt(self) -> None:
-        """Stop and give way with the boom until the machine is upright again."""
+        """Stop, and move the boom until the machine is upright again."""
         self.outcome.num_tilt_stops += 1
         for _ in range(40):
             self._hold_command(
@@ -179,66 +187,76 @@ class RandomOperator:
                 break
 
     def _is_tipped_by_arm_load(self) -> bool:
-        """Whether the load on the arm tips the machine, rather than the arm that props it up."""
+        """Return whether the machine tips toward the bucket, rather than away from it."""
         machine = self.sim.machine
-        place, quaternion = machine.base_pose
-        reach = machine.tool.pose[1] - place
+        position, quaternion = machine.base_pose
+        reach = machine.tool.pose[1] - position
         return bool(rotation_matrix(quaternion)[:2, 2] @ reach[:2] > 0.0)
 
     def _hold_command(self, joints: Array, tracks: tuple[float, float], seconds: float) -> None:
-        """Hold a command until the time is over or the machine leans."""
+        """Hold a command for some seconds, or until the machine begins to tilt too far."""
         self.sim.command(joints, np.array(tracks))
-        num_tilt_stops = self.sim.machine.tilt > STOP_TILT
+        was_tilted = self.sim.machine.tilt > STOP_TILT
         for _ in range(round(seconds / self.sim.params.tick_period)):
-            self._step(drives=tracks[0] * tracks[1] > 0.0)
-            if self.outcome.problem or (self.sim.machine.tilt > STOP_TILT and not num_tilt_stops):
+            self._step(is_driving=tracks[0] * tracks[1] > 0.0)
+            if self.outcome.problem or (self.sim.machine.tilt > STOP_TILT and not was_tilted):
                 break
 
-    def _step(self, *, drives: bool) -> None:
+    def _step(self, *, is_driving: bool) -> None:
+        """Advance one tick and update the outcome."""
         outcome, machine, tick = self.outcome, self.sim.machine, self.sim.params.tick_period
         ledger = self.world.step()
         outcome.seconds += tick
         outcome.imbalance = max(outcome.imbalance, ledger.imbalance, key=abs)
-        outcome.particles = max(outcome.particles, self.sim.particles.count)
-        outcome.moved = max(outcome.moved, self.sim.payload.bank_m3)
-        place = machine.base_pose[0]
-        outcome.distance += float(np.linalg.norm(place - self._last_position))
-        self._last_position = place
-        if np.linalg.norm(place - self._stuck_reference) > STUCK_DISTANCE:
-            self._stuck_reference, self._stuck_time = place, 0.0
-        elif drives and np.linalg.norm(self.sim.tool_coupling.wrench[0]) < FREE_TOOL_FORCE:
+        outcome.max_particles = max(outcome.max_particles, self.sim.particles.count)
+        outcome.max_payload = max(outcome.max_payload, self.sim.payload.bank_m3)
+        position = machine.base_pose[0]
+        outcome.distance += float(np.linalg.norm(position - self._last_position))
+        self._last_position = position
+        if np.linalg.norm(position - self._stuck_reference) > STUCK_DISTANCE:
+            self._stuck_reference, self._stuck_time = position, 0.0
+        elif is_driving and np.linalg.norm(self.sim.tool_coupling.wrench[0]) < FREE_TOOL_FORCE:
             self._stuck_time += tick
             outcome.max_stuck_time = max(outcome.max_stuck_time, self._stuck_time)
         if machine.overturned:
-            outcome.problem = "it fell over"
-        elif not np.isfinite([*place, *machine.joint_positions]).all():
-            outcome.problem = "its state is not finite"
-        elif np.linalg.norm(machine.base_velocity[0]) > 10.0:
-            outcome.problem = "it was thrown"
+            outcome.problem = "overturned"
+        elif not np.isfinite([*position, *machine.joint_positions]).all():
+            outcome.problem = "state not finite"
+        elif np.linalg.norm(machine.base_velocity[0]) > MAX_SPEED:
+            outcome.problem = f"faster than {MAX_SPEED:g} m/s"
+
+
+COLUMNS = (
+    *(Column("time [s]", "s", ".0f"), Column("distance [m]", "m", ".0f")),
+    *(Column("stuck [s]", "s", ".1f"), Column("payload [m3]", "m3", ".2f")),
+    *(Column("particles", "", "d"), Column("tilt stops", "", "d")),
+    *(Column("imbalance [mm3]", "mm3", "d"), Column("real-time factor", "", ".1f")),
+)
 
 
 def main() -> None:
-    """Print a line a run."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--model", choices=TRACK_MODELS, help="only this one")
-    parser.add_argument("--minutes", type=float, default=1.0, help="simulated, of each run")
-    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
-    parser.add_argument("--soil", default="loam", help="a name in config/soils.yaml")
-    asked = parser.parse_args()
-    for model in (asked.model,) if asked.model else TRACK_MODELS:
-        for seed in asked.seeds:
-            operator = RandomOperator(model, seed, asked.soil)
-            did = operator.run(60.0 * asked.minutes)
+    """Run all seeds and print a row for each."""
+    parser = make_parser(__doc__)
+    parser.add_argument("--model", choices=TRACK_MODELS, help="only this track model")
+    parser.add_argument("--minutes", type=float, default=1.0, help="simulated time of a run (1)")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3], help="random seeds")
+    parser.add_argument("--soil", default="loam", help="name of a soil in config/soils.yaml")
+    options = parser.parse_args()
+    table = ResultTable(COLUMNS, as_json=options.json, row_width=20)
+    table.print_note(describe_load())
+    table.print_header()
+    for model in (options.model,) if options.model else TRACK_MODELS:
+        for seed in options.seeds:
+            operator = RandomOperator(model, seed, options.soil)
+            outcome = operator.run(60.0 * options.minutes)
             operator.close()
-            print(
-                f"{model:<8} seed {seed}: {did.seconds:5.0f} s,"
-                f" {did.problem or 'sound'}; {did.distance:.0f} m, stuck for"
-                f" {did.max_stuck_time:.1f} s at most,"
-                f" {did.moved:.2f} m3 in the bucket, {did.particles} particles, leaned"
-                f" {did.num_tilt_stops} times, imbalance {did.imbalance} mm3,"
-                f" {did.seconds / did.wall:.1f} x real time",
-                flush=True,
-            )
+            values = [
+                *(outcome.seconds, outcome.distance, outcome.max_stuck_time),
+                *(outcome.max_payload, outcome.max_particles, outcome.num_tilt_stops),
+                *(outcome.imbalance, outcome.seconds / outcome.wall_time),
+            ]
+            remark = outcome.problem or "no problem"
+            table.print_row(f"{model}, seed {seed}", values, remark=remark)
 
 
 if __name__ == "__main__":

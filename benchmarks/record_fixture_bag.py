@@ -1,11 +1,11 @@
-"""Record the run of the tracked bags `bags/format_*` with the current code, below 1 MB.
+"""Record the run of the bags `bags/format_*` in the repository with the current code.
 
     python -m benchmarks.record_fixture_bag bags/format_3
 
-One dig cycle of the demo's operator, with ROS nodes in lockstep, on a level site of 41 x 41 cells
-of 0.5 m, with ticks of 0.05 s and particles of 20 L. The recording is then reduced: topics without
-a reader and repeated messages are left out, states and particles are thinned, and each topic gets
-one chunk with the strongest compression.
+The run is one dig cycle of the demo's operator, with ROS nodes in lockstep, on a level site of
+41 x 41 cells of 0.5 m, with ticks of 0.05 s and particles of 20 L. The recording is then reduced to
+less than 1 MB: topics without a reader and repeated messages are omitted, states and particles are
+thinned, and each topic gets one chunk with the strongest compression.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from msg_bridge.contract.grid import Grid
 from msg_bridge.recorder.recording import FORMAT_VERSION
 from soil_sim.terrain import HeightMap
 
-KEPT = (
+KEPT_TOPICS = (
     *("/diagnostics", "/sim/config", "/sim/paused", "/terrain/info", "/terrain/map"),
     *("/terrain/map_updates", "/soil/conversions", "/soil/deposit_requests", "/soil/forces"),
     *("/soil/join_rejections", "/soil/ledger", "/soil/state_hash", "/soil/tick"),
@@ -44,16 +44,18 @@ KEPT = (
     *("/excavator/operator/phase", "/excavator/particles", "/excavator/soil_tick"),
     "/excavator/state_hash",
 )
-"""The recorded topics: those that the audit and the outcome need, and a few small ones."""
+"""Topics in the bag: those that the audit and the outcome need, and a few small ones."""
 
-THINNED = {  # every n-th message is kept, and the last
+THINNED = {
     "/diagnostics": 13,  # not a multiple of the number of nodes, which publish in turn
     "/terrain/map": 5,
     "/excavator/joint_states": 5,
     "/excavator/odom": 5,
     "/excavator/particles": 80,
 }
-MAX_SIZE = 1_000_000  # bytes
+"""Every n-th message and the last are kept, by topic."""
+MAX_SIZE = 1_000_000
+"""Maximum size of a bag [B]."""
 
 
 def main() -> None:
@@ -97,7 +99,7 @@ def reduce_bag(source: Path, target: Path, replacements: dict[str, str]) -> None
     channels: dict[str, tuple[Schema, Channel]] = {}
     messages: dict[str, list[Message]] = defaultdict(list)
     with next(source.glob("*.mcap")).open("rb") as stream:
-        for schema, channel, message in make_reader(stream).iter_messages(topics=KEPT):
+        for schema, channel, message in make_reader(stream).iter_messages(topics=KEPT_TOPICS):
             assert schema is not None
             channels[channel.topic] = (schema, channel)
             messages[channel.topic].append(message)
@@ -116,7 +118,7 @@ def reduce_bag(source: Path, target: Path, replacements: dict[str, str]) -> None
 
 
 def _thin(topic: str, messages: list[Message]) -> Iterable[Message]:
-    """Return every n-th message and the last; equal ones (repeated or sent again) once."""
+    """Return every n-th message and the last; equal messages count once."""
     different = list({message.data: message for message in reversed(messages)}.values())[::-1]
     return [*different[: -1 : THINNED.get(topic, 1)], different[-1]]
 

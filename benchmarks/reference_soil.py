@@ -1,14 +1,14 @@
-"""The soil as the reference worked it (sections 3.1, 3.1.2, 3.3.1), to measure ours against.
+"""The soil model of the 2014 reference (sections 3.1, 3.1.2, 3.3.1), as a baseline for benchmarks.
 
-Heights are floats on a grid. A landing adds to the four nearest grid points; what is too steep
-there moves to the neighbour within r that lies lowest under the slope allowed, and from there on,
-one landing after the other. Digging compares points across the bucket with the map and then looks
-through the whole map. A wall that stands too steep is found by looking at every grid point of the
-map again and again until none moves.
+Heights are floats on a grid. A deposit adds to the four nearest grid points; material above the
+allowed slope moves to the neighbour within radius r with the largest excess height, and on from
+there, one deposit after the other. Digging compares points between the bucket's key points with
+the map and then visits the whole map. A face that is too steep is found by visiting every grid
+point of the map until no material moves.
 
-It is written to be as fast as this way of working allows, not as the reference's own program was:
-compiled, the circle of neighbours counted once, recursion as a loop, no copy of the map for a
-picture. It keeps no account, holds no soil off a tool, and names no changed columns.
+The implementation is as fast as the method allows, faster than the reference's own program:
+compiled, neighbours enumerated once, recursion replaced by a loop, no copy of the map for display.
+It has no volume accounts, does not keep soil out of tools, and does not report changed columns.
 """
 
 from __future__ import annotations
@@ -25,19 +25,16 @@ from soil_sim.errors import SoilError
 __all__ = ["POINTS_BETWEEN", "ReferenceSoil"]
 
 POINTS_BETWEEN = 8
-"""Points between a left and right key point of the bucket (reference, section 3.3.1)."""
+"""Number of points between a left and a right key point of the bucket (section 3.3.1)."""
 
 Floats = NDArray[np.float64]
 
-# The kernels are not cached: a cache belongs to one name of a module, and the benchmark and the
-# tests import this one under two.
-
 
 class ReferenceSoil:
-    """A height map that is dug, filled and slips.
+    """A height map with digging, deposition and slope failure.
 
     Attributes:
-        grid: where each grid point stands.
+        grid: positions of the grid points.
         height: surface [m], shape (rows, cols).
         offsets: (row, col) of the neighbours within r, shape (n, 2).
     """
@@ -53,11 +50,14 @@ class ReferenceSoil:
     ) -> None:
         """
         Args:
-            grid: where each grid point stands.
+            grid: positions of the grid points.
             heights: surface [m], shape (rows, cols); copied.
             angle: critical slope angle [rad].
-            radius: r of the circle of neighbours [cells].
-            tolerance: excess a collapse leaves standing, as a height in parts of a cell.
+            radius: radius r of the neighbourhood [cells].
+            tolerance: excess height that a collapse leaves, as a fraction of the cell size.
+
+        Raises:
+            SoilError: the heights are not finite or have another shape.
         """
         if heights.shape != grid.shape or not np.isfinite(heights).all():
             raise SoilError(
@@ -75,33 +75,33 @@ class ReferenceSoil:
 
     @property
     def volume(self) -> float:
-        """Soil above height 0 [m^3], holes counted negative."""
+        """Volume above height 0 [m^3]; below 0 it counts negative."""
         return float(self.height.sum()) * self.grid.cell**2
 
     def deposit(self, x: Floats, y: Floats, volume: Floats) -> None:
-        """Let dirt land, one piece after the other, each until it rests (CreatePile, 3.1.2).
+        """Deposit volumes one after the other, each until it is at rest (CreatePile, 3.1.2).
 
         Args:
-            x, y: landing points [m], map frame, shape (n,).
-            volume: of each [m^3], shape (n,).
+            x, y: positions [m], map frame, shape (n,).
+            volume: volume of each deposit [m^3], shape (n,).
 
         Raises:
-            SoilError: a point off the map or a volume below 0; nothing was changed.
+            SoilError: a position is off the map or a volume is negative; nothing was changed.
         """
         if not (self.grid.contains(x, y).all() and (volume >= 0.0).all()):
-            raise SoilError("dirt must land on the map and have a volume of at least 0")
+            raise SoilError("deposits must be on the map and have a volume of at least 0")
         row, col = self.grid.row(x), self.grid.col(y)
         rise = volume / self.grid.cell**2
         _deposit(self.height, self.offsets, self._allowed, row, col, rise)
 
     def dig(self, left: Floats, right: Floats) -> float:
-        """Lower the map to a bucket's key points and to points between them (3.3.1).
+        """Lower the map to points between the key points of a bucket (3.3.1).
 
         Args:
-            left, right: key points (x, y, z) [m] at the bucket's two ends, map frame, shape (k, 3).
+            left, right: key points (x, y, z) [m] of the two sides, map frame, shape (k, 3).
 
         Returns:
-            The volume dug [m^3].
+            The excavated volume [m^3].
         """
         grid = self.grid
         ends = np.stack([left, right])
@@ -110,10 +110,10 @@ class ReferenceSoil:
         return float(dug) * grid.cell**2
 
     def collapse(self) -> int:
-        """Look through the whole map until no slope is steeper than allowed.
+        """Relax the whole map until no slope is steeper than allowed.
 
         Returns:
-            How many times it was looked through.
+            The number of passes over the map.
         """
         passes = 1
         while _relax_cells(
@@ -123,12 +123,12 @@ class ReferenceSoil:
         return passes
 
     def max_slope_excess(self) -> float:
-        """Largest height [m] by which any two neighbours exceed the slope allowed; 0 if none do."""
-        return float(_steepest(self.height, self.offsets, self._allowed))
+        """Return the largest excess height [m] over the allowed slope of any two neighbours."""
+        return float(_max_excess(self.height, self.offsets, self._allowed))
 
 
 def _circle(radius: float) -> NDArray[np.int64]:
-    """Offsets (row, col) within `radius`, row by row, the centre left out; shape (n, 2)."""
+    """Return the offsets (row, col) within `radius` in row order, without (0, 0); shape (n, 2)."""
     reach = math.floor(radius)
     points = [
         (di, dj)
@@ -141,24 +141,27 @@ def _circle(radius: float) -> NDArray[np.int64]:
 
 @njit(inline="always")
 def _lowest_neighbour(height, offsets, allowed, row, col, top):  # type: ignore[no-untyped-def]
-    """(excess, row, col) of the neighbour that `top` at (row, col) exceeds most; 0 if none."""
+    """Return (excess, row, col) of the neighbour with the largest excess height.
+
+    The excess is 0 if no slope from height `top` at (row, col) is steeper than allowed.
+    """
     rows, cols = height.shape
-    reach = -offsets[0, 0]  # the circle begins with its first row
+    reach = -offsets[0, 0]  # the offsets are in row order
     inside = reach <= row < rows - reach and reach <= col < cols - reach
-    most = 0.0
+    max_excess = 0.0
     to_row, to_col = np.int64(-1), np.int64(-1)
     for k in range(offsets.shape[0]):
         r, c = row + offsets[k, 0], col + offsets[k, 1]
         if inside or (0 <= r < rows and 0 <= c < cols):
             excess = top - height[r, c] - allowed[k]
-            if excess > most:
-                most, to_row, to_col = excess, r, c
-    return most, to_row, to_col
+            if excess > max_excess:
+                max_excess, to_row, to_col = excess, r, c
+    return max_excess, to_row, to_col
 
 
 @njit
 def _deposit(height, offsets, allowed, row, col, rise):  # type: ignore[no-untyped-def]
-    """Share each `rise` [m] among four grid points, and let it run down from each."""
+    """Distribute each `rise` [m] bilinearly to four grid points, and relax each part."""
     rows, cols = height.shape
     for n in range(row.size):
         u = min(max(row[n], 0.0), rows - 1.0)
@@ -174,29 +177,30 @@ def _deposit(height, offsets, allowed, row, col, rise):  # type: ignore[no-untyp
 
 @njit
 def _run_down(height, offsets, allowed, row, col, added):  # type: ignore[no-untyped-def]
-    """Add height at a grid point; what is too steep moves on to the lowest neighbour, and on.
+    """Add height at a grid point; the part above the allowed slope moves on down the slope.
 
-    Only what was added moves. Each top lies at least one allowed step below the last: it ends.
+    Only the added material moves. Each top is at least one allowed height difference below the
+    last, so the loop ends.
     """
     while added > 0.0:
         top = height[row, col] + added
         excess, to_row, to_col = _lowest_neighbour(height, offsets, allowed, row, col, top)
-        onward = min(excess, added)
-        height[row, col] = top - onward
-        row, col, added = to_row, to_col, onward
+        moved = min(excess, added)
+        height[row, col] = top - moved
+        row, col, added = to_row, to_col, moved
 
 
 @njit
 def _dig(height, low, left, right, between):  # type: ignore[no-untyped-def]
-    """Lower the four grid points around each point to it; returns the height dug [m]."""
+    """Lower the four grid points around each point to it; return the sum of the cuts [m]."""
     rows, cols = height.shape
     low[:] = np.inf
     for k in range(left.shape[0]):
         for q in range(1, between + 1):
-            part = q / (between + 1.0)
-            row = left[k, 0] + part * (right[k, 0] - left[k, 0])
-            col = left[k, 1] + part * (right[k, 1] - left[k, 1])
-            z = left[k, 2] + part * (right[k, 2] - left[k, 2])
+            fraction = q / (between + 1.0)
+            row = left[k, 0] + fraction * (right[k, 0] - left[k, 0])
+            col = left[k, 1] + fraction * (right[k, 1] - left[k, 1])
+            z = left[k, 2] + fraction * (right[k, 2] - left[k, 2])
             i, j = np.int64(math.floor(row)), np.int64(math.floor(col))
             if 0 <= i < rows - 1 and 0 <= j < cols - 1:
                 for a in (i, i + 1):
@@ -213,13 +217,13 @@ def _dig(height, low, left, right, between):  # type: ignore[no-untyped-def]
 
 @njit
 def _relax_cells(height, offsets, allowed, tolerance, stack, stacked):  # type: ignore[no-untyped-def]
-    """Look at every grid point once; what is too steep moves, and where it goes is looked at next.
+    """Visit every grid point once; material above the allowed slope moves, receivers come next.
 
-    Half an excess moves: then neither of the two stands too steep over the other. Returns how
-    often soil moved.
+    Half of the excess moves, after which neither point exceeds the slope to the other. Returns the
+    number of moves.
     """
     rows, cols = height.shape
-    moves = 0
+    num_moves = 0
     for first in range(rows * cols):
         depth = 1
         stack[0] = first
@@ -234,21 +238,22 @@ def _relax_cells(height, offsets, allowed, tolerance, stack, stacked):  # type: 
                 continue
             height[row, col] -= 0.5 * excess
             height[to_row, to_col] += 0.5 * excess
-            moves += 1
-            there = to_row * cols + to_col
-            if stacked[there] == 0:  # else its turn comes anyway
-                stacked[there] = 1
-                stack[depth] = there
+            num_moves += 1
+            receiver = to_row * cols + to_col
+            if stacked[receiver] == 0:
+                stacked[receiver] = 1
+                stack[depth] = receiver
                 depth += 1
-    return moves
+    return num_moves
 
 
 @njit
-def _steepest(height, offsets, allowed):  # type: ignore[no-untyped-def]
-    worst = 0.0
+def _max_excess(height, offsets, allowed):  # type: ignore[no-untyped-def]
+    """Return the largest excess height [m] of the map; 0 if no slope is too steep."""
+    max_excess = 0.0
     for row in range(height.shape[0]):
         for col in range(height.shape[1]):
             top = height[row, col]
             excess, _, _ = _lowest_neighbour(height, offsets, allowed, row, col, top)
-            worst = max(worst, excess)
-    return worst
+            max_excess = max(max_excess, excess)
+    return max_excess

@@ -1,321 +1,212 @@
-"""What the soil costs beside the reference's way: landings, a collapse, a scoop, growing maps.
+"""Measure the soil step beside the method of 2014: deposits, a collapse, a scoop, growing maps.
 
-    python benchmarks/soil_step_cost.py              # all of it: about a minute
-    python benchmarks/soil_step_cost.py --runs 1     # quicker, less sure
+    python -m benchmarks.soil_step_cost              # about a minute
+    python -m benchmarks.soil_step_cost --runs 1     # faster, less precise
 
-Ours is `Soil.step`, all of it: judging rows, cutting, landing, slip, the rows of what changed and
-the tiles' account, with default parameters. The baseline is `reference_soil.py`. Both are measured
-in turn in the same run; the table has the medians of the runs, in ms where nothing else is said,
-and how many times the baseline costs ours. One core. Before a time counts, it is checked that both
-hold the soil they were given and stand no steeper than allowed.
+The complete `Soil.step` is timed with default parameters: validation of rows, cutting, deposition,
+relaxation, conversion rows and tile checksums. The baseline is `benchmarks.reference_soil`. Both
+are measured in turn in the same run on one core; the table has the medians of the runs and the
+ratio of the baseline to this soil. Each scene checks that both soils hold the volume they were
+given and have no slope steeper than allowed.
 """
 
 from __future__ import annotations
 
-import argparse
-import math
-import os
 import statistics
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
-from reference_soil import ReferenceSoil
 
+from benchmarks.bucket_sweeps import NO_SWEEPS, Point, bucket_ends
+from benchmarks.result_table import Column, ResultTable, describe_load, make_parser
+from benchmarks.soil_and_baseline import (
+    DIG_DEPTH,
+    DISTANCE_PER_TICK,
+    PARAMS,
+    check_slopes,
+    check_volumes,
+    make_baseline,
+    scoop_path,
+    step_until_at_rest,
+    time_baseline_digging,
+    time_digging,
+)
+from benchmarks.timing import elapsed_ms, percentile_99
 from msg_bridge.contract.grid import Grid
-from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, Rows, empty_rows
+from msg_bridge.contract.rows import DEPOSIT_REQUEST, empty_rows
 from soil_sim.soil import Soil
-from soil_sim.soils.params import SoilParams
 from soil_sim.warm_up import warm_up
 
-PARAMS = SoilParams()
-NO_SWEEPS, NO_DEPOSIT_REQUESTS = empty_rows(SWEEP), empty_rows(DEPOSIT_REQUEST)
-
-PROFILE = ((0, 0), (-0.4, 0), (-0.7, 0.1), (-0.9, 0.3), (-1, 0.5), (-1, 0.8), (-0.9, 1.0))
-"""(x, z) of the bucket's seven key points behind and above its lip [m]."""
-
-WIDTH = 1.2  # of the bucket [m]
-DEPTH = 0.3  # it digs [m]
-DISTANCE_PER_TICK = 0.01  # it moves in a tick [m]
-
-LANDING_TICKS = 200
-LANDED_M3 = 0.01
-COUNTS = ((1, ""), (50, ""), (250, "<= 0.25"))
+NUM_DEPOSIT_TICKS = 200
+DEPOSIT_VOLUME = 0.01
+"""Volume of each deposit [m^3]."""
+DEPOSITS = ((1, ""), (50, ""), (250, "<= 0.25"))
+"""Number of deposits in a tick, and target of its median [ms]."""
 SCOOPS = ((161, 0.05, "<= 0.2"), (321, 0.025, "<= 0.5"))
+"""Rows and columns of the map, cell size [m], and target of the median tick [ms]."""
 SIZES = (129, 257, 513, 1025, 2049)
-MAX_TICKS = 100_000
-BASELINE_TIME = 0.5
-"""Wall time [s] after which the baseline has dug enough ticks of a stroke, on large maps."""
+"""Rows and columns of the growing maps."""
+MAX_BASELINE_TIME = 500.0
+"""Wall time [ms] after which the baseline stops digging on large maps."""
 
-Point = tuple[float, float, float]
+COLUMNS = (Column("soil", spec=".3g"), Column("baseline", spec=".3g"), Column("ratio", "", ".3g"))
 
 
 @dataclass(frozen=True)
 class Line:
-    """A line of the table in one run: what was measured, ours, the baseline's, what is wanted."""
+    """A row of the table in one run.
+
+    Attributes:
+        name: the measured quantity.
+        soil: value of this project's soil.
+        baseline: value of the baseline; None if it has none.
+        target: target of the soil's value, as printed.
+        unit: unit of both values.
+        has_ratio: whether the ratio of the two values is printed.
+    """
 
     name: str
-    ours: float
+    soil: float
     baseline: float | None
     target: str = ""
-    compare: bool = True  # how many times the baseline's is ours
+    unit: str = "ms"
+    has_ratio: bool = True
 
 
 def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=3, help="of each; medians are printed")
-    runs = parser.parse_args().runs
+    """Measure and print the table."""
+    options = make_parser(__doc__, runs=3).parse_args()
     compile_all()
-    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} before; median of {runs} runs")
-    print(f"{'ms where not said':<44}{'ours':>10}{'baseline':>11}{'ratio':>9}  target")
+    table = ResultTable(COLUMNS, as_json=options.json, row_width=46)
+    table.print_note(f"{describe_load()}; medians of {options.runs} runs")
+    table.print_header("ms unless stated otherwise")
     scenes: list[Callable[[], list[Line]]] = [
-        *(partial(landings, *count) for count in COUNTS),
-        collapse,
-        *(partial(scoop_through, *scoop) for scoop in SCOOPS),
-        growing_maps,
+        *(partial(measure_deposits, *case) for case in DEPOSITS),
+        measure_collapse,
+        *(partial(measure_scoop, *case) for case in SCOOPS),
+        measure_growing_maps,
     ]
     for scene in scenes:
-        for lines in zip(*(scene() for _ in range(runs)), strict=True):
-            print_median(lines)
+        for lines in zip(*(scene() for _ in range(options.runs)), strict=True):
+            print_medians(table, lines)
 
 
-def print_median(lines: tuple[Line, ...]) -> None:
-    """One line of the table from that line of every run."""
-    ours = statistics.median(line.ours for line in lines)
-    others = [line.baseline for line in lines if line.baseline is not None]
-    baseline = ratio = ""
-    if others:
-        baseline = format_value(statistics.median(others))
-    if others and lines[0].compare:
-        times = (other / line.ours for other, line in zip(others, lines, strict=True))
-        ratio = f"{format_value(statistics.median(times))} x"
-    print(
-        (
-            f"{lines[0].name:<44}{format_value(ours):>10}{baseline:>11}{ratio:>9}"
-            f"  {lines[0].target}"
-        ).rstrip(),
-        flush=True,
-    )
-
-
-def format_value(value: float) -> str:
-    """A number with as many places as it is worth."""
-    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
+def print_medians(table: ResultTable, lines: tuple[Line, ...]) -> None:
+    """Print the medians over the runs of one row."""
+    first = lines[0]
+    soil = statistics.median(line.soil for line in lines)
+    baseline = ratio = None
+    if first.baseline is not None:
+        values = [line.baseline for line in lines if line.baseline is not None]
+        baseline = statistics.median(values)
+        if first.has_ratio:
+            ratio = statistics.median(a / b.soil for a, b in zip(values, lines, strict=True))
+    remark = f"target {first.target}" if first.target else ""
+    table.print_row(first.name, [soil, baseline, ratio], unit=first.unit, remark=remark)
 
 
 def compile_all() -> None:
     """Compile every kernel before the first measurement."""
     warm_up(PARAMS)
     grid = Grid(17, 17, 0.2)
-    other = baseline_soil(grid, np.zeros(grid.shape))
-    other.deposit(np.zeros(1), np.zeros(1), np.ones(1))
-    other.dig(*ends_of_bucket((0.0, 0.0, -0.1)))
-    other.collapse()
-    other.max_slope_excess()
+    baseline = make_baseline(grid, np.zeros(grid.shape))
+    baseline.deposit(np.zeros(1), np.zeros(1), np.ones(1))
+    baseline.dig(*bucket_ends((0.0, 0.0, -0.1)))
+    baseline.collapse()
+    baseline.max_slope_excess()
 
 
-def baseline_soil(grid: Grid, heights: NDArray[np.float64]) -> ReferenceSoil:
-    """The baseline with the parameters of our soil."""
-    return ReferenceSoil(
-        grid,
-        heights,
-        angle=math.radians(PARAMS.repose_angle),
-        radius=PARAMS.relaxation_radius,
-        tolerance=PARAMS.relaxation_tolerance,
-    )
+def measure_deposits(count: int, target: str) -> list[Line]:
+    """Deposit `count` volumes at one position in each tick for a second, then wait for rest.
 
-
-def landings(count: int, target: str) -> list[Line]:
-    """`count` pieces land on one spot in each tick of 5 ms, for a second, then all comes to rest.
-
-    Our soil may defer some relaxation to later ticks; the time of these is reported as well.
+    The soil may defer relaxation to later ticks; the time of these is included per deposit.
     """
     grid = Grid(257, 257, 0.4)
     soil = Soil(grid, np.zeros(grid.shape), PARAMS)
-    other = baseline_soil(grid, np.zeros(grid.shape))
+    baseline = make_baseline(grid, np.zeros(grid.shape))
     rows = empty_rows(DEPOSIT_REQUEST, count)
     rows["x"], rows["y"], rows["machine_id"] = 0.07, 0.11, 1
-    rows["volume_mm3"], rows["particle_id"] = round(LANDED_M3 * 1e9), np.arange(1, count + 1)
-    x, y, volume = np.full(count, 0.07), np.full(count, 0.11), np.full(count, LANDED_M3)
+    rows["volume_mm3"], rows["particle_id"] = round(DEPOSIT_VOLUME * 1e9), np.arange(1, count + 1)
+    x, y, volume = np.full(count, 0.07), np.full(count, 0.11), np.full(count, DEPOSIT_VOLUME)
 
     before = soil.total_mm3
-    ours = [measure_time(lambda: soil.step(tick, NO_SWEEPS, rows)) for tick in range(LANDING_TICKS)]  # noqa: B023
-    left = list(step_until_at_rest(soil))
-    baseline = [measure_time(lambda: other.deposit(x, y, volume)) for _ in range(LANDING_TICKS)]
-    landed = LANDING_TICKS * count * LANDED_M3
-    check("landings", soil, other, (soil.total_mm3 - before) / 1e9, landed, other.volume)
-    name = f"{count} landing{'s' * (count > 1)} a tick of 5 ms"
-    each = 1e3 / (LANDING_TICKS * count)
+    ticks = range(NUM_DEPOSIT_TICKS)
+    soil_times = [elapsed_ms(partial(soil.step, tick, NO_SWEEPS, rows)) for tick in ticks]
+    rest_times = list(step_until_at_rest(soil))
+    baseline_times = [elapsed_ms(partial(baseline.deposit, x, y, volume)) for _ in ticks]
+    expected = NUM_DEPOSIT_TICKS * count * DEPOSIT_VOLUME
+    check_volumes("deposits", expected, (soil.total_mm3 - before) / 1e9, baseline.volume)
+    check_slopes("deposits", soil, baseline)
+    name = f"{count} deposit{'s' * (count > 1)} in a tick"
+    scale = 1e3 / (NUM_DEPOSIT_TICKS * count)
+    medians = statistics.median(soil_times), statistics.median(baseline_times)
     return [
-        Line(name + ", median", statistics.median(ours), statistics.median(baseline), target),
-        Line("  p99", p99(ours), p99(baseline)),
-        Line("  us a landing until all rest", each * sum(ours + left), each * sum(baseline)),
+        Line(f"{name}, median", *medians, target),
+        Line(f"{name}, p99", percentile_99(soil_times), percentile_99(baseline_times)),
+        Line(
+            f"{name}, us per deposit until rest",
+            scale * sum(soil_times + rest_times),
+            scale * sum(baseline_times),
+            unit="us",
+        ),
     ]
 
 
-def collapse() -> list[Line]:
-    """The walls of a trench, dug in one go into 513 x 513 columns of 0.2 m, come down."""
+def measure_collapse() -> list[Line]:
+    """Let the walls of a trench fail that was excavated at once, 513 x 513 columns of 0.2 m."""
     grid = Grid(513, 513, 0.2)
     x, y = np.abs(grid.x(np.arange(513))), np.abs(grid.y(np.arange(513)))
     heights = np.where((x[:, None] < 10.0) & (y < 2.0), -2.0, 0.0)
     soil = Soil(grid, heights, PARAMS)
-    other = baseline_soil(grid, heights)
-    before, dug = soil.total_mm3, other.volume
+    baseline = make_baseline(grid, heights)
+    before, expected = soil.total_mm3, baseline.volume
 
-    was_dug = np.flatnonzero(heights < 0.0)  # as a cut notes it
-    noted = measure_time(lambda: soil.relaxation.mark_disturbed(was_dug, include_neighbours=True))
-    ours = list(step_until_at_rest(soil))
+    excavated = np.flatnonzero(heights < 0.0)
+    marking = elapsed_ms(lambda: soil.relaxation.mark_disturbed(excavated, include_neighbours=True))
+    soil_times = list(step_until_at_rest(soil))
     passes: list[int] = []
-    baseline = measure_time(lambda: passes.append(other.collapse()))
-    check("collapse", soil, other, dug + (soil.total_mm3 - before) / 1e9, dug, other.volume)
-    name = "walls of a 20 x 4 x 2 m trench, 513^2"
+    baseline_time = elapsed_ms(lambda: passes.append(baseline.collapse()))
+    check_volumes("collapse", expected, expected + (soil.total_mm3 - before) / 1e9, baseline.volume)
+    check_slopes("collapse", soil, baseline)
+    name = "collapse of a 20 x 4 x 2 m trench, 513^2"
     return [
-        Line(name, noted + sum(ours), baseline, "<= 5"),
-        Line("  of it noting what was dug", noted, None),
-        Line("  ticks; the baseline's passes over the map", len(ours), passes[0], compare=False),
-        Line("  worst tick", max(ours), baseline),
+        Line(name, marking + sum(soil_times), baseline_time, "<= 5"),
+        Line("  marking the disturbed columns", marking, None),
+        Line("  ticks; passes of the baseline", len(soil_times), passes[0], "", "", False),
+        Line("  slowest tick of the collapse", max(soil_times), baseline_time),
     ]
 
 
-def scoop_through(size: int, cell: float, target: str) -> list[Line]:
-    """A bucket goes in, 1.5 m through the soil and out, 10 mm a tick, on a map of 8 m."""
+def measure_scoop(size: int, cell: float, target: str) -> list[Line]:
+    """Move a bucket into the soil, 1.5 m through it and out on a map of 8 m."""
     grid = Grid(size, size, cell)
     path = scoop_path()
-    ours = digging(grid, path)
-    baseline = baseline_digging(grid, path, math.inf)
+    soil_times, baseline_times = time_digging(grid, path), time_baseline_digging(grid, path)
+    name = f"scoop on {size}^2"
+    medians = statistics.median(soil_times), statistics.median(baseline_times)
     return [
-        Line(f"scoop through {size}^2, a tick, median", *medians(ours, baseline), target),
-        Line("  p99", p99(ours), p99(baseline)),
+        Line(f"{name}, median tick", *medians, target),
+        Line(f"{name}, p99", percentile_99(soil_times), percentile_99(baseline_times)),
     ]
 
 
-def growing_maps() -> list[Line]:
-    """A bucket is dragged 3 m, 10 mm a tick, on maps of ever more columns of 0.2 m."""
-    path: list[Point] = [(-1.5 + DISTANCE_PER_TICK * tick, 0.0, -DEPTH) for tick in range(301)]
+def measure_growing_maps() -> list[Line]:
+    """Drag a bucket 3 m through maps of growing size with columns of 0.2 m."""
+    path: list[Point] = [(-1.5 + DISTANCE_PER_TICK * k, 0.0, -DIG_DEPTH) for k in range(301)]
     lines = []
     for size in SIZES:
         grid = Grid(size, size, 0.2)
-        ours, baseline = digging(grid, path), baseline_digging(grid, path, BASELINE_TIME)
-        lines.append(Line(f"one bucket digs in {size}^2, a tick", *medians(ours, baseline)))
+        soil_time = statistics.median(time_digging(grid, path))
+        baseline_time = statistics.median(time_baseline_digging(grid, path, MAX_BASELINE_TIME))
+        lines.append(Line(f"digging in {size}^2, median tick", soil_time, baseline_time))
     first, last = lines[0], lines[-1]
     assert first.baseline is not None
     assert last.baseline is not None
-    growth = Line(
-        f"  {SIZES[-1]}^2 over {SIZES[0]}^2 [times]",
-        last.ours / first.ours,
-        last.baseline / first.baseline,
-        "<= 1.5",
-        compare=False,
-    )
-    return [*lines, growth]
-
-
-def digging(grid: Grid, path: list[Point]) -> list[float]:
-    """Wall time [ms] of each tick of our soil, the bucket's lip moving along `path`."""
-    soil = Soil(grid, np.zeros(grid.shape), PARAMS)
-    before, taken, times = soil.total_mm3, 0, []
-    for tick, (start, end) in enumerate(pairwise(path)):
-        rows = sweep_rows(start, end)
-        begin = time.perf_counter()
-        step = soil.step(tick, rows, NO_DEPOSIT_REQUESTS)
-        times.append(1e3 * (time.perf_counter() - begin))
-        taken += int(step.conversions["volume_mm3"].sum(dtype=np.int64))
-    if taken <= 0 or before - soil.total_mm3 != taken:
-        raise SystemExit(f"the scoop took {taken} mm^3 and the soil lost another amount")
-    return times
-
-
-def baseline_digging(grid: Grid, path: list[Point], max_time: float) -> list[float]:
-    """The same [ms] of the baseline; ends after 5 ticks or more when `longest` s are over."""
-    soil = baseline_soil(grid, np.zeros(grid.shape))
-    dug, times = 0.0, []
-    for end in path[1:]:
-        ends = ends_of_bucket(end)
-        begin = time.perf_counter()
-        dug += soil.dig(*ends)
-        soil.collapse()
-        times.append(1e3 * (time.perf_counter() - begin))
-        if len(times) >= 5 and sum(times) > 1e3 * max_time:
-            break
-    if dug <= 0.0 or not math.isclose(-soil.volume, dug, rel_tol=1e-6):
-        raise SystemExit(f"the baseline dug {dug} m^3 and lost another amount")
-    return times
-
-
-def scoop_path() -> list[Point]:
-    """The lip's places: down into the soil, along, up and out."""
-    down = np.arange(0.02, -DEPTH, -DISTANCE_PER_TICK)
-    along = np.arange(-0.5, 1.0, DISTANCE_PER_TICK)
-    up = np.arange(-DEPTH, 0.3, DISTANCE_PER_TICK)
-    places = [(-0.5, 0.0, z) for z in down]
-    places += [(x, 0.0, -DEPTH) for x in along]
-    return places + [(1.0, 0.0, z) for z in up]
-
-
-def sweep_rows(start: Point, end: Point) -> Rows:
-    """SWEEP rows of the bucket whose lip's middle moves from `start` to `end` (x, y, z) [m]."""
-    rows = empty_rows(SWEEP, 2 * len(PROFILE))
-    rows["machine_id"], rows["pair"] = 1, np.repeat(np.arange(len(PROFILE)), 2)
-    ends = np.stack([ends_of_bucket(start), ends_of_bucket(end)])  # (tick's end, side, pair, xyz)
-    for moment in (0, 1):
-        for axis in range(3):
-            rows[f"{'xyz'[axis]}{moment}"] = ends[moment, :, :, axis].T.reshape(-1)
-    return rows
-
-
-def ends_of_bucket(lip: Point) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Left and right key points (x, y, z) [m] of the bucket, shape (pairs, 3)."""
-    profile = np.array(PROFILE, dtype=np.float64)
-    middle = np.array(lip) + np.stack([profile[:, 0], 0.0 * profile[:, 0], profile[:, 1]], axis=1)
-    half = np.array([0.0, 0.5 * WIDTH, 0.0])
-    return middle + half, middle - half
-
-
-def step_until_at_rest(soil: Soil) -> Iterator[float]:
-    """Wall time [ms] of each tick in which nothing happens but slip, until none waits."""
-    for tick in range(MAX_TICKS):
-        if not soil.relaxation.num_pending:
-            return
-        yield measure_time(lambda: soil.step(tick, NO_SWEEPS, NO_DEPOSIT_REQUESTS))  # noqa: B023
-    raise SystemExit(f"the soil has not come to rest in {MAX_TICKS} ticks")
-
-
-def check(
-    what: str, soil: Soil, other: ReferenceSoil, ours: float, given: float, theirs: float
-) -> None:
-    """Both hold the volume they were given [m^3], and neither stands too steep."""
-    if not (math.isclose(ours, given, rel_tol=1e-9) and math.isclose(theirs, given, rel_tol=1e-6)):
-        raise SystemExit(f"{what}: given {given} m^3; ours holds {ours}, the baseline {theirs}")
-    allowed = PARAMS.relaxation_tolerance * other.grid.cell + 1e-6
-    left = baseline_soil(other.grid, soil.columns.height).max_slope_excess()
-    if max(left, other.max_slope_excess()) > allowed:
-        raise SystemExit(
-            f"{what}: too steep by {left:.4f} m (ours), {other.max_slope_excess():.4f} m"
-            f" (baseline);"
-            f" allowed are {allowed:.4f} m"
-        )
-
-
-def measure_time(work: Callable[[], object]) -> float:
-    """Wall time [ms]."""
-    start = time.perf_counter()
-    work()
-    return 1e3 * (time.perf_counter() - start)
-
-
-def medians(ours: list[float], baseline: list[float]) -> tuple[float, float]:
-    """Of the ticks."""
-    return statistics.median(ours), statistics.median(baseline)
-
-
-def p99(times: list[float]) -> float:
-    """What one tick of a hundred exceeds."""
-    return float(np.percentile(times, 99))
+    name = f"  {SIZES[-1]}^2 over {SIZES[0]}^2"
+    growth = last.soil / first.soil, last.baseline / first.baseline
+    return [*lines, Line(name, *growth, "<= 1.5", "", False)]
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Angle of repose: soil poured slowly on one spot of a level bench."""
+"""Measure the angle of repose of a heap poured slowly on one spot of level ground."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from msg_bridge.contract.loose_soil import LooseSoil
 __all__ = ["poured_repose_angle"]
 
 _SPOT_RADIUS = 2.0
-"""Radius of the spot, in diameters."""
+"""Radius of the spot, in particle diameters."""
 _POUR_SPEED = 0.3
-"""At which soil leaves the funnel, which goes up with the heap [m/s]."""
+"""Speed at which particles leave the funnel, which rises with the heap [m/s]."""
 _HEAP_SPEED_LIMIT = 0.3
-"""What is slower belongs to the heap [m/s]."""
+"""Speed below which a particle belongs to the heap [m/s]."""
 
 
 def poured_repose_angle(
     soil: LooseSoil, count: int, *, rate: float = 200.0, moisture: int = 0, **params: float
 ) -> float:
-    """Angle of a heap [deg].
+    """Return the angle of a poured heap [deg].
 
     Args:
-        soil: its soil.
+        soil: the soil.
         count: number of particles.
-        rate: of pouring, particles per second.
-        moisture: of the soil [% of saturation].
-        params: of `ParticleParams`.
+        rate: particles poured per second.
+        moisture: moisture of the soil [% of saturation].
+        params: further parameters of `ParticleParams`.
     """
     engine = make_engine(soil, **params)
     d = particle_diameter(engine)
@@ -50,9 +50,9 @@ def poured_repose_angle(
             near = np.hypot(engine.positions[:, 0], engine.positions[:, 1]) < _SPOT_RADIUS * d
             heap = near & ((engine.velocities**2).sum(axis=1) < _HEAP_SPEED_LIMIT**2)
             top = float(engine.positions[heap, 2].max()) if heap.any() else 0.0
-            at = np.array([x, y, top + 1.5 * d])
-            if not engine.count or ((engine.positions - at) ** 2).sum(axis=1).min() > d**2:
-                engine.add(at, [0.0, 0.0, -_POUR_SPEED], VOLUME, moisture=moisture, grow=False)
+            point = np.array([x, y, top + 1.5 * d])
+            if not engine.count or ((engine.positions - point) ** 2).sum(axis=1).min() > d**2:
+                engine.add(point, [0.0, 0.0, -_POUR_SPEED], VOLUME, moisture=moisture, grow=False)
         if engine.count:
             engine.step(STEP)
     settle(engine)
@@ -60,18 +60,23 @@ def poured_repose_angle(
 
 
 def _slope(position: NDArray[np.float64], radius: NDArray[np.float32]) -> float:
-    """Of a heap: a line through the tops of its sectors, from a fifth to 0.85 of its foot."""
-    at = position[:, :2] - np.median(position[:, :2], axis=0)
-    away, turn = np.hypot(at[:, 0], at[:, 1]), np.arctan2(at[:, 1], at[:, 0]) + math.pi
-    foot = float(np.quantile(away, 0.98))
+    """Return the slope of a heap: a line fitted to mean surface heights from 0.2 to 0.85 radii.
+
+    The surface height of a ring is the mean of the highest particle tops of its sectors; the heap
+    radius is the 98th percentile of the particles' distances from the axis.
+    """
+    offset = position[:, :2] - np.median(position[:, :2], axis=0)
+    distance = np.hypot(offset[:, 0], offset[:, 1])
+    azimuth = np.arctan2(offset[:, 1], offset[:, 0]) + math.pi
+    heap_radius = float(np.quantile(distance, 0.98))
     width = 2.0 * float(radius.mean())
-    middle, top = [], []
-    for low in np.arange(0.2 * foot, 0.85 * foot - width, width):
-        ring = (away >= low) & (away < low + width)
-        sectors = max(6, int(math.pi * (2.0 * low + width) / (3.0 * width)))
-        sector = (turn[ring] / (2.0 * math.pi) * sectors).astype(int) % sectors
-        height = np.zeros(sectors)
-        np.maximum.at(height, sector, (position[:, 2] + radius)[ring])
-        middle.append(low + 0.5 * width)
-        top.append(height.mean())
-    return -float(np.polyfit(middle, top, 1)[0])
+    mean_radii, mean_heights = [], []
+    for inner in np.arange(0.2 * heap_radius, 0.85 * heap_radius - width, width):
+        in_ring = (distance >= inner) & (distance < inner + width)
+        num_sectors = max(6, int(math.pi * (2.0 * inner + width) / (3.0 * width)))
+        sector = (azimuth[in_ring] / (2.0 * math.pi) * num_sectors).astype(int) % num_sectors
+        heights = np.zeros(num_sectors)
+        np.maximum.at(heights, sector, (position[:, 2] + radius)[in_ring])
+        mean_radii.append(inner + 0.5 * width)
+        mean_heights.append(heights.mean())
+    return -float(np.polyfit(mean_radii, mean_heights, 1)[0])

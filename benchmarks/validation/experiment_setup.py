@@ -1,4 +1,4 @@
-"""What the experiments share: a bench, containers, and particles to fill them."""
+"""Level ground, containers, and particles to fill them, shared by the experiments."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 
 STEP = 0.005
+"""Physics step [s]."""
 VOLUME = 1_000_000
 """Bank volume of a particle [mm^3]."""
 
@@ -22,27 +23,27 @@ Plate = list[tuple[float, float, float]]
 
 
 def make_engine(soil: LooseSoil, *, size: float = 40.0, **params: float) -> ParticleEngine:
-    """An engine over a level bench of `size` [m]."""
+    """Return an engine over level ground of `size` [m]."""
     cells = math.ceil(size / 0.25)
     ground = Ground(Grid(cells, cells, 0.25), np.zeros((cells, cells)))
-    given = ParticleParams.from_mapping({"nominal_volume": VOLUME, **params})
-    return ParticleEngine(given, ground, soils=(soil,))
+    particle_params = ParticleParams.from_mapping({"nominal_volume": VOLUME, **params})
+    return ParticleEngine(particle_params, ground, soils=(soil,))
 
 
 def particle_diameter(engine: ParticleEngine) -> float:
-    """Of a particle of `VOLUME` [m]."""
+    """Return the diameter of a particle of bank volume `VOLUME` [m]."""
     trial = ParticleEngine(engine.params, engine.ground, soils=engine.soils)
     trial.add([[0.0, 0.0, 1.0]], [[0.0, 0.0, 0.0]], VOLUME)
     return 2.0 * float(trial.radii[0])
 
 
 def bulk_volume(engine: ParticleEngine, count: int) -> float:
-    """Room that `count` particles take as poured [m^3]."""
+    """Return the loose volume of `count` particles [m^3]."""
     return count * VOLUME * 1e-9 * (1.0 + engine.soils[0].swell)
 
 
 def tube_plates(radius: float, height: float, sides: int = 32) -> list[Plate]:
-    """Plates of an upright tube without floor, as wide as a circle inside it."""
+    """Return the plates of a vertical tube without floor around a circle of `radius` [m]."""
     outer = radius / math.cos(math.pi / sides)
     angle = np.linspace(0.0, 2.0 * math.pi, sides + 1)
     x, y = outer * np.cos(angle), outer * np.sin(angle)
@@ -54,7 +55,7 @@ def tube_plates(radius: float, height: float, sides: int = 32) -> list[Plate]:
 
 
 def wall_plate(x0: float, y0: float, x1: float, y1: float, height: float) -> Plate:
-    """An upright plate over a line on the bench."""
+    """Return a vertical plate on a line from (x0, y0) to (x1, y1) [m]."""
     return [(x0, y0, 0.0), (x1, y1, 0.0), (x1, y1, height), (x0, y0, height)]
 
 
@@ -65,34 +66,38 @@ def layered_points(
     count: int,
     bottom: float,
 ) -> Points:
-    """Points [m] in level layers, each shifted at random, shape (count, 3).
+    """Return points [m] in horizontal layers, each shifted at random, shape (count, 3).
 
     Args:
-        inside: which points (x, y), shape (n, 2), may be taken.
-        half: half the side of a square that holds all of these, about the origin [m].
-        spacing: of points and layers [m].
+        inside: returns a mask of the points (x, y), shape (n, 2), that lie in the container.
+        half: half the side of a square about the origin that contains the container [m].
+        spacing: spacing of points and layers [m].
+        count: number of points.
         bottom: height of the lowest layer [m].
+
+    Raises:
+        ValueError: a layer has no point in the container.
     """
     rng = np.random.default_rng(0)
     axis = np.arange(-half, half + spacing, spacing)
     layers: list[Points] = []
     while sum(map(len, layers)) < count:
         x, y = np.meshgrid(axis + rng.uniform(0, spacing), axis + rng.uniform(0, spacing))
-        flat = np.column_stack([x.ravel(), y.ravel()])
-        flat = flat[inside(flat)]
-        if not len(flat):
-            raise ValueError("the container is narrower than a particle; give more of them")
-        z = np.full((len(flat), 1), bottom + spacing * len(layers))
-        layers.append(np.hstack([flat, z]))
+        xy = np.column_stack([x.ravel(), y.ravel()])
+        xy = xy[inside(xy)]
+        if not len(xy):
+            raise ValueError("the container is narrower than a particle; use more particles")
+        z = np.full((len(xy), 1), bottom + spacing * len(layers))
+        layers.append(np.hstack([xy, z]))
     points = np.concatenate(layers)[:count]
     return np.asarray(points + rng.uniform(-0.11, 0.11, points.shape) * spacing)
 
 
 def settle(engine: ParticleEngine, *, min_time: float = 0.5, max_time: float = 15.0) -> float:
-    """Step until nothing moves to speak of; returns the time it took [s].
+    """Step until the particles are at rest, and return the time [s].
 
-    At rest: a mean kinetic energy below 1e-6 of weight times diameter. Some soil is still in the
-    air in the first `least` seconds.
+    At rest, the kinetic energy is below 1e-6 of weight times diameter. The test begins after
+    `min_time` [s], when no particle is in the air, and ends at `max_time` [s].
     """
     weight = float(engine.masses.sum()) * engine.params.gravity
     limit = 1e-6 * weight * 2.0 * float(engine.radii.mean())

@@ -1,11 +1,12 @@
-"""Scoops with every joint of the excavator at its top speed: nothing goes through the bucket.
+"""Scoop with every joint of the excavator at its maximum speed; no particle may tunnel.
 
 The shipped excavator, on the soil of `config/demo.yaml`, gets maximum joint velocities. It plunges
 its bucket into rough ground, drags, curls, lifts and swings, reverses and shakes, strikes the
-ground with its load, opens and flails. Seeds vary terrain, heading, posture, rotations and times.
+ground with its load, opens the bucket and moves all joints at random. The seed varies terrain,
+heading, posture, directions and durations.
 
-The lip goes at up to 11 m/s then, 55 mm in a physics step: a particle's radius. None may get
-through a plate or the ground all the same, and no soil be lost.
+The lip reaches 11 m/s, or 55 mm in a physics step, which is a particle radius. Still, no particle
+may pass through a plate or the ground, and no soil may be lost.
 """
 
 from __future__ import annotations
@@ -32,24 +33,24 @@ from soil_sim.terrain import rough
 __all__ = ["ScoopResult", "run_scoop"]
 
 _GRID = Grid(161, 161, 0.2)
-_ROUGHNESS, _HILLS = 0.1, 3.0
-"""Height and length of what the ground goes up and down [m]."""
+_ROUGHNESS, _CORRELATION_LENGTH = 0.1, 3.0
+"""Root mean square height and correlation length of the ground [m]."""
 _REACH = (5.5, 7.3)
-"""Of the lip at the start, from the swing axis [m]."""
+"""Range of the initial distance of the lip from the swing axis [m]."""
 _HEIGHT = (0.2, 0.6)
-"""Of the lip over the ground at the start [m]: room to get to full speed."""
+"""Range of the initial height of the lip, enough to reach full speed above the ground [m]."""
 _ATTITUDE = (1.3, 2.0)
-"""Of the bucket at the start [rad]: the lip looks down."""
+"""Range of the initial bucket attitude [rad]; the lip points down."""
 
 
 class HeldCommand(NamedTuple):
-    """A command that is held.
+    """A command that is held until one of its limits is reached.
 
     Attributes:
-        turn: -1, 0 or 1 for each joint, in parts of its top speed.
-        longest: for so long [s].
-        depth: or until the bucket's lowest corner is so deep under level ground [m].
-        fill: or until the bucket is so full, in heaped buckets.
+        direction: -1, 0 or 1 for each joint, times its maximum speed.
+        max_duration: duration limit [s].
+        depth: limit of the depth of the bucket's lowest corner below height 0 [m].
+        fill: limit of the fill, in heaped capacities.
     """
 
     direction: tuple[int, int, int, int]
@@ -60,26 +61,26 @@ class HeldCommand(NamedTuple):
 
 @dataclass(frozen=True)
 class ScoopResult:
-    """What happened in a scoop.
+    """Result of a scoop.
 
     Attributes:
-        seconds: simulated.
-        particles: most there were at once.
-        held: most that were in the bucket at once.
-        dug: bank volume out of the ground, at most [m^3].
-        rates: greatest speed of each joint over its limit, shape (4,).
-        tip_speed: greatest of the lip's middle [m/s].
-        fastest: greatest of a particle in the bucket, seen from it [m/s].
-        riding: most that rode in the bucket as one body.
-        imbalance: of the ledger, worst of all ticks [mm^3].
-        sound: whether columns and accounts of the terrain agree at the end.
-        tunnelled: through plates, as the engine counts.
-        sunk: through the ground, as the engine counts.
-        pierced: through plates, as told from positions.
+        seconds: simulated time [s].
+        max_particles: maximum number of particles at once.
+        max_in_bucket: maximum number of particles in the bucket at once.
+        max_dug_volume: maximum bank volume taken from the terrain [m^3].
+        joint_speed_ratios: maximum speed of each joint over its limit, shape (4,).
+        max_tip_speed: maximum speed of the middle of the lip [m/s].
+        max_particle_speed: maximum speed of a particle in the bucket, relative to it [m/s].
+        max_locked_particles: maximum number of particles in the locked load.
+        imbalance: maximum volume imbalance of a tick [mm^3].
+        is_consistent: whether columns and accounts of the terrain agree at the end.
+        num_plate_tunnellings: passages through plates, counted by the engine.
+        num_ground_tunnellings: passages through the ground, counted by the engine.
+        num_crossings: passages through plates, found from positions.
     """
 
     seconds: float
-    particles: int
+    max_particles: int
     max_in_bucket: int
     max_dug_volume: float
     joint_speed_ratios: NDArray[np.float64]
@@ -88,95 +89,99 @@ class ScoopResult:
     max_locked_particles: int
     imbalance: int
     is_consistent: bool
-    tunnelled: int
-    num_sunk: int
-    count_tunnelled: int
+    num_plate_tunnellings: int
+    num_ground_tunnellings: int
+    num_crossings: int
 
 
 def run_scoop(seed: int) -> ScoopResult:
-    """Make a world, and one scoop in it.
+    """Run one scoop in a world of its own.
 
     Args:
-        seed: of everything left to chance.
+        seed: seed of terrain, machine and commands.
     """
     config = load_run_config("demo.yaml")
     rng = np.random.default_rng(seed)
-    world = _world(config, rng, seed)
+    world = _make_world(config, rng, seed)
     try:
-        return _Run(world, config.stepping.tick_period).follow(_strokes(rng))
+        return _Run(world, config.stepping.tick_period).follow(_commands(rng))
     finally:
         world.close()
 
 
 class _Run:
-    """A scoop in the making."""
+    """A scoop in progress, with the maxima so far."""
 
     def __init__(self, world: World, tick: float) -> None:
         self._world, self._tick = world, tick
         self._machine = world.machines[1]
         spec = self._machine.machine.spec
-        self._top = np.array([spec.joints[name].max_velocity for name in EXCAVATOR_JOINTS])
-        self._tip = spec.bucket.tip_radius
+        self._max_velocities = np.array(
+            [spec.joints[name].max_velocity for name in EXCAVATOR_JOINTS]
+        )
+        self._tip_radius = spec.bucket.tip_radius
         self._corners = spec.bucket.key_points
-        self._watch = TunnellingMonitor(self._machine)
-        self._rates = np.zeros(len(EXCAVATOR_JOINTS))
-        self._tip_speed = self._dug = 0.0
-        self._particles = self._imbalance = 0
+        self._monitor = TunnellingMonitor(self._machine)
+        self._joint_speed_ratios = np.zeros(len(EXCAVATOR_JOINTS))
+        self._max_tip_speed = self._max_dug_volume = 0.0
+        self._max_particles = self._imbalance = 0
 
-    def follow(self, strokes: Iterator[HeldCommand]) -> ScoopResult:
-        """Give the commands of a scoop; what came of it."""
-        for stroke in strokes:
-            self._machine.command(self._top * stroke.direction, np.zeros(2))
-            for _ in range(round(stroke.max_duration / self._tick)):
+    def follow(self, commands: Iterator[HeldCommand]) -> ScoopResult:
+        """Apply the commands of a scoop and return its result."""
+        for command in commands:
+            self._machine.command(self._max_velocities * command.direction, np.zeros(2))
+            for _ in range(round(command.max_duration / self._tick)):
                 self._step()
-                if self._depth > stroke.depth or self._machine.payload.fill > stroke.fill:
+                if self._depth > command.depth or self._machine.payload.fill > command.fill:
                     break
-        engine, watch = self._machine.particles, self._watch
+        engine, monitor = self._machine.particles, self._monitor
         return ScoopResult(
-            self._world.tick * self._tick,
-            self._particles,
-            watch.max_in_bucket,
-            self._dug,
-            self._rates,
-            self._tip_speed,
-            watch.max_particle_speed,
-            watch.max_locked_particles,
-            self._imbalance,
-            self._world.soil.verify_volume(),
-            engine.num_plate_tunnellings,
-            engine.num_ground_tunnellings,
-            watch.count_tunnelled,
+            seconds=self._world.tick * self._tick,
+            max_particles=self._max_particles,
+            max_in_bucket=monitor.max_in_bucket,
+            max_dug_volume=self._max_dug_volume,
+            joint_speed_ratios=self._joint_speed_ratios,
+            max_tip_speed=self._max_tip_speed,
+            max_particle_speed=monitor.max_particle_speed,
+            max_locked_particles=monitor.max_locked_particles,
+            imbalance=self._imbalance,
+            is_consistent=self._world.soil.verify_volume(),
+            num_plate_tunnellings=engine.num_plate_tunnellings,
+            num_ground_tunnellings=engine.num_ground_tunnellings,
+            num_crossings=monitor.num_crossings,
         )
 
     def _step(self) -> None:
+        """Advance one tick and update the maxima."""
         ledger = self._world.step()
         machine = self._machine.machine
-        velocity, spin = machine.tool.velocity
-        max_tip_speed = np.linalg.norm(velocity + np.cross(spin, self._lip))
-        self._tip_speed = max(self._tip_speed, float(max_tip_speed))
-        self._rates = np.maximum(self._rates, np.abs(machine.joint_velocities) / self._top)
-        self._particles = max(self._particles, self._machine.particles.count)
-        self._dug = max(self._dug, (ledger.start - ledger.terrain) * 1e-9)
+        velocity, angular_velocity = machine.tool.velocity
+        tip_speed = float(np.linalg.norm(velocity + np.cross(angular_velocity, self._lip)))
+        self._max_tip_speed = max(self._max_tip_speed, tip_speed)
+        ratios = np.abs(machine.joint_velocities) / self._max_velocities
+        self._joint_speed_ratios = np.maximum(self._joint_speed_ratios, ratios)
+        self._max_particles = max(self._max_particles, self._machine.particles.count)
+        self._max_dug_volume = max(self._max_dug_volume, (ledger.start - ledger.terrain) * 1e-9)
         self._imbalance = max(self._imbalance, abs(ledger.imbalance))
 
     @property
     def _lip(self) -> NDArray[np.float64]:
-        """From the bucket's pin to the middle of its lip [m], map axes."""
-        return self._machine.machine.tool.pose[0][:, 0] * self._tip
+        """Vector from the bucket pin to the middle of the lip [m], map axes."""
+        return self._machine.machine.tool.pose[0][:, 0] * self._tip_radius
 
     @property
     def _depth(self) -> float:
-        """Of the bucket's lowest corner under level ground [m]."""
+        """Depth of the bucket's lowest corner below height 0 [m]."""
         rotation, origin = self._machine.machine.tool.pose
         return -float((self._corners @ rotation[2]).min() + origin[2])
 
 
-def _world(config: RunConfig, rng: np.random.Generator, seed: int) -> World:
-    """An excavator amid rough ground, its lip above it somewhere.
+def _make_world(config: RunConfig, rng: np.random.Generator, seed: int) -> World:
+    """Return a world with an excavator on rough ground, its lip at a random position above it.
 
-    No pump holds it back: each joint goes as fast as it ever may, whatever the others do.
+    The machine has no hydraulics: each joint reaches its maximum speed, independent of the others.
     """
-    site = rough(_GRID, _ROUGHNESS, _HILLS, rng)
+    site = rough(_GRID, _ROUGHNESS, _CORRELATION_LENGTH, rng)
     soil = Soil(site.grid, site.heights, config.soil)
     home = _posture(config.machine, rng)
     spec = replace(config.machine, home=home, cylinders={}, supply=None)
@@ -193,7 +198,7 @@ def _world(config: RunConfig, rng: np.random.Generator, seed: int) -> World:
 
 
 def _posture(machine: MachineSpec, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Joint angles to start with [rad]."""
+    """Return random initial joint angles [rad]."""
     while True:
         reach, height, attitude = (rng.uniform(*span) for span in (_REACH, _HEIGHT, _ATTITUDE))
         try:
@@ -205,26 +210,28 @@ def _posture(machine: MachineSpec, rng: np.random.Generator) -> NDArray[np.float
         return np.array([rng.uniform(-math.pi, math.pi), *angles])
 
 
-def _strokes(rng: np.random.Generator) -> Iterator[HeldCommand]:
-    """What a scoop consists of; boom, arm and bucket turn downward, in, and in."""
+def _commands(rng: np.random.Generator) -> Iterator[HeldCommand]:
+    """Yield the commands of a scoop; positive is boom down, arm in, and bucket curl in."""
 
-    def either() -> int:
+    def random_sign() -> int:
         return int(rng.choice([-1, 1]))
 
-    aside, drawn = either(), int(rng.choice([0, 1]))
-    full = rng.uniform(0.2, 0.8)
-    yield HeldCommand((0, 1, drawn, 0), 1.5, depth=rng.uniform(0.1, 0.2), fill=full)  # plunge
-    yield HeldCommand((0, -drawn, 1, 0), 0.8, depth=0.35, fill=full)  # drag
+    swing, arm = random_sign(), int(rng.choice([0, 1]))
+    fill = rng.uniform(0.2, 0.8)
+    yield HeldCommand((0, 1, arm, 0), 1.5, depth=rng.uniform(0.1, 0.2), fill=fill)  # plunge
+    yield HeldCommand((0, -arm, 1, 0), 0.8, depth=0.35, fill=fill)  # drag
     yield HeldCommand((0, -1, 0, 1), rng.uniform(0.4, 0.8), fill=0.8)  # curl
-    yield HeldCommand((aside, -1, 0, 1), rng.uniform(0.75, 0.9))  # lift and swing
-    if rng.uniform() < 0.1:  # let it come to rest, to ride as one body
+    yield HeldCommand((swing, -1, 0, 1), rng.uniform(0.75, 0.9))  # lift and swing
+    if rng.uniform() < 0.1:  # rest until the load locks
         yield HeldCommand((0, 0, 0, 0), 4.5)
-    yield HeldCommand((-aside, 0, 0, 1), rng.uniform(0.2, 0.5))  # reverse
+    yield HeldCommand((-swing, 0, 0, 1), rng.uniform(0.2, 0.5))  # reverse
     for k in range(4):  # shake
-        yield HeldCommand((-aside, 0, either(), (-1) ** (k + 1)), rng.uniform(0.06, 0.15))
+        yield HeldCommand((-swing, 0, random_sign(), (-1) ** (k + 1)), rng.uniform(0.06, 0.15))
     if rng.uniform() < 0.5:  # strike the ground
-        yield HeldCommand((-aside, 1, 0, 1), 1.0, depth=0.0)
-        yield HeldCommand((-aside, -1, 0, 1), 0.4)
-    yield HeldCommand((-aside, -1, -1, -1), rng.uniform(0.6, 0.9))  # throw open
-    for _ in range(3):  # flail
-        yield HeldCommand((either(), either(), either(), either()), rng.uniform(0.15, 0.3))
+        yield HeldCommand((-swing, 1, 0, 1), 1.0, depth=0.0)
+        yield HeldCommand((-swing, -1, 0, 1), 0.4)
+    yield HeldCommand((-swing, -1, -1, -1), rng.uniform(0.6, 0.9))  # open the bucket
+    for _ in range(3):  # move at random
+        yield HeldCommand(
+            (random_sign(), random_sign(), random_sign(), random_sign()), rng.uniform(0.15, 0.3)
+        )

@@ -1,4 +1,4 @@
-"""Whether a heap at rest is at rest: its kinetic energy, and how far it creeps, nobody asleep."""
+"""Measure the kinetic energy and the creep of a heap at rest, with all particles awake."""
 
 from __future__ import annotations
 
@@ -20,32 +20,45 @@ __all__ = ["HeapStability", "resting_heap"]
 
 @dataclass(frozen=True)
 class HeapStability:
-    """What a heap does when nothing happens.
+    """Residual motion of a heap at rest.
 
     Attributes:
-        energy: kinetic energy over number, weight and diameter of the particles.
-        creep: farthest that one went, in diameters.
-        particles: how many.
+        energy: kinetic energy over total weight times particle diameter.
+        creep: maximum displacement of a particle, in diameters.
+        num_particles: number of particles.
     """
 
     energy: float
     creep: float
-    particles: int
+    num_particles: int
 
 
 def resting_heap(
-    soil: LooseSoil, count: int, *, settle: float = 20.0, watch: float = 60.0, **params: float
+    soil: LooseSoil,
+    count: int,
+    *,
+    settle_time: float = 20.0,
+    duration: float = 60.0,
+    **params: float,
 ) -> HeapStability:
-    """Drop a block of soil, wait for `settle` [s], and watch it for `watch` [s]."""
+    """Drop a block of soil, let it settle, and measure its motion.
+
+    Args:
+        soil: the soil.
+        count: number of particles.
+        settle_time: time before the measurement [s].
+        duration: duration of the measurement [s].
+        params: further parameters of `ParticleParams`.
+    """
     engine = make_engine(soil, **params)
     d = particle_diameter(engine)
     half = 0.5 * d * count ** (1 / 3)
-    points = layered_points(lambda at: np.abs(at).max(axis=1) < half, half, 1.3 * d, count, 0.5 * d)
+    points = layered_points(lambda xy: np.abs(xy).max(axis=1) < half, half, 1.3 * d, count, 0.5 * d)
     engine.add(points, np.zeros_like(points), VOLUME, grow=False)
-    for _ in range(round(settle / STEP)):
+    for _ in range(round(settle_time / STEP)):
         engine.step(STEP)
     before = engine.positions[np.argsort(engine.ids)].copy()
-    for _ in range(round(watch / STEP)):
+    for _ in range(round(duration / STEP)):
         engine.step(STEP)
     after = engine.positions[np.argsort(engine.ids)]
     weight = float(engine.masses.sum()) * engine.params.gravity

@@ -1,9 +1,9 @@
-"""Who went through the plates of a bucket: told from positions alone, apart from the engine.
+"""Detect particles that pass through the plates of a bucket from their positions alone.
 
-The engine counts by its own contacts, and what blinds them blinds its count. Here a particle's way
-in one physics step is a straight line in the bucket's frame, and a plate is a polygon: a line that
-pierces a polygon is a particle that went through. Steps are short enough for that: what slips round
-the lip turns about it at a radius' distance.
+The engine counts tunnelling by its own contacts, so a missed contact is missing in its count. This
+count is independent: the path of a particle in one physics step is a straight line in the bucket
+frame, and a plate is a polygon; a line that crosses a polygon is a particle that tunnelled. Steps
+are short enough for straight lines: a particle that slides around the lip stays a radius away.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from machine_sim.dem import ParticleEngine
 from machine_sim.dem.sleep import FIRST_LOCKED_TOOL
 from machine_sim.simulation import MachineSim
 
@@ -22,33 +23,33 @@ Array = NDArray[np.float64]
 
 
 class PlateSet:
-    """Thin convex plates."""
+    """Thin convex plates in one frame."""
 
     def __init__(self, plates: Sequence[Array]) -> None:
         """
         Args:
-            plates: corners (k, 3) of each [m], in order around.
+            plates: corners of each plate [m], shape (k, 3), in order around the plate.
         """
         corners = np.concatenate(plates)
         self._centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
         self._reach = float(np.linalg.norm(corners - self._centre, axis=1).max())
-        crosses = np.array([np.cross(p[1] - p[0], p[2] - p[0]) for p in plates])
-        self._normals = crosses / np.linalg.norm(crosses, axis=1, keepdims=True)
+        normals = np.array([np.cross(p[1] - p[0], p[2] - p[0]) for p in plates])
+        self._normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
         self._offsets = np.array([n @ p[0] for n, p in zip(self._normals, plates, strict=True)])
-        # Corners go counter-clockwise about these normals, so a plate lies left of its edges.
+        # Corners are counter-clockwise about these normals, so a plate is left of its edges.
         self._inward = [
             np.cross(n, np.roll(p, -1, axis=0) - p)
             for n, p in zip(self._normals, plates, strict=True)
         ]
         self._edges = [(i * p).sum(axis=1) for i, p in zip(self._inward, plates, strict=True)]
 
-    def count_tunnelled(self, before: Array, after: Array) -> NDArray[np.bool_]:
-        """Which straight ways go through a plate.
+    def find_crossings(self, before: Array, after: Array) -> NDArray[np.bool_]:
+        """Return a mask of the straight paths that cross a plate, shape (n,).
 
         Args:
-            before, after: ends of the ways [m], shape (n, 3).
+            before, after: ends of the paths [m], shape (n, 3).
         """
-        through = np.zeros(len(before), dtype=np.bool_)
+        crosses = np.zeros(len(before), dtype=np.bool_)
         length = np.linalg.norm(after - before, axis=1)
         near = np.linalg.norm(after - self._centre, axis=1) <= self._reach + length
         start = before @ self._normals.T - self._offsets
@@ -56,43 +57,44 @@ class PlateSet:
         changes = ((start >= 0.0) != (end >= 0.0)) & near[:, None]
         for k in np.flatnonzero(changes.any(axis=0)):
             rows = np.flatnonzero(changes[:, k])
-            share = start[rows, k] / (start[rows, k] - end[rows, k])
-            at = before[rows] + share[:, None] * (after[rows] - before[rows])
-            through[rows] |= (at @ self._inward[k].T >= self._edges[k]).all(axis=1)
-        return through
+            fraction = start[rows, k] / (start[rows, k] - end[rows, k])
+            point = before[rows] + fraction[:, None] * (after[rows] - before[rows])
+            crosses[rows] |= (point @ self._inward[k].T >= self._edges[k]).all(axis=1)
+        return crosses
 
 
 class TunnellingMonitor:
-    """Looks at a machine's particles in every physics step.
+    """Monitor of the particles in a machine's bucket in every physics step.
 
     Attributes:
-        pierced: how often one went through a plate so far.
-        held: most that were in the bucket at once.
-        riding: most of them that rode in it as one body.
-        fastest: of those in the bucket, seen from it [m/s].
+        num_crossings: number of plate crossings so far.
+        max_in_bucket: maximum number of particles in the bucket.
+        max_locked_particles: maximum number of particles in the locked load.
+        max_particle_speed: maximum speed of a particle in the bucket, relative to it [m/s].
     """
 
     def __init__(self, machine: MachineSim) -> None:
-        """Watch from now on: the engine's step is wrapped, since a tick has more than one."""
-        self.count_tunnelled = self.max_in_bucket = self.max_locked_particles = 0
+        """Start monitoring; replaces the engine's step, because a tick has several steps."""
+        self.num_crossings = self.max_in_bucket = self.max_locked_particles = 0
         self.max_particle_speed = 0.0
+        assert isinstance(machine.particles, ParticleEngine)
         self._machine, self._engine = machine.machine, machine.particles
         self._bucket = self._machine.spec.bucket
-        self._shell = PlateSet(self._bucket.plates())
+        self._plates = PlateSet(self._bucket.plates())
         self._pose = self._machine.tool.pose
         self._step = self._engine.step
         self._engine.step = self.step  # type: ignore[method-assign]
 
     def step(self, dt: float) -> None:
-        """A step of the engine."""
+        """Advance the engine one step and count crossings."""
         engine = self._engine
-        # Soil that has landed is the terrain's, which a tool may cut through.
+        # Frozen particles belong to the terrain, which a tool may cut through.
         ids = np.setdiff1d(engine.ids, engine.frozen_ids)
         before = self._local(ids)
         self._step(dt)
         self._pose = self._machine.tool.pose
         after = self._local(ids)
-        self.count_tunnelled += int(self._shell.count_tunnelled(before, after).sum())
+        self.num_crossings += int(self._plates.find_crossings(before, after).sum())
         inside = self._bucket.contains(after)
         self.max_in_bucket = max(self.max_in_bucket, int(inside.sum()))
         self.max_locked_particles = max(
@@ -102,7 +104,7 @@ class TunnellingMonitor:
         self.max_particle_speed = max(self.max_particle_speed, float(speed.max(initial=0.0)))
 
     def _local(self, ids: NDArray[np.uint32]) -> Array:
-        """Where particles are, bucket frame [m], shape (n, 3)."""
+        """Return particle positions [m], bucket frame, shape (n, 3)."""
         rotation, origin = self._pose
-        at = self._engine.positions[self._engine.rows_of(ids)]
-        return np.asarray((at - origin) @ rotation)
+        positions = self._engine.positions[self._engine.rows_of(ids)]
+        return np.asarray((positions - origin) @ rotation)

@@ -1,4 +1,4 @@
-"""What `benchmarks/liggghts_runner.py` writes for LIGGGHTS and reads of it."""
+"""Input files written for LIGGGHTS, and its output read."""
 
 import numpy as np
 import pytest
@@ -9,17 +9,17 @@ from benchmarks.liggghts_runner import (
     LiggghtsError,
     Spheres,
     data_text,
-    fall,
+    drop_spheres,
     input_text,
-    installed,
+    is_installed,
     last_positions,
     loop_seconds,
     rayleigh_time,
     substeps,
 )
 
-# As LIGGGHTS 3.8.0 of Debian prints it, shortened; the last run writes the dump.
-SAID = """\
+# Output of LIGGGHTS 3.8.0 of Debian, shortened; the last run writes the dump.
+OUTPUT = """\
 Setting up run at Sat Nov 21 22:55:49 2026
 
 Memory usage per processor = 18.9604 Mbytes
@@ -64,38 +64,36 @@ ITEM: ATOMS id x y z
 
 
 def spheres() -> Spheres:
-    """A large and a small one, apart, 0.1 m above the ground."""
+    """Return a large and a small sphere, apart, 0.1 m above the ground."""
     return Spheres(
         position=np.array([[0.0, 0.0, 0.15], [0.2, 0.2, 0.14]]),
         radius=np.array([0.05, 0.04]),
         density=np.full(2, 2600.0),
         gravity=9.81,
-        particle_contact=ContactCoefficients(friction=0.3, rolling=0.05, restitution=0.7),
-        ground=ContactCoefficients(friction=0.7, rolling=0.4, restitution=0.4),
+        particle_contact=ContactCoefficients(0.3, 0.05, 0.7),
+        ground_contact=ContactCoefficients(0.7, 0.4, 0.4),
     )
 
 
-def test_wall_times_are_those_of_the_parts() -> None:
-    assert loop_seconds(SAID, PARTS, 5000) == [0.789738, 5.59386]
+def test_wall_time_of_each_part_is_read_from_the_output() -> None:
+    assert loop_seconds(OUTPUT, PARTS, 5000) == [0.789738, 5.59386]
 
 
 @pytest.mark.parametrize(
-    ("said", "parts", "count", "why"),
+    ("output", "parts", "count", "message"),
     [
-        (SAID, [600, 3000, 100], 5000, "did not run"),
-        (SAID[: SAID.index("Loop time")] + "ERROR: no such fix", PARTS, 5000, "no such fix"),
-        (SAID, PARTS, 5001, "lost"),
-        (SAID.replace("Dangerous builds = 0", "Dangerous builds = 3"), PARTS, 5000, "skin"),
+        (OUTPUT, [600, 3000, 100], 5000, "did not run"),
+        (OUTPUT[: OUTPUT.index("Loop time")] + "ERROR: no such fix", PARTS, 5000, "no such fix"),
+        (OUTPUT, PARTS, 5001, "lost"),
+        (OUTPUT.replace("Dangerous builds = 0", "Dangerous builds = 3"), PARTS, 5000, "skin"),
     ],
 )
-def test_a_run_that_went_wrong_gives_no_times(
-    said: str, parts: list[int], count: int, why: str
-) -> None:
-    with pytest.raises(LiggghtsError, match=why):
-        loop_seconds(said, parts, count)
+def test_failed_run_is_an_error(output: str, parts: list[int], count: int, message: str) -> None:
+    with pytest.raises(LiggghtsError, match=message):
+        loop_seconds(output, parts, count)
 
 
-def test_positions_come_in_the_order_of_the_data_file() -> None:
+def test_positions_are_in_the_order_of_the_data_file() -> None:
     np.testing.assert_array_equal(
         last_positions(DUMP, 2), [[-0.125, 0.0, 0.0415], [0.25, -0.5, 0.0415]]
     )
@@ -103,12 +101,12 @@ def test_positions_come_in_the_order_of_the_data_file() -> None:
 
 
 @pytest.mark.parametrize(("dump", "count"), [("", 2), (DUMP, 3), (DUMP[:-12], 2)])
-def test_a_dump_that_is_not_whole_is_refused(dump: str, count: int) -> None:
+def test_incomplete_dump_is_an_error(dump: str, count: int) -> None:
     with pytest.raises(LiggghtsError, match=f"of {count} spheres"):
         last_positions(dump, count)
 
 
-def test_the_data_file_has_diameters_and_all_lie_in_the_box() -> None:
+def test_data_file_has_diameters_and_a_box_around_all_spheres() -> None:
     head, rows = data_text(spheres()).split("\n\nAtoms\n\n")
     assert "2 atoms" in head
     assert "2 atom types" in head
@@ -122,7 +120,7 @@ def test_the_data_file_has_diameters_and_all_lie_in_the_box() -> None:
     assert (high > table[:, 4:].max(axis=0) + 0.05).all()
 
 
-def test_the_script_runs_each_part_with_the_coefficients_of_ground_and_spheres() -> None:
+def test_script_has_the_parts_and_the_coefficients_of_ground_and_spheres() -> None:
     lines = input_text(spheres(), 0.001, PARTS).splitlines()
     assert [line for line in lines if line.startswith("run")] == ["run 600", "run 3000", "run 0"]
     assert "timestep 0.001" in lines
@@ -130,7 +128,7 @@ def test_the_script_runs_each_part_with_the_coefficients_of_ground_and_spheres()
     assert friction.endswith("peratomtypepair 2 0.3 0.7 0.7 0.7")
 
 
-def test_the_time_step_is_a_fifth_of_the_rayleigh_time_or_less() -> None:
+def test_time_step_is_at_most_a_fifth_of_the_rayleigh_time() -> None:
     # Density 2600 kg/m^3 and shear modulus 2.5 MPa / 1.3: waves of 27.2 m/s.
     assert rayleigh_time(0.05, 2600.0, 5e6) == pytest.approx(0.00624, rel=0.01)
     for young in (5e6, 1e7, 1e8):
@@ -138,19 +136,23 @@ def test_the_time_step_is_a_fifth_of_the_rayleigh_time_or_less() -> None:
         assert 0.005 / n <= 0.2 * rayleigh_time(0.04, 2600.0, young) < 0.005 / (n - 1)
 
 
-def test_without_the_program_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_program_is_an_error_that_names_the_package(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(liggghts_runner, "PROGRAM", "no-such-program")
     with pytest.raises(LiggghtsError, match="apt-get install liggghts"):
-        fall(spheres(), 0.001, [1])
+        drop_spheres(spheres(), 0.001, [1])
 
 
-@pytest.mark.skipif(not installed(), reason="LIGGGHTS is not installed: apt-get install liggghts")
-def test_spheres_fall_on_the_ground_in_liggghts() -> None:
+@pytest.mark.skipif(
+    not is_installed(), reason="LIGGGHTS is not installed: apt-get install liggghts"
+)
+def test_spheres_fall_and_come_to_rest_on_the_ground() -> None:
     start, flight = spheres(), 100  # steps of 1 ms
-    outcome = fall(start, 0.001, [flight])
+    outcome = drop_spheres(start, 0.001, [flight])
     fallen = start.position[:, 2] - 0.5 * 9.81 * (1e-3 * flight) ** 2
     np.testing.assert_allclose(outcome.position[:, 2], fallen, atol=0.001)
-    outcome = fall(start, 0.001, [flight, 1500])
+    outcome = drop_spheres(start, 0.001, [flight, 1500])
     assert len(outcome.seconds) == 2
     assert min(outcome.seconds) > 0.0
     np.testing.assert_allclose(outcome.position[:, :2], start.position[:, :2], atol=1e-6)
