@@ -1,4 +1,4 @@
-"""Parameters of the operator's node."""
+"""Parameters of the operator node."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class DigOperatorNodeParams(Parameters):
     """The machine to operate."""
 
     machine: str = parameter(
-        "machines/excavator.yaml", "machine file, the same as that of the machine's node"
+        "machines/excavator.yaml", "machine file, the same as that of the machine node"
     )
     simulation_namespace: str = parameter(
         "", "namespace of the soil node; empty: one level above the operator's own"

@@ -114,7 +114,12 @@ PROSE = {
     r"\blikewise\b": "(say it)",
     r"\bof those (?:that|who)\b": "of the particles/cells that",
     r"(?<!people )\bwho\b|\bwhom\b": "the particles that, the node that",
-    r"\b(?:nobody|somebody)\b": "no machine, a subscriber",
+    r"\b(?:no|some|any|every)body\b": "no machine, a subscriber",
+    r"\brefus\w+": "reject",
+    r"\bgo(?:es)? on\b": "continue",
+    r"\bby (?:it|them)sel(?:f|ves)\b": "automatically, without ...",
+    r"\blatched\b": "transient local",
+    r"\b(?:soil|machine|operator)'s node\b": "soil node, machine node, operator node",
     r"\b(?:its|their) way\b": "moves, is in transit",
     r"\brides? along\b": "moves with",
     r"(?<!\.)(?<!def )\btells?\b|\btold\b": "publishes; is published/given; states",
@@ -144,8 +149,8 @@ PROSE = {
     r"\bin-process way\b|\bas nodes\b": "in one process; with ROS nodes",
 }
 
-_PATTERNS = [(re.compile(rf"\b(?:{name})\b"), instead) for name, instead in NAMES.items()]
-_PATTERNS += [(re.compile(pattern, re.IGNORECASE), instead) for pattern, instead in PROSE.items()]
+_NAME_PATTERNS = [(re.compile(rf"\b(?:{name})\b"), instead) for name, instead in NAMES.items()]
+_PROSE_PATTERNS = [(re.compile(each, re.IGNORECASE), instead) for each, instead in PROSE.items()]
 
 
 def main() -> int:
@@ -171,8 +176,12 @@ def hits() -> Iterator[tuple[str, int, str, str]]:
 
 def hits_in(line: str) -> Iterator[tuple[str, str]]:
     """Yield word and replacement of every hit in a line."""
-    for pattern, instead in _PATTERNS:
+    for pattern, instead in _NAME_PATTERNS:
         for match in pattern.finditer(line):
+            yield match.group(0), instead
+    words = line.replace("_", " ")  # of names, too
+    for pattern, instead in _PROSE_PATTERNS:
+        for match in pattern.finditer(words):
             yield match.group(0), instead
 
 

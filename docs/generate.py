@@ -58,7 +58,7 @@ the +x, +y corner, rows run toward −x, columns toward −y.
 
 QoS profiles, all KEEP_LAST: `ROWS` reliable, depth 256; `STATE` reliable, depth 10;
 `TRANSIENT_LOCAL`
-reliable, depth 1, latched; `COMMANDS` best effort, depth 10 (of the subscription: any publisher
+reliable, depth 1, durability transient local; `COMMANDS` best effort, depth 10 (of the subscription: any publisher
 matches). Rates are in simulated time; `name`, value is a parameter and its default.
 
 Readers ignore unknown labels and fields: later versions only append.

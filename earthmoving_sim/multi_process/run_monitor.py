@@ -115,8 +115,8 @@ class RunMonitor:
     def wait_for_final_hash(self) -> None:
         """Wait until the soil has published the hash of its final state.
 
-        In lockstep the time stands still now, so two equal hashes in a row are final. In real time
-        it goes on, and the second hash from now on is of a later state.
+        In lockstep time stands still now, so two equal hashes in a row are final. In real time it
+        continues, and the second hash from now is that of a later state.
         """
         num_hashes = len(self._hashes)
         deadline = time.monotonic() + _STATE_HASH_TIMEOUT

@@ -75,7 +75,7 @@ class RunRecord:
 
     Attributes:
         facts: number of the run and tick period.
-        machine_config: configuration of the machine's node [YAML].
+        machine_config: configuration of the machine node [YAML].
         last_log_time: log time of the last tick [ns]. The last tick is the one at which the
             operator's last command took effect, or else the last that was recorded completely.
         wall_time: log time from the first tick to the last [s].
@@ -86,7 +86,7 @@ class RunRecord:
         phases: the operator's phases, in order.
         cycles: one report per cycle.
         max_particles: the largest number of particles in a published message.
-        tunnelled: number of tunnelled particles in the last diagnostics of the machine's node.
+        tunnelled: number of tunnelled particles in the last diagnostics of the machine node.
         nodes: names of the nodes that published on /diagnostics, sorted.
     """
 
@@ -293,7 +293,7 @@ class _RunBuilder:
         return [MachineState(tick, bases[tick], joints[tick]) for tick in ticks]
 
     def _count_tunnelled(self, diagnostics: list[dict[str, dict[str, str]]]) -> int:
-        """Return the last count of tunnelled particles that the machine's node published."""
+        """Return the last count of tunnelled particles that the machine node published."""
         namespace = f"{self._reader.namespace}{self._namespaces.node}".strip("/")
         for statuses in reversed(diagnostics):
             for node, values in statuses.items():

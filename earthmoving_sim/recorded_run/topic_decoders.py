@@ -56,7 +56,7 @@ PHASE_SUFFIX = "/operator/phase"
 CYCLES_SUFFIX = "/operator/cycles"
 ODOM_SUFFIX = "/odom"
 JOINT_STATES_SUFFIX = "/joint_states"
-# In the namespace of the machine's node:
+# In the namespace of the machine node:
 PARTICLES_SUFFIX = "/particles"
 MACHINE_CONFIG_SUFFIX = "/config"
 

@@ -178,7 +178,7 @@ class TrackedMachine:
         """Read the state after a step; every property has that state until the next call.
 
         Raises:
-            MachineError: the state is not finite, so that the run cannot go on.
+            MachineError: the state is not finite, so that the run cannot continue.
         """
         body, client = self.body, self.client_id
         self._com_list, quaternion = pybullet.getBasePositionAndOrientation(body, client)

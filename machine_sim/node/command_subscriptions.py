@@ -60,7 +60,7 @@ class CommandSubscriptions:
     ) -> None:
         """
         Args:
-            poller: poller of the machine's node for commands.
+            poller: poller of the machine node for commands.
             receiver: receives the commands.
             clock: returns the clock; None while there is no run, when commands are rejected.
             reject: called with topic and reason of a rejected command.

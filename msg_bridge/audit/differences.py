@@ -17,7 +17,7 @@ def difference_finding(
 
     Args:
         check: the check that it belongs to.
-        subject: start of the sentence, which goes on with "by ... mm3".
+        subject: start of the sentence, which continues with "by ... mm3".
         ticks: the soil ticks, shape (n,).
         difference: of each tick [mm^3], shape (n,).
     """

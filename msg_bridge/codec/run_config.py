@@ -1,6 +1,6 @@
 """The configuration of a run as YAML.
 
-`/sim/config` contains all parameters of the soil's node, versions and seeds, so that a bag is
+`/sim/config` contains all parameters of the soil node, versions and seeds, so that a bag is
 self-contained. Machines read from it what they need to take part, so that it is set only once.
 Viewers read the names and colours of the soil types, whose ids are in maps and rows.
 """
@@ -156,7 +156,7 @@ def _loose_soil(values: Mapping[str, Any]) -> LooseSoil:
 
 
 def soil_kinds(text: str) -> tuple[SoilKind, ...]:
-    """Decode the soil types, by id, of the configuration of the soil's node.
+    """Decode the soil types, by id, of the configuration of the soil node.
 
     Raises:
         CodecError: JSON: they cannot be parsed; VALUE: wrong ids.

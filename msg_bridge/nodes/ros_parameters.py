@@ -142,18 +142,18 @@ def on_parameter_change(
 
     Args:
         params_class, prefix, changeable: as given to `declare_parameters`.
-        apply: takes the new parameters; it must not refuse them.
+        apply: receives the new parameters; it must not reject them.
     """
     _check_field_names(params_class, changeable)
     by_name = {prefix + field.name: field for field in fields(params_class)}
 
     def with_changes(changed: list[Parameter]) -> P | None:
         """Return the changed dataclass, or None if the request concerns other parameters."""
-        ours = [parameter for parameter in changed if parameter.name in by_name]
-        if not any(by_name[parameter.name].name in changeable for parameter in ours):
+        own_changes = [parameter for parameter in changed if parameter.name in by_name]
+        if not any(by_name[parameter.name].name in changeable for parameter in own_changes):
             return None
         values = {}
-        for parameter in [*(node.get_parameter(name) for name in by_name), *ours]:
+        for parameter in [*(node.get_parameter(name) for name in by_name), *own_changes]:
             field = by_name[parameter.name]
             values[field.name] = _from_ros(field, parameter.value)
             check_value(parameter.name, field, values[field.name])
@@ -171,7 +171,7 @@ def on_parameter_change(
         if new is not None:
             apply(new)
 
-    # Applied only after the request is through: a later check of another part may refuse it.
+    # Applied after all checks of the request: the check of another component may reject it.
     node.add_on_set_parameters_callback(check)
     node.add_post_set_parameters_callback(take)
 
@@ -240,7 +240,7 @@ def _from_ros(field: dataclasses.Field[Any], value: Any) -> Any:
     if value is None:  # the value of `[]` in YAML and on the command line
         return ()
     if isinstance(value, (str, bytes, bool, int, float)):
-        return value  # to be refused with a sentence
+        return value  # rejected by the validation
     return tuple(_to_float(item) if items is float else item for item in value)
 
 

@@ -117,7 +117,7 @@ class RosProcess:
         return self.wait(expect=expect, timeout=timeout)
 
     def wait(self, *, expect: int | None = 0, timeout: float = DEADLINE) -> int:
-        """Wait until it ends by itself; else as `stop`."""
+        """Wait until the process ends without a signal; otherwise as `stop`."""
         self._expected_to_run = False
         code = self._process.wait(timeout)
         assert code is not None, self._describe(f"did not end within {timeout:g} s")

@@ -45,7 +45,7 @@ def read_ascii_grid(path: Path, *, keep_nodata: bool = False) -> TerrainRaster:
 
     Args:
         path: the file.
-        keep_nodata: whether missing values become NaN; otherwise they are refused.
+        keep_nodata: whether missing values become NaN; otherwise they are rejected.
 
     Raises:
         TerrainError: a line is invalid or keys are missing; the message names them.

@@ -1,4 +1,4 @@
-"""Read and write terrain files of all formats; a file with an invalid height is refused.
+"""Read and write terrain files of all formats; a file with an invalid height is rejected.
 
 | suffix | order | spacing | keeps the georeference |
 |---|---|---|---|

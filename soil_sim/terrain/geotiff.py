@@ -47,7 +47,7 @@ def read_geotiff(
         has_cell: whether the caller gives the spacing; that of the file is then not checked.
         has_vertical_scale: whether the caller gives the vertical unit; that of the file is then
             not checked.
-        keep_nodata: whether missing heights become NaN; otherwise they are refused.
+        keep_nodata: whether missing heights become NaN; otherwise they are rejected.
 
     Raises:
         TerrainError: the file is damaged, has several bands, missing heights or heights in another
@@ -152,7 +152,7 @@ def write_geotiff_values(
         transform=rasterio.Affine(cell, 0.0, west, 0.0, -cell, north),
         compress="deflate",
     ) as dataset:
-        # Written before the pixels: a truncated file then lacks pixels and is refused.
+        # Written before the pixels: a truncated file then lacks pixels and is rejected.
         if unit:
             dataset.units = (unit,)
         if tags:
@@ -186,7 +186,7 @@ def _import_rasterio() -> Any:
 
 
 def _read_band(dataset: Any, keep_nodata: bool) -> NDArray[np.float64]:
-    """Return the only band, shape (height, width); missing values are NaN or refused."""
+    """Return the only band, shape (height, width); missing values are NaN or rejected."""
     if dataset.count != 1:
         raise TerrainError(f"it has {dataset.count} bands; export one band of elevations")
     picture = as_height_array(dataset.read(1), "values")

@@ -16,7 +16,7 @@ __all__ = ["HEIGHT_LIMIT", "HeightMap", "as_height_array", "validated_elevations
 
 HEIGHT_LIMIT = 9000.0
 """Maximum absolute height [m]. Everest is 8849 m; the usual nodata values (-9999, -32768, 1e20) are
-beyond the limit, so that an undeclared one is refused."""
+beyond the limit, so that an undeclared one is rejected."""
 
 _SNAP_DISTANCE = 1e-9
 """Maximum distance at which a sample is moved to a grid point [cells]; its height is then exact."""

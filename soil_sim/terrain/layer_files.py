@@ -70,7 +70,7 @@ def load_layer(
     Raises:
         TerrainError: the file is missing, damaged or of an unknown format; its shape, spacing or
             place is not that of the terrain; cells have no value, or an invalid one (a moisture in
-            fractions 0..1 is refused). The message starts with the path.
+            fractions 0..1 is rejected). The message starts with the path.
     """
     path = Path(path)
     with wrap_read_errors(path):

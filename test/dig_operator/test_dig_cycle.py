@@ -112,7 +112,7 @@ def test_bucket_that_is_not_full_digs_another_pass():
     assert dig.dig_cycle.reports[0].carried_fill == 0.9
 
 
-def test_loaded_bucket_stays_level_on_its_way_to_another_pass():
+def test_loaded_bucket_stays_level_until_the_next_pass():
     dig = kinematic_dig(fills=(0.5, 0.9)).run()
     second_reach = [step for step in dig.during("reach") if step.num_passes == 1]
     high = [step for step in second_reach if step.lip[2] > 1.0]

@@ -1,4 +1,4 @@
-"""The operator's node: works with a machine in lockstep by public topics alone."""
+"""The operator node: works with a machine in lockstep by public topics alone."""
 
 from __future__ import annotations
 

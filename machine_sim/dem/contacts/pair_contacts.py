@@ -3,7 +3,7 @@
 The pair list is long, and many of its pairs never touch. Those that may touch within the step are
 copied into blocks (see `pair_block`), where they stay until the pair list is rebuilt; other pairs
 are added when they come near. Once per step the separations are computed from the float64
-positions, so that the substeps can go on with float32 displacements.
+positions, so that the substeps can continue with float32 displacements.
 
 The contacts of each part of the pair list (see `partition`) have blocks of their own.
 """

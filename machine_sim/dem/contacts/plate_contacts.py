@@ -2,7 +2,7 @@
 
 Contacts of one plate fill blocks of their own, so that the data of the plate are the same for all
 lanes of a vector. Positions and springs are in plate axes (a, b, h), computed once per step from
-float64 positions; the substeps go on with float32 displacements.
+float64 positions; the substeps continue with float32 displacements.
 """
 
 from __future__ import annotations

@@ -98,7 +98,7 @@ class Tracks(Protocol):
             frame, shape (6,).
 
         Raises:
-            MachineError: a track has come off its path, so that the run cannot go on.
+            MachineError: a track has come off its path, so that the run cannot continue.
         """
 
 

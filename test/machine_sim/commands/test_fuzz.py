@@ -98,7 +98,7 @@ def call(arbiter, name, arguments, now, stamp):
         getattr(arbiter, f"receive_{name}")(*arguments, now, stamp=stamp, sim_now=now)
 
 
-def refused(arbiter, name, arguments, now, stamp):
+def rejection_message(arbiter, name, arguments, now, stamp):
     try:
         call(arbiter, name, arguments, now, stamp)
     except CommandError as error:
@@ -141,7 +141,7 @@ def test_invalid_inputs_change_nothing(spec, steps):
             call(reference, *command, now, stamp)
             call(tested, *command, now, stamp)
         else:
-            assert refused(tested, *command, now, stamp), command
+            assert rejection_message(tested, *command, now, stamp), command
         if tick:
             assert same(reference.command_at(now, HOME), tested.command_at(now, HOME))
         assert reference.is_stopped == tested.is_stopped
@@ -163,8 +163,8 @@ anything = st.recursive(
 def test_any_input_is_accepted_or_raises_command_error(spec, name, arguments):
     arbiter = CommandArbiter(spec)
     count = {"joints": 3, "twist": 2, "joy": 2}.get(name, 1)
-    sentence = refused(arbiter, name, arguments[:count], 0.0, None)
-    assert sentence is None or 20 < len(sentence) < 400
+    message = rejection_message(arbiter, name, arguments[:count], 0.0, None)
+    assert message is None or 20 < len(message) < 400
     applied = arbiter.command_at(0.0, HOME)
     assert np.isfinite(applied.joints).all()
     assert np.isfinite(applied.tracks).all()

@@ -1,4 +1,4 @@
-"""Bytes that are no message at all, as anybody may publish, and texts without end."""
+"""Bytes that are no message, truncated messages and very long texts are rejected."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ HEAD = b"\x00\x01\x00\x00"
 LEDGER = Ledger(3, 4, 9, 0, 0, 0, 0, 0, 9)
 HEADER = MachineHeader(run_id=3, machine_id=1, session_id=2, tick=4, verb=Verb.STEP)
 
-GARBAGE = {
+MALFORMED = {
     "nothing": b"",
     "no body": HEAD,
     "cut short": HEAD + b"\x01\x00\x00\x00\x05\x00",
@@ -30,8 +30,8 @@ GARBAGE = {
 }
 
 
-@pytest.mark.parametrize("data", GARBAGE.values(), ids=GARBAGE.keys())
-def test_error_of_random_bytes_names_the_topic(data: bytes) -> None:
+@pytest.mark.parametrize("data", MALFORMED.values(), ids=MALFORMED.keys())
+def test_malformed_bytes_are_rejected(data: bytes) -> None:
     with pytest.raises(CodecError):
         decode_array(data)
     with pytest.raises(CodecError):
@@ -39,11 +39,11 @@ def test_error_of_random_bytes_names_the_topic(data: bytes) -> None:
 
 
 def test_truncated_messages_are_rejected() -> None:
-    whole = message_to_cdr(HEADER)
-    assert decode_array(whole) == HEADER
-    for size in range(len(whole)):
+    complete = message_to_cdr(HEADER)
+    assert decode_array(complete) == HEADER
+    for size in range(len(complete)):
         with pytest.raises(CodecError):
-            decode_array(whole[:size])
+            decode_array(complete[:size])
     cloud = serialize_message(PointCloud2())
     for size in range(len(cloud) + 1):
         with pytest.raises(CodecError):
@@ -56,12 +56,12 @@ def test_node_continues_after_malformed_messages(ros: Ros) -> None:
     scene.until_tick(3)
     for node, topic in ((scene.soil, "/excavator/soil_tick"), (machine, "/soil/tick")):
         publisher = ros.publisher(topic, Int64MultiArray, subscriptions=1)
-        for data in GARBAGE.values():
+        for data in MALFORMED.values():
             publisher.publish(data)
         key = f"rejected {topic}"
-        scene.until_shown(node, key, len(GARBAGE))
+        scene.until_shown(node, key, len(MALFORMED))
         publisher.publish(to_multi_array(LEDGER))
-        scene.until_shown(node, key, len(GARBAGE) + 1)
+        scene.until_shown(node, key, len(MALFORMED) + 1)
         assert scene.shown(node)[f"last {key}"].startswith(ErrorCode.STREAM_DIRECTION)
     scene.more_ticks(5)
 

@@ -124,7 +124,7 @@ def test_invalid_value_is_rejected(ros: Ros, values, message) -> None:
         example(ros, values)
 
 
-def test_duplicate_declaration_is_a_type_error(ros: Ros) -> None:
+def test_duplicate_declaration_is_rejected(ros: Ros) -> None:
     node = example(ros, {})
     with pytest.raises(ParameterError, match=r"parameter soil\.cell of /example cannot be decl"):
         declare_parameters(node, Example, "soil.")

@@ -248,8 +248,8 @@ def test_malformed_messages_are_counted_and_change_nothing(ros: Ros, receiver: s
     node = scene.soil if receiver == "soil" else machine
     counts: dict[str, int] = {}
     for topic, message in MALFORMED_FOR_SOIL if receiver == "soil" else MALFORMED_FOR_MACHINE:
-        latched = topic in ("/terrain/map", "/sim/config")
-        profile = qos.TRANSIENT_LOCAL if latched else qos.ROWS
+        is_transient_local = topic in ("/terrain/map", "/sim/config")
+        profile = qos.TRANSIENT_LOCAL if is_transient_local else qos.ROWS
         publisher = ros.publisher(topic, type(message), profile, subscriptions=1)
         publisher.publish(message)
         counts[topic] = counts.get(topic, 0) + 1

@@ -98,7 +98,7 @@ def test_vertical_scale_converts_feet_to_metres(tmp_path: Path, suffix: str) -> 
     assert site.heights == pytest.approx(0.3048 * HEIGHTS, rel=1e-6)
 
 
-def test_cell_size_parameter_applies_to_images_without_spacing_only(
+def test_cell_size_stored_in_a_file_overrides_the_parameter(
     tmp_path: Path,
 ) -> None:
     assert make_site(SiteParams(terrain=saved(tmp_path, "own.png"), cell=0.2)).grid == GRID
@@ -204,7 +204,7 @@ def test_error_of_an_invalid_file_names_its_parameter(
         ),
     ],
 )
-def test_parameter_of_a_missing_file_is_rejected(
+def test_parameter_without_its_file_is_rejected(
     tmp_path: Path, given: dict[str, object], message: str
 ) -> None:
     saved(tmp_path, "own.npy")

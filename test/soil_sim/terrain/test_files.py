@@ -97,7 +97,7 @@ def test_ascii_grid_above_a_datum_stores_elevations(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".asc", ".tif", ".tiff"])
-def test_elevations_that_a_format_cannot_represent_are_rejected_when_saving(tmp_path, suffix):
+def test_elevations_beyond_the_height_limit_are_rejected_when_saving(tmp_path, suffix):
     place = Georeference("", 0.0, 9.0, elevation=-9999.0)
     with pytest.raises(TerrainError, match="beyond the limit of 9000 m"):
         save_terrain(tmp_path / f"site{suffix}", HeightMap(GRID, 0.0 * HEIGHTS, place))

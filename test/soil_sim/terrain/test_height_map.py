@@ -187,7 +187,7 @@ def test_invalid_slope_limit_is_rejected(angle):
         ground().with_slope_limit(angle)
 
 
-def test_shifted_terrain_keeps_its_elevations():
+def test_terrain_with_raised_datum_keeps_its_elevations():
     with_datum_raised = ground().with_datum_raised(0.5)
     np.testing.assert_allclose(with_datum_raised.heights, ground().heights - 0.5)
     np.testing.assert_allclose(with_datum_raised.elevations, ground().elevations)

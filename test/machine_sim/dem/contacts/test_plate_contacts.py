@@ -228,7 +228,7 @@ def test_scenes_contain_contacts_of_every_kind() -> None:
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_path_through_a_plate_is_counted_whatever_its_length(seed: int) -> None:
+def test_path_of_any_length_through_a_plate_is_counted(seed: int) -> None:
     rng = np.random.default_rng(seed)
     world = engine(gravity=0.0)
     rotation_matrix, origin = rotation(rng), np.array([1.0, -2.0, 5.0])
