@@ -10,6 +10,7 @@ The contacts of each part of the pair list (see `partition`) have blocks of thei
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -119,15 +120,16 @@ class PairContacts:
 
     def _allocate_blocks(self, pairs: PairTable) -> None:
         """Give each part of the pair list enough blocks for all of its pairs."""
-        num_blocks = (np.diff(pairs.bounds) + pair.BLOCK_SIZE - 1) // pair.BLOCK_SIZE
-        last_block = np.cumsum(num_blocks)
-        if int(last_block[-1]) > len(self.blocks.block):
-            self._reserve(2 * int(last_block[-1]))
+        begin, num_blocks = [], 0
+        for low, high in pairwise(pairs.bounds.tolist()):
+            begin.append(num_blocks * pair.BLOCK_SIZE)
+            num_blocks += (high - low + pair.BLOCK_SIZE - 1) // pair.BLOCK_SIZE
+        if num_blocks > len(self.blocks.block):
+            self._reserve(2 * num_blocks)
         self.blocks = self.blocks._replace(
-            begin=pair.BLOCK_SIZE * (last_block - num_blocks),
-            size=np.zeros(len(num_blocks), np.int64),
+            begin=np.array(begin), size=np.zeros(len(begin), np.int64)
         )
-        self._num_candidates = np.zeros(len(num_blocks), np.int64)
+        self._num_candidates = np.zeros(len(begin), np.int64)
         if pairs.count > len(self._candidates):
             self._candidates = np.zeros(2 * pairs.count, np.uint32)
 

@@ -209,11 +209,11 @@ class SleepManager:
         if not params.allow_sleeping:
             return rows[:0]
         falls_asleep = np.zeros(rows.size, np.bool_)
-        update_sleep_timers(
+        num_ready = update_sleep_timers(
             rows, inside, state.view(SleepView), tools.path[-1], tools.twist, params.sleep_speed,
             params.sleep_time, dt, falls_asleep,
         )  # fmt: skip
-        if not falls_asleep.any():
+        if num_ready == 0:
             return rows[:0]
         sleep_state = np.full(rows.size, ASLEEP_ON_MAP)
         for t in range(len(tools.tools)):

@@ -28,7 +28,11 @@ def update_sleep_timers(  # type: ignore[no-untyped-def]
         sleep_time: how long a particle must be slow [s].
         dt: [s].
         sleep_ready: out, which of `rows` have been slow for that long.
+
+    Returns:
+        Number of those.
     """
+    num_ready = 0
     position, velocity, angular_velocity = view.position, view.velocity, view.angular_velocity
     sleep_timer, radius, contact_radius = view.sleep_timer, view.radius, view.contact_radius
     for k in range(rows.size):
@@ -53,3 +57,5 @@ def update_sleep_timers(  # type: ignore[no-untyped-def]
         else:
             sleep_timer[i] += np.float32(dt)
             sleep_ready[k] = sleep_timer[i] >= sleep_time
+            num_ready += sleep_ready[k]
+    return num_ready
