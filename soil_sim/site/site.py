@@ -15,13 +15,8 @@ from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.parameters import Parameters, parameter
 from soil_sim.errors import SoilError, TerrainError
-from soil_sim.site.design import (
-    DEFAULT_TOLERANCE,
-    CutFill,
-    DesignSurface,
-    compare_to_design,
-    load_design,
-)
+from soil_sim.site.cut_fill import DEFAULT_TOLERANCE, CutFill, compare_to_design
+from soil_sim.site.design import DesignSurface, load_design
 from soil_sim.soil import Soil
 from soil_sim.soils.params import SoilParams
 from soil_sim.terrain import (

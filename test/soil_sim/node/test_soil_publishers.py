@@ -27,7 +27,7 @@ from msg_bridge.codec.state_hash import from_state_hash_string
 from msg_bridge.codec.terrain import from_terrain_cloud
 from msg_bridge.contract.grid import Grid
 from msg_bridge.testing.ros_context import Ros
-from soil_sim.site.design import compare_to_design
+from soil_sim.site.cut_fill import compare_to_design
 from soil_sim.soils.soil_types import load_soil_types
 
 PROFILES = {

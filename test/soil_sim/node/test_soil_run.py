@@ -13,7 +13,8 @@ from msg_bridge.contract.rows import Rows
 from msg_bridge.exchange.machine_exchange import MachineExchange
 from soil_sim.node.params import SoilNodeParams
 from soil_sim.node.soil_run import SilentMachine, SoilRun
-from soil_sim.site.design import DesignSurface, compare_to_design
+from soil_sim.site.cut_fill import compare_to_design
+from soil_sim.site.design import DesignSurface
 from soil_sim.site.site import Site
 from soil_sim.soils.params import SoilParams
 from soil_sim.terrain import Layers, flat
