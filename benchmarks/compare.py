@@ -1,17 +1,18 @@
 """Measure two checkouts side by side: run a benchmark in each in turn, and print the ratios.
 
-    python -m benchmarks.compare ../before particle_step_cost -- --counts 1000 --peers
+    python -m benchmarks.compare ../before particle_step_cost --arguments="--counts 1000 --peers"
 
 Runs the benchmark in the other checkout and in this one alternately (A B A B ...), each time in a
 process of its own whose working folder and `PYTHONPATH` are the checkout. Prints the medians of
 each measurement and the ratio of this one to the other; a star marks ratios that differ from 1 by
-more than `--tolerance`. Arguments after `--` go to the benchmark, which must have `--json`.
+more than `--tolerance`. The benchmark must have the option `--json`.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import shlex
 import statistics
 import subprocess
 import sys
@@ -100,10 +101,8 @@ def print_comparison(other: Medians, this: Medians, tolerance: float) -> None:
         table.print_row(label, [before, after, ratio], remark="*" if is_different else "")
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main() -> None:
     """Measure both checkouts and print the comparison."""
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    split = given.index("--") if "--" in given else len(given)
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("other", type=Path, help="root folder of the other checkout")
     parser.add_argument("benchmark", help="module of the benchmark, such as soil_step_cost")
@@ -111,7 +110,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--tolerance", type=float, default=0.03, help="deviation of a ratio without a star (0.03)"
     )
-    options = parser.parse_args(given[:split])
+    parser.add_argument(
+        "--arguments", type=shlex.split, default=[], help="arguments of the benchmark, one string"
+    )
+    options = parser.parse_args()
     print(f"{describe_load()}; medians of {options.runs} alternating runs", flush=True)
     try:
         medians = compare_checkouts(
@@ -119,7 +121,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             THIS_CHECKOUT,
             options.benchmark,
             options.runs,
-            given[split + 1 :],
+            options.arguments,
         )
     except BenchmarkError as error:
         raise SystemExit(str(error)) from error

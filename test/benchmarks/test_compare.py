@@ -1,5 +1,6 @@
 """Two checkouts are measured in turn, and their medians compared."""
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -38,7 +39,9 @@ def test_checkouts_run_alternately_and_their_medians_are_compared(
     before = make_checkout(tmp_path, "before", [2.0, 9.0, 1.0], log)
     after = make_checkout(tmp_path, "after", [3.0, 2.5, 0.5], log)
     monkeypatch.setattr(compare, "THIS_CHECKOUT", after)
-    compare.main([str(before), "fake", "--runs", "3", "--", "--counts", "5"])
+    arguments = [str(before), "fake", "--runs", "3", "--arguments=--counts 5"]
+    monkeypatch.setattr(sys, "argv", ["compare", *arguments])
+    compare.main()
     assert log.read_text().split() == ["before", "after"] * 3
     line = capsys.readouterr().out.splitlines()[-1]
     assert line.split() == ["5", "particles,", "settled", "[ms]", "2", "2.5", "1.250", "*"]
