@@ -50,16 +50,15 @@ one ROS domain:
 simulation beside one in `/`. Nodes with `use_sim_time` need `-r /clock:=/a/clock` there.
 
 Only message types of `common_interfaces` and `rosgraph_msgs` are used (two optional topics
-excepted).
-Units are SI: m, rad, s, N, Pa, unless a column states otherwise. Volumes are whole mm³ of *bank*
+excepted). Units are SI: m, rad, s, N, Pa, unless a column states otherwise. Volumes are whole mm³ of *bank*
 (undisturbed) soil. Frames and axes are those of REP-103: x forward, y left, z up; a positive joint
 angle follows the right-hand rule about its axis. Matrices are in grid_map order: index (0, 0) is
 the +x, +y corner, rows run toward −x, columns toward −y.
 
 QoS profiles, all KEEP_LAST: `ROWS` reliable, depth 256; `STATE` reliable, depth 10;
-`TRANSIENT_LOCAL`
-reliable, depth 1, durability transient local; `COMMANDS` best effort, depth 10 (of the subscription: any publisher
-matches). Rates are in simulated time; `name`, value is a parameter and its default.
+`TRANSIENT_LOCAL` reliable, depth 1, transient local; `COMMANDS` best effort, depth 10 (of the
+subscription: any publisher matches). Rates are in simulated time; `name`, value is a parameter and
+its default.
 
 Readers ignore unknown labels and fields: later versions only append.
 """
@@ -76,9 +75,8 @@ _PARAMETERS_INTRO = """\
 # Parameters
 
 Every parameter of every node, with type, unit, range and default. `<node> --help` prints the same
-list.
-Shipped files are in `config/`. A parameter outside of its range, or unknown, ends the node with
-exit code 2 and an error message that names the change to make.
+list. Shipped files are in `config/`. A parameter outside of its range, or unknown, ends the node
+with exit code 2 and an error message that names the change to make.
 """
 
 

@@ -40,7 +40,7 @@ _STOP_ORDER = ("dig_operator", "exchange_recorder", "machine_sim", "soil_sim")
 """The recorder stops early: only farewells follow. The machine needs the soil to leave."""
 
 _OPERATOR_EXIT_CODES = (0, 1)
-"""Exit codes of an operator that completed or aborted its task; 1: the task was aborted, as the bag records."""
+"""Exit codes of an operator that completed (0) or aborted (1) its task; the bag has the phase."""
 
 
 def run_multi_process_dig(
