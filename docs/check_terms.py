@@ -73,7 +73,7 @@ NAMES = {
     "most_lean": "max_pitch",
     "base_patience": "base_filter_time",
     "(?:most|least|longest|gentlest)_[a-z_]+": "max_..., min_...",
-    "epoch": "run_id",
+    "epoch|EPOCH": "run_id",
     "RETURN": "REJOIN",
     "soil_owed|owed": "conversion_backlog, backlog",
     "OWED": "BACKLOG",

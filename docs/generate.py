@@ -50,10 +50,10 @@ one ROS domain:
 simulation beside one in `/`. Nodes with `use_sim_time` need `-r /clock:=/a/clock` there.
 
 Only message types of `common_interfaces` and `rosgraph_msgs` are used (two optional topics
-excepted). Units are SI: m, rad, s, N, Pa, unless a column states otherwise. Volumes are whole mm³ of *bank*
-(undisturbed) soil. Frames and axes are those of REP-103: x forward, y left, z up; a positive joint
-angle follows the right-hand rule about its axis. Matrices are in grid_map order: index (0, 0) is
-the +x, +y corner, rows run toward −x, columns toward −y.
+excepted). Units are SI: m, rad, s, N, Pa, unless a column states otherwise. Volumes are whole mm³
+of *bank* (undisturbed) soil. Frames and axes are those of REP-103: x forward, y left, z up; a
+positive joint angle follows the right-hand rule about its axis. Matrices are in grid_map order:
+index (0, 0) is the +x, +y corner, rows run toward −x, columns toward −y.
 
 QoS profiles, all KEEP_LAST: `ROWS` reliable, depth 256; `STATE` reliable, depth 10;
 `TRANSIENT_LOCAL` reliable, depth 1, transient local; `COMMANDS` best effort, depth 10 (of the

@@ -18,7 +18,7 @@ from msg_bridge.exchange.soil_exchange import SoilExchange
 
 
 class FakeSoil:
-    """A soil's end of the exchange on level terrain, with answers given by the test."""
+    """Soil exchange on level terrain, with answers given by the test."""
 
     def __init__(self, side: MachineEndpoint) -> None:
         self.side = side

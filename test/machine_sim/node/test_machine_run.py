@@ -24,8 +24,8 @@ from msg_bridge.contract.messages import Keyframe
 from msg_bridge.contract.rows import CONVERSION, FORCE, MAP_UPDATE, empty_rows
 from msg_bridge.exchange.soil_exchange import SoilExchange
 
-EPOCH = 4
-KEYFRAME = Keyframe(EPOCH, 0, GRID, np.zeros(GRID.shape))
+RUN_ID = 4
+KEYFRAME = Keyframe(RUN_ID, 0, GRID, np.zeros(GRID.shape))
 
 MakeRun = Callable[..., MachineRun]
 
@@ -51,7 +51,7 @@ def make() -> Iterator[MakeRun]:
                 of_node,
                 MachineSimParams(physics_step=physics_step),
                 ParticleParams(),
-                RunFacts(EPOCH, tick, realtime, GRID.cell, (LooseSoil(0.25, 1700.0),)),
+                RunFacts(RUN_ID, tick, realtime, GRID.cell, (LooseSoil(0.25, 1700.0),)),
                 KEYFRAME,
                 session_id=5,
             )
@@ -63,17 +63,17 @@ def make() -> Iterator[MakeRun]:
         each.close()
 
 
-def good() -> bool:
-    """A command that the board takes."""
+def valid_command() -> bool:
+    """Apply a command that the arbiter accepts."""
     return True
 
 
 class Soil:
-    """Answers a run's ticks with nothing moved."""
+    """Soil exchange that answers the ticks of a run without any change."""
 
     def __init__(self, run: MachineRun) -> None:
         self.run = run
-        self.exchange = SoilExchange(GRID, lambda: np.zeros(GRID.shape), run_id=EPOCH)
+        self.exchange = SoilExchange(GRID, lambda: np.zeros(GRID.shape), run_id=RUN_ID)
         run.endpoint.join()
         self.answer()
 
@@ -98,7 +98,7 @@ def test_machine_takes_tick_period_and_soils_from_the_run(make: MakeRun) -> None
     run = make(tick=0.02, machine_id=6, x=3.0, y=-2.0, yaw=90.0)
     assert run.sim.params.steps_per_tick == 4
     assert run.sim.particles.soils == run.facts.soils
-    assert (run.endpoint.exchange.run_id, run.endpoint.exchange.machine_id) == (EPOCH, 6)
+    assert (run.endpoint.exchange.run_id, run.endpoint.exchange.machine_id) == (RUN_ID, 6)
     position, quaternion = run.sim.machine.base_pose
     assert position[:2] == pytest.approx([3.0, -2.0])
     assert quaternion == pytest.approx([0, 0, math.sqrt(0.5), math.sqrt(0.5)])
@@ -158,13 +158,13 @@ def test_waiting_machine_steps_once_the_command_has_arrived(
     run = make(command_wait_period=1)
     soil = Soil(run)
     assert not run.can_step
-    run.schedulers[0].receive(0.0, good)
+    run.schedulers[0].receive(0.0, valid_command)
     assert run.can_step
     soil.ticks(1)
     assert not run.can_step
-    run.schedulers[0].receive(0.0, good)
+    run.schedulers[0].receive(0.0, valid_command)
     assert not run.can_step
-    run.schedulers[0].receive(0.01, good)
+    run.schedulers[0].receive(0.01, valid_command)
     assert run.can_step
 
 
@@ -175,9 +175,9 @@ def test_each_machine_of_a_node_has_its_own_wait_period(make: MakeRun) -> None:
         command_wait_period=1,
     )
     Soil(run)
-    run.schedulers[0].receive(0.0, good)
+    run.schedulers[0].receive(0.0, valid_command)
     assert not run.can_step
-    run.schedulers[2].receive(0.0, good)
+    run.schedulers[2].receive(0.0, valid_command)
     assert run.can_step
 
 
@@ -195,7 +195,7 @@ def test_machine_waits_once_per_wait_period(make: MakeRun) -> None:
     for tick in range(7):
         if not run.can_step:
             waited.append(tick)
-        run.schedulers[0].receive(run.schedulers[0].sim_time, good)
+        run.schedulers[0].receive(run.schedulers[0].sim_time, valid_command)
         soil.ticks(1)
     assert waited == [0, 3, 6]
 
@@ -203,7 +203,7 @@ def test_machine_waits_once_per_wait_period(make: MakeRun) -> None:
 def test_early_command_is_not_awaited_again(make: MakeRun) -> None:
     run = make(command_wait_period=1)
     soil = Soil(run)
-    run.schedulers[0].receive(0.02, good)
+    run.schedulers[0].receive(0.02, valid_command)
     for _ in range(3):
         assert run.can_step
         soil.ticks(1)
@@ -239,7 +239,7 @@ def test_machine_continues_for_the_delay_while_a_command_is_awaited(make: MakeRu
     for tick in range(8):
         if not run.can_step:
             waited.append(tick)
-            run.schedulers[0].receive((tick - 2) * 0.01, good)
+            run.schedulers[0].receive((tick - 2) * 0.01, valid_command)
         soil.ticks(1)
     assert waited == [2, 4, 6]
 
@@ -310,5 +310,5 @@ def test_nodes_that_start_simultaneously_have_different_session_ids() -> None:
 def test_stamp_of_another_clock_is_no_answer(make: MakeRun) -> None:
     run = make(command_wait_period=1)
     Soil(run)
-    run.schedulers[0].receive(1.7e9, good)  # seconds since 1970
+    run.schedulers[0].receive(1.7e9, valid_command)  # seconds since 1970
     assert not run.can_step

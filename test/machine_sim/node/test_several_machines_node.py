@@ -28,7 +28,7 @@ DUMPER, ROAD_HEADER = "machines/dumper.yaml", "machines/road_header.yaml"
 
 
 def digger_and_truck(scene: Scene, **parameters: Any) -> MachineNode:
-    """An excavator and a dumper beside it, in a node of the namespace `/site`."""
+    """Start a node in `/site` with an excavator and a dumper beside it."""
     given = {
         "machines": ["digger", "truck"],
         "truck.machine": DUMPER,
@@ -44,12 +44,9 @@ def balanced(scene: Scene) -> bool:
 
 
 def own_joints(state: JointState) -> dict[str, float]:
-    """Angles of the joints that a machine is driven by."""
+    """Return the angles of the actuated joints of a machine."""
     pairs = zip(state.name, state.position, strict=True)
     return {n: p for n, p in pairs if not n.endswith(("_pin", "_stroke"))}
-
-
-# In one node.
 
 
 def test_each_machine_publishes_in_its_namespace(ros: Ros) -> None:
@@ -176,9 +173,6 @@ def test_node_of_two_machines_digs_leaves_and_rejoins(ros: Ros, tmp_path: Path) 
     assert balanced(scene)
 
 
-# Nodes of several kinds.
-
-
 def test_excavator_and_road_header_join_in_separate_nodes(ros: Ros) -> None:
     heads = ros.collect("/road_header/head/wrench", WrenchStamped, qos.STATE)
     states = ros.collect("/road_header/joint_states", JointState, qos.STATE)
@@ -199,9 +193,6 @@ def test_excavator_and_road_header_join_in_separate_nodes(ros: Ros) -> None:
     assert heads[0].header.frame_id == "road_header/head"
     assert "/road_header/payload" not in {each.topic_name for each in second.publishers}
     assert balanced(scene)
-
-
-# Parameters.
 
 
 @pytest.mark.parametrize(

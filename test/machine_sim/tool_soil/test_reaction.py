@@ -20,8 +20,8 @@ from machine_sim.params import MachineSimParams
 
 Array = NDArray[np.float64]
 
-BOTH = pytest.mark.parametrize("tracks", TRACK_MODELS)
-STILL = np.zeros(2)
+ALL_TRACK_MODELS = pytest.mark.parametrize("tracks", TRACK_MODELS)
+STANDING = np.zeros(2)
 
 
 class Dig:
@@ -48,7 +48,7 @@ class Dig:
         self.move([0.0] * 4, 0.3)
 
     def step(self) -> None:
-        """One tick."""
+        """Compute a tick."""
         assert self.world.step().imbalance == 0
 
     def move(self, joints: list[float], seconds: float, tracks: float = 0.0) -> None:
@@ -58,23 +58,23 @@ class Dig:
             self.step()
 
     def reach(self, boom: float, arm: float, bucket: float) -> None:
-        """Take the joints to these angles [rad]."""
+        """Move the joints to angles [rad]."""
         for _ in range(500):
-            off = np.array([0.0, boom, arm, bucket]) - self.machine.joint_positions
-            if np.abs(off).max() < 0.02:
+            error = np.array([0.0, boom, arm, bucket]) - self.machine.joint_positions
+            if np.abs(error).max() < 0.02:
                 break
-            self.sim.command(np.clip(3.0 * off, -0.5, 0.5), STILL)
+            self.sim.command(np.clip(3.0 * error, -0.5, 0.5), STANDING)
             self.step()
-        self.sim.command(np.zeros(4), STILL)
+        self.sim.command(np.zeros(4), STANDING)
 
     @property
     def base(self) -> Array:
-        """Place of the base [m]."""
+        """Position of the base [m]."""
         return self.machine.base_pose[0]
 
     @property
     def lip(self) -> Array:
-        """Place of the cutting lip's middle [m]."""
+        """Position of the middle of the lip [m]."""
         rotation, origin = self.machine.tool.pose
         lip: Array = origin + rotation[:, 0] * self.machine.spec.bucket.tip_radius
         return lip
@@ -94,7 +94,7 @@ def dig() -> Iterator[Callable[..., Dig]]:
         one.world.close()
 
 
-@BOTH
+@ALL_TRACK_MODELS
 def test_tracks_balance_the_drag_on_the_tool(dig, tracks) -> None:
     """At a steady speed the ground gives the tracks what the soil takes from the tool."""
     d = dig("dry clay", tracks)
@@ -114,7 +114,7 @@ def test_tracks_balance_the_drag_on_the_tool(dig, tracks) -> None:
     assert ground[2] + tool[2] == pytest.approx(weight, rel=0.05)
 
 
-@BOTH
+@ALL_TRACK_MODELS
 def test_bucket_pushed_down_at_full_reach_lifts_the_front(dig, tracks) -> None:
     d = dig("loam", tracks)
     d.reach(-0.2, 0.7, 0.9)

@@ -22,8 +22,8 @@ def forces(fx: float = 0.0, point: tuple[float, float, float] = (0.0, 0.0, 0.0))
     return rows
 
 
-def pushed(resistance: SoilResistance, speed: float, steps: int) -> float:
-    """Force along x [N] after some steps at a speed [m/s]."""
+def force_after_steps(resistance: SoilResistance, speed: float, steps: int) -> float:
+    """Return the force along x [N] after some steps at a speed [m/s]."""
     for _ in range(steps):
         force, _ = resistance.step(REST, (np.array([speed, 0.0, 0.0]), np.zeros(3)), DT)
     return float(force[0])
@@ -34,32 +34,32 @@ def lip(machine: MachineSim) -> np.ndarray:
     return origin + rotation @ np.array([1.45, 0.0, 0.0])
 
 
-def swung(machine: MachineSim, against: float | None, ticks: int) -> list[float]:
-    """y of the lip [m] of a machine that swings left, against a force along y [N]."""
+def swing_against_force(machine: MachineSim, force: float | None, ticks: int) -> list[float]:
+    """Return y of the lip after each tick [m], of a machine that swings against a force [N]."""
     machine.command(np.array([0.3, 0, 0, 0]), np.zeros(2))
-    way = []
+    path = []
     for _ in range(ticks):
         machine.step()
         rows = empty_rows(FORCE, 1)
         rows["x"], rows["y"], rows["z"] = lip(machine)
-        rows["fy"] = against or 0.0
+        rows["fy"] = force or 0.0
         machine.apply(empty_rows(CONVERSION), empty_rows(MAP_UPDATE), rows)
-        way.append(float(lip(machine)[1]))
-    return way
+        path.append(float(lip(machine)[1]))
+    return path
 
 
 def test_cutting_tool_has_the_whole_force() -> None:
     resistance = SoilResistance(800.0, 20e3, DT)
     resistance.receive(forces(-20e3), REST)
-    assert pushed(resistance, 0.5, 20) == pytest.approx(-20e3)
+    assert force_after_steps(resistance, 0.5, 20) == pytest.approx(-20e3)
     assert resistance.cut.active_fraction == 1.0
 
 
 def test_soil_does_not_push_a_tool_at_rest_or_moving_back() -> None:
     resistance = SoilResistance(800.0, 20e3, DT)
     resistance.receive(forces(-20e3), REST)
-    assert pushed(resistance, 0.0, 10) == 0.0
-    assert pushed(resistance, -0.5, 10) == 0.0
+    assert force_after_steps(resistance, 0.0, 10) == 0.0
+    assert force_after_steps(resistance, -0.5, 10) == 0.0
 
 
 def test_wrench_stays_at_rest_and_ends_at_the_release_distance() -> None:
@@ -92,8 +92,8 @@ def test_wrench_that_is_not_finite_is_rejected() -> None:
 
 def test_force_above_the_drive_stalls_the_swing_and_does_not_push_it_back() -> None:
     free, stalled = machine_on_level_ground(), machine_on_level_ground()
-    assert swung(free, None, 150)[-1] > 1.0
-    way = swung(stalled, -500e3, 150)  # its swing drive pushes some 50 kN
+    assert swing_against_force(free, None, 150)[-1] > 1.0
+    way = swing_against_force(stalled, -500e3, 150)  # its swing drive pushes some 50 kN
     assert way[-1] < 0.3
     assert min(way) > -0.01
     assert max(way[75:]) - min(way[75:]) < 0.05
@@ -160,35 +160,37 @@ def test_machine_stands_on_its_bucket() -> None:
             world.step()
             heights.append(float(machine.machine.base_pose[0][2]))
     machine.close()
-    assert heights[-1] > 0.2, "it is lifted"
-    assert max(heights[-200:]) - min(heights[-200:]) < 0.02, "and stays so"
+    assert heights[-1] > 0.2
+    assert max(heights[-200:]) - min(heights[-200:]) < 0.02
 
 
-def led(soil: Soil, *strokes: tuple[list[float], int]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Lip and base [m] at the end of each stroke: joint velocities, and for how many ticks."""
+def move_joints(
+    soil: Soil, *strokes: tuple[list[float], int]
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return lip and base [m] after each stroke of joint velocities and a number of ticks."""
     machine = machine_on_level_ground(**loose_soil_options(soil))
     world = World(soil, {1: machine})
-    found = []
+    positions = []
     for joints, ticks in strokes:
         machine.command(np.array(joints, dtype=np.float64), np.zeros(2))
         for _ in range(ticks):
             world.step()
-        found.append((lip(machine), np.array(machine.machine.base_pose[0])))
+        positions.append((lip(machine), np.array(machine.machine.base_pose[0])))
     machine.close()
-    return found
+    return positions
 
 
 @pytest.mark.parametrize("name", ["loam", "rock"])
 def test_bucket_pushed_down_on_its_back_lifts_the_machine(name) -> None:
-    (tip, base), *_ = led(level_soil(soil=name), ([0, 0.3, -0.3, -0.5], 250))
-    assert tip[2] > -0.2, "it does not go into the ground"
-    assert base[2] > 0.15, "so the machine goes up"
+    (tip, base), *_ = move_joints(level_soil(soil=name), ([0, 0.3, -0.3, -0.5], 250))
+    assert tip[2] > -0.2  # not pushed into the ground
+    assert base[2] > 0.15
 
 
 def test_bucket_held_in_rock_turns_the_machine_when_it_swings() -> None:
     into = ([0, 0.3, -0.1, -0.3], 200)
     swing = ([0.4, 0, 0, 0], 150)
     for name, held in (("rock", True), ("reference", False)):
-        (before, stood), (after, stands) = led(level_soil(soil=name), into, swing)
+        (before, stood), (after, stands) = move_joints(level_soil(soil=name), into, swing)
         assert (abs(after[1] - before[1]) < 0.2) == held
         assert (abs(stands[1] - stood[1]) > 0.3) == held

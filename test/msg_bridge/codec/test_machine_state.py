@@ -37,13 +37,13 @@ from msg_bridge.contract.errors import ErrorCode
 
 MACHINE = excavator()
 STAMP = Time(sec=3, nanosec=40_000_000)
-STILL = np.zeros(3)
+AT_REST = np.zeros(3)
 HOME = np.zeros(4)
 UPRIGHT = [0.0, 0.0, 0.0, 1.0]
 
 
 def quaternion(yaw, pitch, roll):
-    """x, y, z, w of a turn by yaw, then by pitch and roll about the axes so turned."""
+    """Return the quaternion (x, y, z, w) of intrinsic rotations by yaw, pitch and roll [rad]."""
     (sy, sp, sr), (cy, cp, cr) = (f(0.5 * np.array([yaw, pitch, roll])) for f in (np.sin, np.cos))
     return np.array(
         [
@@ -56,20 +56,20 @@ def quaternion(yaw, pitch, roll):
 
 
 def product(a, b):
-    """Quaternion of b followed by a, both about fixed axes."""
+    """Return the quaternion of b followed by a, both about fixed axes."""
     cross = a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])
     return np.array([*cross, a[3] * b[3] - a[:3] @ b[:3]])
 
 
-def turn_about(axis, angle):
-    """Rodrigues' formula."""
+def rotation_about(axis, angle):
+    """Return a rotation matrix by Rodrigues' formula."""
     x, y, z = axis
     skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.eye(3) + math.sin(angle) * skew + (1.0 - math.cos(angle)) * skew @ skew
 
 
 def forward_kinematics(urdf, state):
-    """Rotation and origin of each link of a URDF, root at 0, as robot_state_publisher has them."""
+    """Return rotation and origin of each link of a URDF as robot_state_publisher, root at 0."""
     values = dict(zip(state.name, state.position, strict=True))
     robot = ET.fromstring(urdf)
     joints = {joint.find("child").get("link"): joint for joint in robot.iter("joint") if len(joint)}
@@ -90,7 +90,7 @@ def forward_kinematics(urdf, state):
             if joint.get("type") == "prismatic":
                 origin = origin + turn @ axis * value
             else:
-                turn = turn @ turn_about(axis, value)
+                turn = turn @ rotation_about(axis, value)
             frames[link] = turn, origin
         return frames[link]
 
@@ -113,7 +113,7 @@ def random_poses(count):
         yield rng.uniform(-50.0, 50.0, 3), quaternion(yaw, pitch, roll), np.array(joints)
 
 
-def joint_state(position, turn, joints, velocity=STILL, angular_velocity=STILL):
+def joint_state(position, turn, joints, velocity=AT_REST, angular_velocity=AT_REST):
     base = BaseState(position, turn, velocity, angular_velocity)
     pistons = cylinder_joint_states(MACHINE, list(joints), [0.0] * 4)
     names, positions = [*EXCAVATOR_JOINTS, *pistons.names], [*joints, *pistons.positions]
@@ -122,9 +122,9 @@ def joint_state(position, turn, joints, velocity=STILL, angular_velocity=STILL):
 
 
 def test_names_are_those_of_the_machine_and_its_urdf():
-    assert list(EXCAVATOR_JOINTS) == list(joint_state(STILL, UPRIGHT, HOME).name)[:4]
+    assert list(EXCAVATOR_JOINTS) == list(joint_state(AT_REST, UPRIGHT, HOME).name)[:4]
     assert BASE_JOINTS == URDF_JOINTS
-    state = joint_state(STILL, UPRIGHT, np.zeros(4))
+    state = joint_state(AT_REST, UPRIGHT, np.zeros(4))
     robot = ET.fromstring(urdf_text(MACHINE, virtual_base=True, include_cylinders=True))
     own = [joint for joint in robot.iter("joint") if "type" in joint.attrib]
     assert sorted(state.name) == sorted(
@@ -196,13 +196,15 @@ def test_velocities_are_the_time_derivatives_of_the_positions():
 
 
 def test_velocities_are_finite_at_a_pitch_of_90_degrees():
-    state = joint_state(STILL, quaternion(0.4, -0.5 * math.pi, 0.1), HOME, STILL, [1.0, 2.0, 3.0])
+    state = joint_state(
+        AT_REST, quaternion(0.4, -0.5 * math.pi, 0.1), HOME, AT_REST, [1.0, 2.0, 3.0]
+    )
     assert np.abs(state.velocity).max() < 10.0
 
 
 def test_values_of_the_joints_come_first():
     values = [np.arange(4.0) + 10.0 * k for k in range(3)]
-    base = BaseState(STILL, UPRIGHT, STILL, STILL)
+    base = BaseState(AT_REST, UPRIGHT, AT_REST, AT_REST)
     state = over_the_wire(to_joint_state(JointValues(EXCAVATOR_JOINTS, *values), base, STAMP))
     assert state.name[:4] == list(EXCAVATOR_JOINTS)
     for found, own in zip((state.position, state.velocity, state.effort), values, strict=True):
@@ -212,15 +214,15 @@ def test_values_of_the_joints_come_first():
 
 
 def test_wrong_number_of_joints_is_rejected():
-    base = BaseState(STILL, UPRIGHT, STILL, STILL)
+    base = BaseState(AT_REST, UPRIGHT, AT_REST, AT_REST)
     with raises(ErrorCode.SHAPE, CodecError):
-        to_joint_state(JointValues(EXCAVATOR_JOINTS, HOME, STILL, HOME), base, STAMP)
+        to_joint_state(JointValues(EXCAVATOR_JOINTS, HOME, AT_REST, HOME), base, STAMP)
 
 
 @pytest.mark.parametrize("turn", [[0.0] * 4, [math.nan, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
 def test_invalid_base_rotation_is_rejected(turn):
     with raises(ErrorCode.VALUE, CodecError):
-        joint_state(STILL, turn, HOME)
+        joint_state(AT_REST, turn, HOME)
 
 
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=6, max_size=6))

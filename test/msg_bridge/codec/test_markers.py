@@ -43,7 +43,7 @@ def markers_at(position=POSITION, turn=TURN, joints=JOINTS, shoes=SHOES):
 
 
 def placed(marker, points):
-    """Points of a marker's frame in the map."""
+    """Return points of a marker frame in the map frame."""
     at, turn = marker.pose.position, marker.pose.orientation
     rotation = rotation_matrix([turn.x, turn.y, turn.z, turn.w])
     return np.asarray(points) @ rotation.T + [at.x, at.y, at.z]

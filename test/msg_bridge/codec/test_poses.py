@@ -32,7 +32,7 @@ def numbers(vector):
 
 
 def driving(**change):
-    """A base that faces +y and drives that way, turning left."""
+    """Return a base that faces +y, drives toward +y and turns left."""
     parts = {
         "position": [1.0, 2.0, 3.0],
         "quaternion": YAW_90,

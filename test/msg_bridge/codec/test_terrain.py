@@ -31,7 +31,7 @@ STAMP = Time(sec=2)
 
 
 def terrain(rows: int = 3, cols: int = 5, cell: float = 0.2) -> TerrainMap:
-    """Another number in every column and layer; exact in float32."""
+    """Return a terrain with a different number in every column and layer, exact in float32."""
     grid = Grid(rows, cols, cell)
     number = np.arange(rows * cols).reshape(rows, cols)
     return TerrainMap(

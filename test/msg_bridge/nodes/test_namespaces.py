@@ -45,7 +45,7 @@ def test_two_simulations_run_in_two_namespaces_of_one_domain(ros: Ros) -> None:
         states[name] = ros.collect(f"/{name}/excavator/joint_states", JointState)
         given = {"sync": "lockstep", "tick_period": TICK, **SITE}
         ros.add(SoilNode, namespace=f"/{name}", parameters=given)
-        # The same machine id in both: they must not see one another.
+        # The machine ids are equal: the simulations must be independent.
         machines[name] = ros.add(
             MachineNode,
             namespace=f"/{name}/excavator",
@@ -65,7 +65,7 @@ def test_two_simulations_run_in_two_namespaces_of_one_domain(ros: Ros) -> None:
         found = [from_multi_array(message) for message in ledgers[name]]
         assert {ledger.imbalance for ledger in found} == {0}
         assert machine.run is not None
-    # No name of this package is absolute but for what all of ROS shares.
+    # All absolute topics are those of ROS.
     names = {name for name, _ in ros.helper.get_topic_names_and_types()}
     outside = {name for name in names if not name.startswith(("/a/", "/b/"))}
     assert outside <= {"/parameter_events", "/rosout"}

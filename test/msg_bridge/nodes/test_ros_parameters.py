@@ -53,13 +53,13 @@ class ExampleNode(Node):
 
 
 def example(ros, values, **kwargs):
-    """A node that was given `values`, and what it read."""
+    """Start a node with parameter values; return it."""
     given = {f"soil.{name}": value for name, value in values.items()}
     return ros.add(ExampleNode, parameters=given, **kwargs)
 
 
 def set_atomically(ros, values):
-    """Ask the node from outside for new values, as `ros2 param` does."""
+    """Request new values through the service of the node, as `ros2 param` does."""
     request = SetParametersAtomically.Request(
         parameters=[Parameter(name, value=v).to_parameter_msg() for name, v in values.items()]
     )

@@ -21,7 +21,7 @@ from msg_bridge.testing.fixtures import StartProcess
 from msg_bridge.testing.ros_context import LeakedNodesError, Ros
 from msg_bridge.testing.ros_domain import NoFreeDomainError, reserve_domain
 
-# A node as a process: publishes what it was given, ends with the exit code it was given.
+# Node executable that publishes its parameter `text` and ends with `exit_code`.
 ECHO = """\
 import sys
 from rclpy.node import Node
@@ -55,7 +55,7 @@ class HelloParams(Parameters):
 
 
 class Hello(Node):
-    """A node as a user of the fixtures writes one."""
+    """Node of a user of the fixtures."""
 
     def __init__(self, **kwargs):
         super().__init__("hello", **kwargs)
@@ -75,14 +75,14 @@ def test_environment_puts_subprocesses_into_the_domain(ros_domain: int) -> None:
 
 
 def test_processes_at_once_get_different_domains(tmp_path: Path, ros_domain: int) -> None:
-    # Both, by their locks alone, since they are made to try the domain of this test first.
+    # Both try the domain of this test first, so only the locks separate them.
     (tmp_path / "conftest.py").write_text(
         "import itertools\n"
         "from msg_bridge.testing import ros_domain as domain\n"
         f"domain._next = itertools.count({ros_domain - 1})\n"
         'pytest_plugins = ["msg_bridge.testing.fixtures"]\n'
     )
-    # Holds its domain until the other one has one too.
+    # Keeps its domain until the other process has one.
     (tmp_path / "test_domain.py").write_text(
         "import time\n"
         "from pathlib import Path\n"
@@ -91,7 +91,7 @@ def test_processes_at_once_get_different_domains(tmp_path: Path, ros_domain: int
         "    (here / f'has_{ros_domain}').touch()\n"
         "    deadline = time.monotonic() + 20\n"
         "    while len(list(here.glob('has_*'))) < 2:\n"
-        "        assert time.monotonic() < deadline, 'the other has the same'\n"
+        "        assert time.monotonic() < deadline, 'both have the same domain'\n"
         "        time.sleep(0.02)\n"
     )
     root = str(Path(__file__).parents[3])

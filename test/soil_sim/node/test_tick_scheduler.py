@@ -1,4 +1,4 @@
-"""When the wall clock asks for a tick, by a clock of the test's own."""
+"""Tick scheduler on a simulated wall clock: due, overdue and late ticks, rescheduling."""
 
 import pytest
 
@@ -9,20 +9,20 @@ START = 1000.0
 
 
 def at(ticks: float) -> float:
-    """The wall clock so many ticks after the timer's first call [s]."""
+    """Return the wall time a number of ticks after the first timer call [s]."""
     return START + ticks * TICK
 
 
 @pytest.fixture
 def scheduler() -> TickScheduler:
-    """A schedule that begins now."""
-    begun = TickScheduler(TICK)
-    begun.on_timer(START)
-    return begun
+    """Return a scheduler whose timer was first called at `START`."""
+    started = TickScheduler(TICK)
+    started.on_timer(START)
+    return started
 
 
-def dues(scheduler: TickScheduler, now: float) -> int:
-    """Ticks done one after the other until none is due."""
+def complete_due_ticks(scheduler: TickScheduler, now: float) -> int:
+    """Complete ticks until none is due; return their number."""
     count = 0
     while scheduler.is_due:
         scheduler.mark_done(now)
@@ -39,26 +39,26 @@ def test_first_call_starts_the_schedule_without_a_tick(scheduler: TickScheduler)
 
 
 def test_one_tick_is_due_per_period(scheduler: TickScheduler) -> None:
-    asked = []
+    counts = []
     for tick in range(1, 6):
         scheduler.on_timer(at(tick))
-        asked.append(dues(scheduler, at(tick)))
-    assert asked == [1] * 5
+        counts.append(complete_due_ticks(scheduler, at(tick)))
+    assert counts == [1] * 5
     assert (scheduler.num_late_ticks, scheduler.num_reschedules) == (0, 0)
 
 
 def test_timer_jitter_does_not_change_the_number_of_ticks(scheduler: TickScheduler) -> None:
-    asked = []
+    counts = []
     for tick in range(1, 200):
         now = at(tick + 0.4 * (-1) ** tick)
         scheduler.on_timer(now)
-        asked.append(dues(scheduler, now))
-    assert asked == [1] * 199
+        counts.append(complete_due_ticks(scheduler, now))
+    assert counts == [1] * 199
 
 
 def test_missed_timer_call_is_caught_up(scheduler: TickScheduler) -> None:
     scheduler.on_timer(at(3))
-    assert dues(scheduler, at(3)) == 3
+    assert complete_due_ticks(scheduler, at(3)) == 3
 
 
 def test_tick_is_overdue_once_the_next_is_due(scheduler: TickScheduler) -> None:
@@ -81,7 +81,7 @@ def test_tick_completed_after_its_time_is_late(scheduler: TickScheduler) -> None
 
 def test_short_lag_is_caught_up(scheduler: TickScheduler) -> None:
     scheduler.on_timer(START + 0.5)
-    assert dues(scheduler, START + 0.5) == 50
+    assert complete_due_ticks(scheduler, START + 0.5) == 50
     assert scheduler.num_reschedules == 0
 
 
@@ -89,20 +89,20 @@ def test_schedule_is_moved_after_a_long_stop(
     scheduler: TickScheduler,
 ) -> None:
     scheduler.on_timer(START + 60.0)
-    assert dues(scheduler, START + 60.0) == 1
+    assert complete_due_ticks(scheduler, START + 60.0) == 1
     assert scheduler.num_reschedules == 1
-    asked = []
+    counts = []
     for tick in range(1, 11):
         now = START + 60.0 + tick * TICK
         scheduler.on_timer(now)
-        asked.append(dues(scheduler, now))
-    assert asked == [1] * 10
+        counts.append(complete_due_ticks(scheduler, now))
+    assert counts == [1] * 10
     assert scheduler.num_reschedules == 1
 
 
 def test_schedule_is_moved_repeatedly_on_a_slow_host(scheduler: TickScheduler) -> None:
     now = START
-    for _ in range(200):  # each tick takes two
+    for _ in range(200):  # each tick takes two periods
         now += 2 * TICK
         scheduler.on_timer(now)
         if scheduler.is_due:
@@ -120,7 +120,7 @@ def test_stopped_schedule_does_not_catch_up(
     scheduler.on_timer(at(1000))
     assert not scheduler.is_due
     scheduler.on_timer(at(1001))
-    assert dues(scheduler, at(1001)) == 1
+    assert complete_due_ticks(scheduler, at(1001)) == 1
     assert scheduler.num_reschedules == 0
 
 

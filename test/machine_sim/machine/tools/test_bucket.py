@@ -14,7 +14,7 @@ def bucket(spec):
 
 @pytest.fixture
 def inside(bucket):
-    """Random points, and whether each is in the struck volume by a half-plane test of its own."""
+    """Return random points, and whether each is in the struck volume by a half-plane test."""
     rng = np.random.default_rng(2)
     points = rng.uniform([-0.5, -1.0, -0.8], [1.8, 1.0, 1.0], (4000, 3))
     corners = bucket.profile
