@@ -21,7 +21,7 @@ def tracks(arbiter, now):
     return arbiter.command_at(now, HOME).tracks.tolist()
 
 
-def test_without_commands_all_velocities_are_zero(arbiter):
+def test_velocities_are_zero_without_commands(arbiter):
     applied = arbiter().command_at(0.0, HOME)
     assert applied.joints.tolist() == [0.0] * 4
     assert applied.tracks.tolist() == [0.0] * 2
@@ -141,7 +141,7 @@ def test_emergency_stop_overrides_all_commands_until_released(arbiter):
     assert commander.is_stopped
 
 
-def test_after_the_release_only_new_commands_apply(arbiter):
+def test_only_new_commands_apply_after_the_release(arbiter):
     commander = arbiter()
     commander.receive_front([0.1] * 4, 0.0)
     commander.emergency_stop(True)

@@ -21,7 +21,7 @@ def heap():
     return world
 
 
-def test_a_heap_comes_to_rest_and_does_not_creep(heap):
+def test_heap_comes_to_rest_and_does_not_creep(heap):
     before = heap.positions[np.argsort(heap.ids)].copy()
     run(heap, 1.0)
     after = heap.positions[np.argsort(heap.ids)]
@@ -31,7 +31,7 @@ def test_a_heap_comes_to_rest_and_does_not_creep(heap):
     assert np.abs(after - before).max() < 0.02 * size
 
 
-def test_a_heap_has_a_plausible_angle_of_repose(heap):
+def test_heap_has_a_plausible_angle_of_repose(heap):
     x = heap.positions - np.median(heap.positions, axis=0) * [1, 1, 0]
     distance = np.hypot(x[:, 0], x[:, 1])
     edges = np.linspace(0.2, 0.9, 8) * np.quantile(distance, 0.95)
@@ -56,7 +56,7 @@ def max_speed(world, steps):
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.05, 0.3])
-def test_an_overlapping_release_does_not_explode(spread):
+def test_overlapping_release_does_not_explode(spread):
     world = engine(gravity=0.0)
     points = np.random.default_rng(3).uniform(-1, 1, (200, 3)) * spread + [0.0, 0.0, 4.0]
     world.add(points, np.zeros_like(points), LITRE // 2)
@@ -65,7 +65,7 @@ def test_an_overlapping_release_does_not_explode(spread):
     assert world.max_overlap < 0.05
 
 
-def test_a_frozen_particle_stays_and_supports_another():
+def test_frozen_particle_stays_and_supports_another():
     world = engine()
     ids = world.add([[0, 0, 1.0], [0, 0, 1.2]], np.zeros((2, 3)), LITRE, grow=False)
     world.freeze(ids[:1])
@@ -106,7 +106,7 @@ def test_removing_distant_particles_does_not_disturb_a_heap_at_rest():
     assert np.abs(world.velocities[world.ids < distant[0]]).max() < 1e-3, "springs were lost"
 
 
-def test_a_run_repeats_bit_by_bit():
+def test_run_is_reproducible_bit_for_bit():
     def final_state():
         world = engine()
         points = cloud(300, 0.07, (0.4, 0.4), 0.3)

@@ -26,7 +26,7 @@ def test_regions_have_about_the_same_number_of_pairs(boundary_slabs):
     assert np.isin(bounds, slabs).all()
 
 
-def test_a_short_list_is_one_region():
+def test_short_list_is_one_region():
     assert partition_pairs(first_pairs([100] * 50), 1).tolist() == [0, 5000]
     assert partition_pairs(first_pairs([]), 1).tolist() == [0, 0]
 

@@ -22,12 +22,12 @@ def test_rows_are_in_the_order_of_the_ids(state: ParticleState) -> None:
 
 
 @pytest.mark.parametrize("ids", [[4], [7], [0], [1, 2], [-1]])
-def test_an_unknown_id_is_rejected(state: ParticleState, ids: list[int]) -> None:
+def test_unknown_id_is_rejected(state: ParticleState, ids: list[int]) -> None:
     with pytest.raises(ParticleError, match="does not exist"):
         state.rows(ids)
 
 
-def test_a_duplicate_id_is_rejected(state: ParticleState) -> None:
+def test_duplicate_id_is_rejected(state: ParticleState) -> None:
     with pytest.raises(ParticleError, match="twice"):
         state.rows([3, 1, 3])
 

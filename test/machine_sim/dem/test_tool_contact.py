@@ -57,13 +57,13 @@ def filled():
     return world, fractions
 
 
-def test_a_box_carries_its_soil(filled):
+def test_box_carries_its_soil(filled):
     _, fractions = filled
     assert fractions["filled"] == 1.0
     assert fractions["carried"] >= 0.99
 
 
-def test_a_tipped_box_empties(filled):
+def test_tipped_box_empties(filled):
     assert filled[1]["tipped"] < 0.02
 
 
@@ -74,7 +74,7 @@ def test_no_particle_tunnels_through_the_box(filled):
     assert world.total_volume_mm3 == 800 * (LITRE // 2)
 
 
-def test_a_resting_load_weighs_on_the_tool():
+def test_tool_wrench_is_the_weight_of_a_resting_load():
     world = engine()
     world.add_tool(0, box(0.4, 0.4, 0.6), pose(1.0, 0.0, 1.0))
     points = cloud(60, 0.092, (0.3, 0.3), 1.0)
@@ -89,7 +89,7 @@ def test_a_resting_load_weighs_on_the_tool():
     np.testing.assert_allclose(torque[:2], [-arm[1], arm[0]], atol=0.005 * weight)
 
 
-def test_the_torque_on_a_tool_is_the_angular_momentum_the_particles_lose():
+def test_torque_on_a_tool_is_the_angular_momentum_the_particles_lose():
     world = engine(gravity=0.0)
     world.add_tool(0, [square(0.6)], pose(0.0, 0.0, 3.0))
     points = np.array([[-0.4, 0.3, 3.1], [0.4, 0.2, 3.1], [0.1, -0.4, 3.1]])
@@ -111,7 +111,7 @@ def test_the_torque_on_a_tool_is_the_angular_momentum_the_particles_lose():
     np.testing.assert_allclose(momentum() - start, -angular_impulse, atol=1e-4)
 
 
-def test_the_impulse_on_a_tool_is_the_momentum_the_particles_gain():
+def test_impulse_on_a_tool_is_the_momentum_the_particles_gain():
     world = engine(gravity=0.0)
     world.add_tool(0, [square(0.4)], pose(0.0, 0.0, 3.0))
     points = cloud(80, 0.1, (0.5, 0.5), 3.05)
@@ -157,7 +157,7 @@ def test_no_particle_tunnels_through_a_fast_plate(speed, volume):
 
 
 @pytest.mark.parametrize("volume", [LITRE // 5, LITRE // 20])
-def test_a_fast_plate_wakes_sleeping_particles_in_time(volume):
+def test_fast_plate_wakes_sleeping_particles_in_time(volume):
     world = engine()
     path = [pose(-1.2 + 11.0 * STEP * k, 0.0, 0.5, np.pi / 2) for k in range(26)]
     world.add_tool(0, [square(0.5)], path[0])
@@ -169,7 +169,7 @@ def test_a_fast_plate_wakes_sleeping_particles_in_time(volume):
     assert world.num_plate_tunnellings == 0
 
 
-def test_a_particle_that_tunnels_through_a_plate_is_counted():
+def test_particle_that_tunnels_through_a_plate_is_counted():
     world = engine(gravity=0.0)
     world.add_tool(0, [square(0.5)], pose(0, 0, 2.0))
     world.add([[0, 0, 2.3]], [[0, 0, -150.0]], LITRE, grow=False)
@@ -178,7 +178,7 @@ def test_a_particle_that_tunnels_through_a_plate_is_counted():
     assert world.num_plate_tunnellings == 1
 
 
-def test_a_fall_past_the_edge_of_a_plate_is_not_counted():
+def test_fall_past_the_edge_of_a_plate_is_not_counted():
     world = engine(gravity=0.0)
     world.add_tool(0, [square(0.5)], pose(0, 0, 2.0))
     world.add([[0.7, 0, 2.3]], [[0, 0, -5.0]], LITRE, grow=False)

@@ -115,7 +115,7 @@ def test_excessive_speeds_are_rejected(velocity):
     assert world.count == 0
 
 
-def test_the_fastest_and_farthest_particles_stay_finite():
+def test_fastest_and_farthest_particles_stay_finite():
     world = engine()
     world.add([[0, 0, 1], [0, 0, 2], [1e6, -1e6, 1e6]], [[600, 0, -800]] * 3, LITRE, grow=False)
     world.add([[0.02, 0, 0.3]], np.zeros((1, 3)), LITRE, grow=False)

@@ -176,7 +176,7 @@ def test_rejected_command_is_reported_and_not_scheduled(machine: Machine) -> Non
     assert machine.times.stamps == []
 
 
-def test_without_a_run_only_the_emergency_stop_is_accepted(machine: Machine) -> None:
+def test_only_the_emergency_stop_is_accepted_without_a_run(machine: Machine) -> None:
     machine.running = False
     for topic, message, _ in ALL:
         machine.send(topic, message())

@@ -56,7 +56,7 @@ def installed(monkeypatch):
     grid_map_type.cache_clear()
 
 
-def test_without_the_package_there_is_no_message(monkeypatch):
+def test_missing_package_gives_no_message(monkeypatch):
     monkeypatch.setitem(sys.modules, "grid_map_msgs", None)
     grid_map_type.cache_clear()
     assert to_grid_map(TERRAIN, "map", Time()) is None

@@ -132,14 +132,14 @@ def fresh_import():
 
 
 @pytest.mark.usefixtures("fresh_import")
-def test_without_its_package_there_is_no_tf_message(monkeypatch):
+def test_missing_tf2_msgs_gives_no_message(monkeypatch):
     monkeypatch.setitem(sys.modules, "tf2_msgs", None)
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)
     assert to_tf_message([TransformStamped()]) is None
 
 
 @pytest.mark.usefixtures("fresh_import")
-def test_with_its_package_the_tf_message_has_the_transforms(monkeypatch):
+def test_tf_message_has_the_transforms(monkeypatch):
     messages = ModuleType("tf2_msgs.msg")
     messages.TFMessage = SimpleNamespace  # takes transforms=..., as the message does
     monkeypatch.setitem(sys.modules, "tf2_msgs", ModuleType("tf2_msgs"))

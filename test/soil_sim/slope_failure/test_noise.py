@@ -28,7 +28,7 @@ def heap(**params: object) -> Soil:
     return soil
 
 
-def test_without_noise_the_seed_has_no_effect() -> None:
+def test_seed_has_no_effect_without_noise() -> None:
     assert heap(noise_seed=1).state_hash() == heap(noise_seed=2).state_hash()
 
 

@@ -126,7 +126,7 @@ def springs(world: ParticleEngine) -> dict[tuple[int, int], tuple[float, ...]]:
     }
 
 
-def test_a_few_fast_particles_do_not_shorten_the_life_of_the_list() -> None:
+def test_few_fast_particles_trigger_few_rebuilds_of_the_list() -> None:
     """Compare a cloud at rest with one that a few fast particles leave."""
     builds = []
     for fast in (0, 5):

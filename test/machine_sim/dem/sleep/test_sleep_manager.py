@@ -52,7 +52,7 @@ def tilt(world: ParticleEngine, angle: float, seconds: float) -> None:
     drive(world, tilted(np.linspace(0.0, angle, round(seconds / STEP) + 1)))
 
 
-def test_a_heap_at_rest_falls_asleep_and_does_not_move() -> None:
+def test_heap_at_rest_falls_asleep_and_does_not_move() -> None:
     world = resting_heap()
     assert all_asleep_on_map(world)
     assert world.kinetic_energy == 0.0
@@ -65,7 +65,7 @@ def test_no_particle_sleeps_when_sleeping_is_disabled() -> None:
     assert (resting_heap(allow_sleeping=False).sleep_states == AWAKE).all()
 
 
-def test_a_particle_keeps_its_height_on_one_that_sleeps() -> None:
+def test_particle_keeps_its_height_on_one_that_sleeps() -> None:
     world = engine()
     ids = world.add([[0, 0, 0.06], [0, 0, 0.18]], np.zeros((2, 3)), LITRE, grow=False)
     run(world, 2.0)
@@ -78,7 +78,7 @@ def test_a_particle_keeps_its_height_on_one_that_sleeps() -> None:
     assert world.positions[1, 2] == pytest.approx(height, abs=5e-6)
 
 
-def test_a_heap_that_is_woken_repeatedly_does_not_creep() -> None:
+def test_heap_that_is_woken_repeatedly_does_not_creep() -> None:
     world = resting_heap()
     ids, before = world.ids.copy(), world.positions.copy()
     for _ in range(40):
@@ -90,7 +90,7 @@ def test_a_heap_that_is_woken_repeatedly_does_not_creep() -> None:
     assert (displacement / (2.0 * world.radii[rows])).max() < 0.005
 
 
-def test_an_impact_wakes_particles_that_fall_asleep_again() -> None:
+def test_impact_wakes_particles_that_fall_asleep_again() -> None:
     world = resting_heap()
     new = world.add([[0.05, 0.0, 1.5]], [[0.0, 0.0, -2.0]], LITRE, grow=False)
     max_awake = 0
@@ -103,7 +103,7 @@ def test_an_impact_wakes_particles_that_fall_asleep_again() -> None:
     assert all_asleep_on_map(world)
 
 
-def test_a_particle_that_loses_its_support_wakes_and_falls() -> None:
+def test_particle_that_loses_its_support_wakes_and_falls() -> None:
     world = engine()
     ids = world.add([[0, 0, 0.06], [0, 0, 0.18]], np.zeros((2, 3)), LITRE, grow=False)
     run(world, 2.0)
@@ -128,7 +128,7 @@ def test_changed_ground_wakes_only_the_particles_on_it() -> None:
     assert world.positions[0, 2] < -0.3
 
 
-def test_an_approaching_plate_wakes_and_pushes_a_heap() -> None:
+def test_approaching_plate_wakes_and_pushes_a_heap() -> None:
     world = resting_heap()
     path = [pose(-3.0 + 0.006 * k, 0.0, 0.02) for k in range(601)]
     world.add_tool(0, [box(0.4, 0.4, 0.4)[1]], path[0])
@@ -137,7 +137,7 @@ def test_an_approaching_plate_wakes_and_pushes_a_heap() -> None:
     assert world.num_plate_tunnellings == 0
 
 
-def test_a_locked_load_moves_and_weighs_as_one_body() -> None:
+def test_locked_load_moves_and_weighs_as_one_body() -> None:
     world = loaded_box()
     is_locked = world.sleep_states >= FIRST_LOCKED_TOOL
     assert is_locked.mean() > 0.95
@@ -164,7 +164,7 @@ def test_locking_does_not_change_the_wrench_of_a_load() -> None:
     np.testing.assert_allclose(locked[1], unlocked[1], atol=8.0)
 
 
-def test_a_tilt_unlocks_a_load_above_the_threshold() -> None:
+def test_tilt_unlocks_a_load_above_the_threshold() -> None:
     world = loaded_box()
     tilt(world, np.radians(4.0), 1.0)
     assert num_locked(world) > 0.95 * COUNT
@@ -172,7 +172,7 @@ def test_a_tilt_unlocks_a_load_above_the_threshold() -> None:
     assert num_locked(world) < COUNT
 
 
-def test_an_acceleration_unlocks_a_load() -> None:
+def test_acceleration_unlocks_a_load() -> None:
     world = loaded_box()
     acceleration = 4.0  # m/s^2
     path = (pose(0.5 * acceleration * (STEP * k) ** 2, 0.0, 1.0) for k in range(61))
@@ -196,14 +196,14 @@ def test_locking_does_not_change_the_angle_at_which_a_load_pours_out() -> None:
     assert abs(half_empty_angles[0] - half_empty_angles[1]) < 5.0
 
 
-def test_a_load_falls_when_its_tool_is_removed() -> None:
+def test_load_falls_when_its_tool_is_removed() -> None:
     world = loaded_box()
     world.remove_tool(0)
     run(world, 0.6)
     assert world.positions[:, 2].max() < 0.7
 
 
-def test_a_run_with_sleeping_particles_repeats_bit_by_bit() -> None:
+def test_run_with_sleeping_particles_is_reproducible_bit_for_bit() -> None:
     def final_state() -> tuple[bytes, ...]:
         world = loaded_box()
         tilt(world, np.radians(40.0), 1.0)

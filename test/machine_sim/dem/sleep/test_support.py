@@ -62,7 +62,7 @@ def test_support_of_one_particle_reaches_all_of_a_chain(seed: int) -> None:
         assert found == (ALL, ALL)
 
 
-def test_a_moving_particle_hands_on_no_support() -> None:
+def test_moving_particle_gives_no_support() -> None:
     sleep_ready = [0, 1, 2, 4, 5, 6, 7]
     found = supported_rows(CHAIN, on_plate=[0], on_ground=[7], sleep_ready=sleep_ready)
     assert found == ([0, 1, 2], [4, 5, 6, 7])

@@ -47,7 +47,7 @@ def heap(count: int = 300, **params: float) -> ParticleEngine:
     return world
 
 
-def test_a_sleeping_stack_follows_the_shelf_it_lies_on() -> None:
+def test_sleeping_stack_follows_the_shelf_it_lies_on() -> None:
     world = engine()
     world.add_tool(0, [square(0.3)], pose(z=1.0), is_digging=False)
     r = 0.0564
@@ -87,7 +87,7 @@ def test_no_particle_sleeps_over_those_that_landed() -> None:
 
 
 @pytest.mark.parametrize("speed", [0.02, 0.04])
-def test_a_slow_push_on_sleeping_soil_is_no_impact(speed: float) -> None:
+def test_slow_push_on_sleeping_soil_is_no_impact(speed: float) -> None:
     max_forces, max_speed = {}, 0.0
     for allow_sleeping in (True, False):
         world = heap(200, allow_sleeping=allow_sleeping)
@@ -110,7 +110,7 @@ def test_a_slow_push_on_sleeping_soil_is_no_impact(speed: float) -> None:
 
 @pytest.mark.parametrize("allow_load_locking", [True, False])
 @pytest.mark.parametrize("speed", [0.1, 0.5])
-def test_the_heap_on_a_box_descends_with_the_box(allow_load_locking: bool, speed: float) -> None:
+def test_heap_on_a_box_descends_with_the_box(allow_load_locking: bool, speed: float) -> None:
     def top_height() -> float:
         return float(np.sort(world.positions_in_tool_frame(0)[:, 2])[-20:].mean())
 
@@ -130,7 +130,7 @@ def test_the_heap_on_a_box_descends_with_the_box(allow_load_locking: bool, speed
 
 
 @pytest.mark.parametrize("allow_load_locking", [True, False])
-def test_a_tube_without_a_floor_lifts_no_soil(allow_load_locking: bool) -> None:
+def test_tube_without_floor_lifts_no_soil(allow_load_locking: bool) -> None:
     world = engine(allow_load_locking=allow_load_locking)
     world.add_tool(0, box(0.6, 0.6, 0.6)[1:], pose(), is_digging=False)
     points = cloud(100, 0.1, (0.45, 0.45), 0.06)
@@ -158,7 +158,7 @@ def test_adding_distant_tools_does_not_reset_the_tilt_of_a_load() -> None:
     assert num_locked_to_first_tool(world) == 0
 
 
-def test_a_load_that_meets_another_tool_is_unlocked() -> None:
+def test_load_that_touches_another_tool_is_unlocked() -> None:
     world = engine()
     world.add_tool(0, box(0.6, 0.6, 0.3), pose(z=1.0))
     world.add_tool(1, [square(0.2)], pose(z=1.6), is_digging=False)

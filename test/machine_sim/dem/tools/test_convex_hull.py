@@ -13,13 +13,13 @@ from machine_sim.dem.tools import RigidTool
 from machine_sim.dem.tools.convex_hull import convex_hull_planes
 
 
-def test_the_hull_of_a_box_contains_its_inside():
+def test_hull_of_a_box_contains_its_inside():
     tool = RigidTool(box(2.0, 1.0, 0.5), pose())
     points = np.array([[0.9, 0.4, 0.4], [0.0, 0.0, 0.6], [1.1, 0, 0.2], [0, 0, -0.1], [0, 0, 0.1]])
     np.testing.assert_array_equal(tool.contains(points), [True, False, False, False, True])
 
 
-def test_a_single_plate_encloses_nothing():
+def test_single_plate_encloses_nothing():
     assert not RigidTool([square(1.0)], pose()).contains(np.zeros((3, 3))).any()
 
 
@@ -38,7 +38,7 @@ def brute_force_hull(points):
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 10**6), num_corners=st.integers(4, 12), on_lattice=st.booleans())
-def test_a_hull_agrees_with_brute_force(seed, num_corners, on_lattice):
+def test_hull_agrees_with_brute_force(seed, num_corners, on_lattice):
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(num_corners, 3))
     if on_lattice:  # many corners are coplanar, collinear or the same
@@ -51,7 +51,7 @@ def test_a_hull_agrees_with_brute_force(seed, num_corners, on_lattice):
 
 
 @pytest.mark.parametrize("is_rotated", [False, True])
-def test_a_drum_of_many_corners_has_a_small_hull(is_rotated):
+def test_drum_of_many_corners_has_a_small_hull(is_rotated):
     angle = 2.0 * np.pi * np.arange(121) / 120
     ring = 0.5 * np.stack([np.cos(angle), np.sin(angle), np.zeros(121)], axis=1)
     rotation = np.eye(3)

@@ -27,7 +27,7 @@ def brute_force_distance(polygon, point):
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 10**6), num_corners=st.integers(3, 8))
-def test_the_distance_to_a_plate_agrees_with_brute_force(seed, num_corners):
+def test_distance_to_a_plate_agrees_with_brute_force(seed, num_corners):
     rng = np.random.default_rng(seed)
     angle = (np.arange(num_corners) + rng.uniform(0.0, 0.8, num_corners)) * 2 * np.pi / num_corners
     rotation, _ = np.linalg.qr(rng.normal(size=(3, 3)))
@@ -52,6 +52,6 @@ def test_the_distance_to_a_plate_agrees_with_brute_force(seed, num_corners):
         ([[0, 0, 0], [1, 0, 0], [np.nan, 1, 0]], "finite"),
     ],
 )
-def test_an_invalid_plate_is_rejected_with_its_fault(corners, fault):
+def test_invalid_plate_is_rejected_with_its_fault(corners, fault):
     with pytest.raises(ParticleError, match=fault):
         RigidTool([corners], pose())

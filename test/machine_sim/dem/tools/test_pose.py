@@ -8,7 +8,7 @@ from machine_sim.dem import ParticleError
 from machine_sim.dem.tools import RigidTool, ToolSet
 
 
-def test_a_pose_path_is_a_constant_twist_between_its_ends():
+def test_pose_path_is_a_constant_twist_between_its_ends():
     tools = ToolSet(5)
     tools.add(0, RigidTool([square(1.0)], pose()))
     tools.tools[0].move(pose(1.0, 0.0, 2.0, 0.1), pose(1.5, 0.0, 2.0, 0.4))
@@ -22,12 +22,12 @@ def test_a_pose_path_is_a_constant_twist_between_its_ends():
 @pytest.mark.parametrize(
     "rotation", [np.zeros((3, 3)), np.diag([1.0, 1.0, -1.0]), np.eye(2), np.full((3, 3), np.nan)]
 )
-def test_an_invalid_rotation_is_rejected(rotation):
+def test_invalid_rotation_is_rejected(rotation):
     with pytest.raises(ParticleError):
         RigidTool([square(1.0)], (rotation, np.zeros(3)))
 
 
-def test_a_rotation_by_a_right_angle_in_one_step_is_rejected():
+def test_rotation_by_a_right_angle_in_one_step_is_rejected():
     tool = RigidTool([square(1.0)], pose())
     with pytest.raises(ParticleError):
         tool.move(pose(), pose(pitch=np.pi / 2 + 0.01))

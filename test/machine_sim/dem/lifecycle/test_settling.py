@@ -1,4 +1,4 @@
-"""Landing: which particles become soil of the terrain again."""
+"""Settled particles: those that can be deposited as terrain."""
 
 import numpy as np
 from support.particle_scenes import LITRE, box, engine, pose, run, square
@@ -8,7 +8,7 @@ RADIUS = 0.0561
 AT_REST = np.zeros((1, 3))
 
 
-def test_a_particle_at_rest_on_the_ground_lands_after_the_settle_time():
+def test_particle_at_rest_on_the_ground_settles_after_the_settle_time():
     world = engine(settle_time=0.2)
     ids = world.add([[0, 0, 0.055]], AT_REST, LITRE, grow=False)
     run(world, 0.1)
@@ -17,14 +17,14 @@ def test_a_particle_at_rest_on_the_ground_lands_after_the_settle_time():
     np.testing.assert_array_equal(world.settled(), ids)
 
 
-def test_a_moving_or_airborne_particle_does_not_land():
+def test_moving_or_airborne_particle_does_not_settle():
     world = engine(ground_friction=0.0)
     world.add([[0, 0, 0.056], [0, 1, 3.0]], [[1.0, 0, 0], [0, 0, 0]], LITRE, grow=False)
     run(world, 0.3)
     assert world.settled().size == 0
 
 
-def test_the_settle_time_starts_again_when_a_particle_is_hit():
+def test_settle_time_starts_again_when_a_particle_is_hit():
     world = engine()
     ids = world.add([[0, 0, 0.056]], AT_REST, LITRE, grow=False)
     run(world, 0.3)
@@ -51,7 +51,7 @@ def test_particles_at_or_in_a_tool_do_not_land():
     np.testing.assert_array_equal(world.settled(), free)
 
 
-def test_a_frozen_particle_does_not_land_again():
+def test_frozen_particle_does_not_settle_again():
     world = engine()
     ids = world.add([[0, 0, 0.056], [1, 0, 0.056]], np.zeros((2, 3)), LITRE, grow=False)
     run(world, 0.3)
@@ -59,7 +59,7 @@ def test_a_frozen_particle_does_not_land_again():
     np.testing.assert_array_equal(world.settled(), ids[1:])
 
 
-def test_a_particle_off_the_map_lands_at_any_speed():
+def test_particle_off_the_map_settles_at_any_speed():
     world = engine()
     ids = world.add([[7.9, 0, 1.0]], [[9.0, 0, 0]], LITRE, grow=False)
     assert world.settled().size == 0
