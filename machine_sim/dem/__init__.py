@@ -5,7 +5,7 @@ Spheres with rotation touch each other, tools and the terrain. In the order of t
 - `params`: parameters of the physics, with units and ranges
 - `state`: the particles, and their exact volume
 - `materials`: contact coefficients of each soil type
-- `lifecycle`: release, growth and landing of particles
+- `lifecycle`: release, growth and settling of particles
 - `neighbours`: the list of pairs that may touch
 - `contacts`: contacts of pairs, at plates and on the ground, and their forces
 - `integrate`, `substeps`: explicit integration

@@ -1,4 +1,4 @@
-"""The particle engine: soil as spheres, moved by contact forces until it lands."""
+"""The particle engine: soil as spheres, moved by contact forces until it is deposited."""
 
 from __future__ import annotations
 

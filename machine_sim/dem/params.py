@@ -12,7 +12,7 @@ __all__ = ["ParticleParams"]
 
 @dataclass(frozen=True)
 class ParticleParams(Parameters):
-    """Size, contacts, sleep and landing of particles."""
+    """Size, contacts, sleep and settling of particles."""
 
     mode: str = parameter(
         "spheres",
@@ -110,14 +110,14 @@ class ParticleParams(Parameters):
     )
     settle_time: float = parameter(
         0.05,
-        "Time below `settle_speed` on the ground after which a particle lands.",
+        "Time below `settle_speed` on the ground after which a particle is settled.",
         unit="s",
         low=0.0,
         high=10.0,
     )
     tool_clearance: float = parameter(
         0.05,
-        "Minimum distance of a landing particle from tool plates.",
+        "Minimum distance of a settled particle from tool plates.",
         unit="m",
         low=0.0,
         high=2.0,

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from machine_sim.dem.lifecycle.landing import settled_rows
 from machine_sim.dem.lifecycle.release_validation import ReleaseBatch, validate_release
+from machine_sim.dem.lifecycle.settling import settled_rows
 from machine_sim.dem.materials import ContactMaterials
 from machine_sim.dem.params import ParticleParams
 from machine_sim.dem.state import ParticleError, ParticleState
@@ -124,7 +124,7 @@ class SoilEngine(ABC):
 
     @abstractmethod
     def freeze(self, ids: ArrayLike) -> None:
-        """Fix bodies where they are: landed, not yet answered, still counted and in the way.
+        """Fix bodies whose deposit is requested; they still count and have contacts.
 
         Raises:
             ParticleError: an id that does not exist or is given twice.
@@ -152,7 +152,7 @@ class SoilEngine(ABC):
         state.settle_timer[rows] = 0.0
 
     def settled(self) -> NDArray[np.uint32]:
-        """Return the ids of the bodies that should land, ascending; see `lifecycle.landing`."""
+        """Return the ids of the settled bodies, ascending; see `lifecycle.settling`."""
         rows = settled_rows(self.state, self.ground, self._tools.tools, self.params)
         return np.asarray(self.state.particle_id[rows], dtype=np.uint32)
 

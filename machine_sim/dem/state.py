@@ -78,8 +78,8 @@ class ParticleState:
         friction, rolling_friction: coefficients between particles; the smaller of a pair counts.
         cohesion: pressure that holds two particles together [Pa], on the smaller cross section.
         tool_friction, tool_rolling_friction, adhesion: the same at a tool.
-        frozen: whether it is landed and not yet answered: it does not move, supports others, and
-            its volume still counts.
+        frozen: whether its deposit is requested and not answered yet: it does not move, supports
+            others, and its volume still counts.
         penetration_limited: whether the ground's force is limited to a small penetration, see
             `contacts.ground_contacts`.
         settle_timer: time for which it has been slow on the ground [s].

@@ -37,7 +37,7 @@ own default is 50."""
 class CubeEngine(SoilEngine):
     """Soil as cubes; `radii` are half edges.
 
-    Of the parameters it uses capacity, gravity, ground_friction and those of landing, of a soil
+    Of the parameters it uses capacity, gravity, ground_friction and those of settling, of a soil
     type friction, swell and density: the cubes of the reference have no cohesion and do not grow.
     The velocity clamps act on cubes without a reaction on the tools.
 

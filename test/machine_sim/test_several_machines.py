@@ -132,12 +132,12 @@ def test_soil_in_a_bed_is_payload_and_moves_with_it(simulate) -> None:
     machine.command([-0.2], [0.0, 0.0])
     for _ in range(700):
         step = sim.step()
-        landed = empty_rows(CONVERSION, step.deposit_requests.size)
-        landed["kind"], landed["particle_id"] = (
+        answers = empty_rows(CONVERSION, step.deposit_requests.size)
+        answers["kind"], answers["particle_id"] = (
             ConversionKind.DEPOSIT,
             step.deposit_requests["particle_id"],
         )
-        sim.apply(landed, NOTHING[1])
+        sim.apply(answers, NOTHING[1])
     assert rig.payload.bank_m3 < 0.01
 
 

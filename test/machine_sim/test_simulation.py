@@ -17,13 +17,13 @@ def machine():
     made.close()
 
 
-def drop(machine: MachineSim, count: int) -> None:
+def add_particles(machine: MachineSim, count: int) -> None:
     """Add particles on the ground beside the machine."""
     x = np.column_stack([np.linspace(4, 6, count), np.full(count, 5.0), np.full(count, 0.04)])
     machine.particles.add(x, np.zeros_like(x), 500_000)
 
 
-def land(machine: MachineSim):
+def step_until_deposit_request(machine: MachineSim):
     """Step until a deposit is requested, and return that tick."""
     for _ in range(100):
         step = machine.step()
@@ -36,8 +36,8 @@ def land(machine: MachineSim):
 def test_deposit_of_settled_soil_is_requested_once_and_kept_until_answered(
     machine: MachineSim,
 ) -> None:
-    drop(machine, 3)
-    step = land(machine)
+    add_particles(machine, 3)
+    step = step_until_deposit_request(machine)
     assert step.deposit_requests["volume_mm3"].tolist() == [500_000] * 3
     assert step.particles_mm3 == 1_500_000
     machine.apply(*NOTHING)
@@ -46,8 +46,8 @@ def test_deposit_of_settled_soil_is_requested_once_and_kept_until_answered(
 
 
 def test_accepted_deposit_removes_the_particle(machine: MachineSim) -> None:
-    drop(machine, 3)
-    step = land(machine)
+    add_particles(machine, 3)
+    step = step_until_deposit_request(machine)
     answer = empty_rows(CONVERSION, 2)
     answer["particle_id"] = step.deposit_requests["particle_id"][:2]
     answer["kind"] = [ConversionKind.DEPOSIT, ConversionKind.OUTSIDE]
@@ -58,15 +58,15 @@ def test_accepted_deposit_removes_the_particle(machine: MachineSim) -> None:
 def test_rejected_deposit_releases_the_particle_which_is_requested_again(
     machine: MachineSim,
 ) -> None:
-    drop(machine, 1)
-    step = land(machine)
+    add_particles(machine, 1)
+    step = step_until_deposit_request(machine)
     answer = empty_rows(CONVERSION, 1)
     answer["particle_id"], answer["kind"] = (
         step.deposit_requests["particle_id"],
         ConversionKind.REJECT,
     )
     machine.apply(answer, empty_rows(MAP_UPDATE))
-    again = land(machine)
+    again = step_until_deposit_request(machine)
     assert again.deposit_requests["particle_id"] == step.deposit_requests["particle_id"]
 
 
@@ -127,7 +127,7 @@ def test_state_hash_is_equal_for_equal_runs_only() -> None:
     hashes = []
     for speed in (0.3, 0.3, 0.31):
         machine = machine_on_level_ground()
-        drop(machine, 20)
+        add_particles(machine, 20)
         machine.command(np.array([speed, -0.1, 0.2, 0.1]), np.array([0.5, 0.5]))
         for _ in range(50):
             machine.step()

@@ -1,11 +1,11 @@
-"""Lifecycle of a particle: released, grown to full size, landed.
+"""Lifecycle of a particle: released, grown to full size, settled.
 
 - `release_validation`: checks of the soil that is given to an engine
 - `growth`: initial contact radii, and their growth
-- `landing`: which particles are at rest on the ground and become soil of the terrain again
+- `settling`: which particles are at rest on the ground and can be deposited as terrain
 """
 
-from machine_sim.dem.lifecycle.landing import settled_rows
 from machine_sim.dem.lifecycle.release_validation import ReleaseBatch, validate_release
+from machine_sim.dem.lifecycle.settling import settled_rows
 
 __all__ = ["ReleaseBatch", "settled_rows", "validate_release"]

@@ -1,7 +1,7 @@
 """Insertion and removal of particles in a pair list, without a rebuild.
 
-Where soil is cut and lands, particles are added and removed in every tick. The pairs of removed
-particles are deleted. An added particle is compared with all others at the positions where these
+Where soil is excavated and deposited, particles are added and removed in every tick. The pairs of
+removed particles are deleted. An added particle is compared with all others at the positions where these
 were listed: a list is valid as long as no particle has left the common motion *since it was listed*
 by more than its skin, and that must hold for pairs of an added particle and an older one, too.
 """

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-# Lists the kernels that Numba compiles or loads while soil is carried, poured, disturbed and lands.
+# Lists the kernels that Numba compiles or loads while soil is carried, poured and disturbed.
 PROBE = """\
 import numpy as np
 from numba.core import dispatcher

@@ -98,7 +98,7 @@ def test_soil_held_back_by_a_full_engine_is_released_in_normal_sizes(volume: int
         new = particles.volumes_mm3[~np.isin(particles.ids, old_ids)]
         assert (new < (coarse_graining_factor(before + made, 1000) + 0.25) * NOMINAL).all()
         assert soil.total_mm3 + particles.total_volume_mm3 == total
-        if particles.free_capacity == 0:  # all that is in it lands
+        if particles.free_capacity == 0:  # everything in it is deposited
             particles.remove(particles.ids)
             total = soil.total_mm3
     assert soil.total_mm3 < NOMINAL / 4

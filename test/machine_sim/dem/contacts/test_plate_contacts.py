@@ -23,7 +23,7 @@ from machine_sim.dem.contacts.plate_contact_list import SEARCH_RADIUS_FACTOR, Pl
 from machine_sim.dem.contacts.plate_contacts import PlateContacts
 from machine_sim.dem.contacts.plate_forces import plate_forces
 from machine_sim.dem.contacts.tunnelling import count_tunnelled
-from machine_sim.dem.lifecycle.landing import distance_to_plates
+from machine_sim.dem.lifecycle.settling import distance_to_plates
 from machine_sim.dem.tools.pose import ANGULAR, ORIGIN
 
 CONTACT_PARAMS = contact_parameters(0.00125, 6.0, 0.3)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from support.particle_scenes import pose
 
 from machine_sim.dem import ParticleError
-from machine_sim.dem.lifecycle.landing import distance_to_plates
+from machine_sim.dem.lifecycle.settling import distance_to_plates
 from machine_sim.dem.tools import RigidTool
 
 

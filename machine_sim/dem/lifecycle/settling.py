@@ -1,4 +1,4 @@
-"""Landing: which particles, at rest on the ground or off the map, become soil of the terrain."""
+"""Settled particles, at rest on the ground or off the map, which can be deposited as terrain."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ class _PlacedTool(NamedTuple):
 def settled_rows(
     state: ParticleState, ground: Ground, tools: list[RigidTool], params: ParticleParams
 ) -> NDArray[np.intp]:
-    """Return the rows that should land, in order of particle id.
+    """Return the rows of settled particles, in order of particle id.
 
-    A particle lands when it has been slow on the ground for `settle_time` and is free of every
+    A particle is settled when it has been slow on the ground for `settle_time` and is free of every
     tool: outside its convex hull, and farther than `tool_clearance` from its plates. A particle off
-    the map always lands. A frozen one has landed already.
+    the map is settled at once. Frozen particles are excluded: their deposit is requested already.
     """
     size_x, size_y = ground.grid.size
-    rows: NDArray[np.intp] = _landing_candidates(
+    rows: NDArray[np.intp] = _settled_candidates(
         state.position, state.settle_timer, state.frozen, 0.5 * size_x, 0.5 * size_y,
         np.float32(params.settle_time),
     )  # fmt: skip
@@ -57,7 +57,7 @@ def settled_rows(
 
 
 @kernel
-def _landing_candidates(position, settle_timer, frozen, half_x, half_y, settle_time):  # type: ignore[no-untyped-def]
+def _settled_candidates(position, settle_timer, frozen, half_x, half_y, settle_time):  # type: ignore[no-untyped-def]
     """Return the rows, not frozen, that were slow for `settle_time` [s] or are off the map."""
     rows = np.empty(len(frozen), dtype=np.intp)
     count = 0
