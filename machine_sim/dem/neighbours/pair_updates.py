@@ -1,9 +1,10 @@
 """Insertion and removal of particles in a pair list, without a rebuild.
 
 Where soil is excavated and deposited, particles are added and removed in every tick. The pairs of
-removed particles are deleted. An added particle is compared with all others at the positions where these
-were listed: a list is valid as long as no particle has left the common motion *since it was listed*
-by more than its skin, and that must hold for pairs of an added particle and an older one, too.
+removed particles are deleted. An added particle is compared with all others at the positions where
+these were listed: a list is valid as long as no particle has left the common motion *since it was
+listed* by more than its skin, and that must hold for pairs of an added particle and an older one,
+too.
 """
 
 from __future__ import annotations
