@@ -45,6 +45,9 @@ class WaypointPlanner:
     """Plans the waypoints of each phase from the observed terrain.
 
     Attributes:
+        params: behaviour of the operator.
+        dig_azimuth: middle of the sector to dig in [rad], map frame.
+        dump_azimuth: direction of the dump [rad], map frame.
         kinematics: kinematics of the bucket.
         plan: plan of the present pass.
     """
@@ -66,10 +69,10 @@ class WaypointPlanner:
         """
         self.kinematics = BucketKinematics(machine)
         self.plan = DigPlan.without_waypoints()
-        self._params = params
+        self.params = params
         self._survey = TerrainSurvey(self.kinematics, params, machine.bucket)
         self._capacity = machine.bucket.heaped_capacity
-        self._sector_azimuth, self._dump_azimuth = dig_azimuth, dump_azimuth
+        self.dig_azimuth, self.dump_azimuth = dig_azimuth, dump_azimuth
         self._pass_azimuth = dig_azimuth
         self._entry_attitude = self.kinematics.attitude_for_attack_angle(params.entry_angle)
         self._exit_attitude = self.kinematics.attitude_for_attack_angle(params.exit_angle)
@@ -88,9 +91,7 @@ class WaypointPlanner:
             ReachError: there is no ground in reach.
         """
         if is_first:
-            self._pass_azimuth = self._survey.highest_ground_azimuth(
-                observation, self._sector_azimuth
-            )
+            self._pass_azimuth = self._survey.highest_ground_azimuth(observation, self.dig_azimuth)
         reach = self._survey.dig_reach(observation, self._pass_azimuth, self._entry_attitude)
         radius, surface = self._survey.surface_profile(observation, self._pass_azimuth)
         self.plan = plan_dig(radius, surface, reach, self._capacity * target_fill)
@@ -105,7 +106,7 @@ class WaypointPlanner:
                 self._pass_azimuth, entry_radius, height, attitude
             )
 
-        above = lip_pose(entry_height + self._params.clearance)
+        above = lip_pose(entry_height + self.params.clearance)
         entry = lip_pose(entry_height + _ENTRY_HEIGHT)
         transfer = self._transfer_poses(observation, pose, above)
         return self._timed_waypoints(pose, [*transfer, above, entry])
@@ -117,7 +118,7 @@ class WaypointPlanner:
             self.kinematics.pose_with_lip_at(self._pass_azimuth, radius, height, attitude)
             for radius, height, attitude in zip(plan.radius, plan.height, attitudes, strict=True)
         ]
-        lip_times = np.hypot(np.diff(plan.radius), np.diff(plan.height)) / self._params.dig_speed
+        lip_times = np.hypot(np.diff(plan.radius), np.diff(plan.height)) / self.params.dig_speed
         turn_times = np.abs(np.diff(attitudes)) / _MAX_ATTITUDE_SPEED
         durations = [_ENTRY_DURATION, *np.maximum(lip_times, turn_times)]
         return [Waypoint(p, float(t)) for p, t in zip(poses, durations, strict=True)]
@@ -126,7 +127,7 @@ class WaypointPlanner:
         """Turn the opening up while the lip comes out of the soil."""
         poses = [
             pose._replace(
-                height=pose.height + fraction * self._params.curl_lift,
+                height=pose.height + fraction * self.params.curl_lift,
                 attitude=pose.attitude
                 + fraction * (self.kinematics.level_attitude - pose.attitude),
             )
@@ -136,7 +137,7 @@ class WaypointPlanner:
 
     def lift(self, observation: Observation, pose: BucketPose) -> list[Waypoint]:
         """Lift the level bucket straight up to the clearance height of the swing."""
-        height = self._survey.swing_clearance_height(observation, pose.azimuth, self._dump_azimuth)
+        height = self._survey.swing_clearance_height(observation, pose.azimuth, self.dump_azimuth)
         lifted = pose._replace(
             height=max(height, pose.height), attitude=self.kinematics.level_attitude
         )
@@ -144,11 +145,11 @@ class WaypointPlanner:
 
     def swing(self, observation: Observation, pose: BucketPose) -> list[Waypoint]:
         """Swing the level bucket to the dump, and up to where it can open above the heap."""
-        angle = math.remainder(self._dump_azimuth - pose.azimuth, 2 * math.pi)
+        angle = math.remainder(self.dump_azimuth - pose.azimuth, 2 * math.pi)
         above_dump = BucketPose(
             pose.azimuth + angle,
-            self._params.dump_radius,
-            max(pose.height, self._survey.dump_clearance_height(observation, self._dump_azimuth)),
+            self.params.dump_radius,
+            max(pose.height, self._survey.dump_clearance_height(observation, self.dump_azimuth)),
             self.kinematics.level_attitude,
         )
         return self._timed_waypoints(
@@ -157,10 +158,10 @@ class WaypointPlanner:
 
     def dump(self, observation: Observation, pose: BucketPose) -> list[Waypoint]:
         """Open the bucket above the dump."""
-        angle = math.remainder(self._dump_azimuth - pose.azimuth, 2 * math.pi)
+        angle = math.remainder(self.dump_azimuth - pose.azimuth, 2 * math.pi)
         opened = pose._replace(
             azimuth=pose.azimuth + angle,
-            attitude=self.kinematics.level_attitude - self._params.dump_opening_angle,
+            attitude=self.kinematics.level_attitude - self.params.dump_opening_angle,
         )
         return self._timed_waypoints(pose, [opened])
 
@@ -174,7 +175,7 @@ class WaypointPlanner:
         attitudes = np.linspace(self._entry_attitude, self._exit_attitude, plan.radius.size)
         slopes = np.arctan(np.gradient(plan.height, plan.radius))  # downward motion is positive
         max_attitudes = [
-            self.kinematics.attitude_for_attack_angle(slope + self._params.relief_angle)
+            self.kinematics.attitude_for_attack_angle(slope + self.params.relief_angle)
             for slope in slopes
         ]
         attitudes = np.minimum(attitudes, max_attitudes)
@@ -187,7 +188,7 @@ class WaypointPlanner:
         """Return poses that keep the bucket clear of the ground on the way to a target."""
         angle = math.remainder(target.azimuth - pose.azimuth, 2 * math.pi)
         height = self._survey.swing_clearance_height(observation, pose.azimuth, target.azimuth)
-        is_loaded = observation.fill > self._params.empty_threshold
+        is_loaded = observation.fill > self.params.empty_threshold
         attitude = self.kinematics.level_attitude if is_loaded else target.attitude
         lifted = pose._replace(height=max(pose.height, height))
         if abs(angle) <= _MIN_TRANSFER_ANGLE:
@@ -199,7 +200,7 @@ class WaypointPlanner:
 
     def _timed_waypoints(self, start: BucketPose, poses: list[BucketPose]) -> list[Waypoint]:
         """Return waypoints whose durations keep every coordinate within its speed."""
-        params = self._params
+        params = self.params
         speeds = np.array(
             [
                 params.swing_speed,

@@ -15,10 +15,8 @@ import numpy as np
 from dig_operator.bucket_kinematics import BucketPose
 from dig_operator.cycle_waypoints import WaypointPlanner
 from dig_operator.observation import BaseFilter, Command, Observation
-from dig_operator.params import BehaviourParams
 from dig_operator.phases import OperatorPhase
 from dig_operator.waypoint_follower import Waypoint, WaypointFollower
-from machine_sim.machine.spec import MachineSpec
 
 __all__ = ["CycleReport", "DigCycle"]
 
@@ -85,28 +83,16 @@ class DigCycle:
         reports: one report per finished cycle.
     """
 
-    def __init__(
-        self,
-        machine: MachineSpec,
-        params: BehaviourParams,
-        *,
-        dig_azimuth: float,
-        dump_azimuth: float,
-    ) -> None:
+    def __init__(self, planner: WaypointPlanner) -> None:
         """
         Args:
-            machine: the excavator.
-            params: behaviour of the operator.
-            dig_azimuth: middle of the sector to dig in [rad], map frame.
-            dump_azimuth: direction of the dump [rad], map frame.
+            planner: plans the waypoints of each phase, for one machine, behaviour and dig site.
         """
-        self.params = params
+        self.params = planner.params
         self.phase = OperatorPhase.REACH
         self.cycle = 1
         self.reports: list[CycleReport] = []
-        self._planner = WaypointPlanner(
-            machine, params, dig_azimuth=dig_azimuth, dump_azimuth=dump_azimuth
-        )
+        self._planner = planner
         self._plan_waypoints: dict[
             OperatorPhase, Callable[[Observation, BucketPose], list[Waypoint]]
         ] = {
@@ -118,9 +104,9 @@ class DigCycle:
             OperatorPhase.DUMP: self._planner.dump,
         }
         self._follower: WaypointFollower | None = None
-        self._base_filter = BaseFilter(params.base_filter_time)
+        self._base_filter = BaseFilter(self.params.base_filter_time)
         self._joint_velocities = np.zeros(4)
-        self._target_fill = params.target_fill
+        self._target_fill = self.params.target_fill
         self._dig_base_rotation = np.eye(3)  # at the start of the last drag
         self._cycle_start_time: float | None = None
         self._dump_time = 0.0  # since the bucket is open [s]

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from dig_operator.cycle_waypoints import WaypointPlanner
 from dig_operator.dig_cycle import CycleReport, DigCycle
 from dig_operator.observation import Command, Observation
 from dig_operator.params import BehaviourParams, DigTaskParams
@@ -85,12 +86,13 @@ class DigTask:
             and observation.time - self._phase_start_time >= _BRACE_TIME
         ):
             yaw = self._initial_observation.yaw
-            self._dig_cycle = DigCycle(
+            planner = WaypointPlanner(
                 self._machine,
                 self._behaviour,
                 dig_azimuth=yaw,
                 dump_azimuth=yaw + math.radians(self._params.dump_angle),
             )
+            self._dig_cycle = DigCycle(planner)
             self.phase = OperatorPhase.REACH
         if self.phase not in _FINAL_PHASES and observation.time > self._params.timeout:
             self._abort(

@@ -15,7 +15,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from numpy.typing import NDArray
 from machine_sim.dem import ParticleEngine, ParticleParams, SoilEngine
 from machine_sim.ground.contact_surface import Ground
 from machine_sim.machine import MachineError, TrackedMachine
+from machine_sim.overlap_check import check_overlaps
 from machine_sim.params import MachineSimParams
 from machine_sim.physics_engine import pybullet
 from machine_sim.reference_cubes import CubeEngine
@@ -61,14 +61,6 @@ class MachineTickOutput:
     deposit_requests: Rows
     pending_mm3: int
     particles_mm3: int
-
-
-_MAX_INITIAL_PENETRATION = 0.05
-"""Maximum initial interpenetration of two bodies [m]."""
-
-
-_CONTACT_DISTANCE = 8
-"""Index of the distance [m] in a record of `pybullet.getContactPoints`."""
 
 
 class MachineSim:
@@ -138,7 +130,13 @@ class MachineSim:
             SimulatedBin(spec, self._client, self.ground, self.particles, num_tool_ids + k)
             for k, spec in enumerate(bins)
         ]
-        self._check_overlaps()
+        try:
+            check_overlaps(
+                self._client, [each.machine for each in self.simulated_machines], self.bins
+            )
+        except MachineError:
+            self.close()
+            raise
         self._couplings = [
             coupling for each in self.simulated_machines for coupling in each.couplings.values()
         ]
@@ -268,29 +266,6 @@ class MachineSim:
         """Disconnect the physics clients."""
         self.particles.close()
         pybullet.disconnect(self._client)
-
-    def _check_overlaps(self) -> None:
-        """Check that no two machines or bins overlap.
-
-        Raises:
-            MachineError: two bodies overlap by more than `_MAX_INITIAL_PENETRATION`.
-        """
-        pybullet.performCollisionDetection(self._client)
-        objects: list[tuple[str, list[int]]] = []
-        for simulated in self.simulated_machines:
-            machine = simulated.machine
-            x, y, _ = machine.base_pose[0]
-            name = f"the {machine.spec.name} at ({x:.1f}, {y:.1f}) m"
-            objects.append((name, [machine.body]))
-        objects += [(f"the bin at {each.spec.position} m", each.bodies) for each in self.bins]
-        for (name_a, bodies_a), (name_b, bodies_b) in combinations(objects, 2):
-            for a, b in product(bodies_a, bodies_b):
-                contacts = pybullet.getContactPoints(a, b, physicsClientId=self._client)
-                if any(
-                    contact[_CONTACT_DISTANCE] < -_MAX_INITIAL_PENETRATION for contact in contacts
-                ):
-                    self.close()
-                    raise MachineError(f"{name_a} and {name_b} overlap; move one of them")
 
     def _credit_excavated_soil(self, excavated: Rows, ticks_ago: int) -> None:
         """Credit EXCAVATE rows to the digging tool whose key points are nearest."""

@@ -2,6 +2,7 @@
 
 - `soil_node`: the node; `params`, `usage`: its parameters and help text
 - `soil_run`: when a tick is due; `tick_scheduler`: the schedule in real time (both without ROS)
-- `soil_publishers`, `soil_transport`: its topics; `services`: its services
+- `soil_publishers`, `soil_transport`: its topics; `services`: its services; `soil_diagnostics`: its
+  diagnostics
 - `run_config`: contents of `sim/config`
 """

@@ -28,6 +28,7 @@ from soil_sim.endpoint import SoilTickResult
 from soil_sim.node.params import SoilNodeParams
 from soil_sim.node.run_config import run_config
 from soil_sim.node.services import SoilServices
+from soil_sim.node.soil_diagnostics import SoilDiagnostics
 from soil_sim.node.soil_publishers import SoilPublishers
 from soil_sim.node.soil_run import SilentMachine, SoilRun
 from soil_sim.node.soil_transport import SoilTransport
@@ -76,7 +77,7 @@ class SoilNode(SimNode):
         self.run = SoilRun(self._site, self._soil_params, self._params, run_id=int(time.time()))
         self.run.waiting_for_subscribers = bool(self._params.required_subscribers)
         self.diagnostics = Diagnostics(self, "soil_sim", simulation_namespace=self.get_namespace())
-        self.diagnostics.add_task(self._diagnose)
+        self._soil_diagnostics = SoilDiagnostics(self, self.diagnostics, self.run, self._params)
         noisy = self._soil_params.surface_tilt_noise > 0.0
         self._soil_publishers = SoilPublishers(
             self,
@@ -180,7 +181,7 @@ class SoilNode(SimNode):
         """Publish configuration and terrain of a new run."""
         self._next_map_tick = self._map_revision = 0
         self._last_tick_time = time.monotonic()
-        self._last_rate_sample = (0, self._last_tick_time)
+        self._soil_diagnostics.start_run()
         config = run_config(
             self.run, self._site, self._params, self._site_params, self._soil_params
         )
@@ -223,32 +224,6 @@ class SoilNode(SimNode):
             columns.material,
             **layers,
         )
-
-    def _diagnose(self) -> None:
-        now, tick, exchange = time.monotonic(), max(self.run.tick, 0), self.run.endpoint.exchange
-        last_tick, last_time = self._last_rate_sample
-        self._last_rate_sample = (tick, now)
-        simulated = (tick - last_tick) * self._params.tick_period
-        real_time_factor = simulated / max(now - last_time, 1e-9)
-        for key, value in {
-            "tick": tick,
-            "run_id": exchange.run_id,
-            "sync": self._params.sync,
-            "paused": self.run.paused,
-            "real_time_factor": f"{real_time_factor:.3f}",
-            "late_ticks": self.run.scheduler.num_late_ticks,
-            "reschedules": self.run.scheduler.num_reschedules,
-            "machines": ", ".join(map(str, exchange.joined)) or "none",
-            "imbalance_mm3": exchange.ledger.imbalance if exchange.ledger else 0,
-        }.items():
-            self.diagnostics.set(key, value)
-        if self.count_publishers(topics.SOIL_TICK) > 1:
-            topic = self.resolve_topic_name(topics.SOIL_TICK)
-            text = (
-                f"another soil node publishes {topic}; give each its own namespace or ROS_DOMAIN_ID"
-            )
-            self.diagnostics.problem(text, Level.ERROR)
-            self.get_logger().error(text, throttle_duration_sec=5.0)
 
     # Missing messages and silent machines.
 

@@ -46,6 +46,8 @@ def enqueue_disturbed(columns, params, cells, include_neighbours, is_lowered, qu
                     enqueue(queue, r * params.cols + c)
 
 
+# One long function on purpose: with the loops over neighbours in functions of their own, relaxation
+# takes 12 to 18 % longer.
 @kernel
 def relax_cells(columns, params, occupied, queue, budget):  # type: ignore[no-untyped-def]
     """Relax columns of the queue until it is empty or about `budget` visits were made.

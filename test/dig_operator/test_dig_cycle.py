@@ -8,6 +8,7 @@ import pytest
 from support.operator_scenes import ARM, MACHINE, KinematicDig, tilted
 
 from dig_operator import BehaviourParams, DigCycle
+from dig_operator.cycle_waypoints import WaypointPlanner
 from machine_sim.machine.arm_kinematics import tool_pose
 
 DT = 0.02
@@ -21,13 +22,13 @@ def kinematic_dig(
     params: dict | None = None,
     **options,
 ) -> KinematicDig:
-    dig_cycle = DigCycle(
+    planner = WaypointPlanner(
         MACHINE,
         BehaviourParams.from_mapping(params or {}),
         dig_azimuth=dig_azimuth,
         dump_azimuth=dump_azimuth,
     )
-    return KinematicDig(dig_cycle, dt=DT, **options)
+    return KinematicDig(DigCycle(planner), dt=DT, **options)
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ import pytest
 from support.operator_scenes import MACHINE, observation, tilted
 
 from dig_operator import OperatorPhase
+from dig_operator.cycle_waypoints import WaypointPlanner
 from dig_operator.dig_cycle import CycleReport
 from dig_operator.dig_task import DigTask
 from dig_operator.observation import Command, Observation
@@ -48,10 +49,8 @@ def dig_cycles(monkeypatch: pytest.MonkeyPatch) -> list[FakeDigCycle]:
     """Replace DigCycle, and list every one that a task creates."""
     created: list[FakeDigCycle] = []
 
-    def create(
-        machine: object, behaviour: object, *, dig_azimuth: float, dump_azimuth: float
-    ) -> FakeDigCycle:
-        created.append(FakeDigCycle(dig_azimuth, dump_azimuth))
+    def create(planner: WaypointPlanner) -> FakeDigCycle:
+        created.append(FakeDigCycle(planner.dig_azimuth, planner.dump_azimuth))
         return created[-1]
 
     monkeypatch.setattr("dig_operator.dig_task.DigCycle", create)
