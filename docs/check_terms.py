@@ -3,7 +3,7 @@
     python docs/check_terms.py
 
 `docs/glossary.md` has the terms to use. A word that is right in some context is allowed there by
-the pattern itself, not by a list of exceptions.
+the pattern itself; only files with recorded or former names are excluded.
 """
 
 from __future__ import annotations

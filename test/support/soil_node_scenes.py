@@ -8,11 +8,7 @@ import numpy as np
 
 from msg_bridge.contract.grid import Grid
 from msg_bridge.testing.ros_context import Ros
-from soil_sim.terrain import (
-    HeightMap,
-    Layers,
-    save_terrain,
-)
+from soil_sim.terrain import HeightMap, Layers, save_terrain
 from support.node_scenes import Scene, dig, machine_file, ready_to_dig
 
 NO_MACHINES = {"sync": "realtime", "expected_machines": []}

@@ -7,9 +7,7 @@ from typing import Any
 from geometry_msgs.msg import TwistStamped
 from sensor_msgs.msg import JointState
 
-from msg_bridge.codec.machine_state import (
-    from_command_state,
-)
+from msg_bridge.codec.machine_state import from_command_state
 from msg_bridge.codec.stamps import stamp_from_seconds, tick_from_stamp
 from msg_bridge.exchange.stream_buffers import PIPELINE_DEPTH
 from msg_bridge.testing.ros_context import Ros

@@ -18,10 +18,7 @@ from visualization_msgs.msg import MarkerArray
 
 from machine_sim.physics_engine import pybullet
 from msg_bridge.codec import qos
-from msg_bridge.codec.machine_state import (
-    BASE_JOINTS,
-    from_payload_array,
-)
+from msg_bridge.codec.machine_state import BASE_JOINTS, from_payload_array
 from msg_bridge.codec.run_config import parse_run_facts
 from msg_bridge.codec.stamps import tick_from_stamp
 from msg_bridge.testing.ros_context import Ros

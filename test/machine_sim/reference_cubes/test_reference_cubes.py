@@ -2,17 +2,7 @@
 
 import numpy as np
 import pytest
-from support.particle_scenes import (
-    LITRE,
-    STEP,
-    box,
-    cloud,
-    cubes,
-    drive,
-    pose,
-    run,
-    square,
-)
+from support.particle_scenes import LITRE, STEP, box, cloud, cubes, drive, pose, run, square
 
 from machine_sim.dem import ParticleError
 from machine_sim.reference_cubes import VelocityClamps

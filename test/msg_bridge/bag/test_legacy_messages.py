@@ -21,13 +21,7 @@ from msg_bridge.codec.state_hash import StateHash, from_state_hash_string
 from msg_bridge.codec.tick_headers import from_multi_array, to_multi_array
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.loose_soil import LooseSoil
-from msg_bridge.contract.messages import (
-    MachineHeader,
-    MachineReceipt,
-    RowRange,
-    SoilHeader,
-    Verb,
-)
+from msg_bridge.contract.messages import MachineHeader, MachineReceipt, RowRange, SoilHeader, Verb
 
 RUN = RecordedRun(9, 0.01)
 ROWS = "sensor_msgs/msg/PointCloud2"

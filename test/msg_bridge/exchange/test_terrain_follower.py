@@ -11,14 +11,7 @@ from support.wire import raises
 
 from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.grid import Grid
-from msg_bridge.contract.messages import (
-    Keyframe,
-    Message,
-    RowChunk,
-    RowRange,
-    SoilHeader,
-    Stream,
-)
+from msg_bridge.contract.messages import Keyframe, Message, RowChunk, RowRange, SoilHeader, Stream
 from msg_bridge.contract.rows import CONVERSION, MAP_UPDATE, Rows, empty_rows
 from msg_bridge.exchange.terrain_follower import TerrainFollower
 

@@ -11,21 +11,14 @@ from rclpy.task import Future
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 from support.node_scenes import Scene, dig, machine_file, ready_to_dig
-from support.soil_node_scenes import (
-    NO_MACHINES,
-    excavating_scene,
-    layered_site_parameters,
-)
+from support.soil_node_scenes import NO_MACHINES, excavating_scene, layered_site_parameters
 
 from machine_sim.node.machine_node import MachineNode
 from msg_bridge.codec import qos
 from msg_bridge.codec.run_config import parse_run_facts
 from msg_bridge.contract.grid import Grid
 from msg_bridge.testing.ros_context import Ros
-from soil_sim.terrain import (
-    load_terrain,
-    load_terrain_with_layers,
-)
+from soil_sim.terrain import load_terrain, load_terrain_with_layers
 
 
 def test_pause_stops_ticks_until_it_is_released(ros: Ros) -> None:

@@ -9,10 +9,7 @@ import pytest
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from support.node_scenes import TICK, Scene
-from support.soil_node_scenes import (
-    NO_MACHINES,
-    layered_site_parameters,
-)
+from support.soil_node_scenes import NO_MACHINES, layered_site_parameters
 
 from msg_bridge.codec import qos
 from msg_bridge.codec.stamps import tick_from_stamp

@@ -12,14 +12,7 @@ from msg_bridge.contract.grid import Grid
 from soil_sim.errors import SoilError, TerrainError
 from soil_sim.site.site import Site, SiteParams, make_site
 from soil_sim.soils.params import SoilParams
-from soil_sim.terrain import (
-    Georeference,
-    HeightMap,
-    Layers,
-    flat,
-    save_layer,
-    save_terrain,
-)
+from soil_sim.terrain import Georeference, HeightMap, Layers, flat, save_layer, save_terrain
 
 GRID = Grid(5, 4, 0.5)
 HEIGHTS = np.arange(20.0).reshape(GRID.shape)

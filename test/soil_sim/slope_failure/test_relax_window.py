@@ -4,12 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.soil_scenes import (
-    NO_DEPOSIT_REQUESTS,
-    NO_SWEEPS,
-    come_to_rest,
-    make_deposit_requests,
-)
+from support.soil_scenes import NO_DEPOSIT_REQUESTS, NO_SWEEPS, come_to_rest, make_deposit_requests
 
 from msg_bridge.contract.grid import Grid
 from soil_sim.slope_failure import gauss_circle_offsets
