@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Protocol
 
 from dig_operator import Command, Observation
@@ -51,7 +50,7 @@ class OperatedMachine:
             world.tick * self._tick_period,
             machine.joint_positions,
             odometry_round_trip(base),
-            PayloadState(**asdict(payload)),
+            PayloadState(payload.bank_m3, payload.loose_m3, payload.mass_kg, payload.fill),
             TerrainSnapshot(world.soil.grid, world.surface, world.soil.revision),
             world.ledger,
         )

@@ -22,7 +22,14 @@ from machine_sim.dem.contacts.ground_recovery import recover_and_time_settling
 from machine_sim.dem.contacts.pair_contacts import PairContactBlocks, PairContacts
 from machine_sim.dem.contacts.plate_contact_list import PlateContactList
 from machine_sim.dem.contacts.plate_contacts import PlateContacts
-from machine_sim.dem.invalidation import Change, Derived, Invalidation
+from machine_sim.dem.invalidation import (
+    BODY_RECORDS,
+    CONTACT_BLOCKS,
+    INITIAL_RADII,
+    NEIGHBOUR_LIST,
+    Change,
+    Invalidation,
+)
 from machine_sim.dem.lifecycle.growth import (
     GrowthView,
     grow_radii,
@@ -101,10 +108,10 @@ class ContactDynamics:
 
     def invalidate(self, change: Change) -> None:
         """Make derived data stale; springs return from contact blocks to the pair list first."""
-        if not self._invalidation.is_stale(Derived.CONTACT_BLOCKS):
+        if not self._invalidation.is_stale(CONTACT_BLOCKS):
             self.store_springs()
         self._invalidation.record(change)
-        self.neighbour_list.is_stale |= self._invalidation.is_stale(Derived.NEIGHBOUR_LIST)
+        self.neighbour_list.is_stale |= self._invalidation.is_stale(NEIGHBOUR_LIST)
 
     def store_springs(self) -> None:
         """Copy the springs of the contact blocks to the table of the neighbour list."""
@@ -148,7 +155,7 @@ class ContactDynamics:
         if pairs.needs_rebuild(state, tracked_rows, dt):
             self.invalidate(Change.LIST_EXPIRED)
             pairs.build(state, tracked_rows, dt)
-            self._invalidation.mark_rebuilt(Derived.NEIGHBOUR_LIST)
+            self._invalidation.mark_rebuilt(NEIGHBOUR_LIST)
         elif pairs.num_listed < state.count:
             pairs.insert(state, tracked_rows, dt)
 
@@ -176,12 +183,12 @@ class ContactDynamics:
             return False
         params, pairs, view = self._params, self.neighbour_list.pairs, self._state.view(GrowthView)
         first, second = pairs.first[: pairs.count], pairs.second[: pairs.count]
-        if self._invalidation.is_stale(Derived.INITIAL_RADII):
+        if self._invalidation.is_stale(INITIAL_RADII):
             set_initial_radii(
                 params.release_radius_fraction, first, second, view,
                 self.plate_list.table.candidates, self._tools.motion, ground_contacts,
             )  # fmt: skip
-            self._invalidation.mark_rebuilt(Derived.INITIAL_RADII)
+            self._invalidation.mark_rebuilt(INITIAL_RADII)
         self._num_growing = grow_radii(growth_per_step(dt, params), first, second, view)
         return True
 
@@ -205,7 +212,7 @@ class ContactDynamics:
         state, tools = self._state, self._tools
         body, force_sums = self._buffers.body_records, self._buffers.force_sums
         threads = self.neighbour_list.threads
-        all_stale = self._invalidation.is_stale(Derived.BODY_RECORDS)
+        all_stale = self._invalidation.is_stale(BODY_RECORDS)
         load_body_records.for_threads(threads)(
             np.arange(state.count) if all_stale else moving.all, body, force_sums, state.velocity,
             state.angular_velocity, state.contact_radius, state.radius, state.inverse_mass,
@@ -213,10 +220,10 @@ class ContactDynamics:
         )  # fmt: skip
         self._pair_contacts.update(
             state, body, self.neighbour_list.pairs, dt, threads,
-            rebuild=self._invalidation.is_stale(Derived.CONTACT_BLOCKS),
+            rebuild=self._invalidation.is_stale(CONTACT_BLOCKS),
             radii_changed=radii_changed,
         )  # fmt: skip
-        self._invalidation.mark_rebuilt(Derived.BODY_RECORDS, Derived.CONTACT_BLOCKS)
+        self._invalidation.mark_rebuilt(BODY_RECORDS, CONTACT_BLOCKS)
         plate_contacts = self._plate_contacts.fill_blocks(
             state, self.plate_list.table, tools, body, force_sums
         )

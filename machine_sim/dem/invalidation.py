@@ -38,7 +38,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import Enum, auto
 
-__all__ = ["STALE_AFTER", "Change", "Derived", "Invalidation"]
+__all__ = [
+    "BODY_RECORDS",
+    "CONTACT_BLOCKS",
+    "INITIAL_RADII",
+    "NEIGHBOUR_LIST",
+    "STALE_AFTER",
+    "Change",
+    "Invalidation",
+]
+
+NEIGHBOUR_LIST = "neighbour list"
+CONTACT_BLOCKS = "contact blocks"
+BODY_RECORDS = "body records"
+INITIAL_RADII = "initial radii"
+"""Derived data. Strings, as members of an enumeration take longer to look up than to check."""
 
 
 class Change(Enum):
@@ -56,21 +70,12 @@ class Change(Enum):
     BUFFERS_REALLOCATED = auto()
 
 
-class Derived(Enum):
-    """Data that is derived from the particles, see the module."""
+_LIST = frozenset({NEIGHBOUR_LIST, CONTACT_BLOCKS})
+_RECORDS = frozenset({BODY_RECORDS, CONTACT_BLOCKS})
 
-    NEIGHBOUR_LIST = auto()
-    CONTACT_BLOCKS = auto()
-    BODY_RECORDS = auto()
-    INITIAL_RADII = auto()
-
-
-_LIST = frozenset({Derived.NEIGHBOUR_LIST, Derived.CONTACT_BLOCKS})
-_RECORDS = frozenset({Derived.BODY_RECORDS, Derived.CONTACT_BLOCKS})
-
-STALE_AFTER: Mapping[Change, frozenset[Derived]] = {
-    Change.PARTICLES_ADDED: frozenset({Derived.CONTACT_BLOCKS}),
-    Change.GROWING_ADDED: frozenset({Derived.CONTACT_BLOCKS, Derived.INITIAL_RADII}),
+STALE_AFTER: Mapping[Change, frozenset[str]] = {
+    Change.PARTICLES_ADDED: frozenset({CONTACT_BLOCKS}),
+    Change.GROWING_ADDED: frozenset({CONTACT_BLOCKS, INITIAL_RADII}),
     Change.PARTICLES_REMOVED: _RECORDS,
     Change.PARTICLES_FROZEN: _RECORDS,
     Change.PARTICLES_UNFROZEN: _LIST,
@@ -93,10 +98,10 @@ class Invalidation:
         """Mark as stale what a change affects."""
         self._stale |= STALE_AFTER[change]
 
-    def is_stale(self, derived: Derived) -> bool:
+    def is_stale(self, derived: str) -> bool:
         """Return whether this data is stale."""
         return derived in self._stale
 
-    def mark_rebuilt(self, *derived: Derived) -> None:
+    def mark_rebuilt(self, *derived: str) -> None:
         """Record that this data is valid again."""
         self._stale.difference_update(derived)
