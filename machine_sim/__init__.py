@@ -5,7 +5,7 @@
 - `dem`: contact dynamics of soil particles; `reference_cubes`: the model of the 2014 reference
 - `tool_soil`: sweeps, excavated soil, payload and resistance of each tool
 - `simulated_machine`, `simulated_bin`: one machine with its tools and tracks; one bin
-- `simulation`: one tick of all machines and particles; `params`: its stepping; `overlap_check`: check
+- `simulation`: one tick of all machines and particles; `params`: its stepping; `overlap_check`:
   of initial poses
 - `endpoint`: the simulation behind its end of the exchange with the soil
 - `sensors`: inertial units and encoders with their errors
