@@ -19,7 +19,7 @@ from numba import prange
 from machine_sim.dem.partition import NUM_CHUNKS, row_chunk
 from machine_sim.dem.state import AWAKE
 from machine_sim.dem.vec3 import load_row, scale, store_row
-from msg_bridge.kernels import kernel, threaded_kernel
+from msg_bridge.kernels import helper, kernel, threaded_kernel
 
 __all__ = [
     "ANGULAR_VELOCITY",
@@ -74,13 +74,13 @@ _SPHERE_MASS_OVER_INERTIA = np.float32(2.5)
 """m r^2 / I of a solid sphere, whose moment of inertia is 0.4 m r^2."""
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def tool_record_row(num_rows, tool):  # type: ignore[no-untyped-def]
     """Return the row of the record of tool number `tool` among `num_rows` rows."""
     return num_rows - 1 - tool
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def clear_force_sums(force_sums, row):  # type: ignore[no-untyped-def]
     """Set the force sums of a row to zero."""
     for k in range(FORCE_RECORD_SIZE):
@@ -106,7 +106,7 @@ def load_body_records(  # type: ignore[no-untyped-def]
         )  # fmt: skip
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _load_chunk(  # type: ignore[no-untyped-def]
     rows, body, force_sums, velocity, angular_velocity, contact_radius, radius, inverse_mass,
     sleep_state,

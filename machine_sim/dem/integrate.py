@@ -20,7 +20,7 @@ from machine_sim.dem.body_records import (
 )
 from machine_sim.dem.tools.pose import ANGULAR, LINEAR, ORIGIN
 from machine_sim.dem.vec3 import add, cross, dot, load_row, scale, store_row, subtract
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper
 
 __all__ = ["advance_locked_loads", "integrate_bodies"]
 
@@ -29,7 +29,7 @@ _ONE = np.float32(1.0)
 _TINY = np.float32(1e-20)
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def integrate_bodies(rows, body, force_sums, radius, gravity, dt):  # type: ignore[no-untyped-def]
     """Advance particles by one substep of semi-implicit Euler, and clear their force sums.
 
@@ -67,7 +67,7 @@ def integrate_bodies(rows, body, force_sums, radius, gravity, dt):  # type: igno
         clear_force_sums(force_sums, i)
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _integrate_rotation(  # type: ignore[no-untyped-def]
     angular_velocity, torque_over_radius, weighted_angular_velocity, rolling_limit,
     contact_radius, radius, dt_over_inertia,
@@ -89,7 +89,7 @@ def _integrate_rotation(  # type: ignore[no-untyped-def]
     return add(neighbours, scale(rolling, remaining))
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def advance_locked_loads(locked, body, force_sums, position, tools, step, dt):  # type: ignore[no-untyped-def]
     """Move soil locked to tools by one substep, and add the forces on it to the tools' wrenches.
 

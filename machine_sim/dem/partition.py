@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = ["NUM_CHUNKS", "interleave", "partition_pairs", "row_chunk"]
 
@@ -53,7 +53,7 @@ def partition_pairs(slabs: NDArray[np.int64], boundary_slabs: int) -> NDArray[np
     return np.array([*bounds, count], dtype=np.int64)
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def row_chunk(rows, c):  # type: ignore[no-untyped-def]
     """Return chunk number `c` of some rows."""
     return rows[c * rows.size // NUM_CHUNKS : (c + 1) * rows.size // NUM_CHUNKS]

@@ -6,7 +6,7 @@ The order of operations within a component is that in which they are written.
 
 from __future__ import annotations
 
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = ["add", "cross", "dot", "load_row", "scale", "store_row", "subtract"]
 
@@ -41,13 +41,13 @@ def cross(a, b):  # type: ignore[no-untyped-def]
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def load_row(array, row, column):  # type: ignore[no-untyped-def]
     """Return the vector in the columns from `column` on of a row of `array`."""
     return array[row, column], array[row, column + 1], array[row, column + 2]
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def store_row(array, row, column, vector):  # type: ignore[no-untyped-def]
     """Write a vector to the columns from `column` on of a row of `array`."""
     array[row, column], array[row, column + 1], array[row, column + 2] = vector

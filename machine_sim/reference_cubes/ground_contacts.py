@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from machine_sim.dem.state import ParticleState
 from machine_sim.ground.contact_surface import surface_at
 from machine_sim.reference_cubes.ground_impulses import ContactPoints, solve_impulses
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = ["CubeView", "ExpectedChange", "finish_ground_contacts", "resolve_ground_contacts"]
 
@@ -68,7 +68,7 @@ class ExpectedChange(NamedTuple):
     gravity_delta_v: float
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _slopes(surface, ground, x, y, reach):  # type: ignore[no-untyped-def]
     """Return dz/dx and dz/dy across `reach` [m] on each side, past the creases between columns."""
     east = surface_at(surface, ground[0], ground[1], ground[2], x + reach, y)[0]
@@ -139,7 +139,7 @@ def resolve_ground_contacts(  # type: ignore[no-untyped-def]
         angular_velocity[i, 2] = wz - expected.angular_velocity[i, 2]
 
 
-@kernel
+@helper
 def _find_contact_points(  # type: ignore[no-untyped-def]
     surface, ground, dt, centre, h, quaternion, height, nz, reach, max_speed, points
 ):
@@ -183,14 +183,14 @@ def _find_contact_points(  # type: ignore[no-untyped-def]
     return count
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _norm(vectors, i):  # type: ignore[no-untyped-def]
     """Return the norm of row i."""
     x, y, z = vectors[i, 0], vectors[i, 1], vectors[i, 2]
     return np.sqrt(np.float64(x * x + y * y + z * z))
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _rotate(quaternion, x, y, z):  # type: ignore[no-untyped-def]
     """Rotate a vector from the axes of a cube, attitude x y z w, to map axes."""
     a, b, c, w = quaternion[0], quaternion[1], quaternion[2], quaternion[3]

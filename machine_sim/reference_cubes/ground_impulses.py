@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper
 
 __all__ = ["ContactPoints", "solve_impulses"]
 
@@ -31,7 +31,7 @@ class ContactPoints(NamedTuple):
     friction_impulse: NDArray[np.float64]
 
 
-@kernel
+@helper
 def solve_impulses(points, num_points, normal, friction, h, velocity, angular_velocity):  # type: ignore[no-untyped-def]
     """Apply normal and friction impulses to one cube: projected Gauss-Seidel iterations.
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper
 from soil_sim.soils.params import SoilParams
 
 __all__ = ["RelaxationNoise", "random_uniform", "relaxation_noise", "surface_tilt"]
@@ -79,7 +79,7 @@ def surface_tilt(params: SoilParams, grid: Grid) -> NDArray[np.float32]:
     return rng.uniform(-amplitude, amplitude, (*grid.shape, 2)).astype(np.float32)
 
 
-@kernel(inline="always")
+@helper(inline="always")
 def random_uniform(state):  # type: ignore[no-untyped-def]
     """Return the next random number from 0 to 1 (xorshift64*, Vigna 2016).
 

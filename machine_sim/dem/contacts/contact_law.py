@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from machine_sim.dem.vec3 import add, cross, dot, scale, subtract
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper
 
 __all__ = ["ContactParameters", "contact_force", "contact_force_and_torque", "contact_parameters"]
 
@@ -81,7 +81,7 @@ def contact_parameters(
     )
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def contact_force(params, friction, overlap, normal, velocity, spring):  # type: ignore[no-untyped-def]
     """Return the contact force on the second body per unit of effective mass [m/s^2].
 
@@ -124,7 +124,7 @@ def contact_force(params, friction, overlap, normal, velocity, spring):  # type:
     return normal_force, friction_force, spring
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def contact_force_and_torque(mass, cohesion_force, normal_force, friction_force, normal):  # type: ignore[no-untyped-def]
     """Return the force and the torque of a contact on its second body.
 

@@ -26,7 +26,7 @@ from machine_sim.dem.state import ParticleState
 from machine_sim.dem.tools.plane import PLANE_NORMAL, PLANE_OFFSET, PLANE_SIZE
 from machine_sim.dem.vec3 import dot, load_row, store_row
 from machine_sim.ground.contact_surface import Ground, surface_at
-from msg_bridge.kernels import kernel, threaded_kernel
+from msg_bridge.kernels import helper, threaded_kernel
 
 __all__ = [
     "GroundContactList",
@@ -116,13 +116,13 @@ class GroundContactList:
         return GroundContacts(self._row[:count], self._plane[:count])
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def max_limited_overlap(params):  # type: ignore[no-untyped-def]
     """Return the overlap [m] above which the spring force of a limited contact is constant."""
     return _MAX_LIMITED_ACCELERATION / np.float64(params.normal_stiffness)
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def terrain_height(surface, frame, x, y):  # type: ignore[no-untyped-def]
     """Return the terrain height [m] at (x, y)."""
     x_first, y_first, inverse_cell = frame
@@ -159,7 +159,7 @@ def _list_contacts(  # type: ignore[no-untyped-def]
     return count
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _fit_slopes(surface, frame, x, y, r):  # type: ignore[no-untyped-def]
     """Return the mean slopes of the terrain along x and y across 2 r [m] about (x, y)."""
     rise_x = terrain_height(surface, frame, x + r, y) - terrain_height(surface, frame, x - r, y)
@@ -167,7 +167,7 @@ def _fit_slopes(surface, frame, x, y, r):  # type: ignore[no-untyped-def]
     return rise_x / (2 * r), rise_y / (2 * r)
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _fit_planes(  # type: ignore[no-untyped-def]
     surface, frame, dt, params, rows, ground_masked, near_tool, particles, row, plane,
 ):  # fmt: skip
@@ -209,7 +209,7 @@ def _fit_planes(  # type: ignore[no-untyped-def]
     return count
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def reset_spring(spring, i):  # type: ignore[no-untyped-def]
     """Set the tangential spring of particle `i` to zero."""
     spring[i, 0] = spring[i, 1] = spring[i, 2] = np.float32(0.0)

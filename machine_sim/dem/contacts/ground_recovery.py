@@ -12,7 +12,7 @@ from machine_sim.dem.state import ParticleState
 from machine_sim.dem.tools.plane import PLANE_NORMAL
 from machine_sim.dem.vec3 import dot, load_row, store_row
 from machine_sim.ground.contact_surface import Ground
-from msg_bridge.kernels import kernel, threaded_kernel
+from msg_bridge.kernels import helper, threaded_kernel
 
 __all__ = ["recover_and_time_settling"]
 
@@ -68,7 +68,7 @@ def _recover_and_time_settling(  # type: ignore[no-untyped-def]
     return num_recovered.sum()
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _advance_settle_timers(dt, settle_speed, rows, velocity, settle_timer):  # type: ignore[no-untyped-def]
     """Advance the timers of slow particles, negated until the particle is found on the ground."""
     for i in rows:
@@ -76,13 +76,13 @@ def _advance_settle_timers(dt, settle_speed, rows, velocity, settle_timer):  # t
         settle_timer[i] = -settle_timer[i] - np.float32(dt) if speed2 < settle_speed**2 else 0.0
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _clear_airborne_timers(rows, settle_timer):  # type: ignore[no-untyped-def]
     for i in rows:
         settle_timer[i] = max(settle_timer[i], np.float32(0.0))
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _recover_chunk(  # type: ignore[no-untyped-def]
     surface, frame, row, plane, position, velocity, radius, penetration_limited, settle_timer
 ):

@@ -24,7 +24,7 @@ from machine_sim.dem.contacts.simd import GROUP_SIZE
 from machine_sim.dem.neighbours.pair_table import PairTable
 from machine_sim.dem.state import ParticleState
 from machine_sim.dem.vec3 import dot, load_row, subtract
-from msg_bridge.kernels import kernel, threaded_kernel
+from msg_bridge.kernels import helper, threaded_kernel
 
 __all__ = ["PairContactBlocks", "PairContacts"]
 
@@ -174,14 +174,14 @@ def _update(  # type: ignore[no-untyped-def]
         size[part] += num_added
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _separation(position, i, j):  # type: ignore[no-untyped-def]
     """Return the vector from centre i to centre j [m] in float32."""
     x, y, z = subtract(load_row(position, j, 0), load_row(position, i, 0))
     return np.float32(x), np.float32(y), np.float32(z)
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _update_separations(begin, size, contacts, position):  # type: ignore[no-untyped-def]
     """Compute the separations of existing contacts at the start of the step."""
     first, second, block = contacts.first, contacts.second, contacts.block
@@ -192,7 +192,7 @@ def _update_separations(begin, size, contacts, position):  # type: ignore[no-unt
             pair.store(b, pair.SEPARATION, s, _separation(position, i, j))
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _update_contact_radii(begin, size, contacts, body, cohesion):  # type: ignore[no-untyped-def]
     """Update what depends on contact radii in existing contacts."""
     first, second, block = contacts.first, contacts.second, contacts.block
@@ -206,7 +206,7 @@ def _update_contact_radii(begin, size, contacts, body, cohesion):  # type: ignor
             )  # fmt: skip
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _set_radius_quantities(b, s, ri, rj, cohesion):  # type: ignore[no-untyped-def]
     """Fill in the quantities of slot `s` that depend on the contact radii [m]."""
     smaller = min(ri, rj)
@@ -215,7 +215,7 @@ def _set_radius_quantities(b, s, ri, rj, cohesion):  # type: ignore[no-untyped-d
     b[pair.MAX_OVERLAP + s] = smaller
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _add_touching(dt, pairs, candidates, particles, body, begin, contacts, pair_index):  # type: ignore[no-untyped-def]
     """Copy the candidates that may touch to the slots from `begin` on.
 
@@ -272,7 +272,7 @@ def _add_touching(dt, pairs, candidates, particles, body, begin, contacts, pair_
     return num_added, num_left
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _select_touching(  # type: ignore[no-untyped-def]
     dt, first, second, contact_flag, low, high, candidates, num_left, position, body, selected
 ):
@@ -311,7 +311,7 @@ def _store_history(begin, size, pair_index, block, contact_flag, spring):  # typ
         _store_history_part(begin[part], size[part], pair_index, block, contact_flag, spring)
 
 
-@kernel
+@helper
 def _store_history_part(begin, size, pair_index, block, contact_flag, spring):  # type: ignore[no-untyped-def]
     for c in range(begin, begin + size):
         k = pair_index[c]

@@ -8,7 +8,7 @@ from machine_sim.dem.contacts import pair_block as pair
 from machine_sim.dem.contacts.contact_law import contact_force, contact_force_and_torque
 from machine_sim.dem.contacts.simd import GROUP_SIZE, gather_relative_motion, scatter_forces
 from machine_sim.dem.vec3 import add, cross, dot, load_row, scale, subtract
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = ["BOND_RUPTURE_GAP", "max_pair_overlap", "pair_forces"]
 
@@ -20,7 +20,7 @@ _ZERO = np.float32(0.0)
 _TINY_LENGTH2 = np.float32(1e-18)
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def pair_forces(begin, size, contacts, body, force_sums, contact_params):  # type: ignore[no-untyped-def]
     """Add the forces of a range of pair contacts to the sums of their particles.
 
@@ -44,7 +44,7 @@ def pair_forces(begin, size, contacts, body, force_sums, contact_params):  # typ
             scatter_forces(body, force_sums, first, second, at + s, scratch, pair.BLOCK_SIZE, s)
 
 
-@kernel
+@helper
 def _evaluate_contacts(num_slots, block, scratch, contact_params):  # type: ignore[no-untyped-def]
     """Replace the relative motion in `scratch` by forces, and update the springs in `block`."""
     for s in range(np.uint64(num_slots)):

@@ -23,7 +23,7 @@ from machine_sim.dem.tools.plates import (
 from machine_sim.dem.tools.pose import ANGULAR, LINEAR, ORIGIN
 from machine_sim.dem.tools.tool_set import SPHERE_CENTRE, SPHERE_RADIUS, ToolSet
 from machine_sim.dem.vec3 import cross, dot, load_row, subtract
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = ["SEARCH_RADIUS_FACTOR", "PlateCandidates", "PlateContactList", "PlateContactTable"]
 
@@ -205,7 +205,7 @@ def _list_candidates(  # type: ignore[no-untyped-def]
     return count
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _search_radii(dt, rows, position, velocity, radius, pose, twist, reach):  # type: ignore[no-untyped-def]
     """Compute the distance from a tool's plates within which each particle is listed [m].
 
@@ -227,7 +227,7 @@ def _search_radii(dt, rows, position, velocity, radius, pose, twist, reach):  # 
         )
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _mark_close_to_plates(tool_frame_positions, sphere, bounds, low, high, reach, is_close):  # type: ignore[no-untyped-def]
     """Mark the particles within reach of the bounds of plates `low` to `high` - 1.
 

@@ -27,7 +27,7 @@ from machine_sim.dem.tools.plates import plate_coordinates
 from machine_sim.dem.tools.pose import ANGULAR, ORIGIN, to_tool_frame
 from machine_sim.dem.tools.tool_set import ToolSet
 from machine_sim.dem.vec3 import load_row, subtract
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = ["PlateContactBlocks", "PlateContacts"]
 
@@ -180,7 +180,7 @@ def _fill_blocks(  # type: ignore[no-untyped-def]
     return count
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _fill_tool_records(twist, body, force_sums):  # type: ignore[no-untyped-def]
     """Fill the records of the tools.
 
@@ -222,7 +222,7 @@ def _allocate_blocks(plate_of_contact, num_plates, plate_of_block, size):  # typ
     return num_blocks, first_slot
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _pad_last_group(begin, size, row, tool_row, b):  # type: ignore[no-untyped-def]
     """Pad the last group of a block with copies of its last contact that exert no force.
 

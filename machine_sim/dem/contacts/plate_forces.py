@@ -15,7 +15,7 @@ from machine_sim.dem.contacts.simd import GROUP_SIZE, gather_relative_motion, sc
 from machine_sim.dem.tools.plates import FRAME_N, FRAME_U, FRAME_V
 from machine_sim.dem.tools.pose import ANGULAR, LINEAR, ORIGIN, XX, XY, XZ, YX, YY, YZ, ZX, ZY, ZZ
 from machine_sim.dem.vec3 import add, cross, dot, load_row, scale, subtract
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = ["plate_forces"]
 
@@ -82,7 +82,7 @@ def plate_forces(blocks, body, force_sums, tools, step, contact_params):  # type
             tools.wrench[t, ANGULAR + axis] -= torque
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _plate_axes(frame, k, pose):  # type: ignore[no-untyped-def]
     """Return the axes u, v and n of plate `k`, map axes, three components each."""
     rows = (
@@ -94,24 +94,24 @@ def _plate_axes(frame, k, pose):  # type: ignore[no-untyped-def]
     return _in_axes(rows, u), _in_axes(rows, v), _in_axes(rows, n)
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _to_float32(a):  # type: ignore[no-untyped-def]
     return np.float32(a[0]), np.float32(a[1]), np.float32(a[2])
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _in_axes(axes, a):  # type: ignore[no-untyped-def]
     """Return the components of a vector along three axes."""
     return dot(axes[0], a), dot(axes[1], a), dot(axes[2], a)
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _from_axes(axes, a):  # type: ignore[no-untyped-def]
     """Return the vector that has the given components along three axes."""
     return add(add(scale(axes[0], a[0]), scale(axes[1], a[1])), scale(axes[2], a[2]))
 
 
-@kernel
+@helper
 def _transform_to_plate_axes(  # type: ignore[no-untyped-def]
     num_slots, block, scratch, axes, axes_change, origin_shift, tool_velocity, tool_angular_velocity
 ):
@@ -142,7 +142,7 @@ def _transform_to_plate_axes(  # type: ignore[no-untyped-def]
         plate.store(scratch, plate.SURFACE_VELOCITY, s, _in_axes(axes, surface_velocity))
 
 
-@kernel
+@helper
 def _find_closest_points(num_slots, scratch, corner, num_corners):  # type: ignore[no-untyped-def]
     """Find the points of the plate that are closest to the centres.
 
@@ -182,7 +182,7 @@ def _find_closest_points(num_slots, scratch, corner, num_corners):  # type: igno
             )
 
 
-@kernel
+@helper
 def _evaluate_contacts(num_slots, block, scratch, contact_params):  # type: ignore[no-untyped-def]
     """Replace position and motion by forces, in plate axes; update springs and sides."""
     for s in range(np.uint64(num_slots)):
@@ -223,7 +223,7 @@ def _evaluate_contacts(num_slots, block, scratch, contact_params):  # type: igno
         scratch[plate.ROLLING_LIMIT + s] = normal_force * block[plate.ROLLING_FRICTION + s]
 
 
-@kernel
+@helper
 def _transform_to_map_axes(num_slots, block, scratch, axes):  # type: ignore[no-untyped-def]
     """Transform forces and torques from plate axes to map axes; compute the torques on the tool."""
     for s in range(np.uint64(num_slots)):

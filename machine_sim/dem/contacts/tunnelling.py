@@ -11,7 +11,7 @@ from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
 from machine_sim.dem.tools.pose import ORIGIN, XX, to_tool_frame
 from machine_sim.dem.tools.tool_set import SPHERE_CENTRE, SPHERE_RADIUS, ToolSet
 from machine_sim.dem.vec3 import dot, load_row, subtract
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = ["count_tunnelled"]
 
@@ -100,7 +100,7 @@ def _count_tunnelled(  # type: ignore[no-untyped-def]
     return count
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _max_tool_displacement(start, end, sphere):  # type: ignore[no-untyped-def]
     """Return an upper bound of the displacement of any point of a tool [m].
 
@@ -122,7 +122,7 @@ def _max_tool_displacement(start, end, sphere):  # type: ignore[no-untyped-def]
     return np.sqrt(centre_displacement2) + np.sqrt(rotation_change2) * sphere[SPHERE_RADIUS]
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _crosses_plate(plates, k, segment, side):  # type: ignore[no-untyped-def]
     """Return whether a segment pierces plate `k` and ends on the side opposite to `side`.
 

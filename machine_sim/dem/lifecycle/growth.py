@@ -15,7 +15,7 @@ from machine_sim.dem.params import ParticleParams
 from machine_sim.dem.tools.plane import signed_distance
 from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
 from machine_sim.dem.tools.pose import to_tool_frame
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = ["GrowthView", "grow_radii", "growth_per_step", "set_initial_radii"]
 
@@ -73,7 +73,7 @@ def set_initial_radii(  # type: ignore[no-untyped-def]
             contact_radius[i] = max(np.float32(free_radius[i]), _MIN_RADIUS_FRACTION * radius[i])
 
 
-@kernel
+@helper
 def _limit_by_pairs(first, second, view, free_radius):  # type: ignore[no-untyped-def]
     """Limit the free radius [m] of each unsized particle to the gap to its neighbours."""
     position, contact_radius = view.position, view.contact_radius
@@ -94,7 +94,7 @@ def _limit_by_pairs(first, second, view, free_radius):  # type: ignore[no-untype
                 free_radius[j] = min(free_radius[j], d - contact_radius[i])
 
 
-@kernel
+@helper
 def _limit_by_boundaries(position, plate_contacts, tools, ground_contacts, free_radius):  # type: ignore[no-untyped-def]
     """Limit free radii [m] to the distances to plates, at the step's start, and to the ground."""
     for c in range(plate_contacts.row.size):
@@ -113,7 +113,7 @@ def _limit_by_boundaries(position, plate_contacts, tools, ground_contacts, free_
         free_radius[i] = min(free_radius[i], distance)
 
 
-@kernel
+@helper
 def _separate_coincident(first, second, view):  # type: ignore[no-untyped-def]
     """Displace coincident unsized particles, each in its own direction, so that they can part."""
     position, radius, contact_radius = view.position, view.radius, view.contact_radius

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.dem.state import ParticleState
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = ["CellGrid", "rows_in_box", "sort_into_cells", "spatial_order"]
 
@@ -113,7 +113,7 @@ def sort_into_cells(rows, position, cell_size):  # type: ignore[no-untyped-def]
     return CellGrid(order, start, cell, shape)
 
 
-@kernel
+@helper
 def _grid_extent(rows, position, cell_size):  # type: ignore[no-untyped-def]
     """Return the low corner [m] of the inner cells and the number of cells along each axis."""
     n = rows.size

@@ -6,7 +6,7 @@ import numpy as np
 from numba import prange
 
 from machine_sim.dem.partition import NUM_CHUNKS
-from msg_bridge.kernels import kernel, threaded_kernel
+from msg_bridge.kernels import helper, threaded_kernel
 
 __all__ = ["BOTH_ASLEEP", "transfer_history"]
 
@@ -45,7 +45,7 @@ def transfer_history(old, old_count, old_row, active, new, new_count, begin, end
     return num_asleep.sum()
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _transfer_chunk(low, high, old, new_row, active, new, begin, end):  # type: ignore[no-untyped-def]
     """Transfer the history of the old pairs `low` to `high` - 1.
 
@@ -86,7 +86,7 @@ def _transfer_chunk(low, high, old, new_row, active, new, begin, end):  # type: 
     return num_asleep
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _find_row(rows, low, high, row):  # type: ignore[no-untyped-def]
     """Return the index of `row` in rows[low:high], -1 if it is not there."""
     for k in range(low, high):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper
 
 __all__ = [
     "REACH",
@@ -47,7 +47,7 @@ class Neighbourhood(NamedTuple):
     marked_words: NDArray[np.int64]
 
 
-@kernel
+@helper
 def allocate_neighbourhood(capacity):  # type: ignore[no-untyped-def]
     """Return working memory for a number of particles."""
     return Neighbourhood(
@@ -59,7 +59,7 @@ def allocate_neighbourhood(capacity):  # type: ignore[no-untyped-def]
     )
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def mark_neighbours(packed, is_active, own, size, mark):  # type: ignore[no-untyped-def]
     """Mark the particles within reach of number `own`, if one of the two is active.
 
@@ -75,7 +75,7 @@ def mark_neighbours(packed, is_active, own, size, mark):  # type: ignore[no-unty
         mark[m] = np.uint8(0)
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _find_marked_words(low, size, mark, marked_words):  # type: ignore[no-untyped-def]
     """Find the words of marks from `low` on that are not zero; few are. Return their number."""
     words = mark[: mark.size // WORD * WORD].view(np.uint64)
@@ -86,7 +86,7 @@ def _find_marked_words(low, size, mark, marked_words):  # type: ignore[no-untype
     return count
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def list_later_pairs(own, size, around, first, second, count):  # type: ignore[no-untyped-def]
     """List the pairs of number `own` with particles after it, without branches.
 
@@ -104,7 +104,7 @@ def list_later_pairs(own, size, around, first, second, count):  # type: ignore[n
     return count
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def list_all_pairs(own, size, num_after, around, first, second, count):  # type: ignore[no-untyped-def]
     """List the pairs of the active number `own` with particles on all sides.
 

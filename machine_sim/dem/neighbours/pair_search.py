@@ -21,7 +21,7 @@ from machine_sim.dem.neighbours.neighbourhood import (
     mark_neighbours,
 )
 from machine_sim.dem.partition import NUM_CHUNKS
-from msg_bridge.kernels import kernel, threaded_kernel
+from msg_bridge.kernels import helper, threaded_kernel
 
 __all__ = ["SearchParticles", "find_pairs"]
 
@@ -92,7 +92,7 @@ def find_pairs(grid, fast_outliers, sparse, particles, first, second, begin, end
     return count
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _pack_sorted(low, high, order, particles, packed, is_active):  # type: ignore[no-untyped-def]
     """Copy positions, reaches and activity in the order of cells.
 
@@ -108,14 +108,14 @@ def _pack_sorted(low, high, order, particles, packed, is_active):  # type: ignor
         packed[REACH, place], is_active[place] = reach[i], active[i]
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _chunk_start(c, grid):  # type: ignore[no-untyped-def]
     """Return the first place of chunk `c`, which is the first of a cell."""
     place = c * grid.cell.size // NUM_CHUNKS
     return grid.start[grid.cell[place]] if place < grid.cell.size else grid.cell.size
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _move_section(source, count, target, rows, first, second, begin, end):  # type: ignore[no-untyped-def]
     """Move a section of the table to its final position, and shift the ranges of its rows."""
     if source > target:
@@ -127,7 +127,7 @@ def _move_section(source, count, target, rows, first, second, begin, end):  # ty
         end[i] += target
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _find_chunk_pairs(low, high, grid, sparse, packed, is_active, first, second, begin, end):  # type: ignore[no-untyped-def]
     """List the pairs of the cells at places `low` to `high` - 1.
 
@@ -167,7 +167,7 @@ def _find_chunk_pairs(low, high, grid, sparse, packed, is_active, first, second,
     return count
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _find_strips(c, place, start, shape, sparse, low, high):  # type: ignore[no-untyped-def]
     """Find the places of the particles about cell `c`, in strips along z.
 
@@ -191,7 +191,7 @@ def _find_strips(c, place, start, shape, sparse, low, high):  # type: ignore[no-
     return size
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _gather(low, high, sparse, order, packed, is_active, around):  # type: ignore[no-untyped-def]
     """Copy the particles of the strips into a neighbourhood, those of the cell itself first.
 
@@ -211,7 +211,7 @@ def _gather(low, high, sparse, order, packed, is_active, around):  # type: ignor
     return num_after
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _find_outlier_pairs(fast_outliers, particles, first, second, begin, end, count):  # type: ignore[no-untyped-def]
     """List the pairs of fast outliers after the `count` pairs in the table.
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from machine_sim.dem.partition import NUM_CHUNKS, row_chunk
 from machine_sim.dem.vec3 import add, dot, load_row, scale, subtract
-from msg_bridge.kernels import kernel, threaded_kernel
+from msg_bridge.kernels import helper, kernel, threaded_kernel
 
 __all__ = [
     "ACCELERATION_MARGIN",
@@ -87,7 +87,7 @@ def any_skin_exceeded(  # type: ignore[no-untyped-def]
     return exceeded.any()
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _sum_displacements(rows, position, velocity, listed_position, dt, displacement):  # type: ignore[no-untyped-def]
     """Add up the displacements of some rows at the end of the step [m]."""
     for i in rows:
@@ -97,7 +97,7 @@ def _sum_displacements(rows, position, velocity, listed_position, dt, displaceme
             )
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _exceeds_skin(rows, position, velocity, listed, dt, mean):  # type: ignore[no-untyped-def]
     """Return whether the displacement of a row at the end of the step exceeds its skin width."""
     listed_position, skin_width = listed.position, listed.skin_width
@@ -110,7 +110,7 @@ def _exceeds_skin(rows, position, velocity, listed, dt, mean):  # type: ignore[n
     return False
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _exceeds_predicted_radius(rows, contact_radius, radius, listed, growth):  # type: ignore[no-untyped-def]
     """Return whether the contact radius of a row may exceed the predicted one."""
     predicted_radius, exceeds = listed.predicted_radius, False
@@ -127,7 +127,7 @@ def predict_contact_radii(contact_radius, radius, growth, predicted_radius):  # 
         predicted_radius[i] = _grown_radius(contact_radius[i], radius[i], growth)
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _grown_radius(contact_radius, radius, growth):  # type: ignore[no-untyped-def]
     """Return the maximum contact radius [m] after growth; it is 0 before the first step."""
     present = contact_radius if contact_radius > 0.0 else growth.initial * radius
@@ -185,7 +185,7 @@ def compute_skin_widths(  # type: ignore[no-untyped-def]
     return base_width + step * num_steps * fastest, fast_outliers
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _mean_velocity(rows, velocity):  # type: ignore[no-untyped-def]
     """Return the mean velocity of some rows [m/s]."""
     total = 0.0, 0.0, 0.0
@@ -194,7 +194,7 @@ def _mean_velocity(rows, velocity):  # type: ignore[no-untyped-def]
     return scale(total, 1.0 / rows.size)
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _count_faster(rows, speed, max_speed):  # type: ignore[no-untyped-def]
     """Return the number of rows faster than `max_speed` [m/s]."""
     count = 0

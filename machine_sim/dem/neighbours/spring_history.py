@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from machine_sim.dem.neighbours.history_transfer import BOTH_ASLEEP
 from machine_sim.dem.neighbours.pair_table import PairTable
 from machine_sim.dem.state import ASLEEP_ON_MAP, ParticleState
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = ["SpringHistory"]
 
@@ -107,20 +107,20 @@ def _pair_key(i, j):  # type: ignore[no-untyped-def]
     return (np.uint64(min(i, j)) << _ID_BITS) | np.uint64(max(i, j))
 
 
-@kernel
+@helper
 def _spring_sign(first_id, second_id):  # type: ignore[no-untyped-def]
     """Return the sign of a pair's spring in the table, where the lower id comes first."""
     return np.float32(1.0) if first_id < second_id else np.float32(-1.0)
 
 
-@kernel
+@helper
 def _home_slot(key, table):  # type: ignore[no-untyped-def]
     """Return the slot at which the search for a key begins."""
     key *= _HASH_MULTIPLIER
     return (key ^ (key >> _ID_BITS)) & np.uint64(table.size - 1)
 
 
-@kernel
+@helper
 def _find_slot(key, table):  # type: ignore[no-untyped-def]
     """Return the slot of a key, or the empty slot for it if it is not in the table."""
     slot, last = _home_slot(key, table), np.uint64(table.size - 1)
@@ -129,7 +129,7 @@ def _find_slot(key, table):  # type: ignore[no-untyped-def]
     return slot
 
 
-@kernel
+@helper
 def _remove_slot(gap, table, springs):  # type: ignore[no-untyped-def]
     """Empty a slot, and move up the entries after it that probing had displaced."""
     last = np.uint64(table.size - 1)

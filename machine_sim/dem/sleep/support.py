@@ -12,7 +12,7 @@ from machine_sim.dem.sleep.sleep_state import AWAKE, locked_state
 from machine_sim.dem.tools.plane import signed_distance
 from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
 from machine_sim.dem.tools.pose import to_tool_frame
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = ["trace_support"]
 
@@ -51,7 +51,7 @@ def trace_support(tool, rows, sleep_ready, view, contacts, tools, on_tool, on_ot
         on_tool[k] = support[rows[k]] & _ON_TOOL != 0
 
 
-@kernel
+@helper
 def _add_ground_support(view, ground_contacts, support):  # type: ignore[no-untyped-def]
     """Set the bits of the particles that touch the ground."""
     position = view.position
@@ -65,7 +65,7 @@ def _add_ground_support(view, ground_contacts, support):  # type: ignore[no-unty
                 support[i] |= _ON_OTHER
 
 
-@kernel
+@helper
 def _add_plate_support(tool, view, plate_contacts, tools, support):  # type: ignore[no-untyped-def]
     """Set the bits of the particles that touch a plate, of the tool or of another."""
     position, pose = view.position, tools.path[tools.path.shape[0] - 1]
@@ -82,7 +82,7 @@ def _add_plate_support(tool, view, plate_contacts, tools, support):  # type: ign
             support[i] |= _ON_TOOL if owner == tool else _ON_OTHER
 
 
-@kernel
+@helper
 def _spread_support(tool, view, pair_contacts, support):  # type: ignore[no-untyped-def]
     """Hand support on across each contact once; return whether any particle gained a bit."""
     position, contact_radius = view.position, view.contact_radius

@@ -20,7 +20,7 @@ from machine_sim.dem.sleep.sleep_state import (
 from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
 from machine_sim.dem.tools.pose import ORIGIN, to_tool_frame, velocity_at
 from machine_sim.dem.tools.tool_set import SPHERE_CENTRE, SPHERE_RADIUS
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = [
     "WAKE_SPHERE_SIZE",
@@ -138,7 +138,7 @@ def wake_in_spheres(rows, view, spheres, woken):  # type: ignore[no-untyped-def]
                 break
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _is_outside_box(position, i, low, high, margin):  # type: ignore[no-untyped-def]
     """Return whether particle i is farther than a margin [m] outside a box along some axis."""
     outside = False
@@ -215,7 +215,7 @@ def wake_near_moving_tools(dt, rows, view, is_moving, tools, woken, wake_load): 
                     wake_load[own] = True
 
 
-@kernel
+@helper
 def _is_near_plate(plates, low, high, x, y, z, reach):  # type: ignore[no-untyped-def]
     """Return whether a point of the tool frame is within reach [m] of a plate in low..high-1."""
     for p in range(low, high):
@@ -228,7 +228,7 @@ def _is_near_plate(plates, low, high, x, y, z, reach):  # type: ignore[no-untype
     return False
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _tool_velocity_at(position, row, pose, twist):  # type: ignore[no-untyped-def]
     """Return the velocity [m/s], map axes, of a tool at the position of a particle."""
     x = position[row, 0] - pose[ORIGIN]

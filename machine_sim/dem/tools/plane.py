@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper
 
 __all__ = ["PLANE_NORMAL", "PLANE_OFFSET", "PLANE_SIZE", "signed_distance"]
 
@@ -14,7 +14,7 @@ PLANE_SIZE = 4
 """Numbers in a packed plane."""
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def signed_distance(plane, x, y, z):  # type: ignore[no-untyped-def]
     """Return the distance of a point [m] from a packed plane, positive on the normal's side."""
     distance = plane[PLANE_NORMAL] * x + plane[PLANE_NORMAL + 1] * y

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.dem.state import ParticleError
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper
 
 __all__ = [
     "BOUNDS_CENTRE",
@@ -131,7 +131,7 @@ def _polygon_error(points: NDArray[np.float64]) -> str:
     return ""
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def plate_coordinates(plates, k, x, y, z):  # type: ignore[no-untyped-def]
     """Return the plate coordinates (a, b, h) at plate k of a point [m] of the tool frame."""
     frame = plates.frame
@@ -144,7 +144,7 @@ def plate_coordinates(plates, k, x, y, z):  # type: ignore[no-untyped-def]
     return a, b, h
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def closest_in_polygon(plates, k, a, b):  # type: ignore[no-untyped-def]
     """Return the point of plate k closest to (a, b) in its plane, and whether (a, b) is inside.
 

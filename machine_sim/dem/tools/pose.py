@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.dem.state import ParticleError
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = [
     "ANGULAR",
@@ -169,7 +169,7 @@ def interpolate_poses(start, end, dt, path, twist):  # type: ignore[no-untyped-d
             path[substeps, t, k] = end[t, k]
 
 
-@kernel
+@helper
 def _axis_times_sine(start, end, rotation_change):  # type: ignore[no-untyped-def]
     """Return the rotation axis times the sine of the angle, the sine, and the angle [rad].
 
@@ -191,13 +191,13 @@ def _axis_times_sine(start, end, rotation_change):  # type: ignore[no-untyped-de
     return ux, uy, uz, sine, np.arctan2(sine, 0.5 * (trace - 1.0))
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def to_tool_frame(pose, x, y, z):  # type: ignore[no-untyped-def]
     """Transform a point [m] from the map frame to the frame of a packed pose."""
     return rotate_to_tool_axes(pose, x - pose[ORIGIN], y - pose[ORIGIN + 1], z - pose[ORIGIN + 2])
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def rotate_to_tool_axes(pose, x, y, z):  # type: ignore[no-untyped-def]
     """Rotate a vector from map axes to the axes of a packed pose."""
     return (
@@ -207,7 +207,7 @@ def rotate_to_tool_axes(pose, x, y, z):  # type: ignore[no-untyped-def]
     )
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def rotate_to_map_axes(pose, x, y, z):  # type: ignore[no-untyped-def]
     """Rotate a vector from the axes of a packed pose to map axes."""
     return (

@@ -18,7 +18,7 @@ from machine_sim.dem.tools.pose import (
     to_tool_frame,
 )
 from machine_sim.dem.tools.rigid_tool import RigidTool
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = [
     "NO_TOOL",
@@ -247,7 +247,7 @@ def _classify(  # type: ignore[no-untyped-def]
                 inside[n], ground_masked[n] = t, is_digging[t]
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _mark_within_sphere(positions, sphere, margin, within):  # type: ignore[no-untyped-def]
     """Mark the positions within a margin [m] of a bounding sphere, and return their number."""
     count, max_distance2 = 0, (sphere[SPHERE_RADIUS] + margin) ** 2
@@ -260,7 +260,7 @@ def _mark_within_sphere(positions, sphere, margin, within):  # type: ignore[no-u
     return count
 
 
-@kernel(forceinline=True)
+@helper(forceinline=True)
 def _exclude_beyond_plane(positions, nx, ny, nz, offset, within):  # type: ignore[no-untyped-def]
     """Clear the mark of each position beyond a plane."""
     for n in range(np.uint64(within.size)):
