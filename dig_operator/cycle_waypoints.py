@@ -44,6 +44,10 @@ _FRACTIONS = (0.25, 0.5, 0.75, 1.0)
 class WaypointPlanner:
     """Plans the waypoints of each phase from the observed terrain.
 
+    `reach`, `dig`, `curl`, `lift`, `swing` and `dump` have one signature, so that `DigCycle` can
+    call them by phase: the observation, and the pose of the bucket at the start of the phase. Those
+    that only follow the plan or turn the bucket do not use the observation.
+
     Attributes:
         params: behaviour of the operator.
         dig_azimuth: middle of the sector to dig in [rad], map frame.
@@ -219,4 +223,5 @@ class WaypointPlanner:
 
 
 def _interpolate(a: BucketPose, b: BucketPose, fraction: float) -> BucketPose:
+    """Return the pose at a fraction of the way from `a` to `b`, linear in each coordinate."""
     return BucketPose(*(x + fraction * (y - x) for x, y in zip(a, b, strict=True)))

@@ -94,7 +94,8 @@ class DigTask:
             )
             self._dig_cycle = DigCycle(planner)
             self.phase = OperatorPhase.REACH
-        if self.phase not in _FINAL_PHASES and observation.time > self._params.timeout:
+        elapsed = observation.time - self._initial_observation.time
+        if self.phase not in _FINAL_PHASES and elapsed > self._params.timeout:
             self._abort(
                 f"the task was not finished within {self._params.timeout:g} s of simulation time",
                 observation,

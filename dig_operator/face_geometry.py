@@ -81,7 +81,7 @@ class FaceGeometry:
         if angle > max_angle:
             raise MachineError(
                 f"the boom would have to turn {angle:.2f} rad to either side, its limit is"
-                f" {max_angle}; give a narrower face"
+                f" {max_angle:.2f} rad; give a narrower face"
             )
         return angle
 

@@ -36,5 +36,5 @@ class FaceCuttingParams(Parameters):
         low=0.0, high=100.0,
     )  # fmt: skip
     timeout: float = parameter(
-        600.0, "simulation time after which the task is aborted", unit="s", low=1.0, high=1e6
+        600.0, "duration of the task after which it is aborted", unit="s", low=1.0, high=1e6
     )

@@ -135,5 +135,5 @@ class DigTaskParams(Parameters):
         90.0, "angle from dig to dump, positive to the left", unit="deg", low=-180.0, high=180.0
     )
     timeout: float = parameter(
-        900.0, "simulation time after which the task is aborted", unit="s", low=1.0, high=1e6
+        900.0, "duration of the task after which it is aborted", unit="s", low=1.0, high=1e6
     )

@@ -71,7 +71,7 @@ class DigOutcome:
     machine_position: tuple[float, float]
 
     @property
-    def is_balanced(self) -> bool:
+    def is_successful(self) -> bool:
         """Whether the task was finished and the ledger was balanced at every tick."""
         return not self.abort_reason and self.max_imbalance == 0
 

@@ -102,7 +102,7 @@ def run(args: argparse.Namespace) -> int:
     if not args.no_pictures:
         for path in write_pictures(outcome, args.out):
             print(f"  picture   {path}")
-    return 0 if outcome.is_balanced else 1
+    return 0 if outcome.is_successful else 1
 
 
 def _run_in_process(config: RunConfig, site: HeightMap) -> DigOutcome:

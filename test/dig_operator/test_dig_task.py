@@ -60,9 +60,9 @@ def dig_cycles(monkeypatch: pytest.MonkeyPatch) -> list[FakeDigCycle]:
 class KinematicDrive:
     """A machine that drives as commanded along its yaw, and soil that moves until a given time."""
 
-    def __init__(self, *, yaw: float = 0.0, **params: float) -> None:
+    def __init__(self, *, yaw: float = 0.0, start_time: float = 0.0, **params: float) -> None:
         self.task = DigTask(MACHINE, BehaviourParams(), DigTaskParams(**params))  # type: ignore[arg-type]
-        self.yaw, self.distance, self.time = yaw, 0.0, 0.0
+        self.yaw, self.distance, self.time = yaw, 0.0, start_time
         self.moving_until = 0.0
         self.phases: list[OperatorPhase] = []
         self.last = Command(np.zeros(4), np.zeros(2))
@@ -79,8 +79,9 @@ class KinematicDrive:
         return self.last
 
     def run_until(self, phase: OperatorPhase, timeout: float = 60.0) -> None:
+        deadline = self.time + timeout
         while self.task.phase != phase:
-            assert self.time < timeout, self.task.phase
+            assert self.time < deadline, self.task.phase
             self.step()
 
 
@@ -159,11 +160,14 @@ def test_finished_task_commands_zero_velocities(dig_cycles: list[FakeDigCycle]) 
         assert not command.tracks.any()
 
 
-def test_task_is_aborted_after_its_timeout(dig_cycles: list[FakeDigCycle]) -> None:
-    drive = KinematicDrive(cycles=1000, timeout=4.0)
+@pytest.mark.parametrize("start_time", [0.0, 5000.0])
+def test_task_is_aborted_when_its_timeout_has_elapsed_since_its_start(
+    dig_cycles: list[FakeDigCycle], start_time: float
+) -> None:
+    drive = KinematicDrive(cycles=1000, timeout=4.0, start_time=start_time)
     drive.run_until(OperatorPhase.DONE)
     assert "4 s" in drive.task.abort_reason
-    assert 4.0 < drive.time < 4.5
+    assert 4.0 < drive.time - start_time < 4.5
 
 
 def test_task_is_aborted_where_the_machine_cannot_reach(dig_cycles: list[FakeDigCycle]) -> None:

@@ -47,7 +47,7 @@ def short_runs() -> list[DigOutcome]:
 
 def test_run_finishes_its_cycle(one):
     assert not one.outcome.abort_reason
-    assert one.outcome.is_balanced
+    assert one.outcome.is_successful
     assert [cycle.number for cycle in one.outcome.cycles] == [1]
 
 
@@ -154,11 +154,11 @@ def test_summary_of_an_aborted_run_has_the_reason(one, capsys):
 
 @pytest.mark.parametrize("imbalance", [1, -1])
 def test_imbalanced_run_is_not_balanced(one, imbalance):
-    assert not replace(one.outcome, max_imbalance=imbalance).is_balanced
+    assert not replace(one.outcome, max_imbalance=imbalance).is_successful
 
 
 def test_unfinished_run_is_not_balanced(one):
-    assert not replace(one.outcome, abort_reason="too long").is_balanced
+    assert not replace(one.outcome, abort_reason="too long").is_successful
 
 
 @pytest.mark.parametrize(

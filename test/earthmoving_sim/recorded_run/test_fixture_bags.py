@@ -70,7 +70,7 @@ def test_audit_of_fixture_passes_with_its_volumes(name: str) -> None:
 def test_outcome_of_fixture_is_that_of_its_run(name: str) -> None:
     outcome = outcome_from_bag(BAGS / name)
     (cycle,) = outcome.cycles
-    assert outcome.is_balanced
+    assert outcome.is_successful
     assert outcome.ledger.tick == outcome.state_tick == EXPECTED.num_ticks - 1
     assert outcome.ledger.outside == EXPECTED.outside_mm3
     assert outcome.state_hash == EXPECTED.state_hash

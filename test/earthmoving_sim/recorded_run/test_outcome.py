@@ -201,7 +201,7 @@ def test_operator_without_a_recorded_end_did_not_finish(dig, outcome) -> None:
     del recording.messages[before]  # the one with the abort reason
     result = outcome(recording)
     assert result.abort_reason == "the operator did not finish"
-    assert not result.is_balanced
+    assert not result.is_successful
     assert result.simulated_time == dig.outcome.simulated_time
 
 
