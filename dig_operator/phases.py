@@ -10,7 +10,7 @@ __all__ = ["OperatorPhase"]
 class OperatorPhase(str, enum.Enum):
     """Phase of an operator's task; the value is its name in topics, diagnostics and pictures."""
 
-    # Excavator, `DigTask`: drive to the dig, then stand still for a fixed time while the base rocks.
+    # Excavator, `DigTask`: drive to the dig, then wait a fixed time while the base rocks.
     APPROACH = "approach"
     BRACE = "brace"
     # Excavator, `DigCycle`, in this order.

@@ -24,7 +24,7 @@ from machine_sim.dem import ParticleParams
 from machine_sim.params import MachineSimParams
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.parameters import Parameters, parameter
-from msg_bridge.contract.suggestions import nearest_name, suggestion
+from msg_bridge.contract.suggestions import did_you_mean, nearest_name, suggestion
 from soil_sim.soils.params import SoilParams
 
 __all__ = ["SECTIONS", "ConfigLayer", "RunParams", "merge_layers", "read_layer"]
@@ -157,7 +157,7 @@ def _section_hint(name: str, section: str | None = None) -> str:
     for each in ([section] if section else []) + others:
         nearest = nearest_name(name, _parameter_names(SECTIONS[each]))
         if nearest:
-            return f" (did you mean {nearest!r} in section {each}?)"
+            return did_you_mean(nearest, f" in section {each}")
     return ""
 
 

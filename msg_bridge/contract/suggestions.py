@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
-__all__ = ["nearest_name", "suggestion"]
+__all__ = ["did_you_mean", "nearest_name", "suggestion"]
 
 _MIN_SIMILARITY = 0.6
 """Smallest similarity ratio, from 0 to 1, at which a name is suggested."""
@@ -17,7 +17,16 @@ def nearest_name(name: str, known: Iterable[str]) -> str | None:
     return matches[0] if matches else None
 
 
+def did_you_mean(nearest: str | None, place: str = "") -> str:
+    """Return " (did you mean 'width'?)"; empty without a name.
+
+    Args:
+        nearest: the suggested name.
+        place: where it is, such as " in section task"; added to the question.
+    """
+    return f" (did you mean {nearest!r}{place}?)" if nearest else ""
+
+
 def suggestion(name: str, known: Iterable[str]) -> str:
     """Return " (did you mean 'width'?)" for an unknown name; empty if no known one is similar."""
-    nearest = nearest_name(name, known)
-    return f" (did you mean {nearest!r}?)" if nearest else ""
+    return did_you_mean(nearest_name(name, known))

@@ -12,7 +12,6 @@ they are declared, so that the user reads this package's sentence and not rclpy'
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 import sys
 from collections.abc import Callable, Collection
@@ -31,6 +30,7 @@ from rclpy.parameter import Parameter
 
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.parameters import Parameters, check_value, item_type
+from msg_bridge.contract.suggestions import did_you_mean, nearest_name
 
 __all__ = [
     "declare_parameters",
@@ -197,19 +197,33 @@ def reject_unknown_overrides(node: Node) -> None:
     """Check that every parameter override is declared.
 
     Raises:
-        ParameterError: an override is unknown; lists it, the nearest known names, and all names.
+        ParameterError: an override is unknown; names the nearest parameter, or those of its group.
     """
-    unknown = unknown_overrides(node)
-    if not unknown:
-        return
     known = known_parameters(node)
-    named = []
-    for name in unknown:
-        close = difflib.get_close_matches(name, known, n=1)
-        named.append(f"{name} (do you mean {close[0]}?)" if close else name)
-    raise ParameterError(
-        f"{_of(node)} has no parameter {', '.join(named)}; it has {', '.join(known)}"
-    )
+    sentences = [
+        f"{_of(node)} has no parameter {name}{_hint(name, known)}"
+        for name in unknown_overrides(node)
+    ]
+    if sentences:
+        raise ParameterError("; ".join(sentences))
+
+
+def _hint(name: str, known: Collection[str]) -> str:
+    """Return a hint at the parameter meant by an unknown name, or at those of its group.
+
+    A name of no known group is compared with all names. If none is similar, the hint has the
+    parameters without a group, and the groups as "soil.*".
+    """
+    group = name.rpartition(".")[0] + "."
+    members = [each for each in known if each.startswith(group)]
+    if members:  # compare without the group, in which all names would be similar
+        nearest = nearest_name(name[len(group) :], [each[len(group) :] for each in members])
+        hint = did_you_mean(nearest and group + nearest)
+    else:
+        hint = did_you_mean(nearest_name(name, known))
+        groups = sorted({each.partition(".")[0] for each in known if "." in each})
+        members = [each for each in known if "." not in each] + [f"{each}.*" for each in groups]
+    return hint or f"; it has {', '.join(members)}"
 
 
 def _overrides(node: Node) -> dict[str, Parameter]:

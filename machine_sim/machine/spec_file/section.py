@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from machine_sim.machine.errors import MachineError
-from msg_bridge.contract.suggestions import nearest_name, suggestion
+from msg_bridge.contract.suggestions import did_you_mean, nearest_name, suggestion
 
 __all__ = ["Section"]
 
@@ -131,8 +131,13 @@ class Section:
         if key not in self._values:
             others = [str(other) for other in self._values if other not in self._known_keys]
             similar = nearest_name(key, others)
-            rename = f", or rename {similar!r} if that is meant" if similar else ""
-            raise MachineError(f"{self._key_path(key)} is missing; add it{rename}")
+            path = self._key_path(key)
+            if similar:
+                raise MachineError(
+                    f"{path} is missing, but there is {similar!r}{did_you_mean(key)};"
+                    f" rename it, or add {key!r}"
+                )
+            raise MachineError(f"{path} is missing; add it")
         return self._values[key]
 
     def _list(self, key: str, count: int | None) -> list[Any]:

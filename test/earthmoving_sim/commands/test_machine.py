@@ -38,7 +38,10 @@ def rename_shoe_width(values):
         (lambda v: v["joystick_axes"]["turn"].update(axis="left_z"), "joystick_axes.turn"),
         (lambda v: v["tracks"].update(shoe_thickness=0.8), "tracks"),
         (lambda v: v["tracks"].update(shoe_widht=0.5), "(did you mean 'shoe_width'?)"),
-        (rename_shoe_width, "tracks.shoe_width is missing; add it, or rename 'shoe_widht'"),
+        (
+            rename_shoe_width,
+            "tracks.shoe_width is missing, but there is 'shoe_widht' (did you mean 'shoe_width'?)",
+        ),
     ],
 )
 def test_invalid_file_is_rejected_with_its_section(edit, key, tmp_path, capsys) -> None:

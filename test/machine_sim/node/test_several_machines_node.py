@@ -205,7 +205,7 @@ def test_excavator_and_road_header_join_in_separate_nodes(ros: Ros) -> None:
         ({"machines": ["a", "b"], "x": 2.0}, r"a\.x"),
         ({"machines": ["a", "b"]}, r"b\.x"),
         ({"machines": ["a", "b"], "b.x": "far"}, r"b\.x"),
-        ({"machines": ["a", "b"], "b.x": 5.0, "c.x": 9.0}, r"no parameter c\.x \(do you mean"),
+        ({"machines": ["a", "b"], "b.x": 5.0, "c.x": 9.0}, r"no parameter c\.x \(did you mean"),
         ({"digger.x": 1.0}, r"no parameter digger\.x"),
         ({"bins": ["commands"]}, "commands"),
         ({"machines": ["a"], "bins": ["a"]}, "'a'"),

@@ -125,7 +125,7 @@ def test_invalid_parameter_ends_the_process_with_exit_code_2(ros_process: StartP
     ("arguments", "line"),
     [
         (["-p", "depth:=3"], "digger: depth is 3.0 m; give a value from 0.0 to 2.0 m (how deep)"),
-        (["-p", "depht:=1.5"], "digger: /digger has no parameter depht (do you mean depth?); it "),
+        (["-p", "depht:=1.5"], "digger: /digger has no parameter depht (did you mean 'depth'?)"),
         (["-p", "depth:=deep"], "digger: depth is 'deep'; give a finite number (how deep)"),
         (["-p", "depth"], "digger: the ROS arguments are invalid ("),
         (["--params-file", "none.yaml"], "digger: the ROS arguments are invalid ("),

@@ -132,7 +132,7 @@ def test_node_gets_parameters_and_namespace(ros: Ros) -> None:
 
 
 def test_unknown_parameter_is_an_error(ros: Ros) -> None:
-    with pytest.raises(ParameterError, match=r"no parameter greting \(do you mean greeting\?\)"):
+    with pytest.raises(ParameterError, match=r"no parameter greting \(did you mean 'greeting'\?\)"):
         ros.add(Hello, parameters={"greting": "good day"})
 
 
