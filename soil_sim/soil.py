@@ -21,7 +21,7 @@ from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.rows import CONVERSION, DEPOSIT_REQUEST, SWEEP, Rows, join_rows
 from soil_sim.columns import ChangeTracker, Columns, TileChecksums
 from soil_sim.compaction import compact
-from soil_sim.deposition import bilinear_shares
+from soil_sim.deposit_shares import bilinear_shares
 from soil_sim.errors import SoilError
 from soil_sim.excavation import KeyPointCut, RemovedSoil, SweptCut
 from soil_sim.row_output import convert_deposit_requests, excavation_rows, map_update_rows

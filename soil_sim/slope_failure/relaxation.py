@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soil_sim.columns.state import Columns
-from soil_sim.deposition import ColumnShares
+from soil_sim.deposit_shares import ColumnShares
 from soil_sim.slope_failure.cell_queue import (
     clear,
     create_cell_queue,

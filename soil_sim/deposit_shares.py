@@ -1,7 +1,8 @@
-"""Deposition: the volume of a particle goes to the four nearest grid points.
+"""Shares of the four nearest columns in the volume of each deposited particle.
 
 This is the rule of section 3.1 of the reference. The shares are the bilinear weights of the landing
-point, rounded to whole mm^3 such that they add up to exactly the volume of the particle.
+point, rounded to whole mm^3 such that they add up to exactly the volume of the particle. The soil
+is added to the columns by `slope_failure.runout.deposit_with_runout`.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class ColumnShares(NamedTuple):
 
 
 def bilinear_shares(frame: GridFrame, conversions: Rows) -> ColumnShares:
-    """Return the shares of the columns around deposited particles.
+    """Return the shares of the columns around deposited particles, four for each DEPOSIT row.
 
     Args:
         frame: grid of the terrain.
