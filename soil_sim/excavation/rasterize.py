@@ -33,7 +33,13 @@ _BOUNDS_TOLERANCE = 1e-3
 
 @kernel
 def max_columns_touched(points, has_plate, grid):  # type: ignore[no-untyped-def]
-    """Return an upper bound of the number of columns that pairs and plates touch in the tick."""
+    """Return an upper bound of the number of columns that pairs and plates touch in the tick.
+
+    Args:
+        points: key points at both times and ends, shape (pairs, 2 times, 2 ends, 3), map frame [m].
+        has_plate: whether a plate joins each pair to the next one, shape (pairs,).
+        grid: layout of the map.
+    """
     total = 0.0
     for n in range(points.shape[0]):
         end = n + 2 if has_plate[n] else n + 1
@@ -44,7 +50,7 @@ def max_columns_touched(points, has_plate, grid):  # type: ignore[no-untyped-def
 
 @helper
 def _bounds(points, first, end, grid):  # type: ignore[no-untyped-def]
-    """Return the bounds of the columns that pairs `first` to `end` touch, as floats.
+    """Return the bounds of the columns that pairs `first` to `end` - 1 touch, as floats.
 
     Returns:
         (first row, last row, first column, last column), clipped to the map.
@@ -69,7 +75,8 @@ def rasterize_sweep(points, has_plate, raster, count):  # type: ignore[no-untype
     """Lower subcolumns to the surface that pairs and plates sweep, and sum what they lose.
 
     Args:
-        points, has_plate: the fields of `SweptPairs`.
+        points: key points at both times and ends, shape (pairs, 2 times, 2 ends, 3), map frame [m].
+        has_plate: whether a plate joins each pair to the next one, shape (pairs,).
         raster: the `Raster`; its refined columns are changed.
         count: number of refined columns.
 
@@ -106,7 +113,10 @@ def _apply_height_changes(raster, count):  # type: ignore[no-untyped-def]
 
 @helper(inline="always")
 def _is_airborne(points, first, end, raster):  # type: ignore[no-untyped-def]
-    """Return whether pairs `first` to `end` stay above all columns; cheaper than to rasterize."""
+    """Return whether pairs `first` to `end` - 1 stay above all columns.
+
+    This is cheaper than to rasterize them.
+    """
     cols = raster.grid.cols
     lowest = np.inf
     for m in range(first, end):

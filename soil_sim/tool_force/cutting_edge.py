@@ -13,9 +13,10 @@ ahead of it, so uneven ground, mixed soils and an edge partly in the air need no
   angle), the rake is the minimum rake of the theory. If the edge does not lead, the tool backs out
   of the cut, and the resistance is zero.
 - **Depth** is that of the edge below the surface `LOOKAHEAD_CELLS` cells ahead, which is not cut
-  yet. It counts in full if the edge moves horizontally or down. If the edge rises, the depth is
-  measured to the surface perpendicular to the travel: depth times the cosine of the climb angle,
-  zero for vertical motion.
+  yet. If the edge moves down, the depth counts in full, except where n points down: there it is
+  multiplied by 1 + n_z, which is zero for n straight down. Otherwise the depth is measured to the
+  surface perpendicular to the travel: it is multiplied by n_z, for a level edge the cosine of the
+  climb angle, which is 1 for horizontal and 0 for vertical motion. It is zero if n points down.
 - **Surcharge** is the weight of the soil above the top of the tool, up to the height of the tool: a
   blade at the foot of a wall does not push the whole wall. Soil *in* the tool is not a surcharge,
   because its particles press on the tool themselves.
@@ -102,19 +103,19 @@ def _travel(points):  # type: ignore[no-untyped-def]
         return none
     n = divide(n, width)
     plate = subtract(scale(0.5, add(key_point(points, 2, 1), key_point(points, 3, 1))), edge)
-    behind, beside = -dot(plate, t), dot(plate, n)
+    plate_behind, plate_beside = -dot(plate, t), dot(plate, n)
     rest = (0.0, 0.0, 0.0)
     top = edge[2]
     for row in range(len(points)):
         rest = add(rest, subtract(key_point(points, row, 1), edge))
         top = max(top, points[row, 1, 2])
-    # (beside, behind) is the normal of the inner face in t and n. Flip n if it points away from the
-    # rest of the tool.
-    inside = dot(rest, t) * beside + dot(rest, n) * behind
+    # (plate_beside, plate_behind) is the normal of the inner face in t and n. Flip n if it points
+    # away from the rest of the tool.
+    inside = dot(rest, t) * plate_beside + dot(rest, n) * plate_behind
     is_single_plate = abs(inside) <= 1e-6 * len(points)
-    if beside < 0.0 if is_single_plate else inside < 0.0:
-        n, beside = scale(-1.0, n), -beside
-    if beside <= 0.0 and behind <= 0.0:
+    if plate_beside < 0.0 if is_single_plate else inside < 0.0:
+        n, plate_beside = scale(-1.0, n), -plate_beside
+    if plate_beside <= 0.0 and plate_behind <= 0.0:
         return none
     depth_factor = min(1.0, 1.0 + n[2]) if t[2] < 0.0 else max(n[2], 0.0)
     dive = max(-t[2], 0.0)
@@ -122,7 +123,7 @@ def _travel(points):  # type: ignore[no-untyped-def]
     ahead = math.hypot(ax, ay)
     if ahead > 1e-6:
         ax, ay = ax / ahead, ay / ahead
-    rake = math.atan2(max(beside, 0.0), behind)
+    rake = math.atan2(max(plate_beside, 0.0), plate_behind)
     return _Travel(t, n, (ax, ay), width, rake, top - edge[2], depth_factor)
 
 
