@@ -199,17 +199,17 @@ class ParticleEngine(SoilEngine):
         dynamics.update_neighbour_list(dt, moving)
         substep, duration = dt / params.substeps, params.substeps_per_contact
         pair_params = contact_parameters(substep, duration, params.restitution)
-        boundary_params = contact_parameters(substep, duration, params.boundary_restitution)
+        surface_params = contact_parameters(substep, duration, params.boundary_restitution)
         local = tools.tool_frame_positions(rows, state.position)
         inside, ground_masked, near = tools.classify_near_tools(local, self.ground.grid.cell)
         ground_contacts = dynamics.list_ground_contacts(
-            dt, boundary_params, rows, ground_masked, near
+            dt, surface_params, rows, ground_masked, near
         )
         plate_list.update(state, rows, tools, local, dt)
         radii_changed = dynamics.grow(dt, ground_contacts)
         start = state.position.take(rows, axis=0) if tools.tools else state.position[:0]
         dynamics.integrate(
-            dt, (pair_params, boundary_params), moving, ground_contacts, radii_changed
+            dt, (pair_params, surface_params), moving, ground_contacts, radii_changed
         )
         if tools.tools:
             self.num_plate_tunnellings += count_tunnelled(

@@ -2,9 +2,9 @@
 
 The pair list is in the order of slabs of cells, and the particles of a pair lie in its slab or the
 next one (or the previous one, where only few particles are active). So it is cut into *regions*,
-runs of slabs, separated by *boundaries*, one or two slabs each: no two regions contain the same
-particle, and no two boundaries do. Forces are added up in all regions at once, then in all
-boundaries at once.
+runs of slabs, separated by *region boundaries*, one or two slabs each: no two regions contain the
+same particle, and no two region boundaries do. Forces are added up in all regions at once, then in
+all region boundaries at once.
 
 The cuts depend on the list alone. So the order in which forces are added up, and with it every bit
 of the result, is the same for any number of threads.
@@ -29,27 +29,27 @@ _MIN_PAIRS_PER_REGION = 8192
 """Minimum number of pairs in a region; with fewer, threads cost more than they save."""
 
 
-def partition_pairs(slabs: NDArray[np.int64], boundary_slabs: int) -> NDArray[np.int64]:
+def partition_pairs(slabs: NDArray[np.int64], slabs_per_boundary: int) -> NDArray[np.int64]:
     """Cut a pair list into regions with about the same number of pairs.
 
     Args:
         slabs: first pair of each slab, and the end, ascending, shape (slabs + 1,).
-        boundary_slabs: number of slabs in a boundary: 1 where a pair reaches into the next slab, 2
-            where it reaches into both adjacent slabs.
+        slabs_per_boundary: number of slabs in a region boundary: 1 where a pair reaches into the
+            next slab, 2 where it reaches into both adjacent slabs.
 
     Returns:
         Bounds, shape (2 * regions,): region r has the pairs bounds[2r] to bounds[2r + 1], and the
-        boundary after it the pairs from there to bounds[2r + 2].
+        region boundary after it the pairs from there to bounds[2r + 2].
     """
     count = int(slabs[-1])
     num_regions = min(_MAX_REGIONS, count // _MIN_PAIRS_PER_REGION)
-    bounds, min_cut = [0], boundary_slabs
+    bounds, min_cut = [0], slabs_per_boundary
     for r in range(1, num_regions):
         cut = max(int(np.searchsorted(slabs, r * count / num_regions)), min_cut)
-        if cut + 2 * boundary_slabs > len(slabs) - 1:
+        if cut + 2 * slabs_per_boundary > len(slabs) - 1:
             break
-        bounds += [int(slabs[cut]), int(slabs[cut + boundary_slabs])]
-        min_cut = cut + 2 * boundary_slabs
+        bounds += [int(slabs[cut]), int(slabs[cut + slabs_per_boundary])]
+        min_cut = cut + 2 * slabs_per_boundary
     return np.array([*bounds, count], dtype=np.int64)
 
 

@@ -47,7 +47,7 @@ class LockedRows(NamedTuple):
 
 @threaded_kernel
 def run_substeps(  # type: ignore[no-untyped-def]
-    params, pair_params, boundary_params, rows, locked, body, force_sums, particles, pair_contacts,
+    params, pair_params, surface_params, rows, locked, body, force_sums, particles, pair_contacts,
     plate_contacts, ground_contacts, tools,
 ):  # fmt: skip
     """Advance all particles by `params.num_substeps` substeps of semi-implicit Euler.
@@ -55,12 +55,12 @@ def run_substeps(  # type: ignore[no-untyped-def]
     Args:
         params: `SubstepParams`.
         pair_params: `ContactParameters` of contacts between particles.
-        boundary_params: `ContactParameters` of contacts with plates and with the ground.
+        surface_params: `ContactParameters` of contacts with plates and with the ground.
         rows: particles moved by forces, int64.
         locked: `LockedRows`.
         body, force_sums: see `body_records`; the sums are zero before and after.
         particles: `GroundParticles`, with positions at the start of the step.
-        pair_contacts: `PairContactBlocks`; every other part is a boundary, see `partition`.
+        pair_contacts: `PairContactBlocks`; every other part is a region boundary, see `partition`.
         plate_contacts: `PlateContactBlocks`.
         ground_contacts: `GroundContacts`.
         tools: `ToolMotion`; the wrench is summed over the substeps.
@@ -69,17 +69,17 @@ def run_substeps(  # type: ignore[no-untyped-def]
     begin, size = pair_contacts.begin, pair_contacts.size
     num_ground_contacts = ground_contacts.row.size
     for step in range(params.num_substeps):
-        # First all regions at once, then all boundaries.
-        for is_boundary in range(2):
-            num_parts = (begin.size + 1 - is_boundary) // 2
+        # First all regions at once, then all region boundaries.
+        for is_region_boundary in range(2):
+            num_parts = (begin.size + 1 - is_region_boundary) // 2
             for r in prange(num_parts):
-                part = 2 * interleave(r, num_parts) + is_boundary
+                part = 2 * interleave(r, num_parts) + is_region_boundary
                 pair_forces(begin[part], size[part], pair_contacts, body, force_sums, pair_params)
-        plate_forces(plate_contacts, body, force_sums, tools, step, boundary_params)
+        plate_forces(plate_contacts, body, force_sums, tools, step, surface_params)
         for c in prange(NUM_CHUNKS):
             ground_forces(
                 c * num_ground_contacts // NUM_CHUNKS, (c + 1) * num_ground_contacts // NUM_CHUNKS,
-                ground_contacts, particles, body, force_sums, boundary_params,
+                ground_contacts, particles, body, force_sums, surface_params,
                 params.ground_friction, params.ground_rolling_friction,
             )  # fmt: skip
         for c in prange(NUM_CHUNKS):

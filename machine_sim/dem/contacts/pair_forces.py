@@ -46,7 +46,16 @@ def pair_forces(begin, size, contacts, body, force_sums, contact_params):  # typ
 
 @helper
 def _evaluate_contacts(num_slots, block, scratch, contact_params):  # type: ignore[no-untyped-def]
-    """Replace the relative motion in `scratch` by forces, and update the springs in `block`."""
+    """Replace the relative motion in `scratch` by forces, and update the springs in `block`.
+
+    Args:
+        num_slots: number of slots to evaluate, from the first one on.
+        block: block of pair contacts, flat, float32; layout and units in `pair_block`.
+        scratch: block of `NUM_SCRATCH_QUANTITIES` quantities, flat, float32; in: relative
+            displacement [m] and velocity, and sum of the surface velocities [m/s]; out: force,
+            torque over radius and rolling limit [N].
+        contact_params: `ContactParameters`.
+    """
     for s in range(np.uint64(num_slots)):
         separation = add(
             pair.load(block, pair.SEPARATION, s),
@@ -84,7 +93,14 @@ def _evaluate_contacts(num_slots, block, scratch, contact_params):  # type: igno
 
 @kernel
 def max_pair_overlap(first, second, count, position, contact_radius):  # type: ignore[no-untyped-def]
-    """Return the largest overlap of a listed pair as a fraction of its smaller contact radius."""
+    """Return the largest overlap of a listed pair as a fraction of its smaller contact radius.
+
+    Args:
+        first, second: rows of the particles of each pair, shape (pairs,) or longer.
+        count: number of pairs.
+        position: centres of the particles, map frame [m], shape (particles, 3).
+        contact_radius: radii that contacts use [m], shape (particles,).
+    """
     largest = 0.0
     for k in range(count):
         i, j = first[k], second[k]

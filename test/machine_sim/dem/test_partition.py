@@ -13,15 +13,15 @@ def first_pairs(pairs_per_slab):
     return np.concatenate([[0], np.cumsum(pairs_per_slab)]).astype(np.int64)
 
 
-@pytest.mark.parametrize("boundary_slabs", [1, 2])
-def test_regions_have_about_the_same_number_of_pairs(boundary_slabs):
+@pytest.mark.parametrize("slabs_per_boundary", [1, 2])
+def test_regions_have_about_the_same_number_of_pairs(slabs_per_boundary):
     slabs = first_pairs([2000] * 60)
-    bounds = partition_pairs(slabs, boundary_slabs)
+    bounds = partition_pairs(slabs, slabs_per_boundary)
     assert bounds[0] == 0
     assert bounds[-1] == slabs[-1]
     assert bounds.size == 2 * 8
     num_pairs = np.diff(bounds)
-    assert (num_pairs[1::2] == 2000 * boundary_slabs).all()
+    assert (num_pairs[1::2] == 2000 * slabs_per_boundary).all()
     assert num_pairs[::2].min() > 0.5 * slabs[-1] / 8
     assert np.isin(bounds, slabs).all()
 
@@ -31,13 +31,13 @@ def test_short_list_is_one_region():
     assert partition_pairs(first_pairs([]), 1).tolist() == [0, 0]
 
 
-@pytest.mark.parametrize("boundary_slabs", [1, 2])
+@pytest.mark.parametrize("slabs_per_boundary", [1, 2])
 @pytest.mark.parametrize("num_slabs", [1, 2, 3, 4, 7])
-def test_regions_of_few_slabs_stay_apart(num_slabs, boundary_slabs):
+def test_regions_of_few_slabs_stay_apart(num_slabs, slabs_per_boundary):
     slabs = first_pairs([30_000] * num_slabs)
-    bounds = partition_pairs(slabs, boundary_slabs)
+    bounds = partition_pairs(slabs, slabs_per_boundary)
     slab_of_bound = np.searchsorted(slabs, bounds)
-    assert (np.diff(slab_of_bound)[1:-1] >= boundary_slabs).all()
+    assert (np.diff(slab_of_bound)[1:-1] >= slabs_per_boundary).all()
     assert bounds[-1] == 30_000 * num_slabs
 
 
