@@ -9,7 +9,6 @@ from __future__ import annotations
 import importlib
 import math
 from collections.abc import Sequence
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -156,8 +155,11 @@ def to_transforms(
 
 def to_tf_message(transforms: Sequence[TransformStamped]) -> Any:
     """Return a tf2_msgs/TFMessage of transforms for `/tf`; None if tf2_msgs is not installed."""
-    message = _tf_message()
-    return None if message is None else message(transforms=list(transforms))
+    try:
+        messages = importlib.import_module("tf2_msgs.msg")
+    except ImportError:
+        return None
+    return messages.TFMessage(transforms=list(transforms))
 
 
 def to_wrench(
@@ -187,14 +189,6 @@ def to_wrench(
             torque=_vector3(matrix.T @ _vector(torque, "torque")),
         ),
     )
-
-
-@cache  # a failing import takes longer than filling the message
-def _tf_message() -> Any:
-    try:
-        return importlib.import_module("tf2_msgs.msg").TFMessage
-    except ImportError:
-        return None
 
 
 def _to_base_frame(

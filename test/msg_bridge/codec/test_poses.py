@@ -10,7 +10,6 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from support.wire import over_the_wire, raises
 
-from msg_bridge.codec import poses
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.machine_state import BaseState
 from msg_bridge.codec.poses import (
@@ -123,22 +122,12 @@ def test_wrong_number_of_transforms_is_rejected():
         to_transforms(["a", "b"], [[0.0, 0.0, 0.0]], [YAW_90], STAMP)
 
 
-@pytest.fixture
-def fresh_import():
-    """Clear the cached import of tf2_msgs before and after the test."""
-    poses._tf_message.cache_clear()
-    yield
-    poses._tf_message.cache_clear()
-
-
-@pytest.mark.usefixtures("fresh_import")
 def test_missing_tf2_msgs_gives_no_message(monkeypatch):
     monkeypatch.setitem(sys.modules, "tf2_msgs", None)
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)
     assert to_tf_message([TransformStamped()]) is None
 
 
-@pytest.mark.usefixtures("fresh_import")
 def test_tf_message_has_the_transforms(monkeypatch):
     messages = ModuleType("tf2_msgs.msg")
     messages.TFMessage = SimpleNamespace  # takes transforms=..., as the message does
