@@ -60,10 +60,10 @@ def test_fields_of_rows(name: str) -> None:
 
 @pytest.mark.parametrize("kind", ARRAYS)
 def test_labels_of_arrays(kind: ArrayKind) -> None:
-    of, num_items = ARRAYS[kind]
+    message_type, num_items = ARRAYS[kind]
     rows = table(kind.name)
     documented = {label for labels, _ in rows for label in labels}
-    known = known_labels(of, num_items)
+    known = known_labels(message_type, num_items)
     assert documented == set(known)
     assert [label for labels, _ in rows for label in labels if "." not in label] == [
         label for label in known if "." not in label

@@ -69,7 +69,7 @@ class WaterBalance:
         """Water of the machine's pending soil and particles [mm^3 %]."""
         machine = self.world.machines[1]
         particles = machine.particles
-        return machine.tool_coupling.pending.water + water_of(
+        return machine.tool_coupling.pending.accounted_water + water_of(
             particles.volumes_mm3, particles.moisture
         )
 

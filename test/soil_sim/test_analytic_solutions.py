@@ -5,11 +5,11 @@ a pile is steepest in their directions, and its contour is the polygon that has 
 same distance, in the direction of each offset. This gives the corners, the roundness and the height
 of the pile for every radius r::
 
-    r                     1     √2    2     √5    2√2   3     √10   √13   4
-    neighbours            4     8     12    20    24    28    36    44    48
-    corners               4     8     8     16    16    16    24    32    32
-    axis over diagonal    1.414 1     1     1     1     1     1     1     1
-    largest over least    1.414 1.082 1.082 1.027 1.027 1.027 1.013 1.013 1.013
+    r                       1     √2    2     √5    2√2   3     √10   √13   4
+    neighbours              4     8     12    20    24    28    36    44    48
+    corners                 4     8     8     16    16    16    24    32    32
+    axis over diagonal      1.414 1     1     1     1     1     1     1     1
+    maximum over minimum r  1.414 1.082 1.082 1.027 1.027 1.027 1.013 1.013 1.013
 
 Table 1 of the reference differs: a square for r = √2, 2 and 2√2, an octagon for √5, √10 and √13,
 sixteen edges for 3 and twenty for 4. The reference moves whole units to the steepest neighbour;
@@ -115,7 +115,8 @@ def test_pile_has_the_angle_of_repose(heap: Heap) -> None:
 
 def test_pile_has_the_height_of_a_cone_of_its_volume(heap: Heap) -> None:
     _, apex = flank(distances(heap.soil), heap.soil.columns.height)
-    assert apex == pytest.approx(heap.height, rel=0.01)  # 3 % of the volume
+    # The height goes with the cube root of the volume: 1 % of it is 3 % of the volume.
+    assert apex == pytest.approx(heap.height, rel=0.01)
 
 
 @pytest.mark.parametrize("level", [0.1, 0.5])
@@ -145,17 +146,19 @@ def corners(radius: float) -> NDArray[np.float64]:
     return np.sort(np.arctan2(primitive[:, 1], primitive[:, 0]) % (2 * math.pi))
 
 
-def polygon(at: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the radius in directions [rad] of the polygon with corners of radius 1 at others."""
-    index = np.searchsorted(at, directions, side="right")
-    ends = np.append(at, at[0] + 2 * math.pi)
+def polygon(
+    corner_directions: NDArray[np.float64], directions: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the radius of a polygon, whose corners have radius 1, in given directions [rad]."""
+    index = np.searchsorted(corner_directions, directions, side="right")
+    ends = np.append(corner_directions, corner_directions[0] + 2 * math.pi)
     a, b = ends[index - 1], ends[index]
     radii: NDArray[np.float64] = np.sin(b - a) / (np.sin(directions - a) + np.sin(b - directions))
     return radii
 
 
 @pytest.mark.parametrize(
-    ("radius_squared", "count", "axis_over_diagonal", "largest_over_least"),
+    ("radius_squared", "count", "axis_over_diagonal", "max_over_min_radius"),
     [
         (1, 4, 1.414, 1.414),
         (2, 8, 1.0, 1.082),
@@ -169,25 +172,25 @@ def polygon(at: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray
     ],
 )
 def test_pile_is_the_polygon_of_its_relaxation_radius(
-    radius_squared: int, count: int, axis_over_diagonal: float, largest_over_least: float
+    radius_squared: int, count: int, axis_over_diagonal: float, max_over_min_radius: float
 ) -> None:
     angle, volume, level = 30.0, 65.0, 0.2  # 47 x 47 points, an odd number: one is the middle
     tangent, radius = math.tan(math.radians(angle)), math.sqrt(radius_squared)
-    at = corners(radius)
-    assert at.size == count
-    gaps = np.diff(at, append=at[0] + 2 * math.pi)
+    directions = corners(radius)
+    assert directions.size == count
+    gaps = np.diff(directions, append=directions[0] + 2 * math.pi)
     reach = float((6 * volume / tangent / np.sin(gaps).sum()) ** (1 / 3))
 
     soil = pour_pile(0.4, angle, volume, radius, parts=1000)
     radii = contour_radii(soil, level * reach * tangent, 72)
-    expected = (1 - level) * reach * polygon(at, 2 * math.pi * np.arange(72) / 72)
+    expected = (1 - level) * reach * polygon(directions, 2 * math.pi * np.arange(72) / 72)
     assert radii == pytest.approx(expected, rel=0.03)
     assert radii.mean() == pytest.approx(expected.mean(), rel=0.01)
     quarters = radii.reshape(4, 18)
     assert quarters == pytest.approx(np.tile(quarters.mean(axis=0), (4, 1)), rel=0.015)
     axis, diagonal = quarters[:, 0].mean(), quarters[:, 9].mean()
     assert axis / diagonal == pytest.approx(axis_over_diagonal, rel=0.02)
-    assert radii.max() / radii.min() == pytest.approx(largest_over_least, rel=0.02)
+    assert radii.max() / radii.min() == pytest.approx(max_over_min_radius, rel=0.02)
 
 
 # A face, a pit, a scoop

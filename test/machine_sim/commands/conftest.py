@@ -17,6 +17,6 @@ def spec() -> MachineSpec:
 
 
 @pytest.fixture
-def arbiter(spec) -> Callable[..., CommandArbiter]:
+def make_arbiter(spec) -> Callable[..., CommandArbiter]:
     """Make an arbiter; keyword arguments replace shipped parameters."""
     return lambda **params: CommandArbiter(spec, CommandParams(**params))

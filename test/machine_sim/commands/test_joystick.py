@@ -44,159 +44,161 @@ def applied(arbiter, now=0.0):
     ],
 )
 @pytest.mark.parametrize("push", [1.0, -1.0])
-def test_full_deflection_commands_maximum_speed(arbiter, spec, pattern, lever, joint, sign, push):
-    commander = arbiter(joy_pattern=pattern)
-    send(commander, **{lever: push})
+def test_full_deflection_commands_maximum_speed(
+    make_arbiter, spec, pattern, lever, joint, sign, push
+):
+    arbiter = make_arbiter(joy_pattern=pattern)
+    send(arbiter, **{lever: push})
     tops = [limits.max_velocity for limits in spec.joints.values()]
     wanted = [0.0] * 4
     wanted[joint] = push * sign * tops[joint]
-    assert applied(commander).joints.tolist() == pytest.approx(wanted)
-    assert applied(commander).joint_sources == ("joy",) * 4
-    assert applied(commander).track_sources == ("none",) * 2
+    assert applied(arbiter).joints.tolist() == pytest.approx(wanted)
+    assert applied(arbiter).joint_sources == ("joy",) * 4
+    assert applied(arbiter).track_sources == ("none",) * 2
 
 
-def test_velocity_is_zero_in_the_deadzone_and_continuous_at_its_edge(arbiter, spec):
+def test_velocity_is_zero_in_the_deadzone_and_continuous_at_its_edge(make_arbiter, spec):
     top = spec.joints["swing"].max_velocity
-    commander = arbiter(joy_deadzone=0.2)
+    arbiter = make_arbiter(joy_deadzone=0.2)
     for push, part in [(0.6, 0.5), (0.2, 0.0), (0.201, 0.00125), (-0.6, -0.5), (1.00003, 1.0)]:
-        send(commander, left_x=push)
-        assert applied(commander).joints[SWING] == pytest.approx(part * top)
+        send(arbiter, left_x=push)
+        assert applied(arbiter).joints[SWING] == pytest.approx(part * top)
 
 
-def test_pedals_drive_forward_and_backward_while_a_button_is_pressed(arbiter, spec):
+def test_pedals_drive_forward_and_backward_while_a_button_is_pressed(make_arbiter, spec):
     top = spec.tracks.max_speed
-    commander = arbiter()
-    send(commander, left_pedal=-1.0)
-    assert applied(commander).tracks.tolist() == pytest.approx([top, 0.0])
-    assert applied(commander).joint_sources == ("none",) * 4
-    send(commander, held=[RIGHT_REVERSE], left_pedal=-0.55, right_pedal=-1.0)
-    assert applied(commander).tracks.tolist() == pytest.approx([0.5 * top, -top])
-    send(commander, held=[LEFT_REVERSE], left_pedal=-1.0)
-    assert applied(commander).tracks.tolist() == pytest.approx([-top, 0.0])
+    arbiter = make_arbiter()
+    send(arbiter, left_pedal=-1.0)
+    assert applied(arbiter).tracks.tolist() == pytest.approx([top, 0.0])
+    assert applied(arbiter).joint_sources == ("none",) * 4
+    send(arbiter, held=[RIGHT_REVERSE], left_pedal=-0.55, right_pedal=-1.0)
+    assert applied(arbiter).tracks.tolist() == pytest.approx([0.5 * top, -top])
+    send(arbiter, held=[LEFT_REVERSE], left_pedal=-1.0)
+    assert applied(arbiter).tracks.tolist() == pytest.approx([-top, 0.0])
 
 
-def test_button_alone_commands_nothing(arbiter):
-    commander = arbiter()
-    send(commander, held=[LEFT_REVERSE, RIGHT_REVERSE])
-    assert applied(commander).track_sources == ("none",) * 2
+def test_button_alone_commands_nothing(make_arbiter):
+    arbiter = make_arbiter()
+    send(arbiter, held=[LEFT_REVERSE, RIGHT_REVERSE])
+    assert applied(arbiter).track_sources == ("none",) * 2
 
 
-def test_joystick_without_buttons_drives_forward(arbiter):
-    commander = arbiter()
-    commander.receive_joy(axes(left_pedal=-1.0, right_pedal=-1.0), [], 0.0)
-    assert (applied(commander).tracks > 0.0).all()
+def test_joystick_without_buttons_drives_forward(make_arbiter):
+    arbiter = make_arbiter()
+    arbiter.receive_joy(axes(left_pedal=-1.0, right_pedal=-1.0), [], 0.0)
+    assert (applied(arbiter).tracks > 0.0).all()
 
 
-def test_two_way_pedal_drives_both_directions(arbiter, spec):
-    commander = arbiter(joy_pedal_full=1.0)
-    send(commander, left_pedal=1.0, right_pedal=-1.0)
+def test_two_way_pedal_drives_both_directions(make_arbiter, spec):
+    arbiter = make_arbiter(joy_pedal_full=1.0)
+    send(arbiter, left_pedal=1.0, right_pedal=-1.0)
     top = spec.tracks.max_speed
-    assert applied(commander).tracks.tolist() == pytest.approx([top, -top])
+    assert applied(arbiter).tracks.tolist() == pytest.approx([top, -top])
 
 
-def test_trigger_never_seen_released_commands_nothing(arbiter, spec):
-    commander = arbiter(
+def test_trigger_never_seen_released_commands_nothing(make_arbiter, spec):
+    arbiter = make_arbiter(
         joy_pedal_rest=1.0
     )  # joy_node: 1 at rest, -1 pressed, and 0 before the first touch
-    send(commander, at_rest=0.0)
-    assert applied(commander).tracks.tolist() == [0.0, 0.0]
-    send(commander, at_rest=1.0)
-    send(commander, at_rest=1.0, left_pedal=-1.0)
-    assert applied(commander).tracks.tolist() == pytest.approx([spec.tracks.max_speed, 0.0])
+    send(arbiter, at_rest=0.0)
+    assert applied(arbiter).tracks.tolist() == [0.0, 0.0]
+    send(arbiter, at_rest=1.0)
+    send(arbiter, at_rest=1.0, left_pedal=-1.0)
+    assert applied(arbiter).tracks.tolist() == pytest.approx([spec.tracks.max_speed, 0.0])
 
 
-def test_joystick_without_pedals_needs_four_axes(arbiter):
-    commander = arbiter(joy_left_pedal=-1, joy_right_pedal=-1)
-    commander.receive_joy([1.0, 0.0, 0.0, 0.0], [], 0.0)
-    assert applied(commander).joints[SWING] > 0.0
+def test_joystick_without_pedals_needs_four_axes(make_arbiter):
+    arbiter = make_arbiter(joy_left_pedal=-1, joy_right_pedal=-1)
+    arbiter.receive_joy([1.0, 0.0, 0.0, 0.0], [], 0.0)
+    assert applied(arbiter).joints[SWING] > 0.0
 
 
-def test_released_joystick_overrides_no_other_source(arbiter):
-    commander = arbiter()
+def test_released_joystick_overrides_no_other_source(make_arbiter):
+    arbiter = make_arbiter()
     for tick in range(100):
         now = 0.01 * tick
         if tick % 5 == 0:
-            commander.receive_front([0.2] * 4, now)
-            commander.receive_tracks([0.5, 0.5], now)
-        send(commander, now, left_x=0.05)  # within the deadzone
-        assert applied(commander, now).joints.tolist() == [0.2] * 4
-        assert applied(commander, now).tracks.tolist() == [0.5, 0.5]
+            arbiter.receive_front([0.2] * 4, now)
+            arbiter.receive_tracks([0.5, 0.5], now)
+        send(arbiter, now, left_x=0.05)  # within the deadzone
+        assert applied(arbiter, now).joints.tolist() == [0.2] * 4
+        assert applied(arbiter, now).tracks.tolist() == [0.5, 0.5]
 
 
-def test_deflected_lever_commands_all_joints_and_no_track(arbiter):
-    commander = arbiter()
-    commander.receive_front([0.2] * 4, 0.0)
-    commander.receive_tracks([0.5, 0.5], 0.0)
-    send(commander, left_x=1.0)
-    assert applied(commander).joints[1:].tolist() == [0.0] * 3
-    assert applied(commander).joint_sources == ("joy",) * 4
-    assert applied(commander).track_sources == ("tracks",) * 2
+def test_deflected_lever_commands_all_joints_and_no_track(make_arbiter):
+    arbiter = make_arbiter()
+    arbiter.receive_front([0.2] * 4, 0.0)
+    arbiter.receive_tracks([0.5, 0.5], 0.0)
+    send(arbiter, left_x=1.0)
+    assert applied(arbiter).joints[1:].tolist() == [0.0] * 3
+    assert applied(arbiter).joint_sources == ("joy",) * 4
+    assert applied(arbiter).track_sources == ("tracks",) * 2
 
 
-def test_released_lever_commands_zero_once(arbiter):
-    commander = arbiter()
-    send(commander, 0.0, left_x=1.0)
-    send(commander, 0.05)
-    assert applied(commander, 0.05).joints.tolist() == [0.0] * 4
-    assert applied(commander, 0.05).joint_sources == ("joy",) * 4
-    commander.receive_front([0.2] * 4, 0.06)
-    send(commander, 0.1)
-    assert applied(commander, 0.1).joints.tolist() == [0.2] * 4
+def test_released_lever_commands_zero_once(make_arbiter):
+    arbiter = make_arbiter()
+    send(arbiter, 0.0, left_x=1.0)
+    send(arbiter, 0.05)
+    assert applied(arbiter, 0.05).joints.tolist() == [0.0] * 4
+    assert applied(arbiter, 0.05).joint_sources == ("joy",) * 4
+    arbiter.receive_front([0.2] * 4, 0.06)
+    send(arbiter, 0.1)
+    assert applied(arbiter, 0.1).joints.tolist() == [0.2] * 4
 
 
-def test_released_lever_stays_commanded_while_another_is_deflected(arbiter):
-    commander = arbiter()
-    send(commander, 0.0, left_x=1.0, left_y=1.0)
-    commander.receive_front([0.2] * 4, 0.01)
-    send(commander, 0.02, left_y=1.0)
-    assert applied(commander, 0.02).joints[[SWING, BOOM, BUCKET]].tolist() == [0.0] * 3
+def test_released_lever_stays_commanded_while_another_is_deflected(make_arbiter):
+    arbiter = make_arbiter()
+    send(arbiter, 0.0, left_x=1.0, left_y=1.0)
+    arbiter.receive_front([0.2] * 4, 0.01)
+    send(arbiter, 0.02, left_y=1.0)
+    assert applied(arbiter, 0.02).joints[[SWING, BOOM, BUCKET]].tolist() == [0.0] * 3
 
 
-def test_silent_joystick_times_out(arbiter):
-    commander = arbiter()
-    send(commander, 0.0, left_x=1.0)
-    assert applied(commander, 0.31).joint_sources == ("none",) * 4
+def test_silent_joystick_times_out(make_arbiter):
+    arbiter = make_arbiter()
+    send(arbiter, 0.0, left_x=1.0)
+    assert applied(arbiter, 0.31).joint_sources == ("none",) * 4
 
 
-def test_lever_held_through_a_stop_must_be_released_first(arbiter):
-    commander = arbiter()
-    send(commander, 0.00, left_x=1.0)
-    commander.emergency_stop(True)
-    send(commander, 0.01, left_x=1.0)
-    commander.emergency_stop(False)
-    send(commander, 0.02, left_x=1.0)
-    assert applied(commander, 0.02).joints.tolist() == [0.0] * 4
-    send(commander, 0.03)
-    send(commander, 0.04, left_x=1.0)
-    assert applied(commander, 0.04).joints[SWING] > 0.0
+def test_lever_held_through_a_stop_must_be_released_first(make_arbiter):
+    arbiter = make_arbiter()
+    send(arbiter, 0.00, left_x=1.0)
+    arbiter.emergency_stop(True)
+    send(arbiter, 0.01, left_x=1.0)
+    arbiter.emergency_stop(False)
+    send(arbiter, 0.02, left_x=1.0)
+    assert applied(arbiter, 0.02).joints.tolist() == [0.0] * 4
+    send(arbiter, 0.03)
+    send(arbiter, 0.04, left_x=1.0)
+    assert applied(arbiter, 0.04).joints[SWING] > 0.0
 
 
-def test_lever_held_through_a_stop_between_messages_must_be_released_first(arbiter):
-    commander = arbiter()
-    send(commander, 0.00, left_x=1.0)
-    commander.emergency_stop(True)
-    commander.emergency_stop(False)
-    send(commander, 0.05, left_x=1.0)
-    assert applied(commander, 0.05).joint_sources == ("none",) * 4
+def test_lever_held_through_a_stop_between_messages_must_be_released_first(make_arbiter):
+    arbiter = make_arbiter()
+    send(arbiter, 0.00, left_x=1.0)
+    arbiter.emergency_stop(True)
+    arbiter.emergency_stop(False)
+    send(arbiter, 0.05, left_x=1.0)
+    assert applied(arbiter, 0.05).joint_sources == ("none",) * 4
 
 
-def test_lever_deflected_again_during_the_stop_must_be_released_again(arbiter):
-    commander = arbiter()
-    commander.emergency_stop(True)
-    send(commander, 0.01)
-    send(commander, 0.02, left_x=1.0)
-    commander.emergency_stop(False)
-    send(commander, 0.03, left_x=1.0)
-    assert applied(commander, 0.03).joint_sources == ("none",) * 4
+def test_lever_deflected_again_during_the_stop_must_be_released_again(make_arbiter):
+    arbiter = make_arbiter()
+    arbiter.emergency_stop(True)
+    send(arbiter, 0.01)
+    send(arbiter, 0.02, left_x=1.0)
+    arbiter.emergency_stop(False)
+    send(arbiter, 0.03, left_x=1.0)
+    assert applied(arbiter, 0.03).joint_sources == ("none",) * 4
 
 
-def test_joystick_released_during_the_stop_commands_after_it(arbiter):
-    commander = arbiter()
-    commander.emergency_stop(True)
-    send(commander, 0.01)
-    commander.emergency_stop(False)
-    send(commander, 0.02, left_x=1.0)
-    assert applied(commander, 0.02).joints[SWING] > 0.0
+def test_joystick_released_during_the_stop_commands_after_it(make_arbiter):
+    arbiter = make_arbiter()
+    arbiter.emergency_stop(True)
+    send(arbiter, 0.01)
+    arbiter.emergency_stop(False)
+    send(arbiter, 0.02, left_x=1.0)
+    assert applied(arbiter, 0.02).joints[SWING] > 0.0
 
 
 @pytest.mark.parametrize(

@@ -91,44 +91,44 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_invalid_command_is_rejected_and_the_last_valid_one_stays(arbiter, name):
+def test_invalid_command_is_rejected_and_the_last_valid_one_stays(make_arbiter, name):
     command, sentence = BAD[name]
-    commander = arbiter()
-    commander.receive_front([0.1] * 4, 0.0)
-    commander.receive_tracks([0.3, 0.4], 0.0)
+    arbiter = make_arbiter()
+    arbiter.receive_front([0.1] * 4, 0.0)
+    arbiter.receive_tracks([0.3, 0.4], 0.0)
     with pytest.raises(CommandError, match=sentence):
-        command(commander)
-    applied = commander.command_at(0.0, HOME)
+        command(arbiter)
+    applied = arbiter.command_at(0.0, HOME)
     assert applied.joints.tolist() == [0.1] * 4
     assert applied.tracks.tolist() == [0.3, 0.4]
 
 
-def test_arrays_of_ros_messages_are_accepted(arbiter):
-    commander = arbiter()
-    commander.receive_front(array.array("d", [0.1, 0.2, 0.3, 0.4]), 0.0)
-    commander.receive_joints(["left_track"], array.array("d", [1.0]), array.array("d"), 0.0)
-    applied = commander.command_at(0.0, HOME)
+def test_arrays_of_ros_messages_are_accepted(make_arbiter):
+    arbiter = make_arbiter()
+    arbiter.receive_front(array.array("d", [0.1, 0.2, 0.3, 0.4]), 0.0)
+    arbiter.receive_joints(["left_track"], array.array("d", [1.0]), array.array("d"), 0.0)
+    applied = arbiter.command_at(0.0, HOME)
     assert applied.joints.tolist() == [0.1, 0.2, 0.3, 0.4]
     assert applied.tracks.tolist() == [1.0, 0.0]
 
 
-def test_values_up_to_the_unit_error_factor_are_accepted(arbiter, spec):
-    commander = arbiter(unit_error_factor=2.0)
+def test_values_up_to_the_unit_error_factor_are_accepted(make_arbiter, spec):
+    arbiter = make_arbiter(unit_error_factor=2.0)
     top = spec.joints["swing"].max_velocity
-    commander.receive_front([2.0 * top, 0.0, 0.0, 0.0], 0.0)
+    arbiter.receive_front([2.0 * top, 0.0, 0.0, 0.0], 0.0)
     with pytest.raises(CommandError, match="2 times"):
-        commander.receive_front([2.001 * top, 0.0, 0.0, 0.0], 0.0)
+        arbiter.receive_front([2.001 * top, 0.0, 0.0, 0.0], 0.0)
 
 
-def test_target_just_beyond_a_limit_is_clipped_to_it(arbiter, spec):
-    commander, upper = arbiter(), spec.joints["boom"].upper
-    commander.receive_joints(["boom"], [], [upper + 0.9 * POSITION_TOLERANCE], 0.0)
-    assert commander.command_at(0.0, (0.0, upper, 1.0, 1.0)).joints[1] == 0.0
+def test_target_just_beyond_a_limit_is_clipped_to_it(make_arbiter, spec):
+    arbiter, upper = make_arbiter(), spec.joints["boom"].upper
+    arbiter.receive_joints(["boom"], [], [upper + 0.9 * POSITION_TOLERANCE], 0.0)
+    assert arbiter.command_at(0.0, (0.0, upper, 1.0, 1.0)).joints[1] == 0.0
 
 
-def test_error_of_a_long_command_is_short(arbiter):
+def test_error_of_a_long_command_is_short(make_arbiter):
     with pytest.raises(CommandError) as caught:
-        arbiter().receive_front(np.full(100_000, np.nan), 0.0)
+        make_arbiter().receive_front(np.full(100_000, np.nan), 0.0)
     assert len(str(caught.value)) < 300
 
 
@@ -140,10 +140,10 @@ STAMPED = {
 
 
 @pytest.mark.parametrize("command", STAMPED.values(), ids=STAMPED)
-def test_stamps_are_ignored_by_default(arbiter, command):
-    commander = arbiter()
+def test_stamps_are_ignored_by_default(make_arbiter, command):
+    arbiter = make_arbiter()
     for stamp in (None, 0.0, 1e9, NAN):
-        command(commander, stamp=stamp, sim_now=10.0)
+        command(arbiter, stamp=stamp, sim_now=10.0)
 
 
 @pytest.mark.parametrize("command", STAMPED.values(), ids=STAMPED)
@@ -151,28 +151,28 @@ def test_stamps_are_ignored_by_default(arbiter, command):
     ("stamp", "sentence"),
     [(9.5, "0.5 s old"), (10.2, "0.2 s in the future"), (None, "stamp"), (NAN, "stamp")],
 )
-def test_old_and_future_stamps_are_rejected_when_checked(arbiter, command, stamp, sentence):
-    commander = arbiter(check_stamps=True)
+def test_old_and_future_stamps_are_rejected_when_checked(make_arbiter, command, stamp, sentence):
+    arbiter = make_arbiter(check_stamps=True)
     with pytest.raises(CommandError, match=sentence):
-        command(commander, stamp=stamp, sim_now=10.0)
-    applied = commander.command_at(50.0, HOME)
+        command(arbiter, stamp=stamp, sim_now=10.0)
+    applied = arbiter.command_at(50.0, HOME)
     assert set(applied.joint_sources + applied.track_sources) == {"none"}
 
 
 @pytest.mark.parametrize("command", STAMPED.values(), ids=STAMPED)
 @pytest.mark.parametrize("stamp", [9.8, 10.0, 10.01])
-def test_present_stamps_are_accepted_when_checked(arbiter, command, stamp):
-    commander = arbiter(check_stamps=True)
-    command(commander, stamp=stamp, sim_now=10.0)
-    applied = commander.command_at(50.0, HOME)
+def test_present_stamps_are_accepted_when_checked(make_arbiter, command, stamp):
+    arbiter = make_arbiter(check_stamps=True)
+    command(arbiter, stamp=stamp, sim_now=10.0)
+    applied = arbiter.command_at(50.0, HOME)
     assert set(applied.joint_sources + applied.track_sources) != {"none"}
 
 
-def test_time_of_arrival_is_the_default_simulation_time(arbiter):
-    commander = arbiter(check_stamps=True)
-    commander.receive_twist(0.5, 0.0, 50.0, stamp=49.9)
+def test_time_of_arrival_is_the_default_simulation_time(make_arbiter):
+    arbiter = make_arbiter(check_stamps=True)
+    arbiter.receive_twist(0.5, 0.0, 50.0, stamp=49.9)
     with pytest.raises(CommandError, match="old"):
-        commander.receive_twist(0.5, 0.0, 50.0, stamp=49.0)
+        arbiter.receive_twist(0.5, 0.0, 50.0, stamp=49.0)
 
 
 def test_default_parameters_are_the_shipped_ones(spec):

@@ -80,16 +80,16 @@ def test_only_a_continuous_joint_wraps():
     assert velocity_to_target(2.5, -2.5, LIMITS["boom"]) > 0.0
 
 
-def test_arbiter_moves_each_joint_to_its_target(arbiter, spec):
+def test_arbiter_moves_each_joint_to_its_target(make_arbiter, spec):
     goal = np.array([-2.5, 0.3, 1.0, 0.4])
     limits = [spec.joints[name] for name in EXCAVATOR_JOINTS]
-    reference, commander = JointReference(limits, spec.home), arbiter()
+    reference, arbiter = JointReference(limits, spec.home), make_arbiter()
     for tick in range(1000):
         now = 0.01 * tick
         if tick % 20 == 0:
-            commander.receive_joints(EXCAVATOR_JOINTS, [], goal, now)
-        reference.command = commander.command_at(now, reference.angle).joints.tolist()
+            arbiter.receive_joints(EXCAVATOR_JOINTS, [], goal, now)
+        reference.command = arbiter.command_at(now, reference.angle).joints.tolist()
         for _ in range(2):
             reference.advance(PHYSICS_STEP, reference.angle)
     assert np.abs(np.array(reference.angle) - goal).max() <= 2.0 * POSITION_TOLERANCE
-    assert commander.command_at(10.0, reference.angle).joints.tolist() == [0.0] * 4
+    assert arbiter.command_at(10.0, reference.angle).joints.tolist() == [0.0] * 4

@@ -114,11 +114,11 @@ def test_soil_rejected_by_the_engine_stays_pending() -> None:
         with pytest.raises(ParticleError):
             soil.release(particles, lost, tick)
         assert soil.total_mm3 == 10 * NOMINAL
-        assert soil.water == water_in(rows)
+        assert soil.accounted_water == water_in(rows)
     soil.release(particles, POSE, 11)
     assert particles.count == 10
     carried = int((particles.volumes_mm3 * particles.moisture.astype(np.int64)).sum())
-    assert soil.water + carried == water_in(rows)
+    assert soil.accounted_water + carried == water_in(rows)
 
 
 def test_answers_to_deposits_are_no_parcels() -> None:
@@ -241,7 +241,7 @@ def test_no_water_is_lost_between_parcels_and_particles(
         given_water += water_in(rows)
         soil.release(particles, POSE, tick)
         carried = int((particles.volumes_mm3 * particles.moisture.astype(np.int64)).sum())
-        assert soil.water + carried == given_water
+        assert soil.accounted_water + carried == given_water
         largest = max([largest, *particles.volumes_mm3.tolist()])
         assert abs(soil.rounding_error) <= largest / 2
         seen = [moisture for each in ticks for _, moisture, _ in each]
@@ -258,7 +258,7 @@ def test_soil_of_one_moisture_keeps_it(ticks: list[list[int]], moisture: int) ->
         soil.receive(rows, POSE, tick)
         soil.release(particles, POSE, tick)
     assert set(particles.moisture.tolist()) <= {moisture}
-    assert soil.water == moisture * soil.total_mm3
+    assert soil.accounted_water == moisture * soil.total_mm3
 
 
 def test_particles_get_coarser_as_the_engine_fills() -> None:

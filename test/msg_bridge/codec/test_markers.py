@@ -24,7 +24,7 @@ TURN = np.array([0.05, -0.1, 0.4, 0.9]) / np.linalg.norm([0.05, -0.1, 0.4, 0.9])
 JOINTS = [0.7, -0.4, 1.3, 1.1]
 SHOES = np.random.default_rng(4).uniform(-1.5, 1.5, (2, MACHINE.tracks.shoe_count, 3))
 CORNERS = np.array([(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
-STAYING = LinkBox("base", (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), 0.0, (1.0, 1.0, 1.0, 1.0))
+FIXED_LINK_BOX = LinkBox("base", (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), 0.0, (1.0, 1.0, 1.0, 1.0))
 AT_ORIGIN = ([[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0, 1.0]])
 
 
@@ -74,7 +74,7 @@ def test_boxes_have_the_corners_of_the_drawings():
 
 
 def test_bucket_is_drawn_around_its_plates():
-    """Each floor strip's box has the strip's four corners half a plate inside its own."""
+    """The mid-plane corners of each floor strip's box are the four corners of the strip."""
     rotation, pin = tool_pose(MACHINE, POSITION, rotation_matrix(TURN), JOINTS)
     strips = [plate @ rotation.T + pin for plate in MACHINE.bucket.plates()[:6]]
     for box, strip in zip(of_link(markers_at(), "bucket")[:6], strips, strict=True):
@@ -150,13 +150,15 @@ def test_second_pose_is_independent_of_the_first():
 
 
 def test_machine_without_tracks_has_boxes_only():
-    markers = MarkerSet(["base"], [STAYING], namespace="drill").at(AT_ORIGIN, None, STAMP).markers
+    markers = (
+        MarkerSet(["base"], [FIXED_LINK_BOX], namespace="drill").at(AT_ORIGIN, None, STAMP).markers
+    )
     assert [(marker.ns, marker.id) for marker in markers] == [("drill/base", 0)]
 
 
 def test_box_of_an_unknown_link_is_rejected():
     with raises(ErrorCode.LABELS, CodecError):
-        MarkerSet(["bed"], [STAYING], namespace="truck")
+        MarkerSet(["bed"], [FIXED_LINK_BOX], namespace="truck")
 
 
 def test_poses_of_other_shapes_are_rejected():

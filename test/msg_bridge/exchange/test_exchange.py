@@ -32,7 +32,7 @@ def test_every_tick_balances_over_the_direct_transport() -> None:
     assert any(ledger.in_flight for ledger in run.soil.ledgers)
 
 
-def test_a_hundred_thousand_rows_over_a_lossy_transport_are_exact() -> None:
+def test_hundred_thousand_rows_over_a_lossy_transport_are_exact() -> None:
     run = ExchangeDriver(2, drop=0.1, duplicate=0.1, delay=0.2)
     for machine in run.machines:
         machine.rows_per_tick = 200
@@ -48,7 +48,7 @@ def test_a_hundred_thousand_rows_over_a_lossy_transport_are_exact() -> None:
     assert run.is_balanced()
 
 
-def test_a_lossy_transport_changes_no_result() -> None:
+def test_lossy_transport_changes_no_result() -> None:
     outcomes = []
     for loss in ({}, {"drop": 0.3, "duplicate": 0.2, "delay": 0.5}):
         run = ExchangeDriver(2, seed=3, **loss)
@@ -145,7 +145,7 @@ def test_conversions_of_a_machine_that_is_not_joined_are_rejected() -> None:
     assert run.soil.exchange.tick == before
 
 
-def test_a_machine_is_one_tick_ahead_of_its_answers_and_not_more() -> None:
+def test_machine_is_at_most_one_tick_ahead_of_its_answers() -> None:
     run = ExchangeDriver()
     machine = run.machines[0]
     run.until(lambda: machine.exchange.joined)

@@ -69,7 +69,7 @@ def test_join_with_ids_out_of_range_is_rejected(machine_id: int, session_id: int
     assert soil.exchange.joined == ()
 
 
-def test_a_slow_machine_requests_the_latest_header() -> None:
+def test_slow_machine_requests_the_latest_header() -> None:
     run = driver()
     exchange = run.machines[0].exchange
     while exchange.join_state is not JoinState.READY or run.soil.exchange.tick < exchange.sent_tick:

@@ -125,7 +125,7 @@ def test_memory_does_not_grow_with_the_number_of_ticks(loss: dict[str, float]) -
         assert machine.exchange.num_buffered_rows <= limit
 
 
-def test_a_machine_discards_deposit_requests_that_the_soil_acknowledges() -> None:
+def test_machine_discards_deposit_requests_that_the_soil_acknowledges() -> None:
     run = driver()
     machine = run.machines[0]
     run.until(lambda: bool(machine.particles))

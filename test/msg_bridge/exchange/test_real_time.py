@@ -28,7 +28,7 @@ class Clock(ExchangeDriver):
         machine.exchange.join(**machine.totals)
 
 
-def test_the_part_of_a_late_machine_belongs_to_a_later_tick() -> None:
+def test_input_of_a_late_machine_belongs_to_a_later_tick() -> None:
     clock = Clock()
     machine = clock.machines[0]
     clock.ticks(20)
@@ -47,7 +47,7 @@ def test_the_part_of_a_late_machine_belongs_to_a_later_tick() -> None:
     assert clock.is_balanced()
 
 
-def test_a_late_machine_is_answered_with_the_rows_of_all_ticks_it_missed() -> None:
+def test_late_machine_is_answered_with_the_rows_of_all_ticks_it_missed() -> None:
     clock = Clock()
     machine = clock.machines[0]
     while not machine.exchange.waiting:  # two ticks are in flight
@@ -67,7 +67,7 @@ def test_a_late_machine_is_answered_with_the_rows_of_all_ticks_it_missed() -> No
     assert machine.exchange.sent_tick == last + 6, "its ticks have the numbers of the soil's"
 
 
-def test_an_answer_that_is_not_kept_any_more_is_replaced_by_a_later_one() -> None:
+def test_discarded_answer_is_replaced_by_a_later_one() -> None:
     clock = Clock()
     machine = clock.machines[0]
     while not machine.exchange.waiting:
@@ -90,7 +90,7 @@ def test_an_answer_that_is_not_kept_any_more_is_replaced_by_a_later_one() -> Non
     assert clock.is_balanced()
 
 
-def test_the_receipt_states_the_last_processed_tick_of_a_machine() -> None:
+def test_receipt_has_the_last_processed_tick_of_a_machine() -> None:
     clock = Clock()
     clock.until(lambda: clock.machines[0].exchange.waiting)
     first = clock.soil.exchange.tick
@@ -102,7 +102,7 @@ def test_the_receipt_states_the_last_processed_tick_of_a_machine() -> None:
         assert [receipt.tick for receipt in headers[-1].receipts] == [processed]
 
 
-def test_a_dropped_machine_rejoins_with_all_its_soil() -> None:
+def test_dropped_machine_rejoins_with_all_its_soil() -> None:
     clock = Clock(2)
     machine = clock.machines[0]
     clock.ticks(20)
@@ -166,7 +166,7 @@ def test_released_soil_must_be_deposited() -> None:
         clock.soil.step(wait=False)
 
 
-def test_a_machine_that_is_not_joined_cannot_be_dropped() -> None:
+def test_machine_that_is_not_joined_cannot_be_dropped() -> None:
     clock = Clock()
     clock.soil.exchange.drop(1)
     with raises(ErrorCode.NOT_JOINED):

@@ -31,7 +31,7 @@ class Fleet(ExchangeDriver):
         raise AssertionError("no answer")
 
 
-def test_the_first_tick_waits_for_every_expected_machine() -> None:
+def test_first_tick_waits_for_every_expected_machine() -> None:
     fleet = Fleet(2, expected=2)
     first, second = fleet.machines
     second.exchange = MachineExchange(2)
@@ -45,7 +45,7 @@ def test_the_first_tick_waits_for_every_expected_machine() -> None:
 
 
 @pytest.mark.parametrize("loss", [GOOD, BAD])
-def test_a_machine_joins_later_at_a_tick_boundary(loss: dict[str, float]) -> None:
+def test_machine_joins_later_at_a_tick_boundary(loss: dict[str, float]) -> None:
     fleet = Fleet(2, expected=1, **loss)
     fleet.ticks(10)
     late = fleet.machines[1]
@@ -104,7 +104,7 @@ def test_two_machines_leave_in_successive_ticks() -> None:
     assert fleet.is_balanced()
 
 
-def test_a_crashed_machine_restarts_empty_and_its_soil_remains_absent() -> None:
+def test_crashed_machine_restarts_empty_and_its_soil_remains_absent() -> None:
     fleet = Fleet(2, expected=2, **BAD)
     fleet.ticks(15)
     volume = fleet.machines[1].soil_mm3
@@ -147,7 +147,7 @@ def test_joining_twice_is_an_error() -> None:
         fleet.machines[0].exchange.join()
 
 
-def test_a_duplicate_of_an_old_join_request_changes_nothing() -> None:
+def test_duplicate_of_an_old_join_request_changes_nothing() -> None:
     fleet = Fleet(2, expected=2)
     machine = fleet.machines[1].exchange
     fleet.ticks(5)
@@ -198,7 +198,7 @@ def test_keyframe_for_another_machine_hides_no_update() -> None:
     assert answer.map_updates.size == 3
 
 
-def test_a_machine_joins_with_a_terrain_not_older_than_the_welcome() -> None:
+def test_machine_joins_with_a_terrain_not_older_than_the_welcome() -> None:
     fleet = Fleet(2, expected=1)
     fleet.ticks(10)
     late = fleet.machines[1].exchange
@@ -209,7 +209,7 @@ def test_a_machine_joins_with_a_terrain_not_older_than_the_welcome() -> None:
     assert late.keyframe.revision >= late.tick
 
 
-def test_a_machine_that_is_out_buffers_nothing() -> None:
+def test_machine_that_is_out_buffers_nothing() -> None:
     fleet = Fleet(2, expected=1)
     fleet.ticks(50)
     machine = fleet.machines[1].exchange

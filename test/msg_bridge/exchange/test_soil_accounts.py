@@ -82,7 +82,7 @@ def test_rejoining_volume_follows_from_the_applied_rows(accounts, through, volum
     assert accounts.in_flight(1) + volume == 870
 
 
-def test_the_ledger_contains_all_accounts(accounts):
+def test_ledger_contains_all_accounts(accounts):
     accounts.update_totals(header(4, volume=70))
     accounts.leave(1)
     ledger = accounts.ledger(1, 3, 5000)

@@ -66,7 +66,7 @@ def test_rows_are_kept_until_discarded() -> None:
     assert outgoing.kept_rows(RowRange(4, 3))["seq"].tolist() == [6]
 
 
-def test_a_number_far_ahead_is_rejected() -> None:
+def test_number_far_ahead_is_rejected() -> None:
     rows = numbered(1)
     rows["seq"] = 2**31
     with raises(ErrorCode.SEQUENCE_NUMBER):

@@ -94,7 +94,7 @@ def test_before_the_first_keyframe_there_is_no_surface(surface: Surface) -> None
     assert (follower.tick, follower.grid, follower.run_id) == (-1, None, 0)
 
 
-def test_a_keyframe_sets_surface_and_run_and_the_next_header_the_tick(
+def test_keyframe_sets_surface_and_run_and_the_next_header_the_tick(
     surface: Surface, follower: TerrainFollower
 ) -> None:
     assert (follower.grid, follower.run_id, follower.tick) == (GRID, 3, -1)
@@ -104,7 +104,7 @@ def test_a_keyframe_sets_surface_and_run_and_the_next_header_the_tick(
 
 
 @pytest.mark.parametrize("rows_first", [True, False])
-def test_the_tick_advances_when_header_and_rows_are_there(
+def test_tick_advances_when_header_and_rows_have_arrived(
     surface: Surface, follower: TerrainFollower, rows_first: bool
 ) -> None:
     header, rows = surface.step(5)
@@ -156,7 +156,7 @@ def test_retransmitted_rows_of_several_ticks_show_no_tick_early(
     assert shows(follower, surface, 2)
 
 
-def test_a_retransmitted_part_does_not_replace_the_complete_chunk(
+def test_retransmitted_part_does_not_replace_the_complete_chunk(
     surface: Surface, follower: TerrainFollower
 ) -> None:
     header, rows = surface.step(6)
@@ -165,7 +165,7 @@ def test_a_retransmitted_part_does_not_replace_the_complete_chunk(
     assert shows(follower, surface, 1)
 
 
-def test_a_keyframe_replaces_lost_rows_after_many_headers(
+def test_keyframe_replaces_lost_rows_after_many_headers(
     surface: Surface, follower: TerrainFollower
 ) -> None:
     lost, _ = surface.step(3)
@@ -180,7 +180,7 @@ def test_a_keyframe_replaces_lost_rows_after_many_headers(
     assert shows(follower, surface, 62)
 
 
-def test_a_keyframe_replaces_a_lost_header(surface: Surface, follower: TerrainFollower) -> None:
+def test_keyframe_replaces_a_lost_header(surface: Surface, follower: TerrainFollower) -> None:
     _, rows = surface.step(3)
     receive_all(follower, rows, *surface.step(3), surface.keyframe())
     assert follower.tick == -1
@@ -196,7 +196,7 @@ def test_without_a_newer_keyframe_the_follower_waits(
     assert (follower.tick, follower.revision) == (-1, 0)
 
 
-def test_a_newer_keyframe_is_not_adopted_if_nothing_is_missing(
+def test_newer_keyframe_is_not_adopted_if_nothing_is_missing(
     surface: Surface, follower: TerrainFollower
 ) -> None:
     receive_all(follower, *surface.step(3))
@@ -223,7 +223,7 @@ def test_rows_of_other_streams_are_ignored(surface: Surface, follower: TerrainFo
     assert receive_all(follower, other, header) == [False, False]
 
 
-def test_a_cell_outside_of_the_map_is_an_error(surface: Surface, follower: TerrainFollower) -> None:
+def test_cell_outside_of_the_map_is_an_error(surface: Surface, follower: TerrainFollower) -> None:
     header, rows = surface.step(1)
     assert rows is not None
     rows.rows["row"] = GRID.rows
@@ -276,7 +276,7 @@ def test_over_a_lossy_transport_every_surface_shown_existed(seed: int) -> None:
     assert follower.gaps > 0
 
 
-def test_a_run_with_a_smaller_number_can_be_followed() -> None:
+def test_run_with_a_smaller_number_can_be_followed() -> None:
     follower, old, new = TerrainFollower(), Surface(run_id=9), Surface(seed=1, run_id=4)
     follower.receive(Keyframe(9, 0, GRID, old.heights[0]))
     follower.receive(Keyframe(4, 0, GRID, new.heights[0]))
@@ -288,7 +288,7 @@ def test_a_run_with_a_smaller_number_can_be_followed() -> None:
     assert follower.grid is not None
 
 
-def test_a_follower_does_not_advance_beyond_its_limit(
+def test_follower_does_not_advance_beyond_its_limit(
     surface: Surface, follower: TerrainFollower
 ) -> None:
     follower.advance_to(2)

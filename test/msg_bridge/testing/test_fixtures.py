@@ -75,11 +75,12 @@ def test_environment_puts_subprocesses_into_the_domain(ros_domain: int) -> None:
 
 
 def test_processes_at_once_get_different_domains(tmp_path: Path, ros_domain: int) -> None:
-    # Both try the domain of this test first, so only the locks separate them.
+    # The domain that a process tries first follows from its pid. With the same pid, both try the
+    # domain of this test first, so only the locks separate them.
     (tmp_path / "conftest.py").write_text(
-        "import itertools\n"
-        "from msg_bridge.testing import ros_domain as domain\n"
-        f"domain._next = itertools.count({ros_domain - 1})\n"
+        "from unittest import mock\n"
+        f"with mock.patch('os.getpid', return_value={ros_domain - 1}):\n"
+        "    import msg_bridge.testing.ros_domain\n"
         'pytest_plugins = ["msg_bridge.testing.fixtures"]\n'
     )
     # Keeps its domain until the other process has one.
