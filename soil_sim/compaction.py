@@ -24,7 +24,7 @@ _MIN_AREA = 1e-12
 
 
 def compact(columns: Columns, pairs: SweptPairs) -> NDArray[np.int64]:
-    """Compact the loose soil above the surface that plates sweep in a tick.
+    """Press loose soil down to the surface that plates sweep in a tick.
 
     Args:
         columns: the terrain; changed.

@@ -20,7 +20,7 @@ from soil_sim.terrain import HeightMap
 __all__ = ["RecordedTerrain"]
 
 _ROW_NUMBER_MODULUS = 2**32
-"""Row numbers wrap around here; those in headers do not."""
+"""`seq` in rows is modulo 2^32; header counts are not."""
 
 
 class RecordedTerrain:

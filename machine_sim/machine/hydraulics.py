@@ -137,8 +137,8 @@ class HydraulicSystem:
         Args:
             speeds: commanded joint speeds [rad/s].
             angles: joint angles [rad].
-            efforts: torques of the last step [N m]; the largest pressure of all moving cylinders
-                is the pump's.
+            efforts: torques of the last step [N m]; the pump supplies the largest pressure of the
+                moving cylinders.
         """
         attainable = list(speeds)
         if self._supply is None:

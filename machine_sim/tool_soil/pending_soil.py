@@ -137,8 +137,8 @@ class PendingSoil:
         return [parcel.point for parcel in self._parcels.values()]
 
     @property
-    def water(self) -> int:
-        """Volume times moisture of the pending soil, and the rounding error so far [mm^3 %]."""
+    def accounted_water(self) -> int:
+        """Water (volume times moisture) of the pending soil, plus `rounding_error` [mm^3 %]."""
         parcels = sum(parcel.water for parcel in self._parcels.values())
         return self._rounding_error + self._remainder.water + parcels
 

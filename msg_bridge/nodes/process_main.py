@@ -40,10 +40,15 @@ __all__ = ["EXIT_BAD_INPUT", "run_node"]
 EXIT_BAD_INPUT = 2
 """Exit code for invalid input of the user; one line on stderr gives the reason."""
 
-_SPIN_TIMEOUT = 0.1  # s; maximum delay of a signal while no message arrives
-_MAX_STOP_TIME = 2.0  # s
-_MAX_DELIVERY_TIME = 0.5  # s; maximum wait for acknowledgements of the last messages
-_SIGINT_DEBOUNCE_TIME = 0.5  # s; terminal and launcher may both forward one Ctrl-C
+_SPIN_TIMEOUT = 0.1
+"""Maximum delay of a signal while no message arrives [s]."""
+_MAX_STOP_TIME = 2.0
+"""Maximum time for which a node is spun after `stop()` [s]."""
+_MAX_DELIVERY_TIME = 0.5
+"""Maximum wait for acknowledgements of the last messages [s]."""
+_SIGINT_DEBOUNCE_TIME = 0.5
+"""Time within which a second SIGINT is ignored [s]: terminal and launcher may both forward one
+Ctrl-C."""
 
 
 def run_node(

@@ -32,7 +32,7 @@ class SubscriptionPoller:
         """
         Args:
             node: node of the subscriptions.
-            then: called once after all waiting messages were taken.
+            on_polled: called once after all waiting messages were taken.
         """
         self._node = node
         self._on_polled = on_polled
@@ -73,23 +73,23 @@ class SubscriptionPoller:
         )
         # Triggering subscriptions are polled first: their messages are published last, so that the
         # rows they count have arrived by the time the others are polled.
-        place = 0 if triggers else len(self._subscriptions_and_callbacks)
-        self._subscriptions_and_callbacks.insert(place, (subscription, take))
+        index = 0 if triggers else len(self._subscriptions_and_callbacks)
+        self._subscriptions_and_callbacks.insert(index, (subscription, take))
 
     def take_all(self) -> int:
         """Take all waiting messages and return their number."""
-        taken = 0
+        num_taken = 0
         for subscription, take in self._subscriptions_and_callbacks:
             with subscription.handle:
                 for _ in range(_MAX_MESSAGES_PER_POLL):
-                    found = subscription.handle.take_message(
+                    message = subscription.handle.take_message(
                         subscription.msg_type, subscription.raw
                     )
-                    if found is None:
+                    if message is None:
                         break
-                    take(found[0])
-                    taken += 1
-        return taken
+                    take(message[0])
+                    num_taken += 1
+        return num_taken
 
     def set_polling(self, wanted: bool) -> None:
         """Start or stop polling every millisecond.
