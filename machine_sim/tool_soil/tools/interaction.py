@@ -54,8 +54,8 @@ class PendingAccount(Protocol):
         ...
 
     @property
-    def water(self) -> int:
-        """Sum of volume times moisture [mm^3 %]."""
+    def accounted_water(self) -> int:
+        """Water (volume times moisture) of the pending soil, plus `rounding_error` [mm^3 %]."""
         ...
 
     @property
@@ -145,7 +145,7 @@ class NoPendingSoil:
     """Account of a tool that does not excavate: always empty."""
 
     total_mm3 = 0
-    water = 0
+    accounted_water = 0
     state: NDArray[np.generic] = np.zeros(0)
 
     def receive(self, conversions: Rows, pose: Pose, tick: int) -> None:
