@@ -50,6 +50,7 @@ from msg_bridge.nodes.ros_parameters import declare_parameters
 from msg_bridge.nodes.sim_node import SimNode
 from msg_bridge.nodes.subscription_poller import SubscriptionPoller
 from msg_bridge.nodes.terrain_subscriber import TerrainSubscriber
+from msg_bridge.nodes.wait_log import WaitLog
 
 __all__ = ["DigOperatorNode", "main"]
 
@@ -116,6 +117,11 @@ class DigOperatorNode(SimNode):
         ledger_topic = resolve(topics.SOIL_LEDGER, simulation)
         self._subscribe(Int64MultiArray, ledger_topic, qos.ROWS, self._on_ledger)
         self.create_timer(_REPEAT_PERIOD, self._repeat_last_command)
+        WaitLog(
+            self,
+            f"{config_topic}; is `simulation_namespace` ({simulation}) that of a running soil_sim?",
+            lambda: self._facts is None,
+        )
 
     @property
     def finished(self) -> bool:
@@ -148,6 +154,7 @@ class DigOperatorNode(SimNode):
         self._last_command: JointState | None = None
         self._last_tick: int | None = None
         self._last_status, self._num_reported = "", 0
+        self._is_abort_logged = False
 
     def _subscribe(
         self,
@@ -172,8 +179,10 @@ class DigOperatorNode(SimNode):
         facts = parse_run_facts(msg.data)
         before, self._facts = self._facts, facts
         if before is None or facts.run_id != before.run_id:
-            if before is not None:
-                self.get_logger().info("a new run has started; the task starts again")
+            again = "" if before is None else " again"
+            self.get_logger().info(
+                f"run {facts.run_id}: the task of the {self._machine_spec.name} starts{again}"
+            )
             self._start_task()
         self._terrain.follower.start_run(facts.run_id)
         self._terrain.maps.set_cell(facts.cell)
@@ -246,11 +255,15 @@ class DigOperatorNode(SimNode):
             self._commands.publish(self._last_command)
 
     def _publish_progress(self, time: float) -> None:
-        """Publish reports of new cycles, and the phase if it has changed."""
+        """Publish and log reports of new cycles, and the phase if it has changed."""
         task = self.task
         for report in task.reports[self._num_reported :]:
             self._cycles.publish(String(data=json.dumps(asdict(report))))
             self._num_reported += 1
+            self.get_logger().info(
+                f"cycle {report.number} finished in {report.duration:.1f} s:"
+                f" {report.moved_volume:.2f} bank m3 moved"
+            )
         fields = {
             "cycle": task.cycle,
             "phase": task.phase.value,
@@ -262,6 +275,10 @@ class DigOperatorNode(SimNode):
             self._phases.publish(String(data=json.dumps({"time": time, **fields})))
             self.diagnostics.set("cycle", task.cycle)
             self.diagnostics.set("phase", task.phase.value)
+            self.get_logger().info(f"cycle {task.cycle}: {task.phase}")
+            if task.abort_reason and not self._is_abort_logged:
+                self._is_abort_logged = True
+                self.get_logger().error(f"the task is aborted: {task.abort_reason}")
 
 
 def _joint_angles(msg: JointState, names: Sequence[str]) -> list[float]:

@@ -17,6 +17,8 @@ from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
 PACKAGE = "earthmoving_sim"
+SIMULATION_NAMESPACE = "/"
+"""Namespace of the soil node; machine nodes are one level below it."""
 
 
 def parameters(name: str) -> PathJoinSubstitution:
@@ -35,6 +37,9 @@ def generate_launch_description() -> LaunchDescription:
         "namespace": "/excavator",
         "operated_machine": LaunchConfiguration("namespace"),
     }
+    # An operator looks for the soil one level above its machine, which for a machine of a node with
+    # several, such as /site/digger, is the namespace of the node.
+    operator = {"simulation_namespace": SIMULATION_NAMESPACE}
     soil = {"sync": LaunchConfiguration("sync"), "site.terrain": LaunchConfiguration("terrain")}
     return LaunchDescription(
         [
@@ -52,6 +57,7 @@ def generate_launch_description() -> LaunchDescription:
             Node(
                 package=PACKAGE,
                 executable="soil_sim",
+                namespace=SIMULATION_NAMESPACE,
                 parameters=[parameters("soil_sim"), soil],
                 output="screen",
             ),
@@ -66,7 +72,7 @@ def generate_launch_description() -> LaunchDescription:
                 package=PACKAGE,
                 executable="dig_operator",
                 namespace=LaunchConfiguration("operated_machine"),
-                parameters=[parameters("dig_operator")],
+                parameters=[parameters("dig_operator"), operator],
                 condition=IfCondition(LaunchConfiguration("operator")),
                 output="screen",
             ),

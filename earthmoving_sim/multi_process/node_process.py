@@ -29,7 +29,8 @@ STARTUP_STOP_TIMEOUT = 2.0
 _NUM_TAIL_LINES = 12
 """Lines shown from the end of a node's output when it fails."""
 
-_WAITING = re.compile(r"waiting for .*", re.IGNORECASE)
+_WAITING = re.compile(r"waiting for [^;]*", re.IGNORECASE)
+"""What a node waits for; a hint for the user may follow after a semicolon."""
 
 
 class NodeProcessError(EarthmovingError):

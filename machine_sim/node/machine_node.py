@@ -53,6 +53,7 @@ from msg_bridge.nodes.ros_parameters import declare_parameters, on_parameter_cha
 from msg_bridge.nodes.sim_node import SimNode
 from msg_bridge.nodes.subscriber_matching import unmatched_topics
 from msg_bridge.nodes.subscription_poller import SubscriptionPoller
+from msg_bridge.nodes.wait_log import WaitLog
 
 __all__ = ["MachineNode", "main"]
 
@@ -127,6 +128,12 @@ class MachineNode(SimNode):
                 instance.topic_prefix,
             )
         self.create_timer(_PROGRESS_CHECK_PERIOD, self._check_progress)
+        text = f"{self._config_topic}; is a soil_sim running in namespace {simulation}, the parent"
+        WaitLog(
+            self,
+            f"{text} of this node's namespace {self.get_namespace()}?",
+            lambda: self._membership.facts is None,
+        )
 
     def stop(self) -> None:
         """Leave the run in one more tick, so that other nodes need not wait for a timeout."""
@@ -227,11 +234,20 @@ class MachineNode(SimNode):
         for k, publishers in enumerate(self._machine_publishers):
             publishers.start_run(self._params.seed, k)
         self._shared_publishers.publish_config(self._config(facts))
+        self.get_logger().info(f"run {facts.run_id} started; joining as {self._describe()}")
         self._membership.join(self.run)
 
     def _missing_subscribers(self) -> list[str]:
         """Return the topics that a required subscriber does not subscribe yet."""
         return unmatched_topics(self, self._params.required_subscribers)
+
+    def _describe(self) -> str:
+        """Return machine id and machines of the node, for the log."""
+        machines = ", ".join(
+            f"{each.name} ({each.spec.name})" if each.name else each.spec.name
+            for each in self.instances
+        )
+        return f"machine_id {self._params.machine_id}: {machines}"
 
     # The tick.
 
@@ -247,6 +263,7 @@ class MachineNode(SimNode):
             self._publish_state_hash(run)
         if run.endpoint.is_ready and exchange.session_id != self._published_session_id:
             self._published_session_id = exchange.session_id
+            self.get_logger().info(f"joined run {run.facts.run_id} in tick {run.tick}")
             self._publish_state(run, run.tick)
         if run.endpoint.is_ready:
             self._command_poller.take_all()  # commands that have arrived by now apply

@@ -7,6 +7,7 @@
 - `diagnostics`: counters, rejected inputs and problems of a node
 - `subscription_poller`, `polled_group`: subscriptions that are taken together
 - `subscriber_matching`: required subscribers that are not matched yet
+- `wait_log`: log lines while a node waits for the soil
 - `message_decoding`: messages of the exchange from CDR bytes
 - `terrain_subscriber`: the terrain by its public topics; `map_decoder`: its maps
 """

@@ -4,5 +4,6 @@
 - `soil_run`: when a tick is due; `tick_scheduler`: the schedule in real time (both without ROS)
 - `soil_publishers`, `soil_transport`: its topics; `services`: its services; `soil_diagnostics`: its
   diagnostics
+- `duplicate_soil_node`: detection of another soil node; `membership_log`: machines in the log
 - `run_config`: contents of `sim/config`
 """

@@ -8,10 +8,14 @@ from typing import Any
 from msg_bridge.contract import topics
 from msg_bridge.nodes.diagnostics import Diagnostics, Level
 from msg_bridge.nodes.sim_node import SimNode
+from soil_sim.node.duplicate_soil_node import describe_duplicate
 from soil_sim.node.params import SoilNodeParams
 from soil_sim.node.soil_run import SoilRun
 
 __all__ = ["SoilDiagnostics"]
+
+_DUPLICATE_LOG_PERIOD = 60.0
+"""Minimum wall time between two log lines on another soil node [s]."""
 
 
 class SoilDiagnostics:
@@ -39,12 +43,9 @@ class SoilDiagnostics:
         for key, value in self._values().items():
             self._diagnostics.set(key, value)
         if self._node.count_publishers(topics.SOIL_TICK) > 1:
-            topic = self._node.resolve_topic_name(topics.SOIL_TICK)
-            text = (
-                f"another soil node publishes {topic}; give each its own namespace or ROS_DOMAIN_ID"
-            )
+            text = describe_duplicate(self._node)
             self._diagnostics.problem(text, Level.ERROR)
-            self._node.get_logger().error(text, throttle_duration_sec=5.0)
+            self._node.get_logger().error(text, throttle_duration_sec=_DUPLICATE_LOG_PERIOD)
 
     def _values(self) -> dict[str, Any]:
         """Return the diagnostics by key."""

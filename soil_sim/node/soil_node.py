@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 import time
+from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -25,6 +26,8 @@ from msg_bridge.nodes.sim_node import SimNode
 from msg_bridge.nodes.subscriber_matching import unmatched_topics
 from msg_bridge.nodes.subscription_poller import SubscriptionPoller
 from soil_sim.endpoint import SoilTickResult
+from soil_sim.node.duplicate_soil_node import check_no_other_soil_node
+from soil_sim.node.membership_log import MembershipLog
 from soil_sim.node.params import SoilNodeParams
 from soil_sim.node.run_config import run_config
 from soil_sim.node.services import SoilServices
@@ -46,6 +49,8 @@ _RETRANSMIT_PERIOD = 0.25
 _MAX_CELLS_AT_FULL_RATE = 513 * 513
 """Number of cells above which terrain maps are published less often."""
 
+_DISCOVERY_TIME = 1.0
+"""Wall time from the start in which the process looks for another soil node [s]."""
 
 _CHANGEABLE = ("machine_timeout", "map_rate", "hash_rate", "save_path")
 """Parameters that may be set while the node runs."""
@@ -59,20 +64,26 @@ class SoilNode(SimNode):
         diagnostics: diagnostics of the node.
     """
 
-    def __init__(self, **kwargs: Any) -> None:
+    def __init__(self, *, discovery_time: float = 0.0, **kwargs: Any) -> None:
         """
         Args:
+            discovery_time: minimum wall time in which another soil node on the same topics is
+                looked for [s], the time to load the kernels included; 0: none is looked for.
             kwargs: arguments of `rclpy.node.Node`.
 
         Raises:
+            DuplicateSoilNodeError: another soil node publishes the same topics.
             EarthmovingError: a parameter is invalid, or a terrain file cannot be read.
         """
         super().__init__("soil_sim", **kwargs)
+        deadline = time.monotonic() + discovery_time
         self._params = declare_parameters(self, SoilNodeParams, changeable=_CHANGEABLE)
         self._site_params = declare_parameters(self, SiteParams, "site.")
         self._soil_params = declare_parameters(self, SoilParams, "soil.")
         self._site = make_site(self._site_params)
         warm_up(self._soil_params)  # compilation in a tick would make it late
+        if discovery_time > 0.0:
+            check_no_other_soil_node(self, deadline)
         # Unix time: a restarted soil node begins a run with a higher id.
         self.run = SoilRun(self._site, self._soil_params, self._params, run_id=int(time.time()))
         self.run.waiting_for_subscribers = bool(self._params.required_subscribers)
@@ -92,6 +103,7 @@ class SoilNode(SimNode):
             self._send_keyframe,
             self.diagnostics.reject,
         )
+        self._membership_log = MembershipLog(self.get_logger().info, self._transport.machines)
         self._next_map_tick = self._map_revision = 0
         self._last_tick_time = time.monotonic()
         self.publish_run_start()
@@ -145,6 +157,7 @@ class SoilNode(SimNode):
         self._last_tick_time = time.monotonic()
         self._transport.send(self.run.endpoint.drain_outbox(), stamp)
         self._soil_publishers.tick(done.ledger, stamp)
+        self._membership_log.update(self.run.endpoint.exchange.joined, tick)
         if tick >= self._next_map_tick:
             self._next_map_tick = tick + self._interval_in_ticks(self._map_rate)
             if soil.revision != self._map_revision:
@@ -182,6 +195,12 @@ class SoilNode(SimNode):
         self._next_map_tick = self._map_revision = 0
         self._last_tick_time = time.monotonic()
         self._soil_diagnostics.start_run()
+        self._membership_log.start_run()
+        grid = self.run.endpoint.soil.grid
+        self.get_logger().info(
+            f"run {self.run.endpoint.exchange.run_id} started: terrain of {grid.rows} x {grid.cols}"
+            f" columns of {grid.cell:g} m, {self._params.sync}"
+        )
         config = run_config(
             self.run, self._site, self._params, self._site_params, self._soil_params
         )
@@ -262,6 +281,7 @@ class SoilNode(SimNode):
         text = f"{name} (machine_id {silent.machine_id}) silent for {silent.duration:.1f} s"
         if silent.is_dropped:
             self.diagnostics.count("machines_dropped")
+            self._membership_log.remove(silent.machine_id)
             self.get_logger().warning(
                 f"{text}: the run continues without it; its soil is booked as absent until it"
                 f" rejoins"
@@ -275,7 +295,8 @@ class SoilNode(SimNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until it is stopped."""
-    return run_node(SoilNode, args, name="soil_sim", usage=USAGE)
+    make_node = partial(SoilNode, discovery_time=_DISCOVERY_TIME)
+    return run_node(make_node, args, name="soil_sim", usage=USAGE)
 
 
 if __name__ == "__main__":

@@ -94,7 +94,7 @@ def test_phases_are_published_in_order(ros: Ros) -> None:
     assert not operator.finished
 
 
-def test_exit_code_is_1_after_an_aborted_task(ros: Ros) -> None:
+def test_exit_code_is_1_after_an_aborted_task(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
     phases = ros.collect("/excavator/operator/phase", String)
     _, operator = start_operator(ros, **{"task.timeout": 1.0})
     ros.spin_until(lambda: operator.finished)
@@ -102,6 +102,25 @@ def test_exit_code_is_1_after_an_aborted_task(ros: Ros) -> None:
     ros.spin_until(lambda: json.loads(phases[-1].data)["phase"] == "done")
     assert json.loads(phases[-1].data)["abort_reason"] == operator.task.abort_reason != ""
     operator.stop()
+    errors = [line for line in capfd.readouterr().err.splitlines() if "[ERROR]" in line]
+    assert len(errors) == 1
+    assert operator.task.abort_reason in errors[0]
+
+
+def test_operator_in_a_wrong_namespace_logs_the_topic_that_it_waits_for(
+    ros: Ros, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("msg_bridge.nodes.wait_log.FIRST_LOG_TIME", 0.1)
+    monkeypatch.setattr("msg_bridge.nodes.wait_log.LOG_PERIOD", 0.3)
+    Scene(ros)
+    ros.add(DigOperatorNode, namespace="/site/digger")
+    right = {"simulation_namespace": "/"}
+    operator = ros.add(DigOperatorNode, namespace="/site/truck", parameters=right)
+    ros.spin_for(0.6)
+    lines = [line for line in capfd.readouterr().err.splitlines() if "waiting for /" in line]
+    assert len(lines) == 2
+    assert all("waiting for /site/sim/config; is `simulation_namespace`" in line for line in lines)
+    assert operator.get_namespace() not in "".join(lines)
 
 
 def test_reset_starts_the_task_again(ros: Ros) -> None:

@@ -79,6 +79,10 @@ def test_signal_ends_machine_operator_and_soil_cleanly(
     ros.spin_until(lambda: machines() == "none")
     assert soil.stop(number) == 0
     assert "silent" not in soil.output
+    for event in ("joined", "left"):
+        assert soil.output.count(f"/excavator (machine_id 1) {event} in tick") == 1
+    assert machine.output.count("joined run") == 1
+    assert "the task of the excavator starts" in operator.output
 
 
 def test_leaving_machine_transfers_its_account_and_is_not_dropped(
