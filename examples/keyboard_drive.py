@@ -9,9 +9,11 @@ Start the simulation, then run
     u o  arm out, in                        y h  bucket open, curl
     space  stop                             q  quit
 
-A key sets a velocity; space stops all motion. Keys may also be piped in: `echo wwq | ...`.
+A key sets a velocity; space stops all motion. Keys may also be piped in, for example to raise the
+boom for two seconds: `(echo i; sleep 2) | python examples/keyboard_drive.py`.
 """
 
+import argparse
 import sys
 import termios
 import threading
@@ -23,6 +25,7 @@ import rclpy
 from rclpy.executors import ExternalShutdownException
 from sensor_msgs.msg import JointState
 
+KEY_TABLE = __doc__.split("\n\n")[3]
 PERIOD = 0.05  # time between commands [s]; they expire after 0.3 s
 
 # Joint velocities [rad/s] and track speeds [m/s] of each key.
@@ -69,6 +72,10 @@ def read_keys() -> Iterator[str]:
 
 
 def main() -> None:
+    argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    ).parse_args()
+    print(KEY_TABLE, flush=True)
     rclpy.init()
     node = rclpy.create_node("keyboard_drive")
     commands = node.create_publisher(JointState, "/excavator/joint_commands", 10)

@@ -1,7 +1,7 @@
 """Write an array of heights as a terrain file.
 
-    python examples/own_terrain.py ramp.npz
-    earthmoving demo --terrain ramp.npz
+    python examples/own_terrain.py terrain.npz
+    earthmoving demo --terrain terrain.npz
 
 Row 0 of the array lies at the largest x and column 0 at the largest y, as in grid_map; rows run
 toward -x and columns toward -y. The origin of the map frame is the middle of the map:
@@ -16,7 +16,7 @@ toward -x and columns toward -y. The origin of the map frame is the middle of th
     (rows-1,0)  (rows-1,cols-1)
 """
 
-import sys
+import argparse
 
 import numpy as np
 
@@ -34,7 +34,9 @@ def heights() -> np.ndarray:
 
 
 def main() -> None:
-    path = sys.argv[1] if len(sys.argv) > 1 else "own_terrain.npz"
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("path", nargs="?", default="terrain.npz", help="file to write")
+    path = parser.parse_args().path
     np.savez(path, heights=heights(), cell=CELL)
     print(f"{path}: {ROWS} x {COLS} points, {CELL} m apart")
 

@@ -1,11 +1,13 @@
 """Plot the payload and the volume of soil in motion from a recording.
 
-    python examples/plot_volume_from_bag.py bags/demo-2026-01-31T12-00-00Z volume.png
+    python examples/plot_volume_from_bag.py bags/demo-2026-01-31T12-00-00Z
+
+The picture is `volume.png`, or the file that the second argument names.
 
 The arrays in these topics are labelled: the label of their dimension names the values.
 """
 
-import sys
+import argparse
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -21,9 +23,14 @@ def values(msg: Any) -> dict[str, float]:
 
 
 def main() -> None:
-    bag, picture = sys.argv[1:3]
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("bag", help="folder of the recording")
+    parser.add_argument(
+        "picture", nargs="?", default="volume.png", help="file to write (volume.png)"
+    )
+    options = parser.parse_args()
     rows: dict[str, list[dict[str, float]]] = {LEDGER: [], PAYLOAD: []}
-    for topic, _, msg in BagReader(bag).messages([LEDGER, PAYLOAD]):
+    for topic, _, msg in BagReader(options.bag).messages([LEDGER, PAYLOAD]):
         rows[topic].append(values(msg))
 
     figure = Figure(figsize=(8, 6), layout="constrained")
@@ -37,9 +44,9 @@ def main() -> None:
         )
     bottom.set(xlabel="tick", ylabel="soil in motion [bank m³]")
     bottom.legend()
-    figure.savefig(picture)
+    figure.savefig(options.picture)
     imbalance = max(abs(row["imbalance"]) for row in ledger)
-    print(f"{picture}: {len(ledger)} ticks, imbalance {imbalance:.0f} mm3 at worst")
+    print(f"{options.picture}: {len(ledger)} ticks, imbalance {imbalance:.0f} mm3 at worst")
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ Start the simulation, then run
     python examples/reset_run.py
 """
 
+import argparse
 import sys
 
 import rclpy
@@ -27,6 +28,7 @@ def call(node: Node, service: str) -> Trigger.Response:
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__.split("\n")[0]).parse_args()
     rclpy.init()
     node = rclpy.create_node("reset_run")
     is_successful = True

@@ -5,9 +5,12 @@ Start the simulation, then run
     python examples/ten_lines.py
 """
 
+import argparse
+
 import rclpy
 from sensor_msgs.msg import JointState
 
+argparse.ArgumentParser(description=__doc__.split("\n")[0]).parse_args()
 rclpy.init()
 node = rclpy.create_node("my_controller")
 commands = node.create_publisher(JointState, "/excavator/joint_commands", 10)

@@ -12,6 +12,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
@@ -28,6 +29,7 @@ from earthmoving_sim.cli import build_parser
 from machine_sim.node.machine_node import MachineNode
 from msg_bridge.codec.qos import STATE
 from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.interface import INTERFACE
 from msg_bridge.testing.fixtures import StartProcess
 from msg_bridge.testing.ros_context import Ros
 from soil_sim.node.soil_node import SoilNode
@@ -211,6 +213,7 @@ def check_python_arguments(arguments: list[str], monkeypatch: pytest.MonkeyPatch
     path = Path(spec.origin or "") if spec else ROOT / target
     source = path.read_text(encoding="utf-8")
     if "parse_args()" not in source:
+        assert path.parent.name != "examples", f"{target} does not use argparse"
         assert not options or "sys.argv" in source, f"{target} takes no arguments"
         assert not any(each.startswith("-") for each in options), f"{target} has no options"
         return
@@ -228,6 +231,19 @@ def check_python_arguments(arguments: list[str], monkeypatch: pytest.MonkeyPatch
     check_exit(caught.value)
 
 
+def check_ros2_arguments(arguments: list[str]) -> None:
+    """Check a launch file, or the topic and type of `ros2 topic pub`."""
+    if arguments[:2] == ["launch", "earthmoving_sim"]:
+        assert (ROOT / "launch" / arguments[2]).is_file()
+    if arguments[:2] == ["topic", "pub"]:
+        topic, message_type, content = arguments[-3:]
+        endpoint = next(each for each in INTERFACE if topic.endswith(f"/{each.name}"))
+        assert message_type == endpoint.type
+        package, _, name = message_type.split("/")
+        message = getattr(import_module(f"{package}.msg"), name)
+        assert set(yaml.safe_load(content)) <= set(message.get_fields_and_field_types())
+
+
 def check_command(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Check that a program exists and accepts the options of a command."""
     program, *arguments = shlex.split(command, comments=True)
@@ -243,8 +259,8 @@ def check_command(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     elif program == "make":
         targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
         assert {each for each in arguments if "=" not in each} <= set(targets)
-    elif arguments[:2] == ["launch", "earthmoving_sim"]:
-        assert (ROOT / "launch" / arguments[2]).is_file()
+    elif program == "ros2":
+        check_ros2_arguments(arguments)
 
 
 @pytest.mark.parametrize("command", sorted({each.code for each in commands()}))
@@ -264,7 +280,9 @@ def test_command_has_valid_options(command: str, monkeypatch: pytest.MonkeyPatch
         "python examples/stop_when_full.py --no-such-option",
         "python examples/ten_lines.py 1",
         "make no-such-target",
+        "python examples/plot_volume_from_bag.py",
         "ros2 launch earthmoving_sim no_such_file.launch.py",
+        "ros2 topic pub /excavator/joint_commands std_msgs/msg/String '{data: swing}'",
     ],
 )
 def test_invalid_command_is_found(command: str, monkeypatch: pytest.MonkeyPatch) -> None:

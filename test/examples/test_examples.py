@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import importlib.util
+import itertools
+import re
 import subprocess
 import sys
 from dataclasses import fields
@@ -16,11 +18,13 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from support.recorded_messages import Recording
 
+from machine_sim.node.machine_node import MachineNode
 from msg_bridge.codec.machine_state import PayloadState, to_payload_array
 from msg_bridge.codec.tick_headers import to_multi_array
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.testing.fixtures import StartProcess
 from msg_bridge.testing.ros_context import Ros
+from soil_sim.node.soil_node import SoilNode
 from soil_sim.terrain import load_terrain
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -48,6 +52,23 @@ def test_docstring_has_the_command_that_runs_the_example(path: Path) -> None:
     assert path.name in (EXAMPLES / "README.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
+def test_help_of_each_example_is_printed_quickly(path: Path) -> None:
+    command = [sys.executable, str(path), "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=20, check=True)
+    assert done.stdout.startswith("usage: ")
+
+
+def test_keyboard_drive_prints_its_keys_at_the_start(ros_domain: int) -> None:
+    command = [sys.executable, str(EXAMPLES / "keyboard_drive.py")]
+    done = subprocess.run(command, input="wq", capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    teleop = (EXAMPLES.parent / "docs/teleop.md").read_text(encoding="utf-8")
+    for key in load("keyboard_drive").KEYS:
+        assert f" {key} " in done.stdout
+        assert f"`{key}`" in teleop
+
+
 def test_ten_lines_publishes_velocities(ros: Ros, ros_process: StartProcess) -> None:
     commands = ros.collect(COMMANDS, JointState)
     ros_process([sys.executable, EXAMPLES / "ten_lines.py"])
@@ -58,17 +79,36 @@ def test_ten_lines_publishes_velocities(ros: Ros, ros_process: StartProcess) -> 
     }
 
 
-def test_stop_when_full_stops_at_its_fill(ros: Ros, ros_process: StartProcess) -> None:
+def test_stop_when_full_fills_the_bucket_from_the_home_pose(
+    ros: Ros, ros_process: StartProcess
+) -> None:
+    ros.add(SoilNode, parameters={"site.terrain": "flat", "site.num_points": 129})
+    ros.add(MachineNode)
     commands = ros.collect(COMMANDS, JointState)
     process = ros_process([sys.executable, EXAMPLES / "stop_when_full.py", "--fill", "0.5"])
-    payload = ros.publisher("/excavator/payload", Float64MultiArray, subscriptions=1)
-    payload.publish(to_payload_array(PayloadState(0.2, 0.25, 300.0, 0.3, 1.0)))
-    ros.spin_until(lambda: len(commands) >= 3)
-    assert all(velocity > 0.0 for velocity in commands[-1].velocity)
-    payload.publish(to_payload_array(PayloadState(0.5, 0.6, 800.0, 0.6, 2.0)))
-    ros.spin_until(lambda: not any(commands[-1].velocity))
+    ros.spin_until(lambda: not process.running, what="a full bucket", timeout=120.0)
     process.wait()
-    assert "60 % full" in process.output
+    (fill,) = re.findall(r"^bucket (\d+) % full$", process.output, re.MULTILINE)
+    assert int(fill) >= 50
+    assert not any(commands[-1].velocity)
+
+
+def test_stop_when_full_gives_a_reason_when_the_joints_do_not_move(
+    ros: Ros, ros_process: StartProcess
+) -> None:
+    process = ros_process([sys.executable, EXAMPLES / "stop_when_full.py"])
+    joints = ros.publisher("/excavator/joint_states", JointState, subscriptions=1)
+    joints.publish(JointState(name=["boom", "arm", "bucket"], position=[0.85, 2.6, 2.3]))
+    payload = ros.publisher("/excavator/payload", Float64MultiArray, subscriptions=1)
+    seconds = itertools.count()
+
+    def has_ended() -> bool:
+        payload.publish(to_payload_array(PayloadState(0.0, 0.0, 0.0, 0.0, float(next(seconds)))))
+        return not process.running
+
+    ros.spin_until(has_ended, what="the end of the script")
+    process.wait(expect=1)
+    assert "the joints are at a limit" in process.output
 
 
 def test_reset_run_calls_both_services(ros: Ros, ros_process: StartProcess) -> None:
@@ -99,12 +139,6 @@ def test_keys_set_velocities_and_space_stops() -> None:
     command = dict(zip(message.name, message.velocity, strict=True))
     assert (command["left_track"], command["boom"], command["swing"]) == (0.8, -0.2, 0.0)
     assert drive.update(velocities, " ") == drive.STOPPED
-
-
-def test_keyboard_drive_reads_keys_without_a_terminal(ros_domain: int) -> None:
-    command = [sys.executable, str(EXAMPLES / "keyboard_drive.py")]
-    done = subprocess.run(command, input="wq", capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0, done.stderr
 
 
 def test_own_terrain_rises_toward_x_with_its_heap_at_positive_y(tmp_path: Path) -> None:
