@@ -97,7 +97,8 @@ def load_body_records(  # type: ignore[no-untyped-def]
     Args:
         rows: rows to fill, int64.
         body, force_sums: out, shapes (n, BODY_RECORD_SIZE), (n, FORCE_RECORD_SIZE), float32.
-        velocity ... sleep_state: columns of `ParticleState`.
+        velocity, angular_velocity, contact_radius, radius, inverse_mass, sleep_state: columns of
+            `ParticleState`.
     """
     for c in prange(NUM_CHUNKS):
         _load_chunk(

@@ -59,11 +59,15 @@ def set_cells(  # type: ignore[no-untyped-def]
     is_rising,
     rising,
 ):
-    """Set the heights of changed cells; see `Ground` for the arrays.
+    """Set the heights of changed cells.
 
     Args:
         cells: flat indices of the changed cells.
         heights: their new heights [m].
+        elevation, surface, undisturbed_surface: layers of `Ground` [m], updated.
+        compaction_depth: layer of `TrackCompaction` [m].
+        changed: set where a cell has changed, shape (rows, cols).
+        is_rising: whether each cell rises, shape (rows, cols); updated.
         rising: flat indices of the cells that rise already.
 
     Returns:

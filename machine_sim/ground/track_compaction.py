@@ -76,6 +76,7 @@ def _update_columns(cells, rise, volume, known, compaction_depth, max_sinkage, b
     """Update compaction depth and sinkage of columns; see `TrackCompaction.apply_changes`.
 
     Args:
+        cells, rise, volume: see `TrackCompaction.apply_changes`.
         known: bank volumes before the change [mm^3], flat; out, the present ones.
         compaction_depth, max_sinkage: flat, updated in place.
         bank, loose: height per volume of bank soil and of the loosest soil [m/mm^3].

@@ -100,8 +100,7 @@ class CubeEngine(SoilEngine):
     ) -> NDArray[np.uint32]:
         """Release soil as cubes, aligned with the axes of the map; see `SoilEngine.add`.
 
-        Args:
-            grow: has no effect: cubes have their full size at once.
+        `grow` has no effect: cubes have their full size at once.
         """
         batch = self._validate_release(position, velocity, volume_mm3, soil, moisture)
         bank = batch.volume_mm3 * 1e-9

@@ -8,6 +8,5 @@ __all__ = ["CodecError"]
 class CodecError(ExchangeError):
     """A ROS message cannot be decoded as expected, or a value cannot be encoded.
 
-    Attributes:
-        code: the reason, an `ErrorCode`.
+    `code` is the reason.
     """

@@ -87,6 +87,8 @@ def check_value(name: str, field: dataclasses.Field[Any], value: Any) -> None:
 
     Args:
         name: name of the parameter in error messages.
+        field: the field.
+        value: value to validate.
 
     Raises:
         ParameterError: a wrong type, or a value outside its range.

@@ -64,12 +64,14 @@ def declare_parameters(
     """Declare every field of a parameter dataclass to ROS and read its value.
 
     Args:
+        node: node to declare the parameters on.
+        params_class: the dataclass; its fields are made by `parameter`.
         prefix: prefix of each name, with its dot: "soil." makes `soil.repose_angle`.
         changeable: fields that may be set while the node runs (see `on_parameter_change`); the
             others are read-only.
 
     Returns:
-        The dataclass, holding what the user gave and else the defaults.
+        The dataclass with the values of the user, and defaults where there are none.
 
     Raises:
         ParameterError: a value of a wrong type or outside its range, or a name declared before.
@@ -141,6 +143,7 @@ def on_parameter_change(
     reason and nothing changes; else ROS holds the new values and `apply` gets the dataclass.
 
     Args:
+        node: node that declared the parameters.
         params_class, prefix, changeable: as given to `declare_parameters`.
         apply: receives the new parameters; it must not reject them.
     """

@@ -105,6 +105,7 @@ class RosProcess:
         Args:
             number: the signal.
             expect: the exit code it must have, `None` for any.
+            timeout: maximum wait [s].
 
         Returns:
             The exit code; minus the signal's number if a signal ended it.

@@ -1,4 +1,4 @@
-"""The checks of words and sizes find nothing in the tracked files, and find what they should."""
+"""The checks of words, sizes and docstrings find nothing in the tracked files, and find errors."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def load(name: str) -> ModuleType:
     return module
 
 
-terms, sizes = load("check_terms"), load("check_sizes")
+terms, sizes, docstrings = (load(f"check_{each}") for each in ("terms", "sizes", "docstrings"))
 
 
 def test_names_and_prose_use_the_terms_of_the_glossary() -> None:
@@ -74,3 +74,46 @@ def test_sizes_beyond_the_limits_are_found_unless_a_reason_is_given(
 def test_test_modules_may_be_longer() -> None:
     source = "\n" * (sizes.MAX_MODULE_LINES + 1)
     assert list(sizes.violations_in("test/test_example.py", source)) == []
+
+
+def test_docstrings_name_the_parameters_and_attributes_of_the_code() -> None:
+    assert list(docstrings.violations()) == []
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ("def f({args}):\n    {doc}", "f: b is not documented"),
+        ("class A:\n    {doc}\n    def __init__(self, {args}): ...", "A: b is not documented"),
+        ("class A:\n    def f(self, {args}):\n        {doc}", "f: b is not documented"),
+    ],
+)
+def test_args_that_differ_from_the_parameters_are_found(source: str, message: str) -> None:
+    doc = '"""Sum up.\n\n    Args:\n        a, c: numbers.\n    """'
+    fitting = source.format(args="a, c", doc=doc)
+    assert list(docstrings.violations_in("example.py", fitting)) == []
+    missing = source.format(args="a, b, c", doc=doc)
+    assert [
+        found.partition(" ")[2] for found in docstrings.violations_in("example.py", missing)
+    ] == [message]
+    unknown = source.format(args="a", doc=doc)
+    assert len(list(docstrings.violations_in("example.py", unknown))) == 1
+
+
+def test_attributes_that_the_class_does_not_have_are_found() -> None:
+    source = '''class A(NamedTuple):
+    """A pair.
+
+    Attributes:
+        a: first [m].
+        b: second [m].
+        total: sum [m].
+    """
+
+    a: float
+
+    @property
+    def total(self): ...
+'''
+    (found,) = docstrings.violations_in("example.py", source)
+    assert found.endswith("A: b is not an attribute")

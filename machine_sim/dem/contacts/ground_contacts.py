@@ -136,6 +136,11 @@ def _list_contacts(  # type: ignore[no-untyped-def]
     """List the contacts of chunks of the rows, then close the gaps between the chunks.
 
     Args:
+        surface, frame: arrays of `Ground`.
+        dt: length of the step [s].
+        params: `ContactParameters` at the ground.
+        rows, ground_masked, near_tool: see `GroundContactList.update`.
+        particles: `GroundParticles`.
         row, plane: out, as in `GroundContacts`, with room for all rows.
 
     Returns:

@@ -26,9 +26,10 @@ __all__ = ["ground_forces"]
 def ground_forces(  # type: ignore[no-untyped-def]
     low, high, contacts, particles, body, force_sums, params, friction, rolling_friction
 ):
-    """Add the forces of ground contacts `low` to `high` - 1 to the sums of their particles.
+    """Add the forces of a range of ground contacts to the sums of their particles.
 
     Args:
+        low, high: first contact of the range and its end, which is excluded.
         contacts: `GroundContacts`.
         particles: `GroundParticles`, with positions at the start of the step; springs are updated.
         body, force_sums: see `body_records`.

@@ -150,11 +150,14 @@ def _update(  # type: ignore[no-untyped-def]
     """Update the contacts of all parts; see `PairContacts.update`.
 
     Args:
+        dt: length of the step [s], float32.
         pairs, bounds: `PairArrays`, and the bounds of the parts.
         particles: `_Particles`.
+        body: body records of all particles.
         contacts: `PairContactBlocks`; updated.
         pair_index: index of each contact in the pair table, uint32, shape (slots,); updated.
         candidates, num_candidates: pairs of each part that are not yet contacts; updated.
+        rebuild, radii_changed: see `PairContacts.update`.
     """
     # Outside the loop: with threads, a write to `contacts.size[part]` within it would be lost.
     begin, size = contacts.begin, contacts.size

@@ -142,6 +142,7 @@ def _list_candidates(  # type: ignore[no-untyped-def]
     """Fill the new table.
 
     Args:
+        dt: length of the step [s].
         rows, tool_frame_positions: see `PlateContactList.update`.
         position, velocity, radius: columns of `ParticleState`.
         list_row: row of each particle in the old table, replaced by that in the new; -1 for none.
@@ -212,6 +213,9 @@ def _search_radii(dt, rows, position, velocity, radius, pose, twist, reach):  # 
     It is the radius with a margin plus the distance travelled in the step relative to the tool.
 
     Args:
+        dt: length of the step [s].
+        rows: rows of the particles.
+        position, velocity, radius: columns of `ParticleState`.
         pose, twist: packed pose and twist of the tool.
         reach: out, shape (rows,).
     """
@@ -229,7 +233,7 @@ def _search_radii(dt, rows, position, velocity, radius, pose, twist, reach):  # 
 
 @helper(forceinline=True)
 def _mark_close_to_plates(tool_frame_positions, sphere, bounds, low, high, reach, is_close):  # type: ignore[no-untyped-def]
-    """Mark the particles within reach of the bounds of plates `low` to `high` - 1.
+    """Mark the particles within reach of the bounds of a range of plates.
 
     The loops are over particles, so that they are vectorised.
 
@@ -237,6 +241,7 @@ def _mark_close_to_plates(tool_frame_positions, sphere, bounds, low, high, reach
         tool_frame_positions: centres [m], shape (3, rows).
         sphere: bounding sphere of the tool, see `ToolSet`.
         bounds: bounds of the plates, see `Plates`.
+        low, high: first plate of the range and its end, which is excluded.
         reach: see `_search_radii`.
         is_close: updated, shape (rows,).
     """

@@ -118,6 +118,9 @@ def _transform_to_plate_axes(  # type: ignore[no-untyped-def]
     """Replace the gathered motion by position and motion relative to the plate, in plate axes.
 
     Args:
+        num_slots: number of slots to transform, from the first one on.
+        block: block of plate contacts, see `plate_block`.
+        scratch: scratch block; the gathered motion in it is replaced.
         axes: u, v and n of the plate now, map axes, float32.
         axes_change: change of `axes` since the start of the step: small enough for float32.
         origin_shift: displacement of the tool's origin since the start of the step [m].
@@ -150,7 +153,9 @@ def _find_closest_points(num_slots, scratch, corner, num_corners):  # type: igno
     an edge that the centre is outside of.
 
     Args:
-        corner, num_corners: of the plate, see `Plates`.
+        num_slots: number of slots to evaluate, from the first one on.
+        scratch: scratch block, see `plate_block`; the results are written to it.
+        corner, num_corners: corners of the plate and their number, see `Plates`.
     """
     for s in range(np.uint64(num_slots)):
         scratch[plate.OUTLINE_DISTANCE2 + s] = _OVER_PLATE

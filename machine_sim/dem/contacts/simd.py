@@ -62,6 +62,7 @@ def gather_relative_motion(typing, body, first, second, contact, scratch, stride
     Quantity q is written to `scratch[q * stride + slot]` and the three elements after it.
 
     Args:
+        typing: typing context of Numba.
         body: body records, shape (n, 16), float32.
         first, second: rows of the bodies of each contact, uint32.
         contact: number of the first of the four contacts.
@@ -99,6 +100,7 @@ def scatter_forces(typing, body, force_sums, first, second, contact, scratch, st
     the angular velocity of the other.
 
     Args:
+        typing: typing context of Numba.
         body: body records, shape (n, 16), float32.
         force_sums: updated, shape (n, 16), float32.
         first, second: rows of the bodies of each contact, uint32.

@@ -49,7 +49,8 @@ def _count_tunnelled(  # type: ignore[no-untyped-def]
     A centre that returns to the side that its contact stores is not counted again.
 
     Args:
-        before: centres at the start of the step [m], shape (rows, 3).
+        rows: rows of the particles moved by forces.
+        before: their centres at the start of the step [m], map frame, shape (rows, 3).
         after, radius: columns of `ParticleState` at the end of the step.
         plates, tool_of_plate, first_plate, sphere, path: see `ToolSet`.
         contacts: `PlateContactArrays`.
@@ -124,9 +125,11 @@ def _max_tool_displacement(start, end, sphere):  # type: ignore[no-untyped-def]
 
 @helper(forceinline=True)
 def _crosses_plate(plates, k, segment, side):  # type: ignore[no-untyped-def]
-    """Return whether a segment pierces plate `k` and ends on the side opposite to `side`.
+    """Return whether a segment pierces a plate and ends on the side opposite to `side`.
 
     Args:
+        plates: `Plates` of all tools.
+        k: number of the plate.
         segment: first and last point [m], tool frame.
         side: +1 or -1; 0 for the side on which the segment begins.
     """

@@ -47,9 +47,11 @@ def transfer_history(old, old_count, old_row, active, new, new_count, begin, end
 
 @helper(forceinline=True)
 def _transfer_chunk(low, high, old, new_row, active, new, begin, end):  # type: ignore[no-untyped-def]
-    """Transfer the history of the old pairs `low` to `high` - 1.
+    """Transfer the history of a range of the old pairs.
 
     Args:
+        low, high: first pair of the range and its end, which is excluded.
+        old, active, new, begin, end: see `transfer_history`.
         new_row: present row of each old row, -1 for none; rows beyond its end were removed.
 
     Returns:

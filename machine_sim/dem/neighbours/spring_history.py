@@ -178,8 +178,11 @@ def _restore(pairs, count, ids, old_row, was_active, table, springs):  # type: i
     """Move the springs of listed pairs that were both asleep from the table to the pairs.
 
     Args:
+        pairs, count: `PairArrays` and number of the listed pairs; flags and springs are updated.
+        ids: id of each particle.
         old_row: row of each particle in the previous pair table, -1 for none.
         was_active: which rows of that table were active.
+        table, springs: keys and springs of the slots; entries that are found are removed.
 
     Returns:
         Number of springs restored.

@@ -55,7 +55,7 @@ class PendingAccount(Protocol):
 
     @property
     def accounted_water(self) -> int:
-        """Water (volume times moisture) of the pending soil, plus `rounding_error` [mm^3 %]."""
+        """Water (volume times moisture) of the pending soil, plus the rounding error [mm^3 %]."""
         ...
 
     @property
