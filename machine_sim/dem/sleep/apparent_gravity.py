@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from machine_sim.dem.tools.pose import XX, YX, ZX, rotate_to_map_axes, velocity_at
 from machine_sim.dem.tools.rigid_tool import RigidTool
 from machine_sim.dem.tools.tool_set import SPHERE_CENTRE, ToolSet
+from machine_sim.dem.vec3 import dot, load_row, subtract
 from msg_bridge.kernels import kernel
 
 __all__ = ["ApparentGravity"]
@@ -68,8 +69,23 @@ class ApparentGravity:
 
     def changed_by(self, threshold: float) -> NDArray[np.bool_]:
         """Return for which tools it has changed by more than `threshold` [m/s^2] since locking."""
-        change = np.linalg.norm(self.current - self.at_lock, axis=1)
-        return np.asarray(change > threshold, dtype=np.bool_)
+        changed = np.zeros(len(self.current), np.bool_)
+        _mark_changed(self.current, self.at_lock, threshold, changed)
+        return changed
+
+
+@kernel
+def _mark_changed(current, at_lock, threshold, changed):  # type: ignore[no-untyped-def]
+    """Mark the tools whose apparent gravity differs from that at locking by more than a threshold.
+
+    Args:
+        current, at_lock: [m/s^2], shape (tools, 3).
+        threshold: [m/s^2].
+        changed: out, shape (tools,).
+    """
+    for t in range(changed.size):
+        change = subtract(load_row(current, t, 0), load_row(at_lock, t, 0))
+        changed[t] = np.sqrt(dot(change, change)) > threshold
 
 
 @kernel

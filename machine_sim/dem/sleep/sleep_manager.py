@@ -16,10 +16,10 @@ from machine_sim.dem.sleep.locked_load import move_locked_load
 from machine_sim.dem.sleep.sleep_state import (
     ASLEEP_ON_MAP,
     AWAKE,
-    FIRST_LOCKED_TOOL,
     SleepView,
     locked_state,
     locked_tool,
+    mark_loaded_tools,
 )
 from machine_sim.dem.sleep.sleep_timers import update_sleep_timers
 from machine_sim.dem.sleep.support import trace_support
@@ -122,7 +122,7 @@ class SleepManager:
         is_moving = np.abs(tools.twist).max(axis=1, initial=0.0) > _MAX_REST_TWIST
         if is_moving.any():
             wake_near_moving_tools(dt, rows, view, is_moving, tools.motion, woken, wake_load)
-            for t in self._locked_tools(state, rows):
+            for t in self._locked_tools(state, rows, len(tools.tools)):
                 if is_moving[t] and not wake_load[t]:
                     wake_load[t] = load_approaches_soil(dt, t, tools.motion, rows, view, woken)
         if wake_load.any():
@@ -133,10 +133,11 @@ class SleepManager:
         return rows
 
     @staticmethod
-    def _locked_tools(state: ParticleState, rows: NDArray[np.integer]) -> list[int]:
+    def _locked_tools(state: ParticleState, rows: NDArray[np.integer], num_tools: int) -> list[int]:
         """Return the indices of the tools that some of `rows` are locked to, ascending."""
-        states = np.unique(state.sleep_state[rows]).astype(np.int64)
-        return [int(tool) for tool in locked_tool(states[states >= FIRST_LOCKED_TOOL])]
+        has_load = np.zeros(num_tools, np.bool_)
+        mark_loaded_tools(rows, state.sleep_state, has_load)
+        return [int(tool) for tool in np.flatnonzero(has_load)]
 
     # After a step.
 
@@ -276,7 +277,7 @@ class SleepManager:
         state.sleep_state[rows] = sleep_state
         state.velocity[rows[sleep_state == ASLEEP_ON_MAP]] = 0.0
         state.angular_velocity[rows] = 0.0
-        for t in cls._locked_tools(state, rows):
+        for t in cls._locked_tools(state, rows, len(tools.tools)):
             locked_rows = rows[sleep_state == locked_state(t)]
             rotation, origin = tools.tools[t].end
             state.wake_reference[locked_rows] = (state.position[locked_rows] - origin) @ rotation

@@ -18,6 +18,7 @@ __all__ = [
     "SleepView",
     "locked_state",
     "locked_tool",
+    "mark_loaded_tools",
     "select_moving_rows",
 ]
 
@@ -68,3 +69,12 @@ def select_moving_rows(sleep_state, frozen):  # type: ignore[no-untyped-def]
         locked_rows[num_locked], tools[num_locked] = i, locked_tool(sleep_state[i])
         num_locked += sleep_state[i] >= FIRST_LOCKED_TOOL
     return rows[:num_free], locked_rows[:num_locked], tools[:num_locked]
+
+
+@kernel
+def mark_loaded_tools(rows, sleep_state, has_load):  # type: ignore[no-untyped-def]
+    """Mark in `has_load`, by tool index, the tools that some of `rows` are locked to."""
+    for i in rows:
+        tool = locked_tool(sleep_state[i])
+        if tool >= 0:
+            has_load[tool] = True
