@@ -34,9 +34,9 @@ def print_summary(outcome: DigOutcome, soil: str) -> None:
     print(f"  speed     {outcome.real_time_factor:.1f} x real time, {outcome.run_mode}")
     print(f"  particles {outcome.max_particles} at most, {outcome.tunnelled} tunnelled")
     print(
-        f"  ledger    terrain {ledger.terrain - ledger.start:+d}, in flight {ledger.in_flight},"
-        f" pending {ledger.pending}, particles {ledger.particles}, absent {ledger.absent},"
-        f" outside {ledger.outside} mm3"
+        f"  ledger    terrain since the start {ledger.terrain - ledger.start:+d} mm3; not in the"
+        f" terrain: in flight {ledger.in_flight}, pending {ledger.pending},"
+        f" particles {ledger.particles}, absent {ledger.absent}, outside {ledger.outside} mm3"
     )
     if outcome.tunnelled:
         print("  WARNING   particles went through the bucket or the ground")

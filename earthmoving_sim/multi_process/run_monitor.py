@@ -18,13 +18,16 @@ from earthmoving_sim.multi_process.node_process import (
     waiting_reasons,
 )
 
-__all__ = ["RunMonitor"]
+__all__ = ["RunMonitor", "startup_line"]
 
 _PROGRESS_PERIOD = 1.0
 """Wall time between lines of progress [s]."""
 
 _STARTUP_PROGRESS_PERIOD = 5.0
 """Wall time between lines of progress before the first tick [s]."""
+
+_COMPILE_HINT_TIME = 10.0
+"""Wall time without a first tick after which the nodes probably compile [s]."""
 
 _STALL_TIMEOUT = 60.0
 """Wall time without a new tick after which the run is aborted [s]."""
@@ -173,8 +176,7 @@ class RunMonitor:
         )
 
     def _print_startup_progress(self, elapsed: float, processes: Sequence[NodeProcess]) -> None:
-        hint = "; a first start compiles, which takes a minute or more"
-        self._write_line(f"starting, {elapsed:.0f} s: {self._describe_wait(processes)}{hint}")
+        self._write_line(startup_line(elapsed, self._describe_wait(processes)))
 
     def _print_progress(self) -> None:
         operator = self._values.get("dig_operator", {})
@@ -186,7 +188,7 @@ class RunMonitor:
             f"  imbalance {self._value('soil_sim', 'imbalance_mm3'):.0f} mm3"
             f"  {self._value('soil_sim', 'tick') * self._tick_period:5.1f} s"
             f"  {self._value('soil_sim', 'real_time_factor'):4.1f} x real time"
-            f"  bag {self._value('exchange_recorder', 'bytes') / 1e6:5.0f} MB"
+            f"  bag {self._value('exchange_recorder', 'bytes_on_disk') / 1e6:5.0f} MB"
         )
 
     def _write_line(self, line: str) -> None:
@@ -195,3 +197,15 @@ class RunMonitor:
             self._is_line_open = True
         else:
             print(line, flush=True)
+
+
+def startup_line(elapsed: float, reason: str) -> str:
+    """Return the line of progress before the first tick.
+
+    Args:
+        elapsed: wall time since the start [s].
+        reason: what the run waits for.
+    """
+    is_compiling = elapsed > _COMPILE_HINT_TIME
+    hint = "; the first start compiles, which takes up to a minute" if is_compiling else ""
+    return f"starting, {elapsed:.0f} s: {reason}{hint}"

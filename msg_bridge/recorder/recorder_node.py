@@ -235,7 +235,7 @@ class RecorderNode(Node):
 
     def _update_diagnostics(self) -> None:
         status = self.recording.status()
-        for key in ("path", "topics", "messages", "bytes", "num_lost"):
+        for key in ("path", "topics", "messages", "bytes", "bytes_on_disk", "num_lost"):
             self.diagnostics.set(key, status[key])
         if status["num_lost"]:
             self.diagnostics.problem(self.recording.loss_text())

@@ -196,6 +196,7 @@ class BagRecording:
 
         - `path`: folder of the bag
         - `topics`, `messages`, `bytes`: number of recorded topics, messages and bytes
+        - `bytes_on_disk`: size of the bag so far, in which messages are compressed [bytes]
         - `num_lost`: number of lost messages, or rows where rows are numbered
         - `lost`: the same by topic, of topics with losses
         - `uncounted`: topics with several publishers, whose losses cannot be counted
@@ -205,6 +206,7 @@ class BagRecording:
             "topics": len(self.topics),
             "messages": self.messages,
             "bytes": self.num_bytes,
+            "bytes_on_disk": self._writer.size,
             "num_lost": self.loss_counter.total,
             "lost": self.loss_counter.lost,
             "uncounted": self.loss_counter.uncounted,
@@ -218,8 +220,8 @@ class BagRecording:
             rate = (self.num_bytes - last_bytes) / elapsed
             self._rate_state = (self._now(), self.num_bytes, rate)
         return (
-            f"{self.messages} messages, {self.num_bytes / _MEGA:.1f} MB,"
-            f" {rate / _MEGA:.2f} MB/s, {self.loss_text()}"
+            f"{self.messages} messages, {self._writer.size / _MEGA:.1f} MB on disk,"
+            f" {rate / _MEGA:.2f} MB/s received, {self.loss_text()}"
         )
 
     def summary(self) -> str:

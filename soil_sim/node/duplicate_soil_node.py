@@ -1,9 +1,9 @@
 """Detection of another soil node that publishes the same topics.
 
-Two soil nodes on the same topics mix up two simulations: machines get the ticks of both. A node
-that starts while another one runs can tell which of them is new: it sees the other's publisher
-before it has one of its own. So the new one ends, and the run in progress is not disturbed. Two
-nodes that start within the discovery time of each other cannot tell; both then report the conflict.
+Two soil nodes on the same topics mix up two simulations: machines receive the ticks of both. A node
+that discovers another publisher before it has created its own is the later one: it ends, and the
+run in progress is not disturbed. Of two nodes that start within the discovery time of each other,
+neither is known to be the later one, so both report the conflict in their diagnostics and logs.
 """
 
 from __future__ import annotations

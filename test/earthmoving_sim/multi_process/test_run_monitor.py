@@ -1,4 +1,4 @@
-"""RunMonitor: a run is not started beside another one with the same topics."""
+"""RunMonitor: lines of progress; a run is not started beside another one on the same topics."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from collections.abc import Iterator
 
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.signals import SignalHandlerOptions
 
 from earthmoving_sim.multi_process.node_process import NodeProcessError
-from earthmoving_sim.multi_process.run_monitor import RunMonitor
+from earthmoving_sim.multi_process.run_monitor import RunMonitor, startup_line
 from msg_bridge.testing.ros_context import Ros
 
 
@@ -32,3 +33,30 @@ def test_soil_node_in_the_same_namespace_is_an_error(ros: Ros, monitor: RunMonit
 def test_soil_node_in_another_namespace_is_no_error(ros: Ros, monitor: RunMonitor) -> None:
     ros.node("soil_sim", namespace="/site_a")
     monitor.check_no_other_simulation()
+
+
+def test_line_of_progress_has_the_size_of_the_bag_on_disk(
+    ros: Ros, monitor: RunMonitor, capsys: pytest.CaptureFixture[str]
+) -> None:
+    values = {"bytes": "338000000", "bytes_on_disk": "87000000"}
+    statuses = {"soil_sim": {"tick": "100"}, "exchange_recorder": values}
+    message = DiagnosticArray(
+        status=[
+            DiagnosticStatus(
+                name=f"{node}: {node}", values=[KeyValue(key=k, value=v) for k, v in each.items()]
+            )
+            for node, each in statuses.items()
+        ]
+    )
+    publisher = ros.publisher("/diagnostics", DiagnosticArray, 10, subscriptions=1)
+    publisher.publish(message)
+    output = ""
+    while not output:
+        monitor.spin([])
+        output = capsys.readouterr().out
+    assert output.endswith("bag    87 MB\n")
+
+
+def test_compilation_is_mentioned_only_after_a_long_wait() -> None:
+    assert startup_line(5.0, "all nodes are running") == "starting, 5 s: all nodes are running"
+    assert "compiles" in startup_line(15.0, "waiting for the soil")
