@@ -6,9 +6,9 @@
 Prints the wall time per step, and per particle and step; `--chart FILE` draws it. A fall is timed
 as a whole, and small numbers of particles fall several times; where all steps are alike the median
 step is taken. The same block is measured as cubes in pybullet (the method of 2014) and, where it
-is installed, as spheres in LIGGGHTS, up to a number of particles that each can handle; `--peers`
-selects, and without a name omits, these. One core is used, or `--threads` for this project's
-particles.
+is installed, as spheres in LIGGGHTS, up to a number of particles that each can handle. `--peers`
+selects these peers, by default both; without a name it selects none. One core is used, or
+`--threads` for this project's particles.
 
 `liggghts_comparison` compares with LIGGGHTS in detail, `cubes_in_box` with cubes in a box;
 `particle_feature_cost` measures the cost of each feature.
@@ -198,20 +198,24 @@ def main() -> None:
     parser = make_parser(__doc__)
     parser.add_argument("--counts", type=int, nargs="+", default=COUNTS, help="particle numbers")
     parser.add_argument(
-        "--peers", choices=PEERS, nargs="*", default=tuple(PEERS), help="programs to compare with"
+        "--peers",
+        choices=PEERS,
+        nargs="*",
+        help="programs to compare with; without a name: none; default: all that are installed",
     )
     parser.add_argument("--threads", type=int, default=1, help="threads of this project's engine")
     parser.add_argument("--chart", type=Path, help="file to draw ms per step against N into")
     options = parser.parse_args()
-    peers = list(options.peers)
+    peers = list(PEERS) if options.peers is None else list(options.peers)
     names = [f"particles {kind}" for kind in KINDS]
-    if "LIGGGHTS" in peers and not is_installed():
+    is_missing = "LIGGGHTS" in peers and not is_installed()
+    if is_missing:
         peers.remove("LIGGGHTS")
     names += [f"{name} {kind}" for name in peers for kind in PEER_KINDS]
     columns = [Column(name.removeprefix("particles ")) for name in names]
     table = ResultTable(columns, as_json=options.json, row_width=8, width=19)
-    if len(peers) < len(options.peers):
-        table.print_note(INSTALL_HINT)
+    if is_missing:
+        table.print_note(INSTALL_HINT if options.peers else "without LIGGGHTS: not installed")
     table.print_note(f"{describe_load()}; ms per 5 ms step (us per particle)")
     warm_up(ParticleParams(threads=options.threads))
     measure_row(20, peers, options.threads)

@@ -48,7 +48,7 @@ NAMES = {
     "Pace": "TickScheduler",
     "NeighbourList": "VerletList",
     "strays?": "fast outliers",
-    "seams?": "colour boundary",
+    "seams?|colour_boundar(?:y|ies)": "region boundary",
     "quiet_time": "settle_timer",
     "calm_time": "sleep_timer",
     "riders?": "locked load",

@@ -4,21 +4,11 @@ import re
 from dataclasses import fields
 from pathlib import Path
 
-import numpy as np
-import pytest
-
 from dig_operator import CycleReport
 from msg_bridge.audit.report import AuditReport, Check, CheckResult, Finding, RunReport
-from msg_bridge.codec.array_labels import known_labels
-from msg_bridge.codec.row_chunks import chunk_dtype
-from msg_bridge.codec.terrain import TERRAIN_CELL
-from msg_bridge.contract.ledger import Ledger
-from msg_bridge.contract.messages import Stream
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/bags.md").read_text(encoding="utf-8")
-
-TYPES = {"float32": "<f4", "float64": "<f8", "uint8": "|u1", "uint16": "<u2", "uint32": "<u4"}
 
 
 def table_after(text: str) -> list[list[str]]:
@@ -38,30 +28,9 @@ def names(cell: str) -> list[str]:
     return re.findall(r"`([^`]+)`", cell)
 
 
-@pytest.mark.parametrize(
-    ("text", "dtype"),
-    [
-        ("`/soil/conversions`, `<m>/conversion_backlog`", chunk_dtype(Stream.CONVERSION)),
-        ("`/soil/deposit_requests`: ", chunk_dtype(Stream.DEPOSIT_REQUEST)),
-        ("`/soil/tool_sweeps`: ", chunk_dtype(Stream.SWEEP)),
-        ("`/soil/forces`: ", chunk_dtype(Stream.FORCE)),
-        ("`/terrain/map_updates`: ", chunk_dtype(Stream.MAP_UPDATE)),
-        ("`/terrain/map`: ", TERRAIN_CELL),
-    ],
-)
-def test_columns_are_those_of_the_rows(text: str, dtype: np.dtype[np.void]) -> None:
-    columns = [(name, TYPES[row[1]]) for row in table_after(text) for name in names(row[0])]
-    assert columns == [(name, kind) for name, kind, *_ in dtype.descr]
-
-
 def test_keys_of_a_cycle_are_those_of_its_report() -> None:
     keys = {name for row in table_after("`<m>/operator/cycles`: ") for name in names(row[0])}
     assert keys == {field.name for field in fields(CycleReport)}
-
-
-def test_labels_are_those_of_the_ledger() -> None:
-    labels = [name for row in table_after("The labels of the ledger") for name in names(row[0])]
-    assert labels == list(known_labels(Ledger, 0))
 
 
 def test_checks_and_json_keys_are_those_of_the_audit() -> None:
