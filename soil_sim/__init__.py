@@ -6,7 +6,7 @@ In the order of a tick (`soil`):
 - `tool_force/`: force that the soil exerts on each tool
 - `excavation/`: soil that tools remove
 - `compaction`: loose soil that plates pack
-- `deposit_shares`: shares of the columns in the soil of particles that landed
+- `deposition`: particles that came to rest become loose soil
 - `slope_failure/`: soil steeper than its angle of repose slides
 - `columns/`: state of the terrain, its changes in a tick, volume and state hash
 - `row_output`: the result of the tick in rows

@@ -21,7 +21,7 @@ from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.rows import CONVERSION, DEPOSIT_REQUEST, SWEEP, Rows, join_rows
 from soil_sim.columns import ChangeTracker, Columns, TileChecksums
 from soil_sim.compaction import compact
-from soil_sim.deposit_shares import bilinear_shares
+from soil_sim.deposition import deposit
 from soil_sim.errors import SoilError
 from soil_sim.excavation import KeyPointCut, RemovedSoil, SweptCut
 from soil_sim.row_output import convert_deposit_requests, excavation_rows, map_update_rows
@@ -181,7 +181,9 @@ class Soil:
         )
         forces = self._compute_tool_forces(valid_sweeps)
         excavated = self._excavate(tick, valid_sweeps)
-        num_visits = self._deposit(deposits)
+        num_visits = deposit(
+            self.relaxation, self.columns.frame, deposits, self.params.max_cell_visits_per_tick
+        )
         self.relaxation.relax(max(self.params.max_cell_visits_per_tick - num_visits, 0))
         conversions = join_rows([excavated, deposits], CONVERSION)
         return SoilStepResult(conversions, forces, self._collect_map_updates(), rejected_tools)
@@ -217,14 +219,6 @@ class Soil:
         removed = self._keypoint_cut.excavate(machine.rows)
         self.relaxation.mark_disturbed(removed["cell"], include_neighbours=True)
         return removed
-
-    def _deposit(self, conversions: Rows) -> int:
-        """Deposit soil and let it run out; return the number of cell visits."""
-        if conversions.size == 0:
-            return 0
-        return self.relaxation.deposit_with_runout(
-            bilinear_shares(self.columns.frame, conversions), self.params.max_cell_visits_per_tick
-        )
 
     def _collect_map_updates(self) -> Rows:
         changes = self._changes.collect()

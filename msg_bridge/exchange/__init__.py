@@ -18,7 +18,7 @@ Messages go into each end through `receive` and come out of `drain_outbox`.
     - `joined_machines`: the sessions of all joined machines
     - `tick_input`: the rows that all machines sent for one tick
     - `soil_streams`: the rows and headers it has published
-    - `soil_accounts`: soil in flight, pending, in particles, absent and outside
+    - `ledger_accounts`: the ledger: soil in flight, pending, in particles, absent and outside
 - `direct_transport`: carries the messages within one process
 - `terrain_follower`: the surface at the end of a tick, for observers that send nothing
 

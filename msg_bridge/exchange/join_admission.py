@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import JoinRejected, MachineHeader, Verb
-from msg_bridge.exchange.soil_accounts import SoilAccounts
+from msg_bridge.exchange.ledger_accounts import LedgerAccounts
 
 __all__ = ["JoinAdmission"]
 
@@ -49,7 +49,7 @@ class JoinAdmission:
         return JoinRejected(self._run_id, machine_id, session_id, reason)
 
     def admit(
-        self, accounts: SoilAccounts, published: int
+        self, accounts: LedgerAccounts, published: int
     ) -> tuple[list[MachineHeader], list[JoinRejected]]:
         """Decide all waiting requests at the end of a tick.
 

@@ -34,9 +34,9 @@ from msg_bridge.contract.messages import (
 from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, Rows, empty_rows
 from msg_bridge.exchange.join_admission import JoinAdmission
 from msg_bridge.exchange.joined_machines import JoinedMachines
+from msg_bridge.exchange.ledger_accounts import LedgerAccounts
 from msg_bridge.exchange.machine_session import MachineSession
 from msg_bridge.exchange.session_key import SessionKey
-from msg_bridge.exchange.soil_accounts import SoilAccounts
 from msg_bridge.exchange.soil_streams import SoilStreams
 from msg_bridge.exchange.stream_buffers import PIPELINE_DEPTH
 from msg_bridge.exchange.tick_input import TickInput
@@ -75,7 +75,7 @@ class SoilExchange:
         self.run_id = run_id
         self.tick = -1
         self.ledger: Ledger | None = None
-        self.accounts = SoilAccounts()
+        self.accounts = LedgerAccounts()
         self._welcome = Welcome(grid, elevation, layers)
         self._expected = frozenset(expected)
         self._admission = JoinAdmission(run_id)

@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soil_sim.columns.state import Columns
-from soil_sim.deposit_shares import ColumnShares
 from soil_sim.slope_failure.cell_queue import (
     clear,
     create_cell_queue,
@@ -32,7 +31,7 @@ from soil_sim.slope_failure.noise import RelaxationNoise
 from soil_sim.slope_failure.relax_cells import enqueue_disturbed, relax_cells
 from soil_sim.slope_failure.relax_window import WindowRelaxation
 from soil_sim.slope_failure.relaxation_parameters import relaxation_parameters
-from soil_sim.slope_failure.runout import deposit_with_runout
+from soil_sim.slope_failure.runout import ColumnShares, deposit_with_runout
 from soil_sim.slope_failure.slope_excess import max_slope_excess
 
 __all__ = ["SlopeRelaxation"]

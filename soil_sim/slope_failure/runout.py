@@ -10,14 +10,17 @@ as long as a thin layer runs down at a time.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from msg_bridge.kernels import helper, kernel
 from soil_sim.columns.operations import add_loose
 from soil_sim.slope_failure.cell_queue import enqueue
 from soil_sim.slope_failure.noise import random_uniform
 
-__all__ = ["deposit_with_runout"]
+__all__ = ["ColumnShares", "deposit_with_runout"]
 
 _MIN_LAYER, _MAX_LAYER = 0.05, 0.5
 """Limits of the thickness of the layer that runs down at once [cells]. A thicker layer is faster,
@@ -34,6 +37,22 @@ _DISTANCE_PREFERENCE = 0.01
 """Increase of the score of a neighbour per metre of distance: of neighbours with about the same
 excess, soil moves to the farthest. On a slope at its angle of repose all are the same. Not used at
 the edge of the map, nor where columns differ by noise."""
+
+
+class ColumnShares(NamedTuple):
+    """Soil to add to columns, four shares for each particle.
+
+    Attributes:
+        cells: flat indices of the columns, shape (n,), int64; may contain duplicates.
+        volume_mm3: bank volumes [mm^3], shape (n,), int64; some may be 0.
+        soil: kinds by id, shape (n,), uint8.
+        moisture: moistures [%], shape (n,), uint8.
+    """
+
+    cells: NDArray[np.int64]
+    volume_mm3: NDArray[np.int64]
+    soil: NDArray[np.uint8]
+    moisture: NDArray[np.uint8]
 
 
 @kernel

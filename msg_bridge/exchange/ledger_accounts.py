@@ -25,7 +25,7 @@ from msg_bridge.contract.rows import (
     rows_of_machine,
 )
 
-__all__ = ["SoilAccounts", "signed_volume"]
+__all__ = ["LedgerAccounts", "signed_volume"]
 
 _SIGNS = np.array([1, -1, -1, 0], dtype=np.int64)
 """Sign of the volume of a row in flight, by its ConversionKind."""
@@ -134,7 +134,7 @@ class _MachineAccount:
         return volume
 
 
-class SoilAccounts:
+class LedgerAccounts:
     """Accounts of all machines, and the soil outside of the map."""
 
     def __init__(self) -> None:

@@ -6,7 +6,7 @@ import pytest
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.rows import CONVERSION, ConversionKind, empty_rows
 from soil_sim.columns.grid_frame import grid_frame
-from soil_sim.deposit_shares import bilinear_shares
+from soil_sim.deposition import bilinear_shares
 
 GRID = Grid(5, 4, 0.5)
 

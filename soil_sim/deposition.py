@@ -1,40 +1,43 @@
-"""Shares of the four nearest columns in the volume of each deposited particle.
+"""Deposition: particles that came to rest become loose soil of the terrain again.
 
-This is the rule of section 3.1 of the reference. The shares are the bilinear weights of the landing
-point, rounded to whole mm^3 such that they add up to exactly the volume of the particle. The soil
-is added to the columns by `slope_failure.runout.deposit_with_runout`.
+The volume of a particle is divided among its four nearest columns (section 3.1 of the reference).
+The shares are the bilinear weights of the landing point, rounded to whole mm^3 such that they add
+up to exactly the volume of the particle. `slope_failure.runout` adds them to the columns, and soil
+that is deposited on a slope runs down it.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
 from msg_bridge.contract.rows import ConversionKind, Rows
 from msg_bridge.kernels import kernel
 from soil_sim.columns.grid_frame import GridFrame
+from soil_sim.slope_failure.relaxation import SlopeRelaxation
+from soil_sim.slope_failure.runout import ColumnShares
 
-__all__ = ["ColumnShares", "bilinear_shares"]
+__all__ = ["bilinear_shares", "deposit"]
 
 _DEPOSIT = int(ConversionKind.DEPOSIT)
 
 
-class ColumnShares(NamedTuple):
-    """Soil to add to columns, four shares for each particle.
+def deposit(
+    relaxation: SlopeRelaxation, frame: GridFrame, conversions: Rows, max_cell_visits: int
+) -> int:
+    """Turn the deposited particles among conversion rows into loose soil of the columns.
 
-    Attributes:
-        cells: flat indices of the columns, shape (n,), int64; may contain duplicates.
-        volume_mm3: bank volumes [mm^3], shape (n,), int64; some may be 0.
-        soil: kinds by id, shape (n,), uint8.
-        moisture: moistures [%], shape (n,), uint8.
+    Args:
+        relaxation: the slopes of the terrain, whose columns get the soil.
+        frame: grid of the terrain.
+        conversions: CONVERSION rows; those of the kind DEPOSIT are deposited.
+        max_cell_visits: maximum number of steps of runout, see `SlopeRelaxation`.
+
+    Returns:
+        The number of steps of runout.
     """
-
-    cells: NDArray[np.int64]
-    volume_mm3: NDArray[np.int64]
-    soil: NDArray[np.uint8]
-    moisture: NDArray[np.uint8]
+    if conversions.size == 0:
+        return 0
+    return relaxation.deposit_with_runout(bilinear_shares(frame, conversions), max_cell_visits)
 
 
 def bilinear_shares(frame: GridFrame, conversions: Rows) -> ColumnShares:

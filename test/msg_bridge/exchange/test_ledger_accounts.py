@@ -6,7 +6,7 @@ from support.wire import raises
 from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.messages import MachineHeader, RowRange, Verb
 from msg_bridge.contract.rows import CONVERSION, ConversionKind, empty_rows
-from msg_bridge.exchange.soil_accounts import SoilAccounts, signed_volume
+from msg_bridge.exchange.ledger_accounts import LedgerAccounts, signed_volume
 
 
 def moved(*rows: tuple[int, ConversionKind, int]):
@@ -29,9 +29,9 @@ def header(
 
 
 @pytest.fixture
-def accounts() -> SoilAccounts:
+def accounts() -> LedgerAccounts:
     """Return accounts of two machines; rows 1 to 4 and 5 to 6 were published."""
-    accounts = SoilAccounts()
+    accounts = LedgerAccounts()
     accounts.join(1, 0)
     accounts.join(2, 0)
     first = moved(
