@@ -295,3 +295,11 @@ def test_linked_files_and_pictures_exist(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     for target in re.findall(r"\]\((?!https?:)([^)#\s]+)", text):
         assert (page.parent / target).exists(), target
+
+
+def test_places_named_in_contributing_are_files() -> None:
+    text = (ROOT / "docs/contributing.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| where .* \| (.*) \|$", text, re.MULTILINE)
+    paths = [path for row in rows for path in re.findall(r"`([^`]+)`", row)]
+    assert len(rows) == 10
+    assert not [path for path in paths if not (ROOT / path).is_file()]
