@@ -59,7 +59,15 @@ class ColumnShares(NamedTuple):
 def deposit_with_runout(columns, params, occupied, queue, shares, first_index, budget):  # type: ignore[no-untyped-def]
     """Add loose soil to columns and let it run out, in at most about `budget` steps.
 
-    Soil that remains when the budget is spent is deposited where it is, and the column enqueued.
+    1. Take one layer of each share in turn, until no share has volume left.
+    2. On the column of the layer, find the neighbour that the surface with the layer exceeds by
+       most. The part of the layer that exceeds it moves there.
+    3. Add the other part to the column. Enqueue the column if the loose soil on it may stand less
+       steeply than the deposited soil.
+    4. Continue with step 2 for the part that moves, on the column that it has moved to, until
+       nothing moves.
+
+    When the budget is spent, the remaining soil is added where it is, and the columns enqueued.
 
     Args:
         columns: `ColumnArrays` of the terrain; changed.
@@ -108,17 +116,11 @@ def deposit_with_runout(columns, params, occupied, queue, shares, first_index, b
                     row = i // cols
                     col = i - row * cols
                     is_interior = reach <= row < rows - reach and reach <= col < cols - reach
-                    first = count * (steps % 2)
                     if is_even and is_interior:
-                        max_excess = max_score = 0.0
-                        for k in range(first, first + count):
-                            j = i + index_offset[k]
-                            excess = top - height[j] - limit[k]
-                            if excess > tolerance and occupied[j] == 0:
-                                max_excess = max(max_excess, excess)
-                                score = excess + preference[k]
-                                if score > max_score:
-                                    max_score, target = score, j
+                        target, max_excess = _find_interior_target(
+                            height, occupied, index_offset, preference, limit, i, top,
+                            count * (steps % 2), tolerance,
+                        )  # fmt: skip
                     else:
                         target, max_excess = _find_target(
                             height, params, occupied, i, top, tangent, steps % 2 == 0
@@ -192,6 +194,40 @@ def _set_limits(limit, params, tangent):  # type: ignore[no-untyped-def]
     count = params.distance.size
     for k in range(count):
         limit[k] = limit[2 * count - 1 - k] = tangent * params.distance[k]
+
+
+@helper(forceinline=True)
+def _find_interior_target(  # type: ignore[no-untyped-def]
+    height, occupied, index_offset, preference, limit, i, top, first, tolerance
+):
+    """Find the neighbour that soil up to `top` [m] on an interior column moves to.
+
+    For slopes without noise.
+
+    Args:
+        height: surface of each column [m], flat.
+        occupied: 1 for columns that do not receive soil, flat, uint8.
+        index_offset, preference: see `_list_neighbours`.
+        limit: see `_set_limits`.
+        i: flat index of the column.
+        top: surface of the column with the soil [m].
+        first: number of the listed neighbour at which the search starts.
+        tolerance: excess that does not count [m].
+
+    Returns:
+        (flat index of the neighbour with the maximum score, -1 if there is none; maximum excess
+        [m]).
+    """
+    target, max_excess, max_score = np.int64(-1), 0.0, 0.0
+    for k in range(first, first + index_offset.size // 2):
+        j = i + index_offset[k]
+        excess = top - height[j] - limit[k]
+        if excess > tolerance and occupied[j] == 0:
+            max_excess = max(max_excess, excess)
+            score = excess + preference[k]
+            if score > max_score:
+                max_score, target = score, j
+    return target, max_excess
 
 
 @helper
