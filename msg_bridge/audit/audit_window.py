@@ -44,10 +44,22 @@ def find_audit_window(
     data: RunData,
     streams: Mapping[StreamKey, NumberedRows],
 ) -> Window:
-    """Return the window of ticks of which all topics have their messages."""
+    """Return the window of ticks whose messages were recorded on all topics.
+
+    Args:
+        soil: the soil headers of the run and the rows that they count.
+        timeline: the machine headers by soil header.
+        data: the recorded messages.
+        streams: the recorded rows of each stream.
+    """
     size = len(soil.headers)
-    lacking = np.array([any(e.is_header_missing for e in events) for events in timeline.events])
-    begins, ends = [_count_leading_true(lacking)], [size - _count_leading_true(lacking[::-1])]
+    is_incomplete = np.array(
+        [any(e.is_header_missing for e in events) for events in timeline.events]
+    )
+    begins, ends = (
+        [_count_leading_true(is_incomplete)],
+        [size - _count_leading_true(is_incomplete[::-1])],
+    )
     for stream, spans in soil.spans.items():
         _limit_to_recorded(begins, ends, streams[StreamKey(stream)], spans, np.arange(size))
     for session in timeline.accepted:
@@ -70,14 +82,16 @@ def find_audit_window(
 def _first_with_all_rows_in_flight(
     soil: SoilTicks, timeline: MembershipTimeline, streams: Mapping[StreamKey, NumberedRows]
 ) -> int:
-    """Return the index of the first soil header with all rows that are still in flight recorded.
+    """Return the index of the first soil header whose rows in flight were all recorded.
 
-    Conversion rows are in flight until a machine acknowledges them, and must be counted until then.
+    Conversion rows are in flight until a machine acknowledges them, and are counted until then.
     """
     acknowledged = np.array([_min_acknowledged_row(events) for events in timeline.events])
     conversions, span = streams[StreamKey(Stream.CONVERSION)], soil.spans[Stream.CONVERSION]
-    low = int(conversions.numbers[0]) if conversions.numbers.size else int(span.last[-1]) + 1
-    return _count_leading_true((acknowledged + 1 < low) & (acknowledged < span.last))
+    first_recorded = (
+        int(conversions.numbers[0]) if conversions.numbers.size else int(span.last[-1]) + 1
+    )
+    return _count_leading_true((acknowledged + 1 < first_recorded) & (acknowledged < span.last))
 
 
 def _limit_to_recorded(
@@ -90,10 +104,11 @@ def _limit_to_recorded(
     """Append the indices of the soil headers at which a stream begins and ends.
 
     Args:
-        begins, ends: first index with, and first index without, all rows of a stream.
-        rows: the rows of the stream.
-        spans: its counted rows.
-        index: that of the soil header of each span, shape (n,).
+        begins: indices of the first header with all rows of a stream; appended to.
+        ends: indices of the first header after these without all rows; appended to.
+        rows: recorded rows of the stream.
+        spans: rows that the headers count.
+        index: index of the soil header of each span, shape (n,).
     """
     counts = spans.last >= spans.first
     if not counts.any() or not rows.numbers.size:

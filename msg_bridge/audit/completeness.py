@@ -17,7 +17,8 @@ from msg_bridge.contract.messages import Stream
 
 __all__ = ["check_completeness"]
 
-_MAX_FINDINGS = 20  # gaps of one stream that have a finding of their own
+_MAX_FINDINGS = 20
+"""Maximum number of gaps of one stream that have a finding of their own."""
 
 
 def check_completeness(
@@ -67,7 +68,7 @@ def check_completeness(
 def _find_missing_headers(
     soil: SoilTicks, timeline: MembershipTimeline, window: Window
 ) -> list[Finding]:
-    """Find machine headers that the soil accepted and the bag lacks."""
+    """Find machine headers that the soil accepted and that are not in the bag."""
     missing: dict[SessionKey, list[int]] = {}
     findings = []
     for index in range(window.first, window.last + 1):

@@ -18,7 +18,7 @@ class MachineAccount:
     Attributes:
         present: whether it takes part.
         pending, particles: soil in its last header [mm^3].
-        received: last conversion row included in that soil.
+        received: number of the last conversion row included in that soil.
         lost_with_session: soil of its former sessions that it cannot bring back [mm^3].
     """
 
@@ -30,7 +30,7 @@ class MachineAccount:
         Args:
             machine_id: the machine.
             conversions: the conversion rows of the run.
-            released: which of them released soil of absent machines, shape (rows,).
+            released: whether each of them released soil of an absent machine, shape (rows,).
         """
         own = conversions.rows["machine_id"] == machine_id
         rows = conversions.rows[own]

@@ -48,7 +48,7 @@ class JoinedMachines:
 
     @property
     def is_missing_rows(self) -> bool:
-        """Whether the header of a late machine is here and rows that it counts are not."""
+        """Whether rows that a received header of a late machine counts have not arrived."""
         return any(self._sessions[n].header is not None for n in self.late)
 
     @property
@@ -63,7 +63,7 @@ class JoinedMachines:
 
     @property
     def acknowledged(self) -> list[dict[Stream, RowRange]]:
-        """Ranges of the soil's rows that each machine certainly has, by stream."""
+        """Ranges of the soil's rows that each machine has acknowledged, by stream."""
         return [session.acknowledged for session in self]
 
     def session(self, machine_id: int, session_id: int) -> MachineSession | None:

@@ -69,7 +69,7 @@ class MachineSession:
 
     @property
     def acknowledged(self) -> dict[Stream, RowRange]:
-        """Ranges of the soil's rows in the latest header that the machine certainly has."""
+        """Ranges of the soil's rows in the latest header that the machine has acknowledged."""
         return self._published_headers[0][1].spans
 
     @property

@@ -21,6 +21,8 @@ __all__ = ["CompletedTick", "TicksInFlight"]
 
 @dataclass
 class _Tick:
+    """Header of a tick that was sent, and its newest answer so far; None without one."""
+
     sent: MachineHeader
     answer: SoilHeader | None = None
 
@@ -62,7 +64,7 @@ class TicksInFlight:
 
     @property
     def is_missing_rows(self) -> bool:
-        """Whether the answer to the oldest tick is here and rows that it counts are not."""
+        """Whether rows that the answer to the oldest tick counts have not arrived."""
         answer = self._ticks[0].answer if self._ticks else None
         return answer is not None and bool(self._missing(self._spans(answer)))
 
@@ -91,7 +93,7 @@ class TicksInFlight:
             self._receive_buffers[chunk.stream].add(chunk.rows)
 
     def add_header(self, header: SoilHeader, receipt: MachineReceipt) -> None:
-        """Add a header if it answers a tick in flight; the newest that does so counts.
+        """Add a header if it answers a tick in flight; it replaces older answers to the tick.
 
         Raises:
             ExchangeError: ROW_RANGE; nothing was changed.
@@ -105,12 +107,12 @@ class TicksInFlight:
             self._check_row_ranges(header, before)
             tick.answer = header
             if header.tick > receipt.tick:
-                # The soil does not wait: its answers to older ticks may not be kept any more.
+                # The soil does not wait: it may have discarded its answers to older ticks.
                 for older in list(self._ticks)[:k]:
                     older.answer = older.answer or header
 
     def pop(self) -> CompletedTick | None:
-        """Remove and return the oldest tick if its answer and all rows of it are here."""
+        """Remove and return the oldest tick if its answer has arrived with all rows; else None."""
         answer = self._ticks[0].answer if self._ticks else None
         if answer is None:
             return None
@@ -164,7 +166,7 @@ class TicksInFlight:
         spans = {}
         for stream, span in answer.spans.items():
             first = self._receive_buffers[stream].expected
-            if span.first != first:  # there are answers in between
+            if span.first != first:  # rows of answers in between are included
                 span = RowRange(first, span.last + 1 - first)
             spans[stream] = span
         return spans

@@ -46,9 +46,9 @@ def _label_balanced_failures(
 ) -> NDArray[np.int64]:
     """Return the number of the failure that each changed column belongs to.
 
-    Every failure has columns that lose and columns that gain. Soil may have passed from the ones to
-    the others over columns that kept none of it: the blocks that connect columns are doubled until
-    all failures are balanced.
+    Every failure has columns that lose and columns that gain. Soil may have moved between them over
+    columns that did not change: the side of the blocks that connect columns is doubled until all
+    failures are balanced.
     """
     is_loss, has_changed, side = change[rows, cols] < 0.0, change != 0.0, reach
     while True:
@@ -123,7 +123,7 @@ def _redistribute(columns, cells, change, bounds):  # type: ignore[no-untyped-de
         bank = np.int64(0)
         water = total_gain = 0.0
         kind = columns.soil[cells[first]]
-        last = -1  # last column that gains
+        last = -1  # index of the last column that gains
         for m in range(first, end):
             i = cells[m]
             if change[m] > 0.0:

@@ -6,8 +6,8 @@ relaxed, direction by direction (`soil_sim.slope_failure.relax_pairs`), until no
 
 The passes work on a copy of the heights in float32 and only plan which columns lose and gain
 height. The plan is then applied in whole mm^3 (`soil_sim.slope_failure.redistribute`), so that the
-volume stays exact. Slopes that swell and rounding leave too steep are relaxed column by column
-afterwards.
+volume stays exact. Slopes that remain too steep because of swell and rounding are relaxed column by
+column afterwards.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class WindowRelaxation:
         """
         Args:
             columns: terrain to relax.
-            params: when its soil slides.
+            params: angles of repose, neighbourhood and tolerance.
         """
         self._columns, self._params = columns, params
         self._directions = pair_directions(params.offsets, columns.grid.cell, params.tolerance)
@@ -97,7 +97,7 @@ class WindowRelaxation:
         occupied: NDArray[np.uint8],
         max_passes: int,
     ) -> bool:
-        """Relax a window in at most `max_passes` passes; continues where the last call ended.
+        """Relax a window in at most `max_passes` passes, from where the last call ended.
 
         Args:
             bounds: window of `bounds_including`.

@@ -34,7 +34,7 @@ def standing_pose(
         Position [m], map frame, shape (3,), and rotation matrix base to map, shape (3, 3).
 
     Raises:
-        MachineError: a number is not finite, or the position is off the map.
+        MachineError: x, y or yaw is not finite, or the position is off the map.
     """
     if not all(map(math.isfinite, (x, y, yaw))):
         raise MachineError(f"position ({x}, {y}) and yaw {yaw} of a machine must be finite")
