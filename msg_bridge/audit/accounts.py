@@ -103,7 +103,7 @@ class _AccountReplay:
 
     Attributes:
         num_headers: number of machine headers applied.
-        unknown: what cannot be known of machines from before the bag begins.
+        unknown: reasons why soil that machines held before the bag begins is unknown.
     """
 
     def __init__(

@@ -17,6 +17,7 @@ Numbers = NDArray[np.int64]
 """Row numbers, ticks or volumes [mm^3], shape (n,)."""
 
 _MODULUS = 2**32
+"""Modulus of `seq` in rows."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class NumberedRows:
     conflicts: Numbers
 
     def count_through(self, last: Numbers) -> Numbers:
-        """Return how many rows have a number up to each of `last`."""
+        """Return the number of rows with a number up to each of `last`, shape (n,)."""
         return np.searchsorted(self.numbers, last, side="right")
 
 
@@ -106,8 +107,8 @@ class Spans:
         index = np.searchsorted(self.last, numbers, side="left")
         return self.ticks[np.minimum(index, self.ticks.size - 1)]
 
-    def lacking(self, rows: NumberedRows) -> NDArray[np.bool_]:
-        """Return which headers count rows that are missing, shape (n,)."""
+    def has_missing_rows(self, rows: NumberedRows) -> NDArray[np.bool_]:
+        """Return whether each header counts rows that are missing, shape (n,), bool."""
         num_present = rows.count_through(self.last) - rows.count_through(self.first - 1)
         return np.asarray(num_present < self.last - self.first + 1)
 

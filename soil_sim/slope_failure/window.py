@@ -25,7 +25,7 @@ class WindowBounds(NamedTuple):
 
     @classmethod
     def enclosing(cls, cells: NDArray[np.int64], cols: int) -> WindowBounds:
-        """Return the smallest window with some columns.
+        """Return the smallest window that contains some columns.
 
         Args:
             cells: flat indices of the columns, at least one.
@@ -36,7 +36,7 @@ class WindowBounds(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(rows, cols)."""
+        """Number of rows and of columns of the window."""
         return self.end_row - self.first_row, self.end_col - self.first_col
 
     @property
@@ -56,7 +56,7 @@ class WindowBounds(NamedTuple):
         return (i[:, None] * cols + j).reshape(-1)
 
     def union(self, other: WindowBounds) -> WindowBounds:
-        """Return the smallest window with two windows."""
+        """Return the smallest window that contains this one and another."""
         return WindowBounds(
             min(self.first_row, other.first_row),
             max(self.end_row, other.end_row),
