@@ -107,11 +107,6 @@ class Spans:
         index = np.searchsorted(self.last, numbers, side="left")
         return self.ticks[np.minimum(index, self.ticks.size - 1)]
 
-    def has_missing_rows(self, rows: NumberedRows) -> NDArray[np.bool_]:
-        """Return whether each header counts rows that are missing, shape (n,), bool."""
-        num_present = rows.count_through(self.last) - rows.count_through(self.first - 1)
-        return np.asarray(num_present < self.last - self.first + 1)
-
     def discontinuities(self) -> NDArray[np.intp]:
         """Return indices of headers that do not start where the header of the tick before ends."""
         follows = self.ticks[1:] == self.ticks[:-1] + 1

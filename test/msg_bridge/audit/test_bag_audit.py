@@ -202,4 +202,3 @@ def test_row_numbers_wrap_at_2_to_the_32() -> None:
     assert ordered.duplicates == 1
     spans = Spans.of([1, 2], [RowRange(first, 3), RowRange(first + 3, 3)])
     assert spans.missing(ordered) == [(first + 5, first + 5)]
-    assert spans.has_missing_rows(ordered).tolist() == [False, True]
