@@ -125,8 +125,9 @@ def main() -> None:
     node = StopWhenFull(fill)
     while not (node.is_full or node.error):
         rclpy.spin_once(node)
-    node.send_command()  # zero velocities
-    rclpy.spin_once(node, timeout_sec=0.2)
+    for _ in range(3):  # zero velocities
+        node.send_command()
+        time.sleep(PERIOD)
     print(f"bucket {100 * node.fill:.0f} % full")
     rclpy.shutdown()
     sys.exit(node.error or None)

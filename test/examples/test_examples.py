@@ -90,7 +90,7 @@ def test_stop_when_full_fills_the_bucket_from_the_home_pose(
     process.wait()
     (fill,) = re.findall(r"^bucket (\d+) % full$", process.output, re.MULTILINE)
     assert int(fill) >= 50
-    assert not any(commands[-1].velocity)
+    ros.spin_until(lambda: not any(commands[-1].velocity), what="zero velocities")
 
 
 def test_stop_when_full_gives_a_reason_when_the_joints_do_not_move(
