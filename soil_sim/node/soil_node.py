@@ -283,8 +283,8 @@ class SoilNode(SimNode):
             self.diagnostics.count("machines_dropped")
             self._membership_log.remove(silent.machine_id)
             self.get_logger().warning(
-                f"{text}: the run continues without it; its soil is booked as absent until it"
-                f" rejoins"
+                f"{text}: the run continues without it; its soil is booked as absent, until it"
+                " rejoins with that soil (a node that was restarted joins without soil)"
             )
         else:
             self.get_logger().warning(
