@@ -53,7 +53,8 @@ def read_png(path: Path, height_range: tuple[float, float] | None) -> TerrainRas
     low, high = validate_height_range(
         height_range if height_range is not None else record["height_range"]
     )
-    picture = low + values * ((high - low) / _MAX_GREY)
+    # Rounding may give the highest value a height above `high`, which may be the limit of heights.
+    picture = np.minimum(low + values * ((high - low) / _MAX_GREY), high)
     if record is None:
         return TerrainRaster(matrix_from_north_up(picture))
     place = Georeference(**record["georeference"]) if record["georeference"] else None

@@ -47,6 +47,13 @@ def test_nearly_equal_heights_round_trip(tmp_path):
     np.testing.assert_allclose(load_terrain(tmp_path / "site.png").heights, heights, atol=1e-309)
 
 
+def test_rounding_does_not_raise_the_highest_height(tmp_path):
+    low, high = -7384.049942746633, 9000.0  # the limit of heights
+    assert low + 65535 * ((high - low) / 65535) > high
+    save_terrain(tmp_path / "site.png", HeightMap(Grid(2, 2, 0.2), np.array([[low, 0], [0, high]])))
+    assert load_terrain(tmp_path / "site.png").heights.max() == high
+
+
 def test_height_range_is_stored_in_the_file(tmp_path):
     heights = np.array([[-2.0, 3.0], [0.0, 1.0]])
     save_terrain(tmp_path / "site.png", HeightMap(Grid(2, 2, 0.2), heights))
