@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from earthmoving_sim.run_config import RunConfig
-from soil_sim.errors import TerrainError
+from soil_sim.errors import TerrainError, TerrainErrorCode
 from soil_sim.slope_failure.stability import critical_height
 from soil_sim.terrain import HeightMap, from_north_up
 
@@ -68,7 +68,8 @@ def check_slope_stability(site: HeightMap, config: RunConfig) -> None:
     if rows.size < 2 or cols.size < 2:
         raise TerrainError(
             f"the machine would dig at ({config.run.start_x}, {config.run.start_y}) m, off the map;"
-            " set start_x and start_y in the section run"
+            " set start_x and start_y in the section run",
+            TerrainErrorCode.OFF_MAP,
         )
     near = site.cropped(int(rows[0]), int(cols[0]), rows.size, cols.size)
     soil = config.soil.soil_types()[0]
@@ -81,5 +82,6 @@ def check_slope_stability(site: HeightMap, config: RunConfig) -> None:
         raise TerrainError(
             f"the ground within reach has slopes of {math.degrees(near.max_slope):.0f} deg, and the"
             f" soil is stable up to {math.degrees(repose_angle):g} deg; give gentler ground, or a"
-            " soil with more cohesion or a larger angle of repose"
+            " soil with more cohesion or a larger angle of repose",
+            TerrainErrorCode.UNSTABLE_SLOPE,
         )

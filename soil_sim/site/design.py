@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
-from soil_sim.errors import SoilError, TerrainError
+from soil_sim.errors import TerrainError, TerrainErrorCode
 from soil_sim.terrain.file_access import wrap_read_errors
 from soil_sim.terrain.files import load_heights_with_nodata
 from soil_sim.terrain.georeference import Georeference
@@ -34,7 +34,7 @@ class DesignSurface:
             without a design.
 
     Raises:
-        SoilError: the shape is not that of the grid, a height is infinite or beyond
+        TerrainError: the shape is not that of the grid, a height is infinite or beyond
             `HEIGHT_LIMIT`, or no cell has a height.
     """
 
@@ -44,20 +44,24 @@ class DesignSurface:
     def __post_init__(self) -> None:
         heights = as_height_array(self.heights, "design heights").copy()
         if heights.shape != self.grid.shape:
-            raise SoilError(
+            raise TerrainError(
                 f"the design has shape {heights.shape}, the terrain {self.grid.shape}; give a"
-                " height, or NaN, for each cell of the terrain"
+                " height, or NaN, for each cell of the terrain",
+                TerrainErrorCode.SHAPE,
             )
         bad = np.argwhere(np.abs(heights) > HEIGHT_LIMIT)
         if bad.size:
             row, col = (int(index) for index in bad[0])
-            raise SoilError(
+            raise TerrainError(
                 f"{len(bad)} design heights are beyond {HEIGHT_LIMIT:g} m, the first"
                 f" {float(heights[row, col])} m at row {row}, col {col}; give NaN for cells"
-                " without a design"
+                " without a design",
+                TerrainErrorCode.HEIGHT,
             )
         if np.isnan(heights).all():
-            raise SoilError("the design has no height in any cell; give at least one")
+            raise TerrainError(
+                "the design has no height in any cell; give at least one", TerrainErrorCode.HEIGHT
+            )
         heights.setflags(write=False)
         object.__setattr__(self, "heights", heights)
 
@@ -105,7 +109,8 @@ def load_design(
         if place is not None and georeference is not None:
             if not same_crs(place.crs, georeference.crs):
                 raise TerrainError(
-                    f"its crs is {place.crs!r}, the terrain's {georeference.crs!r}; reproject it"
+                    f"its crs is {place.crs!r}, the terrain's {georeference.crs!r}; reproject it",
+                    TerrainErrorCode.GEOREFERENCE,
                 )
             east = place.easting - georeference.easting
             north = place.northing - georeference.northing
@@ -117,7 +122,8 @@ def load_design(
             raise TerrainError(
                 f"the design, {own.size[0]:g} x {own.size[1]:g} m with its centre {east:g} m east"
                 f" and {north:g} m north of the terrain's, has no height on the terrain of"
-                f" {grid.size[0]:g} x {grid.size[1]:g} m; check their coordinates"
+                f" {grid.size[0]:g} x {grid.size[1]:g} m; check their coordinates",
+                TerrainErrorCode.OFF_MAP,
             )
         return DesignSurface(grid, resampled)
 

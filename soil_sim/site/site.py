@@ -256,5 +256,5 @@ def _prefix_errors(name: str) -> Iterator[None]:
     """Prefix errors of the block with the parameter that they are about."""
     try:
         yield
-    except SoilError as error:
-        raise TerrainError(f"{name}: {error}") from error
+    except TerrainError as error:
+        raise TerrainError(f"{name}: {error}", error.code) from error

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from soil_sim.errors import TerrainError
+from soil_sim.errors import TerrainError, TerrainErrorCode
 from soil_sim.terrain.georeference import Georeference
 from soil_sim.terrain.height_map import HeightMap, validated_elevations
 from soil_sim.terrain.north_up import matrix_from_north_up, to_north_up
@@ -53,20 +53,25 @@ def read_ascii_grid(path: Path, *, keep_nodata: bool = False) -> TerrainRaster:
     try:
         text = path.read_text(encoding="ascii")
     except UnicodeDecodeError as error:
-        raise TerrainError(f"byte {error.start} is not ASCII; save it as plain text") from error
+        raise TerrainError(
+            f"byte {error.start} is not ASCII; save it as plain text", TerrainErrorCode.INVALID_FILE
+        ) from error
     lines = ((n, words) for n, line in enumerate(text.splitlines(), 1) if (words := line.split()))
     header, first = _read_header(lines)
     cols, rows = _parse_count(header, "ncols"), _parse_count(header, "nrows")
     cell = header["cellsize"]
     if not cell > 0.0:
-        raise TerrainError(f"cellsize is {cell:g}; give a positive spacing in metres")
+        raise TerrainError(
+            f"cellsize is {cell:g}; give a positive spacing in metres", TerrainErrorCode.CELL_SIZE
+        )
     picture, numbers = _read_rows(first, lines, rows, cols)
     empty = picture == header.get("nodata_value", _NODATA)
     if empty.any() and not keep_nodata:
         row, col = np.argwhere(empty)[0]
         raise TerrainError(
             f"line {numbers[row]}, value {col + 1} is {picture[row, col]:g}, the nodata value;"
-            f" {empty.sum()} of {empty.size} cells have no height: fill or crop them"
+            f" {empty.sum()} of {empty.size} cells have no height: fill or crop them",
+            TerrainErrorCode.HEIGHT,
         )
     picture[empty] = np.nan
     easting = _center_coordinate(header, "xll", cols * cell, cell)
@@ -114,10 +119,13 @@ def _read_header(lines: _Lines) -> tuple[dict[str, float], tuple[int, list[str]]
         if key not in _KEYS:
             raise TerrainError(
                 f"line {number} has the key {words[0]!r}; give one of {', '.join(_KEYS)}"
-                " (cells must be square)"
+                " (cells must be square)",
+                TerrainErrorCode.KEYS,
             )
         if key in header or len(words) != 2:
-            raise TerrainError(f"line {number} must be {key} and one number, given once")
+            raise TerrainError(
+                f"line {number} must be {key} and one number, given once", TerrainErrorCode.KEYS
+            )
         header[key] = _parse_number(words[1], f"line {number}, {key}")
         first = (number, [])
     missing = [key for key in ("ncols", "nrows", "cellsize") if key not in header]
@@ -127,10 +135,13 @@ def _read_header(lines: _Lines) -> tuple[dict[str, float], tuple[int, list[str]]
         if f"{axis}corner" not in header and f"{axis}center" not in header
     ]
     if missing:
-        raise TerrainError(f"its header lacks {', '.join(missing)}; add it")
+        raise TerrainError(f"its header lacks {', '.join(missing)}; add it", TerrainErrorCode.KEYS)
     for axis in ("xll", "yll"):
         if f"{axis}corner" in header and f"{axis}center" in header:
-            raise TerrainError(f"its header has {axis}corner and {axis}center; keep one of them")
+            raise TerrainError(
+                f"its header has {axis}corner and {axis}center; keep one of them",
+                TerrainErrorCode.KEYS,
+            )
     return header, first
 
 
@@ -145,7 +156,8 @@ def _read_rows(
         if len(words) != cols:
             raise TerrainError(
                 f"line {number} has {len(words)} values, not ncols = {cols}; write each row of"
-                " the grid on one line"
+                " the grid on one line",
+                TerrainErrorCode.INVALID_FILE,
             )
         picture.append(np.array([_parse_number(word, f"line {number}") for word in words]))
         numbers.append(number)
@@ -153,7 +165,8 @@ def _read_rows(
     if len(picture) != rows:
         raise TerrainError(
             f"it has {len(picture)} rows of values, not nrows = {rows}; if it was cut off, copy"
-            " it again"
+            " it again",
+            TerrainErrorCode.INVALID_FILE,
         )
     return np.stack(picture), numbers
 
@@ -164,14 +177,19 @@ def _parse_number(word: str, where: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise TerrainError(f"{where} has {word!r}; give a finite number with a decimal point")
+        raise TerrainError(
+            f"{where} has {word!r}; give a finite number with a decimal point",
+            TerrainErrorCode.INVALID_FILE,
+        )
     return value
 
 
 def _parse_count(header: dict[str, float], key: str) -> int:
     value = header[key]
     if not (value.is_integer() and value >= 2):
-        raise TerrainError(f"{key} is {value:g}; give a whole number, at least 2")
+        raise TerrainError(
+            f"{key} is {value:g}; give a whole number, at least 2", TerrainErrorCode.SHAPE
+        )
     return int(value)
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
-from soil_sim.errors import TerrainError
+from soil_sim.errors import TerrainError, TerrainErrorCode
 from soil_sim.terrain.ascii_grid import read_ascii_grid, write_ascii_grid
 from soil_sim.terrain.file_access import (
     SUFFIXES,
@@ -100,7 +100,10 @@ def load_terrain_with_layers(
     height_map = load_terrain(path, cell=cell, vertical_scale=vertical_scale)
     with wrap_read_errors(path):
         if validate_suffix(path) != ".npz":
-            raise TerrainError("its format cannot store layers; give an .npz, or use load_layer")
+            raise TerrainError(
+                "its format cannot store layers; give an .npz, or use load_layer",
+                TerrainErrorCode.UNSUPPORTED,
+            )
         arrays = read_npz(path).layers
         return height_map, layers_from_arrays(arrays, height_map.grid.shape)
 
@@ -154,7 +157,9 @@ def save_terrain(
         suffix = validate_suffix(path)
         _check_arguments(suffix, None, 1.0, height_range)
         if layers is not None and suffix != ".npz":
-            raise TerrainError("only .npz stores layers; write each with save_layer")
+            raise TerrainError(
+                "only .npz stores layers; write each with save_layer", TerrainErrorCode.UNSUPPORTED
+            )
         if suffix == ".npy":
             write_npy(part, height_map)
         elif suffix == ".npz":
@@ -205,7 +210,7 @@ def _apply_scale(
     if cell is None:
         cell = reading.cell
     if cell is None:
-        raise TerrainError("it states no spacing in metres; give cell")
+        raise TerrainError("it states no spacing in metres; give cell", TerrainErrorCode.CELL_SIZE)
     is_stretched = reading.cell is None or not math.isclose(cell, reading.cell)
     heights = reading.heights * vertical_scale
     grid = Grid(heights.shape[0], heights.shape[1], cell)
@@ -216,11 +221,18 @@ def _check_arguments(
     suffix: str, cell: float | None, vertical_scale: float, height_range: HeightRange | None
 ) -> None:
     if cell is not None and not _is_positive_number(cell):
-        raise TerrainError(f"cell is {cell!r}; give a positive spacing in metres")
+        raise TerrainError(
+            f"cell is {cell!r}; give a positive spacing in metres", TerrainErrorCode.CELL_SIZE
+        )
     if not _is_positive_number(vertical_scale):
-        raise TerrainError(f"vertical_scale is {vertical_scale!r}; give a positive number")
+        raise TerrainError(
+            f"vertical_scale is {vertical_scale!r}; give a positive number",
+            TerrainErrorCode.ARGUMENT,
+        )
     if height_range is not None and suffix != ".png":
-        raise TerrainError("height_range applies to .png only; leave it out")
+        raise TerrainError(
+            "height_range applies to .png only; leave it out", TerrainErrorCode.ARGUMENT
+        )
 
 
 def _is_positive_number(value: object) -> bool:

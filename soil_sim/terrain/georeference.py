@@ -6,7 +6,7 @@ import dataclasses
 import math
 from dataclasses import dataclass
 
-from soil_sim.errors import TerrainError
+from soil_sim.errors import TerrainError, TerrainErrorCode
 
 __all__ = ["Georeference"]
 
@@ -33,12 +33,18 @@ class Georeference:
 
     def __post_init__(self) -> None:
         if not isinstance(self.crs, str):
-            raise TerrainError(f"crs is {self.crs!r}; give it as text: an EPSG code or WKT")
+            raise TerrainError(
+                f"crs is {self.crs!r}; give it as text: an EPSG code or WKT",
+                TerrainErrorCode.GEOREFERENCE,
+            )
         for name in ("easting", "northing", "elevation"):
             value = getattr(self, name)
             is_real = isinstance(value, (int, float)) and not isinstance(value, bool)
             if not (is_real and math.isfinite(value)):
-                raise TerrainError(f"{name} is {value!r}; give a finite number of metres")
+                raise TerrainError(
+                    f"{name} is {value!r}; give a finite number of metres",
+                    TerrainErrorCode.GEOREFERENCE,
+                )
 
     def translated(self, east: float, north: float, up: float = 0.0) -> Georeference:
         """Return the georeference of a map whose origin is displaced by this vector [m]."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from soil_sim.errors import TerrainError
+from soil_sim.errors import TerrainError, TerrainErrorCode
 from soil_sim.terrain.georeference import Georeference
 from soil_sim.terrain.height_map import HeightMap, as_height_array, validated_elevations
 from soil_sim.terrain.north_up import matrix_from_north_up, to_north_up
@@ -56,7 +56,9 @@ def read_geotiff(
     reading, unit = _read_raster(path, has_cell=has_cell, keep_nodata=keep_nodata)
     if unit.lower() not in _METRES and not has_vertical_scale:
         raise TerrainError(
-            f"its heights are in {unit!r}, not metres; give vertical_scale, the metres in one of it"
+            f"its heights are in {unit!r}, not metres; give vertical_scale, the metres in one"
+            " of it",
+            TerrainErrorCode.HEIGHT_UNIT,
         )
     if reading.georeference is None:
         return reading
@@ -89,7 +91,10 @@ def _read_raster(path: Path, *, has_cell: bool, keep_nodata: bool) -> tuple[Terr
         rasterio.errors.RasterioIOError,
         UnicodeDecodeError,  # of damaged tags
     ) as error:
-        raise TerrainError(f"it is not a complete GeoTIFF ({error}); export it again") from error
+        raise TerrainError(
+            f"it is not a complete GeoTIFF ({error}); export it again",
+            TerrainErrorCode.INVALID_FILE,
+        ) from error
 
 
 def write_geotiff(path: Path, height_map: HeightMap) -> None:
@@ -137,7 +142,8 @@ def write_geotiff_values(
         crs = rasterio.crs.CRS.from_user_input(place.crs) if place.crs else None
     except rasterio.errors.CRSError as error:
         raise TerrainError(
-            f"crs {place.crs!r} is unknown ({error}); give an EPSG code or WKT"
+            f"crs {place.crs!r} is unknown ({error}); give an EPSG code or WKT",
+            TerrainErrorCode.GEOREFERENCE,
         ) from error
     with rasterio.open(
         path,
@@ -180,7 +186,8 @@ def _import_rasterio() -> Any:
         import rasterio.errors
     except ImportError as error:
         raise TerrainError(
-            "a GeoTIFF needs rasterio; install it with pip, or convert the file to .asc"
+            "a GeoTIFF needs rasterio; install it with pip, or convert the file to .asc",
+            TerrainErrorCode.UNSUPPORTED,
         ) from error
     return rasterio
 
@@ -188,7 +195,10 @@ def _import_rasterio() -> Any:
 def _read_band(dataset: Any, keep_nodata: bool) -> NDArray[np.float64]:
     """Return the only band, shape (height, width); missing values are NaN or rejected."""
     if dataset.count != 1:
-        raise TerrainError(f"it has {dataset.count} bands; export one band of elevations")
+        raise TerrainError(
+            f"it has {dataset.count} bands; export one band of elevations",
+            TerrainErrorCode.UNSUPPORTED,
+        )
     picture = as_height_array(dataset.read(1), "values")
     missing = dataset.read_masks(1) == 0
     empty = np.argwhere(missing | ~np.isfinite(picture))
@@ -196,7 +206,8 @@ def _read_band(dataset: Any, keep_nodata: bool) -> NDArray[np.float64]:
         row, col = empty[0]
         raise TerrainError(
             f"{len(empty)} of {picture.size} pixels have no height, the first at row {row},"
-            f" column {col} from the north-west; fill them (gdal_fillnodata) or crop them away"
+            f" column {col} from the north-west; fill them (gdal_fillnodata) or crop them away",
+            TerrainErrorCode.HEIGHT,
         )
     picture = np.asarray(picture * dataset.scales[0] + dataset.offsets[0])
     picture[missing] = np.nan
@@ -209,12 +220,15 @@ def _georeferenced_raster(
     """Return the raster with spacing and georeference, if they are in metres."""
     t = dataset.transform
     if not (t.a > 0.0 and t.e < 0.0 and t.b == 0.0 and t.d == 0.0):
-        raise TerrainError("it is not north-up; rotate it with gdalwarp")
+        raise TerrainError(
+            "it is not north-up; rotate it with gdalwarp", TerrainErrorCode.GEOREFERENCE
+        )
     problem = _spacing_problem(rasterio, dataset)
     if problem and not has_cell:
         raise TerrainError(
             f"{problem}; reproject it with gdalwarp (-t_srs of a projected system in metres,"
-            " -tr with equal sides), or give cell, the spacing in metres"
+            " -tr with equal sides), or give cell, the spacing in metres",
+            TerrainErrorCode.CELL_SIZE,
         )
     if problem:
         return TerrainRaster(matrix)
@@ -235,7 +249,8 @@ def _elevation_of_z0(tags: dict[str, str]) -> float:
         z0 = math.nan
     if not math.isfinite(z0):
         raise TerrainError(
-            f"its tag {_Z0} is {tags[_Z0]!r}; give the elevation of z = 0 in metres, or remove it"
+            f"its tag {_Z0} is {tags[_Z0]!r}; give the elevation of z = 0 in metres, or remove it",
+            TerrainErrorCode.GEOREFERENCE,
         )
     return z0
 

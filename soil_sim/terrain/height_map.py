@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from msg_bridge.contract.grid import Grid
-from soil_sim.errors import TerrainError
+from soil_sim.errors import TerrainError, TerrainErrorCode
 from soil_sim.terrain.georeference import Georeference
 
 __all__ = ["HEIGHT_LIMIT", "HeightMap", "as_height_array", "validated_elevations"]
@@ -46,7 +46,8 @@ class HeightMap:
         if heights.shape != self.grid.shape:
             raise TerrainError(
                 f"heights have shape {heights.shape}, the grid {self.grid.shape};"
-                " give a grid with the rows and columns of the heights"
+                " give a grid with the rows and columns of the heights",
+                TerrainErrorCode.SHAPE,
             )
         bad = np.argwhere(~(np.abs(heights) <= HEIGHT_LIMIT))
         if bad.size:
@@ -54,7 +55,8 @@ class HeightMap:
             raise TerrainError(
                 f"{len(bad)} of {heights.size} heights are invalid; the first is"
                 f" {float(heights[row, col])} m at row {row}, col {col}; fill such cells or crop"
-                f" them away (heights must be finite and within {HEIGHT_LIMIT:g} m)"
+                f" them away (heights must be finite and within {HEIGHT_LIMIT:g} m)",
+                TerrainErrorCode.HEIGHT,
             )
         heights.setflags(write=False)
         object.__setattr__(self, "heights", heights)
@@ -94,7 +96,8 @@ class HeightMap:
         if not is_inside or rows < 2 or cols < 2:
             raise TerrainError(
                 f"a piece of {rows} x {cols} from row {row}, col {col} is not within a map of"
-                f" {self.grid.rows} x {self.grid.cols}; give at least 2 x 2 within it"
+                f" {self.grid.rows} x {self.grid.cols}; give at least 2 x 2 within it",
+                TerrainErrorCode.OFF_MAP,
             )
         east = float(self.grid.x(row + 0.5 * (rows - 1)))
         north = float(self.grid.y(col + 0.5 * (cols - 1)))
@@ -121,7 +124,8 @@ class HeightMap:
             raise TerrainError(
                 f"the requested points span {wanted[0]:g} x {wanted[1]:g} m, those of the map only"
                 f" {available[0]:g} x {available[1]:g} m; request fewer points or a smaller"
-                " spacing, or stretch the terrain first with with_cell"
+                " spacing, or stretch the terrain first with with_cell",
+                TerrainErrorCode.OFF_MAP,
             )
         return HeightMap(grid, _bilinear(self.heights, u, v), self.georeference)
 
@@ -142,9 +146,15 @@ class HeightMap:
             TerrainError: `relief` is negative or not finite, or the terrain is level.
         """
         if not (math.isfinite(relief) and relief >= 0.0):
-            raise TerrainError(f"relief is {relief!r} m; give a finite range, not negative")
+            raise TerrainError(
+                f"relief is {relief!r} m; give a finite range, not negative",
+                TerrainErrorCode.ARGUMENT,
+            )
         if self.relief == 0.0:
-            raise TerrainError("level terrain has no relief to scale; use rough terrain instead")
+            raise TerrainError(
+                "level terrain has no relief to scale; use rough terrain instead",
+                TerrainErrorCode.ARGUMENT,
+            )
         return self._scaled(relief / self.relief)
 
     def with_slope_limit(self, angle: float) -> HeightMap:
@@ -157,7 +167,9 @@ class HeightMap:
             TerrainError: `angle` is not between 0 and pi/2.
         """
         if not 0.0 < angle < 0.5 * math.pi:
-            raise TerrainError(f"angle is {angle!r} rad; give one between 0 and pi/2")
+            raise TerrainError(
+                f"angle is {angle!r} rad; give one between 0 and pi/2", TerrainErrorCode.ARGUMENT
+            )
         max_slope = self.max_slope
         if max_slope <= angle:
             return self
@@ -191,7 +203,8 @@ def validated_elevations(height_map: HeightMap) -> NDArray[np.float64]:
     if highest > HEIGHT_LIMIT:
         raise TerrainError(
             f"elevations reach {highest:g} m, beyond the limit of {HEIGHT_LIMIT:g} m;"
-            " correct the elevation of the georeference, or save heights as .npz"
+            " correct the elevation of the georeference, or save heights as .npz",
+            TerrainErrorCode.HEIGHT,
         )
     return elevations
 
@@ -209,12 +222,18 @@ def as_height_array(values: ArrayLike, what: str = "heights") -> NDArray[np.floa
     try:
         array = np.asarray(values)
     except ValueError as error:
-        raise TerrainError(f"{what} are not rectangular; give rows of equal length") from error
+        raise TerrainError(
+            f"{what} are not rectangular; give rows of equal length", TerrainErrorCode.SHAPE
+        ) from error
     if array.dtype.kind not in "iuf":
-        raise TerrainError(f"{what} are of type {array.dtype}; give integers or real numbers")
+        raise TerrainError(
+            f"{what} are of type {array.dtype}; give integers or real numbers",
+            TerrainErrorCode.UNSUPPORTED,
+        )
     if array.ndim != 2 or min(array.shape) < 2:
         raise TerrainError(
-            f"{what} have shape {array.shape}; give two dimensions of at least 2 cells each"
+            f"{what} have shape {array.shape}; give two dimensions of at least 2 cells each",
+            TerrainErrorCode.SHAPE,
         )
     return array.astype(np.float64, copy=False)
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
-from soil_sim.errors import TerrainError
+from soil_sim.errors import TerrainError, TerrainErrorCode
 from soil_sim.terrain.ascii_grid import read_ascii_grid, write_ascii_values
 from soil_sim.terrain.file_access import (
     atomic_write,
@@ -135,7 +135,10 @@ def _read_layer(path: Path, suffix: str, kind: str) -> TerrainRaster:
         archive = read_npz(path, require_heights=False)
         if kind not in archive.layers:
             available = ", ".join(archive.layers) or "none"
-            raise TerrainError(f"it has no array {kind!r} (layers in it: {available}); add it")
+            raise TerrainError(
+                f"it has no array {kind!r} (layers in it: {available}); add it",
+                TerrainErrorCode.LAYER,
+            )
         return TerrainRaster(archive.layers[kind], archive.cell, archive.georeference)
     if suffix == ".png":
         values, record = read_png_values(path)
@@ -156,18 +159,22 @@ def _parse_record(record: dict[str, Any], kind: str) -> tuple[float, Georeferenc
         georeference = Georeference(**place) if place else None
     except (ValueError, TypeError, KeyError, OverflowError) as error:
         raise TerrainError(
-            f"its text chunk about the layer is damaged ({error}); remove the chunk"
+            f"its text chunk about the layer is damaged ({error}); remove the chunk",
+            TerrainErrorCode.INVALID_FILE,
         ) from error
     if recorded_kind != kind:
         raise TerrainError(
-            f"its layer is {recorded_kind!r}, not {kind!r}; give the file of that layer"
+            f"its layer is {recorded_kind!r}, not {kind!r}; give the file of that layer",
+            TerrainErrorCode.LAYER,
         )
     return cell, georeference
 
 
 def _check_kind(kind: str) -> None:
     if kind not in LAYER_KINDS:
-        raise TerrainError(f"kind is {kind!r}; give one of {', '.join(LAYER_KINDS)}")
+        raise TerrainError(
+            f"kind is {kind!r}; give one of {', '.join(LAYER_KINDS)}", TerrainErrorCode.LAYER
+        )
 
 
 def _check_georeference(
@@ -177,19 +184,22 @@ def _check_georeference(
     if raster.cell is not None and not math.isclose(raster.cell, grid.cell, rel_tol=1e-6):
         raise TerrainError(
             f"it states cells of {raster.cell:g} m, the terrain has cells of {grid.cell:g} m;"
-            " resample it to the terrain's cells"
+            " resample it to the terrain's cells",
+            TerrainErrorCode.CELL_SIZE,
         )
     if georeference is None or raster.georeference is None:
         return
     if not same_crs(raster.georeference.crs, georeference.crs):
         raise TerrainError(
             f"its crs is {raster.georeference.crs!r}, the terrain's {georeference.crs!r};"
-            " reproject it"
+            " reproject it",
+            TerrainErrorCode.GEOREFERENCE,
         )
     east = raster.georeference.easting - georeference.easting
     north = raster.georeference.northing - georeference.northing
     if max(abs(east), abs(north)) > _MAX_OFFSET_CELLS * grid.cell:
         raise TerrainError(
             f"it lies {east:g} m east and {north:g} m north of the terrain; crop or resample it to"
-            " the terrain's extent"
+            " the terrain's extent",
+            TerrainErrorCode.GEOREFERENCE,
         )

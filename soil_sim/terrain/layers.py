@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from msg_bridge.contract.grid import Grid
-from soil_sim.errors import TerrainError
+from soil_sim.errors import TerrainError, TerrainErrorCode
 from soil_sim.terrain.height_map import as_height_array
 from soil_sim.terrain.numpy_files import LAYER_NAMES
 
@@ -81,7 +81,8 @@ def layers_from_arrays(arrays: dict[str, NDArray[np.float64]], shape: tuple[int,
     for kind, values in arrays.items():
         if values.shape != shape:
             raise TerrainError(
-                f"its {kind} has shape {values.shape}, its heights {shape}; give both the same"
+                f"its {kind} has shape {values.shape}, its heights {shape}; give both the same",
+                TerrainErrorCode.SHAPE,
             )
     soil, moisture = arrays.get("soil"), arrays.get("moisture")
     return Layers(
@@ -128,7 +129,8 @@ def moisture_percent(values: ArrayLike) -> NDArray[np.uint8]:
     if array.max() <= 1.0 and (array != np.rint(array)).any():
         raise TerrainError(
             f"its moisture goes to {array.max():g} only and is not in whole numbers, as fractions"
-            " of saturation are; give per cent of saturation, 0 to 100"
+            " of saturation are; give per cent of saturation, 0 to 100",
+            TerrainErrorCode.LAYER_VALUE,
         )
     return np.rint(array).astype(np.uint8)
 
@@ -141,10 +143,13 @@ def check_layer(layer: NDArray[Any], kind: str) -> None:
     """
     if not (isinstance(layer, np.ndarray) and layer.dtype == np.uint8):
         raise TerrainError(
-            f"{kind} is not an array of uint8; convert it with soil_ids or moisture_percent"
+            f"{kind} is not an array of uint8; convert it with soil_ids or moisture_percent",
+            TerrainErrorCode.UNSUPPORTED,
         )
     if kind == "moisture" and layer.size and layer.max() > 100:
-        raise TerrainError(f"moisture goes up to {layer.max()} %; give at most 100 %")
+        raise TerrainError(
+            f"moisture goes up to {layer.max()} %; give at most 100 %", TerrainErrorCode.LAYER_VALUE
+        )
 
 
 def check_layer_shape(shape: tuple[int, ...], grid: Grid, kind: str, hint: str = "") -> None:
@@ -156,7 +161,8 @@ def check_layer_shape(shape: tuple[int, ...], grid: Grid, kind: str, hint: str =
     if shape != grid.shape:
         raise TerrainError(
             f"its {kind} has shape {shape} (rows, cols), the terrain {grid.shape}; give a layer of"
-            f" {grid.rows} x {grid.cols} cells{hint}"
+            f" {grid.rows} x {grid.cols} cells{hint}",
+            TerrainErrorCode.SHAPE,
         )
 
 
@@ -164,7 +170,8 @@ def _check_no_nodata(array: NDArray[np.float64], kind: str) -> None:
     num_missing = int(np.isnan(array).sum())
     if num_missing:
         raise TerrainError(
-            f"{num_missing} of {array.size} cells have no {kind} (nodata or NaN); fill them"
+            f"{num_missing} of {array.size} cells have no {kind} (nodata or NaN); fill them",
+            TerrainErrorCode.LAYER_VALUE,
         )
 
 
@@ -176,5 +183,6 @@ def _reject_values(
         row, col = np.argwhere(is_bad)[0]
         raise TerrainError(
             f"{is_bad.sum()} of {is_bad.size} values {problem}, the first {array[row, col]:g} at"
-            f" row {row}, col {col}; {advice}"
+            f" row {row}, col {col}; {advice}",
+            TerrainErrorCode.LAYER_VALUE,
         )

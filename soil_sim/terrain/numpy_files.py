@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from soil_sim.errors import TerrainError
+from soil_sim.errors import TerrainError, TerrainErrorCode
 from soil_sim.terrain.georeference import Georeference
 from soil_sim.terrain.height_map import HeightMap, as_height_array
 from soil_sim.terrain.raster import TerrainRaster
@@ -71,11 +71,14 @@ def read_npy(path: Path, what: str = "heights") -> TerrainRaster:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except _READ_ERRORS as error:
         raise TerrainError(
-            f"it has no complete array of numbers ({error}); write it again with numpy.save"
+            f"it has no complete array of numbers ({error}); write it again with numpy.save",
+            TerrainErrorCode.INVALID_FILE,
         ) from error
     if not isinstance(array, np.ndarray):
         array.close()
-        raise TerrainError("it is an archive of arrays; give it the suffix .npz")
+        raise TerrainError(
+            "it is an archive of arrays; give it the suffix .npz", TerrainErrorCode.INVALID_FILE
+        )
     return TerrainRaster(as_height_array(array, what).copy())
 
 
@@ -94,7 +97,8 @@ def read_npz(path: Path, *, require_heights: bool = True) -> NpzContents:
             arrays = {name: archive[name] for name in archive.files}
     except (*_READ_ERRORS, AttributeError, TypeError) as error:
         raise TerrainError(
-            f"it is not a complete archive of numbers ({error}); write it with numpy.savez"
+            f"it is not a complete archive of numbers ({error}); write it with numpy.savez",
+            TerrainErrorCode.INVALID_FILE,
         ) from error
     _check_names(arrays, require_heights)
     place = None
@@ -103,7 +107,7 @@ def read_npz(path: Path, *, require_heights: bool = True) -> NpzContents:
     heights, cell = arrays.get("heights"), arrays.get("cell")
     return NpzContents(
         None if heights is None else as_height_array(heights),
-        None if cell is None else _number("cell", cell),
+        None if cell is None else _cell_size(cell),
         place,
         {
             name: as_height_array(arrays[name], f"values of {name}")
@@ -140,19 +144,23 @@ def _check_names(arrays: dict[str, Any], require_heights: bool) -> None:
         raise TerrainError(
             f"it has the arrays {', '.join(arrays) or 'none'}; give it {', '.join(_REQUIRED)}"
             f" and, for georeferenced ground, {', '.join(_GEOREFERENCE_KEYS)}, for layers"
-            f" {', '.join(LAYER_NAMES)}, and nothing else"
+            f" {', '.join(LAYER_NAMES)}, and nothing else",
+            TerrainErrorCode.KEYS,
         )
 
 
 def _scalar(name: str, array: Any) -> Any:
     """Return a scalar array as a Python text or number."""
     if np.ndim(array) != 0 or array.dtype.kind not in "iufU":
-        raise TerrainError(f"{name} is {array!r}; give one number (for crs, one text)")
+        code = TerrainErrorCode.CELL_SIZE if name == "cell" else TerrainErrorCode.GEOREFERENCE
+        raise TerrainError(f"{name} is {array!r}; give one number (for crs, one text)", code)
     return array.item()
 
 
-def _number(name: str, array: Any) -> float:
-    value = _scalar(name, array)
+def _cell_size(array: Any) -> float:
+    value = _scalar("cell", array)
     if isinstance(value, str):
-        raise TerrainError(f"{name} is {value!r}; give a number of metres")
+        raise TerrainError(
+            f"cell is {value!r}; give a number of metres", TerrainErrorCode.CELL_SIZE
+        )
     return float(value)

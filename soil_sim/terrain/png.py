@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
-from soil_sim.errors import TerrainError
+from soil_sim.errors import TerrainError, TerrainErrorCode
 from soil_sim.terrain.georeference import Georeference
 from soil_sim.terrain.height_map import HeightMap
 from soil_sim.terrain.north_up import matrix_from_north_up, to_north_up
@@ -43,12 +43,14 @@ def read_png(path: Path, height_range: tuple[float, float] | None) -> TerrainRas
     if mode not in _SIXTEEN_BIT:
         raise TerrainError(
             f"its pixels are {mode!r}, not 16-bit grey values; export a 16-bit"
-            " greyscale PNG without alpha"
+            " greyscale PNG without alpha",
+            TerrainErrorCode.UNSUPPORTED,
         )
     record = _parse_record(info.get(_KEY))
     if height_range is None and record is None:
         raise TerrainError(
-            "a PNG does not state its heights; give height_range=(low, high) in metres"
+            "a PNG does not state its heights; give height_range=(low, high) in metres",
+            TerrainErrorCode.HEIGHT_RANGE,
         )
     low, high = validate_height_range(
         height_range if height_range is not None else record["height_range"]
@@ -80,7 +82,8 @@ def write_png(path: Path, height_map: HeightMap, height_range: tuple[float, floa
     if lowest < low or highest > high:
         raise TerrainError(
             f"heights reach from {lowest} to {highest} m, beyond the height_range of {low} to"
-            f" {high} m; give a range that includes them"
+            f" {high} m; give a range that includes them",
+            TerrainErrorCode.HEIGHT_RANGE,
         )
     place = height_map.georeference
     record = {
@@ -111,7 +114,8 @@ def read_png_values(path: Path) -> tuple[NDArray[np.float64], Any]:
     if mode not in (*_SIXTEEN_BIT, "L"):
         raise TerrainError(
             f"its pixels are {mode!r}, not grey values; export an 8- or 16-bit greyscale PNG"
-            " without alpha or palette"
+            " without alpha or palette",
+            TerrainErrorCode.UNSUPPORTED,
         )
     text = info.get(_LAYER_KEY)
     try:
@@ -120,7 +124,8 @@ def read_png_values(path: Path) -> tuple[NDArray[np.float64], Any]:
             raise TypeError("not an object")
     except (ValueError, TypeError, RecursionError) as error:
         raise TerrainError(
-            f"its text chunk {_LAYER_KEY!r} is damaged ({error}); remove the chunk"
+            f"its text chunk {_LAYER_KEY!r} is damaged ({error}); remove the chunk",
+            TerrainErrorCode.INVALID_FILE,
         ) from error
     return matrix_from_north_up(values), record
 
@@ -145,7 +150,8 @@ def validate_height_range(height_range: Any) -> tuple[float, float]:
         low = high = math.nan
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise TerrainError(
-            f"height_range is {height_range!r}; give (low, high) in metres, low below high"
+            f"height_range is {height_range!r}; give (low, high) in metres, low below high",
+            TerrainErrorCode.HEIGHT_RANGE,
         )
     return low, high
 
@@ -158,7 +164,9 @@ def _decode(path: Path) -> tuple[str, NDArray[np.float64], dict[Any, Any]]:
         with Image.open(path, formats=["PNG"]) as image:
             return image.mode, np.asarray(image, dtype=np.float64), image.info
     except Exception as error:  # Pillow has no common base class for errors of damaged files
-        raise TerrainError(f"it is not a complete PNG ({error}); export it again") from error
+        raise TerrainError(
+            f"it is not a complete PNG ({error}); export it again", TerrainErrorCode.INVALID_FILE
+        ) from error
 
 
 def _parse_record(text: Any) -> Any:
@@ -176,6 +184,7 @@ def _parse_record(text: Any) -> Any:
     except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
         raise TerrainError(
             f"its text chunk {_KEY!r} is damaged ({error}); remove the chunk and give cell and"
-            " height_range"
+            " height_range",
+            TerrainErrorCode.INVALID_FILE,
         ) from error
     return record

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
-from soil_sim.errors import TerrainError
+from soil_sim.errors import TerrainError, TerrainErrorCode
 from soil_sim.terrain.height_map import HeightMap
 
 __all__ = ["flat", "rough", "slope"]
@@ -39,9 +39,14 @@ def slope(grid: Grid, angle: float, direction: float) -> HeightMap:
         TerrainError: an angle is out of range, or heights exceed `HEIGHT_LIMIT`.
     """
     if not 0.0 <= angle < 0.5 * math.pi:
-        raise TerrainError(f"angle is {angle!r} rad; give one from 0 to below pi/2")
+        raise TerrainError(
+            f"angle is {angle!r} rad; give one from 0 to below pi/2", TerrainErrorCode.ARGUMENT
+        )
     if not math.isfinite(direction):
-        raise TerrainError(f"direction is {direction!r} rad; give a finite angle from +x")
+        raise TerrainError(
+            f"direction is {direction!r} rad; give a finite angle from +x",
+            TerrainErrorCode.ARGUMENT,
+        )
     x = grid.x(np.arange(grid.rows))[:, None]
     y = grid.y(np.arange(grid.cols))[None, :]
     distance = x * math.cos(direction) + y * math.sin(direction)
@@ -64,12 +69,15 @@ def rough(grid: Grid, rms: float, correlation_length: float, rng: np.random.Gene
         TerrainError: rms or correlation_length is out of range.
     """
     if not (math.isfinite(rms) and rms >= 0.0):
-        raise TerrainError(f"rms is {rms!r} m; give a finite height, not negative")
+        raise TerrainError(
+            f"rms is {rms!r} m; give a finite height, not negative", TerrainErrorCode.ARGUMENT
+        )
     max_length = min(grid.size)
     if not grid.cell <= correlation_length <= max_length:
         raise TerrainError(
             f"correlation_length is {correlation_length!r} m; give one from a cell,"
-            f" {grid.cell:g} m, to the shorter side of the map, {max_length:g} m"
+            f" {grid.cell:g} m, to the shorter side of the map, {max_length:g} m",
+            TerrainErrorCode.ARGUMENT,
         )
     field = _correlated_noise(grid, correlation_length, rng)
     field -= field.mean()

@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from support.terrain_errors import raises_terrain_error
 
 from earthmoving_sim.demo_site import CELL, POINTS, check_slope_stability, jacksboro_site
 from earthmoving_sim.run_config import load_run_config
 from msg_bridge.contract.grid import Grid
-from soil_sim.errors import TerrainError
+from soil_sim.errors import TerrainErrorCode
 from soil_sim.terrain import HeightMap, slope
 
 
@@ -56,5 +57,5 @@ def test_other_piece_of_the_data_gives_another_site(site):
 def test_cohesion_makes_slopes_stable_beyond_the_angle_of_repose():
     ground = slope(Grid(129, 129, 0.2), np.radians(38.0), 0.0)
     check_slope_stability(ground, load_run_config(soil="rock"))
-    with pytest.raises(TerrainError):
+    with raises_terrain_error(TerrainErrorCode.UNSTABLE_SLOPE):
         check_slope_stability(ground, load_run_config())

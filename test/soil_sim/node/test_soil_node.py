@@ -10,12 +10,13 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from support.node_scenes import TICK, Scene
 from support.soil_node_scenes import NO_MACHINES, layered_site_parameters
+from support.terrain_errors import raises_terrain_error
 
 from msg_bridge.codec import qos
 from msg_bridge.codec.stamps import tick_from_stamp
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.testing.ros_context import Ros
-from soil_sim.errors import SoilError, TerrainError
+from soil_sim.errors import SoilError, TerrainErrorCode
 from soil_sim.soil import Soil
 
 
@@ -72,9 +73,9 @@ def test_first_tick_waits_for_required_subscribers_of_every_topic(ros: Ros) -> N
 
 
 def test_invalid_site_parameters_are_rejected(ros: Ros) -> None:
-    with pytest.raises(TerrainError, match=r"nowhere\.asc"):
+    with raises_terrain_error(TerrainErrorCode.NO_FILE):
         Scene(ros, **{"site.terrain": "nowhere.asc"})
-    with pytest.raises(TerrainError, match=r"site\.design: nowhere\.asc"):
+    with raises_terrain_error(TerrainErrorCode.NO_FILE, match=r"^site\.design: nowhere\.asc"):
         Scene(ros, **{"site.design": "nowhere.asc"})
     with pytest.raises(ParameterError, match="sync"):
         Scene(ros, sync="sometimes")

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from support.design_scenes import GRID, level, pit
+from support.terrain_errors import raises_terrain_error
 
 from msg_bridge.contract.grid import Grid
-from soil_sim.errors import SoilError, TerrainError
+from soil_sim.errors import TerrainErrorCode
 from soil_sim.site.design import DesignSurface, load_design
 from soil_sim.terrain import SUFFIXES, Georeference, HeightMap, save_terrain, slope
 
@@ -13,7 +14,7 @@ PLACE = Georeference("EPSG:32633", 500_000.0, 5_200_000.0, elevation=400.0)
 
 
 def test_design_of_another_shape_is_rejected():
-    with pytest.raises(SoilError):
+    with raises_terrain_error(TerrainErrorCode.SHAPE):
         DesignSurface(GRID, level().T)
 
 
@@ -21,12 +22,12 @@ def test_design_of_another_shape_is_rejected():
 def test_nodata_value_is_not_a_design_height(bad):
     heights = pit()
     heights[3, 4] = bad
-    with pytest.raises(SoilError, match="at row 3, col 4; give NaN"):
+    with raises_terrain_error(TerrainErrorCode.HEIGHT):
         DesignSurface(GRID, heights)
 
 
 def test_design_without_any_height_is_rejected():
-    with pytest.raises(SoilError, match="height"):
+    with raises_terrain_error(TerrainErrorCode.HEIGHT):
         DesignSurface(GRID, level(height=np.nan))
 
 
@@ -90,14 +91,16 @@ def test_design_without_georeference_is_centred(tmp_path):
 def test_design_that_does_not_overlap_the_terrain_is_rejected(tmp_path):
     pad = HeightMap(Grid(2, 2, 0.2), np.ones((2, 2)), PLACE.translated(0.0, 4000.0))
     save_terrain(tmp_path / "pad.tif", pad)
-    with pytest.raises(TerrainError, match=r"pad\.tif: .*4000 m north .* no height on the terrain"):
+    with raises_terrain_error(
+        TerrainErrorCode.OFF_MAP, match=r"pad\.tif: .*4000 m north .* no height on the terrain"
+    ):
         load_design(tmp_path / "pad.tif", GRID, georeference=PLACE)
 
 
 def test_design_in_another_crs_is_rejected(tmp_path):
     save_terrain(tmp_path / "pit.tif", HeightMap(GRID, pit(), PLACE))
     other = Georeference("EPSG:32632", PLACE.easting, PLACE.northing)
-    with pytest.raises(TerrainError, match="reproject it"):
+    with raises_terrain_error(TerrainErrorCode.GEOREFERENCE):
         load_design(tmp_path / "pit.tif", GRID, georeference=other)
 
 
@@ -122,5 +125,5 @@ def test_undeclared_nodata_value_in_a_design_is_rejected(tmp_path):
     heights = pit()
     heights[0, 0] = -9999.0
     np.save(tmp_path / "pit.npy", heights)
-    with pytest.raises(TerrainError, match=r"pit\.npy: 1 design heights are beyond"):
+    with raises_terrain_error(TerrainErrorCode.HEIGHT):
         load_design(tmp_path / "pit.npy", Grid(80, 60, 0.1), cell=0.2)

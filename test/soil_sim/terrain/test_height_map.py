@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.terrain_errors import raises_terrain_error
 
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.grid import Grid
-from soil_sim.errors import TerrainError
+from soil_sim.errors import TerrainErrorCode
 from soil_sim.terrain import Georeference, HeightMap, slope
 
 GRID = Grid(5, 7, 0.5)
@@ -25,12 +26,14 @@ def ground(seed: int = 0, grid: Grid = GRID) -> HeightMap:
 def test_error_of_an_invalid_height_has_its_cell(bad):
     heights = np.zeros(GRID.shape)
     heights[3, 5] = bad
-    with pytest.raises(TerrainError, match=r"row 3, col 5.*fill such cells or crop"):
+    with raises_terrain_error(
+        TerrainErrorCode.HEIGHT, match=r"row 3, col 5.*fill such cells or crop"
+    ):
         HeightMap(GRID, heights)
 
 
 def test_heights_of_another_shape_are_rejected():
-    with pytest.raises(TerrainError, match=r"shape \(7, 5\).*grid \(5, 7\)"):
+    with raises_terrain_error(TerrainErrorCode.SHAPE):
         HeightMap(GRID, np.zeros((7, 5)))
 
 
@@ -45,7 +48,7 @@ def test_heights_of_another_shape_are_rejected():
     ids=["complex", "object", "bool", "text"],
 )
 def test_non_numeric_heights_are_rejected(heights):
-    with pytest.raises(TerrainError, match="give integers or real numbers"):
+    with raises_terrain_error(TerrainErrorCode.UNSUPPORTED):
         HeightMap(GRID, heights)
 
 
@@ -60,12 +63,12 @@ def test_heights_are_read_only():
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, "1", None, True])
 def test_georeference_with_nan_is_rejected(value):
-    with pytest.raises(TerrainError, match="easting is"):
+    with raises_terrain_error(TerrainErrorCode.GEOREFERENCE):
         Georeference("EPSG:32633", value, 0.0)
 
 
 def test_crs_that_is_not_text_is_rejected():
-    with pytest.raises(TerrainError, match="EPSG code or WKT"):
+    with raises_terrain_error(TerrainErrorCode.GEOREFERENCE):
         Georeference(32633, 0.0, 0.0)  # type: ignore[arg-type]
 
 
@@ -82,7 +85,7 @@ def test_crop_keeps_the_coordinates_of_every_height():
 
 @pytest.mark.parametrize("piece", [(-1, 0, 3, 3), (0, 0, 6, 3), (0, 5, 3, 3), (0, 0, 1, 3)])
 def test_crop_beyond_the_map_is_rejected(piece):
-    with pytest.raises(TerrainError, match="at least 2 x 2 within it"):
+    with raises_terrain_error(TerrainErrorCode.OFF_MAP):
         ground().cropped(*piece)
 
 
@@ -122,7 +125,7 @@ def test_resampling_reaches_the_outer_grid_points():
 
 @pytest.mark.parametrize("wider", [(6, 7, 0.5), (5, 8, 0.5), (5, 7, 0.501)])
 def test_resampling_beyond_the_outer_grid_points_is_rejected(wider):
-    with pytest.raises(TerrainError, match="fewer points or a smaller spacing"):
+    with raises_terrain_error(TerrainErrorCode.OFF_MAP):
         ground().resampled(*wider)
 
 
@@ -151,13 +154,13 @@ def test_scaled_terrain_has_no_georeference():
 
 
 def test_relief_of_level_ground_cannot_be_scaled():
-    with pytest.raises(TerrainError, match="level terrain"):
+    with raises_terrain_error(TerrainErrorCode.ARGUMENT):
         HeightMap(GRID, np.zeros(GRID.shape)).with_relief(1.0)
 
 
 @pytest.mark.parametrize("relief", [-1.0, math.nan, math.inf])
 def test_invalid_relief_is_rejected(relief):
-    with pytest.raises(TerrainError, match="finite range"):
+    with raises_terrain_error(TerrainErrorCode.ARGUMENT):
         ground().with_relief(relief)
 
 
@@ -183,7 +186,7 @@ def test_terrain_below_the_slope_limit_is_unchanged():
 
 @pytest.mark.parametrize("angle", [0.0, -0.1, math.pi / 2, math.nan])
 def test_invalid_slope_limit_is_rejected(angle):
-    with pytest.raises(TerrainError, match="between 0 and pi/2"):
+    with raises_terrain_error(TerrainErrorCode.ARGUMENT):
         ground().with_slope_limit(angle)
 
 

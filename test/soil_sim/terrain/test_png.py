@@ -5,9 +5,10 @@ import json
 import numpy as np
 import pytest
 from PIL import Image, PngImagePlugin
+from support.terrain_errors import raises_terrain_error
 
 from msg_bridge.contract.grid import Grid
-from soil_sim.errors import TerrainError
+from soil_sim.errors import TerrainErrorCode
 from soil_sim.terrain import HeightMap, flat, load_terrain, save_terrain
 
 KEY = "earthmoving_sim terrain"
@@ -75,37 +76,39 @@ def test_given_height_range_overrides_that_of_the_file(tmp_path):
 
 
 def test_heights_beyond_the_range_are_rejected_when_saving(tmp_path):
-    with pytest.raises(TerrainError, match="give a range that includes them"):
+    with raises_terrain_error(TerrainErrorCode.HEIGHT_RANGE):
         save_terrain(tmp_path / "site.png", flat(Grid(3, 4, 0.2), 5.0), height_range=(0.0, 4.0))
 
 
 def test_png_without_height_range_is_rejected(tmp_path):
-    with pytest.raises(TerrainError, match=r"give height_range=\(low, high\)"):
+    with raises_terrain_error(
+        TerrainErrorCode.HEIGHT_RANGE, match=r"give height_range=\(low, high\)"
+    ):
         load_terrain(png(tmp_path, np.zeros((3, 3), dtype=np.uint16)), cell=0.5)
 
 
 def test_png_without_cell_size_is_rejected(tmp_path):
-    with pytest.raises(TerrainError, match="give cell"):
+    with raises_terrain_error(TerrainErrorCode.CELL_SIZE):
         load_terrain(png(tmp_path, np.zeros((3, 3), dtype=np.uint16)), height_range=(0, 1))
 
 
 @pytest.mark.parametrize("bad", [(1.0, 1.0), (2.0, 1.0), (0.0, np.nan), (0.0,), 5.0, "ab"])
 def test_invalid_height_range_is_rejected(tmp_path, bad):
     path = png(tmp_path, np.zeros((3, 3), dtype=np.uint16))
-    with pytest.raises(TerrainError, match="low below high"):
+    with raises_terrain_error(TerrainErrorCode.HEIGHT_RANGE):
         load_terrain(path, cell=0.5, height_range=bad)
 
 
 @pytest.mark.parametrize("shape", [(4, 4), (4, 4, 2), (4, 4, 3), (4, 4, 4)])
 def test_8_bit_or_colour_png_is_rejected(tmp_path, shape):
     path = png(tmp_path, np.zeros(shape, dtype=np.uint8))
-    with pytest.raises(TerrainError, match="export a 16-bit greyscale"):
+    with raises_terrain_error(TerrainErrorCode.UNSUPPORTED):
         load_terrain(path, cell=0.5, height_range=(0.0, 1.0))
 
 
 def test_image_of_another_format_named_png_is_rejected(tmp_path):
     Image.fromarray(np.zeros((4, 4), dtype=np.uint8)).save(tmp_path / "site.png", format="BMP")
-    with pytest.raises(TerrainError, match="not a complete PNG"):
+    with raises_terrain_error(TerrainErrorCode.INVALID_FILE):
         load_terrain(tmp_path / "site.png", cell=0.5, height_range=(0.0, 1.0))
 
 
@@ -123,7 +126,7 @@ def test_image_of_another_format_named_png_is_rejected(tmp_path):
 )
 def test_corrupted_text_chunk_is_rejected(tmp_path, text):
     path = png(tmp_path, np.zeros((3, 3), dtype=np.uint16), text)
-    with pytest.raises(TerrainError, match="remove the chunk"):
+    with raises_terrain_error(TerrainErrorCode.INVALID_FILE):
         load_terrain(path)
 
 
@@ -131,5 +134,5 @@ def test_png_with_complete_pixels_but_truncated_end_is_rejected(tmp_path):
     path = png(tmp_path, np.zeros((3, 3), dtype=np.uint16))
     end_chunk = 12  # length, name and checksum of IEND
     path.write_bytes(path.read_bytes()[:-end_chunk])
-    with pytest.raises(TerrainError, match="not a complete PNG"):
+    with raises_terrain_error(TerrainErrorCode.INVALID_FILE):
         load_terrain(path, cell=0.5, height_range=(0.0, 1.0))

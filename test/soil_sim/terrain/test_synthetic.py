@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.terrain_errors import raises_terrain_error
 
 from msg_bridge.contract.grid import Grid
-from soil_sim.errors import TerrainError
+from soil_sim.errors import TerrainErrorCode
 from soil_sim.terrain import flat, rough, slope
 
 GRID = Grid(40, 60, 0.2)
@@ -19,7 +20,7 @@ def test_flat_terrain_has_constant_height():
 
 
 def test_flat_terrain_at_nan_is_rejected():
-    with pytest.raises(TerrainError, match="fill such cells"):
+    with raises_terrain_error(TerrainErrorCode.HEIGHT):
         flat(GRID, math.nan)
 
 
@@ -38,12 +39,12 @@ def test_slope_has_height_zero_at_the_centre():
 
 @pytest.mark.parametrize("angle", [-0.1, math.pi / 2, math.nan])
 def test_invalid_slope_is_rejected(angle):
-    with pytest.raises(TerrainError, match="angle is"):
+    with raises_terrain_error(TerrainErrorCode.ARGUMENT):
         slope(GRID, angle, 0.0)
 
 
 def test_slope_without_direction_is_rejected():
-    with pytest.raises(TerrainError, match="direction is"):
+    with raises_terrain_error(TerrainErrorCode.ARGUMENT):
         slope(GRID, 0.1, math.inf)
 
 
@@ -81,11 +82,11 @@ def test_rough_terrain_is_not_periodic():
 
 @pytest.mark.parametrize("rms", [-1.0, math.nan, math.inf])
 def test_invalid_roughness_is_rejected(rms):
-    with pytest.raises(TerrainError, match="rms is"):
+    with raises_terrain_error(TerrainErrorCode.ARGUMENT):
         rough(GRID, rms, 1.0, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("length", [0.0, 0.19, 8.1, math.nan])
 def test_correlation_length_too_long_for_the_map_is_rejected(length):
-    with pytest.raises(TerrainError, match="from a cell"):
+    with raises_terrain_error(TerrainErrorCode.ARGUMENT, match="from a cell"):
         rough(GRID, 1.0, length, np.random.default_rng(0))
