@@ -13,12 +13,13 @@ import hashlib
 import importlib.util
 import os
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from types import CodeType
 from typing import Any
 
 import numba
+from numba import types
 from numba.core.caching import (
     CompileResultCacheImpl,
     FunctionCache,
@@ -192,3 +193,21 @@ class _KernelCache(FunctionCache):
         except (AttributeError, ImportError):
             self.flush()  # type: ignore[no-untyped-call]
             return None
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        """Return the key of the machine code for a signature.
+
+        Numba identifies a NamedTuple by its name and the types of its fields. The kernel need not
+        import its module, so that a change of the order of the fields would not be detected.
+        """
+        key = super()._index_key(sig, codegen)  # type: ignore[no-untyped-call]
+        return (*key, tuple(_named_fields(sig)))
+
+
+def _named_fields(argument_types: Iterable[Any]) -> Iterator[tuple[str, ...]]:
+    """Yield the field names of each NamedTuple among Numba types, nested ones included."""
+    for each in argument_types:
+        if isinstance(each, types.BaseNamedTuple):
+            yield each.fields  # type: ignore[attr-defined]
+        if isinstance(each, types.BaseTuple):
+            yield from _named_fields(each)  # type: ignore[arg-type]

@@ -116,20 +116,44 @@ print(double(Point(1.5)))
 """
 
 
-def test_cache_entry_with_a_type_that_was_renamed_is_compiled_again(tmp_path):
-    script = tmp_path / "script.py"
+def run_script(folder: Path, source: str) -> str:
+    """Run a script in a process with a kernel cache in the folder; return its output."""
+    (folder / "script.py").write_text(source)
     root = Path(__file__).parents[3]
+    done = subprocess.run(
+        [sys.executable, "-c", "import script"],
+        env={**os.environ, "PYTHONPATH": f"{folder}:{root}", "NUMBA_CACHE_DIR": str(folder)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_cache_entry_with_a_type_that_was_renamed_is_compiled_again(tmp_path):
     for source in (POINT, POINT.replace("Point", "Position")):
-        script.write_text(source)
-        done = subprocess.run(
-            [sys.executable, "-c", "import script"],
-            env={
-                **os.environ,
-                "PYTHONPATH": f"{tmp_path}:{root}",
-                "NUMBA_CACHE_DIR": str(tmp_path),
-            },
-            capture_output=True,
-            text=True,
-        )
-        assert done.returncode == 0, done.stderr
-        assert done.stdout == "3.0\n"
+        assert run_script(tmp_path, source) == "3.0\n"
+
+
+SPAN = """\
+from typing import NamedTuple
+from span_kernel import length
+
+class Span(NamedTuple):
+    low: float
+    high: float
+
+print(length((Span(low=1.0, high=4.0),)))
+"""
+
+
+def test_change_of_the_order_of_fields_outside_of_the_kernels_imports_is_detected(tmp_path):
+    (tmp_path / "span_kernel.py").write_text(
+        "from msg_bridge.kernels import kernel\n"
+        "@kernel\n"
+        "def length(spans):\n"
+        "    return spans[0].high - spans[0].low\n"
+    )
+    swapped = SPAN.replace("    low: float\n    high: float\n", "    high: float\n    low: float\n")
+    for source in (SPAN, swapped):
+        assert run_script(tmp_path, source) == "3.0\n"
