@@ -9,10 +9,8 @@ at once).
 
 from __future__ import annotations
 
-import numpy as np
-
 from machine_sim.dem.contacts import simd
-from msg_bridge.kernels import kernel
+from machine_sim.dem.contacts.block_vectors import vector_access
 
 BLOCK_SIZE = 128
 """Contacts per block: 6 KB, which fits into the first-level cache."""
@@ -52,20 +50,4 @@ ROLLING_LIMIT = simd.ROLLING_LIMIT * BLOCK_SIZE
 """Out: contribution of the contact to the limit of rolling resistance over radius [N]."""
 NUM_SCRATCH_QUANTITIES = 9
 
-
-_STRIDE = np.uint64(BLOCK_SIZE)
-
-
-@kernel(forceinline=True)
-def load(block, quantity, s):  # type: ignore[no-untyped-def]
-    """Return the vector `quantity` of slot `s`."""
-    # The index is unsigned: the check for a negative one would keep loops from being vectorised.
-    at = np.uint64(quantity + s)
-    return block[at], block[at + _STRIDE], block[at + _STRIDE + _STRIDE]
-
-
-@kernel(forceinline=True)
-def store(block, quantity, s, vector):  # type: ignore[no-untyped-def]
-    """Write the vector `quantity` of slot `s`."""
-    at = np.uint64(quantity + s)
-    block[at], block[at + _STRIDE], block[at + _STRIDE + _STRIDE] = vector
+load, store = vector_access(BLOCK_SIZE)

@@ -7,10 +7,8 @@ lie in three stretches in a row. Plate axes are (a, b, h), along u, v and n of t
 
 from __future__ import annotations
 
-import numpy as np
-
 from machine_sim.dem.contacts import simd
-from msg_bridge.kernels import kernel
+from machine_sim.dem.contacts.block_vectors import vector_access
 
 BLOCK_SIZE = 64
 """Contacts per block, a multiple of the lanes of the widest vector."""
@@ -67,20 +65,4 @@ TOOL_TORQUE = 9 * BLOCK_SIZE
 """Out: torque of the contact force about the tool's origin, map axes [N m] (3)."""
 NUM_SCRATCH_QUANTITIES = 15
 
-
-_STRIDE = np.uint64(BLOCK_SIZE)
-
-
-@kernel(forceinline=True)
-def load(block, quantity, s):  # type: ignore[no-untyped-def]
-    """Return the vector `quantity` of slot `s`."""
-    # The index is unsigned: the check for a negative one would keep loops from being vectorised.
-    at = np.uint64(quantity + s)
-    return block[at], block[at + _STRIDE], block[at + _STRIDE + _STRIDE]
-
-
-@kernel(forceinline=True)
-def store(block, quantity, s, vector):  # type: ignore[no-untyped-def]
-    """Write the vector `quantity` of slot `s`."""
-    at = np.uint64(quantity + s)
-    block[at], block[at + _STRIDE], block[at + _STRIDE + _STRIDE] = vector
+load, store = vector_access(BLOCK_SIZE)
