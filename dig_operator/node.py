@@ -103,8 +103,9 @@ class DigOperatorNode(SimNode):
             self._process_samples,
             simulation_namespace=simulation,
         )
-        config_topic = resolve(topics.SIM_CONFIG, simulation)
-        self._subscribe(String, config_topic, qos.TRANSIENT_LOCAL, self._on_config)
+        self._simulation = simulation
+        self._config_topic = resolve(topics.SIM_CONFIG, simulation)
+        self._subscribe(String, self._config_topic, qos.TRANSIENT_LOCAL, self._on_config)
         # Only the last messages of a tick trigger the processing: the payload of the machine's
         # state (odometry if the machine carries no soil), and the ledger.
         self._has_payload = self._machine_spec.can_carry_soil
@@ -117,11 +118,7 @@ class DigOperatorNode(SimNode):
         ledger_topic = resolve(topics.SOIL_LEDGER, simulation)
         self._subscribe(Int64MultiArray, ledger_topic, qos.ROWS, self._on_ledger)
         self.create_timer(_REPEAT_PERIOD, self._repeat_last_command)
-        WaitLog(
-            self,
-            f"{config_topic}; is `simulation_namespace` ({simulation}) that of a running soil_sim?",
-            lambda: self._facts is None,
-        )
+        WaitLog(self, self._awaited)
 
     @property
     def finished(self) -> bool:
@@ -174,6 +171,18 @@ class DigOperatorNode(SimNode):
                 self.diagnostics.reject(topic, str(error))
 
         self._poller.subscribe(msg_type, topic, profile, on_message, triggers=triggers)
+
+    def _awaited(self) -> str | None:
+        """Return what the first command waits for; None after it."""
+        if self._facts is None:
+            return (
+                f"{self._config_topic}; is `simulation_namespace` ({self._simulation}) that of a"
+                " running soil_sim?"
+            )
+        if self._last_tick is None:
+            topic, namespace = self.resolve_topic_name(topics.JOINT_STATES), self.get_namespace()
+            return f"a tick with {topic}; does a machine_sim run in the namespace {namespace}?"
+        return None
 
     def _on_config(self, msg: String) -> None:
         facts = parse_run_facts(msg.data)

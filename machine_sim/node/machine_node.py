@@ -128,12 +128,11 @@ class MachineNode(SimNode):
                 instance.topic_prefix,
             )
         self.create_timer(_PROGRESS_CHECK_PERIOD, self._check_progress)
-        text = f"{self._config_topic}; is a soil_sim running in namespace {simulation}, the parent"
-        WaitLog(
-            self,
-            f"{text} of this node's namespace {self.get_namespace()}?",
-            lambda: self._membership.facts is None,
+        awaited = (
+            f"{self._config_topic}; is a soil_sim running in namespace {simulation}, the parent"
+            f" of this node's namespace {self.get_namespace()}?"
         )
+        WaitLog(self, lambda: awaited if self._membership.facts is None else None)
 
     def stop(self) -> None:
         """Leave the run in one more tick, so that other nodes need not wait for a timeout."""

@@ -1,7 +1,6 @@
-"""WaitLog: logs that a node waits for the soil's configuration, so that it does not wait silently.
+"""WaitLog: logs what a node waits for after its start, so that it does not wait silently.
 
-The usual cause is a wrong namespace: then the topic of the node is not that of the soil, and no
-message will ever arrive.
+The usual cause is a wrong namespace: then no message will ever arrive on the topic of the node.
 """
 
 from __future__ import annotations
@@ -22,22 +21,22 @@ LOG_PERIOD = 30.0
 class WaitLog:
     """Logs after `FIRST_LOG_TIME`, and then every `LOG_PERIOD`, until the wait is over."""
 
-    def __init__(self, node: SimNode, text: str, is_waiting: Callable[[], bool]) -> None:
+    def __init__(self, node: SimNode, awaited: Callable[[], str | None]) -> None:
         """
         Args:
             node: the node that waits.
-            text: what it waits for, and what to check.
-            is_waiting: returns whether it still waits; after a False there are no more lines.
+            awaited: returns what it waits for now, and what to check; None ends the log.
         """
-        self._node, self._text, self._is_waiting = node, f"waiting for {text}", is_waiting
+        self._node, self._awaited = node, awaited
         self._timer = node.create_timer(FIRST_LOG_TIME, self._on_timer)
         self._num_lines = 0
 
     def _on_timer(self) -> None:
-        if not self._is_waiting():
+        awaited = self._awaited()
+        if awaited is None:
             self._timer.cancel()
             return
-        self._node.get_logger().info(self._text)
+        self._node.get_logger().info(f"waiting for {awaited}")
         self._num_lines += 1
         if self._num_lines == 1:
             self._timer.cancel()
