@@ -1,7 +1,6 @@
 """The outcome of a bag equals the outcome of the run that it recorded."""
 
 import json
-from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -10,7 +9,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from support.recorded_dig import CYCLES, PHASE, TICK, RecordedDig, small_site, write
+from support.recorded_dig import CYCLES, PHASE, TICK, small_site, write
 from support.recorded_exchange import terrain_cloud
 from support.recorded_messages import Recording
 
@@ -18,7 +17,6 @@ from dig_operator import CycleReport
 from dig_operator.node import DigOperatorNode
 from earthmoving_sim.dig_outcome import DigOutcome
 from earthmoving_sim.recorded_run.outcome import outcome_from_bag
-from earthmoving_sim.recorded_run.topic_decoders import RecordedRunError
 from earthmoving_sim.report import print_summary
 from earthmoving_sim.run_config import load_run_config
 from earthmoving_sim.single_process_dig import (
@@ -31,37 +29,12 @@ from msg_bridge.bag.reader import BagReadError
 from msg_bridge.codec.run_config import RunFacts, to_config_yaml
 from msg_bridge.codec.state_hash import from_state_hash_string
 from msg_bridge.codec.tick_headers import from_multi_array, to_multi_array
-from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.recorder.recorder_node import RecorderNode
 from soil_sim.node.soil_node import SoilNode
 from soil_sim.terrain import save_terrain
 
 REPORTS = [CycleReport(1, 2, 1.15, 0.98, 0.9, 0.01, 18.5, 0.8), CycleReport(2, 1, *[0.5] * 6)]
-
-
-@pytest.fixture(scope="module")
-def dig() -> Iterator[RecordedDig]:
-    """A run that is aborted in its first drag."""
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        run = RecordedDig(
-            monkeypatch, small_site(), approach_distance=0.0, start_x=-2.0, timeout=6.0
-        )
-    yield run
-    run.run.close()
-
-
-@pytest.fixture(scope="module")
-def recorded(dig, tmp_path_factory) -> DigOutcome:
-    return outcome_from_bag(write(tmp_path_factory.mktemp("bags") / "dig", dig.recording))
-
-
-@pytest.fixture
-def outcome(tmp_path) -> Callable[..., DigOutcome]:
-    """Write a recording as a bag and return its outcome."""
-    return lambda recording, **options: outcome_from_bag(
-        write(tmp_path / "bag", recording, **options)
-    )
 
 
 def assert_same(recorded: DigOutcome, own: DigOutcome) -> None:
@@ -302,94 +275,6 @@ def test_one_of_several_simulations_is_read_by_its_namespace(
     assert_same(outcome_from_bag(bag, namespace=namespace), recorded)
     with pytest.raises(BagReadError, match="namespaces /, /site_a;"):
         outcome_from_bag(bag)
-
-
-# Missing or invalid messages
-
-
-@pytest.mark.parametrize(
-    "topic",
-    [
-        "/sim/config",
-        "/soil/tick",
-        "/soil/ledger",
-        "/soil/state_hash",
-        "/terrain/map",
-        "/terrain/map_updates",
-        "/diagnostics",
-        "/excavator/config",
-        "/excavator/odom",
-        "/excavator/joint_states",
-        "/excavator/particles",
-        "/excavator/operator/phase",
-    ],
-)
-def test_missing_topic_is_named(dig, outcome, topic) -> None:
-    named = topic.removeprefix("/excavator") if topic == PHASE else topic
-    with pytest.raises(RecordedRunError, match=named):
-        outcome(dig.recording.without(topic))
-
-
-def test_missing_map_updates_are_an_error(dig, outcome) -> None:
-    recording = dig.recording.copy()
-    changes = [i for i, (t, _, _) in enumerate(recording.messages) if t == "/terrain/map_updates"]
-    del recording.messages[changes[len(changes) // 2]]
-    with pytest.raises(
-        RecordedRunError, match=r"row \d+ of \d+ is missing on /terrain/map_updates"
-    ):
-        outcome(recording)
-
-
-@pytest.mark.parametrize("topic", ["/soil/ledger", "/soil/tick"])
-def test_missing_tick_is_an_error(dig, outcome, topic) -> None:
-    recording = dig.recording.copy()
-    own = [i for i, (t, _, _) in enumerate(recording.messages) if t == topic]
-    del recording.messages[own[100]]
-    with pytest.raises(RecordedRunError, match=f"tick 100 of .* on {topic}"):
-        outcome(recording)
-
-
-def test_bag_that_begins_in_the_middle_is_an_error(dig, outcome) -> None:
-    recording = dig.recording.copy()
-    maps = [i for i, (t, _, _) in enumerate(recording.messages) if t == "/terrain/map"]
-    for index in reversed(maps[:-1]):
-        del recording.messages[index]
-    with pytest.raises(RecordedRunError, match="first map on /terrain/map"):
-        outcome(recording)
-
-
-def test_missing_machine_file_is_named(dig, outcome) -> None:
-    recording = dig.recording.copy()
-    config = {"machine_sim": {"machine": "machines/grader.yaml"}}
-    text = to_config_yaml(RunFacts(1, TICK, False, 0.2, (LooseSoil(0.15),)), config)
-    recording.add("/excavator/config", String(data=text))
-    with pytest.raises(RecordedRunError, match=r"machines/grader\.yaml"):
-        outcome(recording)
-
-
-@pytest.mark.parametrize(
-    ("topic", "text"),
-    [(PHASE, "digging"), (PHASE, '{"time": 1.0}'), (CYCLES, "[]"), ("/soil/state_hash", "abc")],
-)
-def test_invalid_message_is_an_error_with_its_topic(dig, outcome, topic, text) -> None:
-    recording = dig.recording.copy()
-    recording.add(topic, String(data=text))
-    with pytest.raises(RecordedRunError, match=f"a message on {topic}"):
-        outcome(recording)
-
-
-def test_topic_of_another_type_is_an_error(dig, outcome) -> None:
-    recording = dig.recording.without("/soil/ledger")
-    recording.add("/soil/ledger", String(data="0"))
-    with pytest.raises(RecordedRunError, match="/soil/ledger is std_msgs/msg/String"):
-        outcome(recording)
-
-
-def test_bag_of_two_operators_is_an_error(dig, outcome) -> None:
-    recording = dig.recording.copy()
-    recording.add("/excavator_2/operator/phase", String(data="{}"))
-    with pytest.raises(EarthmovingError, match="one operator"):
-        outcome(recording)
 
 
 # Nodes
