@@ -10,6 +10,7 @@ Modules in the order of the computation:
 - `membership`: which machine header the soil accepted in which tick
 - `streams`: the rows of all streams of a run, sorted
 - `audit_window`: which ticks are recorded completely and can be audited
+- `segments`: the parts of a run between lost rows, which are audited one by one
 - `completeness`: headers and rows that are missing, miscounted or contradictory
 - `terrain_volume`: the terrain by conversion rows and cell by cell, compared with its maps
 - `released_rows`: conversion rows that put down the soil of absent machines

@@ -21,7 +21,7 @@ from msg_bridge.audit.report import Check, CheckResult, Finding
 from msg_bridge.audit.soil_ticks import SoilTicks
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import MachineHeader, Stream, Verb
-from msg_bridge.contract.rows import ConversionKind
+from msg_bridge.contract.rows import ENDED_SESSION, ConversionKind
 
 __all__ = ["ACCOUNTS", "AccountsAudit", "audit_accounts"]
 
@@ -117,7 +117,10 @@ class _AccountReplay:
     ) -> None:
         self._soil, self._window, self._timeline, self._result = soil, window, timeline, result
         self._conversions, self._released = conversions, released
-        self._accounts: dict[int, MachineAccount] = {}
+        # Released soil of ended sessions is deposited for no machine.
+        self._accounts: dict[int, MachineAccount] = {
+            ENDED_SESSION: MachineAccount(ENDED_SESSION, conversions, released)
+        }
         self._num_wrong_headers = 0
         self.num_headers = 0
         self.unknown: list[str] = []

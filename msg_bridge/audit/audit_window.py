@@ -76,6 +76,10 @@ def find_audit_window(
         first = max((b for b in begins if b <= MAX_INCOMPLETE_EDGE_TICKS), default=0)
     last = min((e for e in ends if size - e <= MAX_INCOMPLETE_EDGE_TICKS), default=size) - 1
     first = min(first, size - 1)
+    if not soil.from_start and data.ledgers and first <= last:
+        # Movements before the window are taken from the ledger of its first tick.
+        has_ledger = np.isin(soil.ticks[first : last + 1], list(data.ledgers))
+        first += int(np.argmax(has_ledger & ~is_incomplete[first : last + 1]))
     return Window(first, max(last, first))
 
 

@@ -168,7 +168,12 @@ def _request_records(
         index = np.minimum(np.searchsorted(spans.last, stream.numbers), spans.ticks.size - 1)
         counted = (stream.numbers >= spans.first[index]) & (stream.numbers <= spans.last[index])
         # Rows between two spans belong to headers that the bag lacks.
-        in_session = (stream.numbers >= spans.first[0]) & (stream.numbers <= spans.last[-1])
+        audited = np.flatnonzero((ticks >= low) & (ticks <= high))
+        if not audited.size:
+            continue
+        in_session = (stream.numbers >= spans.first[audited[0]]) & (
+            stream.numbers <= spans.last[audited[-1]]
+        )
         tick = np.where(counted, ticks[index], UNKNOWN_TICK)
         keep = in_session & ((tick == UNKNOWN_TICK) | ((tick >= low) & (tick <= high)))
         numbering = timeline.numbering_session[session]

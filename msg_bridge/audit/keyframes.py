@@ -44,18 +44,32 @@ class Keyframes:
         revision, volumes = terrain.keyframe.revision, terrain.volume_mm3.reshape(-1)
         if self.grid is None:
             self.grid = terrain.keyframe.grid
-            self._first = self._last = volumes
-            self._revisions.append(revision)
+            self._append(revision, volumes)
         elif terrain.keyframe.grid != self.grid or revision < self._revisions[-1]:
             self.out_of_order.append(revision)
         elif revision == self._revisions[-1]:
             if (volumes != self._last).any():
                 self.conflicting.append(revision)
         else:
+            self._append(revision, volumes)
+
+    def between(self, first: int, last: int) -> Keyframes:
+        """Return the maps with revisions from `first` to `last`."""
+        part = Keyframes()
+        for revision, volumes in self:
+            if first <= revision <= last:
+                part.grid = self.grid
+                part._append(revision, volumes.copy())
+        return part
+
+    def _append(self, revision: int, volumes: Volumes) -> None:
+        if self._revisions:
             changed = np.flatnonzero(volumes != self._last)
             self._changes.append((changed, volumes[changed]))
-            self._revisions.append(revision)
-            self._last = volumes
+        else:
+            self._first = volumes
+        self._revisions.append(revision)
+        self._last = volumes
 
     def __iter__(self) -> Iterator[tuple[int, Volumes]]:
         """Iterate over (revision, volumes) in order; the next step changes the array in place."""

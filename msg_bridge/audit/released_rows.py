@@ -19,9 +19,10 @@ _PARTICIPATING = {MembershipChange.STEPPED, MembershipChange.LEFT, MembershipCha
 def find_released_rows(
     soil: SoilTicks, timeline: MembershipTimeline, conversions: NumberedRows
 ) -> NDArray[np.bool_]:
-    """Return which conversion rows released soil of absent machines, shape (rows,).
+    """Return which conversion rows released absent soil, shape (rows,).
 
-    They name a machine that does not take part in their tick, and answer no deposit request. Their
+    Those of ended sessions of machines that have joined again have the machine id 0. The others
+    name a machine that does not take part in their tick, and answer no deposit request. Their
     particle numbers do not distinguish them.
     """
     rows = conversions.rows

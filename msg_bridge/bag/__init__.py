@@ -4,6 +4,7 @@ Modules in the order of use:
 
 - `message_schemas`: definition and hash of a message type, from its installed files
 - `metadata`: metadata.yaml of a bag, and the QoS that publishers offered
+- `mcap_file`: writes one MCAP file
 - `writer`: writes one bag into a folder, readable up to its last chunk at any time
 - `message_loss`: counts messages and rows that were sent and not received
 - `mcap_index`: finds the chunks and messages of an MCAP file, finished or not

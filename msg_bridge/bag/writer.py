@@ -14,10 +14,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
-from typing import IO, cast
 
-from mcap.writer import CompressionType, Writer
+from mcap.records import Message
 
+from msg_bridge.bag.mcap_file import McapFileWriter
 from msg_bridge.bag.message_schemas import schema_text
 from msg_bridge.bag.message_schemas import type_hash as installed_type_hash
 from msg_bridge.bag.metadata import (
@@ -36,13 +36,14 @@ CHUNK_SIZE = 1 << 20
 must decompress a chunk completely for its first message."""
 
 COMPRESSIONS = {
-    "zstd": CompressionType.ZSTD,
-    "lz4": CompressionType.LZ4,
-    "none": CompressionType.NONE,
+    "zstd": "zstd",
+    "lz4": "lz4",
+    "none": "",
 }
-"""Compressions by name, best first. zstd makes a terrain map of rough ground 2.8 times smaller at
-about 3 ms of CPU time per megabyte, lz4 2.0 times at about 1 ms. Terrain maps are most of a bag,
-some MB/s: with zstd that is a few percent of one core, and a disk stores a third more."""
+"""Names of compressions in MCAP files by our names, best first. zstd makes a terrain map of rough
+ground 2.8 times smaller at about 3 ms of CPU time per megabyte, lz4 2.0 times at about 1 ms.
+Terrain maps are most of a bag, some MB/s: with zstd that is a few percent of one core, and a disk
+stores a third more."""
 
 _DISK_FULL_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _SEQUENCE_MODULUS = 2**32
@@ -105,13 +106,13 @@ class BagWriter:
                 " its content away"
             )
         self._stream = _AtomicFile(self.file)
-        # The Writer uses no other methods of a stream than those of _AtomicFile.
-        self._mcap = Writer(
-            cast(IO[bytes], self._stream),
-            chunk_size=chunk_size,
+        self._mcap = McapFileWriter(
+            self._stream,
+            profile="ros2",
+            library="earthmoving_sim",
             compression=COMPRESSIONS[compression],
+            chunk_size=chunk_size,
         )
-        self._mcap.start(profile="ros2", library="earthmoving_sim")
 
     @property
     def size(self) -> int:
@@ -153,11 +154,10 @@ class BagWriter:
         type_hash = advertised_hash or installed_type_hash(type_name)
         if type_name not in self._schemas:
             text = schema_text(type_name).encode()
-            self._schemas[type_name] = self._mcap.register_schema(type_name, "ros2msg", text)
+            self._schemas[type_name] = self._mcap.add_schema(type_name, "ros2msg", text)
         unique = tuple(dict.fromkeys(offered))
         metadata = {"offered_qos_profiles": to_qos_yaml(unique), "topic_type_hash": type_hash}
-        schema = self._schemas[type_name]
-        channel = self._mcap.register_channel(topic, "cdr", schema, metadata)
+        channel = self._mcap.add_channel(topic, self._schemas[type_name], metadata)
         self._topics[topic] = _Topic(channel, type_name, type_hash, unique)
 
     def write(
@@ -176,7 +176,7 @@ class BagWriter:
         """
         entry = self._topics[topic]
         self._mcap.add_message(
-            entry.channel, log_time, data, publish_time, sequence=sequence % _SEQUENCE_MODULUS
+            Message(entry.channel, log_time, data, publish_time, sequence % _SEQUENCE_MODULUS)
         )
         entry.count += 1
         self.messages += 1
@@ -189,7 +189,7 @@ class BagWriter:
         Raises:
             BagError: the bag cannot be written.
         """
-        self._mcap.flush()  # type: ignore[no-untyped-call]
+        self._mcap.write_chunk()
 
     def close(self, custom: Mapping[str, str] | None = None) -> None:
         """Finish the file and write metadata.yaml; a second call does nothing.
@@ -206,7 +206,7 @@ class BagWriter:
             return
         try:
             if not self._stream.has_failed:
-                self._mcap.finish()  # type: ignore[no-untyped-call]
+                self._mcap.finish()
         finally:
             self._stream.close()
         if not self._stream.has_failed:
@@ -274,9 +274,6 @@ class _AtomicFile:
 
     def tell(self) -> int:
         return self._size
-
-    def flush(self) -> None:
-        """Do nothing: there is no buffer."""
 
     def close(self) -> None:
         self._raw.close()

@@ -70,10 +70,15 @@ def test_run_with_machines_that_leave_rejoin_and_crash_passes(audit) -> None:
     run.crash(2, ScriptedMachine(9, y=0.5))
     for _ in range(10):
         run.step()
+    assert run.soil_endpoint.ledger.absent > 0
+    released = run.release_forfeited(2)
+    for _ in range(5):
+        run.step()
     run.keyframe()
     report = audit(run.recording)
     assert report.passed, report.runs[0].findings
-    assert run.soil_endpoint.ledger.absent > 0
+    assert report.runs[0].moved_mm3["RELEASED"] == released > 0
+    assert run.soil_endpoint.ledger.absent == 0
     assert report.runs[0].rows["BACKLOG"] > 0
 
 
