@@ -3,7 +3,7 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo check test test-slow clean distclean
+.PHONY: help setup demo check test test-slow test-chaos clean distclean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -84,6 +84,8 @@ endif
 	@$(PIP) install --use-pep517 -c constraints.txt -r $(VENV)/requirements.txt -r requirements-dev.txt
 	@echo "==> Installing earthmoving_sim itself, from this folder"
 	@$(PIP) install --no-deps --no-build-isolation -e .
+	@echo "==> Compiling the kernels (about 40 s on two cores)"
+	@$(BIN)/earthmoving compile
 	@touch $@
 	@echo "==> Ready: make demo, make check, or . $(BIN)/activate and earthmoving --help"
 
@@ -105,6 +107,10 @@ test: setup ## lint, format, types and all fast tests (ARGS="-k name" narrows py
 test-slow: setup ## the tests that take long: a colcon build, the whole demo
 	@echo "==> Slow tests"
 	@$(BIN)/python -m pytest -m slow $(ARGS)
+
+test-chaos: setup ## forged messages (200 rounds), overload, floods: the long form of the tests in test/chaos
+	@echo "==> Chaos tests"
+	@CHAOS_ROUNDS=200 $(BIN)/python -m pytest -m slow test/chaos $(ARGS)
 
 clean: ## remove build products and caches; keeps .venv, out/ and bags/
 	@rm -rf build install log *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -14,7 +14,7 @@ from msg_bridge.contract.errors import EarthmovingError
 
 __all__ = ["SUBCOMMANDS", "build_parser", "main"]
 
-SUBCOMMANDS = ("demo", "check", "machine", "audit")
+SUBCOMMANDS = ("demo", "check", "compile", "machine", "audit")
 
 EXIT_BAD_INPUT = 2  # as argparse does for a bad option
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells expect
@@ -22,6 +22,7 @@ EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells expect
 _EXAMPLES = """\
 examples:
   earthmoving check                check this computer, with advice on what is missing
+  earthmoving compile              compile all kernels, so that the first start takes no longer
   earthmoving demo                 run an excavator; write pictures and a bag
   earthmoving demo --soil "wet clay" --cycles 2
   earthmoving machine check FILE   check a machine file

@@ -21,11 +21,13 @@ from earthmoving_sim.machine_polygons import machine_faces, machine_outline
 from earthmoving_sim.operated_machine import OperatedMachine
 from earthmoving_sim.run_config import RunConfig
 from earthmoving_sim.world import World
-from machine_sim.dem import warm_up
 from machine_sim.simulated_machine import Placement
 from machine_sim.simulation import MachineSim
+from machine_sim.warm_up import warm_up as warm_up_machines
+from msg_bridge.kernels import log_compilation
 from soil_sim.soil import Soil
 from soil_sim.terrain import HeightMap
+from soil_sim.warm_up import warm_up as warm_up_soil
 
 __all__ = ["COMMAND_DELAY_TICKS", "COMMAND_INTERVAL_TICKS", "SingleProcessDig"]
 
@@ -90,7 +92,9 @@ class SingleProcessDig:
             moisture=soil.columns.top_moisture,
             seed=config.run.seed,
         )
-        warm_up(config.particles)
+        with log_compilation(print):
+            warm_up_soil(config.soil)
+            warm_up_machines([config.machine], config.stepping, config.particles)
         self.world = World(soil, {1: self.machine})
         self.task = DigTask(config.machine, config.behaviour, config.task)
         self._operated_machine = OperatedMachine(

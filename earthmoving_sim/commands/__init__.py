@@ -1,4 +1,5 @@
-"""Subcommands of `earthmoving`, one module each: `demo`, `check`, `machine`, `audit`.
+"""Subcommands of `earthmoving`, one module each: `demo`, `check`, `compile`,
+`machine`, `audit`.
 
 A module has
 

@@ -23,7 +23,7 @@ from earthmoving_sim.multi_process.parameter_file import write_node_parameters
 from earthmoving_sim.multi_process.run_monitor import RunMonitor
 from earthmoving_sim.run_config import RunConfig
 from earthmoving_sim.single_process_dig import COMMAND_DELAY_TICKS, COMMAND_INTERVAL_TICKS
-from msg_bridge.dds_profile import use_shipped_profile
+from msg_bridge.dds_profile import keep_discovery_on_this_host, use_shipped_profile
 from soil_sim.terrain import HeightMap, save_terrain
 
 __all__ = ["run_multi_process_dig"]
@@ -73,6 +73,7 @@ def run_multi_process_dig(
         command_delay_ticks=COMMAND_DELAY_TICKS,
     )
     use_shipped_profile()
+    keep_discovery_on_this_host()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
         monitor = RunMonitor(config.task.cycles, config.stepping.tick_period, realtime=realtime)

@@ -29,6 +29,7 @@ STARTUP_STOP_TIMEOUT = 2.0
 _NUM_TAIL_LINES = 12
 """Lines shown from the end of a node's output when it fails."""
 
+_ERROR = "[ERROR]"
 _WAITING = re.compile(r"waiting for [^;]*", re.IGNORECASE)
 """What a node waits for; a hint for the user may follow after a semicolon."""
 
@@ -93,10 +94,16 @@ def stop_all(processes: Sequence[NodeProcess], timeout: float = STOP_TIMEOUT) ->
         if code and was_running:
             seconds = time.monotonic() - start_time
             problems.append(
-                f"{process.name} ended with exit code {code} after {seconds:.0f} s; its output"
-                f" is in {process.log}"
+                f"{process.name} ended with exit code {code} after {seconds:.0f} s"
+                f"{_last_error(process)}; its output is in {process.log}"
             )
     return problems
+
+
+def _last_error(process: NodeProcess) -> str:
+    """Return the last error in the output of a node, after a colon; empty without any."""
+    errors = [line for line in process.output.splitlines() if _ERROR in line]
+    return f": {errors[-1].partition(_ERROR)[2].strip()}" if errors else ""
 
 
 def waiting_reasons(processes: Iterable[NodeProcess]) -> list[str]:

@@ -20,7 +20,7 @@ from machine_sim.ground.contact_surface_kernels import (
     surface_at,
 )
 from machine_sim.ground.track_compaction import TrackCompaction
-from msg_bridge.contract.errors import EarthmovingError
+from msg_bridge.contract.errors import EarthmovingError, ErrorCode, ExchangeError
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.messages import Keyframe
@@ -91,6 +91,30 @@ class Ground:
     def max_sinkage(self) -> NDArray[np.float64]:
         """Maximum depth of soles below the undisturbed surface [m], same shape; soles write it."""
         return self._compaction.max_sinkage
+
+    def check_keyframe(self, keyframe: Keyframe) -> None:
+        """Check that a terrain can be applied: its grid, heights and soils.
+
+        Raises:
+            ExchangeError: GRID: another grid; VALUE.
+        """
+        if keyframe.grid != self.grid:
+            raise ExchangeError(
+                f"a terrain map has the grid {keyframe.grid}; the run has {self.grid}",
+                ErrorCode.GRID,
+            )
+        layers = (keyframe.elevation, keyframe.volume_mm3, keyframe.soil, keyframe.moisture)
+        if any(layer.shape != self.grid.shape for layer in layers):
+            raise ExchangeError(
+                f"the layers of a terrain map have the shapes {[each.shape for each in layers]};"
+                f" the grid has {self.grid.shape}",
+                ErrorCode.GRID,
+            )
+        if not np.isfinite(keyframe.elevation).all() or keyframe.soil.max() >= len(self.soils):
+            raise ExchangeError(
+                "a terrain map has heights that are not finite, or soils unknown in the run",
+                ErrorCode.VALUE,
+            )
 
     def apply_keyframe(self, keyframe: Keyframe) -> None:
         """Replace the whole terrain; the contact surface rises to it at its limited speed."""

@@ -2,10 +2,20 @@
 
 - `decorators`: `kernel` and `helper`, with the options that all kernels are compiled with
 - `threads`: kernels that run on one or on several threads
+- `compilation`: progress of compilation, for the log of a process
 - `cache`: compiled machine code on disk, keyed by the bytecode of all modules it was made from
 """
 
+from msg_bridge.kernels.compilation import log_compilation, warn_of_compilation
 from msg_bridge.kernels.decorators import helper, kernel
 from msg_bridge.kernels.threads import ThreadedKernel, threaded_kernel, use_threads
 
-__all__ = ["ThreadedKernel", "helper", "kernel", "threaded_kernel", "use_threads"]
+__all__ = [
+    "ThreadedKernel",
+    "helper",
+    "kernel",
+    "log_compilation",
+    "threaded_kernel",
+    "use_threads",
+    "warn_of_compilation",
+]

@@ -12,8 +12,12 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import os
+import pkgutil
 import sys
+import tempfile
 from collections.abc import Collection, Iterable, Iterator
+from functools import cache
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import CodeType
 from typing import Any
@@ -27,13 +31,18 @@ from numba.core.caching import (
     UserProvidedCacheLocator,
     UserWideCacheLocator,
 )
+from numba.core.runtime.nrt import rtsys
+
+from msg_bridge.kernels.compilation import kernel_state
 
 __all__ = ["CodeDigests", "cached"]
 
 
 def cached(kernel: Any) -> Any:
     """Make a dispatcher, as returned by `numba.njit`, keep its machine code between processes."""
-    kernel._cache = _KernelCache(kernel.py_func)  # type: ignore[no-untyped-call]
+    kernel._cache = _KernelCache(kernel.py_func)
+    if not kernel.targetoptions.get("parallel"):  # these are for an option: more than one thread
+        kernel_state.kernels[kernel._cache.kernel_name] = kernel._cache.cache_path
     return kernel
 
 
@@ -51,10 +60,18 @@ class CodeDigests:
         """
         self._packages = frozenset(packages)
         self._codes: dict[str, CodeType | None] = {}
+        self._imported: dict[str, set[str]] = {}
+        self._submodules: dict[str, set[str]] = {}
         self._own_digests: dict[str, bytes] = {}
+        self._digests: dict[str, bytes] = {}
 
     def digest(self, module: str) -> bytes:
         """Return the SHA-256 of the bytecode of a module and of all modules it imports."""
+        if module not in self._digests:
+            self._digests[module] = self._compute_digest(module)
+        return self._digests[module]
+
+    def _compute_digest(self, module: str) -> bytes:
         digest = hashlib.sha256(numba.__version__.encode())
         for name in sorted(self._import_closure(module)):
             digest.update(name.encode())
@@ -73,14 +90,26 @@ class CodeDigests:
 
     def _imports(self, module: str) -> set[str]:
         """Return the modules that a module imports anywhere in it."""
-        code = self._code(module)
-        if code is None:
-            return set()
-        names = _names_in(code)
-        dotted = {name for name in names if name.partition(".")[0] in self._packages}
-        # In `from package import module` the bytecode names the module without its package.
-        dotted |= {f"{package}.{name}" for package in dotted for name in names if "." not in name}
-        return {name for name in dotted if self._code(name) is not None}
+        if module not in self._imported:
+            code = self._code(module)
+            names = set() if code is None else _names_in(code)
+            dotted = {name for name in names if name.partition(".")[0] in self._packages}
+            # In `from package import module` the bytecode names the module without its package.
+            dotted |= {
+                f"{package}.{name}"
+                for package in dotted
+                for name in self._submodules_of(package) & names
+            }
+            self._imported[module] = {name for name in dotted if self._code(name) is not None}
+        return self._imported[module]
+
+    def _submodules_of(self, package: str) -> set[str]:
+        """Return the names of the modules in the folder of a package; none for other names."""
+        if package not in self._submodules:
+            spec = _find_spec(package)
+            folders = (spec and spec.submodule_search_locations) or ()
+            self._submodules[package] = {each.name for each in pkgutil.iter_modules(folders)}
+        return self._submodules[package]
 
     def _code(self, module: str) -> CodeType | None:
         if module not in self._codes:
@@ -102,13 +131,21 @@ class CodeDigests:
 def _load_code(module: str) -> CodeType | None:
     """Return the bytecode of a module, from its `.pyc` file if that is current; None if it has
     none."""
+    spec = _find_spec(module)
+    loader: Any = spec.loader if spec else None
     try:
-        spec = importlib.util.find_spec(module)
-        loader: Any = spec.loader if spec else None
         code: CodeType | None = loader.get_code(module)
-    except (ImportError, AttributeError, ValueError):  # no such module, or a script
+    except (ImportError, AttributeError):
         return None
     return code
+
+
+def _find_spec(module: str) -> ModuleSpec | None:
+    """Return where a module is imported from; None for a script, or if there is no such module."""
+    try:
+        return importlib.util.find_spec(module)
+    except (ImportError, AttributeError, ValueError):
+        return None
 
 
 def _names_in(code: CodeType) -> set[str]:
@@ -147,12 +184,26 @@ def _canonical(constant: Any) -> str:
 _DIGESTS = CodeDigests({"soil_sim", "machine_sim", "msg_bridge"})
 
 
+@cache
+def _ensure_writable(folder: str) -> None:
+    """Create a folder if it is missing, and check once that files can be created in it.
+
+    Raises:
+        OSError: they cannot.
+    """
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    tempfile.TemporaryFile(dir=folder).close()
+
+
 class _DigestStamp:
     """Cache locator whose source stamp is the digest of the code, not the time of its file."""
 
     def __init__(self, py_func: Any, py_file: str) -> None:
         super().__init__(py_func, py_file)  # type: ignore[call-arg]
         self._module = str(py_func.__module__)
+
+    def ensure_cache_path(self) -> None:
+        _ensure_writable(self.get_cache_path())  # type: ignore[attr-defined]
 
     def get_source_stamp(self) -> bytes:
         return _DIGESTS.digest(self._module)
@@ -182,17 +233,37 @@ class _KernelCacheImpl(CompileResultCacheImpl):
 class _KernelCache(FunctionCache):
     _impl_class = _KernelCacheImpl
 
+    def __init__(self, py_func: Any) -> None:
+        super().__init__(py_func)  # type: ignore[no-untyped-call]
+        self.kernel_name = f"{py_func.__module__}.{py_func.__qualname__}"
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the machine code for a signature; None if it must be compiled.
 
         Numba reads the types of an old entry before its stamp. If one of them, a NamedTuple for
         example, was renamed or moved since, that fails, and the entry is discarded.
         """
+        result = self._load(sig, target_context)
+        if result is None:
+            kernel_state.start(self.kernel_name)
+        else:
+            kernel_state.ready.add(self.kernel_name)
+        return result
+
+    def _load(self, sig: Any, target_context: Any) -> Any:
+        # The method of the base class also sets up type inference, which only compilation needs.
+        rtsys.initialize(target_context)
         try:
-            return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
         except (AttributeError, ImportError):
             self.flush()  # type: ignore[no-untyped-call]
             return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Save the machine code for a signature, which was compiled just now."""
+        super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+        kernel_state.end(self.kernel_name)
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         """Return the key of the machine code for a signature.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support.machine_scenes import excavator, loose_soil_options
-from support.soil_scenes import NO_SWEEPS, make_deposit_requests
+from support.soil_scenes import NO_SWEEPS, make_deposit_requests, reference_soil
 
 from earthmoving_sim.world import World
 from machine_sim.machine.tracks.track_model import TrackModel
@@ -22,7 +22,7 @@ DEPTH = 0.2  # depth of loose soil [m]
 
 
 def loose_ground(**params: object) -> Soil:
-    soil = Soil(GRID, np.zeros(GRID.shape), SoilParams(**params))  # type: ignore[arg-type]
+    soil = Soil(GRID, np.zeros(GRID.shape), reference_soil(**params))
     bulking_factor = 1.0 + soil.soil_types[0].swell
     volume = round(DEPTH / bulking_factor / soil.columns.metres_per_mm3)
     x, y = np.meshgrid(GRID.x(np.arange(81)), GRID.y(np.arange(61)), indexing="ij")

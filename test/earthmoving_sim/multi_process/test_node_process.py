@@ -61,8 +61,10 @@ def test_stop_reports_nodes_that_end_with_an_error(
     start: StartNode, code: int, num_problems: int
 ) -> None:
     process = start(
-        "import time\nprint('started', flush=True)\ntry:\n    time.sleep(60)\n"
+        "import time\nprint('[ERROR] imbalance of 3 mm3', flush=True)\ntry:\n    time.sleep(60)\n"
         f"except KeyboardInterrupt:\n    raise SystemExit({code})"
     )
-    assert len(stop_all([process])) == num_problems
+    problems = stop_all([process])
+    assert len(problems) == num_problems
+    assert all("0 s: imbalance of 3 mm3; its output" in problem for problem in problems)
     assert process.exit_code == code
