@@ -11,7 +11,7 @@
 - `sensors`: inertial units and encoders with their errors
 - `commands`: commands from several sources, and the one that takes effect
 - `node`: machines as a ROS 2 node
-- `physics_engine`: pybullet without its banner
+- `physics_engine`: pybullet without its banner; `warm_up`: compilation of all kernels
 
 Outside of `node` it is independent of ROS. It does not import the soil simulation; both depend on
 `msg_bridge.contract`.

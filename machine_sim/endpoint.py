@@ -8,7 +8,8 @@ pass through `receive`, outgoing ones through `drain_outbox`; `poll` applies the
 from __future__ import annotations
 
 from machine_sim.simulation import MachineSim
-from msg_bridge.contract.messages import Message
+from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.messages import Keyframe, Message
 from msg_bridge.exchange.join_state import JoinState
 from msg_bridge.exchange.machine_exchange import MachineExchange
 from msg_bridge.exchange.tick_answer import TickAnswer
@@ -22,12 +23,15 @@ class MachineEndpoint:
     Attributes:
         sim: machines, particles and ground.
         exchange: numbered streams, session and ticks in flight.
+        num_rejected_welcomes: number of times in succession that the terrain or the backlog of a
+            join was invalid.
     """
 
     def __init__(self, sim: MachineSim, exchange: MachineExchange) -> None:
         self.sim = sim
         self.exchange = exchange
         self._is_synchronized = False
+        self.num_rejected_welcomes = 0
 
     @property
     def tick(self) -> int:
@@ -56,12 +60,24 @@ class MachineEndpoint:
             particles_mm3=self.sim.particles.total_volume_mm3,
         )
 
+    def discard_soil(self) -> int:
+        """Remove all soil that the machines hold, to join without soil; return it [mm^3].
+
+        Raises:
+            ExchangeError: the endpoint takes part in a run.
+        """
+        self.exchange.discard_soil()
+        self.num_rejected_welcomes = 0
+        return self.sim.discard_soil()
+
     def receive(self, message: Message) -> None:
         """Process one message of the soil.
 
         Raises:
             ExchangeError: an invalid message; nothing was changed.
         """
+        if isinstance(message, Keyframe) and message.run_id == self.exchange.run_id:
+            self.sim.ground.check_keyframe(message)
         self.exchange.receive(message)
         if self.exchange.join_state is JoinState.READY and not self._is_synchronized:
             self._synchronize()
@@ -89,20 +105,38 @@ class MachineEndpoint:
         )
 
     def poll(self) -> TickAnswer | None:
-        """Apply the next answer of the soil and return it; None until it is complete."""
+        """Apply the next answer of the soil and return it; None until it is complete.
+
+        It is acknowledged after it has been applied: soil in an answer that cannot be applied
+        remains credited to the machine at the soil.
+
+        Raises:
+            ExchangeError: an invalid answer; nothing was changed, and it is requested again.
+        """
         answer = self.exchange.poll()
-        if answer is not None:
-            self.sim.apply(
-                answer.conversions,
-                answer.map_updates,
-                answer.forces,
-                ticks_ago=self.exchange.num_ticks_in_flight,
-            )
+        if answer is None:
+            return None
+        rows = (answer.conversions, answer.map_updates, answer.forces)
+        # The answered tick itself is in flight until the answer is acknowledged.
+        ticks_ago = max(self.exchange.num_ticks_in_flight - 1, 0)
+        try:
+            self.sim.check_answer(*rows, ticks_ago=ticks_ago)
+        except ExchangeError:
+            self.exchange.discard_answer()
+            raise
+        self.sim.apply(*rows, ticks_ago=ticks_ago)
+        self.exchange.acknowledge_answer()
         return answer
 
     def _synchronize(self) -> None:
         """Apply the terrain of the keyframe, and the conversion backlog of a rejoin."""
         keyframe = self.exchange.keyframe
         assert keyframe is not None, "a joined machine has received the terrain"
-        self.sim.synchronize(keyframe, self.exchange.backlog)
+        try:
+            self.sim.synchronize(keyframe, self.exchange.backlog)
+        except ExchangeError:
+            self.num_rejected_welcomes += 1
+            self.exchange.discard_welcome()
+            raise
+        self.num_rejected_welcomes = 0
         self._is_synchronized = True

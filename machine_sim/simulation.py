@@ -19,6 +19,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from machine_sim.answer_check import (
+    check_conversions,
+    check_excavation,
+    check_forces,
+    check_map_updates,
+)
 from machine_sim.dem import ParticleEngine, ParticleParams, SoilEngine
 from machine_sim.ground.contact_surface import Ground
 from machine_sim.machine import MachineError, TrackedMachine
@@ -173,6 +179,23 @@ class MachineSim:
         """Bank volume that was excavated and is not yet particles [mm^3]."""
         return sum(each.pending.total_mm3 for each in self._digging_couplings)
 
+    def check_answer(
+        self, conversions: Rows, map_updates: Rows, forces: Rows, *, ticks_ago: int = 0
+    ) -> None:
+        """Check the soil's answer to a tick; `apply` cannot fail with a valid one.
+
+        Args:
+            conversions, map_updates, forces, ticks_ago: as for `apply`.
+
+        Raises:
+            ExchangeError: VALUE, OFF_MAP, PARTICLE or EXCAVATION.
+        """
+        check_map_updates(map_updates, self.ground)
+        check_forces(forces, self._num_tool_ids)
+        self._check_conversions(conversions)
+        if self._digging_couplings:
+            check_excavation(conversions, self.ground, self._digging_couplings, ticks_ago)
+
     def apply(
         self,
         conversions: Rows,
@@ -208,13 +231,28 @@ class MachineSim:
         Args:
             keyframe: present terrain.
             backlog: CONVERSION rows of this node since its last completed tick.
+
+        Raises:
+            ExchangeError: VALUE, OFF_MAP or PARTICLE: an invalid backlog; nothing was changed.
         """
+        self._check_conversions(backlog)
         self.ground.apply_keyframe(keyframe)
         for coupling in self._digging_couplings:
             coupling.resistance.reset()
         self.apply(backlog, empty_rows(MAP_UPDATE))
         # The soil did not accept deposit requests without an answer: they are repeated.
         self.particles.unfreeze(self.particles.frozen_ids)
+
+    def discard_soil(self) -> int:
+        """Remove all particles and pending soil; return their bank volume [mm^3].
+
+        For soil that the terrain does not count as this node's any more.
+        """
+        volume = self.pending_mm3 + self.particles.total_volume_mm3
+        for coupling in self._digging_couplings:
+            coupling.pending.clear()
+        self.particles.remove(self.particles.ids.copy())
+        return volume
 
     def command(self, joints: NDArray[np.float64], tracks: NDArray[np.float64]) -> None:
         """Set the first machine's joint velocities [rad/s] and track speeds [m/s].
@@ -266,6 +304,11 @@ class MachineSim:
         """Disconnect the physics clients."""
         self.particles.close()
         pybullet.disconnect(self._client)
+
+    def _check_conversions(self, conversions: Rows) -> None:
+        check_conversions(
+            conversions, self.ground, self.particles, can_dig=bool(self._digging_couplings)
+        )
 
     def _credit_excavated_soil(self, excavated: Rows, ticks_ago: int) -> None:
         """Credit EXCAVATE rows to the digging tool whose key points are nearest."""

@@ -64,6 +64,10 @@ class SoilInventory:
         moisture = round(int(inventory.water.sum()) / volume)
         return int(inventory.volume.argmax()), min(max(moisture, 0), MOISTURE_LEVELS - 1)
 
+    def remove(self, machine_id: int) -> None:
+        """Discard what a machine held: its session has ended, and the next one begins empty."""
+        self._inventories.pop(machine_id, None)
+
 
 @kernel
 def _record(conversions, machine_id, inventory):  # type: ignore[no-untyped-def]

@@ -35,7 +35,7 @@ class ParticleParams(Parameters):
         high=8,
     )
     nominal_volume: int = parameter(
-        500_000, "Nominal bank volume of a particle.", unit="mm^3", low=100, high=2**32 - 1
+        1_000_000, "Nominal bank volume of a particle.", unit="mm^3", low=100, high=2**32 - 1
     )
     gravity: float = parameter(GRAVITY, "Gravity, downward.", unit="m/s^2", low=0.0, high=30.0)
     substeps: int = parameter(4, "Contact substeps per physics step.", low=1, high=100)

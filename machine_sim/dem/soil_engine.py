@@ -294,6 +294,11 @@ class SoilEngine(ABC):
         return ContactCoefficients(*map(read_only, columns))
 
     @property
+    def is_frozen(self) -> NDArray[np.bool_]:
+        """Whether the deposit of a body is requested, shape (n,)."""
+        return read_only(self.state.frozen)
+
+    @property
     def frozen_ids(self) -> NDArray[np.uint32]:
         """Ids of the frozen bodies, in row order."""
         return np.asarray(self.state.particle_id[self.state.frozen], dtype=np.uint32)

@@ -85,6 +85,15 @@ class ToolSoilCoupling:
         """Return the tool's non-spinning frame at the end of the tick `ticks_ago` ticks ago."""
         return self._frame_history[max(-1 - ticks_ago, -len(self._frame_history))]
 
+    def key_points_at(self, ticks_ago: int) -> NDArray[np.float64]:
+        """Return the key points [m], map frame, shape (n, 3), at the end of an earlier tick.
+
+        Args:
+            ticks_ago: number of ticks since then.
+        """
+        rotation, origin = self.frame_at(ticks_ago)
+        return self._interaction.key_points @ rotation.T + origin
+
     def distances_to_key_points(
         self, points: NDArray[np.float64], ticks_ago: int
     ) -> NDArray[np.float64]:
@@ -97,8 +106,7 @@ class ToolSoilCoupling:
         Returns:
             Distances [m], shape (n,).
         """
-        rotation, origin = self.frame_at(ticks_ago)
-        key_points = self._interaction.key_points @ rotation.T + origin
+        key_points = self.key_points_at(ticks_ago)
         return np.asarray(
             np.linalg.norm(points[:, None] - key_points[None], axis=2).min(axis=1),
             dtype=np.float64,

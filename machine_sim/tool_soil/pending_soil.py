@@ -159,6 +159,11 @@ class PendingSoil:
             parcel.water += volume * moisture
             parcel.soil, parcel.point, parcel.tick = soil, point, tick
 
+    def clear(self) -> None:
+        """Remove all pending soil."""
+        self._parcels.clear()
+        self._remainder = _Parcel(0, 0, self._nominal_mm3, 0, np.zeros(3), 0)
+
     def release(
         self,
         particles: SoilEngine,

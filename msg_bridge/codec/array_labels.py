@@ -22,7 +22,20 @@ from msg_bridge.codec.errors import CodecError
 from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.ledger import Ledger
 
-__all__ = ["DERIVED_PROPERTIES", "KIND_LABEL", "field_types", "known_labels", "label_positions"]
+__all__ = [
+    "ABSENT",
+    "DERIVED_PROPERTIES",
+    "KIND_LABEL",
+    "field_types",
+    "known_labels",
+    "label_positions",
+]
+
+_OPTIONAL_SUFFIX = "digest"
+"""End of the labels that arrays of earlier versions, in bags, may lack; their value is 0 then."""
+
+ABSENT = -1
+"""Position of an optional label that an array lacks."""
 
 KIND_LABEL = "kind"
 """Name of the first value of every array."""
@@ -52,7 +65,7 @@ def known_labels(of: type, num_items: int) -> tuple[str, ...]:
 
 @lru_cache(maxsize=256)
 def label_positions(of: type, label: str) -> tuple[int, ...]:
-    """Return the position of each known label in a message.
+    """Return the position of each known label in a message; ABSENT for an optional one it lacks.
 
     Args:
         of: the dataclass of the message.
@@ -64,17 +77,21 @@ def label_positions(of: type, label: str) -> tuple[int, ...]:
     names = label.split(",")
     position = {name: k for k, name in enumerate(names)}
     known = known_labels(of, _num_items(of, names))
-    fixed = len(known_labels(of, 0))
-    found = [position.get(name, -1) for name in known]
-    in_place = found[:fixed] == list(range(fixed))
-    in_order = all(a < b for a, b in pairwise(found))
-    if len(position) < len(names) or not (in_place and in_order):
+    found = tuple(position.get(name, ABSENT) for name in known)
+    is_complete = all(
+        k != ABSENT or name.endswith(_OPTIONAL_SUFFIX) for name, k in zip(known, found, strict=True)
+    )
+    present = [k for k in found if k != ABSENT]
+    num_fixed = sum(k != ABSENT for k in found[: len(known_labels(of, 0))])
+    in_place = present[:num_fixed] == list(range(num_fixed))
+    in_order = all(a < b for a, b in pairwise(present))
+    if len(position) < len(names) or not (is_complete and in_place and in_order):
         raise CodecError(
             f"the array is labelled {label!r}; the label of a {of.__name__} begins with"
             f" {','.join(known)!r}",
             ErrorCode.LABELS,
         )
-    return tuple(found)
+    return found
 
 
 def _num_items(of: type, names: list[str]) -> int:

@@ -6,7 +6,7 @@ profile. All publishers are reliable, so subscribers of any reliability match th
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-__all__ = ["COMMANDS", "ROWS", "STATE", "TRANSIENT_LOCAL"]
+__all__ = ["COMMANDS", "ROWS", "SERVICES", "STATE", "TRANSIENT_LOCAL"]
 
 
 def _keep_last(
@@ -37,3 +37,7 @@ which must not be lost."""
 COMMANDS = _keep_last(10, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Subscriptions to streams of commands: publishers of any reliability match, and a lost command is
 soon replaced by the next."""
+
+SERVICES = _keep_last(4096)
+"""Servers of services: requests that arrive while one is served must all wait, and the responses of
+a burst must all be kept until they are acknowledged. Clients have the default profile."""

@@ -20,12 +20,29 @@ from msg_bridge.codec.errors import CodecError
 from msg_bridge.contract.errors import ErrorCode, ParameterError
 from msg_bridge.contract.loose_soil import LooseSoil
 
-__all__ = ["RunFacts", "SoilKind", "parse_run_facts", "soil_kinds", "to_config_yaml", "versions"]
+__all__ = [
+    "SESSION",
+    "RunFacts",
+    "SoilKind",
+    "parse_run_facts",
+    "parse_session",
+    "soil_kinds",
+    "to_config_yaml",
+    "versions",
+]
 
 _PACKAGES = ("earthmoving_sim", "numpy", "numba", "pybullet")
 
+_MAX_TEXT_LENGTH = 2**17
+"""Maximum length of a configuration: parsing takes about 10 s per million characters."""
+
 _KINDS = "soil_kinds"
 """Name of the section of soil types."""
+
+
+SESSION = "session"
+"""Name of the section with the id of a machine node's first session of the run, `id`: it is another
+one after the process has been restarted."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +124,7 @@ def parse_run_facts(text: str) -> RunFacts:
         CodecError: JSON: it cannot be parsed; VALUE.
     """
     try:
-        run = yaml.safe_load(text)["run"]
+        run = _load(text)["run"]
         sync = str(run["sync"])
         if sync not in ("realtime", "lockstep"):
             raise CodecError(
@@ -143,6 +160,39 @@ def parse_run_facts(text: str) -> RunFacts:
     return facts
 
 
+def parse_session(text: str) -> tuple[int, int]:
+    """Decode the run and the session of the configuration of a machine node.
+
+    Returns:
+        (number of the run, id of the node's first session of the run).
+
+    Raises:
+        CodecError: JSON: they cannot be parsed.
+    """
+    try:
+        content = _load(text)
+        return int(content["run"]["run_id"]), int(content[SESSION]["id"])
+    except (yaml.YAMLError, KeyError, TypeError, ValueError, OverflowError) as error:
+        raise CodecError(
+            f"the session of the machine cannot be read: {error!r}", ErrorCode.JSON
+        ) from error
+
+
+def _load(text: str) -> Any:
+    """Parse YAML from outside.
+
+    Raises:
+        ValueError: it is too long, or nested too deep.
+        yaml.YAMLError: it is not YAML.
+    """
+    if len(text) > _MAX_TEXT_LENGTH:
+        raise ValueError(f"{len(text)} characters are too long; give at most {_MAX_TEXT_LENGTH}")
+    try:
+        return yaml.safe_load(text)
+    except RecursionError:
+        raise ValueError("it is nested too deep") from None
+
+
 def _loose_soil(values: Mapping[str, Any]) -> LooseSoil:
     if not isinstance(values, Mapping):
         raise TypeError(f"a soil is {values!r}, not a mapping")
@@ -162,7 +212,7 @@ def soil_kinds(text: str) -> tuple[SoilKind, ...]:
         CodecError: JSON: they cannot be parsed; VALUE: wrong ids.
     """
     try:
-        listed = list(yaml.safe_load(text)[_KINDS])
+        listed = list(_load(text)[_KINDS])
         kinds = tuple(_kind(each) for each in listed)
         ids = [each["id"] for each in listed]
     except (yaml.YAMLError, KeyError, TypeError, ValueError, OverflowError) as error:

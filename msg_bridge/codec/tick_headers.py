@@ -25,6 +25,7 @@ from builtin_interfaces.msg import Time
 from std_msgs.msg import Int64MultiArray, MultiArrayDimension, MultiArrayLayout, String
 
 from msg_bridge.codec.array_labels import (
+    ABSENT,
     DERIVED_PROPERTIES,
     field_types,
     known_labels,
@@ -32,6 +33,7 @@ from msg_bridge.codec.array_labels import (
 )
 from msg_bridge.codec.cdr import array_to_cdr, cdr_to_array
 from msg_bridge.codec.errors import CodecError
+from msg_bridge.codec.exchange_key import ExchangeKey
 from msg_bridge.codec.json_object import parse_json_object
 from msg_bridge.codec.labelled_array import array_label
 from msg_bridge.contract.errors import ErrorCode
@@ -62,6 +64,9 @@ class ArrayKind(IntEnum):
     LEDGER = 4
 
 
+_CODE_LABELS = ",code.0,code.1"
+"""End of the label of an array with an authentication code."""
+
 _TYPES: dict[ArrayKind, type[ArrayMessage]] = {
     ArrayKind.MACHINE_HEADER: MachineHeader,
     ArrayKind.SOIL_HEADER: SoilHeader,
@@ -83,32 +88,50 @@ def to_multi_array(message: ArrayMessage) -> Int64MultiArray:
     return Int64MultiArray(layout=MultiArrayLayout(dim=[dimension], data_offset=0), data=data)
 
 
-def message_to_cdr(message: ArrayMessage) -> bytes:
+def message_to_cdr(message: ArrayMessage, key: ExchangeKey | None = None) -> bytes:
     """Encode a header, request or ledger as a serialised message.
+
+    Args:
+        message: the message.
+        key: key of the code that it ends with; None: no code.
 
     Raises:
         CodecError: VALUE: not an int64.
     """
-    return array_to_cdr(_label(message), _data(message))
+    label, values = _label(message), _data(message)
+    if key is not None:
+        values.extend(key.code(label, values.tobytes()))
+        label += _CODE_LABELS
+    return array_to_cdr(label, values)
 
 
-def message_from_cdr(data: bytes) -> ArrayMessage | None:
+def message_from_cdr(data: bytes, key: ExchangeKey | None = None) -> ArrayMessage | None:
     """Decode a serialised message; None if its layout is not the usual one (`cdr_to_array`).
+
+    Args:
+        data: the CDR bytes.
+        key: as for `from_multi_array`.
 
     Raises:
         CodecError: as `from_multi_array`.
     """
     found = cdr_to_array(data)
-    return None if found is None else from_multi_array(found)
+    return None if found is None else from_multi_array(found, key)
 
 
-def from_multi_array(msg: Int64MultiArray) -> ArrayMessage:
+def from_multi_array(msg: Int64MultiArray, key: ExchangeKey | None = None) -> ArrayMessage:
     """Decode a header, request or ledger; values with unknown labels are left out.
 
+    Args:
+        msg: the array.
+        key: key of the code that it must end with; None: a code is not checked.
+
     Raises:
-        CodecError: LAYOUT, MESSAGE_KIND, LABELS or VALUE.
+        CodecError: LAYOUT, MESSAGE_KIND, LABELS, VALUE or AUTHENTICATION.
     """
     label = array_label(msg)
+    if key is not None:
+        _check_code(msg, label, key)
     if not msg.data or msg.data[0] not in _TYPES:
         known = ", ".join(f"{kind.value} {kind.name}" for kind in ArrayKind)
         raise CodecError(
@@ -117,7 +140,7 @@ def from_multi_array(msg: Int64MultiArray) -> ArrayMessage:
         )
     kind = ArrayKind(msg.data[0])
     of: type = _TYPES[kind]
-    values = [msg.data[k] for k in label_positions(of, label)]
+    values = [0 if k == ABSENT else msg.data[k] for k in label_positions(of, label)]
     try:
         message: ArrayMessage = _build(of, iter(values[1:]))
     except ValueError as error:  # not a member of an enumeration
@@ -137,18 +160,58 @@ def with_stamp(ledger: Ledger, stamp: Time) -> Ledger:
     return replace(ledger, stamp_sec=stamp.sec, stamp_nanosec=stamp.nanosec)
 
 
-def to_join_rejected_string(rejection: JoinRejected) -> String:
-    """Encode a rejection as JSON."""
-    return String(data=json.dumps(asdict(rejection)))
+def to_join_rejected_string(rejection: JoinRejected, key: ExchangeKey | None = None) -> String:
+    """Encode a rejection as JSON, with an authentication code if a key is given."""
+    values = asdict(rejection)
+    if key is not None:
+        values["code"] = _rejection_code(rejection, key)
+    return String(data=json.dumps(values))
 
 
-def from_join_rejected_string(msg: String) -> JoinRejected:
+def from_join_rejected_string(msg: String, key: ExchangeKey | None = None) -> JoinRejected:
     """Decode a rejection.
 
+    Args:
+        msg: the JSON.
+        key: key of its authentication code; None: a code is not checked.
+
     Raises:
-        CodecError: JSON: not a JSON object with the names and types of a rejection.
+        CodecError: JSON: not a JSON object with the names and types of a rejection;
+            AUTHENTICATION.
     """
-    return JoinRejected(**parse_json_object(msg.data, field_types(JoinRejected), "a rejection"))
+    types = field_types(JoinRejected)
+    if key is None:
+        return JoinRejected(**parse_json_object(msg.data, types, "a rejection"))
+    values = parse_json_object(msg.data, {**types, "code": list}, "an authenticated rejection")
+    code = values.pop("code")
+    rejection = JoinRejected(**values)
+    if code != _rejection_code(rejection, key):
+        raise CodecError(
+            "a rejection does not have the code of the exchange key; give all nodes the same"
+            " exchange_key_file",
+            ErrorCode.AUTHENTICATION,
+        )
+    return rejection
+
+
+def _rejection_code(rejection: JoinRejected, key: ExchangeKey) -> list[int]:
+    return [*key.code("rejection", json.dumps(asdict(rejection)).encode())]
+
+
+def _check_code(msg: Int64MultiArray, label: str, key: ExchangeKey) -> None:
+    """Check the authentication code at the end of an array.
+
+    Raises:
+        CodecError: AUTHENTICATION.
+    """
+    content = array.array("q", msg.data[:-2]).tobytes()
+    code = key.code(label.removesuffix(_CODE_LABELS), content)
+    if not label.endswith(_CODE_LABELS) or tuple(msg.data[-2:]) != code:
+        raise CodecError(
+            "a header or request does not have the code of the exchange key; give all nodes the"
+            " same exchange_key_file",
+            ErrorCode.AUTHENTICATION,
+        )
 
 
 def _data(message: ArrayMessage) -> array.array[int]:

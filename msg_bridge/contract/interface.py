@@ -7,12 +7,14 @@ create. Names are in `msg_bridge.contract.topics`, layouts of rows in `msg_bridg
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from enum import Enum
+from functools import lru_cache
 
 from msg_bridge.contract import topics
 
-__all__ = ["INTERFACE", "Endpoint", "EndpointKind", "Scope", "endpoints_of"]
+__all__ = ["INTERFACE", "Endpoint", "EndpointKind", "Scope", "endpoints_of", "is_exclusive"]
 
 SOIL, MACHINE, OPERATOR, RECORDER = "soil_sim", "machine_sim", "dig_operator", "exchange_recorder"
 """Executables of this package."""
@@ -102,7 +104,9 @@ _COMMANDS = (
     ),
     Endpoint(
         topics.EMERGENCY_STOP, "std_msgs/msg/Bool", _MACHINE, (ANY,), (MACHINE,), "STATE",
-        "on change", "true stops all motion until false arrives",
+        "on change",
+        "true stops all motion until false arrives; publishers of any reliability and durability"
+        " are received, and a transient-local one also by a machine that starts later",
     ),
 )  # fmt: skip
 
@@ -187,8 +191,9 @@ _MACHINE_NODE = (
         "JSON: `run_id`, `tick`, `stamp` and SHA-256 of machines and particles",
     ),
     Endpoint(
-        topics.MACHINE_CONFIG, _STRING, _NODE, (MACHINE,), (), "TRANSIENT_LOCAL", "once a run",
-        "YAML: every parameter of the node",
+        topics.MACHINE_CONFIG, _STRING, _NODE, (MACHINE,), (OPERATOR,), "TRANSIENT_LOCAL",
+        "once a run",
+        "YAML: every parameter of the node, and the id of its first session of the run",
     ),
     Endpoint(
         topics.bin_payload_topic("<bin>"), _FLOATS, _NODE, (MACHINE,), (), "STATE",
@@ -276,7 +281,8 @@ _SIMULATION = (
         "once a run", "YAML: run, parameters, versions and seeds, soils, georeference",
     ),
     Endpoint(
-        topics.SIM_PAUSED, "std_msgs/msg/Bool", _SIM, (SOIL,), (), "TRANSIENT_LOCAL", "on change",
+        topics.SIM_PAUSED, "std_msgs/msg/Bool", _SIM, (SOIL,), (MACHINE, OPERATOR),
+        "TRANSIENT_LOCAL", "on change",
         "whether simulated time stands still",
     ),
     Endpoint(
@@ -335,3 +341,26 @@ def endpoints_of(executable: str) -> tuple[list[Endpoint], list[Endpoint], list[
     own = [each for each in INTERFACE if executable in each.publishers]
     published = [each for each in own if each.kind is EndpointKind.TOPIC]
     return subscribed, published, [each for each in own if each.kind is EndpointKind.SERVICE]
+
+
+_SHARED = (topics.SOIL_TOOL_SWEEPS, topics.SOIL_DEPOSIT_REQUESTS, topics.TF)
+"""Topics that several nodes of the one executable publish together."""
+
+
+@lru_cache(maxsize=1024)
+def is_exclusive(topic: str) -> bool:
+    """Return whether only one node may publish a topic.
+
+    Args:
+        topic: an absolute name; one that is not of this interface is not exclusive.
+    """
+    found = [
+        each
+        for each in INTERFACE
+        if each.kind is EndpointKind.TOPIC
+        and re.fullmatch(f".*/{re.sub('<[^>]*>', '[^/]+', each.name)}", topic)
+    ]
+    return all(
+        len(each.publishers) == 1 and ANY not in each.publishers and each.name not in _SHARED
+        for each in found
+    ) and bool(found)

@@ -14,7 +14,7 @@ streams count from 1 in every session. Messages of another run or session are ig
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
 
@@ -80,10 +80,17 @@ STREAM_DTYPE: dict[Stream, np.dtype[np.void]] = {
 
 @dataclass(frozen=True)
 class RowRange:
-    """`count` rows of a stream, from sequence number `first` on."""
+    """`count` rows of a stream, from sequence number `first` on.
+
+    Attributes:
+        first: sequence number of the first row.
+        count: number of rows.
+        digest: in a header, digest of the rows, see `exchange.row_digest`; not compared.
+    """
 
     first: int = 1
     count: int = 0
+    digest: int = field(default=0, compare=False)
 
     @property
     def last(self) -> int:
@@ -137,11 +144,12 @@ class MachineReceipt:
 
     Attributes:
         machine_id, session_id: the machine and its session.
-        deposit_requests_received: last DEPOSIT_REQUEST row received without a gap before it; the
-            machine may discard rows up to it.
+        deposit_requests_received: last DEPOSIT_REQUEST row processed; the machine may discard
+            rows up to it.
         backlog: number of BACKLOG rows that a rejoining machine has to apply first.
         tick: the last of its ticks that was processed; older than the header's own if the soil
             continued without it.
+        backlog_digest: digest of the BACKLOG rows.
     """
 
     machine_id: int
@@ -149,6 +157,7 @@ class MachineReceipt:
     deposit_requests_received: int
     backlog: int = 0
     tick: int = 0
+    backlog_digest: int = 0
 
 
 @dataclass(frozen=True)

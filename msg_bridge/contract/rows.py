@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 __all__ = [
     "CONVERSION",
     "DEPOSIT_REQUEST",
+    "ENDED_SESSION",
     "FORCE",
     "MAP_UPDATE",
     "MAX_ROW_VOLUME",
@@ -31,6 +32,10 @@ __all__ = [
 
 Rows = NDArray[np.void]
 """A one-dimensional structured array of one of the dtypes below."""
+
+ENDED_SESSION = 0
+"""Machine id of conversion rows that release soil of ended sessions of machines that have joined
+again: the present sessions never had that soil, so the rows are for no machine."""
 
 MAX_ROW_VOLUME = 2**32 - 1
 """Largest volume of one row [mm^3]; larger volumes are split into several rows."""

@@ -4,7 +4,7 @@ Messages go into each end through `receive` and come out of `drain_outbox`.
 
 - `session_key`: run, machine and session id, which every message of a machine carries
 - `stream_buffers`, `reorder_buffer`: numbered rows, sent again until they have arrived
-- `chunks`: rows split into messages
+- `chunks`: rows split into messages; `row_digest`: digests by which headers commit to rows
 - `machine_exchange`: the machine's end
     - `join_state`: its states
     - `join_handshake`: what it receives between its join request and its first tick

@@ -13,7 +13,7 @@ __all__ = ["DirectTransport", "Endpoint"]
 class Endpoint(Protocol):
     """Anything that receives and sends messages: an exchange, or a component with one."""
 
-    def receive(self, message: Message) -> None:
+    def receive(self, message: Message) -> object:
         """Process one message."""
 
     def drain_outbox(self) -> list[Message]:

@@ -1,6 +1,14 @@
-"""Admission of machines: join requests wait for the end of the tick and may be rejected."""
+"""Admission of machines: join requests wait for the end of the tick and may be rejected.
+
+A request begins a session with an id that its machine has not used before. While the machine takes
+part in another session, the request *contends* for it: it waits until that session ends. So a node
+that was restarted joins as soon as its earlier session is found to be silent, and a request of
+another publisher does not disturb a machine that takes part.
+"""
 
 from __future__ import annotations
+
+from collections import deque
 
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import JoinRejected, MachineHeader, Verb
@@ -8,14 +16,24 @@ from msg_bridge.exchange.ledger_accounts import LedgerAccounts
 
 __all__ = ["JoinAdmission"]
 
+_MAX_KEPT_SESSION_IDS = 1000
+"""Number of the latest session ids of each machine that cannot be used again."""
+
 
 class JoinAdmission:
     """Join requests of one run."""
 
-    def __init__(self, run_id: int) -> None:
+    def __init__(self, run_id: int, allowed: frozenset[int] | None = None) -> None:
+        """
+        Args:
+            run_id: number of the run.
+            allowed: ids of the machines that may join; None: any.
+        """
         self._run_id = run_id
+        self._allowed = allowed
         self._waiting: dict[int, MachineHeader] = {}
-        self._latest_session_ids: dict[int, int] = {}
+        self._contending: dict[int, MachineHeader] = {}
+        self._session_ids: dict[int, deque[int]] = {}  # used ones by machine id
         self._rejections: dict[int, JoinRejected] = {}
 
     @property
@@ -23,30 +41,52 @@ class JoinAdmission:
         """Machines whose request waits for the end of the tick."""
         return frozenset(self._waiting)
 
-    def is_new_session(self, header: MachineHeader) -> bool:
-        """Return whether a request begins a session later than all before."""
-        return header.session_id > self._latest_session_ids.get(header.machine_id, 0)
+    @property
+    def contending(self) -> frozenset[int]:
+        """Machines of which a request waits for the end of their present session."""
+        return frozenset(self._contending)
 
-    def add(self, header: MachineHeader) -> JoinRejected | None:
+    def add(self, header: MachineHeader, *, is_joined: bool) -> JoinRejected | None:
         """Add a request of a machine that is not joined in this session.
 
+        Args:
+            header: the request.
+            is_joined: whether the machine takes part in another session.
+
         Returns:
-            The rejection of a request that was rejected, or of a session that is over; None if the
-            request waits now.
+            The rejection of a request that was rejected, of a session that is over, or of a machine
+            that is not allowed; None if the request waits now.
         """
         machine_id, session_id = header.machine_id, header.session_id
-        latest = self._latest_session_ids.get(machine_id, 0)
-        if session_id > latest:
-            self._waiting[machine_id] = header
-            self._latest_session_ids[machine_id] = session_id
+        if self._allowed is not None and machine_id not in self._allowed:
+            return self._rejection(
+                header,
+                f"machine {machine_id} is not among the expected machines"
+                f" ({', '.join(map(str, sorted(self._allowed))) or 'none'}); add it to"
+                " expected_machines of the soil, or set admit_other_machines",
+            )
+        used = self._session_ids.setdefault(machine_id, deque(maxlen=_MAX_KEPT_SESSION_IDS))
+        if session_id not in used:
+            used.append(session_id)
+            requests = self._contending if is_joined else self._waiting
+            requests[machine_id] = header
             return None
         rejection = self._rejections.get(machine_id)
         if rejection is not None and rejection.session_id == session_id:
             return rejection
-        if session_id == latest and machine_id in self._waiting:
-            return None
-        reason = f"machine {machine_id} has used session {latest} already; join with a larger one"
-        return JoinRejected(self._run_id, machine_id, session_id, reason)
+        for requests in (self._waiting, self._contending):
+            if machine_id in requests and requests[machine_id].session_id == session_id:
+                return None
+        return self._rejection(
+            header,
+            f"session {session_id} of machine {machine_id} is over; join in a session with another"
+            " id",
+        )
+
+    def end_session(self, machine_id: int) -> None:
+        """Let the request that contends for a machine wait for the end of the tick instead."""
+        if machine_id in self._contending:
+            self._waiting[machine_id] = self._contending.pop(machine_id)
 
     def admit(
         self, accounts: LedgerAccounts, published: int
@@ -68,8 +108,7 @@ class JoinAdmission:
                 else:
                     accounts.join(machine_id, published)
             except ExchangeError as error:
-                reason = str(error)
-                rejection = JoinRejected(self._run_id, machine_id, header.session_id, reason)
+                rejection = self._rejection(header, error.coded_message)
                 self._rejections[machine_id] = rejection
                 rejected.append(rejection)
                 continue
@@ -77,3 +116,6 @@ class JoinAdmission:
             admitted.append(header)
         self._waiting.clear()
         return admitted, rejected
+
+    def _rejection(self, header: MachineHeader, reason: str) -> JoinRejected:
+        return JoinRejected(self._run_id, header.machine_id, header.session_id, reason)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import (
     Keyframe,
     MachineReceipt,
@@ -10,6 +11,7 @@ from msg_bridge.contract.messages import (
     Stream,
 )
 from msg_bridge.contract.rows import Rows
+from msg_bridge.exchange.row_digest import check_row_digest
 from msg_bridge.exchange.stream_buffers import ReceiveBuffer
 
 __all__ = ["JoinHandshake"]
@@ -43,7 +45,7 @@ class JoinHandshake:
         """Set the first header with a receipt of this machine; later ones are ignored."""
         if self.welcome is None:
             self.welcome = header
-            self._backlog_range = RowRange(1, receipt.backlog)
+            self._backlog_range = RowRange(1, receipt.backlog, receipt.backlog_digest)
 
     def add_keyframe(self, keyframe: Keyframe) -> None:
         """Keep a terrain if it is the newest."""
@@ -58,6 +60,11 @@ class JoinHandshake:
         """
         self._backlog.add(rows)
 
+    def discard_content(self) -> None:
+        """Discard terrain and backlog, so that they are requested again."""
+        self.keyframe = None
+        self._backlog.clear()
+
     def missing(self) -> list[tuple[Stream, RowRange]]:
         """Return what to request again; nothing before the welcome, which counts the backlog."""
         if self.welcome is None:
@@ -68,5 +75,16 @@ class JoinHandshake:
         return missing
 
     def backlog_rows(self) -> Rows:
-        """Return the backlog, in order."""
-        return self._backlog.rows(self._backlog_range)
+        """Return the backlog, in order.
+
+        Raises:
+            ExchangeError: ROW_DIGEST: it is not the backlog that the welcome states; it was
+                discarded.
+        """
+        rows = self._backlog.rows(self._backlog_range)
+        try:
+            check_row_digest(rows, self._backlog_range, Stream.BACKLOG)
+        except ExchangeError:
+            self._backlog.clear()
+            raise
+        return rows

@@ -98,7 +98,7 @@ class JoinedMachines:
         for machine_id in self.late:
             session = self._sessions[machine_id]
             if session.header is None:
-                missing = [(Stream.HEADER, RowRange(next_tick, 1))]
+                missing = [(Stream.HEADER, RowRange(min(next_tick, session.last_tick + 1), 1))]
             else:
                 missing = session.gaps()
             key = SessionKey(run_id, machine_id, session.session_id)

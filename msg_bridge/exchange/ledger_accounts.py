@@ -18,6 +18,7 @@ from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import MachineHeader, RowRange
 from msg_bridge.contract.rows import (
     CONVERSION,
+    ENDED_SESSION,
     ConversionKind,
     Rows,
     join_rows,
@@ -99,6 +100,16 @@ class _MachineAccount:
         """The rows not acknowledged, in order."""
         return join_rows([flight.rows for flight in self._in_flight_rows], CONVERSION)
 
+    @property
+    def deposited_particles(self) -> NDArray[np.uint32]:
+        """Ids of the particles deposited by rows that are not acknowledged, shape (n,)."""
+        rows = self.backlog
+        is_deposited = (rows["kind"] == ConversionKind.DEPOSIT) | (
+            rows["kind"] == ConversionKind.OUTSIDE
+        )
+        ids: NDArray[np.uint32] = rows["particle_id"][is_deposited]
+        return ids
+
     def add_in_flight(self, numbers: NDArray[np.int64], rows: Rows) -> None:
         """Add published rows."""
         self._in_flight_rows.append(_InFlightRows(numbers, rows, signed_volume(rows)))
@@ -130,6 +141,10 @@ class _MachineAccount:
     def release(self) -> int:
         """Remove all of its soil; return the volume [mm^3]."""
         self.forfeit()
+        return self.release_forfeited()
+
+    def release_forfeited(self) -> int:
+        """Remove the soil of its earlier sessions; return the volume [mm^3]."""
         volume, self.forfeited = self.forfeited, 0
         return volume
 
@@ -139,7 +154,8 @@ class LedgerAccounts:
 
     def __init__(self) -> None:
         self._machines: dict[int, _MachineAccount] = {}
-        self._released: dict[int, int] = {}  # volume released and not deposited yet
+        # Volume released and not deposited yet, by the machine id of the rows that deposit it.
+        self._released: dict[int, int] = {}
         self._outside = 0
         self._start: int | None = None
 
@@ -164,6 +180,15 @@ class LedgerAccounts:
             n for n, a in sorted(self._machines.items()) if not a.is_joined and a.volume_left_behind
         )
 
+    @property
+    def forfeited(self) -> dict[int, int]:
+        """Soil that joined machines left behind in earlier sessions [mm^3], by machine id."""
+        return {
+            n: a.forfeited
+            for n, a in sorted(self._machines.items())
+            if a.is_joined and a.forfeited > 0
+        }
+
     def check(self, conversions: Rows) -> None:
         """Check that each row has a joined machine to acknowledge it.
 
@@ -176,8 +201,8 @@ class LedgerAccounts:
             deposited = -signed_volume(rows_of_machine(conversions, machine_id))
             if deposited != released:
                 raise ExchangeError(
-                    f"{released} mm^3 of machine {machine_id} were released, but conversion rows"
-                    f" deposit {deposited} mm^3; deposit all of it",
+                    f"{released} mm^3 were released, but conversion rows with machine id"
+                    f" {machine_id} deposit {deposited} mm^3; deposit all of it",
                     ErrorCode.RELEASE,
                 )
         for machine_id in machine_ids_in(conversions):
@@ -204,6 +229,53 @@ class LedgerAccounts:
                     )
                     self._machines[machine_id].add_in_flight(numbers[own], conversions[own])
         self._released.clear()
+
+    def check_totals(self, header: MachineHeader) -> None:
+        """Check that the soil a machine reports is what it was credited with.
+
+        Args:
+            header: a tick of a joined machine that was not processed before.
+
+        Raises:
+            ExchangeError: VOLUME_MISMATCH.
+        """
+        account = self._machines[header.machine_id]
+        expected = account.total + account.volume_up_to(header.conversions_received)
+        if header.soil_mm3 != expected:
+            raise ExchangeError(
+                f"machine {header.machine_id} reports {header.soil_mm3} mm^3 of soil at tick"
+                f" {header.tick}; the conversion rows that it acknowledges give {expected} mm^3",
+                ErrorCode.VOLUME_MISMATCH,
+            )
+
+    def check_deposit_requests(self, machine_id: int, deposit_requests: Rows) -> None:
+        """Check that a machine holds the soil that it requests to deposit, and requests it once.
+
+        Args:
+            machine_id: a joined machine.
+            deposit_requests: its DEPOSIT_REQUEST rows of a tick.
+
+        Raises:
+            ExchangeError: DEPOSIT_VOLUME.
+        """
+        if deposit_requests.size == 0:
+            return
+        account = self._machines[machine_id]
+        requested = int(deposit_requests["volume_mm3"].sum(dtype=np.int64))
+        available = account.total + account.in_flight
+        if requested > available:
+            raise ExchangeError(
+                f"machine {machine_id} requests to deposit {requested} mm^3 of soil, and holds"
+                f" {available} mm^3",
+                ErrorCode.DEPOSIT_VOLUME,
+            )
+        ids = deposit_requests["particle_id"]
+        is_repeated = np.unique(ids).size < ids.size
+        if is_repeated or np.isin(ids, account.deposited_particles).any():
+            raise ExchangeError(
+                f"machine {machine_id} requests to deposit a particle twice",
+                ErrorCode.DEPOSIT_VOLUME,
+            )
 
     def update_totals(self, header: MachineHeader) -> None:
         """Set a machine's totals as of the last conversion row that it acknowledges."""
@@ -257,6 +329,17 @@ class LedgerAccounts:
         volume = 0 if account is None or account.is_joined else account.release()
         if volume:
             self._released[machine_id] = volume
+        return volume
+
+    def release_forfeited(self, machine_id: int) -> int:
+        """Take over what a joined machine left behind in earlier sessions [mm^3].
+
+        The next rows must deposit it with the machine id `ENDED_SESSION`.
+        """
+        account = self._machines.get(machine_id)
+        volume = account.release_forfeited() if account is not None and account.is_joined else 0
+        if volume:
+            self._released[ENDED_SESSION] = self._released.get(ENDED_SESSION, 0) + volume
         return volume
 
     def leave(self, machine_id: int) -> None:

@@ -30,10 +30,10 @@ from msg_bridge.contract.rows import CONVERSION, Rows, empty_rows
 from msg_bridge.exchange.join_handshake import JoinHandshake
 from msg_bridge.exchange.join_state import JoinState
 from msg_bridge.exchange.machine_streams import MachineStreams
-from msg_bridge.exchange.session_key import MAX_MACHINE_ID, SessionKey
+from msg_bridge.exchange.session_key import MAX_MACHINE_ID, MAX_SESSION_ID, SessionKey
 from msg_bridge.exchange.stream_buffers import PIPELINE_DEPTH
 from msg_bridge.exchange.tick_answer import TickAnswer
-from msg_bridge.exchange.ticks_in_flight import TicksInFlight
+from msg_bridge.exchange.ticks_in_flight import CompletedTick, TicksInFlight
 
 __all__ = ["MachineExchange"]
 
@@ -59,8 +59,9 @@ class MachineExchange:
         Args:
             machine_id: number of the machine, from 1.
             run_id: number of the run in which to take part.
-            session_id: a number below 2**32, not less than any that this machine has used in this
-                run. A process that may be restarted takes a growing one, as the time in seconds.
+            session_id: a number below 2**32; sessions count from the next one on. A process that
+                may be restarted takes `random_session_id`: no session of this machine in this run
+                may have the id of another.
 
         Raises:
             ExchangeError: ID_RANGE.
@@ -104,6 +105,14 @@ class MachineExchange:
         return len(self._in_flight)
 
     @property
+    def is_desynchronized(self) -> bool:
+        """Whether soil and machine count the rows of the session differently.
+
+        Then each rejects what the other sends: one has processed another publisher's message.
+        """
+        return self._in_flight.is_desynchronized
+
+    @property
     def is_missing_rows(self) -> bool:
         """Whether the awaited header is here and rows that it counts are not."""
         return self.join_state is JoinState.WAITING and self._in_flight.is_missing_rows
@@ -117,7 +126,7 @@ class MachineExchange:
     def join(self, *, pending_mm3: int = 0, particles_mm3: int = 0) -> None:
         """Request to take part from the next tick on.
 
-        A machine that took part before rejoins with the soil it holds and receives its backlog.
+        A machine that took part before rejoins with its soil and receives its backlog.
 
         Args:
             pending_mm3, particles_mm3: soil that it holds [mm^3], all answers applied.
@@ -130,7 +139,7 @@ class MachineExchange:
                 f"machine {self.machine_id} is {self.join_state.value}; it can join when it is out",
                 ErrorCode.JOIN_STATE,
             )
-        self.session_id += 1
+        self.session_id = self.session_id % MAX_SESSION_ID + 1
         self._begin_session()
         self._sent = MachineHeader(
             *self._key,
@@ -220,31 +229,96 @@ class MachineExchange:
                 self.join_state = JoinState.OUT
         elif isinstance(message, RetransmitRequest) and self._key.matches(message):
             if message.stream is Stream.HEADER:
-                self._outbox += self._in_flight.sent_headers(message.first)
+                self._outbox += self._in_flight.retransmit(message.first)
             else:
                 self._outbox += self._streams.retransmit(message)
 
     def poll(self) -> TickAnswer | None:
-        """Return the awaited answer once it is complete, else None."""
+        """Return the awaited answer once it is complete, else None.
+
+        It is returned until `acknowledge_answer` or `discard_answer` is called.
+
+        Raises:
+            ExchangeError: ROW_DIGEST: its rows are not those that its header states. It was
+                discarded, and `request_missing` requests it again.
+        """
         if self.join_state is JoinState.LEAVING and self._leave_confirmation is not None:
-            self.join_state = JoinState.OUT
             return TickAnswer.without_rows(self._leave_confirmation.tick)
-        completed = self._in_flight.pop() if self.join_state is JoinState.WAITING else None
+        if self.join_state is not JoinState.WAITING:
+            return None
+        completed = self._in_flight.oldest_completed()
         if completed is None:
             return None
+        self._in_flight.check_row_digests(completed)
         assert self.keyframe is not None
+        return TickAnswer.for_machine(completed, self.machine_id, self.keyframe.revision)
+
+    def acknowledge_answer(self) -> None:
+        """Acknowledge the answer that `poll` returns, after it was applied: if that failed, an
+        answer acknowledged before would be lost.
+
+        Raises:
+            ExchangeError: JOIN_STATE: there is no complete answer.
+        """
+        if self.join_state is JoinState.LEAVING and self._leave_confirmation is not None:
+            self.join_state = JoinState.OUT
+            return
+        completed = self._completed_tick()
         header = completed.header
         self._streams.discard_answered(completed.sent, self._key.receipt(header))
+        self._in_flight.remove_completed()
         self.join_state = JoinState.READY
         self.tick = header.tick
         self._applied = header.conversions.last
-        return TickAnswer.for_machine(completed, self.machine_id, self.keyframe.revision)
+
+    def discard_answer(self) -> None:
+        """Discard the answer that `poll` returns, because it is invalid.
+
+        Raises:
+            ExchangeError: JOIN_STATE: there is no complete answer.
+        """
+        self._completed_tick()
+        self._in_flight.discard_answer()
+
+    def discard_welcome(self) -> None:
+        """Discard the terrain and the backlog of the join, because they are invalid, and request
+        them again.
+
+        Raises:
+            ExchangeError: JOIN_STATE: it has not just joined.
+        """
+        if self.join_state is not JoinState.READY or self.sent_tick != self.tick:
+            raise ExchangeError(
+                f"machine {self.machine_id} is {self.join_state.value} and has sent ticks; its"
+                " terrain and backlog are in use",
+                ErrorCode.JOIN_STATE,
+            )
+        self._handshake.discard_content()
+        self.join_state = JoinState.JOINING
+
+    def abandon_session(self) -> None:
+        """End a session that cannot continue; the machine can rejoin with the soil it holds."""
+        self.join_state = JoinState.OUT
+        self.dropped = True
+
+    def discard_soil(self) -> None:
+        """Let the next join be one of a machine without soil.
+
+        Raises:
+            ExchangeError: JOIN_STATE: it takes part.
+        """
+        if self.join_state is not JoinState.OUT:
+            raise ExchangeError(
+                f"machine {self.machine_id} is {self.join_state.value}; end its session first",
+                ErrorCode.JOIN_STATE,
+            )
+        self._applied = None
 
     def request_missing(self) -> None:
         """Request again what has not arrived.
 
-        A machine that is slow with its next tick requests the latest header: this shows that it is
-        alive, and that header shows whether the soil has dropped it.
+        A machine that is slow requests the latest header: this shows that it is alive, and that
+        header shows whether the soil has dropped it.
         """
         if self._sent is None or self.join_state is JoinState.OUT:
             return
@@ -265,6 +339,22 @@ class MachineExchange:
         messages = self._outbox
         self._outbox = []
         return messages
+
+    def _completed_tick(self) -> CompletedTick:
+        """Return the tick whose answer is complete.
+
+        Raises:
+            ExchangeError: JOIN_STATE: there is none.
+        """
+        completed = None
+        if self.join_state is JoinState.WAITING:
+            completed = self._in_flight.oldest_completed()
+        if completed is None:
+            raise ExchangeError(
+                f"machine {self.machine_id} has no complete answer; poll until there is one",
+                ErrorCode.JOIN_STATE,
+            )
+        return completed
 
     def _begin_session(self) -> None:
         """Reset all state of the session before; streams count from 1 in every session."""

@@ -16,6 +16,7 @@ from msg_bridge.contract.messages import (
     Stream,
 )
 from msg_bridge.contract.rows import Rows
+from msg_bridge.exchange.row_digest import check_row_digest, row_digest
 from msg_bridge.exchange.stream_buffers import (
     PIPELINE_DEPTH,
     ReceiveBuffer,
@@ -48,7 +49,9 @@ class MachineSession:
         self.session_id = session_id
         self.last_tick = tick
         self.backlog = SendBuffer(Stream.BACKLOG)
-        self.num_backlog_rows = self.backlog.append(backlog)[1].count
+        numbered_backlog, backlog_range = self.backlog.append(backlog)
+        self.num_backlog_rows = backlog_range.count
+        self._backlog_digest = row_digest(numbered_backlog)
         self._sweeps = ReceiveBuffer(Stream.SWEEP)
         self._deposit_requests = ReceiveBuffer(Stream.DEPOSIT_REQUEST)
         self._receive_buffers = {
@@ -74,13 +77,18 @@ class MachineSession:
 
     @property
     def receipt(self) -> MachineReceipt:
-        """Acknowledgement of what the soil has received in this session."""
+        """Acknowledgement of what the soil has processed in this session.
+
+        Rows that were received but not processed are not acknowledged: they may turn out not to be
+        those of the machine, and must be sent again then.
+        """
         return MachineReceipt(
             self.machine_id,
             self.session_id,
-            self._deposit_requests.received,
+            self._deposit_requests.expected - 1,
             self.num_backlog_rows,
             self.last_tick,
+            self._backlog_digest if self.num_backlog_rows else 0,
         )
 
     @property
@@ -89,19 +97,23 @@ class MachineSession:
         received = sum(buffer.num_buffered_rows for buffer in self._receive_buffers.values())
         return received + self.backlog.num_buffered_rows
 
-    def receive_header(self, header: MachineHeader) -> None:
-        """Add the header of the machine's next tick; a duplicate is ignored.
+    def expects(self, header: MachineHeader) -> bool:
+        """Return whether a header is that of the machine's next tick.
 
-        A header that overtook the one before it is ignored, too, and requested again later.
+        A duplicate is not; nor is a header that overtook the one before it, which is requested
+        again later.
+        """
+        newest = self._pending_headers[-1].tick if self._pending_headers else self.last_tick
+        is_next = header.tick > newest and header.previous_tick == newest
+        return is_next and len(self._pending_headers) <= PIPELINE_DEPTH
+
+    def check_header(self, header: MachineHeader) -> None:
+        """Check the header of the machine's next tick, which the session expects.
 
         Raises:
-            ExchangeError: ROW_RANGE, VOLUME_RANGE or ACKNOWLEDGEMENT; nothing was changed.
+            ExchangeError: ROW_RANGE, VOLUME_RANGE or ACKNOWLEDGEMENT.
         """
         before = self._pending_headers[-1] if self._pending_headers else None
-        newest = self.last_tick if before is None else before.tick
-        is_next = header.tick > newest and header.previous_tick == newest
-        if not is_next or len(self._pending_headers) > PIPELINE_DEPTH:
-            return
         for buffer, span, span_before in (
             (self._sweeps, header.sweeps, None if before is None else before.sweeps),
             (
@@ -114,6 +126,9 @@ class MachineSession:
             check_row_range(span, buffer.stream, expected)
         self._check_volumes(header)
         self._check_acknowledgement(header)
+
+    def add_header(self, header: MachineHeader) -> None:
+        """Add the header of the machine's next tick, which was checked."""
         self._pending_headers.append(header)
 
     def receive_rows(self, chunk: RowChunk) -> None:
@@ -152,6 +167,25 @@ class MachineSession:
             self._sweeps.missing(header.sweeps)
             or self._deposit_requests.missing(header.deposit_requests)
         )
+
+    def check_row_digests(self) -> None:
+        """Check the rows of a complete tick against its header.
+
+        Raises:
+            ExchangeError: ROW_DIGEST.
+        """
+        header = self.header
+        assert header is not None
+        sweeps, deposit_requests = self.tick_rows()
+        check_row_digest(sweeps, header.sweeps, Stream.SWEEP)
+        check_row_digest(deposit_requests, header.deposit_requests, Stream.DEPOSIT_REQUEST)
+
+    def discard_unprocessed(self) -> None:
+        """Discard the rows and headers that are not processed yet, so that they are requested
+        again: one of them is invalid, and it is unknown which."""
+        self._pending_headers.clear()
+        self._sweeps.clear()
+        self._deposit_requests.clear()
 
     def tick_rows(self) -> tuple[Rows, Rows]:
         """Return the SWEEP and the DEPOSIT_REQUEST rows of a complete tick."""

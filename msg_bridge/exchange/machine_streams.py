@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 from msg_bridge.contract.messages import (
@@ -14,6 +15,7 @@ from msg_bridge.contract.messages import (
 )
 from msg_bridge.contract.rows import Rows
 from msg_bridge.exchange.chunks import split_into_chunks
+from msg_bridge.exchange.row_digest import row_digest
 from msg_bridge.exchange.session_key import SessionKey
 from msg_bridge.exchange.stream_buffers import SendBuffer
 
@@ -83,7 +85,7 @@ class MachineStreams:
         numbered, span = self._send_buffers[stream].append(rows)
         if numbered.size:
             numbered["machine_id"] = self._key.machine_id
-        return numbered, span
+        return numbered, replace(span, digest=row_digest(numbered))
 
     def _chunks(self, stream: Stream, rows: Rows) -> list[Message]:
         run_id, machine_id, session_id = self._key

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from typing import NamedTuple
 
 from msg_bridge.contract.errors import ErrorCode, ExchangeError
@@ -16,7 +17,7 @@ from msg_bridge.contract.messages import (
     Stream,
 )
 
-__all__ = ["MAX_MACHINE_ID", "MAX_SESSION_ID", "SessionKey"]
+__all__ = ["MAX_MACHINE_ID", "MAX_SESSION_ID", "SessionKey", "random_session_id"]
 
 MAX_MACHINE_ID = 2**16 - 1
 """Largest machine id; rows carry it as uint16."""
@@ -25,13 +26,18 @@ MAX_SESSION_ID = 2**32 - 1
 """Largest session id; rows carry it as uint32."""
 
 
+def random_session_id() -> int:
+    """Return a session id that no other session has: random, so that no clock needs to be right."""
+    return 1 + secrets.randbelow(MAX_SESSION_ID)
+
+
 class SessionKey(NamedTuple):
     """A session of a machine.
 
     Attributes:
         run_id: number of the run.
         machine_id: number of the machine, from 1.
-        session_id: number of the session, larger in each join of this machine.
+        session_id: number of the session, another in each join of this machine.
     """
 
     run_id: int

@@ -62,6 +62,7 @@ class SoilExchange:
         *,
         layers: Callable[[], Layers] | None = None,
         expected: Iterable[int] = (1,),
+        admit_others: bool = False,
         run_id: int = 1,
     ) -> None:
         """
@@ -70,6 +71,7 @@ class SoilExchange:
             elevation: returns the present elevation [m], shape (rows, cols).
             layers: returns the present `volume_mm3`, `soil` and `moisture`; None: zeros.
             expected: ids of the machines that must join before tick 1.
+            admit_others: whether machines with other ids may join, too.
             run_id: number of the run.
         """
         self.run_id = run_id
@@ -78,7 +80,7 @@ class SoilExchange:
         self.accounts = LedgerAccounts()
         self._welcome = Welcome(grid, elevation, layers)
         self._expected = frozenset(expected)
-        self._admission = JoinAdmission(run_id)
+        self._admission = JoinAdmission(run_id, None if admit_others else self._expected)
         self._machines = JoinedMachines()
         self._streams = SoilStreams(run_id)
         self._machines_in_tick: tuple[int, ...] = ()  # whose part is in the polled tick
@@ -88,6 +90,11 @@ class SoilExchange:
     def joined(self) -> tuple[int, ...]:
         """Ids of the machines that take part, ascending."""
         return self._machines.ids
+
+    @property
+    def session_ids(self) -> dict[int, int]:
+        """Session of each machine that takes part, by machine id."""
+        return {session.machine_id: session.session_id for session in self._machines}
 
     @property
     def late(self) -> tuple[int, ...]:
@@ -100,6 +107,23 @@ class SoilExchange:
         return tuple(n for n in self.accounts.absent if n not in self._admission.waiting)
 
     @property
+    def awaited_machines(self) -> tuple[int, ...]:
+        """Ids of the expected machines without which tick 0 does not come, ascending."""
+        return () if self.tick >= 0 else tuple(sorted(self._expected - self._admission.waiting))
+
+    def is_missing_rows_of(self, machine_id: int) -> bool:
+        """Return whether the header of a joined machine is here and rows that it counts are not."""
+        return machine_id in self.late and self._machines[machine_id].header is not None
+
+    @property
+    def contended(self) -> tuple[int, ...]:
+        """Ids of joined machines as which another session requests to join, ascending.
+
+        It joins when the present session ends: when the machine leaves or is dropped.
+        """
+        return tuple(sorted(self._admission.contending))
+
+    @property
     def is_missing_rows(self) -> bool:
         """Whether the header of a late machine is here and rows that it counts are not."""
         return self._machines.is_missing_rows
@@ -109,27 +133,31 @@ class SoilExchange:
         """Number of rows in memory, published and received."""
         return self._machines.num_buffered_rows + self._streams.num_buffered_rows
 
-    def receive(self, message: Message) -> None:
+    def receive(self, message: Message) -> bool:
         """Process one message of a machine; those of another run or session are ignored.
+
+        Returns:
+            Whether it is of the session in which its machine takes part: the machine is alive.
 
         Raises:
             ExchangeError: it violates the protocol; nothing was changed.
         """
         if message.run_id != self.run_id:
-            return
-        if isinstance(message, MachineHeader):
-            if message.verb in (Verb.JOIN, Verb.REJOIN):
-                self._receive_join_request(message)
-            elif message.tick <= self.tick + 1 + PIPELINE_DEPTH:
-                session = self._machines.session(message.machine_id, message.session_id)
-                if session is not None:
-                    session.receive_header(message)
-        elif isinstance(message, RowChunk):
-            session = self._machines.session(message.machine_id, message.session_id)
-            if session is not None:
-                session.receive_rows(message)
+            return False
+        if isinstance(message, MachineHeader) and message.verb in (Verb.JOIN, Verb.REJOIN):
+            self._receive_join_request(message)
         elif isinstance(message, RetransmitRequest):
             self._retransmit(message)
+        if not isinstance(message, (MachineHeader, RowChunk, RetransmitRequest)):
+            return False
+        session = self._machines.session(message.machine_id, message.session_id)
+        if session is None:
+            return False
+        if isinstance(message, RowChunk):
+            session.receive_rows(message)
+        elif isinstance(message, MachineHeader):
+            self._receive_tick(session, message)
+        return True
 
     def poll(self, *, wait: bool = True) -> TickInput | None:
         """Return the next tick once the part of every joined machine is here, else None.
@@ -140,6 +168,11 @@ class SoilExchange:
             wait: whether to wait for late machines, and for a first machine. If not, the tick
                 contains the parts that are here; a late part belongs to the tick polled after it
                 has arrived.
+
+        Raises:
+            ExchangeError: rows of a machine are invalid; they were discarded, and
+                `request_missing` requests them again. ROW_DIGEST: they are not those that their
+                header states; DEPOSIT_VOLUME: it requests to deposit soil that it does not hold.
         """
         if self.tick < 0:
             if not self._expected <= self._admission.waiting:
@@ -148,7 +181,10 @@ class SoilExchange:
         late = self.late
         if wait and (late or not (self._machines or self._admission.waiting)):
             return None
-        self._machines_in_tick = tuple(n for n in self.joined if n not in late)
+        in_tick = tuple(n for n in self.joined if n not in late)
+        for machine_id in in_tick:
+            self._check_rows(self._machines[machine_id])
+        self._machines_in_tick = in_tick
         return TickInput(self.tick + 1, *self._machines.tick_rows(self._machines_in_tick))
 
     def answer(
@@ -234,6 +270,14 @@ class SoilExchange:
             )
         return self.accounts.release(machine_id)
 
+    def release_forfeited(self, machine_id: int) -> int:
+        """Take over what a joined machine left behind in earlier sessions [mm^3].
+
+        The next `answer` must contain DEPOSIT or OUTSIDE rows with the machine id `ENDED_SESSION`
+        for all of it.
+        """
+        return self.accounts.release_forfeited(machine_id)
+
     def request_missing(self) -> None:
         """Request what has not arrived, and send the latest header again."""
         if self._streams.last_header is not None:
@@ -253,11 +297,36 @@ class SoilExchange:
             if last_header is not None:  # its welcome was lost
                 self._outbox += [last_header, *self._welcome.messages(last_header, [session])]
             return
-        if header.machine_id in self._machines and self._admission.is_new_session(header):
-            self._end_session(header.machine_id)  # the machine restarted without leaving
-        rejection = self._admission.add(header)
+        is_joined = header.machine_id in self._machines
+        rejection = self._admission.add(header, is_joined=is_joined)
         if rejection is not None:
             self._outbox.append(rejection)
+
+    def _receive_tick(self, session: MachineSession, header: MachineHeader) -> None:
+        """Add the header of a machine's next tick; duplicates, and later ones, are ignored.
+
+        Raises:
+            ExchangeError: ROW_RANGE, VOLUME_RANGE, ACKNOWLEDGEMENT or VOLUME_MISMATCH.
+        """
+        is_tick = header.verb in (Verb.STEP, Verb.LEAVE)
+        if is_tick and header.tick <= self.tick + 1 + PIPELINE_DEPTH and session.expects(header):
+            session.check_header(header)
+            self.accounts.check_totals(header)
+            session.add_header(header)
+
+    def _check_rows(self, session: MachineSession) -> None:
+        """Check the rows of a complete tick of a machine.
+
+        Raises:
+            ExchangeError: ROW_DIGEST or DEPOSIT_VOLUME; see `poll`.
+        """
+        try:
+            session.check_row_digests()
+            _, deposit_requests = session.tick_rows()
+            self.accounts.check_deposit_requests(session.machine_id, deposit_requests)
+        except ExchangeError:
+            session.discard_unprocessed()
+            raise
 
     def _complete_tick(self, machine_id: int) -> None:
         """Account the totals and acknowledgement of a machine, and discard its rows."""
@@ -269,6 +338,7 @@ class SoilExchange:
     def _end_session(self, machine_id: int) -> None:
         self.accounts.leave(machine_id)
         self._machines.remove(machine_id)
+        self._admission.end_session(machine_id)
 
     def _admit(self, published: int) -> list[MachineSession]:
         """Begin the sessions of waiting machines as of this tick; return them.

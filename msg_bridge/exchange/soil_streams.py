@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 from msg_bridge.contract.messages import Message, RetransmitRequest, RowRange, SoilHeader, Stream
 from msg_bridge.contract.rows import Rows
 from msg_bridge.exchange.chunks import split_into_chunks
+from msg_bridge.exchange.row_digest import row_digest
 from msg_bridge.exchange.stream_buffers import SendBuffer
 
 __all__ = ["SoilStreams"]
@@ -38,8 +40,12 @@ class SoilStreams:
         return sum(buffer.num_buffered_rows for buffer in self._send_buffers.values())
 
     def append(self, rows: Mapping[Stream, Rows]) -> dict[Stream, tuple[Rows, RowRange]]:
-        """Number the rows of each stream; return the numbered rows and their range."""
-        return {stream: self._send_buffers[stream].append(rows[stream]) for stream in _STREAMS}
+        """Number the rows of each stream; return the numbered rows, and their range with digest."""
+        numbered = {}
+        for stream in _STREAMS:
+            stream_rows, span = self._send_buffers[stream].append(rows[stream])
+            numbered[stream] = (stream_rows, replace(span, digest=row_digest(stream_rows)))
+        return numbered
 
     def publish(self, header: SoilHeader, rows: Mapping[Stream, Rows]) -> list[Message]:
         """Keep a header, and return the messages of its tick.

@@ -28,8 +28,8 @@ run would not be repeatable.
 """
 
 MAX_ROWS_IN_FLIGHT = 4_000_000
-"""Maximum number of rows of a tick, and of rows received beyond a gap; larger numbers are
-invalid."""
+"""Maximum number of rows of a tick; larger row numbers are invalid. Of rows beyond a gap only
+`MAX_ROWS_AHEAD` are kept."""
 
 _MODULUS = 2**32
 
@@ -121,7 +121,7 @@ class ReceiveBuffer:
         self._no_rows = empty_rows(self._dtype)
         self._ready: deque[Rows] = deque()  # rows from the first expected on, up to the first gap
         self._received = first - 1
-        self._reorder_buffer = ReorderBuffer(self._dtype)  # rows beyond that gap
+        self._reorder_buffer = ReorderBuffer(self._dtype, first)  # rows beyond that gap
 
     @property
     def expected(self) -> int:
@@ -140,6 +140,9 @@ class ReceiveBuffer:
 
     def add(self, rows: Rows) -> int:
         """Add rows in any order, any number of times. Rows that continue the stream are not copied.
+
+        Rows `MAX_ROWS_AHEAD` or more beyond the first missing one are dropped: they are requested
+        again once a header counts them.
 
         Returns:
             The number of new rows.
@@ -171,6 +174,8 @@ class ReceiveBuffer:
                 " sender numbers from another start",
                 ErrorCode.SEQUENCE_NUMBER,
             )
+        if not self._reorder_buffer:
+            self._reorder_buffer = ReorderBuffer(self._dtype, self._received + 1)
         num_new = self._reorder_buffer.add(numbers[is_new], rows[is_new])
         self._append(self._reorder_buffer.pop_contiguous(self._received + 1))
         return num_new
@@ -219,6 +224,12 @@ class ReceiveBuffer:
         if through > self._received:
             self._received = through
             self._append(self._reorder_buffer.pop_contiguous(through + 1))
+
+    def clear(self) -> None:
+        """Discard all rows that are not yet discarded; they are missing from now on."""
+        self._ready.clear()
+        self._received = self._first - 1
+        self._reorder_buffer = ReorderBuffer(self._dtype, self._first)
 
     def _continues(self, rows: Rows) -> bool:
         """Return whether rows are the next ones, in order."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
+from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import (
     MachineHeader,
     MachineReceipt,
@@ -14,9 +15,16 @@ from msg_bridge.contract.messages import (
     Stream,
 )
 from msg_bridge.contract.rows import Rows
+from msg_bridge.exchange.row_digest import check_row_digest
 from msg_bridge.exchange.stream_buffers import ReceiveBuffer, check_row_range
 
 __all__ = ["CompletedTick", "TicksInFlight"]
+
+
+_MAX_FAILED_REPAIRS = 32
+"""Number of requests for a tick that was sent, and of rejected answers, without a valid answer in
+between, after which the session is desynchronized; 8 s at the usual four requests a second, longer
+than a flood of rows."""
 
 
 @dataclass
@@ -53,9 +61,15 @@ class TicksInFlight:
         self._ticks: deque[_Tick] = deque()
         self._last_answer_tick = -1  # number of the last completed answer
         self._receive_buffers: dict[Stream, ReceiveBuffer] = {}
+        self._num_failed_repairs = 0  # since the last completed answer
 
     def __len__(self) -> int:
         return len(self._ticks)
+
+    @property
+    def is_desynchronized(self) -> bool:
+        """Whether what is sent again does not help: see `MachineExchange.is_desynchronized`."""
+        return self._num_failed_repairs >= _MAX_FAILED_REPAIRS
 
     @property
     def num_buffered_rows(self) -> int:
@@ -79,9 +93,11 @@ class TicksInFlight:
         """Add a tick that was sent."""
         self._ticks.append(_Tick(sent))
 
-    def sent_headers(self, first: int) -> list[MachineHeader]:
-        """Return the headers of unfinished ticks from number `first` on."""
-        return [tick.sent for tick in self._ticks if tick.sent.tick >= first]
+    def retransmit(self, first: int) -> list[MachineHeader]:
+        """Return the headers, which the soil requests, of unfinished ticks from `first` on."""
+        sent = [tick.sent for tick in self._ticks if tick.sent.tick >= first]
+        self._num_failed_repairs += bool(sent)
+        return sent
 
     def add_rows(self, chunk: RowChunk) -> None:
         """Add rows that the soil sends to all; before `begin` they are ignored.
@@ -104,27 +120,64 @@ class TicksInFlight:
             if tick.answer is not None and tick.answer.tick >= header.tick:
                 return
             before = self._ticks[k - 1].answer if k else None
-            self._check_row_ranges(header, before)
+            try:
+                self._check_row_ranges(header, before)
+            except ExchangeError:
+                self._num_failed_repairs += 1
+                raise
             tick.answer = header
             if header.tick > receipt.tick:
                 # The soil does not wait: it may have discarded its answers to older ticks.
                 for older in list(self._ticks)[:k]:
                     older.answer = older.answer or header
 
-    def pop(self) -> CompletedTick | None:
-        """Remove and return the oldest tick if its answer has arrived with all rows; else None."""
+    def oldest_completed(self) -> CompletedTick | None:
+        """Return the oldest tick if its answer has arrived with all rows; else None."""
         answer = self._ticks[0].answer if self._ticks else None
         if answer is None:
             return None
         spans = self._spans(answer)
         if self._missing(spans):
             return None
-        rows = {}
-        for stream, span in spans.items():
-            rows[stream] = self._receive_buffers[stream].rows(span)
+        rows = {stream: self._receive_buffers[stream].rows(span) for stream, span in spans.items()}
+        return CompletedTick(self._ticks[0].sent, answer, rows)
+
+    def check_row_digests(self, completed: CompletedTick) -> None:
+        """Check the rows of a completed tick against the header that answers it.
+
+        Rows of ticks that the machine skipped are not checked: it may lack their headers.
+
+        Raises:
+            ExchangeError: ROW_DIGEST. Rows and answer are discarded: it is unknown which of them
+                are right.
+        """
+        header = completed.header
+        if header.tick == self._last_answer_tick:  # it answered the tick before, too
+            return
+        try:
+            for stream, span in header.spans.items():
+                rows = completed.rows[stream]
+                check_row_digest(rows[rows.size - span.count :], span, stream)
+        except ExchangeError:
+            self.discard_answer()
+            raise
+
+    def remove_completed(self) -> None:
+        """Remove the oldest tick, which is completed, with the rows of its answer."""
+        answer = self._ticks.popleft().answer
+        assert answer is not None
+        for stream, span in answer.spans.items():
             self._receive_buffers[stream].discard_through(span.last)
         self._last_answer_tick = answer.tick
-        return CompletedTick(self._ticks.popleft().sent, answer, rows)
+        self._num_failed_repairs = 0
+
+    def discard_answer(self) -> None:
+        """Discard the answer to the oldest tick, and all rows received, so that they are requested
+        again."""
+        self._ticks[0].answer = None
+        self._num_failed_repairs += 1
+        for buffer in self._receive_buffers.values():
+            buffer.clear()
 
     def gaps(self) -> list[tuple[Stream, RowRange]]:
         """Return the ranges of rows that the newest answer counts and that have not arrived."""

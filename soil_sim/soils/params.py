@@ -10,10 +10,13 @@ from soil_sim.soils.soil_types import SoilType, load_soil_types
 
 __all__ = ["SoilParams"]
 
+_REPOSE_ANGLE = 35.0
+_SWELL = 0.15
+
 
 @dataclass(frozen=True)
 class SoilParams(Parameters):
-    """Kinds of soil and numerical parameters of the terrain. Defaults: the 2014 reference."""
+    """Kinds of soil and numerical parameters of the terrain. Default: a loam without cohesion."""
 
     soil: str = parameter(
         "", "kind of soil of the ground, a name in the file of soils; empty: a soil without"
@@ -24,10 +27,10 @@ class SoilParams(Parameters):
     )
     soils: str = parameter("soils.yaml", "file of soils: a path, or the name of a shipped one")
     repose_angle: float = parameter(
-        30.0, "angle of repose, if no soil is named", unit="deg", low=1.0, high=80.0
+        _REPOSE_ANGLE, "angle of repose, if no soil is named", unit="deg", low=1.0, high=80.0
     )
     swell: float = parameter(
-        0.0, "increase of the volume of bank soil when it is loosened, if no soil is named",
+        _SWELL, "increase of the volume of bank soil when it is loosened, if no soil is named",
         low=0.0, high=1.0,
     )  # fmt: skip
     moisture: int = parameter(
@@ -107,7 +110,7 @@ class SoilParams(Parameters):
                 raise ParameterError(
                     f"there is no soil {name!r} in {self.soils}; it has {', '.join(known)}"
                 )
-        if self.soil and (self.repose_angle, self.swell) != (30.0, 0.0):
+        if self.soil and (self.repose_angle, self.swell) != (_REPOSE_ANGLE, _SWELL):
             raise ParameterError(
                 f"soil is {self.soil!r}, whose repose angle and swell are in {self.soils}; leave"
                 " repose_angle and swell out, or leave the name out"

@@ -23,9 +23,9 @@ DOWN = [(0.3, 0.05), (0.2, -0.05), (0.1, -0.15), (0.0, -0.2), (-0.1, -0.2)]  # l
 class Digger:
     """Machine exchange that accounts its soil as one number."""
 
-    def __init__(self, endpoint: SoilEndpoint, machine_id: int = 1) -> None:
+    def __init__(self, endpoint: SoilEndpoint, machine_id: int = 1, session_id: int = 0) -> None:
         self.endpoint = endpoint
-        self.exchange = MachineExchange(machine_id)
+        self.exchange = MachineExchange(machine_id, session_id=session_id)
         self.soil_mm3 = 0
         self.exchange.join()
         self.deliver()
@@ -52,6 +52,7 @@ class Digger:
         answer = self.exchange.poll()
         if answer is not None:
             self.soil_mm3 += int(answer.conversions["volume_mm3"].astype(np.int64).sum())
+            self.exchange.acknowledge_answer()
 
     def dig(self) -> SoilTickResult:
         """Push a bucket into the ground and wait a tick; return the last tick."""
@@ -123,15 +124,17 @@ def test_tick_waits_for_every_machine_unless_wait_is_false(endpoint: SoilEndpoin
     assert endpoint.advance() is not None
 
 
-def test_released_soil_is_deposited_at_the_last_sweep(
-    endpoint: SoilEndpoint,
+@pytest.mark.parametrize("last_is_valid", [True, False])
+def test_released_soil_is_deposited_at_the_last_valid_sweep(
+    endpoint: SoilEndpoint, last_is_valid: bool
 ) -> None:
     digger = welcomed(endpoint)
     digger.dig()
     x, z = DOWN[-1]
-    digger.send(bucket_sweep((x, 0.0, z), (x, 0.0, 1.0)), leave=True)
+    digger.send(bucket_sweep((x, 0.0, z), (x, 0.0, 1.0 if last_is_valid else np.nan)), leave=True)
     left = endpoint.advance()
     assert left is not None
+    assert bool(left.step.rejected_tools) is not last_is_valid
     held = left.ledger.absent
     assert held >= digger.soil_mm3 > 0
     heights = endpoint.soil.columns.height.copy()
@@ -177,6 +180,41 @@ def test_release_without_absent_soil_does_nothing(endpoint: SoilEndpoint) -> Non
     assert endpoint.release_absent_soil() == ()
 
 
+def test_soil_of_an_ended_session_is_released_beside_the_present_one(
+    endpoint: SoilEndpoint,
+) -> None:
+    crashed = welcomed(endpoint)
+    crashed.dig()
+    heights = endpoint.soil.columns.height.copy()
+    digger = Digger(endpoint, session_id=5)  # requests to join while the first still takes part
+    endpoint.exchange.drop(1)
+    endpoint.advance(wait=False)
+    digger.deliver()
+    digger.send(bucket_sweep((3.0, 0.0, 1.0), (3.0, 0.0, 1.0)))
+    before = endpoint.advance()
+    assert before is not None
+    held = before.ledger.absent
+    assert held > 0
+    assert endpoint.release_absent_soil() == (1,)
+    digger.take()
+    digger.send(bucket_sweep((3.0, 0.0, 1.0), (3.0, 0.0, 1.0)))
+    done = endpoint.advance()
+    assert done is not None
+    assert (done.ledger.absent, done.ledger.imbalance) == (0, 0)
+    assert done.ledger.terrain == before.ledger.terrain + held
+    raised = np.argwhere(endpoint.soil.columns.height > heights + 1e-6)
+    grid = endpoint.soil.grid
+    place = np.array([grid.row(DOWN[-1][0]), grid.col(0.6)])  # where the crashed session was
+    assert np.hypot(*(raised - place).T).min() < 2.5
+    assert endpoint.release_absent_soil() == ()
+    digger.take()
+    digger.send(bucket_sweep((3.0, 0.0, 1.0), (3.0, 0.0, 1.0)))
+    last = endpoint.advance()
+    assert last is not None
+    digger.take()
+    assert (digger.soil_mm3, last.ledger.imbalance) == (0, 0)
+
+
 def test_machine_that_rejoins_before_the_release_keeps_its_soil(
     endpoint: SoilEndpoint,
 ) -> None:
@@ -185,7 +223,7 @@ def test_machine_that_rejoins_before_the_release_keeps_its_soil(
     digger.send(bucket_sweep((0, 0, 1), (0, 0, 1)), leave=True)
     endpoint.advance()
     digger.deliver()
-    digger.exchange.poll()
+    digger.exchange.acknowledge_answer()
     assert endpoint.release_absent_soil() == (1,)
     digger.exchange.join(pending_mm3=digger.soil_mm3)
     digger.deliver()

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 from support.node_scenes import Scene, dig, machine_file, ready_to_dig
 from support.soil_scenes import bucket_sweep, flat_soil, make_deposit_requests
 
+from machine_sim.node import run_membership
 from msg_bridge.exchange.machine_exchange import MachineExchange
 from msg_bridge.testing.ros_context import Ros
 from soil_sim.endpoint import SoilEndpoint
@@ -74,29 +74,6 @@ def test_dropped_machine_can_rejoin_a_run_without_machines() -> None:
     assert run.endpoint.exchange.joined == (1,)
 
 
-def test_absent_soil_is_deposited_at_the_last_valid_sweep() -> None:
-    endpoint = SoilEndpoint(flat_soil())
-    (machine,) = join(endpoint, 1)
-    done = None
-    for sweeps, leave in ((STILL.copy(), False), (STILL.copy(), True)):
-        if leave:
-            sweeps["x1"] = np.nan
-        machine.send(sweeps, NOTHING, pending_mm3=1000, particles_mm3=0, leave=leave)
-        deliver(machine, endpoint)
-        done = endpoint.advance()
-        for message in endpoint.drain_outbox():
-            machine.receive(message)
-        machine.poll()
-    assert done is not None
-    assert done.step.rejected_tools
-    assert done.ledger.absent == 1000
-    assert endpoint.release_absent_soil() == (1,)
-    released = endpoint.advance(wait=False)
-    assert released is not None
-    assert released.ledger.absent == 0
-    assert released.ledger.terrain == done.ledger.terrain + 1000
-
-
 def test_release_drops_a_crashed_machine_and_deposits_its_soil(ros: Ros, tmp_path: Path) -> None:
     scene = Scene(ros, machine_timeout=0.3, expected_machines=[1, 2])
     file = machine_file(tmp_path, ready_to_dig())
@@ -128,15 +105,32 @@ def test_dropped_machine_that_is_alive_rejoins(ros: Ros) -> None:
     assert scene.joined == (1,)
 
 
-def test_machine_that_waits_for_a_command_is_not_silent(
-    ros: Ros, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_machine_that_waits_for_a_command_is_not_silent(ros: Ros) -> None:
     scene = Scene(ros, machine_timeout=0.5)
     machine = scene.machine(command_wait_period=1)
     ros.spin_until(
         lambda: scene.tick == 0 and machine.run is not None and machine.run.endpoint.is_ready
     )
     ros.spin_for(1.2)
-    assert "silent" not in capfd.readouterr().err
     assert not scene.trigger("/soil/release").success
     assert scene.joined == (1,)
+
+
+def test_machine_whose_soil_was_released_joins_again_without_it(
+    ros: Ros, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_membership, "_REJOIN_PERIOD", 0.1)
+    scene = Scene(ros, machine_timeout=0.3)
+    file = machine_file(tmp_path, ready_to_dig())
+    digger = scene.machine(machine=file, **{"commands.command_timeout": 60.0})
+    dig(scene, digger, lambda ledger: ledger.particles + ledger.pending > 5 * 10**6)
+    ros.executor.remove_node(digger)  # it stands still, with its soil
+    ros.spin_until(lambda: scene.trigger("/soil/release").success)
+    ros.spin_until(lambda: scene.joined == ())
+    ros.executor.add_node(digger)
+    ros.spin_until(lambda: scene.joined == (1,), what="the machine to have joined again")
+    scene.more_ticks(5)
+    ledger = scene.ledgers[-1]
+    assert (ledger.imbalance, ledger.absent) == (0, 0)
+    assert digger.run is not None
+    assert digger.diagnostics.report().values["times_soil_discarded"] == "1"

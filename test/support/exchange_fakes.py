@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import Message
@@ -45,12 +46,19 @@ class FakeSoil:
         self.terrain = 10**15
         self.rows_seen: list[tuple[int, int]] = []
         self.sweeps_seen: list[tuple[int, int]] = []
-        self.exchange = SoilExchange(GRID, lambda: np.zeros(GRID.shape), expected=expected)
+        self.exchange = SoilExchange(
+            GRID, lambda: np.zeros(GRID.shape), expected=expected, admit_others=True
+        )
         self.ledgers: list[Ledger] = []
         self.releasing: list[int] = []
+        self.num_rejected = 0
 
     def step(self, *, wait: bool = True) -> bool:
-        tick = self.exchange.poll(wait=wait)
+        try:
+            tick = self.exchange.poll(wait=wait)
+        except ExchangeError:  # forged rows
+            self.num_rejected += 1
+            return False
         if tick is None:
             return False
         conversions = self.move(tick)
@@ -112,6 +120,7 @@ class FakeMachine:
         self.applied: list[int] = []
         self.answers: list[tuple[int, int]] = []  # (last tick sent, tick answered)
         self.rows_per_tick = 8
+        self.num_rejected = 0
         self.entered = False
 
     @property
@@ -127,11 +136,16 @@ class FakeMachine:
     def step(self, *, leave: bool = False) -> bool:
         """Apply the answer if it is here and send the next tick; return False if it is not."""
         if self.exchange.waiting:
-            answer = self.exchange.poll()
+            try:
+                answer = self.exchange.poll()
+            except ExchangeError:  # forged rows
+                self.num_rejected += 1
+                return False
             if answer is None:
                 return False
             self.answers.append((self.exchange.sent_tick, answer.tick))
             self.apply(answer.conversions)
+            self.exchange.acknowledge_answer()
         if not self.exchange.joined:
             self.entered = False
             return False

@@ -12,7 +12,7 @@ from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 from soil_sim.soil import Soil
-from soil_sim.soils.params import SoilParams
+from support.soil_scenes import reference_soil
 
 GRID = Grid(129, 129, 0.2)
 
@@ -42,5 +42,5 @@ def loose_soil_options(soil: Soil) -> dict[str, list[LooseSoil]]:
 
 
 def level_soil(**params: object) -> Soil:
-    """Return level soil on the same grid."""
-    return Soil(GRID, np.zeros(GRID.shape), SoilParams(**params))  # type: ignore[arg-type]
+    """Return level soil of `reference_soil` on the same grid."""
+    return Soil(GRID, np.zeros(GRID.shape), reference_soil(**params))

@@ -28,6 +28,7 @@ from msg_bridge.contract.messages import (
 from msg_bridge.contract.rows import (
     CONVERSION,
     DEPOSIT_REQUEST,
+    ENDED_SESSION,
     FORCE,
     MAP_UPDATE,
     ConversionKind,
@@ -184,6 +185,7 @@ class RecordedRun:
             answer = end.poll()
             if answer is not None:
                 self.simulated_machines[machine_id].apply(answer.conversions, answer.map_updates)
+                end.acknowledge_answer()
 
     def rejoin(self, machine_id: int, **totals: int) -> None:
         """Let a machine that left join again and apply its backlog."""
@@ -204,8 +206,17 @@ class RecordedRun:
         self.step(released=rows)
         return volume
 
+    def release_forfeited(self, machine_id: int) -> int:
+        """Release what a joined machine left behind in earlier sessions; return it [mm^3]."""
+        volume = self.soil_endpoint.release_forfeited(machine_id)
+        rows = empty_rows(DEPOSIT_REQUEST, 1)
+        rows["machine_id"], rows["volume_mm3"] = ENDED_SESSION, volume
+        self.step(released=rows)
+        return volume
+
     def crash(self, machine_id: int, replacement: SimulatedMachine) -> None:
-        """Replace a machine, whose soil is lost, by an empty one."""
+        """Replace a machine, whose soil is lost, by an empty one once the soil has dropped it."""
+        self.soil_endpoint.drop(machine_id)
         self.simulated_machines[machine_id] = replacement
         session_id = self.machine_endpoints[machine_id].session_id + 1
         self.machine_endpoints[machine_id] = MachineExchange(

@@ -21,11 +21,17 @@ NO_SWEEPS = empty_rows(SWEEP)
 NO_DEPOSIT_REQUESTS = empty_rows(DEPOSIT_REQUEST)
 
 
+def reference_soil(**params: object) -> SoilParams:
+    """Return parameters of a soil that stands at 30 degrees and does not swell, by default."""
+    reference = {} if "soil" in params else {"repose_angle": 30.0, "swell": 0.0}
+    return SoilParams(**{**reference, **params})  # type: ignore[arg-type]
+
+
 def flat_soil(size: float = 12.0, cell: float = 0.2, **params: object) -> Soil:
-    """Return level soil at height 0, `size` [m] wide."""
+    """Return level soil at height 0, `size` [m] wide, of `reference_soil`."""
     n = int(round(size / cell)) + 1
     grid = Grid(n, n, cell)
-    return Soil(grid, np.zeros(grid.shape), SoilParams(**params))  # type: ignore[arg-type]
+    return Soil(grid, np.zeros(grid.shape), reference_soil(**params))
 
 
 def make_deposit_requests(x: object, y: object, volume_mm3: int) -> Rows:

@@ -63,6 +63,10 @@ class PendingAccount(Protocol):
         """Values for the state hash."""
         ...
 
+    def clear(self) -> None:
+        """Remove all pending soil."""
+        ...
+
     def receive(self, conversions: Rows, pose: Pose, tick: int) -> None:
         """Credit the EXCAVATE rows among the CONVERSION rows of a tool at a pose."""
         ...
@@ -147,6 +151,9 @@ class NoPendingSoil:
     total_mm3 = 0
     accounted_water = 0
     state: NDArray[np.generic] = np.zeros(0)
+
+    def clear(self) -> None:
+        """Do nothing."""
 
     def receive(self, conversions: Rows, pose: Pose, tick: int) -> None:
         """Accept no rows: none belong to a tool that does not excavate."""

@@ -14,6 +14,7 @@ from support.machine_scenes import (
 )
 
 from earthmoving_sim.world import World
+from machine_sim.dem import ParticleParams
 from machine_sim.machine import MachineSpec
 from machine_sim.machine.tracks.track_model import TRACK_MODELS, TrackModel
 from machine_sim.params import MachineSimParams
@@ -35,7 +36,10 @@ class Dig:
     ) -> None:
         ground = level_soil(soil=soil)
         self.sim = machine_on_level_ground(
-            spec, params=MachineSimParams(track_model=tracks), **loose_soil_options(ground)
+            spec,
+            params=MachineSimParams(track_model=tracks),
+            particle_params=ParticleParams(nominal_volume=500_000),
+            **loose_soil_options(ground),
         )
         self.machine = self.sim.machine
         self.world = World(ground, {1: self.sim})

@@ -99,6 +99,8 @@ def test_section_cannot_replace_the_versions() -> None:
         "run: {run_id: 1, tick_period: 0.01",
         "!!python/object/apply:os.system [true]",
         "\x00",
+        "run: " + "[" * 2000,
+        "run: " + "x" * 200_000,
     ],
 )
 def test_invalid_configuration_is_rejected(text: str) -> None:

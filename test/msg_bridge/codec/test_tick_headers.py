@@ -62,10 +62,10 @@ SOIL_HEADER = SoilHeader(
     1,
     5,
     9,
-    RowRange(11, 2),
-    RowRange(21, 3),
-    RowRange(31, 4),
-    (MachineReceipt(2, 7, 41, 43, 44),),
+    RowRange(11, 2, -1),
+    RowRange(21, 3, 22),
+    RowRange(31, 4, 33),
+    (MachineReceipt(2, 7, 41, 43, 44, 45),),
 )
 
 
@@ -107,15 +107,19 @@ def test_labels_of_a_soil_header() -> None:
         "revision": 9,
         "conversions.first": 11,
         "conversions.count": 2,
+        "conversions.digest": -1,
         "map_updates.first": 21,
         "map_updates.count": 3,
+        "map_updates.digest": 22,
         "forces.first": 31,
         "forces.count": 4,
+        "forces.digest": 33,
         "receipts.0.machine_id": 2,
         "receipts.0.session_id": 7,
         "receipts.0.deposit_requests_received": 41,
         "receipts.0.backlog": 43,
         "receipts.0.tick": 44,
+        "receipts.0.backlog_digest": 45,
     }
 
 
@@ -130,8 +134,10 @@ def test_labels_of_a_machine_header() -> None:
         "verb": Verb.STEP,
         "sweeps.first": 5,
         "sweeps.count": 6,
+        "sweeps.digest": 0,
         "deposit_requests.first": 7,
         "deposit_requests.count": 8,
+        "deposit_requests.digest": 0,
         "conversions_received": 9,
         "pending_mm3": 11,
         "particles_mm3": 12,
@@ -204,7 +210,7 @@ def unknown_stream(msg: Int64MultiArray) -> None:
 
 
 def missing_label(msg: Int64MultiArray) -> None:
-    with_labels(msg, lambda names: names[:-1])
+    with_labels(msg, lambda names: [*names[:-2], names[-1]])
 
 
 def swapped_labels(msg: Int64MultiArray) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +11,18 @@ from support.exchange_fakes import ExchangeDriver, FakeSoil
 from support.wire import raises
 
 from msg_bridge.contract.errors import ErrorCode
-from msg_bridge.contract.messages import MachineHeader, RetransmitRequest, SoilHeader, Stream, Verb
+from msg_bridge.contract.messages import (
+    MachineHeader,
+    RetransmitRequest,
+    RowChunk,
+    RowRange,
+    SoilHeader,
+    Stream,
+    Verb,
+)
+from msg_bridge.contract.rows import DEPOSIT_REQUEST, ConversionKind, Rows, empty_rows
 from msg_bridge.exchange.join_state import JoinState
+from msg_bridge.exchange.row_digest import row_digest
 
 
 def driver() -> ExchangeDriver:
@@ -78,6 +89,7 @@ def test_slow_machine_requests_the_latest_header() -> None:
         answer = exchange.poll()
         if answer is not None:
             run.machines[0].apply(answer.conversions)
+            exchange.acknowledge_answer()
     run.transport.deliver()
     exchange.request_missing()
     (request,) = exchange.drain_outbox()
@@ -90,3 +102,56 @@ def test_slow_machine_requests_the_latest_header() -> None:
     exchange.receive(latest)
     assert exchange.join_state is JoinState.READY
     run.ticks(3)
+
+
+def test_reported_volume_that_does_not_follow_from_the_rows_is_rejected() -> None:
+    run = driver()
+    header = next_header(run)
+    with raises(ErrorCode.VOLUME_MISMATCH):
+        run.soil.exchange.receive(replace(header, pending_mm3=header.pending_mm3 + 10**15))
+    run.soil.exchange.receive(header)
+    run.ticks(3)
+    assert run.is_balanced()
+
+
+def too_much(rows: Rows, run: ExchangeDriver) -> None:
+    rows["volume_mm3"] = 2**32 - 1
+
+
+def deposited_particle(rows: Rows, run: ExchangeDriver) -> None:
+    """Request a particle whose deposit is published and not acknowledged."""
+    answers = run.soil.exchange.accounts.backlog(1)
+    rows["particle_id"] = answers["particle_id"][answers["kind"] == ConversionKind.DEPOSIT][0]
+    rows["volume_mm3"] = 1
+
+
+@pytest.mark.parametrize("forge", [too_much, deposited_particle])
+def test_deposit_of_soil_that_the_machine_does_not_hold_is_rejected(
+    forge: Callable[[Rows, ExchangeDriver], None],
+) -> None:
+    run = driver()
+    soil, machine = run.soil.exchange, run.machines[0]
+    while True:
+        *chunks, header = run.hold_next_tick(machine)
+        answers = soil.accounts.backlog(1)
+        if (answers["kind"] == ConversionKind.DEPOSIT).any():
+            break
+        for message in (*chunks, header):
+            soil.receive(message)
+    assert isinstance(header, MachineHeader)
+    rows = empty_rows(DEPOSIT_REQUEST, 1000)
+    rows["seq"] = header.deposit_requests.first + np.arange(rows.size)
+    rows["particle_id"], rows["machine_id"] = 10**6 + np.arange(rows.size), 1
+    forge(rows, run)
+    span = RowRange(header.deposit_requests.first, rows.size, row_digest(rows))
+    soil.receive(RowChunk(1, Stream.DEPOSIT_REQUEST, 1, machine.exchange.session_id, rows))
+    for message in chunks:
+        if isinstance(message, RowChunk) and message.stream is Stream.SWEEP:
+            soil.receive(message)
+    soil.receive(replace(header, deposit_requests=span))
+    with raises(ErrorCode.DEPOSIT_VOLUME):
+        soil.poll()
+    for message in (*chunks, header):  # those of the machine are accepted afterwards
+        soil.receive(message)
+    run.ticks(3)
+    assert run.is_balanced()

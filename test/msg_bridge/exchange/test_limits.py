@@ -21,6 +21,7 @@ from msg_bridge.contract.messages import (
 )
 from msg_bridge.contract.rows import SWEEP, empty_rows
 from msg_bridge.exchange.join_state import JoinState
+from msg_bridge.exchange.row_digest import row_digest
 from msg_bridge.exchange.stream_buffers import PIPELINE_DEPTH
 
 
@@ -86,14 +87,14 @@ def test_soil_queues_no_more_headers_than_a_machine_may_be_ahead() -> None:
     soil, machine = run.soil.exchange, run.machines[0].exchange
     headers = [header for header, _ in zip(future_headers(run), range(20), strict=False)]
     first = headers[0]
-    missing_row = RowRange(first.sweeps.first, 1)
+    row = empty_rows(SWEEP, 1)
+    row["machine_id"], row["seq"] = 1, first.sweeps.first
+    missing_row = RowRange(first.sweeps.first, 1, row_digest(row))
     later = [replace(each, sweeps=RowRange(missing_row.last + 1)) for each in headers[1:]]
     soil.receive(replace(first, sweeps=missing_row))
     for header in later:
         run.soil.step(wait=False)  # in real time the soil continues without the machine
         soil.receive(header)
-    row = empty_rows(SWEEP, 1)
-    row["machine_id"], row["seq"] = 1, missing_row.first
     soil.receive(RowChunk(1, Stream.SWEEP, 1, machine.session_id, row))
     for _ in range(10):
         run.soil.step(wait=False)

@@ -6,10 +6,18 @@ from support.exchange_fakes import GRID, ExchangeDriver, FakeMachine
 from support.wire import raises
 
 from msg_bridge.contract.errors import ErrorCode
-from msg_bridge.contract.messages import Keyframe, MachineHeader, RowChunk, Stream, Verb
+from msg_bridge.contract.messages import (
+    JoinRejected,
+    Keyframe,
+    MachineHeader,
+    RowChunk,
+    Stream,
+    Verb,
+)
 from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, empty_rows
 from msg_bridge.exchange.join_state import JoinState
 from msg_bridge.exchange.machine_exchange import MachineExchange
+from msg_bridge.exchange.soil_exchange import SoilExchange
 
 GOOD: dict[str, float] = {}
 BAD = {"drop": 0.2, "duplicate": 0.2, "delay": 0.4}
@@ -28,6 +36,7 @@ class Fleet(ExchangeDriver):
             answer = machine.exchange.poll()
             if answer is not None:
                 machine.apply(answer.conversions)
+                machine.exchange.acknowledge_answer()
         raise AssertionError("no answer")
 
 
@@ -112,6 +121,8 @@ def test_crashed_machine_restarts_empty_and_its_soil_remains_absent() -> None:
     fleet.machines[1] = FakeMachine(np.random.default_rng(99), 2, session_id=10)
     fleet.connect()
     fleet.machines[1].exchange.join()
+    fleet.until(lambda: fleet.soil.exchange.contended == (2,))
+    fleet.soil.exchange.drop(2)
     fleet.ticks(20)
     assert fleet.soil.exchange.joined == (1, 2)
     lost = fleet.soil.ledgers[-1].absent
@@ -236,6 +247,9 @@ def test_random_joins_and_leaves_over_a_lossy_transport_lose_nothing(seed: int) 
             fleet.machines[k] = FakeMachine(rng, machine.exchange.machine_id, session_id=session_id)
             fleet.connect()
             fleet.machines[k].exchange.join()
+            restarted = machine.exchange.machine_id
+            fleet.until(lambda n=restarted: n in fleet.soil.exchange.contended)  # type: ignore[misc]
+            fleet.soil.exchange.drop(restarted)
     for machine in fleet.machines:
         if machine.exchange.join_state is JoinState.OUT:
             machine.exchange.join(**machine.totals)
@@ -259,3 +273,37 @@ def test_joining_in_a_session_that_is_over_is_rejected() -> None:
     again.exchange.join()
     fleet.until(lambda: again.exchange.joined)
     assert fleet.is_balanced()
+
+
+def test_another_session_does_not_disturb_a_machine_that_takes_part() -> None:
+    fleet = Fleet(2, expected=2)
+    fleet.ticks(5)
+    exchange = fleet.soil.exchange
+    session_id = fleet.machines[1].exchange.session_id
+    for forged in (1, 77, 2**32 - 1):  # smaller or larger does not matter
+        exchange.receive(MachineHeader(exchange.run_id, 2, forged, -1, Verb.JOIN))
+    assert exchange.contended == (2,)
+    fleet.ticks(20)
+    assert exchange.joined == (1, 2)
+    assert fleet.soil.ledgers[-1].absent == 0
+    assert fleet.machines[1].exchange.session_id == session_id
+    # The latest request is admitted once the machine has left, and is silent; the machine returns.
+    fleet.leave(fleet.machines[1])
+    fleet.soil.step(wait=False)
+    assert exchange.joined == (1, 2)
+    fleet.machines[1].exchange.join(**fleet.machines[1].totals)
+    fleet.until(lambda: exchange.contended == (2,))
+    exchange.drop(2)
+    fleet.ticks(5)
+    assert fleet.machines[1].exchange.join_state is JoinState.OUT
+    assert "left with" in fleet.machines[1].exchange.rejection_reason
+    assert fleet.is_balanced()
+
+
+def test_only_expected_machines_are_admitted_by_default() -> None:
+    soil = SoilExchange(GRID, lambda: np.zeros(GRID.shape), expected=(1, 2))
+    soil.receive(MachineHeader(soil.run_id, 9, 5, -1, Verb.JOIN))
+    (rejection,) = soil.drain_outbox()
+    assert isinstance(rejection, JoinRejected)
+    assert (rejection.machine_id, rejection.session_id) == (9, 5)
+    assert "expected_machines" in rejection.reason

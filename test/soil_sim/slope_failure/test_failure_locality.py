@@ -6,7 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from support.soil_scenes import NO_SWEEPS, come_to_rest, flat_soil, make_deposit_requests
+from support.soil_scenes import (
+    NO_SWEEPS,
+    come_to_rest,
+    flat_soil,
+    make_deposit_requests,
+    reference_soil,
+)
 
 from msg_bridge.contract.grid import Grid
 from soil_sim.columns.operations import remove_loose
@@ -19,7 +25,7 @@ def test_soil_of_one_failure_is_not_deposited_at_another() -> None:
     grid = Grid(161, 161, 0.2)
     heights = np.zeros(grid.shape)
     heights[20:50, 20:140] = 3.0
-    soil = Soil(grid, heights, SoilParams(swell=0.4))
+    soil = Soil(grid, heights, reference_soil(swell=0.4))
     columns = soil.columns
     bulk = int(3.0 / columns.metres_per_mm3)
     columns.bulk[110:140, 20:140] = bulk

@@ -7,7 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.soil_scenes import NO_DEPOSIT_REQUESTS, NO_SWEEPS, bucket_sweep, make_deposit_requests
+from support.soil_scenes import (
+    NO_DEPOSIT_REQUESTS,
+    NO_SWEEPS,
+    bucket_sweep,
+    make_deposit_requests,
+    reference_soil,
+)
 
 from msg_bridge.contract.constants import MOISTURE_LEVELS
 from msg_bridge.contract.errors import ParameterError
@@ -246,7 +252,7 @@ def test_surface_material_is_excavated_after_a_cut_and_loose_after_deposition() 
 
 def test_soil_that_slides_over_a_slope_leaves_no_loose_surface_on_it() -> None:
     heights = np.tile(-0.2 * math.tan(math.radians(30.0)) * np.arange(61.0), (61, 1))
-    soil = Soil(GRID, heights, SoilParams())
+    soil = Soil(GRID, heights, reference_soil())
     x, y = soil.grid.x(30.0), soil.grid.y(10.0)
     for tick in range(4):  # more would back up from the foot
         soil.step(tick, NO_SWEEPS, make_deposit_requests(x, y, 2_000_000))

@@ -1,0 +1,163 @@
+"""Limits of the motion that a machine may report for its tools.
+
+A tool moves continuously, at a limited speed, and keeps its shape. Sweeps that violate this do not
+come from its machine: they would cut where the tool is not. Tools are rejected one by one, as in
+`tool_sweeps`; the history of a rejected tool is kept, so that the next valid sweep is accepted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msg_bridge.contract.rows import SWEEP, Rows, SweepAction
+
+__all__ = ["SweepLimits"]
+
+_GAP_TOLERANCE = 0.02
+"""Distance between the end of a sweep and the start of the next that counts as none [m]: float32
+resolves a centimetre at 100 km."""
+
+_SHAPE_TOLERANCE = 0.1
+"""Change of the distance of two key points of a tool that counts as none [m]."""
+
+_PRESSING_GAP_TOLERANCE = 0.3
+"""The same of a tool that only compacts [m]: the height of soles changes as shoes are unloaded."""
+
+_NUM_CONTINUOUS_TICKS = 20
+"""Ticks of continuous motion after which a tool is accepted at another place: its machine was
+moved."""
+
+_SEGMENT_DTYPE = np.dtype([("ends", "<f4", (6,)), ("rest", f"V{SWEEP.itemsize - 24}")])
+"""SWEEP rows with x0, y0, z0, x1, y1, z1, their first fields, as one array field."""
+
+Points = NDArray[np.float64]
+
+
+@dataclass
+class _Tool:
+    """Last accepted sweep of a tool, and the motion that was rejected since.
+
+    Attributes:
+        ends: key points at its end [m], shape (n, 3).
+        lengths: distances between successive key points [m], shape (n - 1,).
+        tick: its tick.
+        rejected_ends: those of the last rejected sweep; None without one.
+        num_continuous: number of rejected sweeps in succession that are continuous.
+    """
+
+    ends: Points
+    lengths: Points
+    tick: int
+    rejected_ends: Points | None = None
+    num_continuous: int = 0
+
+
+_Tools = dict[int, _Tool]
+"""Tools of a machine by id."""
+
+
+class SweepLimits:
+    """Checks the sweeps of all machines, tick by tick."""
+
+    def __init__(self, max_displacement: float) -> None:
+        """
+        Args:
+            max_displacement: maximum displacement of a key point in a tick [m].
+        """
+        self._max_displacement = max_displacement
+        self._session_ids: dict[int, int] = {}  # by machine id
+        self._machines: dict[int, _Tools] = {}  # by machine id
+
+    def check(self, tick: int, sweeps: Rows) -> tuple[Rows, tuple[str, ...]]:
+        """Separate possible sweeps from impossible ones.
+
+        Args:
+            tick: number of the soil's tick.
+            sweeps: SWEEP rows of all machines; the rows of a tool are contiguous.
+
+        Returns:
+            (rows of the accepted tools, a message for each rejected tool).
+        """
+        if sweeps.size == 0:
+            return sweeps, ()
+        segments = sweeps.view(_SEGMENT_DTYPE)["ends"].astype(np.float64).reshape(-1, 2, 3)
+        ids = sweeps["machine_id"].astype(np.uint32) << 16 | sweeps["tool"]
+        begins = [0, *(1 + np.flatnonzero(ids[1:] != ids[:-1])).tolist()]
+        is_accepted = np.ones(sweeps.size, dtype=np.bool_)
+        messages = []
+        for begin, end in zip(begins, [*begins[1:], sweeps.size], strict=True):
+            machine_id, tool = int(sweeps["machine_id"][begin]), int(sweeps["tool"][begin])
+            tools = self._machines.setdefault(machine_id, {})
+            is_pressing = (sweeps["action"][begin:end] == SweepAction.COMPACT).all()
+            tolerance = _PRESSING_GAP_TOLERANCE if is_pressing else _GAP_TOLERANCE
+            fault = self._find_fault(tools, tool, tick, segments[begin:end], tolerance)
+            if fault:
+                is_accepted[begin:end] = False
+                messages.append(f"machine {machine_id}, tool {tool} is rejected: {fault}")
+        return (sweeps[is_accepted] if messages else sweeps), tuple(messages)
+
+    def update_sessions(self, session_ids: Mapping[int, int]) -> None:
+        """Remove the tools of machines whose session has ended.
+
+        Args:
+            session_ids: session of each machine that takes part, by machine id.
+        """
+        for machine_id in list(self._machines):
+            if session_ids.get(machine_id) != self._session_ids.get(machine_id):
+                del self._machines[machine_id]
+        self._session_ids = dict(session_ids)
+
+    def _find_fault(
+        self, tools: _Tools, tool: int, tick: int, segments: Points, tolerance: float
+    ) -> str:
+        """Return what is impossible in the sweep of a tool; empty if nothing is.
+
+        Coordinates that are not finite are left to `tool_sweeps`.
+        """
+        starts, ends = segments[:, 0], segments[:, 1]
+        displacement = np.abs(ends - starts).max()
+        if not np.isfinite(displacement):
+            return ""
+        if displacement > self._max_displacement:
+            return (
+                f"a key point moves {displacement:.2f} m in a tick, and at most"
+                f" {self._max_displacement:g} m are possible at max_tool_speed"
+            )
+        edges = ends[1:] - ends[:-1]
+        sweep = _Tool(ends, np.sqrt(np.einsum("ij,ij->i", edges, edges)), tick)
+        known = tools.get(tool)
+        fault = "" if known is None else self._find_jump(known, sweep, starts, tolerance)
+        if known is not None and fault and not _has_been_moved(known, starts, ends):
+            return fault
+        if known is not None and not fault:
+            sweep.lengths = known.lengths  # of its first sweep, so that the shape cannot drift
+        tools[tool] = sweep
+        return ""
+
+    def _find_jump(self, known: _Tool, sweep: _Tool, starts: Points, tolerance: float) -> str:
+        """Return how a sweep does not continue that of its tool before; empty if it does."""
+        if sweep.lengths.shape != known.lengths.shape or (
+            sweep.lengths.size and np.abs(sweep.lengths - known.lengths).max() > _SHAPE_TOLERANCE
+        ):
+            return "its key points are not those of its first sweep"
+        gap = np.abs(starts - known.ends).max()
+        # A track at rest has no sweeps: it may have crept since its last one.
+        most = tolerance + self._max_displacement * max(sweep.tick - known.tick - 1, 0)
+        return "" if gap <= most else f"its sweep begins {gap:.2f} m from the end of its last one"
+
+
+def _has_been_moved(known: _Tool, starts: Points, ends: Points) -> bool:
+    """Return whether a tool has moved continuously elsewhere for long enough."""
+    before = known.rejected_ends
+    is_continuous = (
+        before is not None
+        and before.shape == starts.shape
+        and np.abs(starts - before).max() <= _PRESSING_GAP_TOLERANCE
+    )
+    known.num_continuous = known.num_continuous + 1 if is_continuous else 0
+    known.rejected_ends = ends
+    return known.num_continuous >= _NUM_CONTINUOUS_TICKS
