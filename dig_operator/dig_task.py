@@ -137,6 +137,14 @@ class DigTask:
         self.phase = phase
         self._phase_start_time = self._last_motion_time = observation.time
 
+    def abort(self, reason: str) -> None:
+        """End the task at once.
+
+        Args:
+            reason: why, for the user.
+        """
+        self.phase, self.abort_reason = OperatorPhase.DONE, reason
+
     def _abort(self, reason: str, observation: Observation) -> None:
         self.abort_reason = reason
         self._enter_phase(OperatorPhase.SETTLE, observation)

@@ -90,7 +90,7 @@ class FaceCuttingTask:
             self._start_time = observation.time
             self._phase_start_position = observation.base_position.copy()
         if observation.time - self._start_time > self._params.timeout:
-            self._abort(f"the face was not cut within {self._params.timeout:g} s")
+            self.abort(f"the face was not cut within {self._params.timeout:g} s")
         self._update_head_speed(observation, dt)
         turn, lift = float(observation.joints[0]), float(observation.joints[1])
         speed = self._advance_phase(observation, turn, lift)
@@ -131,7 +131,7 @@ class FaceCuttingTask:
         if self._contact_distance is None and feed_factor < 1.0:
             self._contact_distance = distance
         if self._contact_distance is None and distance > self._params.max_approach_distance:
-            self._abort(f"there is no face within {self._params.max_approach_distance:g} m")
+            self.abort(f"there is no face within {self._params.max_approach_distance:g} m")
             return 0.0
         if (
             self._contact_distance is not None
@@ -162,7 +162,12 @@ class FaceCuttingTask:
         self.phase = phase
         self._phase_start_position = observation.base_position.copy()
 
-    def _abort(self, reason: str) -> None:
+    def abort(self, reason: str) -> None:
+        """End the task at once, unless it has ended.
+
+        Args:
+            reason: why, for the user.
+        """
         if not self.done:
             self.phase, self.abort_reason = OperatorPhase.DONE, reason
 

@@ -10,15 +10,17 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
+from numpy.typing import ArrayLike
 from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, Int64MultiArray, String
+from std_msgs.msg import Bool, Float64MultiArray, Int64MultiArray, String
 
 from dig_operator.dig_task import DigTask
 from dig_operator.face_cutting import FaceCuttingTask
@@ -27,6 +29,7 @@ from dig_operator.face_params import FaceCuttingParams
 from dig_operator.node_params import DigOperatorNodeParams
 from dig_operator.observation_builder import ObservationBuilder, TerrainSnapshot
 from dig_operator.params import BehaviourParams, DigTaskParams
+from dig_operator.peer_monitor import PeerMonitor
 from dig_operator.sample_synchronizer import SampleSynchronizer, SyncedSample
 from dig_operator.usage import USAGE
 from machine_sim.commands import TRACK_NAMES
@@ -45,12 +48,13 @@ from msg_bridge.contract.errors import EarthmovingError, ErrorCode
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.topics import parent_namespace, resolve
 from msg_bridge.nodes.diagnostics import Diagnostics
+from msg_bridge.nodes.endpoint_monitor import EndpointMonitor
 from msg_bridge.nodes.process_main import run_node
 from msg_bridge.nodes.ros_parameters import declare_parameters
 from msg_bridge.nodes.sim_node import SimNode
 from msg_bridge.nodes.subscription_poller import SubscriptionPoller
 from msg_bridge.nodes.terrain_subscriber import TerrainSubscriber
-from msg_bridge.nodes.wait_log import WaitLog
+from msg_bridge.nodes.wait_log import Wait, WaitLog
 
 __all__ = ["DigOperatorNode", "main"]
 
@@ -90,6 +94,7 @@ class DigOperatorNode(SimNode):
         simulation = params.simulation_namespace or parent_namespace(self.get_namespace())
         self.diagnostics = Diagnostics(self, "dig_operator", simulation_namespace=simulation)
         self._facts: RunFacts | None = None
+        self._peers = PeerMonitor()
         surface_at(np.zeros((2, 2)), 0.0, 0.0, 1.0, 0.0, 0.0)  # compile before the first dig
         self._start_task()
         self._commands = self.create_publisher(JointState, topics.JOINT_COMMANDS, qos.STATE)
@@ -115,10 +120,17 @@ class DigOperatorNode(SimNode):
         )
         if self._has_payload:
             self._subscribe(Float64MultiArray, topics.PAYLOAD, qos.STATE, self._on_payload)
-        ledger_topic = resolve(topics.SOIL_LEDGER, simulation)
-        self._subscribe(Int64MultiArray, ledger_topic, qos.ROWS, self._on_ledger)
+        self._ledger_topic = resolve(topics.SOIL_LEDGER, simulation)
+        self._subscribe(Int64MultiArray, self._ledger_topic, qos.ROWS, self._on_ledger)
+        paused_topic = resolve(topics.SIM_PAUSED, simulation)
+        self._subscribe(Bool, paused_topic, qos.TRANSIENT_LOCAL, self._on_paused)
+        # The namespace of the machine node is that of its only machine, or the parent of several.
+        own, parent = self.get_namespace(), parent_namespace(self.get_namespace())
+        config_topic = resolve(topics.MACHINE_CONFIG, own if parent == simulation else parent)
+        self._subscribe(String, config_topic, qos.TRANSIENT_LOCAL, self._on_machine_config)
         self.create_timer(_REPEAT_PERIOD, self._repeat_last_command)
-        WaitLog(self, self._awaited)
+        WaitLog(self, self.diagnostics, self._find_waits)
+        EndpointMonitor(self, self.diagnostics)
 
     @property
     def finished(self) -> bool:
@@ -172,17 +184,40 @@ class DigOperatorNode(SimNode):
 
         self._poller.subscribe(msg_type, topic, profile, on_message, triggers=triggers)
 
-    def _awaited(self) -> str | None:
-        """Return what the first command waits for; None after it."""
+    def _find_waits(self) -> Iterator[Wait]:
+        """Yield what the node waits for now."""
+        joints_topic = self.resolve_topic_name(topics.JOINT_STATES)
+        if self.task.done:
+            return
         if self._facts is None:
-            return (
+            yield Wait(
                 f"{self._config_topic}; is `simulation_namespace` ({self._simulation}) that of a"
                 " running soil_sim?"
             )
-        if self._last_tick is None:
-            topic, namespace = self.resolve_topic_name(topics.JOINT_STATES), self.get_namespace()
-            return f"a tick with {topic}; does a machine_sim run in the namespace {namespace}?"
-        return None
+        elif self._last_tick is None:
+            yield Wait(
+                f"a tick with {joints_topic}; does a machine_sim run in the namespace"
+                f" {self.get_namespace()}?",
+                self._facts.run_id,
+            )
+        else:
+            yield from self._peers.find_waits(self._last_tick, self._ledger_topic, joints_topic)
+
+    def _on_paused(self, msg: Bool) -> None:
+        self._peers.paused = bool(msg.data)
+
+    def _on_machine_config(self, msg: String) -> None:
+        reason = self._peers.find_session_change(msg.data)
+        if reason and self._last_tick is not None:
+            self._abort(reason)
+
+    def _abort(self, reason: str) -> None:
+        """Stop the machine and end the task."""
+        assert self._facts is not None
+        tick = self._last_tick or 0
+        self._publish_command(np.zeros(len(self._joints)), np.zeros(len(TRACK_NAMES)), tick)
+        self.task.abort(reason)
+        self._publish_progress(tick * self._facts.tick_period)
 
     def _on_config(self, msg: String) -> None:
         facts = parse_run_facts(msg.data)
@@ -193,10 +228,12 @@ class DigOperatorNode(SimNode):
                 f"run {facts.run_id}: the task of the {self._machine_spec.name} starts{again}"
             )
             self._start_task()
+            self._peers.start_run()
         self._terrain.follower.start_run(facts.run_id)
         self._terrain.maps.set_cell(facts.cell)
 
     def _on_joints(self, msg: JointState) -> None:
+        self._peers.machine_time = time.monotonic()
         if self._facts is not None:
             tick = tick_from_stamp(msg.header.stamp, self._facts.tick_period)
             self._synchronizer.add_joints(tick, _joint_angles(msg, self._joints))
@@ -217,6 +254,7 @@ class DigOperatorNode(SimNode):
     def _on_ledger(self, msg: Int64MultiArray) -> None:
         ledger = from_multi_array(msg)
         if isinstance(ledger, Ledger):
+            self._peers.soil_time = time.monotonic()
             self._synchronizer.add_ledger(ledger)
 
     def _process_samples(self) -> None:
@@ -247,14 +285,23 @@ class DigOperatorNode(SimNode):
             _INITIAL_INTERVAL_TICKS if self._last_tick is None else sample.tick - self._last_tick
         )
         self._last_tick = sample.tick
-        command = self.task.command(observation, interval_ticks * facts.tick_period)
+        interval = interval_ticks * facts.tick_period
+        if jump := self._peers.find_jump(observation.base_position, interval):
+            self._abort(jump)
+            return
+        command = self.task.command(observation, interval)
         self._publish_progress(observation.time)
         if self.task.done:
             return
+        self._publish_command(command.joints, command.tracks, sample.tick)
+
+    def _publish_command(self, joints: ArrayLike, tracks: ArrayLike, tick: int) -> None:
+        """Publish velocities of joints [rad/s] and tracks [m/s] that answer the state of a tick."""
+        assert self._facts is not None
         self._last_command = to_command_state(
             (*self._joints, *TRACK_NAMES),
-            np.concatenate([command.joints, command.tracks]),
-            stamp_from_tick(sample.tick, facts.tick_period),
+            np.concatenate([joints, tracks]),
+            stamp_from_tick(tick, self._facts.tick_period),
         )
         self._commands.publish(self._last_command)
 

@@ -28,7 +28,8 @@ Modules:
 - `machine_transport`: the exchange with the soil over topics
 - `command_subscriptions`, `command_scheduler`: commands
 - `machine_publishers`: publications of one machine, each at its rate; `state_publishers` and
-  `sensor_publishers`: its topics; `shared_publishers`: those of the node
+  `sensor_publishers`: its topics, created by `publisher_factory`; `shared_publishers`: those of the
+  node
 - `machine_diagnostics`: diagnostics of the node and its machines
 
 Only the modules with topics import ROS.

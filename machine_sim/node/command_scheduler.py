@@ -10,6 +10,7 @@ from collections.abc import Callable
 from machine_sim.commands import AppliedCommand
 from machine_sim.endpoint import MachineEndpoint
 from machine_sim.node.machine_instance import MachineInstance
+from machine_sim.node.timeout_clock import TimeoutClock
 from machine_sim.simulated_machine import SimulatedMachine
 from msg_bridge.codec.run_config import RunFacts
 
@@ -42,6 +43,7 @@ class CommandScheduler:
         """
         self.arbiter = instance.arbiter
         self._machine, self._endpoint, self._facts = simulated.machine, endpoint, facts
+        self._clock = TimeoutClock()
         self._wait_period = instance.params.command_wait_period
         self._delay_ticks = 0 if facts.realtime else instance.params.command_delay
         self._last_answered_tick = -1  # newest tick that a stamped command answers
@@ -53,12 +55,12 @@ class CommandScheduler:
         return max(self._endpoint.tick, 0) * self._facts.tick_period
 
     def command_time(self, wall: float) -> float:
-        """Return the time for command timeouts [s]: wall time in real time, else simulation time.
+        """Return the time for command timeouts [s]: `TimeoutClock` in real time, else simulated.
 
         Args:
             wall: a monotonic wall clock [s].
         """
-        return wall if self._facts.realtime else self.sim_time
+        return self._clock.now(wall) if self._facts.realtime else self.sim_time
 
     def receive(self, stamp: float, deliver: Callable[[], bool]) -> None:
         """Deliver a stamped command now, or `command_delay` ticks after its stamp.
@@ -86,8 +88,13 @@ class CommandScheduler:
         return self._facts.realtime or not is_awaited or self._last_answered_tick >= answered
 
     def apply_command(self, wall: float) -> AppliedCommand:
-        """Apply the command that takes effect in the tick that begins now, and return it."""
+        """Apply the command that takes effect in the tick that begins now, and return it.
+
+        Args:
+            wall: monotonic wall clock [s].
+        """
         self._deliver_due()
+        self._clock.tick(wall, self.sim_time)
         applied = self.arbiter.command_at(self.command_time(wall), self._machine.joint_positions)
         self._machine.command(applied.joints, applied.tracks)
         return applied

@@ -1,4 +1,4 @@
-"""Subscriptions to the command topics of one machine."""
+"""Subscriptions to the command topics of one machine, other than its emergency stop."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, Protocol
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TwistStamped
 from sensor_msgs.msg import JointState, Joy
-from std_msgs.msg import Bool, Float64MultiArray
+from std_msgs.msg import Float64MultiArray
 
 from msg_bridge.codec import qos
 from msg_bridge.codec.stamps import seconds_from_stamp
@@ -35,7 +35,6 @@ class CommandReceiver(Protocol):
     def receive_joy(
         self, axes: Any, buttons: Any, now: float, *, stamp: Any, sim_now: Any
     ) -> None: ...
-    def emergency_stop(self, active: bool) -> None: ...
 
 
 class CommandClock(Protocol):
@@ -71,24 +70,22 @@ class CommandSubscriptions:
 
         def subscribe(kind: Any, name: str, take: Callable[[Any, CommandClock], None]) -> None:
             topic = topic_prefix + name
-            profile = qos.STATE if kind is Bool else qos.COMMANDS
-            poller.subscribe(kind, topic, profile, partial(self._on_message, topic, take))
+            poller.subscribe(kind, topic, qos.COMMANDS, partial(self._on_message, topic, take))
 
         subscribe(Float64MultiArray, topics.FRONT_VELOCITY_COMMANDS, self._front)
         subscribe(Float64MultiArray, topics.TRACK_VELOCITY_COMMANDS, self._tracks)
         subscribe(JointState, topics.JOINT_COMMANDS, self._joints)
         subscribe(TwistStamped, topics.CMD_VEL, self._twist)
         subscribe(Joy, topics.JOY, self._joy)
-        subscribe(Bool, topics.EMERGENCY_STOP, self._stop)
 
     def _on_message(self, topic: str, take: Callable[[Any, CommandClock], None], msg: Any) -> None:
         """Schedule a stamped command, and deliver any other one at once."""
         clock = self._clock()
-        if clock is None and not isinstance(msg, Bool):
+        if clock is None:
             self._reject(topic, "the machine is in no run yet; command it once it has joined")
             return
         deliver = partial(self._deliver, topic, take, msg, clock)
-        if clock is not None and isinstance(msg, (JointState, TwistStamped)):
+        if isinstance(msg, (JointState, TwistStamped)):
             clock.receive(seconds_from_stamp(msg.header.stamp), deliver)
         else:
             deliver()
@@ -123,9 +120,6 @@ class CommandSubscriptions:
         self._receiver.receive_joy(
             msg.axes, msg.buttons, _now(clock), **_stamp_arguments(msg, clock)
         )
-
-    def _stop(self, msg: Bool, clock: CommandClock) -> None:
-        self._receiver.emergency_stop(bool(msg.data))
 
 
 def _now(clock: CommandClock) -> float:

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from machine_sim.node.machine_instance import MachineInstance
 from machine_sim.node.machine_run import MachineRun
 from machine_sim.simulated_machine import SimulatedMachine
-from msg_bridge.nodes.diagnostics import Diagnostics
+from msg_bridge.nodes.diagnostics import Diagnostics, Level
+from msg_bridge.nodes.real_time_monitor import LoadMeter, OverloadMonitor, TickLoad
 
 __all__ = ["MachineDiagnostics"]
+
+_OVERLOAD = "overload"
+"""Condition of a machine node that is too slow for real time."""
+
+_REMEDY = (
+    "use fewer particles (a larger particles.nominal_volume), fewer nodes on this computer, a"
+    " longer tick_period, or sync: lockstep"
+)
 
 
 class MachineDiagnostics:
@@ -20,29 +30,50 @@ class MachineDiagnostics:
         run: the present run; None until there is one.
     """
 
-    def __init__(self, diagnostics: Diagnostics, instances: Sequence[MachineInstance]) -> None:
+    def __init__(
+        self,
+        diagnostics: Diagnostics,
+        instances: Sequence[MachineInstance],
+        *,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
         """
         Args:
             diagnostics: diagnostics of the node, which this object fills before each publication.
             instances: machines of the node.
+            now: monotonic wall clock [s].
         """
+        self._now = now
         self.run: MachineRun | None = None
         self._diagnostics, self._instances = diagnostics, instances
-        self._max_tick_duration = 0.0
+        self._load_meter = LoadMeter()
+        self._speed = OverloadMonitor(resolution=0.0)  # ticks over their computing time
+        self._coverage = OverloadMonitor(resolution=1.0)  # ticks made over ticks passed
+        self._real_time_factor = OverloadMonitor(resolution=0.0)
+        self._computing_time = 0.0  # of all ticks [s]
         diagnostics.add_task(self._update)
 
+    def start_run(self, run: MachineRun) -> None:
+        """Measure a new run from now on."""
+        self.run = run
+        for monitor in (self._speed, self._coverage, self._real_time_factor):
+            monitor.restart()
+
     def record_tick(self, duration: float) -> None:
-        """Record the wall time of a tick [s]."""
-        self._max_tick_duration = max(self._max_tick_duration, duration)
+        """Record the wall time for which a tick was computed and published [s]."""
+        self._load_meter.record(duration)
+        self._computing_time += duration
 
     def _update(self) -> None:
         run = self.run
         if run is None:
             self._diagnostics.set("join_state", "waiting for the soil")
             return
-        for key, value in self._values(run).items():
+        load = self._load_meter.take(run.facts.tick_period)
+        self._measure(run)
+        for key, value in {**self._values(run), **self._speed_values(run, load)}.items():
             self._diagnostics.set(key, value)
-        self._max_tick_duration = 0.0
+        self._report_overload(load)
         pairs = zip(self._instances, run.sim.simulated_machines, strict=True)
         overturned = [
             instance.name or "the machine"
@@ -65,11 +96,44 @@ class MachineDiagnostics:
             "particles": particles.count,
             "pending_mm3": run.sim.pending_mm3,
             "tunnelled": particles.num_plate_tunnellings + particles.num_ground_tunnellings,
-            "slowest_tick_ms": f"{1e3 * self._max_tick_duration:.2f}",
         }
         for instance, simulated in zip(self._instances, run.sim.simulated_machines, strict=True):
             values |= _machine_values(instance, simulated)
         return values
+
+    def _measure(self, run: MachineRun) -> None:
+        """Compare ticks with computing time, with the ticks that passed, and with wall time."""
+        now, period = self._now(), run.facts.tick_period
+        made, passed = run.progress
+        judge = run.facts.realtime
+        self._speed.update(now, made * period, self._computing_time, judge=judge)
+        self._coverage.update(now, made, passed, judge=judge)
+        self._real_time_factor.update(now, passed * period, now, judge=False)
+
+    def _speed_values(self, run: MachineRun, load: TickLoad) -> dict[str, Any]:
+        """Return the diagnostics of computing time and ticks by key."""
+        made, passed = run.progress
+        return {
+            "real_time_factor": f"{self._real_time_factor.fraction:.3f}",
+            "tick_load_mean": f"{load.mean:.3f}",
+            "tick_load_max": f"{load.maximum:.3f}",
+            "skipped_ticks": passed - made,
+        }
+
+    def _report_overload(self, load: TickLoad) -> None:
+        """Set or clear the problem of a node that is too slow for real time."""
+        level = max(self._speed.level, self._coverage.level)
+        if level is Level.OK:
+            self._diagnostics.clear(_OVERLOAD)
+            return
+        causes = []
+        if self._speed.level is not Level.OK:
+            causes.append(f"a tick takes {load.mean:.2f} of its period")
+        if self._coverage.level is not Level.OK:
+            fraction = self._coverage.fraction
+            causes.append(f"the machine makes {fraction:.0%} of the ticks and skips the others")
+        text = f"too slow for real time: {' and '.join(causes)}; {_REMEDY}"
+        self._diagnostics.problem(text, level, condition=_OVERLOAD)
 
 
 def _machine_values(instance: MachineInstance, simulated: SimulatedMachine) -> dict[str, Any]:

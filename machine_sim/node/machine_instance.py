@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from machine_sim.commands import TRACK_NAMES, CommandArbiter, CommandParams
@@ -13,7 +13,7 @@ from machine_sim.simulated_machine import Placement
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.errors import ParameterError
 
-__all__ = ["MachineInstance", "create_machine_instances"]
+__all__ = ["MachineInstance", "create_machine_instances", "describe_machines"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,3 +85,11 @@ def create_machine_instances(
                 )
         instances.append(instance)
     return instances
+
+
+def describe_machines(machine_id: int, instances: Iterable[MachineInstance]) -> str:
+    """Return the machine id and the machines of a node, for its log."""
+    machines = ", ".join(
+        f"{each.name} ({each.spec.name})" if each.name else each.spec.name for each in instances
+    )
+    return f"machine_id {machine_id}: {machines}"

@@ -1,64 +1,72 @@
 """ROS node of one machine or several: receives commands, steps the simulation, publishes the state.
 
 The node's namespace is the name of its only machine, or the parent of those of several. Callbacks
-only pass messages on: when to step is decided in `machine_run`, the physics of a step is in
-`machine_sim.simulation`, publications are in `machine_publishers`, joining and recovery in
-`run_membership`. Terrain, tick period and soils come from the soil's topics.
+only pass messages on; the package's docstring states which module does what.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Iterable
 from dataclasses import asdict
 from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from std_msgs.msg import String
+from std_msgs.msg import Bool, String
 
 from machine_sim.commands import CommandParams
-from machine_sim.dem import ParticleParams, warm_up
-from machine_sim.machine.forward_kinematics import link_frame_name, link_frame_names
-from machine_sim.machine.visuals import link_visual_boxes, shoe_visual
+from machine_sim.dem import ParticleParams
 from machine_sim.node.command_scheduler import CommandScheduler
 from machine_sim.node.command_subscriptions import CommandSubscriptions
+from machine_sim.node.emergency_stop import EmergencyStops
 from machine_sim.node.machine_diagnostics import MachineDiagnostics
-from machine_sim.node.machine_instance import MachineInstance, create_machine_instances
-from machine_sim.node.machine_publishers import MachinePublishers
-from machine_sim.node.machine_run import MachineRun, first_session_id
+from machine_sim.node.machine_instance import (
+    create_machine_instances,
+    describe_machines,
+)
+from machine_sim.node.machine_run import MachineRun
 from machine_sim.node.machine_transport import MachineTransport
+from machine_sim.node.machine_waits import SoilContact, find_machine_waits
 from machine_sim.node.params import BinParams, MachineInstanceParams, MachineNodeParams
+from machine_sim.node.publisher_factory import create_machine_publishers
 from machine_sim.node.run_membership import RunMembership
-from machine_sim.node.sensor_publishers import SensorPublishers
+from machine_sim.node.session_log import SessionLog
 from machine_sim.node.shared_publishers import SharedPublishers
-from machine_sim.node.state_publishers import StatePublishers
 from machine_sim.node.usage import USAGE
 from machine_sim.params import MachineSimParams
 from machine_sim.sensors import SensorParams
+from machine_sim.warm_up import warm_up
 from msg_bridge.codec import qos
 from msg_bridge.codec.machine_state import PayloadState
-from msg_bridge.codec.markers import MarkerSet
-from msg_bridge.codec.run_config import RunFacts, parse_run_facts, to_config_yaml
+from msg_bridge.codec.run_config import SESSION, RunFacts, parse_run_facts, to_config_yaml
 from msg_bridge.codec.stamps import stamp_from_tick
 from msg_bridge.codec.state_hash import StateHash
 from msg_bridge.contract import topics
-from msg_bridge.contract.errors import EarthmovingError
+from msg_bridge.contract.errors import EarthmovingError, ExchangeError
 from msg_bridge.contract.messages import Keyframe, Message
 from msg_bridge.contract.topics import parent_namespace, resolve
 from msg_bridge.exchange.join_state import JoinState
+from msg_bridge.exchange.session_key import random_session_id
+from msg_bridge.kernels import log_compilation, warn_of_compilation
 from msg_bridge.nodes.diagnostics import Diagnostics
+from msg_bridge.nodes.duplicate_node import check_no_other_node
+from msg_bridge.nodes.endpoint_monitor import EndpointMonitor
 from msg_bridge.nodes.process_main import run_node
 from msg_bridge.nodes.ros_parameters import declare_parameters, on_parameter_change
 from msg_bridge.nodes.sim_node import SimNode
 from msg_bridge.nodes.subscriber_matching import unmatched_topics
 from msg_bridge.nodes.subscription_poller import SubscriptionPoller
-from msg_bridge.nodes.wait_log import WaitLog
+from msg_bridge.nodes.wait_log import Wait, WaitLog
 
 __all__ = ["MachineNode", "main"]
 
 _PROGRESS_CHECK_PERIOD = 0.25
 """Wall time without progress after which missing messages are requested again [s]."""
+
+_DISCOVERY_TIME = 0.5
+"""Wall time from the start in which the process looks for another node in its namespace [s]."""
 
 _CHANGEABLE = ("state_rate", "particle_rate", "transform_rate", "marker_rate", "hash_rate")
 """Parameters that may be changed while the node runs."""
@@ -73,15 +81,19 @@ class MachineNode(SimNode):
         diagnostics: diagnostics of the node.
     """
 
-    def __init__(self, **kwargs: Any) -> None:
+    def __init__(self, *, discovery_time: float = 0.0, **kwargs: Any) -> None:
         """
         Args:
+            discovery_time: minimum wall time in which another machine node in this namespace is
+                looked for [s], the time to load the kernels included; 0: none is looked for.
             kwargs: arguments of `rclpy.node.Node`; the namespace is `/excavator` by default.
 
         Raises:
+            DuplicateNodeError: another node publishes the same topics.
             EarthmovingError: an invalid parameter or machine file.
         """
         super().__init__("machine_sim", **{"namespace": "/excavator", **kwargs})
+        deadline = time.monotonic() + discovery_time
         self._params = declare_parameters(self, MachineNodeParams, changeable=_CHANGEABLE)
         on_parameter_change(self, MachineNodeParams, "", _CHANGEABLE, self._set_params)
         self._stepping = declare_parameters(self, MachineSimParams, "stepping.")
@@ -98,7 +110,13 @@ class MachineNode(SimNode):
         self._bins = {
             name: declare_parameters(self, BinParams, f"{name}.") for name in self._params.bins
         }
-        warm_up(self._particles)
+        with log_compilation(self.get_logger().info):
+            warm_up([each.spec for each in self.instances], self._stepping, self._particles)
+        warn_of_compilation(self.get_logger().warning)
+        if discovery_time > 0.0:
+            states = [each.topic_prefix + topics.JOINT_STATES for each in self.instances]
+            remedy = "start each machine node in its own namespace, with its own machine_id"
+            check_no_other_node(self, [topics.MACHINE_TICK, *states], deadline, remedy=remedy)
         self.run: MachineRun | None = None
         machine_types = ", ".join(instance.spec.name for instance in self.instances)
         simulation = parent_namespace(self.get_namespace())
@@ -107,17 +125,29 @@ class MachineNode(SimNode):
         )
         self._machine_diagnostics = MachineDiagnostics(self.diagnostics, self.instances)
         self._shared_publishers = SharedPublishers(self, self._bins)
-        self._machine_publishers = [self._create_publishers(each) for each in self.instances]
+        self._machine_publishers = [
+            create_machine_publishers(self, each, self._params, self._sensor_params)
+            for each in self.instances
+        ]
+        missing_subscribers = partial(unmatched_topics, self, self._params.required_subscribers)
         self._membership = RunMembership(
-            self._missing_subscribers, self._send, self.diagnostics, self.get_logger()
+            missing_subscribers, self._send, self.diagnostics, self.get_logger()
+        )
+        self._session_log = SessionLog(
+            self.get_logger(), self.diagnostics, self._params.machine_id, self.instances
         )
         self._leaving = False
         self._published_session_id = -1
         reject = self.diagnostics.reject
         self._poller = SubscriptionPoller(self, self._advance)
-        self._transport = MachineTransport(self, self._poller, self._receive, reject)
+        key_file = self._params.exchange_key_file
+        self._transport = MachineTransport(self, self._poller, self._receive, reject, key_file)
         self._config_topic = resolve(topics.SIM_CONFIG, simulation)
         self._poller.subscribe(String, self._config_topic, qos.TRANSIENT_LOCAL, self._on_config)
+        self._soil_contact = SoilContact()
+        self._poller.subscribe(
+            Bool, resolve(topics.SIM_PAUSED, simulation), qos.TRANSIENT_LOCAL, self._on_paused
+        )
         self._command_poller = SubscriptionPoller(self, self._advance)
         for k, instance in enumerate(self.instances):
             CommandSubscriptions(
@@ -127,12 +157,12 @@ class MachineNode(SimNode):
                 reject,
                 instance.topic_prefix,
             )
+        # After the commands, so that the executor runs its callbacks after theirs: of what arrives
+        # together, a command is dropped by a stop, and is older than its release.
+        self._emergency_stops = EmergencyStops(self, self.diagnostics, self.instances)
         self.create_timer(_PROGRESS_CHECK_PERIOD, self._check_progress)
-        awaited = (
-            f"{self._config_topic}; is a soil_sim running in namespace {simulation}, the parent"
-            f" of this node's namespace {self.get_namespace()}?"
-        )
-        WaitLog(self, lambda: awaited if self._membership.facts is None else None)
+        WaitLog(self, self.diagnostics, self._find_waits)
+        EndpointMonitor(self, self.diagnostics)
 
     def stop(self) -> None:
         """Leave the run in one more tick, so that other nodes need not wait for a timeout."""
@@ -156,35 +186,6 @@ class MachineNode(SimNode):
             self.run = self._machine_diagnostics.run = None
         super().destroy_node()
 
-    def _create_publishers(self, instance: MachineInstance) -> MachinePublishers:
-        """Create the topics of a machine."""
-        machine, namespace = instance.spec, self.get_namespace().strip("/")
-        prefix, frames = instance.frame_prefix(namespace), link_frame_names(machine)
-        visuals = (link_visual_boxes(machine), shoe_visual(machine))
-        state_publishers = StatePublishers(
-            self,
-            instance.topic_prefix,
-            frame_prefix=prefix,
-            command_names=instance.command_names,
-            frames=frames,
-            num_links=len(machine.links),
-            tool_frames={
-                name: link_frame_name(mount.link) for name, mount in machine.tools.items()
-            },
-            has_payload=machine.can_carry_soil,
-            markers=MarkerSet(
-                frames, *visuals, namespace=instance.name or namespace or machine.name
-            ),
-            publish_tf=self._params.publish_tf,
-        )
-        imus = [imu.name for imu in machine.imus]
-        sensor_publishers = SensorPublishers(
-            self, instance.topic_prefix, frame_prefix=prefix, imus=imus
-        )
-        return MachinePublishers(
-            instance, state_publishers, sensor_publishers, self._sensor_params, prefix
-        )
-
     def _command_scheduler(self, k: int) -> CommandScheduler | None:
         """Return the command scheduler of machine `k`; None while there is no run."""
         return None if self.run is None else self.run.schedulers[k]
@@ -197,28 +198,37 @@ class MachineNode(SimNode):
         except EarthmovingError as error:
             self.diagnostics.reject(self._config_topic, str(error))
             return
-        self._membership.facts = facts
-        self._transport.maps.set_cell(facts.cell)
-        self._start_new_run()
+        is_contested = self.count_publishers(self._config_topic) > 1
+        self._membership.announce(facts, self.run, is_contested=is_contested)
+        self._try_new_run()
+
+    def _on_paused(self, msg: Bool) -> None:
+        self._soil_contact.paused = bool(msg.data)
 
     def _receive(self, message: Message) -> None:
-        if isinstance(message, Keyframe) and self._membership.is_first_keyframe(message):
-            self._membership.keyframe = message
+        if self.run is None or message.run_id == self.run.facts.run_id:
+            self._soil_contact.last_message_time = time.monotonic()
+        if isinstance(message, Keyframe) and self._membership.offer_keyframe(message):
             self._start_new_run()
         if self.run is not None:
             self.run.endpoint.receive(message)
 
+    def _try_new_run(self) -> None:
+        """Begin the run that was announced, unless the present one continues."""
+        facts, is_silent = self._membership.facts, self._soil_contact.is_silent
+        if facts is not None and not self._membership.is_held(self.run, soil_is_silent=is_silent):
+            self._transport.maps.set_cell(facts.cell)  # decodes a map that has arrived earlier
+            self._start_new_run()
+
     def _start_new_run(self) -> None:
         """Set up the machines for a run that has begun, and join it."""
-        new_run = self._membership.new_run(self.run)
+        is_silent = self._soil_contact.is_silent
+        new_run = self._membership.new_run(self.run, soil_is_silent=is_silent)
         if new_run is None or self._leaving:
             return
         facts, keyframe = new_run
-        if self.run is not None:
-            self.run.close()
-            for instance in self.instances:
-                instance.arbiter.reset()
-        self.run = MachineRun(
+        session_id = random_session_id()
+        run = MachineRun(
             self.instances,
             self._params,
             self._stepping,
@@ -226,27 +236,28 @@ class MachineNode(SimNode):
             facts,
             keyframe,
             bins=[params.spec for params in self._bins.values()],
-            session_id=first_session_id(self.get_namespace(), facts.run_id, time.time()),
+            session_id=session_id,
         )
-        self._machine_diagnostics.run = self.run
+        if self.run is not None:  # closed only now: if the new run is invalid, this one ends well
+            self.run.close()
+            for instance in self.instances:
+                instance.arbiter.reset()
+        self.run = run
+        self._machine_diagnostics.start_run(self.run)
         self._published_session_id = -1
         for k, publishers in enumerate(self._machine_publishers):
             publishers.start_run(self._params.seed, k)
-        self._shared_publishers.publish_config(self._config(facts))
-        self.get_logger().info(f"run {facts.run_id} started; joining as {self._describe()}")
+        self._shared_publishers.publish_config(self._config(facts, session_id))
+        machines = describe_machines(self._params.machine_id, self.instances)
+        self.get_logger().info(f"run {facts.run_id} started; joining as {machines}")
         self._membership.join(self.run)
 
-    def _missing_subscribers(self) -> list[str]:
-        """Return the topics that a required subscriber does not subscribe yet."""
-        return unmatched_topics(self, self._params.required_subscribers)
-
-    def _describe(self) -> str:
-        """Return machine id and machines of the node, for the log."""
-        machines = ", ".join(
-            f"{each.name} ({each.spec.name})" if each.name else each.spec.name
-            for each in self.instances
+    def _find_waits(self) -> Iterable[Wait]:
+        if self._leaving:
+            return ()
+        return find_machine_waits(
+            self.get_namespace(), self._membership, self.run, self._soil_contact
         )
-        return f"machine_id {self._params.machine_id}: {machines}"
 
     # The tick.
 
@@ -256,20 +267,29 @@ class MachineNode(SimNode):
         if run is None:
             return
         exchange = run.endpoint.exchange
-        has_answer = run.endpoint.poll() is not None
+        has_answer = self._apply_answer(run)
         self._poller.set_polling(exchange.is_missing_rows)
         if has_answer and run.is_due(run.tick, self._params.hash_rate):
             self._publish_state_hash(run)
         if run.endpoint.is_ready and exchange.session_id != self._published_session_id:
+            self._session_log.log_joined(run, is_first=self._published_session_id < 0)
             self._published_session_id = exchange.session_id
-            self.get_logger().info(f"joined run {run.facts.run_id} in tick {run.tick}")
             self._publish_state(run, run.tick)
         if run.endpoint.is_ready:
             self._command_poller.take_all()  # commands that have arrived by now apply
+            self._emergency_stops.take_all()
             if run.can_step or self._leaving:
                 self._do_step(run)
         elif exchange.join_state is JoinState.OUT and not self._leaving:
             self._membership.handle_not_joined(run)
+
+    def _apply_answer(self, run: MachineRun) -> bool:
+        """Apply the soil's answer and return whether there was one."""
+        try:
+            return run.endpoint.poll() is not None
+        except ExchangeError as error:
+            self.diagnostics.reject(self._transport.tick_topic, error.coded_message)
+            return False
 
     def _do_step(self, run: MachineRun) -> None:
         """Perform one tick and publish its results."""
@@ -280,7 +300,7 @@ class MachineNode(SimNode):
             self._machine_publishers, run.apply_commands(time.monotonic()), strict=True
         ):
             publishers.publish_applied_command(command, stamp)
-        run.endpoint.step(leave=self._leaving)
+        run.step(leave=self._leaving)
         self._send(run)
         self._publish_state(run, run.tick)
         self._machine_diagnostics.record_tick(time.perf_counter() - start)
@@ -298,6 +318,8 @@ class MachineNode(SimNode):
             self._publish_state(run, run.tick)  # for a controller that has just started
             self._publish_state_hash(run)
         self._membership.recover(run, time.monotonic())
+        if self._membership.facts is not None and self._membership.facts.run_id != run.facts.run_id:
+            self._try_new_run()
 
     # Publications.
 
@@ -316,7 +338,7 @@ class MachineNode(SimNode):
         for publishers, simulated in zip(
             self._machine_publishers, sim.simulated_machines, strict=True
         ):
-            publishers.publish(simulated, self._params, is_due, sim_time, stamp)
+            publishers.publish(simulated, self._params, is_due, run.progress, sim_time, stamp)
         if is_due(self._params.state_rate):
             for name, each in zip(self._bins, sim.bins, strict=True):
                 payload = PayloadState(**asdict(each.payload), time_s=sim_time)
@@ -328,10 +350,11 @@ class MachineNode(SimNode):
         """Return the simulation time at the end of a tick."""
         return stamp_from_tick(tick, run.facts.tick_period)
 
-    def _config(self, facts: RunFacts) -> str:
-        """Return all parameters of the node as YAML."""
+    def _config(self, facts: RunFacts, session_id: int) -> str:
+        """Return all parameters of the node as YAML, with the id of its first session."""
         machines = {each.name: asdict(each.params) for each in self.instances if each.name}
         sections = {
+            SESSION: {"id": session_id},
             "machine_sim": asdict(self._params),
             **({"machines": machines} if machines else {}),
             "bins": {name: asdict(params) for name, params in self._bins.items()},
@@ -345,7 +368,8 @@ class MachineNode(SimNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until it is stopped."""
-    return run_node(MachineNode, args, name="machine_sim", usage=USAGE)
+    make_node = partial(MachineNode, discovery_time=_DISCOVERY_TIME)
+    return run_node(make_node, args, name="machine_sim", usage=USAGE)
 
 
 if __name__ == "__main__":

@@ -7,13 +7,15 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machine_sim.commands import AppliedCommand
-from machine_sim.machine import TrackedMachine, urdf_text
+from machine_sim.machine import urdf_text
 from machine_sim.machine.cylinder_visuals import cylinder_joint_states
 from machine_sim.machine.forward_kinematics import link_frame_name, link_poses
 from machine_sim.node.machine_instance import MachineInstance
 from machine_sim.node.params import MachineNodeParams
+from machine_sim.node.reported_motion import ReportedMotion, TickProgress, VelocityScale
 from machine_sim.sensors import SensorParams, Sensors
 from machine_sim.simulated_machine import SimulatedMachine
 from msg_bridge.codec.machine_state import BaseState, JointValues, PayloadState
@@ -53,6 +55,7 @@ class MachinePublishers:
         self.instance = instance
         self._state_publishers, self._sensor_publishers = state_publishers, sensor_publishers
         self._sensor_params, self._frame_prefix = sensor_params, frame_prefix
+        self._state_scale, self._sensor_scale = VelocityScale(), VelocityScale()
 
     def start_run(self, seed: int, machine_index: int) -> None:
         """Begin a run: reset the sensors and publish the robot description.
@@ -62,6 +65,7 @@ class MachinePublishers:
             machine_index: index of the machine in the node.
         """
         spec = self.instance.spec
+        self._state_scale, self._sensor_scale = VelocityScale(), VelocityScale()
         self._sensors = Sensors(spec, self._sensor_params, seed, machine_index)
         urdf = urdf_text(spec, prefix=self._frame_prefix, virtual_base=True, include_cylinders=True)
         self._state_publishers.publish_description(urdf)
@@ -77,6 +81,7 @@ class MachinePublishers:
         simulated: SimulatedMachine,
         params: MachineNodeParams,
         is_due: Callable[[float], bool],
+        progress: TickProgress,
         time: float,
         stamp: Time,
     ) -> None:
@@ -86,14 +91,16 @@ class MachinePublishers:
             simulated: the machine in the present run.
             params: rates.
             is_due: returns whether a publication with a rate [Hz of simulated time] is due.
+            progress: ticks made and passed so far.
             time: simulation time [s].
             stamp: simulation time.
         """
         machine = simulated.machine
         if is_due(params.state_rate):
-            self._publish_state(simulated, time, stamp)
+            self._publish_state(simulated, self._state_scale.update(progress), time, stamp)
         if is_due(self._sensor_params.rate):
-            self._publish_sensors(machine, time, stamp)
+            scale = self._sensor_scale.update(progress)
+            self._publish_sensors(ReportedMotion.of_machine(machine, scale), time, stamp)
         if is_due(params.transform_rate) or is_due(params.marker_rate):
             poses = link_poses(self.instance.spec, *machine.base_pose, machine.joint_positions)
             if is_due(params.transform_rate):
@@ -101,11 +108,14 @@ class MachinePublishers:
             if is_due(params.marker_rate):
                 self._state_publishers.publish_markers(poses, machine.tracks.shoe_poses, stamp)
 
-    def _publish_state(self, simulated: SimulatedMachine, time: float, stamp: Time) -> None:
+    def _publish_state(
+        self, simulated: SimulatedMachine, velocity_scale: float, time: float, stamp: Time
+    ) -> None:
         machine = simulated.machine
+        motion = ReportedMotion.of_machine(machine, velocity_scale)
         self._state_publishers.publish_state(
-            self._joint_values(machine),
-            BaseState(*machine.base_pose, *machine.base_velocity),
+            self._joint_values(motion, machine.joint_efforts),
+            BaseState(*motion.base_pose, *motion.base_velocity),
             PayloadState(**asdict(simulated.payload), time_s=time),
             {
                 name: ToolWrench(*coupling.wrench, coupling.tool.pose[0])
@@ -113,10 +123,14 @@ class MachinePublishers:
             },
             stamp,
         )
-        self._state_publishers.publish_cylinders(machine.cylinders, time)
+        cylinders = {
+            joint: state._replace(speed=velocity_scale * state.speed)
+            for joint, state in machine.cylinders.items()
+        }
+        self._state_publishers.publish_cylinders(cylinders, time)
 
-    def _publish_sensors(self, machine: TrackedMachine, time: float, stamp: Time) -> None:
-        imus, encoders = self._sensors.read(machine, time)
+    def _publish_sensors(self, motion: ReportedMotion, time: float, stamp: Time) -> None:
+        imus, encoders = self._sensors.read(motion, time)
         for imu in imus:
             values = (imu.quaternion, imu.angular_velocity, imu.specific_force)
             self._sensor_publishers.publish_imu(
@@ -124,14 +138,14 @@ class MachinePublishers:
             )
         self._sensor_publishers.publish_encoders(self.instance.spec.joint_names, *encoders)
 
-    def _joint_values(self, machine: TrackedMachine) -> JointValues:
+    def _joint_values(self, motion: ReportedMotion, efforts: NDArray[np.float64]) -> JointValues:
         """Return the values of the machine's joints, then of the passive joints of the pistons."""
         spec = self.instance.spec
-        angles, rates = machine.joint_positions, machine.joint_velocities
+        angles, rates = motion.joint_positions, motion.joint_velocities
         pistons = cylinder_joint_states(spec, angles.tolist(), rates.tolist())
         return JointValues(
             [*spec.joint_names, *pistons.names],
             [*angles, *pistons.positions],
             [*rates, *pistons.velocities],
-            [*machine.joint_efforts, *[0.0] * len(pistons.names)],
+            [*efforts, *[0.0] * len(pistons.names)],
         )

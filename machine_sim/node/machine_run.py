@@ -6,7 +6,6 @@ Independent of the transport and of clocks: the caller passes the time.
 from __future__ import annotations
 
 import math
-import zlib
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -16,6 +15,7 @@ from machine_sim.endpoint import MachineEndpoint
 from machine_sim.node.command_scheduler import CommandScheduler
 from machine_sim.node.machine_instance import MachineInstance
 from machine_sim.node.params import MachineNodeParams
+from machine_sim.node.reported_motion import TickProgress
 from machine_sim.params import MachineSimParams
 from machine_sim.simulated_bin import BinSpec
 from machine_sim.simulation import MachineSim
@@ -24,10 +24,7 @@ from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.messages import Keyframe
 from msg_bridge.exchange.machine_exchange import MachineExchange
 
-__all__ = ["MachineRun", "first_session_id"]
-
-_MAX_CLOCK_DIFFERENCE = 2**16
-"""Maximum difference between the clocks of two hosts [s]."""
+__all__ = ["MachineRun"]
 
 
 class MachineRun:
@@ -37,6 +34,8 @@ class MachineRun:
         facts: parameters of the run, from the soil.
         endpoint: the machines and their end of the exchange.
         schedulers: command scheduler of each machine, in the order given.
+        progress: number of ticks performed, and of ticks of simulation time that passed in the
+            sessions of the node; greater by the skipped ones with `overload: skip_ticks`.
     """
 
     def __init__(
@@ -59,13 +58,16 @@ class MachineRun:
             facts: parameters of the run.
             keyframe: initial terrain.
             bins: bins on the terrain.
-            session_id: id below 2**32 that no session of this machine id has had in this run.
+            session_id: as for `MachineExchange`.
 
         Raises:
             ParameterError: the tick period is not a multiple of the physics step.
             MachineError: a position off the map, or overlapping machines.
         """
         self.facts = facts
+        self.progress = TickProgress(0, 0)
+        self._last_interval = 1  # ticks of simulation time in which the last tick was made
+        self._instances = tuple(instances)
         sim = MachineSim(
             [instance.placement for instance in instances],
             keyframe.grid,
@@ -102,6 +104,15 @@ class MachineRun:
             scheduler.has_awaited_command for scheduler in self.schedulers
         )
 
+    @property
+    def machines_without_command(self) -> list[str]:
+        """Names of the machines whose awaited command has not arrived."""
+        return [
+            instance.name or instance.spec.name
+            for instance, scheduler in zip(self._instances, self.schedulers, strict=True)
+            if not scheduler.has_awaited_command
+        ]
+
     def apply_commands(self, wall: float) -> list[AppliedCommand]:
         """Apply to each machine the command that takes effect in the tick that begins now.
 
@@ -110,30 +121,30 @@ class MachineRun:
         """
         return [scheduler.apply_command(wall) for scheduler in self.schedulers]
 
+    def step(self, *, leave: bool = False) -> None:
+        """Perform the next tick and send it.
+
+        Args:
+            leave: leave the run after it.
+        """
+        self._last_interval = self.endpoint.next_tick - self.endpoint.tick
+        self.endpoint.step(leave=leave)
+        made, passed = self.progress
+        self.progress = TickProgress(made + 1, passed + self._last_interval)
+
     def is_due(self, tick: int, rate: float) -> bool:
-        """Return whether a publication with a rate [Hz of simulated time] is due after a tick."""
+        """Return whether a publication with a rate [Hz of simulated time] is due after a tick.
+
+        One that was due at a skipped tick is due at the tick after it.
+        """
         if rate <= 0.0:
             return False
-        return tick % max(1, round(1.0 / (rate * self.facts.tick_period))) == 0
+        period = max(1, round(1.0 / (rate * self.facts.tick_period)))
+        return tick % period < self._last_interval
 
     def close(self) -> None:
         """Release the physics engine."""
         self.sim.close()
-
-
-def first_session_id(name: str, run_id: int, now: float) -> int:
-    """Return a session id above those of earlier processes of a node, and unique among nodes.
-
-    It distinguishes nodes with the same machine id by mistake, even if they start at the same time.
-    In a run of more than 2**22 s (48 days) the ids start from 0 again.
-
-    Args:
-        name: namespace of the node.
-        run_id: id of the run; the soil starts counting at its start time.
-        now: seconds since 1970.
-    """
-    seconds = (int(now) - run_id + _MAX_CLOCK_DIFFERENCE) % 2**22
-    return seconds << 10 | zlib.crc32(name.encode()) % 2**10
 
 
 def _with_steps_per_tick(stepping: MachineSimParams, facts: RunFacts) -> MachineSimParams:

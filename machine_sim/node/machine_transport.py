@@ -12,6 +12,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Int64MultiArray, String
 
 from msg_bridge.codec import qos
+from msg_bridge.codec.exchange_key import ExchangeKey
 from msg_bridge.codec.row_chunks import chunk_to_cdr
 from msg_bridge.codec.tick_headers import from_join_rejected_string, message_to_cdr
 from msg_bridge.contract import topics
@@ -38,6 +39,7 @@ class MachineTransport:
 
     Attributes:
         maps: decoder of terrain maps; it needs the cell size of the run.
+        tick_topic: name of the topic of the soil's headers.
     """
 
     def __init__(
@@ -46,6 +48,7 @@ class MachineTransport:
         poller: SubscriptionPoller,
         receive: Callable[[Message], None],
         reject: Callable[[str, str], None],
+        exchange_key_file: str = "",
     ) -> None:
         """
         Args:
@@ -53,9 +56,15 @@ class MachineTransport:
             poller: poller of the node for messages of the soil.
             receive: called with each message; it may raise ExchangeError.
             reject: called with topic and reason of an invalid message.
+            exchange_key_file: file of the key that authenticates all messages but the terrain;
+                empty: they are not authenticated.
+
+        Raises:
+            ParameterError: the key file cannot be used.
         """
         self._receive = receive
         self._reject = reject
+        self._key = key = ExchangeKey.read(exchange_key_file)
         self.maps = MapDecoder(
             lambda keyframe: self._receive(keyframe),
             reject,
@@ -82,11 +91,12 @@ class MachineTransport:
             take = partial(self._on_message, topic, decode)
             poller.subscribe(kind, topic, profile, take, triggers=triggers, raw=raw)
 
+        self.tick_topic = resolve(topics.SOIL_TICK, simulation)
         subscribe(
-            Int64MultiArray, resolve(topics.SOIL_TICK, simulation), qos.ROWS, _decode_soil_message
+            Int64MultiArray, self.tick_topic, qos.ROWS, partial(_decode_soil_message, key=key)
         )
         for stream in _RECEIVED_STREAMS:
-            decode = partial(decode_chunk, stream=stream)
+            decode = partial(decode_chunk, stream=stream, key=key)
             # The header follows the rows that it counts.
             subscribe(
                 PointCloud2,
@@ -95,13 +105,13 @@ class MachineTransport:
                 decode,
                 triggers=False,
             )
-        backlog = partial(decode_chunk, stream=Stream.BACKLOG)
+        backlog = partial(decode_chunk, stream=Stream.BACKLOG, key=key)
         subscribe(PointCloud2, topics.CONVERSION_BACKLOG, qos.ROWS, backlog)
         subscribe(
             String,
             resolve(topics.SOIL_JOIN_REJECTIONS, simulation),
             qos.ROWS,
-            from_join_rejected_string,
+            partial(from_join_rejected_string, key=key),
             raw=False,
         )
         poller.subscribe(PointCloud2, self.maps.topic, qos.TRANSIENT_LOCAL, self.maps.read)
@@ -110,9 +120,11 @@ class MachineTransport:
         """Publish messages of the machine; rows are stamped with the end of their tick."""
         for message in messages:
             if isinstance(message, RowChunk):
-                self._rows[message.stream].publish(chunk_to_cdr(message, MAP_FRAME, stamp))
+                self._rows[message.stream].publish(
+                    chunk_to_cdr(message, MAP_FRAME, stamp, self._key)
+                )
             else:
-                self._tick.publish(message_to_cdr(message))  # type: ignore[arg-type]
+                self._tick.publish(message_to_cdr(message, self._key))  # type: ignore[arg-type]
 
     def _on_message(self, topic: str, decode: Callable[[Any], Message], msg: Any) -> None:
         try:
@@ -121,8 +133,8 @@ class MachineTransport:
             self._reject(topic, error.coded_message)
 
 
-def _decode_soil_message(data: bytes) -> Message:
-    message = decode_array(data)
+def _decode_soil_message(data: bytes, key: ExchangeKey | None) -> Message:
+    message = decode_array(data, key)
     if not isinstance(message, (SoilHeader, RetransmitRequest)):
         raise ExchangeError(
             f"a {type(message).__name__} is not a message of the soil to machines",

@@ -99,6 +99,11 @@ class MachineNodeParams(MachineInstanceParams):
     machine_id: int = parameter(
         1, "id of this node in the exchange, unique among nodes", low=1, high=65535
     )
+    exchange_key_file: str = parameter(
+        "",
+        "file with a secret key that soil and machine nodes share; they authenticate the messages"
+        " of the exchange with it and reject others; empty: no authentication",
+    )
     seed: int = parameter(0, "seed of released soil and sensor errors", low=0, high=2**31)
     required_subscribers: tuple[str, ...] = parameter(
         (),

@@ -7,7 +7,9 @@
 - `diagnostics`: counters, rejected inputs and problems of a node
 - `subscription_poller`, `polled_group`: subscriptions that are taken together
 - `subscriber_matching`: required subscribers that are not matched yet
-- `wait_log`: log lines while a node waits for the soil
+- `wait_log`: log and diagnostics on what a node waits for
+- `duplicate_node`: detection of another node on the same topics, at the start
+- `endpoint_monitor`: publishers of other nodes that disturb a node, or are not received
 - `message_decoding`: messages of the exchange from CDR bytes
 - `terrain_subscriber`: the terrain by its public topics; `map_decoder`: its maps
 """

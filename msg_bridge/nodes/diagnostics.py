@@ -84,7 +84,7 @@ class Diagnostics:
         self._values: dict[str, Any] = {}
         self._counts: Counter[str] = Counter()
         self._rejections: dict[str, _RejectionLog] = {}
-        self._problem: tuple[Level, str] | None = None
+        self._problems: dict[str, tuple[Level, str]] = {}  # by condition
         self._tasks: list[Callable[[], None]] = []
         self._publisher = node.create_publisher(
             DiagnosticArray, resolve(topics.DIAGNOSTICS, simulation_namespace), 10
@@ -124,13 +124,20 @@ class Diagnostics:
         self._node.get_logger().warning(f"rejected a message on {topic}: {reason}{more}")
         rejection_log.last_logged, rejection_log.unlogged = now, 0
 
-    def problem(self, text: str, level: Level = Level.WARN) -> None:
-        """Set level and message until `clear`."""
-        self._problem = (Level(level), text)
+    def problem(self, text: str, level: Level = Level.WARN, *, condition: str = "") -> None:
+        """Set level and message until `clear`.
 
-    def clear(self) -> None:
-        """Clear the problem."""
-        self._problem = None
+        Args:
+            text: sentence for the user.
+            level: condition of the node while the problem lasts.
+            condition: name of what is wrong; problems of several conditions are reported together,
+                a newer one of the same condition replaces the older one.
+        """
+        self._problems[condition] = (Level(level), text)
+
+    def clear(self, condition: str = "") -> None:
+        """Clear the problem of a condition."""
+        self._problems.pop(condition, None)
 
     def add_task(self, task: Callable[[], None]) -> None:
         """Call `task` before each publication, to set values that are costly to keep current."""
@@ -141,8 +148,9 @@ class Diagnostics:
         since = self._now() - REJECTION_WARN_TIME
         rejected = [topic for topic, r in self._rejections.items() if r.last_at >= since]
         level, sentences = Level.OK, []
-        if self._problem is not None:
-            level, text = self._problem
+        # The most severe first; of equal ones the oldest.
+        for problem_level, text in sorted(self._problems.values(), key=lambda each: -each[0]):
+            level = max(level, problem_level)
             sentences.append(text)
         if rejected:
             level = max(level, Level.WARN)

@@ -9,6 +9,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Int64MultiArray
 
 from msg_bridge.codec.errors import CodecError
+from msg_bridge.codec.exchange_key import ExchangeKey
 from msg_bridge.codec.row_chunks import chunk_from_cdr, from_chunk_cloud
 from msg_bridge.codec.tick_headers import ArrayMessage, from_multi_array, message_from_cdr
 from msg_bridge.contract.errors import ErrorCode
@@ -17,27 +18,36 @@ from msg_bridge.contract.messages import RowChunk, Stream
 __all__ = ["decode_array", "decode_chunk"]
 
 
-def decode_array(data: bytes) -> ArrayMessage:
+def decode_array(data: bytes, key: ExchangeKey | None = None) -> ArrayMessage:
     """Decode the header, request or ledger in the CDR bytes of an Int64MultiArray.
 
+    Args:
+        data: the CDR bytes.
+        key: key of its authentication code; None: a code is not checked.
+
     Raises:
-        CodecError: the array is none of these.
+        CodecError: the array is none of these, or does not have the code of the key.
     """
-    found = message_from_cdr(data)
+    found = message_from_cdr(data, key)
     if found is None:
-        return from_multi_array(_deserialize(data, Int64MultiArray))
+        return from_multi_array(_deserialize(data, Int64MultiArray), key)
     return found
 
 
-def decode_chunk(data: bytes, stream: Stream) -> RowChunk:
+def decode_chunk(data: bytes, stream: Stream, key: ExchangeKey | None = None) -> RowChunk:
     """Decode the rows in the CDR bytes of a PointCloud2.
 
+    Args:
+        data: the CDR bytes.
+        stream: the stream.
+        key: key of the authentication code; None: a code is not checked.
+
     Raises:
-        CodecError: the points are not rows of that stream.
+        CodecError: the points are not rows of that stream, or do not have the code of the key.
     """
-    found = chunk_from_cdr(data, stream)
+    found = chunk_from_cdr(data, stream, key)
     if found is None:
-        return from_chunk_cloud(_deserialize(data, PointCloud2), stream)
+        return from_chunk_cloud(_deserialize(data, PointCloud2), stream, key)
     return found
 
 

@@ -30,6 +30,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, remove_ros_args, try_shutdown
 
+from msg_bridge.allocator import keep_freed_memory
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.dds_profile import use_shipped_profile
 from msg_bridge.nodes.node_usage import NodeUsage
@@ -82,6 +83,7 @@ def run_node(
             name,
             f"unknown argument {extra[0]!r}; give parameters after --ros-args, see {name} --help",
         )
+    keep_freed_memory()
     with _signals() as stopped:
         use_shipped_profile()
         try:

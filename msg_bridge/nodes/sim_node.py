@@ -16,8 +16,7 @@ class SimNode(Node):
 
     By default rclpy adds one or two event handlers to each publisher and subscription and checks
     every one in Python whenever the executor waits. With the thirty topics of a machine that is
-    most of the cost of a message, and the incompatible QoS that they log cannot occur between nodes
-    of this package.
+    most of the cost of a message. Incompatible QoS, which they log, is found by `endpoint_monitor`.
 
     Timers run on the wall clock even with `use_sim_time`: they request what was lost, also while
     simulated time stands still.

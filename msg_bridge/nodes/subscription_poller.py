@@ -7,6 +7,7 @@ taken with it.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -21,8 +22,12 @@ __all__ = ["SubscriptionPoller"]
 _POLL_PERIOD = 0.001
 """Wall time between polls for messages that should have arrived [s]."""
 
-_MAX_MESSAGES_PER_POLL = 1000
-"""Maximum number of messages taken from one topic at once: a flood must not stall the node."""
+_MAX_TAKE_TIME = 0.005
+"""Wall time after which no further messages are taken from a topic in one poll [s].
+
+A flood of messages on one topic must not keep the node from its other topics and its ticks. What
+is left is taken in the next poll, which then follows at once.
+"""
 
 
 class SubscriptionPoller:
@@ -81,7 +86,8 @@ class SubscriptionPoller:
         num_taken = 0
         for subscription, take in self._subscriptions_and_callbacks:
             with subscription.handle:
-                for _ in range(_MAX_MESSAGES_PER_POLL):
+                deadline = time.monotonic() + _MAX_TAKE_TIME
+                while True:
                     message = subscription.handle.take_message(
                         subscription.msg_type, subscription.raw
                     )
@@ -89,6 +95,8 @@ class SubscriptionPoller:
                         break
                     take(message[0])
                     num_taken += 1
+                    if time.monotonic() > deadline:
+                        break
         return num_taken
 
     def set_polling(self, wanted: bool) -> None:

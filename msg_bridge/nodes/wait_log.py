@@ -1,43 +1,121 @@
-"""WaitLog: logs what a node waits for after its start, so that it does not wait silently.
+"""WaitLog: reports what a node waits for, in its log and its diagnostics.
 
-The usual cause is a wrong namespace: then no message will ever arrive on the topic of the node.
+A wait that lasts longer than `REPORT_TIME` is logged once, is a problem in the diagnostics until it
+ends, and is logged again at its end. The usual causes are a peer that was stopped or has ended, and
+a wrong namespace, where no message will ever arrive.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Hashable, Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
 
-from msg_bridge.nodes.sim_node import SimNode
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
 
-__all__ = ["FIRST_LOG_TIME", "LOG_PERIOD", "WaitLog"]
+from msg_bridge.nodes.diagnostics import Diagnostics
 
-FIRST_LOG_TIME = 5.0
-"""Wall time without a message after which the wait is logged [s]."""
+__all__ = ["LOG_PERIOD", "REPORT_TIME", "Wait", "WaitLog"]
+
+REPORT_TIME = 1.0
+"""Wall time after which a wait is reported [s]."""
 
 LOG_PERIOD = 30.0
-"""Wall time between further log lines [s]."""
+"""Wall time between two log lines on a wait while it lasts [s]."""
+
+REPEAT_PERIOD = 5.0
+"""Minimum wall time between two log lines on waits for the same thing [s]."""
+
+CHECK_PERIOD = 0.25
+"""Wall time between two checks [s]."""
+
+_CONDITION = "waiting"
+_NOTHING = "nothing"
+
+
+class Wait(NamedTuple):
+    """What a node waits for now.
+
+    Attributes:
+        what: completes the sentence "waiting for ..."; a semicolon, and what to check.
+        progress: a value that changes with each thing awaited, such as the tick: then the wait for
+            one is over, and the wait for the next begins.
+    """
+
+    what: str
+    progress: Hashable = None
+
+
+@dataclass
+class _PresentWait:
+    """A wait that has not ended, since a monotonic wall time [s]."""
+
+    progress: Hashable
+    since: float
+    is_logged: bool = False
 
 
 class WaitLog:
-    """Logs after `FIRST_LOG_TIME`, and then every `LOG_PERIOD`, until the wait is over."""
+    """Reports the waits of one node."""
 
-    def __init__(self, node: SimNode, awaited: Callable[[], str | None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        diagnostics: Diagnostics,
+        find_waits: Callable[[], Iterable[Wait]],
+        *,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
         """
         Args:
-            node: the node that waits.
-            awaited: returns what it waits for now, and what to check; None ends the log.
+            node: the node, whose log is used.
+            diagnostics: its diagnostics.
+            find_waits: returns what the node waits for at this moment.
+            now: a monotonic wall clock [s].
         """
-        self._node, self._awaited = node, awaited
-        self._timer = node.create_timer(FIRST_LOG_TIME, self._on_timer)
-        self._num_lines = 0
+        self._node, self._diagnostics = node, diagnostics
+        self._find_waits, self._now = find_waits, now
+        self._present: dict[str, _PresentWait] = {}
+        self._last_logged: dict[str, float] = {}  # by what is awaited
+        diagnostics.set("waiting_for", _NOTHING)
+        diagnostics.add_task(self.update)
+        # A timer of the node's own clock would stop with simulation time.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(CHECK_PERIOD, self.update, clock=steady)
 
-    def _on_timer(self) -> None:
-        awaited = self._awaited()
-        if awaited is None:
-            self._timer.cancel()
+    def update(self) -> None:
+        """Report the waits that have begun or ended."""
+        now = self._now()
+        found = {wait.what: wait.progress for wait in self._find_waits()}
+        for what, wait in list(self._present.items()):
+            if what not in found or found[what] != wait.progress:
+                self._end(what, now)
+        for what, progress in found.items():
+            wait = self._present.setdefault(what, _PresentWait(progress, now))
+            if now - wait.since >= REPORT_TIME:
+                self._log(what, wait, now)
+        reported = [what for what, wait in self._present.items() if now - wait.since >= REPORT_TIME]
+        self._diagnostics.set("waiting_for", " and ".join(reported) or _NOTHING)
+        if reported:
+            self._diagnostics.problem(f"waiting for {' and '.join(reported)}", condition=_CONDITION)
+        else:
+            self._diagnostics.clear(_CONDITION)
+
+    def _log(self, what: str, wait: _PresentWait, now: float) -> None:
+        last = self._last_logged.get(what)
+        if last is not None and now - last < (LOG_PERIOD if wait.is_logged else REPEAT_PERIOD):
             return
-        self._node.get_logger().info(f"waiting for {awaited}")
-        self._num_lines += 1
-        if self._num_lines == 1:
-            self._timer.cancel()
-            self._timer = self._node.create_timer(LOG_PERIOD, self._on_timer)
+        self._last_logged[what] = now
+        so_far = f" (for {now - wait.since:.0f} s so far)" if wait.is_logged else ""
+        self._node.get_logger().warning(f"waiting for {what}{so_far}")
+        wait.is_logged = True
+
+    def _end(self, what: str, now: float) -> None:
+        wait = self._present.pop(what)
+        if wait.is_logged:
+            subject = what.partition(";")[0]
+            self._node.get_logger().info(
+                f"the wait of {now - wait.since:.1f} s for {subject} is over"
+            )

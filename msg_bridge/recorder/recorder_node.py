@@ -25,6 +25,7 @@ from msg_bridge.contract import topics
 from msg_bridge.nodes.diagnostics import Diagnostics
 from msg_bridge.nodes.process_main import run_node
 from msg_bridge.nodes.ros_parameters import declare_parameters
+from msg_bridge.nodes.wait_log import Wait, WaitLog
 from msg_bridge.recorder.params import RecorderParams
 from msg_bridge.recorder.raw_subscriptions import (
     RawSubscriptions,
@@ -87,6 +88,7 @@ class RecorderNode(Node):
         self._status = self.create_publisher(String, topics.RECORDER_STATUS, qos.TRANSIENT_LOCAL)
         self.diagnostics = Diagnostics(self, simulation_namespace=self.get_namespace())
         self.diagnostics.add_task(self._update_diagnostics)
+        WaitLog(self, self.diagnostics, self._find_waits)
         self._start_timers()
         self.get_logger().info(f"recording into {self.recording.path}")
         self._scan()
@@ -232,6 +234,17 @@ class RecorderNode(Node):
         """Publish the status, after all recorded messages are in the file."""
         self.recording.flush()
         self._status.publish(String(data=json.dumps(self.recording.status())))
+
+    def _find_waits(self) -> list[Wait]:
+        """Return what the recorder waits for: with simulation time, the first /clock."""
+        if not self._uses_sim_time or self._sim_time is not None:
+            return []
+        return [
+            Wait(
+                f"the first message on {self._clock_topic}; messages are kept until then: start a"
+                " soil_sim, or record without use_sim_time"
+            )
+        ]
 
     def _update_diagnostics(self) -> None:
         status = self.recording.status()

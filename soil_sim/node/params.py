@@ -22,10 +22,33 @@ class SoilNodeParams(Parameters):
         " waiting for one another, repeatable",
         choices=("realtime", "lockstep"),
     )
+    overload: str = parameter(
+        "slow_clock",
+        "in real time, when a machine's part of a tick is late; slow_clock: simulation time waits"
+        " for it, and the real-time factor falls below 1; skip_ticks: simulation time continues,"
+        " and the machine skips the tick and moves less",
+        choices=("slow_clock", "skip_ticks"),
+    )
     expected_machines: tuple[int, ...] = parameter(
         (1,), "ids of the machine nodes that must join before the first tick",
         low=1, high=65535,
     )  # fmt: skip
+    admit_other_machines: bool = parameter(
+        False,
+        "whether machine nodes whose ids are not in expected_machines may join, before or during a"
+        " run",
+    )
+    max_tool_speed: float = parameter(
+        20.0,
+        "maximum speed of a tool along each axis; faster sweeps, and sweeps that do not begin where"
+        " the last one ended, are rejected",
+        unit="m/s", low=0.1, high=1e4,
+    )  # fmt: skip
+    exchange_key_file: str = parameter(
+        "",
+        "file with a secret key that soil and machine nodes share; they authenticate the messages"
+        " of the exchange with it and reject others; empty: no authentication",
+    )
     machine_timeout: float = parameter(
         2.0,
         "wall clock time without a message after which a machine is reported, and in real time"

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
+from msg_bridge.codec import qos
 from msg_bridge.contract import topics
 from msg_bridge.contract.errors import EarthmovingError
+from soil_sim.errors import SoilError
+from soil_sim.node.step_service import StepService
 from soil_sim.terrain import HeightMap, Layers, save_terrain
 
 if TYPE_CHECKING:
@@ -25,25 +26,25 @@ class SoilServices:
 
     def __init__(self, node: SoilNode) -> None:
         self._node = node
-        self._pending_steps: list[tuple[int, Future]] = []  # (tick, response), ascending
-        node.create_service(Trigger, topics.RESET_SERVICE, self._reset)
-        node.create_service(SetBool, topics.PAUSE_SERVICE, self._pause)
-        # Other callbacks must run while a step waits for its tick.
-        group = ReentrantCallbackGroup()
-        node.create_service(Trigger, topics.STEP_SERVICE, self._step, callback_group=group)
-        node.create_service(Trigger, topics.VERIFY_SERVICE, self._verify)
-        node.create_service(Trigger, topics.SAVE_SERVICE, self._save)
-        node.create_service(Trigger, topics.RELEASE_SERVICE, self._release)
+        self._step_service = StepService(node, self._request_step)
+
+        def serve(kind: Any, name: str, respond: Any) -> None:
+            node.create_service(kind, name, respond, qos_profile=qos.SERVICES)
+
+        serve(Trigger, topics.RESET_SERVICE, self._reset)
+        serve(SetBool, topics.PAUSE_SERVICE, self._pause)
+        serve(Trigger, topics.VERIFY_SERVICE, self._verify)
+        serve(Trigger, topics.SAVE_SERVICE, self._save)
+        serve(Trigger, topics.RELEASE_SERVICE, self._release)
 
     @property
     def num_pending_steps(self) -> int:
         """Number of steps that wait for their tick."""
-        return len(self._pending_steps)
+        return self._step_service.num_pending
 
     def on_tick(self, tick: int) -> None:
         """Respond to the steps that a completed tick fulfils."""
-        while self._pending_steps and self._pending_steps[0][0] <= tick:
-            self._pending_steps.pop(0)[1].set_result(tick)
+        self._step_service.on_tick(tick)
 
     def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         run = self._node.run
@@ -54,29 +55,24 @@ class SoilServices:
         self._node.advance()
         return response
 
-    async def _step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _request_step(self) -> int:
+        """Request one more tick and return its number.
+
+        Raises:
+            SoilError: the run is not paused, or has not started.
+        """
         run = self._node.run
-        if not run.paused or run.tick < 0:
-            response.success = False
-            response.message = (
-                "the run has not started: an expected machine has not joined"
-                if run.paused
-                else "the simulation is not paused; call /sim/pause first"
-            )
-            return response
-        future: Future = Future()
-        self._pending_steps.append((run.step(), future))
+        if not run.paused:
+            raise SoilError("the simulation is not paused; call /sim/pause first")
+        if run.tick < 0:
+            raise SoilError("the run has not started: an expected machine has not joined")
+        tick = run.step()
         self._node.advance()
-        tick = await future
-        response.success = tick is not None
-        response.message = f"tick {tick} completed" if response.success else "the run was reset"
-        return response
+        return tick
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         node = self._node
-        for _, future in self._pending_steps:
-            future.set_result(None)
-        self._pending_steps.clear()
+        self._step_service.cancel()
         node.run.reset()
         node.diagnostics.clear()
         node.publish_run_start()
@@ -117,12 +113,13 @@ class SoilServices:
         run = self._node.run
         dropped = run.drop_silent_machines(time.monotonic(), self._node.silent_since())
         released = run.endpoint.release_absent_soil()
+        self._node.membership_log.release()
         effects = []
         if dropped:
             effects.append(f"the run continues without machines {', '.join(map(str, dropped))}")
         if released:
             ids = ", ".join(map(str, released))
-            effects.append(f"soil held by machines {ids} becomes terrain in the next tick")
+            effects.append(f"soil left behind by machines {ids} becomes terrain in the next tick")
         response.success = bool(effects)
         response.message = "; ".join(effects) or "no machine has left soil behind"
         self._node.advance()

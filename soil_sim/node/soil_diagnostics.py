@@ -3,26 +3,41 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
-from msg_bridge.contract import topics
 from msg_bridge.nodes.diagnostics import Diagnostics, Level
+from msg_bridge.nodes.real_time_monitor import LoadMeter, OverloadMonitor, TickLoad
 from msg_bridge.nodes.sim_node import SimNode
-from soil_sim.node.duplicate_soil_node import describe_duplicate
 from soil_sim.node.params import SoilNodeParams
 from soil_sim.node.soil_run import SoilRun
 
 __all__ = ["SoilDiagnostics"]
 
-_DUPLICATE_LOG_PERIOD = 60.0
-"""Minimum wall time between two log lines on another soil node [s]."""
+_OVERLOAD = "overload"
+"""Condition of a clock that is slower than real time."""
+
+_LOW_LOAD = 0.5
+"""Load of the soil node below which it is not the reason of a slow clock."""
+
+_REMEDY = (
+    "use fewer particles (a larger particles.nominal_volume), fewer nodes on this computer, a"
+    " longer tick_period, or sync: lockstep"
+)
 
 
 class SoilDiagnostics:
     """Fills the diagnostics of the soil node from its run."""
 
     def __init__(
-        self, node: SimNode, diagnostics: Diagnostics, run: SoilRun, params: SoilNodeParams
+        self,
+        node: SimNode,
+        diagnostics: Diagnostics,
+        run: SoilRun,
+        params: SoilNodeParams,
+        *,
+        now: Callable[[], float] = time.monotonic,
     ) -> None:
         """
         Args:
@@ -30,22 +45,35 @@ class SoilDiagnostics:
             diagnostics: diagnostics of the node, which this object fills before each publication.
             run: the run of the soil, which a reset begins again.
             params: parameters of the node; its tick period and mode do not change.
+            now: monotonic wall clock [s].
         """
+        self._now = now
         self._node, self._diagnostics, self._run, self._params = node, diagnostics, run, params
-        self._last_tick, self._last_time = 0, time.monotonic()
+        self._load_meter = LoadMeter()
+        self._monitor = OverloadMonitor(resolution=params.tick_period)
+        self._num_starts = 0  # of the schedule, at the last update
+        self._num_late_ticks = 0  # at the last update
+        self._num_late_ticks_by_machine: Counter[int] = Counter()  # at the last update
+        self._logged_level = Level.OK
         diagnostics.add_task(self._update)
 
     def start_run(self) -> None:
         """Measure the real-time factor from tick 0 of a new run."""
-        self._last_tick, self._last_time = 0, time.monotonic()
+        self._monitor.restart()
+
+    def record_tick(self, duration: float) -> None:
+        """Record the wall time for which a tick was computed and published [s]."""
+        self._load_meter.record(duration)
 
     def _update(self) -> None:
-        for key, value in self._values().items():
+        load = self._load_meter.take(self._params.tick_period)
+        self._measure_progress()
+        num_late = self._run.scheduler.num_late_ticks - self._num_late_ticks
+        for key, value in {**self._values(), **self._speed(load, num_late)}.items():
             self._diagnostics.set(key, value)
-        if self._node.count_publishers(topics.SOIL_TICK) > 1:
-            text = describe_duplicate(self._node)
-            self._diagnostics.problem(text, Level.ERROR)
-            self._node.get_logger().error(text, throttle_duration_sec=_DUPLICATE_LOG_PERIOD)
+        self._report_overload(load, num_late)
+        self._num_late_ticks = self._run.scheduler.num_late_ticks
+        self._num_late_ticks_by_machine = self._run.num_late_ticks_by_machine.copy()
 
     def _values(self) -> dict[str, Any]:
         """Return the diagnostics by key."""
@@ -55,17 +83,61 @@ class SoilDiagnostics:
             "run_id": exchange.run_id,
             "sync": self._params.sync,
             "paused": self._run.paused,
-            "real_time_factor": f"{self._measure_real_time_factor():.3f}",
-            "late_ticks": self._run.scheduler.num_late_ticks,
-            "reschedules": self._run.scheduler.num_reschedules,
             "machines": ", ".join(map(str, exchange.joined)) or "none",
             "imbalance_mm3": exchange.ledger.imbalance if exchange.ledger else 0,
         }
 
-    def _measure_real_time_factor(self) -> float:
-        """Return simulated over wall time since the last call."""
-        now, tick = time.monotonic(), max(self._run.tick, 0)
-        simulated = (tick - self._last_tick) * self._params.tick_period
-        elapsed = now - self._last_time
-        self._last_tick, self._last_time = tick, now
-        return simulated / max(elapsed, 1e-9)
+    def _speed(self, load: TickLoad, num_late: int) -> dict[str, Any]:
+        """Return the diagnostics of the clock by key; `num_late` ticks since the last update."""
+        run = self._run
+        return {
+            "real_time_factor": f"{self._monitor.fraction:.3f}",
+            "tick_load_mean": f"{load.mean:.3f}",
+            "tick_load_max": f"{load.maximum:.3f}",
+            "late_ticks": run.scheduler.num_late_ticks,
+            "new_late_ticks": num_late,
+            "late_ticks_by_machine": _format_counts(run.num_late_ticks_by_machine),
+            "lost_time_s": f"{run.scheduler.lost_time:.2f}",
+        }
+
+    def _measure_progress(self) -> None:
+        """Measure the real-time factor, and judge it unless time stood still on purpose."""
+        now, scheduler = self._now(), self._run.scheduler
+        is_paced = scheduler.is_running and scheduler.num_starts == self._num_starts
+        self._num_starts = scheduler.num_starts
+        sim_time = max(self._run.tick, 0) * self._params.tick_period
+        self._monitor.update(now, sim_time, now, judge=is_paced)
+
+    def _report_overload(self, load: TickLoad, num_late: int) -> None:
+        """Set or clear the problem of a slow clock; log when it begins, once worsens, and ends."""
+        level = self._monitor.level
+        if level is Level.OK:
+            self._diagnostics.clear(_OVERLOAD)
+            if self._logged_level is not Level.OK:
+                self._node.get_logger().info("the clock runs in real time again")
+            self._logged_level = Level.OK
+        else:
+            text = (
+                f"real-time factor {self._monitor.fraction:.2f}, below 1 for"
+                f" {self._monitor.low_time:.0f} s: {self._cause(load, num_late)}; {_REMEDY}"
+            )
+            self._diagnostics.problem(text, level, condition=_OVERLOAD)
+            if level > self._logged_level:
+                self._node.get_logger().warning(text)
+                self._logged_level = level
+
+    def _cause(self, load: TickLoad, num_late: int) -> str:
+        """Return what the ticks since the last update waited for."""
+        new = self._run.num_late_ticks_by_machine - self._num_late_ticks_by_machine
+        late_now = self._run.endpoint.exchange.late if num_late == 0 else ()
+        slow = sorted({machine for machine, n in new.items() if n > 0.5 * num_late}.union(late_now))
+        if slow:
+            return f"ticks wait for machine {', '.join(map(str, slow))}"
+        if load.mean < _LOW_LOAD:
+            return "other processes use the computer"
+        return f"a tick of the soil takes {load.mean:.2f} of its period"
+
+
+def _format_counts(counts: Counter[int]) -> str:
+    """Return counts by machine id as a text."""
+    return ", ".join(f"{machine}: {n}" for machine, n in sorted(counts.items())) or "none"

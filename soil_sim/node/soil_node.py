@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
@@ -18,23 +19,29 @@ from msg_bridge.codec.stamps import stamp_from_tick
 from msg_bridge.codec.state_hash import StateHash
 from msg_bridge.codec.terrain import TerrainMap
 from msg_bridge.contract import topics
+from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.messages import Keyframe, Message
-from msg_bridge.nodes.diagnostics import Diagnostics, Level
+from msg_bridge.kernels import log_compilation, warn_of_compilation
+from msg_bridge.nodes.diagnostics import Diagnostics
+from msg_bridge.nodes.duplicate_node import check_no_other_node
+from msg_bridge.nodes.endpoint_monitor import EndpointMonitor
 from msg_bridge.nodes.process_main import run_node
 from msg_bridge.nodes.ros_parameters import declare_parameters, on_parameter_change
 from msg_bridge.nodes.sim_node import SimNode
 from msg_bridge.nodes.subscriber_matching import unmatched_topics
 from msg_bridge.nodes.subscription_poller import SubscriptionPoller
+from msg_bridge.nodes.wait_log import Wait, WaitLog
 from soil_sim.endpoint import SoilTickResult
-from soil_sim.node.duplicate_soil_node import check_no_other_soil_node
+from soil_sim.node.imbalance_report import EXIT_IMBALANCE, ImbalanceReport
 from soil_sim.node.membership_log import MembershipLog
 from soil_sim.node.params import SoilNodeParams
 from soil_sim.node.run_config import run_config
 from soil_sim.node.services import SoilServices
 from soil_sim.node.soil_diagnostics import SoilDiagnostics
 from soil_sim.node.soil_publishers import SoilPublishers
-from soil_sim.node.soil_run import SilentMachine, SoilRun
+from soil_sim.node.soil_run import SoilRun
 from soil_sim.node.soil_transport import SoilTransport
+from soil_sim.node.soil_waits import find_soil_waits
 from soil_sim.node.usage import USAGE
 from soil_sim.site.site import Site, SiteParams, make_site
 from soil_sim.slope_failure import surface_tilt
@@ -49,7 +56,7 @@ _RETRANSMIT_PERIOD = 0.25
 _MAX_CELLS_AT_FULL_RATE = 513 * 513
 """Number of cells above which terrain maps are published less often."""
 
-_DISCOVERY_TIME = 1.0
+_DISCOVERY_TIME = 0.5
 """Wall time from the start in which the process looks for another soil node [s]."""
 
 _CHANGEABLE = ("machine_timeout", "map_rate", "hash_rate", "save_path")
@@ -62,6 +69,7 @@ class SoilNode(SimNode):
     Attributes:
         run: the current run of the soil.
         diagnostics: diagnostics of the node.
+        membership_log: reports which machines join, leave or are dropped.
     """
 
     def __init__(self, *, discovery_time: float = 0.0, **kwargs: Any) -> None:
@@ -72,7 +80,7 @@ class SoilNode(SimNode):
             kwargs: arguments of `rclpy.node.Node`.
 
         Raises:
-            DuplicateSoilNodeError: another soil node publishes the same topics.
+            DuplicateNodeError: another soil node publishes the same topics.
             EarthmovingError: a parameter is invalid, or a terrain file cannot be read.
         """
         super().__init__("soil_sim", **kwargs)
@@ -81,9 +89,12 @@ class SoilNode(SimNode):
         self._site_params = declare_parameters(self, SiteParams, "site.")
         self._soil_params = declare_parameters(self, SoilParams, "soil.")
         self._site = make_site(self._site_params)
-        warm_up(self._soil_params)  # compilation in a tick would make it late
+        with log_compilation(self.get_logger().info):
+            warm_up(self._soil_params)  # compilation in a tick would make it late
+        warn_of_compilation(self.get_logger().warning)
         if discovery_time > 0.0:
-            check_no_other_soil_node(self, deadline)
+            remedy = "give each soil node its own namespace or ROS_DOMAIN_ID"
+            check_no_other_node(self, [topics.SOIL_TICK], deadline, remedy=remedy)
         # Unix time: a restarted soil node begins a run with a higher id.
         self.run = SoilRun(self._site, self._soil_params, self._params, run_id=int(time.time()))
         self.run.waiting_for_subscribers = bool(self._params.required_subscribers)
@@ -102,8 +113,13 @@ class SoilNode(SimNode):
             self._receive,
             self._send_keyframe,
             self.diagnostics.reject,
+            self._params.exchange_key_file,
         )
-        self._membership_log = MembershipLog(self.get_logger().info, self._transport.machines)
+        self._missing_subscribers: list[str] = []
+        self._imbalance_report = ImbalanceReport(self.get_logger(), self.diagnostics)
+        self.membership_log = MembershipLog(
+            self.get_logger(), self.diagnostics, self._transport.machines
+        )
         self._next_map_tick = self._map_revision = 0
         self._last_tick_time = time.monotonic()
         self.publish_run_start()
@@ -112,11 +128,18 @@ class SoilNode(SimNode):
         self.create_timer(_RETRANSMIT_PERIOD, self._check_progress)
         on_parameter_change(self, SoilNodeParams, "", _CHANGEABLE, self._set_params)
         self._soil_services = SoilServices(self)
+        WaitLog(self, self.diagnostics, self._find_waits)
+        EndpointMonitor(self, self.diagnostics)
 
     @property
     def site(self) -> Site:
         """Initial terrain of every run."""
         return self._site
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of the process: `EXIT_IMBALANCE` if soil was lost or created, else 0."""
+        return EXIT_IMBALANCE if self._imbalance_report.has_occurred else 0
 
     @property
     def params(self) -> SoilNodeParams:
@@ -137,8 +160,8 @@ class SoilNode(SimNode):
 
     # Ticks.
 
-    def _receive(self, message: Message) -> None:
-        self.run.endpoint.receive(message)
+    def _receive(self, message: Message) -> bool:
+        return self.run.endpoint.receive(message)
 
     def _on_timer(self) -> None:
         until_next = 1e-9 * self._timer.time_until_next_call()
@@ -147,8 +170,17 @@ class SoilNode(SimNode):
 
     def advance(self) -> None:
         """Compute all ticks that are due and complete, and send the waiting messages."""
-        while (done := self.run.advance(time.monotonic())) is not None:
-            self._publish(done)
+        start = time.monotonic()
+        try:
+            while (done := self.run.advance(start)) is not None:
+                self._publish(done)
+                end = time.monotonic()
+                self._soil_diagnostics.record_tick(end - start)
+                start = end
+        except ExchangeError as error:
+            if error.code not in (ErrorCode.ROW_DIGEST, ErrorCode.DEPOSIT_VOLUME):
+                raise
+            self.diagnostics.reject(topics.SOIL_TOOL_SWEEPS, error.coded_message)
         self._poller.set_polling(self.run.endpoint.exchange.is_missing_rows)
         self._transport.send(self.run.endpoint.drain_outbox(), self._stamp())
 
@@ -157,7 +189,8 @@ class SoilNode(SimNode):
         self._last_tick_time = time.monotonic()
         self._transport.send(self.run.endpoint.drain_outbox(), stamp)
         self._soil_publishers.tick(done.ledger, stamp)
-        self._membership_log.update(self.run.endpoint.exchange.joined, tick)
+        exchange = self.run.endpoint.exchange
+        self.membership_log.update(exchange.joined, tick, exchange.accounts.forfeited)
         if tick >= self._next_map_tick:
             self._next_map_tick = tick + self._interval_in_ticks(self._map_rate)
             if soil.revision != self._map_revision:
@@ -166,9 +199,7 @@ class SoilNode(SimNode):
             self._publish_state_hash()
         for reason in done.step.rejected_tools:
             self.diagnostics.reject(topics.SOIL_TOOL_SWEEPS, reason)
-        if done.ledger.imbalance:
-            text = f"imbalance of {done.ledger.imbalance} mm3 at tick {tick}"
-            self.diagnostics.problem(text, Level.ERROR)
+        self._imbalance_report.check(done.ledger)
         self._soil_services.on_tick(tick)
 
     @property
@@ -195,7 +226,8 @@ class SoilNode(SimNode):
         self._next_map_tick = self._map_revision = 0
         self._last_tick_time = time.monotonic()
         self._soil_diagnostics.start_run()
-        self._membership_log.start_run()
+        self.membership_log.start_run()
+        self._imbalance_report.start_run()
         grid = self.run.endpoint.soil.grid
         self.get_logger().info(
             f"run {self.run.endpoint.exchange.run_id} started: terrain of {grid.rows} x {grid.cols}"
@@ -247,20 +279,19 @@ class SoilNode(SimNode):
     # Missing messages and silent machines.
 
     def _check_progress(self) -> None:
-        """Request missing messages again and log what the run waits for."""
+        """Request missing messages again and drop silent machines."""
         now = time.monotonic()
         if self.run.waiting_for_subscribers:
             missing = unmatched_topics(self, self._params.required_subscribers)
+            self._missing_subscribers = missing
             self.run.waiting_for_subscribers = bool(missing)
-            if missing:
-                self._log_waiting(f"subscribers to {', '.join(missing)}")
-        elif self.run.tick < 0:
-            ids = ", ".join(map(str, self._params.expected_machines))
-            self._log_waiting(f"machines with machine_id {ids} to join")
-        elif now - self._last_tick_time >= _RETRANSMIT_PERIOD:
+        elif self.run.tick >= 0 and now - self._last_tick_time >= _RETRANSMIT_PERIOD:
             self._republish_state()
+        elif self.run.realtime and self.run.endpoint.exchange.late:
+            self.run.endpoint.exchange.request_missing()  # ticks continue without a late machine
         for silent in self.run.find_silent_machines(now, self.silent_since()):
-            self._log_silent_machine(silent)
+            if silent.is_dropped:
+                self.membership_log.drop(silent, self.run.tick)
         self.advance()
 
     def _republish_state(self) -> None:
@@ -273,24 +304,10 @@ class SoilNode(SimNode):
         if endpoint.soil.revision != self._map_revision:
             self._publish_terrain(self._stamp())
 
-    def _log_waiting(self, what: str) -> None:
-        self.get_logger().info(f"waiting for {what}", throttle_duration_sec=2.0)
-
-    def _log_silent_machine(self, silent: SilentMachine) -> None:
-        name = self._transport.machines.get(silent.machine_id, "a machine")
-        text = f"{name} (machine_id {silent.machine_id}) silent for {silent.duration:.1f} s"
-        if silent.is_dropped:
-            self.diagnostics.count("machines_dropped")
-            self._membership_log.remove(silent.machine_id)
-            self.get_logger().warning(
-                f"{text}: the run continues without it; its soil is booked as absent, until it"
-                " rejoins with that soil (a node that was restarted joins without soil)"
-            )
-        else:
-            self.get_logger().warning(
-                f"{text}: the run waits; restart it, or continue without it by /soil/release",
-                throttle_duration_sec=1.0,
-            )
+    def _find_waits(self) -> Iterable[Wait]:
+        return find_soil_waits(
+            self.run, self._missing_subscribers, self._transport.machines, self.silent_since()
+        )
 
 
 def main(args: list[str] | None = None) -> int:

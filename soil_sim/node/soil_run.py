@@ -1,12 +1,16 @@
 """A run of the soil: when a tick is due, which machines it waits for, and which are silent.
 
 Independent of the transport and of the clock: the caller passes the time. In lockstep a tick is due
-at once and waits for all machines. In real time it is due by the wall clock; a late machine is
-waited for until the next tick is due as well, and then the run continues without it.
+at once and waits for all machines. In real time it is due by the wall clock and waits for them as
+well: on a computer that is too slow, simulation time is slower than the wall clock. With `overload:
+skip_ticks` a late machine is waited for until the next tick is due as well, and then the run
+continues without it.
 """
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from dataclasses import dataclass
 
 from soil_sim.endpoint import SoilEndpoint, SoilTickResult
@@ -15,7 +19,10 @@ from soil_sim.node.tick_scheduler import TickScheduler
 from soil_sim.site.site import Site
 from soil_sim.soils.params import SoilParams
 
-__all__ = ["SilentMachine", "SoilRun"]
+__all__ = ["MAX_CHECK_INTERVAL", "SilentMachine", "SoilRun"]
+
+MAX_CHECK_INTERVAL = 1.0
+"""Wall time between two searches for silent machines [s] above which the soil node stood still."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +50,7 @@ class SoilRun:
         scheduler: schedule in real time.
         paused: whether time stands still; set by `pause`.
         waiting_for_subscribers: whether the first tick must not begin yet.
+        num_late_ticks_by_machine: number of late ticks that waited for a machine, by machine id.
     """
 
     def __init__(
@@ -64,6 +72,13 @@ class SoilRun:
         self.scheduler = TickScheduler(params.tick_period)
         self.paused = params.paused
         self.waiting_for_subscribers = False
+        self.num_late_ticks_by_machine: Counter[int] = Counter()
+        self._waited_for: tuple[int, ...] = ()  # machines without which the next tick was due
+        self._last_check_time: float | None = None
+        self._watch_start = -math.inf  # silence counts from this time on
+        self._late_since: dict[int, float] = {}  # by machine id, at every check since then
+        self._session_ids: dict[int, int] = {}  # by machine id, at the last check
+        self._session_starts: dict[int, float] = {}  # of machines in a further session
         self._requested_tick = 0  # last tick requested while paused
         self._final_tick_pending = False  # a dropped machine needs one more tick
         self._start_run(run_id)
@@ -89,11 +104,11 @@ class SoilRun:
         Args:
             now: monotonic wall clock [s].
         """
-        if not self._is_due:
+        if not self.is_due:
             return None
         began = self.endpoint.tick >= 0
         paced = self.realtime and began
-        late = paced and self.scheduler.is_overdue
+        late = paced and self.params.overload == "skip_ticks" and self.scheduler.is_overdue
         # A requested step is done even without machines.
         free = paced or self.paused or self._final_tick_pending
         alone = began and free and not self.endpoint.exchange.joined
@@ -101,8 +116,8 @@ class SoilRun:
         if done is not None:
             self._final_tick_pending = False
             self._update_cut_fill(done)
-        if paced and done is not None:
-            self.scheduler.mark_done(now)
+        if paced:
+            self._record_lateness(now, is_done=done is not None)
         return done
 
     def pause(self, paused: bool) -> None:
@@ -125,22 +140,43 @@ class SoilRun:
     ) -> list[SilentMachine]:
         """Return the late machines whose last message is older than `machine_timeout`.
 
-        In real time they are dropped.
+        In real time they are dropped. In lockstep a machine is dropped if another session requests
+        to join as it, for example that of a node that was restarted. Time in which the soil node
+        itself stood still is no silence of a machine: after such a stall each machine has the whole
+        `machine_timeout` to send.
 
         Args:
             now: monotonic wall clock [s].
             last_message_times: time of the last message by machine id, same clock.
         """
+        if self._last_check_time is not None and now - self._last_check_time > MAX_CHECK_INTERVAL:
+            self._watch_start = now
+        self._last_check_time = now
         if self.endpoint.tick < 0 or (self.paused and self.endpoint.tick >= self._requested_tick):
             return []
         silent = []
-        for machine_id in self.endpoint.exchange.late:
-            duration = now - last_message_times.get(machine_id, now)
+        late = self.endpoint.exchange.late
+        # A machine that ends as soon as it has joined never sends a message in its session.
+        self._late_since = {n: self._late_since.get(n, now) for n in late}
+        self._update_sessions(now)
+        for machine_id in late:
+            last = last_message_times.get(machine_id, self._late_since.get(machine_id, now))
+            begin = self._session_starts.get(machine_id, -math.inf)  # `last` may be before it
+            duration = now - max(last, begin, self._watch_start)
             if duration >= self.params.machine_timeout:
-                if self.realtime:
+                is_dropped = self.realtime or machine_id in self.endpoint.exchange.contended
+                if is_dropped:
                     self.endpoint.exchange.drop(machine_id)
-                silent.append(SilentMachine(machine_id, duration, is_dropped=self.realtime))
+                silent.append(SilentMachine(machine_id, duration, is_dropped=is_dropped))
         return silent
+
+    def _update_sessions(self, now: float) -> None:
+        """Record which machines are in another session than at the last check."""
+        for machine_id, session_id in self.endpoint.exchange.session_ids.items():
+            if self._session_ids.get(machine_id, session_id) != session_id:
+                self._session_starts[machine_id] = now
+                self._late_since.pop(machine_id, None)
+            self._session_ids[machine_id] = session_id
 
     def drop_silent_machines(
         self, now: float, last_message_times: dict[int, float]
@@ -164,10 +200,25 @@ class SoilRun:
                 self._final_tick_pending = True
         return dropped
 
+    def _record_lateness(self, now: float, *, is_done: bool) -> None:
+        """Record which machines a due tick waits for, and whether it was late in the end."""
+        if not is_done:
+            self._waited_for = self.endpoint.exchange.late
+            return
+        if self.scheduler.mark_done(now):
+            self.num_late_ticks_by_machine.update(self._waited_for)
+        self._waited_for = ()
+
     def _start_run(self, run_id: int) -> None:
         soil = self._site.make_soil(self._soil_params)
         self.cut_fill = self._site.cut_fill(soil.columns.height)
-        self.endpoint = SoilEndpoint(soil, expected=self.params.expected_machines, run_id=run_id)
+        self.endpoint = SoilEndpoint(
+            soil,
+            expected=self.params.expected_machines,
+            admit_others=self.params.admit_other_machines,
+            max_tool_displacement=self.params.max_tool_speed * self.params.tick_period,
+            run_id=run_id,
+        )
         self._requested_tick = 0
         self._final_tick_pending = False
 
@@ -178,7 +229,8 @@ class SoilRun:
             self.cut_fill.update(rows, cols, self.endpoint.soil.columns.height[rows, cols])
 
     @property
-    def _is_due(self) -> bool:
+    def is_due(self) -> bool:
+        """Whether the next tick is to be computed as soon as it is complete."""
         if self.waiting_for_subscribers:
             return False
         if self.endpoint.tick < 0:  # tick 0 moves nothing: it is due even while paused

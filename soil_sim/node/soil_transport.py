@@ -14,6 +14,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Int64MultiArray, String
 
 from msg_bridge.codec import qos
+from msg_bridge.codec.exchange_key import ExchangeKey
 from msg_bridge.codec.row_chunks import chunk_to_cdr
 from msg_bridge.codec.tick_headers import message_to_cdr, to_join_rejected_string
 from msg_bridge.contract import topics
@@ -51,24 +52,32 @@ class SoilTransport:
 
     Attributes:
         machines: namespace of each known machine node, by machine id.
-        last_message_times: monotonic wall clock [s] of the last message, by machine id.
+        last_message_times: monotonic wall clock [s] of the last valid message of the present
+            session, by machine id.
     """
 
     def __init__(
         self,
         node: Node,
         poller: SubscriptionPoller,
-        receive: Callable[[Message], None],
+        receive: Callable[[Message], bool],
         send_keyframe: Callable[[Keyframe], None],
         reject: Callable[[str, str], None],
+        exchange_key_file: str = "",
     ) -> None:
         """
         Args:
             node: soil node.
             poller: poller of the node, for messages of machines.
-            receive: called with each message; may raise ExchangeError.
+            receive: called with each message; returns whether it is of the session in which its
+                machine takes part; may raise ExchangeError.
             send_keyframe: publishes the terrain with all its layers.
             reject: called with topic and reason of a message that cannot be used.
+            exchange_key_file: file of the key that authenticates all messages but the terrain;
+                empty: they are not authenticated.
+
+        Raises:
+            ParameterError: the key file cannot be used.
         """
         self.machines: dict[int, str] = {}
         self.last_message_times: dict[int, float] = {}
@@ -76,6 +85,7 @@ class SoilTransport:
         self._receive = receive
         self._send_keyframe = send_keyframe
         self._reject = reject
+        self._key = ExchangeKey.read(exchange_key_file)
         self._backlog_publishers: dict[str, Publisher] = {}  # by namespace
         self._tick = node.create_publisher(Int64MultiArray, topics.SOIL_TICK, qos.ROWS)
         self._rejections = node.create_publisher(String, topics.SOIL_JOIN_REJECTIONS, qos.ROWS)
@@ -95,17 +105,21 @@ class SoilTransport:
         """Publish messages of the soil; rows are stamped with the end of their tick."""
         for message in messages:
             if isinstance(message, RowChunk):
-                self._rows_publisher(message).publish(chunk_to_cdr(message, MAP_FRAME, stamp))
+                publisher = self._rows_publisher(message)
+                if publisher is not None:
+                    publisher.publish(chunk_to_cdr(message, MAP_FRAME, stamp, self._key))
             elif isinstance(message, Keyframe):
                 self._send_keyframe(message)
             elif isinstance(message, JoinRejected):
-                self._rejections.publish(to_join_rejected_string(message))
+                self._rejections.publish(to_join_rejected_string(message, self._key))
             else:
-                self._tick.publish(message_to_cdr(message))
+                self._tick.publish(message_to_cdr(message, self._key))
 
-    def _rows_publisher(self, chunk: RowChunk) -> Publisher:
+    def _rows_publisher(self, chunk: RowChunk) -> Publisher | None:
+        """Return the publisher of rows; None for the backlog of a machine that was replaced."""
         if chunk.stream is Stream.BACKLOG:
-            return self._backlog_publishers[self.machines[chunk.machine_id]]
+            namespace = self.machines.get(chunk.machine_id)
+            return None if namespace is None else self._backlog_publishers[namespace]
         return self._rows[chunk.stream]
 
     def _discover_machines(self) -> None:
@@ -125,37 +139,65 @@ class SoilTransport:
         self._poller.subscribe(Int64MultiArray, topic, qos.ROWS, take, raw=True)
 
     def _take_rows(self, topic: str, stream: Stream, data: bytes) -> None:
-        self._take(topic, lambda: decode_chunk(data, stream))
+        self._take(topic, lambda: decode_chunk(data, stream, self._key))
 
     def _take_header(self, topic: str, namespace: str, data: bytes) -> None:
         self._take(topic, lambda: self._decode_machine_message(namespace, data))
 
     def _decode_machine_message(self, namespace: str, data: bytes) -> Message:
-        message = decode_array(data)
+        message = decode_array(data, self._key)
         if not isinstance(message, (MachineHeader, RetransmitRequest)):
             raise ExchangeError(
                 f"a {type(message).__name__} does not come from a machine node",
                 ErrorCode.STREAM_DIRECTION,
             )
-        owner = self.machines.get(message.machine_id, namespace)
-        if owner != namespace and self._node.count_publishers(resolve(topics.MACHINE_TICK, owner)):
-            reason = (
-                f"machine_id {message.machine_id} belongs to {owner}; give {namespace} another"
-                " `machine_id`"
-            )
-            if isinstance(message, MachineHeader) and message.verb in (Verb.JOIN, Verb.REJOIN):
+        is_request = isinstance(message, MachineHeader) and message.verb in (Verb.JOIN, Verb.REJOIN)
+        reason = self._find_conflict(message.machine_id, namespace, is_request=is_request)
+        if reason:
+            if is_request:
                 rejection = JoinRejected(
                     message.run_id, message.machine_id, message.session_id, reason
                 )
-                self._rejections.publish(to_join_rejected_string(rejection))
+                self._rejections.publish(to_join_rejected_string(rejection, self._key))
             raise ExchangeError(reason, ErrorCode.MACHINE_ID_TAKEN)
-        self.machines[message.machine_id] = namespace
+        others = self._other_ids(message.machine_id, namespace)
+        if is_request:  # a node that replaces the one before
+            for other in others:
+                del self.machines[other]
+        if is_request or not others:
+            self.machines[message.machine_id] = namespace
         return message
+
+    def _find_conflict(self, machine_id: int, namespace: str, *, is_request: bool) -> str:
+        """Return why a machine node conflicts with another one that is there; empty if not.
+
+        Args:
+            machine_id: machine id of its message.
+            namespace: its namespace.
+            is_request: whether it requests to join.
+        """
+        owner = self.machines.get(machine_id, namespace)
+        if owner != namespace and self._node.count_publishers(resolve(topics.MACHINE_TICK, owner)):
+            return (
+                f"machine_id {machine_id} belongs to {owner}; give {namespace} another `machine_id`"
+            )
+        others = self._other_ids(machine_id, namespace)
+        topic = resolve(topics.MACHINE_TICK, namespace)
+        if is_request and others and self._node.count_publishers(topic) > 1:
+            return (
+                f"{namespace} is the namespace of the machine node with machine_id {others[0]};"
+                f" start the node with machine_id {machine_id} in another namespace"
+            )
+        return ""
+
+    def _other_ids(self, machine_id: int, namespace: str) -> list[int]:
+        """Return the machine ids other than `machine_id` of a namespace."""
+        return [n for n, each in self.machines.items() if each == namespace and n != machine_id]
 
     def _take(self, topic: str, decode: Callable[[], Any]) -> None:
         try:
             message = decode()
-            self.last_message_times[message.machine_id] = time.monotonic()
-            self._receive(message)
+            if self._receive(message):
+                self.last_message_times[message.machine_id] = time.monotonic()
         except ExchangeError as error:
             self._reject(topic, error.coded_message)

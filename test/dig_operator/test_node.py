@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from typing import Any
 
 import pytest
@@ -108,18 +109,24 @@ def test_exit_code_is_1_after_an_aborted_task(ros: Ros, capfd: pytest.CaptureFix
 
 
 def test_operator_without_soil_or_machine_logs_the_topic_that_it_waits_for(
-    ros: Ros, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    ros: Ros, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("msg_bridge.nodes.wait_log.FIRST_LOG_TIME", 0.1)
-    monkeypatch.setattr("msg_bridge.nodes.wait_log.LOG_PERIOD", 0.3)
     Scene(ros)
     ros.add(DigOperatorNode, namespace="/site/digger")
     right = {"simulation_namespace": "/"}
     ros.add(DigOperatorNode, namespace="/site/truck", parameters=right)
-    ros.spin_for(0.6)
-    output = capfd.readouterr().err
-    assert output.count("waiting for /site/sim/config; is `simulation_namespace`") == 2
-    assert output.count("waiting for a tick with /site/truck/joint_states; does a machine_sim") == 2
+    output = ""
+
+    def is_logged() -> bool:
+        nonlocal output
+        output += capfd.readouterr().err
+        return all(f"waiting for {each}" in output for each in expected)
+
+    expected = (
+        "/site/sim/config; is `simulation_namespace`",
+        "a tick with /site/truck/joint_states; does a machine_sim",
+    )
+    ros.spin_until(is_logged)
 
 
 def test_reset_starts_the_task_again(ros: Ros) -> None:
@@ -196,3 +203,42 @@ def test_operator_digs_one_bucketful_and_reports_it(ros: Ros) -> None:
     assert report["moved_volume"] > 0.3
     assert {ledger.imbalance for ledger in scene.ledgers} == {0}
     assert scene.trigger("/soil/verify").success
+
+
+# Silent and restarted peers.
+
+
+def until_waiting(ros: Ros, scene: Scene, operator: DigOperatorNode, what: str) -> None:
+    """Spin until the operator reports that it waits for something."""
+    ros.spin_until(lambda: what in scene.shown(operator).get("waiting_for", ""), what=what)
+    assert scene.shown(operator)["level"] == "1"
+
+
+def test_operator_reports_a_silent_soil_and_a_silent_machine(ros: Ros) -> None:
+    scene = Scene(ros, sync="realtime", machine_timeout=20.0)
+    machine = scene.machine()
+    operator = ros.add(DigOperatorNode)
+    scene.until_tick(20)
+    for node, what in (
+        (scene.soil, "messages of the soil on /soil/ledger"),
+        (machine, "messages of the machine on /excavator/joint_states"),
+    ):
+        ros.executor.remove_node(node)  # its process is suspended
+        until_waiting(ros, scene, operator, what)
+        ros.executor.add_node(node)
+        scene.until_shown(operator, "waiting_for", "nothing")
+
+
+@pytest.mark.parametrize("x", [0.0, 4.0])
+def test_operator_aborts_when_its_machine_is_restarted(ros: Ros, x: float) -> None:
+    scene = Scene(ros, sync="realtime")
+    machine = scene.machine()
+    operator = ros.add(DigOperatorNode)
+    ros.spin_until(lambda: operator.task.phase == "approach" and scene.tick > 30)
+    ros.remove(machine)  # killed
+    now = int(time.time())
+    ros.spin_until(lambda: int(time.time()) > now, what="a new session_id")
+    scene.machine(x=x)
+    ros.spin_until(lambda: operator.finished)
+    assert operator.exit_code == 1
+    assert "restarted" in operator.task.abort_reason

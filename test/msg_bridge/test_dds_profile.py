@@ -45,7 +45,11 @@ from msg_bridge.contract.messages import (
     Verb,
 )
 from msg_bridge.contract.rows import CONVERSION
-from msg_bridge.dds_profile import PROFILE_VARIABLE, use_shipped_profile
+from msg_bridge.dds_profile import (
+    PROFILE_VARIABLE,
+    keep_discovery_on_this_host,
+    use_shipped_profile,
+)
 from msg_bridge.exchange.chunks import split_into_chunks
 
 DOMAIN = 1 + os.getpid() % 101  # differs between processes; its ports are below the ephemeral ones
@@ -231,3 +235,22 @@ def test_participant_takes_the_shipped_profile(
     room = sum(int(size) for size in done.stdout.split())
     assert room > 0
     assert (room > 2**25) is in_effect
+
+
+@pytest.mark.parametrize(
+    ("chosen", "expected"),
+    [
+        ({}, "LOCALHOST"),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, "SUBNET"),
+        ({"ROS_LOCALHOST_ONLY": "0"}, None),
+    ],
+)
+def test_discovery_stays_on_this_host_unless_a_range_is_chosen(
+    monkeypatch: pytest.MonkeyPatch, chosen: dict[str, str], expected: str | None
+) -> None:
+    for name in ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in chosen.items():
+        monkeypatch.setenv(name, value)
+    keep_discovery_on_this_host()
+    assert os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") == expected

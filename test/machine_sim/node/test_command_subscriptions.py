@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from geometry_msgs.msg import TwistStamped
 from sensor_msgs.msg import JointState, Joy
-from std_msgs.msg import Bool, Float64MultiArray
+from std_msgs.msg import Float64MultiArray
 
 from machine_sim.node.command_subscriptions import CommandSubscriptions
 from msg_bridge.codec.qos import COMMANDS
@@ -50,9 +50,6 @@ class CommandReceiver:
 
     def receive_joy(self, axes: Any, buttons: Any, now: float, *, stamp: Any, sim_now: Any) -> None:
         self._take("joy", list(axes), list(buttons), now, stamp, sim_now)
-
-    def emergency_stop(self, active: bool) -> None:
-        self._take("emergency_stop", active)
 
 
 class CommandClock:
@@ -140,7 +137,6 @@ ALL: list[tuple[str, Callable[[], Any], tuple[Any, ...]]] = [
         lambda: stamped(Joy(axes=[0.5, -1.0], buttons=[0, 1])),
         ("joy", [0.5, -1.0], [0, 1], 77.0, STAMP, 3.0),
     ),
-    ("emergency_stop", lambda: Bool(data=True), ("emergency_stop", True)),
 ]
 
 
@@ -176,12 +172,12 @@ def test_rejected_command_is_reported_and_not_scheduled(machine: Machine) -> Non
     assert machine.times.stamps == []
 
 
-def test_only_the_emergency_stop_is_accepted_without_a_run(machine: Machine) -> None:
+def test_no_command_is_accepted_without_a_run(machine: Machine) -> None:
     machine.running = False
     for topic, message, _ in ALL:
         machine.send(topic, message())
-    assert machine.receiver.received == [("emergency_stop", True)]
-    assert [topic for topic, _ in machine.rejected] == [topic for topic, _, _ in ALL[:-1]]
+    assert machine.receiver.received == []
+    assert [topic for topic, _ in machine.rejected] == [topic for topic, _, _ in ALL]
     assert all("once it has joined" in reason for _, reason in machine.rejected)
 
 

@@ -51,7 +51,6 @@ SUBSCRIBED = {
     "joint_commands": qos.COMMANDS,
     "cmd_vel": qos.COMMANDS,
     "joy": qos.COMMANDS,
-    "emergency_stop": qos.STATE,
     "/sim/config": qos.TRANSIENT_LOCAL,
     "/terrain/map": qos.TRANSIENT_LOCAL,
     "/soil/tick": qos.ROWS,

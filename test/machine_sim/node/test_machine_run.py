@@ -14,7 +14,7 @@ from machine_sim.commands import CommandArbiter
 from machine_sim.dem import ParticleParams
 from machine_sim.machine.errors import MachineError
 from machine_sim.node.machine_instance import MachineInstance
-from machine_sim.node.machine_run import MachineRun, first_session_id
+from machine_sim.node.machine_run import MachineRun
 from machine_sim.node.params import MachineInstanceParams, MachineNodeParams
 from machine_sim.params import MachineSimParams
 from msg_bridge.codec.run_config import RunFacts
@@ -77,11 +77,15 @@ class Soil:
         run.endpoint.join()
         self.answer()
 
-    def answer(self) -> None:
+    def answer(self, *, ticks_before: int = 0) -> None:
+        """Answer the tick that was sent, after some ticks without the machine."""
+        nothing = (empty_rows(CONVERSION), empty_rows(FORCE), empty_rows(MAP_UPDATE))
+        for _ in range(ticks_before):
+            assert self.exchange.poll(wait=False) is not None
+            self.exchange.answer(*nothing, revision=0, terrain_mm3=0)
         for message in self.run.endpoint.drain_outbox():
             self.exchange.receive(message)
         assert self.exchange.poll() is not None
-        nothing = (empty_rows(CONVERSION), empty_rows(FORCE), empty_rows(MAP_UPDATE))
         self.exchange.answer(*nothing, revision=0, terrain_mm3=0)
         for message in self.exchange.drain_outbox():
             self.run.endpoint.receive(message)
@@ -90,7 +94,7 @@ class Soil:
     def ticks(self, count: int) -> None:
         for _ in range(count):
             self.run.apply_commands(0.0)
-            self.run.endpoint.step()
+            self.run.step()
             self.answer()
 
 
@@ -116,13 +120,24 @@ def test_position_off_the_map_is_rejected(make: MakeRun) -> None:
         make(x=500.0)
 
 
-def test_command_time_is_simulation_time_in_lockstep_only(make: MakeRun) -> None:
-    lockstep, realtime = make(), make(realtime=True)
-    simulated, wall = lockstep.schedulers[0], realtime.schedulers[0]
-    assert (simulated.sim_time, simulated.command_time(77.0)) == (0.0, 0.0)
-    assert wall.command_time(77.0) == 77.0
-    Soil(lockstep).ticks(3)
-    assert simulated.command_time(77.0) == simulated.sim_time == pytest.approx(0.03)
+def test_commands_time_out_by_simulation_time_in_lockstep_and_by_wall_time_in_real_time(
+    make: MakeRun,
+) -> None:
+    for realtime in (False, True):
+        run = make(realtime=realtime)
+        soil, (scheduler,) = Soil(run), run.schedulers
+        timeout = scheduler.arbiter.params.command_timeout
+        run.apply_commands(70.0)
+        scheduler.arbiter.receive_front([0.3, 0.0, 0.0, 0.0], scheduler.command_time(70.0))
+        ticks = round(1.5 * timeout / 0.01)
+        speeds = []
+        for tick in range(ticks):  # the wall clock runs twice as fast as simulation time
+            (applied,) = run.apply_commands(70.0 + 0.005 * tick)
+            speeds.append(applied.joints[0])
+            run.step()
+            soil.answer()
+        assert speeds[0] == 0.3
+        assert (speeds[-1] == 0.0) is not realtime
 
 
 def test_command_applies_in_the_tick_that_begins_now(make: MakeRun) -> None:
@@ -134,7 +149,7 @@ def test_command_applies_in_the_tick_that_begins_now(make: MakeRun) -> None:
     (applied,) = run.apply_commands(0.0)
     assert applied.joints.tolist() == [0.3, 0.0, 0.0, 0.0]
     before = run.sim.machine.joint_positions[0]
-    run.endpoint.step()
+    run.step()
     soil.answer()
     soil.ticks(20)
     assert run.sim.machine.joint_positions[0] > before + 0.02
@@ -146,7 +161,7 @@ def test_machine_steps_as_soon_as_it_is_answered(make: MakeRun) -> None:
     soil = Soil(run)
     for _ in range(2):  # one ahead of the soil's answers
         assert run.can_step
-        run.endpoint.step()
+        run.step()
     assert not run.can_step
     soil.answer()
     assert run.can_step
@@ -284,27 +299,22 @@ def test_publication_is_due_at_its_rate_in_simulation_time(
     assert [tick for tick in range(1, 5) if run.is_due(tick, rate)] == ticks
 
 
-def test_session_id_exceeds_those_of_earlier_processes() -> None:
-    run_id = 1_800_000_000
-    lives = [
-        first_session_id("/excavator", run_id, run_id + after) for after in (0.9, 1.1, 60.0, 4e6)
-    ]
-    assert lives == sorted(set(lives))
-    assert lives[0] >= 0
-    assert lives[-1] < 2**32 - 2**10
-
-
-def test_session_ids_increase_on_a_host_with_a_late_clock() -> None:
-    run_id = 1_800_000_000
-    lives = [
-        first_session_id("/excavator", run_id, run_id + after) for after in (-5000.0, -1.0, 1.0)
-    ]
-    assert 0 <= lives[0] < lives[1] < lives[2]
-
-
-def test_nodes_that_start_simultaneously_have_different_session_ids() -> None:
-    names = ["/excavator", *(f"/excavator_{n}" for n in range(2, 6)), "/road_header"]
-    assert len({first_session_id(name, 100, 200.0) for name in names}) == len(names)
+def test_skipped_ticks_are_counted_and_what_was_due_in_them_is_published_next(
+    make: MakeRun,
+) -> None:
+    run, made = make(), []
+    soil = Soil(run)
+    run.step()
+    for _ in range(12):  # a machine that makes one tick of four
+        made.append((run.tick, run.is_due(run.tick, 20.0)))
+        run.step()
+        soil.answer(ticks_before=3)
+    assert run.progress.made == 13
+    assert run.progress.passed == run.tick
+    assert run.progress.passed == pytest.approx(4 * run.progress.made, rel=0.2)
+    ticks, due = zip(*made, strict=True)
+    intervals = zip((0, *ticks), ticks, strict=False)
+    assert list(due) == [before // 5 != now // 5 for before, now in intervals]
 
 
 def test_stamp_of_another_clock_is_no_answer(make: MakeRun) -> None:

@@ -117,3 +117,17 @@ def test_problem_persists_until_it_is_cleared(diagnostics: Diagnostics) -> None:
     assert report.message == "the ledger is off by 3 mm3; messages rejected on joy"
     diagnostics.clear()
     assert diagnostics.report().level is Level.WARN
+
+
+def test_problems_of_several_conditions_are_reported_together(diagnostics: Diagnostics) -> None:
+    diagnostics.problem("the clock is slow", condition="overload")
+    diagnostics.problem("the ledger is off by 3 mm3", Level.ERROR)
+    report = diagnostics.report()
+    assert report.level is Level.ERROR
+    assert report.message == "the ledger is off by 3 mm3; the clock is slow"
+    diagnostics.clear()
+    assert diagnostics.report().message == "the clock is slow"
+    diagnostics.problem("the clock is very slow", condition="overload")
+    assert diagnostics.report().message == "the clock is very slow"
+    diagnostics.clear("overload")
+    assert diagnostics.report().level is Level.OK

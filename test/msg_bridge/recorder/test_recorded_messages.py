@@ -211,3 +211,15 @@ def test_messages_are_written_in_the_order_of_reception(ros, recorder, tmp_path)
     with AnyReader([tmp_path / "dig"]) as reader:
         read = [int(reader.deserialize(d, c.msgtype).data) for c, _, d in reader.messages()]
     assert read == list(range(100))
+
+
+def test_wait_for_the_first_clock_is_reported(ros, recorder) -> None:
+    node = recorder(use_sim_time=True)
+    ros.spin_until(lambda: "first message on /clock" in node.diagnostics.report().message)
+    clock = ros.publisher("/clock", Clock, subscriptions=1)
+
+    def is_over() -> bool:
+        clock.publish(Clock())
+        return node.diagnostics.report().values["waiting_for"] == "nothing"
+
+    ros.spin_until(is_over)

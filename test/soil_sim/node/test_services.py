@@ -35,7 +35,7 @@ def test_pause_stops_ticks_until_it_is_released(ros: Ros) -> None:
     assert scene.pause(False).message.startswith("running")
     ros.spin_until(lambda: not paused[-1].data)
     scene.until_tick(paused_tick + 3)
-    assert scene.soil.run.scheduler.num_reschedules == 0
+    assert scene.soil.run.scheduler.lost_time == 0.0
 
 
 def test_step_computes_one_tick(ros: Ros) -> None:
@@ -84,6 +84,18 @@ def test_steps_wait_for_a_late_machine(ros: Ros) -> None:
     ros.spin_until(lambda: all(step.done() for step in steps))
     assert [step.result().message for step in steps] == [f"tick {n} completed" for n in (1, 2, 3)]
     assert scene.tick == 3
+
+
+def test_all_of_many_concurrent_steps_are_answered(ros: Ros) -> None:
+    scene = Scene(ros, **NO_MACHINES, paused=True)
+    ros.spin_until(lambda: scene.tick == 0)
+    client = ros.helper.create_client(Trigger, "/sim/step")  # with the default QoS
+    ros.spin_until(client.service_is_ready)
+    steps = [client.call_async(Trigger.Request()) for _ in range(200)]
+    ros.spin_until(lambda: all(step.done() for step in steps), what="200 responses")
+    messages = [step.result().message for step in steps]
+    assert messages == [f"tick {n} completed" for n in range(1, 201)]
+    assert scene.tick == 200
 
 
 def test_pending_step_fails_at_a_reset(ros: Ros) -> None:

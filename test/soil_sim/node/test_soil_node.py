@@ -17,6 +17,7 @@ from msg_bridge.codec.stamps import tick_from_stamp
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.testing.ros_context import Ros
 from soil_sim.errors import SoilError, TerrainErrorCode
+from soil_sim.node.imbalance_report import EXIT_IMBALANCE
 from soil_sim.soil import Soil
 
 
@@ -47,14 +48,29 @@ def test_each_parameter_has_a_description_and_a_range(ros: Ros) -> None:
             assert ranges[0].from_value <= value <= ranges[0].to_value
 
 
-def test_lost_soil_is_an_error_in_diagnostics(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lost_soil_is_an_error_until_the_run_ends_and_in_the_exit_code(
+    ros: Ros, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     scene = Scene(ros, **NO_MACHINES)
     scene.until_tick(1)
+    assert scene.soil.exit_code == 0
+    start = scene.ledgers[0].start
     monkeypatch.setattr(Soil, "total_mm3", property(lambda soil: soil.columns.total_mm3 - 3))
     scene.more_ticks(1)
     scene.until_shown(scene.soil, "level", 2)
     assert scene.shown(scene.soil)["message"].startswith("imbalance of -3 mm3 at tick")
     assert not scene.trigger("/soil/verify").success
+    monkeypatch.undo()  # the soil is found again, but the run is not valid
+    scene.more_ticks(5)
+    scene.until_shown(scene.soil, "imbalance_mm3", 0)
+    assert "imbalance of 0 mm3 at tick" in scene.shown(scene.soil)["message"]
+    assert scene.shown(scene.soil)["level"] == "2"
+    errors = [line for line in capfd.readouterr().err.splitlines() if "[ERROR]" in line]
+    assert len(errors) == 1
+    assert f"terrain {start - 3}, in_flight 0, pending 0, particles 0, absent 0" in errors[0]
+    scene.trigger("/sim/reset")
+    scene.until_shown(scene.soil, "level", 0)
+    assert scene.soil.exit_code == EXIT_IMBALANCE
 
 
 def test_first_tick_waits_for_required_subscribers_of_every_topic(ros: Ros) -> None:

@@ -10,9 +10,12 @@ import pytest
 from support.soil_scenes import bucket_sweep, flat_soil, make_deposit_requests
 
 from msg_bridge.contract.rows import Rows
+from msg_bridge.exchange.join_state import JoinState
+from msg_bridge.exchange.ledger_accounts import signed_volume
 from msg_bridge.exchange.machine_exchange import MachineExchange
 from soil_sim.node.params import SoilNodeParams
-from soil_sim.node.soil_run import SilentMachine, SoilRun
+from soil_sim.node.soil_run import MAX_CHECK_INTERVAL, SilentMachine, SoilRun
+from soil_sim.node.tick_scheduler import MAX_CATCH_UP_TIME
 from soil_sim.site.cut_fill import compare_to_design
 from soil_sim.site.design import DesignSurface
 from soil_sim.site.site import Site
@@ -38,6 +41,7 @@ class Timeline:
         self.machines = {
             machine_id: MachineExchange(machine_id, run_id=7) for machine_id in machines
         }
+        self.soil_mm3 = dict.fromkeys(machines, 0)  # of each machine
         self.now = 100.0
         for machine in self.machines.values():
             machine.join()
@@ -52,13 +56,17 @@ class Timeline:
         for message in self.run.endpoint.drain_outbox():
             for machine in self.machines.values():
                 machine.receive(message)
-        for machine in self.machines.values():
-            machine.poll()
+        for machine_id, machine in self.machines.items():
+            answer = machine.poll()
+            if answer is not None:
+                self.soil_mm3[machine_id] += signed_volume(answer.conversions)
+                machine.acknowledge_answer()
 
     def send(self, machine_id: int, sweep: Rows = AT_REST) -> None:
         """Deliver the next tick of a machine."""
         nothing = make_deposit_requests([], [], 0)
-        self.machines[machine_id].send(sweep.copy(), nothing, pending_mm3=0, particles_mm3=0)
+        held = self.soil_mm3[machine_id]
+        self.machines[machine_id].send(sweep.copy(), nothing, pending_mm3=held, particles_mm3=0)
         self.exchange()
 
     def ticks(self) -> int:
@@ -122,14 +130,50 @@ def test_real_time_continues_without_machines() -> None:
     assert [time.wait(1) for _ in range(5)] == [1] * 5
 
 
-def test_real_time_waits_for_a_late_machine_until_the_next_tick_is_due() -> None:
-    time = Timeline(1)
+def test_skipped_tick_is_waited_for_until_the_next_one_is_due() -> None:
+    time = Timeline(1, overload="skip_ticks")
     time.wait(0)
     assert time.wait(1) == 0
     assert time.wait(1) == 1  # without it
     assert time.run.endpoint.exchange.late == (1,)
     time.send(1)
     assert time.ticks() == 1  # with it
+
+
+def test_slow_clock_waits_for_a_late_machine_and_then_catches_up_a_short_delay_only() -> None:
+    time = Timeline(1)
+    time.wait(0)
+    assert [time.wait(1) for _ in range(30)] == [0] * 30
+    num_caught_up = 0
+    for _ in range(30):
+        if time.machines[1].join_state is JoinState.READY:
+            time.send(1)
+        num_caught_up += time.ticks()
+    assert num_caught_up == round(MAX_CATCH_UP_TIME / TICK)
+    assert time.run.scheduler.lost_time == pytest.approx(30 * TICK - MAX_CATCH_UP_TIME)
+
+
+def test_machine_makes_every_tick_of_a_slow_clock() -> None:
+    time, ticks = Timeline(1), []
+    time.wait(0)
+    for _ in range(20):  # the machine takes three periods for a tick
+        time.wait(3)
+        time.send(1)
+        ticks.append(time.machines[1].sent_tick)
+        time.ticks()
+    assert ticks == list(range(1, 21))
+
+
+def test_late_tick_is_attributed_to_the_machine_that_was_waited_for() -> None:
+    time = Timeline(1, 2)
+    time.wait(0)
+    for _ in range(10):
+        time.send(2)
+        time.wait(2)
+        time.send(1)
+        time.ticks()
+    assert time.run.scheduler.num_late_ticks == 10
+    assert time.run.num_late_ticks_by_machine == {1: 10}
 
 
 def test_paused_run_computes_requested_steps_only() -> None:
@@ -174,7 +218,7 @@ def test_schedule_continues_after_a_pause_without_catching_up() -> None:
     time.run.pause(False)
     assert time.wait(0) == 0
     assert time.wait(1) == 1
-    assert (time.run.tick, time.run.scheduler.num_reschedules) == (2, 0)
+    assert (time.run.tick, time.run.scheduler.lost_time) == (2, 0.0)
 
 
 def test_run_can_start_paused() -> None:
@@ -235,9 +279,12 @@ def test_machine_that_is_not_waited_for_is_not_silent() -> None:
     assert [each.machine_id for each in time.run.find_silent_machines(later, {1: time.now})] == [1]
 
 
-def test_machine_without_messages_is_not_silent_at_once() -> None:
+def test_machine_without_messages_is_silent_after_the_timeout() -> None:
     time = Timeline(1, sync="lockstep")
     assert time.run.find_silent_machines(time.now, {}) == []
+    for passed in (0.5, 1.0):  # the soil node runs on meanwhile
+        silent = time.run.find_silent_machines(time.now + passed, {})
+    assert [each.machine_id for each in silent] == [1]
 
 
 def test_silent_machine_is_not_dropped_by_a_step_in_real_time() -> None:
@@ -248,6 +295,17 @@ def test_silent_machine_is_not_dropped_by_a_step_in_real_time() -> None:
         each.is_dropped for each in time.run.find_silent_machines(time.now + 10.0, {1: time.now})
     ] == [False]
     assert time.run.endpoint.exchange.joined == (1,)
+
+
+def test_stall_of_the_soil_itself_is_no_silence_of_a_machine() -> None:
+    time = Timeline(1)
+    received = {1: time.now}
+    assert time.run.find_silent_machines(time.now + 0.5, received) == []
+    stalled_until = time.now + 0.5 + 2.0 * MAX_CHECK_INTERVAL
+    assert time.run.find_silent_machines(stalled_until, received) == []
+    assert time.run.find_silent_machines(stalled_until + 0.9, received) == []
+    (silent,) = time.run.find_silent_machines(stalled_until + 1.2, received)
+    assert silent.duration == pytest.approx(1.2)
 
 
 def site_with_design(depth: float) -> Site:
@@ -317,3 +375,20 @@ def test_reset_restores_the_layers_of_the_site() -> None:
         assert (columns.moisture == 37).all()
         columns.soil[:], columns.moisture[:] = 0, 0
         run.reset()
+
+
+def test_machine_that_has_just_rejoined_is_not_silent() -> None:
+    time = Timeline(1)
+    last = {1: time.now}
+    (silent,) = time.run.find_silent_machines(time.now + 1.5, last)
+    assert silent.is_dropped
+    for _ in range(3):
+        time.wait(1)
+    assert time.machines[1].dropped
+    time.machines[1].join()
+    time.exchange()
+    for _ in range(3):
+        time.wait(1)
+    assert time.run.endpoint.exchange.joined == (1,)
+    assert time.run.find_silent_machines(time.now + 1.6, last) == []
+    assert time.run.endpoint.exchange.joined == (1,)

@@ -1,0 +1,91 @@
+"""Overload in the diagnostics of a machine node, on a simulated clock."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from machine_sim.node.machine_diagnostics import MachineDiagnostics
+from machine_sim.node.reported_motion import TickProgress
+from msg_bridge.exchange.join_state import JoinState
+from msg_bridge.nodes.diagnostics import Level
+
+TICK = 0.01
+
+
+class Scene:
+    """A machine node in a run of which only the progress matters, and what it reports."""
+
+    def __init__(self, *, realtime: bool = True) -> None:
+        self.now, self.values, self.problems = 100.0, {}, {}
+        particles = SimpleNamespace(count=0, num_plate_tunnellings=0, num_ground_tunnellings=0)
+        exchange = SimpleNamespace(join_state=JoinState.READY, joined=True)
+        self.run: Any = SimpleNamespace(
+            facts=SimpleNamespace(realtime=realtime, tick_period=TICK),
+            progress=TickProgress(0, 0),
+            tick=0,
+            sim=SimpleNamespace(particles=particles, pending_mm3=0, simulated_machines=[]),
+            endpoint=SimpleNamespace(exchange=exchange),
+        )
+        diagnostics: Any = SimpleNamespace(
+            add_task=lambda task: setattr(self, "update", task),
+            set=self.values.__setitem__,
+            problem=self.set_problem,
+            clear=lambda condition="": self.problems.pop(condition, None),
+        )
+        self.diagnostics = MachineDiagnostics(diagnostics, [], now=lambda: self.now)
+        self.diagnostics.start_run(self.run)
+        self.update()
+
+    def set_problem(self, text: str, level: Level = Level.WARN, *, condition: str = "") -> None:
+        self.problems[condition] = (text, level)
+
+    def seconds(self, count: int, *, ticks: int, skipped: int = 0, load: float = 0.5) -> Level:
+        """Let seconds pass with ticks made and skipped in each; return the last level."""
+        for _ in range(count):
+            self.now += 1.0
+            for _ in range(ticks):
+                self.diagnostics.record_tick(load * TICK)
+            made, passed = self.run.progress
+            self.run.progress = TickProgress(made + ticks, passed + ticks + skipped)
+            self.update()
+        return self.problems.get("overload", ("", Level.OK))[1]
+
+
+def test_machine_with_spare_time_is_no_problem() -> None:
+    scene = Scene()
+    assert scene.seconds(5, ticks=100, load=0.9) is Level.OK
+    shown = {key: float(scene.values[key]) for key in ("real_time_factor", "tick_load_mean")}
+    assert shown == {"real_time_factor": pytest.approx(1.0), "tick_load_mean": pytest.approx(0.9)}
+
+
+@pytest.mark.parametrize(("load", "level"), [(1.2, Level.WARN), (3.0, Level.ERROR)])
+def test_ticks_that_take_longer_than_their_period_are_reported(load: float, level: Level) -> None:
+    scene = Scene()
+    assert scene.seconds(1, ticks=round(100 / load), load=load) is Level.OK
+    assert scene.seconds(3, ticks=round(100 / load), load=load) is level
+    assert f"a tick takes {load:.2f} of its period" in scene.problems["overload"][0]
+    assert float(scene.values["real_time_factor"]) == pytest.approx(1 / load, abs=0.01)
+    assert scene.seconds(1, ticks=100) is Level.OK
+
+
+@pytest.mark.parametrize(("skipped", "level"), [(2, Level.OK), (10, Level.WARN), (60, Level.ERROR)])
+def test_skipped_ticks_are_counted_and_reported(skipped: int, level: Level) -> None:
+    scene = Scene()
+    assert scene.seconds(4, ticks=100 - skipped, skipped=skipped) is level
+    assert scene.values["skipped_ticks"] == 4 * skipped
+    if level is not Level.OK:
+        assert f"makes {100 - skipped}% of the ticks" in scene.problems["overload"][0]
+
+
+def test_wait_for_the_soil_is_no_overload_of_the_machine() -> None:
+    scene = Scene()
+    scene.seconds(2, ticks=100)
+    assert scene.seconds(5, ticks=0) is Level.OK
+    assert float(scene.values["real_time_factor"]) == 0.0
+
+
+def test_slow_lockstep_is_no_overload() -> None:
+    assert Scene(realtime=False).seconds(5, ticks=10, load=10.0) is Level.OK
