@@ -25,7 +25,7 @@ from soil_sim.soils.params import SoilParams
 
 BucketEnds = tuple[NDArray[np.float64], NDArray[np.float64]]
 
-PARAMS = SoilParams()
+PARAMS = SoilParams(repose_angle=30.0, swell=0.0)
 DIG_DEPTH = 0.3
 """Depth of the bucket's lip under the ground [m]."""
 DISTANCE_PER_TICK = 0.01
