@@ -190,8 +190,8 @@ def check_node_arguments(executable: str, arguments: list[str]) -> None:
         elif option == "--params-file":
             assert (ROOT / value).is_file(), value
         else:
-            assert option == "-r", option
-            assert content, value
+            assert option in ("-r", "--enclave"), option
+            assert content or option == "--enclave", value
 
 
 class ArgumentsParsed(Exception):  # noqa: N818
