@@ -81,11 +81,15 @@ class CommandScheduler:
             self._last_answered_tick = max(self._last_answered_tick, tick)
 
     @property
-    def has_awaited_command(self) -> bool:
-        """Whether the next tick has the command that it waits for, or waits for none."""
+    def awaited_stamp(self) -> float | None:
+        """Simulation time of the state whose answer the next tick waits for [s]: a command with
+        this stamp, or a later one, is missing. None if the next tick waits for none.
+        """
         answered = self._endpoint.tick - self._delay_ticks
         is_awaited = self._wait_period > 0 and answered >= 0 and answered % self._wait_period == 0
-        return self._facts.realtime or not is_awaited or self._last_answered_tick >= answered
+        if self._facts.realtime or not is_awaited or self._last_answered_tick >= answered:
+            return None
+        return answered * self._facts.tick_period
 
     def apply_command(self, wall: float) -> AppliedCommand:
         """Apply the command that takes effect in the tick that begins now, and return it.

@@ -101,17 +101,17 @@ class MachineRun:
     def can_step(self) -> bool:
         """Whether the next tick can be performed: answers and awaited commands have arrived."""
         return self.endpoint.is_ready and all(
-            scheduler.has_awaited_command for scheduler in self.schedulers
+            scheduler.awaited_stamp is None for scheduler in self.schedulers
         )
 
     @property
-    def machines_without_command(self) -> list[str]:
-        """Names of the machines whose awaited command has not arrived."""
-        return [
-            instance.name or instance.spec.name
+    def awaited_commands(self) -> dict[str, float]:
+        """Minimum stamps of the commands that have not arrived yet [s], by machine."""
+        stamps = {
+            instance.name or instance.spec.name: scheduler.awaited_stamp
             for instance, scheduler in zip(self._instances, self.schedulers, strict=True)
-            if not scheduler.has_awaited_command
-        ]
+        }
+        return {name: stamp for name, stamp in stamps.items() if stamp is not None}
 
     def apply_commands(self, wall: float) -> list[AppliedCommand]:
         """Apply to each machine the command that takes effect in the tick that begins now.

@@ -84,11 +84,11 @@ def find_machine_waits(
         )
     elif run.endpoint.is_ready:
         if not run.can_step:
-            yield Wait(
-                f"a command for {', '.join(run.machines_without_command)} that is stamped with the"
-                " last tick; command_wait_period is set, so start the controller",
-                run.tick,
+            commands = ", ".join(
+                f"a command for {name} with a stamp of {stamp:.6g} s or later"
+                for name, stamp in run.awaited_commands.items()
             )
+            yield Wait(f"{commands}; command_wait_period is set, start the controller", run.tick)
     elif not soil.paused:
         yield Wait(
             "the soil's answer to a tick; see what the soil waits for in /diagnostics", run.tick

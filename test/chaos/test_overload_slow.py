@@ -21,7 +21,7 @@ from support.machine_scenes import excavator
 from support.node_scenes import TICK, lip_at, machine_file, ready_to_dig
 
 from msg_bridge.codec.machine_state import from_payload_array
-from msg_bridge.codec.stamps import seconds_from_stamp
+from msg_bridge.codec.stamps import seconds_from_stamp, stamp_from_tick
 from msg_bridge.processes import ChildProcess
 from msg_bridge.testing.fixtures import StartProcess
 from msg_bridge.testing.ros_context import Ros
@@ -126,16 +126,19 @@ def dig(
     num_answered = 0
 
     def finished() -> bool:
-        """Answer each state once it is received, also a repeated one: a command may be lost."""
+        """Answer each state that is due, and each repeated one: its answer was lost."""
         nonlocal num_answered
         for state in states[num_answered:]:
             num_answered += 1
             sim_time = seconds_from_stamp(state.header.stamp)
-            if not walls or sim_time != walls[-1][1]:
+            is_repeated = bool(walls) and sim_time == walls[-1][1]
+            if not is_repeated:
                 walls.append((time.monotonic(), sim_time))
-            if round(sim_time / TICK) % COMMAND_INTERVAL_TICKS == 0:
-                command = JointState(name=NAMES, position=goal(sim_time))
-                command.header.stamp = state.header.stamp
+            tick = round(sim_time / TICK)
+            if is_repeated or tick % COMMAND_INTERVAL_TICKS == 0:
+                due_time = TICK * (tick - tick % COMMAND_INTERVAL_TICKS)
+                command = JointState(name=NAMES, position=goal(due_time))
+                command.header.stamp = stamp_from_tick(round(due_time / TICK), TICK)
                 publisher.publish(command)
         return bool(walls) and walls[-1][1] >= DIG_TIME
 

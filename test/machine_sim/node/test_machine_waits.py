@@ -57,7 +57,7 @@ def test_pause_is_no_wait(ros: Ros) -> None:
 def test_machine_reports_the_command_it_waits_for(ros: Ros) -> None:
     scene = Scene(ros)
     machine = scene.machine(command_wait_period=2)
-    until_waiting(scene, machine, "a command for excavator")
+    until_waiting(scene, machine, "a command for excavator with a stamp of 0 s or later")
     ros.spin_until(lambda: "tick of /excavator" in scene.shown(scene.soil)["waiting_for"])
 
 
