@@ -15,7 +15,8 @@ Around it:
 
 - `soils/`: kinds of soil and their parameters
 - `terrain/`, `site/`: initial terrain from files, and the design to compare it with
-- `endpoint`: the soil behind the exchange; `soil_inventory`: soil that machines hold
+- `endpoint`: the soil behind the exchange; `soil_inventory`: soil that machines hold;
+  `sweep_limits`: limits of the motion that machines report
 - `node/`: the ROS 2 node
 - `warm_up`: compilation of all kernels; `vec3`: vectors in kernels; `errors`
 

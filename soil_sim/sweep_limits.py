@@ -1,8 +1,12 @@
-"""Limits of the motion that a machine may report for its tools.
+"""Limits of the motion of a tool from tick to tick: its speed, its continuity and its shape.
 
 A tool moves continuously, at a limited speed, and keeps its shape. Sweeps that violate this do not
-come from its machine: they would cut where the tool is not. Tools are rejected one by one, as in
-`tool_sweeps`; the history of a rejected tool is kept, so that the next valid sweep is accepted.
+come from its machine: they would cut where the tool is not. Tools are rejected one by one; the
+history of a rejected tool is kept, so that the next valid sweep is accepted.
+
+`tool_sweeps` checks, after these limits, what needs no history: the order of the rows, and that
+coordinates, displacements and extents are possible for any tool. Those checks protect the kernels
+and apply to every caller of `Soil.step`; the limits here apply to sweeps that machines send.
 """
 
 from __future__ import annotations
@@ -13,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.contract.rows import SWEEP, Rows, SweepAction
+from msg_bridge.contract.rows import SWEEP_SEGMENT, Rows, SweepAction
 
 __all__ = ["SweepLimits"]
 
@@ -30,9 +34,6 @@ _PRESSING_GAP_TOLERANCE = 0.3
 _NUM_CONTINUOUS_TICKS = 20
 """Ticks of continuous motion after which a tool is accepted at another place: its machine was
 moved."""
-
-_SEGMENT_DTYPE = np.dtype([("ends", "<f4", (6,)), ("rest", f"V{SWEEP.itemsize - 24}")])
-"""SWEEP rows with x0, y0, z0, x1, y1, z1, their first fields, as one array field."""
 
 Points = NDArray[np.float64]
 
@@ -84,7 +85,7 @@ class SweepLimits:
         """
         if sweeps.size == 0:
             return sweeps, ()
-        segments = sweeps.view(_SEGMENT_DTYPE)["ends"].astype(np.float64).reshape(-1, 2, 3)
+        segments = sweeps.view(SWEEP_SEGMENT)["ends"].astype(np.float64).reshape(-1, 2, 3)
         ids = sweeps["machine_id"].astype(np.uint32) << 16 | sweeps["tool"]
         begins = [0, *(1 + np.flatnonzero(ids[1:] != ids[:-1])).tolist()]
         is_accepted = np.ones(sweeps.size, dtype=np.bool_)

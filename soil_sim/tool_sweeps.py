@@ -2,6 +2,10 @@
 
 SWEEP rows come from outside. They are validated before any soil moves, and a tool is accepted or
 rejected as a whole: half of the rows would cut a shape that no tool has.
+
+The checks are of one tick and hold for any tool: order of the rows, actions, and values that the
+kernels can process. `sweep_limits` checks before them what depends on the machine and on the ticks
+before: `max_tool_speed`, the continuity of the motion, and that a tool keeps its shape.
 """
 
 from __future__ import annotations

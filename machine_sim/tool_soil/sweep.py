@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from machine_sim.dem import Pose
 from machine_sim.machine.spec import TrackSpec
 from machine_sim.tool_soil.milling_resistance import MIN_MILLING_SPEED
-from msg_bridge.contract.rows import SWEEP, Rows, SweepAction, empty_rows
+from msg_bridge.contract.rows import SWEEP, SWEEP_SEGMENT, Rows, SweepAction, empty_rows
 from msg_bridge.kernels import kernel
 
 __all__ = ["DrumSweep", "PlateSweep", "TrackSweep"]
@@ -33,9 +33,6 @@ _MIN_TRACK_DISPLACEMENT = 2e-4
 """Displacement of all track points in a tick [m] below which the machine stands."""
 
 _CUT, _COMPACT = int(SweepAction.CUT), int(SweepAction.COMPACT)
-
-_SEGMENT_DTYPE = np.dtype([("ends", "<f4", (6,)), ("rest", f"V{SWEEP.itemsize - 24}")])
-"""SWEEP rows with x0, y0, z0, x1, y1, z1, their first fields, as one array field."""
 
 
 class _KeyPointStrip:
@@ -56,7 +53,7 @@ class _KeyPointStrip:
         self.rows = empty_rows(SWEEP, num_points)
         self.rows["pair"] = np.arange(num_points) // 2
         self.rows["tool"] = tool_id
-        self.segments: NDArray[np.float32] = self.rows.view(_SEGMENT_DTYPE)["ends"]
+        self.segments: NDArray[np.float32] = self.rows.view(SWEEP_SEGMENT)["ends"]
         self.displacements: NDArray[np.float64] = np.zeros((num_points, 3))
 
     def move(self, points: NDArray[np.float64], start: Pose, end: Pose) -> None:

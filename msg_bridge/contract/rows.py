@@ -20,6 +20,7 @@ __all__ = [
     "MAP_UPDATE",
     "MAX_ROW_VOLUME",
     "SWEEP",
+    "SWEEP_SEGMENT",
     "ConversionKind",
     "Rows",
     "SoilReaction",
@@ -94,6 +95,9 @@ SWEEP = np.dtype(
 )
 """Motion of one key point of a tool over a tick, machine to soil; the pair at the lip comes
 first."""
+
+SWEEP_SEGMENT = np.dtype([("ends", "<f4", (6,)), ("rest", f"V{SWEEP.itemsize - 24}")])
+"""Dtype for views of SWEEP rows: `ends` is x0, y0, z0, x1, y1, z1 as one array field [m]."""
 
 DEPOSIT_REQUEST = np.dtype(
     [
