@@ -151,7 +151,7 @@ class SoilNode(SimNode):
         """Number of requested single steps that wait for their tick."""
         return self._soil_services.num_pending_steps
 
-    def silent_since(self) -> dict[int, float]:
+    def last_message_times(self) -> dict[int, float]:
         """Return the monotonic time [s] of the last message of each machine, by machine id."""
         return self._transport.last_message_times
 
@@ -289,7 +289,7 @@ class SoilNode(SimNode):
             self._republish_state()
         elif self.run.realtime and self.run.endpoint.exchange.late:
             self.run.endpoint.exchange.request_missing()  # ticks continue without a late machine
-        for silent in self.run.find_silent_machines(now, self.silent_since()):
+        for silent in self.run.check_silent_machines(now, self.last_message_times()):
             if silent.is_dropped:
                 self.membership_log.drop(silent, self.run.tick)
         self.advance()
@@ -306,7 +306,7 @@ class SoilNode(SimNode):
 
     def _find_waits(self) -> Iterable[Wait]:
         return find_soil_waits(
-            self.run, self._missing_subscribers, self._transport.machines, self.silent_since()
+            self.run, self._missing_subscribers, self._transport.machines, self.last_message_times()
         )
 
 

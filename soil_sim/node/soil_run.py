@@ -22,7 +22,7 @@ from soil_sim.soils.params import SoilParams
 __all__ = ["MAX_CHECK_INTERVAL", "SilentMachine", "SoilRun"]
 
 MAX_CHECK_INTERVAL = 1.0
-"""Wall time between two searches for silent machines [s] above which the soil node stood still."""
+"""Wall time between two checks for silent machines [s] above which the soil node stood still."""
 
 
 @dataclass(frozen=True)
@@ -135,19 +135,24 @@ class SoilRun:
         self.scheduler.stop()
         self._start_run(self.endpoint.exchange.run_id + 1)
 
-    def find_silent_machines(
+    def check_silent_machines(
         self, now: float, last_message_times: dict[int, float]
     ) -> list[SilentMachine]:
-        """Return the late machines whose last message is older than `machine_timeout`.
+        """Find the silent machines, and drop those that the run does not wait for.
 
-        In real time they are dropped. In lockstep a machine is dropped if another session requests
-        to join as it, for example that of a node that was restarted. Time in which the soil node
+        A machine is silent if its part of the next tick is late and its last message is older than
+        `machine_timeout`. In real time each of them is dropped; in lockstep only one as which
+        another session requests to join, for example that of a node that was restarted: the run
+        waits for the others. The soil of a dropped machine is absent. Time in which the soil node
         itself stood still is no silence of a machine: after such a stall each machine has the whole
         `machine_timeout` to send.
 
         Args:
             now: monotonic wall clock [s].
             last_message_times: time of the last message by machine id, same clock.
+
+        Returns:
+            The silent machines, the dropped ones among them.
         """
         if self._last_check_time is not None and now - self._last_check_time > MAX_CHECK_INTERVAL:
             self._watch_start = now
@@ -187,12 +192,12 @@ class SoilRun:
         receives it.
 
         Args:
-            now, last_message_times: as for `find_silent_machines`.
+            now, last_message_times: as for `check_silent_machines`.
 
         Returns:
             Ids of the dropped machines.
         """
-        silent = self.find_silent_machines(now, last_message_times)
+        silent = self.check_silent_machines(now, last_message_times)
         dropped = tuple(each.machine_id for each in silent)
         for machine_id in dropped:
             if machine_id in self.endpoint.exchange.joined:

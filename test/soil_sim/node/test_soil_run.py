@@ -264,8 +264,8 @@ def test_silent_machine_is_reported_after_the_timeout_and_dropped_in_real_time_o
     time = Timeline(1, 2, sync=sync)
     time.send(2)
     received = {1: time.now, 2: time.now}
-    assert time.run.find_silent_machines(time.now + 0.9, received) == []
-    found = time.run.find_silent_machines(time.now + 1.5, received)
+    assert time.run.check_silent_machines(time.now + 0.9, received) == []
+    found = time.run.check_silent_machines(time.now + 1.5, received)
     assert found == [SilentMachine(1, 1.5, is_dropped=sync == "realtime")]
     assert time.run.endpoint.exchange.joined == ((2,) if sync == "realtime" else (1, 2))
 
@@ -274,16 +274,16 @@ def test_machine_that_is_not_waited_for_is_not_silent() -> None:
     time = Timeline(1, sync="lockstep")
     later = time.now + 10.0
     time.run.pause(True)
-    assert time.run.find_silent_machines(later, {1: time.now}) == []
+    assert time.run.check_silent_machines(later, {1: time.now}) == []
     time.run.step()
-    assert [each.machine_id for each in time.run.find_silent_machines(later, {1: time.now})] == [1]
+    assert [each.machine_id for each in time.run.check_silent_machines(later, {1: time.now})] == [1]
 
 
 def test_machine_without_messages_is_silent_after_the_timeout() -> None:
     time = Timeline(1, sync="lockstep")
-    assert time.run.find_silent_machines(time.now, {}) == []
+    assert time.run.check_silent_machines(time.now, {}) == []
     for passed in (0.5, 1.0):  # the soil node runs on meanwhile
-        silent = time.run.find_silent_machines(time.now + passed, {})
+        silent = time.run.check_silent_machines(time.now + passed, {})
     assert [each.machine_id for each in silent] == [1]
 
 
@@ -292,7 +292,7 @@ def test_silent_machine_is_not_dropped_by_a_step_in_real_time() -> None:
     time.run.pause(True)
     time.run.step()
     assert [
-        each.is_dropped for each in time.run.find_silent_machines(time.now + 10.0, {1: time.now})
+        each.is_dropped for each in time.run.check_silent_machines(time.now + 10.0, {1: time.now})
     ] == [False]
     assert time.run.endpoint.exchange.joined == (1,)
 
@@ -300,11 +300,11 @@ def test_silent_machine_is_not_dropped_by_a_step_in_real_time() -> None:
 def test_stall_of_the_soil_itself_is_no_silence_of_a_machine() -> None:
     time = Timeline(1)
     received = {1: time.now}
-    assert time.run.find_silent_machines(time.now + 0.5, received) == []
+    assert time.run.check_silent_machines(time.now + 0.5, received) == []
     stalled_until = time.now + 0.5 + 2.0 * MAX_CHECK_INTERVAL
-    assert time.run.find_silent_machines(stalled_until, received) == []
-    assert time.run.find_silent_machines(stalled_until + 0.9, received) == []
-    (silent,) = time.run.find_silent_machines(stalled_until + 1.2, received)
+    assert time.run.check_silent_machines(stalled_until, received) == []
+    assert time.run.check_silent_machines(stalled_until + 0.9, received) == []
+    (silent,) = time.run.check_silent_machines(stalled_until + 1.2, received)
     assert silent.duration == pytest.approx(1.2)
 
 
@@ -380,7 +380,7 @@ def test_reset_restores_the_layers_of_the_site() -> None:
 def test_machine_that_has_just_rejoined_is_not_silent() -> None:
     time = Timeline(1)
     last = {1: time.now}
-    (silent,) = time.run.find_silent_machines(time.now + 1.5, last)
+    (silent,) = time.run.check_silent_machines(time.now + 1.5, last)
     assert silent.is_dropped
     for _ in range(3):
         time.wait(1)
@@ -390,5 +390,5 @@ def test_machine_that_has_just_rejoined_is_not_silent() -> None:
     for _ in range(3):
         time.wait(1)
     assert time.run.endpoint.exchange.joined == (1,)
-    assert time.run.find_silent_machines(time.now + 1.6, last) == []
+    assert time.run.check_silent_machines(time.now + 1.6, last) == []
     assert time.run.endpoint.exchange.joined == (1,)
