@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from chaos.forger import KINDS, Forger
+from chaos.forger import Forger
+from chaos.forgeries import KINDS
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from support.node_scenes import (
@@ -115,7 +116,8 @@ class Dig:
             self._ticks_of_rounds.pop(0)
             # Every kind comes up, then they repeat at random.
             unused = [name for name in self._kinds if name not in forger.sent]
-            forger.forge(str(forger.rng.choice(unused or self._kinds)))
+            name = str(forger.rng.choice(unused or self._kinds))
+            forger.forge(name, KINDS[name].send)
         if tick < NUM_TICKS:
             velocities = drag_velocities(self._spec, tick, NUM_TICKS)
             self._commands.publish(joint_command(tick, velocities))
