@@ -16,7 +16,7 @@ from msg_bridge.audit.collect import RunData, StreamKey
 from msg_bridge.audit.membership import MembershipEvent, MembershipTimeline
 from msg_bridge.audit.numbered_rows import NumberedRows, Spans
 from msg_bridge.audit.soil_ticks import SoilTicks
-from msg_bridge.audit.streams import MACHINE_STREAMS, accepted_spans
+from msg_bridge.audit.streams import counted_streams
 from msg_bridge.contract.messages import Stream
 
 __all__ = ["MAX_INCOMPLETE_EDGE_TICKS", "Window", "find_audit_window"]
@@ -60,13 +60,9 @@ def find_audit_window(
         [_count_leading_true(is_incomplete)],
         [size - _count_leading_true(is_incomplete[::-1])],
     )
-    for stream, spans in soil.spans.items():
-        _limit_to_recorded(begins, ends, streams[StreamKey(stream)], spans, np.arange(size))
-    for session in timeline.accepted:
-        for stream in MACHINE_STREAMS:
-            spans = accepted_spans(timeline, data, session, stream)
-            index = np.searchsorted(soil.ticks, timeline.soil_ticks(session))
-            _limit_to_recorded(begins, ends, streams[StreamKey(stream, *session)], spans, index)
+    for counted in counted_streams(soil, timeline, data, streams):
+        index = np.searchsorted(soil.ticks, counted.soil_ticks)
+        _limit_to_recorded(begins, ends, counted.rows, counted.spans, index)
     if data.ledgers:
         begins.append(int(np.searchsorted(soil.ticks, min(data.ledgers))))
         ends.append(int(np.searchsorted(soil.ticks, max(data.ledgers), side="right")))

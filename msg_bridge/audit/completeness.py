@@ -9,10 +9,10 @@ import numpy as np
 from msg_bridge.audit.audit_window import Window
 from msg_bridge.audit.collect import RunData, SessionKey, StreamKey
 from msg_bridge.audit.membership import MembershipChange, MembershipTimeline
-from msg_bridge.audit.numbered_rows import NumberedRows, Numbers, Spans, contiguous_ranges
+from msg_bridge.audit.numbered_rows import NumberedRows, contiguous_ranges
 from msg_bridge.audit.report import Check, Finding
 from msg_bridge.audit.soil_ticks import SoilTicks
-from msg_bridge.audit.streams import MACHINE_STREAMS, accepted_spans
+from msg_bridge.audit.streams import CountedStream, counted_streams
 from msg_bridge.contract.messages import Stream
 
 __all__ = ["check_completeness"]
@@ -42,17 +42,8 @@ def check_completeness(
         text = f"the soil's {_headers_are(first, last)} missing"
         findings.append(Finding(Check.COMPLETENESS, text, first, last))
     findings += _find_missing_headers(soil, timeline, window)
-    for stream, spans in soil.spans.items():
-        if stream not in absent:
-            key = StreamKey(stream)
-            findings += _find_missing_rows(key, streams[key], spans, spans.ticks, low, high)
-    for session in timeline.accepted:
-        for stream in MACHINE_STREAMS:
-            if stream not in absent:
-                key = StreamKey(stream, *session)
-                spans = accepted_spans(timeline, data, session, stream)
-                ticks = timeline.soil_ticks(session)
-                findings += _find_missing_rows(key, streams[key], spans, ticks, low, high)
+    for counted in counted_streams(soil, timeline, data, streams, absent):
+        findings += _find_missing_rows(counted, low, high)
     if not soil.missing():
         findings += _find_mislabelled_rows(soil, streams, window)
     for key, rows in streams.items():
@@ -114,36 +105,20 @@ def _find_mislabelled_rows(
     return findings
 
 
-def _find_missing_rows(
-    key: StreamKey, rows: NumberedRows, spans: Spans, soil_ticks: Numbers, low: int, high: int
-) -> list[Finding]:
-    """Find rows of one stream that are missing in soil ticks `low` to `high`.
-
-    Args:
-        key: the stream.
-        rows: its recorded rows.
-        spans: its counted rows.
-        soil_ticks: the soil tick of each span, shape (n,).
-        low, high: first and last audited tick.
-    """
-    name = _stream_name(key)
+def _find_missing_rows(counted: CountedStream, low: int, high: int) -> list[Finding]:
+    """Find rows of one stream that are missing in soil ticks `low` to `high`."""
+    name, spans = _stream_name(counted.key), counted.spans
     findings = [
         Finding(
             Check.COMPLETENESS,
             f"the header of tick {spans.ticks[k]} counts {name} rows from {spans.first[k]}, the"
             f" header before up to {spans.last[k - 1]}",
-            int(soil_ticks[k]),
-            int(soil_ticks[k]),
+            int(counted.soil_ticks[k]),
+            int(counted.soil_ticks[k]),
         )
         for k in spans.discontinuities()
     ]
-    gaps = []
-    for first, last in spans.missing(rows):
-        index = np.searchsorted(spans.last, np.array([first, last]))
-        index = np.minimum(index, spans.ticks.size - 1)
-        begin, end = (int(soil_ticks[k]) for k in index)
-        if end >= low and begin <= high:
-            gaps.append((first, last, begin, end))
+    gaps = [gap for gap in counted.gaps() if gap.last_tick >= low and gap.first_tick <= high]
     for first, last, begin, end in gaps[:_MAX_FINDINGS]:
         which = f"row {first} is" if first == last else f"rows {first}..{last} are"
         ticks = f"tick {begin}" if begin == end else f"ticks {begin}..{end}"
@@ -153,7 +128,7 @@ def _find_missing_rows(
         num_rows = sum(last - first + 1 for first, last, _, _ in gaps[_MAX_FINDINGS:])
         num_gaps = len(gaps) - _MAX_FINDINGS
         text = f"{name}: {num_rows} more rows are missing in {num_gaps} more gaps"
-        begin, end = gaps[_MAX_FINDINGS][2], gaps[-1][3]
+        begin, end = gaps[_MAX_FINDINGS].first_tick, gaps[-1].last_tick
         findings.append(Finding(Check.COMPLETENESS, text, begin, end))
     return findings
 

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from msg_bridge.audit.audit_window import Window
 from msg_bridge.audit.collect import RunData, StreamKey
 from msg_bridge.audit.membership import UNKNOWN_TICK, MembershipTimeline
-from msg_bridge.audit.numbered_rows import NumberedRows, Numbers, Spans
+from msg_bridge.audit.numbered_rows import NumberedRows
 from msg_bridge.audit.report import CheckResult
 from msg_bridge.audit.soil_ticks import SoilTicks
-from msg_bridge.audit.streams import accepted_spans
+from msg_bridge.audit.streams import CountedStream, counted_streams
 from msg_bridge.contract.messages import Stream
 
 __all__ = ["describe_unknown_ticks", "join_check_results", "split_at_losses"]
@@ -32,7 +32,8 @@ _MIN_PART_TICKS = 5
 """Minimum number of ticks between lost rows that are audited; in fewer there is little to compare,
 and the edges are not known."""
 
-_SOIL_STREAMS = (Stream.CONVERSION, Stream.MAP_UPDATE)
+_AUDITED_STREAMS = (Stream.CONVERSION, Stream.MAP_UPDATE, Stream.DEPOSIT_REQUEST)
+"""Streams without whose rows the sums of volumes are not known."""
 
 
 def split_at_losses(
@@ -51,14 +52,9 @@ def split_at_losses(
         absent: streams that were not recorded at all, which are no losses in single ticks.
     """
     lost = np.zeros(soil.ticks.size, dtype=np.bool_)
-    for stream in _SOIL_STREAMS:
-        if stream not in absent:
-            _mark_lost(lost, streams[StreamKey(stream)], soil.spans[stream], soil.ticks, soil)
-    if Stream.DEPOSIT_REQUEST not in absent:
-        for session in timeline.accepted:
-            key = StreamKey(Stream.DEPOSIT_REQUEST, *session)
-            spans = accepted_spans(timeline, data, session, Stream.DEPOSIT_REQUEST)
-            _mark_lost(lost, streams[key], spans, timeline.soil_ticks(session), soil)
+    for counted in counted_streams(soil, timeline, data, streams, absent):
+        if counted.key.stream in _AUDITED_STREAMS and counted.rows.numbers.size:
+            _mark_lost(lost, counted, soil)
     lost[: window.first] = lost[window.last + 1 :] = False
     if not lost.any() or lost.all():
         return [data]
@@ -75,29 +71,21 @@ def split_at_losses(
     ]
 
 
-def _mark_lost(
-    lost: NDArray[np.bool_], rows: NumberedRows, spans: Spans, span_ticks: Numbers, soil: SoilTicks
-) -> None:
+def _mark_lost(lost: NDArray[np.bool_], counted: CountedStream, soil: SoilTicks) -> None:
     """Mark the soil headers with lost rows of a stream.
 
     Args:
         lost: which soil headers have lost rows, shape (n,); changed in place.
-        rows: recorded rows.
-        spans: counted rows.
-        span_ticks: the soil tick of each span, shape (m,).
+        counted: the stream.
         soil: the soil headers.
     """
-    if not rows.numbers.size:
-        return
-    for first, last in spans.missing(rows):
-        index = np.minimum(np.searchsorted(spans.last, [first, last]), spans.ticks.size - 1)
-        ticks = span_ticks[index]
-        if (ticks == UNKNOWN_TICK).any():  # across missing headers of the soil
+    for gap in counted.gaps():
+        ticks = [tick for tick in (gap.first_tick, gap.last_tick) if tick != UNKNOWN_TICK]
+        if len(ticks) < 2:  # across missing headers of the soil
             _mark_ticks_after_missing_headers(lost, soil)
-            ticks = ticks[ticks != UNKNOWN_TICK]
-            if not ticks.size:
+            if not ticks:
                 continue
-        low, high = np.searchsorted(soil.ticks, ticks[[0, -1]])
+        low, high = np.searchsorted(soil.ticks, (ticks[0], ticks[-1]))
         lost[low : min(int(high), lost.size - 1) + 1] = True
 
 

@@ -1,17 +1,95 @@
-"""The rows of all streams of a run, sorted by number."""
+"""The rows of all streams of a run, sorted by number, and the rows that headers count."""
 
 from __future__ import annotations
 
+from collections.abc import Container, Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
 from msg_bridge.audit.collect import RunData, SessionKey, StreamKey
 from msg_bridge.audit.membership import MembershipTimeline
-from msg_bridge.audit.numbered_rows import NumberedRows, Spans, order_rows
+from msg_bridge.audit.numbered_rows import NumberedRows, Numbers, Spans, order_rows
 from msg_bridge.audit.soil_ticks import SoilTicks
 from msg_bridge.contract.messages import Stream
 
-__all__ = ["MACHINE_STREAMS", "accepted_spans", "find_missing_streams", "order_all_streams"]
+__all__ = [
+    "MACHINE_STREAMS",
+    "CountedStream",
+    "Gap",
+    "accepted_spans",
+    "counted_streams",
+    "find_missing_streams",
+    "order_all_streams",
+]
 
 MACHINE_STREAMS = (Stream.SWEEP, Stream.DEPOSIT_REQUEST)
 """Streams from machines to the soil, which machine headers count."""
+
+
+class Gap(NamedTuple):
+    """Counted rows that are missing.
+
+    Attributes:
+        first, last: number of the first and the last row.
+        first_tick, last_tick: soil ticks that they belong to; `UNKNOWN_TICK` where headers are
+            missing, too.
+    """
+
+    first: int
+    last: int
+    first_tick: int
+    last_tick: int
+
+
+class CountedStream(NamedTuple):
+    """A stream whose rows are counted by headers that the soil published or accepted.
+
+    Attributes:
+        key: the stream.
+        rows: its recorded rows.
+        spans: the rows that each header counts.
+        soil_ticks: the soil tick of each span, shape (n,).
+    """
+
+    key: StreamKey
+    rows: NumberedRows
+    spans: Spans
+    soil_ticks: Numbers
+
+    def gaps(self) -> list[Gap]:
+        """Return the gaps among the counted rows, ascending."""
+        gaps = []
+        for first, last in self.spans.missing(self.rows):
+            index = np.searchsorted(self.spans.last, np.array([first, last]))
+            ticks = self.soil_ticks[np.minimum(index, self.soil_ticks.size - 1)]
+            gaps.append(Gap(first, last, *map(int, ticks)))
+        return gaps
+
+
+def counted_streams(
+    soil: SoilTicks,
+    timeline: MembershipTimeline,
+    data: RunData,
+    streams: Mapping[StreamKey, NumberedRows],
+    absent: Container[Stream] = (),
+) -> Iterator[CountedStream]:
+    """Yield the streams of the soil, then those of each session of a machine.
+
+    Args:
+        soil, timeline, data, streams: the run.
+        absent: streams that are left out.
+    """
+    for stream, spans in soil.spans.items():
+        if stream not in absent:
+            key = StreamKey(stream)
+            yield CountedStream(key, streams[key], spans, spans.ticks)
+    for session in timeline.accepted:
+        for stream in MACHINE_STREAMS:
+            if stream not in absent:
+                key = StreamKey(stream, *session)
+                spans = accepted_spans(timeline, data, session, stream)
+                yield CountedStream(key, streams[key], spans, timeline.soil_ticks(session))
 
 
 def accepted_spans(
