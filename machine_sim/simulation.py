@@ -311,13 +311,12 @@ class MachineSim:
         )
 
     def _credit_excavated_soil(self, excavated: Rows, ticks_ago: int) -> None:
-        """Credit EXCAVATE rows to the digging tool whose key points are nearest."""
+        """Credit EXCAVATE rows to the digging tool whose key points are nearest.
+
+        There is a digging tool if there are rows: `check_conversions` has checked it.
+        """
         if excavated.size == 0:
             return
-        if not self._digging_couplings:
-            raise MachineError(
-                "EXCAVATE rows arrived, but no machine of this node has a digging tool"
-            )
         rows_of_tools = [excavated]
         if len(self._digging_couplings) > 1:
             points = np.column_stack([excavated[name] for name in "xyz"]).astype(np.float64)

@@ -42,7 +42,7 @@ def warm_up(
 def _dig(
     machine: MachineSpec, stepping: MachineSimParams | None, particles: ParticleParams | None
 ) -> None:
-    """Let a machine stand, with soil in its tools as if it had dug."""
+    """Let a machine stand, with soil in its first digging tool, if any, as if it had dug."""
     sim = MachineSim(
         [Placement(machine)],
         _GRID,
@@ -51,15 +51,17 @@ def _dig(
         particle_params=particles,
     )
     couplings = sim.simulated_machines[0].couplings.values()
-    is_digging = any(each.is_digging for each in couplings)
+    digging = [each for each in couplings if each.is_digging]
     for _ in range(_NUM_TICKS):
-        output = sim.step()
-        lip = output.sweeps[0]
-        conversions = empty_rows(CONVERSION, int(is_digging))
+        sim.step()
+        conversions = empty_rows(CONVERSION, min(len(digging), 1))
         map_updates = empty_rows(MAP_UPDATE, 1)
         forces = empty_rows(FORCE, 1)
-        for name in "xyz":
-            conversions[name] = forces[name] = lip[f"{name}1"]
+        if digging:
+            lip = digging[0].key_points_at(ticks_ago=0)[0]
+            for name, value in zip("xyz", lip, strict=True):
+                conversions[name] = forces[name] = value
+            forces["tool"] = digging[0].tool_id
         conversions["volume_mm3"] = 10 * _LITRE
         sim.apply(conversions, map_updates, forces)
         sim.state_hash()

@@ -10,17 +10,15 @@ from machine_sim.node.machine_instance import MachineInstance
 from machine_sim.node.machine_run import MachineRun
 from machine_sim.simulated_machine import SimulatedMachine
 from msg_bridge.nodes.diagnostics import Diagnostics, Level
-from msg_bridge.nodes.real_time_monitor import LoadMeter, OverloadMonitor, TickLoad
+from msg_bridge.nodes.real_time_monitor import (
+    OVERLOAD_CONDITION,
+    OVERLOAD_REMEDY,
+    LoadMeter,
+    OverloadMonitor,
+    TickLoad,
+)
 
 __all__ = ["MachineDiagnostics"]
-
-_OVERLOAD = "overload"
-"""Condition of a machine node that is too slow for real time."""
-
-_REMEDY = (
-    "use fewer particles (a larger particles.nominal_volume), fewer nodes on this computer, a"
-    " longer tick_period, or sync: lockstep"
-)
 
 
 class MachineDiagnostics:
@@ -124,7 +122,7 @@ class MachineDiagnostics:
         """Set or clear the problem of a node that is too slow for real time."""
         level = max(self._speed.level, self._coverage.level)
         if level is Level.OK:
-            self._diagnostics.clear(_OVERLOAD)
+            self._diagnostics.clear(OVERLOAD_CONDITION)
             return
         causes = []
         if self._speed.level is not Level.OK:
@@ -132,8 +130,8 @@ class MachineDiagnostics:
         if self._coverage.level is not Level.OK:
             fraction = self._coverage.fraction
             causes.append(f"the machine makes {fraction:.0%} of the ticks and skips the others")
-        text = f"too slow for real time: {' and '.join(causes)}; {_REMEDY}"
-        self._diagnostics.problem(text, level, condition=_OVERLOAD)
+        text = f"too slow for real time: {' and '.join(causes)}; {OVERLOAD_REMEDY}"
+        self._diagnostics.problem(text, level, condition=OVERLOAD_CONDITION)
 
 
 def _machine_values(instance: MachineInstance, simulated: SimulatedMachine) -> dict[str, Any]:

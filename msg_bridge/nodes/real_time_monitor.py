@@ -12,6 +12,8 @@ from msg_bridge.nodes.diagnostics import Level
 __all__ = [
     "ERROR_FRACTION",
     "MIN_OVERLOAD_TIME",
+    "OVERLOAD_CONDITION",
+    "OVERLOAD_REMEDY",
     "WARN_FRACTION",
     "LoadMeter",
     "OverloadMonitor",
@@ -26,6 +28,15 @@ ERROR_FRACTION = 0.5
 
 MIN_OVERLOAD_TIME = 2.0
 """Wall time for which a fraction must be too low before it is reported [s]."""
+
+OVERLOAD_CONDITION = "overload"
+"""Condition, in the diagnostics of a node, of being slower than real time."""
+
+OVERLOAD_REMEDY = (
+    "use fewer particles (a larger particles.nominal_volume), fewer nodes on this computer, a"
+    " longer tick_period, or sync: lockstep"
+)
+"""What the user can change, for the report of an overload."""
 
 
 class TickLoad(NamedTuple):

@@ -8,23 +8,21 @@ from collections.abc import Callable
 from typing import Any
 
 from msg_bridge.nodes.diagnostics import Diagnostics, Level
-from msg_bridge.nodes.real_time_monitor import LoadMeter, OverloadMonitor, TickLoad
+from msg_bridge.nodes.real_time_monitor import (
+    OVERLOAD_CONDITION,
+    OVERLOAD_REMEDY,
+    LoadMeter,
+    OverloadMonitor,
+    TickLoad,
+)
 from msg_bridge.nodes.sim_node import SimNode
 from soil_sim.node.params import SoilNodeParams
 from soil_sim.node.soil_run import SoilRun
 
 __all__ = ["SoilDiagnostics"]
 
-_OVERLOAD = "overload"
-"""Condition of a clock that is slower than real time."""
-
 _LOW_LOAD = 0.5
 """Load of the soil node below which it is not the reason of a slow clock."""
-
-_REMEDY = (
-    "use fewer particles (a larger particles.nominal_volume), fewer nodes on this computer, a"
-    " longer tick_period, or sync: lockstep"
-)
 
 
 class SoilDiagnostics:
@@ -112,16 +110,16 @@ class SoilDiagnostics:
         """Set or clear the problem of a slow clock; log when it begins, once worsens, and ends."""
         level = self._monitor.level
         if level is Level.OK:
-            self._diagnostics.clear(_OVERLOAD)
+            self._diagnostics.clear(OVERLOAD_CONDITION)
             if self._logged_level is not Level.OK:
                 self._node.get_logger().info("the clock runs in real time again")
             self._logged_level = Level.OK
         else:
             text = (
                 f"real-time factor {self._monitor.fraction:.2f}, below 1 for"
-                f" {self._monitor.low_time:.0f} s: {self._cause(load, num_late)}; {_REMEDY}"
+                f" {self._monitor.low_time:.0f} s: {self._cause(load, num_late)}; {OVERLOAD_REMEDY}"
             )
-            self._diagnostics.problem(text, level, condition=_OVERLOAD)
+            self._diagnostics.problem(text, level, condition=OVERLOAD_CONDITION)
             if level > self._logged_level:
                 self._node.get_logger().warning(text)
                 self._logged_level = level
