@@ -1,4 +1,4 @@
-"""Settings of the middleware: the shipped Fast DDS profile, and discovery on this host only."""
+"""Settings of the middleware: the shipped Fast DDS profiles, and discovery on this host only."""
 
 import os
 from pathlib import Path
@@ -9,34 +9,61 @@ __all__ = ["PROFILE_VARIABLE", "keep_discovery_on_this_host", "use_shipped_profi
 
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
-_RANGE_VARIABLES = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY")
-"""Variables by which the user chooses the range of discovery."""
+_RANGE_VARIABLE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+_LOCALHOST_VARIABLE = "ROS_LOCALHOST_ONLY"
+"""Deprecated variable of the same choice; 1 overrides `_RANGE_VARIABLE` and static peers."""
+_PEERS_VARIABLE = "ROS_STATIC_PEERS"
 
 
 def keep_discovery_on_this_host() -> None:
     """Let this process and its children find nodes on this host only, unless the user has chosen
     another range.
 
-    Call it before `rclpy.init()`.
+    Call it before `use_shipped_profile()`.
     """
-    if not any(name in os.environ for name in _RANGE_VARIABLES):
-        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    if not any(name in os.environ for name in (_RANGE_VARIABLE, _LOCALHOST_VARIABLE)):
+        os.environ[_RANGE_VARIABLE] = "LOCALHOST"
 
 
 def use_shipped_profile() -> Path | None:
-    """Use `config/fastdds.xml` in this process unless the user has chosen another profile.
+    """Use a shipped profile in this process and its children, unless the user has chosen another.
 
-    Call it before `rclpy.init()`: a process reads its profile once. Other middleware ignores it. To
-    use no profile, set FASTRTPS_DEFAULT_PROFILES_FILE to the empty string.
+    Call it before `rclpy.init()`: a process reads its profile once. It is `config/fastdds.xml`, or
+    `config/fastdds_localhost.xml` if the user has limited discovery to this host. The latter limits
+    it by itself, and the range becomes SYSTEM_DEFAULT: with LOCALHOST, rmw_fastrtps adds the shared
+    memory transport, in which a suspended subscriber stalls publishers. With static peers the
+    choice of the user stays as it is, because only rmw_fastrtps adds them.
+
+    Other middleware is left alone. To use no profile, set FASTRTPS_DEFAULT_PROFILES_FILE to the
+    empty string.
 
     Returns:
-        The shipped profile, or None if the user has chosen one.
+        The shipped profile; None if the user has chosen one, or another middleware.
 
     Raises:
         ConfigError: the shipped profile is missing.
     """
-    if PROFILE_VARIABLE in os.environ:
+    if PROFILE_VARIABLE in os.environ or not _is_fast_dds():
         return None
-    profile = find_config("fastdds.xml").resolve()
+    is_localhost = _is_limited_to_localhost()
+    name = "fastdds_localhost.xml" if is_localhost else "fastdds.xml"
+    profile = find_config(name).resolve()
+    if is_localhost:
+        os.environ.pop(_LOCALHOST_VARIABLE, None)
+        os.environ[_RANGE_VARIABLE] = "SYSTEM_DEFAULT"
     os.environ[PROFILE_VARIABLE] = str(profile)
     return profile
+
+
+def _is_fast_dds() -> bool:
+    """Whether the middleware of this process is Fast DDS."""
+    from rclpy.utilities import get_rmw_implementation_identifier  # only nodes load rclpy
+
+    return "fastrtps" in get_rmw_implementation_identifier()
+
+
+def _is_limited_to_localhost() -> bool:
+    """Whether the user has limited discovery to this host, by rcl's rules, without static peers."""
+    if os.environ.get(_LOCALHOST_VARIABLE) == "1":
+        return True
+    return os.environ.get(_RANGE_VARIABLE) == "LOCALHOST" and not os.environ.get(_PEERS_VARIABLE)

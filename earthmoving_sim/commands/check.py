@@ -15,7 +15,6 @@ from earthmoving_sim.environment.resources import (
     check_cores,
     check_memory,
     check_output,
-    check_shared_memory,
 )
 from earthmoving_sim.environment.ros import check_ros
 
@@ -59,6 +58,5 @@ def all_checks(output: Path) -> Iterator[CheckResult]:
     yield check_ros()
     yield check_config()
     yield check_output(output)
-    yield check_shared_memory()
     yield check_cores()
     yield check_memory()

@@ -4,5 +4,5 @@
 - `probe`: run a piece of code in another Python
 - `dependencies`: Python and the packages that the simulation needs
 - `ros`: ROS 2 and its messages
-- `resources`: configuration files, output folder, shared memory, cores, memory
+- `resources`: configuration files, output folder, cores, memory
 """

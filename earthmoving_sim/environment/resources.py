@@ -1,4 +1,4 @@
-"""Checks of configuration files, output folder, shared memory, cores and memory."""
+"""Checks of configuration files, output folder, cores and memory."""
 
 from __future__ import annotations
 
@@ -16,13 +16,9 @@ __all__ = [
     "check_cores",
     "check_memory",
     "check_output",
-    "check_shared_memory",
 ]
 
 MIB = 2**20
-
-MIN_SHARED_MEMORY = 256 * MIB
-"""One 32 MiB segment of Fast DDS for each of several nodes."""
 
 MIN_MEMORY = 2048 * MIB
 """Soil, machine and viewer processes with Numba loaded, with a margin."""
@@ -69,23 +65,6 @@ def check_output(folder: Path) -> CheckResult:
         f"{folder} ({_format_bytes(free)} free)",
         f"A long recording needs more than {_format_bytes(MIN_DISK)}: free some space, or write"
         " elsewhere.",
-    )
-
-
-def check_shared_memory(folder: Path = Path("/dev/shm")) -> CheckResult:
-    """Check that nodes on one computer can exchange large maps through shared memory."""
-    name = "shared memory"
-    slower = "Without it nodes fall back to UDP, and large maps may be lost"
-    if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
-        advice = f"{slower}: mount a tmpfs there that this user can write to."
-        return CheckResult(name, Status.WARNING, f"{folder} cannot be written", advice)
-    usage = shutil.disk_usage(folder)
-    return _capacity_check(
-        name,
-        usage.free >= MIN_SHARED_MEMORY,
-        f"{folder} ({_format_bytes(usage.free)} free of {_format_bytes(usage.total)})",
-        f"{slower}. In a container: `docker run --shm-size=1g`; else remove files from it, such as "
-        "fastrtps_* of killed processes.",
     )
 
 

@@ -72,8 +72,8 @@ def run_multi_process_dig(
         command_interval_ticks=COMMAND_INTERVAL_TICKS,
         command_delay_ticks=COMMAND_DELAY_TICKS,
     )
-    use_shipped_profile()
     keep_discovery_on_this_host()
+    use_shipped_profile()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
         monitor = RunMonitor(config.task.cycles, config.stepping.tick_period, realtime=realtime)

@@ -47,13 +47,12 @@ from typing import Any, Protocol
 
 import pytest
 
-from msg_bridge.config_files import find_config
-from msg_bridge.dds_profile import PROFILE_VARIABLE
+from msg_bridge.dds_profile import PROFILE_VARIABLE, use_shipped_profile
 from msg_bridge.testing.ros_context import Ros
 from msg_bridge.testing.ros_domain import reserve_domain
 from msg_bridge.testing.ros_process import RosProcess
 
-__all__ = ["StartProcess", "ros", "ros_domain", "ros_process"]
+__all__ = ["StartProcess", "limit_discovery_to_this_host", "ros", "ros_domain", "ros_process"]
 
 
 class StartProcess(Protocol):
@@ -68,18 +67,27 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[int]
     """Reserve a ROS domain for one test and return its id.
 
     The environment is set accordingly and inherited by child processes: domain, discovery on this
-    machine only, the shipped Fast DDS profile unless another is chosen, and log files in the
-    temporary folder of the test.
+    host only, the shipped Fast DDS profile unless another is chosen, and log files in the temporary
+    folder of the test.
     """
     with reserve_domain() as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        monkeypatch.delenv("ROS_LOCALHOST_ONLY", raising=False)  # would override the range
-        monkeypatch.delenv("ROS_STATIC_PEERS", raising=False)
-        if PROFILE_VARIABLE not in os.environ:
-            monkeypatch.setenv(PROFILE_VARIABLE, str(find_config("fastdds.xml").resolve()))
         monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
+        limit_discovery_to_this_host(monkeypatch)
         yield domain
+
+
+def limit_discovery_to_this_host(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Limit discovery of this process and its children to this host while a patch lasts, with the
+    shipped Fast DDS profile unless another is chosen.
+    """
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.delenv("ROS_LOCALHOST_ONLY", raising=False)  # would override the range
+    monkeypatch.delenv("ROS_STATIC_PEERS", raising=False)
+    if PROFILE_VARIABLE not in os.environ:
+        monkeypatch.setenv(PROFILE_VARIABLE, "")  # so that the patch removes it at its end
+        monkeypatch.delenv(PROFILE_VARIABLE)
+    use_shipped_profile()
 
 
 @pytest.fixture

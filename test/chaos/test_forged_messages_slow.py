@@ -27,6 +27,7 @@ from support.node_scenes import (
 
 from msg_bridge.codec.stamps import tick_from_stamp
 from msg_bridge.codec.state_hash import from_state_hash_string
+from msg_bridge.testing.fixtures import limit_discovery_to_this_host
 from msg_bridge.testing.ros_context import Ros
 from msg_bridge.testing.ros_domain import reserve_domain
 
@@ -136,7 +137,7 @@ def by_tick(messages: list[String]) -> dict[int, str]:
 def clean_run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     """Return the run without a forger, in a domain of its own."""
     with pytest.MonkeyPatch.context() as patch, reserve_domain() as domain:
-        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        limit_discovery_to_this_host(patch)
         ros = Ros(domain)
         try:
             yield Dig(ros, tmp_path_factory.mktemp("clean")).finish()

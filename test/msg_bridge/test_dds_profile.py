@@ -1,4 +1,4 @@
-"""Messages cross DDS between two participants, and the shipped profile is the one in effect."""
+"""Messages cross DDS between two participants, and a shipped profile is the one in effect."""
 
 import os
 import subprocess
@@ -56,9 +56,9 @@ DOMAIN = 1 + os.getpid() % 101  # differs between processes; its ports are below
 TIMEOUT = 20.0  # [s]
 STAMP = Time(sec=1)
 
-# Creates a participant and prints the sizes of its shared memory segments.
+# Creates a participant; prints its shared memory files and the addresses of its UDP sockets.
 PARTICIPANT = """\
-import os, sys
+import os, socket, sys
 from pathlib import Path
 from msg_bridge.dds_profile import use_shipped_profile
 if sys.argv[1] == "shipped":
@@ -67,7 +67,12 @@ import rclpy
 rclpy.init(domain_id=int(sys.argv[2]))
 node = rclpy.create_node("participant")
 mapped = {line.split()[-1] for line in Path("/proc/self/maps").read_text().splitlines()}
-print(*(os.path.getsize(path) for path in mapped if path.startswith("/dev/shm/fastrtps_")))
+print("shared_memory", *(path for path in mapped if path.startswith("/dev/shm/fastrtps_")))
+own = {os.readlink(f"/proc/self/fd/{fd}") for fd in os.listdir("/proc/self/fd")
+       if os.path.islink(f"/proc/self/fd/{fd}")}
+rows = [line.split() for line in Path("/proc/net/udp").read_text().splitlines()[1:]]
+addresses = {bytes.fromhex(row[1][:8])[::-1] for row in rows if f"socket:[{row[9]}]" in own}
+print("udp", *(socket.inet_ntoa(address) for address in sorted(addresses)))
 rclpy.shutdown()
 """
 
@@ -77,6 +82,14 @@ def no_profile(monkeypatch: pytest.MonkeyPatch) -> None:
     """Remove the choice of a DDS profile for the test."""
     monkeypatch.setenv(PROFILE_VARIABLE, "")
     monkeypatch.delenv(PROFILE_VARIABLE)
+
+
+@pytest.fixture
+def no_range(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Remove the choice of a range of discovery for the test."""
+    for name in ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS"):
+        monkeypatch.setenv(name, "")  # so that the test's changes are undone
+        monkeypatch.delenv(name)
 
 
 class Participant:
@@ -204,9 +217,38 @@ def test_commands_are_received_from_any_publisher(
         receiver.spin_until(came)
 
 
-def test_shipped_profile_is_used_if_the_user_has_none(no_profile: None) -> None:
-    assert use_shipped_profile() == find_config("fastdds.xml").resolve()
-    assert Path(os.environ[PROFILE_VARIABLE]) == find_config("fastdds.xml").resolve()
+@pytest.mark.parametrize(
+    ("chosen", "profile", "range_after"),
+    [
+        ({}, "fastdds.xml", None),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, "fastdds.xml", "SUBNET"),
+        (
+            {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
+            "fastdds_localhost.xml",
+            "SYSTEM_DEFAULT",
+        ),
+        ({"ROS_LOCALHOST_ONLY": "1"}, "fastdds_localhost.xml", "SYSTEM_DEFAULT"),
+        (
+            {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_STATIC_PEERS": "10.0.0.7"},
+            "fastdds.xml",
+            "LOCALHOST",
+        ),
+    ],
+)
+def test_shipped_profile_follows_the_range_of_discovery(
+    no_profile: None,
+    no_range: None,
+    monkeypatch: pytest.MonkeyPatch,
+    chosen: dict[str, str],
+    profile: str,
+    range_after: str | None,
+) -> None:
+    for name, value in chosen.items():
+        monkeypatch.setenv(name, value)
+    assert use_shipped_profile() == find_config(profile).resolve()
+    assert Path(os.environ[PROFILE_VARIABLE]) == find_config(profile).resolve()
+    assert os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") == range_after
+    assert "ROS_LOCALHOST_ONLY" not in os.environ
 
 
 @pytest.mark.parametrize("own", ["/home/me/own.xml", ""])
@@ -216,25 +258,47 @@ def test_profile_of_the_user_is_kept(monkeypatch: pytest.MonkeyPatch, own: str) 
     assert os.environ[PROFILE_VARIABLE] == own
 
 
-def test_shipped_profile_is_the_default_of_every_participant() -> None:
-    root = ET.parse(find_config("fastdds.xml")).getroot()
-    (participant,) = root.findall("{*}participant")
+def test_shipped_profiles_differ_only_in_what_limits_discovery_to_this_host() -> None:
+    everywhere, localhost = (
+        ET.parse(find_config(name)).getroot() for name in ("fastdds.xml", "fastdds_localhost.xml")
+    )
+    only_localhost = {
+        "transport_descriptor": ("maxInitialPeersRange", "interfaceWhiteList"),
+        "builtin": ("metatrafficUnicastLocatorList", "initialPeersList"),
+    }
+    for parent, children in only_localhost.items():
+        (element,) = localhost.iterfind(f".//{{*}}{parent}")
+        for child in children:
+            (added,) = element.findall(f"{{*}}{child}")
+            element.remove(added)
+    texts = [ET.canonicalize(ET.tostring(e), strip_text=True) for e in (everywhere, localhost)]
+    assert texts[0] == texts[1]
+    (participant,) = everywhere.findall("{*}participant")
     assert participant.get("is_default_profile") == "true"
 
 
 @pytest.mark.skipif("fastrtps" not in get_rmw_implementation_identifier(), reason="for Fast DDS")
-@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="looks at the memory map")
-@pytest.mark.parametrize(("profile", "in_effect"), [("shipped", True), ("none", False)])
-def test_participant_takes_the_shipped_profile(
-    no_profile: None, profile: str, in_effect: bool
+@pytest.mark.skipif(not Path("/proc/net/udp").exists(), reason="looks at sockets and memory map")
+@pytest.mark.parametrize("discovery", ["LOCALHOST", "SUBNET"])
+@pytest.mark.parametrize("profile", ["shipped", "none"])
+def test_participant_uses_no_shared_memory_and_the_chosen_range(
+    no_profile: None,
+    no_range: None,
+    monkeypatch: pytest.MonkeyPatch,
+    profile: str,
+    discovery: str,
 ) -> None:
+    """A suspended reader in shared memory stalls its publishers for 2 s (Fast DDS 2.14)."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", discovery)
     command = [sys.executable, "-c", PARTICIPANT, profile, str(DOMAIN)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     assert "XMLPARSER" not in done.stderr
-    room = sum(int(size) for size in done.stdout.split())
-    assert room > 0
-    assert (room > 2**25) is in_effect
+    lines = [line.split() for line in done.stdout.splitlines()]
+    values = {words[0]: words[1:] for words in lines if words}
+    assert bool(values["shared_memory"]) is (profile == "none")
+    is_on_this_host = set(values["udp"]) == {"127.0.0.1"}
+    assert is_on_this_host is (profile == "shipped" and discovery == "LOCALHOST")
 
 
 @pytest.mark.parametrize(
@@ -246,10 +310,8 @@ def test_participant_takes_the_shipped_profile(
     ],
 )
 def test_discovery_stays_on_this_host_unless_a_range_is_chosen(
-    monkeypatch: pytest.MonkeyPatch, chosen: dict[str, str], expected: str | None
+    no_range: None, monkeypatch: pytest.MonkeyPatch, chosen: dict[str, str], expected: str | None
 ) -> None:
-    for name in ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY"):
-        monkeypatch.delenv(name, raising=False)
     for name, value in chosen.items():
         monkeypatch.setenv(name, value)
     keep_discovery_on_this_host()

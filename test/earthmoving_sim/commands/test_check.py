@@ -162,21 +162,6 @@ def test_full_disk_is_a_warning(monkeypatch, tmp_path):
     assert resources.check_output(tmp_path).status is Status.WARNING
 
 
-def test_small_shared_memory_is_a_warning_that_names_the_docker_option(monkeypatch, tmp_path):
-    docker_default = namedtuple("usage", "total used free")(
-        64 * resources.MIB, 0, 64 * resources.MIB
-    )
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: docker_default)
-    result = resources.check_shared_memory(tmp_path)
-    assert result.status is Status.WARNING
-    assert "64 MiB" in result.detail
-    assert "--shm-size" in result.advice
-
-
-def test_missing_shared_memory_is_a_warning(tmp_path):
-    assert resources.check_shared_memory(tmp_path / "none").status is Status.WARNING
-
-
 def test_little_memory_is_a_warning(tmp_path):
     meminfo = tmp_path / "meminfo"
     meminfo.write_text("MemTotal:  8000000 kB\nMemAvailable:   524288 kB\n")

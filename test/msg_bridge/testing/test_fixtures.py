@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger
 from msg_bridge.codec.qos import TRANSIENT_LOCAL
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.parameters import Parameters, parameter
+from msg_bridge.dds_profile import PROFILE_VARIABLE
 from msg_bridge.nodes.ros_parameters import declare_parameters
 from msg_bridge.testing import ros_domain as domain
 from msg_bridge.testing.fixtures import StartProcess
@@ -71,7 +72,7 @@ class Hello(Node):
 
 def test_environment_puts_subprocesses_into_the_domain(ros_domain: int) -> None:
     assert os.environ["ROS_DOMAIN_ID"] == str(ros_domain)
-    assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    assert Path(os.environ[PROFILE_VARIABLE]).name == "fastdds_localhost.xml"
 
 
 def test_processes_at_once_get_different_domains(tmp_path: Path, ros_domain: int) -> None:
