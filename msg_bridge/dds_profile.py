@@ -29,8 +29,8 @@ def use_shipped_profile() -> Path | None:
     """Use a shipped profile in this process and its children, unless the user has chosen another.
 
     Call it before `rclpy.init()`: a process reads its profile once. It is `config/fastdds.xml`, or
-    `config/fastdds_localhost.xml` if the user has limited discovery to this host. The latter limits
-    it by itself, and the range becomes SYSTEM_DEFAULT: with LOCALHOST, rmw_fastrtps adds the shared
+    `config/fastdds_localhost.xml` if the user has limited discovery to this host. The latter
+    contains the limit, and the range becomes SYSTEM_DEFAULT: with LOCALHOST, rmw_fastrtps adds the shared
     memory transport, in which a suspended subscriber stalls publishers. With static peers the
     choice of the user stays as it is, because only rmw_fastrtps adds them.
 
