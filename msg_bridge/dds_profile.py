@@ -30,9 +30,9 @@ def use_shipped_profile() -> Path | None:
 
     Call it before `rclpy.init()`: a process reads its profile once. It is `config/fastdds.xml`, or
     `config/fastdds_localhost.xml` if the user has limited discovery to this host. The latter
-    contains the limit, and the range becomes SYSTEM_DEFAULT: with LOCALHOST, rmw_fastrtps adds the shared
-    memory transport, in which a suspended subscriber stalls publishers. With static peers the
-    choice of the user stays as it is, because only rmw_fastrtps adds them.
+    contains the limit, and the range becomes SYSTEM_DEFAULT: with LOCALHOST, rmw_fastrtps adds the
+    shared memory transport, in which a suspended subscriber stalls publishers. With static peers
+    the choice of the user stays as it is, because only rmw_fastrtps adds them.
 
     Other middleware is left alone. To use no profile, set FASTRTPS_DEFAULT_PROFILES_FILE to the
     empty string.
