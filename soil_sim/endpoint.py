@@ -7,7 +7,7 @@ once it is complete.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,7 +31,7 @@ from soil_sim.soil import Soil, SoilStepResult
 from soil_sim.soil_inventory import SoilInventory
 from soil_sim.sweep_limits import SweepLimits
 
-__all__ = ["SoilEndpoint", "SoilTickResult"]
+__all__ = ["SoilEndpoint", "SoilTickResult", "split_into_deposit_requests"]
 
 _ORIGIN = (0.0, 0.0, 0.0)
 """Position of the soil of a machine whose tools never had a valid sweep."""
@@ -48,36 +48,6 @@ class SoilTickResult:
 
     ledger: Ledger
     step: SoilStepResult
-
-
-@dataclass(frozen=True)
-class _SoilLeftBehind:
-    """Soil of a machine that does not hold it any more.
-
-    Attributes:
-        volume: bank volume [mm^3].
-        position: position of its first tool, x, y, z [m].
-        soil: id of the kind, and moisture [%].
-    """
-
-    volume: int
-    position: Sequence[float]
-    soil: tuple[int, int]
-
-    def deposit_requests(self, machine_id: int) -> Rows:
-        """Return DEPOSIT_REQUEST rows of all of it.
-
-        Args:
-            machine_id: machine id of the rows.
-        """
-        rows = empty_rows(DEPOSIT_REQUEST, -(-self.volume // MAX_ROW_VOLUME))
-        rows["volume_mm3"] = MAX_ROW_VOLUME
-        rows["volume_mm3"][-1:] -= np.uint32(rows.size * MAX_ROW_VOLUME - self.volume)
-        rows["machine_id"] = machine_id
-        rows["particle_id"] = np.arange(rows.size)  # not particles; only distinguishes the rows
-        rows["soil"], rows["moisture"] = self.soil
-        rows["x"], rows["y"], rows["z"] = self.position
-        return rows
 
 
 class SoilEndpoint:
@@ -115,14 +85,13 @@ class SoilEndpoint:
             admit_others=admit_others,
             run_id=run_id,
         )
-        self._tool_positions: dict[int, Sequence[float]] = {}  # x, y, z [m] by machine id
-        self._inventory = SoilInventory()
+        self._tool_positions: dict[int, Sequence[float]] = {}  # x, y, z [m] by account
+        self._inventory = SoilInventory()  # by account
         self._machines_to_release: list[int] = []
         self._sweep_limits = (
             SweepLimits(max_tool_displacement) if math.isfinite(max_tool_displacement) else None
         )
-        self._left_behind: dict[int, _SoilLeftBehind] = {}  # by ended sessions, by machine id
-        self._release_left_behind = False
+        self._release_forfeited = False
 
     @property
     def tick(self) -> int:
@@ -158,6 +127,7 @@ class SoilEndpoint:
             step = SoilStepResult(*no_rows, ())
         else:
             step = self._step(tick)
+        accounts = self.exchange.accounts.joined_accounts  # of the machines in this tick
         ledger = self.exchange.answer(
             step.conversions,
             step.forces,
@@ -165,22 +135,23 @@ class SoilEndpoint:
             revision=self.soil.revision,
             terrain_mm3=self.soil.total_mm3,
         )
-        self._inventory.record_conversions(step.conversions)
-        self._record_left_behind()
+        self._inventory.record_conversions(step.conversions, accounts)
+        self._discard_closed_accounts()
         return SoilTickResult(ledger, step)
 
     def release_absent_soil(self) -> tuple[int, ...]:
         """Turn absent soil into terrain in the next tick, at the last tool position of its machine.
 
         That is the soil of machines that take no part, and the soil that joined machines left
-        behind in earlier sessions. It gets the majority kind and the mean moisture of what the
-        machine held. A machine that requests to rejoin before that tick keeps its soil.
+        behind in earlier sessions. The soil of each account (see `LedgerAccounts`) gets the
+        majority kind and the mean moisture of what its machine excavated. A machine that requests
+        to rejoin before that tick keeps its soil.
 
         Returns:
             Ids of the machines whose soil is released, ascending.
         """
         self._machines_to_release = list(self.exchange.releasable_machines)
-        self._release_left_behind = bool(self.exchange.accounts.forfeited)
+        self._release_forfeited = bool(self.exchange.accounts.forfeited)
         return tuple(sorted({*self._machines_to_release, *self.exchange.accounts.forfeited}))
 
     def _step(self, tick: TickInput) -> SoilStepResult:
@@ -191,61 +162,64 @@ class SoilEndpoint:
             sweeps, rejected = self._sweep_limits.check(tick.tick, sweeps)
         self._record_tool_positions(sweeps)
         released = [
-            self.release_rows(machine_id) for machine_id in self._absent_machines_to_release()
+            self._deposit_requests(machine_id, self.exchange.release(machine_id))
+            for machine_id in self._absent_machines_to_release()
         ]
-        if self._release_left_behind:
-            released.append(self._rows_left_behind())
-        self._machines_to_release, self._release_left_behind = [], False
+        if self._release_forfeited:
+            volumes: dict[int, int] = {}
+            for machine_id in self.exchange.accounts.forfeited:
+                volumes |= self.exchange.release_forfeited(machine_id)
+            released.append(self._deposit_requests(ENDED_SESSION, volumes))
+        self._machines_to_release, self._release_forfeited = [], False
         deposit_requests = join_rows([tick.deposit_requests, *released], DEPOSIT_REQUEST)
         step = self.soil.step(tick.tick, sweeps, deposit_requests)
         return replace(step, rejected_tools=(*rejected, *step.rejected_tools))
 
     def _record_tool_positions(self, sweeps: Rows) -> None:
         """Record the position of the first tool of each machine."""
+        accounts = self.exchange.accounts.joined_accounts
         (first,) = ((sweeps["pair"] == 0) & (sweeps["tool"] == 0)).nonzero()
         columns = (sweeps[name][first].tolist() for name in ("machine_id", "x1", "y1", "z1"))
         for machine_id, *position in zip(*columns, strict=True):
             # Rows are validated later; a position that is not finite cannot take soil.
             if all(map(math.isfinite, position)):
-                self._tool_positions[machine_id] = position
+                self._tool_positions[accounts[machine_id]] = position
 
-    def _record_left_behind(self) -> None:
-        """Record where and of which kind soil is that a machine which has joined again left behind.
-
-        Its first sweep and excavation of the new session come after the tick that admits it.
-        """
-        forfeited = self.exchange.accounts.forfeited
-        for machine_id, volume in forfeited.items():
-            before = self._left_behind.get(machine_id)
-            if before is None or before.volume != volume:
-                self._left_behind[machine_id] = _SoilLeftBehind(
-                    volume,
-                    self._tool_positions.get(machine_id, _ORIGIN),
-                    self._inventory.majority_soil(machine_id),
-                )
-                self._inventory.remove(machine_id)
-        self._left_behind = {n: self._left_behind[n] for n in forfeited}
+    def _discard_closed_accounts(self) -> None:
+        """Discard positions and inventories of accounts that do not exist any more."""
+        accounts = self.exchange.accounts.account_numbers
+        self._inventory.retain(accounts)
+        self._tool_positions = {
+            n: each for n, each in self._tool_positions.items() if n in accounts
+        }
 
     def _absent_machines_to_release(self) -> list[int]:
         return [n for n in self._machines_to_release if n in self.exchange.releasable_machines]
 
-    def release_rows(self, machine_id: int) -> Rows:
-        """Return DEPOSIT_REQUEST rows of all soil that an absent machine held."""
-        soil = _SoilLeftBehind(
-            self.exchange.release(machine_id),
-            self._tool_positions.get(machine_id, _ORIGIN),
-            self._inventory.majority_soil(machine_id),
-        )
-        return soil.deposit_requests(machine_id)
+    def _deposit_requests(self, machine_id: int, volumes: Mapping[int, int]) -> Rows:
+        """Return DEPOSIT_REQUEST rows of released soil.
 
-    def _rows_left_behind(self) -> Rows:
-        """Return DEPOSIT_REQUEST rows of the soil of ended sessions of joined machines."""
-        parts = [
-            replace(
-                self._left_behind[machine_id], volume=self.exchange.release_forfeited(machine_id)
-            ).deposit_requests(ENDED_SESSION)
-            for machine_id in self.exchange.accounts.forfeited
-        ]
-        rows = join_rows(parts, DEPOSIT_REQUEST)
-        rows["particle_id"] = np.arange(rows.size)
-        return rows
+        Args:
+            machine_id: machine id of the rows.
+            volumes: volume by number of the account that held it [mm^3].
+        """
+        parts = []
+        for account, volume in volumes.items():
+            rows = split_into_deposit_requests(volume)
+            rows["machine_id"] = machine_id
+            rows["soil"], rows["moisture"] = self._inventory.majority_soil(account)
+            rows["x"], rows["y"], rows["z"] = self._tool_positions.get(account, _ORIGIN)
+            parts.append(rows)
+            self._inventory.remove(account)
+        released = join_rows(parts, DEPOSIT_REQUEST)
+        # Not particles; the ids only distinguish the rows.
+        released["particle_id"] = np.arange(released.size)
+        return released
+
+
+def split_into_deposit_requests(volume: int) -> Rows:
+    """Return DEPOSIT_REQUEST rows with a total volume [mm^3]; all other fields are 0."""
+    rows = empty_rows(DEPOSIT_REQUEST, -(-volume // MAX_ROW_VOLUME))
+    rows["volume_mm3"] = MAX_ROW_VOLUME
+    rows["volume_mm3"][-1:] -= np.uint32(rows.size * MAX_ROW_VOLUME - volume)
+    return rows

@@ -1,4 +1,4 @@
-"""Kind and moisture of the soil held by each machine, from its excavate and deposit rows.
+"""Kind and moisture of the soil in each account, from the excavate and deposit rows of its machine.
 
 Each machine reports the volume that it holds. Only the soil needs its kind and moisture: it
 deposits the soil of a machine that has left.
@@ -6,6 +6,7 @@ deposits the soil of a machine that has left.
 
 from __future__ import annotations
 
+from collections.abc import Container, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -22,8 +23,8 @@ _MAX_SOIL_TYPES = 256
 _EXCAVATE, _REJECT = int(ConversionKind.EXCAVATE), int(ConversionKind.REJECT)
 
 
-class _MachineInventory(NamedTuple):
-    """Soil of one machine, by kind.
+class _AccountInventory(NamedTuple):
+    """Soil of one account, by kind.
 
     Attributes:
         volume: bank volume [mm^3], shape (256,), int64.
@@ -35,38 +36,50 @@ class _MachineInventory(NamedTuple):
 
 
 class SoilInventory:
-    """Kind and moisture of the soil that each machine excavated and has not deposited again."""
+    """Kind and moisture of the soil that was excavated and not deposited again, by account."""
 
     def __init__(self) -> None:
-        self._inventories: dict[int, _MachineInventory] = {}
+        self._inventories: dict[int, _AccountInventory] = {}  # by number of the account
 
-    def record_conversions(self, conversions: Rows) -> None:
-        """Add what CONVERSION rows of any machines excavated, and subtract what they deposited."""
+    def record_conversions(self, conversions: Rows, accounts: Mapping[int, int]) -> None:
+        """Add what CONVERSION rows excavated, and subtract what they deposited.
+
+        Args:
+            conversions: rows of any machines; those of released soil belong to no account.
+            accounts: number of the account of each machine that takes part, by machine id.
+        """
         for machine_id in machine_ids_in(conversions):
-            inventory = self._inventories.get(machine_id)
+            account = accounts.get(machine_id)
+            if account is None:
+                continue
+            inventory = self._inventories.get(account)
             if inventory is None:
-                inventory = self._inventories[machine_id] = _MachineInventory(
+                inventory = self._inventories[account] = _AccountInventory(
                     *np.zeros((2, _MAX_SOIL_TYPES), dtype=np.int64)
                 )
             _record(conversions, machine_id, inventory)
 
-    def majority_soil(self, machine_id: int) -> tuple[int, int]:
-        """Return the kind and moisture that represent all soil that a machine holds.
+    def majority_soil(self, account: int) -> tuple[int, int]:
+        """Return the kind and moisture that represent all soil in an account.
 
         Returns:
             (id of the kind with the largest volume, mean moisture by volume of all kinds [%]);
-            (0, 0) if the machine holds nothing.
+            (0, 0) if there is none.
         """
-        inventory = self._inventories.get(machine_id)
+        inventory = self._inventories.get(account)
         volume = 0 if inventory is None else int(inventory.volume.sum())
         if inventory is None or volume <= 0:
             return 0, 0
         moisture = round(int(inventory.water.sum()) / volume)
         return int(inventory.volume.argmax()), min(max(moisture, 0), MOISTURE_LEVELS - 1)
 
-    def remove(self, machine_id: int) -> None:
-        """Discard what a machine held: its session has ended, and the next one begins empty."""
-        self._inventories.pop(machine_id, None)
+    def remove(self, account: int) -> None:
+        """Discard the soil of an account: it was released."""
+        self._inventories.pop(account, None)
+
+    def retain(self, accounts: Container[int]) -> None:
+        """Discard the soil of all accounts but these."""
+        self._inventories = {n: each for n, each in self._inventories.items() if n in accounts}
 
 
 @kernel

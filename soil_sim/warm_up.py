@@ -44,7 +44,7 @@ def warm_up(params: SoilParams) -> None:
             join_rows([cut, track, drum], SWEEP),
             deposit_requests if tick == 1 else empty_rows(DEPOSIT_REQUEST),
         )
-        inventory.record_conversions(step.conversions)
+        inventory.record_conversions(step.conversions, {0: 1})
     soil.step(_NUM_TICKS + 1, empty_rows(SWEEP), empty_rows(DEPOSIT_REQUEST))
     soil.state_hash()
     _collapse_cliff(params)

@@ -156,7 +156,7 @@ class _AccountReplay:
             )
         account, header = self._accounts[machine_id], event.header
         if event.change is MembershipChange.DROPPED:
-            account.present = False
+            account.drop()
             return
         account.present = event.change is not MembershipChange.LEFT
         if event.change is MembershipChange.JOINED:
@@ -164,6 +164,8 @@ class _AccountReplay:
             if not rejoins:
                 account.start_empty_session(last)
                 return
+            if header is not None:
+                account.select_holding(header, last)
             if new and not self._soil.from_start:
                 tick = int(self._soil.ticks[index])
                 self.unknown.append(
@@ -175,7 +177,10 @@ class _AccountReplay:
             has_rows = self._soil.from_start or bool((numbers[:1] <= account.received + 1).all())
             if not new and has_rows and index >= self._window.first:
                 self._check_header(account, header, event, int(self._soil.ticks[index]), last)
-            account.update(header)
+            if event.change is MembershipChange.JOINED:
+                account.rejoin(header)
+            else:
+                account.update(header)
             self.num_headers += 1
 
     def _check_header(

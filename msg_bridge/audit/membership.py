@@ -76,7 +76,7 @@ class MembershipTimeline:
         events: the events of each soil header.
         accepted: by session, (machine tick, soil tick) of every accepted header, ascending.
         numbering_session: by session, the id of the session in which its particle numbers began:
-            that of the last JOIN, since a REJOIN continues them.
+            that of the JOIN of its machine, since a REJOIN continues them.
     """
 
     events: list[list[MembershipEvent]] = field(default_factory=list)
@@ -177,7 +177,11 @@ class _TimelineBuilder:
         numbering = self._timeline.numbering_session
         former = [each for each in numbering if each.machine_id == session.machine_id]
         rejoins = join is not None and join.verb is Verb.REJOIN
-        numbering[session] = numbering[max(former)] if rejoins and former else session.session_id
+        numbering[session] = session.session_id
+        if rejoins and former:
+            # A machine counts its sessions up; another process with its id begins elsewhere.
+            before = [each for each in former if each.session_id < session.session_id]
+            numbering[session] = numbering[max(before) if before else former[-1]]
         return MembershipEvent(MembershipChange.JOINED, session, header.tick, join, receipt.backlog)
 
     def _begin_session(self, receipt: MachineReceipt) -> tuple[SessionKey, int]:

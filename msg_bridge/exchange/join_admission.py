@@ -1,9 +1,11 @@
 """Admission of machines: join requests wait for the end of the tick and may be rejected.
 
 A request begins a session with an id that its machine has not used before. While the machine takes
-part in another session, the request *contends* for it: it waits until that session ends. So a node
-that was restarted joins as soon as its earlier session is found to be silent, and a request of
-another publisher does not disturb a machine that takes part.
+part in another session, the request *contends* for it: it has no effect but that the session may be
+dropped once it is silent, and must be repeated after the session has ended, as a machine node does.
+So a node that was restarted joins as soon as its earlier session is found to be silent. A single
+request of another publisher neither disturbs a machine that takes part nor takes its place when it
+leaves.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ class JoinAdmission:
         self._run_id = run_id
         self._allowed = allowed
         self._waiting: dict[int, MachineHeader] = {}
-        self._contending: dict[int, MachineHeader] = {}
+        self._contending: set[int] = set()
         self._session_ids: dict[int, deque[int]] = {}  # used ones by machine id
         self._rejections: dict[int, JoinRejected] = {}
 
@@ -43,7 +45,7 @@ class JoinAdmission:
 
     @property
     def contending(self) -> frozenset[int]:
-        """Machines of which a request waits for the end of their present session."""
+        """Machines as which another session requests to join during their present session."""
         return frozenset(self._contending)
 
     def add(self, header: MachineHeader, *, is_joined: bool) -> JoinRejected | None:
@@ -55,7 +57,7 @@ class JoinAdmission:
 
         Returns:
             The rejection of a request that was rejected, of a session that is over, or of a machine
-            that is not allowed; None if the request waits now.
+            that is not allowed; None if the request waits, or contends, now.
         """
         machine_id, session_id = header.machine_id, header.session_id
         if self._allowed is not None and machine_id not in self._allowed:
@@ -67,16 +69,17 @@ class JoinAdmission:
             )
         used = self._session_ids.setdefault(machine_id, deque(maxlen=_MAX_KEPT_SESSION_IDS))
         if session_id not in used:
-            used.append(session_id)
-            requests = self._contending if is_joined else self._waiting
-            requests[machine_id] = header
+            if is_joined:
+                self._contending.add(machine_id)
+            else:
+                used.append(session_id)
+                self._waiting[machine_id] = header
             return None
         rejection = self._rejections.get(machine_id)
         if rejection is not None and rejection.session_id == session_id:
             return rejection
-        for requests in (self._waiting, self._contending):
-            if machine_id in requests and requests[machine_id].session_id == session_id:
-                return None
+        if machine_id in self._waiting and self._waiting[machine_id].session_id == session_id:
+            return None
         return self._rejection(
             header,
             f"session {session_id} of machine {machine_id} is over; join in a session with another"
@@ -84,9 +87,8 @@ class JoinAdmission:
         )
 
     def end_session(self, machine_id: int) -> None:
-        """Let the request that contends for a machine wait for the end of the tick instead."""
-        if machine_id in self._contending:
-            self._waiting[machine_id] = self._contending.pop(machine_id)
+        """End the contention for a machine: the next request waits for the end of the tick."""
+        self._contending.discard(machine_id)
 
     def admit(
         self, accounts: LedgerAccounts, published: int

@@ -3,157 +3,41 @@
 Every account is counted independently: in flight from the conversion rows, pending and particles as
 each machine reports them, absent from the last report of a machine that left, outside from the
 OUTSIDE rows. None is computed by subtraction, so that soil lost anywhere shows as an imbalance.
+
+A machine has one account from a JOIN on, over all its rejoins. A further JOIN of the same machine
+id opens another one, without soil, and ends the account before, whose soil is absent. It may come
+from another process, so an ended account is kept until its soil is released: the machine that holds
+the soil can still rejoin with it.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import MachineHeader, RowRange
 from msg_bridge.contract.rows import (
-    CONVERSION,
     ENDED_SESSION,
     ConversionKind,
     Rows,
-    join_rows,
     machine_ids_in,
     rows_of_machine,
 )
+from msg_bridge.exchange.machine_account import MachineAccount, signed_volume
 
-__all__ = ["LedgerAccounts", "signed_volume"]
-
-_SIGNS = np.array([1, -1, -1, 0], dtype=np.int64)
-"""Sign of the volume of a row in flight, by its ConversionKind."""
-
-
-def signed_volume(conversions: Rows) -> int:
-    """Return the volume that rows put in flight [mm^3]: excavated +, deposited and outside -."""
-    return int(np.dot(_SIGNS[conversions["kind"]], conversions["volume_mm3"]))
-
-
-class _InFlightRows(NamedTuple):
-    """Rows of one machine that were published in the same tick.
-
-    Attributes:
-        numbers: their numbers in the CONVERSION stream, ascending, shape (n,).
-        rows: CONVERSION rows, shape (n,).
-        volume: signed volume [mm^3].
-    """
-
-    numbers: NDArray[np.int64]
-    rows: Rows
-    volume: int
-
-    def count_through(self, number: int) -> int:
-        """Return how many rows have numbers up to and including `number`."""
-        return int(np.searchsorted(self.numbers, number, side="right"))
-
-    def select(self, begin: int, end: int | None = None) -> _InFlightRows:
-        """Return the rows begin to end - 1."""
-        rows = self.rows[begin:end]
-        return _InFlightRows(self.numbers[begin:end], rows, signed_volume(rows))
-
-
-class _MachineAccount:
-    """Account of one machine: its last report, and the rows it has not acknowledged.
-
-    Attributes:
-        is_joined: whether it takes part.
-        pending, particles: volumes of the last report [mm^3].
-        applied: last conversion row included in that report.
-        last_row_not_needed: last row of the CONVERSION stream that need not be kept for it.
-        forfeited: soil of earlier sessions that the machine cannot return with [mm^3].
-    """
-
-    def __init__(self) -> None:
-        self.is_joined = False
-        self.pending = 0
-        self.particles = 0
-        self.applied = 0
-        self.last_row_not_needed = 0
-        self.forfeited = 0
-        self._in_flight_rows: deque[_InFlightRows] = deque()  # ascending, none empty
-
-    @property
-    def total(self) -> int:
-        """Volume of the last report [mm^3]."""
-        return self.pending + self.particles
-
-    @property
-    def in_flight(self) -> int:
-        """Signed volume of the rows not acknowledged [mm^3]."""
-        return sum(flight.volume for flight in self._in_flight_rows)
-
-    @property
-    def volume_left_behind(self) -> int:
-        """Soil of all its sessions, rows never acknowledged included [mm^3]."""
-        return self.forfeited + self.total + self.in_flight
-
-    @property
-    def backlog(self) -> Rows:
-        """The rows not acknowledged, in order."""
-        return join_rows([flight.rows for flight in self._in_flight_rows], CONVERSION)
-
-    @property
-    def deposited_particles(self) -> NDArray[np.uint32]:
-        """Ids of the particles deposited by rows that are not acknowledged, shape (n,)."""
-        rows = self.backlog
-        is_deposited = (rows["kind"] == ConversionKind.DEPOSIT) | (
-            rows["kind"] == ConversionKind.OUTSIDE
-        )
-        ids: NDArray[np.uint32] = rows["particle_id"][is_deposited]
-        return ids
-
-    def add_in_flight(self, numbers: NDArray[np.int64], rows: Rows) -> None:
-        """Add published rows."""
-        self._in_flight_rows.append(_InFlightRows(numbers, rows, signed_volume(rows)))
-
-    def volume_up_to(self, through: int) -> int:
-        """Return the signed volume of the rows in flight up to number `through` [mm^3]."""
-        return sum(
-            flight.select(0, flight.count_through(through)).volume
-            for flight in self._in_flight_rows
-        )
-
-    def update_totals(self, pending: int, particles: int, through: int) -> None:
-        """Set the totals as of conversion row `through`, which acknowledges the rows up to it."""
-        self.pending, self.particles = pending, particles
-        self.applied = through
-        self.last_row_not_needed = max(self.last_row_not_needed, through)
-        while self._in_flight_rows and self._in_flight_rows[0].numbers[0] <= through:
-            flight = self._in_flight_rows.popleft()
-            applied = flight.count_through(through)
-            if applied < flight.rows.size:
-                self._in_flight_rows.appendleft(flight.select(applied))
-
-    def forfeit(self) -> None:
-        """Move its soil, and the rows it will never apply, to the forfeited soil."""
-        self.forfeited += self.total + self.in_flight
-        self.pending = self.particles = 0
-        self._in_flight_rows.clear()
-
-    def release(self) -> int:
-        """Remove all of its soil; return the volume [mm^3]."""
-        self.forfeit()
-        return self.release_forfeited()
-
-    def release_forfeited(self) -> int:
-        """Remove the soil of its earlier sessions; return the volume [mm^3]."""
-        volume, self.forfeited = self.forfeited, 0
-        return volume
+__all__ = ["LedgerAccounts"]
 
 
 class LedgerAccounts:
     """Accounts of all machines, and the soil outside of the map."""
 
     def __init__(self) -> None:
-        self._machines: dict[int, _MachineAccount] = {}
+        self._machines: dict[int, MachineAccount] = {}  # by machine id
+        self._ended: dict[int, list[MachineAccount]] = {}  # by machine id, the oldest first
+        self._num_opened = 0
         # Volume released and not deposited yet, by the machine id of the rows that deposit it.
         self._released: dict[int, int] = {}
         self._outside = 0
@@ -177,16 +61,28 @@ class LedgerAccounts:
     def absent(self) -> tuple[int, ...]:
         """Ids of the machines that take no part and have left soil behind, ascending."""
         return tuple(
-            n for n, a in sorted(self._machines.items()) if not a.is_joined and a.volume_left_behind
+            n
+            for n, a in sorted(self._machines.items())
+            if not a.is_joined and a.volume + self._ended_volume(n)
         )
+
+    @property
+    def joined_accounts(self) -> dict[int, int]:
+        """Number of the account of each machine that takes part, by machine id."""
+        return {n: a.number for n, a in self._machines.items() if a.is_joined}
+
+    @property
+    def account_numbers(self) -> frozenset[int]:
+        """Numbers of all accounts: of each machine that has joined, and the ended ones."""
+        return frozenset(account.number for account in self._all_accounts())
 
     @property
     def forfeited(self) -> dict[int, int]:
         """Soil that joined machines left behind in earlier sessions [mm^3], by machine id."""
         return {
-            n: a.forfeited
+            n: self._ended_volume(n)
             for n, a in sorted(self._machines.items())
-            if a.is_joined and a.forfeited > 0
+            if a.is_joined and self._ended_volume(n) > 0
         }
 
     def check(self, conversions: Rows) -> None:
@@ -240,7 +136,7 @@ class LedgerAccounts:
             ExchangeError: VOLUME_MISMATCH.
         """
         account = self._machines[header.machine_id]
-        expected = account.total + account.volume_up_to(header.conversions_received)
+        expected = account.expected(header.conversions_received)
         if header.soil_mm3 != expected:
             raise ExchangeError(
                 f"machine {header.machine_id} reports {header.soil_mm3} mm^3 of soil at tick"
@@ -262,11 +158,10 @@ class LedgerAccounts:
             return
         account = self._machines[machine_id]
         requested = int(deposit_requests["volume_mm3"].sum(dtype=np.int64))
-        available = account.total + account.in_flight
-        if requested > available:
+        if requested > account.volume:
             raise ExchangeError(
                 f"machine {machine_id} requests to deposit {requested} mm^3 of soil, and holds"
-                f" {available} mm^3",
+                f" {account.volume} mm^3",
                 ErrorCode.DEPOSIT_VOLUME,
             )
         ids = deposit_requests["particle_id"]
@@ -278,25 +173,27 @@ class LedgerAccounts:
             )
 
     def update_totals(self, header: MachineHeader) -> None:
-        """Set a machine's totals as of the last conversion row that it acknowledges."""
-        self._machines[header.machine_id].update_totals(
-            header.pending_mm3, header.particles_mm3, header.conversions_received
-        )
+        """Set a machine's totals as of the conversion row that a processed tick acknowledges."""
+        account = self._machines[header.machine_id]
+        account.update_totals(header.pending_mm3, header.particles_mm3, header.conversions_received)
+        account.confirm_rejoin()
 
     def join(self, machine_id: int, published: int) -> None:
-        """Open the account of a machine without soil; the soil of earlier sessions is forfeited.
+        """Open an account without soil for a machine; the one before has ended.
 
         Args:
             machine_id: its number.
             published: last conversion row published so far; it needs none of those.
         """
-        account = self._machines.setdefault(machine_id, _MachineAccount())
-        account.forfeit()
-        account.is_joined = True
-        account.applied = account.last_row_not_needed = published
+        self._end_account(machine_id)
+        self._num_opened += 1
+        self._machines[machine_id] = MachineAccount(self._num_opened, published)
 
     def rejoin(self, header: MachineHeader, published: int) -> None:
-        """Open the account of a machine that holds the soil it left with.
+        """Continue the account of a machine that holds the soil it left with.
+
+        That is the last account of its machine id whose soil it is, also if another one was opened
+        since then.
 
         Args:
             header: its request.
@@ -305,46 +202,55 @@ class LedgerAccounts:
         Raises:
             ExchangeError: REJOIN_VOLUME: it never took part, or reports another volume.
         """
-        account = self._machines.get(header.machine_id)
-        through = header.conversions_received
+        machine_id = header.machine_id
+        last = self._machines.get(machine_id)
+        if last is None:
+            raise ExchangeError(
+                f"machine {machine_id} requests to rejoin but has never taken part; join",
+                ErrorCode.REJOIN_VOLUME,
+            )
+        ended = self._ended.get(machine_id, [])
+        account = next((each for each in (last, *reversed(ended)) if each.matches(header)), None)
         if account is None:
             raise ExchangeError(
-                f"machine {header.machine_id} requests to rejoin but has never taken part; join",
+                f"machine {machine_id} requests to rejoin with {header.soil_mm3} mm^3 of soil, but"
+                f" it left with {last.expected(header.conversions_received)} mm^3; join without"
+                " soil, or restore its state",
                 ErrorCode.REJOIN_VOLUME,
             )
-        expected = account.total + account.volume_up_to(through)
-        if through < account.applied or header.soil_mm3 != expected:
-            raise ExchangeError(
-                f"machine {header.machine_id} requests to rejoin with {header.soil_mm3} mm^3 of"
-                f" soil, but it left with {expected} mm^3; join without soil, or restore its state",
-                ErrorCode.REJOIN_VOLUME,
-            )
-        account.update_totals(header.pending_mm3, header.particles_mm3, through)
-        account.is_joined = True
-        account.last_row_not_needed = published  # it receives older ones as backlog
+        if account is not last:
+            ended.remove(account)
+            self._end_account(machine_id)
+            self._machines[machine_id] = account
+        account.rejoin(header, published)
 
-    def release(self, machine_id: int) -> int:
-        """Take over the soil of an absent machine [mm^3]; the next rows must deposit it."""
-        account = self._machines.get(machine_id)
-        volume = 0 if account is None or account.is_joined else account.release()
-        if volume:
-            self._released[machine_id] = volume
-        return volume
+    def release(self, machine_id: int) -> dict[int, int]:
+        """Take over the soil of an absent machine; the next rows must deposit it.
 
-    def release_forfeited(self, machine_id: int) -> int:
-        """Take over what a joined machine left behind in earlier sessions [mm^3].
-
-        The next rows must deposit it with the machine id `ENDED_SESSION`.
+        Returns:
+            Volume by number of the account that held it [mm^3], none of them 0.
         """
         account = self._machines.get(machine_id)
-        volume = account.release_forfeited() if account is not None and account.is_joined else 0
-        if volume:
-            self._released[ENDED_SESSION] = self._released.get(ENDED_SESSION, 0) + volume
-        return volume
+        if account is None or account.is_joined:
+            return {}
+        return self._release([*self._ended.pop(machine_id, []), account], machine_id)
+
+    def release_forfeited(self, machine_id: int) -> dict[int, int]:
+        """Take over what a joined machine left behind in earlier sessions.
+
+        The next rows must deposit it with the machine id `ENDED_SESSION`.
+
+        Returns:
+            As `release`.
+        """
+        account = self._machines.get(machine_id)
+        if account is None or not account.is_joined:
+            return {}
+        return self._release(self._ended.pop(machine_id, []), ENDED_SESSION)
 
     def leave(self, machine_id: int) -> None:
         """Close the account of a machine: its soil is absent, its unacknowledged rows are kept."""
-        self._machines[machine_id].is_joined = False
+        self._machines[machine_id].leave()
 
     def ledger(self, run_id: int, tick: int, terrain: int) -> Ledger:
         """Return the ledger of a tick; the sum of the first one is the start.
@@ -355,9 +261,9 @@ class LedgerAccounts:
             terrain: volume of the terrain [mm^3].
         """
         in_flight = pending = particles = absent = 0
-        for account in self._machines.values():
+        for machine_id, account in self._machines.items():
             in_flight += account.in_flight
-            absent += account.forfeited
+            absent += self._ended_volume(machine_id)
             if account.is_joined:
                 pending += account.pending
                 particles += account.particles
@@ -367,3 +273,31 @@ class LedgerAccounts:
         if self._start is None:
             self._start = sum(accounts)
         return Ledger(run_id, tick, *accounts, self._start)
+
+    def _end_account(self, machine_id: int) -> None:
+        """Keep the account of a machine among the ended ones, unless it is empty."""
+        account = self._machines.get(machine_id)
+        if account is not None and not account.is_empty:
+            self._ended.setdefault(machine_id, []).append(account)
+
+    def _ended_volume(self, machine_id: int) -> int:
+        """Return the soil of the ended accounts of a machine [mm^3]."""
+        return sum(account.volume for account in self._ended.get(machine_id, ()))
+
+    def _release(self, accounts: Iterable[MachineAccount], machine_id: int) -> dict[int, int]:
+        """Empty accounts, whose soil the next rows deposit with a machine id.
+
+        Returns:
+            Volume by number of the account [mm^3], none of them 0.
+        """
+        released = {account.number: account.release() for account in accounts}
+        released = {number: volume for number, volume in released.items() if volume}
+        if released:
+            total = self._released.get(machine_id, 0) + sum(released.values())
+            self._released[machine_id] = total
+        return released
+
+    def _all_accounts(self) -> Iterator[MachineAccount]:
+        yield from self._machines.values()
+        for ended in self._ended.values():
+            yield from ended

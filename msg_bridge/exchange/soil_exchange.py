@@ -119,7 +119,7 @@ class SoilExchange:
     def contended(self) -> tuple[int, ...]:
         """Ids of joined machines as which another session requests to join, ascending.
 
-        It joins when the present session ends: when the machine leaves or is dropped.
+        It joins when it repeats the request after the present session has ended.
         """
         return tuple(sorted(self._admission.contending))
 
@@ -255,10 +255,13 @@ class SoilExchange:
             )
         self._end_session(machine_id)
 
-    def release(self, machine_id: int) -> int:
-        """Take over the soil of an absent machine [mm^3], which cannot rejoin with it any more.
+    def release(self, machine_id: int) -> dict[int, int]:
+        """Take over the soil of an absent machine, which cannot rejoin with it any more.
 
         The next `answer` must contain DEPOSIT or OUTSIDE rows of this machine for all of it.
+
+        Returns:
+            Volume by number of the account that held it [mm^3]; see `LedgerAccounts`.
 
         Raises:
             ExchangeError: STILL_JOINED: it takes part, or waits to rejoin.
@@ -270,11 +273,14 @@ class SoilExchange:
             )
         return self.accounts.release(machine_id)
 
-    def release_forfeited(self, machine_id: int) -> int:
-        """Take over what a joined machine left behind in earlier sessions [mm^3].
+    def release_forfeited(self, machine_id: int) -> dict[int, int]:
+        """Take over what a joined machine left behind in earlier sessions.
 
         The next `answer` must contain DEPOSIT or OUTSIDE rows with the machine id `ENDED_SESSION`
         for all of it.
+
+        Returns:
+            As `release`.
         """
         return self.accounts.release_forfeited(machine_id)
 

@@ -12,7 +12,7 @@ from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.messages import Keyframe, Message, SoilHeader
 from msg_bridge.contract.rows import MAX_ROW_VOLUME, Rows
 from msg_bridge.exchange.machine_exchange import MachineExchange
-from soil_sim.endpoint import SoilEndpoint, SoilTickResult
+from soil_sim.endpoint import SoilEndpoint, SoilTickResult, split_into_deposit_requests
 from soil_sim.soil import Soil
 from soil_sim.soils.params import SoilParams
 
@@ -54,15 +54,51 @@ class Digger:
             self.soil_mm3 += int(answer.conversions["volume_mm3"].astype(np.int64).sum())
             self.exchange.acknowledge_answer()
 
-    def dig(self) -> SoilTickResult:
-        """Push a bucket into the ground and wait a tick; return the last tick."""
+    def dig(self, x: float = 0.0) -> SoilTickResult:
+        """Push a bucket into the ground at x and wait a tick; return the last tick."""
         done = None
         for (x0, z0), (x1, z1) in pairwise([*DOWN, DOWN[-1]]):
-            self.send(bucket_sweep((x0, 0.0, z0), (x1, 0.0, z1)))
+            self.send(bucket_sweep((x + x0, 0.0, z0), (x + x1, 0.0, z1)))
             done = self.endpoint.advance()
             self.take()
         assert done is not None
         return done
+
+    def leave(self, x: float) -> None:
+        """Leave with a last tick in the air at x."""
+        self.send(bucket_sweep((x, 0.0, 1.0), (x, 0.0, 1.0)), leave=True)
+        assert self.endpoint.advance() is not None
+        self.take()
+        assert not self.exchange.joined
+
+    def rejoin(self) -> None:
+        """Rejoin with the soil, and apply the backlog."""
+        self.exchange.join(pending_mm3=self.soil_mm3)
+        self.deliver()
+        assert self.endpoint.advance() is not None
+        self.deliver()
+        assert self.exchange.joined
+        self.soil_mm3 += int(self.exchange.backlog["volume_mm3"].sum(dtype=np.int64))
+
+
+def released_soil(endpoint: SoilEndpoint, digger: Digger | None = None) -> set[tuple[int, float]]:
+    """Do the tick of a release; return kind and x of the released soil, rounded to 1.5 m.
+
+    Args:
+        endpoint: the soil.
+        digger: sends its next tick, in the air.
+    """
+    if digger is not None:
+        digger.send(bucket_sweep((3.0, 0, 1), (3.0, 0, 1)))
+    done = endpoint.advance(wait=False)
+    assert done is not None
+    assert (done.ledger.absent, done.ledger.imbalance) == (0, 0)
+    if digger is not None:
+        digger.take()
+    rows = done.step.conversions
+    grid = endpoint.soil.grid
+    x = [1.5 * round(float(grid.x(int(row))) / 1.5) for row in rows["row"]]
+    return set(zip(rows["soil"].tolist(), x, strict=True))
 
 
 @pytest.fixture
@@ -186,8 +222,8 @@ def test_soil_of_an_ended_session_is_released_beside_the_present_one(
     crashed = welcomed(endpoint)
     crashed.dig()
     heights = endpoint.soil.columns.height.copy()
-    digger = Digger(endpoint, session_id=5)  # requests to join while the first still takes part
     endpoint.exchange.drop(1)
+    digger = Digger(endpoint, session_id=5)
     endpoint.advance(wait=False)
     digger.deliver()
     digger.send(bucket_sweep((3.0, 0.0, 1.0), (3.0, 0.0, 1.0)))
@@ -237,10 +273,29 @@ def test_machine_that_rejoins_before_the_release_keeps_its_soil(
     assert endpoint.advance() is not None
 
 
-def test_released_volume_beyond_the_limit_of_a_row_is_complete(endpoint: SoilEndpoint) -> None:
-    volume = 2 * MAX_ROW_VOLUME + 5
-    endpoint.exchange.release = lambda machine_id: volume  # type: ignore[method-assign]
-    rows = endpoint.release_rows(3)
+def test_soil_of_each_session_is_released_where_and_as_its_machine_had_it() -> None:
+    grid = Grid(61, 61, 0.2)
+    soil_ids = np.zeros(grid.shape, dtype=np.uint8)
+    soil_ids[int(grid.row(1.5)) :] = 1  # rows begin at +x
+    params = SoilParams(soil="loam", additional_soils=("wet clay",))
+    soil = Soil(grid, np.zeros(grid.shape), params, soil=soil_ids)
+    endpoint = SoilEndpoint(soil)
+    crashed = welcomed(endpoint)
+    crashed.dig()  # clay at x = 0
+    endpoint.exchange.drop(1)
+    digger = Digger(endpoint, session_id=5)
+    endpoint.advance(wait=False)
+    digger.deliver()
+    digger.dig(x=3.0)  # loam
+    digger.leave(3.0)
+    digger.rejoin()
+    assert endpoint.release_absent_soil() == (1,)
+    assert released_soil(endpoint, digger) == {(1, 0.0)}
+    digger.leave(3.0)
+    assert endpoint.release_absent_soil() == (1,)
+    assert released_soil(endpoint) == {(0, 3.0)}
+
+
+def test_released_volume_beyond_the_limit_of_a_row_is_complete() -> None:
+    rows = split_into_deposit_requests(2 * MAX_ROW_VOLUME + 5)
     assert rows["volume_mm3"].tolist() == [MAX_ROW_VOLUME, MAX_ROW_VOLUME, 5]
-    assert rows["particle_id"].tolist() == [0, 1, 2]
-    assert set(rows["machine_id"].tolist()) == {3}

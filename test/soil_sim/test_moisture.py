@@ -215,22 +215,37 @@ def conversion_rows(*rows: tuple[ConversionKind, int, int, int], machine_id: int
     return out
 
 
+ACCOUNTS = {1: 5, 2: 6}
+"""Numbers of accounts by machine id."""
+
+
 def test_inventory_returns_the_majority_soil_a_machine_holds() -> None:
     inventory = SoilInventory()
-    assert inventory.majority_soil(1) == (0, 0)
+    assert inventory.majority_soil(5) == (0, 0)
     inventory.record_conversions(
         conversion_rows(
             (ConversionKind.EXCAVATE, 4000, 2, 90), (ConversionKind.EXCAVATE, 1000, 1, 10)
-        )
+        ),
+        ACCOUNTS,
     )
-    inventory.record_conversions(conversion_rows((ConversionKind.EXCAVATE, 7, 3, 77), machine_id=2))
-    assert inventory.majority_soil(1) == (2, 74)
     inventory.record_conversions(
-        conversion_rows((ConversionKind.REJECT, 4000, 2, 90), (ConversionKind.OUTSIDE, 2000, 2, 90))
+        conversion_rows((ConversionKind.EXCAVATE, 7, 3, 77), machine_id=2), ACCOUNTS
     )
-    assert inventory.majority_soil(1) == (2, 63)
-    inventory.record_conversions(conversion_rows((ConversionKind.DEPOSIT, 2000, 2, 90)))
-    assert inventory.majority_soil(1) == (1, 10)
-    inventory.record_conversions(conversion_rows((ConversionKind.DEPOSIT, 1000, 1, 10)))
-    assert inventory.majority_soil(1) == (0, 0)
-    assert inventory.majority_soil(2) == (3, 77)
+    assert inventory.majority_soil(5) == (2, 74)
+    inventory.record_conversions(
+        conversion_rows(
+            (ConversionKind.REJECT, 4000, 2, 90), (ConversionKind.OUTSIDE, 2000, 2, 90)
+        ),
+        ACCOUNTS,
+    )
+    assert inventory.majority_soil(5) == (2, 63)
+    inventory.record_conversions(conversion_rows((ConversionKind.DEPOSIT, 2000, 2, 90)), ACCOUNTS)
+    assert inventory.majority_soil(5) == (1, 10)
+    inventory.record_conversions(conversion_rows((ConversionKind.DEPOSIT, 1000, 1, 10)), ACCOUNTS)
+    assert inventory.majority_soil(5) == (0, 0)
+    assert inventory.majority_soil(6) == (3, 77)
+    inventory.record_conversions(conversion_rows((ConversionKind.DEPOSIT, 7, 3, 77)), {})
+    inventory.retain({6})
+    assert inventory.majority_soil(6) == (3, 77)
+    inventory.remove(6)
+    assert inventory.majority_soil(6) == (0, 0)

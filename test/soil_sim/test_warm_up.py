@@ -39,7 +39,7 @@ for tick in range(1, 30):
     requests = empty_rows(DEPOSIT_REQUEST, 3)
     requests["volume_mm3"], requests["particle_id"] = 50_000_000, 3 * tick + np.arange(3)
     step = soil.step(tick, sweeps, requests)
-    SoilInventory().record_conversions(step.conversions)
+    SoilInventory().record_conversions(step.conversions, {0: 1})
     soil.state_hash()
 assert step.map_updates.size
 print(*(kernel.py_func.__name__ for kernel in compiled))

@@ -98,7 +98,7 @@ class FakeSoil:
         """Return rows that deposit all soil of absent machines."""
         parts = [empty_rows(CONVERSION)]
         for machine_id in machine_ids:
-            volume = self.exchange.release(machine_id)
+            volume = sum(self.exchange.release(machine_id).values())
             rows = empty_rows(CONVERSION, -(-volume // MAX_ROW_VOLUME))
             rows["machine_id"], rows["kind"] = machine_id, ConversionKind.DEPOSIT
             rows["volume_mm3"] = MAX_ROW_VOLUME

@@ -198,7 +198,7 @@ class RecordedRun:
 
     def release(self, machine_id: int, *, pieces: int) -> int:
         """Release the soil of an absent machine in some rows; return its volume [mm^3]."""
-        volume = self.soil_endpoint.release(machine_id)
+        volume = sum(self.soil_endpoint.release(machine_id).values())
         rows = empty_rows(DEPOSIT_REQUEST, pieces)
         rows["machine_id"], rows["particle_id"] = machine_id, np.arange(pieces)
         rows["volume_mm3"] = volume // pieces
@@ -208,17 +208,27 @@ class RecordedRun:
 
     def release_forfeited(self, machine_id: int) -> int:
         """Release what a joined machine left behind in earlier sessions; return it [mm^3]."""
-        volume = self.soil_endpoint.release_forfeited(machine_id)
+        volume = sum(self.soil_endpoint.release_forfeited(machine_id).values())
         rows = empty_rows(DEPOSIT_REQUEST, 1)
         rows["machine_id"], rows["volume_mm3"] = ENDED_SESSION, volume
         self.step(released=rows)
         return volume
 
-    def crash(self, machine_id: int, replacement: SimulatedMachine) -> None:
-        """Replace a machine, whose soil is lost, by an empty one once the soil has dropped it."""
+    def crash(
+        self, machine_id: int, replacement: SimulatedMachine, *, session_id: int | None = None
+    ) -> None:
+        """Replace a machine, whose soil is lost, by an empty one once the soil has dropped it.
+
+        Args:
+            machine_id: the machine.
+            replacement: the empty one.
+            session_id: sessions of the replacement count from the next one on; by default they
+                continue those of the machine.
+        """
         self.soil_endpoint.drop(machine_id)
         self.simulated_machines[machine_id] = replacement
-        session_id = self.machine_endpoints[machine_id].session_id + 1
+        if session_id is None:
+            session_id = self.machine_endpoints[machine_id].session_id + 1
         self.machine_endpoints[machine_id] = MachineExchange(
             machine_id, run_id=self.soil_endpoint.run_id, session_id=session_id
         )

@@ -82,6 +82,35 @@ def test_run_with_machines_that_leave_rejoin_and_crash_passes(audit) -> None:
     assert report.runs[0].rows["BACKLOG"] > 0
 
 
+@pytest.mark.parametrize("has_ticks", [True, False])
+def test_run_in_which_another_process_took_the_place_of_a_machine_passes(
+    audit, has_ticks: bool
+) -> None:
+    run = scripted_run(2)
+    for _ in range(10):
+        run.step()
+    machine, end = run.simulated_machines[2], run.machine_endpoints[2]
+    run.crash(2, ScriptedMachine(9, y=0.5), session_id=100)
+    for _ in range(10 if has_ticks else 1):
+        run.step()
+    run.simulated_machines[2], run.machine_endpoints[2] = machine, end
+    for _ in range(2):  # the first session ends before a tick of it
+        run.soil_endpoint.drop(2)
+        end.abandon_session()
+        run.step()
+        run.rejoin(2, **machine.totals)
+    for _ in range(10):
+        run.step()
+    assert (run.soil_endpoint.ledger.absent > 0) is has_ticks
+    if has_ticks:
+        run.release_forfeited(2)
+    assert run.soil_endpoint.ledger.absent == 0
+    run.step()
+    run.keyframe()
+    report = audit(run.recording)
+    assert report.passed, report.runs[0].findings
+
+
 def test_simulation_in_a_namespace_is_audited_by_its_namespace(recording, tmp_path: Path) -> None:
     messages = [(f"/site_a{topic}", time, message) for topic, time, message in recording.messages]
     path = Recording([*messages, *recording.messages]).write(tmp_path / "a.mcap")

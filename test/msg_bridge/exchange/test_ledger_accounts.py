@@ -6,7 +6,8 @@ from support.wire import raises
 from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.messages import MachineHeader, RowRange, Verb
 from msg_bridge.contract.rows import CONVERSION, ConversionKind, empty_rows
-from msg_bridge.exchange.ledger_accounts import LedgerAccounts, signed_volume
+from msg_bridge.exchange.ledger_accounts import LedgerAccounts
+from msg_bridge.exchange.machine_account import signed_volume
 
 
 def moved(*rows: tuple[int, ConversionKind, int]):

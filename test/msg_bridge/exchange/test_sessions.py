@@ -275,31 +275,6 @@ def test_joining_in_a_session_that_is_over_is_rejected() -> None:
     assert fleet.is_balanced()
 
 
-def test_another_session_does_not_disturb_a_machine_that_takes_part() -> None:
-    fleet = Fleet(2, expected=2)
-    fleet.ticks(5)
-    exchange = fleet.soil.exchange
-    session_id = fleet.machines[1].exchange.session_id
-    for forged in (1, 77, 2**32 - 1):  # smaller or larger does not matter
-        exchange.receive(MachineHeader(exchange.run_id, 2, forged, -1, Verb.JOIN))
-    assert exchange.contended == (2,)
-    fleet.ticks(20)
-    assert exchange.joined == (1, 2)
-    assert fleet.soil.ledgers[-1].absent == 0
-    assert fleet.machines[1].exchange.session_id == session_id
-    # The latest request is admitted once the machine has left, and is silent; the machine returns.
-    fleet.leave(fleet.machines[1])
-    fleet.soil.step(wait=False)
-    assert exchange.joined == (1, 2)
-    fleet.machines[1].exchange.join(**fleet.machines[1].totals)
-    fleet.until(lambda: exchange.contended == (2,))
-    exchange.drop(2)
-    fleet.ticks(5)
-    assert fleet.machines[1].exchange.join_state is JoinState.OUT
-    assert "left with" in fleet.machines[1].exchange.rejection_reason
-    assert fleet.is_balanced()
-
-
 def test_only_expected_machines_are_admitted_by_default() -> None:
     soil = SoilExchange(GRID, lambda: np.zeros(GRID.shape), expected=(1, 2))
     soil.receive(MachineHeader(soil.run_id, 9, 5, -1, Verb.JOIN))

@@ -11,7 +11,7 @@ from support.soil_scenes import bucket_sweep, flat_soil, make_deposit_requests
 
 from msg_bridge.contract.rows import Rows
 from msg_bridge.exchange.join_state import JoinState
-from msg_bridge.exchange.ledger_accounts import signed_volume
+from msg_bridge.exchange.machine_account import signed_volume
 from msg_bridge.exchange.machine_exchange import MachineExchange
 from soil_sim.node.params import SoilNodeParams
 from soil_sim.node.soil_run import MAX_CHECK_INTERVAL, SilentMachine, SoilRun
