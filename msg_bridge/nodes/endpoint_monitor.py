@@ -34,8 +34,11 @@ _CONDITION = "endpoints of other nodes"
 
 _ANOTHER = "give each node its own namespace, or each simulation its own ROS_DOMAIN_ID"
 
-Findings = dict[tuple[Level, str, str], set[str]]
-"""Topics by level, what is wrong (with `{}` for the topics), and what to change."""
+_Endpoint = tuple[str, tuple[int, ...]]
+"""Topic and id of a publisher; one that was restarted has another id."""
+
+Findings = dict[tuple[Level, str, str], set[_Endpoint]]
+"""Publishers by level, what is wrong (with `{}` for the topics), and what to change."""
 
 
 class EndpointMonitor:
@@ -54,7 +57,7 @@ class EndpointMonitor:
         diagnostics.add_task(self.update)
 
     def update(self) -> None:
-        """Check all topics, and report what has changed."""
+        """Check all topics, and report what has changed: also a publisher that was restarted."""
         subscriptions: defaultdict[str, list[Subscription]] = defaultdict(list)
         for subscription in self._node.subscriptions:
             subscriptions[subscription.topic_name].append(subscription)
@@ -74,21 +77,24 @@ class EndpointMonitor:
         self._report({key: found for key, found in confirmed.items() if found})
 
     def _publishers(self, topic: str) -> list[TopicEndpointInfo]:
-        return list(self._node.get_publishers_info_by_topic(topic))
+        """Return the publishers of a topic, always in the same order."""
+        infos = self._node.get_publishers_info_by_topic(topic)
+        return sorted(infos, key=lambda info: tuple(info.endpoint_gid))
 
     def _check_exclusive(self, topic: str, findings: Findings, *, is_own: bool) -> None:
         """Find the nodes that publish a topic which only one may publish."""
-        names = [_name(each) for each in self._publishers(topic)]
+        publishers = self._publishers(topic)
         if not is_own:
-            if len(names) > 1:
-                what = f"nodes {' and '.join(sorted(names))} both publish {{}}, which one may"
-                findings[Level.WARN, what, _ANOTHER].add(topic)
+            if len(publishers) > 1:
+                names = sorted(map(_name, publishers))
+                what = f"nodes {' and '.join(names)} both publish {{}}, which one may"
+                findings[Level.WARN, what, _ANOTHER].update(_endpoint(topic, e) for e in publishers)
             return
-        if self._own_name in names:
-            names.remove(self._own_name)
-        for name in names:
-            what = f"another node, {name}, also publishes {{}} of this node"
-            findings[Level.ERROR, what, _ANOTHER].add(topic)
+        own = next((each for each in publishers if _name(each) == self._own_name), None)
+        for publisher in publishers:
+            if publisher is not own:
+                what = f"another node, {_name(publisher)}, also publishes {{}} of this node"
+                findings[Level.ERROR, what, _ANOTHER].add(_endpoint(topic, publisher))
 
     def _check_compatible(
         self, topic: str, subscriptions: Iterable[Subscription], findings: Findings
@@ -98,7 +104,7 @@ class EndpointMonitor:
             reasons = [_incompatibility(publisher, each) for each in subscriptions]
             if all(reasons):
                 what = f"messages of {_name(publisher)} on {{}} are not received ({reasons[0]})"
-                findings[Level.WARN, what, "change the publisher"].add(topic)
+                findings[Level.WARN, what, "change the publisher"].add(_endpoint(topic, publisher))
 
     def _check_row_publishers(
         self, subscriptions: dict[str, list[Subscription]], findings: Findings
@@ -113,9 +119,13 @@ class EndpointMonitor:
             return
         names = {_name(each) for topic in headers for each in self._publishers(topic)}
         for topic in rows:
-            for name in {_name(each) for each in self._publishers(topic)} - names:
-                what = f"{name}, which is no machine node of this simulation, publishes {{}}"
-                findings[Level.WARN, what, "stop it"].add(topic)
+            for publisher in self._publishers(topic):
+                if _name(publisher) not in names:
+                    what = (
+                        f"{_name(publisher)}, which is no machine node of this simulation,"
+                        " publishes {}"
+                    )
+                    findings[Level.WARN, what, "stop it"].add(_endpoint(topic, publisher))
 
     def _report(self, findings: Findings) -> None:
         logger = self._node.get_logger()
@@ -139,6 +149,10 @@ class EndpointMonitor:
             self._diagnostics.clear(_CONDITION)
 
 
+def _endpoint(topic: str, info: TopicEndpointInfo) -> _Endpoint:
+    return topic, tuple(info.endpoint_gid)
+
+
 def _name(info: TopicEndpointInfo) -> str:
     """Return the full name of the node of an endpoint."""
     return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
@@ -156,8 +170,9 @@ def _incompatibility(publisher: TopicEndpointInfo, subscription: Subscription) -
     return f"QoS: {reason.removeprefix('ERROR: ').rstrip('; ').lower()}"
 
 
-def _list(names: set[str]) -> str:
+def _list(endpoints: set[_Endpoint]) -> str:
     """Return some of the topics, and the number of the others."""
-    first = sorted(names)[:_MAX_TOPICS_IN_TEXT]
+    names = sorted({topic for topic, _ in endpoints})
+    first = names[:_MAX_TOPICS_IN_TEXT]
     rest = len(names) - len(first)
     return ", ".join(first) + (f" and {rest} more topics" if rest else "")

@@ -9,6 +9,7 @@ import rclpy
 from geometry_msgs.msg import TwistStamped
 from rclpy.context import Context
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Bool, Int64MultiArray, String
@@ -94,6 +95,32 @@ def test_second_publisher_of_a_soil_topic_is_named_until_it_is_gone(
     monitored.until_ok(soil)
     output = capfd.readouterr().err
     assert output.count(f"[soil_sim]: another node, /evil/forger, also publishes {topic}") == 1
+
+
+@pytest.mark.parametrize("has_gap", [True, False])
+def test_second_publisher_that_was_restarted_is_logged_again(
+    monitored: Monitored, capfd: pytest.CaptureFixture[str], has_gap: bool
+) -> None:
+    output = ""
+
+    def num_lines() -> int:
+        nonlocal output
+        output += capfd.readouterr().err
+        return output.count("[soil_sim]: another node, /evil/forger, also publishes /soil/tick")
+
+    def publish() -> Publisher:
+        return monitored.other.create_publisher(Int64MultiArray, "/soil/tick", qos.ROWS)
+
+    first = publish()
+    monitored.ros.spin_until(lambda: num_lines() == 1)
+    if has_gap:
+        monitored.other.destroy_publisher(first)
+        monitored.until_ok(monitored.scene.soil)
+        publish()
+    else:  # the next one is there before the first is found to be gone
+        publish()
+        monitored.other.destroy_publisher(first)
+    monitored.ros.spin_until(lambda: num_lines() == 2)
 
 
 def test_second_publisher_is_named_by_subscribers(monitored: Monitored) -> None:
