@@ -102,7 +102,7 @@ class SoilEndpoint:
         """Process one message of a machine.
 
         Returns:
-            Whether it is of the session in which its machine takes part.
+            Whether its machine can have sent it now; see `SoilExchange.receive`.
 
         Raises:
             ExchangeError: the message violates the protocol; nothing was changed.

@@ -10,10 +10,12 @@ from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.messages import (
     MachineHeader,
     MachineReceipt,
+    RetransmitRequest,
     RowChunk,
     RowRange,
     SoilHeader,
     Stream,
+    Verb,
 )
 from msg_bridge.contract.rows import Rows
 from msg_bridge.exchange.row_digest import check_row_digest, row_digest
@@ -47,7 +49,7 @@ class MachineSession:
         """Begin a session with the header of `tick`, which must be passed to `record_published`."""
         self.machine_id = machine_id
         self.session_id = session_id
-        self.last_tick = tick
+        self.last_tick = self._first_tick = tick
         self.backlog = SendBuffer(Stream.BACKLOG)
         numbered_backlog, backlog_range = self.backlog.append(backlog)
         self.num_backlog_rows = backlog_range.count
@@ -131,8 +133,8 @@ class MachineSession:
         """Add the header of the machine's next tick, which was checked."""
         self._pending_headers.append(header)
 
-    def receive_rows(self, chunk: RowChunk) -> None:
-        """Add rows of the machine.
+    def receive_rows(self, chunk: RowChunk) -> bool:
+        """Add rows of the machine; return whether there are new ones.
 
         Raises:
             ExchangeError: STREAM_DIRECTION, SENDER_MISMATCH, ROW_TYPE or SEQUENCE_NUMBER; nothing
@@ -149,7 +151,26 @@ class MachineSession:
                 f"machine {chunk.machine_id} sends rows with another machine id",
                 ErrorCode.SENDER_MISMATCH,
             )
-        buffer.add(chunk.rows)
+        return buffer.add(chunk.rows) > 0
+
+    def can_send(self, message: MachineHeader | RetransmitRequest) -> bool:
+        """Return whether the machine can send a message of this session now.
+
+        A machine repeats only ticks that may not be answered yet, and requests only what it may not
+        have. Other publishers can send any of its messages again.
+        """
+        if self.last_tick == self._first_tick:  # it may not have its welcome yet
+            return True
+        # Of older ticks the machine has the answer.
+        oldest_unanswered = list(self._recent_ticks)[-(PIPELINE_DEPTH + 1)]
+        if isinstance(message, MachineHeader):
+            is_tick = message.verb in (Verb.STEP, Verb.LEAVE)
+            return is_tick and message.tick >= oldest_unanswered
+        if message.stream is Stream.HEADER:
+            return message.first >= oldest_unanswered
+        acknowledged = self.acknowledged.get(message.stream)
+        last = message.first + message.count - 1
+        return acknowledged is not None and last > acknowledged.last
 
     def gaps(self) -> list[tuple[Stream, RowRange]]:
         """Return the ranges of rows that the header counts and that have not arrived."""

@@ -137,7 +137,8 @@ class SoilExchange:
         """Process one message of a machine; those of another run or session are ignored.
 
         Returns:
-            Whether it is of the session in which its machine takes part: the machine is alive.
+            Whether it is one that its machine can send now in the session in which it takes part:
+            the machine is alive, unless another publisher repeats its last messages.
 
         Raises:
             ExchangeError: it violates the protocol; nothing was changed.
@@ -154,10 +155,10 @@ class SoilExchange:
         if session is None:
             return False
         if isinstance(message, RowChunk):
-            session.receive_rows(message)
-        elif isinstance(message, MachineHeader):
+            return session.receive_rows(message)
+        if isinstance(message, MachineHeader):
             self._receive_tick(session, message)
-        return True
+        return session.can_send(message)
 
     def poll(self, *, wait: bool = True) -> TickInput | None:
         """Return the next tick once the part of every joined machine is here, else None.

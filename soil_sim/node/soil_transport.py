@@ -52,8 +52,8 @@ class SoilTransport:
 
     Attributes:
         machines: namespace of each known machine node, by machine id.
-        last_message_times: monotonic wall clock [s] of the last valid message of the present
-            session, by machine id.
+        last_message_times: monotonic wall clock [s] of the last message that shows that its machine
+            is alive, by machine id.
     """
 
     def __init__(
@@ -69,8 +69,8 @@ class SoilTransport:
         Args:
             node: soil node.
             poller: poller of the node, for messages of machines.
-            receive: called with each message; returns whether it is of the session in which its
-                machine takes part; may raise ExchangeError.
+            receive: called with each message; returns whether its machine can have sent it now,
+                see `SoilExchange.receive`; may raise ExchangeError.
             send_keyframe: publishes the terrain with all its layers.
             reject: called with topic and reason of a message that cannot be used.
             exchange_key_file: file of the key that authenticates all messages but the terrain;
