@@ -35,6 +35,7 @@ setup(
                 "machine_sim",
                 "msg_bridge",
                 "dig_operator",
+                "teleop",
                 "earthmoving_sim",
             )
             for inside in ("", ".*")

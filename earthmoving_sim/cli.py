@@ -14,7 +14,7 @@ from msg_bridge.contract.errors import EarthmovingError
 
 __all__ = ["SUBCOMMANDS", "build_parser", "main"]
 
-SUBCOMMANDS = ("demo", "check", "compile", "machine", "audit")
+SUBCOMMANDS = ("demo", "teleop", "check", "compile", "machine", "audit")
 
 EXIT_BAD_INPUT = 2  # as argparse does for a bad option
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells expect
@@ -25,6 +25,7 @@ examples:
   earthmoving compile              compile all kernels, so that the first start takes no longer
   earthmoving demo                 run an excavator; write pictures and a bag
   earthmoving demo --soil "wet clay" --cycles 2
+  earthmoving teleop               drive a machine from the keys of this terminal
   earthmoving machine check FILE   check a machine file
   earthmoving audit BAG            check that a recording accounts for every mm3 of soil
 

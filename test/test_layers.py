@@ -31,10 +31,11 @@ for module in pkgutil.walk_packages(package.__path__, package.__name__ + ".", on
 """
 
 MAY_NOT_IMPORT = {
-    "msg_bridge": {"soil_sim", "machine_sim", "dig_operator", "earthmoving_sim"},
-    "soil_sim": {"machine_sim", "dig_operator", "earthmoving_sim"},
-    "machine_sim": {"soil_sim", "dig_operator", "earthmoving_sim"},
-    "dig_operator": {"soil_sim", "earthmoving_sim"},
+    "msg_bridge": {"soil_sim", "machine_sim", "dig_operator", "teleop", "earthmoving_sim"},
+    "soil_sim": {"machine_sim", "dig_operator", "teleop", "earthmoving_sim"},
+    "machine_sim": {"soil_sim", "dig_operator", "teleop", "earthmoving_sim"},
+    "dig_operator": {"soil_sim", "teleop", "earthmoving_sim"},
+    "teleop": {"soil_sim", "dig_operator", "earthmoving_sim"},
     "msg_bridge/contract": {"rclpy"},
     "msg_bridge/exchange": {"rclpy"},
 }

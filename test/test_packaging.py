@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("soil_sim", "machine_sim", "msg_bridge", "dig_operator", "earthmoving_sim")
+PACKAGES = ("soil_sim", "machine_sim", "msg_bridge", "dig_operator", "teleop", "earthmoving_sim")
 
 pytestmark = [
     pytest.mark.slow,

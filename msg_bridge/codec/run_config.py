@@ -25,6 +25,7 @@ __all__ = [
     "RunFacts",
     "SoilKind",
     "parse_run_facts",
+    "parse_section",
     "parse_session",
     "soil_kinds",
     "to_config_yaml",
@@ -175,6 +176,20 @@ def parse_session(text: str) -> tuple[int, int]:
     except (yaml.YAMLError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise CodecError(
             f"the session of the machine cannot be read: {error!r}", ErrorCode.JSON
+        ) from error
+
+
+def parse_section(text: str, name: str) -> dict[str, Any]:
+    """Decode one section of a configuration.
+
+    Raises:
+        CodecError: JSON: it cannot be parsed, or is no mapping of names.
+    """
+    try:
+        return {str(key): value for key, value in _load(text)[name].items()}
+    except (yaml.YAMLError, KeyError, TypeError, AttributeError, ValueError) as error:
+        raise CodecError(
+            f"the section {name!r} of a configuration cannot be read: {error!r}", ErrorCode.JSON
         ) from error
 
 

@@ -1,0 +1,176 @@
+"""The ROS node of teleoperation from a terminal: publishes `joy` and `emergency_stop`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+from diagnostic_msgs.msg import DiagnosticArray
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Bool, Float64MultiArray, String
+
+from machine_sim.commands import TRACK_NAMES, CommandParams
+from msg_bridge.codec import qos
+from msg_bridge.codec.machine_state import from_payload_array
+from msg_bridge.codec.run_config import parse_section
+from msg_bridge.codec.stamps import seconds_from_stamp
+from msg_bridge.contract import topics
+from msg_bridge.contract.errors import EarthmovingError
+from msg_bridge.contract.topics import parent_namespace, resolve
+from msg_bridge.nodes.sim_node import SimNode
+from teleop.joy_axes import to_joy
+from teleop.levers import Levers
+from teleop.terminal_keys import TerminalKeys
+from teleop.terminal_page import MachineView, page_lines
+
+__all__ = ["Screen", "TeleopNode"]
+
+_PERIOD = 0.02
+"""Wall time between two messages [s]."""
+
+_REDRAW_PERIOD = 0.1
+"""Wall time between two updates of what is shown [s]."""
+
+_SILENT_TIME = 1.0
+"""Wall time without a state after which the machine counts as silent [s]."""
+
+_LEVELS = ("OK", "WARN", "ERROR", "STALE")
+
+
+class Screen(Protocol):
+    """Interface of `Terminal` that the node needs."""
+
+    def read(self) -> bytes | None:
+        """Return the bytes that have arrived; None if the terminal is closed."""
+
+    def show(self, lines: Sequence[str]) -> None:
+        """Replace what is shown."""
+
+
+class TeleopNode(SimNode):
+    """Drives the machine in its namespace by the keys of a terminal.
+
+    The machine stops 0.3 s after the last message (`commands.command_timeout`), so also when this
+    program ends or hangs.
+
+    Attributes:
+        finished: whether the user has quit.
+        view: what is known of the machine.
+        levers: deflections of levers and pedals.
+    """
+
+    def __init__(self, screen: Screen, speed: float = 1.0, **kwargs: Any) -> None:
+        """
+        Args:
+            screen: the terminal.
+            speed: full deflection of a held key, 0.1 to 1.
+            kwargs: arguments of `rclpy.node.Node`; the namespace is that of the machine,
+                `/excavator` by default.
+        """
+        super().__init__("teleop", **{"namespace": "/excavator", **kwargs})
+        self.finished = False
+        self.view, self.levers = MachineView(), Levers(speed)
+        self._screen, self._keys = screen, TerminalKeys()
+        self._params = CommandParams()
+        self._commanded: list[str] = []  # joints that levers can move, without those of cylinders
+        self._last_update = time.monotonic()
+        self._last_state = self._last_drawn = -float("inf")
+        self._joy = self.create_publisher(Joy, topics.JOY, qos.STATE)
+        self._stop = self.create_publisher(Bool, topics.EMERGENCY_STOP, qos.TRANSIENT_LOCAL)
+        self.create_subscription(JointState, topics.JOINT_STATES, self._on_joints, qos.STATE)
+        self.create_subscription(JointState, topics.APPLIED_COMMANDS, self._on_applied, qos.STATE)
+        self.create_subscription(Float64MultiArray, topics.PAYLOAD, self._on_payload, qos.STATE)
+        own, parent = self.get_namespace(), parent_namespace(self.get_namespace())
+        # The node of several machines is in the parent namespace.
+        for namespace in {own, parent}:
+            topic = resolve(topics.MACHINE_CONFIG, namespace)
+            self.create_subscription(String, topic, self._on_config, qos.TRANSIENT_LOCAL)
+        for namespace in {parent, parent_namespace(parent)}:
+            topic = resolve(topics.DIAGNOSTICS, namespace)
+            self.create_subscription(DiagnosticArray, topic, self._on_diagnostics, 10)
+        self._actions: dict[str, Callable[[], None]] = {
+            " ": lambda: self._set_stop(True),
+            "x": lambda: self._set_stop(False),
+            "+": lambda: self.levers.change_speed(1),
+            "=": lambda: self.levers.change_speed(1),  # the same key without shift
+            "-": lambda: self.levers.change_speed(-1),
+            "q": self._quit,
+        }
+        self.create_timer(_PERIOD, self._update)
+
+    def stop(self) -> None:
+        """Release the levers, so that the machine stops at once."""
+        self.levers.release()
+        self._publish()
+
+    def _update(self) -> None:
+        """Read the keys, move the levers and publish them."""
+        now = time.monotonic()
+        data = self._screen.read()
+        if data is None:
+            self._quit()
+        for key in self._keys.feed(data or b"", now):
+            self._actions.get(key, lambda: None)()
+        held = () if self.view.is_stopped else self._keys.held(now)
+        self.levers.update(held, now - self._last_update)
+        self._last_update = now
+        self._publish()
+        if now - self._last_drawn >= _REDRAW_PERIOD:
+            self._last_drawn = now
+            self.view.is_silent = now - self._last_state > _SILENT_TIME
+            self._screen.show(
+                page_lines(
+                    self.get_namespace(),
+                    self.view,
+                    self.levers.deflections,
+                    self.levers.speed,
+                    has_releases=self._keys.has_releases,
+                )
+            )
+
+    def _publish(self) -> None:
+        values = to_joy(self.levers.deflections, self._params)
+        message = Joy(axes=values.axes, buttons=values.buttons)
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._joy.publish(message)
+
+    def _set_stop(self, is_pressed: bool) -> None:
+        self._keys.release()
+        self.view.is_stopped = is_pressed
+        self._stop.publish(Bool(data=is_pressed))
+
+    def _quit(self) -> None:
+        self.finished = True
+
+    def _on_applied(self, msg: JointState) -> None:
+        self._commanded = [name for name in msg.name if name not in TRACK_NAMES]
+
+    def _on_joints(self, msg: JointState) -> None:
+        self._last_state = time.monotonic()
+        self.view.sim_time = seconds_from_stamp(msg.header.stamp)
+        states = dict(zip(msg.name, zip(msg.position, msg.velocity, strict=False), strict=False))
+        self.view.joints = {name: states[name] for name in self._commanded if name in states}
+
+    def _on_payload(self, msg: Float64MultiArray) -> None:
+        try:
+            self.view.fill = from_payload_array(msg).fill
+        except EarthmovingError:
+            self.view.fill = None
+
+    def _on_config(self, msg: String) -> None:
+        """Take over the machine's assignment of axes."""
+        try:
+            self._params = CommandParams(**parse_section(msg.data, "commands"))
+        except (EarthmovingError, TypeError) as error:
+            self.view.condition = f"the configuration of the machine is not used: {error}"
+            return
+        self.view.pattern = self._params.joy_pattern
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
+        own = self.get_namespace().lstrip("/")
+        for status in msg.status:
+            node, _, _ = status.name.partition(":")
+            if node.endswith("/machine_sim") and own.startswith(node.removesuffix("/machine_sim")):
+                level = _LEVELS[min(int(status.level[0]), len(_LEVELS) - 1)]
+                self.view.condition = f"{level}: {status.message}" if level != "OK" else level

@@ -1,0 +1,90 @@
+"""The terminal in the mode that teleoperation needs: full screen, each key at once, no echo."""
+
+from __future__ import annotations
+
+import curses
+import os
+import select
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from types import TracebackType
+
+from msg_bridge.contract.errors import EarthmovingError
+from teleop.terminal_keys import END_SEQUENCE, START_SEQUENCE
+
+__all__ = ["Terminal", "TerminalError"]
+
+_MAX_READ = 4096
+
+
+class TerminalError(EarthmovingError):
+    """Input and output are no terminal, or its type is unknown."""
+
+
+class Terminal:
+    """Context manager that shows lines and reads bytes; restores the terminal when it ends."""
+
+    def __init__(self) -> None:
+        """
+        Raises:
+            TerminalError: there is no terminal.
+        """
+        if not (sys.stdin.isatty() and sys.stdout.isatty()):
+            raise TerminalError(
+                "input and output are no terminal; run it in one, or publish sensor_msgs/Joy on"
+                " <machine>/joy from a program"
+            )
+        try:
+            curses.setupterm()
+        except curses.error as error:
+            raise TerminalError(
+                f"the terminal has no description ({error}); set TERM, for example to xterm"
+            ) from error
+
+    def __enter__(self) -> Terminal:
+        self._window = curses.initscr()
+        curses.noecho()
+        curses.cbreak()
+        with suppress(curses.error):  # a terminal that cannot hide its cursor
+            curses.curs_set(0)
+        self._window.refresh()
+        self._write(START_SEQUENCE)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._write(END_SEQUENCE)
+        curses.endwin()
+
+    def read(self) -> bytes | None:
+        """Return the bytes that have arrived, without waiting; None if the terminal is closed."""
+        data, descriptor = b"", sys.stdin.fileno()
+        while select.select([descriptor], [], [], 0.0)[0]:
+            try:
+                part = os.read(descriptor, _MAX_READ)
+            except OSError:
+                return None
+            if not part:
+                return None
+            data += part
+        return data
+
+    def show(self, lines: Sequence[str]) -> None:
+        """Replace what is shown; lines and columns that do not fit are cut off."""
+        columns, rows = os.get_terminal_size(sys.stdout.fileno())
+        if rows and columns and (rows, columns) != self._window.getmaxyx():
+            curses.resizeterm(rows, columns)
+        height, width = self._window.getmaxyx()
+        self._window.erase()
+        for row, line in enumerate(lines[:height]):
+            with suppress(curses.error):  # the last cell cannot be written without scrolling
+                self._window.addnstr(row, 0, line, width)
+        self._window.refresh()
+
+    def _write(self, sequence: bytes) -> None:
+        os.write(sys.stdout.fileno(), sequence)

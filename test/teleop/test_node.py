@@ -1,0 +1,145 @@
+"""A machine is driven from a terminal."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+
+import pytest
+from sensor_msgs.msg import JointState, Joy
+from support.node_scenes import Scene
+
+from msg_bridge.testing.ros_context import Ros
+from teleop.node import TeleopNode
+from teleop.terminal_keys import END_SEQUENCE, START_SEQUENCE
+
+COMMAND = [sys.executable, "-m", "earthmoving_sim", "teleop"]
+
+
+class FakeScreen:
+    """A terminal that reports releases; `keys` are the bytes that it sends next."""
+
+    def __init__(self) -> None:
+        self.keys: bytes | None = b"\x1b[?11u"
+        self.lines: Sequence[str] = ()
+
+    def read(self) -> bytes | None:
+        keys, self.keys = self.keys, b"" if self.keys is not None else None
+        return keys
+
+    def show(self, lines: Sequence[str]) -> None:
+        self.lines = lines
+
+    @property
+    def text(self) -> str:
+        return "\n".join(self.lines)
+
+
+@pytest.fixture
+def boom_velocity(ros: Ros) -> Callable[[], float]:
+    states = ros.collect("/excavator/joint_states", JointState)
+
+    def newest() -> float:
+        ros.spin_until(lambda: states)
+        return float(states[-1].velocity[states[-1].name.index("boom")])
+
+    return newest
+
+
+def test_held_key_moves_a_joint_until_it_is_released(
+    ros: Ros, boom_velocity: Callable[[], float]
+) -> None:
+    scene = Scene(ros, sync="realtime")
+    scene.machine()
+    screen = FakeScreen()
+    teleop = ros.add(TeleopNode, screen)
+    ros.spin_until(lambda: "driving" in screen.text and "boom " in screen.text)
+    screen.keys = b"\x1b[107u"  # right lever back
+    ros.spin_until(lambda: boom_velocity() < -0.1)
+    ros.spin_until(lambda: "[##########|..........]  boom" in screen.text)
+    screen.keys = b"\x1b[107;1:3u"
+    ros.spin_until(lambda: abs(boom_velocity()) < 0.01)
+    screen.keys = b"\x1b[107u"
+    ros.spin_until(lambda: boom_velocity() < -0.1)
+    screen.keys = b" "
+    ros.spin_until(lambda: abs(boom_velocity()) < 0.01 and "EMERGENCY STOP - " in screen.text)
+    screen.keys = b"\x1b[107u"
+    ros.spin_until(lambda: "emergency stop" in screen.text)  # of the machine's diagnostics
+    assert abs(boom_velocity()) < 0.01
+    screen.keys = b"\x1b[107;1:3ux"
+    ros.spin_until(lambda: "driving" in screen.text)
+    screen.keys = b"\x1b[107u"
+    ros.spin_until(lambda: boom_velocity() < -0.1)
+    ros.remove(teleop)  # its process has ended
+    ros.spin_until(lambda: abs(boom_velocity()) < 0.01)
+
+
+def test_axes_are_those_of_the_machine(ros: Ros) -> None:
+    scene = Scene(ros)
+    scene.machine(**{"commands.joy_pattern": "sae", "commands.joy_right_y": 8})
+    messages = ros.collect("/excavator/joy", Joy)
+    screen = FakeScreen()
+    ros.add(TeleopNode, screen)
+    ros.spin_until(lambda: "left lever, forward   [..........|..........]  boom" in screen.text)
+    screen.keys = b"\x1b[105u"
+    ros.spin_until(lambda: messages and messages[-1].axes[-1] == 1.0)
+    assert len(messages[-1].axes) == 9
+
+
+def test_closed_terminal_ends_the_node(ros: Ros) -> None:
+    screen = FakeScreen()
+    teleop = ros.add(TeleopNode, screen)
+    screen.keys = None
+    ros.spin_until(lambda: teleop.finished)
+
+
+def test_command_drives_from_a_terminal_and_restores_it(ros: Ros) -> None:
+    messages = ros.collect("/dumper/joy", Joy)
+    master, terminal = pty.openpty()
+    process = subprocess.Popen(
+        [*COMMAND, "--machine", "dumper", "--speed", "50"],
+        stdin=terminal,
+        stdout=terminal,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "TERM": "xterm"},
+    )
+    os.close(terminal)
+    shown = b""
+
+    def read() -> bytes:
+        nonlocal shown
+        with suppress(OSError):  # the program has closed its side
+            while select.select([master], [], [], 0.0)[0]:
+                shown += os.read(master, 4096)
+        return shown
+
+    try:
+        ros.spin_until(lambda: START_SEQUENCE in read() and b"/dumper" in read() and messages)
+        os.write(master, b"w")
+        ros.spin_until(lambda: messages[-1].axes[1] == pytest.approx(0.55))  # beyond the deadzone
+        ros.spin_until(lambda: messages[-1].axes[1] == 0.0)
+        os.write(master, b"q")
+        ros.spin_until(lambda: read() and process.poll() is not None)
+    finally:
+        process.kill()
+        os.close(master)
+        _, errors = process.communicate()
+    assert (process.returncode, errors) == (0, b"")
+    assert END_SEQUENCE in shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [([], "are no terminal"), (["--machine", "a b"], "--machine a b: Invalid namespace")],
+)
+def test_invalid_use_is_explained(arguments: list[str], reason: str) -> None:
+    done = subprocess.run(
+        [*COMMAND, *arguments], stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 2
+    assert reason in done.stderr
