@@ -161,7 +161,9 @@ def _request_records(
 ) -> _ParticleRecords:
     low, high = int(soil.ticks[window.first]), int(soil.ticks[window.last])
     parts = []
-    for session in sorted(timeline.accepted):
+    # In the order in which they began: particles of a machine that was restarted count from 1 again,
+    # and the session ids of processes are random.
+    for session in timeline.accepted:
         stream = streams[StreamKey(Stream.DEPOSIT_REQUEST, *session)]
         spans = accepted_spans(timeline, data, session, Stream.DEPOSIT_REQUEST)
         ticks = timeline.soil_ticks(session)
@@ -187,6 +189,7 @@ def _request_records(
 
 
 def _sort_by_particle(rows: Rows, tick: Numbers, extra: Numbers) -> _ParticleRecords:
+    """Return records by machine and particle; those of one particle keep their order in time."""
     key = rows["machine_id"].astype(np.int64) << 32 | rows["particle_id"]
     order = np.argsort(key, kind="stable")
     volume = rows["volume_mm3"].astype(np.int64)

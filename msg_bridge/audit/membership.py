@@ -74,7 +74,8 @@ class MembershipTimeline:
 
     Attributes:
         events: the events of each soil header.
-        accepted: by session, (machine tick, soil tick) of every accepted header, ascending.
+        accepted: by session, (machine tick, soil tick) of every accepted header, ascending; the
+            sessions in the order in which they began.
         numbering_session: by session, the id of the session in which its particle numbers began:
             that of the JOIN of its machine, since a REJOIN continues them.
     """

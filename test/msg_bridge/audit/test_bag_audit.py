@@ -82,6 +82,19 @@ def test_run_with_machines_that_leave_rejoin_and_crash_passes(audit) -> None:
     assert report.runs[0].rows["BACKLOG"] > 0
 
 
+def test_machine_that_was_restarted_with_a_lower_session_id_passes(audit) -> None:
+    run = scripted_run(2)
+    for session_id in (10**6, 10):  # random in each process; particle ids begin at 1
+        for _ in range(10):
+            run.step()
+        run.crash(2, ScriptedMachine(9, y=0.5), session_id=session_id)
+    for _ in range(10):
+        run.step()
+    run.keyframe()
+    report = audit(run.recording)
+    assert report.passed, report.runs[0].findings
+
+
 @pytest.mark.parametrize("has_ticks", [True, False])
 def test_run_in_which_another_process_took_the_place_of_a_machine_passes(
     audit, has_ticks: bool
