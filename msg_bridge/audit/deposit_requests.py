@@ -161,8 +161,8 @@ def _request_records(
 ) -> _ParticleRecords:
     low, high = int(soil.ticks[window.first]), int(soil.ticks[window.last])
     parts = []
-    # In the order in which they began: particles of a machine that was restarted count from 1 again,
-    # and the session ids of processes are random.
+    # In the order in which they began: session ids are random in each process, and particle ids
+    # begin at 1.
     for session in timeline.accepted:
         stream = streams[StreamKey(Stream.DEPOSIT_REQUEST, *session)]
         spans = accepted_spans(timeline, data, session, Stream.DEPOSIT_REQUEST)
