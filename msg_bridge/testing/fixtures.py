@@ -47,7 +47,7 @@ from typing import Any, Protocol
 
 import pytest
 
-from msg_bridge.dds_profile import PROFILE_VARIABLE, use_shipped_profile
+from msg_bridge.dds_profile import LOCALHOST_PROFILE, PROFILE_VARIABLE, use_shipped_profile
 from msg_bridge.testing.ros_context import Ros
 from msg_bridge.testing.ros_domain import reserve_domain
 from msg_bridge.testing.ros_process import RosProcess
@@ -81,9 +81,12 @@ def limit_discovery_to_this_host(monkeypatch: pytest.MonkeyPatch) -> None:
     """Limit discovery of this process and its children to this host while a patch lasts, with the
     shipped Fast DDS profile unless another is chosen.
     """
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.delenv("ROS_LOCALHOST_ONLY", raising=False)  # would override the range
     monkeypatch.delenv("ROS_STATIC_PEERS", raising=False)
+    if Path(os.environ.get(PROFILE_VARIABLE, "")).name == LOCALHOST_PROFILE:
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SYSTEM_DEFAULT")
+        return
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     if PROFILE_VARIABLE not in os.environ:
         monkeypatch.setenv(PROFILE_VARIABLE, "")  # so that the patch removes it at its end
         monkeypatch.delenv(PROFILE_VARIABLE)

@@ -21,6 +21,7 @@ from rclpy.utilities import get_rmw_implementation_identifier
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Int64MultiArray, String
 
+from msg_bridge import dds_profile
 from msg_bridge.codec import qos
 from msg_bridge.codec.row_chunks import from_chunk_cloud, to_chunk_cloud
 from msg_bridge.codec.terrain import TerrainMap, from_terrain_cloud, to_terrain_cloud
@@ -51,10 +52,26 @@ from msg_bridge.dds_profile import (
     use_shipped_profile,
 )
 from msg_bridge.exchange.chunks import split_into_chunks
+from msg_bridge.testing.fixtures import limit_discovery_to_this_host
 
 DOMAIN = 1 + os.getpid() % 101  # differs between processes; its ports are below the ephemeral ones
 TIMEOUT = 20.0  # [s]
 STAMP = Time(sec=1)
+
+# Limits discovery to this host after a participant existed; prints the profile and the range.
+LATE = """\
+import os, sys
+from msg_bridge.dds_profile import keep_discovery_on_this_host, use_shipped_profile
+if sys.argv[1] == "shipped":
+    use_shipped_profile()
+import rclpy
+rclpy.init(domain_id=int(sys.argv[2]))
+rclpy.create_node("former").destroy_node()
+rclpy.shutdown()
+os.environ.pop("FASTRTPS_DEFAULT_PROFILES_FILE", None)
+keep_discovery_on_this_host()
+print(use_shipped_profile(), os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"])
+"""
 
 # Creates a participant; prints its shared memory files and the addresses of its UDP sockets.
 PARTICIPANT = """\
@@ -79,9 +96,10 @@ rclpy.shutdown()
 
 @pytest.fixture
 def no_profile(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Remove the choice of a DDS profile for the test."""
+    """Remove the choice of a DDS profile for the test, as in a new process."""
     monkeypatch.setenv(PROFILE_VARIABLE, "")
     monkeypatch.delenv(PROFILE_VARIABLE)
+    monkeypatch.setattr(dds_profile, "_profile_in_use", None)
 
 
 @pytest.fixture
@@ -125,8 +143,13 @@ class Participant:
 
 
 @pytest.fixture
-def participants(no_profile: None) -> Iterator[tuple[Participant, Participant]]:
-    use_shipped_profile()
+def participants() -> Iterator[tuple[Participant, Participant]]:
+    with pytest.MonkeyPatch.context() as patch:
+        limit_discovery_to_this_host(patch)
+        yield from _participants()
+
+
+def _participants() -> Iterator[tuple[Participant, Participant]]:
     sender, receiver = Participant("sender"), Participant("receiver")
     yield sender, receiver
     sender.close()
@@ -299,6 +322,17 @@ def test_participant_uses_no_shared_memory_and_the_chosen_range(
     assert bool(values["shared_memory"]) is (profile == "none")
     is_on_this_host = set(values["udp"]) == {"127.0.0.1"}
     assert is_on_this_host is (profile == "shipped" and discovery == "LOCALHOST")
+
+
+@pytest.mark.skipif("fastrtps" not in get_rmw_implementation_identifier(), reason="for Fast DDS")
+@pytest.mark.parametrize("former", ["shipped", "none"])
+def test_process_that_has_used_another_profile_stays_limited_to_this_host_by_its_range(
+    no_profile: None, no_range: None, former: str
+) -> None:
+    """Fast DDS reads a profile once, so the one for this host would not limit anything."""
+    command = [sys.executable, "-c", LATE, former, str(DOMAIN)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.stdout.split() == ["None", "LOCALHOST"], done.stderr
 
 
 @pytest.mark.parametrize(
