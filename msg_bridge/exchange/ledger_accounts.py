@@ -37,6 +37,9 @@ class LedgerAccounts:
     def __init__(self) -> None:
         self._machines: dict[int, MachineAccount] = {}  # by machine id
         self._ended: dict[int, list[MachineAccount]] = {}  # by machine id, the oldest first
+        # By machine id, the smallest `applied` of the accounts that were discarded because they were
+        # empty when they ended.
+        self._applied_of_discarded: dict[int, int] = {}
         self._num_opened = 0
         # Volume released and not deposited yet, by the machine id of the rows that deposit it.
         self._released: dict[int, int] = {}
@@ -193,7 +196,7 @@ class LedgerAccounts:
         """Continue the account of a machine that holds the soil it left with.
 
         That is the last account of its machine id whose soil it is, also if another one was opened
-        since then.
+        since then. A machine whose account was empty when it ended gets a new one.
 
         Args:
             header: its request.
@@ -212,10 +215,13 @@ class LedgerAccounts:
         ended = self._ended.get(machine_id, [])
         account = next((each for each in (last, *reversed(ended)) if each.matches(header)), None)
         if account is None:
+            if self._left_empty(header, published):
+                self.join(machine_id, published)
+                return
             raise ExchangeError(
-                f"machine {machine_id} requests to rejoin with {header.soil_mm3} mm^3 of soil, but"
-                f" it left with {last.expected(header.conversions_received)} mm^3; join without"
-                " soil, or restore its state",
+                f"machine {machine_id} requests to rejoin with {header.soil_mm3} mm^3 of soil; no"
+                f" session of machine {machine_id} left with that soil; join without soil, or"
+                " restore its state",
                 ErrorCode.REJOIN_VOLUME,
             )
         if account is not last:
@@ -277,8 +283,20 @@ class LedgerAccounts:
     def _end_account(self, machine_id: int) -> None:
         """Keep the account of a machine among the ended ones, unless it is empty."""
         account = self._machines.get(machine_id)
-        if account is not None and not account.is_empty:
+        if account is None:
+            return
+        if account.is_empty:
+            applied = self._applied_of_discarded.get(machine_id, account.applied)
+            self._applied_of_discarded[machine_id] = min(applied, account.applied)
+        else:
             self._ended.setdefault(machine_id, []).append(account)
+
+    def _left_empty(self, header: MachineHeader, published: int) -> bool:
+        """Return whether a request to rejoin can be that of a machine with a discarded account."""
+        applied = self._applied_of_discarded.get(header.machine_id)
+        if applied is None or header.soil_mm3 != 0:
+            return False
+        return applied <= header.conversions_received <= published
 
     def _ended_volume(self, machine_id: int) -> int:
         """Return the soil of the ended accounts of a machine [mm^3]."""

@@ -95,6 +95,23 @@ def test_machine_whose_place_was_taken_returns_with_its_soil(
     assert fleet.is_balanced()
 
 
+def test_empty_machine_whose_place_was_taken_returns() -> None:
+    fleet = ExchangeDriver(2, expected=2)
+    machine = fleet.machines[1]
+    machine.rows_per_tick = 0
+    fleet.ticks(5)
+    fleet.leave(machine)
+    assert machine.soil_mm3 == 0
+    soil = fleet.soil.exchange
+    soil.receive(forged_join(soil))
+    return_to_run(fleet, machine)
+    assert machine.exchange.rejection_reason == ""
+    machine.rows_per_tick = 8
+    fleet.ticks(20)
+    assert soil.joined == (1, 2)
+    assert fleet.is_balanced()
+
+
 def test_machine_returns_with_its_soil_after_ticks_of_another_session() -> None:
     fleet, machine = with_absent_machine()
     soil = fleet.soil.exchange
@@ -115,7 +132,7 @@ def test_machine_returns_with_its_soil_after_ticks_of_another_session() -> None:
     assert fleet.is_balanced()
 
 
-def test_released_soil_cannot_be_returned_with() -> None:
+def test_machine_cannot_rejoin_with_released_soil() -> None:
     fleet, machine = with_absent_machine()
     soil = fleet.soil.exchange
     soil.receive(forged_join(soil))
@@ -126,5 +143,5 @@ def test_released_soil_cannot_be_returned_with() -> None:
     assert fleet.soil.ledgers[-1].absent == 0
     machine.exchange.join(**machine.totals)
     fleet.until(lambda: machine.exchange.join_state is JoinState.OUT)
-    assert "left with" in machine.exchange.rejection_reason
+    assert "left with that soil" in machine.exchange.rejection_reason
     assert fleet.is_balanced()

@@ -147,7 +147,7 @@ def test_rejoining_with_another_volume_is_rejected() -> None:
     fleet.ticks(5)
     assert fleet.soil.exchange.joined == (1,)
     assert machine.exchange.join_state is JoinState.OUT
-    assert "left with" in machine.exchange.rejection_reason
+    assert "left with that soil" in machine.exchange.rejection_reason
     assert fleet.is_balanced()
 
 
