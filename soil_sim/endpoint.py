@@ -87,11 +87,12 @@ class SoilEndpoint:
         )
         self._tool_positions: dict[int, Sequence[float]] = {}  # x, y, z [m] by account
         self._inventory = SoilInventory()  # by account
-        self._machines_to_release: list[int] = []
+        # Machine ids of a requested release: whose soil, and whose ended accounts, are released.
+        self._machines_to_release: tuple[int, ...] = ()
+        self._ended_to_release: tuple[int, ...] = ()
         self._sweep_limits = (
             SweepLimits(max_tool_displacement) if math.isfinite(max_tool_displacement) else None
         )
-        self._release_forfeited = False
 
     @property
     def tick(self) -> int:
@@ -150,9 +151,9 @@ class SoilEndpoint:
         Returns:
             Ids of the machines whose soil is released, ascending.
         """
-        self._machines_to_release = list(self.exchange.releasable_machines)
-        self._release_forfeited = bool(self.exchange.accounts.forfeited)
-        return tuple(sorted({*self._machines_to_release, *self.exchange.accounts.forfeited}))
+        self._machines_to_release = self.exchange.releasable_machines
+        self._ended_to_release = self.exchange.machines_with_ended_accounts
+        return tuple(sorted({*self._machines_to_release, *self.exchange.accounts.ended_volumes}))
 
     def _step(self, tick: TickInput) -> SoilStepResult:
         sweeps = tick.sweeps
@@ -161,17 +162,7 @@ class SoilEndpoint:
             self._sweep_limits.update_sessions(self.exchange.session_ids)
             sweeps, rejected = self._sweep_limits.check(tick.tick, sweeps)
         self._record_tool_positions(sweeps)
-        released = [
-            self._deposit_requests(machine_id, self.exchange.release(machine_id))
-            for machine_id in self._absent_machines_to_release()
-        ]
-        if self._release_forfeited:
-            volumes: dict[int, int] = {}
-            for machine_id in self.exchange.accounts.forfeited:
-                volumes |= self.exchange.release_forfeited(machine_id)
-            released.append(self._deposit_requests(ENDED_SESSION, volumes))
-        self._machines_to_release, self._release_forfeited = [], False
-        deposit_requests = join_rows([tick.deposit_requests, *released], DEPOSIT_REQUEST)
+        deposit_requests = join_rows([tick.deposit_requests, self._release()], DEPOSIT_REQUEST)
         step = self.soil.step(tick.tick, sweeps, deposit_requests)
         return replace(step, rejected_tools=(*rejected, *step.rejected_tools))
 
@@ -193,8 +184,24 @@ class SoilEndpoint:
             n: each for n, each in self._tool_positions.items() if n in accounts
         }
 
-    def _absent_machines_to_release(self) -> list[int]:
-        return [n for n in self._machines_to_release if n in self.exchange.releasable_machines]
+    def _release(self) -> Rows:
+        """Return DEPOSIT_REQUEST rows of the soil whose release was requested.
+
+        A machine whose release was requested while it took part may have been dropped since then:
+        it keeps what it holds.
+        """
+        by_row_id: dict[int, dict[int, int]] = {}  # volume by account, by machine id of the rows
+        for machine_id in self._machines_to_release:
+            if machine_id in self.exchange.releasable_machines:
+                by_row_id[machine_id] = self.exchange.release(machine_id)
+        joined = self.exchange.joined
+        for machine_id in self._ended_to_release:
+            if machine_id in self.exchange.machines_with_ended_accounts:
+                row_id = ENDED_SESSION if machine_id in joined else machine_id
+                by_row_id.setdefault(row_id, {}).update(self.exchange.release_ended(machine_id))
+        self._machines_to_release = self._ended_to_release = ()
+        parts = [self._deposit_requests(row_id, volumes) for row_id, volumes in by_row_id.items()]
+        return join_rows(parts, DEPOSIT_REQUEST)
 
     def _deposit_requests(self, machine_id: int, volumes: Mapping[int, int]) -> Rows:
         """Return DEPOSIT_REQUEST rows of released soil.

@@ -44,6 +44,11 @@ class JoinAdmission:
         return frozenset(self._waiting)
 
     @property
+    def rejoining(self) -> frozenset[int]:
+        """Waiting machines that request to rejoin with their soil."""
+        return frozenset(n for n, each in self._waiting.items() if each.verb is Verb.REJOIN)
+
+    @property
     def contending(self) -> frozenset[int]:
         """Machines as which another session requests to join during their present session."""
         return frozenset(self._contending)

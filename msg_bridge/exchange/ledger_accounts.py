@@ -37,8 +37,8 @@ class LedgerAccounts:
     def __init__(self) -> None:
         self._machines: dict[int, MachineAccount] = {}  # by machine id
         self._ended: dict[int, list[MachineAccount]] = {}  # by machine id, the oldest first
-        # By machine id, the smallest `applied` of the accounts that were discarded because they were
-        # empty when they ended.
+        # By machine id, the smallest `applied` of the accounts that were empty when they ended, and
+        # discarded.
         self._applied_of_discarded: dict[int, int] = {}
         self._num_opened = 0
         # Volume released and not deposited yet, by the machine id of the rows that deposit it.
@@ -80,8 +80,13 @@ class LedgerAccounts:
         return frozenset(account.number for account in self._all_accounts())
 
     @property
-    def forfeited(self) -> dict[int, int]:
-        """Soil that joined machines left behind in earlier sessions [mm^3], by machine id."""
+    def machines_with_ended_accounts(self) -> tuple[int, ...]:
+        """Ids of the machines that have ended accounts, ascending."""
+        return tuple(sorted(self._ended))
+
+    @property
+    def ended_volumes(self) -> dict[int, int]:
+        """Soil in the ended accounts of joined machines [mm^3], none of it 0, by machine id."""
         return {
             n: self._ended_volume(n)
             for n, a in sorted(self._machines.items())
@@ -226,6 +231,8 @@ class LedgerAccounts:
             )
         if account is not last:
             ended.remove(account)
+            if not ended:
+                del self._ended[machine_id]
             self._end_account(machine_id)
             self._machines[machine_id] = account
         account.rejoin(header, published)
@@ -241,18 +248,18 @@ class LedgerAccounts:
             return {}
         return self._release([*self._ended.pop(machine_id, []), account], machine_id)
 
-    def release_forfeited(self, machine_id: int) -> dict[int, int]:
-        """Take over what a joined machine left behind in earlier sessions.
+    def release_ended(self, machine_id: int) -> dict[int, int]:
+        """Take over the soil of the ended accounts of a machine, and discard them.
 
-        The next rows must deposit it with the machine id `ENDED_SESSION`.
+        The next rows must deposit it: with the machine id `ENDED_SESSION` if the machine takes
+        part, else with its own.
 
         Returns:
             As `release`.
         """
-        account = self._machines.get(machine_id)
-        if account is None or not account.is_joined:
-            return {}
-        return self._release(self._ended.pop(machine_id, []), ENDED_SESSION)
+        ended = self._ended.pop(machine_id, [])
+        is_joined = machine_id in self.joined_accounts
+        return self._release(ended, ENDED_SESSION if is_joined else machine_id)
 
     def leave(self, machine_id: int) -> None:
         """Close the account of a machine: its soil is absent, its unacknowledged rows are kept."""

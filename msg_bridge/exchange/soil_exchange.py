@@ -104,7 +104,13 @@ class SoilExchange:
     @property
     def releasable_machines(self) -> tuple[int, ...]:
         """Ids of the absent machines whose soil can be released, ascending; not the rejoining."""
-        return tuple(n for n in self.accounts.absent if n not in self._admission.waiting)
+        return tuple(n for n in self.accounts.absent if n not in self._admission.rejoining)
+
+    @property
+    def machines_with_ended_accounts(self) -> tuple[int, ...]:
+        """Ids of the machines whose ended accounts can be released, ascending; not the rejoining."""
+        ended = self.accounts.machines_with_ended_accounts
+        return tuple(n for n in ended if n not in self._admission.rejoining)
 
     @property
     def awaited_machines(self) -> tuple[int, ...]:
@@ -267,23 +273,23 @@ class SoilExchange:
         Raises:
             ExchangeError: STILL_JOINED: it takes part, or waits to rejoin.
         """
-        if machine_id in self._machines or machine_id in self._admission.waiting:
+        if machine_id in self._machines or machine_id in self._admission.rejoining:
             raise ExchangeError(
                 f"machine {machine_id} takes part; release its soil after it has left",
                 ErrorCode.STILL_JOINED,
             )
         return self.accounts.release(machine_id)
 
-    def release_forfeited(self, machine_id: int) -> dict[int, int]:
-        """Take over what a joined machine left behind in earlier sessions.
+    def release_ended(self, machine_id: int) -> dict[int, int]:
+        """Take over the soil of the ended accounts of a machine.
 
-        The next `answer` must contain DEPOSIT or OUTSIDE rows with the machine id `ENDED_SESSION`
-        for all of it.
+        The next `answer` must contain DEPOSIT or OUTSIDE rows for all of it: with the machine id
+        `ENDED_SESSION` if the machine takes part, else with its own.
 
         Returns:
             As `release`.
         """
-        return self.accounts.release_forfeited(machine_id)
+        return self.accounts.release_ended(machine_id)
 
     def request_missing(self) -> None:
         """Request what has not arrived, and send the latest header again."""

@@ -47,7 +47,7 @@ class MembershipLog:
     def start_run(self) -> None:
         """Begin a run, which has no machines."""
         self._joined: set[int] = set()
-        self._forfeited: dict[int, int] = {}
+        self._ended_volumes: dict[int, int] = {}
         self._dropped: dict[int, str] = {}
         self._report()
 
@@ -74,30 +74,30 @@ class MembershipLog:
         self._dropped.clear()
         self._report()
 
-    def update(self, joined: Iterable[int], tick: int, forfeited: Mapping[int, int]) -> None:
+    def update(self, joined: Iterable[int], tick: int, ended_volumes: Mapping[int, int]) -> None:
         """Log the changes since the last call.
 
         Args:
             joined: ids of the machines in the run.
             tick: the last tick.
-            forfeited: soil of earlier sessions of joined machines [mm^3], by machine id.
+            ended_volumes: soil in the ended accounts of joined machines [mm^3], by machine id.
         """
         now = set(joined)
-        if now == self._joined and forfeited == self._forfeited:
+        if now == self._joined and ended_volumes == self._ended_volumes:
             return
         for machine_id in sorted(now - self._joined):
             self._logger.info(f"{self._name(machine_id)} joined in tick {tick}")
             self._dropped.pop(machine_id, None)
         for machine_id in sorted(self._joined - now):
             self._logger.info(f"{self._name(machine_id)} left in tick {tick}")
-        for machine_id, volume in forfeited.items():
-            if volume > self._forfeited.get(machine_id, 0):
+        for machine_id, volume in ended_volumes.items():
+            if volume > self._ended_volumes.get(machine_id, 0):
                 self._logger.warning(
                     f"{self._name(machine_id)} joined in tick {tick} without the soil of its"
                     f" earlier session: {volume / _MM3_PER_M3:.3f} m3 are booked as absent;"
                     " /soil/release turns them into terrain"
                 )
-        self._joined, self._forfeited = now, dict(forfeited)
+        self._joined, self._ended_volumes = now, dict(ended_volumes)
         self._report()
 
     def _report(self) -> None:
@@ -106,7 +106,9 @@ class MembershipLog:
             self._diagnostics.problem("; ".join(self._dropped.values()), condition=_DROPPED)
         else:
             self._diagnostics.clear(_DROPPED)
-        left = [f"{v / _MM3_PER_M3:.3f} m3 of {self._name(n)}" for n, v in self._forfeited.items()]
+        left = [
+            f"{v / _MM3_PER_M3:.3f} m3 of {self._name(n)}" for n, v in self._ended_volumes.items()
+        ]
         self._diagnostics.set("soil_of_ended_sessions", ", ".join(left) or "none")
 
     def _name(self, machine_id: int) -> str:

@@ -190,7 +190,7 @@ class SoilNode(SimNode):
         self._transport.send(self.run.endpoint.drain_outbox(), stamp)
         self._soil_publishers.tick(done.ledger, stamp)
         exchange = self.run.endpoint.exchange
-        self.membership_log.update(exchange.joined, tick, exchange.accounts.forfeited)
+        self.membership_log.update(exchange.joined, tick, exchange.accounts.ended_volumes)
         if tick >= self._next_map_tick:
             self._next_map_tick = tick + self._interval_in_ticks(self._map_rate)
             if soil.revision != self._map_revision:

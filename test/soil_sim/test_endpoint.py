@@ -273,6 +273,52 @@ def test_machine_that_rejoins_before_the_release_keeps_its_soil(
     assert endpoint.advance() is not None
 
 
+def test_release_includes_soil_of_a_machine_that_joins_before_the_tick(
+    endpoint: SoilEndpoint,
+) -> None:
+    digger = welcomed(endpoint)
+    digger.dig()
+    digger.leave(0.0)
+    assert endpoint.release_absent_soil() == (1,)
+    restarted = Digger(endpoint, session_id=5)
+    done = endpoint.advance()
+    assert done is not None
+    assert (done.ledger.absent, done.ledger.imbalance) == (0, 0)
+    assert done.step.conversions.size > 0
+    restarted.deliver()
+    assert restarted.exchange.joined
+    for _ in range(3):
+        restarted.send(bucket_sweep((3.0, 0.0, 1.0), (3.0, 0.0, 1.0)))
+        assert endpoint.advance() is not None
+        restarted.take()
+    assert restarted.soil_mm3 == 0
+
+
+def test_release_includes_ended_accounts_of_a_machine_that_is_dropped_before_the_tick(
+    endpoint: SoilEndpoint,
+) -> None:
+    crashed = welcomed(endpoint)
+    held = crashed.dig().ledger.pending
+    endpoint.exchange.drop(1)
+    digger = Digger(endpoint, session_id=5)
+    endpoint.advance(wait=False)
+    digger.deliver()
+    last = digger.dig(x=3.0)
+    before = last.ledger.absent
+    assert before >= held > 0
+    assert endpoint.release_absent_soil() == (1,)
+    endpoint.exchange.drop(1)
+    done = endpoint.advance(wait=False)
+    assert done is not None
+    assert done.ledger.terrain - last.ledger.terrain == before
+    assert done.ledger.absent == last.ledger.pending > 0  # what the dropped machine holds
+    assert done.ledger.imbalance == 0
+    digger.deliver()
+    digger.rejoin()
+    assert endpoint.exchange.ledger is not None
+    assert endpoint.exchange.ledger.absent == 0
+
+
 def test_soil_of_each_session_is_released_where_and_as_its_machine_had_it() -> None:
     grid = Grid(61, 61, 0.2)
     soil_ids = np.zeros(grid.shape, dtype=np.uint8)

@@ -208,7 +208,7 @@ class RecordedRun:
 
     def release_forfeited(self, machine_id: int) -> int:
         """Release what a joined machine left behind in earlier sessions; return it [mm^3]."""
-        volume = sum(self.soil_endpoint.release_forfeited(machine_id).values())
+        volume = sum(self.soil_endpoint.release_ended(machine_id).values())
         rows = empty_rows(DEPOSIT_REQUEST, 1)
         rows["machine_id"], rows["volume_mm3"] = ENDED_SESSION, volume
         self.step(released=rows)
