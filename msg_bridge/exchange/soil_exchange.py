@@ -108,7 +108,7 @@ class SoilExchange:
 
     @property
     def machines_with_ended_accounts(self) -> tuple[int, ...]:
-        """Ids of the machines whose ended accounts can be released, ascending; not the rejoining."""
+        """Ids of machines whose ended accounts can be released, ascending; not the rejoining."""
         ended = self.accounts.machines_with_ended_accounts
         return tuple(n for n in ended if n not in self._admission.rejoining)
 
