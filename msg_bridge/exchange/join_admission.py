@@ -2,7 +2,8 @@
 
 A request begins a session with an id that its machine has not used before. While the machine takes
 part in another session, the request *contends* for it: it has no effect but that the session may be
-dropped once it is silent, and must be repeated after the session has ended, as a machine node does.
+dropped if it is silent while the request is repeated, and must be repeated after the session has
+ended, as a machine node does.
 So a node that was restarted joins as soon as its earlier session is found to be silent. A single
 request of another publisher neither disturbs a machine that takes part nor takes its place when it
 leaves.
@@ -10,7 +11,7 @@ leaves.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import JoinRejected, MachineHeader, Verb
@@ -34,7 +35,7 @@ class JoinAdmission:
         self._run_id = run_id
         self._allowed = allowed
         self._waiting: dict[int, MachineHeader] = {}
-        self._contending: set[int] = set()
+        self._contending: Counter[int] = Counter()  # requests by machine id
         self._session_ids: dict[int, deque[int]] = {}  # used ones by machine id
         self._rejections: dict[int, JoinRejected] = {}
 
@@ -49,9 +50,9 @@ class JoinAdmission:
         return frozenset(n for n, each in self._waiting.items() if each.verb is Verb.REJOIN)
 
     @property
-    def contending(self) -> frozenset[int]:
-        """Machines as which another session requests to join during their present session."""
-        return frozenset(self._contending)
+    def contending_requests(self) -> dict[int, int]:
+        """Number of requests to join as a machine during its present session, by machine id."""
+        return dict(self._contending)
 
     def add(self, header: MachineHeader, *, is_joined: bool) -> JoinRejected | None:
         """Add a request of a machine that is not joined in this session.
@@ -75,7 +76,7 @@ class JoinAdmission:
         used = self._session_ids.setdefault(machine_id, deque(maxlen=_MAX_KEPT_SESSION_IDS))
         if session_id not in used:
             if is_joined:
-                self._contending.add(machine_id)
+                self._contending[machine_id] += 1
             else:
                 used.append(session_id)
                 self._waiting[machine_id] = header
@@ -93,7 +94,7 @@ class JoinAdmission:
 
     def end_session(self, machine_id: int) -> None:
         """End the contention for a machine: the next request waits for the end of the tick."""
-        self._contending.discard(machine_id)
+        self._contending.pop(machine_id, None)
 
     def admit(
         self, accounts: LedgerAccounts, published: int

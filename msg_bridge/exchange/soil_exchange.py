@@ -122,12 +122,13 @@ class SoilExchange:
         return machine_id in self.late and self._machines[machine_id].header is not None
 
     @property
-    def contended(self) -> tuple[int, ...]:
-        """Ids of joined machines as which another session requests to join, ascending.
+    def contending_requests(self) -> dict[int, int]:
+        """Number of requests of other sessions to join as a joined machine, by machine id.
 
-        It joins when it repeats the request after the present session has ended.
+        They are counted from the begin of its present session. Another session joins when it
+        repeats the request after the present one has ended.
         """
-        return tuple(sorted(self._admission.contending))
+        return self._admission.contending_requests
 
     @property
     def is_missing_rows(self) -> bool:

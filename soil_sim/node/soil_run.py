@@ -14,6 +14,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from soil_sim.endpoint import SoilEndpoint, SoilTickResult
+from soil_sim.node.contention import Contention
 from soil_sim.node.params import SoilNodeParams
 from soil_sim.node.tick_scheduler import TickScheduler
 from soil_sim.site.site import Site
@@ -142,8 +143,8 @@ class SoilRun:
 
         A machine is silent if its part of the next tick is late and its last message is older than
         `machine_timeout`. In real time each of them is dropped; in lockstep only one as which
-        another session requests to join, for example that of a node that was restarted: the run
-        waits for the others. The soil of a dropped machine is absent. Time in which the soil node
+        another session requests to join now (`CONTENTION_TIMEOUT`), for example that of a node that
+        was restarted: the run waits for the others. The soil of a dropped machine is absent. Time in which the soil node
         itself stood still is no silence of a machine: after such a stall each machine has the whole
         `machine_timeout` to send.
 
@@ -157,6 +158,7 @@ class SoilRun:
         if self._last_check_time is not None and now - self._last_check_time > MAX_CHECK_INTERVAL:
             self._watch_start = now
         self._last_check_time = now
+        self._contention.update(now, self.endpoint.exchange.contending_requests)
         if self.endpoint.tick < 0 or (self.paused and self.endpoint.tick >= self._requested_tick):
             return []
         silent = []
@@ -169,7 +171,7 @@ class SoilRun:
             begin = self._session_starts.get(machine_id, -math.inf)  # `last` may be before it
             duration = now - max(last, begin, self._watch_start)
             if duration >= self.params.machine_timeout:
-                is_dropped = self.realtime or machine_id in self.endpoint.exchange.contended
+                is_dropped = self.realtime or self._contention.is_contended(machine_id, now)
                 if is_dropped:
                     self.endpoint.exchange.drop(machine_id)
                 silent.append(SilentMachine(machine_id, duration, is_dropped=is_dropped))
@@ -224,6 +226,7 @@ class SoilRun:
             max_tool_displacement=self.params.max_tool_speed * self.params.tick_period,
             run_id=run_id,
         )
+        self._contention = Contention()
         self._requested_tick = 0
         self._final_tick_pending = False
 

@@ -121,7 +121,7 @@ def test_crashed_machine_restarts_empty_and_its_soil_remains_absent() -> None:
     fleet.machines[1] = FakeMachine(np.random.default_rng(99), 2, session_id=10)
     fleet.connect()
     fleet.machines[1].exchange.join()
-    fleet.until(lambda: fleet.soil.exchange.contended == (2,))
+    fleet.until(lambda: 2 in fleet.soil.exchange.contending_requests)
     fleet.soil.exchange.drop(2)
     fleet.ticks(20)
     assert fleet.soil.exchange.joined == (1, 2)
@@ -248,7 +248,7 @@ def test_random_joins_and_leaves_over_a_lossy_transport_lose_nothing(seed: int) 
             fleet.connect()
             fleet.machines[k].exchange.join()
             restarted = machine.exchange.machine_id
-            fleet.until(lambda n=restarted: n in fleet.soil.exchange.contended)  # type: ignore[misc]
+            fleet.until(lambda n=restarted: n in fleet.soil.exchange.contending_requests)  # type: ignore[misc]
             fleet.soil.exchange.drop(restarted)
     for machine in fleet.machines:
         if machine.exchange.join_state is JoinState.OUT:

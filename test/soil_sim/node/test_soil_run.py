@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.soil_scenes import bucket_sweep, flat_soil, make_deposit_requests
 
+from msg_bridge.contract.messages import MachineHeader, Verb
 from msg_bridge.contract.rows import Rows
 from msg_bridge.exchange.join_state import JoinState
 from msg_bridge.exchange.machine_account import signed_volume
@@ -268,6 +269,26 @@ def test_silent_machine_is_reported_after_the_timeout_and_dropped_in_real_time_o
     found = time.run.check_silent_machines(time.now + 1.5, received)
     assert found == [SilentMachine(1, 1.5, is_dropped=sync == "realtime")]
     assert time.run.endpoint.exchange.joined == ((2,) if sync == "realtime" else (1, 2))
+
+
+@pytest.mark.parametrize("is_repeated", [True, False])
+def test_silent_machine_is_dropped_in_lockstep_while_another_session_requests_to_join(
+    is_repeated: bool,
+) -> None:
+    time = Timeline(1, sync="lockstep")
+    request = MachineHeader(7, 1, 77, -1, Verb.JOIN)
+    time.run.endpoint.receive(request)
+    received = {1: time.now}
+    silent = []
+    for _ in range(8):
+        if is_repeated:
+            time.run.endpoint.receive(request)
+        silent = time.run.check_silent_machines(time.now, received)
+        if silent:
+            break
+        time.now += 0.25
+    assert silent == [SilentMachine(1, 1.0, is_dropped=is_repeated)]
+    assert time.run.endpoint.exchange.joined == (() if is_repeated else (1,))
 
 
 def test_machine_that_is_not_waited_for_is_not_silent() -> None:
