@@ -137,7 +137,7 @@ class SoilEndpoint:
             terrain_mm3=self.soil.total_mm3,
         )
         self._inventory.record_conversions(step.conversions, accounts)
-        self._discard_closed_accounts()
+        self._update_ended_accounts()
         return SoilTickResult(ledger, step)
 
     def release_absent_soil(self) -> tuple[int, ...]:
@@ -176,8 +176,15 @@ class SoilEndpoint:
             if all(map(math.isfinite, position)):
                 self._tool_positions[accounts[machine_id]] = position
 
-    def _discard_closed_accounts(self) -> None:
-        """Discard positions and inventories of accounts that do not exist any more."""
+    def _update_ended_accounts(self) -> None:
+        """Merge positions and inventories of merged accounts; discard those of discarded ones.
+
+        A merged account has the position of the last account that was added to it.
+        """
+        for merged in self.exchange.accounts.merged:
+            self._inventory.merge(merged.number, merged.target)
+            if merged.number in self._tool_positions:
+                self._tool_positions[merged.target] = self._tool_positions.pop(merged.number)
         accounts = self.exchange.accounts.account_numbers
         self._inventory.retain(accounts)
         self._tool_positions = {

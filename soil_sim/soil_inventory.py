@@ -54,9 +54,7 @@ class SoilInventory:
                 continue
             inventory = self._inventories.get(account)
             if inventory is None:
-                inventory = self._inventories[account] = _AccountInventory(
-                    *np.zeros((2, _MAX_SOIL_TYPES), dtype=np.int64)
-                )
+                inventory = self._inventories[account] = _empty_inventory()
             _record(conversions, machine_id, inventory)
 
     def majority_soil(self, account: int) -> tuple[int, int]:
@@ -73,6 +71,15 @@ class SoilInventory:
         moisture = round(int(inventory.water.sum()) / volume)
         return int(inventory.volume.argmax()), min(max(moisture, 0), MOISTURE_LEVELS - 1)
 
+    def merge(self, account: int, target: int) -> None:
+        """Add the soil of an account to that of another one, and discard the account."""
+        inventory = self._inventories.pop(account, None)
+        if inventory is None:
+            return
+        sum_ = self._inventories.setdefault(target, _empty_inventory())
+        sum_.volume[:] += inventory.volume
+        sum_.water[:] += inventory.water
+
     def remove(self, account: int) -> None:
         """Discard the soil of an account: it was released."""
         self._inventories.pop(account, None)
@@ -80,6 +87,10 @@ class SoilInventory:
     def retain(self, accounts: Container[int]) -> None:
         """Discard the soil of all accounts but these."""
         self._inventories = {n: each for n, each in self._inventories.items() if n in accounts}
+
+
+def _empty_inventory() -> _AccountInventory:
+    return _AccountInventory(*np.zeros((2, _MAX_SOIL_TYPES), dtype=np.int64))
 
 
 @kernel

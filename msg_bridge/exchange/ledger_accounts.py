@@ -7,12 +7,13 @@ OUTSIDE rows. None is computed by subtraction, so that soil lost anywhere shows 
 A machine has one account from a JOIN on, over all its rejoins. A further JOIN of the same machine
 id opens another one, without soil, and ends the account before, whose soil is absent. It may come
 from another process, so an ended account is kept until its soil is released: the machine that holds
-the soil can still rejoin with it.
+the soil can still rejoin with it. Of each machine id that is possible with the last
+`MAX_REJOINABLE_ACCOUNTS` ended accounts; older ones are merged into one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -26,17 +27,23 @@ from msg_bridge.contract.rows import (
     machine_ids_in,
     rows_of_machine,
 )
+from msg_bridge.exchange.ended_accounts import EndedAccounts, MergedAccount
 from msg_bridge.exchange.machine_account import MachineAccount, signed_volume
 
 __all__ = ["LedgerAccounts"]
 
 
 class LedgerAccounts:
-    """Accounts of all machines, and the soil outside of the map."""
+    """Accounts of all machines, and the soil outside of the map.
+
+    Attributes:
+        merged: accounts that were merged at the end of the last tick.
+    """
 
     def __init__(self) -> None:
         self._machines: dict[int, MachineAccount] = {}  # by machine id
-        self._ended: dict[int, list[MachineAccount]] = {}  # by machine id, the oldest first
+        self._ended: dict[int, EndedAccounts] = {}  # by machine id, none empty
+        self.merged: list[MergedAccount] = []
         # By machine id, the smallest `applied` of the accounts that were empty when they ended, and
         # discarded.
         self._applied_of_discarded: dict[int, int] = {}
@@ -77,7 +84,8 @@ class LedgerAccounts:
     @property
     def account_numbers(self) -> frozenset[int]:
         """Numbers of all accounts: of each machine that has joined, and the ended ones."""
-        return frozenset(account.number for account in self._all_accounts())
+        numbers = {account.number for account in self._machines.values()}
+        return frozenset(numbers.union(*(ended.numbers for ended in self._ended.values())))
 
     @property
     def machines_with_ended_accounts(self) -> tuple[int, ...]:
@@ -133,6 +141,7 @@ class LedgerAccounts:
                     )
                     self._machines[machine_id].add_in_flight(numbers[own], conversions[own])
         self._released.clear()
+        self.merged.clear()
 
     def check_totals(self, header: MachineHeader) -> None:
         """Check that the soil a machine reports is what it was credited with.
@@ -217,8 +226,7 @@ class LedgerAccounts:
                 f"machine {machine_id} requests to rejoin but has never taken part; join",
                 ErrorCode.REJOIN_VOLUME,
             )
-        ended = self._ended.get(machine_id, [])
-        account = next((each for each in (last, *reversed(ended)) if each.matches(header)), None)
+        account = last if last.matches(header) else self._take_ended(header)
         if account is None:
             if self._left_empty(header, published):
                 self.join(machine_id, published)
@@ -230,9 +238,6 @@ class LedgerAccounts:
                 ErrorCode.REJOIN_VOLUME,
             )
         if account is not last:
-            ended.remove(account)
-            if not ended:
-                del self._ended[machine_id]
             self._end_account(machine_id)
             self._machines[machine_id] = account
         account.rejoin(header, published)
@@ -246,7 +251,8 @@ class LedgerAccounts:
         account = self._machines.get(machine_id)
         if account is None or account.is_joined:
             return {}
-        return self._release([*self._ended.pop(machine_id, []), account], machine_id)
+        ended = self._ended.pop(machine_id, EndedAccounts())
+        return self._release(ended.release() | {account.number: account.release()}, machine_id)
 
     def release_ended(self, machine_id: int) -> dict[int, int]:
         """Take over the soil of the ended accounts of a machine, and discard them.
@@ -257,9 +263,9 @@ class LedgerAccounts:
         Returns:
             As `release`.
         """
-        ended = self._ended.pop(machine_id, [])
+        ended = self._ended.pop(machine_id, EndedAccounts())
         is_joined = machine_id in self.joined_accounts
-        return self._release(ended, ENDED_SESSION if is_joined else machine_id)
+        return self._release(ended.release(), ENDED_SESSION if is_joined else machine_id)
 
     def leave(self, machine_id: int) -> None:
         """Close the account of a machine: its soil is absent, its unacknowledged rows are kept."""
@@ -296,7 +302,19 @@ class LedgerAccounts:
             applied = self._applied_of_discarded.get(machine_id, account.applied)
             self._applied_of_discarded[machine_id] = min(applied, account.applied)
         else:
-            self._ended.setdefault(machine_id, []).append(account)
+            merged = self._ended.setdefault(machine_id, EndedAccounts()).add(account)
+            if merged is not None:
+                self.merged.append(merged)
+
+    def _take_ended(self, header: MachineHeader) -> MachineAccount | None:
+        """Remove and return the ended account that a request to rejoin matches, if any."""
+        ended = self._ended.get(header.machine_id)
+        if ended is None:
+            return None
+        account = ended.take_matching(header)
+        if ended.is_empty:
+            del self._ended[header.machine_id]
+        return account
 
     def _left_empty(self, header: MachineHeader, published: int) -> bool:
         """Return whether a request to rejoin can be that of a machine with a discarded account."""
@@ -307,22 +325,17 @@ class LedgerAccounts:
 
     def _ended_volume(self, machine_id: int) -> int:
         """Return the soil of the ended accounts of a machine [mm^3]."""
-        return sum(account.volume for account in self._ended.get(machine_id, ()))
+        ended = self._ended.get(machine_id)
+        return 0 if ended is None else ended.volume
 
-    def _release(self, accounts: Iterable[MachineAccount], machine_id: int) -> dict[int, int]:
-        """Empty accounts, whose soil the next rows deposit with a machine id.
+    def _release(self, volumes: Mapping[int, int], machine_id: int) -> dict[int, int]:
+        """Record volumes by account that the next rows deposit with a machine id [mm^3].
 
         Returns:
-            Volume by number of the account [mm^3], none of them 0.
+            Those that are not 0.
         """
-        released = {account.number: account.release() for account in accounts}
-        released = {number: volume for number, volume in released.items() if volume}
+        released = {number: volume for number, volume in volumes.items() if volume}
         if released:
             total = self._released.get(machine_id, 0) + sum(released.values())
             self._released[machine_id] = total
         return released
-
-    def _all_accounts(self) -> Iterator[MachineAccount]:
-        yield from self._machines.values()
-        for ended in self._ended.values():
-            yield from ended

@@ -143,10 +143,10 @@ class SoilRun:
 
         A machine is silent if its part of the next tick is late and its last message is older than
         `machine_timeout`. In real time each of them is dropped; in lockstep only one as which
-        another session requests to join now (`CONTENTION_TIMEOUT`), for example that of a node that
-        was restarted: the run waits for the others. The soil of a dropped machine is absent. Time in
-        which the soil node itself stood still is no silence of a machine: after such a stall each
-        machine has the whole `machine_timeout` to send.
+        another session requests to join now (see `CONTENTION_TIMEOUT`), for example that of a node
+        that was restarted: the run waits for the others. The soil of a dropped machine is absent.
+        Time in which the soil node itself stood still is no silence of a machine: after such a
+        stall each machine has the whole `machine_timeout` to send.
 
         Args:
             now: monotonic wall clock [s].

@@ -11,6 +11,7 @@ from support.soil_scenes import bucket_sweep, flat_soil, make_deposit_requests
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.messages import Keyframe, Message, SoilHeader
 from msg_bridge.contract.rows import MAX_ROW_VOLUME, Rows
+from msg_bridge.exchange import ended_accounts
 from msg_bridge.exchange.machine_exchange import MachineExchange
 from soil_sim.endpoint import SoilEndpoint, SoilTickResult, split_into_deposit_requests
 from soil_sim.soil import Soil
@@ -340,6 +341,29 @@ def test_soil_of_each_session_is_released_where_and_as_its_machine_had_it() -> N
     digger.leave(3.0)
     assert endpoint.release_absent_soil() == (1,)
     assert released_soil(endpoint) == {(0, 3.0)}
+
+
+def test_merged_accounts_are_released_with_the_kind_and_place_of_their_soil(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(ended_accounts, "MAX_REJOINABLE_ACCOUNTS", 1)
+    grid = Grid(61, 61, 0.2)
+    soil_ids = np.zeros(grid.shape, dtype=np.uint8)
+    soil_ids[int(grid.row(1.5)) :] = 1  # rows begin at +x
+    params = SoilParams(soil="loam", additional_soils=("wet clay",))
+    endpoint = SoilEndpoint(Soil(grid, np.zeros(grid.shape), params, soil=soil_ids))
+    welcomed(endpoint).dig(x=3.0)  # loam
+    for session, x in ((5, 0.0), (9, 0.0), (13, 3.0), (17, None)):
+        endpoint.exchange.drop(1)
+        digger = Digger(endpoint, session_id=session)
+        endpoint.advance(wait=False)
+        digger.deliver()
+        if x is not None:
+            digger.dig(x)
+    assert len(endpoint.exchange.accounts.account_numbers) == 3
+    assert endpoint.release_absent_soil() == (1,)
+    # The three older sessions hold more clay than loam; the last of them was at 0.
+    assert released_soil(endpoint, digger) == {(1, 0.0), (0, 3.0)}
 
 
 def test_released_volume_beyond_the_limit_of_a_row_is_complete() -> None:

@@ -6,6 +6,7 @@ from support.wire import raises
 from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.messages import MachineHeader, RowRange, Verb
 from msg_bridge.contract.rows import CONVERSION, ConversionKind, empty_rows
+from msg_bridge.exchange.ended_accounts import MAX_REJOINABLE_ACCOUNTS
 from msg_bridge.exchange.ledger_accounts import LedgerAccounts
 from msg_bridge.exchange.machine_account import signed_volume
 
@@ -92,3 +93,54 @@ def test_ledger_contains_all_accounts(accounts):
     later = accounts.ledger(1, 4, 4990)
     assert (later.start, later.imbalance) == (ledger.start, -10)
     assert accounts.absent == (1,)
+
+
+NUM_SESSIONS = 1000
+
+
+def crashed_often(*kinds: ConversionKind) -> LedgerAccounts:
+    """Return accounts of a machine that crashed in many sessions, after a row of each kind in each.
+
+    The rows of session k have a volume of k + 1.
+    """
+    accounts = LedgerAccounts()
+    for k in range(NUM_SESSIONS):
+        last = k * len(kinds)
+        accounts.join(1, last)
+        rows = moved(*[(1, kind, k + 1) for kind in kinds])
+        accounts.add_in_flight(RowRange(last + 1, len(kinds)), rows)
+        accounts.leave(1)
+    return accounts
+
+
+def test_number_of_ended_accounts_is_bounded():
+    accounts = crashed_often(ConversionKind.EXCAVATE)
+    ended = MAX_REJOINABLE_ACCOUNTS + 1
+    assert len(accounts.account_numbers) == ended + 1
+    ledger = accounts.ledger(1, 1, 0)
+    assert ledger.total == sum(range(1, NUM_SESSIONS + 1))
+    released = accounts.release(1)
+    assert sum(released.values()) == ledger.total
+    assert len(released) == ended + 1
+    assert len(accounts.account_numbers) == 1
+
+
+def test_machine_can_rejoin_with_one_of_the_last_ended_accounts():
+    accounts = crashed_often(ConversionKind.EXCAVATE)
+    oldest = NUM_SESSIONS - MAX_REJOINABLE_ACCOUNTS  # soil and row of the oldest such session
+    with raises(ErrorCode.REJOIN_VOLUME):
+        accounts.rejoin(header(oldest - 1, volume=oldest - 1, verb=Verb.REJOIN), NUM_SESSIONS)
+    accounts.rejoin(header(oldest, volume=oldest, verb=Verb.REJOIN), NUM_SESSIONS)
+    assert accounts.ledger(1, 1, 0).pending == oldest
+    assert accounts.ledger(1, 1, 0).total == sum(range(1, NUM_SESSIONS + 1))
+    assert len(accounts.account_numbers) == MAX_REJOINABLE_ACCOUNTS + 2
+
+
+def test_ended_accounts_without_volume_are_discarded_by_a_release():
+    accounts = crashed_often(ConversionKind.EXCAVATE, ConversionKind.DEPOSIT)
+    assert accounts.absent == ()
+    assert len(accounts.account_numbers) == MAX_REJOINABLE_ACCOUNTS + 1
+    assert accounts.machines_with_ended_accounts == (1,)
+    assert accounts.release_ended(1) == {}
+    assert len(accounts.account_numbers) == 1
+    assert accounts.machines_with_ended_accounts == ()
