@@ -14,7 +14,7 @@ Modules in the order of the computation:
 - `completeness`: headers and rows that are missing, miscounted or contradictory
 - `terrain_volume`: the terrain by conversion rows and cell by cell, compared with its maps
 - `released_rows`: conversion rows that put down the soil of absent machines
-- `machine_account`: the soil of one machine, by its headers and conversion rows
+- `machine_account_replay`: the accounts of one machine id, by its headers and conversion rows
 - `accounts`: the accounts of every tick, compared with the published ledger
 - `deposit_requests`: each deposit request has one answer, and backlogs are exact copies
 - `differences`: one finding about a difference over many ticks

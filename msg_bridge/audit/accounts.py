@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from msg_bridge.audit.audit_window import Window
 from msg_bridge.audit.differences import difference_finding
-from msg_bridge.audit.machine_account import MachineAccount
+from msg_bridge.audit.machine_account_replay import MachineAccountReplay
 from msg_bridge.audit.membership import MembershipChange, MembershipEvent, MembershipTimeline
 from msg_bridge.audit.numbered_rows import NumberedRows, Numbers, contiguous_ranges
 from msg_bridge.audit.report import Check, CheckResult, Finding
 from msg_bridge.audit.soil_ticks import SoilTicks
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import MachineHeader, Stream, Verb
-from msg_bridge.contract.rows import ENDED_SESSION, ConversionKind
+from msg_bridge.contract.rows import ConversionKind
 
 __all__ = ["ACCOUNTS", "AccountsAudit", "audit_accounts"]
 
@@ -65,7 +65,7 @@ def audit_accounts(
         ledgers: the published ledgers by tick.
     """
     result = AccountsAudit()
-    replay = _AccountReplay(soil, window, timeline, conversions, released, result)
+    replay = _LedgerReplay(soil, window, timeline, conversions, released, result)
     computed, known = replay.run()
     if terrain is None:
         why = "the volume of the terrain is not known at any tick"
@@ -98,7 +98,7 @@ def audit_accounts(
     return result
 
 
-class _AccountReplay:
+class _LedgerReplay:
     """Replays the events of all ticks.
 
     Attributes:
@@ -117,10 +117,11 @@ class _AccountReplay:
     ) -> None:
         self._soil, self._window, self._timeline, self._result = soil, window, timeline, result
         self._conversions, self._released = conversions, released
-        # Released soil of ended sessions is deposited for no machine.
-        self._accounts: dict[int, MachineAccount] = {
-            ENDED_SESSION: MachineAccount(ENDED_SESSION, conversions, released)
-        }
+        self._accounts: dict[int, MachineAccountReplay] = {}  # by machine id
+        self._released_volumes = _released_volumes(soil, conversions, released)
+        # Released volume that was taken from no account here [mm^3]: rows of ended accounts do not
+        # name their machine, and what machines left behind before the bag begins is unknown.
+        self._other_released_volume = 0
         self._num_wrong_headers = 0
         self.num_headers = 0
         self.unknown: list[str] = []
@@ -138,20 +139,41 @@ class _AccountReplay:
         computed, known = [], []
         for index in range(self._window.last + 1):
             last = int(last_rows[index])
-            for event in self._timeline.events[index]:
-                self._apply_event(event, index, last)
+            self._apply_tick(index, last)
             if index < self._window.first:
                 continue
             balances = np.array([a.balances(last) for a in self._accounts.values()], dtype=np.int64)
-            computed.append([0, *balances.reshape(-1, 4).sum(axis=0).tolist(), int(outside[index])])
+            in_machines = balances.reshape(-1, 4).sum(axis=0)
+            in_machines[3] -= self._other_released_volume
+            computed.append([0, *in_machines.tolist(), int(outside[index])])
             known.append(not any(event.is_header_missing for event in self._timeline.events[index]))
         return np.array(computed, dtype=np.int64), np.array(known, dtype=np.bool_)
+
+    def _apply_tick(self, index: int, last: int) -> None:
+        """Apply the events and the releases of a soil tick.
+
+        Args:
+            index: index of the soil tick.
+            last: its last conversion row.
+        """
+        # Machines are dropped before the soil is released; they leave and join at the end.
+        events = self._timeline.events[index]
+        dropped = [event for event in events if event.change is MembershipChange.DROPPED]
+        for event in dropped:
+            self._apply_event(event, index, last)
+        for machine_id, volume in self._released_volumes.get(index, {}).items():
+            account = self._accounts.get(machine_id)
+            known = 0 if account is None else account.release(last)
+            self._other_released_volume += volume - known
+        for event in events:
+            if event not in dropped:
+                self._apply_event(event, index, last)
 
     def _apply_event(self, event: MembershipEvent, index: int, last: int) -> None:
         machine_id = event.session.machine_id
         new = machine_id not in self._accounts
         if new:
-            self._accounts[machine_id] = MachineAccount(
+            self._accounts[machine_id] = MachineAccountReplay(
                 machine_id, self._conversions, self._released
             )
         account, header = self._accounts[machine_id], event.header
@@ -162,10 +184,10 @@ class _AccountReplay:
         if event.change is MembershipChange.JOINED:
             rejoins = event.backlog > 0 if header is None else header.verb is Verb.REJOIN
             if not rejoins:
-                account.start_empty_session(last)
+                account.join(last)
                 return
             if header is not None:
-                account.select_holding(header, last)
+                account.select_account(header, last)
             if new and not self._soil.from_start:
                 tick = int(self._soil.ticks[index])
                 self.unknown.append(
@@ -185,7 +207,7 @@ class _AccountReplay:
 
     def _check_header(
         self,
-        account: MachineAccount,
+        account: MachineAccountReplay,
         header: MachineHeader,
         event: MembershipEvent,
         tick: int,
@@ -214,6 +236,25 @@ class _AccountReplay:
                 f" {header.soil_mm3 - excess} mm3"
             )
         self._result.findings.append(Finding(Check.ACCOUNTS, text, tick, tick))
+
+
+def _released_volumes(
+    soil: SoilTicks, conversions: NumberedRows, released: NDArray[np.bool_]
+) -> dict[int, dict[int, int]]:
+    """Return the volume of released soil [mm^3] by index of the soil tick and by machine id.
+
+    Args:
+        soil, conversions: the run.
+        released: which conversion rows released soil, shape (rows,).
+    """
+    rows = conversions.rows[released]
+    index = np.searchsorted(soil.spans[Stream.CONVERSION].last, conversions.numbers[released])
+    volumes: dict[int, dict[int, int]] = {}
+    for row, tick_index in zip(rows, index.tolist(), strict=True):
+        machines = volumes.setdefault(tick_index, {})
+        machine_id = int(row["machine_id"])
+        machines[machine_id] = machines.get(machine_id, 0) + int(row["volume_mm3"])
+    return volumes
 
 
 def _compare_ledgers(

@@ -107,6 +107,10 @@ class ScriptedMachine:
                 if row["kind"] != ConversionKind.REJECT:
                     assert self._particles.pop(particle) == row["volume_mm3"]
 
+    def repeat_deposit_requests(self) -> None:
+        """Request the deposits again that a former session did not answer."""
+        self._awaiting_answer.clear()
+
 
 class RecordedRun:
     """Soil and machines in lockstep, with all their messages recorded.
