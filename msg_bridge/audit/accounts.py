@@ -21,7 +21,7 @@ from msg_bridge.audit.report import Check, CheckResult, Finding
 from msg_bridge.audit.soil_ticks import SoilTicks
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import MachineHeader, Stream, Verb
-from msg_bridge.contract.rows import ConversionKind
+from msg_bridge.contract.rows import ENDED_SESSION, ConversionKind
 
 __all__ = ["ACCOUNTS", "AccountsAudit", "audit_accounts"]
 
@@ -119,8 +119,8 @@ class _LedgerReplay:
         self._conversions, self._released = conversions, released
         self._accounts: dict[int, MachineAccountReplay] = {}  # by machine id
         self._released_volumes = _released_volumes(soil, conversions, released)
-        # Released volume that was taken from no account here [mm^3]: rows of ended accounts do not
-        # name their machine, and what machines left behind before the bag begins is unknown.
+        # Released volume that was taken from no account here [mm^3]: what machines left behind
+        # before the bag begins is unknown.
         self._other_released_volume = 0
         self._num_wrong_headers = 0
         self.num_headers = 0
@@ -162,12 +162,26 @@ class _LedgerReplay:
         for event in dropped:
             self._apply_event(event, index, last)
         for machine_id, volume in self._released_volumes.get(index, {}).items():
-            account = self._accounts.get(machine_id)
-            known = 0 if account is None else account.release(last)
+            known = 0
+            if machine_id == ENDED_SESSION:
+                known = sum(each.release_ended() for each in self._with_ended_volume(volume))
+            elif machine_id in self._accounts:
+                known = self._accounts[machine_id].release(last)
             self._other_released_volume += volume - known
         for event in events:
             if event not in dropped:
                 self._apply_event(event, index, last)
+
+    def _with_ended_volume(self, volume: int) -> list[MachineAccountReplay]:
+        """Return the joined machines whose ended accounts have a volume [mm^3]; [] if unknown.
+
+        Rows of ended accounts do not name their machine: they are of all joined ones, or of one.
+        """
+        joined = [each for each in self._accounts.values() if each.present]
+        for machines in (joined, *([each] for each in joined)):
+            if sum(each.ended_volume for each in machines) == volume:
+                return machines
+        return []
 
     def _apply_event(self, event: MembershipEvent, index: int, last: int) -> None:
         machine_id = event.session.machine_id
@@ -186,8 +200,11 @@ class _LedgerReplay:
             if not rejoins:
                 account.join(last)
                 return
-            if header is not None:
-                account.select_account(header, last)
+            is_known = header is None or account.select_account(header, last)
+            if header is not None and header.soil_mm3 == 0 and not (is_known or new):
+                # Its account was empty when it ended, and was discarded.
+                account.join(last)
+                return
             if new and not self._soil.from_start:
                 tick = int(self._soil.ticks[index])
                 self.unknown.append(

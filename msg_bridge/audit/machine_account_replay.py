@@ -80,6 +80,11 @@ class MachineAccountReplay:
         """Number of the last conversion row included in the soil of the last header."""
         return self._account.received
 
+    @property
+    def ended_volume(self) -> int:
+        """Soil of the ended accounts [mm^3]."""
+        return sum(self._expected(each.account, each.published) for each in self._ended)
+
     def expected(self, received: int) -> int:
         """Return the soil that the machine must have after rows up to `received` [mm^3]."""
         return self._expected(self._account, received)
@@ -105,26 +110,30 @@ class MachineAccountReplay:
         self._account = _Account(received=published)
         self._before_rejoin = None
 
-    def select_account(self, header: MachineHeader, published: int) -> None:
+    def select_account(self, header: MachineHeader, published: int) -> bool:
         """Before a rejoin, return to the last account that a request to rejoin matches.
 
         Args:
             header: the request.
             published: last conversion row published.
+
+        Returns:
+            Whether there is one.
         """
         if self._matches(self._account, header, published):
-            return
+            return True
         matching = (
             e for e in reversed(self._ended) if self._matches(e.account, header, e.published)
         )
         ended = next(matching, None)
         if ended is None:
-            return
+            return False
         self._ended.remove(ended)
         self._ended.append(_EndedAccount(self._account, published))
         account = ended.account
         other_session = (ended.published, published)
         self._account = replace(account, excluded=(*account.excluded, other_session))
+        return True
 
     def rejoin(self, header: MachineHeader) -> None:
         """Continue the account with a request to rejoin."""
@@ -139,15 +148,20 @@ class MachineAccountReplay:
             published: last conversion row published.
         """
         account = self._account
-        volume = self._expected(account, published) + self._ended_volume()
-        self._ended.clear()
+        volume = self._expected(account, published) + self.release_ended()
         in_flight = (account.received, published)
         self._account = replace(account, pending=0, particles=0, excluded=(in_flight,))
         return volume
 
+    def release_ended(self) -> int:
+        """Remove all soil of the ended accounts; return the volume [mm^3]."""
+        volume = self.ended_volume
+        self._ended.clear()
+        return volume
+
     def balances(self, published: int) -> tuple[int, int, int, int]:
         """Return (in flight, pending, particles, absent) after row `published` [mm^3]."""
-        account, absent = self._account, self._ended_volume()
+        account, absent = self._account, self.ended_volume
         in_flight = self._in_flight(account, published)
         if self.present:
             return in_flight, account.pending, account.particles, absent
@@ -160,10 +174,6 @@ class MachineAccountReplay:
             particles=header.particles_mm3,
             received=header.conversions_received,
         )
-
-    def _ended_volume(self) -> int:
-        """Return the soil of the ended accounts [mm^3]."""
-        return sum(self._expected(each.account, each.published) for each in self._ended)
 
     def _matches(self, account: _Account, header: MachineHeader, published: int) -> bool:
         """Return whether a header reports an account whose rows end with `published`."""

@@ -83,7 +83,7 @@ class RandomSessions:
         processes = self._processes[machine_id]
         event = rng.choice(["crash", "leave", "drop", "swap", "swap", "release"])
         if event == "release":
-            if machine_id in run.soil_endpoint.accounts.forfeited:
+            if machine_id in run.soil_endpoint.accounts.ended_volumes:
                 run.release_forfeited(machine_id)
             return
         if event == "crash" or not processes:
