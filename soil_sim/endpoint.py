@@ -143,8 +143,8 @@ class SoilEndpoint:
     def release_absent_soil(self) -> tuple[int, ...]:
         """Turn absent soil into terrain in the next tick, at the last tool position of its machine.
 
-        That is the soil of machines that take no part, and the soil that joined machines left
-        behind in earlier sessions. The soil of each account (see `LedgerAccounts`) gets the
+        That is the soil of machines that take no part, and of the ended accounts of joined
+        machines. The soil of each account (see `LedgerAccounts`) gets the
         majority kind and the mean moisture of what its machine excavated. A machine that requests
         to rejoin before that tick keeps its soil.
 

@@ -3,7 +3,8 @@
 Headers, requests, rejections and chunks of rows then end with an authentication code: HMAC-SHA-256
 (RFC 2104) of the message's kind and content, cut to 128 bits. Whoever lacks the key can read the
 messages but not forge or change them. Messages that are sent again change nothing, because the
-exchange drops them by their numbers; the last ones only show their sender as alive.
+exchange drops them by their numbers; the most recent ones only keep their sender from being
+dropped.
 """
 
 from __future__ import annotations

@@ -19,6 +19,8 @@ Messages go into each end through `receive` and come out of `drain_outbox`.
     - `tick_input`: the rows that all machines sent for one tick
     - `soil_streams`: the rows and headers it has published
     - `ledger_accounts`: the ledger: soil in flight, pending, in particles, absent and outside
+        - `machine_account`: the account of one machine
+        - `ended_accounts`: the ended accounts of one machine id
 - `direct_transport`: carries the messages within one process
 - `terrain_follower`: the surface at the end of a tick, for observers that send nothing
 

@@ -268,7 +268,7 @@ class LedgerAccounts:
         return self._release(ended.release(), ENDED_SESSION if is_joined else machine_id)
 
     def leave(self, machine_id: int) -> None:
-        """Close the account of a machine: its soil is absent, its unacknowledged rows are kept."""
+        """End the session of a machine: its soil is absent, its unacknowledged rows are kept."""
         self._machines[machine_id].leave()
 
     def ledger(self, run_id: int, tick: int, terrain: int) -> Ledger:

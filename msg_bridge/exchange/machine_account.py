@@ -167,7 +167,7 @@ class MachineAccount:
         self._before_rejoin = None
 
     def leave(self) -> None:
-        """End the session. One without a processed tick leaves no trace.
+        """End the session. One without a processed tick does not change the account.
 
         A request to rejoin need not come from the machine, and may acknowledge more rows than the
         machine has applied.
