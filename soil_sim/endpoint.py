@@ -144,9 +144,9 @@ class SoilEndpoint:
         """Turn absent soil into terrain in the next tick, at the last tool position of its machine.
 
         That is the soil of machines that take no part, and of the ended accounts of joined
-        machines. The soil of each account (see `LedgerAccounts`) gets the
-        majority kind and the mean moisture of what its machine excavated. A machine that requests
-        to rejoin before that tick keeps its soil.
+        machines. The soil of each account (see `LedgerAccounts`) gets the majority kind and the mean
+        moisture of what its machine excavated. A machine that requests to rejoin before that tick
+        keeps its soil.
 
         Returns:
             Ids of the machines whose soil is released, ascending.
