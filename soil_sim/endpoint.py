@@ -144,9 +144,9 @@ class SoilEndpoint:
         """Turn absent soil into terrain in the next tick, at the last tool position of its machine.
 
         That is the soil of machines that take no part, and of the ended accounts of joined
-        machines. The soil of each account (see `LedgerAccounts`) gets the majority kind and the mean
-        moisture of what its machine excavated. A machine that requests to rejoin before that tick
-        keeps its soil.
+        machines. The soil of each account (see `LedgerAccounts`) gets the majority kind and the
+        mean moisture of what its machine excavated. A machine that requests to rejoin before that
+        tick keeps its soil.
 
         Returns:
             Ids of the machines whose soil is released, ascending.
@@ -197,18 +197,17 @@ class SoilEndpoint:
         A machine whose release was requested while it took part may have been dropped since then:
         it keeps what it holds.
         """
-        by_row_id: dict[int, dict[int, int]] = {}  # volume by account, by machine id of the rows
-        for machine_id in self._machines_to_release:
-            if machine_id in self.exchange.releasable_machines:
-                by_row_id[machine_id] = self.exchange.release(machine_id)
-        joined = self.exchange.joined
+        parts = [
+            self._deposit_requests(machine_id, self.exchange.release(machine_id))
+            for machine_id in self._machines_to_release
+            if machine_id in self.exchange.releasable_machines
+        ]
+        of_ended: dict[int, int] = {}  # volume by number of the account [mm^3]
         for machine_id in self._ended_to_release:
             if machine_id in self.exchange.machines_with_ended_accounts:
-                row_id = ENDED_SESSION if machine_id in joined else machine_id
-                by_row_id.setdefault(row_id, {}).update(self.exchange.release_ended(machine_id))
+                of_ended |= self.exchange.release_ended(machine_id)
         self._machines_to_release = self._ended_to_release = ()
-        parts = [self._deposit_requests(row_id, volumes) for row_id, volumes in by_row_id.items()]
-        return join_rows(parts, DEPOSIT_REQUEST)
+        return join_rows([*parts, self._deposit_requests(ENDED_SESSION, of_ended)], DEPOSIT_REQUEST)
 
     def _deposit_requests(self, machine_id: int, volumes: Mapping[int, int]) -> Rows:
         """Return DEPOSIT_REQUEST rows of released soil.

@@ -257,15 +257,13 @@ class LedgerAccounts:
     def release_ended(self, machine_id: int) -> dict[int, int]:
         """Take over the soil of the ended accounts of a machine, and discard them.
 
-        The next rows must deposit it: with the machine id `ENDED_SESSION` if the machine takes
-        part, else with its own.
+        The next rows must deposit it with the machine id `ENDED_SESSION`.
 
         Returns:
             As `release`.
         """
         ended = self._ended.pop(machine_id, EndedAccounts())
-        is_joined = machine_id in self.joined_accounts
-        return self._release(ended.release(), ENDED_SESSION if is_joined else machine_id)
+        return self._release(ended.release(), ENDED_SESSION)
 
     def leave(self, machine_id: int) -> None:
         """End the session of a machine: its soil is absent, its unacknowledged rows are kept."""

@@ -284,8 +284,8 @@ class SoilExchange:
     def release_ended(self, machine_id: int) -> dict[int, int]:
         """Take over the soil of the ended accounts of a machine.
 
-        The next `answer` must contain DEPOSIT or OUTSIDE rows for all of it: with the machine id
-        `ENDED_SESSION` if the machine takes part, else with its own.
+        The next `answer` must contain DEPOSIT or OUTSIDE rows with the machine id `ENDED_SESSION`
+        for all of it.
 
         Returns:
             As `release`.
