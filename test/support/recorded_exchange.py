@@ -210,7 +210,7 @@ class RecordedRun:
         self.step(released=rows)
         return volume
 
-    def release_forfeited(self, machine_id: int) -> int:
+    def release_ended(self, machine_id: int) -> int:
         """Release what a joined machine left behind in earlier sessions; return it [mm^3]."""
         volume = sum(self.soil_endpoint.release_ended(machine_id).values())
         rows = empty_rows(DEPOSIT_REQUEST, 1)

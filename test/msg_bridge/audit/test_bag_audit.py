@@ -71,7 +71,7 @@ def test_run_with_machines_that_leave_rejoin_and_crash_passes(audit) -> None:
     for _ in range(10):
         run.step()
     assert run.soil_endpoint.ledger.absent > 0
-    released = run.release_forfeited(2)
+    released = run.release_ended(2)
     for _ in range(5):
         run.step()
     run.keyframe()
@@ -116,7 +116,7 @@ def test_run_in_which_another_process_took_the_place_of_a_machine_passes(
         run.step()
     assert (run.soil_endpoint.ledger.absent > 0) is has_ticks
     if has_ticks:
-        run.release_forfeited(2)
+        run.release_ended(2)
     assert run.soil_endpoint.ledger.absent == 0
     run.step()
     run.keyframe()

@@ -46,7 +46,7 @@ def test_releases_while_the_machine_is_joined_and_after_it_was_dropped_pass(audi
     step(run, 10)
     run.crash(2, ScriptedMachine(9, y=0.5))
     step(run, 8)
-    assert run.release_forfeited(2) > 0
+    assert run.release_ended(2) > 0
     step(run, 4)
     drop(run, 2)
     assert run.soil_endpoint.ledger.in_flight != 0
@@ -84,7 +84,7 @@ class RandomSessions:
         event = rng.choice(["crash", "leave", "drop", "swap", "swap", "release"])
         if event == "release":
             if machine_id in run.soil_endpoint.accounts.ended_volumes:
-                run.release_forfeited(machine_id)
+                run.release_ended(machine_id)
             return
         if event == "crash" or not processes:
             processes.append(self._process(machine_id))
