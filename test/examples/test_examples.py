@@ -63,10 +63,8 @@ def test_keyboard_drive_prints_its_keys_at_the_start(ros_domain: int) -> None:
     command = [sys.executable, str(EXAMPLES / "keyboard_drive.py")]
     done = subprocess.run(command, input="wq", capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
-    teleop = (EXAMPLES.parent / "docs/teleop.md").read_text(encoding="utf-8")
     for key in load("keyboard_drive").KEYS:
         assert f" {key} " in done.stdout
-        assert f"`{key}`" in teleop
 
 
 def test_ten_lines_publishes_velocities(ros: Ros, ros_process: StartProcess) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 
 import pytest
 
@@ -10,8 +11,9 @@ from machine_sim.commands import TRACK_NAMES, CommandParams
 from machine_sim.commands.actuators import Actuator
 from machine_sim.commands.joystick import Joystick
 from teleop.joy_axes import to_joy
-from teleop.key_layout import CONTROLS, KEYS
+from teleop.key_layout import ACTION_KEYS, CONTROLS, KEYS
 from teleop.levers import Levers
+from teleop.terminal_page import MachineView, page_lines
 
 
 def test_lever_moves_while_its_key_is_held_and_returns_at_once() -> None:
@@ -46,6 +48,15 @@ def test_speed_limits_the_deflection_from_a_tenth_to_all() -> None:
 def test_every_control_has_a_key_for_each_direction() -> None:
     for control, sign in itertools.product(CONTROLS, (1.0, -1.0)):
         assert {control: sign} in KEYS.values()
+
+
+def test_keys_are_documented_and_shown() -> None:
+    page = (Path(__file__).parents[2] / "docs/teleop.md").read_text(encoding="utf-8")
+    shown = "\n".join(page_lines("/m", MachineView(), Levers().deflections, 1.0, has_releases=True))
+    keys = {*KEYS, *ACTION_KEYS} - {"up", "down", "left", "right"}
+    for key in {"space" if key == " " else key for key in keys}:
+        assert f"`{key}`" in page or key == "space"
+        assert f" {key} " in shown
 
 
 @pytest.mark.parametrize(
