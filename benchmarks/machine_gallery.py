@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dig_operator import BehaviourParams, DigTask, DigTaskParams, FaceCuttingParams, FaceCuttingTask
-from earthmoving_sim.machine_polygons import machine_faces
+from earthmoving_sim.coloured_mesh import ColouredMesh, merge_meshes, polygon_mesh
+from earthmoving_sim.machine_mesh import machine_mesh
 from earthmoving_sim.operated_machine import OperatedMachine
 from earthmoving_sim.pictures.site_3d import draw_site_3d
 from earthmoving_sim.pictures.site_record import SiteRecord
@@ -29,7 +30,7 @@ from msg_bridge.contract.grid import Grid
 from soil_sim.soil import Soil
 from soil_sim.soils.params import SoilParams
 
-_PARTICLE_COLOUR = "#7d5a38"
+_PARTICLE_COLOUR = (0.49, 0.353, 0.22)
 _NOMINAL_VOLUME = 1_000_000
 """Nominal bank volume of a particle [mm^3]."""
 _COMMAND_INTERVAL_TICKS = 2
@@ -119,7 +120,9 @@ def _work(
             world.step()
         if world.tick % 500 == 0:
             print(f"  {title}: {world.tick * tick:.0f} s, {operator.phase}", flush=True)
-    faces = [face for each in sim.simulated_machines for face in _polygons(each.machine)]
+    meshes = [_mesh(each.machine) for each in sim.simulated_machines]
+    particles = polygon_mesh(_particle_polygons(sim.particles), first_part=10_000)
+    meshes += [particles] if particles else []
     record = SiteRecord(
         grid=soil.grid,
         before=before,
@@ -130,21 +133,23 @@ def _work(
         lip_phase=np.zeros(0, str),
         machine_outline=(),
         title=title,
-        machine_faces=[*faces, *_particle_polygons(sim.particles)],
+        machine_mesh=merge_meshes(*meshes),
         machine_position=(float(machine.base_pose[0][0]), float(machine.base_pose[0][1])),
     )
     world.close()
     return record
 
 
-def _polygons(machine: TrackedMachine) -> list[tuple[str, NDArray[np.float64]]]:
-    """Return the polygons of a machine with their colours, map frame."""
+def _mesh(machine: TrackedMachine) -> ColouredMesh:
+    """Return the triangles of a machine, map frame."""
     position, quaternion = machine.base_pose
     pose = (position, rotation_matrix(quaternion), machine.joint_positions)
-    return machine_faces(machine.spec, *pose, machine.tracks.shoe_poses)
+    return machine_mesh(machine.spec, *pose, machine.tracks.shoe_poses)
 
 
-def _particle_polygons(particles: SoilEngine) -> Iterator[tuple[str, NDArray[np.float64]]]:
+def _particle_polygons(
+    particles: SoilEngine,
+) -> Iterator[tuple[tuple[float, float, float], NDArray[np.float64]]]:
     """Yield the faces of an octahedron for each particle."""
     for position, radius in zip(particles.positions, particles.radii, strict=True):
         corners = position + float(radius) * _OCTAHEDRON

@@ -28,9 +28,9 @@ from machine_sim.commands.errors import CommandError
 from machine_sim.commands.params import CommandParams
 from machine_sim.commands.validation import validate_numbers
 
-__all__ = ["Joystick", "JoystickReading"]
+__all__ = ["LEVER_PATTERNS", "Joystick", "JoystickReading"]
 
-_LEVER_PATTERNS = {
+LEVER_PATTERNS = {
     "iso": {
         "swing": ("left_x", 1.0),
         "arm": ("left_y", -1.0),
@@ -81,7 +81,7 @@ class Joystick:
         self._tracks = tuple(actuators[-2:])
         self._params = params
         self._axes = params.joy_axes
-        self._axis_of_joint = dict(levers) or _LEVER_PATTERNS[params.joy_pattern]
+        self._axis_of_joint = dict(levers) or LEVER_PATTERNS[params.joy_pattern]
         self._levers_active = self._pedals_active = False
         self._must_return_to_rest = False  # after an emergency stop, until all are released
         # joy_node reports 0, which is half pressed, for a trigger that was never touched.

@@ -9,7 +9,9 @@
 - `joint_reference`: speed ramps of the joints that stop at their limits
 - `tracks/`: two models of the tracks on deformable ground
 - `tracked_machine`, `multibody`: the machine in pybullet, stepped by its owner
-- `urdf`, `visuals`, `cylinder_visuals`: URDF text and visual shapes
+- `urdf`, `visuals`: URDF text for the physics, and boxes for markers
+- `shapes/`: visual shapes as meshes; `cylinder_visuals`, `track_wheels`: links that are only shown
+- `description`: URDF text of the robot description, with the meshes
 - `validation`, `errors`: checks of numbers given by a caller, and the errors of this package
 """
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from machine_sim.machine.cylinder_linkage import LinkagePins, Point
 from machine_sim.machine.hydraulics import Cylinder
@@ -23,9 +23,11 @@ __all__ = [
     "cylinder_parts",
 ]
 
-_BARREL_COLOR = "0.20 0.20 0.22 1"
-_ROD_COLOR = "0.80 0.82 0.85 1"
-_BAR_COLOR = "0.30 0.30 0.33 1"
+Rgba = tuple[float, float, float, float]
+
+_BARREL_COLOR = (0.20, 0.20, 0.22, 1.0)
+_ROD_COLOR = (0.80, 0.82, 0.85, 1.0)
+_BAR_COLOR = (0.30, 0.30, 0.33, 1.0)
 
 _BARREL_DIAMETER_RATIO = 1.25
 """Ratio of outer to inner diameter of a barrel."""
@@ -48,8 +50,10 @@ class CylinderPart(NamedTuple):
         origin: origin of the joint in the parent's frame [m].
         lower, upper: range of a prismatic joint [m].
         mimic: name of the joint whose value it has, or None.
-        box: shape of the link.
-        color: red, green, blue and alpha, as in URDF.
+        cylinder: name of the joint that its cylinder drives.
+        kind: which part of the cylinder it is.
+        box: simple shape of the link.
+        color: red, green, blue and alpha of the simple shape, 0 to 1.
     """
 
     link: str
@@ -60,8 +64,10 @@ class CylinderPart(NamedTuple):
     lower: float
     upper: float
     mimic: str | None
+    cylinder: str
+    kind: Literal["barrel", "rod", "rocker", "coupler"]
     box: Box
-    color: str
+    color: Rgba
 
 
 class CylinderJointStates(NamedTuple):
@@ -173,6 +179,8 @@ def _barrel_and_rod(
             0.0,
             0.0,
             mimicked_barrel,
+            name,
+            "barrel",
             tube_box,
             _BARREL_COLOR,
         ),
@@ -185,6 +193,8 @@ def _barrel_and_rod(
             linkage.min_length,
             linkage.max_length,
             mimicked_rod,
+            name,
+            "rod",
             rod_box,
             _ROD_COLOR,
         ),
@@ -209,6 +219,8 @@ def _rocker_and_coupler(name: str, parent: str, cylinder: Cylinder) -> list[Cyli
             0.0,
             0.0,
             None,
+            name,
+            "rocker",
             _bar(rocker.length, 2.5 * _BAR_THICKNESS),
             _BAR_COLOR,
         ),
@@ -221,6 +233,8 @@ def _rocker_and_coupler(name: str, parent: str, cylinder: Cylinder) -> list[Cyli
             0.0,
             0.0,
             None,
+            name,
+            "coupler",
             _bar(rocker.coupler_length, 1.5 * _BAR_THICKNESS),
             _BAR_COLOR,
         ),

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,7 @@ from machine_sim.machine.cylinder_visuals import cylinder_joint_values, cylinder
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.rotations import rotation_matrix
 from machine_sim.machine.spec import BASE, Axis, MachineSpec
+from machine_sim.machine.track_wheels import track_wheels
 
 __all__ = ["LinkPoses", "link_frame_name", "link_frame_names", "link_poses"]
 
@@ -36,10 +38,15 @@ def link_frame_name(link: str) -> str:
 
 
 def link_frame_names(spec: MachineSpec) -> list[str]:
-    """Return the frame names of all links, the base first, then of the cylinder parts."""
+    """Return the frame names of all links, the base first, then of the parts that are only shown.
+
+    These are the cylinder parts, sprockets and idlers, and the points of view.
+    """
     return [
         *map(link_frame_name, spec.links),
         *(part.link for part in cylinder_parts(spec)),
+        *(wheel.link for wheel in track_wheels(spec)),
+        *(view.name for view in spec.shapes.view_points),
     ]
 
 
@@ -48,6 +55,7 @@ def link_poses(
     base_position: ArrayLike,
     base_quaternion: ArrayLike,
     joints: ArrayLike,
+    sprockets: Sequence[float] = (0.0, 0.0),
 ) -> LinkPoses:
     """Return the poses of all links, without a physics engine.
 
@@ -56,6 +64,7 @@ def link_poses(
         base_position: origin of `base_link` [m], shape (3,), map frame.
         base_quaternion: quaternion `base_link` to map, x, y, z, w, of any length.
         joints: joint angles [rad], shape (joints,).
+        sprockets: angles of the left and the right sprocket [rad].
 
     Raises:
         MachineError: a quaternion of length zero or not finite.
@@ -84,6 +93,18 @@ def link_poses(
         positions.append(positions[parent] + rotation_matrix(quaternion) @ offset)
         quaternions.append(quaternion if part.is_prismatic else _rotated(quaternion, "y", value))
         index[part.link] = len(positions) - 1
+    base_rotation = rotation_matrix(quaternions[0])
+    for wheel in track_wheels(spec):
+        positions.append(positions[0] + base_rotation @ np.array(wheel.origin))
+        quaternions.append(_rotated(quaternions[0], "y", sprockets[wheel.side]))
+    for view in spec.shapes.view_points:
+        parent = index[view.link]
+        quaternion = quaternions[parent]
+        positions.append(positions[parent] + rotation_matrix(quaternion) @ np.array(view.position))
+        roll, pitch, yaw = view.rpy
+        for axis, angle in (("z", yaw), ("y", pitch), ("x", roll)):
+            quaternion = _rotated(quaternion, cast("Axis", axis), angle)
+        quaternions.append(quaternion)
     return LinkPoses(np.array(positions), np.array(quaternions))
 
 

@@ -7,7 +7,14 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["cross", "quaternion_from_matrix", "rotation_about_z", "rotation_matrix"]
+__all__ = [
+    "cross",
+    "quaternion_from_matrix",
+    "rotation_about_z",
+    "rotation_from_rpy",
+    "rotation_matrix",
+    "rpy_from_rotation",
+]
 
 Array = NDArray[np.float64]
 
@@ -55,6 +62,31 @@ def rotation_about_z(angle: float) -> Array:
     """Return the rotation matrix, shape (3, 3), of a rotation about +z [rad]."""
     s, c = math.sin(angle), math.cos(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def rotation_from_rpy(rpy: tuple[float, float, float]) -> Array:
+    """Return the rotation matrix, shape (3, 3), of rotations about the fixed axes x, y, z [rad]."""
+    (sr, sp, sy), (cr, cp, cy) = map(math.sin, rpy), map(math.cos, rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def rpy_from_rotation(rotation: Array) -> tuple[float, float, float]:
+    """Return the rotations about the fixed axes x, y, z [rad] of a matrix, shape (3, 3).
+
+    With a pitch of 90 degrees roll and yaw are not unique; the yaw is 0 then.
+    """
+    m = rotation.tolist()
+    level = math.hypot(m[0][0], m[1][0])
+    pitch = math.atan2(-m[2][0], level)
+    if level < 1e-9:
+        return math.atan2(-m[1][2], m[1][1]), pitch, 0.0
+    return math.atan2(m[2][1], m[2][2]), pitch, math.atan2(m[1][0], m[0][0])
 
 
 def cross(a: Array, b: Array) -> Array:

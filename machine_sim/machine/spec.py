@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from machine_sim.machine.box import Box, Vec3
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.hydraulics import Cylinder, HydraulicSupply
+from machine_sim.machine.shapes.machine_shapes import MachineShapes
 from machine_sim.machine.tools.bucket import BucketShape
 from machine_sim.machine.tools.shapes import ToolMount
 
@@ -43,7 +44,8 @@ class LinkSpec:
         mass: mass [kg].
         center_of_mass: centre of mass in the link frame [m].
         inertia_box: edges of the solid box that has the link's moments of inertia [m].
-        boxes: visual and collision shape; only other rigid machines collide with it.
+        boxes: collision shape with other rigid machines; also the visual shape of a link without
+            visual shapes.
         color: red, green, blue, 0 to 1.
     """
 
@@ -168,6 +170,7 @@ class MachineSpec:
         joystick_axes: joystick axis and direction (1 or -1) by the name of the joint that they
             move; empty for an excavator with the default pattern.
         imus: inertial measurement units.
+        shapes: what the machine looks like.
     """
 
     name: str
@@ -181,6 +184,7 @@ class MachineSpec:
     tools: Mapping[str, ToolMount]
     joystick_axes: Mapping[str, tuple[str, float]]
     imus: tuple[ImuMount, ...] = ()
+    shapes: MachineShapes = field(default_factory=MachineShapes)
 
     @property
     def mass(self) -> float:

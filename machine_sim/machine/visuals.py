@@ -1,19 +1,14 @@
-"""Visual shapes of a machine: boxes of the links and shoes of the tracks."""
+"""Simple visual shapes of a machine for markers: boxes of its links, shoes of the tracks."""
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from typing import NamedTuple
 
+from machine_sim.machine.cylinder_visuals import cylinder_parts
 from machine_sim.machine.spec import MachineSpec, Vec3
-from machine_sim.machine.urdf import urdf_text
+from machine_sim.machine.urdf import collision_boxes, link_frame
 
-__all__ = [
-    "ShoeVisual",
-    "VisualBox",
-    "link_visual_boxes",
-    "shoe_visual",
-]
+__all__ = ["ShoeVisual", "VisualBox", "marker_boxes", "shoe_visual"]
 
 Rgba = tuple[float, float, float, float]
 
@@ -55,23 +50,17 @@ class ShoeVisual(NamedTuple):
     color: Rgba
 
 
-def link_visual_boxes(spec: MachineSpec, *, prefix: str = "") -> list[VisualBox]:
-    """Return the visual boxes of all links, read from the URDF so that both agree.
-
-    Args:
-        spec: specification of the machine.
-        prefix: prefix of each link name, as in the URDF.
-    """
-    boxes = []
-    for link in ET.fromstring(urdf_text(spec, prefix=prefix, include_cylinders=True)).iter("link"):
-        for visual in link.iter("visual"):
-            origin = _numbers(visual, "origin", "xyz")
-            _, pitch, _ = _numbers(visual, "origin", "rpy")
-            size = _numbers(visual, "geometry/box", "size")
-            color = _numbers(visual, "material/color", "rgba")
-            boxes.append(
-                VisualBox(link.attrib["name"], _vec3(size), _vec3(origin), pitch, _rgba(color))
-            )
+def marker_boxes(spec: MachineSpec) -> list[VisualBox]:
+    """Return the boxes of all links with their tools, then of the cylinder parts."""
+    boxes = [
+        VisualBox(link_frame(name), box.size, box.center, box.pitch, (*link.color, 1.0))
+        for name, link in spec.links.items()
+        for box in collision_boxes(spec, name)
+    ]
+    boxes += [
+        VisualBox(part.link, part.box.size, part.box.center, part.box.pitch, part.color)
+        for part in cylinder_parts(spec)
+    ]
     return boxes
 
 
@@ -80,19 +69,3 @@ def shoe_visual(spec: MachineSpec) -> ShoeVisual:
     tracks = spec.tracks
     size = (_SHOE_LENGTH * tracks.pitch, tracks.shoe_width, tracks.shoe_thickness)
     return ShoeVisual(size, tracks.shoe_count, tracks.gauge, _SHOE_COLOR)
-
-
-def _numbers(visual: ET.Element, path: str, name: str) -> list[float]:
-    element = visual.find(path)
-    assert element is not None  # `urdf_text` writes it
-    return [float(number) for number in element.attrib[name].split()]
-
-
-def _vec3(numbers: list[float]) -> Vec3:
-    x, y, z = numbers
-    return x, y, z
-
-
-def _rgba(numbers: list[float]) -> Rgba:
-    r, g, b, a = numbers
-    return r, g, b, a

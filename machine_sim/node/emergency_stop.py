@@ -55,6 +55,7 @@ class EmergencyStops:
             instances: its machines.
         """
         self._node, self._diagnostics, self._instances = node, diagnostics, instances
+        self._has_changed = False
         self._subscriptions = [
             StopSubscriptions(
                 node,
@@ -65,15 +66,22 @@ class EmergencyStops:
         ]
 
     def take_all(self) -> None:
-        """Take the messages that have arrived, so that they apply to the next tick."""
+        """Take the messages that have arrived, so that they apply to the next tick.
+
+        A change is reported at once: a page must not show an older state for a second.
+        """
         for subscriptions in self._subscriptions:
             subscriptions.take_all()
+        if self._has_changed:
+            self._has_changed = False
+            self._diagnostics.publish()
 
     def _receive(self, instance: MachineInstance, is_pressed: bool) -> None:
         was_pressed = instance.arbiter.is_stopped
         instance.arbiter.emergency_stop(is_pressed)
         if is_pressed == was_pressed:
             return
+        self._has_changed = True
         name = instance.name or "the machine"
         if is_pressed:
             self._node.get_logger().warning(

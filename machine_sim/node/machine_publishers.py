@@ -7,12 +7,13 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from machine_sim.commands import AppliedCommand
-from machine_sim.machine import urdf_text
+from machine_sim.machine import TrackedMachine
 from machine_sim.machine.cylinder_visuals import cylinder_joint_states
+from machine_sim.machine.description import DescriptionMeshes, description_text
 from machine_sim.machine.forward_kinematics import link_frame_name, link_poses
+from machine_sim.machine.track_wheels import BeltOdometer, track_wheels
 from machine_sim.node.machine_instance import MachineInstance
 from machine_sim.node.params import MachineNodeParams
 from machine_sim.node.reported_motion import ReportedMotion, TickProgress, VelocityScale
@@ -44,6 +45,7 @@ class MachinePublishers:
         sensor_publishers: SensorPublishers,
         sensor_params: SensorParams,
         frame_prefix: str,
+        description_meshes: DescriptionMeshes,
     ) -> None:
         """
         Args:
@@ -51,10 +53,13 @@ class MachinePublishers:
             state_publishers, sensor_publishers: its topics.
             sensor_params: rate and errors of its sensors.
             frame_prefix: prefix of each frame.
+            description_meshes: shapes in the robot description; see `description_text`.
         """
         self.instance = instance
         self._state_publishers, self._sensor_publishers = state_publishers, sensor_publishers
         self._sensor_params, self._frame_prefix = sensor_params, frame_prefix
+        self._description_meshes = description_meshes
+        self._odometer = BeltOdometer(instance.spec)
         self._state_scale, self._sensor_scale = VelocityScale(), VelocityScale()
 
     def start_run(self, seed: int, machine_index: int) -> None:
@@ -67,7 +72,8 @@ class MachinePublishers:
         spec = self.instance.spec
         self._state_scale, self._sensor_scale = VelocityScale(), VelocityScale()
         self._sensors = Sensors(spec, self._sensor_params, seed, machine_index)
-        urdf = urdf_text(spec, prefix=self._frame_prefix, virtual_base=True, include_cylinders=True)
+        self._odometer = BeltOdometer(spec)
+        urdf = description_text(spec, prefix=self._frame_prefix, meshes=self._description_meshes)
         self._state_publishers.publish_description(urdf)
 
     def publish_applied_command(self, command: AppliedCommand, stamp: Time) -> None:
@@ -96,13 +102,19 @@ class MachinePublishers:
             stamp: simulation time.
         """
         machine = simulated.machine
+        self._odometer.update(machine.tracks.travel.tolist())
         if is_due(params.state_rate):
             self._publish_state(simulated, self._state_scale.update(progress), time, stamp)
         if is_due(self._sensor_params.rate):
             scale = self._sensor_scale.update(progress)
             self._publish_sensors(ReportedMotion.of_machine(machine, scale), time, stamp)
         if is_due(params.transform_rate) or is_due(params.marker_rate):
-            poses = link_poses(self.instance.spec, *machine.base_pose, machine.joint_positions)
+            poses = link_poses(
+                self.instance.spec,
+                *machine.base_pose,
+                machine.joint_positions,
+                self._odometer.angles,
+            )
             if is_due(params.transform_rate):
                 self._state_publishers.publish_transforms(*poses, stamp)
             if is_due(params.marker_rate):
@@ -113,8 +125,9 @@ class MachinePublishers:
     ) -> None:
         machine = simulated.machine
         motion = ReportedMotion.of_machine(machine, velocity_scale)
+        belt_speeds = velocity_scale * machine.tracks.speed
         self._state_publishers.publish_state(
-            self._joint_values(motion, machine.joint_efforts),
+            self._joint_values(motion, machine, belt_speeds.tolist()),
             BaseState(*motion.base_pose, *motion.base_velocity),
             PayloadState(**asdict(simulated.payload), time_s=time),
             {
@@ -138,14 +151,22 @@ class MachinePublishers:
             )
         self._sensor_publishers.publish_encoders(self.instance.spec.joint_names, *encoders)
 
-    def _joint_values(self, motion: ReportedMotion, efforts: NDArray[np.float64]) -> JointValues:
-        """Return the values of the machine's joints, then of the passive joints of the pistons."""
+    def _joint_values(
+        self, motion: ReportedMotion, machine: TrackedMachine, belt_speeds: list[float]
+    ) -> JointValues:
+        """Return the values of the machine's joints, then of pistons, then of the sprockets."""
         spec = self.instance.spec
         angles, rates = motion.joint_positions, motion.joint_velocities
         pistons = cylinder_joint_states(spec, angles.tolist(), rates.tolist())
+        sprockets = [wheel.joint for wheel in track_wheels(spec) if wheel.is_sprocket]
+        radius = spec.tracks.sprocket_radius
         return JointValues(
-            [*spec.joint_names, *pistons.names],
-            [*angles, *pistons.positions],
-            [*rates, *pistons.velocities],
-            [*efforts, *[0.0] * len(pistons.names)],
+            [*spec.joint_names, *pistons.names, *sprockets],
+            [*angles, *pistons.positions, *self._odometer.angles],
+            [*rates, *pistons.velocities, *(speed / radius for speed in belt_speeds)],
+            [
+                *machine.joint_efforts,
+                *[0.0] * len(pistons.names),
+                *(radius * machine.tracks.drive_forces),
+            ],
         )

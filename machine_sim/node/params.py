@@ -6,6 +6,7 @@ import math
 import re
 from collections import Counter
 from dataclasses import dataclass, fields
+from typing import Literal
 
 from machine_sim.simulated_bin import BinSpec
 from msg_bridge.contract.errors import ParameterError
@@ -130,6 +131,12 @@ class MachineNodeParams(MachineInstanceParams):
     publish_tf: bool = parameter(
         True,
         "publish tf, where tf2_msgs is installed; only one node may publish a machine's frames",
+    )
+    description_meshes: Literal["embedded", "primitives"] = parameter(
+        "embedded",
+        "shapes in robot_description; embedded: meshes as data URIs in it; primitives: boxes and"
+        " cylinders, for RViz, which cannot read data URIs",
+        choices=("embedded", "primitives"),
     )
 
     def __post_init__(self) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rclpy.node import Node
 
 from machine_sim.machine.forward_kinematics import link_frame_name, link_frame_names
-from machine_sim.machine.visuals import link_visual_boxes, shoe_visual
+from machine_sim.machine.visuals import marker_boxes, shoe_visual
 from machine_sim.node.machine_instance import MachineInstance
 from machine_sim.node.machine_publishers import MachinePublishers
 from machine_sim.node.params import MachineNodeParams
@@ -30,14 +30,13 @@ def create_machine_publishers(
     """
     machine, namespace = instance.spec, node.get_namespace().strip("/")
     prefix, frames = instance.frame_prefix(namespace), link_frame_names(machine)
-    visuals = (link_visual_boxes(machine), shoe_visual(machine))
+    visuals = (marker_boxes(machine), shoe_visual(machine))
     state_publishers = StatePublishers(
         node,
         instance.topic_prefix,
         frame_prefix=prefix,
         command_names=instance.command_names,
         frames=frames,
-        num_links=len(machine.links),
         tool_frames={name: link_frame_name(mount.link) for name, mount in machine.tools.items()},
         has_payload=machine.can_carry_soil,
         markers=MarkerSet(frames, *visuals, namespace=instance.name or namespace or machine.name),
@@ -47,4 +46,11 @@ def create_machine_publishers(
     sensor_publishers = SensorPublishers(
         node, instance.topic_prefix, frame_prefix=prefix, imus=imus
     )
-    return MachinePublishers(instance, state_publishers, sensor_publishers, sensor_params, prefix)
+    return MachinePublishers(
+        instance,
+        state_publishers,
+        sensor_publishers,
+        sensor_params,
+        prefix,
+        params.description_meshes,
+    )

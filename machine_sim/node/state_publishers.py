@@ -51,7 +51,6 @@ class StatePublishers:
         frame_prefix: str,
         command_names: Sequence[str],
         frames: Sequence[str],
-        num_links: int,
         tool_frames: Mapping[str, str],
         has_payload: bool,
         markers: MarkerSet,
@@ -63,8 +62,7 @@ class StatePublishers:
             topic_prefix: prefix of each topic: empty, or a machine's name and a slash.
             frame_prefix: prefix of each frame.
             command_names: names of joints and tracks.
-            frames: frames of the links, the base first, then of the pistons.
-            num_links: number of frames of links.
+            frames: frames of the links, the base first, then of the parts that are only shown.
             tool_frames: frame of each tool, by the tool's name.
             has_payload: whether the machine publishes a payload.
             markers: visuals of the machine.
@@ -72,7 +70,6 @@ class StatePublishers:
         """
         self._command_names = tuple(command_names)
         self._frames = [frame_prefix + frame for frame in frames]
-        self._num_links = num_links
         self._tool_frames = {tool: frame_prefix + frame for tool, frame in tool_frames.items()}
         self._markers = markers
 
@@ -87,7 +84,7 @@ class StatePublishers:
         self._wrenches = {
             tool: publisher(WrenchStamped, topics.wrench_topic(tool)) for tool in tool_frames
         }
-        self._transforms = publisher(TransformStamped, topics.TRANSFORMS)
+        self._transforms = publisher(TransformStamped, topics.TRANSFORMS, qos.ROWS)
         self._marker_array = publisher(MarkerArray, topics.MARKERS)
         self._description = publisher(String, topics.ROBOT_DESCRIPTION, qos.TRANSIENT_LOCAL)
         tf = to_tf_message([]) if publish_tf else None
@@ -128,9 +125,9 @@ class StatePublishers:
         self._cylinders.publish(to_cylinder_array(cylinders, time))
 
     def publish_transforms(self, positions: ArrayLike, quaternions: ArrayLike, stamp: Time) -> None:
-        """Publish the pose of every link in the map; those of pistons on `tf` only."""
+        """Publish the pose of every link in the map, with the parts that are only shown."""
         messages = to_transforms(self._frames, positions, quaternions, stamp)
-        for message in messages[: self._num_links]:
+        for message in messages:
             self._transforms.publish(message)
         if self._tf is not None:
             self._tf.publish(to_tf_message(messages))

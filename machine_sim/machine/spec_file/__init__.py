@@ -7,6 +7,7 @@
 - `cylinders`: hydraulic cylinders and their supply
 - `tracks`: the pair of tracks
 - `tools`: buckets, drums and beds
+- `shapes`: visual shapes, materials and view points
 """
 
 from machine_sim.machine.spec_file.loader import load_machine_spec

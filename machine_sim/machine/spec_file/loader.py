@@ -8,6 +8,7 @@ import yaml
 
 from machine_sim.machine.cylinder_visuals import cylinder_parts
 from machine_sim.machine.errors import MachineError
+from machine_sim.machine.shapes.machine_shapes import MachineShapes
 from machine_sim.machine.spec import MachineSpec
 from machine_sim.machine.spec_file.cylinders import read_supply
 from machine_sim.machine.spec_file.joints import (
@@ -18,9 +19,12 @@ from machine_sim.machine.spec_file.joints import (
 )
 from machine_sim.machine.spec_file.links import read_imus, read_links
 from machine_sim.machine.spec_file.section import Section
+from machine_sim.machine.spec_file.shapes import read_shapes
 from machine_sim.machine.spec_file.tools import read_tools
 from machine_sim.machine.spec_file.tracks import read_tracks
+from machine_sim.machine.track_wheels import track_wheels
 from machine_sim.machine.urdf import BASE_JOINTS
+from msg_bridge.config_files import ConfigError, find_config
 
 __all__ = ["load_machine_spec"]
 
@@ -34,17 +38,44 @@ def load_machine_spec(path: str | Path) -> MachineSpec:
         MachineError: the file cannot be read, or a key is missing, unknown or out of range.
     """
     path = Path(path)
+    return _build_spec(_read_yaml(path, "a machine file"), path.parent)
+
+
+def _read_yaml(path: Path, what: str) -> Section:
+    """Return the contents of a file.
+
+    Raises:
+        MachineError: the file cannot be read; the message asks for `what`.
+    """
     try:
         values = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise MachineError(
-            f"{path} cannot be read as YAML: {error}; give a machine file"
-        ) from error
-    return _build_spec(Section(values, f"{path.name}: "))
+        raise MachineError(f"{path} cannot be read as YAML: {error}; give {what}") from error
+    return Section(values, f"{path.name}: ")
 
 
-def _build_spec(file: Section) -> MachineSpec:
-    """Build the specification from all sections of the file."""
+def _shapes_section(file: Section, folder: Path) -> Section:
+    """Return the section `shapes`: a mapping, or the name of a file that contains it.
+
+    The file is searched beside the machine file, then as `find_config` searches.
+
+    Raises:
+        MachineError: there is no such file.
+    """
+    if not file.is_text("shapes"):
+        return file.section("shapes")
+    name = file.text("shapes")
+    path = folder / name
+    if not path.is_file():
+        try:
+            path = find_config(name)
+        except ConfigError as error:
+            raise MachineError(f"{file.key_path('shapes')}: {error}") from error
+    return _read_yaml(path, "a file of shapes")
+
+
+def _build_spec(file: Section, folder: Path) -> MachineSpec:
+    """Build the specification from all sections of the file, which lies in `folder`."""
     supply = read_supply(file.section("hydraulics")) if file.has("hydraulics") else None
     joints, cylinders = read_joints(file.section("joints"), supply)
     links = read_links(file.section("links"), joints)
@@ -62,6 +93,9 @@ def _build_spec(file: Section) -> MachineSpec:
         if file.has("joystick_axes")
         else {},
         imus=read_imus(file.section("imus"), links) if file.has("imus") else (),
+        shapes=read_shapes(_shapes_section(file, folder), links)
+        if file.has("shapes")
+        else MachineShapes(),
     )
     file.reject_unknown_keys()
     _check_unique_names(spec)
@@ -78,9 +112,16 @@ def _check_unique_names(spec: MachineSpec) -> None:
     reserved_joints = {*_TRACK_COMMAND_NAMES, *BASE_JOINTS, *(part.joint for part in parts)}
     reserved_links = {"map", "base_link", *(f"{name}_link" for name in BASE_JOINTS)}
     reserved_links |= {part.link for part in parts}
-    taken = [*reserved_joints.intersection(spec.joints), *reserved_links.intersection(spec.links)]
+    reserved_joints |= {wheel.joint for wheel in track_wheels(spec)}
+    reserved_links |= {wheel.link for wheel in track_wheels(spec)}
+    frames = [view.name for view in spec.shapes.view_points]
+    taken = [
+        *sorted(reserved_joints.intersection(spec.joints)),
+        *sorted(reserved_links.intersection([*spec.links, *frames])),
+        *sorted(set(spec.links).intersection(frames)),
+    ]
     if taken:
         raise MachineError(
-            f"joint or link name {', '.join(taken)} is reserved for the base, the tracks or the"
-            " parts of a cylinder; choose another name"
+            f"joint, link or view point name {', '.join(taken)} is reserved for the base, the"
+            " tracks or the parts of a cylinder, or is that of a link; choose another name"
         )

@@ -44,6 +44,10 @@ class Section:
         self._known_keys.add(key)
         return key in self._values
 
+    def is_text(self, key: str) -> bool:
+        """Return whether the value of a key is a string."""
+        return isinstance(self._require(key), str)
+
     def number(self, key: str, *, low: float = -math.inf, positive: bool = False) -> float:
         """Return a finite number, at least `low`, or above zero if `positive`."""
         return self._number(key, self._require(key), low, positive)
@@ -53,12 +57,19 @@ class Section:
         value = self._require(key)
         return default if value is None else self._number(key, value, -math.inf, False)
 
+    def fraction(self, key: str) -> float:
+        """Return a number from 0 to 1."""
+        value = self.number(key, low=0.0)
+        if value > 1.0:
+            raise MachineError(f"{self.key_path(key)} is {value:g}; give a number from 0 to 1")
+        return value
+
     def count(self, key: str, *, low: int) -> int:
         """Return an integer, at least `low`."""
         value = self._require(key)
         if isinstance(value, bool) or not isinstance(value, int) or value < low:
             raise MachineError(
-                f"{self._key_path(key)} is {value!r}; give an integer of at least {low}"
+                f"{self.key_path(key)} is {value!r}; give an integer of at least {low}"
             )
         return value
 
@@ -66,7 +77,7 @@ class Section:
         """Return a non-empty string."""
         value = self._require(key)
         if not isinstance(value, str) or not value:
-            raise MachineError(f"{self._key_path(key)} is {value!r}; give a string")
+            raise MachineError(f"{self.key_path(key)} is {value!r}; give a string")
         return value
 
     def vector(self, key: str, length: int, *, positive: bool = False) -> tuple[float, ...]:
@@ -85,6 +96,16 @@ class Section:
             self._vector(f"{key}[{i}]", item, length, False) for i, item in enumerate(value)
         )
 
+    def corners(self, key: str) -> tuple[tuple[float, ...], ...]:
+        """Return the corners of an outline: three or more lists [u, v] or [u, v, radius]."""
+        return self._corners(key, self._list(key, None))
+
+    def corner_lists(self, key: str) -> tuple[tuple[tuple[float, ...], ...], ...]:
+        """Return a list of outlines, each as from `corners`."""
+        return tuple(
+            self._corners(f"{key}[{i}]", item) for i, item in enumerate(self._list(key, None))
+        )
+
     def names(self) -> list[str]:
         """Return all keys of a mapping whose keys are names chosen in the file.
 
@@ -98,14 +119,21 @@ class Section:
                 )
         return list(self._values)
 
+    def flag(self, key: str) -> bool:
+        """Return true or false."""
+        value = self._require(key)
+        if not isinstance(value, bool):
+            raise MachineError(f"{self.key_path(key)} is {value!r}; give true or false")
+        return value
+
     def section(self, key: str) -> Section:
         """Return a mapping inside this one."""
-        return Section(self._require(key), self._key_path(key))
+        return Section(self._require(key), self.key_path(key))
 
     def sections(self, key: str) -> list[Section]:
         """Return a list of mappings, of any length."""
         return [
-            Section(item, self._key_path(f"{key}[{i}]"))
+            Section(item, self.key_path(f"{key}[{i}]"))
             for i, item in enumerate(self._list(key, None))
         ]
 
@@ -123,7 +151,8 @@ class Section:
                 f" remove it or use one of: {', '.join(sorted(self._known_keys))}"
             )
 
-    def _key_path(self, key: str) -> str:
+    def key_path(self, key: str) -> str:
+        """Return the path of a key in the file, for messages."""
         return f"{self._path}{'' if self._path.endswith(': ') else '.'}{key}"
 
     def _require(self, key: str) -> Any:
@@ -131,7 +160,7 @@ class Section:
         if key not in self._values:
             others = [str(other) for other in self._values if other not in self._known_keys]
             similar = nearest_name(key, others)
-            path = self._key_path(key)
+            path = self.key_path(key)
             if similar:
                 raise MachineError(
                     f"{path} is missing, but there is {similar!r}{did_you_mean(key)};"
@@ -145,13 +174,29 @@ class Section:
         if not isinstance(value, list) or (count is not None and len(value) != count):
             wanted = "a list" if count is None else f"a list of {count} entries"
             got = f"has {len(value)} entries" if isinstance(value, list) else f"is {value!r}"
-            raise MachineError(f"{self._key_path(key)} {got}; give {wanted}")
+            raise MachineError(f"{self.key_path(key)} {got}; give {wanted}")
         return value
+
+    def _corners(self, key: str, value: object) -> tuple[tuple[float, ...], ...]:
+        if not isinstance(value, list) or len(value) < 3:
+            raise MachineError(
+                f"{self.key_path(key)} is {value!r}; give a list of three or more corners"
+            )
+        corners = []
+        for i, item in enumerate(value):
+            length = len(item) if isinstance(item, list) and len(item) == 3 else 2
+            corner = self._vector(f"{key}[{i}]", item, length, False)
+            if length == 3 and corner[2] < 0.0:
+                raise MachineError(
+                    f"{self.key_path(key)}[{i}] has the radius {corner[2]:g}; give one >= 0"
+                )
+            corners.append(corner)
+        return tuple(corners)
 
     def _vector(self, key: str, value: object, length: int, positive: bool) -> tuple[float, ...]:
         if not isinstance(value, list) or len(value) != length:
             raise MachineError(
-                f"{self._key_path(key)} is {value!r}; give a list of {length} numbers"
+                f"{self.key_path(key)} is {value!r}; give a list of {length} numbers"
             )
         return tuple(self._number(key, item, -math.inf, positive) for item in value)
 
@@ -160,10 +205,10 @@ class Section:
             # YAML 1.1 parses 24e3 as a string: a float needs a decimal point and a signed exponent.
             is_exponent = isinstance(value, str) and re.fullmatch(r"[-+\d.]+[eE]\d+", value)
             hint = ", with the exponent as in 24.0e+3" if is_exponent else ""
-            raise MachineError(f"{self._key_path(key)} is {value!r}; give a number{hint}")
+            raise MachineError(f"{self.key_path(key)} is {value!r}; give a number{hint}")
         if not math.isfinite(value) or value < low or (positive and value <= 0.0):
             valid = (
                 "above 0" if positive else f">= {low:g}" if low > -math.inf else "that is finite"
             )
-            raise MachineError(f"{self._key_path(key)} is {value}; give a number {valid}")
+            raise MachineError(f"{self.key_path(key)} is {value}; give a number {valid}")
         return float(value)

@@ -196,7 +196,8 @@ class DynamicTracks(TrackBase):
         """Drive the sprockets so that the belts follow the command; zero brakes and holds."""
         tracks = self.spec.tracks
         states = pybullet.getJointStates(self._body, self._sprockets, self._client)
-        for side, (angle, *_) in enumerate(states):
+        for side, (angle, _, _, torque) in enumerate(states):
+            self.drive_forces[side] = torque / tracks.sprocket_radius
             speed = self._next_belt_speed(side, dt)
             # A corner moves the chain; below the axle it moves in the direction of the chain.
             corner_angle = (
@@ -208,14 +209,17 @@ class DynamicTracks(TrackBase):
                 max(reference, angle - _MAX_REFERENCE_LEAD), angle + _MAX_REFERENCE_LEAD
             )
             self._belt_speeds[side], self._sprocket_rates[side] = speed, rate
-        torque = tracks.max_tractive_effort * tracks.sprocket_radius
+        max_torque = tracks.max_tractive_effort * tracks.sprocket_radius
         pybullet.setJointMotorControlArray(
             self._body,
             self._sprockets,
             pybullet.POSITION_CONTROL,
             self._sprocket_angles,
             self._sprocket_rates,
-            [torque if speed else _BRAKED_TORQUE_FRACTION * torque for speed in self._belt_speeds],
+            [
+                max_torque if speed else _BRAKED_TORQUE_FRACTION * max_torque
+                for speed in self._belt_speeds
+            ],
             [_SPROCKET_GAIN] * 2,
             [1.0] * 2,
             physicsClientId=self._client,

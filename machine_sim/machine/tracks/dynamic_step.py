@@ -131,8 +131,8 @@ def dynamic_track_step(  # type: ignore[no-untyped-def]
         shoes: `ShoeBodies`; all but the states is updated.
         base_wrench: out, force [N] of shoes and ground on the base and torque about its centre of
             mass [N m], map frame, shape (6,).
-        state: `TrackState`; all but the travel is updated. The wrench is that of the ground on
-            shoes and base.
+        state: `TrackState`; all but travel and drive forces is updated. The wrench is that of the
+            ground on shoes and base.
     """
     motion, dimensions = MachineMotion(*motion), TrackDimensions(*dimensions)
     supports, coefficients = UndercarriageSupport(*supports), ContactCoefficients(*coefficients)

@@ -80,7 +80,9 @@ def kinematic_track_step(  # type: ignore[no-untyped-def]
         belt_force = _shoe_forces(
             side, y_track, length, base, dimensions, coefficients, soil, points, state
         )
-        state.speed[side] = _driven_speed(dt, state.speed[side], command[side], belt_force, drive)
+        state.speed[side], state.drive_forces[side] = _driven_belt(
+            dt, state.speed[side], command[side], belt_force, drive
+        )
         update_mean_speeds(
             state.mean_speeds, side, dt, state.speed[side], base, dimensions.base_com, y_track
         )
@@ -179,8 +181,8 @@ def _belt_path_pose(s, half, radius):  # type: ignore[no-untyped-def]
 
 
 @helper(forceinline=True)
-def _driven_speed(dt, speed, command, belt_force, drive):  # type: ignore[no-untyped-def]
-    """Return the speed of a belt after one time step [m/s].
+def _driven_belt(dt, speed, command, belt_force, drive):  # type: ignore[no-untyped-def]
+    """Return the speed of a belt after one time step [m/s], and the force of its drive [N].
 
     The drive compensates the ground's force and accelerates the belt toward the command, as far as
     its tractive effort allows.
@@ -197,5 +199,5 @@ def _driven_speed(dt, speed, command, belt_force, drive):  # type: ignore[no-unt
     max_effort = drive.max_tractive_effort
     effort = min(max(drive.belt_mass * change / dt - belt_force, -max_effort), max_effort)
     if abs(effort) < max_effort:
-        return speed + change  # exact, so that a belt commanded to stop reaches zero
-    return speed + (effort + belt_force) / drive.belt_mass * dt
+        return speed + change, effort  # exact, so that a belt commanded to stop reaches zero
+    return speed + (effort + belt_force) / drive.belt_mass * dt, effort

@@ -40,6 +40,7 @@ class TrackBase:
         self.shoe_poses = state.shoe_poses
         self.shoe_loads = state.shoe_loads
         self.sinkage = state.sinkage
+        self.drive_forces = state.drive_forces
         self.wrench = state.wrench
         self._mean_speeds = state.mean_speeds
         # Plain tuples for the kernels, see `track_state`.

@@ -41,6 +41,8 @@ class Tracks(Protocol):
         shoe_loads: normal load on each shoe [N], shape (2, shoe_count).
         sinkage: mean depth of the soles of each side below the undisturbed ground, weighted by
             load [m], shape (2,).
+        drive_forces: force of each drive on its belt in the last step [N], positive forward,
+            shape (2,).
         wrench: force [N] and torque about the base's centre of mass [N m] of the ground on the
             machine in the last step, map frame, shape (6,).
     """
@@ -52,6 +54,7 @@ class Tracks(Protocol):
     shoe_poses: Array
     shoe_loads: Array
     sinkage: Array
+    drive_forces: Array
     wrench: Array
 
     @property

@@ -156,6 +156,7 @@ class TrackState(NamedTuple):
             shape (2,).
         mean_speeds: moving average of each belt's speed and of the speed of its side over the
             ground (slots `BELT_SPEED`, `GROUND_SPEED`) [m/s], shape (2, 2).
+        drive_forces: force of each drive on its belt [N], positive forward, shape (2,).
         wrench: force [N] and torque about the base's centre of mass [N m] of the ground on the
             machine, map frame, shape (6,).
     """
@@ -166,6 +167,7 @@ class TrackState(NamedTuple):
     shoe_loads: Array
     sinkage: Array
     mean_speeds: Array
+    drive_forces: Array
     wrench: Array
 
     @classmethod
@@ -178,5 +180,6 @@ class TrackState(NamedTuple):
             shoe_loads=np.zeros((2, shoe_count)),
             sinkage=np.zeros(2),
             mean_speeds=np.zeros((2, 2)),
+            drive_forces=np.zeros(2),
             wrench=np.zeros(6),
         )

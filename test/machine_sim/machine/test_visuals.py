@@ -2,12 +2,13 @@
 
 import numpy as np
 
+from machine_sim.machine.cylinder_visuals import cylinder_parts
 from machine_sim.machine.forward_kinematics import link_frame_names
-from machine_sim.machine.visuals import link_visual_boxes, shoe_visual
+from machine_sim.machine.visuals import marker_boxes, shoe_visual
 
 
 def test_visual_boxes_are_those_of_the_specification(spec):
-    visuals = link_visual_boxes(spec)
+    visuals = marker_boxes(spec)
     for frame, link in zip(link_frame_names(spec)[:4], list(spec.links.values())[:-1], strict=True):
         boxes = [(box.size, box.center, box.pitch) for box in visuals if box.link == frame]
         assert boxes == [(box.size, box.center, box.pitch) for box in link.boxes]
@@ -15,7 +16,7 @@ def test_visual_boxes_are_those_of_the_specification(spec):
 
 def test_visual_boxes_of_the_bucket_are_its_shell(spec):
     """Every plate has a box at its middle, and the opening has none."""
-    boxes = [box for box in link_visual_boxes(spec) if box.link == "bucket"]
+    boxes = [box for box in marker_boxes(spec) if box.link == "bucket"]
     middles = np.array([box.center for box in boxes])
     for plate in spec.bucket.plates()[:6]:
         assert np.linalg.norm(middles - plate.mean(axis=0), axis=1).min() < 1e-9
@@ -24,13 +25,14 @@ def test_visual_boxes_of_the_bucket_are_its_shell(spec):
     }
 
 
-def test_link_names_have_the_prefix(spec):
-    boxes = link_visual_boxes(spec, prefix="digger/")
-    assert {box.link for box in boxes} == {f"digger/{name}" for name in link_frame_names(spec)}
+def test_links_and_cylinder_parts_have_boxes(spec):
+    frames = {box.link for box in marker_boxes(spec)}
+    parts = {part.link for part in cylinder_parts(spec)}
+    assert frames == {*link_frame_names(spec)[: len(spec.links)], *parts}
 
 
 def test_colours_are_in_range_and_differ(spec):
-    colors = [*(box.color for box in link_visual_boxes(spec)), shoe_visual(spec).color]
+    colors = [*(box.color for box in marker_boxes(spec)), shoe_visual(spec).color]
     assert all(len(color) == 4 and all(0.0 <= part <= 1.0 for part in color) for color in colors)
     assert len(set(colors)) >= 3
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import create_autospec
 
 import pytest
 from rclpy.publisher import Publisher
@@ -10,8 +12,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
 from support.node_scenes import Scene
 
-from machine_sim.node.emergency_stop import StopSubscriptions
+from machine_sim.commands import CommandArbiter
+from machine_sim.machine import load_machine_spec
+from machine_sim.node.emergency_stop import EmergencyStops, StopSubscriptions
 from machine_sim.node.machine_node import MachineNode
+from msg_bridge.config_files import find_config
+from msg_bridge.nodes.diagnostics import Diagnostics
 from msg_bridge.testing.ros_context import Ros
 
 TOPIC = "/excavator/emergency_stop"
@@ -81,6 +87,28 @@ def test_late_best_effort_copy_of_a_release_undoes_no_later_stop(ros: Ros) -> No
     live(Bool(data=True), pressed)
     best_effort(Bool(data=False), released)  # its copy of the later message is lost
     assert received[-1] is True
+
+
+def test_change_is_reported_at_once(ros: Ros) -> None:
+    arbiter = CommandArbiter(load_machine_spec(find_config("machines/excavator.yaml")))
+    reports: list[bool] = []
+    diagnostics = create_autospec(Diagnostics, instance=True)
+    diagnostics.publish.side_effect = lambda: reports.append(arbiter.is_stopped)
+    instance: Any = SimpleNamespace(name="", topic_prefix="/excavator/", arbiter=arbiter)
+    stops = EmergencyStops(ros.node("machine"), diagnostics, [instance])
+    publisher = ros.publisher(TOPIC, Bool, subscriptions=1)
+
+    def has_reported(is_stopped: bool) -> bool:
+        stops.take_all()
+        return bool(reports) and reports[-1] is is_stopped
+
+    for pressed in (True, False):
+        publisher.publish(Bool(data=pressed))
+        ros.spin_until(lambda pressed=pressed: has_reported(pressed))
+        publisher.publish(Bool(data=pressed))  # no change
+    ros.spin_for(0.1)
+    stops.take_all()
+    assert reports == [True, False]
 
 
 def test_stop_is_in_log_and_diagnostics_while_it_is_pressed(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 import yaml
@@ -37,7 +38,7 @@ PUBLISHED = {
     "joint_states_measured": qos.STATE,
     "bucket/wrench": qos.STATE,
     "particles": qos.STATE,
-    "transforms": qos.STATE,
+    "transforms": qos.ROWS,
     "markers": qos.STATE,
     "state_hash": qos.STATE,
     "robot_description": qos.TRANSIENT_LOCAL,
@@ -75,6 +76,29 @@ def test_late_subscriber_gets_description_and_configuration(ros: Ros) -> None:
     assert parse_run_facts(config[0].data).run_id == scene.soil.run.endpoint.exchange.run_id
 
 
+def test_transforms_lead_to_every_visible_link_of_the_description(ros: Ros) -> None:
+    description = ros.collect("/excavator/robot_description", String, qos.TRANSIENT_LOCAL)
+    transforms = ros.collect("/excavator/transforms", TransformStamped, qos.ROWS)
+    scene = Scene(ros)
+    scene.machine("/excavator")
+    ros.spin_until(lambda: description)
+    links = ElementTree.fromstring(description[0].data).findall("link")
+    visible = {link.get("name") for link in links if link.find("visual") is not None}
+    ros.spin_until(lambda: visible <= {m.child_frame_id for m in transforms}, what=str(visible))
+
+
+def test_joint_states_have_every_free_joint_of_the_description(ros: Ros) -> None:
+    description = ros.collect("/excavator/robot_description", String, qos.TRANSIENT_LOCAL)
+    states = ros.collect("/excavator/joint_states", JointState, qos.STATE)
+    scene = Scene(ros)
+    scene.machine("/excavator")
+    ros.spin_until(lambda: description and states)
+    joints = ElementTree.fromstring(description[0].data).findall("joint")
+    free = {j.get("name") for j in joints if j.get("type") != "fixed" and j.find("mimic") is None}
+    assert free == set(states[0].name)
+    assert {"left_sprocket", "right_sprocket"} <= free
+
+
 @pytest.mark.parametrize(
     ("namespace", "options", "prefix"),
     [
@@ -102,11 +126,9 @@ def test_frames_are_prefixed_and_relative_to_the_map(
     ros.spin_until(lambda: all(received.values()) and len(received["transforms"]) >= 5)
     odom = received["odom"][0]
     assert (odom.header.frame_id, odom.child_frame_id) == ("map", f"{prefix}base_link")
-    frames = {(m.header.frame_id, m.child_frame_id) for m in received["transforms"]}
-    assert len(frames) == 5
-    assert {parent for parent, _ in frames} == {"map"}
-    assert all(child.startswith(prefix) for _, child in frames)
-    assert received["bucket/wrench"][0].header.frame_id in {child for _, child in frames}
+    assert {m.header.frame_id for m in received["transforms"]} == {"map"}
+    assert all(m.child_frame_id.startswith(prefix) for m in received["transforms"])
+    assert received["bucket/wrench"][0].header.frame_id == f"{prefix}bucket"
     assert received["particles"][0].header.frame_id == "map"
     assert {marker.header.frame_id for marker in received["markers"][0].markers} == {"map"}
     assert from_payload_array(received["payload"][0]).bank_m3 == 0.0

@@ -45,6 +45,17 @@ def test_opposed_tracks_pivot_on_the_spot(scene):
     assert s.machine.tilt < 0.02
 
 
+def test_drives_supply_the_force_that_pulls_a_load(scene):
+    s = scene(position=(-8.0, 0.0))
+    s.machine.command([0.0] * 4, [0.5, 0.5])
+    s.run(2.0)
+    unloaded = s.machine.tracks.drive_forces.sum()
+    s.run(2.0, pull=60e3)
+    loaded = s.machine.tracks.drive_forces.copy()
+    assert loaded.sum() - unloaded == pytest.approx(60e3, rel=0.05)
+    assert loaded[0] == pytest.approx(loaded[1], rel=0.1)
+
+
 def test_machine_stops_within_5_cm(scene):
     s = scene()
     s.run(1.0)
