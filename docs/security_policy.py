@@ -11,13 +11,16 @@ import re
 from collections.abc import Iterable
 from xml.etree import ElementTree
 
+from msg_bridge.contract import topics
 from msg_bridge.contract.interface import (
     ANY,
+    CAMERA,
     INTERFACE,
     MACHINE,
     OPERATOR,
     RECORDER,
     SOIL,
+    VIEWER,
     Endpoint,
     EndpointKind,
     Scope,
@@ -27,8 +30,18 @@ __all__ = ["security_policy"]
 
 _MACHINE_NAMESPACE = "/excavator"
 
-_NODES = {SOIL: "/", MACHINE: _MACHINE_NAMESPACE, OPERATOR: _MACHINE_NAMESPACE, RECORDER: "/"}
+_NODES = {
+    SOIL: "/",
+    MACHINE: _MACHINE_NAMESPACE,
+    OPERATOR: _MACHINE_NAMESPACE,
+    RECORDER: "/",
+    VIEWER: "/",
+    CAMERA: "/",
+}
 """Namespace of the node of each executable."""
+
+_CALLED_SERVICES = {VIEWER: (topics.PAUSE_SERVICE, topics.STEP_SERVICE, topics.RESET_SERVICE)}
+"""Services that an executable calls."""
 
 _CLIENT = "client"
 """Enclave of programs that send commands and call services: teleoperation, autonomy."""
@@ -75,6 +88,9 @@ def _add_enclave(enclaves: ElementTree.Element, executable: str, namespace: str)
     ]
     own_services = [f"~/{name}" for name in _NODE_SERVICES]
     _add(profile, "services", "reply", "service", [*own_services, *map(_name, served)])
+    called = _CALLED_SERVICES.get(executable, ())
+    if called:
+        _add(profile, "services", "request", "service", [f"/{name}" for name in called])
     _add(profile, "topics", "publish", "topic", [*_NODE_TOPICS, *map(_name, published)])
     everything = ["*"] if executable == RECORDER else map(_name, subscribed)
     _add(profile, "topics", "subscribe", "topic", everything)

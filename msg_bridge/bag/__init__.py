@@ -8,6 +8,7 @@ Modules in the order of use:
 - `writer`: writes one bag into a folder, readable up to its last chunk at any time
 - `message_loss`: counts messages and rows that were sent and not received
 - `mcap_index`: finds the chunks and messages of an MCAP file, finished or not
+- `message_index`: random access to messages by their number
 - `legacy_names`: old and current names of topics, fields, labels and keys
 - `legacy_messages`: renames what format 1 named otherwise in messages
 - `reader`: reads bags of all formats, finished or not

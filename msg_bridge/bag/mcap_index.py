@@ -22,7 +22,7 @@ from mcap.stream_reader import breakup_chunk
 
 from msg_bridge.contract.errors import EarthmovingError
 
-__all__ = ["BagReadError", "FileSegment", "McapFile", "index_file", "read_records"]
+__all__ = ["BagReadError", "FileSegment", "McapFile", "damage", "index_file", "read_records"]
 
 _MAGIC = b"\x89MCAP0\r\n"
 _RECORD_HEADER = struct.Struct("<BQ")  # opcode, length of the content
@@ -80,23 +80,48 @@ def index_file(number: int, path: Path) -> McapFile:
         path: the file.
 
     Raises:
-        BagReadError: it is empty or not MCAP.
+        BagReadError: it is empty, not MCAP or damaged, or cannot be opened.
     """
     file = McapFile(path)
-    with path.open("rb") as stream:
-        if not path.stat().st_size:
-            raise BagReadError(f"{path} is empty")
-        if stream.read(len(_MAGIC)) != _MAGIC:
-            raise BagReadError(
-                f"{path} is not an MCAP file; if it is compressed, decompress it first"
-            )
-        statistics = _scan_records(file, number, stream)
-        counts = None if statistics is None else statistics.channel_message_counts
-        if file.is_complete and counts and set(counts) <= set(file.channels):
-            file.counts.update(counts)
-        else:
-            _count_messages(file, stream)
+    try:
+        with path.open("rb") as stream:
+            if not path.stat().st_size:
+                raise BagReadError(f"{path} is empty")
+            if stream.read(len(_MAGIC)) != _MAGIC:
+                raise BagReadError(
+                    f"{path} is not an MCAP file; if it is compressed, decompress it first"
+                )
+            _index_records(file, number, stream)
+    except OSError as error:
+        raise BagReadError(f"{path} cannot be read: {error.strerror or error}") from error
     return file
+
+
+def damage(path: Path, offset: int, error: Exception) -> BagReadError:
+    """Return the error for a damaged file.
+
+    Args:
+        path: the file.
+        offset: where [bytes].
+        error: of zstd, lz4, struct, numpy or mcap, depending on the damage.
+    """
+    reason = f"{type(error).__name__}: {error}".rstrip(": ")  # that of a short record has no text
+    return BagReadError(
+        f"{path} is damaged at byte {offset}: {reason}; `mcap recover` saves the rest"
+    )
+
+
+def _index_records(file: McapFile, number: int, stream: IO[bytes]) -> None:
+    """Add all segments, schemas and channels, and count the messages."""
+    try:
+        statistics = _scan_records(file, number, stream)
+    except Exception as error:
+        raise damage(file.path, stream.tell(), error) from error
+    counts = None if statistics is None else statistics.channel_message_counts
+    if file.is_complete and counts and set(counts) <= set(file.channels):
+        file.counts.update(counts)
+    else:
+        _count_messages(file, stream)
 
 
 def _scan_records(file: McapFile, number: int, stream: IO[bytes]) -> Statistics | None:
@@ -162,11 +187,8 @@ def read_records(file: McapFile, stream: IO[bytes], segment: FileSegment) -> lis
         if not segment.is_chunk:
             return [_parse(Opcode.MESSAGE, data)]
         return breakup_chunk(Chunk.read(ReadDataStream(BytesIO(data))), validate_crc=True)
-    except Exception as error:  # of zstd, lz4, struct or mcap, depending on the damage
-        raise BagReadError(
-            f"{file.path} is damaged at byte {segment.offset}: {error}; `mcap recover` saves the"
-            " rest"
-        ) from error
+    except Exception as error:
+        raise damage(file.path, segment.offset, error) from error
 
 
 _PARSERS: dict[int, Callable[[ReadDataStream, int], McapRecord]] = {

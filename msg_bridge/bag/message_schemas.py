@@ -2,6 +2,7 @@
 
 A ROS package installs `share/<package>/msg/<Name>.msg` with the definition, and next to it
 `<Name>.json` with the type hash (REP-2016). A bag contains both, so that reading it needs no ROS.
+A few types are known without their package, see `bundled_types`.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from msg_bridge.bag.bundled_types import BUNDLED_TYPES
 from msg_bridge.contract.errors import EarthmovingError
 
 __all__ = ["SchemaError", "schema_text", "type_hash"]
@@ -58,7 +60,12 @@ def type_hash(type_name: str) -> str:
     Raises:
         SchemaError: it is not the name of a message type, or the file with its hash is missing.
     """
-    path = _file(type_name, "json")
+    try:
+        path = _file(type_name, "json")
+    except SchemaError:
+        if type_name in BUNDLED_TYPES:
+            return BUNDLED_TYPES[type_name].type_hash
+        raise
     try:
         hashes = json.loads(path.read_text(encoding="utf-8"))["type_hashes"]
         named = {each["type_name"]: str(each["hash_string"]) for each in hashes}
@@ -68,7 +75,12 @@ def type_hash(type_name: str) -> str:
 
 
 def _definition(type_name: str) -> str:
-    return _file(type_name, "msg").read_text(encoding="utf-8")
+    try:
+        return _file(type_name, "msg").read_text(encoding="utf-8")
+    except SchemaError:
+        if type_name in BUNDLED_TYPES:
+            return BUNDLED_TYPES[type_name].definition
+        raise
 
 
 def _used_types(user: str, text: str) -> Iterator[str]:

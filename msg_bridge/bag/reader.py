@@ -20,9 +20,11 @@ from typing import Any
 import yaml
 from mcap.records import Channel, Message
 
+from msg_bridge.bag.bundled_types import BUNDLED_TYPES
 from msg_bridge.bag.legacy_messages import RecordedRun, upgrade_message
 from msg_bridge.bag.legacy_names import current_topic
 from msg_bridge.bag.mcap_index import BagReadError, McapFile, index_file, read_records
+from msg_bridge.bag.message_index import MessageIndex
 from msg_bridge.contract import topics
 
 __all__ = ["BagReadError", "BagReader", "TopicInfo"]
@@ -89,12 +91,15 @@ class BagReader:
         """Return an iterator over (topic, log time [ns], message), ordered by log time.
 
         Args:
-            topics: names of the requested topics; all if not given.
+            topics: names of the requested topics; all if not given, without those that the
+                recorder made from others (`bundled_types`) if their types are not installed.
 
         Raises:
             BagReadError: a topic or its message type is missing, or the file is damaged.
         """
         wanted = self._validate_topics(topics)
+        if topics is None:
+            wanted = frozenset(topic for topic in wanted if not self._is_unreadable_copy(topic))
         for topic in wanted:
             _message_class(self.topics[topic].type)
         return self._decode_all(wanted)
@@ -127,6 +132,18 @@ class BagReader:
         except Exception as error:  # RCLError and others, depending on the damage
             raise BagReadError(f"a message on {topic} is no {type_name}: {error}") from error
         return upgrade_message(topic, message, lambda: self._run_at(log_time))
+
+    def index(self, topics: Iterable[str]) -> MessageIndex:
+        """Return random access to the messages of some topics; close it at the end.
+
+        Args:
+            topics: their current names; those that the bag lacks are left out.
+
+        Raises:
+            BagReadError: the bag is damaged.
+        """
+        known = sorted(set(topics) & set(self.topics))
+        return MessageIndex(self._files, self._topic_name, known)
 
     def is_of_simulation(self, topic: str) -> bool:
         """Return whether a topic is not that of another simulation in a namespace below this."""
@@ -173,6 +190,16 @@ class BagReader:
             return None
         name = channel.topic.removeprefix(self.namespace)
         return current_topic(name, file.schemas[channel.schema_id].name)
+
+    def _is_unreadable_copy(self, topic: str) -> bool:
+        """Return whether a topic repeats others in a type that is not installed."""
+        if self.topics[topic].type not in BUNDLED_TYPES:
+            return False
+        try:
+            _message_class(self.topics[topic].type)
+        except BagReadError:
+            return True
+        return False
 
     def _validate_topics(self, topics: Iterable[str] | None) -> frozenset[str]:
         wanted = frozenset(self.topics if topics is None else topics)
@@ -223,7 +250,8 @@ class BagReader:
                 file = self._files[segment.file]
                 for record in read_records(file, streams[segment.file], segment):
                     if isinstance(record, Message):
-                        name = self._topic_name(file, file.channels[record.channel_id])
+                        channel = file.channels.get(record.channel_id)
+                        name = None if channel is None else self._topic_name(file, channel)
                         if name is not None and name in wanted:
                             num_read += 1
                             heapq.heappush(pending, (record.log_time, num_read, name, record.data))

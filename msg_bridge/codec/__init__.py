@@ -20,6 +20,7 @@
 - `particles`: particles as a cloud
 - `run_config`: the configuration of a run
 - `stamps`: exact simulation time
+- `status_levels`: names of the levels of diagnostics
 - `qos`: QoS profiles; needs rclpy
 
 Modules are imported by name, so that a reader of one kind of message needs only its packages.

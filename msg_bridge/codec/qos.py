@@ -23,8 +23,8 @@ def _keep_last(
 
 
 ROWS = _keep_last(256)
-"""Rows, tick headers, requests, rejections, the ledger. Keep-last, so that a slow subscriber cannot
-block a publisher; lost messages are requested again."""
+"""Rows, tick headers, requests, rejections, the ledger; transforms, one message per link at once.
+Keep-last, so that a slow subscriber cannot block a publisher; lost messages are requested again."""
 
 TRANSIENT_LOCAL = _keep_last(1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """State of which a late subscriber needs the latest message: terrain map, elevation, map info,

@@ -8,10 +8,17 @@ from functools import cache
 
 from builtin_interfaces.msg import Time
 
+from msg_bridge.codec.cdr_primitives import LITTLE_ENDIAN, STAMP
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.contract.errors import ErrorCode
 
-__all__ = ["seconds_from_stamp", "stamp_from_seconds", "stamp_from_tick", "tick_from_stamp"]
+__all__ = [
+    "clock_time_ns",
+    "seconds_from_stamp",
+    "stamp_from_seconds",
+    "stamp_from_tick",
+    "tick_from_stamp",
+]
 
 _NANO = 10**9
 
@@ -59,6 +66,16 @@ def tick_from_stamp(stamp: Time, period: float) -> int:
             ErrorCode.STAMP,
         )
     return tick
+
+
+def clock_time_ns(data: bytes) -> int:
+    """Return the time of a serialised rosgraph_msgs/Clock [ns].
+
+    Args:
+        data: its CDR bytes, little-endian.
+    """
+    seconds, nanoseconds = STAMP.unpack_from(data, len(LITTLE_ENDIAN))
+    return int(seconds) * _NANO + int(nanoseconds)
 
 
 @cache

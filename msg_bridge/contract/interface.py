@@ -8,70 +8,30 @@ create. Names are in `msg_bridge.contract.topics`, layouts of rows in `msg_bridg
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
-from enum import Enum
 from functools import lru_cache
 
 from msg_bridge.contract import topics
+from msg_bridge.contract.endpoint import Endpoint, EndpointKind, Scope
 
-__all__ = ["INTERFACE", "Endpoint", "EndpointKind", "Scope", "endpoints_of", "is_exclusive"]
+__all__ = [
+    "INTERFACE",
+    "Endpoint",
+    "EndpointKind",
+    "Scope",
+    "endpoints_of",
+    "holds_state",
+    "is_exclusive",
+]
 
 SOIL, MACHINE, OPERATOR, RECORDER = "soil_sim", "machine_sim", "dig_operator", "exchange_recorder"
+VIEWER, CAMERA = "viewer", "camera"
 """Executables of this package."""
+
+_PAGES = (VIEWER, CAMERA)
+"""Executables that show the simulation on the live page."""
 
 ANY = "any client"
 """A publisher or caller outside of this package."""
-
-
-class Scope(str, Enum):
-    """Namespace that a name is relative to; see `msg_bridge.contract.topics`."""
-
-    SIMULATION = "simulation"
-    MACHINE_NODE = "machine node"
-    MACHINE = "machine"
-
-
-class EndpointKind(str, Enum):
-    """How an endpoint is used."""
-
-    TOPIC = "topic"
-    SERVICE = "service"
-
-
-@dataclass(frozen=True)
-class Endpoint:
-    """A topic or service.
-
-    Attributes:
-        name: relative to the namespace of its scope; a part in angle brackets stands for a name
-            from the machine file or a parameter.
-        type: ROS type, `package/msg/Type`.
-        scope: namespace that the name is relative to.
-        publishers: executables that publish the topic, or serve the service.
-        subscribers: executables of this package that subscribe to it.
-        qos: name of a profile in `msg_bridge.codec.qos`; empty for a service.
-        rate: when it is published, in simulated time.
-        description: contents, with units and frame.
-        condition: when the endpoint exists; empty: always.
-        kind: topic or service.
-    """
-
-    name: str
-    type: str
-    scope: Scope
-    publishers: tuple[str, ...]
-    subscribers: tuple[str, ...]
-    qos: str
-    rate: str
-    description: str
-    condition: str = ""
-    kind: EndpointKind = EndpointKind.TOPIC
-
-    @property
-    def full_name(self) -> str:
-        """Name with a placeholder for its namespace, as in help texts and documents."""
-        placeholder = {Scope.SIMULATION: "/", Scope.MACHINE_NODE: "<n>/", Scope.MACHINE: "<m>/"}
-        return placeholder[self.scope] + self.name
 
 
 _SIM, _NODE, _MACHINE = Scope.SIMULATION, Scope.MACHINE_NODE, Scope.MACHINE
@@ -99,12 +59,12 @@ _COMMANDS = (
         "up to once a tick", "linear.x [m/s] and angular.z [rad/s], converted to track speeds",
     ),
     Endpoint(
-        topics.JOY, "sensor_msgs/msg/Joy", _MACHINE, (ANY,), (MACHINE,), "COMMANDS",
+        topics.JOY, "sensor_msgs/msg/Joy", _MACHINE, (ANY, VIEWER), (MACHINE,), "COMMANDS",
         "up to once a tick", "joystick axes, in the pattern `commands.joy_pattern` (iso or sae)",
     ),
     Endpoint(
-        topics.EMERGENCY_STOP, "std_msgs/msg/Bool", _MACHINE, (ANY,), (MACHINE,), "STATE",
-        "on change",
+        topics.EMERGENCY_STOP, "std_msgs/msg/Bool", _MACHINE, (ANY, VIEWER), (MACHINE, *_PAGES),
+        "STATE", "on change",
         "true stops all motion until false arrives; publishers of any reliability and durability"
         " are received, and a transient-local one also by a machine that starts later",
     ),
@@ -112,26 +72,29 @@ _COMMANDS = (
 
 _MACHINE_STATE = (
     Endpoint(
-        topics.APPLIED_COMMANDS, _JOINTS, _MACHINE, (MACHINE,), (), "STATE", "every tick",
+        topics.APPLIED_COMMANDS, _JOINTS, _MACHINE, (MACHINE,), _PAGES, "STATE", "every tick",
         "command that took effect in the tick: velocities of joints [rad/s] and tracks [m/s]",
     ),
     Endpoint(
-        topics.JOINT_STATES, _JOINTS, _MACHINE, (MACHINE,), (OPERATOR,), "STATE",
+        topics.JOINT_STATES, _JOINTS, _MACHINE, (MACHINE,), (OPERATOR, *_PAGES), "STATE",
         "`state_rate`, 50 Hz",
-        "position [rad], velocity [rad/s] and effort [N m] of all joints, with the joints of the"
-        " cylinders and the virtual joints of the base (`base_x` ... `base_roll`)",
+        "position [rad], velocity [rad/s] and effort (torque of the drive, [N m]) of all joints,"
+        " with the sprockets (`left_sprocket`, `right_sprocket`: travel of the belt since the start"
+        " of the run over its radius, not wrapped), the joints of the cylinders and the virtual"
+        " joints of the base (`base_x` ... `base_roll`), both without effort",
     ),
     Endpoint(
-        topics.ODOM, "nav_msgs/msg/Odometry", _MACHINE, (MACHINE,), (OPERATOR,), "STATE",
+        topics.ODOM, "nav_msgs/msg/Odometry", _MACHINE, (MACHINE,), (OPERATOR, *_PAGES), "STATE",
         "`state_rate`, 50 Hz", "pose of `base_link` in `map` and its twist; exact",
     ),
     Endpoint(
-        topics.CYLINDERS, _FLOATS, _MACHINE, (MACHINE,), (), "STATE", "`state_rate`, 50 Hz",
+        topics.CYLINDERS, _FLOATS, _MACHINE, (MACHINE,), _PAGES, "STATE", "`state_rate`, 50 Hz",
         "labelled: length [m], speed [m/s], force [N] and pressures of cap and rod side [Pa] of"
         " each cylinder, time [s]",
     ),
     Endpoint(
-        topics.PAYLOAD, _FLOATS, _MACHINE, (MACHINE,), (OPERATOR,), "STATE", "`state_rate`, 50 Hz",
+        topics.PAYLOAD, _FLOATS, _MACHINE, (MACHINE,), (OPERATOR, *_PAGES), "STATE",
+        "`state_rate`, 50 Hz",
         "labelled: bank and loose volume [m³], mass [kg] and fill [heaped capacity = 1] of the soil"
         " that the machine carries, time [s]",
         "the machine has a tool that carries soil",
@@ -150,19 +113,34 @@ _MACHINE_STATE = (
         "`sensors.rate`, 50 Hz", "measurement of the joint encoders, with noise, bias and delay",
     ),
     Endpoint(
-        topics.TRANSFORMS, "geometry_msgs/msg/TransformStamped", _MACHINE, (MACHINE,), (), "STATE",
-        "`transform_rate`, 20 Hz", "pose of each link, one message a link",
+        topics.TRANSFORMS, "geometry_msgs/msg/TransformStamped", _MACHINE, (MACHINE,), (), "ROWS",
+        "`transform_rate`, 20 Hz",
+        "pose in `map` of each link, cylinder, sprocket, idler and view point, one message each",
     ),
     Endpoint(
         topics.MARKERS, "visualization_msgs/msg/MarkerArray", _MACHINE, (MACHINE,), (), "STATE",
-        "`marker_rate`, 10 Hz", "shape of the machine in `map`",
+        "`marker_rate`, 10 Hz", "boxes of the machine and its shoes in `map`",
     ),
     Endpoint(
-        topics.ROBOT_DESCRIPTION, _STRING, _MACHINE, (MACHINE,), (), "TRANSIENT_LOCAL",
-        "once a run", "URDF of the machine",
+        topics.ROBOT_DESCRIPTION, _STRING, _MACHINE, (MACHINE,), _PAGES, "TRANSIENT_LOCAL",
+        "once a run",
+        "URDF of the machine, with its meshes unless `description_meshes` is `primitives`; see the"
+        " document on machines",
     ),
     Endpoint(
-        topics.OPERATOR_PHASE, _STRING, _MACHINE, (OPERATOR,), (), "ROWS", "on change",
+        topics.camera_topics("<camera>")[0], "sensor_msgs/msg/Image", _MACHINE, (CAMERA,), (),
+        "STATE", "`rate`, at most 5 Hz",
+        "rgb8 image of the camera `cab` or `bucket`, drawn as on the live page; frame"
+        " `<camera>_camera_optical`: x right, y down, z forward",
+        "the node `camera` runs; drawn while there is a subscriber",
+    ),
+    Endpoint(
+        topics.camera_topics("<camera>")[1], "sensor_msgs/msg/CameraInfo", _MACHINE, (CAMERA,), (),
+        "STATE", "with each image", "intrinsic matrices, without distortion",
+        "the node `camera` runs; drawn while there is a subscriber",
+    ),
+    Endpoint(
+        topics.OPERATOR_PHASE, _STRING, _MACHINE, (OPERATOR,), _PAGES, "ROWS", "on change",
         "JSON: `time` [s], `cycle`, `phase`, `abort_reason`",
     ),
     Endpoint(
@@ -182,7 +160,7 @@ _MACHINE_NODE = (
         "a machine node has appeared",
     ),
     Endpoint(
-        topics.PARTICLES, _CLOUD, _NODE, (MACHINE,), (), "STATE", "`particle_rate`, 20 Hz",
+        topics.PARTICLES, _CLOUD, _NODE, (MACHINE,), _PAGES, "STATE", "`particle_rate`, 20 Hz",
         "`x y z` [m], `vx vy vz` [m/s], `diameter` [m], `id`, `volume_mm3` and `soil` of each"
         " particle",
     ),
@@ -191,7 +169,7 @@ _MACHINE_NODE = (
         "JSON: `run_id`, `tick`, `stamp` and SHA-256 of machines and particles",
     ),
     Endpoint(
-        topics.MACHINE_CONFIG, _STRING, _NODE, (MACHINE,), (OPERATOR,), "TRANSIENT_LOCAL",
+        topics.MACHINE_CONFIG, _STRING, _NODE, (MACHINE,), (OPERATOR, *_PAGES), "TRANSIENT_LOCAL",
         "once a run",
         "YAML: every parameter of the node, and the id of its first session of the run",
     ),
@@ -203,13 +181,13 @@ _MACHINE_NODE = (
 
 _TERRAIN = (
     Endpoint(
-        topics.TERRAIN_MAP, _CLOUD, _SIM, (SOIL,), (MACHINE, OPERATOR), "TRANSIENT_LOCAL",
+        topics.TERRAIN_MAP, _CLOUD, _SIM, (SOIL,), (MACHINE, OPERATOR, *_PAGES), "TRANSIENT_LOCAL",
         "`map_rate`, at most 2 Hz, if changed",
         "keyframe, organised (rows x cols): `x y z` [m], `loose_depth` [m], `surface_material`,"
         " `moisture` [%], `soil`, `design_difference` [m], `volume_mm3`, `revision`, `run_id`",
     ),
     Endpoint(
-        topics.TERRAIN_MAP_UPDATES, _CLOUD, _SIM, (SOIL,), (MACHINE, OPERATOR), "ROWS",
+        topics.TERRAIN_MAP_UPDATES, _CLOUD, _SIM, (SOIL,), (MACHINE, OPERATOR, *_PAGES), "ROWS",
         "every tick with changes", "MAP_UPDATE rows: every changed cell",
     ),
     Endpoint(
@@ -222,7 +200,8 @@ _TERRAIN = (
     ),
     Endpoint(
         topics.TERRAIN_GRID_MAP, "grid_map_msgs/msg/GridMap", _SIM, (SOIL,), (),
-        "TRANSIENT_LOCAL", "with the map", "the layers of the map", "grid_map_msgs is installed",
+        "TRANSIENT_LOCAL", "with the map", "the layers of the map",
+        "grid_map_msgs is installed; else bags have it, made by the recorder",
     ),
     Endpoint(
         topics.TERRAIN_SURFACE_TILT, "sensor_msgs/msg/Image", _SIM, (SOIL,), (),
@@ -262,7 +241,7 @@ _EXCHANGE = (
         "JSON: `run_id`, `machine_id`, `session_id`, `reason`",
     ),
     Endpoint(
-        topics.SOIL_LEDGER, _ARRAY, _SIM, (SOIL,), (OPERATOR,), "ROWS", "every tick",
+        topics.SOIL_LEDGER, _ARRAY, _SIM, (SOIL,), (OPERATOR, *_PAGES), "ROWS", "every tick",
         "labelled: every account of the volume and the imbalance [mm³]",
     ),
     Endpoint(
@@ -277,18 +256,18 @@ _SIMULATION = (
         "simulated time",
     ),
     Endpoint(
-        topics.SIM_CONFIG, _STRING, _SIM, (SOIL,), (MACHINE, OPERATOR), "TRANSIENT_LOCAL",
+        topics.SIM_CONFIG, _STRING, _SIM, (SOIL,), (MACHINE, OPERATOR, *_PAGES), "TRANSIENT_LOCAL",
         "once a run", "YAML: run, parameters, versions and seeds, soils, georeference",
     ),
     Endpoint(
-        topics.SIM_PAUSED, "std_msgs/msg/Bool", _SIM, (SOIL,), (MACHINE, OPERATOR),
+        topics.SIM_PAUSED, "std_msgs/msg/Bool", _SIM, (SOIL,), (MACHINE, OPERATOR, *_PAGES),
         "TRANSIENT_LOCAL", "on change",
         "whether simulated time stands still",
     ),
     Endpoint(
         topics.TF, "tf2_msgs/msg/TFMessage", _SIM, (MACHINE,), (), "STATE",
-        "`transform_rate`, 20 Hz", "poses of links and cylinders",
-        "tf2_msgs is installed and `publish_tf` is set",
+        "`transform_rate`, 20 Hz", "poses of links, cylinders, sprockets, idlers and view points",
+        "tf2_msgs is installed and `publish_tf` is set; else bags have it, made by the recorder",
     ),
     Endpoint(
         topics.RECORDER_STATUS, _STRING, _SIM, (RECORDER,), (), "TRANSIENT_LOCAL",
@@ -296,8 +275,10 @@ _SIMULATION = (
     ),
     Endpoint(
         topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", _SIM,
-        (SOIL, MACHINE, OPERATOR, RECORDER), (), "STATE", "1 Hz wall clock",
-        "rates, late ticks, rejected input, imbalance, tilt and problems of each node",
+        (SOIL, MACHINE, OPERATOR, RECORDER, *_PAGES), _PAGES, "STATE",
+        "1 Hz wall clock, and when an emergency stop changes",
+        "rates, late ticks, rejected input, imbalance, tilt, emergency stops and problems of each"
+        " node",
     ),
 )  # fmt: skip
 
@@ -354,13 +335,28 @@ def is_exclusive(topic: str) -> bool:
     Args:
         topic: an absolute name; one that is not of this interface is not exclusive.
     """
-    found = [
+    found = _topics_named(topic)
+    return all(
+        len(each.publishers) == 1 and ANY not in each.publishers and each.name not in _SHARED
+        for each in found
+    ) and bool(found)
+
+
+@lru_cache(maxsize=1024)
+def holds_state(topic: str) -> bool:
+    """Return whether the newest message of a topic is what it is about, such as joint states.
+
+    Args:
+        topic: an absolute name.
+    """
+    return any(each.qos in ("STATE", "TRANSIENT_LOCAL") for each in _topics_named(topic))
+
+
+def _topics_named(topic: str) -> list[Endpoint]:
+    """Return the topics of the interface that an absolute name may denote."""
+    return [
         each
         for each in INTERFACE
         if each.kind is EndpointKind.TOPIC
         and re.fullmatch(f".*/{re.sub('<[^>]*>', '[^/]+', each.name)}", topic)
     ]
-    return all(
-        len(each.publishers) == 1 and ANY not in each.publishers and each.name not in _SHARED
-        for each in found
-    ) and bool(found)

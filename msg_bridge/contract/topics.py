@@ -12,6 +12,7 @@ one ROS domain:
 
 from __future__ import annotations
 
+from collections.abc import Container
 from typing import Final
 
 from msg_bridge.contract.messages import Stream
@@ -69,10 +70,12 @@ __all__ = [
     "TRANSFORMS",
     "VERIFY_SERVICE",
     "bin_payload_topic",
+    "camera_topics",
     "imu_topic",
     "machine_node_namespace",
     "parent_namespace",
     "resolve",
+    "simulation_namespace_of_machine",
     "wrench_topic",
 ]
 
@@ -161,6 +164,11 @@ def wrench_topic(tool: str) -> str:
     return f"{tool}/wrench"
 
 
+def camera_topics(camera: str) -> tuple[str, str]:
+    """Return the topics of the images of a camera, and of its intrinsic matrices."""
+    return f"camera/{camera}/image", f"camera/{camera}/camera_info"
+
+
 def bin_payload_topic(name: str) -> str:
     """Return the topic of what a bin holds, in the namespace of its machine node."""
     return f"{name}/{PAYLOAD}"
@@ -193,3 +201,20 @@ def machine_node_namespace(topic: str, simulation_namespace: str) -> str | None:
     if name != MACHINE_TICK or not namespace:
         return None
     return namespace if parent_namespace(namespace) == (simulation_namespace or "/") else None
+
+
+def simulation_namespace_of_machine(topic: str, known_topics: Container[str]) -> str:
+    """Return the namespace of the simulation that a machine belongs to.
+
+    Args:
+        topic: absolute name of a topic of the machine, such as `/excavator/transforms`.
+        known_topics: names of the topics of the graph; headers of machine nodes among them show
+            whether the machine's namespace is that of its node or one level below it.
+    """
+    namespace = parent_namespace(topic)
+    node_namespace = namespace
+    while node_namespace != "/":
+        if resolve(MACHINE_TICK, node_namespace) in known_topics:
+            return parent_namespace(node_namespace)
+        node_namespace = parent_namespace(node_namespace)
+    return parent_namespace(namespace)

@@ -15,6 +15,7 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
 from msg_bridge.contract import topics
+from msg_bridge.contract.printable import printable
 from msg_bridge.contract.topics import resolve
 
 __all__ = ["REJECTION_WARN_TIME", "Diagnostics", "Level", "Report"]
@@ -111,6 +112,7 @@ class Diagnostics:
         now = self._now()
         if len(reason) > _MAX_REASON_LENGTH:
             reason = f"{reason[:_MAX_REASON_LENGTH]} ..."
+        reason = printable(reason)
         self.count(f"rejected {topic}")
         self.set(f"last rejected {topic}", reason)
         rejection_log = self._rejections.get(topic)

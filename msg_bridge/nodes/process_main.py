@@ -36,7 +36,7 @@ from msg_bridge.dds_profile import use_shipped_profile
 from msg_bridge.nodes.node_usage import NodeUsage
 from msg_bridge.nodes.ros_parameters import reject_unknown_overrides
 
-__all__ = ["EXIT_BAD_INPUT", "run_node"]
+__all__ = ["EXIT_BAD_INPUT", "run_background_node", "run_node"]
 
 EXIT_BAD_INPUT = 2
 """Exit code for invalid input of the user; one line on stderr gives the reason."""
@@ -100,6 +100,31 @@ def run_node(
             return _run(make_node, stopped, name)
         finally:
             try_shutdown()
+
+
+def run_background_node(
+    make_node: Callable[[], Node], args: Sequence[str] | None, *, name: str, usage: NodeUsage
+) -> int:
+    """Run a node as `run_node` does, with the niceness of its parameter `niceness`.
+
+    The niceness applies to the whole process, which therefore must have no other nodes.
+
+    Args:
+        make_node: makes the node, as in `run_node`.
+        args: command line with the program's name first; None: `sys.argv`.
+        name: name of the executable.
+        usage: contents of the help text.
+
+    Returns:
+        The exit code, as of `run_node`.
+    """
+
+    def make_nice_node() -> Node:
+        node = make_node()
+        os.nice(int(node.get_parameter("niceness").value))
+        return node
+
+    return run_node(make_nice_node, args, name=name, usage=usage)
 
 
 def _run(make_node: Callable[[], Node], stopped: threading.Event, program: str) -> int:

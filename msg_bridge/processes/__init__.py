@@ -2,6 +2,7 @@
 
 - `child_process`: ChildProcess: start, watch and stop a program whose output goes to a file
 - `child_main`: runs a Python module in a process that the kernel ends with its parent
+- `exec_program`: a program of another language instead of the module
 """
 
 from msg_bridge.processes.child_process import ChildProcess, python_module_command

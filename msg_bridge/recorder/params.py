@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 
 from msg_bridge.bag.writer import CHUNK_SIZE, COMPRESSIONS
-from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.parameters import Parameters, parameter
+from msg_bridge.raw_topics.topic_selection import is_topic_selected, validate_expression
 
 __all__ = ["RecorderParams"]
 
@@ -36,6 +35,18 @@ class RecorderParams(Parameters):
         low=0.0,
         high=1e6,
     )
+    make_tf: bool = parameter(
+        True,
+        "record /tf made from <m>/transforms where no node publishes it, as without tf2_msgs",
+    )
+    grid_map_period: float = parameter(
+        10.0,
+        "minimum simulation time between messages of /terrain/grid_map, recorded where no node"
+        " publishes it, as without grid_map_msgs; 0: never",
+        unit="s",
+        low=0.0,
+        high=1e6,
+    )
     scan_period: float = parameter(
         0.1, "wall time between searches for new topics", unit="s", low=0.01, high=10.0
     )
@@ -51,8 +62,8 @@ class RecorderParams(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _validate_regex("include", self.include)
-        _validate_regex("exclude", self.exclude)
+        validate_expression("include", self.include)
+        validate_expression("exclude", self.exclude)
 
     @property
     def folder(self) -> Path:
@@ -63,15 +74,4 @@ class RecorderParams(Parameters):
 
     def is_selected(self, topic: str) -> bool:
         """Return whether a topic is recorded."""
-        if self.exclude and re.search(self.exclude, topic):
-            return False
-        return re.search(self.include, topic) is not None
-
-
-def _validate_regex(name: str, text: str) -> None:
-    try:
-        re.compile(text)
-    except re.error as error:
-        raise ParameterError(
-            f"{name} is {text!r}, which is not a regular expression: {error}"
-        ) from error
+        return is_topic_selected(topic, self.include, self.exclude)

@@ -6,7 +6,6 @@ python -m msg_bridge.recorder.recorder_node --ros-args -p path:=bags/dig -p excl
 from __future__ import annotations
 
 import json
-import os
 import sys
 import time
 from collections.abc import Sequence
@@ -17,23 +16,27 @@ from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import String
 
-from msg_bridge.bag.message_schemas import SchemaError
+from msg_bridge.bag.bundled_types import GRID_MAP_TYPE, TF_TYPE
+from msg_bridge.bag.metadata import OfferedQos
 from msg_bridge.bag.writer import BagWriter
 from msg_bridge.codec import qos
-from msg_bridge.codec.cdr_primitives import LITTLE_ENDIAN, STAMP
+from msg_bridge.codec.stamps import clock_time_ns
 from msg_bridge.contract import topics
 from msg_bridge.nodes.diagnostics import Diagnostics
-from msg_bridge.nodes.process_main import run_node
+from msg_bridge.nodes.process_main import run_background_node
 from msg_bridge.nodes.ros_parameters import declare_parameters
 from msg_bridge.nodes.wait_log import Wait, WaitLog
-from msg_bridge.recorder.params import RecorderParams
-from msg_bridge.recorder.raw_subscriptions import (
-    RawSubscriptions,
+from msg_bridge.raw_topics.graph_topics import GraphTopics
+from msg_bridge.raw_topics.grid_map_from_terrain import GRID_MAP_QOS, GridMapFromTerrain
+from msg_bridge.raw_topics.raw_subscriptions import (
     advertised_type_hash,
     all_transient_local,
     offered_qos,
 )
-from msg_bridge.recorder.recording import BagRecording, RecordedMessage
+from msg_bridge.raw_topics.received_message import ReceivedMessage
+from msg_bridge.raw_topics.tf_from_transforms import TF_QOS, TfFromTransforms
+from msg_bridge.recorder.params import RecorderParams
+from msg_bridge.recorder.recording import BagRecording
 from msg_bridge.recorder.usage import USAGE
 
 __all__ = ["RecorderNode", "main"]
@@ -44,9 +47,6 @@ _REPORT_PERIOD = 1.0
 _TERMINAL_PERIOD = 0.5  # of progress on a terminal
 _LOG_PERIOD = 5.0  # of progress in a log
 _MAX_DRAIN_TIME = 1.0
-
-_SCANS_PER_PUBLISHER_CHECK = 10
-"""Publishers of known topics are queried less often: a query is slow, and they rarely change."""
 
 _MAX_MESSAGES_BEFORE_CLOCK = 10_000
 """Maximum number of messages kept until the first /clock; then simulation time 0 is assumed."""
@@ -76,14 +76,16 @@ class RecorderNode(Node):
             params.folder, compression=params.compression, chunk_size=params.chunk_size
         )
         self.recording = BagRecording(writer, params.repeat_transient_local_period)
-        self._raw_subscriptions = RawSubscriptions(self)
-        self._skipped: set[str] = set()
-        self._scans = 0
-        self._stopped = False
         self._clock_topic = self.resolve_topic_name(topics.CLOCK)
         self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)
+        self._graph_topics = GraphTopics(
+            self, self, is_selected=lambda topic: self._is_recorded(topic) or self._is_clock(topic)
+        )
+        self._tf = TfFromTransforms(self._graph_topics)
+        self._grid_map = GridMapFromTerrain(self._graph_topics, params.grid_map_period)
+        self._stopped = False
         self._sim_time: int | None = None  # ns
-        self._messages_before_clock: list[RecordedMessage] = []
+        self._messages_before_clock: list[ReceivedMessage] = []
         self._is_terminal = params.progress and sys.stdout.isatty()
         self._status = self.create_publisher(String, topics.RECORDER_STATUS, qos.TRANSIENT_LOCAL)
         self.diagnostics = Diagnostics(self, simulation_namespace=self.get_namespace())
@@ -91,7 +93,7 @@ class RecorderNode(Node):
         WaitLog(self, self.diagnostics, self._find_waits)
         self._start_timers()
         self.get_logger().info(f"recording into {self.recording.path}")
-        self._scan()
+        self._graph_topics.scan()
 
     def stop(self) -> None:
         """Write the queued messages and finish the bag; a second call does nothing.
@@ -108,7 +110,7 @@ class RecorderNode(Node):
             while self._poll() and time.monotonic() < deadline:
                 pass
             self._write_messages_before_clock(0)
-            self._check_publishers()
+            self._graph_topics.check_publishers(resubscribe=False)
         self.recording.close()
         if not self.recording.has_failed:
             self._end_line()
@@ -117,7 +119,7 @@ class RecorderNode(Node):
     def _start_timers(self) -> None:
         periods = [
             (_POLL_PERIOD, self._poll),
-            (self._params.scan_period, self._scan),
+            (self._params.scan_period, self._graph_topics.scan),
             (_REPORT_PERIOD, self._publish_status),
         ]
         if self._params.progress:
@@ -129,56 +131,35 @@ class RecorderNode(Node):
         for period, callback in periods:
             self.create_timer(period, callback, clock=steady)
 
-    # Finding topics.
+    # Topics, as GraphTopics finds them.
 
-    def _scan(self) -> None:
-        """Subscribe to new topics; now and then check the publishers of the others."""
-        self._scans += 1
-        if self._scans % _SCANS_PER_PUBLISHER_CHECK == 0:
-            self._check_publishers()
-        known = {*self._raw_subscriptions.topics, *self._skipped}
-        for topic, _ in self.get_topic_names_and_types():
-            if topic in known:
-                continue
-            if not (self._is_recorded(topic) or self._is_clock(topic)):
-                self._skipped.add(topic)
-            elif publishers := self.get_publishers_info_by_topic(topic):
-                self._add_topic(topic, publishers)
+    def add_topic(
+        self, topic: str, type_name: str, publishers: Sequence[TopicEndpointInfo]
+    ) -> None:
+        """Add a topic to the bag, unless it is subscribed only as the source of simulation time."""
+        if self._is_recorded(topic) and topic not in self.recording.topics:
+            self.recording.add_topic(
+                topic,
+                type_name,
+                [offered_qos(each) for each in publishers],
+                advertised_type_hash(publishers[0]),
+            )
 
-    def _add_topic(self, topic: str, publishers: list[TopicEndpointInfo]) -> None:
-        types = sorted({each.topic_type for each in publishers})
-        if len(types) > 1:
-            self._warn(f"{topic} has types {', '.join(types)}; only the first is recorded")
-        try:
-            self._raw_subscriptions.add(topic, types[0], publishers)
-            if self._is_recorded(topic):
-                self.recording.add_topic(
-                    topic,
-                    types[0],
-                    [offered_qos(p) for p in publishers],
-                    advertised_type_hash(publishers[0]),
-                )
-        except SchemaError as error:
-            self._raw_subscriptions.drop(topic)
-            self._skipped.add(topic)
-            self._warn(f"{topic} is not recorded: {error}")
-            return
-        self._update_publishers(topic, publishers)
-
-    def _check_publishers(self) -> None:
-        """Update the publishers of each topic; subscribe again where some are not received."""
-        for topic in self._raw_subscriptions.topics:
-            publishers = self.get_publishers_info_by_topic(topic)
-            if self._raw_subscriptions.qos_incompatible(topic, publishers) and not self._stopped:
-                self._poll()
-                self._raw_subscriptions.resubscribe(topic, publishers)
-            self._update_publishers(topic, publishers)
-
-    def _update_publishers(self, topic: str, publishers: list[TopicEndpointInfo]) -> None:
+    def update_publishers(self, topic: str, publishers: Sequence[TopicEndpointInfo]) -> None:
+        """Update the publishers of a recorded topic."""
         if self._is_recorded(topic):
             identities = frozenset(bytes(each.endpoint_gid) for each in publishers)
             transient_local = bool(publishers) and all_transient_local(publishers)
             self.recording.update_publishers(topic, identities, transient_local=transient_local)
+
+    def before_resubscription(self) -> None:
+        """Write the queued messages."""
+        self._poll()
+
+    def warn(self, text: str) -> None:
+        """Log a warning below the progress line."""
+        self._end_line()
+        self.get_logger().warning(text)
 
     def _is_recorded(self, topic: str) -> bool:
         return self._params.is_selected(topic)
@@ -191,15 +172,19 @@ class RecorderNode(Node):
 
     def _poll(self) -> int:
         """Write all queued messages; return their number."""
-        messages = self._raw_subscriptions.take()
+        messages = self._graph_topics.take()
         for message in messages:
             self._write(message)
+        for message in self._tf.convert(messages) if self._params.make_tf else ():
+            self._write_made(message, TF_TYPE, TF_QOS)
+        for message in self._grid_map.convert(messages) if self._params.grid_map_period else ():
+            self._write_made(message, GRID_MAP_TYPE, GRID_MAP_QOS)
         now = self._sim_time if self._uses_sim_time else time.time_ns()
         if now is not None and not self._stopped:
             self.recording.repeat_transient_local(now)
         return len(messages)
 
-    def _write(self, message: RecordedMessage) -> None:
+    def _write(self, message: ReceivedMessage) -> None:
         """Write a message with its time of reception as log time.
 
         With simulation time, that is the last /clock received before the message. The node's own
@@ -209,8 +194,7 @@ class RecorderNode(Node):
             self.recording.write(message, message.received_time)
             return
         if self._is_clock(message.topic):
-            seconds, nanoseconds = STAMP.unpack_from(message.data, len(LITTLE_ENDIAN))
-            self._sim_time = seconds * 10**9 + nanoseconds
+            self._sim_time = clock_time_ns(message.data)
             self._write_messages_before_clock(self._sim_time)
             if not self._is_recorded(message.topic):
                 return
@@ -221,6 +205,14 @@ class RecorderNode(Node):
         if len(self._messages_before_clock) == _MAX_MESSAGES_BEFORE_CLOCK:
             self._sim_time = 0
             self._write_messages_before_clock(0)
+
+    def _write_made(self, message: ReceivedMessage, type_name: str, offered: OfferedQos) -> None:
+        """Write a message that was made from others, unless its topic is not selected."""
+        if not self._is_recorded(message.topic):
+            return
+        if message.topic not in self.recording.topics:
+            self.recording.add_topic(message.topic, type_name, [offered], None)
+        self._write(message)
 
     def _write_messages_before_clock(self, log_time: int) -> None:
         """Write the messages received before the first /clock."""
@@ -261,10 +253,6 @@ class RecorderNode(Node):
         else:
             self.get_logger().info(self.recording.progress())
 
-    def _warn(self, text: str) -> None:
-        self._end_line()
-        self.get_logger().warning(text)
-
     def _end_line(self) -> None:
         """End the progress line, so that the next print does not overwrite it."""
         if self._is_terminal:
@@ -280,14 +268,7 @@ def main(args: Sequence[str] | None = None) -> int:
     Returns:
         The exit code: 0, or 2 with a message on stderr.
     """
-    return run_node(_create_node, args, name="exchange_recorder", usage=USAGE)
-
-
-def _create_node() -> RecorderNode:
-    """Create the node and lower the priority of the process, which has no other nodes."""
-    node = RecorderNode()
-    os.nice(int(node.get_parameter("niceness").value))
-    return node
+    return run_background_node(RecorderNode, args, name="exchange_recorder", usage=USAGE)
 
 
 if __name__ == "__main__":

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import json
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 from msg_bridge.bag.message_loss import MessageLossCounter
 from msg_bridge.bag.metadata import OfferedQos
 from msg_bridge.bag.writer import BagWriter
+from msg_bridge.raw_topics.received_message import ReceivedMessage, TransientLocalHistory
 
-__all__ = ["FORMAT_VERSION", "BagRecording", "RecordedMessage"]
+__all__ = ["FORMAT_VERSION", "BagRecording"]
 
 FORMAT_VERSION = "2"
 """Version of the names of topics, fields and keys; `bag.legacy_names` upgrades older ones."""
@@ -22,38 +22,12 @@ _MEGA = 1e6
 _NANO = 10**9
 
 
-class RecordedMessage(NamedTuple):
-    """A received message.
-
-    Attributes:
-        topic: its topic.
-        data: its CDR bytes.
-        received_time, source_time: wall times of reception and publication [ns].
-        sequence_number: that of its publisher, from 1; 0 if unknown.
-    """
-
-    topic: str
-    data: bytes
-    received_time: int
-    source_time: int
-    sequence_number: int
-
-
 @dataclass
-class _TransientLocalHistory:
-    """The newest messages of a transient-local topic, as many as it has publishers.
+class _RepeatedTopic:
+    """A transient-local topic whose newest messages are written repeatedly."""
 
-    Messages do not identify their publisher, so with several publishers the newest message of one
-    may displace that of another.
-    """
-
-    messages: deque[RecordedMessage] = field(default_factory=lambda: deque(maxlen=1))
+    history: TransientLocalHistory = field(default_factory=TransientLocalHistory)
     last_write_time: int = 0  # log time [ns]
-
-    def set_depth(self, num_publishers: int) -> None:
-        """Keep one message per publisher."""
-        if num_publishers != self.messages.maxlen:
-            self.messages = deque(self.messages, maxlen=max(num_publishers, 1))
 
 
 class BagRecording:
@@ -84,7 +58,7 @@ class BagRecording:
         self.num_bytes = 0
         self._writer = writer
         self._repeat_period = round(repeat_transient_local_period * _NANO)
-        self._transient_local: dict[str, _TransientLocalHistory] = {}
+        self._transient_local: dict[str, _RepeatedTopic] = {}
         self._now = now
         self._rate_state = (now(), 0, 0.0)  # time [s], bytes then, last rate [bytes/s]
 
@@ -122,13 +96,12 @@ class BagRecording:
         """
         self.loss_counter.update_publishers(topic, publishers)
         if transient_local and self._repeat_period:
-            self._transient_local.setdefault(topic, _TransientLocalHistory()).set_depth(
-                len(publishers)
-            )
+            repeated = self._transient_local.setdefault(topic, _RepeatedTopic())
+            repeated.history.set_depth(len(publishers))
         elif publishers:
             self._transient_local.pop(topic, None)
 
-    def write(self, message: RecordedMessage, log_time: int) -> None:
+    def write(self, message: ReceivedMessage, log_time: int) -> None:
         """Write a message.
 
         Args:
@@ -142,10 +115,10 @@ class BagRecording:
         self.messages += 1
         self.num_bytes += len(message.data)
         self.loss_counter.add(message.topic, message.data, message.sequence_number)
-        history = self._transient_local.get(message.topic)
-        if history is not None:
-            history.messages.append(message)
-            history.last_write_time = log_time
+        repeated = self._transient_local.get(message.topic)
+        if repeated is not None:
+            repeated.history.messages.append(message)
+            repeated.last_write_time = log_time
 
     def repeat_transient_local(self, log_time: int) -> None:
         """Write transient-local messages again that were not written for one period.
@@ -158,15 +131,15 @@ class BagRecording:
         Raises:
             BagError: the bag cannot be written.
         """
-        for history in self._transient_local.values():
+        for repeated in self._transient_local.values():
             # A reset of the simulation time counts as an elapsed period.
-            if 0 <= log_time - history.last_write_time < self._repeat_period:
+            if 0 <= log_time - repeated.last_write_time < self._repeat_period:
                 continue
-            for message in history.messages:
+            for message in repeated.history.messages:
                 self._write(message, log_time)
-            history.last_write_time = log_time
+            repeated.last_write_time = log_time
 
-    def _write(self, message: RecordedMessage, log_time: int) -> None:
+    def _write(self, message: ReceivedMessage, log_time: int) -> None:
         self._writer.write(
             message.topic, message.data, log_time, message.source_time, message.sequence_number
         )

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from msg_bridge.bag.bundled_types import BUNDLED_TYPES
 from msg_bridge.bag.message_schemas import SchemaError, schema_text, type_hash
 
 TYPES = [
@@ -44,6 +45,16 @@ def own_text(name: str) -> str:
 @pytest.mark.parametrize("name", TYPES)
 def test_hash_equals_that_computed_from_the_definition(name):
     assert type_hash(name) == get_typestore(Stores.ROS2_JAZZY).hash_rihs01(name)
+
+
+@pytest.mark.parametrize("name", BUNDLED_TYPES)
+def test_type_without_its_package_has_a_schema_and_its_hash(name, monkeypatch):
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    defined = get_types_from_msg(schema_text(name), name)
+    assert name in defined
+    store.register({each: fields for each, fields in defined.items() if each not in store.types})
+    assert type_hash(name) == store.hash_rihs01(name)
 
 
 @pytest.fixture

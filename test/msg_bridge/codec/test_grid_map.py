@@ -8,8 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from msg_bridge.codec.grid_map import grid_map_type, to_grid_map
+from msg_bridge.bag.bundled_types import GRID_MAP_TYPE
+from msg_bridge.bag.message_schemas import schema_text
+from msg_bridge.codec.cdr_primitives import STAMP
+from msg_bridge.codec.grid_map import grid_map_to_cdr, grid_map_type, to_grid_map
 from msg_bridge.codec.terrain import TerrainMap
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.messages import Keyframe
@@ -74,3 +78,23 @@ def test_layers_are_column_major_matrices_of_the_same_order(installed):
         assert (rows.label, rows.size, rows.stride) == ("row_index", 3, 3)
         back = np.array(layer.data, dtype=np.float32).reshape(4, 3).T
         assert np.array_equal(back, values.astype(np.float32), equal_nan=True)
+
+
+@pytest.mark.parametrize("frame", ["map", "a", "site/map"])  # strings of various paddings
+def test_serialised_grid_map_has_the_fields_of_the_message(installed, frame):
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types_in_schema = get_types_from_msg(schema_text(GRID_MAP_TYPE), GRID_MAP_TYPE)
+    store.register({k: v for k, v in types_in_schema.items() if k not in store.types})
+    expected = to_grid_map(TERRAIN, frame, Time(sec=3, nanosec=4))
+    found = store.deserialize_cdr(grid_map_to_cdr(TERRAIN, frame, STAMP.pack(3, 4)), GRID_MAP_TYPE)
+    stamp = found.header.stamp
+    assert (found.header.frame_id, stamp.sec, stamp.nanosec) == (frame, 3, 4)
+    assert found.info.resolution == expected.info.resolution
+    assert (found.info.length_x, found.info.length_y) == GRID.size
+    assert found.info.pose.orientation.w == 1.0
+    assert (found.layers, found.basic_layers) == (expected.layers, expected.basic_layers)
+    for layer, other in zip(found.data, expected.data, strict=True):
+        dims = [(dim.label, dim.size, dim.stride) for dim in layer.layout.dim]
+        assert dims == [(dim.label, dim.size, dim.stride) for dim in other.layout.dim]
+        assert np.array_equal(layer.data, np.array(other.data), equal_nan=True)
+    assert (found.outer_start_index, found.inner_start_index) == (0, 0)

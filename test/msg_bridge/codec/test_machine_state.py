@@ -16,6 +16,7 @@ from support.wire import over_the_wire, raises
 
 from machine_sim.machine import EXCAVATOR_JOINTS, rotation_matrix, urdf_text
 from machine_sim.machine.cylinder_visuals import cylinder_joint_states
+from machine_sim.machine.description import description_text
 from machine_sim.machine.forward_kinematics import link_frame_names, link_poses
 from machine_sim.machine.urdf import BASE_JOINTS as URDF_JOINTS
 from msg_bridge.codec.errors import CodecError
@@ -39,6 +40,7 @@ MACHINE = excavator()
 STAMP = Time(sec=3, nanosec=40_000_000)
 AT_REST = np.zeros(3)
 HOME = np.zeros(4)
+SPROCKETS = (7.0, -2.5)
 UPRIGHT = [0.0, 0.0, 0.0, 1.0]
 
 
@@ -68,6 +70,16 @@ def rotation_about(axis, angle):
     return np.eye(3) + math.sin(angle) * skew + (1.0 - math.cos(angle)) * skew @ skew
 
 
+def fixed_rotation(rpy):
+    """Return the rotation matrix of roll, pitch and yaw about fixed axes."""
+    roll, pitch, yaw = map(float, rpy.split())
+    return (
+        rotation_about([0.0, 0.0, 1.0], yaw)
+        @ rotation_about([0.0, 1.0, 0.0], pitch)
+        @ rotation_about([1.0, 0.0, 0.0], roll)
+    )
+
+
 def forward_kinematics(urdf, state):
     """Return rotation and origin of each link of a URDF as robot_state_publisher, root at 0."""
     values = dict(zip(state.name, state.position, strict=True))
@@ -82,8 +94,11 @@ def forward_kinematics(urdf, state):
             joint = joints[link]
             turn, origin = frame(joint.find("parent").get("link"))
             if (shift := joint.find("origin")) is not None:
-                assert shift.get("rpy") is None
                 origin = origin + turn @ np.array(shift.get("xyz").split(), dtype=float)
+                turn = turn @ fixed_rotation(shift.get("rpy", "0 0 0"))
+            if joint.get("type") == "fixed":
+                frames[link] = turn, origin
+                return frames[link]
             axis = np.array(joint.find("axis").get("xyz").split(), dtype=float)
             mimic = joint.find("mimic")
             value = values[joint.get("name") if mimic is None else mimic.get("joint")]
@@ -116,7 +131,8 @@ def random_poses(count):
 def joint_state(position, turn, joints, velocity=AT_REST, angular_velocity=AT_REST):
     base = BaseState(position, turn, velocity, angular_velocity)
     pistons = cylinder_joint_states(MACHINE, list(joints), [0.0] * 4)
-    names, positions = [*EXCAVATOR_JOINTS, *pistons.names], [*joints, *pistons.positions]
+    names = [*EXCAVATOR_JOINTS, *pistons.names, "left_sprocket", "right_sprocket"]
+    positions = [*joints, *pistons.positions, *SPROCKETS]
     still = np.zeros(len(names))
     return over_the_wire(to_joint_state(JointValues(names, positions, still, still), base, STAMP))
 
@@ -125,8 +141,8 @@ def test_names_are_those_of_the_machine_and_its_urdf():
     assert list(EXCAVATOR_JOINTS) == list(joint_state(AT_REST, UPRIGHT, HOME).name)[:4]
     assert BASE_JOINTS == URDF_JOINTS
     state = joint_state(AT_REST, UPRIGHT, np.zeros(4))
-    robot = ET.fromstring(urdf_text(MACHINE, virtual_base=True, include_cylinders=True))
-    own = [joint for joint in robot.iter("joint") if "type" in joint.attrib]
+    robot = ET.fromstring(description_text(MACHINE, meshes="primitives"))
+    own = [joint for joint in robot.iter("joint") if joint.get("type") != "fixed"]
     assert sorted(state.name) == sorted(
         joint.get("name") for joint in own if joint.find("mimic") is None
     )
@@ -134,10 +150,10 @@ def test_names_are_those_of_the_machine_and_its_urdf():
 
 
 def test_joint_values_place_every_link_of_the_urdf():
-    urdf = urdf_text(MACHINE, prefix="digger/", virtual_base=True, include_cylinders=True)
+    urdf = description_text(MACHINE, prefix="digger/", meshes="primitives")
     for position, turn, joints in random_poses(150):
         frames = forward_kinematics(urdf, joint_state(position, turn, joints))
-        where = link_poses(MACHINE, position, turn, joints)
+        where = link_poses(MACHINE, position, turn, joints, SPROCKETS)
         for k, link in enumerate(link_frame_names(MACHINE)):
             rotation, origin = frames[f"digger/{link}"]
             np.testing.assert_allclose(origin, where.positions[k], atol=1e-9)

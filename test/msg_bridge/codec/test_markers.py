@@ -9,10 +9,9 @@ from support.machine_scenes import excavator
 from support.wire import over_the_wire, raises
 from visualization_msgs.msg import Marker
 
-from earthmoving_sim.machine_polygons import machine_faces
 from machine_sim.machine import rotation_matrix, tool_pose
 from machine_sim.machine.forward_kinematics import link_frame_names, link_poses
-from machine_sim.machine.visuals import link_visual_boxes, shoe_visual
+from machine_sim.machine.visuals import marker_boxes, shoe_visual
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.markers import LinkBox, MarkerSet
 from msg_bridge.contract.errors import ErrorCode
@@ -31,7 +30,7 @@ AT_ORIGIN = ([[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0, 1.0]])
 def marker_set():
     return MarkerSet(
         link_frame_names(MACHINE),
-        link_visual_boxes(MACHINE),
+        marker_boxes(MACHINE),
         shoe_visual(MACHINE),
         namespace="digger",
     )
@@ -62,15 +61,18 @@ def as_set(points):
     return {tuple(point) for point in np.round(np.reshape(points, (-1, 3)), 6).tolist()}
 
 
-def test_boxes_have_the_corners_of_the_drawings():
-    faces = [face for _, face in machine_faces(MACHINE, POSITION, rotation_matrix(TURN), JOINTS)]
-    boxes = [marker for link in link_frame_names(MACHINE) for marker in of_link(markers_at(), link)]
-    assert len(boxes) == len(faces) // 6
-    for k, box in enumerate(boxes):
-        expected = np.unique(np.round(np.concatenate(faces[6 * k : 6 * k + 6]), 9), axis=0)
-        actual = np.unique(np.round(corners(box), 9), axis=0)
-        assert len(expected) == 8
-        np.testing.assert_allclose(actual, expected, atol=2e-9)
+def test_boxes_are_placed_with_their_links():
+    poses = link_poses(MACHINE, POSITION, TURN, JOINTS)
+    frames = dict(zip(link_frame_names(MACHINE), zip(*poses, strict=True), strict=True))
+    boxes = marker_boxes(MACHINE)
+    markers = [marker for marker in markers_at() if not marker.ns.endswith("/tracks")]
+    for marker, box in zip(markers, boxes, strict=True):
+        origin, quaternion = frames[box.link]
+        s, c = math.sin(box.pitch), math.cos(box.pitch)
+        about_y = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+        local = 0.5 * CORNERS * np.array(box.size) @ about_y.T + box.center
+        expected = local @ rotation_matrix(quaternion).T + origin
+        np.testing.assert_allclose(corners(marker), expected, atol=2e-9)
 
 
 def test_bucket_is_drawn_around_its_plates():
@@ -85,7 +87,7 @@ def test_bucket_is_drawn_around_its_plates():
 
 def test_every_box_of_the_urdf_has_its_colour():
     markers = markers_at()
-    boxes = link_visual_boxes(MACHINE)
+    boxes = marker_boxes(MACHINE)
     cubes = [marker for marker in markers if marker.type == Marker.CUBE]
     assert len(cubes) == len(boxes)
     for marker, box in zip(cubes, boxes, strict=True):
@@ -136,7 +138,7 @@ def test_names_are_unique_and_constant():
     assert here == there
     assert len(set(here)) == len(here)
     assert {name for name, _ in here} == {
-        f"digger/{link}" for link in (*link_frame_names(MACHINE), "tracks")
+        f"digger/{link}" for link in (*(box.link for box in marker_boxes(MACHINE)), "tracks")
     }
 
 

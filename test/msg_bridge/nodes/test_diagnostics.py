@@ -53,6 +53,12 @@ def test_counters_and_values_are_published(ros: Ros, diagnostics: Diagnostics) -
     assert array.header.stamp.sec > 0
 
 
+def test_reason_that_is_not_utf8_is_published(ros: Ros, diagnostics: Diagnostics) -> None:
+    diagnostics.reject("the page", "\udcff\nx")
+    (status,) = published(ros, diagnostics).status
+    assert {v.key: v.value for v in status.values}["last rejected the page"] == "\\udcff\\nx"
+
+
 def test_diagnostics_are_published_while_simulation_time_stands_still(ros: Ros) -> None:
     node = ros.node("soil_sim", parameters={"use_sim_time": True})
     array = published(ros, Diagnostics(node))

@@ -92,3 +92,11 @@ def test_module_is_not_run_when_its_parent_is_already_dead(tmp_path: Path) -> No
     command[command.index(str(os.getpid()))] = "1"
     done = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[3])
     assert (done.returncode, done.stdout) == (1, "")
+
+
+def test_program_in_place_of_a_module_has_its_arguments_and_exit_code(tmp_path: Path) -> None:
+    program = ["/bin/sh", "-c", "echo $1; exit 4", "sh", "hello"]
+    command = python_module_command("msg_bridge.processes.exec_program", program)
+    process = ChildProcess(command, tmp_path / "log.txt")
+    assert process.wait(30.0) == 4
+    assert process.output == "hello\n"

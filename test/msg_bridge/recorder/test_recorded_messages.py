@@ -172,7 +172,7 @@ def test_topic_of_a_type_that_is_not_installed_is_skipped_with_one_warning(
     node.stop()
     assert list(read_bag(tmp_path / "dig")) == ["/t/texts"]
     output = capfd.readouterr()
-    assert (output.out + output.err).count("/t/unknown is not recorded") == 1
+    assert (output.out + output.err).count("/t/unknown is not received") == 1
 
 
 @pytest.mark.parametrize("include", ["^/t/", "^/t/|^/clock"])

@@ -1,6 +1,7 @@
 """A recorder process leaves a readable bag however it ends."""
 
 import json
+import os
 import signal
 import sys
 import textwrap
@@ -49,6 +50,14 @@ def test_killed_process_leaves_all_messages_of_its_last_status(ros, ros_process,
     process.kill()
     assert decoded_texts(records_of(tmp_path / "dig", "/t/texts")) == texts(1, 200)
     assert not (tmp_path / "dig/metadata.yaml").exists()
+
+
+def test_process_has_the_niceness_of_its_parameter(ros, ros_process, tmp_path):
+    process = ros_process(RECORDER, parameters={"path": str(tmp_path / "dig"), "niceness": 3})
+    status = ros.collect("/recorder/status", String, qos.TRANSIENT_LOCAL)
+    ros.spin_until(lambda: has_recorded(status, 0))
+    own = os.getpriority(os.PRIO_PROCESS, 0)
+    assert os.getpriority(os.PRIO_PROCESS, process.pid) == min(own + 3, 19)
 
 
 def test_full_disk_ends_the_process_with_an_error_message(ros, ros_process, tmp_path):

@@ -22,7 +22,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from msg_bridge.bag.message_schemas import SchemaError
 from msg_bridge.bag.metadata import OfferedQos
 from msg_bridge.nodes.polled_group import PolledGroup
-from msg_bridge.recorder.recording import RecordedMessage
+from msg_bridge.raw_topics.received_message import ReceivedMessage
 
 __all__ = ["RawSubscriptions", "advertised_type_hash", "all_transient_local", "offered_qos"]
 
@@ -58,7 +58,7 @@ class RawSubscriptions:
             SchemaError: the type is not installed here.
         """
         self._subscriptions[topic] = self._subscribe(
-            topic, _message_class_of(type_name), publishers
+            topic, type_name, _message_class_of(type_name), publishers
         )
 
     def drop(self, topic: str) -> None:
@@ -66,6 +66,11 @@ class RawSubscriptions:
         entry = self._subscriptions.pop(topic, None)
         if entry is not None:
             self._node.destroy_subscription(entry.subscription)
+
+    def type_name(self, topic: str) -> str | None:
+        """Return the type of a topic, as `std_msgs/msg/String`; None if it is not subscribed."""
+        entry = self._subscriptions.get(topic)
+        return None if entry is None else entry.type_name
 
     def qos_incompatible(self, topic: str, publishers: Sequence[TopicEndpointInfo]) -> bool:
         """Return whether some publishers offer less than is requested, and are not received."""
@@ -78,18 +83,24 @@ class RawSubscriptions:
         """Subscribe again with the QoS that all publishers offer; queued messages are lost."""
         entry = self._subscriptions[topic]
         self._node.destroy_subscription(entry.subscription)
-        self._subscriptions[topic] = self._subscribe(topic, entry.message_class, publishers)
+        self._subscriptions[topic] = self._subscribe(
+            topic, entry.type_name, entry.message_class, publishers
+        )
 
-    def take(self) -> list[RecordedMessage]:
+    def take(self) -> list[ReceivedMessage]:
         """Return the messages received since the last call, in the order of their reception."""
-        messages: list[RecordedMessage] = []
+        messages: list[ReceivedMessage] = []
         for entry in self._subscriptions.values():
             _take_queued(entry, messages)
         messages.sort(key=attrgetter("received_time"))
         return messages
 
     def _subscribe(
-        self, topic: str, message_class: type, publishers: Sequence[TopicEndpointInfo]
+        self,
+        topic: str,
+        type_name: str,
+        message_class: type,
+        publishers: Sequence[TopicEndpointInfo],
     ) -> TopicSubscription:
         reliable, transient_local = _all_reliable(publishers), all_transient_local(publishers)
         profile = QoSProfile(
@@ -103,7 +114,9 @@ class RawSubscriptions:
         subscription = self._node.create_subscription(
             message_class, topic, _unused_callback, profile, callback_group=self._group, raw=True
         )
-        return TopicSubscription(topic, message_class, subscription, reliable, transient_local)
+        return TopicSubscription(
+            topic, type_name, message_class, subscription, reliable, transient_local
+        )
 
 
 def all_transient_local(publishers: Sequence[TopicEndpointInfo]) -> bool:
@@ -138,13 +151,14 @@ class TopicSubscription:
     """A subscription with its requested QoS."""
 
     topic: str
+    type_name: str
     message_class: type
     subscription: Subscription
     reliable: bool
     transient_local: bool
 
 
-def _take_queued(entry: TopicSubscription, messages: list[RecordedMessage]) -> None:
+def _take_queued(entry: TopicSubscription, messages: list[ReceivedMessage]) -> None:
     """Append the queued messages of a subscription, at most one queue length."""
     handle = entry.subscription.handle
     with handle:
@@ -158,7 +172,7 @@ def _take_queued(entry: TopicSubscription, messages: list[RecordedMessage]) -> N
             source_time = info["source_timestamp"] or received_time
             sequence_number = info["publication_sequence_number"]
             messages.append(
-                RecordedMessage(entry.topic, data, received_time, source_time, sequence_number)
+                ReceivedMessage(entry.topic, data, received_time, source_time, sequence_number)
             )
 
 
