@@ -16,7 +16,7 @@ from visualization_msgs.msg import MarkerArray
 from earthmoving_sim.run_config import load_run_config
 from earthmoving_sim.single_process_dig import COMMAND_DELAY_TICKS, SingleProcessDig
 from machine_sim.machine.forward_kinematics import link_frame_names, link_poses
-from machine_sim.machine.visuals import link_visual_boxes, shoe_visual
+from machine_sim.machine.visuals import marker_boxes, shoe_visual
 from msg_bridge.bag.writer import BagWriter
 from msg_bridge.codec.machine_state import BaseState, JointValues, to_joint_state
 from msg_bridge.codec.markers import MarkerSet
@@ -72,7 +72,7 @@ class RecordedDig:
         self.recording.add("/sim/config", String(data=to_config_yaml(facts, {})))
         self.run = SingleProcessDig(load_run_config("demo.yaml", overrides), site)
         machine = self.run.machine.machine
-        shapes = (link_visual_boxes(machine.spec), shoe_visual(machine.spec))
+        shapes = (marker_boxes(machine.spec), shoe_visual(machine.spec))
         self._markers = MarkerSet(link_frame_names(machine.spec), *shapes, namespace="excavator")
         machine_node = {"machine": "machines/excavator.yaml", "command_delay": COMMAND_DELAY_TICKS}
         config = {"machine_sim": machine_node}

@@ -1,0 +1,1 @@
+"""The live page: a node that serves a 3-D view in the browser."""

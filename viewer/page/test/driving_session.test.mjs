@@ -1,0 +1,117 @@
+import assert from "node:assert/strict";
+import { beforeEach, describe, it } from "node:test";
+import { DrivingSession } from "../src/driving/driving_session";
+
+const MACHINE = "/excavator";
+
+describe("a driving session", () => {
+  let sent;
+  let session;
+  let delayed;
+
+  beforeEach(() => {
+    sent = [];
+    delayed = [];
+    session = new DrivingSession(
+      (message) => sent.push(message),
+      () => {},
+      (call) => delayed.push(call),
+    );
+    session.setAvailable(true);
+    session.selectMachine(MACHINE);
+  });
+
+  const drivers = (isYou) => ({ type: "control", drivers: { [MACHINE]: { id: "1", is_you: isYou } } });
+  const drive = () => {
+    session.takeControl();
+    session.receiveControl(drivers(true));
+    sent.length = 0;
+  };
+  const lastDrive = () => sent.filter((message) => message.type === "drive").at(-1);
+
+  it("sends nothing before it has control", () => {
+    session.setHeldKeys(["w"]);
+    session.tick();
+    assert.deepEqual(sent, []);
+  });
+
+  it("sends a change at once, and the same levers at each tick", () => {
+    drive();
+    session.setHeldKeys(["w"]);
+    session.tick();
+    const expected = { type: "drive", machine: MACHINE, held: ["w"], deflections: {} };
+    assert.deepEqual(sent, [expected, expected]);
+  });
+
+  it("begins with the keys that are held when control is granted", () => {
+    session.takeControl();
+    session.setHeldKeys(["w"]);
+    session.receiveControl(drivers(true));
+    assert.deepEqual(lastDrive().held, ["w"]);
+  });
+
+  it("takes a machine from another page only by force", () => {
+    session.receiveControl(drivers(false));
+    session.takeControl();
+    assert.deepEqual(sent, []);
+    session.takeControl(true);
+    assert.deepEqual(sent, [{ type: "take_control", machine: MACHINE, force: true }]);
+  });
+
+  it("releases the levers on an emergency stop", () => {
+    drive();
+    session.setHeldKeys(["w"]);
+    session.setEmergencyStop(true);
+    assert.deepEqual(lastDrive().held, []);
+    assert.equal(sent.at(-1).type, "emergency_stop");
+  });
+
+  it("has no control after the connection was lost", () => {
+    drive();
+    session.setHeldKeys(["w"]);
+    session.setAvailable(false);
+    session.setAvailable(true);
+    assert.equal(session.state, "free");
+    sent.length = 0;
+    session.tick();
+    assert.deepEqual(sent, []);
+  });
+
+  it("ignores a stick that is deflected when control begins until it was released", () => {
+    session.setDeflections("gamepad", { left_y: 1 });
+    drive();
+    session.tick();
+    assert.deepEqual(lastDrive().deflections, {});
+    session.setDeflections("gamepad", {});
+    session.setDeflections("gamepad", { left_y: 0.5 });
+    assert.deepEqual(lastDrive().deflections, { left_y: 0.5 });
+  });
+
+  it("adds the deflections of gamepad and touch, within the limits", () => {
+    drive();
+    session.setDeflections("gamepad", { left_y: 0.8, left_x: -0.2 });
+    session.setDeflections("touch", { left_y: 0.8 });
+    delayed.shift()();
+    assert.deepEqual(lastDrive().deflections, { left_y: 1, left_x: -0.2 });
+  });
+
+  it("delays changes of deflections, but not a release", () => {
+    const values = () => sent.map((message) => message.deflections.left_y ?? 0);
+    drive();
+    for (let k = 1; k <= 9; k++) session.setDeflections("touch", { left_y: k / 10 });
+    assert.deepEqual(values(), [0.1]);
+    assert.equal(session.deflections.left_y, 0.9);
+    delayed.shift()();
+    assert.deepEqual(values(), [0.1, 0.9]);
+    session.setDeflections("touch", { left_y: 0.5 });
+    session.setDeflections("touch", { left_y: 0.4 });
+    session.setDeflections("touch", {});
+    assert.equal(values().at(-1), 0);
+  });
+
+  it("asks again after a refusal", () => {
+    session.takeControl();
+    session.receiveError();
+    assert.equal(session.state, "free");
+  });
+});

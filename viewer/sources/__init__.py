@@ -1,0 +1,10 @@
+"""Sources of what the live page shows.
+
+- `scene_writer`: sets a Scene from ROS messages of public topics
+- `machine_topics`: which machines there are, by the names of topics
+- `machine_files`: the machine file that a configuration names
+- `polled_subscriptions`: subscriptions that come and go
+- `live`: subscriptions of a node
+- `bag_scene`, `bag_timeline`, `bag_player`: the same messages from a bag, without DDS
+- `bag_folder`: the bags that clients may open
+"""
