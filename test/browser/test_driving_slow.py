@@ -1,0 +1,150 @@
+"""The excavator is driven by the keys of the live page, in a browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from support.live_page import LOADED, LivePage
+from support.live_site import LiveSite
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+ShowPage = Callable[..., LivePage]
+
+MOVING, AT_REST = 0.1, 0.01  # rad/s
+
+SIGNS = {
+    "arm in": 1.0,
+    "arm out": -1.0,
+    "boom down": 1.0,
+    "boom up": -1.0,
+    "bucket curl in": 1.0,
+    "bucket dump": -1.0,
+    "swing left": 1.0,
+}
+"""Sign of the joint's velocity in each motion."""
+
+READ_KEYS = """() => Object.fromEntries(
+    [...document.querySelectorAll("dialog .lever-label")].map((label) => [
+        label.querySelector(".lever-words").textContent,
+        label.querySelector("kbd").textContent.toLowerCase(),
+    ]))"""
+"""Key of each motion, as the help shows it."""
+
+
+def wait_for_rest(page: LivePage, site: LiveSite) -> None:
+    page.wait_until(lambda: abs(site.swing_velocity) < AT_REST, site.spin)
+
+
+def test_held_key_swings_the_machine_until_it_is_released(
+    site: LiveSite, show_page: ShowPage
+) -> None:
+    page = show_page(site)
+    page.take_control()
+    with page.held("a"):
+        page.wait_until(lambda: site.swing_velocity > MOVING, site.spin)
+    wait_for_rest(page, site)
+
+
+@pytest.mark.parametrize("end", [LivePage.close, LivePage.crash])
+def test_page_that_ends_while_it_drives_stops_the_machine(
+    site: LiveSite, show_page: ShowPage, end: Callable[[LivePage], None]
+) -> None:
+    page = show_page(site)
+    page.take_control()
+    page.page.keyboard.down("a")
+    page.wait_until(lambda: site.swing_velocity > MOVING, site.spin)
+    end(page)
+    site.ros.spin_until(lambda: abs(site.swing_velocity) < AT_REST)
+
+
+def test_one_of_two_viewers_drives(site: LiveSite, show_page: ShowPage) -> None:
+    first, second = show_page(site), show_page(site)
+    first.take_control()
+    second.wait_until(lambda: second.has_driver, site.spin)
+    assert not second.is_driving
+    with second.held("a"):
+        with first.held("d"):
+            first.wait_until(lambda: site.swing_velocity < -MOVING, site.spin)
+        wait_for_rest(first, site)
+    second.take_control("take-over")
+    first.wait_until(lambda: not first.is_driving, site.spin)
+    with second.held("a"):
+        second.wait_until(lambda: site.swing_velocity > MOVING, site.spin)
+
+
+class Beginner:
+    """Digs by the angles that the page shows, one motion at a time, after reading the help.
+
+    Attributes:
+        page: the page.
+    """
+
+    def __init__(self, page: LivePage, site: LiveSite) -> None:
+        self.page, self._site = page, site
+        self._keys: dict[str, str] = {}
+        self._wait_until(self._has_read_keys)
+
+    def angle(self, joint: str) -> float:
+        """Return the angle that the page shows [deg]."""
+        text = self.page.page.get_by_test_id(f"joint-{joint}").inner_text()
+        return float(text.replace("\N{MINUS SIGN}", "-").rstrip("°"))
+
+    def move(self, motion: str, joint: str, goal: float) -> None:
+        """Hold the key of a motion until a joint is at an angle [deg] or beyond it."""
+        sign = SIGNS[motion]
+        if sign * (self.angle(joint) - goal) >= 0.0:
+            return
+        with self.page.held(self._keys[motion]):
+            self._wait_until(lambda: sign * (self.angle(joint) - goal) >= 0.0)
+
+    def dig(self, motion: str, joint: str, goal: float) -> None:
+        """Move a joint through the ground; where it stalls, raise the boom a little."""
+        with self.page.held(self._keys[motion]):
+            while (last := self.angle(joint)) < goal:
+                patience_ends = self._site.sim_time() + 0.8
+                self._wait_until(
+                    lambda end=patience_ends, at=last + 2.0: (
+                        self.angle(joint) > at or self._site.sim_time() > end
+                    )
+                )
+                if self.angle(joint) <= last + 2.0:
+                    self.move("boom up", "boom", self.angle("boom") - 1.5)
+
+    def _has_read_keys(self) -> bool:
+        self._keys = self.page.page.evaluate(READ_KEYS)
+        return self._keys.keys() >= SIGNS.keys()
+
+    def _wait_until(self, condition: Callable[[], bool]) -> None:
+        self.page.wait_until(condition, self._site.spin, LOADED)
+
+
+def test_beginner_digs_and_piles_within_a_minute(site: LiveSite, show_page: ShowPage) -> None:
+    page = show_page(site, keep_help=True)
+    beginner = Beginner(page, site)
+    page.page.keyboard.press("Escape")
+    before = site.elevation()
+    page.take_control()
+    for _ in range(5):
+        page.page.keyboard.press("-")  # half of the speed
+    start = site.sim_time()
+    beginner.move("arm out", "arm", 62.0)
+    beginner.move("bucket dump", "bucket", 52.0)
+    beginner.move("boom down", "boom", -20.0)
+    beginner.dig("arm in", "arm", 108.0)
+    beginner.dig("bucket curl in", "bucket", 110.0)
+    beginner.move("boom up", "boom", -36.0)
+    beginner.move("swing left", "swing", 60.0)
+    beginner.move("bucket dump", "bucket", 10.0)
+    assert site.sim_time() - start < 60.0
+    page.wait_until(lambda: page.state()["particles"] == 0, site.spin, LOADED)
+    site.wait_for_terrain(page)  # no trail of the digging is left in the texture
+    change = page.heights(0, 0, *before.shape) - before
+    hole, heap = (np.unravel_index(k, change.shape) for k in (change.argmin(), change.argmax()))
+    # Over 20 in-process runs with reactions delayed by 0.05 to 0.5 s: at least 0.21 and 0.27 m.
+    assert change[hole] < -0.1
+    assert change[heap] > 0.1
+    distance = 0.2 * np.hypot(*np.subtract(hole, heap))
+    assert distance > 3.0
