@@ -6,5 +6,6 @@
 - `config_layers`, `run_config`, `demo_site`: parameters and site of a run
 - `single_process_dig`, `multi_process`: a run in one process, and with ROS nodes
 - `dig_outcome`, `recorded_run`: outcome of a run, and the same from its recording
-- `machine_polygons`, `pictures`, `report`: pictures and summary
+- `coloured_mesh`, `machine_mesh`, `machine_outline`: the machine in pictures
+- `pictures`, `report`: pictures and summary
 """

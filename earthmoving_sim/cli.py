@@ -14,7 +14,7 @@ from msg_bridge.contract.errors import EarthmovingError
 
 __all__ = ["SUBCOMMANDS", "build_parser", "main"]
 
-SUBCOMMANDS = ("demo", "teleop", "check", "compile", "machine", "audit")
+SUBCOMMANDS = ("demo", "view", "teleop", "check", "compile", "machine", "audit", "film", "figures")
 
 EXIT_BAD_INPUT = 2  # as argparse does for a bad option
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells expect
@@ -26,8 +26,11 @@ examples:
   earthmoving demo                 run an excavator; write pictures and a bag
   earthmoving demo --soil "wet clay" --cycles 2
   earthmoving teleop               drive a machine from the keys of this terminal
+  earthmoving view BAG             show a recording in the browser
   earthmoving machine check FILE   check a machine file
   earthmoving audit BAG            check that a recording accounts for every mm3 of soil
+  earthmoving film BAG             make a film of a recording
+  earthmoving figures              make pictures after the figures of the reference of 2014
 
 exit codes: 0 success, 1 the command's finding (see its --help), 2 invalid input, 130 interrupted
 """

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dig_operator import CycleReport
+from earthmoving_sim.coloured_mesh import ColouredMesh
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.ledger import Ledger
 from soil_sim.terrain import HeightMap
@@ -42,7 +43,7 @@ class DigOutcome:
         lip_path: positions of the lip [m], map frame, shape (n, 3).
         lip_cycle: cycle of each position, shape (n,).
         lip_phase: phase of each position, shape (n,).
-        machine_faces: colour and polygon (k, 3) [m] of each face of the machine at the end.
+        machine_mesh: triangles of the machine at the end, map frame.
         machine_outline: name and plan-view polygon (k, 2) [m] of its parts at the end.
         machine_position: x and y of the base at the end [m].
     """
@@ -66,7 +67,7 @@ class DigOutcome:
     lip_path: NDArray[np.float64] = field(repr=False)
     lip_cycle: NDArray[np.int64] = field(repr=False)
     lip_phase: NDArray[np.str_] = field(repr=False)
-    machine_faces: list[tuple[str, NDArray[np.float64]]] = field(repr=False)
+    machine_mesh: ColouredMesh = field(repr=False)
     machine_outline: list[tuple[str, NDArray[np.float64]]] = field(repr=False)
     machine_position: tuple[float, float]
 

@@ -59,7 +59,7 @@ def write_pictures(outcome: DigOutcome, folder: Path) -> list[Path]:
         lip_cycle=outcome.lip_cycle,
         lip_phase=outcome.lip_phase,
         machine_outline=outcome.machine_outline,
-        machine_faces=outcome.machine_faces,
+        machine_mesh=outcome.machine_mesh,
         machine_position=outcome.machine_position,
         title=f"{outcome.moved_volume:.2f} bank m³ moved in {num_cycles}",
     )

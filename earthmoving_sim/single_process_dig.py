@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from dig_operator import Command, DigTask, OperatorPhase
 from earthmoving_sim.demo_site import check_slope_stability, jacksboro_site
 from earthmoving_sim.dig_outcome import PATH_INTERVAL_TICKS, DigOutcome
-from earthmoving_sim.machine_polygons import machine_faces, machine_outline
+from earthmoving_sim.machine_mesh import machine_mesh
+from earthmoving_sim.machine_outline import machine_outline
 from earthmoving_sim.operated_machine import OperatedMachine
 from earthmoving_sim.run_config import RunConfig
 from earthmoving_sim.world import World
@@ -197,7 +198,7 @@ class SingleProcessDig:
             lip_path=np.array([point.position for point in self._lip_path]).reshape(-1, 3),
             lip_cycle=np.array([point.cycle for point in self._lip_path], dtype=np.int64),
             lip_phase=np.array([point.phase.value for point in self._lip_path], dtype=np.str_),
-            machine_faces=machine_faces(*pose, self.machine.machine.tracks.shoe_poses),
+            machine_mesh=machine_mesh(*pose, self.machine.machine.tracks.shoe_poses),
             machine_outline=machine_outline(*pose),
             machine_position=(
                 float(observation.base_position[0]),

@@ -4,12 +4,14 @@ An excavator drives up, digs five bucketfuls and dumps them on a spoil heap. The
 real elevation data: a piece of the Jacksboro fault (SRTM, part of matplotlib), scaled to 51 m with
 2.5 m of relief and slopes of at most 20 degrees; `--terrain` chooses another site. Soil, machine,
 operator and recorder run as ROS 2 nodes; the summary and the pictures are made from their
-recording. Exits with 1 if soil was lost or the task was aborted.
+recording. Exits with 1 if soil was lost or the task was aborted. With `--view` the run is shown in
+the browser, and afterwards its recording, until Ctrl-C.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,10 +20,17 @@ from msg_bridge.contract.errors import EarthmovingError
 
 if TYPE_CHECKING:  # light at import, so that `--help` is quick
     from earthmoving_sim.dig_outcome import DigOutcome
+    from earthmoving_sim.multi_process.dig import ObserverNode
     from earthmoving_sim.run_config import RunConfig
     from soil_sim.terrain import HeightMap
 
 __all__ = ["SUMMARY", "add_arguments", "run"]
+
+_PAGE_PORT = 8080
+"""Port of the live page, if it is free."""
+
+_FOXGLOVE_PORT = 8765
+"""Port of the Foxglove server, if it is free."""
 
 SUMMARY = "run an excavator that digs, carries and dumps; write a summary and pictures"
 
@@ -77,6 +86,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--bag", type=Path, help="folder to record into (default: bags/demo-<time>)"
     )
+    parser.add_argument(
+        "--view",
+        action="store_true",
+        help="show the run in the browser, at the printed address, and afterwards its recording,"
+        " until Ctrl-C; --realtime shows it at the speed of the machine",
+    )
+    parser.add_argument(
+        "--foxglove",
+        action="store_true",
+        help="serve all topics to Foxglove and Lichtblick during the run, at the printed address",
+    )
     parser.add_argument("--no-pictures", action="store_true", help="write no pictures")
 
 
@@ -102,11 +122,26 @@ def run(args: argparse.Namespace) -> int:
     site = jacksboro_site()
     if args.terrain:
         site = load_terrain(args.terrain, cell=args.cell, height_range=heights)
-    outcome = _run_in_process(config, site) if args.in_process else _run_nodes(config, site, args)
+    if args.in_process and (args.view or args.foxglove):
+        option = "--view" if args.view else "--foxglove"
+        raise EarthmovingError(f"{option} shows what nodes publish; leave out --in-process")
+    bag = args.bag or Path("bags", f"demo-{datetime.now(timezone.utc):%Y-%m-%dT%H-%M-%SZ}")
+    observers = [_foxglove_server()] if args.foxglove else []
+    view_port = _start_page() if args.view else None
+    if view_port is not None:
+        observers.append(_viewer(view_port))
+    if args.in_process:
+        outcome = _run_in_process(config, site)
+    else:
+        outcome = _run_nodes(config, site, args, bag, observers)
     print_summary(outcome, config.soil_description)
     if not args.no_pictures:
         for path in write_pictures(outcome, args.out):
             print(f"  picture   {path}")
+    if view_port is not None:
+        from viewer.bag_server import serve_bag
+
+        serve_bag(bag, view_port, open_browser=False)
     return 0 if outcome.is_successful else 1
 
 
@@ -121,18 +156,61 @@ def _run_in_process(config: RunConfig, site: HeightMap) -> DigOutcome:
         dig.close()
 
 
-def _run_nodes(config: RunConfig, site: HeightMap, args: argparse.Namespace) -> DigOutcome:
+def _start_page() -> int:
+    """Print the address of the live page, and open it once its server listens; return its port."""
+    from viewer.address import free_port, page_address
+    from viewer.browser import open_page_when_ready
+
+    port = free_port(_PAGE_PORT)
+    address = page_address("127.0.0.1", port)
+    print(f"The live page is at {address}", flush=True)
+    open_page_when_ready(address, port)
+    return port
+
+
+def _viewer(port: int) -> ObserverNode:
+    """Return the viewer of the live page; clients must not change the result."""
+    from earthmoving_sim.multi_process.dig import ObserverNode
+
+    forbidden = {"allow_driving": "false", "allow_simulation_control": "false"}
+    return ObserverNode("viewer", "viewer.node", {"port": str(port), **forbidden})
+
+
+def _foxglove_server() -> ObserverNode:
+    """Print the address of the Foxglove server, and return the server.
+
+    Raises:
+        FoxgloveServerError: foxglove-sdk is not installed.
+    """
+    from earthmoving_sim.multi_process.dig import ObserverNode
+    from msg_bridge.foxglove_server.sdk import load_sdk
+    from viewer.address import free_port
+
+    load_sdk()
+    port = free_port(_FOXGLOVE_PORT)
+    print(f"Foxglove and Lichtblick find the run at ws://127.0.0.1:{port}", flush=True)
+    module = "msg_bridge.foxglove_server.node"
+    return ObserverNode("foxglove_server", module, {"port": str(port)})
+
+
+def _run_nodes(
+    config: RunConfig,
+    site: HeightMap,
+    args: argparse.Namespace,
+    bag: Path,
+    observers: Sequence[ObserverNode],
+) -> DigOutcome:
     from earthmoving_sim.multi_process.dig import run_multi_process_dig
     from earthmoving_sim.recorded_run.outcome import outcome_from_bag
 
-    now = datetime.now(timezone.utc).strftime("%Y-%m-%dT%H-%M-%SZ")
-    bag = args.bag or Path("bags", f"demo-{now}")
     print(
         "Starting the nodes exchange_recorder, soil_sim, machine_sim and dig_operator; kernels are"
         " compiled the first time ...",
         flush=True,
     )
-    run_multi_process_dig(config, site, args.out / "nodes", bag, realtime=args.realtime)
+    run_multi_process_dig(
+        config, site, args.out / "nodes", bag, realtime=args.realtime, observers=observers
+    )
     print(f"Reading {bag} ...", flush=True)
     outcome = outcome_from_bag(bag)
     print(f"  bag       {bag}: `earthmoving audit {bag}` checks its volumes tick by tick\n")

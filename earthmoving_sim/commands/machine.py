@@ -1,8 +1,9 @@
 """Check a machine file and print the machine that it describes.
 
 Reads FILE as the nodes do. An error names its place in the file and what to change. A valid file is
-summarised: links with masses, joints with their actuators, tools, and the tilt of the machine at
-rest with both track models. Exits with 0 if the file is valid, else with 2.
+summarised: links with masses, joints with their actuators, tools, visual shapes, and the tilt of
+the machine at rest with both track models. --picture and --mesh show what it looks like. Exits
+with 0 if the file is valid, else with 2.
 """
 
 import argparse
@@ -11,6 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from machine_sim.machine import MachineSpec
 
 __all__ = ["SUMMARY", "add_arguments", "run"]
@@ -28,10 +32,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the action and the file."""
     parser.add_argument("action", choices=["check"], help="check: read the file, let it stand")
     parser.add_argument("file", type=Path, help="a machine file (YAML)")
+    parser.add_argument(
+        "--picture", type=Path, metavar="PNG", help="draw the machine from the side and the front"
+    )
+    parser.add_argument(
+        "--mesh",
+        type=Path,
+        metavar="GLB",
+        help="write the machine as a binary glTF for 3-D programs",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Check the file and print the machine; return 0.
+    """Check the file, print the machine and write picture and mesh; return 0.
 
     Raises:
         ConfigError, MachineError: the file is missing or not valid.
@@ -42,6 +55,10 @@ def run(args: argparse.Namespace) -> int:
     path = args.file if args.file.exists() else find_config(str(args.file))
     spec = load_machine_spec(path)
     print("\n".join(_summary_lines(spec)))
+    if args.picture:
+        _draw(spec, args.picture)
+    if args.mesh:
+        _write_mesh(spec, args.mesh)
     return 0
 
 
@@ -49,7 +66,9 @@ def _summary_lines(machine: "MachineSpec") -> Iterator[str]:
     """Yield the lines of the summary."""
     yield f"{machine.name}: {machine.mass:,.0f} kg"
     for name, link in machine.links.items():
-        yield f"  link    {name:<10}{link.mass:>10,.0f} kg, {len(link.boxes)} boxes"
+        shapes = len(machine.shapes.links.get(name, ()))
+        parts = f"{len(link.boxes)} boxes, {shapes} shapes"
+        yield f"  link    {name:<10}{link.mass:>10,.0f} kg, {parts}"
     for name, joint in machine.joints.items():
         actuator = "cylinder" if name in machine.cylinders else "motor"
         is_continuous = joint.lower == float("-inf")
@@ -65,7 +84,57 @@ def _summary_lines(machine: "MachineSpec") -> Iterator[str]:
         yield f"  tool    {name:<10}{kind} on {mount.link}{size}"
     if not machine.tools:
         yield "  tool    none"
+    yield from _shape_lines(machine)
     yield from _standing_lines(machine)
+
+
+def _shape_lines(machine: "MachineSpec") -> Iterator[str]:
+    """Yield the size of the meshes and the points of view."""
+    from machine_sim.machine.description import description_text
+    from machine_sim.machine.shapes.link_meshes import link_meshes, num_triangles
+
+    triangles, size = num_triangles(link_meshes(machine).values()), len(description_text(machine))
+    yield f"  shapes  {triangles:,} triangles, robot_description of {size / 1e3:,.0f} kB"
+    for view in machine.shapes.view_points:
+        yield f"  view    {view.name} on {view.link}"
+
+
+def _shoe_poses(machine: "MachineSpec") -> "NDArray[np.float64]":
+    """Return the poses of the shoes of a machine on level ground, shape (2, n, 3)."""
+    import numpy as np
+
+    from machine_sim.params import MachineSimParams
+    from machine_sim.simulated_machine import Placement
+    from machine_sim.simulation import MachineSim
+    from msg_bridge.contract.grid import Grid
+
+    grid = Grid(129, 129, 0.2)
+    params = MachineSimParams(steps_per_tick=1)
+    sim = MachineSim([Placement(machine)], grid, np.zeros(grid.shape), params=params)
+    sim.step()
+    poses = sim.machine.tracks.shoe_poses.copy()
+    sim.close()
+    return poses
+
+
+def _draw(machine: "MachineSpec", path: Path) -> None:
+    """Write a picture of the machine."""
+    import numpy as np
+
+    from earthmoving_sim.machine_mesh import machine_mesh
+    from earthmoving_sim.pictures.machine_view import draw_machine
+
+    pose = (np.zeros(3), np.eye(3), machine.home)
+    print(f"  {draw_machine(machine_mesh(machine, *pose, _shoe_poses(machine)), path)}")
+
+
+def _write_mesh(machine: "MachineSpec", path: Path) -> None:
+    """Write the machine as binary glTF."""
+    from machine_sim.machine.shapes.glb import glb_bytes
+    from machine_sim.machine.shapes.posed_mesh import posed_mesh
+
+    path.write_bytes(glb_bytes(posed_mesh(machine, _shoe_poses(machine))))
+    print(f"  {path}")
 
 
 def _standing_lines(machine: "MachineSpec") -> Iterator[str]:

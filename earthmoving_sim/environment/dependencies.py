@@ -50,6 +50,8 @@ DEPENDENCIES = (
     Dependency("rasterio", "import rasterio"),
     Dependency("matplotlib", "import matplotlib.figure"),
     Dependency("pillow", "import PIL.Image"),
+    Dependency("aiohttp", "import aiohttp.web"),
+    Dependency("msgpack", "import msgpack"),
 )
 
 

@@ -6,7 +6,9 @@ parameters and stops them in order.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import rclpy
 from rclpy.signals import SignalHandlerOptions
@@ -26,7 +28,7 @@ from earthmoving_sim.single_process_dig import COMMAND_DELAY_TICKS, COMMAND_INTE
 from msg_bridge.dds_profile import keep_discovery_on_this_host, use_shipped_profile
 from soil_sim.terrain import HeightMap, save_terrain
 
-__all__ = ["run_multi_process_dig"]
+__all__ = ["ObserverNode", "run_multi_process_dig"]
 
 _MODULES = {
     "exchange_recorder": "msg_bridge.recorder.recorder_node",
@@ -43,8 +45,35 @@ _OPERATOR_EXIT_CODES = (0, 1)
 """Exit codes of an operator that completed (0) or aborted (1) its task; the bag has the phase."""
 
 
+class ObserverNode(NamedTuple):
+    """A node that only shows the run.
+
+    Attributes:
+        name: name of its process and log.
+        module: its module.
+        parameters: its parameters by name, each as text.
+    """
+
+    name: str
+    module: str
+    parameters: Mapping[str, str]
+
+    def start(self, folder: Path) -> NodeProcess:
+        """Start its process, with a log in the folder."""
+        arguments = ["--ros-args"]
+        for name, value in self.parameters.items():
+            arguments += ["-p", f"{name}:={value}"]
+        return NodeProcess(self.name, self.module, arguments, folder / f"{self.name}.log")
+
+
 def run_multi_process_dig(
-    config: RunConfig, site: HeightMap, folder: Path, bag: Path, *, realtime: bool = False
+    config: RunConfig,
+    site: HeightMap,
+    folder: Path,
+    bag: Path,
+    *,
+    realtime: bool = False,
+    observers: Sequence[ObserverNode] = (),
 ) -> None:
     """Run the operator's task with every part in a node of its own, and record it.
 
@@ -54,6 +83,7 @@ def run_multi_process_dig(
         folder: folder for the nodes' parameters and output.
         bag: folder to record into; must not exist.
         realtime: whether ticks follow the wall clock; else as fast as possible, and repeatable.
+        observers: nodes that show the run; they are started first and stopped first.
 
     Raises:
         NodeProcessError: a node ended unexpectedly, or the run made no progress.
@@ -78,20 +108,24 @@ def run_multi_process_dig(
     try:
         monitor = RunMonitor(config.task.cycles, config.stepping.tick_period, realtime=realtime)
         try:
-            _run_nodes(monitor, folder, parameters)
+            _run_nodes(monitor, folder, parameters, observers)
         finally:
             monitor.close()
     finally:
         rclpy.try_shutdown()
 
 
-def _run_nodes(monitor: RunMonitor, folder: Path, parameters: Path) -> None:
+def _run_nodes(
+    monitor: RunMonitor, folder: Path, parameters: Path, observers: Sequence[ObserverNode]
+) -> None:
     """Start the nodes, wait until the operator has ended, and stop the others."""
     monitor.check_no_other_simulation()
     arguments = ["--ros-args", "--params-file", str(parameters)]
     started: dict[str, NodeProcess] = {}
     problems: list[str] = []
     try:
+        for each in observers:
+            started[each.name] = each.start(folder)
         for name, module in _MODULES.items():
             started[name] = NodeProcess(name, module, arguments, folder / f"{name}.log")
         operator = started["dig_operator"]
@@ -105,7 +139,8 @@ def _run_nodes(monitor: RunMonitor, folder: Path, parameters: Path) -> None:
         monitor.wait_for_final_hash()
     finally:
         timeout = STOP_TIMEOUT if monitor.has_ticked else STARTUP_STOP_TIMEOUT
-        problems = stop_all([started[name] for name in _STOP_ORDER if name in started], timeout)
+        order = [*(each.name for each in observers), *_STOP_ORDER]
+        problems = stop_all([started[name] for name in order if name in started], timeout)
         monitor.end_line()
     if problems:
         raise NodeProcessError("; ".join(problems))

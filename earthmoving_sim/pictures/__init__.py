@@ -6,10 +6,11 @@
 - `plan_view`: surface_image: the ground from above with hillshade and contours
 - `cut_fill`: draw_cut_fill: before, after, and their difference with its volumes
 - `bucket_path`: draw_bucket_path: path of the lip from above, from the side and over its length
-- `mesh`: the worked ground and the machine as triangles
+- `mesh`: the worked ground as triangles
 - `rasterizer`: visible triangle of each pixel
 - `shading`: sunlight, shadow and sky light of the visible triangles
 - `site_3d`: draw_site_3d: pit and spoil heap in 3-D at true scale
+- `machine_view`: draw_machine: a machine on its own
 """
 
 from earthmoving_sim.pictures.bucket_path import draw_bucket_path

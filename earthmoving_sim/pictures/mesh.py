@@ -1,18 +1,16 @@
-"""The worked ground, as a block, and the machine as a mesh of triangles."""
+"""The worked ground as triangles of a block."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
+from earthmoving_sim.coloured_mesh import ColouredMesh, merge_meshes
 from earthmoving_sim.pictures.map_window import Window
 from earthmoving_sim.pictures.plan_view import surface_normals
 from earthmoving_sim.pictures.site_record import SiteRecord
 
-__all__ = ["Mesh", "ground_mesh", "machine_mesh", "merge_meshes"]
+__all__ = ["ground_mesh"]
 
 GRASS, DRY_GRASS = (0.43, 0.49, 0.29), (0.58, 0.57, 0.38)
 LOOSE, BANK = (0.56, 0.41, 0.27), (0.45, 0.31, 0.20)  # loose soil is drier, so lighter
@@ -25,46 +23,13 @@ NOISE_SEED = 7  # fixed: the same record gives the same picture
 BLOCK_DEPTH_M = 0.5  # depth of the block below its lowest point [m]
 
 
-@dataclass(frozen=True, eq=False)
-class Mesh:
-    """Triangles with a normal and a colour at each point.
-
-    Attributes:
-        points: positions [m], map frame, shape (n, 3).
-        normals: unit normals, shape (n, 3).
-        colours: red, green and blue from 0 to 1, shape (n, 3).
-        triangles: indices of the points of each triangle, shape (m, 3).
-        parts: number of the flat face of each triangle, from 1; 0 for ground, shape (m,).
-    """
-
-    points: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    colours: NDArray[np.float64]
-    triangles: NDArray[np.intp]
-    parts: NDArray[np.intp]
-
-
-def merge_meshes(*meshes: Mesh) -> Mesh:
-    """Return several meshes as one."""
-    starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes[:-1])])
-    return Mesh(
-        points=np.concatenate([mesh.points for mesh in meshes]),
-        normals=np.concatenate([mesh.normals for mesh in meshes]),
-        colours=np.concatenate([mesh.colours for mesh in meshes]),
-        triangles=np.concatenate(
-            [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)]
-        ),
-        parts=np.concatenate([mesh.parts for mesh in meshes]),
-    )
-
-
-def ground_mesh(record: SiteRecord, window: Window) -> Mesh:
+def ground_mesh(record: SiteRecord, window: Window) -> ColouredMesh:
     """Return the final ground as a block: two triangles between four columns each, and sides."""
     heights = window.crop(record.after)
     x, y = np.meshgrid(window.x, window.y)
     points = np.stack([x, y, heights], axis=-1)
     num_rows, num_cols = heights.shape
-    top = Mesh(
+    top = ColouredMesh(
         points=points.reshape(-1, 3),
         normals=surface_normals(heights, record.grid.cell).reshape(-1, 3),
         colours=_ground_colours(record, window).reshape(-1, 3),
@@ -88,13 +53,15 @@ def _strip_triangles(num_rows: int, num_cols: int) -> NDArray[np.intp]:
     return np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3).astype(np.intp)
 
 
-def _side(edge: NDArray[np.float64], normal: tuple[float, float, float], floor: float) -> Mesh:
+def _side(
+    edge: NDArray[np.float64], normal: tuple[float, float, float], floor: float
+) -> ColouredMesh:
     """Return a side of the block from an edge of the ground (k, 3) down to the floor [m]."""
     bottom = edge.copy()
     bottom[:, 2] = floor
     count = len(edge)
     triangles = _strip_triangles(2, count)
-    return Mesh(
+    return ColouredMesh(
         points=np.concatenate([edge, bottom]),
         normals=np.tile(normal, (2 * count, 1)),
         colours=np.repeat([TOPSOIL, SUBSOIL], count, axis=0),
@@ -125,26 +92,3 @@ def _smooth(image: NDArray[np.float64], radius: int) -> NDArray[np.float64]:
         )
         image = np.apply_along_axis(np.convolve, axis, padded, kernel, "valid")
     return np.asarray((image - image.min()) / max(float(np.ptp(image)), 1e-12), dtype=np.float64)
-
-
-def machine_mesh(record: SiteRecord) -> Mesh | None:
-    """Return the machine's faces as fans of triangles; None without faces."""
-    meshes = []
-    for i, (colour, polygon) in enumerate(record.machine_faces):
-        a, b, c = polygon[0], polygon[1], polygon[2]
-        normal = np.cross(b - a, c - a)
-        length = float(np.linalg.norm(normal))
-        if length == 0.0:
-            continue
-        count = len(polygon)
-        fan = np.stack([np.zeros(count - 2), np.arange(1, count - 1), np.arange(2, count)], axis=1)
-        meshes.append(
-            Mesh(
-                points=np.asarray(polygon, dtype=np.float64),
-                normals=np.tile(normal / length, (count, 1)),
-                colours=np.tile(to_rgb(colour), (count, 1)),
-                triangles=fan.astype(np.intp),
-                parts=np.full(count - 2, i + 1, dtype=np.intp),
-            )
-        )
-    return merge_meshes(*meshes) if meshes else None

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from earthmoving_sim.pictures.mesh import Mesh
+from earthmoving_sim.coloured_mesh import ColouredMesh
 from earthmoving_sim.pictures.rasterizer import Camera, barycentric, rasterize
 
 __all__ = ["render"]
@@ -20,7 +20,7 @@ SUN_TINT, SKY_TINT = np.array([1.06, 1.0, 0.9]), np.array([0.92, 0.99, 1.12])
 SHADOW_PX = 1400  # longest side of the shadow map [px]
 SHADOW_BIAS_PX = 2.0  # offset of points from their surface, so that it does not shade itself
 SHADOW_OFFSETS_PX = (-1.5, 0.0, 1.5)  # offsets over which shadows are averaged: a soft edge
-EDGE_SHADE = 0.55  # brightness of lines between the machine's faces
+EDGE_SHADE = 0.55  # brightness of lines between the machine's parts
 MAX_PIXELS_PER_BATCH = 2**18
 
 # Brightness noise on the ground; a fixed seed, so the same record gives the same picture.
@@ -29,7 +29,11 @@ GRAIN = np.random.default_rng(7).normal(0.0, 0.12, (64, 64, 64))
 
 
 def render(
-    mesh: Mesh, camera: Camera, origin: NDArray[np.float64], scale: float, shape: tuple[int, int]
+    mesh: ColouredMesh,
+    camera: Camera,
+    origin: NDArray[np.float64],
+    scale: float,
+    shape: tuple[int, int],
 ) -> NDArray[np.float64]:
     """Return a picture of a mesh: red, green, blue and opacity from 0 to 1, (height, width, 4).
 
@@ -61,7 +65,7 @@ def render(
 
 
 def _shade(
-    mesh: Mesh,
+    mesh: ColouredMesh,
     face: NDArray[np.intp],
     weights: NDArray[np.float64],
     camera: Camera,
@@ -91,7 +95,7 @@ def _interpolate(corners: NDArray[np.float64], weights: NDArray[np.float64]) -> 
 class ShadowMap:
     """Depths of a mesh seen from the sun, which give its shadows."""
 
-    def __init__(self, mesh: Mesh, sun: Camera) -> None:
+    def __init__(self, mesh: ColouredMesh, sun: Camera) -> None:
         view = sun.view(mesh.points)
         self._sun = sun
         self._origin = view.min(axis=0)
@@ -132,7 +136,7 @@ def _brightness_noise(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _part_edges(parts: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Return the edges of the machine's faces, two pixels wide, as a mask."""
+    """Return the edges of the machine's parts, two pixels wide, as a mask."""
     edge = np.zeros(parts.shape, dtype=np.bool_)
     across, down = parts[:, 1:] != parts[:, :-1], parts[1:] != parts[:-1]
     edge[:, 1:] |= across

@@ -8,8 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from earthmoving_sim.coloured_mesh import ColouredMesh, merge_meshes
 from earthmoving_sim.pictures.map_window import Window, window_around
-from earthmoving_sim.pictures.mesh import Mesh, ground_mesh, machine_mesh, merge_meshes
+from earthmoving_sim.pictures.mesh import ground_mesh
 from earthmoving_sim.pictures.rasterizer import Camera, rasterize
 from earthmoving_sim.pictures.shading import render
 from earthmoving_sim.pictures.site_record import MIN_CHANGE_M, SiteRecord
@@ -43,7 +44,7 @@ TRIAL_PX = 160
 
 
 def draw_site_3d(record: SiteRecord, path: Path, *, labels: bool = True) -> Path:
-    """Write a 3-D view of the worked ground, and of the machine if it has faces, as PNG.
+    """Write a 3-D view of the worked ground, and of the machine if it has a mesh, as PNG.
 
     Args:
         record: the site.
@@ -55,7 +56,7 @@ def draw_site_3d(record: SiteRecord, path: Path, *, labels: bool = True) -> Path
     """
     window = _window(record)
     ground = ground_mesh(record, window)
-    machine = machine_mesh(record)
+    machine = record.machine_mesh
     mesh = merge_meshes(ground, machine) if machine else ground
     camera = best_camera(record, window, mesh)
 
@@ -89,12 +90,12 @@ def draw_site_3d(record: SiteRecord, path: Path, *, labels: bool = True) -> Path
 
 
 def _window(record: SiteRecord) -> Window:
-    """Return the window around the changed columns and the machine's faces."""
-    machine = [polygon[:, :2] for _, polygon in record.machine_faces]
+    """Return the window around the changed columns and the machine."""
+    machine = [] if record.machine_mesh is None else [record.machine_mesh.points[:, :2]]
     return window_around(record.grid, np.concatenate([record.changed_points, *machine]))
 
 
-def best_camera(record: SiteRecord, window: Window, mesh: Mesh) -> Camera:
+def best_camera(record: SiteRecord, window: Window, mesh: ColouredMesh) -> Camera:
     """Return the camera azimuth, of several, that shows the most of both cut and filled ground.
 
     Each is rated in a small picture by the smaller of the two visible areas, so that neither is
@@ -108,7 +109,7 @@ def best_camera(record: SiteRecord, window: Window, mesh: Mesh) -> Camera:
     scale = TRIAL_PX / float(np.hypot(*window.size))
 
     work = np.zeros(2)
-    if record.machine_faces and len(record.changed_points):
+    if record.machine_mesh and len(record.changed_points):
         work = record.changed_points.mean(axis=0) - record.machine_origin
         work *= MACHINE_FACING_WEIGHT / max(float(np.linalg.norm(work)), 1e-9)
 
@@ -153,7 +154,7 @@ def draw_labels(axes: Axes, record: SiteRecord, window: Window, camera: Camera) 
         axes.plot(x, y, "o", ms=3.5, mfc="white", mec=INK, mew=0.9)
 
 
-def draw_edge_bar(axes: Axes, window: Window, ground: Mesh, camera: Camera) -> None:
+def draw_edge_bar(axes: Axes, window: Window, ground: ColouredMesh, camera: Camera) -> None:
     """Draw a scale bar of a round length below the longer front edge of the block."""
     floor = float(ground.points[:, 2].min())
     front = _front_corner(window, camera)

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.typing import ColorType
 from numpy.typing import NDArray
 
+from earthmoving_sim.coloured_mesh import ColouredMesh
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.grid import Grid
 
@@ -32,8 +32,7 @@ class SiteRecord:
         machine_outline: name and plan-view polygon [m], shape (k, 2), of each part of the machine
             at the end.
         title: heading of the pictures.
-        machine_faces: colour and convex polygon [m], shape (k, 3), of each face of the machine at
-            the end; without faces the 3-D view has no machine.
+        machine_mesh: triangles of the machine at the end; without them the 3-D view has no machine.
         machine_position: x, y of the machine's swing axis [m]; None: the middle of the outlines.
 
     Raises:
@@ -49,7 +48,7 @@ class SiteRecord:
     lip_phase: NDArray[np.str_]
     machine_outline: Sequence[tuple[str, NDArray[np.float64]]]
     title: str
-    machine_faces: Sequence[tuple[ColorType, NDArray[np.float64]]] = ()
+    machine_mesh: ColouredMesh | None = None
     machine_position: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
@@ -64,8 +63,6 @@ class SiteRecord:
         _expect_shape("lip_phase", self.lip_phase, (points,))
         for name, polygon in self.machine_outline:
             _expect_shape(f"machine_outline {name!r}", polygon, (len(polygon), 2))
-        for i, (_, polygon) in enumerate(self.machine_faces):
-            _expect_shape(f"machine_faces[{i}]", polygon, (len(polygon), 3))
 
     @property
     def change(self) -> NDArray[np.float64]:

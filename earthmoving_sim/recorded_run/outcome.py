@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from earthmoving_sim.dig_outcome import DigOutcome
-from earthmoving_sim.machine_polygons import machine_faces, machine_outline
+from earthmoving_sim.machine_mesh import machine_mesh
+from earthmoving_sim.machine_outline import machine_outline
 from earthmoving_sim.recorded_run.recorded_machine import (
     lip_path,
     load_recorded_machine,
@@ -113,7 +114,7 @@ def _build_outcome(
         lip_path=path.points,
         lip_cycle=path.cycle,
         lip_phase=path.phase,
-        machine_faces=machine_faces(*pose, shoes),
+        machine_mesh=machine_mesh(*pose, shoes),
         machine_outline=machine_outline(*pose),
         machine_position=(x, y),
     )

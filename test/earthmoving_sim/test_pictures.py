@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from earthmoving_sim.coloured_mesh import polygon_mesh
 from earthmoving_sim.pictures import (
     SiteRecord,
     Window,
@@ -26,6 +27,7 @@ from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.grid import Grid
 
 GRID = Grid(80, 70, 0.25)
+ROOF = np.array([[-1.0, -1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])
 DRAWERS = [draw_cut_fill, draw_bucket_path, draw_site_3d]
 
 
@@ -48,7 +50,7 @@ def site(**changes) -> SiteRecord:
         lip_phase=np.tile(np.repeat(["dig", "swing"], 20), 2),
         machine_outline=[("body", np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]))],
         title="Test site",
-        machine_faces=[("#e8a917", np.array([[-1, -1, 1.0], [1, -1, 1], [1, 1, 1], [-1, 1, 1]]))],
+        machine_mesh=polygon_mesh([((0.91, 0.66, 0.09), ROOF)]),
     )
     return replace(record, **changes)
 
@@ -97,7 +99,7 @@ def test_empty_path_is_drawn(draw, tmp_path):
 
 @pytest.mark.parametrize("draw", DRAWERS)
 def test_unchanged_ground_without_machine_is_drawn(draw, tmp_path):
-    record = replace(without_path(unchanged()), machine_outline=[], machine_faces=[])
+    record = replace(without_path(unchanged()), machine_outline=[], machine_mesh=None)
     assert_is_picture(draw(record, tmp_path / "picture.png"))
 
 
@@ -212,7 +214,7 @@ def test_camera_is_on_the_side_of_the_pit():
     x, y = np.meshgrid(GRID.x(np.arange(GRID.rows)), GRID.y(np.arange(GRID.cols)), indexing="ij")
     pit = (np.abs(x - 2.0) < 1.0) & (np.abs(y) < 0.5)
     wall = (np.abs(x) < 0.5) & (np.abs(y) < 3.0)
-    record = site(before=0 * x, after=3.0 * wall - 0.5 * pit, machine_faces=[])
+    record = site(before=0 * x, after=3.0 * wall - 0.5 * pit, machine_mesh=None)
     window = window_around(GRID, record.changed_points)
     camera = best_camera(record, window, ground_mesh(record, window))
     assert camera.toward[0] > 0.0, "the camera is on the pit's side of the wall"

@@ -1,5 +1,6 @@
 """`earthmoving demo`: its options, and input that it rejects before it runs."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,22 @@ def test_output_folder_that_cannot_be_created_is_rejected(
     file.write_text("")
     assert main(["demo", "--out", str(file)]) == 2
     assert str(file) in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", ["--view", "--foxglove"])
+def test_options_that_show_nodes_need_nodes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
+) -> None:
+    assert main(["demo", "--in-process", option, "--out", str(tmp_path)]) == 2
+    assert f"{option} shows what nodes publish" in capsys.readouterr().err
+
+
+def test_foxglove_without_its_sdk_is_rejected(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    assert main(["demo", "--foxglove", "--out", str(tmp_path)]) == 2
+    assert "pip install foxglove-sdk" in capsys.readouterr().err
 
 
 def test_height_range_scales_a_png(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
