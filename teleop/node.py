@@ -15,6 +15,7 @@ from msg_bridge.codec import qos
 from msg_bridge.codec.machine_state import from_payload_array
 from msg_bridge.codec.run_config import parse_section
 from msg_bridge.codec.stamps import seconds_from_stamp
+from msg_bridge.codec.status_levels import level_name
 from msg_bridge.contract import topics
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.topics import parent_namespace, resolve
@@ -34,8 +35,6 @@ _REDRAW_PERIOD = 0.1
 
 _SILENT_TIME = 1.0
 """Wall time without a state after which the machine counts as silent [s]."""
-
-_LEVELS = ("OK", "WARN", "ERROR", "STALE")
 
 
 class Screen(Protocol):
@@ -73,11 +72,14 @@ class TeleopNode(SimNode):
         self.view, self.levers = MachineView(), Levers(speed)
         self._screen, self._keys = screen, TerminalKeys()
         self._params = CommandParams()
+        self._must_release = False  # after an emergency stop, until no key is held
         self._commanded: list[str] = []  # joints that levers can move, without those of cylinders
         self._last_update = time.monotonic()
         self._last_state = self._last_drawn = -float("inf")
         self._joy = self.create_publisher(Joy, topics.JOY, qos.STATE)
         self._stop = self.create_publisher(Bool, topics.EMERGENCY_STOP, qos.TRANSIENT_LOCAL)
+        # Best effort: publishers of any QoS match, such as the live page.
+        self.create_subscription(Bool, topics.EMERGENCY_STOP, self._on_stop, qos.COMMANDS)
         self.create_subscription(JointState, topics.JOINT_STATES, self._on_joints, qos.STATE)
         self.create_subscription(JointState, topics.APPLIED_COMMANDS, self._on_applied, qos.STATE)
         self.create_subscription(Float64MultiArray, topics.PAYLOAD, self._on_payload, qos.STATE)
@@ -112,8 +114,7 @@ class TeleopNode(SimNode):
             self._quit()
         for key in self._keys.feed(data or b"", now):
             self._actions.get(key, lambda: None)()
-        held = () if self.view.is_stopped else self._keys.held(now)
-        self.levers.update(held, now - self._last_update)
+        self.levers.update(self._held(now), now - self._last_update)
         self._last_update = now
         self._publish()
         if now - self._last_drawn >= _REDRAW_PERIOD:
@@ -129,6 +130,17 @@ class TeleopNode(SimNode):
                 )
             )
 
+    def _held(self, now: float) -> set[str]:
+        """Return the keys that move levers; after an emergency stop none until all were released.
+
+        The machine requires the same, but levers at rest are published during the stop.
+        """
+        held = self._keys.held(now)
+        self._must_release |= self.view.is_stopped
+        if not (held or self.view.is_stopped):
+            self._must_release = False
+        return set() if self._must_release else held
+
     def _publish(self) -> None:
         values = to_joy(self.levers.deflections, self._params)
         message = Joy(axes=values.axes, buttons=values.buttons)
@@ -136,9 +148,14 @@ class TeleopNode(SimNode):
         self._joy.publish(message)
 
     def _set_stop(self, is_pressed: bool) -> None:
-        self._keys.release()
-        self.view.is_stopped = is_pressed
+        self._on_stop(Bool(data=is_pressed))
         self._stop.publish(Bool(data=is_pressed))
+
+    def _on_stop(self, msg: Bool) -> None:
+        """Process a press or release by any publisher: what is held by then counts no more."""
+        if msg.data != self.view.is_stopped:
+            self._keys.release()
+        self.view.is_stopped = bool(msg.data)
 
     def _quit(self) -> None:
         self.finished = True
@@ -162,7 +179,7 @@ class TeleopNode(SimNode):
         """Take over the machine's assignment of axes."""
         try:
             self._params = CommandParams(**parse_section(msg.data, "commands"))
-        except (EarthmovingError, TypeError) as error:
+        except (EarthmovingError, TypeError, OverflowError) as error:
             self.view.condition = f"the configuration of the machine is not used: {error}"
             return
         self.view.pattern = self._params.joy_pattern
@@ -172,5 +189,5 @@ class TeleopNode(SimNode):
         for status in msg.status:
             node, _, _ = status.name.partition(":")
             if node.endswith("/machine_sim") and own.startswith(node.removesuffix("/machine_sim")):
-                level = _LEVELS[min(int(status.level[0]), len(_LEVELS) - 1)]
+                level = level_name(status)
                 self.view.condition = f"{level}: {status.message}" if level != "OK" else level

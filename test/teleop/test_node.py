@@ -12,6 +12,7 @@ from contextlib import suppress
 
 import pytest
 from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Bool
 from support.node_scenes import Scene
 
 from msg_bridge.testing.ros_context import Ros
@@ -41,42 +42,68 @@ class FakeScreen:
 
 
 @pytest.fixture
-def boom_velocity(ros: Ros) -> Callable[[], float]:
+def swing_velocity(ros: Ros) -> Callable[[], float]:
+    """Return a function of the velocity of the swing, which no limit of its angle ends."""
     states = ros.collect("/excavator/joint_states", JointState)
 
     def newest() -> float:
         ros.spin_until(lambda: states)
-        return float(states[-1].velocity[states[-1].name.index("boom")])
+        return float(states[-1].velocity[states[-1].name.index("swing")])
 
     return newest
 
 
 def test_held_key_moves_a_joint_until_it_is_released(
-    ros: Ros, boom_velocity: Callable[[], float]
+    ros: Ros, swing_velocity: Callable[[], float]
 ) -> None:
     scene = Scene(ros, sync="realtime")
     scene.machine()
     screen = FakeScreen()
     teleop = ros.add(TeleopNode, screen)
-    ros.spin_until(lambda: "driving" in screen.text and "boom " in screen.text)
-    screen.keys = b"\x1b[107u"  # right lever back
-    ros.spin_until(lambda: boom_velocity() < -0.1)
-    ros.spin_until(lambda: "[##########|..........]  boom" in screen.text)
-    screen.keys = b"\x1b[107;1:3u"
-    ros.spin_until(lambda: abs(boom_velocity()) < 0.01)
-    screen.keys = b"\x1b[107u"
-    ros.spin_until(lambda: boom_velocity() < -0.1)
+    ros.spin_until(lambda: "driving" in screen.text and "swing" in screen.text)
+    screen.keys = b"\x1b[97u"  # left lever to the left
+    ros.spin_until(lambda: swing_velocity() > 0.1)
+    ros.spin_until(lambda: "[..........|##########]  swing" in screen.text)
+    screen.keys = b"\x1b[97;1:3u"
+    ros.spin_until(lambda: abs(swing_velocity()) < 0.01)
+    screen.keys = b"\x1b[97u"
+    ros.spin_until(lambda: swing_velocity() > 0.1)
     screen.keys = b" "
-    ros.spin_until(lambda: abs(boom_velocity()) < 0.01 and "EMERGENCY STOP - " in screen.text)
-    screen.keys = b"\x1b[107u"
+    ros.spin_until(lambda: abs(swing_velocity()) < 0.01 and "EMERGENCY STOP - " in screen.text)
+    screen.keys = b"\x1b[97u"
     ros.spin_until(lambda: "emergency stop" in screen.text)  # of the machine's diagnostics
-    assert abs(boom_velocity()) < 0.01
-    screen.keys = b"\x1b[107;1:3ux"
+    assert abs(swing_velocity()) < 0.01
+    screen.keys = b"\x1b[97;1:3ux"
     ros.spin_until(lambda: "driving" in screen.text)
-    screen.keys = b"\x1b[107u"
-    ros.spin_until(lambda: boom_velocity() < -0.1)
+    screen.keys = b"\x1b[97u"
+    ros.spin_until(lambda: swing_velocity() > 0.1)
     ros.remove(teleop)  # its process has ended
-    ros.spin_until(lambda: abs(boom_velocity()) < 0.01)
+    ros.spin_until(lambda: abs(swing_velocity()) < 0.01)
+
+
+def test_key_held_through_a_stop_of_another_program_moves_nothing(ros: Ros) -> None:
+    messages = ros.collect("/excavator/joy", Joy)
+    screen = FakeScreen()
+    screen.keys = b""  # a terminal that does not report releases
+    ros.add(TeleopNode, screen)
+    stop = ros.publisher("/excavator/emergency_stop", Bool, subscriptions=1)
+
+    def hold_until(condition: Callable[[], bool]) -> None:
+        def hold() -> bool:
+            screen.keys = b"k"  # which the terminal repeats
+            return condition()
+
+        ros.spin_until(hold)
+
+    hold_until(lambda: bool(messages) and any(messages[-1].axes))
+    stop.publish(Bool(data=True))
+    hold_until(lambda: "EMERGENCY STOP - " in screen.text and not any(messages[-1].axes))
+    count = len(messages)
+    stop.publish(Bool(data=False))
+    hold_until(lambda: "EMERGENCY STOP - " not in screen.text)
+    num_released = len(messages)
+    hold_until(lambda: len(messages) > num_released + 20)
+    assert not any(any(message.axes) for message in messages[count:])
 
 
 def test_axes_are_those_of_the_machine(ros: Ros) -> None:
