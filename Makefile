@@ -3,7 +3,7 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo check test test-slow test-chaos clean distclean
+.PHONY: help setup demo check chromium test test-slow test-chaos clean distclean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -14,6 +14,10 @@ MODE := $(if $(ROS_DISTRO),ros,wheels)
 
 # The stamp holds the checkout's folder too: an environment that was moved or copied does not work.
 STAMP := $(VENV)/.ready-$(MODE)-$(firstword $(shell pwd | cksum))
+
+# The live page: built on installation, and again when its source changes.
+PAGE := viewer/page/dist/LICENSES.txt
+PAGE_SOURCES := $(wildcard viewer/page/*.* viewer/page/src/*.ts viewer/page/src/*/*.ts)
 
 # Pythons to try, best first. 3.11 has a pybullet wheel, 3.12 and later compile it. A name can be there and not
 # work (a version manager's shim of an inactive version), so each is run before it is chosen.
@@ -36,7 +40,7 @@ help: ## this list
 	@echo "options:     PYTHON=python3.12   the Python for the environment (3.10 to 3.13)"
 	@echo "             ROS_DISTRO=         use the ROS wheels even if a ROS is sourced"
 
-setup: $(STAMP) ## install everything into .venv (does nothing if that is done)
+setup: $(STAMP) $(PAGE) ## install everything into .venv (does nothing if that is done)
 
 $(STAMP): requirements.txt requirements-dev.txt constraints.txt setup.py
 ifneq ($(filter-out jazzy,$(ROS_DISTRO)),)
@@ -83,11 +87,16 @@ else
 endif
 	@$(PIP) install --use-pep517 -c constraints.txt -r $(VENV)/requirements.txt -r requirements-dev.txt
 	@echo "==> Installing earthmoving_sim itself, from this folder"
-	@$(PIP) install --no-deps --no-build-isolation -e .
+	@EARTHMOVING_REQUIRE_PAGE=1 $(PIP) install --no-deps --no-build-isolation -e .
 	@echo "==> Compiling the kernels (about 40 s on two cores)"
 	@$(BIN)/earthmoving compile
 	@touch $@
 	@echo "==> Ready: make demo, make check, or . $(BIN)/activate and earthmoving --help"
+
+$(PAGE): $(PAGE_SOURCES) | $(STAMP)
+	@echo "==> Building the live page"
+	@$(BIN)/python viewer/page/build_page.py
+	@touch $@
 
 demo: setup ## an excavator digs, carries and dumps (ARGS="..." for its options; ARGS=--help lists them)
 	@$(BIN)/earthmoving demo $(ARGS)
@@ -101,10 +110,24 @@ test: setup ## lint, format, types and all fast tests (ARGS="-k name" narrows py
 	stage "Lint" $(BIN)/ruff check .; \
 	stage "Format" $(BIN)/ruff format --check .; \
 	stage "Types" $(BIN)/python -m mypy; \
+	stage "Types and unit tests of the page" $(BIN)/python viewer/page/build_page.py check; \
 	stage "Tests" $(BIN)/python -m pytest $(PARALLEL) $(ARGS); \
 	if [ -n "$$failed" ]; then echo "make test: failed:$$failed" >&2; exit 1; fi
 
-test-slow: setup ## the tests that take long: a colcon build, the whole demo
+# Set CHROMIUM to the browser if it has another name or place.
+CHROMIUM_NAMES := $(CHROMIUM) chromium chromium-browser google-chrome
+
+chromium: ## install the browser that tests and films of the live page use, if there is none (apt)
+	@for name in $(CHROMIUM_NAMES); do if command -v "$$name" >/dev/null; then exit 0; fi; done; \
+	sudo=; if [ "$$(id -u)" != 0 ]; then sudo="sudo -n"; fi; \
+	echo "==> Installing chromium"; \
+	if ! { command -v apt-get && $$sudo apt-get update && $$sudo apt-get install -y --no-install-recommends chromium; } >$(VENV)/chromium.log 2>&1; then \
+	    tail -n 5 $(VENV)/chromium.log >&2; \
+	    echo "make chromium: not installed (log: $(VENV)/chromium.log). Install Chromium or Chrome, or set CHROMIUM to its path;" >&2; \
+	    echo "  without one the browser tests are skipped, with CI set they fail." >&2; \
+	fi
+
+test-slow: setup chromium ## the tests that take long: a colcon build, the whole demo, the page in a browser
 	@echo "==> Slow tests"
 	@$(BIN)/python -m pytest -m slow $(ARGS)
 
@@ -113,7 +136,7 @@ test-chaos: setup ## forged messages (200 rounds), overload, floods: the long fo
 	@CHAOS_ROUNDS=200 $(BIN)/python -m pytest -m slow test/chaos $(ARGS)
 
 clean: ## remove build products and caches; keeps .venv, out/ and bags/
-	@rm -rf build install log *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	@rm -rf viewer/page/dist viewer/page/node_modules build install log *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	@find . -name __pycache__ -not -path './$(VENV)/*' -prune -exec rm -rf {} +
 
 distclean: clean ## also remove .venv

@@ -1,8 +1,12 @@
 """Install `earthmoving_sim`, with colcon as an ament_python package or with pip as a plain one."""
 
+import os
+import runpy
+import sys
 from pathlib import Path
 
-from setuptools import find_packages, setup
+from setuptools import Command, find_packages, setup
+from setuptools.command.build import build
 
 NAME = "earthmoving_sim"
 ROOT = Path(__file__).resolve().parent
@@ -21,6 +25,54 @@ def shared_files(folder: str) -> list[tuple[str, list[str]]]:
     return list(folders.items())
 
 
+class BuildWithPage(build):
+    """Build the live page before the Python packages, which contain it as data."""
+
+    sub_commands = [("build_page", None), *build.sub_commands]  # noqa: RUF012
+
+
+class BuildPage(Command):
+    """Build the live page with npm.
+
+    Without npm the package is installed without the page, and the viewer reports how to build it;
+    with EARTHMOVING_REQUIRE_PAGE set that is an error.
+    """
+
+    user_options = []  # noqa: RUF012
+    editable_mode = False  # set by setuptools
+
+    def initialize_options(self) -> None:
+        """Do nothing: there are no options."""
+
+    def finalize_options(self) -> None:
+        """Do nothing: there are no options."""
+
+    def run(self) -> None:
+        """Build the page if it is out of date."""
+        script = runpy.run_path(str(ROOT / "viewer/page/build_page.py"))
+        try:
+            script["build_page"]()
+        except script["PageBuildError"] as error:
+            if os.environ.get("EARTHMOVING_REQUIRE_PAGE"):
+                sys.exit(f"setup.py: {error}")
+            self.warn(f"the live page is not built: {error}")
+
+    def get_outputs(self) -> list[str]:
+        """Return nothing: the page's files are data of the package `viewer`."""
+        return []
+
+    def get_output_mapping(self) -> dict[str, str]:
+        """Return nothing, as `get_outputs`."""
+        return {}
+
+    def get_source_files(self) -> list[str]:
+        """Return what the page is made from."""
+        page = Path("viewer/page")
+        fixed = ("package.json", "package-lock.json", "build.mjs", "tsconfig.json", "index.html")
+        sources = [*(page / name for name in fixed), page / "style.css", page / "build_page.py"]
+        return [str(path) for path in (*sources, *page.glob("src/**/*.ts"))]
+
+
 setup(
     name=NAME,
     version="0.1.0",
@@ -36,11 +88,14 @@ setup(
                 "msg_bridge",
                 "dig_operator",
                 "teleop",
+                "viewer",
                 "earthmoving_sim",
             )
             for inside in ("", ".*")
         ]
     ),
+    package_data={"viewer": ["page/dist/*"]},
+    cmdclass={"build": BuildWithPage, "build_page": BuildPage},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (SHARE, ["package.xml"]),
@@ -56,13 +111,17 @@ setup(
         "PyYAML",
         "matplotlib",
         "pillow",
+        "aiohttp",
+        "msgpack",
         # pip only:
         "pybullet",
         "numba",
         "mcap",
         "rosbags",
         "rasterio",
+        "mapbox_earcut",
     ],
+    extras_require={"foxglove": ["foxglove-sdk"]},  # for foxglove_server; make setup installs it
     zip_safe=False,
     # The nodes' names are those of `ros2 run earthmoving_sim <name>`.
     entry_points={
@@ -71,7 +130,10 @@ setup(
             "soil_sim = soil_sim.node.soil_node:main",
             "machine_sim = machine_sim.node.machine_node:main",
             "exchange_recorder = msg_bridge.recorder.recorder_node:main",
+            "foxglove_server = msg_bridge.foxglove_server.node:main",
             "dig_operator = dig_operator.node:main",
+            "viewer = viewer.node:main",
+            "camera = viewer.cameras.node:main",
         ]
     },
 )

@@ -92,7 +92,7 @@ NAMES = {
     "LeanNode": "SimNode",
     "_?Ear": "TopicSubscription",
     "is_deaf": "qos_incompatible",
-    "Heard": "RecordedMessage",
+    "Heard": "ReceivedMessage",
     "Gaps": "MessageLossCounter",
     "Story": "MembershipTimeline",
     "Happening": "MembershipEvent",

@@ -31,11 +31,21 @@ for module in pkgutil.walk_packages(package.__path__, package.__name__ + ".", on
 """
 
 MAY_NOT_IMPORT = {
-    "msg_bridge": {"soil_sim", "machine_sim", "dig_operator", "teleop", "earthmoving_sim"},
-    "soil_sim": {"machine_sim", "dig_operator", "teleop", "earthmoving_sim"},
-    "machine_sim": {"soil_sim", "dig_operator", "teleop", "earthmoving_sim"},
-    "dig_operator": {"soil_sim", "teleop", "earthmoving_sim"},
-    "teleop": {"soil_sim", "dig_operator", "earthmoving_sim"},
+    "msg_bridge": {
+        "soil_sim",
+        "machine_sim",
+        "dig_operator",
+        "teleop",
+        "viewer",
+        "earthmoving_sim",
+    },
+    "soil_sim": {"machine_sim", "dig_operator", "teleop", "viewer", "earthmoving_sim"},
+    "machine_sim": {"soil_sim", "dig_operator", "teleop", "viewer", "earthmoving_sim"},
+    "dig_operator": {"soil_sim", "teleop", "viewer", "earthmoving_sim"},
+    "teleop": {"soil_sim", "dig_operator", "viewer", "earthmoving_sim"},
+    "viewer": {"soil_sim", "dig_operator", "earthmoving_sim"},
+    "viewer/scene": {"rclpy", "aiohttp", "msgpack"},
+    "viewer/server": {"rclpy"},
     "msg_bridge/contract": {"rclpy"},
     "msg_bridge/exchange": {"rclpy"},
 }

@@ -8,7 +8,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("soil_sim", "machine_sim", "msg_bridge", "dig_operator", "teleop", "earthmoving_sim")
+PACKAGES = (
+    *("soil_sim", "machine_sim", "msg_bridge", "dig_operator", "teleop", "viewer"),
+    "earthmoving_sim",
+)
 
 pytestmark = [
     pytest.mark.slow,
@@ -83,12 +86,16 @@ def test_all_modules_and_no_tests_are_installed(workspace):
         path.relative_to(ROOT).as_posix()
         for each in PACKAGES
         for path in (ROOT / each).rglob("*.py")
+        if ROOT / "viewer/page" not in path.parents  # what builds the page
     }
     (site,) = installed(workspace).glob("lib/python3*/site-packages")
     modules = {
         path.relative_to(site).as_posix() for path in site.rglob("*.py") if path.name != "setup.py"
     }
     assert modules == source
+    assert {"index.html", "main.js", "style.css"} <= {
+        path.name for path in (site / "viewer/page/dist").iterdir()
+    }
 
 
 def test_config_file_is_found_in_share(workspace):

@@ -17,11 +17,18 @@ from msg_bridge.contract.topics import resolve
 from msg_bridge.recorder.recorder_node import RecorderNode
 from msg_bridge.testing.ros_context import Ros
 from soil_sim.node.soil_node import SoilNode
+from viewer.cameras.node import CameraNode
+from viewer.node import ViewerNode
 
 ROOT = Path(__file__).parents[2]
 OF_ROS = {"/rosout", "/parameter_events"}
 
-PLACEHOLDERS = {"<tool>": ("bucket",), "<imu>": ("base", "upper"), "<bin>": ()}
+PLACEHOLDERS = {
+    "<tool>": ("bucket",),
+    "<imu>": ("base", "upper"),
+    "<bin>": (),
+    "<camera>": ("cab",),
+}
 """Names that stand for placeholders with the shipped excavator."""
 
 
@@ -52,15 +59,23 @@ def compare(endpoints: list[Endpoint], actual: list[tuple[str, list[str]]]) -> N
     assert own.items() <= names_of(endpoints, required=False).items()
 
 
-@pytest.mark.parametrize("executable", ["soil_sim", "machine_sim", "dig_operator"])
+@pytest.mark.parametrize(
+    "executable", ["soil_sim", "machine_sim", "dig_operator", "viewer", "camera"]
+)
 def test_interface_table_lists_what_a_node_publishes_subscribes_and_serves(
     ros: Ros, executable: str
 ) -> None:
     soil = ros.add(SoilNode, parameters=SITE)
     machine = ros.add(MachineNode)
     operator = ros.add(DigOperatorNode)
-    node: Node = {"soil_sim": soil, "machine_sim": machine, "dig_operator": operator}[executable]
+    viewer = ros.add(ViewerNode, parameters={"port": 0})
+    camera = ros.add(CameraNode)
+    all_nodes = (soil, machine, operator, viewer, camera)
+    nodes: dict[str, Node] = {each.get_name(): each for each in all_nodes}
+    node = nodes[executable]
     ros.spin_until(lambda: soil.count_subscribers("/excavator/soil_tick"), what="the machine")
+    ros.spin_until(lambda: viewer.scene.machines, what="the machine on the page")
+    ros.spin_until(lambda: camera.has_cameras, what="the camera of the machine")
     where = (node.get_name(), node.get_namespace())
     subscribed, published, services = endpoints_of(executable)
     compare(published, node.get_publisher_names_and_types_by_node(*where))

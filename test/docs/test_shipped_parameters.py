@@ -14,6 +14,8 @@ import dig_operator.usage
 import machine_sim.node.usage
 import msg_bridge.recorder.usage
 import soil_sim.node.usage
+import viewer.cameras.usage
+import viewer.usage
 from earthmoving_sim.config_layers import SECTIONS
 from msg_bridge.contract.parameters import Parameters
 
@@ -24,6 +26,8 @@ GROUPS = {
     "soil_sim": soil_sim.node.usage.USAGE.parameters,
     "machine_sim": machine_sim.node.usage.USAGE.parameters,
     "exchange_recorder": msg_bridge.recorder.usage.USAGE.parameters,
+    "viewer": viewer.usage.USAGE.parameters,
+    "camera": viewer.cameras.usage.USAGE.parameters,
     "dig_operator": dig_operator.usage.USAGE.parameters,
 }
 DEMO_GROUPS = {f"{section}.": kind for section, kind in SECTIONS.items()}

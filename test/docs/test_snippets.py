@@ -14,6 +14,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from importlib import import_module
 from importlib.util import find_spec
+from itertools import filterfalse
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -23,11 +24,17 @@ from sensor_msgs.msg import JointState
 
 import dig_operator.usage
 import machine_sim.node.usage
+import msg_bridge.foxglove_server.usage
 import msg_bridge.recorder.usage
 import soil_sim.node.usage
+import viewer.cameras.usage
+import viewer.usage
 from earthmoving_sim.cli import build_parser
+from machine_sim.machine import load_machine_spec
+from machine_sim.machine.shapes.link_meshes import link_meshes, num_triangles
 from machine_sim.node.machine_node import MachineNode
 from msg_bridge.codec.qos import STATE
+from msg_bridge.config_files import find_config
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.interface import INTERFACE
 from msg_bridge.testing.fixtures import StartProcess
@@ -41,7 +48,10 @@ USAGES = {
     "soil_sim": soil_sim.node.usage.USAGE,
     "machine_sim": machine_sim.node.usage.USAGE,
     "exchange_recorder": msg_bridge.recorder.usage.USAGE,
+    "foxglove_server": msg_bridge.foxglove_server.usage.USAGE,
     "dig_operator": dig_operator.usage.USAGE,
+    "viewer": viewer.usage.USAGE,
+    "camera": viewer.cameras.usage.USAGE,
 }
 PROGRAMS = ("earthmoving", "python", "make", "ros2", *USAGES)
 
@@ -172,7 +182,20 @@ def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
-@pytest.mark.parametrize("snippet", blocks("yaml"), ids=name_of)
+def has_shapes(snippet: Snippet) -> bool:
+    """Return whether a block of YAML describes the shapes of a machine."""
+    return "view_points" in yaml.safe_load(snippet.code)
+
+
+@pytest.mark.parametrize("snippet", filter(has_shapes, blocks("yaml")), ids=name_of)
+def test_yaml_block_of_shapes_is_part_of_a_machine_file(snippet: Snippet, tmp_path: Path) -> None:
+    machine = yaml.safe_load(find_config("machines/excavator.yaml").read_text(encoding="utf-8"))
+    path, shapes = tmp_path / "machine.yaml", yaml.safe_load(snippet.code)
+    path.write_text(yaml.safe_dump({**machine, "shapes": shapes}, sort_keys=False))
+    assert sum(num_triangles([mesh]) for mesh in link_meshes(load_machine_spec(path)).values())
+
+
+@pytest.mark.parametrize("snippet", filterfalse(has_shapes, blocks("yaml")), ids=name_of)
 def test_yaml_block_is_a_valid_parameter_file(snippet: Snippet) -> None:
     for node, content in yaml.safe_load(snippet.code).items():
         check_parameters(node, flatten(content["ros__parameters"]))
@@ -301,5 +324,5 @@ def test_places_named_in_contributing_are_files() -> None:
     text = (ROOT / "docs/contributing.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| where .* \| (.*) \|$", text, re.MULTILINE)
     paths = [path for row in rows for path in re.findall(r"`([^`]+)`", row)]
-    assert len(rows) == 10
+    assert len(rows) == 11
     assert not [path for path in paths if not (ROOT / path).is_file()]
