@@ -127,7 +127,7 @@ def run_background_node(
     return run_node(make_nice_node, args, name=name, usage=usage)
 
 
-def _run(make_node: Callable[[], Node], stopped: threading.Event, program: str) -> int:
+def _run(make_node: Callable[[], Node], stopped: _StopFlag, program: str) -> int:
     try:
         node = make_node()
     except EarthmovingError as error:
@@ -143,7 +143,7 @@ def _run(make_node: Callable[[], Node], stopped: threading.Event, program: str) 
     try:
         try:
             reject_unknown_overrides(node)
-            while not stopped.is_set() and not getattr(node, "finished", False):
+            while not stopped.is_set and not getattr(node, "finished", False):
                 executor.spin_once(timeout_sec=_SPIN_TIMEOUT)
         except ExternalShutdownException:  # rclpy.shutdown() was called
             pass
@@ -173,13 +173,23 @@ def _stop(node: Node, executor: SingleThreadedExecutor) -> None:
         publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
 
 
-@contextmanager
-def _signals() -> Iterator[threading.Event]:
-    """Yield an event that SIGINT and SIGTERM set; restore the signal handlers afterwards.
+class _StopFlag:
+    """Whether the process has been asked to end.
 
-    The handlers do nothing else: they run between any two steps of a callback.
+    Not a `threading.Event`: it takes a lock, and a handler that a second signal interrupts while it
+    holds the lock would wait for itself.
     """
-    stopped = threading.Event()
+
+    is_set = False
+
+
+@contextmanager
+def _signals() -> Iterator[_StopFlag]:
+    """Yield a flag that SIGINT and SIGTERM set; restore the signal handlers afterwards.
+
+    The handlers do nothing else: they run between any two steps of a callback, and of one another.
+    """
+    stopped = _StopFlag()
     if threading.current_thread() is not threading.main_thread():
         yield stopped
         return
@@ -187,7 +197,7 @@ def _signals() -> Iterator[threading.Event]:
 
     def handle(number: int, frame: FrameType | None) -> None:
         nonlocal first_interrupt
-        stopped.set()
+        stopped.is_set = True
         if number != signal.SIGINT:
             return
         now = time.monotonic()

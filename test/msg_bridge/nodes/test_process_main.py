@@ -71,6 +71,8 @@ class Digger(Node):
 
     def stop(self) -> None:
         print("stopped once")
+        if self.params.act == "stop slowly":
+            time.sleep(0.5)
         self.stopping = self.params.act in ("wait", "never stops")
 
 
@@ -171,6 +173,16 @@ def test_repeated_interrupt_kills_a_hanging_node(ros_process: StartProcess) -> N
 
 def test_two_interrupts_at_once_count_as_one(ros_domain: int) -> None:
     assert run_here("-p", "act:=interrupt twice") == 0
+
+
+def test_handlers_that_interrupt_one_another_end_the_node(ros_process: StartProcess) -> None:
+    process = ros_process(DIGGER, parameters={"act": "stop slowly"})
+    process.wait_for_output("ready")
+    deadline = time.monotonic() + 20.0
+    while "stopped" not in process.output and time.monotonic() < deadline:
+        for _ in range(1000):
+            process.interrupt(signal.SIGTERM)
+    process.wait(expect=0)
 
 
 def reject() -> Node:
