@@ -2,12 +2,15 @@
 
     python -m benchmarks.random_digging                # one minute for each seed and track model
     python -m benchmarks.random_digging --minutes 10   # about 40 minutes of wall-clock time
+    python -m benchmarks.random_digging --drive-only --model dynamic --minutes 30
 
 An operator gives random commands on rolling ground: the machine drives straight, in curves and on
 the spot, digs with all joints, drives while it digs, and drives into its own pits. The operator
 only avoids overturning: when the machine tilts too far, it stops and raises the boom, or lowers
-its load. Prints a row for each run: why and when it ended, the longest time stuck, the volume
-imbalance, and the speed.
+its load. With `--drive-only` it drives at up to the maximum speed, brakes and reverses at once, and
+keeps the arm folded, on waves of 0.4 m for every other seed. Prints a row for each run: why and
+when it ended, the longest time stuck, how often a track came off its wheels, the volume imbalance,
+and the speed.
 """
 
 from __future__ import annotations
@@ -82,6 +85,7 @@ class DrivingOutcome:
             moved less than `STUCK_DISTANCE` [s].
         imbalance: volume imbalance of the worst tick [mm^3].
         max_particles: maximum number of particles at once.
+        num_reseats: number of times a track came off its wheels.
         wall_time: wall time of the run [s].
     """
 
@@ -93,6 +97,7 @@ class DrivingOutcome:
     max_stuck_time: float = 0.0
     imbalance: int = 0
     max_particles: int = 0
+    num_reseats: int = 0
     wall_time: float = 0.0
 
 
@@ -106,6 +111,14 @@ def rolling_ground(seed: int) -> Array:
         kx, ky, phase = *rng.normal(0.0, 0.6, 2), rng.uniform(0.0, 2.0 * math.pi)
         heights += 0.1 * np.sin(kx * x + ky * y + phase) / (1.0 + 1.2 * math.hypot(kx, ky))
     return heights
+
+
+def waves(seed: int) -> Array:
+    """Return heights [m] of waves of 0.4 m, 6 m long, in a random direction."""
+    x, y = np.meshgrid(GRID.x(np.arange(GRID.rows)), GRID.y(np.arange(GRID.cols)), indexing="ij")
+    direction = np.random.default_rng(seed).uniform(0.0, 2.0 * math.pi)
+    along = x * math.cos(direction) + y * math.sin(direction)
+    return np.asarray(0.2 * np.sin(2.0 * math.pi / 6.0 * along))
 
 
 def place_machine(soil: Soil, model: TrackModel, seed: int) -> MachineSim:
@@ -131,12 +144,16 @@ class RandomOperator:
         outcome: result so far.
     """
 
-    def __init__(self, model: TrackModel, seed: int, soil: str = "loam") -> None:
-        ground = Soil(GRID, rolling_ground(seed), SoilParams(soil=soil))
+    def __init__(
+        self, model: TrackModel, seed: int, soil: str = "loam", *, drive_only: bool = False
+    ) -> None:
+        heights = waves(seed) if drive_only and seed % 2 else rolling_ground(seed)
+        ground = Soil(GRID, heights, SoilParams(soil=soil))
         self.sim = place_machine(ground, model, seed)
         self.world = World(ground, {1: self.sim})
         self.outcome = DrivingOutcome()
         self._rng = np.random.default_rng(seed)
+        self._drive_only = drive_only
         self._last_position = self.sim.machine.base_pose[0]
         self._stuck_reference = self._last_position  # position at the start of the stuck time
         self._stuck_time = 0.0  # time with a drive command since then [s]
@@ -149,6 +166,7 @@ class RandomOperator:
                 self._perform_action()
         except MachineError as error:
             outcome.problem = str(error)
+        outcome.num_reseats = sum(self.sim.machine.tracks.num_reseats)
         outcome.wall_time = time.perf_counter() - start
         return outcome
 
@@ -158,6 +176,11 @@ class RandomOperator:
 
     def _perform_action(self) -> None:
         """Dig, drive, or both for one to four seconds, then correct the tilt if necessary."""
+        if self._drive_only:
+            self._hold_command(
+                np.zeros(4), self._choose_track_speeds(), self._rng.uniform(0.3, 4.0)
+            )
+            return
         kind, duration = self._rng.integers(4), self._rng.uniform(1.0, 4.0)
         digs, drives = kind > 0, kind < 2
         joints = self._rng.uniform(-1.0, 1.0, 4) * MAX_JOINT_SPEEDS if digs else LIFT_VELOCITIES
@@ -168,9 +191,14 @@ class RandomOperator:
     def _choose_track_speeds(self) -> tuple[float, float]:
         """Return random track speeds [m/s], or speeds back toward the middle of the map."""
         tracks = TRACK_SPEEDS[self._rng.integers(len(TRACK_SPEEDS))]
+        if self._drive_only:
+            speed = self.sim.machine.spec.tracks.max_speed
+            left, right = (speed * self._rng.uniform(-1.0, 1.0, 2)).tolist()
+            tracks = (left, right) if self._rng.integers(2) else (math.copysign(speed, left),) * 2
         position, quaternion = self.sim.machine.base_pose
         if np.hypot(*position[:2]) > MAX_DISTANCE_FROM_CENTRE:
-            speed = -0.8 if position @ rotation_matrix(quaternion)[:, 0] > 0.0 else 0.8
+            speed = max(map(abs, tracks)) if self._drive_only else 0.8
+            speed = -speed if position @ rotation_matrix(quaternion)[:, 0] > 0.0 else speed
             tracks = (speed, speed)
         return tracks
 
@@ -230,6 +258,7 @@ COLUMNS = (
     *(Column("time [s]", "s", ".0f"), Column("distance [m]", "m", ".0f")),
     *(Column("stuck [s]", "s", ".1f"), Column("payload [m3]", "m3", ".2f")),
     *(Column("particles", "", "d"), Column("tilt stops", "", "d")),
+    Column("off wheels", "", "d"),
     *(Column("imbalance [mm3]", "mm3", "d"), Column("real-time factor", "", ".1f")),
 )
 
@@ -241,18 +270,20 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=1.0, help="simulated time of a run (1)")
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3], help="random seeds")
     parser.add_argument("--soil", default="loam", help="name of a soil in config/soils.yaml")
+    parser.add_argument("--drive-only", action="store_true", help="fast driving, no digging")
     options = parser.parse_args()
     table = ResultTable(COLUMNS, as_json=options.json, row_width=20)
     table.print_note(describe_load())
     table.print_header()
     for model in (options.model,) if options.model else TRACK_MODELS:
         for seed in options.seeds:
-            operator = RandomOperator(model, seed, options.soil)
+            operator = RandomOperator(model, seed, options.soil, drive_only=options.drive_only)
             outcome = operator.run(60.0 * options.minutes)
             operator.close()
             values = [
                 *(outcome.seconds, outcome.distance, outcome.max_stuck_time),
                 *(outcome.max_payload, outcome.max_particles, outcome.num_tilt_stops),
+                outcome.num_reseats,
                 *(outcome.imbalance, outcome.seconds / outcome.wall_time),
             ]
             remark = outcome.problem or "no problem"

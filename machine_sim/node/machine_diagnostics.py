@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -19,6 +20,12 @@ from msg_bridge.nodes.real_time_monitor import (
 )
 
 __all__ = ["MachineDiagnostics"]
+
+_TRACK_CONDITION = "tracks"
+"""Condition of a machine whose track has come off its wheels."""
+
+_TRACK_WARN_TIME = 10.0
+"""Time for which a track that has come off is reported [s]."""
 
 
 class MachineDiagnostics:
@@ -49,11 +56,14 @@ class MachineDiagnostics:
         self._coverage = OverloadMonitor(resolution=1.0)  # ticks made over ticks passed
         self._real_time_factor = OverloadMonitor(resolution=0.0)
         self._computing_time = 0.0  # of all ticks [s]
+        self._num_reseats = 0
+        self._reseated_at = -math.inf
         diagnostics.add_task(self._update)
 
     def start_run(self, run: MachineRun) -> None:
         """Measure a new run from now on."""
         self.run = run
+        self._num_reseats = 0
         for monitor in (self._speed, self._coverage, self._real_time_factor):
             monitor.restart()
 
@@ -72,6 +82,7 @@ class MachineDiagnostics:
         for key, value in {**self._values(run), **self._speed_values(run, load)}.items():
             self._diagnostics.set(key, value)
         self._report_overload(load)
+        self._report_reseats(run)
         pairs = zip(self._instances, run.sim.simulated_machines, strict=True)
         overturned = [
             instance.name or "the machine"
@@ -118,6 +129,20 @@ class MachineDiagnostics:
             "skipped_ticks": passed - made,
         }
 
+    def _report_reseats(self, run: MachineRun) -> None:
+        """Set or clear the problem of a track that has come off its wheels."""
+        counts = [sum(m.machine.tracks.num_reseats) for m in run.sim.simulated_machines]
+        if sum(counts) > self._num_reseats:
+            self._num_reseats, self._reseated_at = sum(counts), self._now()
+        if self._now() - self._reseated_at > _TRACK_WARN_TIME:
+            self._diagnostics.clear(_TRACK_CONDITION)
+            return
+        self._diagnostics.problem(
+            "a track has come off its wheels and was put back; drive more gently, or use"
+            " stepping.track_model: kinematic",
+            condition=_TRACK_CONDITION,
+        )
+
     def _report_overload(self, load: TickLoad) -> None:
         """Set or clear the problem of a node that is too slow for real time."""
         level = max(self._speed.level, self._coverage.level)
@@ -139,6 +164,7 @@ def _machine_values(instance: MachineInstance, simulated: SimulatedMachine) -> d
     values = {
         "payload_fill": f"{simulated.payload.fill:.3f}",
         "emergency_stop": instance.arbiter.is_stopped,
+        "tracks_off_wheels": sum(simulated.machine.tracks.num_reseats),
         "tilt_rad": f"{simulated.machine.tilt:.3f}",
         "overturned": simulated.machine.overturned,
     }

@@ -8,12 +8,13 @@ In the order in which a step uses them:
 - `track_base`: what both models share
 - `kinematic`, `kinematic_step`: one degree of freedom for each belt, shoes on their path
 - `dynamic`, `dynamic_step`: rigid shoes, hinged and driven by the sprocket
-- `undercarriage`: rail, carriers, flanges and brake of the dynamic tracks
+- `undercarriage`, `axle_support`: rail, carriers, flanges and brake of the dynamic tracks, and
+  their support below the axles
 - `running_gear`, `shoe_chain`: sprockets, idlers and shoes of the dynamic tracks in pybullet
 - `rigid_body`: vectors, rotations and wrenches in kernels
 - `bristle_contact`: depth, bristle force and sliding of one contact point
 - `terramechanics`: bearing capacity and shear strength of the soil under a sole
-- `shoe_contact`, `body_contact`: forces on shoes and on the main body
+- `shoe_contact`, `axle_contact`, `body_contact`: forces on shoes, below axles, and on the main body
 - `track_slip`: slip from moving averages of the speeds
 """
 

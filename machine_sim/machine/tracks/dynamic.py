@@ -13,7 +13,9 @@ import numpy as np
 
 from machine_sim.ground.contact_surface import Ground
 from machine_sim.machine.errors import MachineError
-from machine_sim.machine.spec import MachineSpec
+from machine_sim.machine.spec import BASE, MachineSpec
+from machine_sim.machine.tracks.axle_contact import axle_coefficients
+from machine_sim.machine.tracks.axle_support import NUM_AXLE_POINTS, AxleSupport
 from machine_sim.machine.tracks.body_contact import body_contact
 from machine_sim.machine.tracks.dynamic_step import (
     POINTS_PER_SHOE,
@@ -35,11 +37,15 @@ from machine_sim.machine.tracks.shoe_chain import (
     ShoeChains,
 )
 from machine_sim.machine.tracks.track_base import Array, TrackBase
-from machine_sim.machine.tracks.track_state import ContactCoefficients
+from machine_sim.machine.tracks.track_state import ContactCoefficients, ContactPoints
 from machine_sim.machine.tracks.undercarriage import UndercarriageSupport
 from machine_sim.physics_engine import pybullet
+from msg_bridge.contract.constants import GRAVITY
 
 __all__ = ["DynamicTracks"]
+
+_MAX_STIFF_AXLE_LOAD = 0.3
+"""Load up to which the ground below an axle is stiff, see `axle_coefficients`."""
 
 _MAX_BELT_ACCELERATION = 2.0
 """Maximum acceleration of a belt [m/s^2]; above it the slack run buckles."""
@@ -62,8 +68,8 @@ _SPROCKET_GAIN = 0.2
 """Fraction of a sprocket's angle error that is corrected in one step."""
 
 _MAX_PATH_DEVIATION = 0.8
-"""Distance from its path at which a shoe has come off, in sprocket radii. In a hollow of the ground
-the chain sags by half of that."""
+"""Distance from its path at which a chain has come off, in sprocket radii. In a hollow of the
+ground the chain sags by half of that."""
 
 _MAX_STIFFNESS_FACTOR, _MAX_DAMPING_FACTOR = 0.27, 0.36
 """Bounds of a spring in mass / step^2 and of a damper in mass / step; above them a shoe, which is
@@ -89,12 +95,14 @@ class DynamicTracks(TrackBase):
             forces=np.zeros((2 * count, 6)),
             path_deviations=np.zeros(2),
         )
+        self._axle_coefficients = tuple(axle_coefficients(self.spec, _MAX_STIFF_AXLE_LOAD))
+        self._axle_contacts = ContactPoints.inactive(NUM_AXLE_POINTS)
         self._base_wrench: Array = np.zeros(6)
         self._body_wrench: Array = np.zeros(6)
         self._belt_speeds = [0.0, 0.0]  # reference speeds of the belts [m/s]
         self._sprocket_angles = [0.0, 0.0]  # reference angles of the sprockets [rad]
         self._sprocket_rates = [0.0, 0.0]  # [rad/s]
-        self._tensioning_time_left = _TENSION_TIME
+        self._tensioning_time_left = [0.0, 0.0]
 
     def urdf(self) -> str:
         """Return the URDF of the machine with sprockets and idlers."""
@@ -107,17 +115,9 @@ class DynamicTracks(TrackBase):
         ids = {pybullet.getJointInfo(body, i, client)[1].decode(): i for i in joints}
         self._sprockets = [ids[f"sprocket_{side}"] for side in SIDES]
         self._idlers = [ids[f"idler_{side}"] for side in SIDES]
-        tracks = self.spec.tracks
-        self._chains = ShoeChains(client, body, tracks, position, rotation)
-        for idler in self._idlers:
-            pybullet.setJointMotorControl2(
-                body,
-                idler,
-                pybullet.VELOCITY_CONTROL,
-                targetVelocity=0.1,
-                force=_TENSION_FRACTION * tracks.max_tractive_effort,
-                physicsClientId=client,
-            )
+        self._chains = ShoeChains(client, body, self.spec.tracks, position, rotation)
+        for side in range(len(SIDES)):
+            self._tighten(side)
 
     def step(
         self,
@@ -143,12 +143,12 @@ class DynamicTracks(TrackBase):
             tuple(coefficients),
             self._soil,
             self._points,
+            tuple(self._axle_support(supports, coefficients)),
             (self._belt_speeds[0] == 0.0, self._belt_speeds[1] == 0.0),
             tuple(bodies),
             self._base_wrench,
             self._state,
         )
-        self._check_shoes_on_path()
         body_contact(
             motion, self._dimensions, self._main_body, tuple(coefficients), self._body_wrench
         )
@@ -159,6 +159,7 @@ class DynamicTracks(TrackBase):
         self._chains.apply_forces(bodies.forces, bodies.states[:, SHOE_POSITION:SHOE_QUATERNION])
         self._drive(dt)
         self._lock_idlers(dt)
+        self._reseat_chains((com, rotation, velocity, angular_velocity))
         return self._base_wrench + self._body_wrench
 
     def _step_coefficients(self, dt: float) -> tuple[UndercarriageSupport, ContactCoefficients]:
@@ -191,6 +192,25 @@ class DynamicTracks(TrackBase):
             friction=tracks.friction,
         )
         return supports, coefficients
+
+    def _axle_support(
+        self, supports: UndercarriageSupport, coefficients: ContactCoefficients
+    ) -> AxleSupport:
+        """Return the contact points below the axles, out of reach of a machine that stands level.
+
+        Args:
+            supports, coefficients: of a shoe and of one of its contact points.
+        """
+        tracks = self.spec.tracks
+        load = 0.5 * self.spec.mass * GRAVITY * tracks.sprocket_radius / tracks.axle_distance
+        clearance = load / supports.rail_stiffness + load / (
+            POINTS_PER_SHOE * coefficients.normal_stiffness
+        )
+        return AxleSupport(
+            clearance,
+            self._axle_coefficients,
+            tuple(self._axle_contacts),
+        )
 
     def _drive(self, dt: float) -> None:
         """Drive the sprockets so that the belts follow the command; zero brakes and holds."""
@@ -238,16 +258,16 @@ class DynamicTracks(TrackBase):
         return min(max(target, speed - acceleration * dt), speed + acceleration * dt)
 
     def _lock_idlers(self, dt: float) -> None:
-        """Lock the idlers when the time to tighten the chains has elapsed."""
-        if self._tensioning_time_left <= 0.0:
-            return
-        self._tensioning_time_left -= dt
-        if self._tensioning_time_left <= 0.0:
-            force = _IDLER_LOCK_FORCE_FACTOR * self.spec.tracks.max_tractive_effort
-            for idler in self._idlers:
+        """Lock the idlers of the sides whose time to tighten the chain has elapsed."""
+        force = _IDLER_LOCK_FORCE_FACTOR * self.spec.tracks.max_tractive_effort
+        for side, time_left in enumerate(self._tensioning_time_left):
+            if time_left <= 0.0:
+                continue
+            self._tensioning_time_left[side] = time_left - dt
+            if time_left <= dt:
                 pybullet.setJointMotorControl2(
                     self._body,
-                    idler,
+                    self._idlers[side],
                     pybullet.POSITION_CONTROL,
                     targetPosition=_IDLER_LOCK_POSITION,
                     positionGain=0.2,
@@ -256,17 +276,38 @@ class DynamicTracks(TrackBase):
                     physicsClientId=self._client,
                 )
 
-    def _check_shoes_on_path(self) -> None:
-        """Check that all shoes are near their path.
+    def _reseat_chains(self, motion: tuple[Array, ...]) -> None:
+        """Put a chain that has come off back around its wheels, without tension and at rest.
 
-        Raises:
-            MachineError: a shoe has come off.
+        Args:
+            motion: centre of mass of the base [m], its rotation matrix, velocity [m/s] and angular
+                velocity [rad/s], map frame.
         """
         limit = _MAX_PATH_DEVIATION * self.spec.tracks.sprocket_radius
-        for side, deviation in zip(SIDES, self._bodies.path_deviations.tolist(), strict=True):
-            if deviation > limit:
-                raise MachineError(
-                    f"the {side} track has come off its wheels: a shoe is {deviation:.2f} m from"
-                    " its path. Drive more gently, take a shorter time step, or use track_model:"
-                    " kinematic"
-                )
+        com, rotation, velocity, angular_velocity = motion
+        arm = rotation @ np.array(self.spec.links[BASE].center_of_mass)
+        for side, deviation in enumerate(self._bodies.path_deviations.tolist()):
+            if not deviation > limit:
+                continue
+            origin_velocity = velocity - np.cross(angular_velocity, arm)
+            self._chains.place(side, com - arm, rotation, origin_velocity, angular_velocity)
+            for joint in (self._sprockets[side], self._idlers[side]):
+                pybullet.resetJointState(self._body, joint, 0.0, 0.0, physicsClientId=self._client)
+            self._belt_speeds[side] = self._sprocket_angles[side] = 0.0
+            self._bodies.brake_anchors[side] = math.nan
+            self._shoe_contacts.release(side)
+            self._axle_contacts.release(side)
+            self._tighten(side)
+            self.num_reseats[side] += 1
+
+    def _tighten(self, side: int) -> None:
+        """Begin to push the idler of a side forward."""
+        self._tensioning_time_left[side] = _TENSION_TIME
+        pybullet.setJointMotorControl2(
+            self._body,
+            self._idlers[side],
+            pybullet.VELOCITY_CONTROL,
+            targetVelocity=0.1,
+            force=_TENSION_FRACTION * self.spec.tracks.max_tractive_effort,
+            physicsClientId=self._client,
+        )

@@ -1,7 +1,8 @@
 """Kernel of the dynamic tracks: forces of ground and undercarriage on rigid shoes.
 
 Sprockets and idlers are simulated by the physics engine. The undercarriage guides the shoes between
-them (`undercarriage`), and the ground acts on four contact points of each shoe (`shoe_contact`).
+them (`undercarriage`), and the ground acts on four contact points of each shoe (`shoe_contact`) and
+on two below each axle (`axle_support`).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.machine.box import Vec3
+from machine_sim.machine.tracks.axle_support import AxleSupport, add_axle_forces
 from machine_sim.machine.tracks.rigid_body import (
     FORCE_X,
     FORCE_Y,
@@ -110,6 +112,7 @@ def dynamic_track_step(  # type: ignore[no-untyped-def]
     coefficients,
     soil,
     points,
+    axles,
     is_braked,
     shoes,
     base_wrench,
@@ -127,6 +130,7 @@ def dynamic_track_step(  # type: ignore[no-untyped-def]
         coefficients: `ContactCoefficients` of one contact point.
         soil: `SoilPatch` under the shoes; its `max_sinkage` is updated.
         points: `ContactPoints` of the shoes, `POINTS_PER_SHOE` each, left track first; updated.
+        axles: `AxleSupport`; its contact points are updated.
         is_braked: whether the brake is on, left and right.
         shoes: `ShoeBodies`; all but the states is updated.
         base_wrench: out, force [N] of shoes and ground on the base and torque about its centre of
@@ -137,7 +141,7 @@ def dynamic_track_step(  # type: ignore[no-untyped-def]
     motion, dimensions = MachineMotion(*motion), TrackDimensions(*dimensions)
     supports, coefficients = UndercarriageSupport(*supports), ContactCoefficients(*coefficients)
     soil, points, shoes = SoilPatch(*soil), ContactPoints(*points), ShoeBodies(*shoes)
-    state = TrackState(*state)
+    state, axles = TrackState(*state), AxleSupport(*axles)
     base = base_frame(motion)
     base_wrench[:] = 0.0
     state.wrench[:] = 0.0
@@ -188,6 +192,7 @@ def dynamic_track_step(  # type: ignore[no-untyped-def]
                 load += _add_sole_damping(shoe, base, supports, load, base_wrench, state.wrench)
             state.shoe_loads[side, k] = load
         state.speed[side] = sum_speed / max(num_running, 1)
+        add_axle_forces(dt, side, base, dimensions, axles, soil, shoes.forces, base_wrench, state)
         update_mean_speeds(
             state.mean_speeds, side, dt, state.speed[side], base, dimensions.base_com, y_track
         )
@@ -276,8 +281,10 @@ def _add_sole_forces(  # type: ignore[no-untyped-def]
         rx = u * fx + w * lx + half_thickness * nx
         ry = u * fy + w * ly + half_thickness * ny
         rz = u * fz + w * lz + half_thickness * nz
+        point = (px + rx, py + ry, pz + rz)
         force, point_load, depth = sole_force(
-            (px + rx, py + ry, pz + rz),
+            point,
+            point,
             point_velocity(shoe.velocity, shoe.angular_velocity, (rx, ry, rz)),
             coefficients,
             area,

@@ -10,12 +10,16 @@ import math
 
 from machine_sim.ground.contact_surface import Ground
 from machine_sim.machine.spec import MachineSpec
+from machine_sim.machine.tracks.axle_contact import axle_coefficients
 from machine_sim.machine.tracks.kinematic_step import POINTS_PER_SHOE, kinematic_track_step
 from machine_sim.machine.tracks.track_base import Array, TrackBase
 from machine_sim.machine.tracks.track_state import BeltDrive, ContactCoefficients
 from machine_sim.machine.urdf import urdf_text
 
 __all__ = ["KinematicTracks"]
+
+_MAX_STIFF_AXLE_LOAD = 0.15
+"""Load up to which the ground below an axle is stiff, see `axle_coefficients`."""
 
 
 class KinematicTracks(TrackBase):
@@ -38,6 +42,7 @@ class KinematicTracks(TrackBase):
                 tracks.friction,
             )
         )
+        self._axle_coefficients = tuple(axle_coefficients(spec, _MAX_STIFF_AXLE_LOAD))
         self._belt_drive = tuple(
             BeltDrive(
                 tracks.belt_mass,
@@ -70,6 +75,7 @@ class KinematicTracks(TrackBase):
             self._dimensions,
             self._belt_drive,
             self._coefficients,
+            self._axle_coefficients,
             self._soil,
             self._points,
             self._main_body,

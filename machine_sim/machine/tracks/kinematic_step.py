@@ -1,6 +1,7 @@
 """Kernel of the kinematic tracks: places the shoes on their path and advances the belts.
 
-1. Place each shoe on the path of its belt.
+1. Place each shoe on the path of its belt. It touches the ground at its middle; the shoe that is
+   below an axle touches it there, so that the track ends at its axles wherever the shoes are.
 2. Find the ground's force on both contact points of the shoes that face the ground.
 3. Advance the speed of each belt by its drive and the ground's force on it.
 4. Add the ground's force on the main body.
@@ -47,7 +48,17 @@ POINTS_PER_SHOE = 2
 
 @kernel
 def kinematic_track_step(  # type: ignore[no-untyped-def]
-    dt, motion, dimensions, drive, coefficients, soil, points, body, command, state
+    dt,
+    motion,
+    dimensions,
+    drive,
+    coefficients,
+    axle_coefficients,
+    soil,
+    points,
+    body,
+    command,
+    state,
 ):
     """Advance both belts by one time step and find the ground's wrench on the machine.
 
@@ -59,6 +70,7 @@ def kinematic_track_step(  # type: ignore[no-untyped-def]
         dimensions: `TrackDimensions`.
         drive: `BeltDrive`.
         coefficients: `ContactCoefficients` of one contact point.
+        axle_coefficients: those of a contact point below an axle.
         soil: `SoilPatch` under the shoes; its `max_sinkage` is updated.
         points: `ContactPoints` of the shoes, `POINTS_PER_SHOE` each, left track first; updated.
         body: `MainBody`; its contact points are updated.
@@ -71,6 +83,7 @@ def kinematic_track_step(  # type: ignore[no-untyped-def]
         BeltDrive(*drive),
     )
     coefficients, soil = ContactCoefficients(*coefficients), SoilPatch(*soil)
+    axle_coefficients = ContactCoefficients(*axle_coefficients)
     points, body, state = ContactPoints(*points), MainBody(*body), TrackState(*state)
     base = base_frame(motion)
     length = 4.0 * dimensions.half_axle_distance + 2.0 * math.pi * dimensions.sprocket_radius
@@ -78,7 +91,16 @@ def kinematic_track_step(  # type: ignore[no-untyped-def]
     for side in range(2):
         y_track = dimensions.half_gauge if side == 0 else -dimensions.half_gauge
         belt_force = _shoe_forces(
-            side, y_track, length, base, dimensions, coefficients, soil, points, state
+            side,
+            y_track,
+            length,
+            base,
+            dimensions,
+            coefficients,
+            axle_coefficients,
+            soil,
+            points,
+            state,
         )
         state.speed[side], state.drive_forces[side] = _driven_belt(
             dt, state.speed[side], command[side], belt_force, drive
@@ -93,7 +115,16 @@ def kinematic_track_step(  # type: ignore[no-untyped-def]
 
 @helper(forceinline=True)
 def _shoe_forces(  # type: ignore[no-untyped-def]
-    side, y_track, length, base, dimensions, coefficients, soil, points, state
+    side,
+    y_track,
+    length,
+    base,
+    dimensions,
+    coefficients,
+    axle_coefficients,
+    soil,
+    points,
+    state,
 ):
     """Place the shoes of a belt and add the ground's forces on them to the wrench.
 
@@ -108,13 +139,20 @@ def _shoe_forces(  # type: ignore[no-untyped-def]
     belt_force, total_load, load_depth = 0.0, 0.0, 0.0
     for k in range(count):
         s = (state.travel[side] + k * length / count) % length
-        x, z, pitch, is_on_arc = _belt_path_pose(
+        x, z, pitch, _ = _belt_path_pose(
             s, dimensions.half_axle_distance, dimensions.sprocket_radius
         )
         state.shoe_poses[side, k, SHOE_X] = x
         state.shoe_poses[side, k, SHOE_Z] = z + dimensions.axle_height
         state.shoe_poses[side, k, SHOE_PITCH] = pitch
         state.shoe_loads[side, k] = 0.0
+        ahead = _distance_to_axle(s, length, dimensions.half_axle_distance)
+        point_coefficients = axle_coefficients
+        if abs(ahead) > 0.5 * length / count:
+            ahead, point_coefficients = 0.0, coefficients
+        x, z, pitch, is_on_arc = _belt_path_pose(
+            (s + ahead) % length, dimensions.half_axle_distance, dimensions.sprocket_radius
+        )
         tx, tz = math.cos(pitch), -math.sin(pitch)  # direction of motion; (-tz, tx) is outward
         first = (side * count + k) * POINTS_PER_SHOE
         if -r20 * tz + r22 * tx > MAX_OUTWARD_Z:
@@ -138,8 +176,14 @@ def _shoe_forces(  # type: ignore[no-untyped-def]
                 vy + tangent[1] * sole_speed,
                 vz + tangent[2] * sole_speed,
             )
+            contact = (cx + ax, cy + ay, cz + az)
+            middle = (
+                contact[0] - ahead * tangent[0],
+                contact[1] - ahead * tangent[1],
+                contact[2] - ahead * tangent[2],
+            )
             force, load, depth = sole_force(
-                (cx + ax, cy + ay, cz + az), velocity, coefficients, area, soil, points, first + end
+                contact, middle, velocity, point_coefficients, area, soil, points, first + end
             )
             if load > 0.0:
                 state.shoe_loads[side, k] += load
@@ -149,6 +193,18 @@ def _shoe_forces(  # type: ignore[no-untyped-def]
                 add_wrench(state.wrench, force, arm)
     state.sinkage[side] = mean_depth(load_depth, total_load)
     return belt_force
+
+
+@helper(forceinline=True)
+def _distance_to_axle(s, length, half):  # type: ignore[no-untyped-def]
+    """Return the distance along the path to the nearest end of the lower run [m].
+
+    Args:
+        s, length, half: as for `_belt_path_pose`, and the length of the path [m].
+    """
+    if s < 0.5 * length:
+        return half - s
+    return length - half - s
 
 
 @helper(forceinline=True)

@@ -65,7 +65,7 @@ class ShoeChains:
             tracks: tracks from `with_dynamic_tracks`.
             position, rotation: pose of the base frame, map frame [m], shapes (3,) and (3, 3).
         """
-        self._client = client
+        self._client, self._tracks = client, tracks
         self._shoes: list[int] = []
         joints = range(pybullet.getNumJoints(body, client))
         links = {pybullet.getJointInfo(body, i, client)[1].decode(): i for i in joints}
@@ -97,6 +97,28 @@ class ShoeChains:
             for shoe in chain:
                 pybullet.setCollisionFilterGroupMask(shoe, -1, 0, 0, client)
             self._shoes += chain
+
+    def place(
+        self, side: int, position: Array, rotation: Array, velocity: Array, angular_velocity: Array
+    ) -> None:
+        """Put the shoes of one side on a new chain around its wheels, which moves with the base.
+
+        Args:
+            side: 0 for the left, 1 for the right.
+            position, rotation: pose of the base frame, map frame [m], shapes (3,) and (3, 3).
+            velocity, angular_velocity: of the origin of the base frame [m/s] and of the base
+                [rad/s], map frame, shape (3,).
+        """
+        tracks, client = self._tracks, self._client
+        y = 0.5 * tracks.gauge * (1 - 2 * side)
+        shoes = self._shoes[side * tracks.shoe_count : (side + 1) * tracks.shoe_count]
+        for shoe, pose in zip(shoes, initial_shoe_poses(tracks).tolist(), strict=True):
+            center, quaternion = _shoe_pose(position, rotation, y, pose)
+            shoe_velocity = velocity + np.cross(angular_velocity, center - position)
+            pybullet.resetBasePositionAndOrientation(shoe, center.tolist(), quaternion, client)
+            pybullet.resetBaseVelocity(
+                shoe, shoe_velocity.tolist(), angular_velocity.tolist(), client
+            )
 
     def read(self, states: Array) -> None:
         """Read pose and motion of the shoes.
@@ -142,15 +164,13 @@ class ShoeChains:
         pose: list[float],
     ) -> int:
         """Create one shoe at lateral position `y` [m] and pose x, z, pitch; return its body id."""
-        x, z, pitch = pose
-        s, c = math.sin(pitch), math.cos(pitch)
-        pitch_rotation = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+        center, quaternion = _shoe_pose(position, rotation, y, pose)
         shoe: int = pybullet.createMultiBody(
             mass,
             solid,
             -1,
-            (position + rotation @ np.array([x, y, z])).tolist(),
-            quaternion_from_matrix(rotation @ pitch_rotation),
+            center.tolist(),
+            quaternion,
             useMaximalCoordinates=1,
             physicsClientId=self._client,
         )
@@ -175,3 +195,20 @@ class ShoeChains:
             pybullet.changeConstraint(
                 joint, maxForce=_MAX_CONSTRAINT_FORCE, physicsClientId=self._client
             )
+
+
+def _shoe_pose(
+    position: Array, rotation: Array, y: float, pose: list[float]
+) -> tuple[Array, list[float]]:
+    """Return centre [m] and quaternion of a shoe in the map frame.
+
+    Args:
+        position, rotation: pose of the base frame.
+        y: lateral position of the shoe [m].
+        pose: its x, z [m] and pitch [rad], base frame.
+    """
+    x, z, pitch = pose
+    s, c = math.sin(pitch), math.cos(pitch)
+    pitch_rotation = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    quaternion = quaternion_from_matrix(rotation @ pitch_rotation)
+    return position + rotation @ np.array([x, y, z]), list(quaternion)

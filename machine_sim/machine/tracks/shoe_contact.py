@@ -31,11 +31,14 @@ MAX_OUTWARD_Z = 0.3
 
 
 @helper(forceinline=True)
-def sole_force(point, velocity, coefficients, area, soil, points, i):  # type: ignore[no-untyped-def]
+def sole_force(point, attachment, velocity, coefficients, area, soil, points, i):  # type: ignore[no-untyped-def]
     """Return the ground's force on a contact point of a sole.
 
     Args:
-        point, velocity: position [m] and velocity [m/s] of the point, map frame.
+        point: position of the point [m], map frame.
+        attachment: position where the bristle is attached to the sole [m], map frame; the point,
+            unless that moves along the sole.
+        velocity: velocity of the sole at the point [m/s], map frame.
         coefficients: `ContactCoefficients`.
         area: area of the sole that the point stands for [m^2].
         soil: `SoilPatch`; its `max_sinkage` is updated.
@@ -53,6 +56,9 @@ def sole_force(point, velocity, coefficients, area, soil, points, i):  # type: i
     kind, moisture, table = soil.soil[row, col], soil.moisture[row, col], soil.coefficients
     stiffness, max_depth = coefficients.normal_stiffness, 0.0
     spring = stiffness * depth
+    if spring > coefficients.max_stiff_load:
+        residual = coefficients.residual_stiffness
+        spring = coefficients.max_stiff_load * (1.0 - residual / stiffness) + residual * depth
     modulus = table[kind, moisture, BEKKER_MODULUS]
     is_deformable = modulus > 0.0
     if is_deformable:
@@ -64,7 +70,7 @@ def sole_force(point, velocity, coefficients, area, soil, points, i):  # type: i
     if not (spring > 0.0 and load > 0.0):  # the sole rises faster than the soil can follow
         points.is_active[i] = False
         return (0.0, 0.0, 0.0), 0.0, 0.0
-    force, deflection = bristle_force(point, velocity, normal, coefficients, points, i)
+    force, deflection = bristle_force(attachment, velocity, normal, coefficients, points, i)
     max_force, displacement = coefficients.friction * load, 0.0
     if is_deformable:
         soil.max_sinkage[row, col] = max_depth
@@ -80,7 +86,7 @@ def sole_force(point, velocity, coefficients, area, soil, points, i):  # type: i
                 table[kind, moisture, JANOSI_K],
             ),
         )
-    force, is_sliding = limit_bristle(point, force, max_force, coefficients, points, i)
+    force, is_sliding = limit_bristle(attachment, force, max_force, coefficients, points, i)
     if is_sliding:
         elastic = max_force / coefficients.tangential_stiffness
         points.shear_displacement[i] = max(displacement - elastic, 0.0)

@@ -34,6 +34,7 @@ class TrackBase:
         shoe_count = spec.tracks.shoe_count
         self.spec = spec
         self.command: Array = np.zeros(2)
+        self.num_reseats = [0, 0]
         state = TrackState.zeros(shoe_count)
         self.travel = state.travel
         self.speed = state.speed
@@ -47,7 +48,8 @@ class TrackBase:
         self._state = tuple(state)
         self._dimensions = tuple(TrackDimensions.of(spec))
         self._soil = tuple(soil_patch_under(ground, spec.tracks.shoe_width))
-        self._points = tuple(ContactPoints.inactive(2 * shoe_count * points_per_shoe))
+        self._shoe_contacts = ContactPoints.inactive(2 * shoe_count * points_per_shoe)
+        self._points = tuple(self._shoe_contacts)
         self._main_body = tuple(main_body_on(ground, spec))
 
     @property

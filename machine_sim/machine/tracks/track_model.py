@@ -45,6 +45,8 @@ class Tracks(Protocol):
             shape (2,).
         wrench: force [N] and torque about the base's centre of mass [N m] of the ground on the
             machine in the last step, map frame, shape (6,).
+        num_reseats: how often the chain of each side has come off its wheels and was put back,
+            left and right; a list of two.
     """
 
     spec: MachineSpec
@@ -56,6 +58,7 @@ class Tracks(Protocol):
     sinkage: Array
     drive_forces: Array
     wrench: Array
+    num_reseats: list[int]
 
     @property
     def slip(self) -> Array:
@@ -99,9 +102,6 @@ class Tracks(Protocol):
         Returns:
             Force [N] on the base and torque about its centre of mass [N m] in the next step, map
             frame, shape (6,).
-
-        Raises:
-            MachineError: a track has come off its path, so that the run cannot continue.
         """
 
 

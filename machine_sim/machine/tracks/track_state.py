@@ -7,6 +7,7 @@ which takes about 0.5 us for each element.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -99,6 +100,8 @@ class ContactCoefficients(NamedTuple):
         normal_stiffness, tangential_stiffness: springs [N/m].
         normal_damping, tangential_damping: dampers [N s/m].
         friction: Coulomb coefficient.
+        max_stiff_load: load up to which the normal spring has this stiffness [N].
+        residual_stiffness: stiffness of the normal spring at larger loads [N/m].
     """
 
     normal_stiffness: float
@@ -106,6 +109,8 @@ class ContactCoefficients(NamedTuple):
     tangential_stiffness: float
     tangential_damping: float
     friction: float
+    max_stiff_load: float = math.inf
+    residual_stiffness: float = 0.0
 
 
 class BeltDrive(NamedTuple):
@@ -141,6 +146,10 @@ class ContactPoints(NamedTuple):
     def inactive(cls, count: int) -> Self:
         """Return a number of points without contact."""
         return cls(np.zeros((count, 3)), np.zeros(count, dtype=np.bool_), np.zeros(count))
+
+    def release(self, side: int) -> None:
+        """End the contact of one side: the first half of the points is the left track's."""
+        self.is_active.reshape(2, -1)[side] = False
 
 
 class TrackState(NamedTuple):

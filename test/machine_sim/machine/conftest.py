@@ -85,7 +85,7 @@ def scene(spec) -> Callable[..., Scene]:
     """Return a function that creates scenes; their clients are closed after the test."""
     scenes = []
 
-    def make(surface=None, *, slope_deg=None, **options):
+    def make(surface=None, *, slope_deg=None, spec=spec, **options):
         if slope_deg is not None:
             gradient = math.tan(math.radians(slope_deg))
 

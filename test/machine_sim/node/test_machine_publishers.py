@@ -149,6 +149,16 @@ def test_overturned_machine_is_reported(ros: Ros) -> None:
     assert "overturned" in node.diagnostics.report().message
 
 
+def test_track_off_its_wheels_is_reported_for_a_while(ros: Ros) -> None:
+    stepped = SteppedMachine(ros)
+    node = stepped.machine
+    stepped.scene.until_shown(node, "tracks_off_wheels", 0)
+    assert "track" not in node.diagnostics.report().message
+    node.run.sim.machine.tracks.num_reseats[1] += 1
+    stepped.scene.until_shown(node, "tracks_off_wheels", 1)
+    assert "come off its wheels" in node.diagnostics.report().message
+
+
 def test_sensors_are_published_with_frames_and_delay(ros: Ros) -> None:
     imus = {
         name: ros.collect(f"/excavator/imu/{name}/data", Imu, qos.STATE)

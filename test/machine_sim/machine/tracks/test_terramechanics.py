@@ -126,7 +126,7 @@ def test_pull_above_mohr_coulomb_strength_drags_the_machine(scene, spec, tracks)
         s.run(1.0)
         start = s.position[0]
         s.run(2.0, share * strength)
-        assert (start - s.position[0] < 0.12) == holds, (share, s.position[0] - start)
+        assert (start - s.position[0] < 0.15) == holds, (share, s.position[0] - start)
 
 
 @pytest.mark.parametrize("tracks", ["kinematic", "dynamic"])
