@@ -60,6 +60,7 @@ class SimulatedBin:
     Attributes:
         spec: pose and size.
         bodies: ids of its walls in the physics client.
+        position, quaternion: pose, map frame: origin [m], shape (3,), and x, y, z, w, (4,).
         payload: soil in it at the end of the last tick.
     """
 
@@ -84,6 +85,7 @@ class SimulatedBin:
         self._particles = particles
         rotation, origin = rotation_about_z(spec.yaw), np.array([x, y, ground.height(x, y)])
         self._pose = rotation, origin
+        self.position, self.quaternion = origin, np.array(quaternion_from_matrix(rotation))
         particles.add_tool(tool_id, self._shape.plates(), self._pose, is_digging=False)
         self.bodies: list[int] = []
         for box in self._shape.boxes():

@@ -124,7 +124,9 @@ class MachineNode(SimNode):
             self, "machine_sim", machine_types, simulation_namespace=simulation
         )
         self._machine_diagnostics = MachineDiagnostics(self.diagnostics, self.instances)
-        self._shared_publishers = SharedPublishers(self, self._bins)
+        self._shared_publishers = SharedPublishers(
+            self, {name: params.spec for name, params in self._bins.items()}
+        )
         self._machine_publishers = [
             create_machine_publishers(self, each, self._params, self._sensor_params)
             for each in self.instances
@@ -343,6 +345,9 @@ class MachineNode(SimNode):
             for name, each in zip(self._bins, sim.bins, strict=True):
                 payload = PayloadState(**asdict(each.payload), time_s=sim_time)
                 self._shared_publishers.publish_payload(name, payload)
+        if is_due(self._params.marker_rate):
+            for name, each in zip(self._bins, sim.bins, strict=True):
+                self._shared_publishers.publish_bin_markers(name, each, stamp)
         if is_due(self._params.particle_rate):
             self._shared_publishers.publish_particles(sim.particles, stamp)
 

@@ -19,7 +19,7 @@ from machine_sim.node.params import MachineNodeParams
 from machine_sim.node.reported_motion import ReportedMotion, TickProgress, VelocityScale
 from machine_sim.sensors import SensorParams, Sensors
 from machine_sim.simulated_machine import SimulatedMachine
-from msg_bridge.codec.machine_state import BaseState, JointValues, PayloadState
+from msg_bridge.codec.machine_state import BaseState, JointValues, PayloadState, TrackValues
 from msg_bridge.codec.poses import ToolWrench
 
 if TYPE_CHECKING:  # only a node's own module loads rclpy
@@ -141,6 +141,10 @@ class MachinePublishers:
             for joint, state in machine.cylinders.items()
         }
         self._state_publishers.publish_cylinders(cylinders, time)
+        tracks = machine.tracks
+        columns = (tracks.slip, tracks.sinkage, belt_speeds, tracks.drive_forces)
+        left, right = (TrackValues(*map(float, row)) for row in zip(*columns, strict=True))
+        self._state_publishers.publish_tracks(left, right, time)
 
     def _publish_sensors(self, motion: ReportedMotion, time: float, stamp: Time) -> None:
         imus, encoders = self._sensors.read(motion, time)

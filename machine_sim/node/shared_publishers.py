@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64MultiArray, String
+from visualization_msgs.msg import MarkerArray
 
 from machine_sim.dem import SoilEngine
+from machine_sim.simulated_bin import BinSpec, SimulatedBin
 from msg_bridge.codec import qos
 from msg_bridge.codec.machine_state import PayloadState, to_payload_array
+from msg_bridge.codec.markers import MarkerSet
 from msg_bridge.codec.particles import to_particle_cloud
 from msg_bridge.codec.state_hash import StateHash, to_state_hash_string
 from msg_bridge.contract import topics
@@ -20,15 +23,23 @@ from msg_bridge.contract.topics import MAP_FRAME
 __all__ = ["SharedPublishers"]
 
 
+_BIN_LINK = "walls"
+"""Name of the marker namespace of a bin, below that of the bin."""
+
+_BIN_COLOR = (0.35, 0.38, 0.42, 1.0)
+"""Red, green, blue and alpha of a bin."""
+
+
 class SharedPublishers:
     """Publishers in the namespace of a machine node."""
 
-    def __init__(self, node: Node, bins: Iterable[str] = ()) -> None:
+    def __init__(self, node: Node, bins: Mapping[str, BinSpec] | None = None) -> None:
         """
         Args:
             node: node of the publishers.
-            bins: names of the bins.
+            bins: bins by name; None for none.
         """
+        bins = bins or {}
         self._particles = node.create_publisher(PointCloud2, topics.PARTICLES, qos.STATE)
         self._hash = node.create_publisher(String, topics.MACHINE_STATE_HASH, qos.STATE)
         self._config = node.create_publisher(String, topics.MACHINE_CONFIG, qos.TRANSIENT_LOCAL)
@@ -38,6 +49,22 @@ class SharedPublishers:
             )
             for name in bins
         }
+        self._bin_markers = {
+            name: node.create_publisher(MarkerArray, topics.bin_markers_topic(name), qos.STATE)
+            for name in bins
+        }
+        self._bin_marker_sets = {
+            name: MarkerSet(
+                [_BIN_LINK],
+                [
+                    (_BIN_LINK, box.size, box.center, box.pitch, _BIN_COLOR)
+                    for box in spec.shape.boxes()
+                ],
+                namespace=name,
+                frame_id=MAP_FRAME,
+            )
+            for name, spec in bins.items()
+        }
 
     def publish_config(self, text: str) -> None:
         """Publish the node's parameters as YAML."""
@@ -46,6 +73,11 @@ class SharedPublishers:
     def publish_payload(self, name: str, payload: PayloadState) -> None:
         """Publish the payload of a bin."""
         self._payloads[name].publish(to_payload_array(payload))
+
+    def publish_bin_markers(self, name: str, simulated: SimulatedBin, stamp: Time) -> None:
+        """Publish the boxes of a bin."""
+        poses = simulated.position[None], simulated.quaternion[None]
+        self._bin_markers[name].publish(self._bin_marker_sets[name].at(poses, None, stamp))
 
     def publish_particles(self, particles: SoilEngine, stamp: Time) -> None:
         """Publish all particles of an engine."""

@@ -20,10 +20,12 @@ from msg_bridge.codec.machine_state import (
     BaseState,
     JointValues,
     PayloadState,
+    TrackValues,
     to_command_state,
     to_cylinder_array,
     to_joint_state,
     to_payload_array,
+    to_track_array,
 )
 from msg_bridge.codec.markers import MarkerSet
 from msg_bridge.codec.poses import (
@@ -80,6 +82,7 @@ class StatePublishers:
         self._joints = publisher(JointState, topics.JOINT_STATES)
         self._odom = publisher(Odometry, topics.ODOM)
         self._cylinders = publisher(Float64MultiArray, topics.CYLINDERS)
+        self._tracks = publisher(Float64MultiArray, topics.TRACKS)
         self._payload = publisher(Float64MultiArray, topics.PAYLOAD) if has_payload else None
         self._wrenches = {
             tool: publisher(WrenchStamped, topics.wrench_topic(tool)) for tool in tool_frames
@@ -123,6 +126,10 @@ class StatePublishers:
     def publish_cylinders(self, cylinders: Mapping[str, CylinderState], time: float) -> None:
         """Publish the state of the cylinders by joint at simulation time `time` [s]."""
         self._cylinders.publish(to_cylinder_array(cylinders, time))
+
+    def publish_tracks(self, left: TrackValues, right: TrackValues, time: float) -> None:
+        """Publish the state of the tracks at simulation time `time` [s]."""
+        self._tracks.publish(to_track_array(left, right, time))
 
     def publish_transforms(self, positions: ArrayLike, quaternions: ArrayLike, stamp: Time) -> None:
         """Publish the pose of every link in the map, with the parts that are only shown."""

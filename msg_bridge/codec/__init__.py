@@ -13,7 +13,7 @@
 - `terrain`, `grid_estimation`: the terrain surface as a cloud, and the grid of its points
 - `terrain_images`, `grid_map`: the same as images, and as grid_map_msgs/GridMap
 - `cut_fill`: volume still to cut and to fill
-- `machine_state`: joints, commands, payload and cylinders
+- `machine_state`: joints, commands, payload, cylinders and tracks
 - `poses`, `rotations`: odometry, transforms, wrench; rotation matrices and angles
 - `sensors`: inertial units and encoders
 - `markers`: a machine for viewers without TF

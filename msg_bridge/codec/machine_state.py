@@ -1,4 +1,4 @@
-"""A machine's joints, commands, payload and cylinders as messages.
+"""A machine's joints, commands, payload, cylinders and tracks as messages.
 
 The joint states contain the pose of the base, too, as the values of joints that a URDF may put
 between `map` and the base: the prismatic `base_x`, `base_y`, `base_z` [m], then `base_yaw`,
@@ -29,13 +29,16 @@ __all__ = [
     "BaseState",
     "JointValues",
     "PayloadState",
+    "TrackValues",
     "from_command_state",
     "from_cylinder_array",
     "from_payload_array",
+    "from_track_array",
     "to_command_state",
     "to_cylinder_array",
     "to_joint_state",
     "to_payload_array",
+    "to_track_array",
 ]
 
 Array = NDArray[np.float64]
@@ -91,7 +94,29 @@ class PayloadState(NamedTuple):
     time_s: float = 0.0
 
 
+class TrackValues(NamedTuple):
+    """State of one track. The fields are the labels of the array message, in order.
+
+    Attributes:
+        slip: difference between the speeds of belt and ground as a fraction of the larger one,
+            averaged over half a second: 1 for a track that spins on the spot, -1 for a locked one
+            that is dragged.
+        sinkage_m: mean depth of the soles below the undisturbed ground [m].
+        speed_m_s: speed of the belt relative to the machine [m/s].
+        drive_force_n: force of the drive on the belt [N], positive forward.
+    """
+
+    slip: float
+    sinkage_m: float
+    speed_m_s: float
+    drive_force_n: float
+
+
 _PAYLOAD_LABEL = ",".join(PayloadState._fields)
+
+_TRACK_LABEL = ",".join(
+    [*(f"{side}_{field}" for side in ("left", "right") for field in TrackValues._fields), "time_s"]
+)
 
 
 def to_joint_state(joints: JointValues, base: BaseState, stamp: Time) -> JointState:
@@ -211,6 +236,27 @@ def from_cylinder_array(
     return {
         joint: CylinderState(*values[k * size : (k + 1) * size]) for k, joint in enumerate(joints)
     }, time
+
+
+def to_track_array(left: TrackValues, right: TrackValues, time: float) -> Float64MultiArray:
+    """Encode both tracks; the label names each value with its unit.
+
+    Args:
+        left, right: states of the tracks.
+        time: simulation time of the states [s]; an array message has no stamp.
+    """
+    return to_labelled_array(_TRACK_LABEL, [*left, *right, time])
+
+
+def from_track_array(msg: Float64MultiArray) -> tuple[TrackValues, TrackValues, float]:
+    """Decode the left and the right track, and the simulation time of their state [s].
+
+    Raises:
+        CodecError: LAYOUT or LABELS.
+    """
+    *values, time = from_labelled_array(msg, _TRACK_LABEL, "tracks")
+    size = len(TrackValues._fields)
+    return TrackValues(*values[:size]), TrackValues(*values[size:]), time
 
 
 def _cylinder_label(joints: Sequence[str]) -> str:

@@ -93,6 +93,11 @@ _MACHINE_STATE = (
         " each cylinder, time [s]",
     ),
     Endpoint(
+        topics.TRACKS, _FLOATS, _MACHINE, (MACHINE,), (), "STATE", "`state_rate`, 50 Hz",
+        "labelled: slip (mean of 0.5 s), sinkage [m], speed of the belt [m/s] and force of its"
+        " drive [N] of the left and the right track, time [s]",
+    ),
+    Endpoint(
         topics.PAYLOAD, _FLOATS, _MACHINE, (MACHINE,), (OPERATOR, *_PAGES), "STATE",
         "`state_rate`, 50 Hz",
         "labelled: bank and loose volume [m³], mass [kg] and fill [heaped capacity = 1] of the soil"
@@ -176,6 +181,10 @@ _MACHINE_NODE = (
     Endpoint(
         topics.bin_payload_topic("<bin>"), _FLOATS, _NODE, (MACHINE,), (), "STATE",
         "`state_rate`, 50 Hz", "payload of a bin, as that of a machine", "`bins` names one",
+    ),
+    Endpoint(
+        topics.bin_markers_topic("<bin>"), "visualization_msgs/msg/MarkerArray", _NODE, (MACHINE,),
+        (), "STATE", "`marker_rate`, 10 Hz", "boxes of a bin in `map`", "`bins` names one",
     ),
 )  # fmt: skip
 

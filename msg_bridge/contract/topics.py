@@ -69,6 +69,7 @@ __all__ = [
     "TRACK_VELOCITY_COMMANDS",
     "TRANSFORMS",
     "VERIFY_SERVICE",
+    "bin_markers_topic",
     "bin_payload_topic",
     "camera_topics",
     "imu_topic",
@@ -146,6 +147,7 @@ JOINT_STATES: Final = "joint_states"
 MEASURED_JOINT_STATES: Final = "joint_states_measured"
 ODOM: Final = "odom"
 CYLINDERS: Final = "cylinders"
+TRACKS: Final = "tracks"
 PAYLOAD: Final = "payload"
 TRANSFORMS: Final = "transforms"
 MARKERS: Final = "markers"
@@ -167,6 +169,11 @@ def wrench_topic(tool: str) -> str:
 def camera_topics(camera: str) -> tuple[str, str]:
     """Return the topics of the images of a camera, and of its intrinsic matrices."""
     return f"camera/{camera}/image", f"camera/{camera}/camera_info"
+
+
+def bin_markers_topic(name: str) -> str:
+    """Return the topic of a bin's markers, in the namespace of its machine node."""
+    return f"{name}/markers"
 
 
 def bin_payload_topic(name: str) -> str:

@@ -19,7 +19,7 @@ from visualization_msgs.msg import MarkerArray
 
 from machine_sim.physics_engine import pybullet
 from msg_bridge.codec import qos
-from msg_bridge.codec.machine_state import BASE_JOINTS, from_payload_array
+from msg_bridge.codec.machine_state import BASE_JOINTS, from_payload_array, from_track_array
 from msg_bridge.codec.run_config import parse_run_facts
 from msg_bridge.codec.stamps import tick_from_stamp
 from msg_bridge.testing.ros_context import Ros
@@ -33,6 +33,7 @@ PUBLISHED = {
     "odom": qos.STATE,
     "payload": qos.STATE,
     "cylinders": qos.STATE,
+    "tracks": qos.STATE,
     "imu/base/data": qos.STATE,
     "imu/upper/data": qos.STATE,
     "joint_states_measured": qos.STATE,
@@ -157,6 +158,16 @@ def test_track_off_its_wheels_is_reported_for_a_while(ros: Ros) -> None:
     node.run.sim.machine.tracks.num_reseats[1] += 1
     stepped.scene.until_shown(node, "tracks_off_wheels", 1)
     assert "come off its wheels" in node.diagnostics.report().message
+
+
+def test_tracks_publish_slip_and_sinkage(ros: Ros) -> None:
+    tracks = ros.collect("/excavator/tracks", Float64MultiArray, qos.STATE)
+    Scene(ros).machine()
+    ros.spin_until(lambda: len(tracks) >= 5)
+    left, right, time = from_track_array(tracks[-1])
+    assert left.slip == right.slip == left.speed_m_s == 0.0
+    assert left.sinkage_m > 0.0  # it stands
+    assert time == pytest.approx(round(time / TICK) * TICK)
 
 
 def test_sensors_are_published_with_frames_and_delay(ros: Ros) -> None:

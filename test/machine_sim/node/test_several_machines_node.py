@@ -14,6 +14,7 @@ from sensor_msgs.msg import Imu, JointState, PointCloud2
 from std_msgs.msg import Bool, Float64MultiArray, String
 from support.machine_scenes import COMMAND_NAMES
 from support.node_scenes import Scene, dig, machine_file, ready_to_dig
+from visualization_msgs.msg import MarkerArray
 
 from machine_sim.node.machine_node import MachineNode
 from msg_bridge.codec import qos
@@ -111,9 +112,10 @@ def test_each_machine_publishes_in_its_namespace(ros: Ros) -> None:
     assert balanced(scene)
 
 
-def test_bin_publishes_its_payload(ros: Ros) -> None:
+def test_bin_publishes_its_payload_and_markers(ros: Ros) -> None:
     scene = Scene(ros)
     payloads = ros.collect("/site/hopper/payload", Float64MultiArray, qos.STATE)
+    markers = ros.collect("/site/hopper/markers", MarkerArray, qos.STATE)
     config = ros.collect("/site/config", String, qos.TRANSIENT_LOCAL)
     node = digger_and_truck(scene, bins=["hopper"], **{"hopper.x": 6.0, "hopper.height": 2.0})
     scene.until_tick(3)
@@ -124,6 +126,10 @@ def test_bin_publishes_its_payload(ros: Ros) -> None:
         lambda: payloads and from_payload_array(payloads[-1]).bank_m3 == pytest.approx(0.01)
     )
     assert yaml.safe_load(config[0].data)["bins"]["hopper"]["height"] == 2.0
+    ros.spin_until(lambda: markers)
+    walls = markers[-1].markers
+    assert max(wall.pose.position.z + 0.5 * wall.scale.z for wall in walls) > 1.9
+    assert np.mean([wall.pose.position.x for wall in walls]) == pytest.approx(6.0, abs=0.1)
 
 
 def test_command_moves_only_its_machine(ros: Ros) -> None:

@@ -25,13 +25,16 @@ from msg_bridge.codec.machine_state import (
     BaseState,
     JointValues,
     PayloadState,
+    TrackValues,
     from_command_state,
     from_cylinder_array,
     from_payload_array,
+    from_track_array,
     to_command_state,
     to_cylinder_array,
     to_joint_state,
     to_payload_array,
+    to_track_array,
 )
 from msg_bridge.contract.cylinder_state import CylinderState
 from msg_bridge.contract.errors import ErrorCode
@@ -297,6 +300,16 @@ def test_array_with_other_labels_is_no_payload(label):
     msg.layout.dim[0].label = label
     with raises(ErrorCode.LABELS, CodecError):
         from_payload_array(msg)
+
+
+def test_tracks_are_labelled_and_have_their_time():
+    left, right = TrackValues(0.12, 0.03, 0.8, 4e4), TrackValues(-0.2, 0.0, -0.8, -1e4)
+    msg = over_the_wire(to_track_array(left, right, 7.25))
+    assert msg.layout.dim[0].label.startswith("left_slip,left_sinkage_m,left_speed_m_s,")
+    assert from_track_array(msg) == (left, right, 7.25)
+    msg.layout.dim[0].label = msg.layout.dim[0].label.replace("left", "front")
+    with raises(ErrorCode.LABELS, CodecError):
+        from_track_array(msg)
 
 
 def test_cylinders_are_labelled_and_have_their_time():
