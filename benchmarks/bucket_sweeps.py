@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, Rows, empty_rows
+from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, UNLIMITED_ROOM, Rows, empty_rows
 
 __all__ = [
     "BUCKET_PROFILE",
@@ -53,6 +53,7 @@ def bucket_ends(
 def bucket_sweep(start: Point, end: Point, profile: Profile = BUCKET_PROFILE) -> Rows:
     """Return SWEEP rows of machine 1: the middle of the lip moves from `start` to `end` [m]."""
     rows = empty_rows(SWEEP, 2 * len(profile))
+    rows["room_mm3"] = UNLIMITED_ROOM
     rows["machine_id"], rows["pair"] = 1, np.repeat(np.arange(len(profile)), 2)
     for moment, lip in enumerate((start, end)):
         sides = np.stack(bucket_ends(lip, profile), axis=1).reshape(-1, 3)  # left, right of a pair

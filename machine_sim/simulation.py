@@ -238,7 +238,7 @@ class MachineSim:
         self._check_conversions(backlog)
         self.ground.apply_keyframe(keyframe)
         for coupling in self._digging_couplings:
-            coupling.resistance.reset()
+            coupling.reset()
         self.apply(backlog, empty_rows(MAP_UPDATE))
         # The soil did not accept deposit requests without an answer: they are repeated.
         self.particles.unfreeze(self.particles.frozen_ids)

@@ -1,6 +1,6 @@
 """The soil: one tick turns sweeps and deposit requests into the soil that was actually moved.
 
-    validate -> tool forces -> excavate and compact -> deposit -> relax slopes
+    validate -> tool forces -> excavate and compact -> deposit and displace -> relax slopes
 
 All input is validated before the first column changes, so a tick is done completely or not at all:
 tools and deposit requests with invalid rows are rejected, and what remains cannot fail.
@@ -25,7 +25,7 @@ from soil_sim.deposition import deposit
 from soil_sim.errors import SoilError
 from soil_sim.excavation import KeyPointCut, RemovedSoil, SweptCut
 from soil_sim.row_output import convert_deposit_requests, excavation_rows, map_update_rows
-from soil_sim.slope_failure import SlopeRelaxation, relaxation_noise
+from soil_sim.slope_failure import ColumnShares, SlopeRelaxation, relaxation_noise
 from soil_sim.soils.params import SoilParams
 from soil_sim.soils.soil_types import build_soil_tables
 from soil_sim.tool_force.tool_forces import ToolForces, zero_tool_forces
@@ -107,7 +107,10 @@ class Soil:
             ),
         )
         self._swept_cut = SweptCut(
-            self.columns, self.relaxation.occupied, resolution=self.params.cut_resolution
+            self.columns,
+            self.relaxation.occupied,
+            resolution=self.params.cut_resolution,
+            reach=self.params.relaxation_radius,
         )
         self._keypoint_cut = KeyPointCut(
             self.columns, num_interpolated=self.params.num_interpolated_key_points
@@ -180,9 +183,13 @@ class Soil:
             deposit_requests, tick, self.columns.frame, len(self.soil_types)
         )
         forces = self._compute_tool_forces(valid_sweeps)
-        excavated = self._excavate(tick, valid_sweeps)
+        excavated, displaced = self._excavate(tick, valid_sweeps)
         num_visits = deposit(
-            self.relaxation, self.columns.frame, deposits, self.params.max_cell_visits_per_tick
+            self.relaxation,
+            self.columns.frame,
+            deposits,
+            displaced,
+            self.params.max_cell_visits_per_tick,
         )
         self.relaxation.relax(max(self.params.max_cell_visits_per_tick - num_visits, 0))
         conversions = join_rows([excavated, deposits], CONVERSION)
@@ -194,31 +201,37 @@ class Soil:
             return zero_tool_forces(sweeps)
         return self._tool_forces.compute(sweeps)
 
-    def _excavate(self, tick: int, sweeps: ValidSweeps) -> Rows:
-        """Cut and compact with the tools of all machines; return the excavated soil."""
+    def _excavate(self, tick: int, sweeps: ValidSweeps) -> tuple[Rows, ColumnShares | None]:
+        """Cut and compact with the tools of all machines.
+
+        Returns:
+            (CONVERSION rows of the excavated soil, soil that the tools push ahead).
+        """
         machines = group_by_machine(sweeps)
         if self.params.cut_mode == "swept":
-            self._swept_cut.reserve(machine.cut_pairs for machine in machines)
+            self._swept_cut.reserve(cut for machine in machines for cut in machine.cuts)
             removed = [self._cut_and_compact(machine) for machine in machines]
         else:
             removed = [self._cut_at_key_points(machine) for machine in machines]
-        self.relaxation.mark_disturbed(self._swept_cut.end_tick(), include_neighbours=True)
+        displaced, left = self._swept_cut.end_tick()
+        self.relaxation.mark_disturbed(left, include_neighbours=True)
         parts = [
             excavation_rows(soil, tick, machine.machine_id, self.grid.cols)
-            for machine, soil in zip(machines, removed, strict=True)
+            for machine, soils in zip(machines, removed, strict=True)
+            for soil in soils
         ]
-        return join_rows(parts, CONVERSION)
+        return join_rows(parts, CONVERSION), displaced
 
-    def _cut_and_compact(self, machine: MachineSweeps) -> RemovedSoil:
-        removed = self._swept_cut.excavate(machine.cut_pairs)
+    def _cut_and_compact(self, machine: MachineSweeps) -> list[RemovedSoil]:
+        removed = [self._swept_cut.excavate(cut) for cut in machine.cuts]
         compacted = compact(self.columns, machine.press_pairs)
         self.relaxation.mark_disturbed(compacted, include_neighbours=True)
         return removed
 
-    def _cut_at_key_points(self, machine: MachineSweeps) -> RemovedSoil:
+    def _cut_at_key_points(self, machine: MachineSweeps) -> list[RemovedSoil]:
         removed = self._keypoint_cut.excavate(machine.rows)
         self.relaxation.mark_disturbed(removed["cell"], include_neighbours=True)
-        return removed
+        return [removed]
 
     def _collect_map_updates(self) -> Rows:
         changes = self._changes.collect()

@@ -20,6 +20,7 @@ from msg_bridge.contract.rows import Rows, SweepAction
 from msg_bridge.kernels import helper, kernel
 
 __all__ = [
+    "CutSweep",
     "MachineSweeps",
     "SweptPairs",
     "ValidSweeps",
@@ -47,6 +48,7 @@ class SweepFault(IntEnum):
     COORDINATE = 3
     EXTENT = 4
     DISPLACEMENT = 5
+    ROOM = 6
 
 
 _FAULT_MESSAGES = {
@@ -58,15 +60,18 @@ _FAULT_MESSAGES = {
     " coordinates in metres",
     SweepFault.EXTENT: f"its key points span more than {_MAX_TOOL_EXTENT:g} m; send the key points"
     " of one tool in metres",
+    SweepFault.ROOM: "all rows of a tool must have the same room_mm3, the bank volume that the tool"
+    " can take in",
     SweepFault.DISPLACEMENT: f"a key point moves more than {_MAX_DISPLACEMENT:g} m in a tick; start"
     " where the last tick ended",
 }
 """What is wrong with the rows and what to change."""
 
-_NO_FAULT, _PAIR_ORDER, _ACTION = (
+_NO_FAULT, _PAIR_ORDER, _ACTION, _ROOM = (
     int(SweepFault.NONE),
     int(SweepFault.PAIR_ORDER),
     int(SweepFault.ACTION),
+    int(SweepFault.ROOM),
 )
 _COORDINATE, _EXTENT, _DISPLACEMENT = (
     int(SweepFault.COORDINATE),
@@ -105,19 +110,31 @@ class SweptPairs(NamedTuple):
     has_plate: NDArray[np.bool_]
 
 
+class CutSweep(NamedTuple):
+    """Pairs of one tool that cut or mill in a tick.
+
+    Attributes:
+        pairs: the pairs.
+        room_mm3: bank volume that the tool can take in [mm^3]; `UNLIMITED_ROOM` if any.
+    """
+
+    pairs: SweptPairs
+    room_mm3: int
+
+
 class MachineSweeps(NamedTuple):
     """Sweeps of the tools of one machine in a tick.
 
     Attributes:
         machine_id: id of the machine.
         rows: its SWEEP rows.
-        cut_pairs: the pairs that cut or mill.
+        cuts: the pairs that cut or mill, by tool.
         press_pairs: the pairs that compact.
     """
 
     machine_id: int
     rows: Rows
-    cut_pairs: SweptPairs
+    cuts: list[CutSweep]
     press_pairs: SweptPairs
 
 
@@ -149,11 +166,26 @@ def group_by_machine(sweeps: ValidSweeps) -> list[MachineSweeps]:
     groups = []
     start = 0
     while start < sweeps.rows.size:
-        cut_pairs, press_pairs, end = _split_machine(sweeps.rows, sweeps.points, start)
+        cut_pairs, press_pairs, left, end = _split_machine(sweeps.rows, sweeps.points, start)
         rows = sweeps.rows[start:end]
-        groups.append(MachineSweeps(int(rows["machine_id"][0]), rows, cut_pairs, press_pairs))
+        cuts = _split_tools(sweeps.rows, cut_pairs, left)
+        groups.append(MachineSweeps(int(rows["machine_id"][0]), rows, cuts, press_pairs))
         start = end
     return groups
+
+
+def _split_tools(rows: Rows, pairs: SweptPairs, left: NDArray[np.int64]) -> list[CutSweep]:
+    """Return the cutting pairs of one machine by tool; `left` are the first rows of the pairs."""
+    if left.size == 0:
+        return []
+    tools, rooms = rows["tool"][left].tolist(), rows["room_mm3"][left].tolist()
+    if tools[0] == tools[-1]:  # the usual case: one tool, sorted by tool
+        return [CutSweep(pairs, rooms[0])]
+    starts = [k for k in range(left.size) if k == 0 or tools[k] != tools[k - 1]]
+    return [
+        CutSweep(SweptPairs(pairs.points[a:b], pairs.has_plate[a:b]), rooms[a])
+        for a, b in zip(starts, [*starts[1:], left.size], strict=True)
+    ]
 
 
 @helper(inline="always")
@@ -209,6 +241,8 @@ def _find_fault(rows, points, first_row, end):  # type: ignore[no-untyped-def]
             return _PAIR_ORDER
         if rows[n].action > _LAST_ACTION or rows[n].action != rows[n - index % 2].action:
             return _ACTION
+        if rows[n].room_mm3 != rows[first_row].room_mm3:
+            return _ROOM
         distance_squared = 0.0
         for axis in range(3):
             start, stop = points[n, 0, axis], points[n, 1, axis]
@@ -232,23 +266,26 @@ def _split_machine(rows, points, start):  # type: ignore[no-untyped-def]
     """Split the rows of the machine that begin at `start`.
 
     Returns:
-        (pairs that cut, pairs that compact, index after the last row).
+        (pairs that cut, pairs that compact, first rows of the pairs that cut, index after the last
+        row).
     """
     end = start
     while end < rows.size and rows[end].machine_id == rows[start].machine_id:
         end += 1
     # Typed values: Numba would compile `_select_pairs` once for each of two literals.
     no, yes = np.bool_(False), np.bool_(True)
-    return (
-        _select_pairs(rows, points, start, end, no),
-        _select_pairs(rows, points, start, end, yes),
-        end,
-    )
+    cut_pairs, left = _select_pairs(rows, points, start, end, no)
+    press_pairs, _ = _select_pairs(rows, points, start, end, yes)
+    return cut_pairs, press_pairs, left, end
 
 
 @helper
 def _select_pairs(rows, points, start, end, compacting):  # type: ignore[no-untyped-def]
-    """Return the pairs of the rows `start` to `end` that compact, or else those that do not."""
+    """Return the pairs of the rows `start` to `end` that compact, or else those that do not.
+
+    Returns:
+        (the pairs, index of the first row of each).
+    """
     left = np.empty((end - start) // 2, dtype=np.int64)  # index of the first row of each pair
     count = 0
     for n in range(start, end, 2):
@@ -265,4 +302,4 @@ def _select_pairs(rows, points, start, end, compacting):  # type: ignore[no-unty
         if k > 0:
             row, previous = rows[left[k]], rows[left[k - 1]]
             has_plate[k - 1] = row.tool == previous.tool and row.pair == previous.pair + 1
-    return SweptPairs(ends, has_plate)
+    return SweptPairs(ends, has_plate), left[:count].copy()

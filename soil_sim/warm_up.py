@@ -35,6 +35,7 @@ def warm_up(params: SoilParams) -> None:
         cut["y0"] = cut["y1"] = (0.5, -0.5, 0.5, -0.5)
         cut["z0"] = cut["z1"] = (-0.3, -0.3, 0.2, 0.2)
         cut["x0"], cut["x1"] = 0.1 * tick, 0.1 * (tick + 1)
+        cut["room_mm3"] = 100_000_000 if tick == 1 else 1_000_000  # then pushes the rest ahead
         track = cut.copy()
         track["tool"], track["action"] = 1, SweepAction.COMPACT
         drum = cut.copy()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable
 
@@ -12,6 +13,7 @@ from machine_sim.dem import Pose, SoilEngine
 from machine_sim.machine import Tool
 from machine_sim.params import MachineSimParams
 from machine_sim.tool_soil.payload import Payload
+from machine_sim.tool_soil.room import ReportedRoom
 from machine_sim.tool_soil.tools import ToolMotion, make_interaction
 from msg_bridge.contract.rows import Rows
 
@@ -70,6 +72,7 @@ class ToolSoilCoupling:
         self._resistance_wrench = _ZERO_WRENCH
         self._tick_start_pose = self._previous_pose = tool.pose
         self._frame_history = deque([tool.frame], maxlen=_NUM_FRAMES)
+        self._reported_room = ReportedRoom(_NUM_FRAMES)
         self.payload: Payload = interaction.payload(particles, tool.pose)
 
     @property
@@ -114,6 +117,7 @@ class ToolSoilCoupling:
 
     def receive(self, forces: Rows, ticks_ago: int) -> None:
         """Take FORCE rows of this node's tools that answer the tick `ticks_ago` ticks ago."""
+        self._reported_room.receive_answer(ticks_ago)
         own = forces[forces["tool"] == self.tool_id]
         if own.size:
             self.resistance.receive(own, self.frame_at(ticks_ago))
@@ -149,12 +153,32 @@ class ToolSoilCoupling:
         """End a tick and return its SWEEP rows."""
         self._frame_history.append(self.tool.frame)
         self.payload = self._interaction.payload(self._particles, self.tool.pose)
+        room = self._reported_room.report(self._free_mm3()) if self.is_digging else 0
         return self._interaction.sweep(
-            ToolMotion(self._tick_start_pose, self.tool.pose, self.tool.drum_speed)
+            ToolMotion(self._tick_start_pose, self.tool.pose, self.tool.drum_speed, room)
         )
+
+    def _free_mm3(self) -> float:
+        """Return the bank volume that the tool can take in besides its pending soil [mm^3]."""
+        free = self._interaction.free_volume(self.payload, self._particles, self.tool.pose)
+        if free == math.inf:
+            return free
+        # The soil that it will take in is that at its first key point, the cutting edge.
+        ground, (rotation, origin) = self._particles.ground, self.frame_at(0)
+        x, y, _ = (rotation @ self._interaction.key_points[0] + origin).tolist()
+        row = min(max(round((ground.grid.x_first - x) / ground.grid.cell), 0), ground.grid.rows - 1)
+        col = min(max(round((ground.grid.y_first - y) / ground.grid.cell), 0), ground.grid.cols - 1)
+        swell = self._particles.soils[ground.soil[row, col]].swell
+        return 1e9 * free / (1.0 + swell) - self.pending.total_mm3
+
+    def reset(self) -> None:
+        """Remove the soil forces and the room reported, which belong to earlier ticks of a run."""
+        self.resistance.reset()
+        self._reported_room.reset()
 
     @property
     def state(self) -> Iterable[NDArray[np.generic]]:
         """Arrays for the state hash."""
         yield self.pending.state
+        yield self._reported_room.state
         yield self.resistance.state

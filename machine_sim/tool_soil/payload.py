@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machine_sim.dem import Pose, SoilEngine
 from machine_sim.machine.tools.shapes import ContainerShape
 
-__all__ = ["EMPTY_PAYLOAD", "Payload", "measure_payload"]
+__all__ = ["EMPTY_PAYLOAD", "Payload", "loose_volume", "measure_payload"]
 
 
 @dataclass(frozen=True)
@@ -44,12 +45,17 @@ def measure_payload(shape: ContainerShape, particles: SoilEngine, pose: Pose) ->
     inside = shape.indices_in_heap(particles.positions, *pose)
     if inside.size == 0:
         return EMPTY_PAYLOAD
-    volume = particles.volumes_mm3[inside]
-    swell = np.array([soil.swell for soil in particles.soils])
-    loose_m3 = float((volume * (1.0 + swell[particles.soil[inside]])).sum()) * 1e-9
+    loose_m3 = loose_volume(particles, inside)
     return Payload(
-        int(volume.sum()) * 1e-9,
+        int(particles.volumes_mm3[inside].sum()) * 1e-9,
         loose_m3,
         float(particles.masses[inside].sum()),
         loose_m3 / shape.heaped_capacity,
     )
+
+
+def loose_volume(particles: SoilEngine, rows: NDArray[np.intp]) -> float:
+    """Return the loose volume of some rows of particles [m^3]."""
+    swell = np.array([soil.swell for soil in particles.soils])
+    bank = particles.volumes_mm3[rows]
+    return float((bank * (1.0 + swell[particles.soil[rows]])).sum()) * 1e-9

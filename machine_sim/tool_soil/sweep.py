@@ -18,7 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 from machine_sim.dem import Pose
 from machine_sim.machine.spec import TrackSpec
 from machine_sim.tool_soil.milling_resistance import MIN_MILLING_SPEED
-from msg_bridge.contract.rows import SWEEP, SWEEP_SEGMENT, Rows, SweepAction, empty_rows
+from msg_bridge.contract.rows import (
+    SWEEP,
+    SWEEP_SEGMENT,
+    UNLIMITED_ROOM,
+    Rows,
+    SweepAction,
+    empty_rows,
+)
 from msg_bridge.kernels import kernel
 
 __all__ = ["DrumSweep", "PlateSweep", "TrackSweep"]
@@ -52,7 +59,7 @@ class _KeyPointStrip:
         """
         self.rows = empty_rows(SWEEP, num_points)
         self.rows["pair"] = np.arange(num_points) // 2
-        self.rows["tool"] = tool_id
+        self.rows["tool"], self.rows["room_mm3"] = tool_id, UNLIMITED_ROOM
         self.segments: NDArray[np.float32] = self.rows.view(SWEEP_SEGMENT)["ends"]
         self.displacements: NDArray[np.float64] = np.zeros((num_points, 3))
 
@@ -77,13 +84,15 @@ class PlateSweep:
         self._key_points = _KeyPointStrip(len(self._points), tool_id)
         self._action: NDArray[np.uint8] = self._key_points.rows["action"]
 
-    def rows(self, start: Pose, end: Pose) -> Rows:
+    def rows(self, start: Pose, end: Pose, room_mm3: int = UNLIMITED_ROOM) -> Rows:
         """Return the SWEEP rows of one tick in the order of the key points.
 
         Args:
             start, end: pose of the tool frame.
+            room_mm3: bank volume that the tool can take in [mm^3].
         """
         strip = self._key_points
+        strip.rows["room_mm3"] = room_mm3
         strip.move(self._points, start, end)
         _classify_actions(strip.displacements, end[0], self._normals, self._action)
         return strip.rows.copy()

@@ -21,6 +21,7 @@ __all__ = [
     "MAX_ROW_VOLUME",
     "SWEEP",
     "SWEEP_SEGMENT",
+    "UNLIMITED_ROOM",
     "ConversionKind",
     "Rows",
     "SoilReaction",
@@ -42,11 +43,15 @@ MAX_ROW_VOLUME = 2**32 - 1
 """Largest volume of one row [mm^3]; larger volumes are split into several rows."""
 
 
+UNLIMITED_ROOM = 2**32 - 1
+"""`room_mm3` of a tool that holds no soil back, as a cutting drum, and of one with more room."""
+
+
 class SweepAction(IntEnum):
     """Effect of a tool on the soil that it sweeps."""
 
     CUT = 0
-    """Removes soil: a cutting edge."""
+    """Removes soil, as much as the tool has room for, and pushes the rest ahead: a cutting edge."""
     COMPACT = 1
     """Pushes soil down without removing it: a track shoe, the back of a bucket."""
     MILL = 2
@@ -87,6 +92,7 @@ SWEEP = np.dtype(
         ("y1", "<f4"),
         ("z1", "<f4"),
         ("seq", "<u4"),
+        ("room_mm3", "<u4"),  # bank volume that the tool can take in during the tick
         ("pair", "<u2"),  # rows 2k and 2k + 1 of a tool are the left and right end of pair k
         ("tool", "<u2"),
         ("machine_id", "<u2"),
@@ -94,7 +100,7 @@ SWEEP = np.dtype(
     ]
 )
 """Motion of one key point of a tool over a tick, machine to soil; the pair at the lip comes
-first."""
+first. All rows of a tool repeat its room."""
 
 SWEEP_SEGMENT = np.dtype([("ends", "<f4", (6,)), ("rest", f"V{SWEEP.itemsize - 24}")])
 """Dtype for views of SWEEP rows: `ends` is x0, y0, z0, x1, y1, z1 as one array field [m]."""

@@ -1,6 +1,7 @@
 """State of the terrain: the soil of every column, and what a tick changed.
 
 - `state`: volumes, kinds and moistures of all columns, and the height they reach
+- `occupancy`: marks of columns that a tool is in, or that are in its lee
 - `operations`: kernels that add soil to one column, remove it and compact it
 - `grid_frame`: rows, columns and origin of the grid, for kernels
 - `changes`: which columns a tick changed, by how much, and the material of their surface

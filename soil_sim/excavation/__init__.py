@@ -1,6 +1,7 @@
 """Excavation: tools remove the soil that they sweep.
 
 - `swept_cut`: the soil below the swept surface of the tools, weighted by area
+- `displacement`: soil for which the tool has no room is pushed ahead
 - `rasterize`: the swept surface of a tool, rasterized to subcolumns; `rasterize_triangle`: the
   triangles it is made of
 - `refined_columns`: columns that a tool is in, refined into subcolumns

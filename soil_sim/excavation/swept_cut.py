@@ -10,6 +10,9 @@ While any part of the tool is in a column, below the original surface, the colum
 soil does not slide into the space that the tool fills. When no tool was in it for a tick, the
 column is levelled to the mean of its subcolumns, and the shape of the cut within it is discarded. A
 tool that returns to a column that it cut halfway therefore meets soil at half the depth.
+
+A tool without room for all of the soil pushes the rest ahead (`soil_sim.excavation.displacement`).
+A tool at rest takes in nothing: soil that slides or falls on the columns under it is pushed aside.
 """
 
 from __future__ import annotations
@@ -19,9 +22,12 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from msg_bridge.contract.rows import UNLIMITED_ROOM
 from msg_bridge.kernels import kernel
+from soil_sim.columns.occupancy import FREE, TOOL_INSIDE
 from soil_sim.columns.operations import mix_moisture, remove_from_column
 from soil_sim.columns.state import Columns
+from soil_sim.excavation.displacement import Displacement, split_by_room
 from soil_sim.excavation.rasterize import max_columns_touched, rasterize_sweep
 from soil_sim.excavation.rasterize_triangle import Raster, SubcolumnGrid
 from soil_sim.excavation.refined_columns import (
@@ -32,52 +38,60 @@ from soil_sim.excavation.refined_columns import (
     RefinedColumns,
 )
 from soil_sim.excavation.removed_soil import REMOVED_SOIL, RemovedSoil
-from soil_sim.tool_sweeps import SweptPairs
+from soil_sim.slope_failure.runout import ColumnShares
+from soil_sim.tool_sweeps import CutSweep
 
 __all__ = ["SweptCut"]
+
+_MIN_DISPLACEMENT = 1e-4
+"""Displacement of a key point in a tick [m] below which a tool is at rest."""
 
 
 class SweptCut:
     """Removes the soil that tools sweep, and keeps the columns that they are in.
 
     Attributes:
-        occupied: 1 for columns that a tool is in, shape (rows, cols), uint8; shared with the
-            slope relaxation.
+        occupied: marks of `columns.occupancy`, shape (rows, cols), uint8; shared with the slope
+            relaxation.
     """
 
-    def __init__(self, columns: Columns, occupied: NDArray[np.uint8], *, resolution: float) -> None:
+    def __init__(
+        self, columns: Columns, occupied: NDArray[np.uint8], *, resolution: float, reach: float = 4.0
+    ) -> None:
         """
         Args:
             columns: terrain to cut.
             occupied: layer in which to mark the columns that a tool is in, shape (rows, cols).
             resolution: maximum size of a subcolumn [m]; never more than half the cell.
+            reach: radius of the neighbourhood that soil slides to [cells].
         """
         self._columns = columns
         self.occupied = occupied
         subcolumns_per_side = max(2, int(np.ceil(columns.grid.cell / resolution - 1e-9)))
         self._grid = SubcolumnGrid(*columns.frame, subcolumns_per_side)
         self._refined = RefinedColumns(columns.height.size, subcolumns_per_side)
+        self._displacement = Displacement(columns, occupied, reach)
 
     @property
     def capacity(self) -> int:
         """Number of columns that can be refined without allocating memory."""
         return self._refined.capacity
 
-    def reserve(self, sweeps: Iterable[SweptPairs]) -> None:
+    def reserve(self, sweeps: Iterable[CutSweep]) -> None:
         """Allocate memory for all sweeps of a tick, before the first of them cuts."""
-        self._refined.reserve(sum(int(max_columns_touched(*pairs, self._grid)) for pairs in sweeps))
+        self._refined.reserve(
+            sum(int(max_columns_touched(*sweep.pairs, self._grid)) for sweep in sweeps)
+        )
 
-    def excavate(self, pairs: SweptPairs) -> RemovedSoil:
-        """Cut one machine's sweeps of a tick.
+    def excavate(self, sweep: CutSweep) -> RemovedSoil:
+        """Cut the sweep of one tool in a tick.
 
-        Call `reserve` before the first machine of the tick, and `end_tick` after the last.
-
-        Args:
-            pairs: key-point pairs of valid rows.
+        Call `reserve` before the first tool of the tick, and `end_tick` after the last.
 
         Returns:
-            The removed soil, a record for each column.
+            The soil that the tool takes in, a record for each column.
         """
+        pairs, room = sweep
         refined, columns = self._refined, self._columns.arrays
         refined.begin_sweep()
         raster = Raster(columns.height, columns.floor, *refined.arrays, self._grid, refined.tick)
@@ -85,19 +99,29 @@ class SweptCut:
         if refined.count == 0:  # all tools are in the air
             return np.zeros(0, dtype=REMOVED_SOIL)
         removed: RemovedSoil = _remove_from_columns(columns, refined.arrays, refined.count)
-        return removed
+        if room == UNLIMITED_ROOM or removed.size == 0:
+            return removed
+        if np.abs(pairs.points[:, 1] - pairs.points[:, 0]).max() < _MIN_DISPLACEMENT:
+            room = 0
+        if int(removed["volume_mm3"].sum()) <= room:
+            return removed
+        taken, displaced = split_by_room(removed, room)
+        self._displacement.add(displaced, pairs)
+        return np.asarray(taken)
 
-    def end_tick(self) -> NDArray[np.int64]:
+    def end_tick(self) -> tuple[ColumnShares | None, NDArray[np.int64]]:
         """End the tick: occupy the columns that a tool was in, and level and free the others.
 
         Returns:
-            Flat indices of the columns that the tools have left, sorted.
+            (displaced soil that columns get, None without any; flat indices of the columns that the
+            tools have left, sorted).
         """
         refined, freed = self._refined.end_tick()
         occupied = self.occupied.reshape(-1)
-        occupied[freed] = 0
-        occupied[refined] = 1
-        return freed
+        occupied[freed] = FREE
+        occupied[refined] = TOOL_INSIDE
+        displaced, left = self._displacement.end_tick()
+        return displaced, np.union1d(freed, left) if left.size else freed
 
 
 @kernel

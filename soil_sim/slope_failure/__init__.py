@@ -14,8 +14,10 @@
 from soil_sim.slope_failure.neighbourhood import gauss_circle_offsets
 from soil_sim.slope_failure.noise import RelaxationNoise, relaxation_noise, surface_tilt
 from soil_sim.slope_failure.relaxation import SlopeRelaxation
+from soil_sim.slope_failure.runout import ColumnShares
 
 __all__ = [
+    "ColumnShares",
     "RelaxationNoise",
     "SlopeRelaxation",
     "gauss_circle_offsets",

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_bridge.kernels import helper, kernel
+from soil_sim.columns.occupancy import TOOL_INSIDE
 from soil_sim.columns.operations import add_loose, remove_loose, update_height
 from soil_sim.slope_failure.cell_queue import dequeue, enqueue, is_empty
 from soil_sim.slope_failure.noise import random_uniform
@@ -69,7 +70,7 @@ def enqueue_disturbed(columns, params, cells, include_neighbours, is_lowered, qu
 def relax_cells(columns, params, occupied, queue, budget):  # type: ignore[no-untyped-def]
     """Relax columns of the queue until it is empty or about `budget` visits were made.
 
-    1. Take the first column of the queue. Skip it if it is occupied, or if it is steeper against no
+    1. Take the first column of the queue. Skip it if a tool is in it, or if it is steeper against no
        neighbour than the smallest angle of repose of all soils.
     2. Find the neighbour that it exceeds the angle of repose against by most. Firm soil counts if
        it has no cohesion.
@@ -82,7 +83,7 @@ def relax_cells(columns, params, occupied, queue, budget):  # type: ignore[no-un
     Args:
         columns: `ColumnArrays` of the terrain; changed.
         params: `RelaxationParameters`.
-        occupied: 1 for columns that neither give nor receive soil, flat, uint8.
+        occupied: marks of `columns.occupancy`, flat, uint8.
         queue: the `CellQueue`; changed.
         budget: number of visits.
 
@@ -100,7 +101,7 @@ def relax_cells(columns, params, occupied, queue, budget):  # type: ignore[no-un
     while not is_empty(queue) and visits < budget:
         i = dequeue(queue)
         visits += 1
-        if occupied[i]:
+        if occupied[i] == TOOL_INSIDE:
             continue
         row, col = i // cols, i % cols
         is_interior = reach <= row < rows - reach and reach <= col < cols - reach
@@ -151,7 +152,7 @@ def _find_target(  # type: ignore[no-untyped-def]
 
     Args:
         height: surface of each column [m], flat.
-        occupied: 1 for columns that receive no soil, flat, uint8.
+        occupied: marks of `columns.occupancy`, flat, uint8.
         offsets, index_offset, distance: rows and columns, flat index and distance [m] of the
             neighbours.
         shape: number of rows and of columns.

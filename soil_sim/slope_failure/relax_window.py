@@ -103,7 +103,7 @@ class WindowRelaxation:
             bounds: window of `bounds_including`.
             pending: flat indices of columns to relax one by one afterwards: only that detects a
                 drop beyond a neighbour that is stable.
-            occupied: 1 for columns that neither give nor receive soil, shape (rows, cols).
+            occupied: marks of `columns.occupancy`, shape (rows, cols).
             max_passes: number of passes.
 
         Returns:

@@ -3,8 +3,8 @@
 Every grid point within a radius r (a Gauss circle) of a column is a neighbour that soil may slide
 to. The neighbour with the largest excess of height over `tan(angle) * distance` receives half of
 that excess, until no neighbour has any; the columns disturbed by this are relaxed in turn, first
-in, first out. The edge of the map is a closed wall. Columns that a tool is in are occupied and take
-no part.
+in, first out. The edge of the map is a closed wall. Columns that a tool is in take no part, and those
+in the lee of one receive no soil (`soil_sim.columns.occupancy`).
 
 The angle is that of the soil of the higher column at its moisture: of the loose soil on top, and of
 the firm soil below it. Firm soil does not slide as long as its face is no higher than its cohesion
@@ -59,7 +59,7 @@ class SlopeRelaxation:
     """The columns to relax, and the algorithms that relax them.
 
     Attributes:
-        occupied: 1 for columns that neither give nor receive soil, shape (rows, cols), uint8.
+        occupied: marks of `columns.occupancy`, shape (rows, cols), uint8.
         is_enabled: whether `relax` does anything; disabled, all slopes stay as they are.
         uses_windows: whether large failures may be relaxed in windows.
     """

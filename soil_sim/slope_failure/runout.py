@@ -10,17 +10,19 @@ as long as a thin layer runs down at a time.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.kernels import helper, kernel
+from soil_sim.columns.occupancy import TOOL_INSIDE
 from soil_sim.columns.operations import add_loose
 from soil_sim.slope_failure.cell_queue import enqueue
 from soil_sim.slope_failure.noise import random_uniform
 
-__all__ = ["ColumnShares", "deposit_with_runout"]
+__all__ = ["ColumnShares", "deposit_with_runout", "join_shares"]
 
 _MIN_LAYER, _MAX_LAYER = 0.05, 0.5
 """Limits of the thickness of the layer that runs down at once [cells]. A thicker layer is faster,
@@ -55,6 +57,11 @@ class ColumnShares(NamedTuple):
     moisture: NDArray[np.uint8]
 
 
+def join_shares(parts: Sequence[ColumnShares]) -> ColumnShares:
+    """Return the concatenation of shares."""
+    return ColumnShares(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
 @kernel
 def deposit_with_runout(columns, params, occupied, queue, shares, first_index, budget):  # type: ignore[no-untyped-def]
     """Add loose soil to columns and let it run out, in at most about `budget` steps.
@@ -72,7 +79,7 @@ def deposit_with_runout(columns, params, occupied, queue, shares, first_index, b
     Args:
         columns: `ColumnArrays` of the terrain; changed.
         params: `RelaxationParameters`.
-        occupied: 1 for columns that do not receive soil from others, flat, uint8.
+        occupied: marks of `columns.occupancy`, flat, uint8.
         queue: the `CellQueue`; changed.
         shares: `ColumnShares` to deposit; their volumes are set to 0.
         first_index: scratch array of zeros, shape (columns,), int32; zeros again afterwards.
@@ -111,7 +118,7 @@ def deposit_with_runout(columns, params, occupied, queue, shares, first_index, b
             volumes[m] -= volume
             while volume > 0:
                 target, moving = np.int64(-1), np.int64(0)
-                if steps < budget and occupied[i] == 0:
+                if steps < budget and occupied[i] != TOOL_INSIDE:
                     top = height[i] + volume * metres
                     row = i // cols
                     col = i - row * cols
@@ -206,7 +213,7 @@ def _find_interior_target(  # type: ignore[no-untyped-def]
 
     Args:
         height: surface of each column [m], flat.
-        occupied: 1 for columns that do not receive soil, flat, uint8.
+        occupied: marks of `columns.occupancy`, flat, uint8.
         index_offset, preference: see `_list_neighbours`.
         limit: see `_set_limits`.
         i: flat index of the column.

@@ -26,7 +26,7 @@ def max_slope_excess(
     Args:
         columns: the terrain.
         params: when its soil slides.
-        occupied: 1 for columns that neither give nor receive soil, shape (rows, cols).
+        occupied: marks of `columns.occupancy`, shape (rows, cols).
     """
     rows, cols = columns.height.shape
     repose_tan = columns.tables.repose_tan[columns.top_soil, columns.top_moisture]

@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
-from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, ConversionKind, Rows, empty_rows
+from msg_bridge.contract.rows import (
+    DEPOSIT_REQUEST,
+    SWEEP,
+    UNLIMITED_ROOM,
+    ConversionKind,
+    Rows,
+    empty_rows,
+)
 from soil_sim.soil import Soil, SoilStepResult
 from soil_sim.soils.params import SoilParams
 
@@ -54,6 +61,7 @@ def tool_sweep(
     The middle of the lip moves from `start` to `end` (x, y, z) [m]. The pairs are parallel to y.
     """
     rows = empty_rows(SWEEP, 2 * len(profile))
+    rows["room_mm3"] = UNLIMITED_ROOM
     for pair, (x, z) in enumerate(profile):
         for side, y in ((0, width / 2), (1, -width / 2)):
             row = rows[2 * pair + side]

@@ -128,6 +128,34 @@ class BladeShape:
             )
         return boxes
 
+    @property
+    def capacity(self) -> float:
+        """Loose volume ahead of a straight blade [m^3]: 0.8 W H^2 (SAE J1265)."""
+        return 0.8 * self.width * self._height**2
+
+    def indices_ahead(self, points: Array, rotation: Array, origin: Array) -> NDArray[np.intp]:
+        """Return the rows of the points that the blade pushes ahead, in ascending order.
+
+        They are at most two blade heights ahead of its plate, and half a height above or below it.
+
+        Args:
+            points: points [m], map frame, shape (n, 3), float64.
+            rotation, origin: pose of the frame of the blade in the map frame.
+        """
+        local = (points - origin) @ rotation
+        x, z = self.profile.T
+        height = self._height
+        distance = local[:, 0] - np.interp(local[:, 2], z, x)
+        is_ahead = (distance >= 0.0) & (distance <= 2.0 * height)
+        is_ahead &= np.abs(local[:, 2] - 0.5 * (z[0] + z[-1])) <= height
+        is_ahead &= np.abs(local[:, 1]) <= 0.5 * self.width
+        return np.flatnonzero(is_ahead)
+
+    @property
+    def _height(self) -> float:
+        """Height of the blade [m]."""
+        return float(self.profile[-1, 1] - self.profile[0, 1])
+
     def release_points(self, points: ArrayLike, clearance: float, up: Array) -> Array:
         """Return points [m], shape (n, 3), moved to `clearance` [m] or more ahead of the plate."""
         released = np.array(points, dtype=np.float64).reshape(-1, 3)

@@ -55,3 +55,7 @@ class BedInteraction:
     def payload(self, particles: SoilEngine, pose: Pose) -> Payload:
         """Measure the soil in the bed."""
         return measure_payload(self._shape, particles, pose)
+
+    def free_volume(self, payload: Payload, particles: SoilEngine, pose: Pose) -> float:
+        """Return 0: a bed takes no soil from the ground."""
+        return 0.0

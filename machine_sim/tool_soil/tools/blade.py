@@ -2,10 +2,25 @@
 
 from __future__ import annotations
 
+from machine_sim.dem import Pose, SoilEngine
+from machine_sim.machine.tools.blade import BladeShape
+from machine_sim.tool_soil.payload import Payload, loose_volume
 from machine_sim.tool_soil.tools.plate_cutting import PlateCutting
 
 __all__ = ["BladeInteraction"]
 
 
 class BladeInteraction(PlateCutting):
-    """How a blade acts on soil: plate cutting without a payload."""
+    """How a blade acts on soil: plate cutting without a payload.
+
+    What it cuts becomes particles up to its rated capacity; the terrain ahead holds the rest.
+    """
+
+    def __init__(self, shape: BladeShape, tool_id: int) -> None:
+        super().__init__(shape, tool_id)
+        self._blade = shape
+
+    def free_volume(self, payload: Payload, particles: SoilEngine, pose: Pose) -> float:
+        """Return what its capacity exceeds the particles ahead of it by [m^3]."""
+        ahead = self._blade.indices_ahead(particles.positions, *pose)
+        return self._blade.capacity - loose_volume(particles, ahead)

@@ -11,7 +11,7 @@ __all__ = ["BucketInteraction"]
 
 
 class BucketInteraction(PlateCutting):
-    """How a bucket acts on soil: plate cutting, and a payload."""
+    """How a bucket acts on soil: plate cutting, and a payload that fills it."""
 
     def __init__(self, shape: BucketShape, tool_id: int) -> None:
         super().__init__(shape, tool_id)
@@ -20,3 +20,7 @@ class BucketInteraction(PlateCutting):
     def payload(self, particles: SoilEngine, pose: Pose) -> Payload:
         """Measure the soil in the bucket."""
         return measure_payload(self._container, particles, pose)
+
+    def free_volume(self, payload: Payload, particles: SoilEngine, pose: Pose) -> float:
+        """Return what its heaped capacity exceeds its load by [m^3]; negative if overfull."""
+        return self._container.heaped_capacity - payload.loose_m3

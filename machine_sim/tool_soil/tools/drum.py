@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -58,3 +60,7 @@ class DrumInteraction:
     def payload(self, particles: SoilEngine, pose: Pose) -> Payload:
         """Return an empty payload: a drum carries nothing."""
         return EMPTY_PAYLOAD
+
+    def free_volume(self, payload: Payload, particles: SoilEngine, pose: Pose) -> float:
+        """Return infinity: the picks throw all that they cut."""
+        return math.inf

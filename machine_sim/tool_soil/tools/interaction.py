@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from machine_sim.dem import Pose, SoilEngine
 from machine_sim.machine import Tool
 from machine_sim.tool_soil.payload import Payload
-from msg_bridge.contract.rows import Rows
+from msg_bridge.contract.rows import UNLIMITED_ROOM, Rows
 
 __all__ = [
     "NoPendingSoil",
@@ -38,11 +38,13 @@ class ToolMotion(NamedTuple):
     Attributes:
         start, end: pose of the tool frame at the start and the end of the tick.
         drum_speed: angular velocity of a drum about its axis [rad/s]; 0 for any other tool.
+        room_mm3: bank volume that the tool can take in [mm^3].
     """
 
     start: Pose
     end: Pose
     drum_speed: float = 0.0
+    room_mm3: int = UNLIMITED_ROOM
 
 
 class PendingAccount(Protocol):
@@ -142,6 +144,16 @@ class ToolInteraction(Protocol):
 
     def payload(self, particles: SoilEngine, pose: Pose) -> Payload:
         """Measure the soil that the tool carries at a pose."""
+        ...
+
+    def free_volume(self, payload: Payload, particles: SoilEngine, pose: Pose) -> float:
+        """Return the loose volume that the tool can take in [m^3], infinite without a limit.
+
+        Args:
+            payload: its payload at the pose.
+            particles: the particle engine.
+            pose: pose of the tool.
+        """
         ...
 
 

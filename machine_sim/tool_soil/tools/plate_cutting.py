@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,7 +41,7 @@ class PlateCutting:
 
     def sweep(self, motion: ToolMotion) -> Rows:
         """Return the SWEEP rows of one tick."""
-        return self._sweep.rows(motion.start, motion.end)
+        return self._sweep.rows(motion.start, motion.end, motion.room_mm3)
 
     def make_pending(
         self, rng: np.random.Generator, *, nominal_mm3: int, max_per_tick: int
@@ -58,3 +60,7 @@ class PlateCutting:
     def payload(self, particles: SoilEngine, pose: Pose) -> Payload:
         """Return an empty payload: the tool is no container."""
         return EMPTY_PAYLOAD
+
+    def free_volume(self, payload: Payload, particles: SoilEngine, pose: Pose) -> float:
+        """Return infinity: the tool takes in what it cuts."""
+        return math.inf

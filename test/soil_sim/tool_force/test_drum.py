@@ -9,6 +9,7 @@ from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.rows import (
     DEPOSIT_REQUEST,
     SWEEP,
+    UNLIMITED_ROOM,
     ConversionKind,
     SoilReaction,
     SweepAction,
@@ -42,7 +43,7 @@ def drum(advance, rotation, *, z=-1.0, action=SweepAction.MILL):
     rows["x0"], rows["y0"], rows["z0"] = before.T
     rows["x1"], rows["y1"], rows["z1"] = after.T
     rows["pair"] = np.arange(len(before)) // 2
-    rows["action"], rows["machine_id"] = action, 1
+    rows["action"], rows["machine_id"], rows["room_mm3"] = action, 1, UNLIMITED_ROOM
     return rows
 
 
