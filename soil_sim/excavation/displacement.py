@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.kernels import helper, kernel
-from soil_sim.columns.grid_frame import GridFrame
 from soil_sim.columns.occupancy import FREE, LEE, TOOL_INSIDE
 from soil_sim.columns.state import Columns
 from soil_sim.excavation.removed_soil import REMOVED_SOIL, RemovedSoil
@@ -90,7 +89,10 @@ class Displacement:
         target = _target_columns(soil, direction, occupied, self._frame)
         new = _Lee(*_lee_columns(soil, direction, occupied, self._height, self._frame, self._reach))
         is_kept = occupied[old.anchors] == TOOL_INSIDE
-        self._lee = lee = _Lee(*map(np.concatenate, zip(_Lee(*(x[is_kept] for x in old)), new)))
+        self._lee = lee = _Lee(
+            np.concatenate([old.cells[is_kept], new.cells]),
+            np.concatenate([old.anchors[is_kept], new.anchors]),
+        )
         occupied[lee.cells[occupied[lee.cells] == FREE]] = LEE
         occupied[target[occupied[target] == LEE]] = FREE
         left = np.unique(old.cells[occupied[old.cells] == FREE])

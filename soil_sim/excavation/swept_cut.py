@@ -56,7 +56,12 @@ class SweptCut:
     """
 
     def __init__(
-        self, columns: Columns, occupied: NDArray[np.uint8], *, resolution: float, reach: float = 4.0
+        self,
+        columns: Columns,
+        occupied: NDArray[np.uint8],
+        *,
+        resolution: float,
+        reach: float = 4.0,
     ) -> None:
         """
         Args:

@@ -70,8 +70,8 @@ def enqueue_disturbed(columns, params, cells, include_neighbours, is_lowered, qu
 def relax_cells(columns, params, occupied, queue, budget):  # type: ignore[no-untyped-def]
     """Relax columns of the queue until it is empty or about `budget` visits were made.
 
-    1. Take the first column of the queue. Skip it if a tool is in it, or if it is steeper against no
-       neighbour than the smallest angle of repose of all soils.
+    1. Take the first column of the queue. Skip it if a tool is in it, or if it is steeper against
+       no neighbour than the smallest angle of repose of all soils.
     2. Find the neighbour that it exceeds the angle of repose against by most. Firm soil counts if
        it has no cohesion.
     3. If firm soil did not count but is too steep, test the stability of the column. If it is

@@ -21,7 +21,9 @@ ahead of it, so uneven ground, mixed soils and an edge partly in the air need no
   blade at the foot of a wall does not push the whole wall. Soil *in* the tool is not a surcharge,
   because its particles press on the tool themselves.
 - **Soil** has the kind and moisture of the column ahead. Cohesion counts for the firm part of the
-  depth; the unit weight is the mean of firm and loose soil.
+  depth, up to the height of the tool; the unit weight is the mean of firm and loose soil there.
+  Soil that the tool pushes ahead heaps up on the column: first the depth increases with it, then
+  the surcharge.
 - **Rock** is cut by one pick every `_TOOTH_SPACING` at the depth of the strip (Goktan); loose soil
   on it resists as soil does. The interaction of picks deeper than their spacing is neglected, so
   the force is an upper bound there.
@@ -178,12 +180,16 @@ def blade_strip_force(  # type: ignore[no-untyped-def]
         strength: `strength_table` of its kinds of soil.
     """
     above = min(max(below - height, 0.0), height)
-    loose_depth = columns.bulk[i] * columns.metres_per_mm3
-    firm_fraction = max(0.0, 1.0 - loose_depth / below)
+    # The loose soil is on top: that above the tool is a surcharge, and no part of the cut.
+    firm_depth = max(below - columns.bulk[i] * columns.metres_per_mm3, 0.0)
+    firm_fraction = min(firm_depth / min(below, height), 1.0)
     kind = columns.soil[i] if firm_fraction > 0.0 else columns.loose_soil[i]
-    gamma = 0.0
-    if firm_fraction < 1.0:
+    gamma = surcharge = 0.0
+    if columns.loose[i] > 0:
         gamma = strength[columns.loose_soil[i]].gamma * (columns.loose[i] / columns.bulk[i])
+    if above > 0.0:
+        firm_above = min(max(firm_depth - height, 0.0), above)
+        surcharge = strength[columns.soil[i]].gamma * firm_above + gamma * (above - firm_above)
     cutting = normal = 0.0
     if firm_fraction > 0.0 and strength[kind].tensile_strength > 0.0:  # rock
         num_picks = width / _TOOTH_SPACING
@@ -192,13 +198,13 @@ def blade_strip_force(  # type: ignore[no-untyped-def]
         )
         normal = _PICK_NORMAL_RATIO * cutting
         depth *= 1.0 - firm_fraction
-        cohesion = adhesion = above = 0.0
+        cohesion = adhesion = surcharge = 0.0
     else:
         gamma = firm_fraction * strength[kind].gamma + (1.0 - firm_fraction) * gamma
         cohesion = firm_fraction * strength[kind].cohesion[columns.moisture[i]]
         adhesion = strength[kind].adhesion[columns.moisture[i]]
     horizontal, vertical = blade_force(
-        width, depth, rake, gamma * above, gamma, strength[kind].phi, strength[kind].delta,
+        width, depth, rake, surcharge, gamma, strength[kind].phi, strength[kind].delta,
         cohesion, adhesion,
     )  # fmt: skip
     return cutting + horizontal, normal + vertical

@@ -15,7 +15,13 @@ from support.soil_scenes import NO_DEPOSIT_REQUESTS, NO_SWEEPS, bucket_sweep, ma
 
 from msg_bridge.contract.constants import MOISTURE_LEVELS
 from msg_bridge.contract.grid import Grid
-from msg_bridge.contract.rows import ConversionKind, Rows, SoilReaction, SweepAction
+from msg_bridge.contract.rows import (
+    UNLIMITED_ROOM,
+    ConversionKind,
+    Rows,
+    SoilReaction,
+    SweepAction,
+)
 from soil_sim.soil import Soil, SoilStepResult
 from soil_sim.soils.params import SoilParams
 from soil_sim.soils.soil_types import load_soil_types
@@ -90,6 +96,7 @@ def random_input(soil: Soil, rng: np.random.Generator) -> tuple[Rows, Rows]:
         start = rng.uniform(-0.55, 0.55, 3) * size + (0.0, 0.0, top)
         end = start + rng.normal(0.0, 1.0, 3) * (0.4, 0.4, 0.2)
         sweep = bucket_sweep(tuple(start), tuple(end), width=float(rng.uniform(0.05, 1.5)))
+        sweep["room_mm3"] = rng.choice([0, 10**6, 10**8, UNLIMITED_ROOM])
         if rng.random() < 0.3:
             sweep["action"] = SweepAction.COMPACT
     if rng.random() < 0.8:

@@ -60,6 +60,7 @@ INVALID = {
     "pairs out of order": lambda rows: rows[np.roll(np.arange(rows.size), 2)],
     "left ends before right ends": lambda rows: np.concatenate([rows[::2], rows[1::2]]),
     "two actions in a pair": setting("action", SweepAction.COMPACT),
+    "two rooms": setting("room_mm3", 5),
     "unknown action": setting("action", 9, row=slice(2, 4)),  # type: ignore[arg-type]
 }
 
@@ -92,6 +93,7 @@ def test_invalid_tool_is_rejected_and_does_not_affect_others(case: str, mode: st
         ("too wide", "50 m"),
         ("pair missing", "all its pairs"),
         ("two actions in a pair", "action"),
+        ("two rooms", "room_mm3"),
     ],
 )
 def test_message_of_a_rejected_tool_names_what_to_change(case: str, advice: str) -> None:
@@ -174,11 +176,12 @@ def test_pair_has_start_and_end_of_its_left_and_right_end() -> None:
     (machine,) = group_by_machine(validate_sweeps(rows)[0])
     assert machine.machine_id == 1
     assert np.array_equal(machine.rows, rows)
-    assert machine.cut_pairs.points[0].tolist() == [
+    ((pairs, _),) = machine.cuts
+    assert pairs.points[0].tolist() == [
         [[0.0, 1.0, 0.25], [0.0, 0.0, 0.25]],
         [[0.125, 1.0, 0.0], [0.125, 0.0, 0.0]],
     ]
-    assert machine.cut_pairs.has_plate.tolist() == [True] * 6 + [False]
+    assert pairs.has_plate.tolist() == [True] * 6 + [False]
     assert machine.press_pairs.has_plate.size == 0
 
 
@@ -188,7 +191,9 @@ def test_plates_span_successive_pairs_of_one_tool_with_the_same_action() -> None
         [tool(3, 0, [cut, cut, press, press, cut]), tool(3, 1, [mill, mill]), tool(3, 2, [press])]
     )
     (machine,) = group_by_machine(validate_sweeps(rows)[0])
-    assert machine.cut_pairs.has_plate.tolist() == [True, False, False, True, False]
+    first, second = machine.cuts
+    assert first.pairs.has_plate.tolist() == [True, False, False]
+    assert second.pairs.has_plate.tolist() == [True, False]
     assert machine.press_pairs.has_plate.tolist() == [True, False, False]
 
 

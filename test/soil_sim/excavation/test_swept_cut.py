@@ -176,8 +176,9 @@ def test_tools_far_apart_do_not_reserve_the_columns_between_them() -> None:
     sweep["tool"] = [1, 1, 2, 2]
     (machine,) = group_by_machine(validate_sweeps(sweep)[0])
     before = cut.capacity
-    cut.reserve([machine.cut_pairs])
-    cut.excavate(machine.cut_pairs)
+    cut.reserve(machine.cuts)
+    for sweep_of_tool in machine.cuts:
+        cut.excavate(sweep_of_tool)
     cut.end_tick()
     assert cut.occupied.any()
     assert cut.capacity == before
