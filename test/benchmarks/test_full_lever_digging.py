@@ -1,0 +1,70 @@
+"""Levers at their ends: a bucket holds what fits, and no soil bursts out of it."""
+
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from benchmarks.full_lever_digging import LEVERS_AT_REST, LeverRun, joystick, swing
+
+MAX_FILL = 1.3
+
+
+@pytest.fixture
+def make_run() -> Iterator[Callable[[int], LeverRun]]:
+    """Return a function that makes a run; all worlds are closed after the test."""
+    runs = []
+
+    def make(seed: int) -> LeverRun:
+        runs.append(LeverRun(seed))
+        return runs[-1]
+
+    yield make
+    for run in runs:
+        run.close()
+
+
+def test_bucket_dragged_on_at_full_levers_holds_what_fits(make_run) -> None:
+    run = make_run(1)
+    run.hold_until((0, 1, 0, 0), lambda: run.depth > 0.2, 4.0)
+    run.hold((0, 1, 1, 0), 2.0)
+    outcome = run.outcome
+    assert 0.8 < outcome.max_fill < MAX_FILL
+    assert outcome.max_held < 2.5, "of particles in and about it; 1.0 to 1.6 in nine runs"
+    assert outcome.imbalance == 0
+
+
+def test_bucket_at_rest_in_the_ground_takes_in_no_soil(make_run) -> None:
+    run = make_run(2)
+    run.hold_until((0, 1, 0, 0), lambda: run.depth > 0.2, 4.0)
+    run.hold_until((0, 0, 1, 0), lambda: run.sim.payload.fill > 0.5, 4.0)
+    run.hold(LEVERS_AT_REST, 1.0)
+    dug, fill = run.world.soil.total_mm3, run.sim.payload.fill
+    run.hold(LEVERS_AT_REST, 3.0)
+    assert run.sim.payload.fill < fill + 0.02
+    assert run.world.soil.total_mm3 >= dug
+
+
+def test_swing_through_the_ground_leaves_a_windrow(make_run) -> None:
+    run = make_run(2)
+    before = run.world.soil.columns.height.copy()
+    swing(run, 3.0)
+    rise = run.world.soil.columns.height - before
+    assert rise[rise > 0.1].sum() * run.grid.cell**2 > 0.4, "m^3; 0.9 to 1.3 in nine runs"
+    assert run.outcome.max_fill < MAX_FILL
+    assert run.outcome.imbalance == 0
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_random_joystick_has_no_outlier(make_run, seed: int) -> None:
+    run = make_run(seed)
+    joystick(run, 60.0)
+    outcome = run.outcome
+    assert outcome.problem == ""
+    assert outcome.max_fill < MAX_FILL
+    assert outcome.max_excess_speed < 3.0, "m/s"
+    assert outcome.max_load_force < 200e3
+    assert outcome.imbalance == 0
+    assert run.sim.particles.num_plate_tunnellings == 0
+    assert run.sim.particles.num_ground_tunnellings == 0
