@@ -168,7 +168,7 @@ class ToolSoilCoupling:
         x, y, _ = (rotation @ self._interaction.key_points[0] + origin).tolist()
         row = min(max(round((ground.grid.x_first - x) / ground.grid.cell), 0), ground.grid.rows - 1)
         col = min(max(round((ground.grid.y_first - y) / ground.grid.cell), 0), ground.grid.cols - 1)
-        swell = self._particles.soils[ground.soil[row, col]].swell
+        swell = float(self._particles.soils[ground.soil[row, col]].swell)
         return 1e9 * free / (1.0 + swell) - self.pending.total_mm3
 
     def reset(self) -> None:
