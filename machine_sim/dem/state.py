@@ -43,6 +43,7 @@ _COLUMN_TYPES: dict[str, tuple[str, tuple[int, ...]]] = {
     "penetration_limited": ("?", ()),
     "settle_timer": ("f4", ()),
     "ground_spring": ("f4", (3,)),
+    "ground_overlap": ("f4", ()),
     "sleep_state": ("i2", ()),
     "wake_reference": ("f8", (3,)),
     "sleep_timer": ("f4", ()),
@@ -84,6 +85,7 @@ class ParticleState:
             `contacts.ground_contacts`.
         settle_timer: time for which it has been slow on the ground [s].
         ground_spring: tangential spring of its ground contact [m], shape (n, 3).
+        ground_overlap: overlap with the ground at the end of the last step [m]; 0 out of reach.
         sleep_state: awake, asleep on the map or locked to a tool, see `sleep.sleep_state`, int16.
         wake_reference: of a particle locked to a tool, its position [m] in the tool frame; of an
             awake one, its position [m] in the map frame when the particles that sleep against it
@@ -120,6 +122,7 @@ class ParticleState:
     wake_reference: NDArray[np.float64]
     sleep_timer: NDArray[np.float32]
     ground_spring: NDArray[np.float32]
+    ground_overlap: NDArray[np.float32]
     pair_list_row: NDArray[np.int32]
     plate_list_row: NDArray[np.int32]
 

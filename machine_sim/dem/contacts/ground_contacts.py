@@ -10,6 +10,10 @@ deep under it. Contacts of particles there are *penetration-limited*: the spring
 that the ground pushes them out slowly, and they are never put back onto the surface. A particle
 that leaves the tool while it is still below ground stays penetration-limited until it is out: the
 full spring force on so deep a particle would eject it.
+
+The same holds for a particle that the ground has risen into, as when soil slides over it, or that
+has run into a wall that its plane did not show: its overlap has increased from the end of one step
+to the start of the next, and the energy of the spring is none that the particle had.
 """
 
 from __future__ import annotations
@@ -39,6 +43,8 @@ __all__ = [
 
 _MAX_LIMITED_ACCELERATION = 100.0
 """Maximum acceleration by the spring of a penetration-limited contact [m/s^2]."""
+_MAX_RISE = 0.1
+"""Increase of the overlap between two steps, in radii, above which the ground has risen."""
 _CLIFF_CLEARANCE = 10.0
 """Height above the ground, in radii, at which a centre is clear of any cliff beside it."""
 _SEARCH_RADIUS_FACTOR = 1.2
@@ -69,6 +75,7 @@ class GroundParticles(NamedTuple):
     mass: NDArray[np.float32]
     penetration_limited: NDArray[np.bool_]
     ground_spring: NDArray[np.float32]
+    ground_overlap: NDArray[np.float32]
 
 
 class GroundContactList:
@@ -179,7 +186,7 @@ def _fit_planes(  # type: ignore[no-untyped-def]
     """List the contacts of a chunk; return their number."""
     position, velocity, radius = particles.position, particles.velocity, particles.radius
     contact_radius, spring = particles.contact_radius, particles.ground_spring
-    penetration_limited = particles.penetration_limited
+    penetration_limited, old_overlap = particles.penetration_limited, particles.ground_overlap
     x_first, y_first, inverse_cell = frame
     limited_overlap = max_limited_overlap(params)
     count = 0
@@ -187,8 +194,8 @@ def _fit_planes(  # type: ignore[no-untyped-def]
         if ground_masked[k]:
             continue
         i = rows[k]
-        was_limited = penetration_limited[i]
-        penetration_limited[i] = near_tool[k]
+        was_limited, overlap_before = penetration_limited[i], np.float64(old_overlap[i])
+        penetration_limited[i], old_overlap[i] = near_tool[k], np.float32(0.0)
         x, y, z = load_row(position, i, 0)
         r = np.float64(radius[i])
         speed2 = dot(load_row(velocity, i, 0), load_row(velocity, i, 0))
@@ -205,7 +212,10 @@ def _fit_planes(  # type: ignore[no-untyped-def]
             reset_spring(spring, i)
             continue
         overlap = contact_radius[i] - above * nz
-        penetration_limited[i] = near_tool[k] or (was_limited and overlap > limited_overlap)
+        # A centre that is more than a radius below ground is put back (`ground_recovery`).
+        has_risen = overlap - overlap_before > _MAX_RISE * contact_radius[i] and above * nz > -r
+        is_deep = overlap > limited_overlap
+        penetration_limited[i] = near_tool[k] or (is_deep and (was_limited or has_risen))
         nx, ny = -slope_x * nz, -slope_y * nz
         row[count] = i
         store_row(plane, count, PLANE_NORMAL, (nx, ny, nz))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from machine_sim.dem.contacts.ground_contacts import GroundContacts, terrain_height
 from machine_sim.dem.partition import NUM_CHUNKS, row_chunk
 from machine_sim.dem.state import ParticleState
-from machine_sim.dem.tools.plane import PLANE_NORMAL
+from machine_sim.dem.tools.plane import PLANE_NORMAL, signed_distance
 from machine_sim.dem.vec3 import dot, load_row, store_row
 from machine_sim.ground.contact_surface import Ground
 from msg_bridge.kernels import helper, threaded_kernel
@@ -34,7 +34,7 @@ def recover_and_time_settling(
 
     A centre more than a radius below the surface is put back onto it at rest, unless its contact is
     penetration-limited. `state.settle_timer` of a particle slower than `settle_speed` [m/s] on the
-    ground grows by `dt` [s]; that of any other is reset.
+    ground grows by `dt` [s]; that of any other is reset. `state.ground_overlap` is updated.
 
     Returns:
         Number of particles put back.
@@ -42,15 +42,16 @@ def recover_and_time_settling(
     return int(
         _recover_and_time_settling.for_threads(threads)(
             ground.surface, ground.frame, dt, settle_speed, rows, contacts, state.position,
-            state.velocity, state.radius, state.penetration_limited, state.settle_timer,
+            state.velocity, state.radius, state.contact_radius, state.penetration_limited,
+            state.ground_overlap, state.settle_timer,
         )
     )  # fmt: skip
 
 
 @threaded_kernel
 def _recover_and_time_settling(  # type: ignore[no-untyped-def]
-    surface, frame, dt, settle_speed, rows, contacts, position, velocity, radius,
-    penetration_limited, settle_timer,
+    surface, frame, dt, settle_speed, rows, contacts, position, velocity, radius, contact_radius,
+    penetration_limited, ground_overlap, settle_timer,
 ):  # fmt: skip
     """See `recover_and_time_settling`; `position` ... `settle_timer` are columns of the state."""
     row, plane = contacts.row, contacts.plane
@@ -60,7 +61,7 @@ def _recover_and_time_settling(  # type: ignore[no-untyped-def]
     for c in prange(NUM_CHUNKS):
         num_recovered[c] = _recover_chunk(
             surface, frame, row_chunk(row, c), plane[c * row.size // NUM_CHUNKS :], position,
-            velocity, radius, penetration_limited, settle_timer,
+            velocity, radius, contact_radius, penetration_limited, ground_overlap, settle_timer,
         )  # fmt: skip
     # Timers of slow particles that are not on the ground are still negative.
     for c in prange(NUM_CHUNKS):
@@ -84,9 +85,12 @@ def _clear_airborne_timers(rows, settle_timer):  # type: ignore[no-untyped-def]
 
 @helper(forceinline=True)
 def _recover_chunk(  # type: ignore[no-untyped-def]
-    surface, frame, row, plane, position, velocity, radius, penetration_limited, settle_timer
-):
+    surface, frame, row, plane, position, velocity, radius, contact_radius, penetration_limited,
+    ground_overlap, settle_timer,
+):  # fmt: skip
     """Put back the listed particles that sank, and keep the timers of those on the ground.
+
+    The overlap with the plane of the step is stored, for comparison with that at the next start.
 
     Returns:
         Number of particles put back.
@@ -104,6 +108,7 @@ def _recover_chunk(  # type: ignore[no-untyped-def]
             store_row(velocity, i, 0, (0.0, 0.0, 0.0))
             num_recovered += 1
             distance = r
+        ground_overlap[i] = contact_radius[i] - signed_distance(plane[c], *load_row(position, i, 0))
         if distance <= _SETTLED_DISTANCE * r:
             settle_timer[i] = -settle_timer[i]
     return num_recovered
