@@ -324,5 +324,5 @@ def test_places_named_in_contributing_are_files() -> None:
     text = (ROOT / "docs/contributing.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| where .* \| (.*) \|$", text, re.MULTILINE)
     paths = [path for row in rows for path in re.findall(r"`([^`]+)`", row)]
-    assert len(rows) == 11
+    assert len(rows) == 12
     assert not [path for path in paths if not (ROOT / path).is_file()]
