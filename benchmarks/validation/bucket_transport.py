@@ -104,7 +104,7 @@ def transport_soil(
     bucket = load_machine_spec(find_config("machines/excavator.yaml")).bucket
     engine = make_engine(soil, **params)
     volume = round(fill * bucket.struck_capacity / (1.0 + soil.swell) / count * 1e9)
-    scene = _Scene(engine, bucket)
+    scene = _Scene(engine, bucket, soil.moisture)
     scene.fill(count, volume)
     num_before = scene.remove_outside()
     scene.follow_poses(_lift(scene.pose))
@@ -147,8 +147,8 @@ class _Scene:
         max_locked_particles: maximum number of particles in the locked load.
     """
 
-    def __init__(self, engine: ParticleEngine, bucket: BucketShape) -> None:
-        self._engine = engine
+    def __init__(self, engine: ParticleEngine, bucket: BucketShape, moisture: int) -> None:
+        self._engine, self._moisture = engine, moisture
         self._shape = bucket
         lip, rim = bucket.profile[0], bucket.profile[-1]
         along, up = (lip - rim) / bucket.opening_length, bucket.opening_normal[[0, 2]]
@@ -172,7 +172,7 @@ class _Scene:
         """Drop particles of a bank volume [mm^3] through the opening and let them settle."""
         engine, length, width = self._engine, self._shape.opening_length, self._shape.width
         trial = ParticleEngine(engine.params, engine.ground, soils=engine.soils)
-        trial.add([[0.0, 0.0, 1.0]], [[0.0, 0.0, 0.0]], volume)
+        trial.add([[0.0, 0.0, 1.0]], [[0.0, 0.0, 0.0]], volume, moisture=self._moisture)
         d = 2.0 * float(trial.radii[0])
         points = layered_points(
             lambda xy: (np.abs(xy[:, 0]) < 0.5 * length - d) & (np.abs(xy[:, 1]) < 0.5 * width - d),
@@ -182,7 +182,7 @@ class _Scene:
             d,
         )
         points += self.pose[1] - [0.5 * length, 0.0, 0.0]
-        engine.add(points, np.zeros_like(points), volume, grow=False)
+        engine.add(points, np.zeros_like(points), volume, moisture=self._moisture, grow=False)
         self.follow_poses([self.pose] * round(4.0 / STEP))
 
     def follow_poses(self, poses: Iterable[Pose]) -> None:

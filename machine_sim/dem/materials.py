@@ -36,10 +36,6 @@ coefficient. The angles are means of several pours, which differ by a degree."""
 _PACKING_FRACTION_TABLE = ((15.0, 0.66), (30.0, 0.60), (45.0, 0.60))
 """Angle of repose [deg] and packing fraction of a heap."""
 
-_CONTACT_AREA_FRACTION = 0.05
-"""Fraction of a particle's cross section on which cohesion and adhesion act. They are measured on
-faces in full contact; lumps touch at a few spots."""
-
 _BOND_STEEPENING_TABLE = ((0.0, 0.0), (0.2, 3.4), (0.4, 5.8), (0.9, 11.5), (2.0, 15.0))
 """Bond number, the cohesion force of two particles over the weight of one, and the increase of the
 angle of repose by cohesion [deg]. A soil's angle of repose is measured with its cohesion, so that
@@ -95,8 +91,10 @@ class ContactMaterials:
         repose_angle = np.array([soil.repose_angle(m) for m in range(MOISTURE_LEVELS)])
         strength = np.array([soil.moisture_strength_factor(m) for m in range(MOISTURE_LEVELS)])
         self.packing[k] = np.interp(repose_angle, *_columns(_PACKING_FRACTION_TABLE))
-        self.cohesion[k] = _CONTACT_AREA_FRACTION * soil.cohesion * strength
-        self.adhesion[k] = _CONTACT_AREA_FRACTION * soil.adhesion * strength
+        # Cohesion and adhesion are measured on faces in full contact.
+        contact = np.array([soil.contact_area(m) for m in range(MOISTURE_LEVELS)])
+        self.cohesion[k] = contact * soil.cohesion * strength
+        self.adhesion[k] = contact * (soil.normal_adhesion or soil.adhesion) * strength
         bond_number = self._bond_numbers(k, 1e-9 * nominal_volume)
         steepening = np.interp(bond_number, *_columns(_BOND_STEEPENING_TABLE))
         angle, friction, rolling_friction = _columns(_REPOSE_ANGLE_TABLE)

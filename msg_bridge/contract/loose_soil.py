@@ -25,8 +25,12 @@ class LooseSoil:
         density: density of undisturbed (bank) soil [kg/m^3].
         repose_angles: angles of repose [deg].
         cohesion: cohesion of dry undisturbed soil [Pa].
-        adhesion: adhesion of dry soil to steel [Pa].
+        adhesion: adhesion of dry soil to steel along its surface [Pa].
+        normal_adhesion: adhesion across its surface, the tensile stress at which dry soil comes off
+            [Pa]; 0: as `adhesion`.
         moisture_strength_factors: cohesion and adhesion over their values in dry soil.
+        contact_areas: area on which lumps touch one another or steel, over their cross section:
+            dry lumps touch at a few spots, plastic ones spread.
         tool_friction: angle of friction against steel [deg].
         size_spread: largest volume of a lump over the mean volume, minus 1.
         moisture: initial moisture [% of saturation].
@@ -48,7 +52,9 @@ class LooseSoil:
     repose_angles: tuple[float, float, float] = (30.0, 30.0, 30.0)
     cohesion: float = 0.0
     adhesion: float = 0.0
+    normal_adhesion: float = 0.0
     moisture_strength_factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    contact_areas: tuple[float, float, float] = (0.05, 0.05, 0.05)
     tool_friction: float = 20.0
     size_spread: float = 0.0
     moisture: int = 0
@@ -61,7 +67,12 @@ class LooseSoil:
 
     def __post_init__(self) -> None:
         """Check the ranges of all values."""
-        for name in ("repose_angles", "moisture_strength_factors", "moisture_bearing_factors"):
+        for name in (
+            "repose_angles",
+            "moisture_strength_factors",
+            "contact_areas",
+            "moisture_bearing_factors",
+        ):
             if not isinstance(getattr(self, name), tuple) or len(getattr(self, name)) != 3:
                 raise ParameterError(
                     f"{name} of a loose soil are {getattr(self, name)}; give three values"
@@ -72,6 +83,8 @@ class LooseSoil:
             *(("repose_angles", angle, 0.0, 90.0) for angle in self.repose_angles),
             ("cohesion", self.cohesion, 0.0, 1e9),
             ("adhesion", self.adhesion, 0.0, 1e9),
+            ("normal_adhesion", self.normal_adhesion, 0.0, 1e9),
+            *(("contact_areas", area, 0.0, 1.0) for area in self.contact_areas),
             *(
                 ("moisture_strength_factors", factor, 0.0, 1e3)
                 for factor in self.moisture_strength_factors
@@ -97,6 +110,10 @@ class LooseSoil:
     def repose_angle(self, moisture: float) -> float:
         """Return the angle of repose [deg] at a moisture [% of saturation]."""
         return float(np.interp(moisture, (0.0, 50.0, 100.0), self.repose_angles))
+
+    def contact_area(self, moisture: float) -> float:
+        """Return the area of contact of lumps over their cross section at a moisture [%]."""
+        return float(np.interp(moisture, (0.0, 50.0, 100.0), self.contact_areas))
 
     def moisture_bearing_factor(self, moisture: float) -> float:
         """Return the moduli of sinkage over those of dry soil at a moisture [% of saturation]."""

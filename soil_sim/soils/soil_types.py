@@ -51,7 +51,23 @@ class SoilType(Parameters):
     cohesion: float = parameter(
         0.0, "cohesion of undisturbed dry soil", unit="Pa", low=0.0, high=1e8
     )
-    adhesion: float = parameter(0.0, "adhesion to steel, dry", unit="Pa", low=0.0, high=1e6)
+    adhesion: float = parameter(
+        0.0, "adhesion to steel along its surface, dry", unit="Pa", low=0.0, high=1e6
+    )
+    normal_adhesion: float = parameter(
+        0.0, "adhesion across the surface of steel (pull-off), dry; 0: as adhesion",
+        unit="Pa", low=0.0, high=1e6,
+    )  # fmt: skip
+    contact_area: float = parameter(
+        0.05, "area on which dry lumps touch one another or steel, over their cross section",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    contact_area_damp: float = parameter(
+        0.05, "the same for lumps half saturated", low=0.0, high=1.0
+    )
+    contact_area_wet: float = parameter(
+        0.05, "the same for saturated lumps: plastic ones spread", low=0.0, high=1.0
+    )
     strength_factor_damp: float = parameter(
         1.0, "cohesion and adhesion half saturated, over dry", low=0.0, high=100.0
     )
@@ -133,6 +149,8 @@ class SoilType(Parameters):
             repose_angles=(self.repose_angle, self.repose_angle_damp, self.repose_angle_wet),
             cohesion=0.0 if self.is_rock else self.cohesion,
             adhesion=self.adhesion,
+            normal_adhesion=self.normal_adhesion,
+            contact_areas=(self.contact_area, self.contact_area_damp, self.contact_area_wet),
             moisture_strength_factors=(1.0, self.strength_factor_damp, self.strength_factor_wet),
             tool_friction=self.tool_friction,
             size_spread=self.lump_size_spread,

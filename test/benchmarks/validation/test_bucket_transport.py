@@ -4,6 +4,7 @@ import pytest
 
 from benchmarks.validation.bucket_transport import transport_soil
 from msg_bridge.contract.loose_soil import LooseSoil
+from soil_sim.soils.soil_types import load_soil_types
 
 SOIL = LooseSoil(tool_friction=17.0)
 
@@ -52,3 +53,16 @@ def test_heaped_bucket_keeps_its_heap_during_a_swing(allow_load_locking):
     assert result.fraction_after_swing >= 0.99
     assert result.final_fraction == 0.0
     assert result.num_tunnelled == 0
+
+
+@pytest.mark.slow
+def test_wet_clay_sticks_and_pours_later_than_loam():
+    """Over ten loads it began to pour 8 to 17 degrees later, and ended 10 or more later."""
+    soils = load_soil_types()
+    clay, loam = (
+        transport_soil(soils[name].loose_soil, 250, tip_speed=20.0) for name in ("wet clay", "loam")
+    )
+    assert clay.tilt_at_2_percent > loam.tilt_at_2_percent + 4.0
+    assert clay.tilt_at_half > loam.tilt_at_half + 4.0
+    assert not clay.tilt_at_90_percent < loam.tilt_at_90_percent + 5.0  # nan: more than 10 % stayed
+    assert clay.final_fraction > 0.0 == loam.final_fraction
