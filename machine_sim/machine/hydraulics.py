@@ -8,8 +8,8 @@ against a stronger resistance stalls. A cylinder at rest is locked by its valve 
 when the load exceeds the port relief pressure. The torque of a cylinder on its joint depends on
 the angle through the lever arm (`cylinder_linkage`).
 
-Swing motors and other joints without a cylinder have fixed limits of torque and speed, and take
-no flow from the pump.
+A hydraulic motor, such as that of the swing, is fed by the same pump; see `hydraulic_motor`. A
+joint with `max_effort` has a drive of its own: a fixed limit of torque, no flow.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 from machine_sim.machine.cylinder_linkage import CylinderLinkage
+from machine_sim.machine.hydraulic_motor import HydraulicMotor
 from msg_bridge.contract.cylinder_state import CylinderState
 
 __all__ = ["Cylinder", "HydraulicSupply", "HydraulicSystem"]
@@ -100,7 +101,7 @@ class _CylinderGeometry(NamedTuple):
 
 
 class HydraulicSystem:
-    """The cylinders of a machine and their supply.
+    """The cylinders and motors of a machine and their supply.
 
     Attributes:
         cylinders: cylinders by the name of the joint that they drive.
@@ -111,14 +112,17 @@ class HydraulicSystem:
         joints: Sequence[str],
         torques: Sequence[float],
         cylinders: Mapping[str, Cylinder],
+        motors: Mapping[str, HydraulicMotor],
         supply: HydraulicSupply | None,
     ) -> None:
         """
         Args:
             joints: names of all joints, in the order of all arrays here.
-            torques: maximum torque of each joint [N m], used for joints without a cylinder.
+            torques: maximum torque of each joint [N m], used for joints with neither cylinder nor
+                hydraulic motor.
             cylinders: cylinders by joint name.
-            supply: pump and valves; None only without cylinders.
+            motors: hydraulic motors by joint name.
+            supply: pump and valves; None only without cylinders and motors.
         """
         self.cylinders = dict(cylinders)
         self._torques = list(torques)
@@ -126,6 +130,7 @@ class HydraulicSystem:
         self._driven_joints = [
             (joints.index(name), cylinder) for name, cylinder in cylinders.items()
         ]
+        self._motors = [(joints.index(name), motor) for name, motor in motors.items()]
         # Geometry at the last angle, by joint: one step needs it several times.
         self._geometry_cache: dict[int, _CylinderGeometry] = {}
 
@@ -138,7 +143,7 @@ class HydraulicSystem:
             speeds: commanded joint speeds [rad/s].
             angles: joint angles [rad].
             efforts: torques of the last step [N m]; the pump supplies the largest pressure of the
-                moving cylinders.
+                moving cylinders and motors.
         """
         attainable = list(speeds)
         if self._supply is None:
@@ -160,20 +165,31 @@ class HydraulicSystem:
             )
             cap_side, rod_side = self._pressures(cylinder, efforts[i] / lever_arm)
             pressure = max(pressure, cap_side if is_extending else rod_side)
+        for i, motor in self._motors:
+            # What the motor cannot take while it accelerates returns over its relief valve.
+            demand += motor.displacement * abs(speeds[i])
+            if efforts[i] * speeds[i] > 0.0:
+                pressure = max(pressure, motor.pressure(efforts[i], self._supply.return_pressure))
         flow = min(self._supply.pump_flow, self._supply.pump_power / pressure)
         if demand > flow:
-            for i, _ in self._driven_joints:
+            for i, _ in (*self._driven_joints, *self._motors):
                 attainable[i] *= flow / demand
         return attainable
 
     def torque_limits(
-        self, is_moving: Sequence[bool], angles: Sequence[float], efforts: Sequence[float]
+        self,
+        dt: float,
+        target_rates: Sequence[float],
+        angles: Sequence[float],
+        rates: Sequence[float],
+        efforts: Sequence[float],
     ) -> list[float]:
         """Return the maximum torque of each joint in the direction of its present torque [N m].
 
         Args:
-            is_moving: whether each joint is driven rather than held.
-            angles: joint angles [rad].
+            dt: time step [s].
+            target_rates: joint speeds that the valves demand [rad/s]; at zero they are closed.
+            angles, rates: joint angles [rad] and speeds [rad/s].
             efforts: torques of the last step [N m]; the sign gives the direction of the force.
         """
         limits = self._torques.copy()
@@ -181,9 +197,14 @@ class HydraulicSystem:
             assert self._supply is not None
             lever_arm, supply = self._geometry_at(i, cylinder, angles[i]).lever_arm, self._supply
             limits[i] = abs(lever_arm) * cylinder.force_limit(
-                supply.main_relief_pressure if is_moving[i] else supply.port_relief_pressure,
+                supply.main_relief_pressure if target_rates[i] else supply.port_relief_pressure,
                 supply.return_pressure,
                 is_extending=efforts[i] * lever_arm >= 0.0,
+            )
+        for i, motor in self._motors:
+            assert self._supply is not None
+            limits[i] = motor.torque_limit(
+                dt, rates[i], target_rates[i], efforts[i], self._supply.return_pressure
             )
         return limits
 

@@ -2,12 +2,15 @@
 
 Each joint follows a reference angle. The reference speed ramps toward the command, brakes in time
 for the joint limit, and is zero at zero command, so that the position control also holds the arm.
+
+A joint with a hydraulic motor has limited torque and a large inertia. Its reference is a speed near
+the actual one, while it turns; the angle at which it comes to rest is the one that it holds.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +26,16 @@ It prevents wind-up: a joint that cannot follow (soil too hard, relief valve ope
 actual angle.
 """
 
+MAX_RATE_LEAD = 0.05
+"""Maximum difference between the reference and the actual speed of a joint with a motor [rad/s].
+
+Without it a lever in neutral would let the motor accelerate until the reference speed, which ran
+ahead, had come down to the actual one.
+"""
+
+_REST_RATE = 0.01
+"""Speed below which a joint with a motor is at rest and holds its angle [rad/s]."""
+
 
 class JointReference:
     """Reference angles and speeds of a machine's joints.
@@ -33,19 +46,32 @@ class JointReference:
         command: commanded speeds [rad/s].
     """
 
-    def __init__(self, limits: Sequence[JointLimits], home: NDArray[np.float64]) -> None:
+    def __init__(
+        self,
+        limits: Sequence[JointLimits],
+        home: NDArray[np.float64],
+        motor_joints: Collection[int] = (),
+    ) -> None:
         """
         Args:
             limits: limits of each joint.
             home: initial angles [rad], shape (joints,).
+            motor_joints: indices of the joints with a hydraulic motor.
         """
         self._limits = tuple(limits)
+        self._has_motor = [i in motor_joints for i in range(len(self._limits))]
         self.angle: list[float] = home.tolist()
         self.rate: list[float] = [0.0] * len(self._limits)
         self.command: list[float] = [0.0] * len(self._limits)
 
-    def advance(self, dt: float, actual: Sequence[float]) -> None:
-        """Advance the reference by `dt` [s]; `actual` are the joints' actual angles [rad]."""
+    def advance(self, dt: float, actual: Sequence[float], rates: Sequence[float]) -> None:
+        """Advance the reference by `dt` [s].
+
+        Args:
+            dt: time step [s].
+            actual: actual angles of the joints [rad].
+            rates: actual speeds of the joints [rad/s].
+        """
         for i, limit in enumerate(self._limits):
             rate, angle = self.rate[i], self.angle[i]
             step = limit.max_acceleration * dt
@@ -55,6 +81,11 @@ class JointReference:
                 rate = min(rate, _max_stopping_rate(limit.upper - angle, step, dt))
             elif rate < 0.0:
                 rate = max(rate, -_max_stopping_rate(angle - limit.lower, step, dt))
+            if self._has_motor[i]:
+                rate = min(max(rate, rates[i] - MAX_RATE_LEAD), rates[i] + MAX_RATE_LEAD)
+                if rate != 0.0 or abs(rates[i]) > _REST_RATE:
+                    # Without an angle error the position control follows the speed alone.
+                    angle = actual[i] - rate * dt
             angle += rate * dt
             angle = min(max(angle, actual[i] - MAX_REFERENCE_LEAD), actual[i] + MAX_REFERENCE_LEAD)
             self.angle[i] = min(max(angle, limit.lower), limit.upper)

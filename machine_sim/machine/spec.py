@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from machine_sim.machine.box import Box, Vec3
 from machine_sim.machine.errors import MachineError
+from machine_sim.machine.hydraulic_motor import HydraulicMotor
 from machine_sim.machine.hydraulics import Cylinder, HydraulicSupply
 from machine_sim.machine.shapes.machine_shapes import MachineShapes
 from machine_sim.machine.tools.bucket import BucketShape
@@ -161,7 +162,8 @@ class MachineSpec:
         joints: joints by name; arrays of joint values have this order, which is that of the
             links they move.
         cylinders: hydraulic cylinders by the name of the joint that they drive.
-        supply: pump and valves of the cylinders; None without cylinders.
+        motors: hydraulic motors by the name of the joint that they drive.
+        supply: pump and valves of cylinders and motors; None without them.
         home: initial joint angles [rad], shape (joints,).
         tracks: dimensions, drive and ground contact of the tracks.
         main_body: name of the link that carries engine and cab; the corners of its first box
@@ -177,6 +179,7 @@ class MachineSpec:
     links: Mapping[str, LinkSpec]
     joints: Mapping[str, Joint]
     cylinders: Mapping[str, Cylinder]
+    motors: Mapping[str, HydraulicMotor]
     supply: HydraulicSupply | None
     home: NDArray[np.float64]
     tracks: TrackSpec

@@ -108,10 +108,12 @@ class TrackedMachine:
             spec.joint_names,
             [limit.max_effort for limit in self._limits],
             spec.cylinders,
+            spec.motors,
             spec.supply,
         )
         self._command = [0.0] * len(self._limits)
-        self._reference = JointReference(self._limits, spec.home)
+        motor_joints = [spec.joint_names.index(name) for name in spec.motors]
+        self._reference = JointReference(self._limits, spec.home, motor_joints)
         pose = standing_pose(spec, ground, x, y, yaw)
         self.body, self._joints = load_multibody(self.client_id, self.tracks.urdf(), spec, *pose)
         self.tracks.attach(self.client_id, self.body, *pose)
@@ -269,9 +271,10 @@ class TrackedMachine:
         """Set the targets of the joint motors for the next step of `dt` [s]."""
         reference, hydraulics = self._reference, self.hydraulics
         reference.command = hydraulics.attainable_speeds(self._command, self._angles, self._efforts)
-        reference.advance(dt, self._angles)
-        is_moving = [rate != 0.0 for rate in reference.rate]
-        torques = hydraulics.torque_limits(is_moving, self._angles, self._efforts)
+        reference.advance(dt, self._angles, self._rates)
+        torques = hydraulics.torque_limits(
+            dt, reference.rate, self._angles, self._rates, self._efforts
+        )
         pybullet.setJointMotorControlArray(
             self.body,
             self._joints,

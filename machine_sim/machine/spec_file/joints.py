@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from machine_sim.machine.box import Vec3
 from machine_sim.machine.errors import MachineError
+from machine_sim.machine.hydraulic_motor import HydraulicMotor
 from machine_sim.machine.hydraulics import Cylinder, HydraulicSupply
 from machine_sim.machine.spec import BASE, Axis, Joint
 from machine_sim.machine.spec_file.cylinders import max_joint_torque, read_cylinder
+from machine_sim.machine.spec_file.motors import read_motor
 from machine_sim.machine.spec_file.section import Section
 
 __all__ = ["read_home", "read_joints", "read_joystick_axes", "read_main_body"]
@@ -20,15 +22,19 @@ __all__ = ["read_home", "read_joints", "read_joystick_axes", "read_main_body"]
 _JOYSTICK_AXES = ("left_x", "left_y", "right_x", "right_y")
 """Joystick axes that can move a joint; positive to the left and forward."""
 
+_DRIVES = ("cylinder", "motor", "max_effort")
+"""Keys of a joint's drive."""
+
 _AXES: tuple[Axis, ...] = ("x", "y", "z")
 
 
 def read_joints(
     section: Section, supply: HydraulicSupply | None
-) -> tuple[dict[str, Joint], dict[str, Cylinder]]:
-    """Read `joints`: all joints, each after the one that moves its parent, and their cylinders."""
+) -> tuple[dict[str, Joint], dict[str, Cylinder], dict[str, HydraulicMotor]]:
+    """Read `joints`: all joints, each after the one that moves its parent, and their drives."""
     joints: dict[str, Joint] = {}
     cylinders: dict[str, Cylinder] = {}
+    motors: dict[str, HydraulicMotor] = {}
     links = [BASE]
     for name in section.names():
         joint = section.section(name)
@@ -42,21 +48,26 @@ def read_joints(
         axis, origin = _read_axis(name, joint), joint.vec3("origin")
         lower, upper = joint.number_or("lower", -math.inf), joint.number_or("upper", math.inf)
         _check_range(name, lower, upper)
-        if joint.has("cylinder") == joint.has("max_effort"):
+        drives = [drive for drive in _DRIVES if joint.has(drive)]
+        if len(drives) != 1:
             raise MachineError(
-                f"joints.{name} needs one drive; give either `cylinder` or, for a motor,"
-                " `max_effort`"
+                f"joints.{name} needs one drive; give one of `cylinder`, `motor` (hydraulic) and"
+                " `max_effort` (any other motor)"
             )
-        if joint.has("cylinder"):
-            if supply is None:
-                raise MachineError(
-                    f"joints.{name}.cylinder needs a hydraulic supply; add `hydraulics`"
-                )
+        (drive,) = drives
+        if drive != "max_effort" and supply is None:
+            raise MachineError(f"joints.{name}.{drive} needs a hydraulic supply; add `hydraulics`")
+        if drive == "cylinder":
+            assert supply is not None
             _check_cylinder_joint(name, lower, axis, origin)
             pin = (origin[0], origin[2])
             cylinder = read_cylinder(name, joint.section("cylinder"), pin, lower, upper)
             cylinders[name] = cylinder
             max_effort = max_joint_torque(cylinder, supply)
+        elif drive == "motor":
+            assert supply is not None
+            motors[name] = read_motor(name, joint.section("motor"), supply)
+            max_effort = motors[name].max_torque(supply.return_pressure)
         else:
             max_effort = joint.number("max_effort", positive=True)
         max_velocity = joint.number("max_velocity", positive=True)
@@ -65,7 +76,7 @@ def read_joints(
             lower, upper, max_effort, max_velocity, max_acceleration, parent, child, origin, axis
         )
         joint.reject_unknown_keys()
-    return joints, cylinders
+    return joints, cylinders, motors
 
 
 def read_home(section: Section, joints: Mapping[str, Joint]) -> NDArray[np.float64]:

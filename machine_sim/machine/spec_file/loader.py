@@ -77,13 +77,14 @@ def _shapes_section(file: Section, folder: Path) -> Section:
 def _build_spec(file: Section, folder: Path) -> MachineSpec:
     """Build the specification from all sections of the file, which lies in `folder`."""
     supply = read_supply(file.section("hydraulics")) if file.has("hydraulics") else None
-    joints, cylinders = read_joints(file.section("joints"), supply)
+    joints, cylinders, motors = read_joints(file.section("joints"), supply)
     links = read_links(file.section("links"), joints)
     spec = MachineSpec(
         name=file.text("name"),
         links=links,
         joints=joints,
         cylinders=cylinders,
+        motors=motors,
         supply=supply,
         home=read_home(file.section("home"), joints),
         tracks=read_tracks(file.section("tracks")),

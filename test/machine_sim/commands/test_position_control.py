@@ -26,7 +26,7 @@ def run(limits, start, goal, tick, seconds=12.0):
     for _ in range(round(seconds / tick)):
         reference.command = [velocity_to_target(goal, angles[-1], limits)]
         for _ in range(round(tick / PHYSICS_STEP)):
-            reference.advance(PHYSICS_STEP, reference.angle)
+            reference.advance(PHYSICS_STEP, reference.angle, reference.rate)
         angles.append(reference.angle[0])
     return np.array(angles)
 
@@ -90,6 +90,6 @@ def test_arbiter_moves_each_joint_to_its_target(make_arbiter, spec):
             arbiter.receive_joints(EXCAVATOR_JOINTS, [], goal, now)
         reference.command = arbiter.command_at(now, reference.angle).joints.tolist()
         for _ in range(2):
-            reference.advance(PHYSICS_STEP, reference.angle)
+            reference.advance(PHYSICS_STEP, reference.angle, reference.rate)
     assert np.abs(np.array(reference.angle) - goal).max() <= 2.0 * POSITION_TOLERANCE
     assert arbiter.command_at(10.0, reference.angle).joints.tolist() == [0.0] * 4

@@ -92,7 +92,7 @@ def scene(spec) -> Callable[..., Scene]:
             def surface(x, y):
                 return gradient * x
 
-        scenes.append(Scene(spec, surface, **options))
+        scenes.append(Scene(options.pop("machine", spec), surface, **options))
         return scenes[-1]
 
     yield make

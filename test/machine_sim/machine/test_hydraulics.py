@@ -11,6 +11,7 @@ from machine_sim.machine.hydraulics import HydraulicSystem
 from .conftest import DT
 
 REST = [0.0] * 4
+MOVING = [0.1] * 4
 MIDDLE = [0.0, -0.3, 1.5, 0.8]
 """Joint angles far from all limits [rad]."""
 
@@ -18,7 +19,7 @@ MIDDLE = [0.0, -0.3, 1.5, 0.8]
 @pytest.fixture
 def arm(spec):
     limits = [spec.joints[name].max_effort for name in EXCAVATOR_JOINTS]
-    return HydraulicSystem(EXCAVATOR_JOINTS, limits, spec.cylinders, spec.supply)
+    return HydraulicSystem(EXCAVATOR_JOINTS, limits, spec.cylinders, spec.motors, spec.supply)
 
 
 def flow(spec, angles, speeds):
@@ -28,7 +29,7 @@ def flow(spec, angles, speeds):
         i = EXCAVATOR_JOINTS.index(name)
         speed = cylinder.linkage.lever_arm(angles[i]) * speeds[i]
         total += abs(speed) * (cylinder.cap_side_area if speed > 0.0 else cylinder.rod_side_area)
-    return total
+    return total + spec.motors["swing"].displacement * abs(speeds[0])
 
 
 def test_small_flow_demand_is_met(arm):
@@ -37,12 +38,11 @@ def test_small_flow_demand_is_met(arm):
     )
 
 
-def test_large_flow_demand_is_shared_in_proportion_except_by_swing(arm, spec):
+def test_large_flow_demand_is_shared_in_proportion_with_the_swing(arm, spec):
     commanded = [1.1, -0.45, 1.1, 1.1]
     attainable = arm.attainable_speeds(commanded, MIDDLE, REST)
-    assert attainable[0] == 1.1
-    shares = [a / b for a, b in zip(attainable[1:], commanded[1:], strict=True)]
-    assert shares == pytest.approx([shares[0]] * 3)
+    shares = [a / b for a, b in zip(attainable, commanded, strict=True)]
+    assert shares == pytest.approx([shares[0]] * 4)
     assert shares[0] < 0.6
     assert flow(spec, MIDDLE, attainable) == pytest.approx(spec.supply.pump_flow)
 
@@ -73,8 +73,8 @@ def test_torque_limit_follows_lever_arm_area_and_direction(arm, spec):
         angles = [0.0, angle, 1.5, 0.8]
         lever_arm = boom.linkage.lever_arm(angle)
         lifting = [0.0, math.copysign(1e5, lever_arm), 0.0, 0.0]
-        push = arm.torque_limits([True] * 4, angles, lifting)[1]
-        pull = arm.torque_limits([True] * 4, angles, [-e for e in lifting])[1]
+        push = arm.torque_limits(DT, MOVING, angles, REST, lifting)[1]
+        pull = arm.torque_limits(DT, MOVING, angles, REST, [-e for e in lifting])[1]
         cap, rod, back = boom.cap_side_area, boom.rod_side_area, supply.return_pressure
         assert push == pytest.approx(
             abs(lever_arm) * (supply.main_relief_pressure * cap - back * rod)
@@ -82,11 +82,10 @@ def test_torque_limit_follows_lever_arm_area_and_direction(arm, spec):
         assert pull == pytest.approx(
             abs(lever_arm) * (supply.main_relief_pressure * rod - back * cap)
         )
-        locked = arm.torque_limits([False] * 4, angles, lifting)[1]
+        locked = arm.torque_limits(DT, REST, angles, REST, lifting)[1]
         assert locked == pytest.approx(
             abs(lever_arm) * (supply.port_relief_pressure * cap - back * rod)
         )
-    assert arm.torque_limits([True] * 4, MIDDLE, REST)[0] == spec.joints["swing"].max_effort
 
 
 def test_pressures_balance_the_force(arm, spec):

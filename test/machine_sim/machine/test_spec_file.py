@@ -151,8 +151,13 @@ def test_invalid_imu_is_rejected(tmp_path, imus, message):
         (lambda v: v["joints"]["boom"].update(max_effort=1e5), "joints.boom needs one drive"),
         (lambda v: v["joints"]["boom"].pop("cylinder"), "joints.boom needs one drive"),
         (lambda v: v.pop("hydraulics"), "add `hydraulics`"),
+        (lambda v: v["joints"]["swing"].update(max_effort=1e5), "joints.swing needs one drive"),
         (
-            lambda v: v["joints"]["swing"].update(cylinder=v["joints"]["swing"].pop("max_effort")),
+            lambda v: v["joints"]["swing"]["motor"].update(brake_relief_pressure=1e5),
+            "brake_relief_pressure is 100000 Pa; give more than",
+        ),
+        (
+            lambda v: v["joints"]["swing"].update(cylinder=v["joints"]["swing"].pop("motor")),
             "cylinder needs a joint with limits",
         ),
         (

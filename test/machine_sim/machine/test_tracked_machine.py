@@ -47,27 +47,12 @@ def test_joint_follows_its_commanded_velocity(scene, joint):
     s.run(0.5)
     command = np.zeros(4)
     command[joint] = 0.3 if joint != 3 else -0.3
-    drive(s, command, 0.5)
+    drive(s, command, 1.0)
     max_error = 0.0
     for _ in range(100):
         s.step()
         max_error = max(max_error, np.abs(s.machine.joint_velocities - command).max())
     assert max_error < 2e-3
-
-
-def test_swing_stops_at_the_end_of_its_ramp(scene, spec):
-    s = scene()
-    s.run(0.5)
-    drive(s, [0.5, 0.0, 0.0, 0.0], 2.0)
-    start = s.machine.joint_positions[0]
-    s.machine.command([0.0] * 4, STILL)
-    max_angle = 0.0
-    for _ in range(300):
-        s.step()
-        max_angle = max(max_angle, s.machine.joint_positions[0] - start)
-    ramp = 0.5**2 / (2.0 * spec.joints["swing"].max_acceleration)
-    assert max_angle < ramp + 0.004
-    assert abs(s.machine.joint_velocities[0]) < 1e-4
 
 
 @pytest.mark.parametrize("tracks", TRACK_MODELS)
