@@ -2,8 +2,9 @@
 
 Reads FILE as the nodes do. An error names its place in the file and what to change. A valid file is
 summarised: links with masses, joints with their actuators, tools, visual shapes, and the tilt of
-the machine at rest with both track models. --picture and --mesh show what it looks like. Exits
-with 0 if the file is valid, else with 2.
+the machine at rest with both track models. If the file has `references`, published figures of real
+machines, the machine's own are measured in the simulation and printed beside them. --picture and
+--mesh show what it looks like. Exits with 0 if the file is valid, else with 2.
 """
 
 import argparse
@@ -86,6 +87,7 @@ def _summary_lines(machine: "MachineSpec") -> Iterator[str]:
         yield "  tool    none"
     yield from _shape_lines(machine)
     yield from _standing_lines(machine)
+    yield from _comparison_lines(machine)
 
 
 def _shape_lines(machine: "MachineSpec") -> Iterator[str]:
@@ -97,6 +99,32 @@ def _shape_lines(machine: "MachineSpec") -> Iterator[str]:
     yield f"  shapes  {triangles:,} triangles, robot_description of {size / 1e3:,.0f} kB"
     for view in machine.shapes.view_points:
         yield f"  view    {view.name} on {view.link}"
+
+
+def _comparison_lines(machine: "MachineSpec") -> Iterator[str]:
+    """Yield the figures of the machine beside those of the reference machines."""
+    if not machine.references:
+        return
+    from earthmoving_sim.machine_performance import machine_figures
+    from machine_sim.machine.reference_machine import FIGURE_UNITS
+
+    names = [reference.name for reference in machine.references]
+    yield f"  {'figure':<24}{'unit':<7}{machine.name:>10}" + "".join(f"{n:>22}" for n in names)
+    for figure, value in machine_figures(machine).items():
+        cells = ""
+        for reference in machine.references:
+            published = reference.figures.get(figure)
+            cell = f"{published:,g} ({value / published - 1.0:+.0%})" if published else "-"
+            cells += f"{cell:>22}"
+        label = figure.replace("_", " ")
+        yield f"  {label:<24}{FIGURE_UNITS[figure]:<7}{_rounded(value):>10}{cells}"
+    for reference in machine.references:
+        yield f"  {reference.name}: {reference.source}"
+
+
+def _rounded(value: float) -> str:
+    """Return a value with three or more significant digits."""
+    return f"{value:,.0f}" if value >= 100.0 else f"{value:.3g}"
 
 
 def _shoe_poses(machine: "MachineSpec") -> "NDArray[np.float64]":

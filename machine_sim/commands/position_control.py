@@ -16,8 +16,9 @@ POSITION_TOLERANCE = 1e-4
 _BRAKING_FRACTION = 0.5
 """Fraction of the joint's acceleration used for braking; the rest compensates a tick of delay."""
 
-_GAIN = 8.0
-"""Velocity per distance near the target [1/s]; no overshoot at ticks up to 50 ms."""
+_GAIN = 5.0
+"""Velocity per distance near the target [1/s]; no overshoot at ticks up to 50 ms, nor with a valve
+that responds within 50 ms."""
 
 
 def velocity_to_target(target: float, angle: float, limits: JointLimits) -> float:

@@ -153,7 +153,7 @@ def _extension(spec: MachineSpec, prefix: str, *, has_meshes: bool) -> list[str]
     if spec.supply is not None:
         supply = spec.supply
         lines += [
-            f'  <engine rated_power="{supply.pump_power!r}"/>',
+            f'  <engine rated_power="{supply.engine_power!r}"/>',
             f'  <hydraulics main_relief_pressure="{supply.main_relief_pressure!r}"'
             f' port_relief_pressure="{supply.port_relief_pressure!r}"/>',
         ]

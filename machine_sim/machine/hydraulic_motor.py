@@ -1,17 +1,20 @@
-"""Hydraulic motor with a reduction gear, such as that of the swing.
+"""Hydraulic motors with a reduction gear: of a joint, such as the swing, and of the tracks.
 
 The relief valve of the motor limits the torque that accelerates the joint. With the lever in
 neutral both ports are closed: the motor becomes a pump against the brake relief valve, so that an
 upper structure with a large inertia runs on before it stops. Both valves open gradually
 ("shockless" relief valves): the torque rises to its maximum within `pressure_rise_time`. At rest
 the closed ports and the parking brake hold the joint.
+
+A travel motor has two displacements. It runs at the small one, fast, until the pressure reaches the
+relief pressure; a larger force increases its displacement, at a lower speed for the same flow.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["HydraulicMotor"]
+__all__ = ["HydraulicMotor", "TravelMotor"]
 
 _REST_RATE = 0.01
 """Speed below which the parking brake engages [rad/s]."""
@@ -71,3 +74,20 @@ class HydraulicMotor:
         is_reversing = torque * change < 0.0 and abs(change) > _REVERSAL_RATE
         built_up = 0.0 if is_reversing else abs(torque)
         return min(full, built_up + rise)
+
+
+@dataclass(frozen=True)
+class TravelMotor:
+    """Motor of one track.
+
+    Attributes:
+        relief_pressure: maximum pressure [Pa].
+        min_displacement: volume of oil that one metre of the belt takes at high speed [m^3/m].
+    """
+
+    relief_pressure: float
+    min_displacement: float
+
+    def displacement(self, force: float, back_pressure: float) -> float:
+        """Return the displacement [m^3/m] at a drive force [N]."""
+        return max(self.min_displacement, abs(force) / (self.relief_pressure - back_pressure))

@@ -1,15 +1,16 @@
 """Hydraulics of the arm: attainable speeds, maximum forces and pressures of the cylinders.
 
-One pump feeds all cylinders. A commanded speed requires a flow; where all cylinders together
-require more than the pump delivers, each gets the same fraction of its flow. The flow of the pump
-is limited by its power: high pressure reduces it. At the ends of the stroke the outlet is
-throttled (cushioning). The main relief valve limits the force of a moving cylinder, so that an arm
-against a stronger resistance stalls. A cylinder at rest is locked by its valve and yields only
-when the load exceeds the port relief pressure. The torque of a cylinder on its joint depends on
-the angle through the lever arm (`cylinder_linkage`).
+One supply feeds all cylinders and hydraulic motors, those of swing and tracks included. A demanded
+speed requires a flow; where all together require more than the pumps deliver, each gets the same
+fraction of its flow. The flow of the pumps is limited by their power: high pressure reduces it. It
+also falls with the speed of the engine, which droops under load. At the ends of the stroke the
+outlet is throttled (cushioning). The main relief valve limits the force of a moving cylinder, so
+that an arm against a stronger resistance stalls. A cylinder at rest is locked by its valve and
+yields only when the load exceeds the port relief pressure. The torque of a cylinder on its joint
+depends on the angle through the lever arm (`cylinder_linkage`).
 
-A hydraulic motor, such as that of the swing, is fed by the same pump; see `hydraulic_motor`. A
-joint with `max_effort` has a drive of its own: a fixed limit of torque, no flow.
+Hydraulic motors are described in `hydraulic_motor`, engine and pumps in `hydraulic_supply`. A joint
+with `max_effort` has a drive of its own: a fixed limit of torque, no flow.
 """
 
 from __future__ import annotations
@@ -21,32 +22,18 @@ from functools import cached_property
 from typing import NamedTuple
 
 from machine_sim.machine.cylinder_linkage import CylinderLinkage
-from machine_sim.machine.hydraulic_motor import HydraulicMotor
+from machine_sim.machine.hydraulic_motor import HydraulicMotor, TravelMotor
+from machine_sim.machine.hydraulic_supply import HydraulicSupply, Pump
 from msg_bridge.contract.cylinder_state import CylinderState
 
-__all__ = ["Cylinder", "HydraulicSupply", "HydraulicSystem"]
+__all__ = ["Cylinder", "HydraulicSystem"]
 
 _MIN_CUSHION_SPEED = 0.15
 """Fraction of the full speed that the cushion allows at the end of the stroke."""
 
-
-@dataclass(frozen=True)
-class HydraulicSupply:
-    """Pump and valves.
-
-    Attributes:
-        main_relief_pressure: maximum pressure on the pump side [Pa].
-        port_relief_pressure: pressure at which a locked cylinder yields [Pa].
-        return_pressure: pressure in the line to the tank [Pa].
-        pump_flow: maximum flow of all pumps together [m^3/s].
-        pump_power: maximum power of all pumps together [W].
-    """
-
-    main_relief_pressure: float
-    port_relief_pressure: float
-    return_pressure: float
-    pump_flow: float
-    pump_power: float
+_PRESSURE_RESPONSE_TIME = 0.1
+"""Time constant of the pressure of the travel motors [s]: the forces of hinged shoes on their
+sprocket vary from step to step, and pumps do not follow such peaks."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +46,7 @@ class Cylinder:
         count: number of cylinders.
         spread: lateral distance between the outer cylinders [m].
         cushion_length: length of the cushion at both ends of the stroke [m].
+        max_flow: maximum flow that its valves let through, of one pump or of all [m^3/s].
     """
 
     linkage: CylinderLinkage
@@ -67,6 +55,7 @@ class Cylinder:
     count: int
     spread: float
     cushion_length: float
+    max_flow: float
 
     @cached_property
     def cap_side_area(self) -> float:
@@ -105,6 +94,7 @@ class HydraulicSystem:
 
     Attributes:
         cylinders: cylinders by the name of the joint that they drive.
+        pump: engine and pumps; None without cylinders and hydraulic motors.
     """
 
     def __init__(
@@ -113,6 +103,7 @@ class HydraulicSystem:
         torques: Sequence[float],
         cylinders: Mapping[str, Cylinder],
         motors: Mapping[str, HydraulicMotor],
+        travel_motor: TravelMotor | None,
         supply: HydraulicSupply | None,
     ) -> None:
         """
@@ -122,11 +113,16 @@ class HydraulicSystem:
                 hydraulic motor.
             cylinders: cylinders by joint name.
             motors: hydraulic motors by joint name.
+            travel_motor: hydraulic motor of each track; None for tracks with a drive of their own.
             supply: pump and valves; None only without cylinders and motors.
         """
         self.cylinders = dict(cylinders)
         self._torques = list(torques)
         self._supply = supply
+        self.pump = Pump(supply) if supply is not None else None
+        self._travel_motor = travel_motor
+        self._power = 0.0
+        self._track_forces = [0.0, 0.0]  # averaged over `_PRESSURE_RESPONSE_TIME`
         self._driven_joints = [
             (joints.index(name), cylinder) for name, cylinder in cylinders.items()
         ]
@@ -135,20 +131,26 @@ class HydraulicSystem:
         self._geometry_cache: dict[int, _CylinderGeometry] = {}
 
     def attainable_speeds(
-        self, speeds: Sequence[float], angles: Sequence[float], efforts: Sequence[float]
-    ) -> list[float]:
-        """Return the joint speeds for which the pump delivers enough flow [rad/s].
+        self,
+        speeds: Sequence[float],
+        angles: Sequence[float],
+        efforts: Sequence[float],
+        track_speeds: Sequence[float] = (0.0, 0.0),
+    ) -> tuple[list[float], list[float]]:
+        """Return the speeds of joints [rad/s] and tracks [m/s] that the pumps can supply.
 
         Args:
-            speeds: commanded joint speeds [rad/s].
+            speeds: joint speeds that the valves demand [rad/s].
             angles: joint angles [rad].
-            efforts: torques of the last step [N m]; the pump supplies the largest pressure of the
+            efforts: torques of the last step [N m]; the pumps supply the largest pressure of the
                 moving cylinders and motors.
+            track_speeds: belt speeds that the valves demand, left and right [m/s].
         """
-        attainable = list(speeds)
-        if self._supply is None:
-            return attainable
-        demand, pressure = 0.0, self._supply.return_pressure
+        attainable, tracks = list(speeds), list(track_speeds)
+        if self._supply is None or self.pump is None:
+            return attainable, tracks
+        back_pressure = self._supply.return_pressure
+        demand, pressure = 0.0, back_pressure
         for i, cylinder in self._driven_joints:
             if speeds[i] == 0.0:
                 continue
@@ -158,23 +160,53 @@ class HydraulicSystem:
                 * speeds[i]
                 * self._cushion_factor(cylinder, length, lever_arm * speeds[i])
             )
-            attainable[i] = speed / lever_arm
             is_extending = speed > 0.0
-            demand += abs(speed) * (
-                cylinder.cap_side_area if is_extending else cylinder.rod_side_area
-            )
+            area = cylinder.cap_side_area if is_extending else cylinder.rod_side_area
+            flow = abs(speed) * area
+            max_flow = cylinder.max_flow * self.pump.engine_speed
+            share = min(1.0, max_flow / flow)
+            attainable[i] = share * speed / lever_arm
+            demand += share * flow
             cap_side, rod_side = self._pressures(cylinder, efforts[i] / lever_arm)
             pressure = max(pressure, cap_side if is_extending else rod_side)
         for i, motor in self._motors:
             # What the motor cannot take while it accelerates returns over its relief valve.
             demand += motor.displacement * abs(speeds[i])
             if efforts[i] * speeds[i] > 0.0:
-                pressure = max(pressure, motor.pressure(efforts[i], self._supply.return_pressure))
-        flow = min(self._supply.pump_flow, self._supply.pump_power / pressure)
+                pressure = max(pressure, motor.pressure(efforts[i], back_pressure))
+        if self._travel_motor is not None:
+            for speed, force in zip(track_speeds, self._track_forces, strict=True):
+                displacement = self._travel_motor.displacement(force, back_pressure)
+                demand += displacement * abs(speed)
+                if force * speed > 0.0:
+                    pressure = max(pressure, back_pressure + abs(force) / displacement)
+        flow = self.pump.max_flow(pressure)
         if demand > flow:
+            share = flow / demand
             for i, _ in (*self._driven_joints, *self._motors):
-                attainable[i] *= flow / demand
-        return attainable
+                attainable[i] *= share
+            if self._travel_motor is not None:
+                tracks = [share * speed for speed in tracks]
+        self._power = min(flow, demand) * pressure
+        return attainable, tracks
+
+    def advance(self, dt: float, track_forces: Sequence[float]) -> None:
+        """Advance the state of engine and travel motors by `dt` [s].
+
+        The engine has the load of the last attainable speeds.
+
+        Args:
+            dt: time step [s].
+            track_forces: drive forces of both tracks in the last step [N].
+        """
+        if self.pump is None:
+            return
+        self.pump.advance(dt, self._power)
+        weight = min(dt / _PRESSURE_RESPONSE_TIME, 1.0)
+        self._track_forces = [
+            mean + weight * (force - mean)
+            for mean, force in zip(self._track_forces, track_forces, strict=True)
+        ]
 
     def torque_limits(
         self,

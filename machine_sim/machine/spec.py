@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from machine_sim.machine.box import Box, Vec3
 from machine_sim.machine.errors import MachineError
-from machine_sim.machine.hydraulic_motor import HydraulicMotor
-from machine_sim.machine.hydraulics import Cylinder, HydraulicSupply
+from machine_sim.machine.hydraulic_motor import HydraulicMotor, TravelMotor
+from machine_sim.machine.hydraulic_supply import HydraulicSupply
+from machine_sim.machine.hydraulics import Cylinder
+from machine_sim.machine.reference_machine import ReferenceMachine
 from machine_sim.machine.shapes.machine_shapes import MachineShapes
 from machine_sim.machine.tools.bucket import BucketShape
 from machine_sim.machine.tools.shapes import ToolMount
@@ -135,6 +137,7 @@ class TrackSpec:
     normal_damping: float
     tangential_stiffness: float
     tangential_damping: float
+    motor: TravelMotor | None = None
 
     @property
     def belt_length(self) -> float:
@@ -173,6 +176,7 @@ class MachineSpec:
             move; empty for an excavator with the default pattern.
         imus: inertial measurement units.
         shapes: what the machine looks like.
+        references: real machines of the class, for comparison.
     """
 
     name: str
@@ -188,6 +192,7 @@ class MachineSpec:
     joystick_axes: Mapping[str, tuple[str, float]]
     imus: tuple[ImuMount, ...] = ()
     shapes: MachineShapes = field(default_factory=MachineShapes)
+    references: tuple[ReferenceMachine, ...] = ()
 
     @property
     def mass(self) -> float:

@@ -36,6 +36,7 @@ from machine_sim.machine.tracks import (
     standing_pose,
 )
 from machine_sim.machine.validation import finite_numbers
+from machine_sim.machine.valves import Valves
 from machine_sim.physics_engine import pybullet
 from msg_bridge.contract.cylinder_state import CylinderState
 
@@ -109,9 +110,11 @@ class TrackedMachine:
             [limit.max_effort for limit in self._limits],
             spec.cylinders,
             spec.motors,
+            spec.tracks.motor,
             spec.supply,
         )
-        self._command = [0.0] * len(self._limits)
+        self._command = [0.0] * (len(self._limits) + 2)  # joints, then tracks
+        self._valves = self._make_valves()
         motor_joints = [spec.joint_names.index(name) for name in spec.motors]
         self._reference = JointReference(self._limits, spec.home, motor_joints)
         pose = standing_pose(spec, ground, x, y, yaw)
@@ -155,10 +158,11 @@ class TrackedMachine:
             min(max(velocity, -limit.max_velocity), limit.max_velocity)
             for velocity, limit in zip(joints, self._limits, strict=True)
         ]
-        self.tracks.command[:] = [min(max(speed, -max_speed), max_speed) for speed in tracks]
+        self._command += [min(max(speed, -max_speed), max_speed) for speed in tracks]
 
     def before_step(self, dt: float) -> None:
         """Apply forces and motor targets for the physics engine's next step of `dt` [s]."""
+        self._demand_speeds(dt)
         wrench = self.tracks.step(
             dt,
             self._com,
@@ -267,10 +271,32 @@ class TrackedMachine:
         """Angle of the joint between base and main body [rad]."""
         return 0.0 if self._main_body_joint is None else self._angles[self._main_body_joint]
 
+    def _make_valves(self) -> Valves:
+        """Return the valves of joints and tracks."""
+        spec = self.spec
+        max_speeds = [limit.max_velocity for limit in self._limits]
+        is_hydraulic = [name in spec.cylinders or name in spec.motors for name in spec.joints]
+        return Valves(
+            spec.supply,
+            [*max_speeds, *[spec.tracks.max_speed] * 2],
+            [*is_hydraulic, *[spec.tracks.motor is not None] * 2],
+        )
+
+    def _demand_speeds(self, dt: float) -> None:
+        """Set the speeds of joints and tracks to what valves and pumps allow in the next step."""
+        self._valves.advance(dt, self._command)
+        num_joints, demand = len(self._limits), self._valves.demand
+        self._reference.command, self.tracks.command[:] = self.hydraulics.attainable_speeds(
+            demand[:num_joints],
+            self._angles,
+            self._efforts,
+            demand[num_joints:],
+        )
+        self.hydraulics.advance(dt, self.tracks.drive_forces.tolist())
+
     def _drive_joints(self, dt: float) -> None:
         """Set the targets of the joint motors for the next step of `dt` [s]."""
         reference, hydraulics = self._reference, self.hydraulics
-        reference.command = hydraulics.attainable_speeds(self._command, self._angles, self._efforts)
         reference.advance(dt, self._angles, self._rates)
         torques = hydraulics.torque_limits(
             dt, reference.rate, self._angles, self._rates, self._efforts

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from machine_sim.machine.cylinder_linkage import CylinderLinkage, Point, Rocker
 from machine_sim.machine.errors import MachineError
-from machine_sim.machine.hydraulics import Cylinder, HydraulicSupply
+from machine_sim.machine.hydraulic_supply import HydraulicSupply
+from machine_sim.machine.hydraulics import Cylinder
 from machine_sim.machine.spec_file.section import Section
 
 __all__ = ["max_joint_torque", "read_cylinder", "read_supply"]
 
 
 def read_cylinder(
-    name: str, section: Section, joint: Point, lower: float, upper: float
+    name: str,
+    section: Section,
+    joint: Point,
+    lower: float,
+    upper: float,
+    supply: HydraulicSupply,
 ) -> Cylinder:
     """Read the cylinders of one joint.
 
@@ -20,6 +26,7 @@ def read_cylinder(
         section: the section `cylinder` of the joint.
         joint: pin of the joint in the frame of the barrel's link, x and z [m].
         lower, upper: angle limits of the joint [rad].
+        supply: pump and valves of the machine.
     """
     rocker = _read_rocker(section.section("rocker")) if section.has("rocker") else None
     rod = _read_point(section, "rod") if section.has("rod") else None
@@ -34,6 +41,9 @@ def read_cylinder(
         count=section.count("count", low=1),
         spread=section.number("spread", low=0.0),
         cushion_length=section.number("cushion_length", positive=True),
+        max_flow=section.number("max_flow", positive=True)
+        if section.has("max_flow")
+        else supply.pump_flow,
     )
     section.reject_unknown_keys()
     if cylinder.rod_diameter >= cylinder.bore:
@@ -78,13 +88,19 @@ def max_joint_torque(cylinder: Cylinder, supply: HydraulicSupply) -> float:
 
 
 def read_supply(section: Section) -> HydraulicSupply:
-    """Read `hydraulics`: pump and valves of all cylinders."""
+    """Read `hydraulics`: engine, pumps and valves."""
     supply = HydraulicSupply(
         main_relief_pressure=section.number("main_relief_pressure", positive=True),
         port_relief_pressure=section.number("port_relief_pressure", positive=True),
         return_pressure=section.number("return_pressure", low=0.0),
         pump_flow=section.number("pump_flow", positive=True),
         pump_power=section.number("pump_power", positive=True),
+        engine_power=section.number("engine_power", positive=True),
+        engine_droop=section.fraction("engine_droop"),
+        engine_response_time=section.number("engine_response_time", positive=True),
+        valve_dead_band=section.fraction("valve_dead_band"),
+        valve_delay=section.number("valve_delay", low=0.0),
+        valve_opening_time=section.number("valve_opening_time", positive=True),
     )
     section.reject_unknown_keys()
     if not supply.return_pressure < supply.main_relief_pressure <= supply.port_relief_pressure:

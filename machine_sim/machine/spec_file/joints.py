@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from machine_sim.machine.box import Vec3
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.hydraulic_motor import HydraulicMotor
-from machine_sim.machine.hydraulics import Cylinder, HydraulicSupply
+from machine_sim.machine.hydraulic_supply import HydraulicSupply
+from machine_sim.machine.hydraulics import Cylinder
 from machine_sim.machine.spec import BASE, Axis, Joint
 from machine_sim.machine.spec_file.cylinders import max_joint_torque, read_cylinder
 from machine_sim.machine.spec_file.motors import read_motor
@@ -61,7 +62,7 @@ def read_joints(
             assert supply is not None
             _check_cylinder_joint(name, lower, axis, origin)
             pin = (origin[0], origin[2])
-            cylinder = read_cylinder(name, joint.section("cylinder"), pin, lower, upper)
+            cylinder = read_cylinder(name, joint.section("cylinder"), pin, lower, upper, supply)
             cylinders[name] = cylinder
             max_effort = max_joint_torque(cylinder, supply)
         elif drive == "motor":

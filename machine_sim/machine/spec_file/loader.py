@@ -18,6 +18,7 @@ from machine_sim.machine.spec_file.joints import (
     read_main_body,
 )
 from machine_sim.machine.spec_file.links import read_imus, read_links
+from machine_sim.machine.spec_file.references import read_references
 from machine_sim.machine.spec_file.section import Section
 from machine_sim.machine.spec_file.shapes import read_shapes
 from machine_sim.machine.spec_file.tools import read_tools
@@ -87,7 +88,7 @@ def _build_spec(file: Section, folder: Path) -> MachineSpec:
         motors=motors,
         supply=supply,
         home=read_home(file.section("home"), joints),
-        tracks=read_tracks(file.section("tracks")),
+        tracks=read_tracks(file.section("tracks"), supply),
         main_body=read_main_body(file, joints),
         tools=read_tools(file.section("tools"), joints),
         joystick_axes=read_joystick_axes(file.section("joystick_axes"), joints)
@@ -97,6 +98,7 @@ def _build_spec(file: Section, folder: Path) -> MachineSpec:
         shapes=read_shapes(_shapes_section(file, folder), links)
         if file.has("shapes")
         else MachineShapes(),
+        references=read_references(file.sections("references")) if file.has("references") else (),
     )
     file.reject_unknown_keys()
     _check_unique_names(spec)

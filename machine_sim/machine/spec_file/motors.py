@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from machine_sim.machine.errors import MachineError
-from machine_sim.machine.hydraulic_motor import HydraulicMotor
-from machine_sim.machine.hydraulics import HydraulicSupply
+from machine_sim.machine.hydraulic_motor import HydraulicMotor, TravelMotor
+from machine_sim.machine.hydraulic_supply import HydraulicSupply
 from machine_sim.machine.spec_file.section import Section
 
-__all__ = ["read_motor"]
+__all__ = ["read_motor", "read_travel_motor"]
 
 
 def read_motor(name: str, section: Section, supply: HydraulicSupply) -> HydraulicMotor:
@@ -26,11 +26,35 @@ def read_motor(name: str, section: Section, supply: HydraulicSupply) -> Hydrauli
         holding_torque=section.number("holding_torque", positive=True),
     )
     section.reject_unknown_keys()
-    for key in ("relief_pressure", "brake_relief_pressure"):
-        pressure = getattr(motor, key)
-        if pressure <= supply.return_pressure:
-            raise MachineError(
-                f"joints.{name}.motor.{key} is {pressure:g} Pa; give more than"
-                f" hydraulics.return_pressure, {supply.return_pressure:g} Pa"
-            )
+    _check_pressure(f"joints.{name}.motor.relief_pressure", motor.relief_pressure, supply)
+    _check_pressure(
+        f"joints.{name}.motor.brake_relief_pressure", motor.brake_relief_pressure, supply
+    )
     return motor
+
+
+def read_travel_motor(section: Section, supply: HydraulicSupply | None) -> TravelMotor:
+    """Read `tracks.motor`: the hydraulic motor of each track.
+
+    Args:
+        section: the section `motor` of the tracks.
+        supply: pump and valves of the machine.
+    """
+    if supply is None:
+        raise MachineError("tracks.motor needs a hydraulic supply; add `hydraulics`")
+    motor = TravelMotor(
+        relief_pressure=section.number("relief_pressure", positive=True),
+        min_displacement=section.number("min_displacement", positive=True),
+    )
+    section.reject_unknown_keys()
+    _check_pressure("tracks.motor.relief_pressure", motor.relief_pressure, supply)
+    return motor
+
+
+def _check_pressure(key: str, pressure: float, supply: HydraulicSupply) -> None:
+    """Check that a relief pressure [Pa] is above that of the line to the tank."""
+    if pressure <= supply.return_pressure:
+        raise MachineError(
+            f"{key} is {pressure:g} Pa; give more than hydraulics.return_pressure,"
+            f" {supply.return_pressure:g} Pa"
+        )

@@ -19,7 +19,9 @@ MIDDLE = [0.0, -0.3, 1.5, 0.8]
 @pytest.fixture
 def arm(spec):
     limits = [spec.joints[name].max_effort for name in EXCAVATOR_JOINTS]
-    return HydraulicSystem(EXCAVATOR_JOINTS, limits, spec.cylinders, spec.motors, spec.supply)
+    return HydraulicSystem(
+        EXCAVATOR_JOINTS, limits, spec.cylinders, spec.motors, spec.tracks.motor, spec.supply
+    )
 
 
 def flow(spec, angles, speeds):
@@ -33,18 +35,62 @@ def flow(spec, angles, speeds):
 
 
 def test_small_flow_demand_is_met(arm):
-    assert arm.attainable_speeds([0.1, -0.1, 0.0, 0.0], MIDDLE, REST) == pytest.approx(
-        [0.1, -0.1, 0, 0]
-    )
+    joints, tracks = arm.attainable_speeds([0.1, -0.1, 0.0, 0.0], MIDDLE, REST, [0.2, -0.1])
+    assert joints == pytest.approx([0.1, -0.1, 0, 0])
+    assert tracks == [0.2, -0.1]
 
 
 def test_large_flow_demand_is_shared_in_proportion_with_the_swing(arm, spec):
-    commanded = [1.1, -0.45, 1.1, 1.1]
-    attainable = arm.attainable_speeds(commanded, MIDDLE, REST)
+    commanded = [1.1, -0.4, 0.5, 0.5]
+    attainable, _ = arm.attainable_speeds(commanded, MIDDLE, REST)
     shares = [a / b for a, b in zip(attainable, commanded, strict=True)]
     assert shares == pytest.approx([shares[0]] * 4)
     assert shares[0] < 0.6
     assert flow(spec, MIDDLE, attainable) == pytest.approx(spec.supply.pump_flow)
+
+
+def test_travel_and_arm_share_the_flow(arm, spec):
+    commanded = [0.0, -0.3, 0.5, 0.0]
+    alone, _ = arm.attainable_speeds(commanded, MIDDLE, REST)
+    joints, tracks = arm.attainable_speeds(commanded, MIDDLE, REST, [1.5, 1.2])
+    travel_flow = spec.tracks.motor.min_displacement * sum(tracks)
+    assert joints[2] < 0.75 * alone[2]
+    assert tracks[0] / 1.5 == pytest.approx(joints[2] / 0.5)
+    assert flow(spec, MIDDLE, joints) + travel_flow == pytest.approx(spec.supply.pump_flow)
+
+
+def test_travel_motor_takes_more_oil_at_a_large_force(arm, spec):
+    motor, effort = spec.tracks.motor, spec.tracks.max_tractive_effort
+    _, fast = arm.attainable_speeds(REST, MIDDLE, REST, [1.5, 1.5])
+    for _ in range(1000):
+        arm.advance(DT, [effort, effort])
+    _, strong = arm.attainable_speeds(REST, MIDDLE, REST, [1.5, 1.5])
+    pressure = motor.relief_pressure
+    assert fast == pytest.approx([1.5, 1.5])
+    power = 2.0 * strong[0] * effort * pressure / (pressure - spec.supply.return_pressure)
+    assert power == pytest.approx(spec.supply.pump_power)
+
+
+def test_cylinder_of_one_pump_takes_no_more_than_its_flow(arm, spec):
+    speeds, _ = arm.attainable_speeds([0.0, 0.0, 0.0, 1.8], MIDDLE, REST)
+    assert flow(spec, MIDDLE, speeds) == pytest.approx(spec.cylinders["bucket"].max_flow)
+
+
+def test_engine_droops_under_load_and_recovers(arm, spec):
+    supply, boom = spec.supply, spec.cylinders["boom"]
+    torque = boom.linkage.lever_arm(MIDDLE[1]) * boom.force_limit(20e6, 0.5e6, is_extending=True)
+    start = flow(spec, MIDDLE, arm.attainable_speeds([0, -0.8, 0, 0], MIDDLE, REST)[0])
+    for _ in range(1000):
+        arm.attainable_speeds([0, -0.8, 0, 0], MIDDLE, [0.0, torque, 0.0, 0.0])
+        arm.advance(DT, [0.0, 0.0])
+    load = supply.pump_power / supply.engine_power
+    assert arm.pump.engine_speed == pytest.approx(1.0 - supply.engine_droop * load, rel=1e-3)
+    loaded = flow(spec, MIDDLE, arm.attainable_speeds([0, -0.8, 0, 0], MIDDLE, REST)[0])
+    assert loaded == pytest.approx(arm.pump.engine_speed * start)
+    for _ in range(1000):
+        arm.attainable_speeds(REST, MIDDLE, REST)
+        arm.advance(DT, [0.0, 0.0])
+    assert arm.pump.engine_speed == pytest.approx(1.0, abs=1e-3)
 
 
 def test_flow_at_high_pressure_is_limited_by_power(arm, spec):
@@ -52,7 +98,7 @@ def test_flow_at_high_pressure_is_limited_by_power(arm, spec):
     lever_arm = boom.linkage.lever_arm(MIDDLE[1])
     pressure = 30e6
     force = pressure * boom.cap_side_area - supply.return_pressure * boom.rod_side_area
-    attainable = arm.attainable_speeds([0, -0.45, 0, 0], MIDDLE, [0, lever_arm * force, 0, 0])
+    attainable, _ = arm.attainable_speeds([0, -0.45, 0, 0], MIDDLE, [0, lever_arm * force, 0, 0])
     total_flow = flow(spec, MIDDLE, attainable)
     assert total_flow * pressure == pytest.approx(supply.pump_power)
     assert total_flow < supply.pump_flow
@@ -61,8 +107,8 @@ def test_flow_at_high_pressure_is_limited_by_power(arm, spec):
 def test_cushion_reduces_speed_toward_the_end_only(arm, spec):
     linkage = spec.cylinders["arm"].linkage
     near = [0.0, -0.3, linkage.angle(linkage.max_length - 0.01), 0.8]
-    toward = arm.attainable_speeds([0, 0, 0.2, 0], near, REST)[2]
-    away = arm.attainable_speeds([0, 0, -0.2, 0], near, REST)[2]
+    toward = arm.attainable_speeds([0, 0, 0.2, 0], near, REST)[0][2]
+    away = arm.attainable_speeds([0, 0, -0.2, 0], near, REST)[0][2]
     assert 0.02 < toward < 0.1
     assert away == pytest.approx(-0.2)
 
@@ -141,6 +187,6 @@ def test_arm_is_slower_while_boom_and_bucket_move(scene):
         s.run(100 * DT)
         return s.machine.joint_positions[2] - start
 
-    combined = arm_angle_after_half_a_second([0.0, -0.4, 1.0, -1.0])
+    combined = arm_angle_after_half_a_second([1.2, -0.8, 1.0, -1.0])
     alone = arm_angle_after_half_a_second([0.0, 0.0, 1.0, 0.0])
     assert combined < 0.75 * alone

@@ -23,7 +23,7 @@ def edited_file(tmp_path, edit):
 
 
 def test_mass_of_the_excavator_is_the_sum_of_its_links(spec):
-    assert spec.mass == 18_200.0
+    assert spec.mass == 21_450.0
     assert tuple(spec.joints) == EXCAVATOR_JOINTS
 
 
@@ -153,6 +153,11 @@ def test_invalid_imu_is_rejected(tmp_path, imus, message):
         (lambda v: v.pop("hydraulics"), "add `hydraulics`"),
         (lambda v: v["joints"]["swing"].update(max_effort=1e5), "joints.swing needs one drive"),
         (
+            lambda v: v["tracks"]["motor"].update(relief_pressure=1e5),
+            "tracks.motor.relief_pressure",
+        ),
+        (lambda v: v["hydraulics"].update(engine_droop=1.2), "engine_droop is 1.2; give a number"),
+        (
             lambda v: v["joints"]["swing"]["motor"].update(brake_relief_pressure=1e5),
             "brake_relief_pressure is 100000 Pa; give more than",
         ),
@@ -162,7 +167,7 @@ def test_invalid_imu_is_rejected(tmp_path, imus, message):
         ),
         (
             lambda v: v["joints"]["arm"]["cylinder"].update(rod_diameter=0.2),
-            "give less than the bore, 0.135 m",
+            "give less than the bore, 0.14 m",
         ),
         (
             lambda v: v["joints"]["arm"]["cylinder"].update(barrel=[4.4, 0.6]),

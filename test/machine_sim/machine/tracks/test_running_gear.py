@@ -69,8 +69,8 @@ def test_visual_and_tracks_have_equal_numbers_of_shoes(scene):
 
 
 def test_base_lighter_than_its_tracks_is_rejected(spec):
-    with pytest.raises(MachineError, match=r"base\.mass is 7000\.0 kg.*heavier base or a lighter"):
-        urdf_with_running_gear(altered(spec, belt_mass=3000.0))
+    with pytest.raises(MachineError, match=r"base\.mass is 8000\.0 kg.*heavier base or a lighter"):
+        urdf_with_running_gear(altered(spec, belt_mass=3500.0))
 
 
 def test_shoes_too_thick_for_the_sprocket_are_rejected(spec):
