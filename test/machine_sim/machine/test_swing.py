@@ -100,8 +100,8 @@ def test_lower_brake_pressure_lengthens_the_run_on(scene, with_arm):
     assert soft > 1.4 * firm
 
 
-def test_released_lever_brakes_at_once_during_the_acceleration(scene):
-    s = scene()
+def test_released_lever_brakes_at_once_during_the_acceleration(scene, with_arm):
+    s = scene(machine=with_arm(REACHING))
     s.run(0.5)
     s.machine.command([FULL, 0.0, 0.0, 0.0], STILL)
     s.run(0.6)

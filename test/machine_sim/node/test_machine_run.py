@@ -151,7 +151,7 @@ def test_command_applies_in_the_tick_that_begins_now(make: MakeRun) -> None:
     before = run.sim.machine.joint_positions[0]
     run.step()
     soil.answer()
-    soil.ticks(20)
+    soil.ticks(60)
     assert run.sim.machine.joint_positions[0] > before + 0.02
 
 
