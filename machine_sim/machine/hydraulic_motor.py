@@ -16,9 +16,6 @@ from dataclasses import dataclass
 
 __all__ = ["HydraulicMotor", "TravelMotor"]
 
-_REST_RATE = 0.01
-"""Speed below which the parking brake engages [rad/s]."""
-
 _REVERSAL_RATE = 0.02
 """Difference between demanded and actual speed above which a motor reverses its torque [rad/s];
 below it the pressure follows the load without a drop."""
@@ -51,10 +48,10 @@ class HydraulicMotor:
         """Return the pressure on the driving side [Pa] at a torque [N m]."""
         return back_pressure + abs(torque) / self.displacement
 
-    def torque_limit(
+    def moving_torque_limit(
         self, dt: float, rate: float, target_rate: float, torque: float, back_pressure: float
     ) -> float:
-        """Return the maximum torque in the next step [N m].
+        """Return the maximum torque of a turning motor in the next step [N m].
 
         Args:
             dt: time step [s].
@@ -63,8 +60,6 @@ class HydraulicMotor:
             torque: torque of the last step [N m].
             back_pressure: pressure in the line to the tank [Pa].
         """
-        if target_rate == 0.0 and abs(rate) <= _REST_RATE:
-            return self.holding_torque
         change = target_rate - rate
         is_braking = change * rate < 0.0
         pressure = self.brake_relief_pressure if is_braking else self.relief_pressure

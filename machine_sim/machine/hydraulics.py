@@ -212,6 +212,7 @@ class HydraulicSystem:
         self,
         dt: float,
         target_rates: Sequence[float],
+        is_holding: Sequence[bool],
         angles: Sequence[float],
         rates: Sequence[float],
         efforts: Sequence[float],
@@ -221,6 +222,7 @@ class HydraulicSystem:
         Args:
             dt: time step [s].
             target_rates: joint speeds that the valves demand [rad/s]; at zero they are closed.
+            is_holding: whether the parking brake of a joint with a motor is engaged.
             angles, rates: joint angles [rad] and speeds [rad/s].
             efforts: torques of the last step [N m]; the sign gives the direction of the force.
         """
@@ -235,8 +237,12 @@ class HydraulicSystem:
             )
         for i, motor in self._motors:
             assert self._supply is not None
-            limits[i] = motor.torque_limit(
-                dt, rates[i], target_rates[i], efforts[i], self._supply.return_pressure
+            limits[i] = (
+                motor.holding_torque
+                if is_holding[i]
+                else motor.moving_torque_limit(
+                    dt, rates[i], target_rates[i], efforts[i], self._supply.return_pressure
+                )
             )
         return limits
 

@@ -44,6 +44,7 @@ class JointReference:
         angle: reference angles [rad].
         rate: reference speeds [rad/s].
         command: commanded speeds [rad/s].
+        is_holding: whether each joint with a motor has come to rest and holds its angle.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class JointReference:
         self.angle: list[float] = home.tolist()
         self.rate: list[float] = [0.0] * len(self._limits)
         self.command: list[float] = [0.0] * len(self._limits)
+        self.is_holding = [True] * len(self._limits)
 
     def advance(self, dt: float, actual: Sequence[float], rates: Sequence[float]) -> None:
         """Advance the reference by `dt` [s].
@@ -81,9 +83,10 @@ class JointReference:
                 rate = min(rate, _max_stopping_rate(limit.upper - angle, step, dt))
             elif rate < 0.0:
                 rate = max(rate, -_max_stopping_rate(angle - limit.lower, step, dt))
-            if self._has_motor[i]:
+            if self._has_motor[i] and not (self.is_holding[i] and rate == 0.0):
                 rate = min(max(rate, rates[i] - MAX_RATE_LEAD), rates[i] + MAX_RATE_LEAD)
-                if rate != 0.0 or abs(rates[i]) > _REST_RATE:
+                self.is_holding[i] = rate == 0.0 and abs(rates[i]) <= _REST_RATE
+                if not self.is_holding[i]:
                     # Without an angle error the position control follows the speed alone.
                     angle = actual[i] - rate * dt
             angle += rate * dt

@@ -299,7 +299,7 @@ class TrackedMachine:
         reference, hydraulics = self._reference, self.hydraulics
         reference.advance(dt, self._angles, self._rates)
         torques = hydraulics.torque_limits(
-            dt, reference.rate, self._angles, self._rates, self._efforts
+            dt, reference.rate, reference.is_holding, self._angles, self._rates, self._efforts
         )
         pybullet.setJointMotorControlArray(
             self.body,

@@ -12,6 +12,7 @@ from .conftest import DT
 
 REST = [0.0] * 4
 MOVING = [0.1] * 4
+NOT_HELD = [False] * 4
 MIDDLE = [0.0, -0.3, 1.5, 0.8]
 """Joint angles far from all limits [rad]."""
 
@@ -119,8 +120,8 @@ def test_torque_limit_follows_lever_arm_area_and_direction(arm, spec):
         angles = [0.0, angle, 1.5, 0.8]
         lever_arm = boom.linkage.lever_arm(angle)
         lifting = [0.0, math.copysign(1e5, lever_arm), 0.0, 0.0]
-        push = arm.torque_limits(DT, MOVING, angles, REST, lifting)[1]
-        pull = arm.torque_limits(DT, MOVING, angles, REST, [-e for e in lifting])[1]
+        push = arm.torque_limits(DT, MOVING, NOT_HELD, angles, REST, lifting)[1]
+        pull = arm.torque_limits(DT, MOVING, NOT_HELD, angles, REST, [-e for e in lifting])[1]
         cap, rod, back = boom.cap_side_area, boom.rod_side_area, supply.return_pressure
         assert push == pytest.approx(
             abs(lever_arm) * (supply.main_relief_pressure * cap - back * rod)
@@ -128,7 +129,7 @@ def test_torque_limit_follows_lever_arm_area_and_direction(arm, spec):
         assert pull == pytest.approx(
             abs(lever_arm) * (supply.main_relief_pressure * rod - back * cap)
         )
-        locked = arm.torque_limits(DT, REST, angles, REST, lifting)[1]
+        locked = arm.torque_limits(DT, REST, NOT_HELD, angles, REST, lifting)[1]
         assert locked == pytest.approx(
             abs(lever_arm) * (supply.port_relief_pressure * cap - back * rod)
         )

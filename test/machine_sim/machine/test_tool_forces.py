@@ -40,7 +40,7 @@ def test_pull_drags_the_base_above_the_friction_limit(scene, tracks, force, is_d
 
 @BOTH
 def test_heavy_load_at_full_reach_overturns_the_machine_on_a_sill(scene, tracks):
-    """A load of 2.4 t, a sill of 0.25 m, and no contact of the bucket with the ground."""
+    """A load of 3.2 t, a sill of 0.25 m, and no contact of the bucket with the ground."""
 
     def sill(x, y):
         return np.where((x > 3.0) & (x < 3.6), 0.25, 0.0)
@@ -52,7 +52,7 @@ def test_heavy_load_at_full_reach_overturns_the_machine_on_a_sill(scene, tracks)
     while not s.machine.overturned and len(tilts) < round(8.0 / DT):
         rotation, origin = s.machine.tool.pose
         s.machine.tool.push(
-            [0.0, 0.0, -2400.0 * 9.81], np.zeros(3), origin + rotation @ [0.8, 0.0, 0.3]
+            [0.0, 0.0, -3200.0 * 9.81], np.zeros(3), origin + rotation @ [0.8, 0.0, 0.3]
         )
         s.step()
         tilts.append(s.machine.tilt)

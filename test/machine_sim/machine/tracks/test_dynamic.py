@@ -138,7 +138,7 @@ def test_shoes_circulate_with_closed_hinges_on_their_path(scene):
     first = s.machine.tracks.shoe_poses[:, 0].copy()
     drive(s, [0.8, 0.5], 5.0)
     tracks = s.machine.tracks
-    assert tracks.travel == pytest.approx([3.9, 2.4], abs=0.2)
+    assert tracks.travel == pytest.approx([3.9, 2.4], abs=0.3)
     for side in range(2):
         x, z, pitch = tracks.shoe_poses[side].T
         ahead = 0.5 * shape.sprocket_radius * np.column_stack([np.cos(pitch), -np.sin(pitch)])

@@ -57,7 +57,7 @@ def test_slope_at_which_it_tips_is_that_of_statics(scene, spec, direction, track
         pull = GRAVITY * math.sin(math.radians(angle)) * np.array(downhill)
         s.client.setGravity(*pull, -GRAVITY * math.cos(math.radians(angle)))
         s.step()
-    assert angle == pytest.approx(expected, abs=2.0 if tracks == "kinematic" else 3.0)
+    assert angle == pytest.approx(expected, abs=2.0 if tracks == "kinematic" else 3.5)
 
 
 @pytest.mark.parametrize("tracks", ["kinematic", "dynamic"])
