@@ -210,9 +210,10 @@ class LeverRun:
 
 
 def swing(run: LeverRun, seconds: float) -> None:
-    """Lower the bucket into the ground and swing it through the soil, to and fro."""
-    run.hold_until((0, 1, 0, 0), lambda: run.depth > 0.3, 4.0)
-    run.hold((1, 0, 0, 0), min(seconds, 3.0))
+    """Fill the bucket in part, and swing it through the ground."""
+    run.hold_until((0, 1, 0, 0), lambda: run.depth > 0.35, 4.0)
+    run.hold_until((0, 0, 1, 0), lambda: run.sim.payload.fill > 0.6, 2.0)
+    run.hold((1, 0, 0, 0), min(seconds, 2.0))
     run.hold(LEVERS_AT_REST, 1.0)
 
 

@@ -1,8 +1,9 @@
-"""Draw machines at work: an excavator that loads a dumper, a road header that cuts a face.
+"""Draw machines at work: an excavator that loads a dumper or leaves a windrow, a road header.
 
     python -m benchmarks.machine_gallery docs/images     # one or two minutes
 
-Writes machines_loading.png and machines_face.png into the given folder, or into out/.
+Writes machines_loading.png, machines_face.png and machines_windrow.png into the given folder, or
+into out/.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.full_lever_digging import LeverRun, swing
 from dig_operator import BehaviourParams, DigTask, DigTaskParams, FaceCuttingParams, FaceCuttingTask
 from earthmoving_sim.coloured_mesh import ColouredMesh, merge_meshes, polygon_mesh
 from earthmoving_sim.machine_mesh import machine_mesh
@@ -44,15 +46,16 @@ _OCTAHEDRON_FACES = [(x, y, z) for x in (0, 1) for y in (2, 3) for z in (4, 5)]
 
 
 def main() -> None:
-    """Draw both pictures."""
+    """Draw all pictures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
         "folder", type=Path, nargs="?", default=Path("out"), help="folder to write into"
     )
     folder = parser.parse_args().folder
     folder.mkdir(parents=True, exist_ok=True)
-    for name, draw in (("machines_loading", load_dumper), ("machines_face", cut_face)):
-        print(draw_site_3d(draw(), folder / f"{name}.png", labels=False))
+    scenes = {"loading": load_dumper, "face": cut_face, "windrow": leave_windrow}
+    for name, draw in scenes.items():
+        print(draw_site_3d(draw(), folder / f"machines_{name}.png", labels=False))
 
 
 def load_dumper() -> SiteRecord:
@@ -89,6 +92,14 @@ def cut_face() -> SiteRecord:
     return _work(soil, sim, operator, is_in_the_middle, "A road header cuts a face of rock")
 
 
+def leave_windrow() -> SiteRecord:
+    """Return the site after a full-lever swing with the bucket in the ground."""
+    run = LeverRun(1, grid=Grid(181, 181, 0.1))
+    before = run.world.soil.columns.height.copy()
+    swing(run, 3.0)
+    return _record(run.world, run.sim, before, "Windrow of a swing with the bucket in the ground")
+
+
 def _simulate(soil: Soil, machines: list[tuple[str, tuple[float, float]]]) -> MachineSim:
     """Return a simulation of shipped machines by name and position [m]."""
     return MachineSim(
@@ -111,7 +122,7 @@ def _work(
     title: str,
 ) -> SiteRecord:
     """Run the operator of the first machine until `is_finished`, and record the site."""
-    world, machine, tick = World(soil, {1: sim}), sim.machine, sim.params.tick_period
+    world, tick = World(soil, {1: sim}), sim.params.tick_period
     operated = OperatedMachine(world, sim.simulated_machines[0], operator, tick)
     before = soil.columns.height.copy()
     while not (operator.done or is_finished()):
@@ -120,6 +131,12 @@ def _work(
             world.step()
         if world.tick % 500 == 0:
             print(f"  {title}: {world.tick * tick:.0f} s, {operator.phase}", flush=True)
+    return _record(world, sim, before, title)
+
+
+def _record(world: World, sim: MachineSim, before: NDArray[np.float64], title: str) -> SiteRecord:
+    """Record the site with its machines and particles, and close the world."""
+    soil, machine = world.soil, sim.machine
     meshes = [_mesh(each.machine) for each in sim.simulated_machines]
     particles = polygon_mesh(_particle_polygons(sim.particles), first_part=10_000)
     meshes += [particles] if particles else []

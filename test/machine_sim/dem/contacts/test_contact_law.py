@@ -181,3 +181,20 @@ def test_particle_out_of_the_ground_is_not_penetration_limited():
         rebound = max(rebound, float(world.state.velocity[0, 2]))
     # At 3.5 m/s the full spring force restores the restitution, a limited one next to nothing.
     assert rebound > 0.9
+
+
+def test_slit_between_cliffs_does_not_accelerate_particles():
+    world = engine()
+    x = world.ground.grid.x(np.arange(64))
+    world.ground.set_heights(
+        *np.nonzero(np.ones((64, 64))), np.where(np.abs(x) > 0.3, 2.0, 0.0).repeat(64)
+    )
+    for _ in range(2000):
+        world.ground.advance(STEP)
+    at = np.random.default_rng(0).uniform((-0.2, -2.0, 0.06), (0.2, 2.0, 0.5), (40, 3))
+    world.add(at, np.tile([2.0, 0.1, 0.0], (40, 1)), LITRE, grow=False)
+    fastest = 0.0
+    for _ in range(400):
+        world.step(STEP)
+        fastest = max(fastest, float(np.linalg.norm(world.state.velocity, axis=1).max()))
+    assert fastest < 5.0, "2 m/s, and the free fall of 0.5 m"
