@@ -97,7 +97,10 @@ def leave_windrow() -> SiteRecord:
     run = LeverRun(1, grid=Grid(181, 181, 0.1))
     before = run.world.soil.columns.height.copy()
     swing(run, 3.0)
-    return _record(run.world, run.sim, before, "Windrow of a swing with the bucket in the ground")
+    title = "Windrow of a swing with the bucket in the ground"
+    record = record_site(run.world.soil, run.sim, before, title)
+    run.world.close()
+    return record
 
 
 def _simulate(soil: Soil, machines: list[tuple[str, tuple[float, float]]]) -> MachineSim:
@@ -131,16 +134,25 @@ def _work(
             world.step()
         if world.tick % 500 == 0:
             print(f"  {title}: {world.tick * tick:.0f} s, {operator.phase}", flush=True)
-    return _record(world, sim, before, title)
+    record = record_site(soil, sim, before, title)
+    world.close()
+    return record
 
 
-def _record(world: World, sim: MachineSim, before: NDArray[np.float64], title: str) -> SiteRecord:
-    """Record the site with its machines and particles, and close the world."""
-    soil, machine = world.soil, sim.machine
+def record_site(soil: Soil, sim: MachineSim, before: NDArray[np.float64], title: str) -> SiteRecord:
+    """Return a site as it is now, to be drawn.
+
+    Args:
+        soil: the terrain.
+        sim: machines and particles.
+        before: initial heights of the terrain [m].
+        title: of the picture.
+    """
+    machine = sim.machine
     meshes = [_mesh(each.machine) for each in sim.simulated_machines]
     particles = polygon_mesh(_particle_polygons(sim.particles), first_part=10_000)
     meshes += [particles] if particles else []
-    record = SiteRecord(
+    return SiteRecord(
         grid=soil.grid,
         before=before,
         after=soil.columns.height.copy(),
@@ -153,8 +165,6 @@ def _record(world: World, sim: MachineSim, before: NDArray[np.float64], title: s
         machine_mesh=merge_meshes(*meshes),
         machine_position=(float(machine.base_pose[0][0]), float(machine.base_pose[0][1])),
     )
-    world.close()
-    return record
 
 
 def _mesh(machine: TrackedMachine) -> ColouredMesh:

@@ -3,8 +3,10 @@
     start -> (sump -> slew -> (rise -> slew) x rows -> lower) x rounds -> back -> done
 
 A pass crosses the face at one height; the next pass is higher by the height that the head cuts.
-The load of the head is estimated from its speed: feed (driving, slewing and lifting) slows down in
-proportion to the drop of the head's speed.
+The load of the head is estimated from its speed. A fully loaded drive loses a few per cent of it;
+when it loses more, the head is pressed too hard: feed (driving, slewing and lifting) slows down in
+proportion to the drop of the head's speed, and reverses before the head stalls. The face is where
+the ground before the head is higher than the floor.
 """
 
 from __future__ import annotations
@@ -28,14 +30,23 @@ _JOINT_TOLERANCE = 0.02
 _POSITION_GAIN = 3.0
 """Joint velocity over joint error [1/s]."""
 
-_UNLOADED_SPEED_FRACTION = 0.9
+_FULL_FEED_SPEED_FRACTION = 0.985
 """Fraction of the commanded head speed above which the feed is not reduced."""
 
-_STALL_SPEED_FRACTION = 0.4
-"""Fraction of the commanded head speed below which the feed stops."""
+_ZERO_FEED_SPEED_FRACTION = 0.955
+"""Fraction of the commanded head speed below which the feed is reversed."""
 
-_HEAD_SPEED_FILTER_TIME = 0.1
+_MIN_FEED_FACTOR = -0.3
+"""Factor of the feed that relieves a head that is close to a stall."""
+
+_FEED_RISE_RATE = 1.5
+"""Maximum rate at which the feed factor increases [1/s]: the head meets the face gently."""
+
+_HEAD_SPEED_FILTER_TIME = 0.05
 """Time constant of the low-pass filter of the head's speed [s]."""
+
+_MIN_FACE_HEIGHT = 0.5
+"""Minimum mean height of ground that counts as the face, in radii of the head."""
 
 _FREE_SLEW_FACTOR = 2.0
 """Speed of the boom outside the face, as a multiple of `slew_speed`."""
@@ -71,8 +82,10 @@ class FaceCuttingTask:
         self._start_time: float | None = None
         self._phase_start_position = np.zeros(3)
         self._contact_distance: float | None = None  # driven until the head met the face [m]
+        self._start_yaw, self._yaw_change = 0.0, 0.0  # [rad]
         self._last_head_angle: float | None = None
         self._head_angular_velocity = 0.0
+        self._feed_factor = 0.0  # 1 unloaded, negative near a stall
 
     @property
     def done(self) -> bool:
@@ -89,9 +102,12 @@ class FaceCuttingTask:
         if self._start_time is None:
             self._start_time = observation.time
             self._phase_start_position = observation.base_position.copy()
+            self._start_yaw = observation.yaw
+        self._yaw_change = math.remainder(observation.yaw - self._start_yaw, 2.0 * math.pi)
         if observation.time - self._start_time > self._params.timeout:
             self.abort(f"the face was not cut within {self._params.timeout:g} s")
         self._update_head_speed(observation, dt)
+        self._update_feed(dt)
         turn, lift = float(observation.joints[0]), float(observation.joints[1])
         speed = self._advance_phase(observation, turn, lift)
         head_angular_velocity = 0.0 if self.done else self._params.head_angular_velocity
@@ -114,8 +130,7 @@ class FaceCuttingTask:
             if self._is_at_target(turn, lift) and self._is_head_up_to_speed:
                 self._start_phase(OperatorPhase.SUMP, observation)
         elif phase is OperatorPhase.SLEW:
-            target = self._slew_direction * self._geometry.max_turn_angle
-            if abs(turn - target) < _JOINT_TOLERANCE:
+            if abs(turn - self._target()[0]) < _JOINT_TOLERANCE:
                 self._finish_row()
         elif phase is OperatorPhase.RISE:
             if self._is_at_target(turn, lift):
@@ -128,7 +143,7 @@ class FaceCuttingTask:
     def _sump(self, observation: Observation) -> float:
         """Drive into the face; return the speed of the tracks [m/s]."""
         distance, feed_factor = self._distance_driven(observation), self._feed_factor
-        if self._contact_distance is None and feed_factor < 1.0:
+        if self._contact_distance is None and self._is_at_face(observation):
             self._contact_distance = distance
         if self._contact_distance is None and distance > self._params.max_approach_distance:
             self.abort(f"there is no face within {self._params.max_approach_distance:g} m")
@@ -190,21 +205,35 @@ class FaceCuttingTask:
 
     @property
     def _is_head_up_to_speed(self) -> bool:
-        min_speed = _UNLOADED_SPEED_FRACTION * self._params.head_angular_velocity
+        min_speed = _FULL_FEED_SPEED_FRACTION * self._params.head_angular_velocity
         return self._head_angular_velocity > min_speed
 
-    @property
-    def _feed_factor(self) -> float:
-        """Factor of the feed speed by the load of the head: 1 unloaded, 0 close to a stall."""
+    def _is_at_face(self, observation: Observation) -> bool:
+        """Return whether the ground before the head is higher than the floor."""
+        turn, lift = float(observation.joints[0]), float(observation.joints[1])
+        local = self._geometry.points_before_head(turn, lift, 0.5 * observation.grid.cell)
+        points = observation.base_position[:2] + local @ observation.base_rotation[:2, :2].T
+        heights = observation.surface_heights(points[:, 0], points[:, 1])
+        min_height = _MIN_FACE_HEIGHT * self._geometry.drum.radius
+        return float(heights.mean() - observation.base_position[2]) > min_height
+
+    def _update_feed(self, dt: float) -> None:
+        """Reduce the feed at once with the speed of the head, and increase it slowly."""
         speed_fraction = self._head_angular_velocity / self._params.head_angular_velocity
-        range_ = _UNLOADED_SPEED_FRACTION - _STALL_SPEED_FRACTION
-        return min(max((speed_fraction - _STALL_SPEED_FRACTION) / range_, 0.0), 1.0)
+        range_ = _FULL_FEED_SPEED_FRACTION - _ZERO_FEED_SPEED_FRACTION
+        target = (speed_fraction - _ZERO_FEED_SPEED_FRACTION) / range_
+        target = min(max(target, _MIN_FEED_FACTOR), 1.0)
+        self._feed_factor = min(target, max(self._feed_factor, 0.0) + _FEED_RISE_RATE * dt)
 
     def _target(self) -> tuple[float, float]:
-        """Return the angles of turn and lift at the end of the phase [rad]."""
+        """Return the angles of turn and lift at the end of the phase [rad].
+
+        The boom reaches the sides of the face although the machine has turned on its tracks.
+        """
         geometry = self._geometry
         height = geometry.row_heights[self._row_index]
-        return self._slew_direction * geometry.max_turn_angle, geometry.lift_angle(height)
+        turn = self._slew_direction * geometry.max_turn_angle - self._yaw_change
+        return geometry.clip_turn_angle(turn), geometry.lift_angle(height)
 
     def _is_at_target(self, turn: float, lift: float) -> bool:
         target_turn, target_lift = self._target()
@@ -219,9 +248,11 @@ class FaceCuttingTask:
             return 0.0, 0.0
         target_turn, target_lift = self._target()
         is_free = self.phase in (OperatorPhase.START, OperatorPhase.LOWER)
-        max_speed = self._params.slew_speed * (_FREE_SLEW_FACTOR if is_free else self._feed_factor)
+        speed = self._params.slew_speed * (_FREE_SLEW_FACTOR if is_free else self._feed_factor)
 
         def velocity(error: float) -> float:
-            return min(max(_POSITION_GAIN * error, -max_speed), max_speed)
+            return math.copysign(1.0, speed) * min(
+                max(_POSITION_GAIN * error, -abs(speed)), abs(speed)
+            )
 
         return velocity(target_turn - turn), velocity(target_lift - lift)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dig_operator.face_params import FaceCuttingParams
 from machine_sim.machine.errors import MachineError
@@ -15,6 +16,10 @@ __all__ = ["ROAD_HEADER_JOINTS", "FaceGeometry"]
 
 ROAD_HEADER_JOINTS = ("turn", "lift", "head")
 """Joints of a road header: boom about z, boom about y, rotation of the cutting head."""
+
+
+_NUM_POINTS_BEFORE_HEAD = 5
+"""Number of points at which the ground before the head is observed."""
 
 
 class FaceGeometry:
@@ -47,6 +52,7 @@ class FaceGeometry:
         turn, lift, head = machine.joints.values()
         _validate_params(params, drum, head.max_velocity)
         self._turn_limits, self._lift_limits = turn, lift
+        self._drum, self._turn_x, self._lift_x = drum, turn.origin[0], lift.origin[0]
         self._pivot_height = turn.origin[2] + lift.origin[2]
         self._boom_length = head.origin[0]
         self._slew_radius = lift.origin[0] + self._boom_length
@@ -68,6 +74,30 @@ class FaceGeometry:
                 f"the boom cannot put its head {height:.2f} m high; give a face of another height"
             )
         return math.asin(sine)
+
+    @property
+    def drum(self) -> DrumShape:
+        """Shape of the cutting head."""
+        return self._drum
+
+    def points_before_head(self, turn: float, lift: float, distance: float) -> NDArray[np.float64]:
+        """Return points along the width of the head, before it [m], base frame, shape (n, 2).
+
+        Args:
+            turn, lift: angles of the boom [rad].
+            distance: distance of the points from the tips of the picks [m].
+        """
+        reach = self._lift_x + self._boom_length * math.cos(lift) + self._drum.radius + distance
+        along = np.array([math.cos(turn), math.sin(turn)])
+        across = np.array([-along[1], along[0]])
+        half = 0.5 * self._drum.width
+        offsets = np.linspace(-half, half, _NUM_POINTS_BEFORE_HEAD)[:, None]
+        points: NDArray[np.float64] = reach * along + offsets * across + [self._turn_x, 0.0]
+        return points
+
+    def clip_turn_angle(self, angle: float) -> float:
+        """Return the attainable turn angle that is nearest to an angle [rad]."""
+        return min(max(angle, self._turn_limits.lower), self._turn_limits.upper)
 
     def _turn_angle(self, offset: float) -> float:
         """Return the turn angle [rad] that puts the head `offset` [m] to the left."""

@@ -23,7 +23,7 @@ class FaceCuttingParams(Parameters):
         0.3, "overlap of a pass with the one below, in radii of the head", low=0.0, high=1.5
     )
     head_angular_velocity: float = parameter(
-        5.0, "commanded angular velocity of the head", unit="rad/s", low=0.5, high=50.0
+        7.5, "commanded angular velocity of the head", unit="rad/s", low=0.5, high=50.0
     )
     slew_speed: float = parameter(
         0.15, "angular speed of the boom while cutting", unit="rad/s", low=0.01, high=1.0

@@ -15,7 +15,7 @@ from machine_sim.dem import SoilEngine
 from machine_sim.ground.contact_surface import Ground
 from machine_sim.tool_soil.coupling import ToolSoilCoupling
 from msg_bridge.contract.errors import ErrorCode, ExchangeError
-from msg_bridge.contract.rows import ConversionKind, Rows, SoilReaction
+from msg_bridge.contract.rows import MAX_MILLING_WORK, ConversionKind, Rows, SoilReaction
 
 __all__ = ["check_conversions", "check_excavation", "check_forces", "check_map_updates"]
 
@@ -80,6 +80,12 @@ def check_forces(forces: Rows, num_tools: int) -> None:
     _check_magnitude(forces, ("x", "y", "z"), _MAX_COORDINATE, "point of a force")
     wrench = ("fx", "fy", "fz", "tx", "ty", "tz")
     _check_magnitude(forces, wrench, _MAX_WRENCH, "component of a force")
+    work = forces["work"]
+    if not ((work >= 0.0) & (work <= MAX_MILLING_WORK)).all():
+        raise ExchangeError(
+            f"the work of a FORCE row is not between 0 and {MAX_MILLING_WORK:g} J",
+            ErrorCode.VALUE,
+        )
 
 
 def check_conversions(

@@ -11,6 +11,7 @@ than that of the terrain. The exchange (`msg_bridge.exchange`) numbers the rows 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,12 +24,12 @@ from soil_sim.columns import ChangeTracker, Columns, TileChecksums
 from soil_sim.compaction import compact
 from soil_sim.deposition import deposit
 from soil_sim.errors import SoilError
-from soil_sim.excavation import KeyPointCut, RemovedSoil, SweptCut
+from soil_sim.excavation import KeyPointCut, Milling, RemovedSoil, SweptCut
 from soil_sim.row_output import convert_deposit_requests, excavation_rows, map_update_rows
 from soil_sim.slope_failure import ColumnShares, SlopeRelaxation, relaxation_noise
 from soil_sim.soils.params import SoilParams
 from soil_sim.soils.soil_types import build_soil_tables
-from soil_sim.tool_force.tool_forces import ToolForces, zero_tool_forces
+from soil_sim.tool_force.tool_forces import ToolForces, set_milling_forces, zero_tool_forces
 from soil_sim.tool_sweeps import MachineSweeps, ValidSweeps, group_by_machine, validate_sweeps
 
 __all__ = ["Soil", "SoilStepResult"]
@@ -183,7 +184,9 @@ class Soil:
             deposit_requests, tick, self.columns.frame, len(self.soil_types)
         )
         forces = self._compute_tool_forces(valid_sweeps)
-        excavated, displaced = self._excavate(tick, valid_sweeps)
+        excavated, displaced, millings = self._excavate(tick, valid_sweeps)
+        if self.params.force_mode != "none":
+            forces = set_milling_forces(forces, millings)
         num_visits = deposit(
             self.relaxation,
             self.columns.frame,
@@ -201,16 +204,20 @@ class Soil:
             return zero_tool_forces(sweeps)
         return self._tool_forces.compute(sweeps)
 
-    def _excavate(self, tick: int, sweeps: ValidSweeps) -> tuple[Rows, ColumnShares | None]:
-        """Cut and compact with the tools of all machines.
+    def _excavate(
+        self, tick: int, sweeps: ValidSweeps
+    ) -> tuple[Rows, ColumnShares | None, list[Milling]]:
+        """Cut, mill and compact with the tools of all machines.
 
         Returns:
-            (CONVERSION rows of the excavated soil, soil that the tools push ahead).
+            (CONVERSION rows of the excavated soil, soil that the tools push ahead, what each drum
+            engaged).
         """
         machines = group_by_machine(sweeps)
+        millings: list[Milling] = []
         if self.params.cut_mode == "swept":
             self._swept_cut.reserve(cut for machine in machines for cut in machine.cuts)
-            removed = [self._cut_and_compact(machine) for machine in machines]
+            removed = [self._cut_and_compact(machine, millings) for machine in machines]
         else:
             removed = [self._cut_at_key_points(machine) for machine in machines]
         displaced, left = self._swept_cut.end_tick()
@@ -220,10 +227,21 @@ class Soil:
             for machine, soils in zip(machines, removed, strict=True)
             for soil in soils
         ]
-        return join_rows(parts, CONVERSION), displaced
+        return join_rows(parts, CONVERSION), displaced, millings
 
-    def _cut_and_compact(self, machine: MachineSweeps) -> list[RemovedSoil]:
-        removed = [self._swept_cut.excavate(cut) for cut in machine.cuts]
+    def _cut_and_compact(
+        self, machine: MachineSweeps, millings: list[Milling]
+    ) -> list[RemovedSoil]:
+        """Return the soil that each tool removes; add what drums engage to `millings`."""
+        removed = []
+        for cut in machine.cuts:
+            if cut.work is None:
+                removed.append(self._swept_cut.excavate(cut))
+                continue
+            work = math.inf if self.params.force_mode == "none" else cut.work  # nothing resists
+            milled, milling = self._swept_cut.mill(cut, work, self._tool_forces.strength)
+            removed.append(milled)
+            millings.append(milling)
         compacted = compact(self.columns, machine.press_pairs)
         self.relaxation.mark_disturbed(compacted, include_neighbours=True)
         return removed

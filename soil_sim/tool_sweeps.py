@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.contract.rows import Rows, SweepAction
+from msg_bridge.contract.rows import MAX_MILLING_WORK, Rows, SweepAction
 from msg_bridge.kernels import helper, kernel
 
 __all__ = [
@@ -49,13 +49,14 @@ class SweepFault(IntEnum):
     EXTENT = 4
     DISPLACEMENT = 5
     ROOM = 6
+    WORK = 7
 
 
 _FAULT_MESSAGES = {
     SweepFault.PAIR_ORDER: "rows 2k and 2k+1 of a tool must be the left and right end of pair k;"
     " send all its pairs in order, 0 first, each twice",
     SweepFault.ACTION: "both ends of a pair must have the same action: 0 to cut, 1 to press or"
-    " 2 to mill",
+    " 2 to mill; a tool that mills does so with all pairs",
     SweepFault.COORDINATE: f"a coordinate is not finite or beyond {_MAX_COORDINATE:g} m; send map"
     " coordinates in metres",
     SweepFault.EXTENT: f"its key points span more than {_MAX_TOOL_EXTENT:g} m; send the key points"
@@ -64,6 +65,9 @@ _FAULT_MESSAGES = {
     " can take in",
     SweepFault.DISPLACEMENT: f"a key point moves more than {_MAX_DISPLACEMENT:g} m in a tick; start"
     " where the last tick ended",
+    SweepFault.WORK: f"its work is not between 0 and {MAX_MILLING_WORK:g} J, differs from row to"
+    " row, or is not 0 although it does not mill; send the work that the drum can deliver in the"
+    " tick",
 }
 """What is wrong with the rows and what to change."""
 
@@ -73,12 +77,13 @@ _NO_FAULT, _PAIR_ORDER, _ACTION, _ROOM = (
     int(SweepFault.ACTION),
     int(SweepFault.ROOM),
 )
-_COORDINATE, _EXTENT, _DISPLACEMENT = (
+_COORDINATE, _EXTENT, _DISPLACEMENT, _WORK = (
     int(SweepFault.COORDINATE),
     int(SweepFault.EXTENT),
     int(SweepFault.DISPLACEMENT),
+    int(SweepFault.WORK),
 )
-_COMPACT = int(SweepAction.COMPACT)
+_COMPACT, _MILL = int(SweepAction.COMPACT), int(SweepAction.MILL)
 _LAST_ACTION = int(max(SweepAction))
 
 
@@ -116,10 +121,16 @@ class CutSweep(NamedTuple):
     Attributes:
         pairs: the pairs.
         room_mm3: bank volume that the tool can take in [mm^3]; `UNLIMITED_ROOM` if any.
+        machine_id: id of its machine.
+        tool: id of the tool.
+        work: work that it can deliver if it mills [J]; None if it cuts.
     """
 
     pairs: SweptPairs
     room_mm3: int
+    machine_id: int
+    tool: int
+    work: float | None
 
 
 class MachineSweeps(NamedTuple):
@@ -178,14 +189,22 @@ def _split_tools(rows: Rows, pairs: SweptPairs, left: NDArray[np.int64]) -> list
     """Return the cutting pairs of one machine by tool; `left` are the first rows of the pairs."""
     if left.size == 0:
         return []
-    tools, rooms = rows["tool"][left].tolist(), rows["room_mm3"][left].tolist()
+    tools = rows["tool"][left].tolist()
     if tools[0] == tools[-1]:  # the usual case: one tool, sorted by tool
-        return [CutSweep(pairs, rooms[0])]
+        return [_cut_sweep(rows[left[0]], pairs)]
     starts = [k for k in range(left.size) if k == 0 or tools[k] != tools[k - 1]]
     return [
-        CutSweep(SweptPairs(pairs.points[a:b], pairs.has_plate[a:b]), rooms[a])
+        _cut_sweep(rows[left[a]], SweptPairs(pairs.points[a:b], pairs.has_plate[a:b]))
         for a, b in zip(starts, [*starts[1:], left.size], strict=True)
     ]
+
+
+def _cut_sweep(first: np.void, pairs: SweptPairs) -> CutSweep:
+    """Return the sweep of a tool from its first row and its pairs."""
+    work = float(first["work"]) if first["action"] == SweepAction.MILL else None
+    return CutSweep(
+        pairs, int(first["room_mm3"]), int(first["machine_id"]), int(first["tool"]), work
+    )
 
 
 @helper(inline="always")
@@ -239,8 +258,14 @@ def _find_fault(rows, points, first_row, end):  # type: ignore[no-untyped-def]
         index = n - first_row
         if rows[n].pair != index // 2:
             return _PAIR_ORDER
-        if rows[n].action > _LAST_ACTION or rows[n].action != rows[n - index % 2].action:
+        action, first_action = rows[n].action, rows[first_row].action
+        if action > _LAST_ACTION or action != rows[n - index % 2].action:
             return _ACTION
+        if (action == _MILL) != (first_action == _MILL):
+            return _ACTION
+        max_work = MAX_MILLING_WORK if action == _MILL else 0.0
+        if not 0.0 <= rows[n].work <= max_work or rows[n].work != rows[first_row].work:
+            return _WORK
         if rows[n].room_mm3 != rows[first_row].room_mm3:
             return _ROOM
         distance_squared = 0.0

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from msg_bridge.contract.grid import Grid
-from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, SweepAction, empty_rows, join_rows
+from msg_bridge.contract.rows import (
+    DEPOSIT_REQUEST,
+    SWEEP,
+    Rows,
+    SweepAction,
+    empty_rows,
+    join_rows,
+)
 from soil_sim.soil import Soil
 from soil_sim.soil_inventory import SoilInventory
 from soil_sim.soils.params import SoilParams
@@ -39,16 +46,27 @@ def warm_up(params: SoilParams) -> None:
         track = cut.copy()
         track["tool"], track["action"] = 1, SweepAction.COMPACT
         drum = cut.copy()
-        drum["tool"], drum["action"] = 2, SweepAction.MILL
+        drum["tool"], drum["action"], drum["work"] = 2, SweepAction.MILL, 100.0
+        parked_drum = _closed_ring()
         step = soil.step(
             tick,
-            join_rows([cut, track, drum], SWEEP),
+            join_rows([cut, track, drum, parked_drum], SWEEP),
             deposit_requests if tick == 1 else empty_rows(DEPOSIT_REQUEST),
         )
         inventory.record_conversions(step.conversions, {0: 1})
     soil.step(_NUM_TICKS + 1, empty_rows(SWEEP), empty_rows(DEPOSIT_REQUEST))
     soil.state_hash()
     _collapse_cliff(params)
+
+
+def _closed_ring() -> Rows:
+    """Return the sweep of a drum that is not driven, tool 3."""
+    rows = empty_rows(SWEEP, 10)
+    rows["pair"], rows["tool"], rows["action"] = np.arange(10) // 2, 3, SweepAction.COMPACT
+    rows["x0"] = rows["x1"] = np.repeat((0.3, 0.0, -0.3, 0.0, 0.3), 2)
+    rows["z0"] = rows["z1"] = np.repeat((0.0, 0.3, 0.0, -0.3, 0.0), 2)
+    rows["y0"] = rows["y1"] = (1.5, 1.2) * 5
+    return rows
 
 
 def _collapse_cliff(params: SoilParams) -> None:

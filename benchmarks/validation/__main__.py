@@ -20,6 +20,7 @@ from benchmarks.validation.angle_of_repose import poured_repose_angle
 from benchmarks.validation.bucket_transport import TransportResult, transport_soil
 from benchmarks.validation.chart import Results, draw_chart
 from benchmarks.validation.column_collapse import collapse_axisymmetric, collapse_planar
+from benchmarks.validation.face_milling import mill_face
 from benchmarks.validation.full_speed_scoop import run_scoop
 from benchmarks.validation.heap_creep import resting_heap
 from benchmarks.validation.hopper_outflow import OPENINGS, flow_exponent, measure_outflow
@@ -188,10 +189,37 @@ def check_scoops(quick: bool) -> Iterator[Row]:
     yield Row(f"{name}: volume imbalance [mm3]", "0", f"{imbalance}", imbalance == 0)
 
 
+def check_milling() -> Iterator[Row]:
+    """Cut a face of rock and one of loam with the road header."""
+    (rock, rock_time), (loam, loam_time) = mill_face("rock"), mill_face("loam")
+    yield Row(
+        "face of rock: work of the drive without counterpart [%]",
+        "0 +- 5",
+        f"{100.0 * rock.imbalance:.1f}",
+        abs(rock.imbalance) < 0.05,
+    )
+    yield Row(
+        "face of rock: milling rate [m3/h]", "20 to 60", f"{rock.rate:.0f}", 20.0 < rock.rate < 60.0
+    )
+    yield Row(
+        "face of loam: time over that of rock",
+        "< 0.5",
+        f"{loam_time / rock_time:.2f}",
+        loam_time < 0.5 * rock_time,
+    )
+    yield Row(
+        "face of loam: work against cuttings over work of milling",
+        "< 0.5",
+        f"{loam.cuttings_work / loam.milling_work:.2f}",
+        loam.cuttings_work < 0.5 * loam.milling_work,
+    )
+
+
 def run_all(quick: bool, results: Results) -> Iterator[Row]:
     """Run all experiments."""
     yield from check_buckets()
     yield from check_scoops(quick)
+    yield from check_milling()
     yield from check_hoppers(quick, results)
     yield from check_heaps(results)
     yield from check_rest(quick)

@@ -130,8 +130,14 @@ class TrackedMachine:
                 self._joints[children.index(mount.link)],
                 mount.shape,
                 spec.links[mount.link],
+                self._limits[children.index(mount.link)].max_effort,
             )
             for name, mount in spec.tools.items()
+        }
+        self._spinning_tools = {
+            children.index(mount.link): self.tools[name]
+            for name, mount in spec.tools.items()
+            if mount.shape.spins
         }
         self._main_body_joint = children.index(spec.main_body) if spec.main_body != BASE else None
         self.after_step()
@@ -159,6 +165,8 @@ class TrackedMachine:
             for velocity, limit in zip(joints, self._limits, strict=True)
         ]
         self._command += [min(max(speed, -max_speed), max_speed) for speed in tracks]
+        for joint, tool in self._spinning_tools.items():
+            tool.commanded_drum_speed = self._command[joint]
 
     def before_step(self, dt: float) -> None:
         """Apply forces and motor targets for the physics engine's next step of `dt` [s]."""

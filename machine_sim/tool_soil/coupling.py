@@ -15,7 +15,7 @@ from machine_sim.params import MachineSimParams
 from machine_sim.tool_soil.payload import Payload
 from machine_sim.tool_soil.room import ReportedRoom
 from machine_sim.tool_soil.tools import ToolMotion, make_interaction
-from msg_bridge.contract.rows import Rows
+from msg_bridge.contract.rows import MAX_MILLING_WORK, Rows
 
 __all__ = ["ToolSoilCoupling"]
 
@@ -68,9 +68,9 @@ class ToolSoilCoupling:
             nominal_mm3=particles.params.nominal_volume,
             max_per_tick=params.max_releases_per_tick,
         )
-        self.resistance = interaction.make_resistance(tool, machine_mass, params.physics_step)
+        self.resistance = interaction.make_resistance(tool, machine_mass, params)
         self._resistance_wrench = _ZERO_WRENCH
-        self._tick_start_pose = self._previous_pose = tool.pose
+        self._previous_pose = tool.pose
         self._frame_history = deque([tool.frame], maxlen=_NUM_FRAMES)
         self._reported_room = ReportedRoom(_NUM_FRAMES)
         self.payload: Payload = interaction.payload(particles, tool.pose)
@@ -124,7 +124,6 @@ class ToolSoilCoupling:
 
     def begin_tick(self, tick: int) -> None:
         """Begin the tick of a number: release pending soil as particles."""
-        self._tick_start_pose = self.tool.pose
         self.resistance.begin_tick()
         self.pending.release(
             self._particles, self.tool.frame, tick, self._interaction.release_twist(self.tool)
@@ -154,8 +153,11 @@ class ToolSoilCoupling:
         self._frame_history.append(self.tool.frame)
         self.payload = self._interaction.payload(self._particles, self.tool.pose)
         room = self._reported_room.report(self._free_mm3()) if self.is_digging else 0
+        work = self.resistance.deliverable_work
+        if work > 0.0 and not self._params.cutting_forces:
+            work = MAX_MILLING_WORK  # nothing brakes the drum
         return self._interaction.sweep(
-            ToolMotion(self._tick_start_pose, self.tool.pose, self.tool.drum_speed, room)
+            ToolMotion(self.frame_at(1), self.frame_at(0), room, self.tool.is_driven, work)
         )
 
     def _free_mm3(self) -> float:

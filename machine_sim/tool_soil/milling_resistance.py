@@ -1,71 +1,160 @@
-"""Milling resistance: the torque and thrust of the soil on a spinning drum with picks.
+"""Milling resistance: the work of a drum in the soil, and the thrust out of the face.
 
-The soil answers a tick with the wrench on the picks in that tick. It arrives one or two ticks
-later and applies until the next one. It brakes the drum and never drives it: the active fraction
-is limited so that the drum loses at most `_MAX_BRAKING_FRACTION` of its speed in a step, and is
-zero for a drum that stands or spins the other way. A drum stalls in this way. A drum at rest is
-supported by the soil like any other tool (`machine_sim.tool_soil.resistance`).
+With each tick the drum reports the work that it can deliver: what its drive delivers in a tick at
+the present speed, and a part of the kinetic energy above that of its loaded speed. The soil removes
+no more than this work covers, and answers, one or two ticks later, with the work that it took. That
+work is a debt, which the picks take out of the drum during the next tick. A drum that falls below
+its loaded speed, or whose debt is not paid, reports less. The debt closes the balance of energy:
+
+    work of drive and feed = increase of kinetic energy + milling + work against particles
+
+The soil in front of the drum bears it like any tool (`capped_spring_damper`): soil that is removed
+at once with the thrust on the picks, their cutting force times a ratio; soil that the work did not
+suffice to remove with its strength, so that the feed stalls. Conversely picks that are pressed
+against the soil with a force cut with that force over the ratio; they reach the depth of that force
+after the drum has turned by the angle between two rows of picks. If the torque is beyond that of
+the drive, the drum slows down and stalls until the feed is reduced. Work of the picks beyond the
+debt is kept for the next ticks.
+
+The force on the picks is against their motion over the soil, by the spin and the motion of the
+drum, and is limited to what stops them in a step. A drum that is not driven is supported by the
+soil like any other tool (`machine_sim.tool_soil.resistance`).
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.machine import MachineError
+from machine_sim.machine import MachineError, Tool
 from machine_sim.machine.rotations import cross
-from machine_sim.tool_soil.resistance import FORCE_TIMEOUT_TICKS, SoilResistance
+from machine_sim.machine.tools.drum import DrumShape
+from machine_sim.machine.tools.tool import MIN_DRUM_SPEED
+from machine_sim.params import MachineSimParams
+from machine_sim.tool_soil.capped_spring_damper import norm
+from machine_sim.tool_soil.resistance import (
+    FORCE_TIMEOUT_TICKS,
+    SoilResistance,
+    machine_contact,
+)
 from msg_bridge.contract.rows import Rows, SoilReaction
 
-__all__ = ["MIN_MILLING_SPEED", "MillingResistance"]
+__all__ = ["MillingResistance"]
 
 Array = NDArray[np.float64]
 Pose = tuple[Array, Array]
 
-MIN_MILLING_SPEED = 0.5
-"""Minimum angular speed [rad/s] at which a drum mills."""
+_THRUST_RATIO = 1.0
+"""Ratio of the normal to the cutting force of a pick [-]: measured ratios of conical picks are
+around one and increase with wear (see `soil_sim.tool_force.rock_pick`)."""
 
-_MAX_BRAKING_FRACTION = 0.3
-"""Maximum fraction of its angular velocity that a drum loses in a step."""
+_LOADED_SPEED_FRACTION = 0.95
+"""Speed of the drum at full load as a fraction of the commanded one [-], typical of the slip of an
+induction motor."""
 
-_WRENCH_FIELDS = (("x", "y", "z"), ("fx", "fy", "fz"), ("tx", "ty", "tz"))
+_ENERGY_GAIN = 0.3
+"""Fraction of the difference to the kinetic energy at the loaded speed that a tick may use. An
+answer lags by up to three ticks; the speed oscillates above 2 sin(pi / 14) = 0.45."""
+
+_STORE_TICKS = 10.0
+"""Maximum work of the picks beyond the debt that is kept, in ticks of the drive's work."""
+
+_STOPPING_FRACTION = 0.7
+"""Maximum fraction of its velocity over the soil that a drum without drive loses in a step."""
+
+_MIN_LEVER_FRACTION = 0.3
+"""Minimum lever arm of the picks as a fraction of the drum's radius: picks engage on its rim, but
+the centre of the engaged soil can be on the axis."""
+
+_WRENCH_FIELDS = (("x", "y", "z"), ("fx", "fy", "fz"))
 
 
 class MillingResistance:
     """Resistance of the soil to one drum.
 
     Attributes:
-        static_resistance: resistance while the drum does not mill.
+        static_resistance: resistance while the drum is not driven.
+        contact: force of the soil in front of a driven drum.
+        debt: work that milled soil has taken and the picks have yet to take out of the drum [J];
+            negative: work of the picks that no soil has taken yet.
     """
 
-    def __init__(self, tool_mass: float, machine_mass: float, inertia: float, dt: float) -> None:
+    def __init__(
+        self, tool: Tool, shape: DrumShape, machine_mass: float, params: MachineSimParams
+    ) -> None:
         """
         Args:
-            tool_mass: mass of the drum's link [kg].
+            tool: the drum.
+            shape: its shape.
             machine_mass: mass of the whole machine [kg].
-            inertia: of the drum about its axis [kg m^2].
-            dt: physics step [s].
+            params: stepping of the node.
         """
-        self._max_torque_per_speed = _MAX_BRAKING_FRACTION * inertia / dt  # [N m s/rad]
-        self.static_resistance = SoilResistance(tool_mass, machine_mass, dt)
+        self._tool, self._radius = tool, shape.radius
+        self._pick_angle = 2.0 * math.pi / shape.vanes
+        self._tick_period = params.tick_period
+        self.static_resistance = SoilResistance(tool.mass, machine_mass, params.physics_step)
+        self.contact = machine_contact(machine_mass, params.physics_step)
         self._ticks_since_update = 0
         self._local_point: Array = np.zeros(3)
-        self._force: Array = np.zeros(3)
-        self._torque: Array = np.zeros(3)
-        self._magnitude = 0.0
+        self.debt = 0.0
+        self._power = 0.0  # at which the debt is paid in this tick [W]
+        self._picks = _Picks(np.zeros(3), shape.radius, np.zeros(3))  # in the last step
+        self._force = self._last_slip = 0.0  # of these picks [N], [m/s]
+        self._pressed_force = 0.0  # of picks that are pressed into the soil [N]
 
     @property
     def is_active(self) -> bool:
         """Whether soil resists or supports the drum."""
-        return self._magnitude > 0.0 or self.static_resistance.is_active
+        return (
+            self.contact.max_force > 0.0
+            or self.debt > 0.0
+            or self._force > 0.0
+            or self.static_resistance.is_active
+        )
+
+    @property
+    def deliverable_work(self) -> float:
+        """Work that the drum can deliver to the soil in a tick [J]."""
+        speed, commanded = self._tool.drum_speed, self._tool.commanded_drum_speed
+        if abs(speed) < MIN_DRUM_SPEED:
+            return 0.0
+        loaded_speed = _LOADED_SPEED_FRACTION * abs(commanded) if self._is_driving else 0.0
+        surplus = 0.5 * self._tool.inertia * (speed**2 - loaded_speed**2)
+        return max(self._drive_work + _ENERGY_GAIN * surplus - self.debt, 0.0)
 
     @property
     def state(self) -> Array:
         """All values that the next steps depend on, for the state hash."""
-        vectors = (self._local_point, self._force, self._torque)
-        return np.concatenate([*vectors, [self._ticks_since_update], self.static_resistance.state])
+        work = (self.debt, self._power, self._force, self._last_slip, self._pressed_force)
+        parts = (
+            self._local_point,
+            work,
+            [self._ticks_since_update],
+            self.contact.state,
+            self.static_resistance.state,
+        )
+        return np.concatenate(parts)
+
+    @property
+    def _is_driving(self) -> bool:
+        """Whether the drive is commanded in the direction in which the drum spins."""
+        return self._tool.drum_speed * self._tool.commanded_drum_speed > 0.0
+
+    @property
+    def _max_store(self) -> float:
+        """Maximum work of the picks beyond the debt that is kept [J]."""
+        speed = max(abs(self._tool.drum_speed), abs(self._tool.commanded_drum_speed))
+        return _STORE_TICKS * self._tool.drum_torque * speed * self._tick_period
+
+    @property
+    def _drive_work(self) -> float:
+        """Work of the drive in a tick at the present speed and its maximum torque [J]."""
+        if not self._is_driving:
+            return 0.0
+        return self._tool.drum_torque * abs(self._tool.drum_speed) * self._tick_period
 
     def receive(self, rows: Rows, pose: Pose) -> None:
         """Take the soil's answer to a tick.
@@ -75,36 +164,51 @@ class MillingResistance:
             pose: of the drum's non-spinning frame at the end of that tick.
 
         Raises:
-            MachineError: a wrench that is not finite; the previous wrench stays in force.
+            MachineError: values that are not finite; the previous ones stay in force.
         """
         milling = rows[rows["reaction"] == SoilReaction.MILL]
         if milling.size == 0:
             self.static_resistance.receive(rows, pose)
             self._ticks_since_update = 0
-            self._reset_wrench()
+            self.contact.reset()
             return
-        point, force, torque = (
-            np.array([float(milling[0][name]) for name in names]) for names in _WRENCH_FIELDS
-        )
-        if not np.isfinite(np.concatenate([point, force, torque])).all():
-            raise MachineError(f"the FORCE row of the drum is {milling[0]}; give finite numbers")
+        remaining = rows[rows["reaction"] == SoilReaction.BEARING]
+        point, force = _point_and_force(milling[0])
+        work = float(milling[0]["work"])
+        if not (math.isfinite(work) and work >= 0.0):
+            raise MachineError(f"the work of the drum is {work} J; give a finite number, 0 or more")
+        limit = self._thrust(work)
+        if remaining.size:
+            point, force = _point_and_force(remaining[0])
+            limit = math.inf
         self._ticks_since_update = 0
-        self.static_resistance.reset()  # the soil that supported the drum is milled away
+        self.static_resistance.reset()
+        self.debt += work
+        strength = norm(force)
+        limit = min(limit, strength)
+        if limit <= 0.0:
+            self.contact.reset()
+            return
         self._local_point = pose[0].T @ (point - pose[1])
-        self._force, self._torque = force, torque
-        self._magnitude = math.sqrt(float(force @ force + torque @ torque))
+        self.contact.set_wrench((point, limit / strength * force, np.zeros(3)), pose)
+
+    def _thrust(self, work: float) -> float:
+        """Return the thrust on picks that do some work in a tick [N]."""
+        distance = self._radius * abs(self._tool.drum_speed) * self._tick_period
+        return _THRUST_RATIO * work / distance if distance > 0.0 else 0.0
 
     def begin_tick(self) -> None:
         """Begin a tick: remove a wrench that was not updated for `FORCE_TIMEOUT_TICKS`."""
         self._ticks_since_update += 1
         if self._ticks_since_update > FORCE_TIMEOUT_TICKS:
-            self._reset_wrench()
+            self.contact.reset()
         self.static_resistance.begin_tick()
+        self._power = max(self.debt, 0.0) / self._tick_period
 
     def reset(self) -> None:
         """Remove all wrenches until the next FORCE rows."""
         self.static_resistance.reset()
-        self._reset_wrench()
+        self.contact.reset()
 
     def step(self, pose: Pose, velocity: tuple[Array, Array], dt: float) -> tuple[Array, Array]:
         """Return the wrench of the next physics step.
@@ -118,21 +222,87 @@ class MillingResistance:
             Force [N] and torque about the frame's origin [N m], map axes.
         """
         axis = pose[0][:, 1]
-        drum_speed = float(velocity[1] @ axis)
-        force, torque = self.static_resistance.step(
-            pose, (velocity[0], velocity[1] - drum_speed * axis), dt
-        )
-        lever_arm = pose[0] @ self._local_point
-        braking_torque = -float((self._torque + cross(lever_arm, self._force)) @ axis)
-        active_fraction = 0.0
-        if braking_torque * drum_speed > 0.0:
-            active_fraction = min(1.0, self._max_torque_per_speed * drum_speed / braking_torque)
-        milling_force = active_fraction * self._force
+        spin = float(velocity[1] @ axis)
+        frame_velocity = velocity[0], velocity[1] - spin * axis
+        # The work of the step that has ended: force times the mean of the slips at its ends.
+        slip = self._picks.slip(spin, frame_velocity)
+        self.debt -= self._force * 0.5 * abs(slip + self._last_slip) * dt
+        self.debt = max(self.debt, -self._max_store)
+        static_force, static_torque = self.static_resistance.step(pose, frame_velocity, dt)
+        wrench = np.array(self.contact.step(pose, frame_velocity, dt))
+        self._picks = picks = _Picks.at(pose[0] @ self._local_point, axis, self._radius)
+        self._last_slip = slip = picks.slip(spin, frame_velocity)
+        target = self.contact.active_fraction * self.contact.max_force / _THRUST_RATIO
+        travel = abs(slip) * dt / (picks.arm * self._pick_angle)
+        rise = max(target - self._pressed_force, 0.0) * min(travel, 1.0)
+        self._pressed_force = min(self._pressed_force + rise, target)
+        self._force = self._cutting_force(slip, picks.arm, dt)
+        # The cutting force is against the slip. On a lever below the minimum arm it has less than
+        # its torque; the rest is a pure torque.
+        cutting = -math.copysign(self._force, slip) * picks.direction
+        moment = cross(picks.point, cutting)
+        rest = -math.copysign(self._force * picks.arm, slip) - float(moment @ axis)
         return (
-            force + milling_force,
-            torque + active_fraction * self._torque + cross(lever_arm, milling_force),
+            static_force + wrench[:3] + cutting,
+            static_torque + wrench[3:] + moment + rest * axis,
         )
 
-    def _reset_wrench(self) -> None:
-        self._local_point, self._force, self._torque = np.zeros((3, 3))
-        self._magnitude = 0.0
+    def _cutting_force(self, slip: float, arm: float, dt: float) -> float:
+        """Return the force on the picks in the next step, 0 or more [N].
+
+        Args:
+            slip: velocity of the picks over the soil [m/s].
+            arm: their lever arm about the axis [m].
+            dt: physics step [s].
+        """
+        if slip == 0.0:
+            return 0.0
+        debt_force = min(self._power, max(self.debt, 0.0) / dt) / abs(slip)
+        stopping_force = _STOPPING_FRACTION * self._tool.inertia / arm**2 * abs(slip) / dt
+        if slip * self._tool.commanded_drum_speed > 0.0:
+            stopping_force += self._tool.drum_torque / arm
+        return min(max(debt_force, self._pressed_force), stopping_force)
+
+
+class _Picks(NamedTuple):
+    """Picks that engage soil.
+
+    Attributes:
+        point: where they do [m], relative to the origin of the frame, map axes.
+        arm: lever arm about the axis [m].
+        direction: of their motion when the drum spins with a positive speed, map axes.
+    """
+
+    point: Array
+    arm: float
+    direction: Array
+
+    @classmethod
+    def at(cls, point: Array, axis: Array, radius: float) -> _Picks:
+        """Return the picks at a point of a drum with an axis and a radius [m]."""
+        lever = point - float(point @ axis) * axis
+        distance = norm(lever)
+        arm = max(distance, _MIN_LEVER_FRACTION * radius)
+        return cls(point, arm, cross(axis, lever) / distance if distance > 0.0 else np.zeros(3))
+
+    def slip(self, spin: float, frame_velocity: tuple[Array, Array]) -> float:
+        """Return the velocity of the picks over the soil [m/s].
+
+        Args:
+            spin: angular velocity of the drum about its axis [rad/s].
+            frame_velocity: of its non-spinning frame: of the origin [m/s], angular [rad/s].
+        """
+        motion = frame_velocity[0] + cross(frame_velocity[1], self.point)
+        return spin * self.arm + float(motion @ self.direction)
+
+
+def _point_and_force(row: np.void) -> tuple[Array, Array]:
+    """Return point and force of a FORCE row.
+
+    Raises:
+        MachineError: values that are not finite.
+    """
+    point, force = (np.array([float(row[name]) for name in names]) for names in _WRENCH_FIELDS)
+    if not np.isfinite(np.concatenate([point, force])).all():
+        raise MachineError(f"the FORCE row of the drum is {row}; give finite numbers")
+    return point, force

@@ -25,7 +25,7 @@ from machine_sim.machine import MachineError
 from machine_sim.tool_soil.capped_spring_damper import CappedSpringDamper, norm
 from msg_bridge.contract.rows import FORCE, Rows, SoilReaction
 
-__all__ = ["FORCE_TIMEOUT_TICKS", "SoilResistance"]
+__all__ = ["FORCE_TIMEOUT_TICKS", "SoilResistance", "machine_contact"]
 
 Array = NDArray[np.float64]
 Pose = tuple[Array, Array]
@@ -82,15 +82,18 @@ class SoilResistance:
             dt: physics step [s].
         """
         self.cut = _spring_damper(_TOOL_EFFECTIVE_MASS_FRACTION * tool_mass, dt, 0.0)
-        self.bearing = _spring_damper(
-            _MACHINE_EFFECTIVE_MASS_FRACTION * machine_mass, dt, _RELEASE_DISTANCE
-        )
+        self.bearing = machine_contact(machine_mass, dt, _RELEASE_DISTANCE)
         self._ticks_since_update = 0
 
     @property
     def is_active(self) -> bool:
         """Whether soil resists or supports the tool."""
         return self.cut.max_force > 0.0 or self.bearing.max_force > 0.0
+
+    @property
+    def deliverable_work(self) -> float:
+        """Return 0: the tool does not mill."""
+        return 0.0
 
     @property
     def state(self) -> Array:
@@ -165,6 +168,17 @@ class SoilResistance:
         wrench = np.array(self.cut.step(pose, velocity, dt))
         wrench += self.bearing.step(pose, velocity, dt)
         return wrench[:3], wrench[3:]
+
+
+def machine_contact(machine_mass: float, dt: float, slack: float = 0.0) -> CappedSpringDamper:
+    """Return a spring-damper for a tool that bears the machine, without a wrench.
+
+    Args:
+        machine_mass: mass of the whole machine [kg].
+        dt: physics step [s].
+        slack: see `CappedSpringDamper`.
+    """
+    return _spring_damper(_MACHINE_EFFECTIVE_MASS_FRACTION * machine_mass, dt, slack)
 
 
 def _spring_damper(mass: float, dt: float, slack: float) -> CappedSpringDamper:

@@ -4,7 +4,7 @@ Each row is one key point with its start and end in the tick; two consecutive ro
 left and the right end of a strip. The action is to cut, to mill or to compact:
 
 - A plate with a cutting edge compacts where it moves along its outward normal, and else cuts.
-- A drum mills while it spins, and compacts while it does not.
+- A drum mills while it is driven, and else compacts.
 - Tracks compact the ground under their shoes.
 """
 
@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.dem import Pose
 from machine_sim.machine.spec import TrackSpec
-from machine_sim.tool_soil.milling_resistance import MIN_MILLING_SPEED
 from msg_bridge.contract.rows import (
+    MAX_MILLING_WORK,
     SWEEP,
     SWEEP_SEGMENT,
     UNLIMITED_ROOM,
@@ -99,7 +99,7 @@ class PlateSweep:
 
 
 class DrumSweep:
-    """Sweep of a drum: it mills while it spins, and compacts while it does not."""
+    """Sweep of a drum: it mills while it is driven, and else compacts."""
 
     def __init__(self, key_points: NDArray[np.float64], tool_id: int) -> None:
         """
@@ -110,18 +110,18 @@ class DrumSweep:
         self._points = key_points
         self._key_points = _KeyPointStrip(len(self._points), tool_id)
 
-    def rows(self, start: Pose, end: Pose, drum_speed: float) -> Rows:
+    def rows(self, start: Pose, end: Pose, is_driven: bool, work: float) -> Rows:
         """Return the SWEEP rows of one tick in the order of the key points.
 
         Args:
-            start, end: pose of the tool frame, which spins.
-            drum_speed: angular velocity about the axis [rad/s].
+            start, end: pose of the drum's non-spinning frame.
+            is_driven: whether it spins or is commanded to spin.
+            work: work that it can deliver to the soil in the tick [J].
         """
         strip = self._key_points
         strip.move(self._points, start, end)
-        strip.rows["action"] = (
-            SweepAction.MILL if abs(drum_speed) >= MIN_MILLING_SPEED else SweepAction.COMPACT
-        )
+        strip.rows["action"] = SweepAction.MILL if is_driven else SweepAction.COMPACT
+        strip.rows["work"] = min(work, MAX_MILLING_WORK) if is_driven else 0.0
         return strip.rows.copy()
 
 

@@ -10,12 +10,16 @@ the moisture of terrain maps is a fraction of saturation in format 1 and per cen
 Ledgers and state hashes of format 1 do not state their run. They get the number of the run that was
 recorded at that time, and the end time of their tick.
 
+Rows of either format may lack fields of the current ones (`ADDED_FIELDS`), which get a value that
+stands for the absence.
+
 Each upgrade checks for an old name first and leaves current messages as they are.
 """
 
 from __future__ import annotations
 
 import array
+import copy
 import json
 import re
 from collections.abc import Callable, Mapping
@@ -24,8 +28,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from msg_bridge.bag.legacy_names import (
+    ADDED_FIELDS,
     CONFIG_KEYS,
     DIAGNOSTICS_KEYS,
     DROPPED_LABELS,
@@ -42,8 +48,8 @@ __all__ = ["RecordedRun", "upgrade_message"]
 
 _STATE_HASH = re.compile(r"(\d+) ([0-9a-f]{64})")
 
-_FLOAT32 = 7
-"""PointField.FLOAT32; this module does not import ROS messages."""
+_UINT32, _FLOAT32 = 6, 7
+"""Datatypes of PointField; this module does not import ROS messages."""
 
 _LEDGER_TOPIC = "/soil/ledger"
 _NANO = 10**9
@@ -84,12 +90,35 @@ def _upgrade_cloud(topic: str, message: Any) -> None:
 
     The moisture of terrain maps, float32, is converted from a fraction to per cent.
     """
-    if not any(field.name == "epoch" for field in message.fields):
-        return
-    for field in message.fields:
-        field.name = FIELDS.get(field.name, field.name)
-        if field.name == "moisture" and field.datatype == _FLOAT32:
-            _scale_to_percent(message, field.offset)
+    if any(field.name == "epoch" for field in message.fields):
+        for field in message.fields:
+            field.name = FIELDS.get(field.name, field.name)
+            if field.name == "moisture" and field.datatype == _FLOAT32:
+                _scale_to_percent(message, field.offset)
+    for name, dtype, before, value in ADDED_FIELDS.get(topic.rpartition("/")[2], ()):
+        if all(field.name != name for field in message.fields):
+            _insert_field(message, name, np.array(value, dtype), before)
+
+
+def _insert_field(cloud: Any, name: str, value: NDArray[Any], before: str) -> None:
+    """Insert a field of 4 bytes with a value before another field of every point."""
+    at = next((k for k, field in enumerate(cloud.fields) if field.name == before), None)
+    step = int(cloud.point_step)
+    data = np.array(cloud.data, dtype=np.uint8)
+    if at is None or step == 0 or data.size % step:
+        return  # the decoder of the message reports the error
+    offset = int(cloud.fields[at].offset)
+    field = copy.copy(cloud.fields[at])
+    field.name, field.datatype = name, _FLOAT32 if value.dtype.kind == "f" else _UINT32
+    for following in cloud.fields[at:]:
+        following.offset += value.itemsize
+    field.offset = offset
+    cloud.fields.insert(at, field)
+    added = np.frombuffer(value.tobytes(), np.uint8)
+    points = np.insert(data.reshape(-1, step), [offset] * added.size, added, axis=1)
+    cloud.data = array.array("B", points.tobytes())
+    cloud.point_step += value.itemsize
+    cloud.row_step = cloud.width * cloud.point_step
 
 
 def _scale_to_percent(cloud: Any, offset: int) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 
 __all__ = [
+    "ADDED_FIELDS",
     "CONFIG_KEYS",
     "DIAGNOSTICS_KEYS",
     "DROPPED_LABELS",
@@ -44,6 +45,13 @@ FIELDS = {
     "previous": "previous_tick",
 }
 """Fields of points, and labels of arrays after their last dot."""
+
+ADDED_FIELDS: dict[str, tuple[tuple[str, str, str, float], ...]] = {
+    "tool_sweeps": (("room_mm3", "<u4", "pair", 2**32 - 1), ("work", "<f4", "run_id", 0.0)),
+    "forces": (("work", "<f4", "run_id", 0.0),),
+}
+"""Fields that were added to rows, by the last part of their topic: name, type, the field that they
+come before, and their value in older recordings."""
 
 RANGES = {"landed": "deposit_requests", "changed": "map_updates"}
 """Labels of arrays before a dot."""

@@ -18,6 +18,7 @@ __all__ = [
     "ENDED_SESSION",
     "FORCE",
     "MAP_UPDATE",
+    "MAX_MILLING_WORK",
     "MAX_ROW_VOLUME",
     "SWEEP",
     "SWEEP_SEGMENT",
@@ -55,8 +56,9 @@ class SweepAction(IntEnum):
     COMPACT = 1
     """Pushes soil down without removing it: a track shoe, the back of a bucket."""
     MILL = 2
-    """Removes soil on all sides by rotating picks: a cutting drum. Its key points form a closed
-    curve: the last pair repeats the first."""
+    """Removes soil on all sides by rotating picks, as far as the reported work suffices: a cutting
+    drum that is driven. All of its pairs mill. Its key points form a closed curve, which does not
+    rotate with the drum: the last pair repeats the first."""
 
 
 class SoilReaction(IntEnum):
@@ -67,7 +69,7 @@ class SoilReaction(IntEnum):
     BEARING = 1
     """Bearing capacity of the soil that the tool stands on."""
     MILL = 2
-    """Resistance of the soil that the picks of a drum cut."""
+    """Soil that the picks of a drum engage."""
 
 
 class ConversionKind(IntEnum):
@@ -97,10 +99,14 @@ SWEEP = np.dtype(
         ("tool", "<u2"),
         ("machine_id", "<u2"),
         ("action", "u1"),  # SweepAction
+        ("work", "<f4"),  # that a drum can deliver in the tick [J], the same in all of its rows
     ]
 )
 """Motion of one key point of a tool over a tick, machine to soil; the pair at the lip comes
-first. All rows of a tool repeat its room."""
+first. All rows of a tool repeat its room and its work, which is 0 for tools that do not mill."""
+
+MAX_MILLING_WORK = 1e6
+"""Largest work that a drum can deliver in a tick [J]: 100 MW at ticks of 10 ms."""
 
 SWEEP_SEGMENT = np.dtype([("ends", "<f4", (6,)), ("rest", f"V{SWEEP.itemsize - 24}")])
 """Dtype for views of SWEEP rows: `ends` is x0, y0, z0, x1, y1, z1 as one array field [m]."""
@@ -174,10 +180,15 @@ FORCE = np.dtype(
         ("tool", "<u2"),
         ("machine_id", "<u2"),
         ("reaction", "u1"),  # SoilReaction
+        ("work", "<f4"),  # that milling took in the tick [J]; 0 for other reactions
     ]
 )
 """Largest force of the soil on a tool that swept, soil to machine. A tool that cuts gets a row of
-its resistance even if it is zero; rows of bearing capacity are sent only where there is any."""
+its resistance even if it is zero; rows of bearing capacity are sent only where there is any.
+
+The row of a drum has the point at which its picks engage soil, and the force that this soil can
+exert there, out of the face; `work` is the part of the reported work that removed soil. Soil that
+this work did not suffice to remove is in a second row, of bearing capacity."""
 
 
 def join_rows(parts: Sequence[Rows], dtype: np.dtype[np.void]) -> Rows:

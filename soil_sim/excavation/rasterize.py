@@ -18,7 +18,7 @@ from msg_bridge.kernels import helper, kernel
 from soil_sim.excavation.rasterize_triangle import rasterize_quad, refine_column
 from soil_sim.tool_sweeps import interpolate_key_point
 
-__all__ = ["max_columns_touched", "rasterize_sweep"]
+__all__ = ["apply_height_changes", "max_columns_touched", "rasterize_sweep"]
 
 _MAX_POSES = 512
 """Maximum number of poses rasterized in a tick; beyond it plates leave gaps between poses, edges do
@@ -83,7 +83,7 @@ def rasterize_sweep(points, has_plate, raster, count):  # type: ignore[no-untype
     Returns:
         The number of refined columns.
     """
-    _apply_height_changes(raster, count)
+    apply_height_changes(raster, count)
     for n in range(points.shape[0]):
         end = n + 2 if has_plate[n] else n + 1
         if _is_airborne(points, n, end, raster):
@@ -100,8 +100,8 @@ def rasterize_sweep(points, has_plate, raster, count):  # type: ignore[no-untype
 
 
 @helper
-def _apply_height_changes(raster, count):  # type: ignore[no-untyped-def]
-    """Add to the subcolumns the height changes of their columns since the last tick."""
+def apply_height_changes(raster, count):  # type: ignore[no-untyped-def]
+    """Add to the subcolumns the height changes of their columns since the last sweep."""
     for slot in range(count):
         height = raster.height[raster.cells[slot]]
         shift = height - raster.mean_height[slot]

@@ -28,6 +28,7 @@ from soil_sim.columns.occupancy import FREE, TOOL_INSIDE
 from soil_sim.columns.operations import mix_moisture, remove_from_column
 from soil_sim.columns.state import Columns
 from soil_sim.excavation.displacement import Displacement, split_by_room
+from soil_sim.excavation.milled_cut import Milling, mill_sweep
 from soil_sim.excavation.rasterize import max_columns_touched, rasterize_sweep
 from soil_sim.excavation.rasterize_triangle import Raster, SubcolumnGrid
 from soil_sim.excavation.refined_columns import (
@@ -96,14 +97,10 @@ class SweptCut:
         Returns:
             The soil that the tool takes in, a record for each column.
         """
-        pairs, room = sweep
-        refined, columns = self._refined, self._columns.arrays
-        refined.begin_sweep()
-        raster = Raster(columns.height, columns.floor, *refined.arrays, self._grid, refined.tick)
-        refined.count = rasterize_sweep(*pairs, raster, refined.count)
-        if refined.count == 0:  # all tools are in the air
-            return np.zeros(0, dtype=REMOVED_SOIL)
-        removed: RemovedSoil = _remove_from_columns(columns, refined.arrays, refined.count)
+        pairs, room = sweep.pairs, sweep.room_mm3
+        self._refined.begin_sweep()
+        self._refined.count = rasterize_sweep(*pairs, self._raster(), self._refined.count)
+        removed = self._remove()
         if room == UNLIMITED_ROOM or removed.size == 0:
             return removed
         if np.abs(pairs.points[:, 1] - pairs.points[:, 0]).max() < _MIN_DISPLACEMENT:
@@ -113,6 +110,47 @@ class SweptCut:
         taken, displaced = split_by_room(removed, room)
         self._displacement.add(displaced, pairs)
         return np.asarray(taken)
+
+    def mill(
+        self, sweep: CutSweep, work: float, strength: NDArray[np.void]
+    ) -> tuple[RemovedSoil, Milling]:
+        """Mill the sweep of one drum in a tick; call it like `excavate`.
+
+        Args:
+            sweep: sweep of the drum.
+            work: work that it can deliver [J].
+            strength: `strength_table` of the kinds of soil.
+
+        Returns:
+            (The removed soil, a record for each column; what the drum engaged).
+        """
+        refined = self._refined
+        refined.begin_sweep()
+        contacts = np.zeros((2, 2, 3))
+        refined.count, used = mill_sweep(
+            *sweep.pairs,
+            work,
+            self._raster(),
+            refined.count,
+            self._columns.arrays,
+            strength,
+            contacts,
+        )
+        return self._remove(), Milling(sweep.machine_id, sweep.tool, used, contacts)
+
+    def _raster(self) -> Raster:
+        """Return the arrays that a sweep is rasterized to."""
+        refined, columns = self._refined, self._columns.arrays
+        return Raster(columns.height, columns.floor, *refined.arrays, self._grid, refined.tick)
+
+    def _remove(self) -> RemovedSoil:
+        """Remove what the subcolumns lost in a sweep from the columns."""
+        if self._refined.count == 0:  # all tools are in the air
+            return np.zeros(0, dtype=REMOVED_SOIL)
+        removed: RemovedSoil = _remove_from_columns(
+            self._columns.arrays, self._refined.arrays, self._refined.count
+        )
+        return removed
 
     def end_tick(self) -> tuple[ColumnShares | None, NDArray[np.int64]]:
         """End the tick: occupy the columns that a tool was in, and level and free the others.

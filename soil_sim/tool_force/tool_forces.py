@@ -2,7 +2,7 @@
 
 - **Cutting.** Resistance to the cutting edge and the plate behind it (`cutting_edge`), and to the
   side of a tool that moves sideways (`side_plate`), summed to a force and a torque about one point.
-- **Milling.** Resistance to the picks of a drum that spins (`drum`).
+- **Milling.** Soil that a driven drum engages, as found by `soil_sim.excavation.milled_cut`.
 - **Bearing.** Soil under a tool bears it whether it cuts, presses or rests (`bearing_capacity`). A
   machine is supported by this force when the cut lifts its tracks, or when it stands on its bucket.
 """
@@ -13,14 +13,22 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from msg_bridge.contract.rows import FORCE, Rows, SoilReaction, SweepAction, empty_rows
+from msg_bridge.contract.rows import (
+    FORCE,
+    Rows,
+    SoilReaction,
+    SweepAction,
+    empty_rows,
+    join_rows,
+)
 from msg_bridge.kernels import helper, kernel
 from soil_sim.columns.state import Columns
+from soil_sim.excavation.milled_cut import CONTACT_FORCE, CONTACT_POINT, Milling
 from soil_sim.soils.soil_types import SoilType
 from soil_sim.tool_force.bearing_capacity import add_bearing_force
 from soil_sim.tool_force.cutting_edge import add_edge_force
-from soil_sim.tool_force.drum import add_milling_force, add_stationary_drum_force, is_drum
 from soil_sim.tool_force.side_plate import add_side_plate_force
+from soil_sim.tool_force.stationary_drum import add_stationary_drum_force, is_drum
 from soil_sim.tool_force.strength_table import ForceColumns, GridLayout, strength_table
 from soil_sim.tool_force.wrench import (
     NUM_SUMS,
@@ -33,14 +41,18 @@ from soil_sim.tool_force.wrench import (
 from soil_sim.tool_sweeps import ValidSweeps
 from soil_sim.vec3 import add, key_point, scale
 
-__all__ = ["ToolForces", "zero_tool_forces"]
+__all__ = ["ToolForces", "set_milling_forces", "zero_tool_forces"]
 
 _CUT, _MILL = int(SweepAction.CUT), int(SweepAction.MILL)
 _REACTION_MILL, _REACTION_BEARING = int(SoilReaction.MILL), int(SoilReaction.BEARING)
 
 
 class ToolForces:
-    """Computes the wrenches of the soil on tools."""
+    """Computes the wrenches of the soil on tools.
+
+    Attributes:
+        strength: `strength_table` of the kinds of soil.
+    """
 
     def __init__(self, columns: Columns, kinds: Sequence[SoilType]) -> None:
         """
@@ -49,12 +61,13 @@ class ToolForces:
             kinds: the kinds of soil in it, in the order of their ids.
         """
         self._columns = ForceColumns.from_columns(columns.arrays)
-        self._strength = strength_table(kinds)
+        self.strength = strength_table(kinds)
         self._grid_layout = GridLayout.from_grid(columns.grid)
 
     def compute(self, sweeps: ValidSweeps) -> Rows:
         """Return the FORCE rows of a tick: cutting or milling of each tool, then bearing of some.
 
+        The rows of milling are zero; `set_milling_forces` completes them after the excavation.
         Call it before the soil of the tick is excavated. The point of application is the mean of
         the points at which the forces act at the end of the tick, weighted by force magnitude: for
         a level cut a third of the depth above the middle of the edge.
@@ -63,10 +76,10 @@ class ToolForces:
             sweeps: validated sweeps of all tools.
         """
         rows, points, first = sweeps
-        tables = self._columns, self._grid_layout, self._strength
+        tables = self._columns, self._grid_layout, self.strength
         wrenches, has_drums = _blade_wrenches(rows, points, first, *tables)
         if has_drums:  # in a separate kernel, to save compile time: few machines have a drum
-            _add_drum_wrenches(rows, points, first, *tables, wrenches)
+            _add_stationary_drum_wrenches(rows, points, first, *tables, wrenches)
         forces: Rows = _force_rows(rows, first, wrenches)
         return forces
 
@@ -80,11 +93,38 @@ def zero_tool_forces(sweeps: ValidSweeps) -> Rows:
     return forces
 
 
+def set_milling_forces(forces: Rows, millings: Sequence[Milling]) -> Rows:
+    """Complete the FORCE rows of drums.
+
+    Args:
+        forces: FORCE rows of `ToolForces.compute`; those of milling are changed.
+        millings: what each drum engaged, in the order of their rows.
+
+    Returns:
+        The rows, followed by one for each drum that soil remains in the way of.
+    """
+    if not millings:
+        return forces
+    drum_rows = np.flatnonzero(forces["reaction"] == SoilReaction.MILL)
+    remaining = empty_rows(FORCE, len(millings))
+    for n, milling, in_the_way in zip(drum_rows, millings, remaining, strict=True):
+        row = forces[n]
+        row["work"] = milling.work
+        in_the_way["machine_id"], in_the_way["tool"] = milling.machine_id, milling.tool
+        in_the_way["reaction"] = SoilReaction.BEARING
+        for force, contact in zip((row, in_the_way), milling.contacts, strict=True):
+            if contact[CONTACT_FORCE].any():
+                force["x"], force["y"], force["z"] = contact[CONTACT_POINT]
+                force["fx"], force["fy"], force["fz"] = contact[CONTACT_FORCE]
+    is_in_the_way = (remaining["fx"] != 0.0) | (remaining["fy"] != 0.0) | (remaining["fz"] != 0.0)
+    return join_rows([forces, remaining[is_in_the_way]], FORCE)
+
+
 @kernel
 def _blade_wrenches(  # type: ignore[no-untyped-def]
     rows, points, first, columns, grid_layout, strength
 ):
-    """Return the wrenches of all tools but drums, and whether there are drums.
+    """Return the wrenches of all tools but drums, and whether there are drums that do not mill.
 
     The wrenches have shape (2, tools, 9): [0] cutting, [1] bearing; see `wrench` for the slots.
     """
@@ -98,7 +138,9 @@ def _blade_wrenches(  # type: ignore[no-untyped-def]
         origin = scale(0.5, add(key_point(own, 0, 1), key_point(own, 1, 1)))
         for axis in range(3):
             wrenches[:, n, WRENCH_POINT + axis] = origin[axis]
-        if action == _MILL or is_drum(own):
+        if action == _MILL:
+            continue
+        if is_drum(own):
             has_drums = True
             continue
         # A single pair is an edge without a plate and has no rake. A single plate that compacts is
@@ -116,21 +158,17 @@ def _blade_wrenches(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _add_drum_wrenches(  # type: ignore[no-untyped-def]
+def _add_stationary_drum_wrenches(  # type: ignore[no-untyped-def]
     rows, points, first, columns, grid_layout, strength, wrenches
 ):
-    """Write the wrenches of drums, spinning or not, into the result of `_blade_wrenches`."""
+    """Write the wrenches of drums that are not driven into the result of `_blade_wrenches`."""
     sums = np.empty(NUM_SUMS)
     for n in range(first.size):
         end = first[n + 1] if n + 1 < first.size else len(points)
         own = points[first[n] : end]
         origin = scale(0.5, add(key_point(own, 0, 1), key_point(own, 1, 1)))
-        sums[:] = 0.0
-        if rows[first[n]].action == _MILL:
-            if len(own) >= 8:
-                add_milling_force(own, origin, columns, grid_layout, strength, sums)
-                reduce_wrench(sums, origin, wrenches[0, n])
-        elif is_drum(own):
+        if rows[first[n]].action != _MILL and is_drum(own):
+            sums[:] = 0.0
             add_stationary_drum_force(own, origin, columns, grid_layout, strength, sums)
             reduce_wrench(sums, origin, wrenches[1, n])
 

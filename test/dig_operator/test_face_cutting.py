@@ -40,7 +40,7 @@ def observation(time: float = 0.0, joints=(0.0, 0.0, 0.0), x: float = 0.0) -> Ob
         (HEADER, {"width": 1.0}),
         (HEADER, {"height": 0.5}),
         (HEADER, {"height": 6.0}),
-        (HEADER, {"head_angular_velocity": 7.0}),
+        (HEADER, {"head_angular_velocity": 9.0}),
     ],
     ids=["joints", "no drum", "too wide", "too narrow", "too low", "too high", "head speed"],
 )
@@ -50,8 +50,8 @@ def test_machine_or_face_that_does_not_fit_is_rejected(machine, params) -> None:
 
 
 def test_head_speed_beyond_its_limit_is_rejected_with_the_limit() -> None:
-    with pytest.raises(MachineError, match=r"head_angular_velocity is 7.* at most 5\.5 rad/s"):
-        FaceCuttingTask(HEADER, FaceCuttingParams(head_angular_velocity=7.0))
+    with pytest.raises(MachineError, match=r"head_angular_velocity is 9.* at most 8\.0 rad/s"):
+        FaceCuttingTask(HEADER, FaceCuttingParams(head_angular_velocity=9.0))
 
 
 def test_head_rotates_before_the_machine_drives() -> None:

@@ -47,8 +47,8 @@ def test_tool_ids_are_consecutive_over_machines(simulate) -> None:
     sweeps = sim.step().sweeps
     assert np.unique(sweeps["tool"]).tolist() == [0, 1, 2, 3, 4, 5]
     tools = [sweeps[sweeps["tool"] == k] for k in range(6)]
-    assert [rows.size for rows in tools] == [14, 4, 4, 26, 4, 4]
-    assert (tools[3]["action"] == SweepAction.COMPACT).all()  # its head does not spin
+    assert [rows.size for rows in tools] == [14, 4, 4, 34, 4, 4]
+    assert (tools[3]["action"] == SweepAction.COMPACT).all()  # its head is not driven
 
 
 def test_spinning_head_mills(simulate) -> None:
@@ -56,7 +56,9 @@ def test_spinning_head_mills(simulate) -> None:
     sim.machine.command({"head": 5.0}, [0.0, 0.0])
     run(sim, 100)
     sweeps = sim.step().sweeps
-    assert (sweeps["action"][:26] == SweepAction.MILL).all()
+    assert (sweeps["action"][:34] == SweepAction.MILL).all()
+    assert (sweeps["work"][:34] > 500.0).all()
+    assert (sweeps["work"][34:] == 0.0).all()
     assert sim.machine.joint_velocities[2] == pytest.approx(5.0, rel=0.01)
 
 

@@ -61,6 +61,8 @@ INVALID = {
     "left ends before right ends": lambda rows: np.concatenate([rows[::2], rows[1::2]]),
     "two actions in a pair": setting("action", SweepAction.COMPACT),
     "two rooms": setting("room_mm3", 5),
+    "mills with one pair only": setting("action", SweepAction.MILL, row=slice(2, 4)),  # type: ignore[arg-type]
+    "work of a tool that does not mill": setting("work", 1.0, row=slice(None)),  # type: ignore[arg-type]
     "unknown action": setting("action", 9, row=slice(2, 4)),  # type: ignore[arg-type]
 }
 
@@ -176,7 +178,8 @@ def test_pair_has_start_and_end_of_its_left_and_right_end() -> None:
     (machine,) = group_by_machine(validate_sweeps(rows)[0])
     assert machine.machine_id == 1
     assert np.array_equal(machine.rows, rows)
-    ((pairs, _),) = machine.cuts
+    (cut,) = machine.cuts
+    pairs = cut.pairs
     assert pairs.points[0].tolist() == [
         [[0.0, 1.0, 0.25], [0.0, 0.0, 0.25]],
         [[0.125, 1.0, 0.0], [0.125, 0.0, 0.0]],
@@ -194,6 +197,7 @@ def test_plates_span_successive_pairs_of_one_tool_with_the_same_action() -> None
     first, second = machine.cuts
     assert first.pairs.has_plate.tolist() == [True, False, False]
     assert second.pairs.has_plate.tolist() == [True, False]
+    assert (first.tool, first.work, second.tool, second.work) == (0, None, 1, 0.0)
     assert machine.press_pairs.has_plate.tolist() == [True, False, False]
 
 

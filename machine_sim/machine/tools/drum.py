@@ -1,7 +1,11 @@
 """Shape of a cutting drum: a cylinder with picks that rotates about y of its frame.
 
-The envelope of the pick tips cuts. The body of the drum pushes the cuttings, together with a few
-vanes that stand for the helical rows of picks.
+The envelope of the pick tips cuts. Cuttings touch the same envelope, as a smooth cylinder with the
+friction of the soil on steel: the helical rows of picks carry them along like a screw, they do not
+paddle. A body with radial vanes would drag lumps through the gap between the body and the face and
+spend thirty times the work of cutting loam on them.
+
+Cuttings come loose on the free side of the drum, opposite to the face, where the picks throw them.
 """
 
 from __future__ import annotations
@@ -24,10 +28,14 @@ __all__ = ["DrumShape"]
 
 Array = NDArray[np.float64]
 
-_NUM_KEY_POINT_PAIRS = 12
-"""Number of pairs of key points on the circle of the tips; the polygon is within 3.5 % of it."""
-_NUM_BODY_FLATS = 8
-"""Number of flats of the body."""
+_NUM_KEY_POINT_PAIRS = 16
+"""Number of pairs of key points on the circle of the tips; the polygon is within 2 % of it."""
+_NUM_FLATS = 16
+"""Number of flats of the envelope that cuttings touch."""
+_END_CORNERS = 8
+"""Maximum number of corners of a plate: the ends consist of several."""
+_MIN_RELEASE_SINE, _MAX_RELEASE_SINE = 0.2, 0.85
+"""Range of the sine of the angle below the axis at which cuttings come loose."""
 _VANE_THICKNESS = 0.04
 """Thickness of the vanes as drawn [m]."""
 
@@ -38,10 +46,10 @@ class DrumShape:
 
     Attributes:
         radius: distance of the pick tips from the axis [m].
-        body_radius: radius of the body [m].
+        body_radius: radius of the body that other machines touch [m].
         width: length along the axis [m].
         offset: position of the middle along the axis in the link frame, positive to the left [m].
-        vanes: number of vanes.
+        vanes: number of helical rows of picks on each half, as drawn.
     """
 
     kind: ClassVar[str] = "drum"
@@ -86,23 +94,18 @@ class DrumShape:
 
     @cached_property
     def key_points(self) -> Array:
-        """Pick tips [m], shape (26, 3): row 2k left, 2k + 1 right, last pair equal to the first."""
+        """Pick tips [m], shape (34, 3): row 2k left, 2k + 1 right, last pair equal to the first."""
         left, right = (self._rim(_NUM_KEY_POINT_PAIRS, self.radius, side) for side in (1, -1))
         ring = np.stack([left, right], axis=1)
         return np.concatenate([ring, ring[:1]]).reshape(-1, 3)
 
     def plates(self) -> list[Array]:
-        """Return flats and ends of the body and the vanes as convex planar polygons [m]."""
-        left, right = (self._rim(_NUM_BODY_FLATS, self.body_radius, side) for side in (1, -1))
+        """Return flats and ends of the envelope of the pick tips as convex planar polygons [m]."""
+        left, right = (self._rim(_NUM_FLATS, self.radius, side) for side in (1, -1))
         flats = [
-            np.array([left[k], left[k - 1], right[k - 1], right[k]]) for k in range(_NUM_BODY_FLATS)
+            np.array([left[k], left[k - 1], right[k - 1], right[k]]) for k in range(_NUM_FLATS)
         ]
-        roots = [self._rim(self.vanes, 0.98 * self.body_radius, side) for side in (1, -1)]
-        tips = [self._rim(self.vanes, self.radius, side) for side in (1, -1)]
-        vanes = [
-            np.array([roots[0][k], tips[0][k], tips[1][k], roots[1][k]]) for k in range(self.vanes)
-        ]
-        return [*flats, left, right[::-1].copy(), *vanes]
+        return [*flats, *_fan(left), *_fan(right[::-1])]
 
     def boxes(self) -> list[Box]:
         """Return an octagon of four boxes, and a box for each vane."""
@@ -123,20 +126,25 @@ class DrumShape:
         return boxes
 
     def release_points(self, points: ArrayLike, clearance: float, up: Array) -> Array:
-        """Return release points outside the drum on its upper half; see `CuttingShape`.
+        """Return release points outside the drum on its free side; see `CuttingShape`.
 
-        Soil that is cut below the axis is moved around the drum by the picks, to the same
-        horizontal distance from the axis.
+        The free side is opposite to the mean of the points, at and below the height of the axis:
+        soil that is cut there would be squeezed between the drum and the face. Each point keeps
+        its position along the axis and its order in height.
         """
         local = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         half_width = max(0.5 * self.width - clearance, 0.0)
         lateral = self.offset + np.clip(local[:, 1] - self.offset, -half_width, half_width)
         length = float(np.hypot(up[0], up[2]))
         # With a vertical axis no side of the drum is the upper one; any direction will do.
-        upward = up[[0, 2]] / length if length > 1e-3 else np.array([1.0, 0.0])
-        horizontal = np.array([upward[1], -upward[0]])
-        sine = np.clip(local[:, [0, 2]] @ horizontal / self.radius, -0.9, 0.9)
-        direction = sine[:, None] * horizontal + np.sqrt(1.0 - sine**2)[:, None] * upward
+        upward = up[[0, 2]] / length if length > 1e-3 else np.array([0.0, 1.0])
+        forward = np.array([upward[1], -upward[0]])
+        section = local[:, [0, 2]]
+        side = -1.0 if float((section @ forward).mean()) >= 0.0 else 1.0
+        height = np.clip(section @ upward / self.radius, -1.0, 1.0)
+        span = _MAX_RELEASE_SINE - _MIN_RELEASE_SINE
+        sine = _MIN_RELEASE_SINE + 0.5 * span * (1.0 - height)
+        direction = side * np.sqrt(1.0 - sine**2)[:, None] * forward - sine[:, None] * upward
         released = (self.radius + clearance) * direction
         return np.column_stack([released[:, 0], lateral, released[:, 1]])
 
@@ -145,3 +153,12 @@ class DrumShape:
         angle = 2.0 * math.pi * np.arange(count) / count
         y = np.full(count, self.offset + 0.5 * side * self.width)
         return np.column_stack([radius * np.cos(angle), y, -radius * np.sin(angle)])
+
+
+def _fan(rim: Array) -> list[Array]:
+    """Return the polygon of a rim [m], shape (n, 3), as convex polygons of a few corners."""
+    last = len(rim) - 1
+    return [
+        np.concatenate([rim[:1], rim[k : k + _END_CORNERS - 1]])
+        for k in range(1, last, _END_CORNERS - 2)
+    ]

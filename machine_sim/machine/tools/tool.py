@@ -13,9 +13,12 @@ from machine_sim.machine.tools.shapes import ToolShape
 from machine_sim.machine.validation import finite_numbers
 from machine_sim.physics_engine import pybullet
 
-__all__ = ["Tool"]
+__all__ = ["MIN_DRUM_SPEED", "Tool"]
 
 Array = NDArray[np.float64]
+
+MIN_DRUM_SPEED = 0.5
+"""Minimum angular speed [rad/s] at which a drum mills."""
 
 
 class Tool:
@@ -26,16 +29,25 @@ class Tool:
         mass: mass of its link [kg].
         inertia: moment of inertia of its link about y through the centre of mass [kg m^2].
         drum_speed: angular speed of the joint of a spinning tool [rad/s], 0 for others.
+        commanded_drum_speed: angular speed that its drive is commanded to [rad/s].
+        drum_torque: maximum torque of its drive [N m].
     """
 
     def __init__(
-        self, client: int, body: int, link: int, shape: ToolShape, link_spec: LinkSpec
+        self,
+        client: int,
+        body: int,
+        link: int,
+        shape: ToolShape,
+        link_spec: LinkSpec,
+        max_effort: float,
     ) -> None:
         """
         Args:
             client, body, link: ids of the physics client, the machine and the link.
             shape: shape of the tool.
             link_spec: specification of the link.
+            max_effort: maximum torque of the joint that moves the link [N m].
         """
         self.shape = shape
         self.mass = link_spec.mass
@@ -43,7 +55,8 @@ class Tool:
         self._client, self._body, self._link = client, body, link
         self._com = np.array(link_spec.center_of_mass)
         self._joint_angle = 0.0
-        self.drum_speed = 0.0
+        self.drum_speed = self.commanded_drum_speed = 0.0
+        self.drum_torque = max_effort if shape.spins else 0.0
         self._force, self._torque = [0.0] * 3, [0.0] * 3  # torque about the frame's origin
         self._has_wrench = False
 
@@ -87,6 +100,11 @@ class Tool:
         if self.shape.spins:
             angle, speed, *_ = pybullet.getJointState(self._body, self._link, self._client)
             self._joint_angle, self.drum_speed = angle, speed
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether a drum spins or is commanded to spin; False for other tools."""
+        return abs(self.drum_speed) >= MIN_DRUM_SPEED or self.commanded_drum_speed != 0.0
 
     @property
     def pose(self) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from machine_sim.dem import Pose, SoilEngine
 from machine_sim.machine import Tool
 from machine_sim.machine.tools.bed import BedShape
+from machine_sim.params import MachineSimParams
 from machine_sim.tool_soil.payload import Payload, measure_payload
 from machine_sim.tool_soil.tools.interaction import (
     NoPendingSoil,
@@ -44,7 +45,9 @@ class BedInteraction:
         """Return an account that stays empty."""
         return NoPendingSoil()
 
-    def make_resistance(self, tool: Tool, machine_mass: float, dt: float) -> NoResistance:
+    def make_resistance(
+        self, tool: Tool, machine_mass: float, params: MachineSimParams
+    ) -> NoResistance:
         """Return no resistance."""
         return NoResistance()
 

@@ -1,4 +1,4 @@
-"""A cutting drum: mills while it spins, rests on the ground while it does not, carries nothing."""
+"""A cutting drum: mills while it is driven, else rests on the ground, and carries nothing."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from machine_sim.dem import Pose, SoilEngine
 from machine_sim.machine import Tool
 from machine_sim.machine.tools.drum import DrumShape
+from machine_sim.params import MachineSimParams
 from machine_sim.tool_soil.milling_resistance import MillingResistance
 from machine_sim.tool_soil.payload import EMPTY_PAYLOAD, Payload
 from machine_sim.tool_soil.pending_soil import PendingSoil
@@ -41,7 +42,7 @@ class DrumInteraction:
 
     def sweep(self, motion: ToolMotion) -> Rows:
         """Return the SWEEP rows of one tick."""
-        return self._sweep.rows(motion.start, motion.end, motion.drum_speed)
+        return self._sweep.rows(motion.start, motion.end, motion.is_driven, motion.work)
 
     def make_pending(
         self, rng: np.random.Generator, *, nominal_mm3: int, max_per_tick: int
@@ -49,9 +50,11 @@ class DrumInteraction:
         """Return an empty account of excavated soil."""
         return PendingSoil(self._shape, rng, nominal_mm3=nominal_mm3, max_per_tick=max_per_tick)
 
-    def make_resistance(self, tool: Tool, machine_mass: float, dt: float) -> MillingResistance:
+    def make_resistance(
+        self, tool: Tool, machine_mass: float, params: MachineSimParams
+    ) -> MillingResistance:
         """Return the torque and thrust of milling, and the ground's support of a drum at rest."""
-        return MillingResistance(tool.mass, machine_mass, tool.inertia, dt)
+        return MillingResistance(tool, self._shape, machine_mass, params)
 
     def release_twist(self, tool: Tool) -> Twist | None:
         """Return the twist of the spinning drum: the picks throw what they cut."""

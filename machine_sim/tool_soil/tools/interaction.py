@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from machine_sim.dem import Pose, SoilEngine
 from machine_sim.machine import Tool
+from machine_sim.params import MachineSimParams
 from machine_sim.tool_soil.payload import Payload
 from msg_bridge.contract.rows import UNLIMITED_ROOM, Rows
 
@@ -36,15 +37,17 @@ class ToolMotion(NamedTuple):
     """Motion of a tool during one tick.
 
     Attributes:
-        start, end: pose of the tool frame at the start and the end of the tick.
-        drum_speed: angular velocity of a drum about its axis [rad/s]; 0 for any other tool.
+        start, end: pose of the tool's non-spinning frame at the start and the end of the tick.
         room_mm3: bank volume that the tool can take in [mm^3].
+        is_driven: whether it is a drum that spins or is commanded to spin.
+        work: work that a drum can deliver to the soil [J]; 0 for any other tool.
     """
 
     start: Pose
     end: Pose
-    drum_speed: float = 0.0
     room_mm3: int = UNLIMITED_ROOM
+    is_driven: bool = False
+    work: float = 0.0
 
 
 class PendingAccount(Protocol):
@@ -86,6 +89,11 @@ class ToolResistance(Protocol):
     @property
     def is_active(self) -> bool:
         """Whether soil resists or supports the tool."""
+        ...
+
+    @property
+    def deliverable_work(self) -> float:
+        """Work that a drum can deliver to the soil in a tick [J]; 0 for any other tool."""
         ...
 
     @property
@@ -134,8 +142,10 @@ class ToolInteraction(Protocol):
         """Return an empty account of excavated soil; arguments as for `PendingSoil`."""
         ...
 
-    def make_resistance(self, tool: Tool, machine_mass: float, dt: float) -> ToolResistance:
-        """Return the resistance of a tool on a machine of a mass [kg], physics step `dt` [s]."""
+    def make_resistance(
+        self, tool: Tool, machine_mass: float, params: MachineSimParams
+    ) -> ToolResistance:
+        """Return the resistance of a tool on a machine of a mass [kg], by the node's stepping."""
         ...
 
     def release_twist(self, tool: Tool) -> Twist | None:
@@ -181,6 +191,7 @@ class NoResistance:
     """Resistance of a tool that the ground exerts no force on."""
 
     is_active = False
+    deliverable_work = 0.0
     state: Array = np.zeros(0)
 
     def receive(self, rows: Rows, pose: Pose) -> None:

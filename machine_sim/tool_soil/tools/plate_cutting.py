@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from machine_sim.dem import Pose, SoilEngine
 from machine_sim.machine import Tool
 from machine_sim.machine.tools.shapes import PlateCuttingShape
+from machine_sim.params import MachineSimParams
 from machine_sim.tool_soil.payload import EMPTY_PAYLOAD, Payload
 from machine_sim.tool_soil.pending_soil import PendingSoil
 from machine_sim.tool_soil.resistance import SoilResistance
@@ -49,9 +50,11 @@ class PlateCutting:
         """Return an empty account of excavated soil."""
         return PendingSoil(self._shape, rng, nominal_mm3=nominal_mm3, max_per_tick=max_per_tick)
 
-    def make_resistance(self, tool: Tool, machine_mass: float, dt: float) -> SoilResistance:
+    def make_resistance(
+        self, tool: Tool, machine_mass: float, params: MachineSimParams
+    ) -> SoilResistance:
         """Return the resistance to cutting, and the ground's support of the plates."""
-        return SoilResistance(tool.mass, machine_mass, dt)
+        return SoilResistance(tool.mass, machine_mass, params.physics_step)
 
     def release_twist(self, tool: Tool) -> Twist | None:
         """Return None: cut soil starts at rest."""

@@ -16,12 +16,21 @@ from std_msgs.msg import Int64MultiArray, MultiArrayDimension, MultiArrayLayout,
 from msg_bridge.bag.legacy_messages import RecordedRun, upgrade_message
 from msg_bridge.bag.legacy_names import current_topic
 from msg_bridge.codec.point_cloud import from_point_cloud, to_point_cloud
+from msg_bridge.codec.row_chunks import chunk_dtype
 from msg_bridge.codec.run_config import RunFacts, parse_run_facts, to_config_yaml
 from msg_bridge.codec.state_hash import StateHash, from_state_hash_string
 from msg_bridge.codec.tick_headers import from_multi_array, to_multi_array
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.loose_soil import LooseSoil
-from msg_bridge.contract.messages import MachineHeader, MachineReceipt, RowRange, SoilHeader, Verb
+from msg_bridge.contract.messages import (
+    MachineHeader,
+    MachineReceipt,
+    RowRange,
+    SoilHeader,
+    Stream,
+    Verb,
+)
+from msg_bridge.contract.rows import UNLIMITED_ROOM
 
 RUN = RecordedRun(9, 0.01)
 ROWS = "sensor_msgs/msg/PointCloud2"
@@ -211,3 +220,17 @@ RECEIPT = MachineReceipt(1, 2, 3)
 def test_messages_of_the_current_format_are_not_changed(topic: str, message: Any) -> None:
     before = deepcopy(message)
     assert upgrade_message(topic, message) == before
+
+
+def test_rows_without_an_added_field_get_its_value() -> None:
+    dtype = chunk_dtype(Stream.SWEEP)
+    added = ("room_mm3", "work")
+    old = np.dtype([(name, dtype[name]) for name in dtype.names or () if name not in added])
+    points = np.zeros(3, old)
+    points["x1"], points["tool"], points["action"], points["run_id"] = [1.0, 2.0, 3.0], 4, 2, 7
+    cloud = to_point_cloud(points, "map", Time())
+    rows = from_point_cloud(upgrade_message("/plant/soil/tool_sweeps", cloud), dtype)
+    for name in old.names or ():
+        assert rows[name].tolist() == points[name].tolist(), name
+    assert (rows["room_mm3"] == UNLIMITED_ROOM).all()
+    assert (rows["work"] == 0.0).all()

@@ -53,21 +53,33 @@ def test_key_points_are_pick_tips_on_one_closed_circle():
     np.testing.assert_array_equal(points[0], points[-1])
 
 
-def test_plates_of_body_and_vanes_are_within_the_tips():
+def test_plates_are_the_closed_envelope_of_the_tips():
     plates = DRUM.plates()
-    assert len(plates) == 8 + 2 + DRUM.vanes
-    max_radius = max(np.hypot(plate[:, 0], plate[:, 2]).max() for plate in plates)
-    assert max_radius == pytest.approx(0.5)
+    for plate in plates:
+        assert 3 <= len(plate) <= 8
+        np.testing.assert_allclose(np.hypot(plate[:, 0], plate[:, 2]), 0.5)
+    area = sum(_area(plate) for plate in plates)
+    perimeter, end = 32 * 0.5 * math.sin(math.pi / 16), 8 * 0.25 * math.sin(math.pi / 8)
+    assert area == pytest.approx(perimeter * 1.2 + 2.0 * end)
 
 
-def test_release_points_are_outside_the_tips_and_above_the_axis():
+def _area(polygon):
+    fans = np.cross(polygon[1:-1] - polygon[0], polygon[2:] - polygon[0])
+    return 0.5 * float(np.linalg.norm(fans, axis=1).sum())
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_release_points_are_outside_the_tips_on_the_side_away_from_the_face(side):
     rng = np.random.default_rng(0)
-    excavated = rng.uniform(-0.6, 0.6, (200, 3))
+    excavated = rng.uniform((0.2, -0.6, -0.5), (0.5, 0.6, 0.5), (200, 3))
+    excavated[:, 0] *= side
     pitch = 0.4
     up = np.array([math.sin(pitch), 0.0, math.cos(pitch)])
+    forward = np.array([math.cos(pitch), 0.0, -math.sin(pitch)])
     released = DRUM.release_points(excavated, 0.02, up)
     np.testing.assert_allclose(np.hypot(released[:, 0], released[:, 2]), 0.52)
-    assert (released @ up > 0.0).all()
+    assert (side * (released @ forward) < 0.0).all()
+    assert (released @ up < 0.0).all()
     assert (np.abs(released[:, 1] - 0.1) <= 0.6).all()
 
 
