@@ -60,7 +60,7 @@ def rut(soil: Soil, machine: MachineSim) -> NDArray[np.float64]:
 
 
 def test_tracks_leave_ruts_only_where_they_drove() -> None:
-    soil = loose_ground(swell=0.3)
+    soil = loose_ground(soil="topsoil")
     world, machine = world_on(soil)
     start = machine.machine.base_pose[0][0]
     drive(world, machine, 1.0, 300)
@@ -76,7 +76,8 @@ def test_tracks_leave_ruts_only_where_they_drove() -> None:
     assert abs(sunk[row, middle]) < 1e-6
     assert abs(sunk[row, beside]) < 1e-6
     assert abs(sunk[round(GRID.row(end + 3.0)), left]) < 1e-6, "ahead of the machine"
-    assert sunk.max() <= DEPTH * (1.0 - 1.0 / 1.3) + 1e-3, "at most to the undisturbed volume"
+    swell = soil.soil_types[0].swell
+    assert sunk.max() <= DEPTH * (1.0 - 1.0 / (1.0 + swell)) + 1e-3, "at most to bank volume"
 
 
 @pytest.mark.parametrize("tracks", ["kinematic", "dynamic"])
@@ -99,9 +100,9 @@ def test_sinkage_does_not_grow_at_rest_or_on_the_way_back() -> None:
     drive(world, machine, 1.0, 300)
     before = machine.machine.base_pose[0][2]
     drive(world, machine, 0.0, 200)
-    assert machine.machine.base_pose[0][2] == pytest.approx(before, abs=0.006)
+    assert machine.machine.base_pose[0][2] == pytest.approx(before, abs=0.015)
     drive(world, machine, -1.0, 300)
-    assert machine.machine.base_pose[0][2] == pytest.approx(before, abs=0.012)
+    assert machine.machine.base_pose[0][2] == pytest.approx(before, abs=0.02)
     world.close()
 
 

@@ -138,7 +138,8 @@ def test_strong_soil_stalls_the_arm_at_its_relief_pressure(dig) -> None:
         pressures.append(d.machine.cylinders["arm"].cap_side_pressure)
     # 0.35 to 0.49 of the commanded motion in six variants of the scene; soil yields now and then.
     assert d.machine.joint_positions[2] - before < 0.6 * 0.5 * 0.75
-    assert np.median(pressures) == pytest.approx(relief, rel=0.01)
+    assert max(pressures) == pytest.approx(relief, rel=0.01)
+    assert np.median(pressures) > 0.8 * relief, "it yields now and then"
 
 
 def test_soil_stronger_than_the_track_friction_pulls_the_machine(dig) -> None:

@@ -64,7 +64,7 @@ def test_load_is_the_power_of_all_drives_without_those_that_their_load_moves(
         effort=[-90e3, -20e3, 5e3, 4e3, 0.0],  # the boom goes down by its own weight
     )
     writer.on_joints(MACHINE, joints)
-    rated = EXCAVATOR.supply.pump_power
+    rated = EXCAVATOR.supply.engine_power
     assert view(writer).load == pytest.approx((6e3 + 5e3 + 8e3) / rated)
     joints.effort[2] = 1e9
     writer.on_joints(MACHINE, joints)
