@@ -41,6 +41,9 @@ _HEIGHT = (0.2, 0.6)
 """Range of the initial height of the lip, enough to reach full speed above the ground [m]."""
 _ATTITUDE = (1.3, 2.0)
 """Range of the initial bucket attitude [rad]; the lip points down."""
+_SWING = (250e3, 1.1, 1.5)
+"""Torque [N m], speed [rad/s] and acceleration [rad/s^2] of the swing: more than the machine's, so
+that it reaches full speed in a short scoop."""
 
 
 class HeldCommand(NamedTuple):
@@ -184,7 +187,21 @@ def _make_world(config: RunConfig, rng: np.random.Generator, seed: int) -> World
     site = rough(_GRID, _ROUGHNESS, _CORRELATION_LENGTH, rng)
     soil = Soil(site.grid, site.heights, config.soil)
     home = _posture(config.machine, rng)
-    spec = replace(config.machine, home=home, cylinders={}, supply=None)
+    joints = dict(config.machine.joints)
+    effort, velocity, acceleration = _SWING
+    joints["swing"] = replace(
+        joints["swing"], max_effort=effort, max_velocity=velocity, max_acceleration=acceleration
+    )
+    tracks = replace(config.machine.tracks, motor=None)
+    spec = replace(
+        config.machine,
+        home=home,
+        joints=joints,
+        tracks=tracks,
+        cylinders={},
+        motors={},
+        supply=None,
+    )
     machine = MachineSim(
         [Placement(spec, yaw=rng.uniform(-math.pi, math.pi))],
         site.grid,

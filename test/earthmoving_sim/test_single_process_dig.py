@@ -94,9 +94,11 @@ def test_moved_volume_lies_at_the_dump(one):
 
 
 def test_terrain_grows_by_the_swell_of_its_loose_soil(one):
+    """Bucket and tracks compact a small part of it again."""
     outcome, swell = one.outcome, one.run.config.soil.swell
     grown = (outcome.after - outcome.site.heights).sum()
-    assert grown == pytest.approx(outcome.loose_depth.sum() * swell / (1.0 + swell), rel=0.01)
+    growth = outcome.loose_depth.sum() * swell / (1.0 + swell)
+    assert 0.93 * growth < grown < 1.001 * growth
 
 
 def test_no_soil_is_in_motion_at_the_end(one):
