@@ -72,7 +72,11 @@ def test_commands_of_the_first_hour_run_in_order(
             ros.spin_until(lambda: states, what="joint states", timeout=120.0)
             swing = states[-1].position[0]
             controller = ros_process(words)
-            ros.spin_until(lambda: states[-1].position[0] > swing + 0.1, what="swing")  # noqa: B023
+            ros.spin_until(
+                lambda: states[-1].position[0] > swing + 0.1,  # noqa: B023
+                what="swing",
+                timeout=60.0,
+            )
             controller.stop(expect=None)
         else:
             if words[:2] == ["earthmoving", "audit"]:
