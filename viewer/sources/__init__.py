@@ -5,6 +5,6 @@
 - `machine_files`: the machine file that a configuration names
 - `polled_subscriptions`: subscriptions that come and go
 - `live`: subscriptions of a node
-- `bag_scene`, `bag_timeline`, `bag_player`: the same messages from a bag, without DDS
+- `bag_scene`, `bag_terrain`, `bag_timeline`, `bag_player`: the same from a bag
 - `bag_folder`: the bags that clients may open
 """

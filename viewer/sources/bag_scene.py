@@ -1,7 +1,6 @@
 """BagScene: the scene of a bag at any message, by playing on or by restoring.
 
-Most topics need only their newest message. The terrain is restored from the newest map before, and
-the rows that follow it. Transient-local topics are repeated in bags, so that the map is near.
+Most topics need only their newest message; `bag_terrain` restores the terrain.
 """
 
 from __future__ import annotations
@@ -17,18 +16,16 @@ import numpy as np
 from machine_sim.machine.description import description_text
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.codec.errors import CodecError
-from msg_bridge.codec.row_chunks import chunk_from_cdr, from_chunk_cloud
 from msg_bridge.codec.run_config import parse_run_facts
 from msg_bridge.codec.tick_headers import from_multi_array
 from msg_bridge.contract import topics
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.ledger import Ledger
-from msg_bridge.contract.messages import RowChunk, Stream
 from msg_bridge.contract.topics import resolve
 from viewer.scene.machine_model import MachineModel
 from viewer.scene.scene import Scene
-from viewer.scene.terrain_surface import SurfaceMap
 from viewer.scene.urdf import parse_urdf
+from viewer.sources.bag_terrain import MAP_TOPIC, UPDATES_TOPIC, BagTerrain
 from viewer.sources.bag_timeline import BagTimeline
 from viewer.sources.machine_files import spec_in_config
 from viewer.sources.machine_topics import machine_namespaces, machine_node_of
@@ -36,11 +33,10 @@ from viewer.sources.scene_writer import SceneWriter, node_of_status
 
 __all__ = ["BagScene"]
 
-_CONFIG, _MAP = f"/{topics.SIM_CONFIG}", f"/{topics.TERRAIN_MAP}"
-_UPDATES, _LEDGER = f"/{topics.TERRAIN_MAP_UPDATES}", f"/{topics.SOIL_LEDGER}"
+_CONFIG, _LEDGER = f"/{topics.SIM_CONFIG}", f"/{topics.SOIL_LEDGER}"
 _DIAGNOSTICS, _RECORDER = f"/{topics.DIAGNOSTICS}", f"/{topics.RECORDER_STATUS}"
 
-_HISTORY = (_CONFIG, _MAP, _UPDATES)
+_HISTORY = (_CONFIG, MAP_TOPIC, UPDATES_TOPIC)
 """Topics of which each message is needed."""
 
 _RECORDER_NODE = "exchange_recorder"
@@ -79,7 +75,7 @@ class BagScene:
         self._lasting[_RECORDER] = self._writer.on_recorder_status
         self._machines = self._assign_handlers(names)
         self._index = self._reader.index(
-            [_CONFIG, _MAP, _UPDATES, _DIAGNOSTICS, *self._lasting, *self._of_run]
+            [_CONFIG, MAP_TOPIC, UPDATES_TOPIC, _DIAGNOSTICS, *self._lasting, *self._of_run]
         )
         self.size = self._index.size
         for machine, own in self._machines.items():
@@ -91,7 +87,9 @@ class BagScene:
             del self._lasting[_RECORDER]  # its diagnostics state the same
         self._models = self._missing_models(names)
         self._run_starts, self._run_ids = self._find_runs()
-        self._references: dict[int, SurfaceMap] = {}
+        self._terrain = BagTerrain(
+            self.scene, self._index, self._decode, self._writer.decode_map, self._count_rejected
+        )
         self.timeline = self._make_timeline()
 
     @property
@@ -149,7 +147,7 @@ class BagScene:
             self._writer.discard_config()
         else:
             self._apply(_CONFIG, config)
-        self._restore_terrain(end)
+        self._terrain.restore(end)
         newest = [number for topic in self._lasting for number in self._latest(topic, 0, end)]
         newest += [number for topic in self._of_run for number in self._latest(topic, start, end)]
         for numbers in self._status_numbers.values():
@@ -217,13 +215,13 @@ class BagScene:
     def _apply(self, topic: str, number: int) -> None:
         """Process a message; one that cannot be used is counted and left out."""
         try:
-            if topic == _UPDATES:
-                self._writer.on_map_updates(self._chunk(number))
+            if topic == UPDATES_TOPIC:
+                self._writer.on_map_updates(self._terrain.chunk(number))
                 return
             message = self._decode(topic, number)
             if topic == _CONFIG:
                 self._writer.on_config(message)
-            elif topic == _MAP:
+            elif topic == MAP_TOPIC:
                 self._writer.on_map(message)
             elif topic == _DIAGNOSTICS:
                 self._writer.on_diagnostics(message)
@@ -232,69 +230,12 @@ class BagScene:
         except Exception:  # any: a malformed message must not end the player
             self.rejected += 1
 
+    def _count_rejected(self) -> None:
+        self.rejected += 1
+
     def _decode(self, topic: str, number: int) -> Any:
         log_time = int(self._index.times[number])
         return self._reader.decode(topic, self._index.read(number), log_time)
-
-    def _chunk(self, number: int) -> RowChunk:
-        """Return the rows of a message on the topic of map updates."""
-        chunk = chunk_from_cdr(self._index.read(number), Stream.MAP_UPDATE)
-        if chunk is None:  # of an earlier format
-            return from_chunk_cloud(self._decode(_UPDATES, number), Stream.MAP_UPDATE)
-        return chunk
-
-    def _restore_terrain(self, end: int) -> None:
-        """Set the terrain from the newest map and the rows after it."""
-        terrain = self.scene.terrain
-        number = self._index.latest(_MAP, end)
-        surface = None if number is None else self._surface(number)
-        is_of_run = surface is not None and terrain.run_id in (None, surface.run_id)
-        reference = self._reference(surface.run_id) if surface is not None and is_of_run else None
-        if surface is None or reference is None:
-            with self.scene.lock:
-                terrain.clear()
-            return
-        chunks = self._rows_after(surface, end)
-        with self.scene.lock:
-            terrain.restore(surface, reference)
-            for chunk in chunks:
-                terrain.receive_updates(chunk)
-            self.scene.terrain_changed()
-
-    def _surface(self, number: int) -> SurfaceMap | None:
-        try:
-            return self._writer.decode_map(self._decode(_MAP, number))
-        except EarthmovingError:
-            self.rejected += 1
-            return None
-
-    def _reference(self, run_id: int) -> SurfaceMap | None:
-        """Return the first map of a run."""
-        if run_id not in self._references:
-            for number in self._index.of_topic(_MAP):
-                surface = self._surface(int(number))
-                if surface is not None:
-                    self._references.setdefault(surface.run_id, surface)
-                if run_id in self._references:
-                    break
-        return self._references.get(run_id)
-
-    def _rows_after(self, surface: SurfaceMap, end: int) -> list[RowChunk]:
-        """Return the chunks of rows before message `end` that follow a map, in order."""
-        chunks: list[RowChunk] = []
-        numbers = self._index.of_topic(_UPDATES)
-        for number in numbers[: np.searchsorted(numbers, end)][::-1]:
-            try:
-                chunk = self._chunk(int(number))
-            except EarthmovingError:
-                self.rejected += 1
-                continue
-            if chunk.run_id != surface.run_id or (
-                int(chunk.rows["revision"][-1]) <= surface.revision
-            ):
-                break
-            chunks.append(chunk)
-        return chunks[::-1]
 
     def _find_runs(self) -> tuple[list[int], list[int]]:
         """Return the number of the first configuration of each run, and its id."""
