@@ -7,6 +7,9 @@
   quaternions
 - `cylinder_linkage`, `hydraulics`: geometry of cylinders, and their flow, force and pressure
 - `joint_reference`: speed ramps of the joints that stop at their limits
+- `actuator_step`: one kernel for valves, pumps, references and torque limits; the tables that it
+  takes are in `joint_table` and `hydraulic_tables`, its parts in `hydraulic_kernels` and
+  `linkage_kernels`
 - `tracks/`: two models of the tracks on deformable ground
 - `tracked_machine`, `multibody`: the machine in pybullet, stepped by its owner
 - `urdf`, `visuals`: URDF text for the physics, and boxes for markers

@@ -16,10 +16,6 @@ from dataclasses import dataclass
 
 __all__ = ["HydraulicMotor", "TravelMotor"]
 
-_REVERSAL_RATE = 0.02
-"""Difference between demanded and actual speed above which a motor reverses its torque [rad/s];
-below it the pressure follows the load without a drop."""
-
 
 @dataclass(frozen=True)
 class HydraulicMotor:
@@ -44,32 +40,6 @@ class HydraulicMotor:
         """Return the maximum torque that drives the joint [N m]; `back_pressure` in [Pa]."""
         return self.displacement * (self.relief_pressure - back_pressure)
 
-    def pressure(self, torque: float, back_pressure: float) -> float:
-        """Return the pressure on the driving side [Pa] at a torque [N m]."""
-        return back_pressure + abs(torque) / self.displacement
-
-    def moving_torque_limit(
-        self, dt: float, rate: float, target_rate: float, torque: float, back_pressure: float
-    ) -> float:
-        """Return the maximum torque of a turning motor in the next step [N m].
-
-        Args:
-            dt: time step [s].
-            rate: joint speed [rad/s].
-            target_rate: joint speed that the valve demands [rad/s]; zero with closed ports.
-            torque: torque of the last step [N m].
-            back_pressure: pressure in the line to the tank [Pa].
-        """
-        change = target_rate - rate
-        is_braking = change * rate < 0.0
-        pressure = self.brake_relief_pressure if is_braking else self.relief_pressure
-        full = self.displacement * (pressure - back_pressure)
-        rise = full * dt / self.pressure_rise_time
-        # Only one side of the motor has pressure; that on the other side builds up from zero.
-        is_reversing = torque * change < 0.0 and abs(change) > _REVERSAL_RATE
-        built_up = 0.0 if is_reversing else abs(torque)
-        return min(full, built_up + rise)
-
 
 @dataclass(frozen=True)
 class TravelMotor:
@@ -82,7 +52,3 @@ class TravelMotor:
 
     relief_pressure: float
     min_displacement: float
-
-    def displacement(self, force: float, back_pressure: float) -> float:
-        """Return the displacement [m^3/m] at a drive force [N]."""
-        return max(self.min_displacement, abs(force) / (self.relief_pressure - back_pressure))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["HydraulicSupply", "Pump"]
+__all__ = ["HydraulicSupply"]
 
 
 @dataclass(frozen=True)
@@ -37,31 +37,3 @@ class HydraulicSupply:
     valve_dead_band: float
     valve_delay: float
     valve_opening_time: float
-
-
-class Pump:
-    """The pumps, driven by an engine whose speed decreases under load.
-
-    Attributes:
-        engine_speed: speed of the engine over that without load.
-    """
-
-    def __init__(self, supply: HydraulicSupply) -> None:
-        """
-        Args:
-            supply: engine and pumps.
-        """
-        self._supply = supply
-        self.engine_speed = 1.0
-
-    def max_flow(self, pressure: float) -> float:
-        """Return the maximum flow [m^3/s] at a pressure [Pa]; pump power limits it."""
-        supply = self._supply
-        return min(supply.pump_flow * self.engine_speed, supply.pump_power / pressure)
-
-    def advance(self, dt: float, power: float) -> None:
-        """Advance the engine speed by `dt` [s] at a hydraulic power [W]."""
-        supply = self._supply
-        load = min(power / supply.engine_power, 1.0)
-        change = 1.0 - supply.engine_droop * load - self.engine_speed
-        self.engine_speed += change * min(dt / supply.engine_response_time, 1.0)

@@ -9,8 +9,9 @@ that an arm against a stronger resistance stalls. A cylinder at rest is locked b
 yields only when the load exceeds the port relief pressure. The torque of a cylinder on its joint
 depends on the angle through the lever arm (`cylinder_linkage`).
 
-Hydraulic motors are described in `hydraulic_motor`, engine and pumps in `hydraulic_supply`. A joint
-with `max_effort` has a drive of its own: a fixed limit of torque, no flow.
+Hydraulic motors are described in `hydraulic_motor`, engine and pumps in `hydraulic_supply`; the
+equations are in `hydraulic_kernels`. A joint with `max_effort` has a drive of its own: a fixed
+limit of torque, no flow.
 """
 
 from __future__ import annotations
@@ -19,21 +20,19 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 from machine_sim.machine.cylinder_linkage import CylinderLinkage
 from machine_sim.machine.hydraulic_motor import HydraulicMotor, TravelMotor
-from machine_sim.machine.hydraulic_supply import HydraulicSupply, Pump
+from machine_sim.machine.hydraulic_supply import HydraulicSupply
+from machine_sim.machine.hydraulic_tables import (
+    ENGINE_SPEED,
+    cylinder_table,
+    motor_table,
+    supply_table,
+)
 from msg_bridge.contract.cylinder_state import CylinderState
 
 __all__ = ["Cylinder", "HydraulicSystem"]
-
-_MIN_CUSHION_SPEED = 0.15
-"""Fraction of the full speed that the cushion allows at the end of the stroke."""
-
-_PRESSURE_RESPONSE_TIME = 0.1
-"""Time constant of the pressure of the travel motors [s]: the forces of hinged shoes on their
-sprocket vary from step to step, and pumps do not follow such peaks."""
 
 
 @dataclass(frozen=True)
@@ -81,26 +80,18 @@ class Cylinder:
         return pressure * driving - back_pressure * opposing
 
 
-class _CylinderGeometry(NamedTuple):
-    """A joint angle [rad], and the cylinder's length [m] and lever arm [m/rad] at that angle."""
-
-    angle: float
-    length: float
-    lever_arm: float
-
-
 class HydraulicSystem:
     """The cylinders and motors of a machine and their supply.
 
     Attributes:
         cylinders: cylinders by the name of the joint that they drive.
-        pump: engine and pumps; None without cylinders and hydraulic motors.
+        cylinder_table, motor_table, supply_table: the parts as kernels take them, see
+            `hydraulic_tables`; the last one is also the state of engine and pumps.
     """
 
     def __init__(
         self,
         joints: Sequence[str],
-        torques: Sequence[float],
         cylinders: Mapping[str, Cylinder],
         motors: Mapping[str, HydraulicMotor],
         travel_motor: TravelMotor | None,
@@ -109,142 +100,21 @@ class HydraulicSystem:
         """
         Args:
             joints: names of all joints, in the order of all arrays here.
-            torques: maximum torque of each joint [N m], used for joints with neither cylinder nor
-                hydraulic motor.
             cylinders: cylinders by joint name.
             motors: hydraulic motors by joint name.
             travel_motor: hydraulic motor of each track; None for tracks with a drive of their own.
             supply: pump and valves; None only without cylinders and motors.
         """
         self.cylinders = dict(cylinders)
-        self._torques = list(torques)
-        self._supply = supply
-        self.pump = Pump(supply) if supply is not None else None
-        self._travel_motor = travel_motor
-        self._power = 0.0
-        self._track_forces = [0.0, 0.0]  # averaged over `_PRESSURE_RESPONSE_TIME`
-        self._driven_joints = [
-            (joints.index(name), cylinder) for name, cylinder in cylinders.items()
-        ]
-        self._motors = [(joints.index(name), motor) for name, motor in motors.items()]
-        # Geometry at the last angle, by joint: one step needs it several times.
-        self._geometry_cache: dict[int, _CylinderGeometry] = {}
+        self._joints, self._supply = list(joints), supply
+        self.cylinder_table = cylinder_table(joints, cylinders)
+        self.motor_table = motor_table(joints, motors)
+        self.supply_table = supply_table(supply, travel_motor)
 
-    def attainable_speeds(
-        self,
-        speeds: Sequence[float],
-        angles: Sequence[float],
-        efforts: Sequence[float],
-        track_speeds: Sequence[float] = (0.0, 0.0),
-    ) -> tuple[list[float], list[float]]:
-        """Return the speeds of joints [rad/s] and tracks [m/s] that the pumps can supply.
-
-        Args:
-            speeds: joint speeds that the valves demand [rad/s].
-            angles: joint angles [rad].
-            efforts: torques of the last step [N m]; the pumps supply the largest pressure of the
-                moving cylinders and motors.
-            track_speeds: belt speeds that the valves demand, left and right [m/s].
-        """
-        attainable, tracks = list(speeds), list(track_speeds)
-        if self._supply is None or self.pump is None:
-            return attainable, tracks
-        back_pressure = self._supply.return_pressure
-        demand, pressure = 0.0, back_pressure
-        for i, cylinder in self._driven_joints:
-            if speeds[i] == 0.0:
-                continue
-            _, length, lever_arm = self._geometry_at(i, cylinder, angles[i])
-            speed = (
-                lever_arm
-                * speeds[i]
-                * self._cushion_factor(cylinder, length, lever_arm * speeds[i])
-            )
-            is_extending = speed > 0.0
-            area = cylinder.cap_side_area if is_extending else cylinder.rod_side_area
-            flow = abs(speed) * area
-            max_flow = cylinder.max_flow * self.pump.engine_speed
-            share = min(1.0, max_flow / flow)
-            attainable[i] = share * speed / lever_arm
-            demand += share * flow
-            cap_side, rod_side = self._pressures(cylinder, efforts[i] / lever_arm)
-            pressure = max(pressure, cap_side if is_extending else rod_side)
-        for i, motor in self._motors:
-            # What the motor cannot take while it accelerates returns over its relief valve.
-            demand += motor.displacement * abs(speeds[i])
-            if efforts[i] * speeds[i] > 0.0:
-                pressure = max(pressure, motor.pressure(efforts[i], back_pressure))
-        if self._travel_motor is not None:
-            for speed, force in zip(track_speeds, self._track_forces, strict=True):
-                displacement = self._travel_motor.displacement(force, back_pressure)
-                demand += displacement * abs(speed)
-                if force * speed > 0.0:
-                    pressure = max(pressure, back_pressure + abs(force) / displacement)
-        flow = self.pump.max_flow(pressure)
-        if demand > flow:
-            share = flow / demand
-            for i, _ in (*self._driven_joints, *self._motors):
-                attainable[i] *= share
-            if self._travel_motor is not None:
-                tracks = [share * speed for speed in tracks]
-        self._power = min(flow, demand) * pressure
-        return attainable, tracks
-
-    def advance(self, dt: float, track_forces: Sequence[float]) -> None:
-        """Advance the state of engine and travel motors by `dt` [s].
-
-        The engine has the load of the last attainable speeds.
-
-        Args:
-            dt: time step [s].
-            track_forces: drive forces of both tracks in the last step [N].
-        """
-        if self.pump is None:
-            return
-        self.pump.advance(dt, self._power)
-        weight = min(dt / _PRESSURE_RESPONSE_TIME, 1.0)
-        self._track_forces = [
-            mean + weight * (force - mean)
-            for mean, force in zip(self._track_forces, track_forces, strict=True)
-        ]
-
-    def torque_limits(
-        self,
-        dt: float,
-        target_rates: Sequence[float],
-        is_holding: Sequence[bool],
-        angles: Sequence[float],
-        rates: Sequence[float],
-        efforts: Sequence[float],
-    ) -> list[float]:
-        """Return the maximum torque of each joint in the direction of its present torque [N m].
-
-        Args:
-            dt: time step [s].
-            target_rates: joint speeds that the valves demand [rad/s]; at zero they are closed.
-            is_holding: whether the parking brake of a joint with a motor is engaged.
-            angles, rates: joint angles [rad] and speeds [rad/s].
-            efforts: torques of the last step [N m]; the sign gives the direction of the force.
-        """
-        limits = self._torques.copy()
-        for i, cylinder in self._driven_joints:
-            assert self._supply is not None
-            lever_arm, supply = self._geometry_at(i, cylinder, angles[i]).lever_arm, self._supply
-            limits[i] = abs(lever_arm) * cylinder.force_limit(
-                supply.main_relief_pressure if target_rates[i] else supply.port_relief_pressure,
-                supply.return_pressure,
-                is_extending=efforts[i] * lever_arm >= 0.0,
-            )
-        for i, motor in self._motors:
-            assert self._supply is not None
-            limits[i] = (
-                motor.holding_torque
-                if is_holding[i]
-                else motor.moving_torque_limit(
-                    dt, rates[i], target_rates[i], efforts[i], self._supply.return_pressure
-                )
-            )
-        return limits
+    @property
+    def engine_speed(self) -> float:
+        """Speed of the engine over that without load."""
+        return float(self.supply_table[ENGINE_SPEED])
 
     def states(
         self, angles: Sequence[float], rates: Sequence[float], efforts: Sequence[float]
@@ -255,8 +125,11 @@ class HydraulicSystem:
             angles, rates, efforts: joint angles [rad], speeds [rad/s] and torques [N m].
         """
         states = {}
-        for name, (i, cylinder) in zip(self.cylinders, self._driven_joints, strict=True):
-            _, length, lever_arm = self._geometry_at(i, cylinder, angles[i])
+        for name, cylinder in self.cylinders.items():
+            i, linkage = self._joints.index(name), cylinder.linkage
+            length, lever_arm = linkage.length_and_lever_arm(
+                min(max(angles[i], linkage.lower), linkage.upper)
+            )
             force = efforts[i] / lever_arm
             states[name] = CylinderState(
                 length,
@@ -265,16 +138,6 @@ class HydraulicSystem:
                 *self._pressures(cylinder, force),
             )
         return states
-
-    def _geometry_at(self, joint: int, cylinder: Cylinder, angle: float) -> _CylinderGeometry:
-        """Return length and lever arm at a joint angle [rad], clamped to the linkage's range."""
-        linkage = cylinder.linkage
-        angle = min(max(angle, linkage.lower), linkage.upper)
-        known = self._geometry_cache.get(joint)
-        if known is None or known.angle != angle:
-            known = _CylinderGeometry(angle, *linkage.length_and_lever_arm(angle))
-            self._geometry_cache[joint] = known
-        return known
 
     def _pressures(self, cylinder: Cylinder, force: float) -> tuple[float, float]:
         """Return the pressures on cap side and rod side [Pa] at a force [N].
@@ -287,14 +150,3 @@ class HydraulicSystem:
         if force + back_pressure * rod >= back_pressure * cap:
             return (force + back_pressure * rod) / cap, back_pressure
         return back_pressure, (back_pressure * cap - force) / rod
-
-    @staticmethod
-    def _cushion_factor(cylinder: Cylinder, length: float, speed: float) -> float:
-        """Return the fraction of the full speed that the cushions allow."""
-        linkage = cylinder.linkage
-        stroke_left = linkage.max_length - length if speed > 0.0 else length - linkage.min_length
-        return min(
-            1.0,
-            _MIN_CUSHION_SPEED
-            + (1.0 - _MIN_CUSHION_SPEED) * max(stroke_left, 0.0) / cylinder.cushion_length,
-        )

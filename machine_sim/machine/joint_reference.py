@@ -15,9 +15,24 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from machine_sim.machine.joint_table import (
+    ANGLE,
+    COMMAND,
+    HAS_MOTOR,
+    IS_HOLDING,
+    LOWER,
+    MAX_ACCELERATION,
+    MAX_VELOCITY,
+    RATE,
+    TARGET_ANGLE,
+    TARGET_RATE,
+    UPPER,
+    joint_table,
+)
 from machine_sim.machine.spec import JointLimits
+from msg_bridge.kernels import helper, kernel
 
-__all__ = ["MAX_REFERENCE_LEAD", "JointReference"]
+__all__ = ["MAX_REFERENCE_LEAD", "JointReference", "advance_references"]
 
 MAX_REFERENCE_LEAD = 0.01
 """Maximum distance between the reference and the actual angle [rad].
@@ -41,10 +56,7 @@ class JointReference:
     """Reference angles and speeds of a machine's joints.
 
     Attributes:
-        angle: reference angles [rad].
-        rate: reference speeds [rad/s].
-        command: commanded speeds [rad/s].
-        is_holding: whether each joint with a motor has come to rest and holds its angle.
+        table: table of the joints, see `joint_table`.
     """
 
     def __init__(
@@ -59,12 +71,27 @@ class JointReference:
             home: initial angles [rad], shape (joints,).
             motor_joints: indices of the joints with a hydraulic motor.
         """
-        self._limits = tuple(limits)
-        self._has_motor = [i in motor_joints for i in range(len(self._limits))]
-        self.angle: list[float] = home.tolist()
-        self.rate: list[float] = [0.0] * len(self._limits)
-        self.command: list[float] = [0.0] * len(self._limits)
-        self.is_holding = [True] * len(self._limits)
+        self.table = joint_table(limits, list(motor_joints))
+        self.table[TARGET_ANGLE] = home
+
+    @property
+    def angle(self) -> list[float]:
+        """Reference angles [rad]."""
+        return _row(self.table, TARGET_ANGLE)
+
+    @property
+    def rate(self) -> list[float]:
+        """Reference speeds [rad/s]."""
+        return _row(self.table, TARGET_RATE)
+
+    @property
+    def command(self) -> list[float]:
+        """Commanded speeds [rad/s]."""
+        return _row(self.table, COMMAND)
+
+    @command.setter
+    def command(self, speeds: Sequence[float]) -> None:
+        self.table[COMMAND] = speeds
 
     def advance(self, dt: float, actual: Sequence[float], rates: Sequence[float]) -> None:
         """Advance the reference by `dt` [s].
@@ -74,28 +101,55 @@ class JointReference:
             actual: actual angles of the joints [rad].
             rates: actual speeds of the joints [rad/s].
         """
-        for i, limit in enumerate(self._limits):
-            rate, angle = self.rate[i], self.angle[i]
-            step = limit.max_acceleration * dt
-            target_rate = min(max(self.command[i], -limit.max_velocity), limit.max_velocity)
-            rate = min(max(target_rate, rate - step), rate + step)
-            if rate > 0.0:
-                rate = min(rate, _max_stopping_rate(limit.upper - angle, step, dt))
-            elif rate < 0.0:
-                rate = max(rate, -_max_stopping_rate(angle - limit.lower, step, dt))
-            if self._has_motor[i] and not (self.is_holding[i] and rate == 0.0):
-                rate = min(max(rate, rates[i] - MAX_RATE_LEAD), rates[i] + MAX_RATE_LEAD)
-                self.is_holding[i] = rate == 0.0 and abs(rates[i]) <= _REST_RATE
-                if not self.is_holding[i]:
-                    # Without an angle error the position control follows the speed alone.
-                    angle = actual[i] - rate * dt
-            angle += rate * dt
-            angle = min(max(angle, actual[i] - MAX_REFERENCE_LEAD), actual[i] + MAX_REFERENCE_LEAD)
-            self.angle[i] = min(max(angle, limit.lower), limit.upper)
-            self.rate[i] = rate
+        self.table[ANGLE], self.table[RATE] = actual, rates
+        _advance(dt, self.table)
 
 
-def _max_stopping_rate(distance: float, step: float, dt: float) -> float:
+def _row(table: NDArray[np.float64], slot: int) -> list[float]:
+    values: list[float] = table[slot].tolist()
+    return values
+
+
+@kernel
+def _advance(dt, joints):  # type: ignore[no-untyped-def]
+    """Run `advance_references` alone."""
+    advance_references(dt, joints)
+
+
+@helper
+def advance_references(dt, joints):  # type: ignore[no-untyped-def]
+    """Advance the references of all joints by a time step.
+
+    Args:
+        dt: time step [s].
+        joints: table of the joints, see `joint_table`; its target angles and rates are updated.
+    """
+    for i in range(joints.shape[1]):
+        rate, angle = joints[TARGET_RATE, i], joints[TARGET_ANGLE, i]
+        actual, max_velocity = joints[ANGLE, i], joints[MAX_VELOCITY, i]
+        lower, upper = joints[LOWER, i], joints[UPPER, i]
+        step = joints[MAX_ACCELERATION, i] * dt
+        target_rate = min(max(joints[COMMAND, i], -max_velocity), max_velocity)
+        rate = min(max(target_rate, rate - step), rate + step)
+        if rate > 0.0:
+            rate = min(rate, _max_stopping_rate(upper - angle, step, dt))
+        elif rate < 0.0:
+            rate = max(rate, -_max_stopping_rate(angle - lower, step, dt))
+        if joints[HAS_MOTOR, i] and not (joints[IS_HOLDING, i] and rate == 0.0):
+            actual_rate = joints[RATE, i]
+            rate = min(max(rate, actual_rate - MAX_RATE_LEAD), actual_rate + MAX_RATE_LEAD)
+            joints[IS_HOLDING, i] = rate == 0.0 and abs(actual_rate) <= _REST_RATE
+            if not joints[IS_HOLDING, i]:
+                # Without an angle error the position control follows the speed alone.
+                angle = actual - rate * dt
+        angle += rate * dt
+        angle = min(max(angle, actual - MAX_REFERENCE_LEAD), actual + MAX_REFERENCE_LEAD)
+        joints[TARGET_ANGLE, i] = min(max(angle, lower), upper)
+        joints[TARGET_RATE, i] = rate
+
+
+@helper
+def _max_stopping_rate(distance, step, dt):  # type: ignore[no-untyped-def]
     """Return the maximum speed [rad/s] from which steps of `step` [rad/s] stop in time.
 
     Args:

@@ -21,9 +21,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.ground.contact_surface import Ground
+from machine_sim.machine.actuator_step import actuator_step
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.hydraulics import HydraulicSystem
 from machine_sim.machine.joint_reference import JointReference
+from machine_sim.machine.joint_table import ANGLE, EFFORT, RATE, TARGET_ANGLE, TORQUE_LIMIT
 from machine_sim.machine.multibody import load_multibody
 from machine_sim.machine.rotations import cross, rotation_matrix
 from machine_sim.machine.spec import BASE, MachineSpec
@@ -107,7 +109,6 @@ class TrackedMachine:
         self._limits = list(spec.joints.values())
         self.hydraulics = HydraulicSystem(
             spec.joint_names,
-            [limit.max_effort for limit in self._limits],
             spec.cylinders,
             spec.motors,
             spec.tracks.motor,
@@ -170,7 +171,7 @@ class TrackedMachine:
 
     def before_step(self, dt: float) -> None:
         """Apply forces and motor targets for the physics engine's next step of `dt` [s]."""
-        self._demand_speeds(dt)
+        self._advance_actuators(dt)
         wrench = self.tracks.step(
             dt,
             self._com,
@@ -185,8 +186,6 @@ class TrackedMachine:
         pybullet.applyExternalTorque(body, -1, torque, world, client)
         for tool in self.tools.values():
             tool.before_step()
-        if self._joints:
-            self._drive_joints(dt)
 
     def after_step(self) -> None:
         """Read the state after a step; every property has that state until the next call.
@@ -207,6 +206,8 @@ class TrackedMachine:
         self._angles = [angle for angle, _, _, _ in states]
         self._rates = [rate for _, rate, _, _ in states]
         self._efforts = [effort for _, _, _, effort in states]
+        joints = self._reference.table
+        joints[ANGLE], joints[RATE], joints[EFFORT] = self._angles, self._rates, self._efforts
         for tool in self.tools.values():
             tool.after_step()
         if not math.isfinite(sum(velocity) + sum(angular_velocity) + sum(self._rates)):
@@ -290,31 +291,29 @@ class TrackedMachine:
             [*is_hydraulic, *[spec.tracks.motor is not None] * 2],
         )
 
-    def _demand_speeds(self, dt: float) -> None:
-        """Set the speeds of joints and tracks to what valves and pumps allow in the next step."""
-        self._valves.advance(dt, self._command)
-        num_joints, demand = len(self._limits), self._valves.demand
-        self._reference.command, self.tracks.command[:] = self.hydraulics.attainable_speeds(
-            demand[:num_joints],
-            self._angles,
-            self._efforts,
-            demand[num_joints:],
+    def _advance_actuators(self, dt: float) -> None:
+        """Set the speeds of the tracks and the targets of the joint motors for the next step."""
+        self._valves.transmit(dt, self._command)
+        hydraulics, joints = self.hydraulics, self._reference.table
+        actuator_step(
+            dt,
+            self._valves.table,
+            joints,
+            hydraulics.cylinder_table,
+            hydraulics.motor_table,
+            hydraulics.supply_table,
+            self.tracks.drive_forces,
+            self.tracks.command,
         )
-        self.hydraulics.advance(dt, self.tracks.drive_forces.tolist())
-
-    def _drive_joints(self, dt: float) -> None:
-        """Set the targets of the joint motors for the next step of `dt` [s]."""
-        reference, hydraulics = self._reference, self.hydraulics
-        reference.advance(dt, self._angles, self._rates)
-        torques = hydraulics.torque_limits(
-            dt, reference.rate, reference.is_holding, self._angles, self._rates, self._efforts
-        )
+        if not self._joints:
+            return
+        angles, rates, torques = joints[TARGET_ANGLE : TORQUE_LIMIT + 1].tolist()
         pybullet.setJointMotorControlArray(
             self.body,
             self._joints,
             pybullet.POSITION_CONTROL,
-            reference.angle,
-            reference.rate,
+            angles,
+            rates,
             torques,
             self._position_gains,
             self._velocity_gains,

@@ -5,9 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numba import njit
 
 from machine_sim.machine import MachineError
 from machine_sim.machine.cylinder_linkage import CylinderLinkage, Rocker
+from machine_sim.machine.hydraulic_tables import cylinder_table
+from machine_sim.machine.hydraulics import Cylinder
+from machine_sim.machine.linkage_kernels import length_and_lever_arm
 
 DIRECT = CylinderLinkage((0.15, 0.75), (0.62, 0.15), (2.45, 0.62), None, -1.05, 0.85)
 FOUR_BAR = CylinderLinkage(
@@ -81,3 +85,17 @@ def test_coupler_that_is_too_short_is_rejected():
 def test_linkage_with_rod_and_rocker_is_rejected():
     with pytest.raises(MachineError, match="give one"):
         replace(FOUR_BAR, rod=(0.1, 0.1))
+
+
+@njit
+def _length_and_lever_arm(cylinder, angle):
+    return length_and_lever_arm(cylinder, angle)
+
+
+@BOTH
+def test_kernel_gives_the_same_bits_and_keeps_to_the_range(linkage):
+    (row,) = cylinder_table(["arm"], {"arm": Cylinder(linkage, 0.1, 0.05, 1, 0.0, 0.1, 0.01)})
+    for angle in angles(linkage):
+        assert _length_and_lever_arm(row, angle) == linkage.length_and_lever_arm(angle)
+    beyond = _length_and_lever_arm(row, linkage.upper + 0.1)
+    assert beyond == linkage.length_and_lever_arm(linkage.upper)

@@ -4,9 +4,20 @@ import math
 
 import numpy as np
 import pytest
+from numba import njit
 
 from machine_sim.machine import EXCAVATOR_JOINTS
+from machine_sim.machine.hydraulic_kernels import advance_supply, limit_speeds, limit_torques
 from machine_sim.machine.hydraulics import HydraulicSystem
+from machine_sim.machine.joint_table import (
+    ANGLE,
+    EFFORT,
+    IS_HOLDING,
+    RATE,
+    TARGET_RATE,
+    TORQUE_LIMIT,
+    joint_table,
+)
 
 from .conftest import DT
 
@@ -17,12 +28,58 @@ MIDDLE = [0.0, -0.3, 1.5, 0.8]
 """Joint angles far from all limits [rad]."""
 
 
+class Arm:
+    """The hydraulics of an excavator, one kernel at a time."""
+
+    def __init__(self, spec):
+        self.system = HydraulicSystem(
+            EXCAVATOR_JOINTS, spec.cylinders, spec.motors, spec.tracks.motor, spec.supply
+        )
+        self.joints = joint_table([spec.joints[name] for name in EXCAVATOR_JOINTS])
+        self.tables = (
+            self.system.cylinder_table,
+            self.system.motor_table,
+            self.system.supply_table,
+        )
+
+    def attainable_speeds(self, speeds, angles, efforts, track_speeds=(0.0, 0.0)):
+        """Return the attainable speeds of joints [rad/s] and tracks [m/s]."""
+        self.joints[ANGLE], self.joints[EFFORT] = angles, efforts
+        demand, attainable, tracks = np.array([*speeds, *track_speeds]), np.zeros(4), np.zeros(2)
+        _limit_speeds(demand, self.joints, *self.tables, attainable, tracks)
+        return attainable.tolist(), tracks.tolist()
+
+    def advance(self, dt, track_forces):
+        """Advance engine and travel motors."""
+        _advance_supply(dt, np.array(track_forces), self.system.supply_table)
+
+    def torque_limits(self, dt, target_rates, is_holding, angles, rates, efforts):
+        """Return the maximum torques of the joints [N m]."""
+        joints = self.joints
+        joints[ANGLE], joints[RATE], joints[EFFORT] = angles, rates, efforts
+        joints[TARGET_RATE], joints[IS_HOLDING] = target_rates, is_holding
+        _limit_torques(dt, joints, *self.tables)
+        return joints[TORQUE_LIMIT].tolist()
+
+
+@njit
+def _limit_speeds(*arguments):
+    limit_speeds(*arguments)
+
+
+@njit
+def _advance_supply(*arguments):
+    advance_supply(*arguments)
+
+
+@njit
+def _limit_torques(*arguments):
+    limit_torques(*arguments)
+
+
 @pytest.fixture
 def arm(spec):
-    limits = [spec.joints[name].max_effort for name in EXCAVATOR_JOINTS]
-    return HydraulicSystem(
-        EXCAVATOR_JOINTS, limits, spec.cylinders, spec.motors, spec.tracks.motor, spec.supply
-    )
+    return Arm(spec)
 
 
 def flow(spec, angles, speeds):
@@ -85,13 +142,13 @@ def test_engine_droops_under_load_and_recovers(arm, spec):
         arm.attainable_speeds([0, -0.8, 0, 0], MIDDLE, [0.0, torque, 0.0, 0.0])
         arm.advance(DT, [0.0, 0.0])
     load = supply.pump_power / supply.engine_power
-    assert arm.pump.engine_speed == pytest.approx(1.0 - supply.engine_droop * load, rel=1e-3)
+    assert arm.system.engine_speed == pytest.approx(1.0 - supply.engine_droop * load, rel=1e-3)
     loaded = flow(spec, MIDDLE, arm.attainable_speeds([0, -0.8, 0, 0], MIDDLE, REST)[0])
-    assert loaded == pytest.approx(arm.pump.engine_speed * start)
+    assert loaded == pytest.approx(arm.system.engine_speed * start)
     for _ in range(1000):
         arm.attainable_speeds(REST, MIDDLE, REST)
         arm.advance(DT, [0.0, 0.0])
-    assert arm.pump.engine_speed == pytest.approx(1.0, abs=1e-3)
+    assert arm.system.engine_speed == pytest.approx(1.0, abs=1e-3)
 
 
 def test_flow_at_high_pressure_is_limited_by_power(arm, spec):
@@ -138,7 +195,7 @@ def test_torque_limit_follows_lever_arm_area_and_direction(arm, spec):
 def test_pressures_balance_the_force(arm, spec):
     for effort in (-2e5, -1e3, 0.0, 1e3, 2e5):
         efforts = [0.0, effort, effort, 0.3 * effort]
-        for name, state in arm.states(MIDDLE, [0.1] * 4, efforts).items():
+        for name, state in arm.system.states(MIDDLE, [0.1] * 4, efforts).items():
             cylinder = spec.cylinders[name]
             force = (
                 state.cap_side_pressure * cylinder.cap_side_area
