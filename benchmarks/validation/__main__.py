@@ -24,6 +24,7 @@ from benchmarks.validation.face_milling import mill_face
 from benchmarks.validation.full_speed_scoop import run_scoop
 from benchmarks.validation.heap_creep import resting_heap
 from benchmarks.validation.hopper_outflow import OPENINGS, flow_exponent, measure_outflow
+from benchmarks.validation.plate_tunnelling import sweep_plate
 from machine_sim.dem import warm_up
 from msg_bridge.contract.loose_soil import LooseSoil
 from soil_sim.soils.soil_types import load_soil_types
@@ -189,6 +190,19 @@ def check_scoops(quick: bool) -> Iterator[Row]:
     yield Row(f"{name}: volume imbalance [mm3]", "0", f"{imbalance}", imbalance == 0)
 
 
+def check_plates() -> Iterator[Row]:
+    """Strike small particles with a plate at the speed of the fastest lip and at twice that."""
+    for speed in (11.0, 22.0):
+        for radius in (0.021, 0.012, 0.006, 0.003):
+            num_crossings = sum(sweep_plate(radius, speed, seed) for seed in range(5))
+            yield Row(
+                f"1000 particles of {1e3 * radius:g} mm radius through a plate at {speed:g} m/s",
+                "0",
+                f"{num_crossings}",
+                num_crossings == 0,
+            )
+
+
 def check_milling() -> Iterator[Row]:
     """Cut a face of rock and one of loam with the road header."""
     (rock, rock_time), (loam, loam_time) = mill_face("rock"), mill_face("loam")
@@ -219,6 +233,7 @@ def run_all(quick: bool, results: Results) -> Iterator[Row]:
     """Run all experiments."""
     yield from check_buckets()
     yield from check_scoops(quick)
+    yield from check_plates()
     yield from check_milling()
     yield from check_hoppers(quick, results)
     yield from check_heaps(results)

@@ -1,9 +1,12 @@
-"""Detect particles that pass through the plates of a bucket from their positions alone.
+"""Detect particles that pass through plates from their positions alone.
 
 The engine counts tunnelling by its own contacts, so a missed contact is missing in its count. This
 count is independent: the path of a particle in one physics step is a straight line in the bucket
 frame, and a plate is a polygon; a line that crosses a polygon is a particle that tunnelled. Steps
 are short enough for straight lines: a particle that slides around the lip stays a radius away.
+
+`TunnellingMonitor` watches the bucket of a machine, `sweep_plate` a plate that strikes small
+particles.
 """
 
 from __future__ import annotations
@@ -13,13 +16,22 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.validation.experiment_setup import STEP, make_engine
 from machine_sim.dem import ParticleEngine
 from machine_sim.dem.sleep import FIRST_LOCKED_TOOL
 from machine_sim.simulation import MachineSim
+from msg_bridge.contract.loose_soil import LooseSoil
 
-__all__ = ["PlateSet", "TunnellingMonitor"]
+__all__ = ["PlateSet", "TunnellingMonitor", "sweep_plate"]
 
 Array = NDArray[np.float64]
+
+_NUM_STRUCK = 200
+"""Number of particles that a plate strikes."""
+_CLOUD = np.array([0.3, 1.6, 1.6])
+"""Size of the cloud of particles before the plate [m]; its middle is 3 m above the ground."""
+_RUN_UP, _SWEEP_LENGTH = 0.2, 1.0
+"""Distance of the plate from the cloud, and length of its sweep [m]."""
 
 
 class PlateSet:
@@ -61,6 +73,40 @@ class PlateSet:
             point = before[rows] + fraction[:, None] * (after[rows] - before[rows])
             crosses[rows] |= (point @ self._inward[k].T >= self._edges[k]).all(axis=1)
         return crosses
+
+
+def sweep_plate(radius: float, speed: float, seed: int = 0) -> int:
+    """Sweep a plate of 4 m^2 through particles at rest; return how often one passed through it.
+
+    Without gravity every particle stays in the plate's way, and is struck by others as well.
+
+    Args:
+        radius: radius of the particles [m].
+        speed: speed of the plate, along its normal [m/s].
+        seed: seed of the places of the particles.
+    """
+    soil = LooseSoil()
+    litre = make_engine(soil, gravity=0.0)
+    litre.add([[0.0, 0.0, 3.0]], np.zeros((1, 3)), 1_000_000, grow=False)
+    volume = round(1e6 * (radius / float(litre.state.radius[0])) ** 3)
+    engine = make_engine(soil, gravity=0.0, nominal_volume=volume)
+    corners = np.array([[0.0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]])
+    plates, rotation = PlateSet([corners]), np.eye(3)
+    origin = np.array([-_RUN_UP, 0.0, 3.0])
+    engine.add_tool(0, [corners], (rotation, origin))
+    rng = np.random.default_rng(seed)
+    places = rng.uniform([0.0, -0.5, -0.5], [1.0, 0.5, 0.5], (_NUM_STRUCK, 3)) * _CLOUD
+    engine.add(places + origin * [0.0, 0.0, 1.0], np.zeros_like(places), volume, grow=False)
+    num_crossings, advance = 0, np.array([speed * STEP, 0.0, 0.0])
+    for _ in range(round(_SWEEP_LENGTH / (speed * STEP))):
+        ids = engine.ids
+        before = engine.positions - origin
+        engine.set_tool_motion(0, (rotation, origin), (rotation, origin + advance))
+        engine.step(STEP)
+        origin = origin + advance
+        after = engine.positions[engine.rows_of(ids)] - origin
+        num_crossings += int(plates.find_crossings(before, after).sum())
+    return num_crossings
 
 
 class TunnellingMonitor:

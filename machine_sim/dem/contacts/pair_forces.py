@@ -17,6 +17,7 @@ BOND_RUPTURE_GAP = np.float32(0.03)
 
 _ONE = np.float32(1.0)
 _ZERO = np.float32(0.0)
+_INVERSE_RUPTURE_GAP = np.float32(1.0 / BOND_RUPTURE_GAP)
 _TINY_LENGTH2 = np.float32(1e-18)
 
 
@@ -64,15 +65,17 @@ def _evaluate_contacts(num_slots, block, scratch, contact_params):  # type: igno
         distance = np.sqrt(dot(separation, separation) + _TINY_LENGTH2)
         normal = scale(separation, _ONE / distance)
         radius_sum = block[pair.RADIUS_SUM + s]
+        relative_gap = (distance - radius_sum) / radius_sum
         # The cohesion force decreases linearly over a small gap.
-        bond_fraction = min(
-            max(_ONE + (radius_sum - distance) / (BOND_RUPTURE_GAP * radius_sum), _ZERO), _ONE
-        )
+        bond_fraction = min(max(_ONE - relative_gap * _INVERSE_RUPTURE_GAP, _ZERO), _ONE)
+        # The centres are nearer than the sum of the radii: with lever arms of the whole radii,
+        # friction would turn the bodies by more than the moment of the two forces.
+        arm_over_radius = min(_ONE + relative_gap, _ONE)
         overlap = min(radius_sum - distance, block[pair.MAX_OVERLAP + s])
         touches = _ONE if overlap > _ZERO else _ZERO
         contact_velocity = subtract(
             pair.load(scratch, pair.RELATIVE_VELOCITY, s),
-            cross(pair.load(scratch, pair.SURFACE_VELOCITY_SUM, s), normal),
+            cross(scale(pair.load(scratch, pair.SURFACE_VELOCITY_SUM, s), arm_over_radius), normal),
         )
         normal_force, friction_force, spring = contact_force(
             contact_params, block[pair.FRICTION + s], overlap, normal, contact_velocity,
@@ -87,6 +90,7 @@ def _evaluate_contacts(num_slots, block, scratch, contact_params):  # type: igno
             normal,
         )
         pair.store(scratch, pair.FORCE, s, force)
+        torque_over_radius = scale(torque_over_radius, arm_over_radius)
         pair.store(scratch, pair.TORQUE_OVER_RADIUS, s, torque_over_radius)
         scratch[pair.ROLLING_LIMIT + s] = normal_force * block[pair.ROLLING_FRICTION + s]
 

@@ -63,6 +63,8 @@ ROLLING_LIMIT = simd.ROLLING_LIMIT * BLOCK_SIZE
 """Out: contribution of the contact to the limit of rolling resistance over radius [N]."""
 TOOL_TORQUE = 9 * BLOCK_SIZE
 """Out: torque of the contact force about the tool's origin, map axes [N m] (3)."""
-NUM_SCRATCH_QUANTITIES = 15
+ACCELERATION = 15 * BLOCK_SIZE
+"""Acceleration of the particle by the forces summed before, along the plate's normal [m/s^2]."""
+NUM_SCRATCH_QUANTITIES = 16
 
 load, store = vector_access(BLOCK_SIZE)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from machine_sim.dem.body_records import FORCE, INVERSE_MASS
 from machine_sim.dem.contacts import plate_block as plate
 from machine_sim.dem.contacts.contact_law import contact_force, contact_force_and_torque
 from machine_sim.dem.contacts.simd import GROUP_SIZE, gather_relative_motion, scatter_forces
@@ -21,6 +22,8 @@ __all__ = ["plate_forces"]
 
 _ADHESION_RUPTURE_GAP = np.float32(0.06)
 """Gap at which the adhesion between a particle and a plate breaks, in radii."""
+_MAX_OVERLAP = np.float32(0.7)
+"""Overlap with a plate at which a particle is stopped in one substep, in radii."""
 _OVER_PLATE = np.float32(1e30)
 """Squared distance from the outline of a centre whose closest point is not on the outline."""
 _ZERO = np.float32(0.0)
@@ -63,6 +66,7 @@ def plate_forces(blocks, body, force_sums, tools, step, contact_params):  # type
             _to_float32(load_row(tools.twist, t, LINEAR)),
             _to_float32(load_row(tools.twist, t, ANGULAR)),
         )  # fmt: skip
+        _gather_accelerations(num_slots, blocks.row, begin, body, force_sums, axes32[2], scratch)
         _find_closest_points(
             num_slots, scratch, tools.plates.corner[k], tools.plates.num_corners[k]
         )
@@ -146,6 +150,24 @@ def _transform_to_plate_axes(  # type: ignore[no-untyped-def]
 
 
 @helper
+def _gather_accelerations(num_slots, row, begin, body, force_sums, normal, scratch):  # type: ignore[no-untyped-def]
+    """Write the accelerations by the forces summed so far along the normal of the plate.
+
+    Args:
+        num_slots: number of slots to fill, from the first one on.
+        row: row of the particle of each contact, uint32.
+        begin: contact of the first slot.
+        body, force_sums: see `body_records`.
+        normal: normal of the plate, map axes, float32.
+        scratch: scratch block, see `plate_block`.
+    """
+    for s in range(num_slots):
+        i = row[begin + s]
+        acceleration = dot(load_row(force_sums, i, FORCE), normal) * body[i, INVERSE_MASS]
+        scratch[plate.ACCELERATION + s] = acceleration
+
+
+@helper
 def _find_closest_points(num_slots, scratch, corner, num_corners):  # type: ignore[no-untyped-def]
     """Find the points of the plate that are closest to the centres.
 
@@ -189,7 +211,14 @@ def _find_closest_points(num_slots, scratch, corner, num_corners):  # type: igno
 
 @helper
 def _evaluate_contacts(num_slots, block, scratch, contact_params):  # type: ignore[no-untyped-def]
-    """Replace position and motion by forces, in plate axes; update springs and sides."""
+    """Replace position and motion by forces, in plate axes; update springs and sides.
+
+    The spring alone would let a small particle pass a fast plate, or one that others push. A
+    particle over the plate is therefore stopped within the substep in which its overlap would
+    exceed `_MAX_OVERLAP`, at any speed and with any forces of other particles on it.
+    """
+    inverse_substep = _ONE / contact_params.substep
+    inverse_stiffness = _ONE / contact_params.normal_stiffness
     for s in range(np.uint64(num_slots)):
         h, radius = scratch[plate.POSITION_H + s], block[plate.RADIUS + s]
         is_over_plate = scratch[plate.OUTLINE_DISTANCE2 + s] == _OVER_PLATE
@@ -208,11 +237,24 @@ def _evaluate_contacts(num_slots, block, scratch, contact_params):  # type: igno
         cohesion_force = block[plate.ADHESION_FORCE + s] * min(
             max(_ONE + overlap / (_ADHESION_RUPTURE_GAP * radius), _ZERO), _ONE
         )
-        touches = _ONE if overlap > _ZERO else _ZERO
+        velocity = plate.load(scratch, plate.RELATIVE_VELOCITY, s)
+        # Contact acceleration that stops the particle in time.
+        normal_velocity = dot(velocity, normal)
+        lowest_velocity = min((overlap - _MAX_OVERLAP * radius) * inverse_substep, _ZERO)
+        stop = (
+            (lowest_velocity - normal_velocity) * inverse_substep
+            + cohesion_force / max(block[plate.MASS + s], _TINY)
+            - side * scratch[plate.ACCELERATION + s]
+        )
+        is_stopped = is_over_plate & (stop > _ZERO)
+        touches = _ONE if (overlap > _ZERO) | is_stopped else _ZERO
+        # Raise the overlap to the one whose normal force is that; without contact it is negative.
+        stop_overlap = (stop + contact_params.normal_damping * normal_velocity) * inverse_stiffness
+        raised_overlap = max(overlap, stop_overlap) if overlap > _ZERO else stop_overlap
+        overlap = raised_overlap if is_stopped else overlap
         # The contact point lies one radius from the centre and moves with the rotation.
         contact_velocity = subtract(
-            plate.load(scratch, plate.RELATIVE_VELOCITY, s),
-            cross(plate.load(scratch, plate.SURFACE_VELOCITY, s), normal),
+            velocity, cross(plate.load(scratch, plate.SURFACE_VELOCITY, s), normal)
         )
         normal_force, friction_force, spring = contact_force(
             contact_params, block[plate.FRICTION + s], overlap, normal, contact_velocity,

@@ -6,7 +6,7 @@ from support.machine_scenes import machine_on_level_ground
 from support.particle_scenes import LITRE, cloud, square
 
 from benchmarks.validation.full_speed_scoop import ScoopResult, run_scoop
-from benchmarks.validation.plate_tunnelling import PlateSet, TunnellingMonitor
+from benchmarks.validation.plate_tunnelling import PlateSet, TunnellingMonitor, sweep_plate
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -57,6 +57,12 @@ def test_path_through_a_plate_is_a_crossing(path, orientation):
     before, after, is_crossing = PATHS[path]
     plates = PlateSet([square(0.5)[::orientation], square(0.5) + 5.0 * UP])
     assert plates.find_crossings(np.array([before]), np.array([after])).tolist() == [is_crossing]
+
+
+@pytest.mark.parametrize("radius", [0.003, 0.012, 0.021])
+@pytest.mark.parametrize("speed", [11.0, 22.0])
+def test_no_small_particle_passes_a_fast_plate(radius, speed):
+    assert sweep_plate(radius, speed) == 0
 
 
 @pytest.mark.parametrize("has_plates", [True, False])

@@ -169,11 +169,23 @@ def test_fast_plate_wakes_sleeping_particles_in_time(volume):
     assert world.num_plate_tunnellings == 0
 
 
-def test_particle_that_tunnels_through_a_plate_is_counted():
+def test_particle_does_not_pass_a_plate_at_any_speed():
     world = engine(gravity=0.0)
     world.add_tool(0, [square(0.5)], pose(0, 0, 2.0))
     world.add([[0, 0, 2.3]], [[0, 0, -150.0]], LITRE, grow=False)
     world.step(STEP)
+    assert world.positions[0, 2] > 2.0
+    assert world.num_plate_tunnellings == 0
+
+
+def test_particle_that_tunnels_through_a_plate_is_counted():
+    world = engine(gravity=0.0)
+    world.add_tool(0, [square(0.5)], pose(0, 0, 2.0))
+    heights = [pose(0.0, 0.0, 2.3 - 0.1 * k) for k in range(6)]
+    world.add_tool(1, [square(0.5)], heights[0])
+    world.add([[0, 0, 2.15]], [[0, 0, 0]], LITRE, grow=False)
+    # A plate that passes another one takes the particle between them along.
+    drive(world, heights, tool_id=1)
     assert world.positions[0, 2] < 2.0
     assert world.num_plate_tunnellings == 1
 

@@ -87,7 +87,7 @@ def _on_slope(world, angle):
     return world.state.position[0].copy()
 
 
-@pytest.mark.parametrize("restitution", [0.3, 0.5])
+@pytest.mark.parametrize("restitution", [0.3, 0.5, 0.7])
 def test_head_on_collision_has_the_restitution(restitution):
     world = engine(gravity=0.0, restitution=restitution)
     # A collision lasts 7 substeps. The phase of its start matters a little: average over phases.
@@ -114,6 +114,57 @@ def test_oblique_collision_conserves_momentum():
     after = (world.state.mass[:, None] * world.state.velocity).sum(axis=0)
     assert np.abs(world.state.velocity - v0).max() > 0.3, "no collision"
     np.testing.assert_allclose(after, before, atol=1e-5)
+
+
+@pytest.mark.parametrize("on_plate", [True, False])
+@pytest.mark.parametrize("speed", [0.2, 5.0])
+def test_impact_on_plate_and_ground_has_the_boundary_restitution(on_plate, speed):
+    world = engine(gravity=0.0, boundary_restitution=0.4)
+    surface = 3.0 * on_plate
+    if on_plate:
+        world.add_tool(0, [square(4.0)], pose(0.0, 0.0, surface))
+    for k in range(8):
+        z = surface + 0.2 + k * speed * STEP / 4 / 8
+        world.add([[0, 0.5 * k - 2.0, z]], [[0, 0, -speed]], LITRE, grow=False)
+    run(world, 0.3 / speed + 0.05)
+    assert np.mean(world.state.velocity[:, 2]) / speed == pytest.approx(0.4, abs=0.04)
+
+
+def angular_momentum(world):
+    """Return the angular momentum about (0, 0, 3) [kg m^2/s], with the spin, shape (3,)."""
+    mass = world.state.mass[:, None].astype(float)
+    orbital = mass * np.cross(world.state.position - [0.0, 0.0, 3.0], world.state.velocity)
+    inertia = 0.4 * mass * world.state.radius[:, None].astype(float) ** 2
+    return (orbital + inertia * world.state.angular_velocity).sum(axis=0)
+
+
+def collide_off_centre(*, speed, volume, rolling_friction):
+    """Collide two particles off-centre; return the angular momentum before and after."""
+    world = engine(gravity=0.0)
+    velocity = [[0.5 * speed, 0.0, 0.0], [-0.5 * speed, 0.0, 0.0]]
+    world.add([[-0.1, -0.03, 3], [0.1, 0.03, 3]], velocity, [LITRE, volume], grow=False)
+    world.state.rolling_friction[:] = rolling_friction
+    before = angular_momentum(world)
+    run(world, 0.4 / speed + 0.02)
+    assert np.abs(world.state.angular_velocity).max() > 1.0, "no collision"
+    return before, angular_momentum(world)
+
+
+@pytest.mark.parametrize("speed", [1.0, 10.0])
+@pytest.mark.parametrize("volume", [LITRE, LITRE // 3])
+def test_friction_conserves_angular_momentum(speed, volume):
+    before, after = collide_off_centre(speed=speed, volume=volume, rolling_friction=0.0)
+    np.testing.assert_allclose(after, before, atol=2e-5 * np.linalg.norm(before))
+
+
+def test_rolling_resistance_takes_no_more_angular_momentum_than_its_limit():
+    rolling_friction, speed = 0.05, 2.0
+    before, after = collide_off_centre(speed=speed, volume=LITRE, rolling_friction=rolling_friction)
+    radius = (0.75 / np.pi * 1.25e-3 * 0.6) ** (1 / 3)
+    # Impulse along the line of centres, with a restitution of at most 0.75 and half the mass.
+    impulse = 0.5 * 1.6 * 1.75 * speed * np.sqrt(1.0 - (0.06 / (2.0 * radius)) ** 2)
+    limit = 2.0 * rolling_friction * radius * impulse
+    assert 0.5 * limit < np.linalg.norm(before) - np.linalg.norm(after) < limit
 
 
 def test_fast_particle_does_not_pass_through_another():

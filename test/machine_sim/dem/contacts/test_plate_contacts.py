@@ -28,6 +28,8 @@ from machine_sim.dem.tools.pose import ANGULAR, ORIGIN
 
 CONTACT_PARAMS = contact_parameters(0.00125, 6.0, 0.3)
 ADHESION_RUPTURE_GAP = 0.06
+MAX_OVERLAP = 0.7
+"""Overlap at which a particle is stopped by a plate, in radii."""
 
 
 def rotation(rng: np.random.Generator, max_angle: float = np.pi) -> NDArray[np.float64]:
@@ -124,9 +126,22 @@ def closest(corner: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[
 
 
 def force_of(
-    world: ParticleEngine, row: int, plate: int, side: float, spring: NDArray[np.float64]
+    world: ParticleEngine,
+    row: int,
+    plate: int,
+    side: float,
+    spring: NDArray[np.float64],
+    other_force: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, NDArray[np.float64]]:
-    """Return force [N], lever arm [m], rolling limit [N], map axes, and spring [m], plate axes."""
+    """Return force [N], lever arm [m], rolling limit [N], map axes, and spring [m], plate axes.
+
+    Args:
+        world: a scene.
+        row, plate: the contact.
+        side: side of the plate that the particle is on.
+        spring: elongation of the tangential spring before [m], plate axes.
+        other_force: force of other plates on the particle [N], map axes.
+    """
     tools, state = world.tools, world.state
     tool = int(tools.tool_of_plate[plate])
     pose, twist = tools.path[0, tool], tools.twist[tool]
@@ -147,19 +162,26 @@ def force_of(
     normal = axes @ normal
     adhesion = np.pi * radius**2 * float(state.adhesion[row])
     adhesion *= np.clip(1.0 + overlap / (ADHESION_RUPTURE_GAP * radius), 0.0, 1.0)
-    if overlap <= 0.0:
-        return -adhesion * normal, -radius * normal, 0.0, np.zeros(3)
+    mass = float(state.mass[row])
     stiffness, damping, stiffness_t, damping_t, dt = (float(value) for value in CONTACT_PARAMS)
+    stop = 0.0
+    if outline is None:
+        # Over the plate the overlap does not exceed a limit after this substep.
+        lowest_velocity = min((overlap - MAX_OVERLAP * radius) / dt, 0.0)
+        stop = (lowest_velocity - velocity @ normal) / dt
+        stop += (adhesion - other_force @ normal) / mass
+    if overlap <= 0.0 and stop <= 0.0:
+        return -adhesion * normal, -radius * normal, 0.0, np.zeros(3)
     sliding = velocity - radius * np.cross(state.angular_velocity[row] - twist[ANGULAR:], normal)
     closing = sliding @ normal
-    normal_force = max(stiffness * overlap - damping * closing, 0.0)
+    elastic_force = stiffness * overlap - damping * closing if overlap > 0.0 else 0.0
+    normal_force = max(elastic_force, stop, 0.0)
     sliding = sliding - closing * normal
     spring = axes @ spring
     spring = spring - (spring @ normal) * normal + sliding * dt
     friction_force = stiffness_t * spring + damping_t * sliding
     limit = float(state.tool_friction[row]) * normal_force
     friction_force *= min(limit / max(np.linalg.norm(friction_force), 1e-30), 1.0)
-    mass = float(state.mass[row])
     spring = (friction_force - damping_t * sliding) / stiffness_t
     force = (mass * normal_force - adhesion) * normal - mass * friction_force
     limit = mass * normal_force * float(state.tool_rolling_friction[row])
@@ -197,7 +219,8 @@ def test_forces_are_those_of_the_direct_computation(seed: int) -> None:
     for c in range(table.count):
         row, plate = int(table.row[c]), int(table.plate[c])
         tool = int(tools.tool_of_plate[plate])
-        force, arm, limit, springs[c] = force_of(world, row, plate, side[c], spring[c])
+        other_force = expected[row, FORCE : FORCE + 3].copy()
+        force, arm, limit, springs[c] = force_of(world, row, plate, side[c], spring[c], other_force)
         torque = np.cross(arm, force) / float(state.contact_radius[row])
         expected[row, FORCE : FORCE + 3] += force
         expected[row, ROLLING_LIMIT] += limit
@@ -219,7 +242,7 @@ def test_scenes_contain_contacts_of_every_kind() -> None:
         table = list_contacts(world).table
         for c in range(table.count):
             _, _, limit, _ = force_of(
-                world, table.row[c], table.plate[c], table.side[c], np.zeros(3)
+                world, table.row[c], table.plate[c], table.side[c], np.zeros(3), np.zeros(3)
             )
             touching, separate = touching + (limit > 0.0), separate + (limit == 0.0)
         blocks += (np.bincount(table.plate[: table.count]) > BLOCK_SIZE).sum()
