@@ -8,11 +8,12 @@ Spheres with rotation touch each other, tools and the terrain. In the order of t
 - `lifecycle`: release, growth and settling of particles
 - `neighbours`: the list of pairs that may touch
 - `contacts`: contacts of pairs, at plates and on the ground, and their forces
-- `integrate`, `substeps`: explicit integration
+- `integrate`, `substeps`: explicit integration; `step_motion`: the motion in a step, in one call
 - `partition`: parts of the work that threads can do at the same time
 - `tools`: tool geometry and motion
 - `sleep`: particles at rest, and soil that is locked to a tool
-- `invalidation`: what is rebuilt after which change; `step_buffers`: memory of a step
+- `invalidation`: what is rebuilt after which change; `step_buffers`: memory of a step;
+  `step_particles`: columns that the kernels of a step use
 - `contact_dynamics`: the data kept for contacts, and the stages of a step that use it
 - `soil_engine`: the interface of all engines of loose soil; `engine`: this one, stage by stage
 - `jit_warm_up`: compilation of all kernels before the first step

@@ -19,7 +19,7 @@ from numba import prange
 from machine_sim.dem.partition import NUM_CHUNKS, row_chunk
 from machine_sim.dem.state import AWAKE
 from machine_sim.dem.vec3 import load_row, scale, store_row
-from msg_bridge.kernels import helper, kernel, threaded_kernel
+from msg_bridge.kernels import helper, kernel, threaded_helper, threaded_kernel
 
 __all__ = [
     "ANGULAR_VELOCITY",
@@ -124,7 +124,7 @@ def _load_chunk(  # type: ignore[no-untyped-def]
         clear_force_sums(force_sums, i)
 
 
-@threaded_kernel
+@threaded_helper
 def store_body_records(rows, body, position, velocity, angular_velocity):  # type: ignore[no-untyped-def]
     """Write the motion in the body records of `rows` to the columns of `ParticleState`."""
     for c in prange(NUM_CHUNKS):

@@ -6,19 +6,12 @@ kept from step to step is rebuilt as `invalidation` describes.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.dem.body_records import load_body_records, store_body_records
-from machine_sim.dem.contacts.contact_law import ContactParameters
-from machine_sim.dem.contacts.ground_contacts import (
-    GroundContactList,
-    GroundContacts,
-    GroundParticles,
-)
-from machine_sim.dem.contacts.ground_recovery import recover_and_time_settling
+from machine_sim.dem.contacts.boundary_contacts import list_boundary_contacts
+from machine_sim.dem.contacts.contact_law import contact_parameters
+from machine_sim.dem.contacts.ground_contacts import GroundContactList, GroundContacts
 from machine_sim.dem.contacts.pair_contacts import PairContactBlocks, PairContacts
 from machine_sim.dem.contacts.plate_contact_list import PlateContactList
 from machine_sim.dem.contacts.plate_contacts import PlateContacts
@@ -41,32 +34,25 @@ from machine_sim.dem.neighbours.verlet_list import VerletList
 from machine_sim.dem.params import ParticleParams
 from machine_sim.dem.state import ParticleState
 from machine_sim.dem.step_buffers import StepBuffers
-from machine_sim.dem.substeps import LockedRows, SubstepParams, run_substeps
+from machine_sim.dem.step_motion import (
+    MotionParams,
+    MovingRows,
+    PairData,
+    StepState,
+    move_particles,
+)
+from machine_sim.dem.step_particles import StepParticles
+from machine_sim.dem.substeps import SubstepParams
 from machine_sim.dem.tools.tool_set import ToolSet
 from machine_sim.ground.contact_surface import Ground
+from msg_bridge.kernels import BoxedTable, box_table
 
-__all__ = ["ContactDynamics", "MovingRows"]
+__all__ = ["ContactDynamics"]
 
 _BUILDS_PER_SORT = 50
 """List builds with many moving particles between two spatial sorts of the rows."""
 _TRACK_ALL_FRACTION = 0.75
 """Fraction of moving particles above which the neighbour list tracks the motion of all."""
-
-
-class MovingRows(NamedTuple):
-    """Rows that move in a step.
-
-    Attributes:
-        free: rows that move by forces.
-        locked: rows that are locked to a tool.
-        locked_tool: tool index of each locked row.
-        all: free rows, then locked ones.
-    """
-
-    free: NDArray[np.int64]
-    locked: NDArray[np.int64]
-    locked_tool: NDArray[np.int64]
-    all: NDArray[np.int64]
 
 
 class ContactDynamics:
@@ -84,17 +70,12 @@ class ContactDynamics:
         self.plate_list = PlateContactList()
         self._params = params
         self._state = state
-        self._ground = ground
         self._tools = tools
         self._pair_contacts = PairContacts()
         self._plate_contacts = PlateContacts()
-        self._ground_list = GroundContactList()
-        self._substep_params = SubstepParams(
-            num_substeps=params.substeps,
-            gravity=np.float32(params.gravity),
-            ground_friction=np.float32(params.ground_friction),
-            ground_rolling_friction=np.float32(params.ground_rolling_friction),
-        )
+        self._ground_list = GroundContactList(ground)
+        self._boxed_params: dict[float, BoxedTable] = {}  # of the last length of a step
+        self._boxed_pairs: BoxedTable | None = None
         self._buffers = StepBuffers()
         self._invalidation = Invalidation()
         self._num_growing = 0
@@ -159,19 +140,57 @@ class ContactDynamics:
         elif pairs.num_listed < state.count:
             pairs.insert(state, tracked_rows, dt)
 
-    def list_ground_contacts(
-        self,
-        dt: float,
-        contact_params: ContactParameters,
-        rows: NDArray[np.int64],
-        ground_masked: NDArray[np.bool_],
-        near: NDArray[np.bool_],
-    ) -> GroundContacts:
-        """List the ground contacts of a step; see `GroundContactList.update`."""
-        return self._ground_list.update(
-            self._state, self._ground, rows, ground_masked, near, contact_params, dt,
-            self.neighbour_list.threads,
-        )  # fmt: skip
+    def list_boundary_contacts(
+        self, dt: float, rows: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], GroundContacts]:
+        """List the plates and the ground that particles may touch within a step.
+
+        Args:
+            dt: [s].
+            rows: rows that move by forces.
+
+        Returns:
+            (index of the tool that each row is in, `NO_TOOL` for none; the ground contacts).
+        """
+        state, tools, plate_list = self._state, self._tools, self.plate_list
+        self._ground_list.reserve(rows.size)
+        while True:
+            inside, num_plate_contacts, num_ground_contacts = list_boundary_contacts.for_threads(
+                self.neighbour_list.threads
+            )(
+                dt, self._motion_params(dt), rows, state.boxed_view(StepParticles),
+                tools.boxed_motion, self._ground_list.boxed_data, plate_list.table.boxed_arrays,
+                plate_list.next_table(state.count).boxed_arrays,
+            )  # fmt: skip
+            if not tools.tools:
+                plate_list.table.count = 0
+                break
+            if plate_list.accept(num_plate_contacts):
+                break
+        return inside, self._ground_list.first(num_ground_contacts)
+
+    def _motion_params(self, dt: float) -> BoxedTable:
+        """Return the boxed `MotionParams` of steps of `dt` [s]."""
+        boxed = self._boxed_params.get(dt)
+        if boxed is None:
+            params = self._params
+            substep, duration = dt / params.substeps, params.substeps_per_contact
+            substeps = SubstepParams(
+                num_substeps=params.substeps,
+                gravity=np.float32(params.gravity),
+                ground_friction=np.float32(params.ground_friction),
+                ground_rolling_friction=np.float32(params.ground_rolling_friction),
+            )
+            self._boxed_params.clear()
+            boxed = self._boxed_params[dt] = box_table(
+                MotionParams(
+                    substeps,
+                    contact_parameters(substep, duration, params.restitution),
+                    contact_parameters(substep, duration, params.boundary_restitution),
+                    params.settle_speed,
+                )
+            )
+        return boxed
 
     def grow(self, dt: float, ground_contacts: GroundContacts) -> bool:
         """Set the contact radii of released particles, and grow those below the full radius.
@@ -192,61 +211,39 @@ class ContactDynamics:
         self._num_growing = grow_radii(growth_per_step(dt, params), first, second, view)
         return True
 
-    def integrate(
-        self,
-        dt: float,
-        contact_params: tuple[ContactParameters, ContactParameters],
-        moving: MovingRows,
-        ground_contacts: GroundContacts,
-        radii_changed: bool,
-    ) -> None:
-        """Run the substeps, from body records that are loaded before and stored after them.
+    def move(
+        self, dt: float, moving: MovingRows, ground_contacts: GroundContacts, radii_changed: bool
+    ) -> tuple[int, int]:
+        """Move the particles that move by forces, and advance their settle timers.
 
         Args:
             dt: [s].
-            contact_params: contact law of pairs, and of plates and the ground.
             moving: rows that move.
             ground_contacts: ground contacts of the step.
             radii_changed: whether contact radii have changed since the last step.
-        """
-        state, tools = self._state, self._tools
-        body, force_sums = self._buffers.body_records, self._buffers.force_sums
-        threads = self.neighbour_list.threads
-        all_stale = self._invalidation.is_stale(BODY_RECORDS)
-        load_body_records.for_threads(threads)(
-            np.arange(state.count) if all_stale else moving.all, body, force_sums, state.velocity,
-            state.angular_velocity, state.contact_radius, state.radius, state.inverse_mass,
-            state.sleep_state,
-        )  # fmt: skip
-        self._pair_contacts.update(
-            state, body, self.neighbour_list.pairs, dt, threads,
-            rebuild=self._invalidation.is_stale(CONTACT_BLOCKS),
-            radii_changed=radii_changed,
-        )  # fmt: skip
-        self._invalidation.mark_rebuilt(BODY_RECORDS, CONTACT_BLOCKS)
-        plate_contacts = self._plate_contacts.fill_blocks(
-            state, self.plate_list.table, tools, body, force_sums
-        )
-        run_substeps.for_threads(threads)(
-            self._substep_params, *contact_params, moving.free,
-            LockedRows(moving.locked, moving.locked_tool), body, force_sums,
-            state.view(GroundParticles), self.pair_contacts, plate_contacts, ground_contacts,
-            tools.motion,
-        )  # fmt: skip
-        self._plate_contacts.store_history(self.plate_list.table)
-        store_body_records.for_threads(threads)(
-            moving.free, body, state.position, state.velocity, state.angular_velocity
-        )
-
-    def finish_ground_contacts(
-        self, dt: float, rows: NDArray[np.int64], ground_contacts: GroundContacts
-    ) -> int:
-        """Put sunken particles back on the ground, and advance the settle timers.
 
         Returns:
-            Number of particles that were put back.
+            (number of particles that passed through a plate, number of particles that had sunk
+            through the ground and were put back).
         """
-        return recover_and_time_settling(
-            self._state, self._ground, rows, ground_contacts, self._params.settle_speed, dt,
-            self.neighbour_list.threads,
+        tools, pairs, plates = self._tools, self.neighbour_list.pairs, self.plate_list.table
+        loads_all = self._invalidation.is_stale(BODY_RECORDS)
+        rebuilds_contacts = self._invalidation.is_stale(CONTACT_BLOCKS)
+        if rebuilds_contacts:  # as after each change of the pair list
+            contacts = self._pair_contacts
+            contacts.clear(pairs)
+            self._boxed_pairs = box_table(
+                PairData(pairs.arrays, pairs.bounds, contacts.blocks, contacts.source)
+            )
+        self._plate_contacts.reserve(plates, len(tools.tool_of_plate))
+        num_tunnelled, num_recovered = move_particles.for_threads(self.neighbour_list.threads)(
+            dt, self._motion_params(dt),
+            StepState(
+                loads_all, rebuilds_contacts, radii_changed, plates.count, ground_contacts.row.size
+            ),
+            moving, self._buffers.body_records, self._buffers.force_sums,
+            self._state.boxed_view(StepParticles), self._boxed_pairs, plates.boxed_arrays,
+            self._plate_contacts.boxed_memory, self._ground_list.boxed_data, tools.boxed_motion,
         )  # fmt: skip
+        self._invalidation.mark_rebuilt(BODY_RECORDS, CONTACT_BLOCKS)
+        return num_tunnelled, num_recovered

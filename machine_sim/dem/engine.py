@@ -7,10 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from machine_sim.dem.contact_dynamics import ContactDynamics, MovingRows
-from machine_sim.dem.contacts.contact_law import contact_parameters
+from machine_sim.dem.contact_dynamics import ContactDynamics
 from machine_sim.dem.contacts.pair_forces import max_pair_overlap
-from machine_sim.dem.contacts.tunnelling import count_tunnelled
 from machine_sim.dem.invalidation import Change
 from machine_sim.dem.neighbours.verlet_list import VerletList
 from machine_sim.dem.params import ParticleParams
@@ -18,6 +16,7 @@ from machine_sim.dem.sleep.sleep_manager import SleepManager, StepContacts
 from machine_sim.dem.sleep.sleep_state import AWAKE, select_moving_rows
 from machine_sim.dem.soil_engine import SoilEngine, read_only
 from machine_sim.dem.state import ParticleError
+from machine_sim.dem.step_motion import MovingRows
 from machine_sim.dem.tools.pose import Pose
 from machine_sim.dem.tools.rigid_tool import RigidTool
 from machine_sim.dem.tools.tool_set import ToolSet
@@ -194,28 +193,14 @@ class ParticleEngine(SoilEngine):
 
     def _advance(self, dt: float, moving: MovingRows) -> None:
         """Run the stages of a step in which particles move by forces."""
-        state, params, tools, rows = self.state, self.params, self._tools, moving.free
+        state, tools, rows = self.state, self._tools, moving.free
         dynamics, plate_list = self._dynamics, self._dynamics.plate_list
         dynamics.update_neighbour_list(dt, moving)
-        substep, duration = dt / params.substeps, params.substeps_per_contact
-        pair_params = contact_parameters(substep, duration, params.restitution)
-        surface_params = contact_parameters(substep, duration, params.boundary_restitution)
-        local = tools.tool_frame_positions(rows, state.position)
-        inside, ground_masked, near = tools.classify_near_tools(local, self.ground.grid.cell)
-        ground_contacts = dynamics.list_ground_contacts(
-            dt, surface_params, rows, ground_masked, near
-        )
-        plate_list.update(state, rows, tools, local, dt)
+        inside, ground_contacts = dynamics.list_boundary_contacts(dt, rows)
         radii_changed = dynamics.grow(dt, ground_contacts)
-        start = state.position.take(rows, axis=0) if tools.tools else state.position[:0]
-        dynamics.integrate(
-            dt, (pair_params, surface_params), moving, ground_contacts, radii_changed
-        )
-        if tools.tools:
-            self.num_plate_tunnellings += count_tunnelled(
-                plate_list.table, state, rows, tools, start
-            )
-        self.num_ground_tunnellings += dynamics.finish_ground_contacts(dt, rows, ground_contacts)
+        num_tunnelled, num_recovered = dynamics.move(dt, moving, ground_contacts, radii_changed)
+        self.num_plate_tunnellings += num_tunnelled
+        self.num_ground_tunnellings += num_recovered
         if moving.locked.size:
             self._sleep_manager.move_locked_loads(state, tools, moving.locked, moving.locked_tool)
         contacts = StepContacts(

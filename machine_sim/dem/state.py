@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from msg_bridge.contract.errors import EarthmovingError
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import BoxedTable, box_table, kernel
 
 __all__ = ["ASLEEP_ON_MAP", "AWAKE", "ParticleError", "ParticleState"]
 
@@ -133,6 +133,7 @@ class ParticleState:
         self._columns = _allocate(min(capacity, _INITIAL_CAPACITY))
         self._rows_by_id: NDArray[np.intp] | None = None
         self._views: dict[type, Any] = {}
+        self._boxed_views: dict[type, BoxedTable] = {}
         self._update_views()
 
     @property
@@ -238,10 +239,18 @@ class ParticleState:
             view = self._views[fields] = fields(*(getattr(self, name) for name in names))
         return view
 
+    def boxed_view(self, fields: type[tuple[Any, ...]]) -> BoxedTable:
+        """Return `view(fields)` as a boxed table."""
+        boxed = self._boxed_views.get(fields)
+        if boxed is None:
+            boxed = self._boxed_views[fields] = box_table(self.view(fields))
+        return boxed
+
     def _update_views(self) -> None:
         """Make the attributes views of the rows in use."""
         self._rows_by_id = None
         self._views.clear()
+        self._boxed_views.clear()
         for name, column in self._columns.items():
             setattr(self, name, column[: self.count])
 

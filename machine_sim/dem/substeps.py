@@ -13,7 +13,7 @@ from machine_sim.dem.contacts.pair_forces import pair_forces
 from machine_sim.dem.contacts.plate_forces import plate_forces
 from machine_sim.dem.integrate import advance_locked_loads, integrate_bodies
 from machine_sim.dem.partition import NUM_CHUNKS, interleave, row_chunk
-from msg_bridge.kernels import threaded_kernel
+from msg_bridge.kernels import threaded_helper
 
 __all__ = ["LockedRows", "SubstepParams", "run_substeps"]
 
@@ -45,7 +45,7 @@ class LockedRows(NamedTuple):
     tool: NDArray[np.int64]
 
 
-@threaded_kernel
+@threaded_helper
 def run_substeps(  # type: ignore[no-untyped-def]
     params, pair_params, surface_params, rows, locked, body, force_sums, particles, pair_contacts,
     plate_contacts, ground_contacts, tools,

@@ -1,21 +1,33 @@
 """Compilation of Numba kernels, with options that soil and machines share.
 
 - `decorators`: `kernel` and `helper`, with the options that all kernels are compiled with
+- `boxed`: tables of arrays that are converted for kernels once, not in each call
 - `threads`: kernels that run on one or on several threads
 - `compilation`: progress of compilation, for the log of a process
 - `cache`: compiled machine code on disk, keyed by the bytecode of all modules it was made from
 """
 
+from msg_bridge.kernels.boxed import BoxedTable, box_table
 from msg_bridge.kernels.compilation import log_compilation, warn_of_compilation
 from msg_bridge.kernels.decorators import helper, kernel
-from msg_bridge.kernels.threads import ThreadedKernel, threaded_kernel, use_threads
+from msg_bridge.kernels.threads import (
+    ThreadedKernel,
+    threaded_helper,
+    threaded_kernel,
+    threaded_stages,
+    use_threads,
+)
 
 __all__ = [
+    "BoxedTable",
     "ThreadedKernel",
+    "box_table",
     "helper",
     "kernel",
     "log_compilation",
+    "threaded_helper",
     "threaded_kernel",
+    "threaded_stages",
     "use_threads",
     "warn_of_compilation",
 ]

@@ -2,39 +2,83 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from types import FunctionType
 from typing import Any
 
 import numba
 
-from msg_bridge.kernels.decorators import kernel
+from msg_bridge.kernels.decorators import helper, kernel
 
-__all__ = ["ThreadedKernel", "threaded_kernel", "use_threads"]
+__all__ = [
+    "ThreadedKernel",
+    "threaded_helper",
+    "threaded_kernel",
+    "threaded_stages",
+    "use_threads",
+]
 
 
 class ThreadedKernel:
     """A kernel with loops over `prange`, in a serial and in a parallel version.
 
     The parallel version is compiled only when it is called: that takes seconds, and starts Numba's
-    threads.
+    threads. Each version runs the same version of the threaded kernels that it calls, and other
+    kernels run the serial version.
     """
 
-    def __init__(self, function: FunctionType) -> None:
-        self._serial = kernel(function)
-        # Numba's cache distinguishes kernels by name, not by the options they are compiled with.
-        name = function.__name__ + "_threaded"
-        copy = FunctionType(function.__code__, function.__globals__, name)
-        copy.__qualname__, copy.__module__ = name, function.__module__
-        self._parallel = kernel(copy, parallel=True)
+    def __init__(
+        self, function: FunctionType, *, has_loops: bool = True, compile_: Any = kernel
+    ) -> None:
+        """
+        Args:
+            function: the function to compile.
+            has_loops: whether it has loops over `prange` of its own; else only the kernels that it
+                calls run on several threads.
+            compile_: `kernel`, or `helper` if Python never calls it.
+        """
+        self._function = function
+        self._has_loops = has_loops
+        self._compile = compile_
+        self._serial = compile_(function)
 
     def for_threads(self, threads: int) -> Any:
         """Return the version of the kernel for a number of threads."""
         return self._serial if threads == 1 else self._parallel
 
+    @property
+    def _numba_type_(self) -> Any:
+        """Type of this object for Numba, in a kernel that calls it."""
+        return self._serial._numba_type_
+
+    @cached_property
+    def _parallel(self) -> Any:
+        function = self._function
+        # Numba's cache distinguishes kernels by name, not by the options they are compiled with.
+        name = function.__name__ + "_threaded"
+        scope = dict(function.__globals__)
+        for key in function.__code__.co_names:
+            if isinstance(scope.get(key), ThreadedKernel):
+                scope[key] = scope[key]._parallel
+        copy = FunctionType(function.__code__, scope, name)
+        copy.__qualname__, copy.__module__ = name, function.__module__
+        # Numba warns of parallel kernels without loops.
+        return self._compile(copy, parallel=True) if self._has_loops else self._compile(copy)
+
 
 def threaded_kernel(function: Any) -> ThreadedKernel:
     """Compile a kernel for one thread and for several."""
     return ThreadedKernel(function)
+
+
+def threaded_helper(function: Any) -> ThreadedKernel:
+    """Compile a function with loops over `prange` that only kernels call; see `helper`."""
+    return ThreadedKernel(function, compile_=helper)
+
+
+def threaded_stages(function: Any) -> ThreadedKernel:
+    """Compile a kernel that only calls other kernels, for one thread and for several."""
+    return ThreadedKernel(function, has_loops=False)
 
 
 def use_threads(threads: int) -> int:

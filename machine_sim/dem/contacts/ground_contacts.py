@@ -24,18 +24,18 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from machine_sim.dem.contacts.contact_law import ContactParameters
 from machine_sim.dem.partition import NUM_CHUNKS
-from machine_sim.dem.state import ParticleState
 from machine_sim.dem.tools.plane import PLANE_NORMAL, PLANE_OFFSET, PLANE_SIZE
 from machine_sim.dem.vec3 import dot, load_row, store_row
 from machine_sim.ground.contact_surface import Ground, surface_at
-from msg_bridge.kernels import helper, threaded_kernel
+from machine_sim.ground.contact_surface_kernels import GridFrame
+from msg_bridge.kernels import BoxedTable, box_table, helper, threaded_helper
 
 __all__ = [
     "GroundContactList",
     "GroundContacts",
-    "GroundParticles",
+    "GroundData",
+    "list_ground_contacts",
     "max_limited_overlap",
     "reset_spring",
     "terrain_height",
@@ -65,62 +65,48 @@ class GroundContacts(NamedTuple):
     plane: NDArray[np.float64]
 
 
-class GroundParticles(NamedTuple):
-    """Columns of `ParticleState` for ground contacts; see there for the units."""
+class GroundData(NamedTuple):
+    """The terrain, and memory for contacts with it.
 
-    position: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    radius: NDArray[np.float32]
-    contact_radius: NDArray[np.float32]
-    mass: NDArray[np.float32]
-    penetration_limited: NDArray[np.bool_]
-    ground_spring: NDArray[np.float32]
-    ground_overlap: NDArray[np.float32]
+    Attributes:
+        surface: contact surface [m], shape (rows, cols).
+        frame: see `Ground.frame`.
+        cell: size of a cell [m].
+        contacts: arrays with room for all contacts of a step.
+    """
+
+    surface: NDArray[np.float64]
+    frame: GridFrame
+    cell: float
+    contacts: GroundContacts
 
 
 class GroundContactList:
-    """The particles that may touch the ground, listed once per step."""
+    """Memory for the particles that may touch the ground, listed once per step.
 
-    def __init__(self) -> None:
-        self._row = np.zeros(0, np.int64)
-        self._plane = np.zeros((0, PLANE_SIZE))
+    Attributes:
+        boxed_data: `GroundData`, boxed, for kernels.
+    """
 
-    def update(
-        self,
-        state: ParticleState,
-        ground: Ground,
-        rows: NDArray[np.int64],
-        ground_masked: NDArray[np.bool_],
-        near_tool: NDArray[np.bool_],
-        params: ContactParameters,
-        dt: float,
-        threads: int,
-    ) -> GroundContacts:
-        """List the particles that may touch the ground within `dt` [s], with their planes.
+    def __init__(self, ground: Ground) -> None:
+        self._ground = ground
+        self._allocate(0)
 
-        Tangential springs of particles out of reach are reset, and `state.penetration_limited` is
-        updated.
+    def reserve(self, count: int) -> None:
+        """Make room for a number of contacts."""
+        if len(self._contacts.row) < count:
+            self._allocate(2 * count)
 
-        Args:
-            state: the particles.
-            ground: the terrain.
-            rows: particles moved by forces.
-            ground_masked, near_tool: of each of these, see `ToolSet.classify_near_tools`.
-            params: contact law at the ground.
-            dt: length of the step [s].
-            threads: number of threads to use.
+    def first(self, count: int) -> GroundContacts:
+        """Return the first contacts, which are valid until the next step."""
+        return GroundContacts(self._contacts.row[:count], self._contacts.plane[:count])
 
-        Returns:
-            The contacts, valid until the next call.
-        """
-        if len(self._row) < rows.size:
-            self._row = np.zeros(2 * rows.size, np.int64)
-            self._plane = np.zeros((2 * rows.size, PLANE_SIZE))
-        count = _list_contacts.for_threads(threads)(
-            ground.surface, ground.frame, dt, params, rows, ground_masked, near_tool,
-            state.view(GroundParticles), self._row, self._plane,
-        )  # fmt: skip
-        return GroundContacts(self._row[:count], self._plane[:count])
+    def _allocate(self, count: int) -> None:
+        ground = self._ground
+        self._contacts = GroundContacts(np.zeros(count, np.int64), np.zeros((count, PLANE_SIZE)))
+        self.boxed_data: BoxedTable = box_table(
+            GroundData(ground.surface, ground.frame, ground.grid.cell, self._contacts)
+        )
 
 
 @helper(forceinline=True)
@@ -136,18 +122,23 @@ def terrain_height(surface, frame, x, y):  # type: ignore[no-untyped-def]
     return surface_at(surface, x_first, y_first, inverse_cell, x, y)[0]
 
 
-@threaded_kernel
-def _list_contacts(  # type: ignore[no-untyped-def]
+@threaded_helper
+def list_ground_contacts(  # type: ignore[no-untyped-def]
     surface, frame, dt, params, rows, ground_masked, near_tool, particles, row, plane,
 ):  # fmt: skip
-    """List the contacts of chunks of the rows, then close the gaps between the chunks.
+    """List the particles that may touch the ground within a step, with their planes.
+
+    Tangential springs of particles out of reach are reset, and the marks of penetration-limited
+    particles are updated. Contacts are listed in chunks of the rows, then the gaps between the
+    chunks are closed.
 
     Args:
         surface, frame: arrays of `Ground`.
         dt: length of the step [s].
         params: `ContactParameters` at the ground.
-        rows, ground_masked, near_tool: see `GroundContactList.update`.
-        particles: `GroundParticles`.
+        rows: particles moved by forces.
+        ground_masked, near_tool: of each of these, see `tools.near_tools`.
+        particles: `StepParticles`.
         row, plane: out, as in `GroundContacts`, with room for all rows.
 
     Returns:

@@ -31,7 +31,7 @@ def ground_forces(  # type: ignore[no-untyped-def]
     Args:
         low, high: first contact of the range and its end, which is excluded.
         contacts: `GroundContacts`.
-        particles: `GroundParticles`, with positions at the start of the step; springs are updated.
+        particles: `StepParticles`, with positions at the start of the step; springs are updated.
         body, force_sums: see `body_records`.
         params: `ContactParameters`.
         friction, rolling_friction: coefficients at the ground.

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from numba import prange
-from numpy.typing import NDArray
 
-from machine_sim.dem.contacts.ground_contacts import GroundContacts, terrain_height
+from machine_sim.dem.contacts.ground_contacts import terrain_height
 from machine_sim.dem.partition import NUM_CHUNKS, row_chunk
-from machine_sim.dem.state import ParticleState
 from machine_sim.dem.tools.plane import PLANE_NORMAL, signed_distance
 from machine_sim.dem.vec3 import dot, load_row, store_row
-from machine_sim.ground.contact_surface import Ground
-from msg_bridge.kernels import helper, threaded_kernel
+from msg_bridge.kernels import helper, threaded_helper
 
 __all__ = ["recover_and_time_settling"]
 
@@ -21,40 +18,31 @@ _SETTLED_DISTANCE = np.sqrt(3.0)
 diagonal of a cube of the particle's diameter, the rule for cubes."""
 
 
-def recover_and_time_settling(
-    state: ParticleState,
-    ground: Ground,
-    rows: NDArray[np.int64],
-    contacts: GroundContacts,
-    settle_speed: float,
-    dt: float,
-    threads: int,
-) -> int:
+@threaded_helper
+def recover_and_time_settling(  # type: ignore[no-untyped-def]
+    surface, frame, dt, settle_speed, rows, contacts, particles
+):
     """Put particles that sank through the ground back onto it, and update the settle timers.
 
     A centre more than a radius below the surface is put back onto it at rest, unless its contact is
-    penetration-limited. `state.settle_timer` of a particle slower than `settle_speed` [m/s] on the
-    ground grows by `dt` [s]; that of any other is reset. `state.ground_overlap` is updated.
+    penetration-limited. The settle timer of a particle slower than `settle_speed` [m/s] on the
+    ground grows by `dt` [s]; that of any other is reset. The ground overlaps are updated.
+
+    Args:
+        surface, frame: arrays of `Ground`.
+        dt: length of the step that ends [s].
+        settle_speed: [m/s].
+        rows: particles moved by forces.
+        contacts: `GroundContacts` of the step.
+        particles: `StepParticles`; updated.
 
     Returns:
         Number of particles put back.
     """
-    return int(
-        _recover_and_time_settling.for_threads(threads)(
-            ground.surface, ground.frame, dt, settle_speed, rows, contacts, state.position,
-            state.velocity, state.radius, state.contact_radius, state.penetration_limited,
-            state.ground_overlap, state.settle_timer,
-        )
-    )  # fmt: skip
-
-
-@threaded_kernel
-def _recover_and_time_settling(  # type: ignore[no-untyped-def]
-    surface, frame, dt, settle_speed, rows, contacts, position, velocity, radius, contact_radius,
-    penetration_limited, ground_overlap, settle_timer,
-):  # fmt: skip
-    """See `recover_and_time_settling`; `position` ... `settle_timer` are columns of the state."""
     row, plane = contacts.row, contacts.plane
+    position, velocity, radius = particles.position, particles.velocity, particles.radius
+    contact_radius, penetration_limited = particles.contact_radius, particles.penetration_limited
+    ground_overlap, settle_timer = particles.ground_overlap, particles.settle_timer
     num_recovered = np.zeros(NUM_CHUNKS, np.int64)
     for c in prange(NUM_CHUNKS):
         _advance_settle_timers(dt, settle_speed, row_chunk(rows, c), velocity, settle_timer)

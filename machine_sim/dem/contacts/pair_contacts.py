@@ -22,11 +22,10 @@ from machine_sim.dem.contacts import pair_block as pair
 from machine_sim.dem.contacts.pair_forces import BOND_RUPTURE_GAP
 from machine_sim.dem.contacts.simd import GROUP_SIZE
 from machine_sim.dem.neighbours.pair_table import PairTable
-from machine_sim.dem.state import ParticleState
 from machine_sim.dem.vec3 import dot, load_row, subtract
-from msg_bridge.kernels import helper, threaded_kernel
+from msg_bridge.kernels import helper, threaded_helper, threaded_kernel
 
-__all__ = ["PairContactBlocks", "PairContacts"]
+__all__ = ["PairContactBlocks", "PairContactSource", "PairContacts", "update_pair_contacts"]
 
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
@@ -55,14 +54,19 @@ class PairContactBlocks(NamedTuple):
     size: NDArray[np.int64]
 
 
-class _Particles(NamedTuple):
-    """Columns of `ParticleState` that contacts are made from."""
+class PairContactSource(NamedTuple):
+    """Where the contacts come from.
 
-    position: NDArray[np.float64]
-    inverse_mass: NDArray[np.float32]
-    friction: NDArray[np.float32]
-    rolling_friction: NDArray[np.float32]
-    cohesion: NDArray[np.float32]
+    Attributes:
+        pair_index: index of each contact in the pair table, uint32, shape (slots,).
+        candidates: pairs that are not yet contacts: indices into the pair table, part by part,
+            uint32.
+        num_candidates: number of candidates of each part, int64, shape (parts,).
+    """
+
+    pair_index: NDArray[np.uint32]
+    candidates: NDArray[np.uint32]
+    num_candidates: NDArray[np.int64]
 
 
 class PairContacts:
@@ -70,12 +74,12 @@ class PairContacts:
 
     Attributes:
         blocks: the contacts, for kernels.
+        source: the pairs that they are made from.
     """
 
     def __init__(self) -> None:
-        # Pairs that are not yet contacts: indices into the pair table, part by part.
-        self._candidates = np.zeros(0, np.uint32)
-        self._num_candidates = np.zeros(1, np.int64)
+        no_pairs = np.zeros(0, np.uint32)
+        self.source = PairContactSource(no_pairs, no_pairs, np.zeros(1, np.int64))
         self._reserve(32)
 
     @property
@@ -85,7 +89,7 @@ class PairContacts:
 
     def _reserve(self, num_blocks: int) -> None:
         num_slots = num_blocks * pair.BLOCK_SIZE
-        self._pair_index = np.zeros(num_slots, np.uint32)
+        self.source = self.source._replace(pair_index=np.zeros(num_slots, np.uint32))
         self.blocks = PairContactBlocks(
             first=np.zeros(num_slots, np.uint32),
             second=np.zeros(num_slots, np.uint32),
@@ -94,32 +98,12 @@ class PairContacts:
             size=np.zeros(1, np.int64),
         )
 
-    def update(  # type: ignore[no-untyped-def]
-        self, state: ParticleState, body, pairs: PairTable, dt: float, threads: int, *,
-        rebuild: bool, radii_changed: bool,
-    ) -> None:  # fmt: skip
-        """Add the pairs that may touch within `dt` [s], and update those that are contacts already.
+    def clear(self, pairs: PairTable) -> None:
+        """Discard the contacts; each part of the pair list gets enough blocks for all its pairs.
 
-        Args:
-            state: the particles.
-            body: body records of all particles.
-            pairs: the pair list.
-            dt: length of the step [s].
-            threads: number of threads to use.
-            rebuild: discard the contacts of the step before. Needed where the pair list, the set of
-                sleeping particles or their properties have changed since; call `store_history`
-                before that change.
-            radii_changed: whether contact radii have changed since the step before.
+        Needed where the pair list, the set of sleeping particles or their properties have changed;
+        call `store_history` before that change.
         """
-        if rebuild:
-            self._allocate_blocks(pairs)
-        _update.for_threads(threads)(
-            np.float32(dt), pairs.arrays, pairs.bounds, state.view(_Particles), body, self.blocks,
-            self._pair_index, self._candidates, self._num_candidates, rebuild, radii_changed,
-        )  # fmt: skip
-
-    def _allocate_blocks(self, pairs: PairTable) -> None:
-        """Give each part of the pair list enough blocks for all of its pairs."""
         begin, num_blocks = [], 0
         for low, high in pairwise(pairs.bounds.tolist()):
             begin.append(num_blocks * pair.BLOCK_SIZE)
@@ -129,38 +113,43 @@ class PairContacts:
         self.blocks = self.blocks._replace(
             begin=np.array(begin), size=np.zeros(len(begin), np.int64)
         )
-        self._num_candidates = np.zeros(len(begin), np.int64)
-        if pairs.count > len(self._candidates):
-            self._candidates = np.zeros(2 * pairs.count, np.uint32)
+        candidates = self.source.candidates
+        if pairs.count > len(candidates):
+            candidates = np.zeros(2 * pairs.count, np.uint32)
+        self.source = PairContactSource(
+            self.source.pair_index, candidates, np.zeros(len(begin), np.int64)
+        )
 
     def store_history(self, pairs: PairTable, threads: int) -> None:
         """Write the tangential springs back to the pair table."""
         blocks = self.blocks
         _store_history.for_threads(threads)(
-            blocks.begin, blocks.size, self._pair_index, blocks.block, pairs.contact_flag,
+            blocks.begin, blocks.size, self.source.pair_index, blocks.block, pairs.contact_flag,
             pairs.spring,
         )  # fmt: skip
 
 
-@threaded_kernel
-def _update(  # type: ignore[no-untyped-def]
-    dt, pairs, bounds, particles, body, contacts, pair_index, candidates, num_candidates, rebuild,
-    radii_changed,
-):  # fmt: skip
-    """Update the contacts of all parts; see `PairContacts.update`.
+@threaded_helper
+def update_pair_contacts(  # type: ignore[no-untyped-def]
+    dt, pairs, bounds, particles, body, contacts, source, rebuild, radii_changed
+):
+    """Add the pairs that may touch within a step, and update those that are contacts already.
 
     Args:
         dt: length of the step [s], float32.
         pairs, bounds: `PairArrays`, and the bounds of the parts.
-        particles: `_Particles`.
+        particles: `StepParticles`.
         body: body records of all particles.
         contacts: `PairContactBlocks`; updated.
-        pair_index: index of each contact in the pair table, uint32, shape (slots,); updated.
-        candidates, num_candidates: pairs of each part that are not yet contacts; updated.
-        rebuild, radii_changed: see `PairContacts.update`.
+        source: `PairContactSource`; updated.
+        rebuild: whether the contacts were cleared: all pairs are candidates.
+        radii_changed: whether contact radii have changed since the step before.
     """
     # Outside the loop: with threads, a write to `contacts.size[part]` within it would be lost.
     begin, size = contacts.begin, contacts.size
+    pair_index, candidates, num_candidates = (
+        source.pair_index, source.candidates, source.num_candidates,
+    )  # fmt: skip
     for part in prange(begin.size):
         low = bounds[part]
         if rebuild:

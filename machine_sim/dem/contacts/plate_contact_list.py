@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.dem.state import ParticleState
 from machine_sim.dem.tools.plates import (
     BOUNDS_CENTRE,
     BOUNDS_NORMAL,
@@ -21,11 +20,17 @@ from machine_sim.dem.tools.plates import (
     plate_coordinates,
 )
 from machine_sim.dem.tools.pose import ANGULAR, LINEAR, ORIGIN
-from machine_sim.dem.tools.tool_set import SPHERE_CENTRE, SPHERE_RADIUS, ToolSet
+from machine_sim.dem.tools.tool_set import SPHERE_CENTRE, SPHERE_RADIUS
 from machine_sim.dem.vec3 import cross, dot, load_row, subtract
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import BoxedTable, box_table, helper, kernel
 
-__all__ = ["SEARCH_RADIUS_FACTOR", "PlateCandidates", "PlateContactList", "PlateContactTable"]
+__all__ = [
+    "SEARCH_RADIUS_FACTOR",
+    "PlateCandidates",
+    "PlateContactList",
+    "PlateContactTable",
+    "list_plate_contacts",
+]
 
 SEARCH_RADIUS_FACTOR = 1.2
 """Distance from a plate at which a particle without relative motion is listed, in radii."""
@@ -45,7 +50,12 @@ class PlateCandidates(NamedTuple):
 
 
 class PlateContactArrays(NamedTuple):
-    """Arrays of a `PlateContactTable` for kernels; see there."""
+    """Arrays of a `PlateContactTable` for kernels; see there.
+
+    Attributes:
+        row, plate, spring, side: of each contact.
+        begin, end: range of the contacts of each row, int64, shape (rows,).
+    """
 
     row: NDArray[np.int64]
     plate: NDArray[np.int64]
@@ -63,25 +73,29 @@ class PlateContactTable:
         spring: elongation of the tangential spring, plate axes [m], float32, shape (capacity, 3).
         side: side of the plate that the particle is on, +1 for that of the normal, else -1,
             float32, shape (capacity,).
-        begin, end: range of the contacts of each row, int64, shape (rows,).
+        arrays, boxed_arrays: these four, and the range of the contacts of each row, for kernels.
         count: number of contacts.
     """
 
-    def __init__(self, capacity: int, rows: int) -> None:
+    def __init__(self, capacity: int) -> None:
         self.row = np.zeros(capacity, np.int64)
         self.plate = np.zeros(capacity, np.int64)
         self.spring = np.zeros((capacity, 3), np.float32)
         self.side = np.zeros(capacity, np.float32)
-        self.begin = np.zeros(rows, np.int64)
-        self.end = np.zeros(rows, np.int64)
         self.count = 0
+        self._set_num_rows(0)
 
-    @property
-    def arrays(self) -> PlateContactArrays:
-        """Arrays of the contacts, for kernels."""
-        return PlateContactArrays(
-            self.row, self.plate, self.spring, self.side, self.begin, self.end
-        )
+    def reserve_rows(self, count: int) -> None:
+        """Make room for the ranges of a number of rows."""
+        if len(self.arrays.begin) < count:
+            self._set_num_rows(2 * count)
+
+    def _set_num_rows(self, count: int) -> None:
+        self.arrays = PlateContactArrays(
+            self.row, self.plate, self.spring, self.side,
+            np.zeros(count, np.int64), np.zeros(count, np.int64),
+        )  # fmt: skip
+        self.boxed_arrays: BoxedTable = box_table(self.arrays)
 
     @property
     def candidates(self) -> PlateCandidates:
@@ -93,39 +107,26 @@ class PlateContactList:
     """The table of plate contacts, listed in each step with its history carried over."""
 
     def __init__(self) -> None:
-        self.table = PlateContactTable(1024, 0)
-        self._spare = PlateContactTable(1024, 0)
+        self.table = PlateContactTable(1024)
+        self._spare = PlateContactTable(1024)
 
-    def update(  # type: ignore[no-untyped-def]
-        self, state: ParticleState, rows, tools: ToolSet, tool_frame_positions, dt: float
-    ) -> None:
-        """List all plates that one of `rows` may touch within the next `dt` [s].
+    def next_table(self, num_rows: int) -> PlateContactTable:
+        """Return the table for the contacts of the next step, for a number of particles."""
+        self._spare.reserve_rows(num_rows)
+        return self._spare
 
-        Args:
-            state: the particles; `plate_list_row` is updated.
-            rows: rows of the particles moved by forces.
-            tools: the tools, which have begun the step.
-            tool_frame_positions: of these particles, see `ToolSet.tool_frame_positions`.
-            dt: length of the step [s].
+    def accept(self, count: int) -> bool:
+        """Make the next table the present one, with the result of `list_plate_contacts`.
+
+        Returns:
+            False where the table was too small; it is larger now.
         """
-        old = self.table
-        if not tools.tools:
-            old.count = 0
-            return
-        while True:
-            new = self._spare
-            if len(new.begin) < state.count:
-                new.begin = np.zeros(2 * state.count, np.int64)
-                new.end = np.zeros(2 * state.count, np.int64)
-            count = _list_candidates(
-                dt, rows, tool_frame_positions, state.position, state.velocity, state.radius,
-                state.plate_list_row, tools.motion, old.arrays, new.arrays,
-            )  # fmt: skip
-            if count >= 0:
-                break
-            self._spare = PlateContactTable(2 * len(new.row), 0)
-        new.count = count
-        self.table, self._spare = new, old
+        if count < 0:
+            self._spare = PlateContactTable(2 * len(self._spare.row))
+            return False
+        self._spare.count = count
+        self.table, self._spare = self._spare, self.table
+        return True
 
     def remove(self, low: int, high: int) -> None:
         """Remove plates number `low` to `high` - 1; the numbers of later plates decrease."""
@@ -136,22 +137,23 @@ class PlateContactList:
 
 
 @kernel
-def _list_candidates(  # type: ignore[no-untyped-def]
-    dt, rows, tool_frame_positions, position, velocity, radius, list_row, tools, old, new,
-):  # fmt: skip
-    """Fill the new table.
+def list_plate_contacts(dt, rows, tool_frame_positions, particles, tools, old, new):  # type: ignore[no-untyped-def]
+    """List all plates that one of `rows` may touch within a step, in the new table.
 
     Args:
         dt: length of the step [s].
-        rows, tool_frame_positions: see `PlateContactList.update`.
-        position, velocity, radius: columns of `ParticleState`.
-        list_row: row of each particle in the old table, replaced by that in the new; -1 for none.
+        rows: particles moved by forces.
+        tool_frame_positions: of these, see `tools.near_tools`.
+        particles: `StepParticles`; the row of each particle in the old table is replaced by that
+            in the new one, -1 for none.
         tools: `ToolMotion`.
         old, new: `PlateContactArrays`.
 
     Returns:
-        Number of contacts, or -1 where the new table is too small.
+        Number of contacts, or -1 where the new table is too small; nothing else was changed then.
     """
+    position, velocity, radius = particles.position, particles.velocity, particles.radius
+    list_row = particles.plate_list_row
     plates, first_plate, num_tools = tools.plates, tools.first_plate, tools.twist.shape[0]
     reach = np.empty((num_tools, rows.size))
     is_close = np.zeros((num_tools, rows.size), np.bool_)

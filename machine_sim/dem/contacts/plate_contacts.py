@@ -22,14 +22,12 @@ from machine_sim.dem.body_records import (
 from machine_sim.dem.contacts import plate_block as plate
 from machine_sim.dem.contacts.plate_contact_list import PlateContactTable
 from machine_sim.dem.contacts.simd import GROUP_SIZE
-from machine_sim.dem.state import ParticleState
 from machine_sim.dem.tools.plates import plate_coordinates
 from machine_sim.dem.tools.pose import ANGULAR, ORIGIN, to_tool_frame
-from machine_sim.dem.tools.tool_set import ToolSet
 from machine_sim.dem.vec3 import load_row, subtract
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import BoxedTable, box_table, helper, kernel
 
-__all__ = ["PlateContactBlocks", "PlateContacts"]
+__all__ = ["PlateContactBlocks", "PlateContacts", "fill_plate_blocks", "store_plate_history"]
 
 _MIN_PLATE_RADIUS_FRACTION = np.float32(0.5)
 """Minimum radius of a particle in contacts with plates, in full radii. A particle released among
@@ -57,90 +55,62 @@ class PlateContactBlocks(NamedTuple):
     block: NDArray[np.float32]
 
 
-class _Particles(NamedTuple):
-    """Columns of `ParticleState` that plate contacts are made from."""
+class PlateContactMemory(NamedTuple):
+    """Memory for plate contacts.
 
-    position: NDArray[np.float64]
-    radius: NDArray[np.float32]
-    mass: NDArray[np.float32]
-    tool_friction: NDArray[np.float32]
-    tool_rolling_friction: NDArray[np.float32]
-    adhesion: NDArray[np.float32]
+    Attributes:
+        blocks: the blocks.
+        slot: slot of each listed contact, int64.
+    """
+
+    blocks: PlateContactBlocks
+    slot: NDArray[np.int64]
 
 
 class PlateContacts:
-    """The plate contacts of a step, laid out in blocks that are allocated once."""
+    """Memory for the plate contacts of a step, laid out in blocks.
+
+    Attributes:
+        memory, boxed_memory: the arrays, for kernels.
+    """
 
     def __init__(self) -> None:
-        self._slot = np.zeros(0, np.int64)
-        self._reserve(32)
+        self._allocate(32, 0)
 
-    def _reserve(self, num_blocks: int) -> None:
-        self._blocks = PlateContactBlocks(
+    def _allocate(self, num_blocks: int, num_slots: int) -> None:
+        blocks = PlateContactBlocks(
             plate=np.zeros(num_blocks, np.int64),
             size=np.zeros(num_blocks, np.int64),
             row=np.zeros(num_blocks * plate.BLOCK_SIZE, np.uint32),
             tool_row=np.zeros(num_blocks * plate.BLOCK_SIZE, np.uint32),
             block=np.zeros((num_blocks, plate.NUM_QUANTITIES * plate.BLOCK_SIZE), np.float32),
         )
+        self.memory = PlateContactMemory(blocks, np.zeros(num_slots, np.int64))
+        self.boxed_memory: BoxedTable = box_table(self.memory)
 
-    def fill_blocks(  # type: ignore[no-untyped-def]
-        self, state: ParticleState, table: PlateContactTable, tools: ToolSet, body, force_sums
-    ) -> PlateContactBlocks:
-        """Copy the listed contacts, with their springs, into blocks.
-
-        Args:
-            state: the particles.
-            table: the listed contacts.
-            tools: the tools, which have begun the step.
-            body, force_sums: see `body_records`; the records of the tools are filled.
-
-        Returns:
-            The blocks, valid until the next call.
-        """
-        blocks = self._blocks
-        if not tools.tools:
-            return _first_blocks(blocks, 0)
-        max_blocks = table.count // plate.BLOCK_SIZE + len(tools.tool_of_plate)
-        if max_blocks > len(blocks.plate):
-            self._reserve(2 * max_blocks)
-            blocks = self._blocks
-        if len(self._slot) < table.count:
-            self._slot = np.zeros(len(table.row), np.int64)
-        count = _fill_blocks(
-            table.candidates, table.spring, table.side, state.view(_Particles), tools.motion, body,
-            force_sums, blocks, self._slot,
-        )  # fmt: skip
-        return _first_blocks(blocks, count)
-
-    def store_history(self, table: PlateContactTable) -> None:
-        """Write springs and sides back to the table, from which the next step takes them."""
-        _store_history(table.count, self._slot, self._blocks.block, table.spring, table.side)
-
-
-def _first_blocks(blocks: PlateContactBlocks, count: int) -> PlateContactBlocks:
-    """Return the first `count` of the blocks."""
-    return PlateContactBlocks(
-        blocks.plate[:count], blocks.size[:count], blocks.row, blocks.tool_row, blocks.block
-    )
+    def reserve(self, table: PlateContactTable, num_plates: int) -> None:
+        """Make room for the contacts of a table."""
+        max_blocks = table.count // plate.BLOCK_SIZE + num_plates
+        if max_blocks > len(self.memory.blocks.plate) or table.count > len(self.memory.slot):
+            self._allocate(2 * max_blocks, len(table.row))
 
 
 @kernel
-def _fill_blocks(  # type: ignore[no-untyped-def]
+def fill_plate_blocks(  # type: ignore[no-untyped-def]
     candidates, spring, side, particles, tools, body, force_sums, blocks, slot,
 ):  # fmt: skip
-    """Fill the blocks in the order of plates.
+    """Copy the listed contacts, with their springs, into blocks, in the order of plates.
 
     Args:
         candidates, spring, side: the listed contacts, see `PlateContactTable`.
-        particles: `_Particles`.
+        particles: `StepParticles`.
         tools: `ToolMotion`.
         body, force_sums: see `body_records`; the records of the tools are filled.
         blocks: out, `PlateContactBlocks`.
         slot: out, slot of each listed contact.
 
     Returns:
-        Number of blocks.
+        The blocks that are filled, `PlateContactBlocks`.
     """
     pose, tool_of_plate, plates = tools.path[0], tools.tool_of_plate, tools.plates
     row, plate_of_contact = candidates.row, candidates.plate
@@ -177,7 +147,9 @@ def _fill_blocks(  # type: ignore[no-untyped-def]
         b[plate.SIDE + s] = side[c]
     for n in range(count):
         _pad_last_group(n * plate.BLOCK_SIZE, blocks.size[n], slot_row, slot_tool_row, block[n])
-    return count
+    return PlateContactBlocks(
+        blocks.plate[:count], blocks.size[:count], slot_row, slot_tool_row, block
+    )
 
 
 @helper(forceinline=True)
@@ -242,7 +214,15 @@ def _pad_last_group(begin, size, row, tool_row, b):  # type: ignore[no-untyped-d
 
 
 @kernel
-def _store_history(count, slot, block, spring, side):  # type: ignore[no-untyped-def]
+def store_plate_history(count, slot, block, spring, side):  # type: ignore[no-untyped-def]
+    """Write springs and sides back to the table, from which the next step takes them.
+
+    Args:
+        count: number of listed contacts.
+        slot: slot of each.
+        block: quantities of the blocks.
+        spring, side: out, see `PlateContactTable`.
+    """
     for c in range(count):
         b, s = block[slot[c] // plate.BLOCK_SIZE], slot[c] % plate.BLOCK_SIZE
         spring[c, 0], spring[c, 1], spring[c, 2] = plate.load(b, plate.TANGENTIAL_SPRING, s)

@@ -3,47 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from machine_sim.dem.contacts.plate_contact_list import SEARCH_RADIUS_FACTOR, PlateContactTable
-from machine_sim.dem.state import ParticleState
+from machine_sim.dem.contacts.plate_contact_list import SEARCH_RADIUS_FACTOR
 from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
 from machine_sim.dem.tools.pose import ORIGIN, XX, to_tool_frame
-from machine_sim.dem.tools.tool_set import SPHERE_CENTRE, SPHERE_RADIUS, ToolSet
+from machine_sim.dem.tools.tool_set import SPHERE_CENTRE, SPHERE_RADIUS
 from machine_sim.dem.vec3 import dot, load_row, subtract
 from msg_bridge.kernels import helper, kernel
 
 __all__ = ["count_tunnelled"]
 
 
-def count_tunnelled(
-    table: PlateContactTable,
-    state: ParticleState,
-    rows: NDArray[np.int64],
-    tools: ToolSet,
-    before: NDArray[np.float64],
-) -> int:
-    """Return how many particles passed through a plate in this step, relative to the moving tool.
-
-    Args:
-        table: the plate contacts of the step.
-        state: the particles at the end of the step.
-        rows: rows of the particles moved by forces.
-        tools: the tools.
-        before: centres of these particles at the start of the step [m], map frame, shape (rows, 3).
-    """
-    return int(
-        _count_tunnelled(
-            rows, before, state.position, state.radius, tools.plates, tools.tool_of_plate,
-            tools.first_plate, tools.sphere, tools.path, table.arrays,
-        )
-    )  # fmt: skip
-
-
 @kernel
-def _count_tunnelled(  # type: ignore[no-untyped-def]
-    rows, before, after, radius, plates, tool_of_plate, first_plate, sphere, path, contacts
-):
+def count_tunnelled(rows, before, particles, tools, contacts):  # type: ignore[no-untyped-def]
     """Count the particles whose path in the frame of a tool pierces one of its plates.
 
     A centre that returns to the side that its contact stores is not counted again.
@@ -51,10 +23,12 @@ def _count_tunnelled(  # type: ignore[no-untyped-def]
     Args:
         rows: rows of the particles moved by forces.
         before: their centres at the start of the step [m], map frame, shape (rows, 3).
-        after, radius: columns of `ParticleState` at the end of the step.
-        plates, tool_of_plate, first_plate, sphere, path: see `ToolSet`.
+        particles: `StepParticles` at the end of the step.
+        tools: `ToolMotion`.
         contacts: `PlateContactArrays`.
     """
+    after, radius, sphere, path = particles.position, particles.radius, tools.sphere, tools.path
+    plates, tool_of_plate, first_plate = tools.plates, tools.tool_of_plate, tools.first_plate
     start, end = path[0], path[path.shape[0] - 1]
     contact_begin, contact_end = contacts.begin, contacts.end
     contact_plate, contact_side = contacts.plate, contacts.side

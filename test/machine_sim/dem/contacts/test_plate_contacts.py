@@ -19,11 +19,21 @@ from machine_sim.dem.body_records import (
 )
 from machine_sim.dem.contacts.contact_law import contact_parameters
 from machine_sim.dem.contacts.plate_block import BLOCK_SIZE
-from machine_sim.dem.contacts.plate_contact_list import SEARCH_RADIUS_FACTOR, PlateContactList
-from machine_sim.dem.contacts.plate_contacts import PlateContacts
+from machine_sim.dem.contacts.plate_contact_list import (
+    SEARCH_RADIUS_FACTOR,
+    PlateContactList,
+    list_plate_contacts,
+)
+from machine_sim.dem.contacts.plate_contacts import (
+    PlateContacts,
+    fill_plate_blocks,
+    store_plate_history,
+)
 from machine_sim.dem.contacts.plate_forces import plate_forces
 from machine_sim.dem.contacts.tunnelling import count_tunnelled
 from machine_sim.dem.lifecycle.settling import distance_to_plates
+from machine_sim.dem.step_particles import StepParticles
+from machine_sim.dem.tools.near_tools import tool_frame_positions
 from machine_sim.dem.tools.pose import ANGULAR, ORIGIN
 
 CONTACT_PARAMS = contact_parameters(0.00125, 6.0, 0.3)
@@ -72,14 +82,16 @@ def scene(seed: int) -> ParticleEngine:
 
 def list_contacts(world: ParticleEngine) -> PlateContactList:
     rows = np.arange(world.count)
-    plate_list = PlateContactList()
-    plate_list.update(
-        world.state,
-        rows,
-        world.tools,
-        world.tools.tool_frame_positions(rows, world.state.position),
-        STEP,
-    )
+    plate_list, tools = PlateContactList(), world.tools
+    particles = world.state.view(StepParticles)
+    positions = tool_frame_positions(rows, world.state.position, tools.path[0])
+    is_listed = False
+    while not is_listed:
+        count = list_plate_contacts(
+            STEP, rows, positions, particles, tools.motion, plate_list.table.arrays,
+            plate_list.next_table(world.count).arrays,
+        )  # fmt: skip
+        is_listed = plate_list.accept(count)
     return plate_list
 
 
@@ -109,7 +121,7 @@ def test_plates_within_reach_are_listed_once(seed: int) -> None:
     listed = list(zip(table.row[: table.count], table.plate[: table.count], strict=True))
     assert listed == expected
     for row in range(world.count):
-        contacts = range(table.begin[row], table.end[row])
+        contacts = range(table.arrays.begin[row], table.arrays.end[row])
         assert [k for k in range(table.count) if table.row[k] == row] == list(contacts)
 
 
@@ -206,12 +218,17 @@ def test_forces_are_those_of_the_direct_computation(seed: int) -> None:
         state.contact_radius, state.radius, state.inverse_mass, state.sleep_state,
     )  # fmt: skip
     contacts = PlateContacts()
-    blocks = contacts.fill_blocks(state, table, tools, body, force_sums)
+    contacts.reserve(table, len(tools.tool_of_plate))
+    slot = contacts.memory.slot
+    blocks = fill_plate_blocks(
+        table.candidates, table.spring, table.side, state.view(StepParticles), tools.motion, body,
+        force_sums, contacts.memory.blocks, slot,
+    )  # fmt: skip
     # During a step: particles and tools have moved since its start.
     step = seed % (tools.substeps + 1)
     body[:count, :3] = rng.normal(scale=0.01, size=(count, 3))
     plate_forces(blocks, body, force_sums, tools.motion, step, CONTACT_PARAMS)
-    contacts.store_history(table)
+    store_plate_history(table.count, slot, blocks.block, table.spring, table.side)
     state.position += body[:count, :3]
     tools.path[0] = tools.path[step]
     expected, springs = np.zeros((count, FORCE_RECORD_SIZE)), np.zeros((table.count, 3))
@@ -265,5 +282,7 @@ def test_path_of_any_length_through_a_plate_is_counted(seed: int) -> None:
     table, before = list_contacts(world).table, world.state.position.copy()
     offsets = np.where(np.arange(50) % 2, 10.0 ** rng.uniform(-1.2, 1, 50), -0.01)
     world.state.position -= offsets[:, None] * rotation_matrix[:, 2]
-    counted = count_tunnelled(table, world.state, np.arange(50), world.tools, before)
+    counted = count_tunnelled(
+        np.arange(50), before, world.state.view(StepParticles), world.tools.motion, table.arrays
+    )
     assert counted == np.count_nonzero(offsets > 0.03)

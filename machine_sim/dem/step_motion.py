@@ -1,0 +1,173 @@
+"""Motion of the particles in a step, in one call: contacts, substeps, and what is checked after.
+
+    body records -> pair contacts -> plate contacts -> substeps -> positions
+    -> tunnelling -> recovery on the ground and settle timers
+
+A step of a thousand particles takes a fraction of a millisecond; calling each stage from Python
+would take as long again.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machine_sim.dem.body_records import load_body_records, store_body_records
+from machine_sim.dem.contacts.contact_law import ContactParameters
+from machine_sim.dem.contacts.ground_contacts import GroundContacts
+from machine_sim.dem.contacts.ground_recovery import recover_and_time_settling
+from machine_sim.dem.contacts.pair_contacts import (
+    PairContactBlocks,
+    PairContactSource,
+    update_pair_contacts,
+)
+from machine_sim.dem.contacts.plate_contact_list import PlateCandidates
+from machine_sim.dem.contacts.plate_contacts import fill_plate_blocks, store_plate_history
+from machine_sim.dem.contacts.tunnelling import count_tunnelled
+from machine_sim.dem.neighbours.pair_table import PairArrays
+from machine_sim.dem.substeps import LockedRows, SubstepParams, run_substeps
+from msg_bridge.kernels import helper, threaded_stages
+
+__all__ = ["MotionParams", "MovingRows", "PairData", "StepState", "move_particles"]
+
+
+class MotionParams(NamedTuple):
+    """Physics of steps of one length.
+
+    Attributes:
+        substeps: number of substeps, gravity and coefficients of the ground.
+        pairs, surface: contact law of pairs, and of plates and the ground.
+        settle_speed: speed below which the settle timer of a particle on the ground runs [m/s].
+    """
+
+    substeps: SubstepParams
+    pairs: ContactParameters
+    surface: ContactParameters
+    settle_speed: float
+
+
+class MovingRows(NamedTuple):
+    """Rows that move in a step.
+
+    Attributes:
+        free: rows that move by forces.
+        locked: rows that are locked to a tool.
+        locked_tool: tool index of each locked row.
+        all: free rows, then locked ones.
+    """
+
+    free: NDArray[np.int64]
+    locked: NDArray[np.int64]
+    locked_tool: NDArray[np.int64]
+    all: NDArray[np.int64]
+
+
+class PairData(NamedTuple):
+    """The pair list and its contacts.
+
+    Attributes:
+        listed, bounds: listed pairs, and the bounds of the parts of the list.
+        contacts, source: pair contacts, and the pairs that they are made from.
+    """
+
+    listed: PairArrays
+    bounds: NDArray[np.int64]
+    contacts: PairContactBlocks
+    source: PairContactSource
+
+
+class StepState(NamedTuple):
+    """What has changed since the last step, and numbers of listed contacts.
+
+    Attributes:
+        loads_all: whether the body records of all particles are loaded, not of moving ones only.
+        rebuilds_contacts: whether the pair contacts were cleared.
+        radii_changed: whether contact radii have changed since the last step.
+        num_plate_contacts, num_ground_contacts: see `list_boundary_contacts`.
+    """
+
+    loads_all: bool
+    rebuilds_contacts: bool
+    radii_changed: bool
+    num_plate_contacts: int
+    num_ground_contacts: int
+
+
+@threaded_stages
+def move_particles(  # type: ignore[no-untyped-def]
+    dt, boxed_params, step, moving, body, force_sums, boxed_particles, boxed_pairs,
+    boxed_plates, boxed_plate_memory, boxed_ground, boxed_tools,
+):  # fmt: skip
+    """Advance all particles that move by one step.
+
+    Args:
+        dt: length of the step [s].
+        boxed_params: `MotionParams`, boxed, as the tables below.
+        step: `StepState`.
+        moving: `MovingRows`.
+        body, force_sums: see `body_records`.
+        boxed_particles: `StepParticles`; updated.
+        boxed_pairs: `PairData`; the contacts are updated.
+        boxed_plates: `PlateContactArrays`; springs and sides are updated.
+        boxed_plate_memory: `PlateContactMemory`.
+        boxed_ground: `GroundData`.
+        boxed_tools: `ToolMotion`; the wrenches are summed over the substeps.
+
+    Returns:
+        (number of particles that passed through a plate, number that were put back on the ground).
+    """
+    params, particles, pairs = boxed_params.table, boxed_particles.table, boxed_pairs.table
+    plates, memory = boxed_plates.table, boxed_plate_memory.table
+    ground, tools = boxed_ground.table, boxed_tools.table
+    position, velocity = particles.position, particles.velocity
+    rows, angular_velocity = moving.free, particles.angular_velocity
+    loaded_rows = np.arange(particles.radius.size) if step.loads_all else moving.all
+    load_body_records(
+        loaded_rows, body, force_sums, velocity, angular_velocity, particles.contact_radius,
+        particles.radius, particles.inverse_mass, particles.sleep_state,
+    )  # fmt: skip
+    update_pair_contacts(
+        np.float32(dt), pairs.listed, pairs.bounds, particles, body, pairs.contacts, pairs.source,
+        step.rebuilds_contacts, step.radii_changed,
+    )  # fmt: skip
+    num_plate_contacts, num_ground_contacts = step.num_plate_contacts, step.num_ground_contacts
+    listed_plates = PlateCandidates(
+        plates.row[:num_plate_contacts], plates.plate[:num_plate_contacts]
+    )
+    plate_contacts = fill_plate_blocks(
+        listed_plates, plates.spring, plates.side, particles, tools, body, force_sums,
+        memory.blocks, memory.slot,
+    )  # fmt: skip
+    ground_contacts = GroundContacts(
+        ground.contacts.row[:num_ground_contacts], ground.contacts.plane[:num_ground_contacts]
+    )
+    has_tools = tools.twist.shape[0] > 0
+    before = _positions_of(rows if has_tools else rows[:0], position)
+    run_substeps(
+        params.substeps, params.pairs, params.surface, rows,
+        LockedRows(moving.locked, moving.locked_tool), body, force_sums, particles,
+        pairs.contacts, plate_contacts, ground_contacts, tools,
+    )  # fmt: skip
+    store_plate_history(
+        num_plate_contacts, memory.slot, memory.blocks.block, plates.spring, plates.side
+    )
+    store_body_records(rows, body, position, velocity, angular_velocity)
+    num_tunnelled = np.int64(0)
+    if has_tools:
+        num_tunnelled = count_tunnelled(rows, before, particles, tools, plates)
+    num_recovered = recover_and_time_settling(
+        ground.surface, ground.frame, dt, params.settle_speed, rows, ground_contacts, particles
+    )
+    return num_tunnelled, num_recovered
+
+
+@helper
+def _positions_of(rows, position):  # type: ignore[no-untyped-def]
+    """Return the centres of some particles [m], shape (rows, 3)."""
+    centres = np.empty((rows.size, 3))
+    for n in range(rows.size):
+        for axis in range(3):
+            centres[n, axis] = position[rows[n], axis]
+    return centres
