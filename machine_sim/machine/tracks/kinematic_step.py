@@ -45,6 +45,12 @@ __all__ = ["POINTS_PER_SHOE", "kinematic_track_step"]
 POINTS_PER_SHOE = 2
 """Contact points of a shoe: one near each end."""
 
+_FIRST_LOWER_RUN, _UPPER_RUN, _SECOND_LOWER_RUN = (
+    (math.cos(pitch), -math.sin(pitch)) for pitch in (math.pi, 2.0 * math.pi, 3.0 * math.pi)
+)
+"""Directions of motion (x, z) of the shoes on straight parts of the path, axle frame. They are
+rounded as on the arcs, so that a shoe does not turn where an arc ends."""
+
 
 @kernel
 def kinematic_track_step(  # type: ignore[no-untyped-def]
@@ -139,7 +145,7 @@ def _shoe_forces(  # type: ignore[no-untyped-def]
     belt_force, total_load, load_depth = 0.0, 0.0, 0.0
     for k in range(count):
         s = (state.travel[side] + k * length / count) % length
-        x, z, pitch, _ = _belt_path_pose(
+        x, z, pitch, is_on_arc, (tx, tz) = _belt_path_pose(
             s, dimensions.half_axle_distance, dimensions.sprocket_radius
         )
         state.shoe_poses[side, k, SHOE_X] = x
@@ -150,10 +156,11 @@ def _shoe_forces(  # type: ignore[no-untyped-def]
         point_coefficients = axle_coefficients
         if abs(ahead) > 0.5 * length / count:
             ahead, point_coefficients = 0.0, coefficients
-        x, z, pitch, is_on_arc = _belt_path_pose(
-            (s + ahead) % length, dimensions.half_axle_distance, dimensions.sprocket_radius
-        )
-        tx, tz = math.cos(pitch), -math.sin(pitch)  # direction of motion; (-tz, tx) is outward
+        else:
+            x, z, _, is_on_arc, (tx, tz) = _belt_path_pose(
+                (s + ahead) % length, dimensions.half_axle_distance, dimensions.sprocket_radius
+            )
+        # The direction of motion is (tx, tz); (-tz, tx) is outward.
         first = (side * count + k) * POINTS_PER_SHOE
         if -r20 * tz + r22 * tx > MAX_OUTWARD_Z:
             points.is_active[first] = False
@@ -209,7 +216,7 @@ def _distance_to_axle(s, length, half):  # type: ignore[no-untyped-def]
 
 @helper(forceinline=True)
 def _belt_path_pose(s, half, radius):  # type: ignore[no-untyped-def]
-    """Return x, z [m] and pitch [rad] of a shoe in the axle frame, and 1.0 if it is on an arc.
+    """Return the pose of a shoe in the axle frame.
 
     The path begins below the middle. The lower run goes backward, then the path goes round the rear
     sprocket, forward on the upper run and down in front.
@@ -218,22 +225,29 @@ def _belt_path_pose(s, half, radius):  # type: ignore[no-untyped-def]
         s: arc length from the beginning of the path [m].
         half: half the axle distance [m].
         radius: radius of the pitch line at the wheels [m].
+
+    Returns:
+        x, z [m], pitch [rad], 1.0 if the shoe is on an arc, else 0.0, and its direction of motion.
     """
     arc = math.pi * radius
     if s < half:
-        return -s, -radius, math.pi, 0.0
+        return -s, -radius, math.pi, 0.0, _FIRST_LOWER_RUN
     s -= half
     if s < arc:
         a = s / radius
-        return -half - radius * math.sin(a), -radius * math.cos(a), math.pi + a, 1.0
+        pitch = math.pi + a
+        x, z = -half - radius * math.sin(a), -radius * math.cos(a)
+        return x, z, pitch, 1.0, (math.cos(pitch), -math.sin(pitch))
     s -= arc
     if s < 2.0 * half:
-        return -half + s, radius, 2.0 * math.pi, 0.0
+        return -half + s, radius, 2.0 * math.pi, 0.0, _UPPER_RUN
     s -= 2.0 * half
     if s < arc:
         a = s / radius
-        return half + radius * math.sin(a), radius * math.cos(a), 2.0 * math.pi + a, 1.0
-    return half - (s - arc), -radius, 3.0 * math.pi, 0.0
+        pitch = 2.0 * math.pi + a
+        x, z = half + radius * math.sin(a), radius * math.cos(a)
+        return x, z, pitch, 1.0, (math.cos(pitch), -math.sin(pitch))
+    return half - (s - arc), -radius, 3.0 * math.pi, 0.0, _SECOND_LOWER_RUN
 
 
 @helper(forceinline=True)
