@@ -7,6 +7,7 @@ machine's own state: the particles it has offered, and the tools whose sweep is 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,7 +16,15 @@ from machine_sim.dem import SoilEngine
 from machine_sim.ground.contact_surface import Ground
 from machine_sim.tool_soil.coupling import ToolSoilCoupling
 from msg_bridge.contract.errors import ErrorCode, ExchangeError
-from msg_bridge.contract.rows import MAX_MILLING_WORK, ConversionKind, Rows, SoilReaction
+from msg_bridge.contract.rows import (
+    FORCE,
+    FORCE_VECTORS,
+    MAX_MILLING_WORK,
+    ConversionKind,
+    Rows,
+    SoilReaction,
+)
+from msg_bridge.kernels import kernel
 
 __all__ = ["check_conversions", "check_excavation", "check_forces", "check_map_updates"]
 
@@ -24,6 +33,9 @@ _MAX_COORDINATE = 1e5
 
 _MAX_WRENCH = 1e9
 """Largest component of a force [N] or torque [N m], far above what breaks every tool."""
+
+_MAX_FORCE_VALUES = np.array([_MAX_COORDINATE] * 3 + [_MAX_WRENCH] * 6)
+"""Largest values of `FORCE_VECTORS`."""
 
 _MAX_MOISTURE = 100
 """Largest moisture [% of saturation]."""
@@ -77,9 +89,15 @@ def check_forces(forces: Rows, num_tools: int) -> None:
             f" {max(SoilReaction):d}",
             ErrorCode.VALUE,
         )
-    _check_magnitude(forces, ("x", "y", "z"), _MAX_COORDINATE, "point of a force")
-    wrench = ("fx", "fy", "fz", "tx", "ty", "tz")
-    _check_magnitude(forces, wrench, _MAX_WRENCH, "component of a force")
+    values = np.abs(forces.view(FORCE_VECTORS)["values"]).max(axis=0)
+    if not (values <= _MAX_FORCE_VALUES).all():  # NaN compares false
+        names = (FORCE.names or ())[: values.size]
+        raise ExchangeError(
+            "the point and wrench of a force have the magnitudes"
+            f" {dict(zip(names, values.tolist(), strict=True))}; give at most"
+            f" {_MAX_COORDINATE:g} m, and {_MAX_WRENCH:g} N and N m",
+            ErrorCode.VALUE,
+        )
     work = forces["work"]
     if not ((work >= 0.0) & (work <= MAX_MILLING_WORK)).all():
         raise ExchangeError(
@@ -140,26 +158,27 @@ def check_excavation(
     if excavated.size == 0:
         return
     is_near = np.zeros(excavated.size, dtype=np.bool_)
-    lowest = np.inf
+    x, y, lowest = excavated["x"], excavated["y"], np.inf
+    margin = ground.grid.cell + _EXCAVATION_MARGIN
     for coupling in couplings:
         # The sweep of a tick begins at the pose at the end of the tick before.
-        points = np.concatenate([coupling.key_points_at(ticks_ago + k) for k in (0, 1)])
-        centre = points.mean(axis=0)
-        reach = float(np.linalg.norm(points[:, :2] - centre[:2], axis=1).max())
-        distance = np.hypot(excavated["x"] - centre[0], excavated["y"] - centre[1])
-        is_near |= distance <= reach + ground.grid.cell + _EXCAVATION_MARGIN
-        lowest = min(lowest, float(points[:, 2].min()))
+        frames = (*coupling.frame_at(ticks_ago), *coupling.frame_at(ticks_ago + 1))
+        lowest = min(lowest, _mark_near(coupling.key_points, *frames, x, y, margin, is_near))
     if not is_near.all():
         raise ExchangeError(
             "soil was excavated where no tool of this node has been", ErrorCode.EXCAVATION
         )
+    volume_of_column = 1e9 * ground.grid.cell**2
+    # Usually all rows together have less than what may leave any one column.
+    if excavated["volume_mm3"].sum(dtype=np.int64) <= volume_of_column * _EXCAVATION_MARGIN:
+        return
     columns, index = np.unique(
         excavated["row"].astype(np.int64) * ground.grid.cols + excavated["col"],
         return_inverse=True,
     )
     volume = np.bincount(index, weights=excavated["volume_mm3"])
     depth = ground.elevation.reshape(-1)[columns] - lowest
-    most = 1e9 * ground.grid.cell**2 * (np.maximum(depth, 0.0) + _EXCAVATION_MARGIN)
+    most = volume_of_column * (np.maximum(depth, 0.0) + _EXCAVATION_MARGIN)
     if (volume > most).any():
         excess = int(np.argmax(volume - most))
         raise ExchangeError(
@@ -167,6 +186,39 @@ def check_excavation(
             f" {most[excess]:.0f} mm^3 lie above the tools of this node",
             ErrorCode.EXCAVATION,
         )
+
+
+@kernel
+def _mark_near(  # type: ignore[no-untyped-def]
+    key_points, rotation, origin, earlier_rotation, earlier_origin, x, y, margin, is_near
+):
+    """Mark the positions beside a tool, and return the height of its lowest key point [m].
+
+    Args:
+        key_points: [m], tool frame, shape (n, 3), n >= 1.
+        rotation, origin, earlier_rotation, earlier_origin: two poses of the tool.
+        x, y: positions [m], map frame, shape (rows,).
+        margin: distance from the circle around the key points that counts as beside [m].
+        is_near: marks, shape (rows,); updated.
+    """
+    count = len(key_points)
+    points = np.empty((2 * count, 3))
+    centre_x = centre_y = 0.0
+    for i in range(count):
+        for k in range(3):
+            points[i, k], points[count + i, k] = origin[k], earlier_origin[k]
+            for j in range(3):
+                points[i, k] += rotation[k, j] * key_points[i, j]
+                points[count + i, k] += earlier_rotation[k, j] * key_points[i, j]
+        centre_x += (points[i, 0] + points[count + i, 0]) / (2 * count)
+        centre_y += (points[i, 1] + points[count + i, 1]) / (2 * count)
+    reach, lowest = 0.0, np.inf
+    for i in range(2 * count):
+        reach = max(reach, math.hypot(points[i, 0] - centre_x, points[i, 1] - centre_y))
+        lowest = min(lowest, points[i, 2])
+    for n in range(x.size):
+        is_near[n] |= math.hypot(x[n] - centre_x, y[n] - centre_y) <= reach + margin
+    return lowest
 
 
 def _check_excavated_soil(excavated: Rows, ground: Ground, *, can_dig: bool) -> None:

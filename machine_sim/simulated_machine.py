@@ -16,7 +16,7 @@ from machine_sim.params import MachineSimParams
 from machine_sim.tool_soil.coupling import ToolSoilCoupling
 from machine_sim.tool_soil.payload import Payload
 from machine_sim.tool_soil.sweep import TrackSweep
-from msg_bridge.contract.rows import SWEEP, Rows, join_rows
+from msg_bridge.contract.rows import Rows
 
 __all__ = ["Placement", "SimulatedMachine"]
 
@@ -125,14 +125,14 @@ class SimulatedMachine:
         for coupling in self.couplings.values():
             coupling.apply_soil_forces(dt)
 
-    def end_tick(self) -> Rows:
-        """End a tick, and return the SWEEP rows of tools and tracks."""
+    def end_tick(self) -> list[Rows]:
+        """End a tick, and return the SWEEP rows of each tool and of the tracks."""
         tool_sweeps = [coupling.end_tick() for coupling in self.couplings.values()]
         previous_frame, self._last_base_frame = self._last_base_frame, self.machine.base_frame
         track_sweeps = self._track_sweep.rows(
             previous_frame, self._last_base_frame, sole_heights(self.machine.tracks)
         )
-        return join_rows([*tool_sweeps, track_sweeps], SWEEP)
+        return [*tool_sweeps, track_sweeps]
 
     @property
     def state(self) -> Iterable[NDArray[np.generic]]:

@@ -279,7 +279,9 @@ class MachineSim:
                 each.apply_soil_forces(dt)
         for simulated_bin in self.bins:
             simulated_bin.update_payload()
-        sweeps = join_rows([each.end_tick() for each in self.simulated_machines], SWEEP)
+        sweeps = join_rows(
+            [rows for each in self.simulated_machines for rows in each.end_tick()], SWEEP
+        )
         deposit_requests = self._request_deposits()
         return MachineTickOutput(
             sweeps, deposit_requests, self.pending_mm3, self.particles.total_volume_mm3

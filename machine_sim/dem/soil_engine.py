@@ -47,6 +47,7 @@ class SoilEngine(ABC):
         params: parameters of the physics.
         ground: terrain; its owner calls `Ground.advance`.
         soils: properties of each soil type, by its id.
+        swells: swell of each soil type, by its id, shape (soils,).
         state: columns of all bodies, for the modules of `machine_sim.dem` and
             `machine_sim.reference_cubes` and their tests only.
         num_plate_tunnellings: centres that went through a plate so far.
@@ -64,6 +65,7 @@ class SoilEngine(ABC):
         self.params = params
         self.ground = ground
         self.soils = tuple(soils)
+        self.swells: NDArray[np.float64] = np.array([soil.swell for soil in self.soils])
         self.state = ParticleState(params.capacity)
         self.num_plate_tunnellings = 0
         self.num_ground_tunnellings = 0
@@ -199,9 +201,17 @@ class SoilEngine(ABC):
         Raises:
             ParticleError: no such tool.
         """
-        _ = self._tools[tool_id]
-        wrench = self._tools.wrench[self._tools.index_by_id[tool_id]]
-        return wrench[:ANGULAR].copy(), wrench[ANGULAR:].copy()
+        wrench = np.array(self.tool_load(tool_id))
+        return wrench[:ANGULAR], wrench[ANGULAR:]
+
+    def tool_load(self, tool_id: int) -> list[float]:
+        """Return force and torque of `tool_wrench` as six numbers.
+
+        Raises:
+            ParticleError: no such tool.
+        """
+        wrench: list[float] = self._tools.wrench[self._tools.index_of(tool_id)].tolist()
+        return wrench
 
     def positions_in_tool_frame(self, tool_id: int) -> NDArray[np.float64]:
         """Return the centres of all bodies [m] in the frame of a tool, shape (n, 3).

@@ -6,6 +6,6 @@
 """
 
 from machine_sim.ground.contact_surface import MAX_RISE_SPEED, Ground, GroundError
-from machine_sim.ground.contact_surface_kernels import GridFrame, surface_at
+from machine_sim.ground.contact_surface_kernels import surface_at
 
-__all__ = ["MAX_RISE_SPEED", "GridFrame", "Ground", "GroundError", "surface_at"]
+__all__ = ["MAX_RISE_SPEED", "Ground", "GroundError", "surface_at"]

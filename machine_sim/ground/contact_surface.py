@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.ground.contact_surface_kernels import (
-    GridFrame,
     raise_surface,
     set_cells,
     surface_at,
@@ -48,6 +47,8 @@ class Ground:
         surface: contact surface [m], same shape; equal to `elevation` except where it still rises.
         undisturbed_surface: contact surface without compaction by tracks [m], same shape.
         soils: all soils of the terrain, by id.
+        frame: position of the grid in the map frame, as kernels need it to find the cell of a
+            point: x of row 0 and y of column 0 [m], and 1 / cell size [1/m].
         soil, moisture: soil id and moisture [% of saturation] at the surface, same shape, uint8.
     """
 
@@ -66,7 +67,8 @@ class Ground:
             soil, moisture: see the attributes; zeros if None.
         """
         self.grid = grid
-        self.frame = GridFrame(grid.x_first, grid.y_first, 1.0 / grid.cell)
+        # A plain tuple: Numba resolves the type of a named one in Python at every call.
+        self.frame: tuple[float, float, float] = (grid.x_first, grid.y_first, 1.0 / grid.cell)
         self.soils = tuple(soils)
         zeros = np.zeros(grid.shape, dtype=np.uint8)
         self.soil: NDArray[np.uint8] = self._check_soil_ids(zeros if soil is None else soil).copy()

@@ -3,27 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from msg_bridge.kernels import kernel
 
-__all__ = ["GridFrame", "raise_surface", "set_cells", "surface_at"]
-
-
-class GridFrame(NamedTuple):
-    """Position of a grid in the map frame, as kernels need it to find the cell of a point.
-
-    Attributes:
-        x_first: x of row 0 [m].
-        y_first: y of column 0 [m].
-        inverse_cell: 1 / cell size [1/m].
-    """
-
-    x_first: float
-    y_first: float
-    inverse_cell: float
+__all__ = ["raise_surface", "set_cells", "surface_at"]
 
 
 @kernel(inline="always")

@@ -7,12 +7,15 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from msg_bridge.kernels import kernel
+
 __all__ = [
     "cross",
     "quaternion_from_matrix",
     "rotation_about_z",
     "rotation_from_rpy",
     "rotation_matrix",
+    "rotation_of",
     "rpy_from_rotation",
 ]
 
@@ -21,17 +24,21 @@ Array = NDArray[np.float64]
 
 def rotation_matrix(quaternion: ArrayLike) -> Array:
     """Return the rotation matrix, shape (3, 3), of a quaternion x, y, z, w of any length."""
-    x, y, z, w = np.asarray(quaternion, dtype=np.float64).tolist()
+    rotation: Array = rotation_of(*np.asarray(quaternion, dtype=np.float64).tolist())
+    return rotation
+
+
+@kernel
+def rotation_of(x, y, z, w):  # type: ignore[no-untyped-def]
+    """Return `rotation_matrix` of four floats; a kernel, because machines need it in each step."""
     # The quaternions of the physics engine have unit length only to about 1e-6.
     scale = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
     x, y, z, w = x * scale, y * scale, z * scale, w * scale
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    rotation = np.empty((3, 3))
+    rotation[0] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    rotation[1] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    rotation[2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    return rotation
 
 
 def quaternion_from_matrix(rotation: Array) -> list[float]:

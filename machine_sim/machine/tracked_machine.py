@@ -25,9 +25,9 @@ from machine_sim.machine.actuator_step import actuator_step
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.hydraulics import HydraulicSystem
 from machine_sim.machine.joint_reference import JointReference
-from machine_sim.machine.joint_table import ANGLE, EFFORT, RATE, TARGET_ANGLE, TORQUE_LIMIT
+from machine_sim.machine.joint_table import ANGLE, EFFORT, TARGET_ANGLE, TORQUE_LIMIT
 from machine_sim.machine.multibody import load_multibody
-from machine_sim.machine.rotations import cross, rotation_matrix
+from machine_sim.machine.rotations import cross, rotation_of
 from machine_sim.machine.spec import BASE, MachineSpec
 from machine_sim.machine.tools.tool import Tool
 from machine_sim.machine.tracks import (
@@ -118,6 +118,7 @@ class TrackedMachine:
         self._valves = self._make_valves()
         motor_joints = [spec.joint_names.index(name) for name in spec.motors]
         self._reference = JointReference(self._limits, spec.home, motor_joints)
+        self._joint_motion = self._reference.table[ANGLE : EFFORT + 1].reshape(-1)  # a view
         pose = standing_pose(spec, ground, x, y, yaw)
         self.body, self._joints = load_multibody(self.client_id, self.tracks.urdf(), spec, *pose)
         self.tracks.attach(self.client_id, self.body, *pose)
@@ -200,14 +201,13 @@ class TrackedMachine:
         states = pybullet.getJointStates(body, self._joints, client) if self._joints else ()
         self._com = np.array(self._com_list)
         self._quaternion = np.array(quaternion)
-        self._rotation = rotation_matrix(quaternion)
+        self._rotation = rotation_of(*quaternion)
         self._com_velocity = np.array(velocity)
         self._angular_velocity = np.array(angular_velocity)
         self._angles = [angle for angle, _, _, _ in states]
         self._rates = [rate for _, rate, _, _ in states]
         self._efforts = [effort for _, _, _, effort in states]
-        joints = self._reference.table
-        joints[ANGLE], joints[RATE], joints[EFFORT] = self._angles, self._rates, self._efforts
+        self._joint_motion[:] = self._angles + self._rates + self._efforts
         for tool in self.tools.values():
             tool.after_step()
         if not math.isfinite(sum(velocity) + sum(angular_velocity) + sum(self._rates)):

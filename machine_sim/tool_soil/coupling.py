@@ -16,6 +16,7 @@ from machine_sim.tool_soil.payload import Payload
 from machine_sim.tool_soil.room import ReportedRoom
 from machine_sim.tool_soil.tools import ToolMotion, make_interaction
 from msg_bridge.contract.rows import MAX_MILLING_WORK, Rows
+from msg_bridge.kernels import kernel
 
 __all__ = ["ToolSoilCoupling"]
 
@@ -62,6 +63,7 @@ class ToolSoilCoupling:
         self._params, self._particles = params, particles
         self._interaction = interaction = make_interaction(tool.shape, tool_id)
         self.is_digging = interaction.is_digging
+        self._edge_point: list[float] = interaction.key_points[:1].ravel().tolist()
         particles.add_tool(tool_id, tool.shape.plates(), tool.pose, is_digging=self.is_digging)
         self.pending = interaction.make_pending(
             rng,
@@ -88,6 +90,11 @@ class ToolSoilCoupling:
         """Return the tool's non-spinning frame at the end of the tick `ticks_ago` ticks ago."""
         return self._frame_history[max(-1 - ticks_ago, -len(self._frame_history))]
 
+    @property
+    def key_points(self) -> NDArray[np.float64]:
+        """Key points of the cutting contour [m], tool frame, shape (n, 3)."""
+        return self._interaction.key_points
+
     def key_points_at(self, ticks_ago: int) -> NDArray[np.float64]:
         """Return the key points [m], map frame, shape (n, 3), at the end of an earlier tick.
 
@@ -95,7 +102,7 @@ class ToolSoilCoupling:
             ticks_ago: number of ticks since then.
         """
         rotation, origin = self.frame_at(ticks_ago)
-        return self._interaction.key_points @ rotation.T + origin
+        return self.key_points @ rotation.T + origin
 
     def distances_to_key_points(
         self, points: NDArray[np.float64], ticks_ago: int
@@ -109,18 +116,15 @@ class ToolSoilCoupling:
         Returns:
             Distances [m], shape (n,).
         """
-        key_points = self.key_points_at(ticks_ago)
-        return np.asarray(
-            np.linalg.norm(points[:, None] - key_points[None], axis=2).min(axis=1),
-            dtype=np.float64,
-        )
+        distances: NDArray[np.float64] = _nearest_distances(points, self.key_points_at(ticks_ago))
+        return distances
 
     def receive(self, forces: Rows, ticks_ago: int) -> None:
         """Take FORCE rows of this node's tools that answer the tick `ticks_ago` ticks ago."""
         self._reported_room.receive_answer(ticks_ago)
-        own = forces[forces["tool"] == self.tool_id]
-        if own.size:
-            self.resistance.receive(own, self.frame_at(ticks_ago))
+        own = [k for k, tool in enumerate(forces["tool"].tolist()) if tool == self.tool_id]
+        if own:
+            self.resistance.receive(forces[own], self.frame_at(ticks_ago))
 
     def begin_tick(self, tick: int) -> None:
         """Begin the tick of a number: release pending soil as particles."""
@@ -140,13 +144,16 @@ class ToolSoilCoupling:
     def apply_soil_forces(self, dt: float) -> None:
         """Apply load and resistance to the machine in the next physics step of `dt` [s]."""
         if self._params.payload_coupling:
-            self.tool.push(*self._particles.tool_wrench(self.tool_id))
+            load = self._particles.tool_load(self.tool_id)
+            if any(load):
+                self.tool.add_wrench(load)
         if not self._params.cutting_forces:
             return
         self._resistance_wrench = _ZERO_WRENCH
         if self.resistance.is_active:
             self._resistance_wrench = self.resistance.step(self.tool.frame, self.tool.velocity, dt)
-            self.tool.push(*self._resistance_wrench)
+            force, torque = self._resistance_wrench
+            self.tool.add_wrench(force.tolist() + torque.tolist())
 
     def end_tick(self) -> Rows:
         """End a tick and return its SWEEP rows."""
@@ -167,10 +174,12 @@ class ToolSoilCoupling:
             return free
         # The soil that it will take in is that at its first key point, the cutting edge.
         ground, (rotation, origin) = self._particles.ground, self.frame_at(0)
-        x, y, _ = (rotation @ self._interaction.key_points[0] + origin).tolist()
-        row = min(max(round((ground.grid.x_first - x) / ground.grid.cell), 0), ground.grid.rows - 1)
-        col = min(max(round((ground.grid.y_first - y) / ground.grid.cell), 0), ground.grid.cols - 1)
-        swell = float(self._particles.soils[ground.soil[row, col]].swell)
+        grid, (x, y, z) = ground.grid, self._edge_point
+        ((xx, xy, xz), (yx, yy, yz), _), (x0, y0, _) = rotation.tolist(), origin.tolist()
+        edge_x, edge_y = x0 + xx * x + xy * y + xz * z, y0 + yx * x + yy * y + yz * z
+        row = min(max(round((grid.x_first - edge_x) / grid.cell), 0), grid.rows - 1)
+        col = min(max(round((grid.y_first - edge_y) / grid.cell), 0), grid.cols - 1)
+        swell: float = self._particles.soils[ground.soil[row, col]].swell
         return 1e9 * free / (1.0 + swell) - self.pending.total_mm3
 
     def reset(self) -> None:
@@ -184,3 +193,18 @@ class ToolSoilCoupling:
         yield self.pending.state
         yield self._reported_room.state
         yield self.resistance.state
+
+
+@kernel
+def _nearest_distances(points, key_points):  # type: ignore[no-untyped-def]
+    """Return the distance of each point from the nearest of some key points [m], shape (n,)."""
+    distances = np.empty(len(points))
+    for i in range(len(points)):
+        nearest = math.inf
+        for k in range(len(key_points)):
+            square = 0.0
+            for j in range(3):
+                square += (points[i, j] - key_points[k, j]) ** 2
+            nearest = min(nearest, square)
+        distances[i] = math.sqrt(nearest)
+    return distances

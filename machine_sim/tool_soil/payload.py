@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from machine_sim.dem import Pose, SoilEngine
 from machine_sim.machine.tools.shapes import ContainerShape
+from msg_bridge.kernels import kernel
 
 __all__ = ["EMPTY_PAYLOAD", "Payload", "loose_volume", "measure_payload"]
 
@@ -42,20 +43,36 @@ def measure_payload(shape: ContainerShape, particles: SoilEngine, pose: Pose) ->
         particles: the particle engine.
         pose: rotation container to map, shape (3, 3), and origin [m], shape (3,).
     """
+    if particles.count == 0:
+        return EMPTY_PAYLOAD
     inside = shape.indices_in_heap(particles.positions, *pose)
     if inside.size == 0:
         return EMPTY_PAYLOAD
-    loose_m3 = loose_volume(particles, inside)
-    return Payload(
-        int(particles.volumes_mm3[inside].sum()) * 1e-9,
-        loose_m3,
-        float(particles.masses[inside].sum()),
-        loose_m3 / shape.heaped_capacity,
-    )
+    bank_mm3, loose_mm3, mass_kg = _sum_rows(particles, inside)
+    loose_m3 = 1e-9 * loose_mm3
+    return Payload(1e-9 * bank_mm3, loose_m3, mass_kg, loose_m3 / shape.heaped_capacity)
 
 
 def loose_volume(particles: SoilEngine, rows: NDArray[np.intp]) -> float:
     """Return the loose volume of some rows of particles [m^3]."""
-    swell = np.array([soil.swell for soil in particles.soils])
-    bank = particles.volumes_mm3[rows]
-    return float((bank * (1.0 + swell[particles.soil[rows]])).sum()) * 1e-9
+    _, loose_mm3, _ = _sum_rows(particles, rows)
+    return 1e-9 * loose_mm3
+
+
+def _sum_rows(particles: SoilEngine, rows: NDArray[np.intp]) -> tuple[int, float, float]:
+    """Return bank volume [mm^3], loose volume [mm^3] and mass [kg] of some rows of particles."""
+    sums: tuple[int, float, float] = _sum(
+        rows, particles.volumes_mm3, particles.soil, particles.masses, particles.swells
+    )
+    return sums
+
+
+@kernel
+def _sum(rows, volume_mm3, soil, mass, swells):  # type: ignore[no-untyped-def]
+    """Return the sums of `_sum_rows` from columns of all particles, and the swell of each soil."""
+    bank, loose, kilograms = 0, 0.0, 0.0
+    for i in rows:
+        bank += volume_mm3[i]
+        loose += volume_mm3[i] * (1.0 + swells[soil[i]])
+        kilograms += mass[i]
+    return bank, loose, kilograms

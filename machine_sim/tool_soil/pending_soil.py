@@ -57,7 +57,7 @@ def coarse_graining_factor(count: int, capacity: int) -> float:
     return 1.0 + (_MAX_COARSE_GRAINING - 1.0) * min(max(excess, 0.0), 1.0)
 
 
-@dataclass
+@dataclass(slots=True)
 class _Parcel:
     """Pending soil of one column.
 
@@ -200,8 +200,10 @@ class PendingSoil:
         """Withdraw particles from parcels up to the limit of the tick and the free capacity."""
         max_count = min(self._max_per_tick, particles.free_capacity)
         for key, parcel in list(self._parcels.items()):
-            # Most parcels hold less than one particle: the coarse-graining factor is not needed.
+            # Most parcels hold less than one particle, and have received soil lately.
             min_volume = min(parcel.particle_volume, MAX_ROW_VOLUME)
+            if parcel.volume < min_volume and tick - parcel.tick <= _MAX_IDLE_TICKS:
+                continue
             while parcel.volume >= min_volume and len(batch.volumes) < max_count:
                 volume = self._next_volume(batch, parcel, particles)
                 if parcel.volume < volume:

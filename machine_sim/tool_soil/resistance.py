@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from machine_sim.machine import MachineError
 from machine_sim.tool_soil.capped_spring_damper import CappedSpringDamper, norm
-from msg_bridge.contract.rows import FORCE, Rows, SoilReaction
+from msg_bridge.contract.rows import FORCE_VECTORS, Rows, SoilReaction
 
 __all__ = ["FORCE_TIMEOUT_TICKS", "SoilResistance", "machine_contact"]
 
@@ -32,13 +32,6 @@ Pose = tuple[Array, Array]
 
 FORCE_TIMEOUT_TICKS = 5
 """Number of ticks without a FORCE row after which a wrench is removed."""
-
-_FIELD_NAMES = FORCE.names or ()
-_POINT_FIELDS, _FORCE_FIELDS, _TORQUE_FIELDS = (
-    ("x", "y", "z"),
-    ("fx", "fy", "fz"),
-    ("tx", "ty", "tz"),
-)
 
 _RELEASE_DISTANCE = 0.05
 """Distance [m] at which a tool has left the soil: the elastic rebound of soil under the weight of
@@ -113,20 +106,16 @@ class SoilResistance:
             MachineError: a wrench that is not finite; the previous wrenches stay in force.
         """
         wrenches = {}
-        for row in rows.tolist():
-            fields = dict(zip(_FIELD_NAMES, row, strict=True))
-            vectors = [
-                [fields[name] for name in names]
-                for names in (_POINT_FIELDS, _FORCE_FIELDS, _TORQUE_FIELDS)
-            ]
-            if not all(math.isfinite(value) for vector in vectors for value in vector):
+        reactions = rows["reaction"].tolist()
+        for reaction, values in zip(reactions, rows.view(FORCE_VECTORS)["values"], strict=True):
+            point, force, torque = values.astype(np.float64).reshape(3, 3)
+            if not math.isfinite(sum(values.tolist())):
                 raise MachineError(
-                    f"the FORCE row of the tool has point, force and torque {vectors}; give finite"
+                    f"the FORCE row of the tool has point, force and torque {values}; give finite"
                     " numbers [m, N, N m]"
                 )
-            if any(vectors[1]):
-                contact_point, force, torque = map(np.array, vectors)
-                wrenches[fields["reaction"]] = (contact_point, force, torque)
+            if force.any():
+                wrenches[reaction] = (point, force, torque)
         self._ticks_since_update = 0
         self._receive_cut(wrenches.get(SoilReaction.CUT), pose)
         if SoilReaction.BEARING in wrenches:
@@ -165,8 +154,8 @@ class SoilResistance:
         Returns:
             Force [N] on the tool and torque about its frame's origin [N m], map axes.
         """
-        wrench = np.array(self.cut.step(pose, velocity, dt))
-        wrench += self.bearing.step(pose, velocity, dt)
+        cut, bearing = self.cut.step(pose, velocity, dt), self.bearing.step(pose, velocity, dt)
+        wrench = np.array([a + b for a, b in zip(cut, bearing, strict=True)])
         return wrench[:3], wrench[3:]
 
 

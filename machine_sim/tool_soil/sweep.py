@@ -11,9 +11,10 @@ left and the right end of a strip. The action is to cut, to mill or to compact:
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from machine_sim.dem import Pose
 from machine_sim.machine.spec import TrackSpec
@@ -63,9 +64,18 @@ class _KeyPointStrip:
         self.segments: NDArray[np.float32] = self.rows.view(SWEEP_SEGMENT)["ends"]
         self.displacements: NDArray[np.float64] = np.zeros((num_points, 3))
 
-    def move(self, points: NDArray[np.float64], start: Pose, end: Pose) -> None:
-        """Move points of a tool frame [m], shape (points, 3), from one pose to another."""
-        _move_points(points, *start, *end, self.segments, self.displacements)
+    def move(self, points: NDArray[np.float64], start: Pose, end: Pose) -> float:
+        """Move points of a tool frame from one pose to another.
+
+        Args:
+            points: [m], shape (points, 3).
+            start, end: poses of the frame.
+
+        Returns:
+            Maximum component of a displacement [m].
+        """
+        displacement: float = _move_points(points, *start, *end, self.segments, self.displacements)
+        return displacement
 
 
 class PlateSweep:
@@ -144,24 +154,28 @@ class TrackSweep:
             ]
         )
         num_points = len(self._points)
+        heights = self._points[:, 2]
+        self._left_heights, self._right_heights = (
+            heights[: num_points // 2],
+            heights[num_points // 2 :],
+        )
         self._key_points = _KeyPointStrip(num_points, first_tool_id)
         self._key_points.rows["pair"] %= 2
         self._key_points.rows["tool"][num_points // 2 :] += 1
         self._key_points.rows["action"] = SweepAction.COMPACT
 
-    def rows(self, start: Pose, end: Pose, sole_heights: ArrayLike = (0.0, 0.0)) -> Rows:
+    def rows(self, start: Pose, end: Pose, sole_heights: Sequence[float] = (0.0, 0.0)) -> Rows:
         """Return the SWEEP rows of one tick: front and rear edge of each track, left track first.
 
         A machine at rest has no rows: the ground under it is compacted already.
 
         Args:
             start, end: pose of the base frame, whose origin is on the ground.
-            sole_heights: z of the soles in the base frame, left and right [m], shape (2,).
+            sole_heights: z of the soles in the base frame, left and right [m].
         """
-        self._points.reshape(2, -1, 3)[:, :, 2] = np.reshape(sole_heights, (2, 1))
+        self._left_heights[:], self._right_heights[:] = sole_heights
         strip = self._key_points
-        strip.move(self._points, start, end)
-        if np.abs(strip.displacements).max() < _MIN_TRACK_DISPLACEMENT:
+        if strip.move(self._points, start, end) < _MIN_TRACK_DISPLACEMENT:
             return empty_rows(SWEEP)
         return strip.rows.copy()
 
@@ -177,7 +191,11 @@ def _move_points(  # type: ignore[no-untyped-def]
         rotation, origin: pose at the start.
         end_rotation, end_origin: pose at the end.
         segments, displacements: out, shapes (n, 6) and (n, 3).
+
+    Returns:
+        Maximum component of a displacement [m].
     """
+    max_displacement = 0.0
     for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         for k in range(3):
@@ -185,6 +203,8 @@ def _move_points(  # type: ignore[no-untyped-def]
             b = end_rotation[k, 0] * x + end_rotation[k, 1] * y + end_rotation[k, 2] * z
             b += end_origin[k]
             segments[i, k], segments[i, 3 + k], displacements[i, k] = a, b, b - a
+            max_displacement = max(max_displacement, abs(b - a))
+    return max_displacement
 
 
 @kernel

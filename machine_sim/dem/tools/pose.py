@@ -35,8 +35,8 @@ __all__ = [
     "pack_pose",
     "rotate_to_map_axes",
     "rotate_to_tool_axes",
-    "rotation_cosine",
     "to_tool_frame",
+    "validate_motion",
     "validate_pose",
     "velocity_at",
 ]
@@ -54,7 +54,13 @@ LINEAR, ANGULAR = 0, 3
 TWIST_SIZE = 6
 """Numbers in a packed twist or wrench."""
 
-_NOT_FINITE, _NOT_A_ROTATION = 1, 2
+_LARGE_ROTATION, _NOT_A_ROTATION, _NOT_FINITE = 1, 2, 3
+_ERRORS = {
+    _LARGE_ROTATION: "a tool rotates by 90 deg or more in one step; use shorter steps",
+    _NOT_A_ROTATION: "the matrix of a tool pose is no rotation; give the unit axes of a"
+    " right-handed frame as columns",
+    _NOT_FINITE: "a tool pose is not finite; give the last valid pose instead",
+}
 _ROTATION_TOLERANCE = 1e-6
 """Maximum error of the lengths and of the dot products of a rotation's axes."""
 
@@ -68,6 +74,28 @@ def validate_pose(pose: Pose) -> Pose:
     Raises:
         ParticleError: wrong shapes, values that are not finite, or a matrix that is no rotation.
     """
+    rotation, position = _copy_pose(pose)
+    _raise_error(_pose_error(rotation, position))
+    return rotation, position
+
+
+def validate_motion(start: Pose, end: Pose) -> tuple[Pose, Pose]:
+    """Return copies of two poses in float64, between which a tool can move in a step.
+
+    Raises:
+        ParticleError: an invalid pose, see `validate_pose`, or a rotation by 90 degrees or more.
+    """
+    start, end = _copy_pose(start), _copy_pose(end)
+    _raise_error(_motion_error(*start, *end))
+    return start, end
+
+
+def _copy_pose(pose: Pose) -> Pose:
+    """Return a copy of a pose in float64.
+
+    Raises:
+        ParticleError: wrong shapes.
+    """
     rotation = np.array(pose[0], dtype=np.float64)
     position = np.array(pose[1], dtype=np.float64)
     if rotation.shape != (3, 3) or position.shape != (3,):
@@ -75,15 +103,30 @@ def validate_pose(pose: Pose) -> Pose:
             f"a pose is a 3 x 3 rotation and a position of 3 coordinates, not {rotation.shape} and"
             f" {position.shape}"
         )
-    error = _pose_error(rotation, position)
-    if error == _NOT_FINITE:
-        raise ParticleError("a tool pose is not finite; give the last valid pose instead")
-    if error == _NOT_A_ROTATION:
-        raise ParticleError(
-            "the matrix of a tool pose is no rotation; give the unit axes of a right-handed frame"
-            " as columns"
-        )
     return rotation, position
+
+
+def _raise_error(error: int) -> None:
+    """Raise the error of a code; 0 is none.
+
+    Raises:
+        ParticleError: the code is not 0.
+    """
+    if error:
+        raise ParticleError(_ERRORS[error])
+
+
+@kernel
+def _motion_error(start, start_position, end, end_position):  # type: ignore[no-untyped-def]
+    """Return the error code of the motion between two poses, 0 if it is valid."""
+    error = max(_pose_error(start, start_position), _pose_error(end, end_position))
+    if error:
+        return error
+    trace = 0.0
+    for i in range(3):
+        for j in range(3):
+            trace += start[i, j] * end[i, j]
+    return _LARGE_ROTATION if 0.5 * (trace - 1.0) <= 0.0 else 0
 
 
 @kernel
@@ -112,16 +155,6 @@ def _pose_error(rotation, position):  # type: ignore[no-untyped-def]
         cross = rotation[0, m] * rotation[1, n] - rotation[0, n] * rotation[1, m]
         max_error = max(max_error, abs(cross - rotation[2, k]))
     return 0 if max_error < _ROTATION_TOLERANCE else _NOT_A_ROTATION
-
-
-@kernel
-def rotation_cosine(start, end):  # type: ignore[no-untyped-def]
-    """Return the cosine of the angle between two rotations, shape (3, 3) each."""
-    trace = 0.0
-    for i in range(3):
-        for j in range(3):
-            trace += start[i, j] * end[i, j]
-    return 0.5 * (trace - 1.0)
 
 
 def pack_pose(pose: Pose, record: NDArray[np.float64]) -> None:

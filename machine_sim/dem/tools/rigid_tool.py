@@ -11,7 +11,7 @@ from machine_sim.dem.state import ParticleError
 from machine_sim.dem.tools.convex_hull import convex_hull_planes
 from machine_sim.dem.tools.plane import PLANE_OFFSET
 from machine_sim.dem.tools.plates import Plates
-from machine_sim.dem.tools.pose import Pose, rotation_cosine, validate_pose
+from machine_sim.dem.tools.pose import Pose, validate_motion, validate_pose
 
 __all__ = ["RigidTool"]
 
@@ -53,10 +53,7 @@ class RigidTool:
         Raises:
             ParticleError: an invalid pose, or a rotation by 90 degrees or more; nothing was set.
         """
-        start, end = validate_pose(start), validate_pose(end)
-        if rotation_cosine(start[0], end[0]) <= 0.0:
-            raise ParticleError("a tool rotates by 90 deg or more in one step; use shorter steps")
-        self.start, self.end = start, end
+        self.start, self.end = validate_motion(start, end)
 
     def to_local_frame(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
         """Transform points [m], shape (n, 3), from the map frame to the frame at the end pose."""

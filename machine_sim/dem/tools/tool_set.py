@@ -116,9 +116,18 @@ class ToolSet:
         Raises:
             ParticleError: no such tool.
         """
-        if tool_id not in self.index_by_id:
+        return self.tools[self.index_of(tool_id)]
+
+    def index_of(self, tool_id: int) -> int:
+        """Return the index of a tool.
+
+        Raises:
+            ParticleError: no such tool.
+        """
+        index = self.index_by_id.get(tool_id)
+        if index is None:
             raise ParticleError(f"there is no tool {tool_id}; add it with add_tool")
-        return self.tools[self.index_by_id[tool_id]]
+        return index
 
     def begin_step(self, dt: float) -> None:
         """Interpolate the poses of a step of `dt` [s], and clear the wrenches."""

@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 _NUM_SIDE_SLABS = 6
 """Boxes that approximate one side wall."""
 
+_BOUNDING_MARGIN = 0.01
+"""Margin of the bounding sphere [m], above all rounding."""
+
 
 class _Opening(NamedTuple):
     """Opening of a container in the side view, and the heap on it.
@@ -207,9 +210,26 @@ class OpenContainer:
         """
         normals, offsets = self._half_planes
         rows: NDArray[np.intp] = _indices_in_heap(
-            points, rotation, origin, normals, offsets, self._opening, 0.5 * self.width
+            points,
+            rotation,
+            origin,
+            normals,
+            offsets,
+            self._opening,
+            0.5 * self.width,
+            self._bounding_radius,
         )
         return rows
+
+    @cached_property
+    def _bounding_radius(self) -> float:
+        """Radius of a sphere about the frame's origin around the container and its heap [m]."""
+        heap_height = _Opening(*self._opening).heap_height
+        corners = np.vstack(
+            [self.profile, self.profile + heap_height * self.opening_normal[[0, 2]]]
+        )
+        reach = float(np.hypot(*corners.T).max())
+        return math.hypot(reach, 0.5 * self.width) + _BOUNDING_MARGIN
 
     @cached_property
     def _opening(self) -> tuple[float, ...]:
@@ -245,13 +265,18 @@ class OpenContainer:
 
 
 @kernel
-def _indices_in_heap(points, rotation, origin, normals, offsets, opening, half_width):  # type: ignore[no-untyped-def]
+def _indices_in_heap(  # type: ignore[no-untyped-def]
+    points, rotation, origin, normals, offsets, opening, half_width, bounding_radius
+):
     """Return the rows of `OpenContainer.indices_in_heap`."""
+    max_square = bounding_radius * bounding_radius
     opening = _Opening(*opening)
     rows = np.empty(len(points), dtype=np.intp)
     count = 0
     for i in range(len(points)):
         a, b, c = points[i, 0] - origin[0], points[i, 1] - origin[1], points[i, 2] - origin[2]
+        if a * a + b * b + c * c > max_square:
+            continue
         x = a * rotation[0, 0] + b * rotation[1, 0] + c * rotation[2, 0]
         y = a * rotation[0, 1] + b * rotation[1, 1] + c * rotation[2, 1]
         z = a * rotation[0, 2] + b * rotation[1, 2] + c * rotation[2, 2]

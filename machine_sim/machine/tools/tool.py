@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from machine_sim.machine.rotations import cross, rotation_matrix
+from machine_sim.machine.errors import MachineError
+from machine_sim.machine.rotations import cross, rotation_of
 from machine_sim.machine.spec import LinkSpec
 from machine_sim.machine.tools.shapes import ToolShape
 from machine_sim.machine.validation import finite_numbers
@@ -54,11 +55,9 @@ class Tool:
         self.inertia = link_spec.inertia[1]
         self._client, self._body, self._link = client, body, link
         self._com = np.array(link_spec.center_of_mass)
-        self._joint_angle = 0.0
         self.drum_speed = self.commanded_drum_speed = 0.0
         self.drum_torque = max_effort if shape.spins else 0.0
-        self._force, self._torque = [0.0] * 3, [0.0] * 3  # torque about the frame's origin
-        self._has_wrench = False
+        self._wrench: list[float] = []  # force, and torque about the frame's origin; empty for none
 
     def push(self, force: ArrayLike, torque: ArrayLike, point: ArrayLike | None = None) -> None:
         """Add a wrench that acts in the next step only.
@@ -75,31 +74,48 @@ class Tool:
         if point is not None:
             at = np.array(finite_numbers(point, 3, "point of the wrench"))
             t = (np.array(t) + cross(at - self._origin, np.array(f))).tolist()
-        self._force = [a + b for a, b in zip(self._force, f, strict=True)]
-        self._torque = [a + b for a, b in zip(self._torque, t, strict=True)]
-        self._has_wrench = True
+        self.add_wrench([*f, *t])
+
+    def add_wrench(self, wrench: list[float]) -> None:
+        """Add a wrench that acts in the next step only.
+
+        Args:
+            wrench: force [N] and torque about the origin of the tool frame [N m], map axes, six
+                numbers.
+
+        Raises:
+            MachineError: a number that is not finite; nothing is added.
+        """
+        if not math.isfinite(sum(wrench)):
+            raise MachineError(f"tool wrench {wrench!r}: give finite numbers")
+        present = self._wrench
+        self._wrench = [a + b for a, b in zip(present, wrench, strict=True)] if present else wrench
 
     def before_step(self) -> None:
         """Apply the wrench in the physics engine's next step."""
-        if not self._has_wrench:
+        if not self._wrench:
             return
         body, link, client, world = self._body, self._link, self._client, pybullet.WORLD_FRAME
-        at = self._origin.tolist()
-        pybullet.applyExternalForce(body, link, self._force, at, world, client)
-        pybullet.applyExternalTorque(body, link, self._torque, world, client)
-        self._force, self._torque = [0.0] * 3, [0.0] * 3
-        self._has_wrench = False
+        force, torque = self._wrench[:3], self._wrench[3:]
+        pybullet.applyExternalForce(body, link, force, self._origin_list, world, client)
+        pybullet.applyExternalTorque(body, link, torque, world, client)
+        self._wrench = []
 
     def after_step(self) -> None:
         """Read the state after a step; every property has that state until the next call."""
-        (_, _, _, _, origin, quaternion, self._com_velocity, self._angular_velocity) = (
+        (_, _, _, _, self._origin_list, quaternion, self._com_velocity, self._angular_velocity) = (
             pybullet.getLinkState(self._body, self._link, 1, 1, self._client)
         )
-        self._origin = np.array(origin)
-        self._rotation = rotation_matrix(quaternion)
+        self._origin = np.array(self._origin_list)
+        self._rotation = rotation_of(*quaternion)
+        self._frame = self._rotation, self._origin
         if self.shape.spins:
-            angle, speed, *_ = pybullet.getJointState(self._body, self._link, self._client)
-            self._joint_angle, self.drum_speed = angle, speed
+            angle, self.drum_speed, *_ = pybullet.getJointState(
+                self._body, self._link, self._client
+            )
+            s, c = math.sin(angle), math.cos(angle)
+            inverse = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+            self._frame = self._rotation @ inverse, self._origin
 
     @property
     def is_driven(self) -> bool:
@@ -114,15 +130,12 @@ class Tool:
     @property
     def frame(self) -> tuple[Array, Array]:
         """Pose as in `pose`, but without the rotation of a spinning tool about its joint."""
-        if not self.shape.spins:
-            return self._rotation, self._origin
-        s, c = math.sin(self._joint_angle), math.cos(self._joint_angle)
-        inverse = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
-        return self._rotation @ inverse, self._origin
+        return self._frame
 
     @property
     def velocity(self) -> tuple[Array, Array]:
         """Velocity of the tool frame's origin [m/s] and angular velocity [rad/s], map frame."""
-        angular_velocity = np.array(self._angular_velocity)
-        arm = self._rotation @ self._com
-        return np.array(self._com_velocity) - cross(angular_velocity, arm), angular_velocity
+        (vx, vy, vz), (wx, wy, wz) = self._com_velocity, self._angular_velocity
+        x, y, z = (self._rotation @ self._com).tolist()
+        velocity = (vx - (wy * z - wz * y), vy - (wz * x - wx * z), vz - (wx * y - wy * x))
+        return np.array(velocity), np.array(self._angular_velocity)

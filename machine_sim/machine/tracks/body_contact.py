@@ -56,7 +56,7 @@ def main_body_on(ground: Ground, spec: MachineSpec) -> MainBody:
     """Return the main body of a machine without contact; it shares the surface of `ground`."""
     corners = _box_corners(spec)
     points = ContactPoints.inactive(len(corners))
-    return MainBody(corners, ground.surface, tuple(ground.frame), *points)
+    return MainBody(corners, ground.surface, ground.frame, *points)
 
 
 def _box_corners(spec: MachineSpec) -> Array:

@@ -72,7 +72,7 @@ def soil_patch_under(ground: Ground, width: float) -> SoilPatch:
         ground.soil,
         ground.moisture,
         soil_coefficients(ground.soils, width),
-        tuple(ground.frame),
+        ground.frame,
     )
 
 

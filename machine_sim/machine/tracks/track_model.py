@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from machine_sim.machine.spec import MachineSpec
 from machine_sim.machine.tracks.running_gear import with_dynamic_tracks
 from machine_sim.machine.tracks.track_state import SHOE_X, SHOE_Z
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = ["TRACK_MODELS", "TrackModel", "Tracks", "sole_heights", "with_track_model"]
 
@@ -105,27 +105,31 @@ class Tracks(Protocol):
         """
 
 
-def sole_heights(tracks: Tracks) -> Array:
-    """Return z of the loaded soles of each side, weighted by load [m], base frame, shape (2,)."""
+def sole_heights(tracks: Tracks) -> tuple[float, float]:
+    """Return z of the loaded soles of left and right side, weighted by load [m], base frame."""
     spec = tracks.spec.tracks
-    heights: Array = np.zeros(2)
-    _mean_sole_heights(
-        tracks.shoe_poses,
-        tracks.shoe_loads,
-        0.5 * spec.axle_distance,
-        0.5 * spec.shoe_thickness,
-        heights,
+    half_axle_distance, half_thickness = 0.5 * spec.axle_distance, 0.5 * spec.shoe_thickness
+    heights: tuple[float, float] = _mean_sole_heights(
+        tracks.shoe_poses, tracks.shoe_loads, half_axle_distance, half_thickness
     )
     return heights
 
 
 @kernel
-def _mean_sole_heights(poses, loads, half_axle_distance, half_thickness, heights):  # type: ignore[no-untyped-def]
-    """Write the heights of `sole_heights`, over the shoes between the axles."""
-    for side in range(2):
-        total = height = 0.0
-        for k in range(poses.shape[1]):
-            if abs(poses[side, k, SHOE_X]) < half_axle_distance:
-                total += loads[side, k]
-                height += (poses[side, k, SHOE_Z] - half_thickness) * loads[side, k]
-        heights[side] = height / max(total, 1.0)
+def _mean_sole_heights(poses, loads, half_axle_distance, half_thickness):  # type: ignore[no-untyped-def]
+    """Return `sole_heights`, over the shoes between the axles."""
+    return (
+        _mean_sole_height(poses[0], loads[0], half_axle_distance, half_thickness),
+        _mean_sole_height(poses[1], loads[1], half_axle_distance, half_thickness),
+    )
+
+
+@helper
+def _mean_sole_height(poses, loads, half_axle_distance, half_thickness):  # type: ignore[no-untyped-def]
+    """Return z of the loaded soles of one side [m]."""
+    total = height = 0.0
+    for k in range(len(poses)):
+        if abs(poses[k, SHOE_X]) < half_axle_distance:
+            total += loads[k]
+            height += (poses[k, SHOE_Z] - half_thickness) * loads[k]
+    return height / max(total, 1.0)
