@@ -28,7 +28,6 @@ from machine_sim.dem.partition import NUM_CHUNKS
 from machine_sim.dem.tools.plane import PLANE_NORMAL, PLANE_OFFSET, PLANE_SIZE
 from machine_sim.dem.vec3 import dot, load_row, store_row
 from machine_sim.ground.contact_surface import Ground, surface_at
-from machine_sim.ground.contact_surface_kernels import GridFrame
 from msg_bridge.kernels import BoxedTable, box_table, helper, threaded_helper
 
 __all__ = [
@@ -76,7 +75,7 @@ class GroundData(NamedTuple):
     """
 
     surface: NDArray[np.float64]
-    frame: GridFrame
+    frame: tuple[float, float, float]
     cell: float
     contacts: GroundContacts
 
