@@ -3,12 +3,17 @@
 Beverloo, Leniger, van de Velde: The flow of granular solids through orifices, Chem. Eng. Sci. 15
 (1961) 260-269, doi:10.1016/0009-2509(61)85030-6: W = C rho sqrt(g) (D - k d)^2.5, for a hole of
 diameter D and grains of diameter d, with C = 0.58 and k = 1.4, rho the density of the soil as it
-lies in the bin. Neither depth nor width of the bin matter where both are well above D.
+lies in the bin. It is measured before the hole is opened: 0.57 to 0.62 of the density of a
+particle, the more the wider the bin. Neither depth nor width of the bin matter where both are well
+above D.
 
 k is that of sand, and the law is an approximation: measurements of beads over a wide range of holes
 deviate from it in both directions (Mankoc et al., Granular Matter 9 (2007) 407,
 doi:10.1007/s10035-007-0062-2). The exponent is therefore fitted over a range of holes as wide as
 possible without jamming and with an acceptable run time.
+
+C depends on friction where it is low, and on the rolling resistance that stands for the shape of
+the grains: `docs/validation.md` has the measurements.
 """
 
 from __future__ import annotations
@@ -47,6 +52,8 @@ _BIN_WIDTH = 2.5
 """Width of the bin, in diameters of the hole."""
 _FILL_DEPTH = 1.75
 """Depth of the soil, in diameters of the hole."""
+_PACKING_DEPTH = 0.7
+"""Height to which the packing fraction is measured, over that of the highest particle."""
 _NUM_SIDES = 24
 _FLOOR_HEIGHT = 1.0
 """Height of the bin's floor over the bench [m]."""
@@ -75,6 +82,7 @@ class Flow:
         opening: diameter of the hole, in particle diameters.
         rate: particles per second.
         error: standard error of the rate, relative to the rate.
+        packing: volume of the particles over that of the soil in the bin, before the outflow.
         expected_rate: rate by Beverloo's law with C = 0.58 and k = 1.4 [particles/s].
         num_particles: number of particles in the bin, which is kept full.
         num_tunnelled: number of particles that passed through a plate.
@@ -83,6 +91,7 @@ class Flow:
     opening: float
     rate: float
     error: float
+    packing: float
     expected_rate: float
     num_particles: int
     num_tunnelled: int
@@ -128,6 +137,7 @@ def measure_outflow(
     engine.add(points, np.zeros_like(points), VOLUME, grow=False)
     for _ in range(round(_SETTLE_TIME / STEP)):
         engine.step(STEP)
+    packing = _packing_fraction(engine, radius)
     engine.remove_tool(_GATE)
     start = round(_START_TIME * math.sqrt(hole / engine.params.gravity) / STEP)
     num_out = _run(engine, radius, d, start, passing)
@@ -140,14 +150,17 @@ def measure_outflow(
     error = float(np.std(samples, ddof=1)) / rate / math.sqrt(_NUM_RATE_SAMPLES)
     effective = hole - EMPTY_ANNULUS * d
     gravity = engine.params.gravity
-    expected = _COEFFICIENT / bulk_volume(engine, 1) * math.sqrt(gravity) * effective**2.5
-    return Flow(opening_in_diameters, rate, error, expected, count, engine.num_plate_tunnellings)
+    number_density = packing / (math.pi / 6.0 * d**3)
+    expected = _COEFFICIENT * number_density * math.sqrt(gravity) * effective**2.5
+    return Flow(
+        opening_in_diameters, rate, error, packing, expected, count, engine.num_plate_tunnellings
+    )
 
 
 def flow_exponent(flows: Sequence[Flow]) -> float:
-    """Return the exponent of the outflow law: the slope of log W against log(D - 1.4 d)."""
+    """Return the exponent of the outflow law: the slope of log(W/rho) against log(D - 1.4 d)."""
     effective = np.log([flow.opening - EMPTY_ANNULUS for flow in flows])
-    return float(np.polyfit(effective, np.log([flow.rate for flow in flows]), 1)[0])
+    return float(np.polyfit(effective, np.log([flow.rate / flow.packing for flow in flows]), 1)[0])
 
 
 def _run(
@@ -186,6 +199,26 @@ def _run(
                 f"the bin is jammed: no outflow for {_JAM_TIME:g} s, after {out} particles"
             )
     return np.asarray(num_out, dtype=np.int64)
+
+
+def _packing_fraction(engine: ParticleEngine, radius: float) -> float:
+    """Return the packing fraction in the bin, without the layers at the floor and at the surface.
+
+    Args:
+        engine: the particles, at rest.
+        radius: inner radius of the bin [m].
+    """
+    d = particle_diameter(engine)
+    z = engine.positions[:, 2] - _FLOOR_HEIGHT
+    low, high = d, _PACKING_DEPTH * float(z.max())
+
+    def volume_below(height: float) -> float:
+        """Return the volume of all particles below a height over the floor [m^3]."""
+        h = np.clip(height - z + 0.5 * d, 0.0, d)
+        return float((math.pi * h**2 * (0.5 * d - h / 3.0)).sum())
+
+    slab = math.pi * radius**2 * (high - low)
+    return (volume_below(high) - volume_below(low)) / slab
 
 
 def _fill_points(radius: float, d: float, count: int, angle: float) -> Points:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from msg_bridge.contract.constants import GRAVITY
+from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.parameters import Parameters, parameter
 
 __all__ = ["ParticleParams"]
@@ -38,7 +39,13 @@ class ParticleParams(Parameters):
         1_000_000, "Nominal bank volume of a particle.", unit="mm^3", low=100, high=2**32 - 1
     )
     gravity: float = parameter(GRAVITY, "Gravity, downward.", unit="m/s^2", low=0.0, high=30.0)
-    substeps: int = parameter(4, "Contact substeps per physics step.", low=1, high=100)
+    substeps: int = parameter(
+        4,
+        "Contact substeps per physics step, at most `substeps_per_contact`: contacts are listed"
+        " once in a step.",
+        low=1,
+        high=50,
+    )
     substeps_per_contact: float = parameter(
         5.6, "Duration of a free collision in substeps; sets the stiffness.", low=5.0, high=50.0
     )
@@ -130,3 +137,17 @@ class ParticleParams(Parameters):
         low=0.0,
         high=2.0,
     )
+
+    def __post_init__(self) -> None:
+        """Validate the parameters.
+
+        Raises:
+            ParameterError: more substeps than a collision lasts: particles that bounce within a
+                step would meet others that are not listed as their contacts.
+        """
+        super().__post_init__()
+        if self.substeps > self.substeps_per_contact:
+            raise ParameterError(
+                f"substeps is {self.substeps}, more than substeps_per_contact,"
+                f" {self.substeps_per_contact:g}; increase substeps_per_contact as well"
+            )

@@ -7,6 +7,8 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from msg_bridge.nodes.diagnostics import Diagnostics, Level
 from msg_bridge.nodes.real_time_monitor import (
     OVERLOAD_CONDITION,
@@ -21,6 +23,8 @@ from soil_sim.node.soil_run import SoilRun
 
 __all__ = ["SoilDiagnostics"]
 
+_FLOOR_CONDITION = "floor"
+"""Name of the problem of columns without soil."""
 _LOW_LOAD = 0.5
 """Load of the soil node below which it is not the reason of a slow clock."""
 
@@ -70,6 +74,7 @@ class SoilDiagnostics:
         for key, value in {**self._values(), **self._speed(load, num_late)}.items():
             self._diagnostics.set(key, value)
         self._report_overload(load, num_late)
+        self._report_floor()
         self._num_late_ticks = self._run.scheduler.num_late_ticks
         self._num_late_ticks_by_machine = self._run.num_late_ticks_by_machine.copy()
 
@@ -123,6 +128,20 @@ class SoilDiagnostics:
             if level > self._logged_level:
                 self._node.get_logger().warning(text)
                 self._logged_level = level
+
+    def _report_floor(self) -> None:
+        """Set or clear the problem of columns that are dug down to the floor of the terrain."""
+        columns = self._run.endpoint.soil.columns
+        num_empty = int(np.count_nonzero(columns.height <= columns.floor))
+        self._diagnostics.set("columns_at_floor", num_empty)
+        if num_empty == 0:
+            self._diagnostics.clear(_FLOOR_CONDITION)
+            return
+        self._diagnostics.problem(
+            f"{num_empty} columns are dug down to the floor of the terrain at"
+            f" {columns.floor:.2f} m, which bears tools like rock; use a larger soil.soil_depth",
+            condition=_FLOOR_CONDITION,
+        )
 
     def _cause(self, load: TickLoad, num_late: int) -> str:
         """Return what the ticks since the last update waited for."""

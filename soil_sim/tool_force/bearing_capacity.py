@@ -9,8 +9,8 @@ of the plate; the cutting edge, a strip as wide as the edge is thick, carries it
 
 (Vesic, Analysis of ultimate loads of shallow foundations, J. Soil Mech. Found. Div. ASCE 99, SM1,
 1973). B is the width of the footing, q_0 the overburden beside it, on the lower side, to which the
-soil would yield. The force is published in every tick as the maximum that the soil carries; the
-machine applies the part that balances its load.
+soil would yield. The floor of the terrain bears like rock, upward. The force is published in every
+tick as the maximum that the soil carries; the machine applies the part that balances its load.
 """
 
 from __future__ import annotations
@@ -39,12 +39,19 @@ the cut surface."""
 _EDGE_THICKNESS = 0.04
 """Thickness of the cutting edge [m]."""
 
+_FLOOR_CAPACITY = 10e6
+"""Bearing capacity of the floor of the terrain [Pa]: typical of sound rock, more than machines
+push."""
+
 _SURCHARGE_DISTANCE_CELLS = 1.5
 """Distance from the edge at which the height of the overburden is sampled [cells]."""
 
-_PAD_POINT, _PAD_NORMAL, _PAD_AREA, _PAD_SIZE = 0, 3, 6, 7
+_UP = (0.0, 0.0, 1.0)
+"""Direction of the force of the floor, which is level and does not yield sideways."""
+
+_PAD_POINT, _PAD_NORMAL, _PAD_AREA, _PAD_IS_FLOOR, _PAD_SIZE = 0, 3, 6, 7, 8
 """Slots of a pad, a strip of a plate in contact: its centre relative to the origin [m] (3), the
-direction of the bearing force (3), its area [m^2]."""
+direction of the bearing force (3), its area [m^2], whether it is at the floor of the terrain."""
 
 
 @helper(inline="always")
@@ -93,10 +100,13 @@ def add_bearing_force(points, origin, columns, grid_layout, strength, sums):  # 
             dy = grid_layout.y_first - col * grid_layout.cell - at[1]
             if columns.height[i] + _CONTACT_GAP > at[2] - (out[0] * dx + out[1] * dy) / out[2]:
                 pad_column[count] = i
+                is_floor = at[2] <= columns.floor + _CONTACT_GAP
+                normal = _UP if is_floor else scale(-1.0, out)
                 for axis in range(3):
                     pads[count, _PAD_POINT + axis] = at[axis] - origin[axis]
-                    pads[count, _PAD_NORMAL + axis] = -out[axis]
+                    pads[count, _PAD_NORMAL + axis] = normal[axis]
                 pads[count, _PAD_AREA] = area / _NUM_STRIPS
+                pads[count, _PAD_IS_FLOOR] = is_floor
                 count += 1
     if count:
         footing_width = 0.0
@@ -104,9 +114,11 @@ def add_bearing_force(points, origin, columns, grid_layout, strength, sums):  # 
             footing_width += pads[n, _PAD_AREA]
         footing_width /= norm(subtract(key_point(points, 1, 1), key_point(points, 0, 1)))
         for n in range(count):
-            x, y, z, nx, ny, nz, area = pads[n]
-            force = area * bearing_capacity(pad_column[n], footing_width, 0.0, columns, strength)
-            add_force(sums, (x, y, z), scale(force, (nx, ny, nz)))
+            x, y, z, nx, ny, nz, area, is_floor = pads[n]
+            capacity = _FLOOR_CAPACITY
+            if not is_floor:
+                capacity = bearing_capacity(pad_column[n], footing_width, 0.0, columns, strength)
+            add_force(sums, (x, y, z), scale(area * capacity, (nx, ny, nz)))
     _add_edge_bearing(points, origin, columns, grid_layout, strength, sums)
 
 
@@ -141,13 +153,13 @@ def _add_edge_bearing(points, origin, columns, grid_layout, strength, sums):  # 
             if j >= 0:
                 surcharge_depth = min(surcharge_depth, columns.height[j] - at[2])
         surcharge_depth = max(surcharge_depth, 0.0) if surcharge_depth < math.inf else 0.0
-        force = (
-            _EDGE_THICKNESS
-            * width
-            / _NUM_STRIPS
-            * bearing_capacity(i, _EDGE_THICKNESS, surcharge_depth, columns, strength)
-        )
-        add_force(sums, subtract(at, origin), scale(force, up))
+        area = _EDGE_THICKNESS * width / _NUM_STRIPS
+        arm = subtract(at, origin)
+        if at[2] <= columns.floor + _CONTACT_GAP:
+            add_force(sums, arm, scale(area * _FLOOR_CAPACITY, _UP))
+            continue
+        capacity = bearing_capacity(i, _EDGE_THICKNESS, surcharge_depth, columns, strength)
+        add_force(sums, arm, scale(area * capacity, up))
 
 
 @helper

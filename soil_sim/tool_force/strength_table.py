@@ -60,6 +60,7 @@ class ForceColumns(NamedTuple):
     loose_soil: NDArray[np.uint8]
     moisture: NDArray[np.uint8]
     metres_per_mm3: float
+    floor: float
 
     @classmethod
     def from_columns(cls, columns: ColumnArrays) -> ForceColumns:

@@ -8,6 +8,7 @@ from support.particle_scenes import LITRE, STEP, box, cloud, engine, pose, run
 
 from machine_sim.dem.materials import ContactMaterials
 from msg_bridge.contract.constants import GRAVITY
+from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.loose_soil import LooseSoil
 
 
@@ -151,3 +152,19 @@ def test_poured_soil_has_its_packing_fraction(repose_angle):
     assert num_filled / len(probes) == pytest.approx(
         ContactMaterials(world.soils, LITRE).packing[0, 0], rel=0.04
     )
+
+
+def test_more_substeps_than_a_collision_lasts_are_an_error():
+    with pytest.raises(ParameterError, match="substeps_per_contact"):
+        engine(substeps=8, substeps_per_contact=5.6)
+
+
+def test_fine_substeps_of_as_long_collisions_do_not_burst_a_heap():
+    world = engine(substeps=16, substeps_per_contact=22.4)
+    points = cloud(200, 0.13, (0.6, 0.6), 1.0)
+    world.add(points, np.zeros_like(points), LITRE, grow=False)
+    fastest = 0.0
+    for _ in range(200):
+        world.step(STEP)
+        fastest = max(fastest, float(np.linalg.norm(world.state.velocity, axis=1).max()))
+    assert fastest < 9.0, "free fall from the top of the cloud, 3.5 m: 8.3 m/s"

@@ -35,7 +35,7 @@ class FakeDiagnostics:
     def set(self, key: str, value: Any) -> None:
         self.values[key] = value
 
-    def problem(self, text: str, level: Level, *, condition: str = "") -> None:
+    def problem(self, text: str, level: Level = Level.WARN, *, condition: str = "") -> None:
         self.problems[condition] = (text, level)
 
     def clear(self, condition: str = "") -> None:
@@ -88,6 +88,21 @@ class Scene:
     @property
     def level(self) -> Level:
         return self.diagnostics.problems.get("overload", ("", Level.OK))[1]
+
+
+def test_columns_dug_down_to_the_floor_are_reported_until_they_are_filled() -> None:
+    scene = Scene()
+    scene.diagnostics.update()
+    assert scene.diagnostics.values["columns_at_floor"] == 0
+    columns = scene.run.endpoint.soil.columns
+    height = columns.height[4, 5]
+    columns.height[4, 5] = columns.floor
+    scene.diagnostics.update()
+    assert scene.diagnostics.values["columns_at_floor"] == 1
+    assert scene.diagnostics.problems["floor"][1] is Level.WARN
+    columns.height[4, 5] = height
+    scene.diagnostics.update()
+    assert "floor" not in scene.diagnostics.problems
 
 
 def test_real_time_is_no_problem() -> None:
