@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ from msg_bridge.config_files import find_config
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.testing.ros_context import Ros
 from soil_sim.node.soil_node import SoilNode
-from support.machine_scenes import COMMAND_NAMES, excavator
+from support.machine_scenes import COMMAND_NAMES, excavator, load_shipped_machine
 
 TICK = 0.01
 SITE: dict[str, Any] = {"site.terrain": "flat", "site.num_points": 65, "site.cell": 0.4}
@@ -125,8 +125,8 @@ def ready_to_dig() -> MachineSpec:
 
 
 def machine_file(folder: Path, machine: MachineSpec) -> str:
-    """Write a machine file of the excavator with another home pose; return its path."""
-    content = yaml.safe_load(find_config("machines/excavator.yaml").read_text())
+    """Write the file of a shipped machine with another home pose; return its path."""
+    content = yaml.safe_load(find_config(f"machines/{machine.name}.yaml").read_text())
     home = [float(angle) for angle in machine.home]
     content["home"] = dict(zip(machine.joints, home, strict=True))
     path = folder / "ready.yaml"
@@ -160,9 +160,22 @@ def drag_velocities(machine: MachineSpec, tick: int, ticks: int) -> NDArray[np.f
     return command
 
 
-def joint_command(tick: int, velocities: ArrayLike) -> JointState:
+def ready_to_mill() -> MachineSpec:
+    """Return the road header with its drum 5 cm above level ground."""
+    return replace(load_shipped_machine("road_header"), home=np.array([0.0, 0.25, 0.0]))
+
+
+def milling_velocities(machine: MachineSpec, tick: int, ticks: int) -> NDArray[np.float64]:
+    """Return the velocities of the tick after `tick`: lower the drum and slew; shape (5,)."""
+    speed = machine.joints["head"].max_velocity
+    return np.array([0.2 * np.sin(0.03 * tick), 0.06, speed, 0.05, 0.04 * tick / ticks])
+
+
+def joint_command(
+    tick: int, velocities: ArrayLike, names: Sequence[str] = COMMAND_NAMES
+) -> JointState:
     """Return a `joint_commands` message that answers the state of a tick."""
-    return to_command_state(COMMAND_NAMES, velocities, stamp_from_tick(tick, TICK))
+    return to_command_state(names, velocities, stamp_from_tick(tick, TICK))
 
 
 def dig(
