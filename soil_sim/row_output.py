@@ -85,7 +85,7 @@ def map_update_rows(changes: ColumnChanges, columns: Columns, revision: int) -> 
     """
     if changes.cells.size == 0:
         return empty_rows(MAP_UPDATE)
-    rows: Rows = _map_update_rows(changes.cells, columns.arrays, revision, columns.frame)
+    rows: Rows = _map_update_rows(changes.cells, columns.boxed_arrays, revision, columns.frame)
     return rows
 
 
@@ -140,8 +140,9 @@ def _excavation_rows(removed, tick, machine_id, cols):  # type: ignore[no-untype
 
 
 @kernel
-def _map_update_rows(cells, columns, revision, frame):  # type: ignore[no-untyped-def]
+def _map_update_rows(cells, boxed_columns, revision, frame):  # type: ignore[no-untyped-def]
     """Return MAP_UPDATE rows of columns, by their flat indices."""
+    columns = boxed_columns.table
     rows = np.zeros(cells.size, MAP_UPDATE)
     for n in range(cells.size):
         i, row = cells[n], rows[n]

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.contract.rows import MAX_MILLING_WORK, Rows, SweepAction
+from msg_bridge.contract.rows import MAX_MILLING_WORK, SWEEP, Rows, SweepAction
 from msg_bridge.kernels import helper, kernel
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     "ValidSweeps",
     "group_by_machine",
     "interpolate_key_point",
+    "rows_of_first_tools",
     "validate_sweeps",
 ]
 
@@ -84,6 +85,10 @@ _COORDINATE, _EXTENT, _DISPLACEMENT, _WORK = (
     int(SweepFault.WORK),
 )
 _COMPACT, _MILL = int(SweepAction.COMPACT), int(SweepAction.MILL)
+_WORK_FIELD, _ACTION_FIELD, _ROOM_FIELD, _MACHINE_FIELD, _TOOL_FIELD = (
+    SWEEP.names.index(name)  # type: ignore[union-attr]
+    for name in ("work", "action", "room_mm3", "machine_id", "tool")
+)
 _LAST_ACTION = int(max(SweepAction))
 
 
@@ -158,7 +163,9 @@ def validate_sweeps(sweeps: Rows) -> tuple[ValidSweeps, tuple[str, ...]]:
     Returns:
         (valid sweeps, a message for each rejected tool).
     """
-    rows = sweeps[np.lexsort((sweeps["tool"], sweeps["machine_id"]))]
+    rows = sweeps
+    if not _is_sorted(sweeps):  # as they are from one machine
+        rows = sweeps[np.lexsort((sweeps["tool"], sweeps["machine_id"]))]
     points, first_row, faults = _parse_tools(rows)
     if not faults.any():
         return ValidSweeps(rows, points, first_row), ()
@@ -201,10 +208,19 @@ def _split_tools(rows: Rows, pairs: SweptPairs, left: NDArray[np.int64]) -> list
 
 def _cut_sweep(first: np.void, pairs: SweptPairs) -> CutSweep:
     """Return the sweep of a tool from its first row and its pairs."""
-    work = float(first["work"]) if first["action"] == SweepAction.MILL else None
-    return CutSweep(
-        pairs, int(first["room_mm3"]), int(first["machine_id"]), int(first["tool"]), work
-    )
+    values = first.item()  # one conversion: each field of a record takes as long
+    work = values[_WORK_FIELD] if values[_ACTION_FIELD] == _MILL else None
+    return CutSweep(pairs, values[_ROOM_FIELD], values[_MACHINE_FIELD], values[_TOOL_FIELD], work)
+
+
+@kernel
+def rows_of_first_tools(rows):  # type: ignore[no-untyped-def]
+    """Return the indices of the rows of pair 0 of tool 0 of each machine, ascending."""
+    found, count = np.empty(rows.size, dtype=np.int64), 0
+    for n in range(rows.size):
+        found[count] = n
+        count += rows[n].pair == 0 and rows[n].tool == 0
+    return found[:count]
 
 
 @helper(inline="always")
@@ -219,6 +235,18 @@ def interpolate_key_point(points, which, t):  # type: ignore[no-untyped-def]
         (1 - t) * points[n, 0, p, 1] + t * points[n, 1, p, 1],
         (1 - t) * points[n, 0, p, 2] + t * points[n, 1, p, 2],
     )
+
+
+@kernel
+def _is_sorted(rows):  # type: ignore[no-untyped-def]
+    """Return whether SWEEP rows are sorted by machine and tool."""
+    for n in range(1, rows.size):
+        row, previous = rows[n], rows[n - 1]
+        if row.machine_id < previous.machine_id or (
+            row.machine_id == previous.machine_id and row.tool < previous.tool
+        ):
+            return False
+    return True
 
 
 @kernel

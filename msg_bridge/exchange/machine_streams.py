@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 from msg_bridge.contract.messages import (
@@ -85,7 +84,7 @@ class MachineStreams:
         numbered, span = self._send_buffers[stream].append(rows)
         if numbered.size:
             numbered["machine_id"] = self._key.machine_id
-        return numbered, replace(span, digest=row_digest(numbered))
+        return numbered, RowRange(span.first, span.count, row_digest(numbered))
 
     def _chunks(self, stream: Stream, rows: Rows) -> list[Message]:
         run_id, machine_id, session_id = self._key

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 
 from msg_bridge.contract.messages import Message, RetransmitRequest, RowRange, SoilHeader, Stream
 from msg_bridge.contract.rows import Rows
@@ -44,7 +43,10 @@ class SoilStreams:
         numbered = {}
         for stream in _STREAMS:
             stream_rows, span = self._send_buffers[stream].append(rows[stream])
-            numbered[stream] = (stream_rows, replace(span, digest=row_digest(stream_rows)))
+            numbered[stream] = (
+                stream_rows,
+                RowRange(span.first, span.count, row_digest(stream_rows)),
+            )
         return numbered
 
     def publish(self, header: SoilHeader, rows: Mapping[Stream, Rows]) -> list[Message]:

@@ -66,7 +66,7 @@ class ChangeTracker:
         touched.sort()
         volume_change_mm3 = np.empty_like(touched)
         count = _find_changes(
-            columns.arrays,
+            columns.boxed_arrays,
             columns.tables.repose_tan,
             columns.frame,
             touched,
@@ -85,9 +85,10 @@ class ChangeTracker:
 
 @kernel
 def _find_changes(  # type: ignore[no-untyped-def]
-    columns, repose_tan, frame, touched, volume_change_mm3, previous, material
+    boxed_columns, repose_tan, frame, touched, volume_change_mm3, previous, material
 ):
     """Move the changed columns to the front of `touched`; return their number."""
+    columns = boxed_columns.table
     firm, loose, bulk = columns.firm, columns.loose, columns.bulk
     count = 0
     for n in range(touched.size):

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from msg_bridge.contract.constants import MOISTURE_LEVELS
 from msg_bridge.contract.grid import Grid
+from msg_bridge.kernels import BoxedTable, box_table
 from soil_sim.columns.grid_frame import GridFrame, grid_frame
 from soil_sim.errors import SoilError
 from soil_sim.soils.soil_types import SoilTables
@@ -103,6 +104,7 @@ class Columns:
         height: surface [m], shape (rows, cols), float64; computed from firm and bulk.
         arrays: flat views of these layers for kernels. Write into the layers in place: a layer that
             is replaced by another array no longer belongs to the views.
+        boxed_arrays: the same, boxed.
     """
 
     def __init__(
@@ -176,6 +178,7 @@ class Columns:
             metres_per_mm3=self.metres_per_mm3,
             floor=self.floor,
         )
+        self.boxed_arrays: BoxedTable = box_table(self.arrays)
 
     @property
     def metres_per_mm3(self) -> float:

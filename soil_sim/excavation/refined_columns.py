@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import BoxedTable, box_table, kernel
 
 __all__ = [
     "MOMENT_X",
@@ -61,7 +61,7 @@ class RefinedColumns:
         subcolumns_per_side: number of subcolumns along a side of a column.
         count: number of slots in use, which are the first ones.
         tick: number of the current tick.
-        arrays: the tables.
+        arrays, boxed_arrays: the tables.
     """
 
     def __init__(self, columns: int, subcolumns_per_side: int) -> None:
@@ -78,6 +78,7 @@ class RefinedColumns:
             _INITIAL_SLOTS,
             subcolumns_per_side,
         )
+        self.boxed_arrays: BoxedTable = box_table(self.arrays)
 
     @property
     def capacity(self) -> int:
@@ -93,7 +94,7 @@ class RefinedColumns:
             new = _allocate(old.slot_of, slots, self.subcolumns_per_side)
             for table, previous in zip(_slot_tables(new), _slot_tables(old), strict=True):
                 table[:used] = previous[:used]
-            self.arrays = new
+            self.arrays, self.boxed_arrays = new, box_table(new)
 
     def begin_sweep(self) -> None:
         """Reset what the current sweep removed; slots not in use are cleared when allocated."""
@@ -108,7 +109,7 @@ class RefinedColumns:
         if self.count == 0:
             freed = np.zeros(0, dtype=np.int64)
         else:
-            self.count, freed = _free_unused_slots(self.arrays, self.count, self.tick)
+            self.count, freed = _free_unused_slots(self.boxed_arrays, self.count, self.tick)
         self.tick += 1
         return self.arrays.cells[: self.count].copy(), np.sort(freed)
 
@@ -138,7 +139,7 @@ def _slot_tables(arrays: RefinedArrays) -> tuple[NDArray[np.generic], ...]:
 
 
 @kernel
-def _free_unused_slots(arrays, count, tick):  # type: ignore[no-untyped-def]
+def _free_unused_slots(boxed_arrays, count, tick):  # type: ignore[no-untyped-def]
     """Free the slots of columns that no tool was in, and close the gaps.
 
     What a sweep removed is not moved along: every sweep begins by resetting it.
@@ -146,7 +147,7 @@ def _free_unused_slots(arrays, count, tick):  # type: ignore[no-untyped-def]
     Returns:
         (number of slots in use, flat indices of the freed columns).
     """
-    slot_of, cells, last_tick, subcolumn_height, mean_height, initial_height, _ = arrays
+    slot_of, cells, last_tick, subcolumn_height, mean_height, initial_height, _ = boxed_arrays.table
     freed = np.empty(count, dtype=np.int64)
     kept = 0
     for slot in range(count):

@@ -148,7 +148,7 @@ class SweptCut:
         if self._refined.count == 0:  # all tools are in the air
             return np.zeros(0, dtype=REMOVED_SOIL)
         removed: RemovedSoil = _remove_from_columns(
-            self._columns.arrays, self._refined.arrays, self._refined.count
+            self._columns.boxed_arrays, self._refined.boxed_arrays, self._refined.count
         )
         return removed
 
@@ -168,12 +168,17 @@ class SweptCut:
 
 
 @kernel
-def _remove_from_columns(columns, refined, num_refined):  # type: ignore[no-untyped-def]
+def _remove_from_columns(boxed_columns, boxed_refined, num_refined):  # type: ignore[no-untyped-def]
     """Remove what the subcolumns lost from the columns, as whole mm^3 of bank volume.
+
+    Args:
+        boxed_columns, boxed_refined: `ColumnArrays` and `RefinedArrays`, boxed.
+        num_refined: number of refined columns.
 
     Returns:
         `REMOVED_SOIL` records.
     """
+    columns, refined = boxed_columns.table, boxed_refined.table
     moments, subcolumn_height = refined.removed_moments, refined.subcolumn_height
     cells, mean_height = refined.cells, refined.mean_height
     num_subcolumns = subcolumn_height.shape[1]

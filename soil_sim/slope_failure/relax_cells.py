@@ -42,17 +42,16 @@ class _SlopeLimits(NamedTuple):
 
 
 @kernel
-def enqueue_disturbed(columns, params, cells, include_neighbours, is_lowered, queue):  # type: ignore[no-untyped-def]
+def enqueue_disturbed(slopes, cells, include_neighbours, is_lowered):  # type: ignore[no-untyped-def]
     """Enqueue columns that were disturbed.
 
     Args:
-        columns: `ColumnArrays` of the terrain.
-        params: `RelaxationParameters`.
+        slopes: `SlopeArrays`, boxed; the queue is changed.
         cells: flat indices of the columns.
         include_neighbours: whether to enqueue their neighbours, too.
         is_lowered: whether to enqueue distant columns that are now too high above them, too.
-        queue: the `CellQueue`; changed.
     """
+    columns, params, _, queue = slopes.table
     offsets, has_cohesion = params.offsets, params.stability.distant_offsets.shape[0] > 0
     for i in cells:
         enqueue(queue, i)
@@ -67,7 +66,7 @@ def enqueue_disturbed(columns, params, cells, include_neighbours, is_lowered, qu
 
 
 @kernel
-def relax_cells(columns, params, occupied, queue, budget):  # type: ignore[no-untyped-def]
+def relax_cells(slopes, budget):  # type: ignore[no-untyped-def]
     """Relax columns of the queue until it is empty or about `budget` visits were made.
 
     1. Take the first column of the queue. Skip it if a tool is in it, or if it is steeper against
@@ -81,16 +80,14 @@ def relax_cells(columns, params, occupied, queue, budget):  # type: ignore[no-un
        soil, enqueue the columns that are now too steep or too high above it.
 
     Args:
-        columns: `ColumnArrays` of the terrain; changed.
-        params: `RelaxationParameters`.
-        occupied: marks of `columns.occupancy`, flat, uint8.
-        queue: the `CellQueue`; changed.
+        slopes: `SlopeArrays`, boxed; the columns and the queue are changed.
         budget: number of visits.
 
     Returns:
         The number of visits: searches of the neighbourhood of a column.
     """
     # The arrays are read from their tuples here: in the loops Numba would count references to them.
+    columns, params, occupied, queue = slopes.table
     firm, loose, height = columns.firm, columns.loose, columns.height
     offsets, distance, tolerance = params.offsets, params.distance, params.tolerance
     rows, cols, reach = params.rows, params.cols, params.reach

@@ -20,6 +20,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from msg_bridge.kernels import BoxedTable, box_table
 from soil_sim.columns.state import Columns
 from soil_sim.slope_failure.cell_queue import (
     clear,
@@ -30,7 +31,7 @@ from soil_sim.slope_failure.cell_queue import (
 from soil_sim.slope_failure.noise import RelaxationNoise
 from soil_sim.slope_failure.relax_cells import enqueue_disturbed, relax_cells
 from soil_sim.slope_failure.relax_window import WindowRelaxation
-from soil_sim.slope_failure.relaxation_parameters import relaxation_parameters
+from soil_sim.slope_failure.relaxation_parameters import SlopeArrays, relaxation_parameters
 from soil_sim.slope_failure.runout import ColumnShares, deposit_with_runout
 from soil_sim.slope_failure.slope_excess import max_slope_excess
 
@@ -86,6 +87,9 @@ class SlopeRelaxation:
         self._params = relaxation_parameters(columns, radius, tolerance, noise)
         self._queue = create_cell_queue(columns.height.size)
         self.occupied: NDArray[np.uint8] = np.zeros(columns.grid.shape, dtype=np.uint8)
+        self._boxed_slopes: BoxedTable = box_table(
+            SlopeArrays(columns.arrays, self._params, self.occupied.reshape(-1), self._queue)
+        )
         self.is_enabled = True
         self.uses_windows = uses_windows
         self._first_index: NDArray[np.int32] = np.zeros(columns.height.size, dtype=np.int32)
@@ -133,10 +137,7 @@ class SlopeRelaxation:
         """
         return int(
             deposit_with_runout(
-                self._columns.arrays,
-                self._params,
-                self.occupied.reshape(-1),
-                self._queue,
+                self._boxed_slopes,
                 shares,
                 self._first_index,
                 _UNLIMITED if budget is None else budget,
@@ -182,12 +183,10 @@ class SlopeRelaxation:
     ) -> None:
         if cells.size:
             enqueue_disturbed(
-                self._columns.arrays,
-                self._params,
+                self._boxed_slopes,
                 np.ascontiguousarray(cells, dtype=np.int64),
                 include_neighbours,
                 is_lowered,
-                self._queue,
             )
 
     def _is_window_cheaper(self) -> bool:
@@ -222,12 +221,4 @@ class SlopeRelaxation:
 
     def _relax_cells(self, budget: int) -> int:
         """Relax queued columns one by one; return the number of visits."""
-        return int(
-            relax_cells(
-                self._columns.arrays,
-                self._params,
-                self.occupied.reshape(-1),
-                self._queue,
-                budget,
-            )
-        )
+        return int(relax_cells(self._boxed_slopes, budget))

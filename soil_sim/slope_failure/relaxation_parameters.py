@@ -7,12 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from soil_sim.columns.state import Columns
+from soil_sim.columns.state import ColumnArrays, Columns
+from soil_sim.slope_failure.cell_queue import CellQueue
 from soil_sim.slope_failure.neighbourhood import gauss_circle_offsets
 from soil_sim.slope_failure.noise import RelaxationNoise
 from soil_sim.slope_failure.stability import StabilityLimits, stability_limits
 
-__all__ = ["RelaxationParameters", "relaxation_parameters"]
+__all__ = ["RelaxationParameters", "SlopeArrays", "relaxation_parameters"]
 
 _MIN_EXCESS_MM3 = 4
 """Smallest volume of a column that can be divided [mm^3]."""
@@ -48,6 +49,22 @@ class RelaxationParameters(NamedTuple):
     min_repose_tan: float
     jitter: float
     random_state: NDArray[np.uint64]
+
+
+class SlopeArrays(NamedTuple):
+    """What the kernels that move soil of single columns work on.
+
+    Attributes:
+        columns: the terrain.
+        params: when soil slides, and where to.
+        occupied: marks of `columns.occupancy`, flat, uint8.
+        queue: the columns to relax.
+    """
+
+    columns: ColumnArrays
+    params: RelaxationParameters
+    occupied: NDArray[np.uint8]
+    queue: CellQueue
 
 
 def relaxation_parameters(

@@ -63,7 +63,7 @@ def join_shares(parts: Sequence[ColumnShares]) -> ColumnShares:
 
 
 @kernel
-def deposit_with_runout(columns, params, occupied, queue, shares, first_index, budget):  # type: ignore[no-untyped-def]
+def deposit_with_runout(slopes, shares, first_index, budget):  # type: ignore[no-untyped-def]
     """Add loose soil to columns and let it run out, in at most about `budget` steps.
 
     1. Take one layer of each share in turn, until no share has volume left.
@@ -77,10 +77,7 @@ def deposit_with_runout(columns, params, occupied, queue, shares, first_index, b
     When the budget is spent, the remaining soil is added where it is, and the columns enqueued.
 
     Args:
-        columns: `ColumnArrays` of the terrain; changed.
-        params: `RelaxationParameters`.
-        occupied: marks of `columns.occupancy`, flat, uint8.
-        queue: the `CellQueue`; changed.
+        slopes: `SlopeArrays`, boxed; the columns and the queue are changed.
         shares: `ColumnShares` to deposit; their volumes are set to 0.
         first_index: scratch array of zeros, shape (columns,), int32; zeros again afterwards.
         budget: number of steps.
@@ -88,6 +85,7 @@ def deposit_with_runout(columns, params, occupied, queue, shares, first_index, b
     Returns:
         The number of steps: moves from a column to a neighbour.
     """
+    columns, params, occupied, queue = slopes.table
     _merge_duplicates(shares, first_index)
     # The arrays are read from their tuples here: in the loops Numba would count references to them.
     height, repose_tan, tolerance = columns.height, params.repose_tan, params.tolerance

@@ -18,6 +18,7 @@ from soil_sim.soils.soil_types import SoilType
 __all__ = [
     "STRENGTH_DTYPE",
     "ForceColumns",
+    "ForceGround",
     "GridLayout",
     "column_index_at",
     "strength_table",
@@ -66,6 +67,20 @@ class ForceColumns(NamedTuple):
     def from_columns(cls, columns: ColumnArrays) -> ForceColumns:
         """Return a view that shares the arrays of the terrain."""
         return cls(*(getattr(columns, name) for name in cls._fields))
+
+
+class ForceGround(NamedTuple):
+    """The ground that tools move through, for force kernels.
+
+    Attributes:
+        columns: the terrain.
+        grid_layout: its grid.
+        strength: `strength_table` of the kinds of soil.
+    """
+
+    columns: ForceColumns
+    grid_layout: GridLayout
+    strength: NDArray[np.void]
 
 
 STRENGTH_DTYPE = np.dtype(

@@ -21,7 +21,7 @@ from msg_bridge.contract.rows import (
     empty_rows,
     join_rows,
 )
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import BoxedTable, box_table, helper, kernel
 from soil_sim.columns.state import Columns
 from soil_sim.excavation.milled_cut import CONTACT_FORCE, CONTACT_POINT, Milling
 from soil_sim.soils.soil_types import SoilType
@@ -29,7 +29,12 @@ from soil_sim.tool_force.bearing_capacity import add_bearing_force
 from soil_sim.tool_force.cutting_edge import add_edge_force
 from soil_sim.tool_force.side_plate import add_side_plate_force
 from soil_sim.tool_force.stationary_drum import add_stationary_drum_force, is_drum
-from soil_sim.tool_force.strength_table import ForceColumns, GridLayout, strength_table
+from soil_sim.tool_force.strength_table import (
+    ForceColumns,
+    ForceGround,
+    GridLayout,
+    strength_table,
+)
 from soil_sim.tool_force.wrench import (
     NUM_SUMS,
     WRENCH_FORCE,
@@ -60,9 +65,14 @@ class ToolForces:
             columns: the terrain; `compute` reads its current state.
             kinds: the kinds of soil in it, in the order of their ids.
         """
-        self._columns = ForceColumns.from_columns(columns.arrays)
         self.strength = strength_table(kinds)
-        self._grid_layout = GridLayout.from_grid(columns.grid)
+        self._ground: BoxedTable = box_table(
+            ForceGround(
+                ForceColumns.from_columns(columns.arrays),
+                GridLayout.from_grid(columns.grid),
+                self.strength,
+            )
+        )
 
     def compute(self, sweeps: ValidSweeps) -> Rows:
         """Return the FORCE rows of a tick: cutting or milling of each tool, then bearing of some.
@@ -76,10 +86,9 @@ class ToolForces:
             sweeps: validated sweeps of all tools.
         """
         rows, points, first = sweeps
-        tables = self._columns, self._grid_layout, self.strength
-        wrenches, has_drums = _blade_wrenches(rows, points, first, *tables)
+        wrenches, has_drums = _blade_wrenches(rows, points, first, self._ground)
         if has_drums:  # in a separate kernel, to save compile time: few machines have a drum
-            _add_stationary_drum_wrenches(rows, points, first, *tables, wrenches)
+            _add_stationary_drum_wrenches(rows, points, first, self._ground, wrenches)
         forces: Rows = _force_rows(rows, first, wrenches)
         return forces
 
@@ -121,13 +130,12 @@ def set_milling_forces(forces: Rows, millings: Sequence[Milling]) -> Rows:
 
 
 @kernel
-def _blade_wrenches(  # type: ignore[no-untyped-def]
-    rows, points, first, columns, grid_layout, strength
-):
+def _blade_wrenches(rows, points, first, ground):  # type: ignore[no-untyped-def]
     """Return the wrenches of all tools but drums, and whether there are drums that do not mill.
 
     The wrenches have shape (2, tools, 9): [0] cutting, [1] bearing; see `wrench` for the slots.
     """
+    columns, grid_layout, strength = ground.table
     wrenches = np.zeros((2, first.size, WRENCH_SIZE))
     sums = np.empty(NUM_SUMS)
     has_drums = False
@@ -158,10 +166,9 @@ def _blade_wrenches(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _add_stationary_drum_wrenches(  # type: ignore[no-untyped-def]
-    rows, points, first, columns, grid_layout, strength, wrenches
-):
+def _add_stationary_drum_wrenches(rows, points, first, ground, wrenches):  # type: ignore[no-untyped-def]
     """Write the wrenches of drums that are not driven into the result of `_blade_wrenches`."""
+    columns, grid_layout, strength = ground.table
     sums = np.empty(NUM_SUMS)
     for n in range(first.size):
         end = first[n + 1] if n + 1 < first.size else len(points)
