@@ -69,7 +69,7 @@ def read_npy(path: Path, what: str = "heights") -> TerrainRaster:
     try:
         # Memory-mapped: a header with a size beyond the end of the file raises at once.
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except _READ_ERRORS as error:
+    except (*_READ_ERRORS, TypeError) as error:
         raise TerrainError(
             f"it has no complete array of numbers ({error}); write it again with numpy.save",
             TerrainErrorCode.INVALID_FILE,
