@@ -1,27 +1,33 @@
-"""Draw machines at work: an excavator that loads a dumper or leaves a windrow, a road header.
+"""Draw machines at work: an excavator that loads, leaves a windrow or dumps clay, a road header.
 
-    python -m benchmarks.machine_gallery docs/images     # one or two minutes
+    python -m benchmarks.machine_gallery docs/images     # two or three minutes
+    python -m benchmarks.machine_gallery docs/images --scenes clay stalled
 
-Writes machines_loading.png, machines_face.png and machines_windrow.png into the given folder, or
-into out/.
+Writes machines_SCENE.png for each scene into the given folder, or into out/.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.full_lever_digging import LeverRun, swing
+from benchmarks.full_lever_digging import LEVERS_AT_REST, LeverRun, swing
+from benchmarks.validation.face_milling import FaceSite
 from dig_operator import BehaviourParams, DigTask, DigTaskParams, FaceCuttingParams, FaceCuttingTask
 from earthmoving_sim.coloured_mesh import ColouredMesh, merge_meshes, polygon_mesh
 from earthmoving_sim.machine_mesh import machine_mesh
 from earthmoving_sim.operated_machine import OperatedMachine
-from earthmoving_sim.pictures.site_3d import draw_site_3d
+from earthmoving_sim.pictures.rasterizer import Camera
+from earthmoving_sim.pictures.shading import render
+from earthmoving_sim.pictures.site_3d import ABOVE, BORDER, draw_site_3d
 from earthmoving_sim.pictures.site_record import SiteRecord
+from earthmoving_sim.pictures.style import DPI, add_axes, add_title, new_figure, save
 from earthmoving_sim.world import World
 from machine_sim.dem import ParticleParams, SoilEngine
 from machine_sim.machine import TrackedMachine, load_machine_spec, rotation_matrix
@@ -39,6 +45,13 @@ _COMMAND_INTERVAL_TICKS = 2
 _TIMEOUT = 120.0
 """Simulated time after which a scene is drawn unfinished [s]."""
 
+_CLOSE_UP_RADIUS = 1.3
+"""Distance from the middle of a close-up to which it shows machine and particles [m]."""
+_CLOSE_UP_WIDTH = 7.0
+"""Width of a close-up [in]."""
+_CLOSE_UP_ELEVATION = 1.0
+"""Elevation of the camera and of the bucket's opening in a close-up [rad]."""
+
 _OCTAHEDRON = np.array(
     [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)], dtype=np.float64
 )
@@ -51,11 +64,12 @@ def main() -> None:
     parser.add_argument(
         "folder", type=Path, nargs="?", default=Path("out"), help="folder to write into"
     )
-    folder = parser.parse_args().folder
-    folder.mkdir(parents=True, exist_ok=True)
-    scenes = {"loading": load_dumper, "face": cut_face, "windrow": leave_windrow}
-    for name, draw in scenes.items():
-        print(draw_site_3d(draw(), folder / f"machines_{name}.png", labels=False))
+    parser.add_argument("--scenes", choices=SCENES, nargs="+", default=list(SCENES))
+    options = parser.parse_args()
+    options.folder.mkdir(parents=True, exist_ok=True)
+    for name in options.scenes:
+        path = options.folder / f"machines_{name}.png"
+        print(SCENES[name](path))
 
 
 def load_dumper() -> SiteRecord:
@@ -101,6 +115,96 @@ def leave_windrow() -> SiteRecord:
     record = record_site(run.world.soil, run.sim, before, title)
     run.world.close()
     return record
+
+
+def draw_sticking_clay(path: Path) -> Path:
+    """Draw the open bucket of an excavator that has dumped wet clay, with what hangs in it."""
+    run = LeverRun(1, "wet clay")
+    run.hold_until((0, 1, 0, 0), lambda: run.depth > 0.3, 4.0)
+    run.hold_until((0, 0, 1, 0), lambda: run.sim.payload.fill > 0.8, 3.0)
+    run.hold((0, 0, 0, 1), 1.5)
+    run.hold((0, -1, 0, 0), 1.5)
+    full = run.sim.payload.fill
+    run.hold((0, 0, 0, -1), 4.0)
+    run.hold(LEVERS_AT_REST, 3.0)
+    left = 100.0 * run.sim.payload.fill / full
+    bucket, (rotation, origin) = run.sim.machine.spec.bucket, run.sim.machine.tool.pose
+    lip, rim = (np.array([x, 0.0, z]) for x, z in (bucket.profile[0], bucket.profile[-1]))
+    middle = origin + rotation @ (0.5 * (lip + rim))
+    mesh = merge_meshes(
+        _mesh(run.sim.machine),
+        *filter(None, [polygon_mesh(_particle_polygons(run.sim.particles), first_part=10_000)]),
+    )
+    inward = rotation @ np.array([bucket.profile[:, 0].mean(), 0.0, bucket.profile[:, 1].mean()])
+    toward = middle - origin - inward
+    # Light comes from above: turn the bucket about the lip's direction until the camera is there.
+    tilt = _CLOSE_UP_ELEVATION - math.asin(toward[2] / float(np.linalg.norm(toward)))
+    azimuth = math.atan2(toward[1], toward[0])
+    axis = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
+    turn = rotation_matrix([*(math.sin(-0.5 * tilt) * axis), math.cos(0.5 * tilt)])
+    mesh = replace(mesh, points=(mesh.points - middle) @ turn.T, normals=mesh.normals @ turn.T)
+    run.world.close()
+    return _draw_close_up(
+        mesh,
+        Camera(azimuth, _CLOSE_UP_ELEVATION),
+        path,
+        f"Wet clay after the dump: {left:.0f} % of it hangs in the bucket",
+        "view into the bucket, which opens downward; lit from the camera",
+    )
+
+
+def _draw_close_up(
+    mesh: ColouredMesh, camera: Camera, path: Path, title: str, subtitle: str
+) -> Path:
+    """Write a picture of the triangles around the origin as PNG, and return its path.
+
+    Args:
+        mesh: triangles.
+        camera: direction of the view.
+        path: path of the picture.
+        title, subtitle: its titles.
+    """
+    is_near = np.linalg.norm(mesh.points, axis=1) < _CLOSE_UP_RADIUS
+    keep = is_near[mesh.triangles].all(axis=1)
+    part = replace(mesh, triangles=mesh.triangles[keep], parts=mesh.parts[keep])
+    view = camera.view(mesh.points[np.unique(part.triangles)])[:, :2]
+    low, size = view.min(axis=0), np.ptp(view, axis=0)
+    scale = _CLOSE_UP_WIDTH / float(size[0])  # [in/m]
+    height = scale * float(size[1])
+    figure = new_figure(_CLOSE_UP_WIDTH + 2.0 * BORDER, height + 2.0 * BORDER + ABOVE)
+    axes = add_axes(figure, BORDER, BORDER, _CLOSE_UP_WIDTH, height)
+    shape = (round(height * DPI), round(_CLOSE_UP_WIDTH * DPI))
+    axes.imshow(render(part, camera, low, scale * DPI, shape), origin="lower")
+    axes.set_axis_off()
+    add_title(figure, title, subtitle, BORDER)
+    return save(figure, path)
+
+
+def stall_in_rock() -> SiteRecord:
+    """Return the site after a road header has driven its head into rock until the head stalled."""
+    site = FaceSite("rock")
+    before = site.soil.columns.height.copy()
+    site.drive(0.0, 7.5, 1.2)
+    site.drive(0.1, 7.5, 2.6)
+    title = f"A cutting head that has stalled in rock: {abs(site.head_speed):.1f} of 7.5 rad/s"
+    record = record_site(site.soil, site.sim, before, title)
+    site.world.close()
+    return record
+
+
+def _draw(record: Callable[[], SiteRecord]) -> Callable[[Path], Path]:
+    """Return a function that draws a site into a file."""
+    return lambda path: draw_site_3d(record(), path, labels=False)
+
+
+SCENES: dict[str, Callable[[Path], Path]] = {
+    "loading": _draw(load_dumper),
+    "face": _draw(cut_face),
+    "windrow": _draw(leave_windrow),
+    "clay": draw_sticking_clay,
+    "stalled": _draw(stall_in_rock),
+}
+"""Scenes by the name of their picture."""
 
 
 def _simulate(soil: Soil, machines: list[tuple[str, tuple[float, float]]]) -> MachineSim:

@@ -1,6 +1,6 @@
-"""Milling of a face by the shipped road header: balance of energy, rate, and a stalled head.
+"""Milling of a face by the shipped road header: balance of energy, and rate.
 
-    python -m benchmarks.validation.face_milling [--picture out/stalled.png]
+    python -m benchmarks.validation.face_milling
 
 The drive of the head delivers W, the feed presses the head into the ground; the head has the
 kinetic energy E. Work is taken out of the head
@@ -15,10 +15,8 @@ one physics step every step can be observed.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -211,12 +209,6 @@ def mill_face(
 
 def main() -> None:
     """Cut a face of rock and one of loam, and print the balances."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--picture", type=Path, help="draw a head that has stalled in rock")
-    picture = parser.parse_args().picture
-    if picture is not None:
-        print(draw_stalled_head(picture))
-        return
     for soil in ("rock", "loam"):
         result, seconds = mill_face(soil, report=print)
         print(
@@ -225,22 +217,6 @@ def main() -> None:
             f" {result.milling_work / 1e6:.2f} MJ, cuttings {result.cuttings_work / 1e6:.3f} MJ,"
             f" feed {result.feed_work / 1e6:.3f} MJ, imbalance {100.0 * result.imbalance:.2f} %"
         )
-
-
-def draw_stalled_head(path: Path) -> Path:
-    """Drive into a face of rock at full speed until the head has stalled, and draw it."""
-    # Matplotlib is loaded for pictures only.
-    from benchmarks.machine_gallery import record_site
-    from earthmoving_sim.pictures.site_3d import draw_site_3d
-
-    site = FaceSite("rock")
-    before = site.soil.columns.height.copy()
-    site.drive(0.0, 7.5, 1.2)
-    site.drive(0.1, 7.5, 2.6)
-    record = record_site(site.soil, site.sim, before, "A cutting head that has stalled in rock")
-    site.world.close()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return draw_site_3d(record, path, labels=False)
 
 
 if __name__ == "__main__":
