@@ -15,6 +15,7 @@ one physics step every step can be observed.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -209,6 +210,7 @@ def mill_face(
 
 def main() -> None:
     """Cut a face of rock and one of loam, and print the balances."""
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     for soil in ("rock", "loam"):
         result, seconds = mill_face(soil, report=print)
         print(
