@@ -28,6 +28,7 @@ from machine_sim.answer_check import (
 from machine_sim.dem import ParticleEngine, ParticleParams, SoilEngine
 from machine_sim.ground.contact_surface import Ground
 from machine_sim.machine import MachineError, TrackedMachine
+from machine_sim.machine_contacts import ContactMonitor
 from machine_sim.overlap_check import check_overlaps
 from machine_sim.params import MachineSimParams
 from machine_sim.physics_engine import pybullet
@@ -78,6 +79,7 @@ class MachineSim:
         simulated_machines: the machines with their tools, in the order given.
         bins: the bins, in the order given.
         particles: soil in the air, in tools, and at rest before its deposition.
+        contacts: contacts between machines, and of machines with bins.
         tick: number of completed ticks.
     """
 
@@ -143,6 +145,12 @@ class MachineSim:
         except MachineError:
             self.close()
             raise
+        self.contacts = ContactMonitor(
+            self._client,
+            [each.machine.body for each in self.simulated_machines],
+            [each.bodies for each in self.bins],
+        )
+        self._time = 0.0  # of the last physics step [s]
         self._couplings = [
             coupling for each in self.simulated_machines for coupling in each.couplings.values()
         ]
@@ -274,6 +282,8 @@ class MachineSim:
             pybullet.stepSimulation(self._client)
             for each in self.simulated_machines:
                 each.after_step()
+            self._time += dt
+            self.contacts.update(self._time)
             self.particles.step(dt)
             for each in self.simulated_machines:
                 each.apply_soil_forces(dt)

@@ -24,6 +24,9 @@ __all__ = ["MachineDiagnostics"]
 _TRACK_CONDITION = "tracks"
 """Condition of a machine whose track has come off its wheels."""
 
+_CONTACT_CONDITION = "contacts"
+"""Condition of machines that touch each other."""
+
 _TRACK_WARN_TIME = 10.0
 """Time for which a track that has come off is reported [s]."""
 
@@ -40,14 +43,17 @@ class MachineDiagnostics:
         diagnostics: Diagnostics,
         instances: Sequence[MachineInstance],
         *,
+        bins: Sequence[str] = (),
         now: Callable[[], float] = time.monotonic,
     ) -> None:
         """
         Args:
             diagnostics: diagnostics of the node, which this object fills before each publication.
             instances: machines of the node.
+            bins: names of the bins of the node.
             now: monotonic wall clock [s].
         """
+        self._names = (*(each.name or each.spec.name for each in instances), *bins)
         self._now = now
         self.run: MachineRun | None = None
         self._diagnostics, self._instances = diagnostics, instances
@@ -83,6 +89,7 @@ class MachineDiagnostics:
             self._diagnostics.set(key, value)
         self._report_overload(load)
         self._report_reseats(run)
+        self._report_contacts(run)
         pairs = zip(self._instances, run.sim.simulated_machines, strict=True)
         overturned = [
             instance.name or "the machine"
@@ -142,6 +149,22 @@ class MachineDiagnostics:
             " stepping.track_model: kinematic",
             condition=_TRACK_CONDITION,
         )
+
+    def _report_contacts(self, run: MachineRun) -> None:
+        """Set or clear the problem of machines that touch each other."""
+        contacts = run.sim.contacts.present
+        if not contacts:
+            self._diagnostics.clear(_CONTACT_CONDITION)
+            return
+        texts = []
+        for contact in contacts:
+            first, second = (self._names[k] for k in contact.pair)
+            x, y, z = contact.position
+            texts.append(
+                f"{first} and {second} touch with up to {contact.max_force / 1e3:.0f} kN at"
+                f" ({x:.1f}, {y:.1f}, {z:.1f}) m"
+            )
+        self._diagnostics.problem("; ".join(texts), Level.WARN, condition=_CONTACT_CONDITION)
 
     def _report_overload(self, load: TickLoad) -> None:
         """Set or clear the problem of a node that is too slow for real time."""

@@ -123,9 +123,13 @@ class MachineNode(SimNode):
         self.diagnostics = Diagnostics(
             self, "machine_sim", machine_types, simulation_namespace=simulation
         )
-        self._machine_diagnostics = MachineDiagnostics(self.diagnostics, self.instances)
+        self._machine_diagnostics = MachineDiagnostics(
+            self.diagnostics, self.instances, bins=tuple(self._bins)
+        )
         self._shared_publishers = SharedPublishers(
-            self, {name: params.spec for name, params in self._bins.items()}
+            self,
+            {name: params.spec for name, params in self._bins.items()},
+            machines=[each.name or each.spec.name for each in self.instances],
         )
         self._machine_publishers = [
             create_machine_publishers(self, each, self._params, self._sensor_params)
@@ -304,6 +308,8 @@ class MachineNode(SimNode):
             publishers.publish_applied_command(command, stamp)
         run.step(leave=self._leaving)
         self._send(run)
+        for contact in run.sim.contacts.take_changes():
+            self._shared_publishers.publish_contact(contact)
         self._publish_state(run, run.tick)
         self._machine_diagnostics.record_tick(time.perf_counter() - start)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
@@ -11,8 +11,10 @@ from std_msgs.msg import Float64MultiArray, String
 from visualization_msgs.msg import MarkerArray
 
 from machine_sim.dem import SoilEngine
+from machine_sim.machine_contacts import MachineContact
 from machine_sim.simulated_bin import BinSpec, SimulatedBin
 from msg_bridge.codec import qos
+from msg_bridge.codec.contacts import to_contact_string
 from msg_bridge.codec.machine_state import PayloadState, to_payload_array
 from msg_bridge.codec.markers import MarkerSet
 from msg_bridge.codec.particles import to_particle_cloud
@@ -33,13 +35,26 @@ _BIN_COLOR = (0.35, 0.38, 0.42, 1.0)
 class SharedPublishers:
     """Publishers in the namespace of a machine node."""
 
-    def __init__(self, node: Node, bins: Mapping[str, BinSpec] | None = None) -> None:
+    def __init__(
+        self,
+        node: Node,
+        bins: Mapping[str, BinSpec] | None = None,
+        *,
+        machines: Sequence[str] = (),
+    ) -> None:
         """
         Args:
             node: node of the publishers.
             bins: bins by name; None for none.
+            machines: names of the machines.
         """
         bins = bins or {}
+        self._names = (*machines, *bins)
+        self._contacts = (
+            node.create_publisher(String, topics.CONTACTS, qos.ROWS)
+            if len(self._names) > 1
+            else None
+        )
         self._particles = node.create_publisher(PointCloud2, topics.PARTICLES, qos.STATE)
         self._hash = node.create_publisher(String, topics.MACHINE_STATE_HASH, qos.STATE)
         self._config = node.create_publisher(String, topics.MACHINE_CONFIG, qos.TRANSIENT_LOCAL)
@@ -69,6 +84,20 @@ class SharedPublishers:
     def publish_config(self, text: str) -> None:
         """Publish the node's parameters as YAML."""
         self._config.publish(String(data=text))
+
+    def publish_contact(self, contact: MachineContact) -> None:
+        """Publish a contact that has begun or ended."""
+        if self._contacts is None:
+            return
+        message = to_contact_string(
+            [self._names[k] for k in contact.pair],
+            start_time=contact.start_time,
+            end_time=contact.end_time,
+            max_force=contact.max_force,
+            position=contact.position,
+            is_over=contact.is_over,
+        )
+        self._contacts.publish(message)
 
     def publish_payload(self, name: str, payload: PayloadState) -> None:
         """Publish the payload of a bin."""

@@ -150,7 +150,7 @@ _MACHINE_STATE = (
     ),
     Endpoint(
         topics.OPERATOR_CYCLES, _STRING, _MACHINE, (OPERATOR,), (), "ROWS", "once a cycle",
-        "JSON report of a finished dig cycle; see the document on bags",
+        "JSON report of a finished dig cycle, or of a load; see the document on bags",
     ),
 )  # fmt: skip
 
@@ -163,6 +163,13 @@ _MACHINE_NODE = (
         topics.CONVERSION_BACKLOG, _CLOUD, _NODE, (SOIL,), (MACHINE,), "ROWS", "at a rejoin",
         "conversion rows from before the rejoin",
         "a machine node has appeared",
+    ),
+    Endpoint(
+        topics.CONTACTS, _STRING, _NODE, (MACHINE,), (), "ROWS",
+        "at the start and the end",
+        "JSON: `machines` (names of two machines, or of a machine and a bin), `start_time` and"
+        " `end_time` [s], `max_force` [N], `position` [m], `is_over`",
+        "the node has several machines, or a bin",
     ),
     Endpoint(
         topics.PARTICLES, _CLOUD, _NODE, (MACHINE,), _PAGES, "STATE", "`particle_rate`, 20 Hz",

@@ -21,6 +21,7 @@ __all__ = [
     "APPLIED_COMMANDS",
     "CLOCK",
     "CMD_VEL",
+    "CONTACTS",
     "CONVERSION_BACKLOG",
     "CYLINDERS",
     "DIAGNOSTICS",
@@ -133,6 +134,8 @@ CONVERSION_BACKLOG: Final = "conversion_backlog"
 PARTICLES: Final = "particles"
 MACHINE_STATE_HASH: Final = "state_hash"
 MACHINE_CONFIG: Final = "config"
+CONTACTS: Final = "contacts"
+"""Contacts between the machines of a node."""
 
 # In the namespace of a machine.
 

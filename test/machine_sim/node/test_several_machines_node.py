@@ -108,6 +108,7 @@ def test_each_machine_publishes_in_its_namespace(ros: Ros) -> None:
     assert config["machines"]["truck"]["machine"] == DUMPER
     topics = {publisher.topic_name for publisher in node.publishers}
     shared = {"/site/particles", "/site/state_hash", "/site/config", "/site/soil_tick"}
+    shared |= {"/site/contacts"}
     assert shared == {t for t in topics if t.startswith("/site/") and t.count("/") == 2}
     assert balanced(scene)
 
