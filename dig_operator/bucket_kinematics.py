@@ -50,13 +50,14 @@ class BucketKinematics:
     Attributes:
         level_attitude: attitude at which the bucket's opening faces straight up [rad].
         depth_below_pin: height of the pin above the bucket's lowest point when level [m].
+        tip_length: distance from the pin to the lip [m].
     """
 
     def __init__(self, machine: MachineSpec) -> None:
         self._machine = machine
         self._swing_offset = np.array(arm_geometry(machine).swing)
         bucket = machine.bucket
-        self._tip_length = bucket.tip_radius
+        self.tip_length = bucket.tip_radius
         nx, _, nz = bucket.opening_normal
         self.level_attitude = math.atan2(-nx, nz) % (2 * math.pi)
         x, z = bucket.profile.T
@@ -79,8 +80,8 @@ class BucketKinematics:
         """Return the bucket pose that has the lip at a radius and height [m]."""
         return BucketPose(
             azimuth,
-            radius - self._tip_length * math.cos(attitude),
-            height + self._tip_length * math.sin(attitude),
+            radius - self.tip_length * math.cos(attitude),
+            height + self.tip_length * math.sin(attitude),
             attitude,
         )
 

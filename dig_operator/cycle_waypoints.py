@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dig_operator.bucket_kinematics import BucketKinematics, BucketPose
 from dig_operator.dig_plan import DigPlan, plan_dig
+from dig_operator.dump_target import DumpPoint, DumpTarget
 from dig_operator.observation import Observation
 from dig_operator.params import BehaviourParams
+from dig_operator.swing_follower import SwingFollower
 from dig_operator.terrain_survey import TerrainSurvey
-from dig_operator.waypoint_follower import Waypoint
+from dig_operator.waypoint_follower import Waypoint, WaypointFollower
 from machine_sim.machine.spec import MachineSpec
 
-__all__ = ["WaypointPlanner"]
+__all__ = ["Motion", "WaypointPlanner"]
 
 Array = NDArray[np.float64]
 
@@ -26,19 +29,30 @@ _MAX_ATTITUDE_SPEED = 0.4
 """Maximum angular speed of the bucket in the soil [rad/s]."""
 
 _ENTRY_HEIGHT = 0.05
-"""Height of the lip above its entry into the soil at the end of the reach [m]."""
+"""Height of the lip above its entry into the soil from which on it moves slowly [m]."""
 
 _ENTRY_DURATION = 0.3
 """Duration of the motion to the first waypoint in the soil [s]."""
 
-_MIN_TRANSFER_ANGLE = 0.1
-"""Swing angle from which on a transfer goes over the clearance height [rad]."""
+_MIN_SWING_ANGLE = 0.25
+"""Swing angle above which the reach is a swing [rad], and not a motion of the arm."""
 
 _EXTRA_DURATION = 0.02
 """Time added to the motion to each waypoint [s]."""
 
 _FRACTIONS = (0.25, 0.5, 0.75, 1.0)
 """Fractions of a combined motion at which its waypoints lie."""
+
+
+class Motion(Protocol):
+    """A motion of the bucket."""
+
+    @property
+    def done(self) -> bool:
+        """Whether it has reached its end."""
+
+    def advance(self, observation: Observation, kinematics: BucketKinematics, dt: float) -> Array:
+        """Return the joint velocities to command for the next `dt` [s], [rad/s], shape (4,)."""
 
 
 class WaypointPlanner:
@@ -51,7 +65,7 @@ class WaypointPlanner:
     Attributes:
         params: behaviour of the operator.
         dig_azimuth: middle of the sector to dig in [rad], map frame.
-        dump_azimuth: direction of the dump [rad], map frame.
+        dump_target: where to dump.
         kinematics: kinematics of the bucket.
         plan: plan of the present pass.
     """
@@ -62,22 +76,24 @@ class WaypointPlanner:
         params: BehaviourParams,
         *,
         dig_azimuth: float,
-        dump_azimuth: float,
+        dump_target: DumpTarget,
     ) -> None:
         """
         Args:
             machine: the excavator.
             params: behaviour of the operator.
             dig_azimuth: middle of the sector to dig in [rad], map frame.
-            dump_azimuth: direction of the dump [rad], map frame.
+            dump_target: where to dump.
         """
         self.kinematics = BucketKinematics(machine)
         self.plan = DigPlan.without_waypoints()
         self.params = params
         self._survey = TerrainSurvey(self.kinematics, params, machine.bucket)
         self._capacity = machine.bucket.heaped_capacity
-        self.dig_azimuth, self.dump_azimuth = dig_azimuth, dump_azimuth
+        self.dig_azimuth, self.dump_target = dig_azimuth, dump_target
+        self._dump_point: DumpPoint | None = None  # of the present swing
         self._pass_azimuth = dig_azimuth
+        self._attitudes: Array = np.zeros(0)  # of the bucket at each waypoint of the plan [rad]
         self._entry_attitude = self.kinematics.attitude_for_attack_angle(params.entry_angle)
         self._exit_attitude = self.kinematics.attitude_for_attack_angle(params.exit_angle)
 
@@ -99,35 +115,32 @@ class WaypointPlanner:
         reach = self._survey.dig_reach(observation, self._pass_azimuth, self._entry_attitude)
         radius, surface = self._survey.surface_profile(observation, self._pass_azimuth)
         self.plan = plan_dig(radius, surface, reach, self._capacity * target_fill)
+        self._attitudes = self._plan_attitudes()
 
-    def reach(self, observation: Observation, pose: BucketPose) -> list[Waypoint]:
-        """Move the bucket over the ground to above the entry of the plan, and down to it."""
-        entry_radius, entry_height = float(self.plan.radius[0]), float(self.plan.height[0])
-        attitude = float(self._attitudes()[0])
+    def reach(self, observation: Observation, pose: BucketPose) -> Motion:
+        """Move the bucket over the ground and other machines to above the entry of the plan."""
+        above = self._lip_pose(0, self.params.clearance)
+        if abs(math.remainder(above.azimuth - pose.azimuth, 2 * math.pi)) > _MIN_SWING_ANGLE:
+            return self._swing_motion(observation, pose, above)
+        depth = self._depth_below_pin(observation)
+        heights = self._survey.swing_clearance_heights(
+            observation, pose.azimuth, above.azimuth, depth
+        )
+        lifted = pose._replace(height=max(pose.height, float(heights.max())))
+        return self._timed_motion(pose, [lifted, above])
 
-        def lip_pose(height: float) -> BucketPose:
-            return self.kinematics.pose_with_lip_at(
-                self._pass_azimuth, entry_radius, height, attitude
-            )
-
-        above = lip_pose(entry_height + self.params.clearance)
-        entry = lip_pose(entry_height + _ENTRY_HEIGHT)
-        transfer = self._transfer_poses(observation, pose, above)
-        return self._timed_waypoints(pose, [*transfer, above, entry])
-
-    def dig(self, observation: Observation, pose: BucketPose) -> list[Waypoint]:
-        """Drag the lip along the plan."""
-        plan, attitudes = self.plan, self._attitudes()
-        poses = [
-            self.kinematics.pose_with_lip_at(self._pass_azimuth, radius, height, attitude)
-            for radius, height, attitude in zip(plan.radius, plan.height, attitudes, strict=True)
-        ]
+    def dig(self, observation: Observation, pose: BucketPose) -> Motion:
+        """Lower the lip to the ground, and drag it along the plan."""
+        plan, attitudes = self.plan, self._attitudes
+        poses = [self._lip_pose(k) for k in range(plan.radius.size)]
         lip_times = np.hypot(np.diff(plan.radius), np.diff(plan.height)) / self.params.dig_speed
         turn_times = np.abs(np.diff(attitudes)) / _MAX_ATTITUDE_SPEED
         durations = [_ENTRY_DURATION, *np.maximum(lip_times, turn_times)]
-        return [Waypoint(p, float(t)) for p, t in zip(poses, durations, strict=True)]
+        descent = self._timed_waypoints(pose, [self._lip_pose(0, _ENTRY_HEIGHT)])
+        drag = (Waypoint(p, float(t)) for p, t in zip(poses, durations, strict=True))
+        return WaypointFollower(pose, [*descent, *drag])
 
-    def curl(self, observation: Observation, pose: BucketPose) -> list[Waypoint]:
+    def curl(self, observation: Observation, pose: BucketPose) -> Motion:
         """Turn the opening up while the lip comes out of the soil."""
         poses = [
             pose._replace(
@@ -137,39 +150,47 @@ class WaypointPlanner:
             )
             for fraction in _FRACTIONS
         ]
-        return self._timed_waypoints(pose, poses)
+        return self._timed_motion(pose, poses)
 
-    def lift(self, observation: Observation, pose: BucketPose) -> list[Waypoint]:
-        """Lift the level bucket straight up to the clearance height of the swing."""
-        height = self._survey.swing_clearance_height(observation, pose.azimuth, self.dump_azimuth)
+    def lift(self, observation: Observation, pose: BucketPose) -> Motion:
+        """Lift the level bucket straight up until it is clear of the ground beside it."""
+        heights = self._survey.swing_clearance_heights(
+            observation, pose.azimuth, pose.azimuth, self.kinematics.depth_below_pin
+        )
         lifted = pose._replace(
-            height=max(height, pose.height), attitude=self.kinematics.level_attitude
+            height=max(float(heights[0]), pose.height), attitude=self.kinematics.level_attitude
         )
-        return self._timed_waypoints(pose, [lifted])
+        return self._timed_motion(pose, [lifted])
 
-    def swing(self, observation: Observation, pose: BucketPose) -> list[Waypoint]:
-        """Swing the level bucket to the dump, and up to where it can open above the heap."""
-        angle = math.remainder(self.dump_azimuth - pose.azimuth, 2 * math.pi)
+    def swing(self, observation: Observation, pose: BucketPose) -> Motion:
+        """Swing the level bucket to the dump, and up to where it can open."""
+        azimuth, radius = self._dump_point = self.dump_target.aim(observation)
+        height = self._survey.dump_clearance_height(observation, azimuth, radius)
         above_dump = BucketPose(
-            pose.azimuth + angle,
-            self.params.dump_radius,
-            max(pose.height, self._survey.dump_clearance_height(observation, self.dump_azimuth)),
-            self.kinematics.level_attitude,
+            azimuth, radius, max(pose.height, height), self.kinematics.level_attitude
         )
-        return self._timed_waypoints(
-            pose, [_interpolate(pose, above_dump, fraction) for fraction in _FRACTIONS]
-        )
+        return self._swing_motion(observation, pose, above_dump)
 
-    def dump(self, observation: Observation, pose: BucketPose) -> list[Waypoint]:
+    def dump(self, observation: Observation, pose: BucketPose) -> Motion:
         """Open the bucket above the dump."""
-        angle = math.remainder(self.dump_azimuth - pose.azimuth, 2 * math.pi)
+        assert self._dump_point is not None, "a dump follows a swing"
+        angle = math.remainder(self._dump_point.azimuth - pose.azimuth, 2 * math.pi)
         opened = pose._replace(
             azimuth=pose.azimuth + angle,
             attitude=self.kinematics.level_attitude - self.params.dump_opening_angle,
         )
-        return self._timed_waypoints(pose, [opened])
+        return self._timed_motion(pose, [opened])
 
-    def _attitudes(self) -> Array:
+    def _lip_pose(self, k: int, height: float = 0.0) -> BucketPose:
+        """Return the pose with the lip a height [m] above waypoint `k` of the plan."""
+        return self.kinematics.pose_with_lip_at(
+            self._pass_azimuth,
+            float(self.plan.radius[k]),
+            float(self.plan.height[k]) + height,
+            float(self._attitudes[k]),
+        )
+
+    def _plan_attitudes(self) -> Array:
         """Return the attitude of the bucket at each waypoint of the plan [rad], shape (n,).
 
         It changes from the entry to the exit attitude, limited so that the bucket's floor does not
@@ -186,21 +207,51 @@ class WaypointPlanner:
         distances = np.abs(plan.radius[:, None] - plan.radius)
         return np.asarray((attitudes + _MAX_ATTITUDE_GRADIENT * distances).min(axis=1))
 
-    def _transfer_poses(
-        self, observation: Observation, pose: BucketPose, target: BucketPose
-    ) -> list[BucketPose]:
-        """Return poses that keep the bucket clear of the ground on the way to a target."""
-        angle = math.remainder(target.azimuth - pose.azimuth, 2 * math.pi)
-        height = self._survey.swing_clearance_height(observation, pose.azimuth, target.azimuth)
-        is_loaded = observation.fill > self.params.empty_threshold
-        attitude = self.kinematics.level_attitude if is_loaded else target.attitude
-        lifted = pose._replace(height=max(pose.height, height))
-        if abs(angle) <= _MIN_TRANSFER_ANGLE:
-            return [lifted]
-        above_target = BucketPose(
-            pose.azimuth + angle, target.radius, max(target.height, height), attitude
+    def _swing_motion(
+        self, observation: Observation, start: BucketPose, target: BucketPose
+    ) -> SwingFollower:
+        """Return a swing during which the bucket is lifted and lowered.
+
+        The bucket moves straight toward the target, and higher over ground and machines: as early
+        as the swing needs to lift it there. It stays level until it is empty.
+        """
+        angle = math.remainder(target.azimuth - start.azimuth, 2 * math.pi)
+        clear = self._survey.swing_clearance_heights(
+            observation, start.azimuth, target.azimuth, self._depth_below_pin(observation)
         )
-        return [lifted, _interpolate(lifted, above_target, 0.5), above_target]
+        step = abs(angle) / (clear.size - 1)
+        max_rise = self.params.lip_travel_speed * step / self.params.swing_speed
+        index = np.arange(clear.size)
+        clear = (clear - max_rise * np.abs(index[:, None] - index)).max(axis=1)
+        end = target._replace(azimuth=start.azimuth + angle)
+        if self._is_loaded(observation):
+            end = end._replace(attitude=self.kinematics.level_attitude)
+        poses = []
+        for k, height in enumerate(clear.tolist()):
+            pose = _interpolate(start, end, k / (clear.size - 1))
+            poses.append(pose._replace(height=max(pose.height, height)))
+        poses[-1] = poses[-1]._replace(height=end.height)
+        return SwingFollower(
+            poses,
+            swing_speed=self.params.swing_speed,
+            max_joint_accelerations=self.params.max_joint_accelerations,
+        )
+
+    def _is_loaded(self, observation: Observation) -> bool:
+        return observation.fill > self.params.empty_threshold
+
+    def _depth_below_pin(self, observation: Observation) -> float:
+        """Return the height of the pin above the lowest point of the bucket [m].
+
+        An empty bucket may have any attitude.
+        """
+        is_loaded = self._is_loaded(observation)
+        return self.kinematics.depth_below_pin if is_loaded else self.kinematics.tip_length
+
+    def _timed_motion(self, start: BucketPose, poses: list[BucketPose]) -> WaypointFollower:
+        """Return a motion along poses within the speed of every coordinate."""
+        waypoints = self._timed_waypoints(start, poses)
+        return WaypointFollower(start, waypoints)
 
     def _timed_waypoints(self, start: BucketPose, poses: list[BucketPose]) -> list[Waypoint]:
         """Return waypoints whose durations keep every coordinate within its speed."""

@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dig_operator.bucket_kinematics import BucketPose
-from dig_operator.cycle_waypoints import WaypointPlanner
+from dig_operator.cycle_waypoints import Motion, WaypointPlanner
 from dig_operator.observation import BaseFilter, Command, Observation
 from dig_operator.phases import OperatorPhase
-from dig_operator.waypoint_follower import Waypoint, WaypointFollower
 
 __all__ = ["CycleReport", "DigCycle"]
 
@@ -25,15 +24,19 @@ _NEXT_PHASE = {
     OperatorPhase.DIG: OperatorPhase.CURL,
     OperatorPhase.CURL: OperatorPhase.LIFT,
     OperatorPhase.LIFT: OperatorPhase.SWING,
+    OperatorPhase.WAIT: OperatorPhase.SWING,
     OperatorPhase.SWING: OperatorPhase.DUMP,
     OperatorPhase.DUMP: OperatorPhase.REACH,
 }
 
-_LOADED_PHASES = (OperatorPhase.LIFT, OperatorPhase.SWING)
+_LOADED_PHASES = (OperatorPhase.LIFT, OperatorPhase.WAIT, OperatorPhase.SWING)
 """Phases in which the load may tip the machine over."""
 
 _SPILL_VELOCITY = np.array([0.0, 0.0, 0.0, -0.4])
 """Joint velocities that spill some of the load [rad/s]."""
+
+_TARGET_PHASES = (OperatorPhase.WAIT, OperatorPhase.SWING, OperatorPhase.DUMP)
+"""Phases in which the place to dump at must be ready."""
 
 _PHASES_ENDING_AT_REST = (OperatorPhase.REACH, OperatorPhase.SWING)
 """Phases that end only when the machine is at rest."""
@@ -44,7 +47,7 @@ _REST_SPEED = 0.05
 _TARGET_FILL_INCREASE, _TARGET_FILL_DECREASE = 1.1, 0.95
 """Factors of the target fill after a cycle with too little and with too much soil."""
 
-_MIN_TARGET_FILL, _MAX_TARGET_FILL = 0.6, 1.6
+_MIN_TARGET_FILL, _MAX_TARGET_FILL = 0.6, 2.0
 """Range of the adapted target fill; a configured value beyond it is kept."""
 
 
@@ -78,9 +81,10 @@ class DigCycle:
 
     Attributes:
         params: behaviour of the operator.
-        phase: `REACH`, `DIG`, `CURL`, `LIFT`, `SWING` or `DUMP`.
+        phase: `REACH`, `DIG`, `CURL`, `LIFT`, `WAIT`, `SWING` or `DUMP`.
         cycle: number of the present cycle, from 1.
         reports: one report per finished cycle.
+        wait_reason: what it waits for in the phase `WAIT`, for the user; else empty.
     """
 
     def __init__(self, planner: WaypointPlanner) -> None:
@@ -92,10 +96,9 @@ class DigCycle:
         self.phase = OperatorPhase.REACH
         self.cycle = 1
         self.reports: list[CycleReport] = []
+        self.wait_reason = ""
         self._planner = planner
-        self._plan_waypoints: dict[
-            OperatorPhase, Callable[[Observation, BucketPose], list[Waypoint]]
-        ] = {
+        self._plan_motion: dict[OperatorPhase, Callable[[Observation, BucketPose], Motion]] = {
             OperatorPhase.REACH: self._planner.reach,
             OperatorPhase.DIG: self._planner.dig,
             OperatorPhase.CURL: self._planner.curl,
@@ -103,7 +106,7 @@ class DigCycle:
             OperatorPhase.SWING: self._planner.swing,
             OperatorPhase.DUMP: self._planner.dump,
         }
-        self._follower: WaypointFollower | None = None
+        self._motion: Motion | None = None
         self._base_filter = BaseFilter(self.params.base_filter_time)
         self._joint_velocities = np.zeros(4)
         self._target_fill = self.params.target_fill
@@ -126,13 +129,15 @@ class DigCycle:
         observation = self._base_filter.update(observation, dt)
         if self._cycle_start_time is None:
             self._cycle_start_time = observation.time
-        if self._follower is None:
-            self._follower = self._start_phase(observation)
-        target_velocities = (
-            _SPILL_VELOCITY
-            if is_tipping
-            else self._follower.advance(observation, self._planner.kinematics, dt)
-        )
+        self._update_wait(observation)
+        if self._motion is None and self.phase is not OperatorPhase.WAIT:
+            self._motion = self._start_phase(observation)
+        if is_tipping:
+            target_velocities = _SPILL_VELOCITY
+        elif self._motion is None:
+            target_velocities = np.zeros(4)
+        else:
+            target_velocities = self._motion.advance(observation, self._planner.kinematics, dt)
         max_change = np.array(self.params.max_joint_accelerations) * dt
         self._joint_velocities = self._joint_velocities + np.minimum(
             np.maximum(target_velocities - self._joint_velocities, -max_change), max_change
@@ -140,7 +145,8 @@ class DigCycle:
         is_overfull = (
             self.phase is OperatorPhase.DIG and observation.fill > self.params.overfill_threshold
         )
-        if is_overfull or (self._follower.done and self._is_settled):
+        is_done = self._motion is not None and self._motion.done
+        if is_overfull or (is_done and self._is_settled):
             self._end_phase(observation, dt)
         return Command(self._joint_velocities.copy(), np.zeros(2))
 
@@ -152,15 +158,32 @@ class DigCycle:
         as_when_digging = replace(observation, base_rotation=self._dig_base_rotation)
         return nose_up_angle(observation) < nose_up_angle(as_when_digging) - self.params.max_pitch
 
+    def _update_wait(self, observation: Observation) -> None:
+        """Stop before a target that is not ready, and continue once it is."""
+        self._planner.dump_target.watch(observation)
+        is_empty = observation.fill <= self.params.empty_threshold
+        if self.phase not in _TARGET_PHASES or (self.phase is OperatorPhase.DUMP and is_empty):
+            return
+        is_swinging = self.phase is not OperatorPhase.WAIT
+        self.wait_reason = self._planner.dump_target.find_obstacle(
+            observation, is_swinging=is_swinging
+        )
+        if self.wait_reason and is_swinging:
+            self.phase, self._motion = OperatorPhase.WAIT, None
+        elif not self.wait_reason and not is_swinging and self._is_at_rest:
+            self.phase = OperatorPhase.SWING
+
+    @property
+    def _is_at_rest(self) -> bool:
+        """Whether the commanded speeds are small."""
+        return float(np.abs(self._joint_velocities).max()) < _REST_SPEED
+
     @property
     def _is_settled(self) -> bool:
         """Whether the machine is at rest, if the phase ends only then."""
-        return (
-            self.phase not in _PHASES_ENDING_AT_REST
-            or float(np.abs(self._joint_velocities).max()) < _REST_SPEED
-        )
+        return self.phase not in _PHASES_ENDING_AT_REST or self._is_at_rest
 
-    def _start_phase(self, observation: Observation) -> WaypointFollower:
+    def _start_phase(self, observation: Observation) -> Motion:
         pose = self._planner.kinematics.bucket_pose(observation)
         if self.phase is OperatorPhase.REACH:
             is_first = self._num_passes == 0
@@ -170,7 +193,7 @@ class DigCycle:
             self._num_passes += 1
         elif self.phase is OperatorPhase.DIG:
             self._dig_base_rotation = observation.base_rotation
-        return WaypointFollower(pose, self._plan_waypoints[self.phase](observation, pose))
+        return self._plan_motion[self.phase](observation, pose)
 
     def _end_phase(self, observation: Observation, dt: float) -> None:
         next_phase = _NEXT_PHASE[self.phase]
@@ -179,6 +202,8 @@ class DigCycle:
                 next_phase = OperatorPhase.REACH
             else:
                 self._carried_fill = observation.fill
+                obstacle = self._planner.dump_target.find_obstacle(observation, is_swinging=False)
+                next_phase = OperatorPhase.WAIT if obstacle else OperatorPhase.SWING
         elif self.phase is OperatorPhase.SWING:
             self._delivered_fill, self._delivered_volume = observation.fill, observation.bank_m3
             self._dump_time = 0.0
@@ -189,12 +214,13 @@ class DigCycle:
                 return
             self._finish_cycle(observation)
         self.phase = next_phase
-        self._follower = None
+        self._motion = None
 
     def _needs_another_pass(self, observation: Observation) -> bool:
         return observation.fill < self.params.min_fill and self._num_passes < self.params.max_passes
 
     def _finish_cycle(self, observation: Observation) -> None:
+        self._planner.dump_target.count_dump(observation)
         assert self._cycle_start_time is not None, "a cycle that ends has begun"
         self.reports.append(
             CycleReport(

@@ -8,9 +8,11 @@ import numpy as np
 
 from dig_operator.cycle_waypoints import WaypointPlanner
 from dig_operator.dig_cycle import CycleReport, DigCycle
+from dig_operator.dump_target import BedTarget, DumpTarget, HeapTarget
 from dig_operator.observation import Command, Observation
 from dig_operator.params import BehaviourParams, DigTaskParams
 from dig_operator.phases import OperatorPhase
+from dig_operator.track_drive import Line, TrackDrive
 from machine_sim.machine.errors import ReachError
 from machine_sim.machine.spec import MachineSpec
 
@@ -18,6 +20,9 @@ __all__ = ["DigTask"]
 
 _DRIVE_SPEED = 0.8
 """Speed of both tracks during the approach [m/s]."""
+
+_CLEARANCE, _TURN_SPEED = 0.6, 0.5
+"""Distance to keep from other machines [m], and the speed of turns on the spot [rad/s]."""
 
 _BRACE_TIME = 0.5
 """Time between stopping and digging [s]: the machine rocks when it stops."""
@@ -54,13 +59,16 @@ class DigTask:
         self._initial_observation: Observation | None = None
         self._phase_start_time = 0.0  # of brace and settle
         self._last_motion_time = 0.0  # of soil, while settling
+        self._obstacle = ""  # name of the machine in the way of the approach
         self._dig_cycle: DigCycle | None = None
+        self._target: DumpTarget | None = None
+        self._drive = TrackDrive(machine, clearance=_CLEARANCE, turn_speed=_TURN_SPEED)
 
     @property
     def cycle(self) -> int:
         """Number of the present cycle, from 1; of the last one when all are done."""
         number = self._dig_cycle.cycle if self._dig_cycle else 1
-        return min(number, self._params.cycles)
+        return number if self._params.truck else min(number, self._params.cycles)
 
     @property
     def reports(self) -> list[CycleReport]:
@@ -86,11 +94,9 @@ class DigTask:
             and observation.time - self._phase_start_time >= _BRACE_TIME
         ):
             yaw = self._initial_observation.yaw
+            self._target = self._create_target(yaw)
             planner = WaypointPlanner(
-                self._machine,
-                self._behaviour,
-                dig_azimuth=yaw,
-                dump_azimuth=yaw + math.radians(self._params.dump_angle),
+                self._machine, self._behaviour, dig_azimuth=yaw, dump_target=self._target
             )
             self._dig_cycle = DigCycle(planner)
             self.phase = OperatorPhase.REACH
@@ -101,15 +107,51 @@ class DigTask:
                 observation,
             )
         if self.phase is OperatorPhase.APPROACH:
-            return Command(np.zeros(4), np.full(2, _DRIVE_SPEED))
+            return self._approach(observation, dt)
         if self._dig_cycle is not None and self.phase not in _FINAL_PHASES:
             return self._dig(self._dig_cycle, observation, dt)
         if self.phase is OperatorPhase.SETTLE:
             self._settle(observation)
         return _standstill()
 
+    def _create_target(self, yaw: float) -> DumpTarget:
+        """Return the place to dump at for an initial heading [rad]."""
+        behaviour, params = self._behaviour, self._params
+        if not params.truck:
+            return HeapTarget(yaw + math.radians(params.dump_angle), behaviour.dump_radius)
+        return BedTarget(
+            params.truck,
+            min_radius=behaviour.min_radius,
+            max_radius=behaviour.max_radius,
+            full_fill=params.full_fill,
+        )
+
+    def _approach(self, observation: Observation, dt: float) -> Command:
+        """Drive straight ahead; stop before other machines."""
+        line = Line((0.0, 0.0), observation.yaw)
+        self._obstacle = self._drive.find_obstacle(observation, line)
+        speed = 0.0 if self._obstacle else _DRIVE_SPEED
+        return Command(np.zeros(4), np.full(2, speed))
+
+    @property
+    def wait_reason(self) -> str:
+        """What it waits for, for the user; empty if it does not wait."""
+        if self.phase is OperatorPhase.APPROACH and self._obstacle:
+            return f"{self._obstacle}, which is in the way"
+        if self.phase is OperatorPhase.WAIT and self._dig_cycle is not None:
+            return self._dig_cycle.wait_reason
+        return ""
+
+    def _is_complete(self, dig_cycle: DigCycle) -> bool:
+        """Whether all loads, or all cycles of a task without a truck, are done."""
+        if isinstance(self._target, BedTarget):
+            return self._target.num_loads >= self._params.loads
+        return len(dig_cycle.reports) >= self._params.cycles
+
     def _dig(self, dig_cycle: DigCycle, observation: Observation, dt: float) -> Command:
-        if len(dig_cycle.reports) >= self._params.cycles:
+        # Above a truck the bucket would be in the way.
+        is_above_truck = bool(self._params.truck) and dig_cycle.phase is OperatorPhase.REACH
+        if self._is_complete(dig_cycle) and not is_above_truck:
             self._enter_phase(OperatorPhase.SETTLE, observation)
             return _standstill()
         try:

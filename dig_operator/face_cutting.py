@@ -63,7 +63,10 @@ class FaceCuttingTask:
         cycle: number of the round, from 1.
         reports: empty, since a round carries no soil.
         abort_reason: why the task was aborted; empty if it was not.
+        wait_reason: empty, since it waits for nothing.
     """
+
+    wait_reason = ""
 
     def __init__(self, machine: MachineSpec, params: FaceCuttingParams) -> None:
         """

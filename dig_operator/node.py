@@ -8,26 +8,31 @@ machine with `command_wait_period` set can wait for it.
 from __future__ import annotations
 
 import json
-import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
 from numpy.typing import ArrayLike
 from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray, Int64MultiArray, String
 
+from dig_operator.bed import has_bed
 from dig_operator.dig_task import DigTask
 from dig_operator.face_cutting import FaceCuttingTask
 from dig_operator.face_geometry import ROAD_HEADER_JOINTS
 from dig_operator.face_params import FaceCuttingParams
+from dig_operator.haul_params import HaulTaskParams
+from dig_operator.haul_task import HaulTask
+from dig_operator.machine_topics import joint_angles, subscribe_to_machines
 from dig_operator.node_params import DigOperatorNodeParams
-from dig_operator.observation_builder import ObservationBuilder, TerrainSnapshot
+from dig_operator.observation_builder import MachineSample, ObservationBuilder, TerrainSnapshot
+from dig_operator.other_machines import OtherMachines, node_namespace
 from dig_operator.params import BehaviourParams, DigTaskParams
 from dig_operator.peer_monitor import PeerMonitor
 from dig_operator.sample_synchronizer import SampleSynchronizer, SyncedSample
@@ -36,7 +41,6 @@ from machine_sim.commands import TRACK_NAMES
 from machine_sim.ground.contact_surface import surface_at
 from machine_sim.machine import load_machine_spec
 from msg_bridge.codec import qos
-from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.machine_state import PayloadState, from_payload_array, to_command_state
 from msg_bridge.codec.poses import from_odometry
 from msg_bridge.codec.run_config import RunFacts, parse_run_facts
@@ -44,7 +48,7 @@ from msg_bridge.codec.stamps import stamp_from_seconds, stamp_from_tick, tick_fr
 from msg_bridge.codec.tick_headers import from_multi_array
 from msg_bridge.config_files import find_config
 from msg_bridge.contract import topics
-from msg_bridge.contract.errors import EarthmovingError, ErrorCode
+from msg_bridge.contract.errors import EarthmovingError, ParameterError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.topics import parent_namespace, resolve
 from msg_bridge.nodes.diagnostics import Diagnostics
@@ -69,7 +73,7 @@ _ACK_TIMEOUT = 2.0
 
 
 class DigOperatorNode(SimNode):
-    """Operates the machine in its namespace: an excavator digs, a road header cuts a face.
+    """Operates the machine in its namespace: an excavator digs, a road header cuts, a dumper hauls.
 
     Attributes:
         task: the operator's task.
@@ -86,12 +90,19 @@ class DigOperatorNode(SimNode):
         """
         super().__init__("dig_operator", **{"namespace": "/excavator", **kwargs})
         params = declare_parameters(self, DigOperatorNodeParams)
+        self._keep_running = params.keep_running
         self._behaviour = declare_parameters(self, BehaviourParams, "behaviour.")
         self._task_params = declare_parameters(self, DigTaskParams, "task.")
         self._face_params = declare_parameters(self, FaceCuttingParams, "face.")
+        self._haul_params = declare_parameters(self, HaulTaskParams, "haul.")
         self._machine_spec = load_machine_spec(find_config(params.machine))
         self._joints = self._machine_spec.joint_names
         simulation = params.simulation_namespace or parent_namespace(self.get_namespace())
+        self._others = OtherMachines(params.other_machines, simulation)
+        if self._task_params.truck not in ("", *params.other_machines):
+            raise ParameterError(
+                f"task.truck is {self._task_params.truck!r}; add it to other_machines"
+            )
         self.diagnostics = Diagnostics(self, "dig_operator", simulation_namespace=simulation)
         self._facts: RunFacts | None = None
         self._peers = PeerMonitor()
@@ -124,18 +135,18 @@ class DigOperatorNode(SimNode):
         self._subscribe(Int64MultiArray, self._ledger_topic, qos.ROWS, self._on_ledger)
         paused_topic = resolve(topics.SIM_PAUSED, simulation)
         self._subscribe(Bool, paused_topic, qos.TRANSIENT_LOCAL, self._on_paused)
-        # The namespace of the machine node is that of its only machine, or the parent of several.
-        own, parent = self.get_namespace(), parent_namespace(self.get_namespace())
-        config_topic = resolve(topics.MACHINE_CONFIG, own if parent == simulation else parent)
+        node = node_namespace(self.get_namespace(), simulation)
+        config_topic = resolve(topics.MACHINE_CONFIG, node)
         self._subscribe(String, config_topic, qos.TRANSIENT_LOCAL, self._on_machine_config)
+        subscribe_to_machines(self._others, self._subscribe, self._tick_of)
         self.create_timer(_REPEAT_PERIOD, self._repeat_last_command)
         WaitLog(self, self.diagnostics, self._find_waits)
         EndpointMonitor(self, self.diagnostics)
 
     @property
     def finished(self) -> bool:
-        """Whether the task has ended."""
-        return self.task.done
+        """Whether the task has ended, and the node with it."""
+        return self.task.done and not self._keep_running
 
     @property
     def exit_code(self) -> int:
@@ -153,11 +164,14 @@ class DigOperatorNode(SimNode):
 
     def _start_task(self) -> None:
         """Start the task from its beginning."""
-        self.task: DigTask | FaceCuttingTask
-        if self._joints == ROAD_HEADER_JOINTS:
+        self.task: DigTask | FaceCuttingTask | HaulTask
+        if has_bed(self._machine_spec):
+            self.task = HaulTask(self._machine_spec, self._haul_params)
+        elif self._joints == ROAD_HEADER_JOINTS:
             self.task = FaceCuttingTask(self._machine_spec, self._face_params)
         else:
             self.task = DigTask(self._machine_spec, self._behaviour, self._task_params)
+        self._others.start_run()
         self._observation_builder = ObservationBuilder()
         self._synchronizer = SampleSynchronizer(every_tick=self._lockstep)
         self._last_command: JointState | None = None
@@ -184,6 +198,11 @@ class DigOperatorNode(SimNode):
 
         self._poller.subscribe(msg_type, topic, profile, on_message, triggers=triggers)
 
+    def _tick_of(self, stamp: Time) -> int | None:
+        """Return the tick that ended at a stamp; None while the tick period is not known."""
+        facts = self._facts
+        return None if facts is None else tick_from_stamp(stamp, facts.tick_period)
+
     def _find_waits(self) -> Iterator[Wait]:
         """Yield what the node waits for now."""
         joints_topic = self.resolve_topic_name(topics.JOINT_STATES)
@@ -200,8 +219,14 @@ class DigOperatorNode(SimNode):
                 f" {self.get_namespace()}?",
                 self._facts.run_id,
             )
+        elif self.task.wait_reason and not self._peers.paused:
+            yield Wait(self.task.wait_reason, self.task.wait_reason)
         else:
             yield from self._peers.find_waits(self._last_tick, self._ledger_topic, joints_topic)
+            tick = self._synchronizer.next_tick
+            missing = self._others.missing(tick) if self._lockstep and tick is not None else []
+            for name in missing:
+                yield Wait(f"the state of {name}; is it one of the machines of the site?", tick)
 
     def _on_paused(self, msg: Bool) -> None:
         self._peers.paused = bool(msg.data)
@@ -234,21 +259,18 @@ class DigOperatorNode(SimNode):
 
     def _on_joints(self, msg: JointState) -> None:
         self._peers.machine_time = time.monotonic()
-        if self._facts is not None:
-            tick = tick_from_stamp(msg.header.stamp, self._facts.tick_period)
-            self._synchronizer.add_joints(tick, _joint_angles(msg, self._joints))
+        if (tick := self._tick_of(msg.header.stamp)) is not None:
+            self._synchronizer.add_joints(tick, joint_angles(msg, self._joints))
 
     def _on_odom(self, msg: Odometry) -> None:
-        if self._facts is not None:
-            tick = tick_from_stamp(msg.header.stamp, self._facts.tick_period)
+        if (tick := self._tick_of(msg.header.stamp)) is not None:
             self._synchronizer.add_base(tick, from_odometry(msg))
             if not self._has_payload:
                 self._synchronizer.add_payload(tick, PayloadState(0.0, 0.0, 0.0, 0.0))
 
     def _on_payload(self, msg: Float64MultiArray) -> None:
-        if self._facts is not None:
-            payload = from_payload_array(msg)
-            tick = tick_from_stamp(stamp_from_seconds(payload.time_s), self._facts.tick_period)
+        payload = from_payload_array(msg)
+        if (tick := self._tick_of(stamp_from_seconds(payload.time_s))) is not None:
             self._synchronizer.add_payload(tick, payload)
 
     def _on_ledger(self, msg: Int64MultiArray) -> None:
@@ -262,9 +284,12 @@ class DigOperatorNode(SimNode):
         follower, facts = self._terrain.follower, self._facts
         if facts is None or follower.run_id != facts.run_id:
             return
-        while not self.task.done:
+        while not self.finished:
             if self._lockstep:
-                follower.advance_to(self._synchronizer.next_tick or 0)
+                next_tick = self._synchronizer.next_tick or 0
+                follower.advance_to(next_tick)
+                if self._others.missing(next_tick):
+                    return
             sample = self._synchronizer.pop_next(follower.tick)
             if sample is None:
                 return
@@ -275,11 +300,10 @@ class DigOperatorNode(SimNode):
         assert follower.grid is not None, "the terrain is known when there is a sample"
         observation = self._observation_builder.build(
             sample.tick * facts.tick_period,
-            sample.joints,
-            sample.base,
-            sample.payload,
+            MachineSample(sample.joints, sample.base, sample.payload),
             TerrainSnapshot(follower.grid, follower.elevation, follower.revision),
             sample.ledger,
+            self._others.observe(sample.tick, facts.tick_period),
         )
         interval_ticks = (
             _INITIAL_INTERVAL_TICKS if self._last_tick is None else sample.tick - self._last_tick
@@ -291,7 +315,7 @@ class DigOperatorNode(SimNode):
             return
         command = self.task.command(observation, interval)
         self._publish_progress(observation.time)
-        if self.task.done:
+        if self.finished:
             return
         self._publish_command(command.joints, command.tracks, sample.tick)
 
@@ -307,7 +331,7 @@ class DigOperatorNode(SimNode):
 
     def _repeat_last_command(self) -> None:
         """Publish the last command again in lockstep: the machine waits for it if it was lost."""
-        if self._lockstep and self._last_command is not None and not self.task.done:
+        if self._lockstep and self._last_command is not None and not self.finished:
             self._commands.publish(self._last_command)
 
     def _publish_progress(self, time: float) -> None:
@@ -335,21 +359,6 @@ class DigOperatorNode(SimNode):
             if task.abort_reason and not self._is_abort_logged:
                 self._is_abort_logged = True
                 self.get_logger().error(f"the task is aborted: {task.abort_reason}")
-
-
-def _joint_angles(msg: JointState, names: Sequence[str]) -> list[float]:
-    """Return the angles of the named joints [rad], in the order of `names`.
-
-    Raises:
-        CodecError: VALUE: an angle is missing or not finite.
-    """
-    angle_of = dict(zip(msg.name, msg.position, strict=False))
-    angles = [angle_of.get(name, math.nan) for name in names]
-    if not all(map(math.isfinite, angles)):
-        raise CodecError(
-            f"the joint states need a finite angle of {', '.join(names)}", ErrorCode.VALUE
-        )
-    return angles
 
 
 def main(args: list[str] | None = None) -> int:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dig_operator.observed_machine import ObservedMachine
 from machine_sim.ground.contact_surface import surface_at
 from msg_bridge.contract.grid import Grid
 
@@ -35,6 +36,7 @@ class Observation:
         elevation: height of the terrain [m], shape (rows, cols).
         bank_m3: bank volume of the soil in the bucket [m^3].
         is_soil_moving: whether soil outside the bucket is still falling, settling or sliding.
+        others: the other machines that the operator watches.
     """
 
     time: float
@@ -46,6 +48,7 @@ class Observation:
     elevation: Array
     bank_m3: float = 0.0
     is_soil_moving: bool = False
+    others: tuple[ObservedMachine, ...] = ()
 
     @property
     def yaw(self) -> float:

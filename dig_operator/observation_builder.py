@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dig_operator.observation import Observation
+from dig_operator.observed_machine import ObservedMachine
+from machine_sim.machine import MachineSpec
 from machine_sim.machine.rotations import rotation_matrix
 from msg_bridge.codec.machine_state import BaseState, PayloadState
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.ledger import Ledger
 
-__all__ = ["ObservationBuilder", "TerrainSnapshot"]
+__all__ = ["MachineSample", "ObservationBuilder", "TerrainSnapshot", "observed_machine"]
 
 
 class TerrainSnapshot(NamedTuple):
@@ -30,6 +32,40 @@ class TerrainSnapshot(NamedTuple):
     revision: int
 
 
+class MachineSample(NamedTuple):
+    """Messages of one machine at the end of a tick.
+
+    Attributes:
+        joints: joint angles [rad], shape (joints,).
+        base: pose and motion of the base.
+        payload: soil in its tools.
+    """
+
+    joints: ArrayLike
+    base: BaseState
+    payload: PayloadState
+
+
+def observed_machine(name: str, spec: MachineSpec, sample: MachineSample) -> ObservedMachine:
+    """Return another machine from its messages.
+
+    Args:
+        name: namespace of its topics.
+        spec: its machine file.
+        sample: its state.
+    """
+    return ObservedMachine(
+        name=name,
+        spec=spec,
+        base_position=np.array(sample.base.position, dtype=np.float64),
+        base_rotation=rotation_matrix(sample.base.quaternion),
+        joints=np.array(sample.joints, dtype=np.float64),
+        speed=float(np.linalg.norm(np.asarray(sample.base.velocity, dtype=np.float64))),
+        fill=sample.payload.fill,
+        bank_m3=sample.payload.bank_m3,
+    )
+
+
 class ObservationBuilder:
     """Builds observations and detects terrain changes from one to the next."""
 
@@ -39,11 +75,10 @@ class ObservationBuilder:
     def build(
         self,
         time: float,
-        joints: ArrayLike,
-        base: BaseState,
-        payload: PayloadState,
+        machine: MachineSample,
         terrain: TerrainSnapshot,
         ledger: Ledger,
+        others: tuple[ObservedMachine, ...] = (),
     ) -> Observation:
         """Return the observation at the end of a tick.
 
@@ -51,22 +86,22 @@ class ObservationBuilder:
 
         Args:
             time: simulation time [s].
-            joints: angles of the machine's joints [rad], shape (joints,).
-            base: pose of the base, map frame.
-            payload: soil in the bucket.
+            machine: state of the operated machine.
             terrain: terrain at the end of the tick.
             ledger: ledger of the tick.
+            others: the other machines that the operator watches.
         """
         has_terrain_changed = terrain.revision != self._revision
         self._revision = terrain.revision
         return Observation(
             time=time,
-            joints=np.array(joints, dtype=np.float64),
-            base_position=np.array(base.position, dtype=np.float64),
-            base_rotation=rotation_matrix(base.quaternion),
-            fill=payload.fill,
-            bank_m3=payload.bank_m3,
+            joints=np.array(machine.joints, dtype=np.float64),
+            base_position=np.array(machine.base.position, dtype=np.float64),
+            base_rotation=rotation_matrix(machine.base.quaternion),
+            fill=machine.payload.fill,
+            bank_m3=machine.payload.bank_m3,
             grid=terrain.grid,
             elevation=terrain.elevation,
             is_soil_moving=(has_terrain_changed or ledger.particles != 0 or ledger.in_flight != 0),
+            others=others,
         )

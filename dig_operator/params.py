@@ -20,14 +20,14 @@ class BehaviourParams(Parameters):
         3.0, "maximum depth of the lip below the base", unit="m", low=0.1, high=20.0
     )
     max_cut_depth: float = parameter(
-        0.45, "maximum depth of the lip below the surface in one pass", unit="m",
+        0.6, "maximum depth of the lip below the surface in one pass", unit="m",
         low=0.05, high=2.0,
     )  # fmt: skip
     dig_sector_half_width: float = parameter(
         0.22, "half the angle of the sector to dig in", unit="rad", low=0.0, high=1.5
     )
     dig_speed: float = parameter(
-        0.6, "speed of the lip in the soil", unit="m/s", low=0.05, high=3.0
+        0.9, "speed of the lip in the soil", unit="m/s", low=0.05, high=3.0
     )
     entry_angle: float = parameter(
         0.45, "angle of the lip below its path at entry", unit="rad", low=-0.5, high=1.2
@@ -50,14 +50,14 @@ class BehaviourParams(Parameters):
         6.0, "radius of the bucket pin over the dump", unit="m", low=2.0, high=20.0
     )
     target_fill: float = parameter(
-        1.15, "volume a pass is planned to sweep, as a fraction of the bucket's heaped capacity",
+        1.6, "volume a pass is planned to sweep, as a fraction of the bucket's heaped capacity",
         low=0.1, high=2.0,
     )  # fmt: skip
     min_fill: float = parameter(
-        0.8, "fill after a pass below which another pass is dug", low=0.1, high=1.5
+        0.6, "fill after a pass below which another pass is dug", low=0.1, high=1.5
     )
     overfill_threshold: float = parameter(
-        1.25, "fill at which a drag ends early; the next cycle then plans less", low=0.5, high=2.0
+        0.93, "fill at which a drag ends early; the next cycle then plans less", low=0.5, high=2.0
     )
     empty_threshold: float = parameter(0.01, "fill at which dumping ends", low=0.0, high=0.5)
     max_pitch: float = parameter(
@@ -78,17 +78,17 @@ class BehaviourParams(Parameters):
         3.0, "maximum time for the bucket to empty", unit="s", low=0.0, high=60.0
     )
     swing_speed: float = parameter(
-        0.5, "speed of the swing joint", unit="rad/s", low=0.05, high=2.0
+        0.9, "speed of the swing joint", unit="rad/s", low=0.05, high=2.0
     )
     lip_travel_speed: float = parameter(
-        1.0, "speed of the bucket in the air, radially and vertically", unit="m/s",
+        1.4, "speed of the bucket in the air, radially and vertically", unit="m/s",
         low=0.1, high=5.0,
     )  # fmt: skip
     curl_speed: float = parameter(
-        0.8, "angular speed of the bucket", unit="rad/s", low=0.05, high=2.0
+        1.6, "angular speed of the bucket", unit="rad/s", low=0.05, high=2.0
     )
     max_swing_acceleration: float = parameter(
-        0.6, "maximum commanded acceleration of the swing", unit="rad/s^2", low=0.05, high=10.0
+        0.7, "maximum commanded acceleration of the swing", unit="rad/s^2", low=0.05, high=10.0
     )
     max_boom_acceleration: float = parameter(
         0.6, "maximum commanded acceleration of the boom", unit="rad/s^2", low=0.05, high=10.0
@@ -133,6 +133,15 @@ class DigTaskParams(Parameters):
     )
     dump_angle: float = parameter(
         90.0, "angle from dig to dump, positive to the left", unit="deg", low=-180.0, high=180.0
+    )
+    truck: str = parameter(
+        "", "namespace of a machine to load, one of `other_machines`; empty: dump on the ground"
+    )
+    loads: int = parameter(
+        2, "number of times to fill the truck, instead of cycles", low=1, high=1000
+    )
+    full_fill: float = parameter(
+        0.75, "fill of the truck's bed at which it counts as full", low=0.05, high=1.0
     )
     timeout: float = parameter(
         900.0, "duration of the task after which it is aborted", unit="s", low=1.0, high=1e6

@@ -18,6 +18,7 @@ class OperatorPhase(str, enum.Enum):
     DIG = "dig"
     CURL = "curl"
     LIFT = "lift"
+    WAIT = "wait"  # with a full bucket, until the dump is ready
     SWING = "swing"
     DUMP = "dump"
     # Excavator, `DigTask`: wait until all soil is at rest.
@@ -29,7 +30,13 @@ class OperatorPhase(str, enum.Enum):
     RISE = "rise"
     LOWER = "lower"
     BACK = "back"
-    # Both.
+    # Dumper, `HaulTask`, between APPROACH and LOWER.
+    SPOT = "spot"
+    LOAD = "load"
+    HAUL = "haul"
+    TIP = "tip"  # after BACK
+    PULL_OFF = "pull_off"
+    # All.
     DONE = "done"
 
     # As in enum.StrEnum of Python 3.11: print the value and not the member's name.

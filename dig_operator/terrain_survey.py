@@ -1,4 +1,7 @@
-"""TerrainSurvey: where to dig, and how high to swing and to dump, from the observed terrain."""
+"""TerrainSurvey: where to dig, and how high to swing and to dump.
+
+It evaluates the observed terrain and, for the motion in the air, the other machines.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +19,9 @@ from machine_sim.machine.errors import ReachError
 from machine_sim.machine.tools.bucket import BucketShape
 
 __all__ = ["TerrainSurvey"]
+
+_NUM_SWING_AZIMUTHS = 9
+"""Azimuths along a swing at which the heights of ground and machines are taken."""
 
 
 class TerrainSurvey:
@@ -68,28 +74,57 @@ class TerrainSurvey:
             max_cut_depth=self._params.max_cut_depth,
         )
 
-    def swing_clearance_height(self, observation: Observation, start: float, end: float) -> float:
-        """Return the height of the pin [m] at which a level bucket clears the ground.
+    def swing_clearance_heights(
+        self, observation: Observation, start: float, end: float, depth: float
+    ) -> NDArray[np.float64]:
+        """Return heights of the pin [m] along a swing that keep the bucket clear, shape (n,).
+
+        They clear the ground and the other machines near each of n equidistant azimuths, and near
+        the two beside it, so that the straight lines between them clear what is between.
 
         Args:
-            observation: the terrain.
+            observation: the terrain and the other machines.
             start: azimuth at which the swing starts [rad].
             end: azimuth at which it ends [rad]; it takes the short way.
+            depth: height of the pin above the bucket's lowest point [m].
         """
         angle = math.remainder(end - start, 2 * math.pi)
         radius = np.linspace(self._params.min_radius, self._params.max_radius, 12)
-        max_heights = [
-            observation.max_strip_height(start + fraction * angle, radius, 2.0 * self._bucket.width)
-            for fraction in np.linspace(0.0, 1.0, 9)
-        ]
-        return max(max_heights) + self._kinematics.depth_below_pin + self._params.clearance
+        azimuths = start + angle * np.linspace(0.0, 1.0, _NUM_SWING_AZIMUTHS)
+        width = 2.0 * self._bucket.width
+        tip = self._bucket.tip_radius
+        near, far = self._params.min_radius - tip, self._params.max_radius + tip
+        heights = np.array(
+            [
+                max(
+                    observation.max_strip_height(azimuth, radius, width),
+                    _max_machine_height(observation, azimuth, width, near, far),
+                )
+                for azimuth in azimuths
+            ]
+        )
+        padded = np.pad(heights, 1, mode="edge")
+        near_heights = np.maximum(np.maximum(padded[:-2], padded[2:]), heights)
+        return np.asarray(near_heights + depth + self._params.clearance)
 
-    def dump_clearance_height(self, observation: Observation, azimuth: float) -> float:
-        """Return the height of the pin [m] at which the opening bucket clears the heap below it."""
-        length = self._bucket.tip_radius
-        pin_radius = self._params.dump_radius
+    def dump_clearance_height(
+        self, observation: Observation, azimuth: float, pin_radius: float
+    ) -> float:
+        """Return the height of the pin [m] at which the opening bucket clears what is below it.
+
+        Args:
+            observation: the terrain and the other machines.
+            azimuth: direction of the dump [rad].
+            pin_radius: radius of the pin [m].
+        """
+        length, width = self._bucket.tip_radius, 2.0 * self._bucket.width
         radius = np.linspace(pin_radius - length, pin_radius + length, 12)
-        max_height = observation.max_strip_height(azimuth, radius, 2.0 * self._bucket.width)
+        max_height = max(
+            observation.max_strip_height(azimuth, radius, width),
+            _max_machine_height(
+                observation, azimuth, width, pin_radius - length, pin_radius + length
+            ),
+        )
         return max_height + length + self._params.clearance
 
     def _max_radius(self, observation: Observation, azimuth: float, attitude: float) -> float:
@@ -114,3 +149,24 @@ class TerrainSurvey:
             f" {params.max_radius} m can be dug from here; move the machine, or change min_radius"
             " and max_radius"
         )
+
+
+def _max_machine_height(
+    observation: Observation, azimuth: float, width: float, near: float, far: float
+) -> float:
+    """Return the maximum height of other machines in a radial strip [m]; -inf if there are none.
+
+    Args:
+        observation: the other machines.
+        azimuth: direction of the strip [rad], map frame.
+        width: width of the strip [m].
+        near, far: its ends, distances from the base [m].
+    """
+    height = -math.inf
+    c, s = math.cos(azimuth), math.sin(azimuth)
+    for machine in observation.others:
+        dx, dy = (machine.points[:, :2] - observation.base_position[:2]).T
+        along, across = dx * c + dy * s, dy * c - dx * s
+        is_inside = (np.abs(across) <= 0.5 * width) & (near <= along) & (along <= far)
+        height = max(height, float(machine.points[is_inside, 2].max(initial=-math.inf)))
+    return height

@@ -26,7 +26,7 @@ _TRACKING_GAIN = 4.0
 _MAX_JOINT_LAG = 0.12
 """Joint error at which the set point stops [rad]; it slows down from half of that on."""
 
-_ACCELERATION_TIME = 1.0
+_ACCELERATION_TIME = 0.5
 """Time of acceleration and of deceleration [s]; a shorter motion takes twice its path time."""
 
 _MIN_DURATION = 1e-3

@@ -19,7 +19,7 @@ from typing import Any
 
 import yaml
 
-from dig_operator import BehaviourParams, DigTaskParams
+from dig_operator import BehaviourParams, DigTaskParams, HaulTaskParams
 from machine_sim.dem import ParticleParams
 from machine_sim.params import MachineSimParams
 from msg_bridge.contract.errors import ParameterError
@@ -27,7 +27,7 @@ from msg_bridge.contract.parameters import Parameters, parameter
 from msg_bridge.contract.suggestions import did_you_mean, nearest_name, suggestion
 from soil_sim.soils.params import SoilParams
 
-__all__ = ["SECTIONS", "ConfigLayer", "RunParams", "merge_layers", "read_layer"]
+__all__ = ["SECTIONS", "ConfigLayer", "RunParams", "TruckParams", "merge_layers", "read_layer"]
 
 _ROS_PARAMETERS = "ros__parameters"
 _MACHINE = "machine"
@@ -43,12 +43,24 @@ class RunParams(Parameters):
     start_y: float = parameter(0.0, "position to dig from, map y", unit="m", low=-1e4, high=1e4)
 
 
+@dataclass(frozen=True)
+class TruckParams(Parameters):
+    """The dumper of a run in which the excavator loads one."""
+
+    file: str = parameter("machines/dumper.yaml", "machine file of the dumper")
+    x: float = parameter(-13.0, "initial position, map x", unit="m", low=-1e4, high=1e4)
+    y: float = parameter(5.8, "initial position, map y", unit="m", low=-1e4, high=1e4)
+    yaw: float = parameter(180.0, "initial heading", unit="deg", low=-360.0, high=360.0)
+
+
 SECTIONS: dict[str, type[Parameters]] = {
     "soil": SoilParams,
     "particles": ParticleParams,
     "stepping": MachineSimParams,
     "behaviour": BehaviourParams,
     "task": DigTaskParams,
+    "truck": TruckParams,
+    "haul": HaulTaskParams,
     "run": RunParams,
 }
 """Parameters of each section."""

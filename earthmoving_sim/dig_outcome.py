@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dig_operator import CycleReport
+from dig_operator import CycleReport, LoadReport
 from earthmoving_sim.coloured_mesh import ColouredMesh
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.ledger import Ledger
@@ -45,7 +45,8 @@ class DigOutcome:
         lip_phase: phase of each position, shape (n,).
         machine_mesh: triangles of the machine at the end, map frame.
         machine_outline: name and plan-view polygon (k, 2) [m] of its parts at the end.
-        machine_position: x and y of the base at the end [m].
+        machine_position: x and y of the excavator's base at the end [m].
+        loads: one report per load of a truck.
     """
 
     site: HeightMap
@@ -70,6 +71,7 @@ class DigOutcome:
     machine_mesh: ColouredMesh = field(repr=False)
     machine_outline: list[tuple[str, NDArray[np.float64]]] = field(repr=False)
     machine_position: tuple[float, float]
+    loads: list[LoadReport] = field(default_factory=list)
 
     @property
     def is_successful(self) -> bool:
@@ -80,6 +82,13 @@ class DigOutcome:
     def production_rate(self) -> float:
         """Bank volume carried per hour of simulation time [m^3/h]."""
         return self.moved_volume / self.simulated_time * 3600.0
+
+    @property
+    def spilled_fraction(self) -> float:
+        """Fraction of the bank volume dumped that was not hauled away; 0 without a truck."""
+        if not self.loads or self.moved_volume <= 0.0:
+            return 0.0
+        return 1.0 - sum(load.hauled_volume for load in self.loads) / self.moved_volume
 
     @property
     def real_time_factor(self) -> float:

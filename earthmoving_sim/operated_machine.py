@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Protocol
 
 from dig_operator import Command, Observation
-from dig_operator.observation_builder import ObservationBuilder, TerrainSnapshot
+from dig_operator.observation_builder import (
+    MachineSample,
+    ObservationBuilder,
+    TerrainSnapshot,
+    observed_machine,
+)
 from earthmoving_sim.world import World
 from machine_sim.simulated_machine import SimulatedMachine
 from msg_bridge.codec.machine_state import BaseState, PayloadState
@@ -30,6 +36,8 @@ class OperatedMachine:
         machine: SimulatedMachine,
         operator: MachineOperator,
         tick_period: float,
+        *,
+        others: Mapping[str, SimulatedMachine] | None = None,
     ) -> None:
         """
         Args:
@@ -37,25 +45,38 @@ class OperatedMachine:
             machine: the machine.
             operator: its operator.
             tick_period: duration of a tick [s].
+            others: other machines that the operator watches, by name.
         """
         self._world, self._machine, self._operator = world, machine, operator
         self._tick_period = tick_period
+        self._others = dict(others or {})
         self._observation_builder = ObservationBuilder()
 
     def observation(self) -> Observation:
         """Return the observation that the public topics give, to the bits of their messages."""
-        world, machine = self._world, self._machine.machine
-        base, payload = BaseState(*machine.base_pose, *machine.base_velocity), self._machine.payload
+        world = self._world
         return self._observation_builder.build(
             world.tick * self._tick_period,
-            machine.joint_positions,
-            odometry_round_trip(base),
-            PayloadState(payload.bank_m3, payload.loose_m3, payload.mass_kg, payload.fill),
+            _published_state(self._machine),
             TerrainSnapshot(world.soil.grid, world.surface, world.soil.revision),
             world.ledger,
+            tuple(
+                observed_machine(name, each.machine.spec, _published_state(each))
+                for name, each in self._others.items()
+            ),
         )
 
     def observe_and_command(self, dt: float) -> None:
         """Observe, and command the machine for the next `dt` [s]."""
         command = self._operator.command(self.observation(), dt)
         self._machine.machine.command(command.joints, command.tracks)
+
+
+def _published_state(simulated: SimulatedMachine) -> MachineSample:
+    """Return the state of a machine as its messages have it."""
+    machine, payload = simulated.machine, simulated.payload
+    return MachineSample(
+        machine.joint_positions,
+        odometry_round_trip(BaseState(*machine.base_pose, *machine.base_velocity)),
+        PayloadState(payload.bank_m3, payload.loose_m3, payload.mass_kg, payload.fill),
+    )

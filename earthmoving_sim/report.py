@@ -24,6 +24,13 @@ def print_summary(outcome: DigOutcome, soil: str) -> None:
             f"  {100 * c.carried_fill:9.0f}  {100 * (c.delivered_fill - c.residual_fill):8.0f}"
             f"  {100 * c.residual_fill:6.1f}  {c.duration:6.1f}"
         )
+    if outcome.loads:
+        print("load  fill %  hauled m3  tipped m3  loading s  round s")
+        for load in outcome.loads:
+            print(
+                f"{load.number:4d}  {100 * load.fill:6.0f}  {load.hauled_volume:9.2f}"
+                f"  {load.moved_volume:9.2f}  {load.loading_time:9.1f}  {load.duration:7.1f}"
+            )
     ledger = outcome.ledger
     print(f"\n  soil      {soil}")
     print(
@@ -31,6 +38,8 @@ def print_summary(outcome: DigOutcome, soil: str) -> None:
         " simulated time"
     )
     print(f"  rate      {outcome.production_rate:.0f} m3/h")
+    if outcome.loads:
+        print(f"  spilled   {100 * outcome.spilled_fraction:.1f} % of it beside the truck")
     print(f"  speed     {outcome.real_time_factor:.1f} x real time, {outcome.run_mode}")
     print(f"  particles {outcome.max_particles} at most, {outcome.tunnelled} tunnelled")
     print(

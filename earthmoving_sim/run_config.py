@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dig_operator import BehaviourParams, DigTaskParams
+from dig_operator import BehaviourParams, DigTaskParams, HaulTaskParams
 from earthmoving_sim.config_layers import (
     SECTIONS,
     ConfigLayer,
     RunParams,
+    TruckParams,
     merge_layers,
     read_layer,
 )
@@ -42,6 +43,10 @@ class RunConfig:
         stepping: time steps and track model of the machine.
         behaviour: behaviour of the operator.
         task: task of the operator.
+        truck_machine: the dumper that the excavator loads; None if it dumps on the ground.
+        truck_file: the file that describes it.
+        truck: initial pose of the dumper.
+        haul: task of the dumper's operator.
         run: seed and start position.
         unused: parameters of nodes in the file that a run does not use.
     """
@@ -54,6 +59,10 @@ class RunConfig:
     behaviour: BehaviourParams
     task: DigTaskParams
     run: RunParams
+    truck_machine: MachineSpec | None
+    truck_file: Path
+    truck: TruckParams
+    haul: HaulTaskParams
     unused: tuple[str, ...] = ()
 
     @property
@@ -66,14 +75,19 @@ class RunConfig:
 
 
 def load_run_config(
-    overlay: str | Path = _BASE, overrides: Mapping[str, Any] | None = None, *, soil: str = ""
+    overlay: str | Path = _BASE,
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    soil: str = "",
+    base: str = _BASE,
 ) -> RunConfig:
-    """Load `config/demo.yaml`, and change what a file and the arguments name.
+    """Load `config/demo.yaml`, and change what files and the arguments name.
 
     Args:
         overlay: a path or the name of a shipped file, in the demo's or in the nodes' format.
         overrides: values of parameters of the sections `task` and `run`, by name.
         soil: kind of soil of the ground; empty keeps that of the files.
+        base: a shipped file that is read before the overlay.
 
     Raises:
         ConfigError: a file is missing.
@@ -82,7 +96,8 @@ def load_run_config(
         MachineError: the machine file is not valid.
     """
     path = find_config(str(overlay))
-    layers = [read_layer(find_config(_BASE)), read_layer(path)]
+    layers = [read_layer(find_config(name)) for name in dict.fromkeys((_BASE, base))]
+    layers.append(read_layer(path))
     if soil:
         layers.append(ConfigLayer({"soil": {"soil": soil}}))
     layers.append(_override_layer(overrides or {}))
@@ -96,9 +111,12 @@ def load_run_config(
     except ParameterError as error:
         raise ParameterError(f"{path}: {error}" if str(overlay) != _BASE else str(error)) from error
     machine_file = find_config(merged.machine or _DEFAULT_MACHINE).resolve()
+    truck_file = find_config(parts["truck"].file).resolve()
     return RunConfig(
         machine=load_machine_spec(machine_file),
         machine_file=machine_file,
+        truck_machine=load_machine_spec(truck_file) if parts["task"].truck else None,
+        truck_file=truck_file,
         unused=merged.unused,
         **parts,
     )

@@ -6,6 +6,7 @@ effect two ticks later. The same run with ROS nodes in lockstep ends in the same
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections import deque
@@ -14,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dig_operator import Command, DigTask, OperatorPhase
+from dig_operator import Command, DigTask, HaulTask, OperatorPhase
+from earthmoving_sim.coloured_mesh import merge_meshes
 from earthmoving_sim.demo_site import check_slope_stability, jacksboro_site
 from earthmoving_sim.dig_outcome import PATH_INTERVAL_TICKS, DigOutcome
 from earthmoving_sim.machine_mesh import machine_mesh
@@ -41,6 +43,9 @@ COMMAND_DELAY_TICKS = 2
 With nodes, soil and machine compute these ticks while the operator computes its command.
 """
 
+_DIGGER = "/site/digger"
+"""Name of the excavator for the operator of a truck."""
+
 _PROGRESS_INTERVAL_TICKS = 100
 """Ticks between lines of progress."""
 
@@ -65,6 +70,7 @@ class SingleProcessDig:
         machine: the simulated excavator.
         world: soil and machine.
         task: the operator's task.
+        haul_task: task of the truck's operator; None without a truck.
     """
 
     def __init__(self, config: RunConfig, site: HeightMap | None = None) -> None:
@@ -82,8 +88,14 @@ class SingleProcessDig:
         check_slope_stability(self.site, config)
         soil = Soil(self.site.grid, self.site.heights, config.soil)
         start_x = config.run.start_x - config.task.approach_distance
+        placements = [Placement(config.machine, (start_x, config.run.start_y))]
+        if config.truck_machine is not None:
+            truck = config.truck
+            placements.append(
+                Placement(config.truck_machine, (truck.x, truck.y), math.radians(truck.yaw))
+            )
         self.machine = MachineSim(
-            [Placement(config.machine, (start_x, config.run.start_y))],
+            placements,
             self.site.grid,
             soil.columns.height,
             params=config.stepping,
@@ -95,12 +107,28 @@ class SingleProcessDig:
         )
         with log_compilation(print):
             warm_up_soil(config.soil)
-            warm_up_machines([config.machine], config.stepping, config.particles)
+            machines = [placement.spec for placement in placements]
+            warm_up_machines(machines, config.stepping, config.particles)
         self.world = World(soil, {1: self.machine})
         self.task = DigTask(config.machine, config.behaviour, config.task)
+        self.haul_task: HaulTask | None = None
+        excavator, *trucks = self.machine.simulated_machines
         self._operated_machine = OperatedMachine(
-            self.world, self.machine.simulated_machines[0], self.task, self._dt
+            self.world,
+            excavator,
+            self.task,
+            self._dt,
+            others={config.task.truck: trucks[0]} if trucks else {},
         )
+        self._operated: list[tuple[OperatedMachine, DigTask | HaulTask]] = [
+            (self._operated_machine, self.task)
+        ]
+        if config.truck_machine is not None:
+            self.haul_task = HaulTask(config.truck_machine, config.haul)
+            operated = OperatedMachine(
+                self.world, trucks[0], self.haul_task, self._dt, others={_DIGGER: excavator}
+            )
+            self._operated.append((operated, self.haul_task))
         self._lip_path: list[_LipPoint] = []
         self._max_imbalance = 0
         self._max_particles = 0
@@ -112,21 +140,25 @@ class SingleProcessDig:
             progress: print a line of progress each simulated second.
         """
         start_time = time.perf_counter()
-        pending: deque[tuple[int, Command]] = deque()  # tick of effect, command
+        pending: deque[tuple[int, list[Command]]] = deque()  # tick of effect, commands
+        _, last_task = self._operated[-1]  # the run ends with it
         last_tick: int | None = None
         while self.world.tick != last_tick:
             tick = self.world.tick
-            if tick % COMMAND_INTERVAL_TICKS == 0 and not self.task.done:
-                command = self.task.command(
-                    self._operated_machine.observation(), COMMAND_INTERVAL_TICKS * self._dt
-                )
-                if self.task.done:
+            if tick % COMMAND_INTERVAL_TICKS == 0 and not last_task.done:
+                commands = [
+                    task.command(operated.observation(), COMMAND_INTERVAL_TICKS * self._dt)
+                    for operated, task in self._operated
+                ]
+                if last_task.done:
                     last_tick = tick + COMMAND_DELAY_TICKS  # the ticks that nodes still do
                 else:
-                    pending.append((tick + COMMAND_DELAY_TICKS, command))
+                    pending.append((tick + COMMAND_DELAY_TICKS, commands))
             while pending and pending[0][0] <= tick:
-                _, command = pending.popleft()
-                self.machine.command(command.joints, command.tracks)
+                _, commands = pending.popleft()
+                pairs = zip(self.machine.simulated_machines, commands, strict=True)
+                for simulated, command in pairs:
+                    simulated.machine.command(command.joints, command.tracks)
             self._step()
             if progress and self.world.tick % _PROGRESS_INTERVAL_TICKS == 0:
                 self._print_progress(start_time)
@@ -154,9 +186,12 @@ class SingleProcessDig:
         simulated_time = self.world.tick * self._dt
         wall_time = time.perf_counter() - start_time
         ledger = self.world.ledger
+        haul = self.haul_task
+        total = "" if haul else f"/{self.config.task.cycles}"
+        truck = f" truck {haul.cycle}/{self.config.haul.loads} {haul.phase:<8}" if haul else ""
         line = (
-            f"cycle {self.task.cycle}/{self.config.task.cycles}"
-            f"  {self.task.phase:<8}"
+            f"cycle {self.task.cycle}{total}"
+            f"  {self.task.phase:<8}{truck}"
             f" bucket {100 * self.machine.payload.fill:3.0f} %"
             f"  particles {self.machine.particles.count:5d}"
             f"  in transit {(ledger.pending + ledger.particles) / 1e9:5.2f} m3"
@@ -170,14 +205,20 @@ class SingleProcessDig:
 
     def _outcome(self, wall_time: float) -> DigOutcome:
         columns = self.world.soil.columns
-        particles = self.machine.particles
+        particles, haul = self.machine.particles, self.haul_task
         observation = self._operated_machine.observation()
-        pose = (
-            self.machine.machine.spec,
-            observation.base_position,
-            observation.base_rotation,
-            observation.joints,
-        )
+        meshes, outlines = [], []
+        pairs = zip(self.machine.simulated_machines, self._operated, strict=True)
+        for simulated, (operated, _) in pairs:
+            seen = operated.observation()
+            pose = (
+                simulated.machine.spec,
+                seen.base_position,
+                seen.base_rotation,
+                seen.joints,
+            )
+            meshes.append(machine_mesh(*pose, simulated.machine.tracks.shoe_poses))
+            outlines += machine_outline(*pose)
         return DigOutcome(
             site=self.site,
             grid=self.site.grid,
@@ -191,15 +232,16 @@ class SingleProcessDig:
             wall_time=wall_time,
             max_particles=self._max_particles,
             tunnelled=particles.num_plate_tunnellings + particles.num_ground_tunnellings,
-            abort_reason=self.task.abort_reason,
+            abort_reason=self.task.abort_reason or (haul.abort_reason if haul else ""),
+            loads=list(haul.reports) if haul else [],
             state_hash=self.world.state_hash(),
             state_tick=self.world.tick,
             run_mode="one process",
             lip_path=np.array([point.position for point in self._lip_path]).reshape(-1, 3),
             lip_cycle=np.array([point.cycle for point in self._lip_path], dtype=np.int64),
             lip_phase=np.array([point.phase.value for point in self._lip_path], dtype=np.str_),
-            machine_mesh=machine_mesh(*pose, self.machine.machine.tracks.shoe_poses),
-            machine_outline=machine_outline(*pose),
+            machine_mesh=merge_meshes(*meshes),
+            machine_outline=outlines,
             machine_position=(
                 float(observation.base_position[0]),
                 float(observation.base_position[1]),

@@ -44,6 +44,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " parameter files",
     )
     parser.add_argument(
+        "--load",
+        action="store_true",
+        help="load a dumper, which hauls two loads and tips them (config/demo_load.yaml)",
+    )
+    parser.add_argument(
         "--soil", metavar="NAME", help="kind of soil, a name in config/soils.yaml such as loam"
     )
     parser.add_argument("--cycles", type=int, help="number of bucketfuls to move (default: 5)")
@@ -115,7 +120,8 @@ def run(args: argparse.Namespace) -> int:
         ) from error
     options = {"cycles": args.cycles, "seed": args.seed}
     overrides = {name: value for name, value in options.items() if value is not None}
-    config = load_run_config(args.config or "demo.yaml", overrides, soil=args.soil or "")
+    base = "demo_load.yaml" if args.load else "demo.yaml"
+    config = load_run_config(args.config or base, overrides, soil=args.soil or "", base=base)
     if config.unused:
         print(f"{args.config}: the demo does not use {', '.join(config.unused)}", flush=True)
     heights = tuple(args.height_range) if args.height_range else None
@@ -203,8 +209,9 @@ def _run_nodes(
     from earthmoving_sim.multi_process.dig import run_multi_process_dig
     from earthmoving_sim.recorded_run.outcome import outcome_from_bag
 
+    operators = "dig_operator" if config.truck_machine is None else "two operators"
     print(
-        "Starting the nodes exchange_recorder, soil_sim, machine_sim and dig_operator; kernels are"
+        f"Starting the nodes exchange_recorder, soil_sim, machine_sim and {operators}; kernels are"
         " compiled the first time ...",
         flush=True,
     )

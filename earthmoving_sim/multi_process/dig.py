@@ -21,7 +21,12 @@ from earthmoving_sim.multi_process.node_process import (
     NodeProcessError,
     stop_all,
 )
-from earthmoving_sim.multi_process.parameter_file import write_node_parameters
+from earthmoving_sim.multi_process.parameter_file import (
+    DIGGER_NAMESPACE,
+    EXCAVATOR_NAMESPACE,
+    SITE_NAMESPACE,
+    write_node_parameters,
+)
 from earthmoving_sim.multi_process.run_monitor import RunMonitor
 from earthmoving_sim.run_config import RunConfig
 from earthmoving_sim.single_process_dig import COMMAND_DELAY_TICKS, COMMAND_INTERVAL_TICKS
@@ -30,19 +35,36 @@ from soil_sim.terrain import HeightMap, save_terrain
 
 __all__ = ["ObserverNode", "run_multi_process_dig"]
 
-_MODULES = {
-    "exchange_recorder": "msg_bridge.recorder.recorder_node",
-    "soil_sim": "soil_sim.node.soil_node",
-    "machine_sim": "machine_sim.node.machine_node",
-    "dig_operator": "dig_operator.node",
-}
-"""Module of each node, in the order of their start."""
-
-_STOP_ORDER = ("dig_operator", "exchange_recorder", "machine_sim", "soil_sim")
+_STOP_ORDER = ("haul_operator", "dig_operator", "exchange_recorder", "machine_sim", "soil_sim")
 """The recorder stops early: only farewells follow. The machine needs the soil to leave."""
 
 _OPERATOR_EXIT_CODES = (0, 1)
 """Exit codes of an operator that completed (0) or aborted (1) its task; the bag has the phase."""
+
+
+class _SimulationNode(NamedTuple):
+    """A node of the run.
+
+    Attributes:
+        name: name of its process and log.
+        module: its module.
+        namespace: its namespace.
+    """
+
+    name: str
+    module: str
+    namespace: str = "/"
+
+    def start(self, folder: Path, parameters: Path) -> NodeProcess:
+        """Start its process, with a log in the folder.
+
+        Args:
+            folder: folder for the log.
+            parameters: parameter file of all nodes.
+        """
+        namespace = ["-r", f"__ns:={self.namespace}"]
+        arguments = ["--ros-args", "--params-file", str(parameters), *namespace]
+        return NodeProcess(self.name, self.module, arguments, folder / f"{self.name}.log")
 
 
 class ObserverNode(NamedTuple):
@@ -106,30 +128,54 @@ def run_multi_process_dig(
     use_shipped_profile()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        monitor = RunMonitor(config.task.cycles, config.stepping.tick_period, realtime=realtime)
+        monitor = RunMonitor(
+            config.haul.loads if config.task.truck else config.task.cycles,
+            config.stepping.tick_period,
+            realtime=realtime,
+            truck=config.task.truck,
+        )
         try:
-            _run_nodes(monitor, folder, parameters, observers)
+            _run_nodes(monitor, _nodes(config), folder, parameters, observers)
         finally:
             monitor.close()
     finally:
         rclpy.try_shutdown()
 
 
+def _nodes(config: RunConfig) -> list[_SimulationNode]:
+    """Return the nodes of a run in the order of their start; the run ends with the last one."""
+    has_truck = config.truck_machine is not None
+    machines = SITE_NAMESPACE if has_truck else EXCAVATOR_NAMESPACE
+    digger = DIGGER_NAMESPACE if has_truck else EXCAVATOR_NAMESPACE
+    nodes = [
+        _SimulationNode("exchange_recorder", "msg_bridge.recorder.recorder_node"),
+        _SimulationNode("soil_sim", "soil_sim.node.soil_node"),
+        _SimulationNode("machine_sim", "machine_sim.node.machine_node", machines),
+        _SimulationNode("dig_operator", "dig_operator.node", digger),
+    ]
+    if has_truck:
+        nodes.append(_SimulationNode("haul_operator", "dig_operator.node", config.task.truck))
+    return nodes
+
+
 def _run_nodes(
-    monitor: RunMonitor, folder: Path, parameters: Path, observers: Sequence[ObserverNode]
+    monitor: RunMonitor,
+    nodes: Sequence[_SimulationNode],
+    folder: Path,
+    parameters: Path,
+    observers: Sequence[ObserverNode],
 ) -> None:
-    """Start the nodes, wait until the operator has ended, and stop the others."""
+    """Start the nodes, wait until the last operator has ended, and stop the others."""
     monitor.check_no_other_simulation()
-    arguments = ["--ros-args", "--params-file", str(parameters)]
     started: dict[str, NodeProcess] = {}
     problems: list[str] = []
     try:
         for each in observers:
             started[each.name] = each.start(folder)
-        for name, module in _MODULES.items():
-            started[name] = NodeProcess(name, module, arguments, folder / f"{name}.log")
-        operator = started["dig_operator"]
-        others = [process for name, process in started.items() if name != "dig_operator"]
+        for node in nodes:
+            started[node.name] = node.start(folder, parameters)
+        operator = started[nodes[-1].name]
+        others = [process for process in started.values() if process is not operator]
         while operator.exit_code is None:
             monitor.spin(list(started.values()))
             for process in others:

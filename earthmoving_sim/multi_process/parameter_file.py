@@ -10,10 +10,21 @@ import yaml
 
 from earthmoving_sim.run_config import RunConfig
 
-__all__ = ["NAMESPACE", "write_node_parameters"]
+__all__ = [
+    "DIGGER_NAMESPACE",
+    "EXCAVATOR_NAMESPACE",
+    "SITE_NAMESPACE",
+    "write_node_parameters",
+]
 
-NAMESPACE = "/excavator"
-"""Namespace of the machine and its operator."""
+EXCAVATOR_NAMESPACE = "/excavator"
+"""Namespace of an excavator without a truck, and of its operator."""
+
+SITE_NAMESPACE = "/site"
+"""Namespace of the node of an excavator and a truck."""
+
+DIGGER_NAMESPACE = f"{SITE_NAMESPACE}/digger"
+"""Namespace of the excavator beside a truck, and of its operator."""
 
 _RECORDER = "exchange_recorder"
 
@@ -48,13 +59,18 @@ def write_node_parameters(
         "site": {"terrain": str(site.resolve())},
         "soil": asdict(config.soil),
     }
-    machine = {
+    timing = {
+        "command_wait_period": 0 if realtime else command_interval_ticks,
+        "command_delay": command_delay_ticks,
+    }
+    excavator = {
         "machine": str(config.machine_file),
         "x": config.run.start_x - config.task.approach_distance,
         "y": config.run.start_y,
+        **timing,
+    }
+    machine_node = {
         "seed": config.run.seed,
-        "command_wait_period": 0 if realtime else command_interval_ticks,
-        "command_delay": command_delay_ticks,
         "required_subscribers": [_RECORDER],
         "state_rate": 1.0 / (command_interval_ticks * tick_period),
         "stepping": asdict(config.stepping),
@@ -66,11 +82,63 @@ def write_node_parameters(
         "task": asdict(config.task),
     }
     recorder = {"path": str(bag.resolve()), "progress": False}
-    nodes = {
-        "/soil_sim": soil,
-        f"{NAMESPACE}/machine_sim": machine,
-        f"{NAMESPACE}/dig_operator": operator,
-        f"/{_RECORDER}": recorder,
-    }
+    nodes = {"/soil_sim": soil, f"/{_RECORDER}": recorder}
+    if config.truck_machine is None:
+        nodes[f"{EXCAVATOR_NAMESPACE}/machine_sim"] = {**excavator, **machine_node}
+        nodes[f"{EXCAVATOR_NAMESPACE}/dig_operator"] = operator
+    else:
+        nodes |= _nodes_with_truck(config, excavator, timing, machine_node, operator)
     content: dict[str, Any] = {name: {"ros__parameters": values} for name, values in nodes.items()}
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+
+
+def _nodes_with_truck(
+    config: RunConfig,
+    excavator: dict[str, Any],
+    timing: dict[str, Any],
+    machine_node: dict[str, Any],
+    operator: dict[str, Any],
+) -> dict[str, dict[str, Any]]:
+    """Return the parameters of machine node and operators of an excavator that loads a truck.
+
+    Args:
+        config: parameters of the run.
+        excavator: parameters of the excavator.
+        timing: parameters of each machine that time its commands.
+        machine_node: parameters of the machine node.
+        operator: parameters of the excavator's operator.
+    """
+    truck_namespace = config.task.truck
+    truck_name = truck_namespace.rpartition("/")[2]
+    digger_name = DIGGER_NAMESPACE.rpartition("/")[2]
+    truck = {
+        "machine": str(config.truck_file),
+        "x": config.truck.x,
+        "y": config.truck.y,
+        "yaw": config.truck.yaw,
+        **timing,
+    }
+    simulation = {"simulation_namespace": "/"}
+    haul = {
+        **simulation,
+        "machine": str(config.truck_file),
+        "other_machines": [DIGGER_NAMESPACE],
+        # An empty list has no type in a parameter file.
+        "haul": {name: value for name, value in asdict(config.haul).items() if value != ()},
+    }
+    return {
+        f"{SITE_NAMESPACE}/machine_sim": {
+            "machines": [digger_name, truck_name],
+            digger_name: excavator,
+            truck_name: truck,
+            **machine_node,
+        },
+        # The run ends with the last load of the truck; until then the machine needs commands.
+        f"{DIGGER_NAMESPACE}/dig_operator": {
+            **operator,
+            **simulation,
+            "other_machines": [truck_namespace],
+            "keep_running": True,
+        },
+        f"{truck_namespace}/dig_operator": haul,
+    }

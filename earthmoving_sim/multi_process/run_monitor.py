@@ -44,6 +44,12 @@ _STATE_HASH_TIMEOUT = 5.0
 _REQUIRED_NODES = ("soil_sim", "machine_sim", "dig_operator")
 """Nodes that must publish diagnostics before the first tick."""
 
+_HAUL_OPERATOR = "haul_operator"
+"""Name of the process and of the diagnostics of a truck's operator."""
+
+_DIGGER_PREFIX = "digger/"
+"""Prefix of the diagnostics of the excavator in a node with a truck."""
+
 _LINE_WIDTH = 118
 """Width to which a line of progress is padded, so that it replaces the previous one."""
 
@@ -51,13 +57,15 @@ _LINE_WIDTH = 118
 class RunMonitor:
     """Subscribes to diagnostics and state hashes, and prints the progress of a run."""
 
-    def __init__(self, cycles: int, tick_period: float, *, realtime: bool) -> None:
+    def __init__(self, cycles: int, tick_period: float, *, realtime: bool, truck: str = "") -> None:
         """
         Args:
-            cycles: number of cycles of the operator's task.
+            cycles: number of cycles of the operator's task, or of loads of the truck's.
             tick_period: duration of a tick [s].
             realtime: whether ticks follow the wall clock.
+            truck: namespace of the truck that the excavator loads; empty without one.
         """
+        self._truck = truck
         self._cycles, self._tick_period, self._realtime = cycles, tick_period, realtime
         self._node = Node("demo")
         self._executor = SingleThreadedExecutor()
@@ -143,7 +151,10 @@ class RunMonitor:
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
         previous_tick = self._value("soil_sim", "tick")
         for status in msg.status:
-            name = status.name.partition(":")[0].rpartition("/")[2]
+            full_name = status.name.partition(":")[0]
+            name = full_name.rpartition("/")[2]
+            if self._truck and full_name.strip("/").startswith(f"{self._truck.strip('/')}/"):
+                name = _HAUL_OPERATOR
             self._values[name] = {value.key: value.value for value in status.values}
         tick = self._value("soil_sim", "tick")
         if tick != previous_tick:
@@ -180,10 +191,15 @@ class RunMonitor:
 
     def _print_progress(self) -> None:
         operator = self._values.get("dig_operator", {})
+        total, truck, fill = f"/{self._cycles}", "", "payload_fill"
+        if self._truck:
+            hauler = self._values.get(_HAUL_OPERATOR, {})
+            truck = f" truck {hauler.get('cycle', '1')}{total} {hauler.get('phase', ''):<8}"
+            total, fill = "", f"{_DIGGER_PREFIX}payload_fill"
         self._write_line(
-            f"cycle {operator.get('cycle', '1')}/{self._cycles}"
-            f"  {operator.get('phase', ''):<8}"
-            f" bucket {100 * self._value('machine_sim', 'payload_fill'):3.0f} %"
+            f"cycle {operator.get('cycle', '1')}{total}"
+            f"  {operator.get('phase', ''):<8}{truck}"
+            f" bucket {100 * self._value('machine_sim', fill):3.0f} %"
             f"  particles {self._value('machine_sim', 'particles'):5.0f}"
             f"  imbalance {self._value('soil_sim', 'imbalance_mm3'):.0f} mm3"
             f"  {self._value('soil_sim', 'tick') * self._tick_period:5.1f} s"

@@ -8,12 +8,15 @@ finished, or else with the last one that was recorded completely.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from dig_operator.bed import has_bed
+from earthmoving_sim.coloured_mesh import merge_meshes
 from earthmoving_sim.dig_outcome import DigOutcome
 from earthmoving_sim.machine_mesh import machine_mesh
 from earthmoving_sim.machine_outline import machine_outline
@@ -33,7 +36,7 @@ from earthmoving_sim.recorded_run.topic_decoders import (
     RecordedRunError,
     run_topic_decoders,
 )
-from machine_sim.machine import rotation_matrix
+from machine_sim.machine import MachineSpec, rotation_matrix
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.codec.row_chunks import from_chunk_cloud
 from msg_bridge.codec.terrain import from_terrain_cloud
@@ -41,6 +44,9 @@ from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.messages import Stream
 
 __all__ = ["outcome_from_bag"]
+
+MachinePose = tuple[MachineSpec, ArrayLike, NDArray[np.float64], ArrayLike]
+"""Specification of a machine, position and rotation of its base, and its joint angles."""
 
 _CLOUD_TYPE = "sensor_msgs/msg/PointCloud2"
 _TERRAIN_TOPICS = {
@@ -77,21 +83,34 @@ def outcome_from_bag(
     _check_topics(reader, types)
     on_message = _progress_printer(reader, types) if progress else lambda: None
     run = read_run(reader, namespaces, on_message)
+    machines = [namespaces.machine, *([namespaces.truck] if namespaces.truck else [])]
     terrain, markers = _read_terrain_and_markers(
-        reader, run, namespaces.machine + _MARKERS_SUFFIX, on_message
+        reader, run, [machine + _MARKERS_SUFFIX for machine in machines], on_message
     )
     return _build_outcome(run, namespaces, terrain, markers)
 
 
 def _build_outcome(
-    run: RunRecord, namespaces: Namespaces, terrain: RecordedTerrain, markers: Any
+    run: RunRecord, namespaces: Namespaces, terrain: RecordedTerrain, markers: list[Any]
 ) -> DigOutcome:
     site, after, loose_depth = terrain.result()
     spec = load_recorded_machine(run.machine_config, namespaces)
     path = lip_path(spec, run.states, run.phases)
     end = run.states[-1]
-    pose = (spec, end.base.position, rotation_matrix(end.base.quaternion), end.joints)
-    shoes = None if markers is None else shoe_poses(markers, spec.tracks.shoe_count)
+    poses: list[MachinePose] = [
+        (spec, end.base.position, rotation_matrix(end.base.quaternion), end.joints)
+    ]
+    if run.truck is not None:
+        own = namespaces._replace(machine=namespaces.truck)
+        truck = load_recorded_machine(run.machine_config, own)
+        base, joints = run.truck.base, [run.truck.joints[name] for name in truck.joint_names]
+        poses.append((truck, base.position, rotation_matrix(base.quaternion), joints))
+    meshes, outlines = [], []
+    for pose, message in zip(poses, markers, strict=True):
+        count = pose[0].tracks.shoe_count
+        shoes = None if message is None else shoe_poses(message, count)
+        meshes.append(machine_mesh(*pose, shoes))
+        outlines += machine_outline(*pose)
     x, y, _ = np.asarray(end.base.position).tolist()
     names = ", ".join(name.rpartition("/")[2] for name in run.nodes)
     return DigOutcome(
@@ -114,31 +133,52 @@ def _build_outcome(
         lip_path=path.points,
         lip_cycle=path.cycle,
         lip_phase=path.phase,
-        machine_mesh=machine_mesh(*pose, shoes),
-        machine_outline=machine_outline(*pose),
+        machine_mesh=merge_meshes(*meshes),
+        machine_outline=outlines,
         machine_position=(x, y),
+        loads=run.truck.loads if run.truck else [],
     )
 
 
 def _find_namespaces(reader: BagReader) -> Namespaces:
-    """Return the namespaces of the one machine with an operator."""
-    operators = [
-        name
+    """Return the namespaces of the machine with an operator, and of a truck in the same node."""
+    operated = [
+        name.removesuffix(PHASE_SUFFIX)
         for name in reader.topics
         if name.endswith(PHASE_SUFFIX) and reader.is_of_simulation(name)
     ]
-    if len(operators) != 1:
+    by_task: dict[str, list[str]] = {"dig": [], "haul": []}
+    for machine in operated:
+        by_task["haul" if _is_truck(reader, machine) else "dig"].append(machine)
+    if len(by_task["dig"]) != 1 or len(by_task["haul"]) > 1:
+        topics = ", ".join(machine + PHASE_SUFFIX for machine in operated)
         raise RecordedRunError(
-            f"{reader.path} must have one topic <machine>{PHASE_SUFFIX}, and has"
-            f" {', '.join(operators) or 'none'}; record a run with one operator"
+            f"{reader.path} must have one topic <machine>{PHASE_SUFFIX} of an excavator, and at"
+            f" most one of a dumper; it has {topics or 'none'}; record a run with one operator each"
         )
-    machine = operators[0].removesuffix(PHASE_SUFFIX)
+    (machine,) = by_task["dig"]
+    return Namespaces(machine, _node_of(reader, machine), "".join(by_task["haul"]))
+
+
+def _node_of(reader: BagReader, machine: str) -> str:
+    """Return the namespace of the node that simulates a machine."""
     parent = machine.rpartition("/")[0]  # namespace of a node that simulates several machines
     has_own_node = (
         machine + MACHINE_CONFIG_SUFFIX in reader.topics
         or parent + MACHINE_CONFIG_SUFFIX not in reader.topics
     )
-    return Namespaces(machine, machine if has_own_node else parent)
+    return machine if has_own_node else parent
+
+
+def _is_truck(reader: BagReader, machine: str) -> bool:
+    """Return whether a machine beside others of its node is one with a bed."""
+    node = _node_of(reader, machine)
+    if node == machine:
+        return False
+    topic = node + MACHINE_CONFIG_SUFFIX
+    for _, _, message in reader.messages([topic]):
+        return has_bed(load_recorded_machine(str(message.data), Namespaces(machine, node)))
+    return False
 
 
 def _check_topics(reader: BagReader, types: dict[str, str]) -> None:
@@ -155,18 +195,24 @@ def _check_topics(reader: BagReader, types: dict[str, str]) -> None:
 
 
 def _read_terrain_and_markers(
-    reader: BagReader, run: RunRecord, marker_topic: str, on_message: Callable[[], None]
-) -> tuple[RecordedTerrain, Any]:
-    """Return the terrain of a run, and the machine's markers at its end; None if there are none."""
+    reader: BagReader,
+    run: RunRecord,
+    marker_topics: Sequence[str],
+    on_message: Callable[[], None],
+) -> tuple[RecordedTerrain, list[Any]]:
+    """Return the terrain of a run, and each machine's markers at its end; None if it has none."""
     terrain = RecordedTerrain(run.header)
-    has_markers = marker_topic in reader.topics and reader.topics[marker_topic].type == _MARKER_TYPE
-    last_markers: bytes | None = None
+    with_markers = [
+        topic
+        for topic in marker_topics
+        if topic in reader.topics and reader.topics[topic].type == _MARKER_TYPE
+    ]
+    last_markers: dict[str, bytes] = {}
     # Only one of the maps and of the markers is needed, and they are large: decode only those.
-    topics = [*_TERRAIN_TOPICS, *([marker_topic] * has_markers)]
-    for topic, time, data in reader.raw_messages(topics):
-        if topic == marker_topic:
-            if last_markers is None or time <= run.last_log_time:
-                last_markers = data
+    for topic, time, data in reader.raw_messages([*_TERRAIN_TOPICS, *with_markers]):
+        if topic in with_markers:
+            if topic not in last_markers or time <= run.last_log_time:
+                last_markers[topic] = data
             continue
         on_message()
         try:
@@ -177,7 +223,11 @@ def _read_terrain_and_markers(
             raise RecordedRunError(
                 f"a message on {topic}, logged at {time} ns, cannot be read: {error}"
             ) from error
-    return terrain, None if last_markers is None else reader.decode(marker_topic, last_markers)
+    markers = [
+        reader.decode(topic, last_markers[topic]) if topic in last_markers else None
+        for topic in marker_topics
+    ]
+    return terrain, markers
 
 
 def _add_terrain_message(

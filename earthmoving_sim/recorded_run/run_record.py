@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from dig_operator import CycleReport
+from dig_operator import CycleReport, LoadReport
 from earthmoving_sim.recorded_run.topic_decoders import (
     CYCLES_SUFFIX,
     DIAGNOSTICS_TOPIC,
@@ -39,7 +39,7 @@ from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import SoilHeader
 
-__all__ = ["MachineState", "OperatorPhase", "RunRecord", "read_run"]
+__all__ = ["MachineState", "OperatorPhase", "RunRecord", "TruckRecord", "read_run"]
 
 _TUNNELLED_KEY = "tunnelled"
 _UNFINISHED = "the operator did not finish"
@@ -69,6 +69,22 @@ class MachineState(NamedTuple):
     joints: NDArray[np.float64]
 
 
+class TruckRecord(NamedTuple):
+    """What a truck did.
+
+    Attributes:
+        base: pose of its base at the end.
+        joints: its joint angles by name at the end [rad].
+        phases: phases of its operator, in order.
+        loads: one report per load.
+    """
+
+    base: BaseState
+    joints: dict[str, float]
+    phases: list[OperatorPhase]
+    loads: list[LoadReport]
+
+
 @dataclass
 class RunRecord:
     """The last run in a bag.
@@ -88,6 +104,7 @@ class RunRecord:
         max_particles: the largest number of particles in a published message.
         tunnelled: number of tunnelled particles in the last diagnostics of the machine node.
         nodes: names of the nodes that published on /diagnostics, sorted.
+        truck: the truck that was loaded; None without one.
     """
 
     facts: RunFacts
@@ -104,12 +121,14 @@ class RunRecord:
     max_particles: int
     tunnelled: int
     nodes: list[str]
+    truck: TruckRecord | None = None
 
     @property
     def abort_reason(self) -> str:
-        """Why the run ended before its last cycle; empty if it did not."""
-        end = self.phases[-1]
-        return end.abort_reason or ("" if end.phase == "done" else _UNFINISHED)
+        """Why the run ended before its last cycle or load; empty if it did not."""
+        ends = [self.phases[-1], *([self.truck.phases[-1]] if self.truck else [])]
+        reasons = [end.abort_reason or ("" if end.phase == "done" else _UNFINISHED) for end in ends]
+        return next(filter(None, reasons), "")
 
 
 def read_run(
@@ -175,8 +194,11 @@ class _RunBuilder:
         for _, ledger in self._values[LEDGER_TOPIC]:
             if ledger.run_id == self._run_id:
                 ledgers.setdefault(ledger.tick, ledger)
-        phases = self._phases()
-        last = self._find_last_tick(headers, ledgers, phases[-1])
+        phases = self._phases(self._namespaces.machine)
+        truck = self._namespaces.truck
+        # The run ends with the task of the truck's operator.
+        truck_phases = self._phases(truck) if truck else []
+        last = self._find_last_tick(headers, ledgers, (truck_phases or phases)[-1])
         last_log_time, header = headers[last]
         counts = self._by_tick(self._namespaces.node + PARTICLES_SUFFIX)
         diagnostics = self._values_of_run(DIAGNOSTICS_TOPIC)
@@ -195,7 +217,20 @@ class _RunBuilder:
             max_particles=max((n for tick, n in counts.items() if tick <= last), default=0),
             tunnelled=self._count_tunnelled(diagnostics),
             nodes=sorted({node for statuses in diagnostics for node in statuses}),
+            truck=self._truck_record(last, truck_phases) if truck else None,
         )
+
+    def _truck_record(self, last: int, phases: list[OperatorPhase]) -> TruckRecord:
+        """Return what the truck did up to a tick."""
+        truck = self._namespaces.truck
+        topics = (truck + ODOM_SUFFIX, truck + JOINT_STATES_SUFFIX)
+        bases, joints = map(self._by_tick, topics)
+        ticks = [tick for tick in bases.keys() & joints.keys() if tick <= last]
+        if not ticks:
+            raise self._missing_error("messages of the same tick", " and ".join(topics))
+        end = max(ticks)
+        loads = self._values_of_run(truck + CYCLES_SUFFIX)
+        return TruckRecord(bases[end], joints[end], phases, loads)
 
     def _values_of_run(self, topic: str) -> list[Any]:
         return [value for time, value in self._values[topic] if time >= self._start_time]
@@ -230,8 +265,9 @@ class _RunBuilder:
             raise self._missing_error("the machine's configuration", topic)
         return str(self._values[topic][-1][1])
 
-    def _phases(self) -> list[OperatorPhase]:
-        topic = self._namespaces.machine + PHASE_SUFFIX
+    def _phases(self, machine: str) -> list[OperatorPhase]:
+        """Return the phases of the operator of a machine."""
+        topic = machine + PHASE_SUFFIX
         messages = self._values_of_run(topic)
         if not messages:
             raise self._missing_error("a phase of the operator", topic)

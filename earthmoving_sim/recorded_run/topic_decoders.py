@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from dig_operator import CycleReport
+from dig_operator import CycleReport, LoadReport
 from machine_sim.machine import EXCAVATOR_JOINTS
 from msg_bridge.codec.machine_state import BaseState
 from msg_bridge.codec.poses import from_odometry
@@ -64,6 +64,7 @@ PHASE_FIELDS = ("cycle", "phase", "abort_reason")
 """Keys of a message on the operator's phase, besides its time."""
 
 _CYCLE_FIELDS = tuple(field.name for field in fields(CycleReport))
+_LOAD_FIELDS = tuple(field.name for field in fields(LoadReport))
 
 
 class RecordedRunError(EarthmovingError):
@@ -81,13 +82,15 @@ class TopicDecoder(NamedTuple):
 
 
 class Namespaces(NamedTuple):
-    """Namespaces of a machine and of the node that simulates it, alone or with others.
+    """Namespaces of a machine, of the node that simulates it, and of a truck that it loads.
 
-    Both are relative to the namespace of the simulation, as all topics of a `BagReader` are.
+    All are relative to the namespace of the simulation, as all topics of a `BagReader` are. The
+    truck's is empty without one; it is in the same node.
     """
 
     machine: str
     node: str
+    truck: str = ""
 
 
 def run_topic_decoders(namespaces: Namespaces) -> dict[str, TopicDecoder]:
@@ -96,6 +99,11 @@ def run_topic_decoders(namespaces: Namespaces) -> dict[str, TopicDecoder]:
         **_GLOBAL_DECODERS,
         **{namespaces.machine + name: decoder for name, decoder in _MACHINE_DECODERS.items()},
         **{namespaces.node + name: decoder for name, decoder in _NODE_DECODERS.items()},
+        **(
+            {namespaces.truck + name: decoder for name, decoder in _TRUCK_DECODERS.items()}
+            if namespaces.truck
+            else {}
+        ),
     }
 
 
@@ -150,6 +158,10 @@ def _decode_joint_angles(msg: Any) -> tuple[Any, NDArray[np.float64]]:
     return msg.header.stamp, np.array([angles[name] for name in EXCAVATOR_JOINTS])
 
 
+def _decode_joints_by_name(msg: Any) -> tuple[Any, dict[str, float]]:
+    return msg.header.stamp, dict(zip(msg.name, msg.position, strict=False))
+
+
 def _decode_particle_count(msg: Any) -> tuple[Any, int]:
     return msg.header.stamp, msg.width
 
@@ -164,6 +176,10 @@ def _decode_phase(msg: Any) -> dict[str, Any]:
 
 def _decode_cycle_report(msg: Any) -> CycleReport:
     return CycleReport(**_parse_object(msg.data, _CYCLE_FIELDS))
+
+
+def _decode_load_report(msg: Any) -> LoadReport:
+    return LoadReport(**_parse_object(msg.data, _LOAD_FIELDS))
 
 
 def _parse_object(text: str, names: tuple[str, ...]) -> dict[str, Any]:
@@ -189,6 +205,12 @@ _MACHINE_DECODERS: dict[str, TopicDecoder] = {
     CYCLES_SUFFIX: TopicDecoder("std_msgs/msg/String", _decode_cycle_report),
     ODOM_SUFFIX: TopicDecoder("nav_msgs/msg/Odometry", _decode_odometry),
     JOINT_STATES_SUFFIX: TopicDecoder("sensor_msgs/msg/JointState", _decode_joint_angles),
+}
+_TRUCK_DECODERS: dict[str, TopicDecoder] = {
+    PHASE_SUFFIX: TopicDecoder("std_msgs/msg/String", _decode_phase),
+    CYCLES_SUFFIX: TopicDecoder("std_msgs/msg/String", _decode_load_report),
+    ODOM_SUFFIX: TopicDecoder("nav_msgs/msg/Odometry", _decode_odometry),
+    JOINT_STATES_SUFFIX: TopicDecoder("sensor_msgs/msg/JointState", _decode_joints_by_name),
 }
 _NODE_DECODERS: dict[str, TopicDecoder] = {
     MACHINE_CONFIG_SUFFIX: TopicDecoder("std_msgs/msg/String", _decode_text),

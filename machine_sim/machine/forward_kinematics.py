@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.machine.cylinder_visuals import cylinder_joint_values, cylinder_parts
 from machine_sim.machine.errors import MachineError
-from machine_sim.machine.rotations import rotation_matrix
+from machine_sim.machine.rotations import rotation_about_z, rotation_from_rpy, rotation_matrix
 from machine_sim.machine.spec import BASE, Axis, MachineSpec
 from machine_sim.machine.track_wheels import track_wheels
 
-__all__ = ["LinkPoses", "link_frame_name", "link_frame_names", "link_poses"]
+__all__ = ["LinkPoses", "link_frame_name", "link_frame_names", "link_frames", "link_poses"]
 
 Array = NDArray[np.float64]
 
@@ -48,6 +48,28 @@ def link_frame_names(spec: MachineSpec) -> list[str]:
         *(wheel.link for wheel in track_wheels(spec)),
         *(view.name for view in spec.shapes.view_points),
     ]
+
+
+def link_frames(
+    spec: MachineSpec, base_position: Array, base_rotation: Array, joints: ArrayLike
+) -> dict[str, tuple[Array, Array]]:
+    """Return rotation to map (3, 3) and origin [m], map frame, (3,), of each rigid link by name.
+
+    Args:
+        spec: specification of the machine.
+        base_position: origin of `base_link` [m], shape (3,), map frame.
+        base_rotation: rotation from `base_link` to map, shape (3, 3).
+        joints: joint angles [rad], shape (joints,).
+    """
+    frames = {BASE: (base_rotation, base_position)}
+    angles = np.asarray(joints, dtype=np.float64).tolist()
+    for joint, angle in zip(spec.joints.values(), angles, strict=True):
+        rotation, origin = frames[joint.parent]
+        frames[joint.child] = (
+            rotation @ _axis_rotation(joint.axis, angle),
+            origin + rotation @ np.array(joint.origin),
+        )
+    return frames
 
 
 def link_poses(
@@ -106,6 +128,13 @@ def link_poses(
             quaternion = _rotated(quaternion, cast("Axis", axis), angle)
         quaternions.append(quaternion)
     return LinkPoses(np.array(positions), np.array(quaternions))
+
+
+def _axis_rotation(axis: Axis, angle: float) -> Array:
+    """Return the rotation matrix (3, 3) of an angle [rad] about one of the axes."""
+    if axis == "z":
+        return rotation_about_z(angle)
+    return rotation_from_rpy((angle, 0.0, 0.0) if axis == "x" else (0.0, angle, 0.0))
 
 
 def _rotated(quaternion: list[float], axis: Axis, angle: float) -> list[float]:

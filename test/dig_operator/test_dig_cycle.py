@@ -9,6 +9,7 @@ from support.operator_scenes import ARM, MACHINE, KinematicDig, tilted
 
 from dig_operator import BehaviourParams, DigCycle
 from dig_operator.cycle_waypoints import WaypointPlanner
+from dig_operator.dump_target import HeapTarget
 from machine_sim.machine.arm_kinematics import tool_pose
 
 DT = 0.02
@@ -22,11 +23,12 @@ def kinematic_dig(
     params: dict | None = None,
     **options,
 ) -> KinematicDig:
+    behaviour = BehaviourParams.from_mapping(params or {})
     planner = WaypointPlanner(
         MACHINE,
-        BehaviourParams.from_mapping(params or {}),
+        behaviour,
         dig_azimuth=dig_azimuth,
-        dump_azimuth=dump_azimuth,
+        dump_target=HeapTarget(dump_azimuth, behaviour.dump_radius),
     )
     return KinematicDig(DigCycle(planner), dt=DT, **options)
 
@@ -95,7 +97,8 @@ def test_report_holds_the_fills_of_each_cycle(good):
     first, second = good.dig_cycle.reports
     assert (first.number, second.number) == (1, 2)
     assert (first.num_passes, second.num_passes) == (1, 1)
-    assert first.planned_volume == pytest.approx(MACHINE.bucket.heaped_capacity, rel=0.1)
+    target = BehaviourParams().target_fill * MACHINE.bucket.heaped_capacity
+    assert 0.8 * target < first.planned_volume < 1.05 * target
     assert (first.carried_fill, first.delivered_fill) == (0.9, 0.9)
     assert first.residual_fill <= BehaviourParams().empty_threshold
 

@@ -50,7 +50,8 @@ def dig_cycles(monkeypatch: pytest.MonkeyPatch) -> list[FakeDigCycle]:
     created: list[FakeDigCycle] = []
 
     def create(planner: WaypointPlanner) -> FakeDigCycle:
-        created.append(FakeDigCycle(planner.dig_azimuth, planner.dump_azimuth))
+        dump = planner.dump_target.aim(observation())
+        created.append(FakeDigCycle(planner.dig_azimuth, dump.azimuth))
         return created[-1]
 
     monkeypatch.setattr("dig_operator.dig_task.DigCycle", create)

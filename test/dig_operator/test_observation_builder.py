@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dig_operator.observation import Observation
-from dig_operator.observation_builder import ObservationBuilder, TerrainSnapshot
+from dig_operator.observation_builder import MachineSample, ObservationBuilder, TerrainSnapshot
 from msg_bridge.codec.machine_state import BaseState, PayloadState
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.ledger import Ledger
@@ -24,7 +24,7 @@ def build(
     terrain = TerrainSnapshot(GRID, np.full(GRID.shape, 0.25), revision)
     ledger = Ledger(1, 3, 10, in_flight, 0, particles, 0, 0, 10)
     payload = PayloadState(bank_m3=0.4, loose_m3=0.5, mass_kg=700.0, fill=0.6)
-    return builder.build(1.5, [0.1, 0.2, 0.3, 0.4], BASE, payload, terrain, ledger)
+    return builder.build(1.5, MachineSample([0.1, 0.2, 0.3, 0.4], BASE, payload), terrain, ledger)
 
 
 def test_observation_holds_the_values_of_the_messages() -> None:
@@ -62,6 +62,8 @@ def test_observation_copies_its_arrays() -> None:
     builder, joints = ObservationBuilder(), np.array([0.1, 0.2, 0.3, 0.4])
     terrain = TerrainSnapshot(GRID, np.zeros(GRID.shape), 0)
     ledger = Ledger(1, 3, 0, 0, 0, 0, 0, 0, 0)
-    observation = builder.build(0.0, joints, BASE, PayloadState(0, 0, 0, 0), terrain, ledger)
+    observation = builder.build(
+        0.0, MachineSample(joints, BASE, PayloadState(0, 0, 0, 0)), terrain, ledger
+    )
     joints[:] = 9.0
     assert observation.joints.tolist() == [0.1, 0.2, 0.3, 0.4]

@@ -5,9 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.operator_scenes import ARM, MACHINE, cone, flat, lip, observation
+from support.machine_scenes import load_shipped_machine
+from support.operator_scenes import ARM, MACHINE, cone, flat, lip, observation, tilted
 
 from dig_operator import BehaviourParams
+from dig_operator.observed_machine import ObservedMachine
 from dig_operator.terrain_survey import TerrainSurvey
 
 PARAMS = BehaviourParams()
@@ -36,33 +38,55 @@ def test_azimuth_is_the_middle_of_the_sector_on_level_ground():
     assert SURVEY.highest_ground_azimuth(observation(), 0.7) == 0.7
 
 
+def swing_heights(observed, start=DIG, end=DUMP):
+    return SURVEY.swing_clearance_heights(observed, start, end, ARM.depth_below_pin)
+
+
 def test_swing_over_level_ground_keeps_its_clearance():
-    height = SURVEY.swing_clearance_height(observation(), DIG, DUMP)
-    assert height == pytest.approx(ARM.depth_below_pin + PARAMS.clearance)
+    assert swing_heights(observation()) == pytest.approx(ARM.depth_below_pin + PARAMS.clearance)
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 0.8, DUMP])
-def test_swing_clears_a_heap_on_its_path(azimuth):
-    height = SURVEY.swing_clearance_height(observation(surface=heap_at(azimuth, 1.5)), DIG, DUMP)
-    assert height - ARM.depth_below_pin >= 1.5 + 0.8 * PARAMS.clearance
+def test_swing_clears_a_heap_on_its_path_and_is_low_elsewhere(azimuth):
+    heights = swing_heights(observation(surface=heap_at(azimuth, 1.5)))
+    assert heights.max() - ARM.depth_below_pin >= 1.5 + 0.8 * PARAMS.clearance
+    highest = np.flatnonzero(heights == heights.max())
+    azimuths = np.linspace(DIG, DUMP, heights.size)
+    assert np.abs(azimuths[highest] - azimuth).min() < 0.2
+    assert heights.min() == pytest.approx(ARM.depth_below_pin + PARAMS.clearance, abs=0.3)
 
 
 def test_swing_ignores_a_heap_beside_its_path():
     observed = observation(surface=heap_at(-0.5 * math.pi, 2.0))
-    assert SURVEY.swing_clearance_height(observed, DIG, DUMP) == SURVEY.swing_clearance_height(
-        observation(), DIG, DUMP
-    )
+    assert (swing_heights(observed) == swing_heights(observation())).all()
 
 
 def test_swing_takes_the_shorter_direction():
-    observed = observation(surface=heap_at(math.pi, 2.0))
-    assert SURVEY.swing_clearance_height(observed, 3.0, -3.0) > 2.0
-    assert SURVEY.swing_clearance_height(observation(surface=heap_at(0.0, 2.0)), 3.0, -3.0) < 2.0
+    assert swing_heights(observation(surface=heap_at(math.pi, 2.0)), 3.0, -3.0).max() > 2.0
+    assert swing_heights(observation(surface=heap_at(0.0, 2.0)), 3.0, -3.0).max() < 2.0
+
+
+def truck_at(x: float, y: float) -> ObservedMachine:
+    spec = load_shipped_machine("dumper")
+    return ObservedMachine("truck", spec, np.array([x, y, 0.0]), tilted(yaw=math.pi), spec.home)
+
+
+def test_swing_and_dump_clear_another_machine():
+    observed = replace(observation(), others=(truck_at(0.0, 5.8),))
+    heights = swing_heights(observed)
+    bed = heights[-1] - ARM.depth_below_pin
+    assert 1.8 < bed - PARAMS.clearance < 2.2, "the bed; the cab is beside the path"
+    assert swing_heights(observed, DIG, 2.2).max() > heights[-1] + 0.05, "over the cab"
+    pin = SURVEY.dump_clearance_height(observed, DUMP, PARAMS.dump_radius)
+    assert pin - MACHINE.bucket.tip_radius > 1.8 + PARAMS.clearance
+    beyond = replace(observation(), others=(truck_at(0.0, 14.0),))
+    assert (swing_heights(beyond) == swing_heights(observation())).all()
 
 
 def test_opening_bucket_clears_the_heap_below_it():
     for height in (0.0, 0.5, 1.0, 1.5):
-        pin = SURVEY.dump_clearance_height(observation(surface=heap_at(DUMP, height)), DUMP)
+        observed = observation(surface=heap_at(DUMP, height))
+        pin = SURVEY.dump_clearance_height(observed, DUMP, PARAMS.dump_radius)
         min_height = pin - MACHINE.bucket.tip_radius
         assert min_height - height == pytest.approx(PARAMS.clearance, abs=0.15)
 

@@ -15,7 +15,7 @@ WAYPOINTS = [
     Waypoint(BucketPose(0.3, 5.8, 1.2, 2.2), 1.0),
     Waypoint(BucketPose(0.6, 5.0, 1.8, 2.8), 2.0),
 ]
-TOTAL = 3.0 + 1.0  # path time and acceleration time [s]
+TOTAL = 3.0 + 0.5  # path time and acceleration time [s]
 
 
 def follow(motion: WaypointFollower, observed, dt: float = DT, timeout: float = 10.0):
@@ -55,7 +55,7 @@ def test_set_point_is_interpolated_between_waypoints():
     poses = np.array([START, *(waypoint.pose for waypoint in WAYPOINTS)])
     for time in np.linspace(0.0, TOTAL, 41).tolist():
         expected = [
-            np.interp(path_time_at(time, 3.0, 1.0), [0.0, 1.0, 3.0], column) for column in poses.T
+            np.interp(path_time_at(time, 3.0, 0.5), [0.0, 1.0, 3.0], column) for column in poses.T
         ]
         assert motion.set_point(time) == pytest.approx(expected, abs=1e-12)
 

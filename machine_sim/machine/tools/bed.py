@@ -13,6 +13,7 @@ over which it empties, along the floor to the front rim::
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
 __all__ = ["BedShape"]
 
 _MIN_PROFILE_POINTS = 3
+
+_HEAP_SLOPE = 0.5
+"""Slope of the heap that counts for the heaped capacity, height over width."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +48,15 @@ class BedShape(OpenContainer):
             MachineError: the profile has fewer than three points, is not convex or is clockwise.
         """
         self._validate("bed", _MIN_PROFILE_POINTS)
+
+    @cached_property
+    def heaped_capacity(self) -> float:
+        """Struck volume and a 2:1 heap on the opening [m^3], as ISO 6483 rates dumper bodies.
+
+        The heap of an excavator's bucket is 1:1: a bed is hauled, and its load settles.
+        """
+        heap = super().heaped_capacity - self.struck_capacity
+        return self.struck_capacity + _HEAP_SLOPE * heap
 
     @classmethod
     def from_section(cls, section: Section) -> Self:

@@ -1,0 +1,64 @@
+"""Parameters of the dumper's task."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.parameters import Parameters, parameter
+
+__all__ = ["HaulTaskParams"]
+
+
+@dataclass(frozen=True)
+class HaulTaskParams(Parameters):
+    """Where a dumper is loaded and where it tips, and how it drives; for `site_machines.yaml`."""
+
+    loads: int = parameter(2, "number of loads to haul", low=1, high=1000)
+    full_fill: float = parameter(
+        0.75, "fill of the bed at which it leaves, as a fraction of the heaped capacity",
+        low=0.05, high=1.0,
+    )  # fmt: skip
+    spot_x: float = parameter(
+        0.0, "where it stands to be loaded, map x", unit="m", low=-1e4, high=1e4
+    )
+    spot_y: float = parameter(5.8, "the same, map y", unit="m", low=-1e4, high=1e4)
+    spot_yaw: float = parameter(180.0, "its heading there", unit="deg", low=-360.0, high=360.0)
+    spot_approach: float = parameter(
+        9.0, "distance over which it reverses to there", unit="m", low=0.0, high=100.0
+    )
+    tip_x: float = parameter(-9.0, "where it tips, map x", unit="m", low=-1e4, high=1e4)
+    tip_y: float = parameter(-0.5, "the same, map y", unit="m", low=-1e4, high=1e4)
+    tip_yaw: float = parameter(90.0, "its heading there", unit="deg", low=-360.0, high=360.0)
+    tip_approach: float = parameter(
+        6.3, "distance over which it reverses to there", unit="m", low=0.0, high=100.0
+    )
+    tip_spacing: float = parameter(
+        4.0, "distance to the left between the places where successive loads are tipped",
+        unit="m", low=-50.0, high=50.0,
+    )  # fmt: skip
+    via: tuple[float, ...] = parameter(
+        (), "points x, y between both approaches that the way leads over", unit="m",
+        items=float, low=-1e4, high=1e4,
+    )  # fmt: skip
+    drive_speed: float = parameter(1.5, "speed forward", unit="m/s", low=0.1, high=10.0)
+    reverse_speed: float = parameter(1.0, "speed backward", unit="m/s", low=0.1, high=10.0)
+    turn_speed: float = parameter(
+        0.5, "angular speed of a turn on the spot", unit="rad/s", low=0.05, high=2.0
+    )
+    clearance: float = parameter(
+        0.6, "distance to keep from other machines", unit="m", low=0.1, high=10.0
+    )
+    tip_timeout: float = parameter(
+        20.0, "maximum time to raise the bed and to empty it", unit="s", low=1.0, high=300.0
+    )
+    timeout: float = parameter(
+        3600.0, "duration of the task after which it is aborted", unit="s", low=1.0, high=1e6
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.via) % 2:
+            raise ParameterError(
+                f"HaulTaskParams.via has {len(self.via)} numbers; give x and y of each point"
+            )

@@ -1,0 +1,291 @@
+"""HaulTask: a dumper that is loaded, hauls its load, tips it and returns.
+
+    (approach -> spot -> load -> haul -> back -> tip -> pull_off -> lower) x loads -> done
+
+It reverses to both places, so that its bed is where it is filled and where it empties. It leaves
+the place of loading when it is full and nothing is above it, and stops before other machines. It
+pulls forward while the raised bed empties, since the heap behind it would block the soil.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dig_operator.bed import bed_joint
+from dig_operator.haul_params import HaulTaskParams
+from dig_operator.observation import Command, Observation
+from dig_operator.phases import OperatorPhase
+from dig_operator.track_drive import Line, TrackDrive
+from machine_sim.machine import MachineSpec
+
+__all__ = ["HaulTask", "LoadReport"]
+
+Array = NDArray[np.float64]
+
+_EMPTY_FILL = 0.02
+"""Fill of the bed at which it counts as empty."""
+
+_PULL_OFF_SPEED = 0.6
+"""Speed while the raised bed empties [m/s]."""
+
+_PULL_OFF_DISTANCE = 3.0
+"""Distance driven with the raised bed [m]."""
+
+_JOINT_TOLERANCE = 0.02
+"""Error of the bed that has reached its target [rad]."""
+
+
+@dataclass(frozen=True)
+class LoadReport:
+    """Result of one load.
+
+    Attributes:
+        number: number of the load, from 1.
+        fill: fill of the bed when it left, as a fraction of the heaped capacity.
+        hauled_volume: bank volume in the bed when it left [m^3].
+        moved_volume: bank volume that it tipped [m^3].
+        loading_time: time at the place of loading [s].
+        duration: duration of the round [s].
+    """
+
+    number: int
+    fill: float
+    hauled_volume: float
+    moved_volume: float
+    loading_time: float
+    duration: float
+
+
+class HaulTask:
+    """Operator of a dumper.
+
+    Attributes:
+        phase: `APPROACH`, `SPOT`, `LOAD`, `HAUL`, `BACK`, `TIP`, `PULL_OFF`, `LOWER` or `DONE`.
+        reports: one report per load.
+        abort_reason: why the task was aborted; empty if it was not.
+        wait_reason: what it waits for, for the user; empty if it does not.
+    """
+
+    def __init__(self, machine: MachineSpec, params: HaulTaskParams) -> None:
+        """
+        Args:
+            machine: the dumper.
+            params: the task.
+
+        Raises:
+            MachineError: the machine has no bed that tips.
+        """
+        self.phase = OperatorPhase.APPROACH
+        self.reports: list[LoadReport] = []
+        self.abort_reason = self.wait_reason = ""
+        self._params = params
+        self._drive = TrackDrive(machine, clearance=params.clearance, turn_speed=params.turn_speed)
+        self._joint_index = bed_joint(machine)
+        joint = machine.joints[machine.joint_names[self._joint_index]]
+        self._num_joints = len(machine.joints)
+        home = float(machine.home[self._joint_index])
+        self._lowered_angle = home
+        self._raised_angle = max((joint.lower, joint.upper), key=lambda angle: abs(angle - home))
+        self._bed_speed = joint.max_velocity
+        self._lines: list[Line] = []  # left to drive in the present phase
+        self._start_time: float | None = None
+        self._round_start_time = self._phase_start_time = self._leave_time = 0.0
+        self._is_full = False  # since it is being loaded; the soil settles afterwards
+        self._fill, self._hauled_volume = 0.0, 0.0  # when it left
+        self._advance: dict[OperatorPhase, Callable[[Observation, float], Command]] = {
+            OperatorPhase.APPROACH: self._drive_ahead,
+            OperatorPhase.SPOT: self._back_up,
+            OperatorPhase.LOAD: self._load,
+            OperatorPhase.HAUL: self._drive_ahead,
+            OperatorPhase.BACK: self._back_up,
+            OperatorPhase.TIP: self._tip,
+            OperatorPhase.PULL_OFF: self._pull_off,
+            OperatorPhase.LOWER: self._lower,
+        }
+
+    @property
+    def cycle(self) -> int:
+        """Number of the present load, from 1; of the last one when all are done."""
+        return min(len(self.reports) + 1, self._params.loads)
+
+    @property
+    def done(self) -> bool:
+        """Whether the task has ended."""
+        return self.phase is OperatorPhase.DONE
+
+    def abort(self, reason: str) -> None:
+        """End the task at once.
+
+        Args:
+            reason: why, for the user.
+        """
+        self.phase, self.abort_reason = OperatorPhase.DONE, reason
+
+    def command(self, observation: Observation, dt: float) -> Command:
+        """Return the command for the next `dt` [s]; zero velocities once the task has ended."""
+        if self._start_time is None:
+            self._start_time = self._round_start_time = observation.time
+            self._enter(OperatorPhase.APPROACH, observation)
+        if observation.time - self._start_time > self._params.timeout:
+            self.abort(
+                f"the task was not finished within {self._params.timeout:g} s of simulation time"
+            )
+        self.wait_reason = ""
+        if self.done:
+            return self._command(0.0, np.zeros(2))
+        return self._advance[self.phase](observation, dt)
+
+    def _enter(self, phase: OperatorPhase, observation: Observation) -> None:
+        """Begin a phase, and plan the lines to drive."""
+        self.phase, self._phase_start_time = phase, observation.time
+        params, position = self._params, observation.base_position[:2]
+        via = list(zip(params.via[::2], params.via[1::2], strict=True))
+        if phase is OperatorPhase.APPROACH:
+            self._lines = _polyline(position, [*reversed(via), self._approach(self._spot)])
+        elif phase is OperatorPhase.HAUL:
+            self._lines = _polyline(position, [*via, self._approach(self._tip_place)])
+        elif phase is OperatorPhase.LOAD:
+            self._is_full = False
+        elif phase is OperatorPhase.SPOT:
+            x, y, yaw, _ = self._spot
+            self._lines = [Line((x, y), yaw + math.pi, is_reverse=True)]
+        elif phase is OperatorPhase.BACK:
+            x, y, yaw, _ = self._tip_place
+            self._lines = [Line((x, y), yaw + math.pi, is_reverse=True)]
+        elif phase is OperatorPhase.PULL_OFF:
+            x, y = position.tolist()
+            c, s = math.cos(observation.yaw), math.sin(observation.yaw)
+            end = (x + _PULL_OFF_DISTANCE * c, y + _PULL_OFF_DISTANCE * s)
+            self._lines = [Line(end, observation.yaw)]
+
+    @property
+    def _spot(self) -> tuple[float, float, float, float]:
+        """Position [m] and heading [rad] of the loading, and the length of its approach [m]."""
+        params = self._params
+        yaw = math.radians(params.spot_yaw)
+        return params.spot_x, params.spot_y, yaw, params.spot_approach
+
+    @property
+    def _tip_place(self) -> tuple[float, float, float, float]:
+        """Position [m] and heading [rad] of the present tip, and the length of its approach [m]."""
+        params = self._params
+        yaw, left = math.radians(params.tip_yaw), params.tip_spacing * len(self.reports)
+        x, y = params.tip_x - left * math.sin(yaw), params.tip_y + left * math.cos(yaw)
+        return x, y, yaw, params.tip_approach
+
+    @staticmethod
+    def _approach(place: tuple[float, float, float, float]) -> tuple[float, float]:
+        """Return where the approach to a place starts (x, y) [m]."""
+        x, y, yaw, length = place
+        return x + length * math.cos(yaw), y + length * math.sin(yaw)
+
+    def _drive_ahead(self, observation: Observation, dt: float) -> Command:
+        """Drive to the start of an approach, and turn to its heading."""
+        if self._lines:
+            tracks, is_done = self._follow(observation, self._params.drive_speed, dt)
+            if is_done:
+                self._lines.pop(0)
+            return self._command(0.0, tracks)
+        is_returning = self.phase is OperatorPhase.APPROACH
+        _, _, yaw, _ = self._spot if is_returning else self._tip_place
+        tracks, is_done = self._drive.turn(observation, yaw, dt)
+        if is_done:
+            self._enter(OperatorPhase.SPOT if is_returning else OperatorPhase.BACK, observation)
+        return self._command(0.0, tracks)
+
+    def _back_up(self, observation: Observation, dt: float) -> Command:
+        """Reverse to the place of loading or tipping."""
+        tracks, is_done = self._follow(observation, self._params.reverse_speed, dt)
+        if is_done:
+            is_spot = self.phase is OperatorPhase.SPOT
+            self._enter(OperatorPhase.LOAD if is_spot else OperatorPhase.TIP, observation)
+        return self._command(0.0, tracks)
+
+    def _load(self, observation: Observation, dt: float) -> Command:
+        """Stand until the bed is full and nothing is above it."""
+        self._is_full |= observation.fill >= self._params.full_fill
+        if self._is_full:
+            name = self._drive.find_obstacle(observation, None)
+            if name:
+                self.wait_reason = f"{name}, whose bucket is above the bed"
+            else:
+                self._fill, self._hauled_volume = observation.fill, observation.bank_m3
+                self._leave_time = observation.time - self._phase_start_time
+                self._enter(OperatorPhase.HAUL, observation)
+        else:
+            self.wait_reason = "a full bed"
+        return self._command(0.0, self._drive.stop(dt))
+
+    def _tip(self, observation: Observation, dt: float) -> Command:
+        """Raise the bed."""
+        velocity = self._bed_velocity(observation, self._raised_angle)
+        is_late = observation.time - self._phase_start_time > self._params.tip_timeout
+        if velocity == 0.0 or is_late or observation.fill <= _EMPTY_FILL:
+            self._enter(OperatorPhase.PULL_OFF, observation)
+        return self._command(velocity, self._drive.stop(dt))
+
+    def _pull_off(self, observation: Observation, dt: float) -> Command:
+        """Drive forward with the raised bed."""
+        tracks, is_done = self._follow(observation, _PULL_OFF_SPEED, dt)
+        elapsed = observation.time - self._phase_start_time
+        is_empty = observation.fill <= _EMPTY_FILL or elapsed > self._params.tip_timeout
+        if is_done and is_empty:
+            self._enter(OperatorPhase.LOWER, observation)
+        return self._command(self._bed_velocity(observation, self._raised_angle), tracks)
+
+    def _lower(self, observation: Observation, dt: float) -> Command:
+        """Lower the bed, report the load, and begin the next round."""
+        velocity = self._bed_velocity(observation, self._lowered_angle)
+        if velocity == 0.0:
+            self._finish_round(observation)
+        return self._command(velocity, self._drive.stop(dt))
+
+    def _finish_round(self, observation: Observation) -> None:
+        self.reports.append(
+            LoadReport(
+                number=len(self.reports) + 1,
+                fill=self._fill,
+                hauled_volume=self._hauled_volume,
+                moved_volume=self._hauled_volume - observation.bank_m3,
+                loading_time=self._leave_time,
+                duration=observation.time - self._round_start_time,
+            )
+        )
+        self._round_start_time = observation.time
+        is_last = len(self.reports) >= self._params.loads
+        self._enter(OperatorPhase.DONE if is_last else OperatorPhase.APPROACH, observation)
+
+    def _follow(self, observation: Observation, speed: float, dt: float) -> tuple[Array, bool]:
+        """Follow the first line; stop while another machine is in the way."""
+        line = self._lines[0]
+        name = self._drive.find_obstacle(observation, line)
+        if name:
+            self.wait_reason = f"{name}, which is in the way"
+            return self._drive.stop(dt), False
+        return self._drive.follow(observation, line, speed, dt)
+
+    def _bed_velocity(self, observation: Observation, target: float) -> float:
+        """Return the velocity of the bed's joint toward an angle [rad/s]; 0 once it is reached."""
+        error = target - float(observation.joints[self._joint_index])
+        if abs(error) < _JOINT_TOLERANCE:
+            return 0.0
+        return math.copysign(self._bed_speed, error)
+
+    def _command(self, bed_velocity: float, tracks: Array) -> Command:
+        joints = np.zeros(self._num_joints)
+        joints[self._joint_index] = bed_velocity
+        return Command(joints, tracks)
+
+
+def _polyline(start: Array, points: list[tuple[float, float]]) -> list[Line]:
+    """Return the lines that lead from a position over points (x, y) [m]."""
+    lines = []
+    for point in points:
+        lines.append(Line.from_to(start, point))
+        start = np.array(point)
+    return lines

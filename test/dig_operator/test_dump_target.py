@@ -1,0 +1,88 @@
+"""BedTarget: where the bucket is opened over a bed, what is waited for, and what counts as load."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.machine_scenes import load_shipped_machine
+from support.operator_scenes import observation, tilted
+
+from dig_operator import Observation
+from dig_operator.dump_target import BedTarget
+from dig_operator.observed_machine import ObservedMachine
+
+DUMPER = load_shipped_machine("dumper")
+
+
+def truck(x: float = 0.0, y: float = 5.8, **state: float) -> ObservedMachine:
+    angle = state.pop("bed", 0.0)
+    return ObservedMachine(
+        "truck",
+        DUMPER,
+        np.array([x, y, 0.0]),
+        tilted(yaw=math.pi),
+        np.array([angle]),
+        **state,
+    )
+
+
+def seen(*others: ObservedMachine) -> Observation:
+    return replace(observation(), others=others)
+
+
+def target() -> BedTarget:
+    return BedTarget("truck", min_radius=4.4, max_radius=7.3, full_fill=0.8)
+
+
+def test_bucket_is_opened_over_the_bed() -> None:
+    azimuth, radius = target().aim(seen(truck()))
+    assert azimuth == pytest.approx(0.5 * math.pi, abs=0.1)
+    assert radius == pytest.approx(5.8, abs=0.6)
+
+
+def test_successive_buckets_are_spread_along_the_bed() -> None:
+    bed = target()
+    azimuths = []
+    for _ in range(4):
+        azimuths.append(bed.aim(seen(truck())).azimuth)
+        bed.count_dump(seen(truck(fill=0.3)))
+    assert len(set(azimuths[:3])) == 3
+    assert azimuths[3] == azimuths[0]
+
+
+@pytest.mark.parametrize(
+    ("others", "reason"),
+    [
+        ((), "not known"),
+        ((truck(speed=0.5),), "driving"),
+        ((truck(bed=-0.4),), "raised"),
+        ((truck(y=12.0),), "away"),
+        ((truck(age=1.0),), "no messages"),
+        ((truck(fill=0.85),), "full"),
+    ],
+)
+def test_obstacle_names_what_is_waited_for(
+    others: tuple[ObservedMachine, ...], reason: str
+) -> None:
+    assert reason in target().find_obstacle(seen(*others), is_swinging=False)
+
+
+def test_shaken_or_full_machine_does_not_stop_a_swing() -> None:
+    assert target().find_obstacle(seen(truck(speed=0.1, fill=0.85)), is_swinging=True) == ""
+
+
+def test_load_is_a_full_bed_or_one_that_is_driven_away() -> None:
+    bed = target()
+    bed.count_dump(seen(truck(fill=0.5)))
+    bed.watch(seen(truck(fill=0.5)))
+    assert bed.num_loads == 0
+    bed.count_dump(seen(truck(fill=0.82)))
+    bed.watch(seen(truck(x=-8.0, fill=0.82)))
+    assert bed.num_loads == 1, "counted once"
+    bed.watch(seen(truck(x=-8.0, fill=0.0)))
+    bed.count_dump(seen(truck(fill=0.3)))
+    bed.watch(seen(truck(x=-8.0, fill=0.3)))
+    assert bed.num_loads == 2

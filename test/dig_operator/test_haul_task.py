@@ -1,0 +1,130 @@
+"""HaulTask on a dumper that only moves: its phases and places, and other machines before it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.machine_scenes import load_shipped_machine
+from support.operator_scenes import observation, tilted
+
+from dig_operator import HaulTask, HaulTaskParams, Observation
+from dig_operator.observed_machine import ObservedMachine
+from machine_sim.machine.errors import MachineError
+
+DT = 0.02
+DUMPER, DIGGER = load_shipped_machine("dumper"), load_shipped_machine("excavator")
+GAUGE = DUMPER.tracks.gauge
+ROUND = ["approach", "spot", "load", "haul", "back", "tip", "pull_off", "lower"]
+
+
+def digger_at(x: float, y: float, swing: float = 0.0) -> ObservedMachine:
+    joints = np.array([swing, *DIGGER.home[1:]])
+    return ObservedMachine("digger", DIGGER, np.array([x, y, 0.0]), np.eye(3), joints)
+
+
+class KinematicDumper:
+    """A dumper on level ground that follows its commands exactly; its bed fills while it waits."""
+
+    def __init__(self, **params: float) -> None:
+        self.task = HaulTask(DUMPER, HaulTaskParams.from_mapping(params))
+        self.x, self.y, self.yaw, self.bed, self.fill, self.time = -9.0, 5.8, 2.0, 0.0, 0.0, 0.0
+        self.others: tuple[ObservedMachine, ...] = ()
+        self.filling_rate = 0.5
+        self.phases: list[str] = []
+        self.places: dict[str, tuple[float, float, float]] = {}
+
+    def observation(self) -> Observation:
+        seen = observation(
+            [self.bed],
+            position=(self.x, self.y, 0.0),
+            rotation=tilted(yaw=self.yaw),
+            fill=self.fill,
+            time=self.time,
+        )
+        return replace(seen, others=self.others, bank_m3=6.0 * self.fill)
+
+    def step(self) -> None:
+        phase = str(self.task.phase)
+        if not self.phases or self.phases[-1] != phase:
+            self.phases.append(phase)
+        self.places[phase] = (self.x, self.y, self.yaw)
+        command = self.task.command(self.observation(), DT)
+        left, right = command.tracks.tolist()
+        self.yaw += (right - left) / GAUGE * DT
+        self.x += 0.5 * (left + right) * math.cos(self.yaw) * DT
+        self.y += 0.5 * (left + right) * math.sin(self.yaw) * DT
+        self.bed = min(max(self.bed + float(command.joints[0]) * DT, -1.15), 0.0)
+        if phase == "load" and left == right == 0.0:
+            self.fill = min(self.fill + self.filling_rate * DT, 0.9)
+        if self.bed < -0.8:
+            self.fill = max(self.fill - 0.5 * DT, 0.0)
+        self.time += DT
+
+    def run_until(self, phase: str, timeout: float = 300.0) -> KinematicDumper:
+        end = self.time + timeout
+        while self.task.phase != phase:
+            assert self.time < end, self.task.phase
+            self.step()
+        return self
+
+
+def test_rounds_lead_to_both_places_and_back() -> None:
+    dumper = KinematicDumper(loads=2).run_until("done")
+    assert dumper.phases == ROUND * 2
+    x, y, yaw = dumper.places["load"]
+    assert (x, y) == pytest.approx((0.0, 5.8), abs=0.15)
+    assert math.remainder(yaw - math.pi, 2.0 * math.pi) == pytest.approx(0.0, abs=0.06)
+    x, y, yaw = dumper.places["tip"]  # of the second load, 4 m to the left of the first
+    assert (x, y) == pytest.approx((-13.0, -0.5), abs=0.15)
+    assert math.remainder(yaw - 0.5 * math.pi, 2.0 * math.pi) == pytest.approx(0.0, abs=0.06)
+    first, second = dumper.task.reports
+    assert (first.number, second.number) == (1, 2)
+    assert first.fill == pytest.approx(0.8, abs=0.15)
+    assert first.moved_volume == pytest.approx(first.hauled_volume)
+    assert dumper.bed == pytest.approx(0.0, abs=0.03)
+
+
+def test_way_leads_over_the_points_between() -> None:
+    dumper = KinematicDumper(via=[-14.0, 9.0]).run_until("haul")
+    distances = []
+    while dumper.task.phase == "haul":
+        dumper.step()
+        distances.append(math.hypot(dumper.x + 14.0, dumper.y - 9.0))
+    assert min(distances) < 0.3
+
+
+def test_dumper_stops_before_a_machine_and_continues_without_it() -> None:
+    dumper = KinematicDumper()
+    dumper.run_until("spot")
+    dumper.others = (digger_at(-2.0, 5.8),)
+    while dumper.time < 60.0:
+        dumper.step()
+    assert "digger" in dumper.task.wait_reason
+    assert dumper.task.phase == "spot"
+    # Its rear is 2.5 m behind its middle, the other's tracks 2 m before theirs.
+    assert -9.0 < dumper.x < -2.0 - 2.5 - 2.0
+    dumper.others = ()
+    dumper.run_until("load")
+    assert dumper.task.wait_reason == ""
+
+
+def test_full_dumper_leaves_only_when_nothing_is_above_it() -> None:
+    dumper = KinematicDumper().run_until("load")
+    dumper.others = (digger_at(0.0, 0.0, swing=0.5 * math.pi),)
+    for _ in range(500):
+        dumper.step()
+    assert dumper.fill > 0.85
+    assert dumper.task.phase == "load"
+    assert "above" in dumper.task.wait_reason
+    dumper.fill = 0.7  # the soil settles
+    dumper.others = (digger_at(0.0, 0.0),)
+    dumper.step()
+    assert dumper.task.phase == "haul"
+
+
+def test_task_needs_a_bed() -> None:
+    with pytest.raises(MachineError, match="bed"):
+        HaulTask(DIGGER, HaulTaskParams())
