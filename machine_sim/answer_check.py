@@ -28,6 +28,12 @@ from msg_bridge.kernels import kernel
 
 __all__ = ["check_conversions", "check_excavation", "check_forces", "check_map_updates"]
 
+_EXCAVATE, _MAX_KIND, _MAX_REACTION = (
+    int(ConversionKind.EXCAVATE),
+    int(max(ConversionKind)),
+    int(max(SoilReaction)),
+)
+
 _MAX_COORDINATE = 1e5
 """Largest coordinate in a row [m], that of a map."""
 
@@ -83,7 +89,7 @@ def check_forces(forces: Rows, num_tools: int) -> None:
             f"a force acts on tool {forces['tool'].max()}; this node has {num_tools} tools",
             ErrorCode.VALUE,
         )
-    if forces["reaction"].max() > max(SoilReaction):
+    if forces["reaction"].max() > _MAX_REACTION:
         raise ExchangeError(
             f"a force has the reaction {forces['reaction'].max()}; give {min(SoilReaction):d} to"
             f" {max(SoilReaction):d}",
@@ -123,13 +129,13 @@ def check_conversions(
     if conversions.size == 0:
         return
     kind = conversions["kind"]
-    if kind.max() > max(ConversionKind):
+    if kind.max() > _MAX_KIND:
         raise ExchangeError(
             f"a conversion has the kind {kind.max()}; give {min(ConversionKind):d} to"
             f" {max(ConversionKind):d}",
             ErrorCode.VALUE,
         )
-    is_excavated = kind == ConversionKind.EXCAVATE
+    is_excavated = kind == _EXCAVATE
     excavated, answers = conversions[is_excavated], conversions[~is_excavated]
     if excavated.size:
         _check_excavated_soil(excavated, ground, can_dig=can_dig)
@@ -154,7 +160,7 @@ def check_excavation(
     Raises:
         ExchangeError: EXCAVATION.
     """
-    excavated = conversions[conversions["kind"] == ConversionKind.EXCAVATE]
+    excavated = conversions[conversions["kind"] == _EXCAVATE]
     if excavated.size == 0:
         return
     is_near = np.zeros(excavated.size, dtype=np.bool_)

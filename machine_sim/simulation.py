@@ -53,6 +53,8 @@ from msg_bridge.contract.rows import (
 
 __all__ = ["MachineSim", "MachineTickOutput"]
 
+_EXCAVATE, _REJECT = int(ConversionKind.EXCAVATE), int(ConversionKind.REJECT)
+
 
 @dataclass(frozen=True)
 class MachineTickOutput:
@@ -228,10 +230,13 @@ class MachineSim:
         if conversions.size == 0:
             return
         kind = conversions["kind"]
-        self._credit_excavated_soil(conversions[kind == ConversionKind.EXCAVATE], ticks_ago)
-        is_deposited = (kind == ConversionKind.DEPOSIT) | (kind == ConversionKind.OUTSIDE)
-        self.particles.remove(conversions["particle_id"][is_deposited])
-        self.particles.unfreeze(conversions["particle_id"][kind == ConversionKind.REJECT])
+        is_excavated = kind == _EXCAVATE
+        self._credit_excavated_soil(conversions[is_excavated], ticks_ago)
+        if is_excavated.all():
+            return
+        particle_id, is_rejected = conversions["particle_id"], kind == _REJECT
+        self.particles.remove(particle_id[~(is_excavated | is_rejected)])
+        self.particles.unfreeze(particle_id[is_rejected])
 
     def synchronize(self, keyframe: Keyframe, backlog: Rows) -> None:
         """Apply the present terrain and the conversion backlog after a join or rejoin.

@@ -48,10 +48,15 @@ class CappedSpringDamper:
         """
         self._stiffness, self._damping, self._slack = stiffness, damping, slack
         self._local_point: Array = np.zeros(3)  # contact point in the tool frame [m]
-        self.reset()
+        self._clear()
 
     def reset(self) -> None:
-        """Remove the wrench."""
+        """Remove the wrench, if there is one."""
+        if self.max_force > 0.0:
+            self._clear()
+
+    def _clear(self) -> None:
+        """Set all but the point in the tool frame to zero."""
         self.force: Array = np.zeros(3)
         self.torque: Array = np.zeros(3)
         self.contact_point: Array = np.zeros(3)

@@ -40,7 +40,7 @@ from machine_sim.tool_soil.resistance import (
     SoilResistance,
     machine_contact,
 )
-from msg_bridge.contract.rows import Rows, SoilReaction
+from msg_bridge.contract.rows import FORCE_VECTORS, Rows, SoilReaction
 
 __all__ = ["MillingResistance"]
 
@@ -69,7 +69,7 @@ _MIN_LEVER_FRACTION = 0.3
 """Minimum lever arm of the picks as a fraction of the drum's radius: picks engage on its rim, but
 the centre of the engaged soil can be on the axis."""
 
-_WRENCH_FIELDS = (("x", "y", "z"), ("fx", "fy", "fz"))
+_MILL, _BEARING = int(SoilReaction.MILL), int(SoilReaction.BEARING)
 
 
 class MillingResistance:
@@ -166,20 +166,20 @@ class MillingResistance:
         Raises:
             MachineError: values that are not finite; the previous ones stay in force.
         """
-        milling = rows[rows["reaction"] == SoilReaction.MILL]
-        if milling.size == 0:
+        reactions = rows["reaction"].tolist()
+        if _MILL not in reactions:
             self.static_resistance.receive(rows, pose)
             self._ticks_since_update = 0
             self.contact.reset()
             return
-        remaining = rows[rows["reaction"] == SoilReaction.BEARING]
-        point, force = _point_and_force(milling[0])
-        work = float(milling[0]["work"])
+        milling = rows[reactions.index(_MILL) :][:1]
+        point, force = _point_and_force(milling)
+        work = float(milling["work"][0])
         if not (math.isfinite(work) and work >= 0.0):
             raise MachineError(f"the work of the drum is {work} J; give a finite number, 0 or more")
         limit = self._thrust(work)
-        if remaining.size:
-            point, force = _point_and_force(remaining[0])
+        if _BEARING in reactions:
+            point, force = _point_and_force(rows[reactions.index(_BEARING) :][:1])
             limit = math.inf
         self._ticks_since_update = 0
         self.static_resistance.reset()
@@ -296,13 +296,13 @@ class _Picks(NamedTuple):
         return spin * self.arm + float(motion @ self.direction)
 
 
-def _point_and_force(row: np.void) -> tuple[Array, Array]:
-    """Return point and force of a FORCE row.
+def _point_and_force(row: Rows) -> tuple[Array, Array]:
+    """Return point and force of a FORCE row, shape (1,).
 
     Raises:
         MachineError: values that are not finite.
     """
-    point, force = (np.array([float(row[name]) for name in names]) for names in _WRENCH_FIELDS)
-    if not np.isfinite(np.concatenate([point, force])).all():
+    (point, force, _) = row.view(FORCE_VECTORS)["values"].astype(np.float64).reshape(3, 3)
+    if not math.isfinite(sum(point.tolist()) + sum(force.tolist())):
         raise MachineError(f"the FORCE row of the drum is {row}; give finite numbers")
     return point, force

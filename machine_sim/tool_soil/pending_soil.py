@@ -27,6 +27,8 @@ from msg_bridge.contract.rows import MAX_ROW_VOLUME, ConversionKind, Rows
 
 __all__ = ["PendingSoil", "coarse_graining_factor"]
 
+_EXCAVATE = int(ConversionKind.EXCAVATE)
+
 _MAX_IDLE_TICKS = 5
 """Ticks without a new parcel after which a column's remainder is released."""
 
@@ -144,7 +146,7 @@ class PendingSoil:
 
     def receive(self, conversions: Rows, pose: Pose, tick: int) -> None:
         """Credit the EXCAVATE rows among CONVERSION rows of a tool at a pose in a tick."""
-        rows = conversions[conversions["kind"] == ConversionKind.EXCAVATE]
+        rows = conversions[conversions["kind"] == _EXCAVATE]
         rotation, origin = pose
         x, y, z = (rows[name] - origin[k] for k, name in enumerate("xyz"))
         # Component by component: the last bits of a matrix product depend on its number of rows.
@@ -286,7 +288,12 @@ class PendingSoil:
         lever_arm = local @ rotation.T
         velocity = np.zeros_like(local)
         if release_twist is not None:
-            velocity = release_twist[0] + np.cross(release_twist[1], lever_arm)
+            (vx, vy, vz), (wx, wy, wz) = release_twist[0].tolist(), release_twist[1].tolist()
+            x, y, z = lever_arm.T
+            velocity = np.empty_like(local)
+            velocity[:, 0] = vx + (wy * z - wz * y)
+            velocity[:, 1] = vy + (wz * x - wx * z)
+            velocity[:, 2] = vz + (wx * y - wy * x)
         particles.add(
             lever_arm + origin,
             velocity,

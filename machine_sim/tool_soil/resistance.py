@@ -30,6 +30,8 @@ __all__ = ["FORCE_TIMEOUT_TICKS", "SoilResistance", "machine_contact"]
 Array = NDArray[np.float64]
 Pose = tuple[Array, Array]
 
+_CUT, _BEARING = int(SoilReaction.CUT), int(SoilReaction.BEARING)
+
 FORCE_TIMEOUT_TICKS = 5
 """Number of ticks without a FORCE row after which a wrench is removed."""
 
@@ -117,9 +119,9 @@ class SoilResistance:
             if force.any():
                 wrenches[reaction] = (point, force, torque)
         self._ticks_since_update = 0
-        self._receive_cut(wrenches.get(SoilReaction.CUT), pose)
-        if SoilReaction.BEARING in wrenches:
-            self.bearing.set_wrench(wrenches[SoilReaction.BEARING], pose)
+        self._receive_cut(wrenches.get(_CUT), pose)
+        if _BEARING in wrenches:
+            self.bearing.set_wrench(wrenches[_BEARING], pose)
         elif self.bearing.distance_to_contact(pose) > _RELEASE_DISTANCE:
             self.bearing.reset()
 

@@ -40,7 +40,7 @@ _MIN_POINT_DISPLACEMENT = 1e-5
 _MIN_TRACK_DISPLACEMENT = 2e-4
 """Displacement of all track points in a tick [m] below which the machine stands."""
 
-_CUT, _COMPACT = int(SweepAction.CUT), int(SweepAction.COMPACT)
+_CUT, _COMPACT, _MILL = map(int, (SweepAction.CUT, SweepAction.COMPACT, SweepAction.MILL))
 
 
 class _KeyPointStrip:
@@ -130,7 +130,7 @@ class DrumSweep:
         """
         strip = self._key_points
         strip.move(self._points, start, end)
-        strip.rows["action"] = SweepAction.MILL if is_driven else SweepAction.COMPACT
+        strip.rows["action"] = _MILL if is_driven else _COMPACT
         strip.rows["work"] = min(work, MAX_MILLING_WORK) if is_driven else 0.0
         return strip.rows.copy()
 

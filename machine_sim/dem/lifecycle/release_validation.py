@@ -77,4 +77,4 @@ def _validate_integers(
         raise ParticleError(f"{name} has shape {values.shape}; give one value, or one per particle")
     if n and (values.dtype.kind not in "iu" or values.min() < low or values.max() > high):
         raise ParticleError(f"{name} must be whole numbers from {low} to {high}")
-    return np.broadcast_to(values, (n,)).astype(np.int64)
+    return values.astype(np.int64) if values.shape else np.full(n, values, dtype=np.int64)
