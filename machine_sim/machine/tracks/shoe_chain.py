@@ -127,16 +127,16 @@ class ShoeChains:
             states: out, states of the shoes in the columns `SHOE_POSITION` and following, map
                 frame, shape (n, 13).
         """
-        client = self._client
-        for shoe, state in zip(self._shoes, states, strict=True):
-            (
-                state[SHOE_POSITION:SHOE_QUATERNION],
-                state[SHOE_QUATERNION:SHOE_VELOCITY],
-            ) = pybullet.getBasePositionAndOrientation(shoe, client)
-            (
-                state[SHOE_VELOCITY:SHOE_ANGULAR_VELOCITY],
-                state[SHOE_ANGULAR_VELOCITY:],
-            ) = pybullet.getBaseVelocity(shoe, client)
+        client, values = self._client, list[float]()
+        read_pose, read_velocity = pybullet.getBasePositionAndOrientation, pybullet.getBaseVelocity
+        for shoe in self._shoes:
+            position, quaternion = read_pose(shoe, client)
+            velocity, angular_velocity = read_velocity(shoe, client)
+            values += position
+            values += quaternion
+            values += velocity
+            values += angular_velocity
+        states.reshape(-1)[:] = values  # at once: assignments to slices take as long as the reading
 
     def apply_forces(self, forces: Array, positions: Array) -> None:
         """Apply forces in the next step.
