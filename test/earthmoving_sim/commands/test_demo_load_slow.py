@@ -1,0 +1,84 @@
+"""`earthmoving demo --load`: an excavator loads a dumper, which hauls, tips and returns."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from msg_bridge.audit import audit_bag
+from msg_bridge.bag.reader import BagReader
+from msg_bridge.testing.ros_domain import reserve_domain
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
+
+STATE = re.compile(r"state +([0-9a-f]{64}) after tick (\d+)")
+LOAD = re.compile(
+    r"^ +(\d+) +(?P<fill>\d+) +(?P<hauled>[\d.]+) +(?P<tipped>[\d.]+) +[\d.]+ +[\d.]+$",
+    re.MULTILINE,
+)
+SPILLED = re.compile(r"spilled +(-?[\d.]+) %")
+ONE_LOAD = "task: {loads: 1}\nhaul: {loads: 1}\n"
+
+
+def run_demo(folder: Path, domain: int, *options: str) -> str:
+    """Return the output of a demo with one load."""
+    (folder / "one.yaml").write_text(ONE_LOAD)
+    command = [sys.executable, "-m", "earthmoving_sim", "demo", "--load", "--config", "one.yaml"]
+    env = {
+        **os.environ,
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+    }
+    done = subprocess.run(
+        [*command, *options], capture_output=True, text=True, cwd=folder, timeout=1400, env=env
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def nodes(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    """Output and bag of a demo with nodes."""
+    folder = tmp_path_factory.mktemp("load")
+    with reserve_domain() as domain:
+        output = run_demo(folder, domain)
+    (bag,) = (folder / "bags").iterdir()
+    return output, bag
+
+
+def test_dumper_is_loaded_hauls_and_tips_all(nodes: tuple[str, Path]) -> None:
+    load = LOAD.search(nodes[0])
+    assert load is not None, nodes[0]
+    assert int(load["fill"]) >= 70, "the soil settles after the bed was full at 75 %"
+    assert float(load["tipped"]) == pytest.approx(float(load["hauled"]), rel=0.02)
+    # 1 to 3 % of what was dumped; a bucket that misses the bed once would be 15 %.
+    (spilled,) = SPILLED.findall(nodes[0])
+    assert abs(float(spilled)) < 6.0
+
+
+def test_audit_of_the_bag_passes(nodes: tuple[str, Path]) -> None:
+    report = audit_bag(nodes[1])
+    assert report.passed, report.findings
+    assert [run.max_imbalance_mm3 for run in report.runs] == [0]
+
+
+def test_machines_do_not_touch(nodes: tuple[str, Path]) -> None:
+    contacts = [
+        json.loads(message.data)
+        for _, _, message in BagReader(nodes[1]).messages(["/site/contacts"])
+    ]
+    assert contacts == []
+
+
+def test_one_process_ends_in_the_same_state(nodes: tuple[str, Path], tmp_path: Path) -> None:
+    output = run_demo(tmp_path, 0, "--in-process", "--no-pictures")
+    states = [STATE.search(each) for each in (nodes[0], output)]
+    assert states[0] is not None
+    assert states[1] is not None
+    assert states[0].groups() == states[1].groups()
