@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,7 +31,7 @@ from earthmoving_sim.pictures.style import DPI, add_axes, add_title, new_figure,
 from earthmoving_sim.world import World
 from machine_sim.dem import ParticleParams, SoilEngine
 from machine_sim.machine import TrackedMachine, load_machine_spec, rotation_matrix
-from machine_sim.simulated_machine import Placement
+from machine_sim.simulated_machine import Placement, SimulatedMachine
 from machine_sim.simulation import MachineSim
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.grid import Grid
@@ -42,8 +42,14 @@ _PARTICLE_COLOUR = (0.49, 0.353, 0.22)
 _NOMINAL_VOLUME = 1_000_000
 """Nominal bank volume of a particle [mm^3]."""
 _COMMAND_INTERVAL_TICKS = 2
-_TIMEOUT = 120.0
+_TIMEOUT = 200.0
 """Simulated time after which a scene is drawn unfinished [s]."""
+
+_TRUCK = "truck"
+"""Name of the dumper for the operator of the excavator."""
+
+_LAST_BUCKET_FILL = 0.7
+"""Fill of the dumper's bed that its last bucket exceeds."""
 
 _CLOSE_UP_RADIUS = 1.3
 """Distance from the middle of a close-up to which it shows machine and particles [m]."""
@@ -73,20 +79,23 @@ def main() -> None:
 
 
 def load_dumper() -> SiteRecord:
-    """Return the site while an excavator dumps its second bucket into a dumper."""
+    """Return the site while an excavator dumps the last bucket into a dumper."""
     grid = Grid(161, 161, 0.2)
-    soil = Soil(grid, np.zeros(grid.shape), SoilParams(repose_angle=35.0, swell=0.15))
-    sim = _simulate(soil, [("excavator", (-2.0, 0.0)), ("dumper", (0.35, 6.3))])
-    behaviour = BehaviourParams(clearance=2.8, empty_threshold=0.05)
+    soil = Soil(grid, np.zeros(grid.shape), SoilParams(soil="loam"))
+    sim = _simulate(soil, [("excavator", (-2.0, 0.0), 0.0), ("dumper", (-2.0, 5.8), math.pi)])
+    digger, dumper = sim.simulated_machines
     operator = DigTask(
-        sim.simulated_machines[0].machine.spec, behaviour, DigTaskParams(cycles=2, timeout=_TIMEOUT)
+        digger.machine.spec,
+        BehaviourParams(),
+        DigTaskParams(truck=_TRUCK, approach_distance=0.0, loads=1, timeout=_TIMEOUT),
     )
 
-    def is_half_empty() -> bool:
-        is_dumping = operator.cycle == 2 and operator.phase == "dump"
-        return is_dumping and sim.simulated_machines[0].payload.fill < 0.5
+    def is_nearly_full() -> bool:
+        is_dumping = operator.phase == "dump" and digger.payload.fill < 0.4
+        return is_dumping and dumper.payload.fill > _LAST_BUCKET_FILL
 
-    return _work(soil, sim, operator, is_half_empty, "An excavator loads a dumper")
+    others = {_TRUCK: dumper}
+    return _work(soil, sim, operator, is_nearly_full, "An excavator loads a dumper", others)
 
 
 def cut_face() -> SiteRecord:
@@ -96,7 +105,7 @@ def cut_face() -> SiteRecord:
     heights, ids = np.zeros(grid.shape), np.zeros(grid.shape, np.uint8)
     heights[x > 2.4], ids[x > 2.2] = 2.2, 1
     soil = Soil(grid, heights, SoilParams(soil="loam", additional_soils=("rock",)), soil=ids)
-    sim = _simulate(soil, [("road_header", (-2.6, 0.0))])
+    sim = _simulate(soil, [("road_header", (-2.6, 0.0), 0.0)])
     task = FaceCuttingParams(width=3.2, height=1.8, rounds=1, timeout=_TIMEOUT)
     operator = FaceCuttingTask(sim.machine.spec, task)
 
@@ -207,12 +216,12 @@ SCENES: dict[str, Callable[[Path], Path]] = {
 """Scenes by the name of their picture."""
 
 
-def _simulate(soil: Soil, machines: list[tuple[str, tuple[float, float]]]) -> MachineSim:
-    """Return a simulation of shipped machines by name and position [m]."""
+def _simulate(soil: Soil, machines: list[tuple[str, tuple[float, float], float]]) -> MachineSim:
+    """Return a simulation of shipped machines by name, position [m] and heading [rad]."""
     return MachineSim(
         [
-            Placement(load_machine_spec(find_config(f"machines/{name}.yaml")), position)
-            for name, position in machines
+            Placement(load_machine_spec(find_config(f"machines/{name}.yaml")), position, yaw)
+            for name, position, yaw in machines
         ],
         soil.grid,
         soil.columns.height,
@@ -227,10 +236,11 @@ def _work(
     operator: DigTask | FaceCuttingTask,
     is_finished: Callable[[], bool],
     title: str,
+    others: Mapping[str, SimulatedMachine] | None = None,
 ) -> SiteRecord:
     """Run the operator of the first machine until `is_finished`, and record the site."""
     world, tick = World(soil, {1: sim}), sim.params.tick_period
-    operated = OperatedMachine(world, sim.simulated_machines[0], operator, tick)
+    operated = OperatedMachine(world, sim.simulated_machines[0], operator, tick, others=others)
     before = soil.columns.height.copy()
     while not (operator.done or is_finished()):
         operated.observe_and_command(_COMMAND_INTERVAL_TICKS * tick)

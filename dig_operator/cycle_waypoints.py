@@ -37,6 +37,9 @@ _ENTRY_DURATION = 0.3
 _MIN_SWING_ANGLE = 0.25
 """Swing angle above which the reach is a swing [rad], and not a motion of the arm."""
 
+_MAX_DUMP_LAG = 0.3
+"""Error of the opening bucket at which its set point stops [rad]; its path does not matter."""
+
 _EXTRA_DURATION = 0.02
 """Time added to the motion to each waypoint [s]."""
 
@@ -179,7 +182,8 @@ class WaypointPlanner:
             azimuth=pose.azimuth + angle,
             attitude=self.kinematics.level_attitude - self.params.dump_opening_angle,
         )
-        return self._timed_motion(pose, [opened])
+        waypoints = self._timed_waypoints(pose, [opened])
+        return WaypointFollower(pose, waypoints, max_joint_lag=_MAX_DUMP_LAG)
 
     def _lip_pose(self, k: int, height: float = 0.0) -> BucketPose:
         """Return the pose with the lip a height [m] above waypoint `k` of the plan."""

@@ -208,7 +208,7 @@ class DigCycle:
             self._delivered_fill, self._delivered_volume = observation.fill, observation.bank_m3
             self._dump_time = 0.0
         elif self.phase is OperatorPhase.DUMP:
-            self._dump_time += dt
+            self._dump_time += dt if self._is_at_rest else 0.0
             is_empty = observation.fill <= self.params.empty_threshold
             if not is_empty and self._dump_time < self.params.dump_timeout:
                 return

@@ -30,7 +30,7 @@ _BRAKING_FRACTION = 0.7
 an arm that make the upper body more inert."""
 
 _MAX_ARM_LAG = 0.06
-"""Error of boom, arm or bucket at which the swing stops [rad]; it slows down from half of that."""
+"""Error of boom or arm at which the swing stops [rad]; it slows down from half of that on."""
 
 _MIN_ANGLE = 0.1
 """Swing angle below which the arm goes straight to the target [rad]."""
@@ -93,7 +93,7 @@ class SwingFollower:
         now = kinematics.joint_angles(observation, pose)
         target = kinematics.joint_angles(observation, next_pose)
         error = target - joints
-        lag = float(np.abs(now - joints)[1:].max())
+        lag = float(np.abs(now - joints)[1:3].max())
         rate = min(1.0, max(0.0, 2.0 - 2.0 * lag / _MAX_ARM_LAG))
         error[0] = remaining - swing_rate * _DRIVE_DELAY
         distance = np.abs(error)

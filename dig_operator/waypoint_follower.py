@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from dig_operator.bucket_kinematics import BucketKinematics, BucketPose
 from dig_operator.observation import Observation
 
-__all__ = ["Waypoint", "WaypointFollower", "path_time_at"]
+__all__ = ["MAX_JOINT_LAG", "Waypoint", "WaypointFollower", "path_time_at"]
 
 _TRACKING_GAIN = 4.0
 """Joint velocity over joint error [1/s]."""
 
-_MAX_JOINT_LAG = 0.12
-"""Joint error at which the set point stops [rad]; it slows down from half of that on."""
+MAX_JOINT_LAG = 0.12
+"""Joint error at which the set point of a path through soil stops [rad]."""
 
 _ACCELERATION_TIME = 0.5
 """Time of acceleration and of deceleration [s]; a shorter motion takes twice its path time."""
@@ -44,12 +44,21 @@ class Waypoint:
 class WaypointFollower:
     """A set point that travels along waypoints: eased at the ends, at constant rate between."""
 
-    def __init__(self, start: BucketPose, waypoints: Sequence[Waypoint]) -> None:
+    def __init__(
+        self,
+        start: BucketPose,
+        waypoints: Sequence[Waypoint],
+        *,
+        max_joint_lag: float = MAX_JOINT_LAG,
+    ) -> None:
         """
         Args:
             start: present pose of the bucket.
             waypoints: waypoints in order, at least one.
+            max_joint_lag: joint error at which the set point stops [rad]; it slows down from half
+                of that on.
         """
+        self._max_joint_lag = max_joint_lag
         poses = np.array([start, *(waypoint.pose for waypoint in waypoints)])
         poses[:, 0] = np.unwrap(poses[:, 0])  # swing the short way
         durations = (max(waypoint.duration, _MIN_DURATION) for waypoint in waypoints)
@@ -78,7 +87,7 @@ class WaypointFollower:
         """
         target = kinematics.joint_angles(observation, self.set_point(self._time))
         lag = float(np.abs(target - observation.joints).max())
-        rate = min(1.0, max(0.0, 2.0 - 2.0 * lag / _MAX_JOINT_LAG))
+        rate = min(1.0, max(0.0, 2.0 - 2.0 * lag / self._max_joint_lag))
         self._time = min(self._time + rate * dt, self._duration)
         next_target = kinematics.joint_angles(observation, self.set_point(self._time))
         velocity = (next_target - target) / dt + _TRACKING_GAIN * (next_target - observation.joints)
