@@ -36,6 +36,12 @@ _PULL_OFF_SPEED = 0.6
 _PULL_OFF_DISTANCE = 3.0
 """Distance driven with the raised bed [m]."""
 
+_MIN_FILL_CHANGE = 0.01
+"""Change of the fill that shows that the bed is being loaded."""
+
+_MAX_IDLE_TIME = 60.0
+"""Time without soil after which the wait for it is reported [s]."""
+
 _JOINT_TOLERANCE = 0.02
 """Error of the bed that has reached its target [rad]."""
 
@@ -96,6 +102,7 @@ class HaulTask:
         self._start_time: float | None = None
         self._round_start_time = self._phase_start_time = self._leave_time = 0.0
         self._is_full = False  # since it is being loaded; the soil settles afterwards
+        self._loaded_fill, self._loaded_time = 0.0, 0.0  # when soil fell into the bed last
         self._fill, self._hauled_volume = 0.0, 0.0  # when it left
         self._advance: dict[OperatorPhase, Callable[[Observation, float], Command]] = {
             OperatorPhase.APPROACH: self._drive_ahead,
@@ -151,6 +158,7 @@ class HaulTask:
             self._lines = _polyline(position, [*via, self._approach(self._tip_place)])
         elif phase is OperatorPhase.LOAD:
             self._is_full = False
+            self._loaded_fill, self._loaded_time = observation.fill, observation.time
         elif phase is OperatorPhase.SPOT:
             x, y, yaw, _ = self._spot
             self._lines = [Line((x, y), yaw + math.pi, is_reverse=True)]
@@ -217,8 +225,10 @@ class HaulTask:
                 self._fill, self._hauled_volume = observation.fill, observation.bank_m3
                 self._leave_time = observation.time - self._phase_start_time
                 self._enter(OperatorPhase.HAUL, observation)
-        else:
-            self.wait_reason = "a full bed"
+        elif abs(observation.fill - self._loaded_fill) > _MIN_FILL_CHANGE:
+            self._loaded_fill, self._loaded_time = observation.fill, observation.time
+        elif observation.time - self._loaded_time > _MAX_IDLE_TIME:
+            self.wait_reason = "soil; does an excavator load this machine?"
         return self._command(0.0, self._drive.stop(dt))
 
     def _tip(self, observation: Observation, dt: float) -> Command:

@@ -125,6 +125,19 @@ def test_full_dumper_leaves_only_when_nothing_is_above_it() -> None:
     assert dumper.task.phase == "haul"
 
 
+def test_wait_is_reported_only_when_no_soil_arrives() -> None:
+    dumper = KinematicDumper()
+    dumper.filling_rate = 0.005
+    dumper.run_until("load")
+    for _ in range(round(70.0 / DT)):
+        dumper.step()
+    assert dumper.task.wait_reason == ""
+    dumper.filling_rate = 0.0
+    for _ in range(round(70.0 / DT)):
+        dumper.step()
+    assert "soil" in dumper.task.wait_reason
+
+
 def test_task_needs_a_bed() -> None:
     with pytest.raises(MachineError, match="bed"):
         HaulTask(DIGGER, HaulTaskParams())
