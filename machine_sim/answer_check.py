@@ -164,7 +164,9 @@ def check_excavation(
     if excavated.size == 0:
         return
     is_near = np.zeros(excavated.size, dtype=np.bool_)
-    x, y, lowest = excavated["x"], excavated["y"], np.inf
+    # A column of one row is contiguous, that of several is not: as a copy one kernel serves both.
+    x, y = (np.array(excavated[name], dtype=np.float64) for name in "xy")
+    lowest = np.inf
     margin = ground.grid.cell + _EXCAVATION_MARGIN
     for coupling in couplings:
         # The sweep of a tick begins at the pose at the end of the tick before.

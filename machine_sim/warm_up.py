@@ -63,6 +63,7 @@ def _dig(
                 conversions[name] = forces[name] = value
             forces["tool"] = digging[0].tool_id
         conversions["volume_mm3"] = 10 * _LITRE
+        sim.check_answer(conversions, map_updates, forces)
         sim.apply(conversions, map_updates, forces)
         sim.state_hash()
     sim.close()

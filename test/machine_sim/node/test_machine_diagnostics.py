@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from machine_sim.machine_contacts import MachineContact
 from machine_sim.node.machine_diagnostics import MachineDiagnostics
 from machine_sim.node.reported_motion import TickProgress
 from msg_bridge.exchange.join_state import JoinState
@@ -26,7 +27,12 @@ class Scene:
             facts=SimpleNamespace(realtime=realtime, tick_period=TICK),
             progress=TickProgress(0, 0),
             tick=0,
-            sim=SimpleNamespace(particles=particles, pending_mm3=0, simulated_machines=[]),
+            sim=SimpleNamespace(
+                particles=particles,
+                pending_mm3=0,
+                simulated_machines=[],
+                contacts=SimpleNamespace(present=[]),
+            ),
             endpoint=SimpleNamespace(exchange=exchange),
         )
         diagnostics: Any = SimpleNamespace(
@@ -35,7 +41,10 @@ class Scene:
             problem=self.set_problem,
             clear=lambda condition="": self.problems.pop(condition, None),
         )
-        self.diagnostics = MachineDiagnostics(diagnostics, [], now=lambda: self.now)
+        # The machines of this run are of no matter, so that two bins stand for them.
+        self.diagnostics = MachineDiagnostics(
+            diagnostics, [], bins=("digger", "truck"), now=lambda: self.now
+        )
         self.diagnostics.start_run(self.run)
         self.update()
 
@@ -89,3 +98,17 @@ def test_wait_for_the_soil_is_no_overload_of_the_machine() -> None:
 
 def test_slow_lockstep_is_no_overload() -> None:
     assert Scene(realtime=False).seconds(5, ticks=10, load=10.0) is Level.OK
+
+
+def test_machines_that_touch_are_reported_with_their_force() -> None:
+    scene = Scene()
+    contact = MachineContact((0, 1), 1.0, 1.2, 853e3, (1.0, 2.0, 3.0))
+    scene.run.sim.contacts.present = [contact]
+    scene.update()
+    text, level = scene.problems["contacts"]
+    assert "digger and truck" in text
+    assert "853 kN" in text
+    assert level is Level.WARN
+    scene.run.sim.contacts.present = []
+    scene.update()
+    assert "contacts" not in scene.problems
