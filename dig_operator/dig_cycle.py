@@ -116,6 +116,7 @@ class DigCycle:
         self._num_passes = 0
         self._planned_volume = 0.0
         self._carried_fill = 0.0
+        self._has_arrived = False  # above the dump in this cycle
         self._delivered_fill = 0.0
         self._delivered_volume = 0.0
 
@@ -166,7 +167,7 @@ class DigCycle:
             return
         is_swinging = self.phase is not OperatorPhase.WAIT
         self.wait_reason = self._planner.dump_target.find_obstacle(
-            observation, is_swinging=is_swinging
+            observation, is_swinging=is_swinging or self._has_arrived
         )
         if self.wait_reason and is_swinging:
             self.phase, self._motion = OperatorPhase.WAIT, None
@@ -205,7 +206,10 @@ class DigCycle:
                 obstacle = self._planner.dump_target.find_obstacle(observation, is_swinging=False)
                 next_phase = OperatorPhase.WAIT if obstacle else OperatorPhase.SWING
         elif self.phase is OperatorPhase.SWING:
-            self._delivered_fill, self._delivered_volume = observation.fill, observation.bank_m3
+            if not self._has_arrived:  # a dump that was interrupted began with more
+                self._delivered_fill = observation.fill
+                self._delivered_volume = observation.bank_m3
+            self._has_arrived = True
             self._dump_time = 0.0
         elif self.phase is OperatorPhase.DUMP:
             self._dump_time += dt if self._is_at_rest else 0.0
@@ -235,6 +239,7 @@ class DigCycle:
             )
         )
         self._adapt_target_fill()
+        self._has_arrived = False
         self.cycle += 1
         self._num_passes = 0
         self._cycle_start_time = observation.time

@@ -59,6 +59,7 @@ class DigTask:
         self._initial_observation: Observation | None = None
         self._phase_start_time = 0.0  # of brace and settle
         self._last_motion_time = 0.0  # of soil, while settling
+        self._waiting_time = 0.0  # for the truck [s]
         self._obstacle = ""  # name of the machine in the way of the approach
         self._dig_cycle: DigCycle | None = None
         self._target: DumpTarget | None = None
@@ -100,7 +101,9 @@ class DigTask:
             )
             self._dig_cycle = DigCycle(planner)
             self.phase = OperatorPhase.REACH
-        elapsed = observation.time - self._initial_observation.time
+        # A truck may come late.
+        self._waiting_time += dt if self.phase is OperatorPhase.WAIT else 0.0
+        elapsed = observation.time - self._initial_observation.time - self._waiting_time
         if self.phase not in _FINAL_PHASES and elapsed > self._params.timeout:
             self._abort(
                 f"the task was not finished within {self._params.timeout:g} s of simulation time",

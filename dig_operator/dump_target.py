@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dig_operator.bed import bed_joint, bed_of
+from dig_operator.bed import bed_joint, bed_of, has_bed
 from dig_operator.observation import Observation
 from dig_operator.observed_machine import ObservedMachine
 from machine_sim.machine.tools.bed import BedShape
@@ -24,17 +24,15 @@ _MAX_REST_SPEED = 0.03
 _DRIVING_SPEED = 0.2
 """Speed above which a machine drives; soil that falls into its bed shakes it [m/s]."""
 
-_DEPARTURE_DISTANCE = 1.0
-"""Distance from where it was loaded at which a machine has left [m]."""
-
 _MAX_LOWERED_ANGLE = 0.06
 """Angle from its rest position below which a bed counts as lowered [rad]."""
 
 _MAX_AGE = 0.5
 """Age of the last state of a machine from which on it is not known where it is [s]."""
 
-_EMPTY_FILL = 0.05
-"""Fill below which a bed counts as empty: a new load begins."""
+_EMPTIED_FRACTION = 0.5
+"""Fraction of the maximum fill below which a bed has been emptied, and a new load begins; some soil
+may stick to it."""
 
 
 class DumpPoint(NamedTuple):
@@ -104,7 +102,7 @@ class BedTarget:
     reach. Successive buckets are dumped at different points along the bed.
 
     Attributes:
-        num_loads: number of loads: a bed that is full, or is driven away after a dump.
+        num_loads: number of loads: a bed that is full, or is driven out of reach after a dump.
     """
 
     def __init__(self, name: str, *, min_radius: float, max_radius: float, full_fill: float):
@@ -118,36 +116,38 @@ class BedTarget:
         self._min_radius, self._max_radius = min_radius, max_radius
         self._num_dumps = 0  # into the present load
         self._is_counted = False  # the present load
-        self._dump_position: NDArray[np.float64] = np.zeros(3)  # of the machine at the last dump
+        self._max_fill = 0.0  # of the present load
         self.num_loads = 0
 
     def watch(self, observation: Observation) -> None:
         """Count a load that is driven away."""
         truck = self._find(observation)
-        if truck is None:
+        if truck is None or not has_bed(truck.spec):
             return
-        if truck.fill < _EMPTY_FILL:
-            self._num_dumps, self._is_counted = 0, False
-        if self._num_dumps > 0:
-            moved = truck.base_position - self._dump_position
-            if float(np.hypot(moved[0], moved[1])) > _DEPARTURE_DISTANCE:
-                self._count_load()
+        self._max_fill = max(self._max_fill, truck.fill)
+        if truck.fill < _EMPTIED_FRACTION * self._max_fill:
+            self._num_dumps, self._is_counted, self._max_fill = 0, False, 0.0
+        if self._num_dumps > 0 and not self._is_in_reach(observation, truck):
+            self._count_load()
 
     def find_obstacle(self, observation: Observation, *, is_swinging: bool) -> str:
         """Return why the bucket cannot be dumped into the bed now; empty if it can."""
         truck = self._find(observation)
         if truck is None:
             return f"{self._name}, whose state is not known"
+        if not has_bed(truck.spec):
+            return f"{self._name}, which has no bed; set task.truck to another machine"
         if truck.age > _MAX_AGE:
             return f"{self._name}, which sends no messages"
         max_speed = _DRIVING_SPEED if is_swinging else _MAX_REST_SPEED
         if truck.speed > max_speed:
             return f"{self._name}, which is driving"
-        bed_angle = abs(float(truck.joints[bed_joint(truck.spec)]))
+        joint = bed_joint(truck.spec)
+        bed_angle = abs(float(truck.joints[joint] - truck.spec.home[joint]))
         if bed_angle > _MAX_LOWERED_ANGLE:
             return f"{self._name}, whose bed is raised"
-        radius = self._bed_point(observation, truck, 0.0).radius
-        if not self._min_radius <= radius <= self._max_radius:
+        if not self._is_in_reach(observation, truck):
+            radius = self._bed_point(observation, truck, 0.0).radius
             return (
                 f"{self._name}, whose bed is {radius:.1f} m away; it must be"
                 f" {self._min_radius:g} to {self._max_radius:g} m from the swing axis"
@@ -174,10 +174,7 @@ class BedTarget:
         """Note that a bucket has been dumped; a bed that is full now is a load."""
         self._num_dumps += 1
         truck = self._find(observation)
-        if truck is None:
-            return
-        self._dump_position = truck.base_position
-        if truck.fill >= self._full_fill:
+        if truck is not None and truck.fill >= self._full_fill:
             self._count_load()
 
     def _count_load(self) -> None:
@@ -185,6 +182,10 @@ class BedTarget:
         if self._num_dumps > 0 and not self._is_counted:
             self.num_loads += 1
             self._is_counted = True
+
+    def _is_in_reach(self, observation: Observation, truck: ObservedMachine) -> bool:
+        radius = self._bed_point(observation, truck, 0.0).radius
+        return self._min_radius <= radius <= self._max_radius
 
     def _find(self, observation: Observation) -> ObservedMachine | None:
         return next((each for each in observation.others if each.name == self._name), None)

@@ -138,7 +138,8 @@ class HaulTask:
         if self._start_time is None:
             self._start_time = self._round_start_time = observation.time
             self._enter(OperatorPhase.APPROACH, observation)
-        if observation.time - self._start_time > self._params.timeout:
+        elapsed = observation.time - self._start_time
+        if not self.done and elapsed > self._params.timeout:
             self.abort(
                 f"the task was not finished within {self._params.timeout:g} s of simulation time"
             )
@@ -201,6 +202,8 @@ class HaulTask:
             return self._command(0.0, tracks)
         is_returning = self.phase is OperatorPhase.APPROACH
         _, _, yaw, _ = self._spot if is_returning else self._tip_place
+        if self._must_stop(observation, None):
+            return self._command(0.0, self._drive.stop(dt))
         tracks, is_done = self._drive.turn(observation, yaw, dt)
         if is_done:
             self._enter(OperatorPhase.SPOT if is_returning else OperatorPhase.BACK, observation)
@@ -273,11 +276,16 @@ class HaulTask:
     def _follow(self, observation: Observation, speed: float, dt: float) -> tuple[Array, bool]:
         """Follow the first line; stop while another machine is in the way."""
         line = self._lines[0]
+        if self._must_stop(observation, line):
+            return self._drive.stop(dt), False
+        return self._drive.follow(observation, line, speed, dt)
+
+    def _must_stop(self, observation: Observation, line: Line | None) -> bool:
+        """Return whether another machine is in the way; None: of a turn on the spot."""
         name = self._drive.find_obstacle(observation, line)
         if name:
             self.wait_reason = f"{name}, which is in the way"
-            return self._drive.stop(dt), False
-        return self._drive.follow(observation, line, speed, dt)
+        return bool(name)
 
     def _bed_velocity(self, observation: Observation, target: float) -> float:
         """Return the velocity of the bed's joint toward an angle [rad/s]; 0 once it is reached."""

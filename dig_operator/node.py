@@ -32,7 +32,7 @@ from dig_operator.haul_task import HaulTask
 from dig_operator.machine_topics import joint_angles, subscribe_to_machines
 from dig_operator.node_params import DigOperatorNodeParams
 from dig_operator.observation_builder import MachineSample, ObservationBuilder, TerrainSnapshot
-from dig_operator.other_machines import OtherMachines, node_namespace
+from dig_operator.other_machines import OtherMachines, check_other_machines, node_namespace
 from dig_operator.params import BehaviourParams, DigTaskParams
 from dig_operator.peer_monitor import PeerMonitor
 from dig_operator.sample_synchronizer import SampleSynchronizer, SyncedSample
@@ -98,8 +98,9 @@ class DigOperatorNode(SimNode):
         self._machine_spec = load_machine_spec(find_config(params.machine))
         self._joints = self._machine_spec.joint_names
         simulation = params.simulation_namespace or parent_namespace(self.get_namespace())
+        check_other_machines(params.other_machines, self.get_namespace())
         self._others = OtherMachines(params.other_machines, simulation)
-        if self._task_params.truck not in ("", *params.other_machines):
+        if self._task_params.truck not in ("", *self._others.names):
             raise ParameterError(
                 f"task.truck is {self._task_params.truck!r}; add it to other_machines"
             )
@@ -146,7 +147,8 @@ class DigOperatorNode(SimNode):
     @property
     def finished(self) -> bool:
         """Whether the task has ended, and the node with it."""
-        return self.task.done and not self._keep_running
+        is_aborted = bool(self.task.abort_reason)
+        return self.task.done and (is_aborted or not self._keep_running)
 
     @property
     def exit_code(self) -> int:
@@ -203,6 +205,16 @@ class DigOperatorNode(SimNode):
         facts = self._facts
         return None if facts is None else tick_from_stamp(stamp, facts.tick_period)
 
+    def _missing_machines(self) -> tuple[str, ...]:
+        """Return the machines without whose state nothing is commanded now.
+
+        In lockstep it is the state of the same tick, in real time any.
+        """
+        tick = self._synchronizer.next_tick
+        if self._lockstep and tick is not None:
+            return self._others.missing(tick)
+        return self._others.unseen()
+
     def _find_waits(self) -> Iterator[Wait]:
         """Yield what the node waits for now."""
         joints_topic = self.resolve_topic_name(topics.JOINT_STATES)
@@ -212,6 +224,12 @@ class DigOperatorNode(SimNode):
             yield Wait(
                 f"{self._config_topic}; is `simulation_namespace` ({self._simulation}) that of a"
                 " running soil_sim?"
+            )
+        elif missing := self._missing_machines():
+            yield Wait(
+                f"the state of {', '.join(missing)}; are they machines of a running machine_sim,"
+                " as `other_machines` states?",
+                missing,
             )
         elif self._last_tick is None:
             yield Wait(
@@ -223,10 +241,6 @@ class DigOperatorNode(SimNode):
             yield Wait(self.task.wait_reason, self.task.wait_reason)
         else:
             yield from self._peers.find_waits(self._last_tick, self._ledger_topic, joints_topic)
-            tick = self._synchronizer.next_tick
-            missing = self._others.missing(tick) if self._lockstep and tick is not None else []
-            for name in missing:
-                yield Wait(f"the state of {name}; is it one of the machines of the site?", tick)
 
     def _on_paused(self, msg: Bool) -> None:
         self._peers.paused = bool(msg.data)
@@ -288,8 +302,8 @@ class DigOperatorNode(SimNode):
             if self._lockstep:
                 next_tick = self._synchronizer.next_tick or 0
                 follower.advance_to(next_tick)
-                if self._others.missing(next_tick):
-                    return
+            if self._missing_machines():
+                return
             sample = self._synchronizer.pop_next(follower.tick)
             if sample is None:
                 return

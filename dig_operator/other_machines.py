@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 from numpy.typing import ArrayLike
 
@@ -14,13 +15,15 @@ from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.machine_state import BaseState, PayloadState
 from msg_bridge.codec.run_config import parse_section
 from msg_bridge.config_files import find_config
-from msg_bridge.contract.errors import ErrorCode
+from msg_bridge.contract.errors import ErrorCode, ParameterError
 from msg_bridge.contract.topics import parent_namespace
 
-__all__ = ["OtherMachines", "node_namespace"]
+__all__ = ["OtherMachines", "check_other_machines", "node_namespace"]
 
 _MAX_KEPT_TICKS = 100
 """Maximum number of ticks with messages that are kept for a machine."""
+
+_Message = TypeVar("_Message")
 
 _NO_PAYLOAD = PayloadState(0.0, 0.0, 0.0, 0.0)
 
@@ -36,6 +39,28 @@ def node_namespace(machine: str, simulation: str) -> str:
     return machine if parent == simulation else parent
 
 
+def check_other_machines(names: Sequence[str], own: str) -> None:
+    """Check the namespaces of the machines that an operator watches.
+
+    Args:
+        names: namespaces of the machines.
+        own: namespace of the operator's machine.
+
+    Raises:
+        ParameterError: a name is not absolute, or is that of the operator's machine.
+    """
+    for name in names:
+        if not name.startswith("/") or name.endswith("/") or len(name) < 2:
+            raise ParameterError(
+                f"other_machines has {name!r}; give the whole namespace of the machine, such as"
+                " /site/truck"
+            )
+        if name == own:
+            raise ParameterError(
+                f"other_machines has {name!r}, the machine of this operator; name only others"
+            )
+
+
 @dataclass
 class _Messages:
     """Messages of one machine by tick."""
@@ -45,12 +70,17 @@ class _Messages:
     payload: dict[int, PayloadState] = field(default_factory=dict)
 
     def drop_before(self, tick: int) -> None:
-        """Drop the messages of earlier ticks, and the oldest of too many."""
+        """Drop the messages of earlier ticks."""
         for kept in (self.joints, self.base, self.payload):
             for each in [known for known in kept if known < tick]:
                 del kept[each]
-            while len(kept) > _MAX_KEPT_TICKS:
-                del kept[min(kept)]
+
+
+def _store(kept: dict[int, _Message], tick: int, message: _Message) -> None:
+    """Keep a message of a tick, and drop the oldest of too many."""
+    kept[tick] = message
+    while len(kept) > _MAX_KEPT_TICKS:
+        del kept[min(kept)]
 
 
 class OtherMachines:
@@ -110,19 +140,25 @@ class OtherMachines:
 
     def add_joints(self, name: str, tick: int, angles: ArrayLike) -> None:
         """Add joint angles at the end of a tick [rad]."""
-        self._messages[name].joints[tick] = angles
+        _store(self._messages[name].joints, tick, angles)
 
     def add_base(self, name: str, tick: int, base: BaseState) -> None:
         """Add the pose of the base at the end of a tick."""
-        self._messages[name].base[tick] = base
+        _store(self._messages[name].base, tick, base)
 
     def add_payload(self, name: str, tick: int, payload: PayloadState) -> None:
         """Add the payload at the end of a tick."""
-        self._messages[name].payload[tick] = payload
+        _store(self._messages[name].payload, tick, payload)
 
-    def missing(self, tick: int) -> list[str]:
+    def missing(self, tick: int) -> tuple[str, ...]:
         """Return the names of the machines whose state at the end of a tick is not complete."""
-        return [name for name in self.names if tick not in self._complete_ticks(name)]
+        return tuple(name for name in self.names if tick not in self._complete_ticks(name))
+
+    def unseen(self) -> tuple[str, ...]:
+        """Return the names of the machines of which no state is known."""
+        return tuple(
+            name for name in self.names if name not in self._last and not self._complete_ticks(name)
+        )
 
     def observe(self, tick: int, tick_period: float) -> tuple[ObservedMachine, ...]:
         """Return the newest known state of each machine up to a tick; its age is set.

@@ -144,5 +144,9 @@ class DigTaskParams(Parameters):
         0.75, "fill of the truck's bed at which it counts as full", low=0.05, high=1.0
     )
     timeout: float = parameter(
-        900.0, "duration of the task after which it is aborted", unit="s", low=1.0, high=1e6
+        900.0,
+        "duration of the task, without waiting for a truck, after which it is aborted",
+        unit="s",
+        low=1.0,
+        high=1e6,
     )

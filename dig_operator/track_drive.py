@@ -102,8 +102,7 @@ class TrackDrive:
         offset = (y - line.end[1]) * c - (x - line.end[0]) * s  # to the left of the line
         correction = math.atan(_LINE_GAIN * offset)
         correction = min(max(correction, -_MAX_LINE_CORRECTION), _MAX_LINE_CORRECTION)
-        heading = line.course - correction + (math.pi if line.is_reverse else 0.0)
-        error = math.remainder(heading - observation.yaw, 2.0 * math.pi)
+        error = _heading_error(observation, line, -correction)
         if remaining <= 0.02:
             return self._ramp(0.0, 0.0, dt), float(np.abs(self._speeds).max()) < _MIN_SPEED
         if abs(error) > _MAX_HEADING_ERROR:
@@ -131,10 +130,10 @@ class TrackDrive:
 
         Args:
             observation: pose of the machine, and the other machines.
-            line: where it drives; None for where it stands.
+            line: where it drives; None for where it stands and turns.
         """
         low, high = self._low - self._clearance, self._high + self._clearance
-        if line is not None:
+        if line is not None and abs(_heading_error(observation, line)) <= _MAX_HEADING_ERROR:
             speed = float(np.abs(self._speeds).max())
             ahead = _STOPPING_DISTANCE + speed * speed / (2.0 * _ACCELERATION)
             if line.is_reverse:
@@ -155,3 +154,9 @@ class TrackDrive:
         change = np.clip(target - self._speeds, -_ACCELERATION * dt, _ACCELERATION * dt)
         self._speeds = self._speeds + change
         return self._speeds.copy()
+
+
+def _heading_error(observation: Observation, line: Line, correction: float = 0.0) -> float:
+    """Return the angle from the present heading to that of a line, with a correction [rad]."""
+    heading = line.course + correction + (math.pi if line.is_reverse else 0.0)
+    return math.remainder(heading - observation.yaw, 2.0 * math.pi)

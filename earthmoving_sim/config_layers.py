@@ -182,6 +182,12 @@ def _node_layer(content: Mapping[Any, Any]) -> ConfigLayer:
     sections: dict[str, dict[str, Any]] = {}
     machine: str | None = None
     unused: list[str] = []
+    nodes = [str(key).rpartition("/")[2] for key in content]
+    for node in _NODE_SECTIONS:
+        if nodes.count(node) > 1:
+            raise ParameterError(
+                f"there are {nodes.count(node)} nodes {node}; give the parameters of one"
+            )
     for key, entry in content.items():
         node = str(key).rpartition("/")[2]
         values = entry.get(_ROS_PARAMETERS) if isinstance(entry, Mapping) else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,9 @@ __all__ = ["RunConfig", "RunParams", "load_run_config"]
 
 _BASE = "demo.yaml"
 """Shipped file whose parameters hold where no other layer names them."""
+
+_SITE = "/site/"
+"""Namespace of the machine node of an excavator and a truck."""
 
 _DEFAULT_MACHINE = "machines/excavator.yaml"
 
@@ -108,6 +111,8 @@ def load_run_config(
             for section, kind in SECTIONS.items()
         }
         parts["soil"].soil_types()
+        if parts["task"].truck:
+            parts["haul"] = _common_haul(parts["task"], parts["haul"], merged.sections["haul"])
     except ParameterError as error:
         raise ParameterError(f"{path}: {error}" if str(overlay) != _BASE else str(error)) from error
     machine_file = find_config(merged.machine or _DEFAULT_MACHINE).resolve()
@@ -120,6 +125,32 @@ def load_run_config(
         unused=merged.unused,
         **parts,
     )
+
+
+def _common_haul(
+    task: DigTaskParams, haul: HaulTaskParams, named: Mapping[str, Any]
+) -> HaulTaskParams:
+    """Return the dumper's task with the loads and the fill of the excavator's.
+
+    Args:
+        task: task of the excavator.
+        haul: task of the dumper.
+        named: parameters of the dumper's task that a file names.
+
+    Raises:
+        ParameterError: the tasks differ, or the namespace of the truck cannot be used.
+    """
+    if not task.truck.startswith(_SITE) or task.truck in (_SITE, f"{_SITE}digger"):
+        raise ParameterError(
+            f"task.truck is {task.truck!r}; a run has the namespaces {_SITE}digger and {_SITE}NAME"
+        )
+    for name in ("loads", "full_fill"):
+        if name in named and getattr(haul, name) != getattr(task, name):
+            raise ParameterError(
+                f"haul.{name} is {getattr(haul, name)} and task.{name} {getattr(task, name)}; leave"
+                f" out haul.{name}, which is that of the task"
+            )
+    return replace(haul, loads=task.loads, full_fill=task.full_fill)
 
 
 def _override_layer(overrides: Mapping[str, Any]) -> ConfigLayer:

@@ -141,16 +141,15 @@ class SingleProcessDig:
         """
         start_time = time.perf_counter()
         pending: deque[tuple[int, list[Command]]] = deque()  # tick of effect, commands
-        _, last_task = self._operated[-1]  # the run ends with it
         last_tick: int | None = None
         while self.world.tick != last_tick:
             tick = self.world.tick
-            if tick % COMMAND_INTERVAL_TICKS == 0 and not last_task.done:
+            if tick % COMMAND_INTERVAL_TICKS == 0 and not self._is_finished:
                 commands = [
                     task.command(operated.observation(), COMMAND_INTERVAL_TICKS * self._dt)
                     for operated, task in self._operated
                 ]
-                if last_task.done:
+                if self._is_finished:
                     last_tick = tick + COMMAND_DELAY_TICKS  # the ticks that nodes still do
                 else:
                     pending.append((tick + COMMAND_DELAY_TICKS, commands))
@@ -167,6 +166,12 @@ class SingleProcessDig:
             self._print_progress(start_time)
             print()
         return self._outcome(wall_time)
+
+    @property
+    def _is_finished(self) -> bool:
+        """Whether the last task has ended, or any has ended early."""
+        tasks = [task for _, task in self._operated]
+        return tasks[-1].done or any(task.done and task.abort_reason for task in tasks)
 
     def close(self) -> None:
         """Release the physics engine."""

@@ -25,8 +25,8 @@ class MachineContact:
 
     Attributes:
         pair: indices of the bodies: machines in the order of the node, then bins.
-        start_time: simulation time of its first force [s].
-        end_time: simulation time of its last force so far [s].
+        start_time: time of its first force since the start of the simulation [s].
+        end_time: time of its last force so far [s].
         max_force: maximum of the sum of the normal forces [N].
         position: point with the largest normal force at that time [m], map frame.
         is_over: whether it has ended.
@@ -63,7 +63,7 @@ class ContactMonitor:
         self._changes: list[MachineContact] = []
 
     def update(self, time: float) -> None:
-        """Read the contacts of the last physics step, which ended at a simulation time [s]."""
+        """Read the contacts of the last physics step, which ended at a time since the start [s]."""
         for pair, bodies in self._pairs:
             points = [
                 point

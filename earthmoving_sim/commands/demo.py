@@ -118,6 +118,11 @@ def run(args: argparse.Namespace) -> int:
         raise EarthmovingError(
             f"the folder --out {args.out} cannot be created: {error}; name another"
         ) from error
+    if args.load and args.cycles is not None:
+        raise EarthmovingError(
+            "--cycles counts bucketfuls on the ground; with --load give `task: {loads: N}` in a"
+            " --config file"
+        )
     options = {"cycles": args.cycles, "seed": args.seed}
     overrides = {name: value for name, value in options.items() if value is not None}
     base = "demo_load.yaml" if args.load else "demo.yaml"

@@ -35,6 +35,8 @@ from soil_sim.terrain import HeightMap, save_terrain
 
 __all__ = ["ObserverNode", "run_multi_process_dig"]
 
+_OPERATOR_MODULE = "dig_operator.node"
+
 _STOP_ORDER = ("haul_operator", "dig_operator", "exchange_recorder", "machine_sim", "soil_sim")
 """The recorder stops early: only farewells follow. The machine needs the soil to leave."""
 
@@ -143,7 +145,7 @@ def run_multi_process_dig(
 
 
 def _nodes(config: RunConfig) -> list[_SimulationNode]:
-    """Return the nodes of a run in the order of their start; the run ends with the last one."""
+    """Return the nodes of a run in the order of their start, the operators last."""
     has_truck = config.truck_machine is not None
     machines = SITE_NAMESPACE if has_truck else EXCAVATOR_NAMESPACE
     digger = DIGGER_NAMESPACE if has_truck else EXCAVATOR_NAMESPACE
@@ -151,10 +153,10 @@ def _nodes(config: RunConfig) -> list[_SimulationNode]:
         _SimulationNode("exchange_recorder", "msg_bridge.recorder.recorder_node"),
         _SimulationNode("soil_sim", "soil_sim.node.soil_node"),
         _SimulationNode("machine_sim", "machine_sim.node.machine_node", machines),
-        _SimulationNode("dig_operator", "dig_operator.node", digger),
+        _SimulationNode("dig_operator", _OPERATOR_MODULE, digger),
     ]
     if has_truck:
-        nodes.append(_SimulationNode("haul_operator", "dig_operator.node", config.task.truck))
+        nodes.append(_SimulationNode("haul_operator", _OPERATOR_MODULE, config.task.truck))
     return nodes
 
 
@@ -165,7 +167,10 @@ def _run_nodes(
     parameters: Path,
     observers: Sequence[ObserverNode],
 ) -> None:
-    """Start the nodes, wait until the last operator has ended, and stop the others."""
+    """Start the nodes, wait until an operator has ended, and stop the others.
+
+    The operator of an excavator with a truck ends only if its task is aborted.
+    """
     monitor.check_no_other_simulation()
     started: dict[str, NodeProcess] = {}
     problems: list[str] = []
@@ -174,14 +179,15 @@ def _run_nodes(
             started[each.name] = each.start(folder)
         for node in nodes:
             started[node.name] = node.start(folder, parameters)
-        operator = started[nodes[-1].name]
-        others = [process for process in started.values() if process is not operator]
-        while operator.exit_code is None:
+        operators = [started[node.name] for node in nodes if node.module == _OPERATOR_MODULE]
+        others = [process for process in started.values() if process not in operators]
+        while all(operator.exit_code is None for operator in operators):
             monitor.spin(list(started.values()))
             for process in others:
                 process.check()
-        if operator.exit_code not in _OPERATOR_EXIT_CODES:
-            operator.check()
+        for operator in operators:
+            if operator.exit_code not in (None, *_OPERATOR_EXIT_CODES):
+                operator.check()
         monitor.wait_for_final_hash()
     finally:
         timeout = STOP_TIMEOUT if monitor.has_ticked else STARTUP_STOP_TIMEOUT

@@ -308,8 +308,10 @@ class MachineNode(SimNode):
             publishers.publish_applied_command(command, stamp)
         run.step(leave=self._leaving)
         self._send(run)
+        # The simulation counts its own ticks; the run may have begun before, or have skipped some.
+        offset = (run.tick - run.sim.tick) * run.facts.tick_period
         for contact in run.sim.contacts.take_changes():
-            self._shared_publishers.publish_contact(contact)
+            self._shared_publishers.publish_contact(contact, offset)
         self._publish_state(run, run.tick)
         self._machine_diagnostics.record_tick(time.perf_counter() - start)
 

@@ -85,14 +85,19 @@ class SharedPublishers:
         """Publish the node's parameters as YAML."""
         self._config.publish(String(data=text))
 
-    def publish_contact(self, contact: MachineContact) -> None:
-        """Publish a contact that has begun or ended."""
+    def publish_contact(self, contact: MachineContact, offset: float) -> None:
+        """Publish a contact that has begun or ended.
+
+        Args:
+            contact: the contact.
+            offset: simulation time at which the contact's times are 0 [s].
+        """
         if self._contacts is None:
             return
         message = to_contact_string(
             [self._names[k] for k in contact.pair],
-            start_time=contact.start_time,
-            end_time=contact.end_time,
+            start_time=offset + contact.start_time,
+            end_time=offset + contact.end_time,
             max_force=contact.max_force,
             position=contact.position,
             is_over=contact.is_over,

@@ -70,6 +70,14 @@ def test_obstacle_names_what_is_waited_for(
     assert reason in target().find_obstacle(seen(*others), is_swinging=False)
 
 
+def test_machine_without_a_bed_is_an_obstacle_and_no_error() -> None:
+    digger = load_shipped_machine("excavator")
+    other = ObservedMachine("truck", digger, np.array([0.0, 6.0, 0.0]), np.eye(3), digger.home)
+    bed = target()
+    bed.watch(seen(other))
+    assert "no bed" in bed.find_obstacle(seen(other), is_swinging=False)
+
+
 def test_shaken_or_full_machine_does_not_stop_a_swing() -> None:
     assert target().find_obstacle(seen(truck(speed=0.1, fill=0.85)), is_swinging=True) == ""
 
@@ -82,7 +90,9 @@ def test_load_is_a_full_bed_or_one_that_is_driven_away() -> None:
     bed.count_dump(seen(truck(fill=0.82)))
     bed.watch(seen(truck(x=-8.0, fill=0.82)))
     assert bed.num_loads == 1, "counted once"
-    bed.watch(seen(truck(x=-8.0, fill=0.0)))
+    bed.watch(seen(truck(x=-8.0, fill=0.1)))  # some soil sticks to the bed
     bed.count_dump(seen(truck(fill=0.3)))
+    bed.watch(seen(truck(x=-1.0, fill=0.3)))
+    assert bed.num_loads == 1, "a machine that is moved within reach has not left"
     bed.watch(seen(truck(x=-8.0, fill=0.3)))
     assert bed.num_loads == 2

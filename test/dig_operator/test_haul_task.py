@@ -125,6 +125,23 @@ def test_full_dumper_leaves_only_when_nothing_is_above_it() -> None:
     assert dumper.task.phase == "haul"
 
 
+def test_dumper_does_not_turn_into_a_machine_beside_it() -> None:
+    beside = KinematicDumper()
+    beside.x, beside.y, beside.yaw = -2.0, 5.8, 0.0
+    beside.others = (digger_at(-2.0, 8.6),)
+    for _ in range(200):
+        beside.step()
+    assert beside.task.phase == "approach"
+    assert "digger" in beside.task.wait_reason
+
+
+def test_finished_task_is_not_aborted_by_its_timeout() -> None:
+    dumper = KinematicDumper(loads=1, timeout=200.0).run_until("done")
+    while dumper.time < 210.0:
+        dumper.step()
+    assert dumper.task.abort_reason == ""
+
+
 def test_wait_is_reported_only_when_no_soil_arrives() -> None:
     dumper = KinematicDumper()
     dumper.filling_rate = 0.005

@@ -207,3 +207,28 @@ def test_missing_file_is_rejected(written, text):
 def test_command_prints_the_error_and_exits_with_2(written, capsys):
     assert cli.main(["demo", "--config", str(written("soil: {swell: 9.0}"))]) == 2
     assert "swell is 9.0" in capsys.readouterr().err
+
+
+def test_dumper_hauls_as_many_loads_as_the_excavator_loads(written):
+    config = load_run_config(written("task: {loads: 5, full_fill: 0.6}"), base="demo_load.yaml")
+    assert (config.haul.loads, config.haul.full_fill) == (5, 0.6)
+    assert config.truck_machine.name == "dumper"
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("haul: {loads: 5}", "haul.loads"),
+        ("haul: {full_fill: 0.9}", "haul.full_fill"),
+        ("task: {truck: /mine/truck}", "task.truck"),
+        ("task: {truck: /site/digger}", "task.truck"),
+    ],
+)
+def test_tasks_that_do_not_fit_each_other_are_rejected(written, text, named):
+    with pytest.raises(ParameterError, match=named):
+        load_run_config(written(text), base="demo_load.yaml")
+
+
+def test_file_with_two_operators_is_rejected():
+    with pytest.raises(ParameterError, match="2 nodes dig_operator"):
+        load_run_config("site_operators.yaml")
