@@ -150,7 +150,7 @@ class BedTarget:
             radius = self._bed_point(observation, truck, 0.0).radius
             return (
                 f"{self._name}, whose bed is {radius:.1f} m away; it must be"
-                f" {self._min_radius:g} to {self._max_radius:g} m from the swing axis"
+                f" {self._min_radius:g} to {self._max_radius:g} m from the excavator's base"
             )
         if not is_swinging and truck.fill >= self._full_fill:
             return f"{self._name}, which is full"

@@ -21,6 +21,7 @@ def kinematic_dig(
     dig_azimuth: float = 0.0,
     dump_azimuth: float = math.pi / 2,
     params: dict | None = None,
+    target: HeapTarget | None = None,
     **options,
 ) -> KinematicDig:
     behaviour = BehaviourParams.from_mapping(params or {})
@@ -28,7 +29,7 @@ def kinematic_dig(
         MACHINE,
         behaviour,
         dig_azimuth=dig_azimuth,
-        dump_target=HeapTarget(dump_azimuth, behaviour.dump_radius),
+        dump_target=target or HeapTarget(dump_azimuth, behaviour.dump_radius),
     )
     return KinematicDig(DigCycle(planner), dt=DT, **options)
 
@@ -198,6 +199,50 @@ def test_phase_ends_when_its_motion_is_done():
     slow = kinematic_dig(params={"dig_speed": 0.3}).run()
     fast = kinematic_dig(params={"dig_speed": 0.9}).run()
     assert len(slow.during("dig")) > 1.5 * len(fast.during("dig"))
+
+
+class BusyTarget(HeapTarget):
+    """A heap that cannot be used while `reason` is not empty."""
+
+    reason = ""
+
+    def find_obstacle(self, observation, *, is_swinging):
+        return self.reason
+
+
+def test_loaded_bucket_waits_where_it_was_filled_until_the_target_is_ready():
+    target = BusyTarget(math.pi / 2, BehaviourParams().dump_radius)
+    target.reason = "the truck"
+    dig = kinematic_dig(target=target).run_until("wait")
+    swing = dig.steps[-1].observed.joints[0]
+    dig.step(ticks=200)
+    assert dig.dig_cycle.phase == "wait"
+    assert dig.dig_cycle.wait_reason == "the truck"
+    assert dig.steps[-1].observed.joints[0] == pytest.approx(swing, abs=0.02)
+    target.reason = ""
+    dig.run()
+    assert dig.phases == [*PASS, "wait", "swing", "dump"]
+    assert dig.dig_cycle.wait_reason == ""
+
+
+@pytest.mark.parametrize("phase", ["swing", "dump"])
+def test_bucket_stops_when_the_target_is_lost_and_continues_later(phase):
+    target = BusyTarget(math.pi / 2, BehaviourParams().dump_radius)
+    dig = kinematic_dig(target=target).run_until(phase)
+    if phase == "dump":
+        while dig.steps[-1].observed.fill > 0.6:
+            dig.step(ticks=1)
+    else:
+        dig.step(ticks=30)
+    target.reason = "the truck"
+    dig.step(ticks=150)
+    assert dig.dig_cycle.phase == "wait"
+    assert np.abs(dig.steps[-1].command.joints).max() < 0.01
+    target.reason = ""
+    dig.run()
+    (report,) = dig.dig_cycle.reports
+    assert report.delivered_fill == 0.9, "as at the first arrival"
+    assert report.residual_fill <= BehaviourParams().empty_threshold
 
 
 def pitched_forward(dig: KinematicDig, fill: float, ticks: int = 20) -> np.ndarray:

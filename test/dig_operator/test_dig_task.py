@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.machine_scenes import load_shipped_machine
 from support.operator_scenes import MACHINE, observation, tilted
 
 from dig_operator import OperatorPhase
@@ -14,6 +15,7 @@ from dig_operator.cycle_waypoints import WaypointPlanner
 from dig_operator.dig_cycle import CycleReport
 from dig_operator.dig_task import DigTask
 from dig_operator.observation import Command, Observation
+from dig_operator.observed_machine import ObservedMachine
 from dig_operator.params import BehaviourParams, DigTaskParams
 from machine_sim.machine.errors import ReachError
 
@@ -23,8 +25,8 @@ DT = 0.02
 class FakeDigCycle:
     """Stands in for DigCycle: finishes a cycle each second; all joint velocities are 1."""
 
-    def __init__(self, dig_azimuth: float, dump_azimuth: float) -> None:
-        self.dig_azimuth, self.dump_azimuth = dig_azimuth, dump_azimuth
+    def __init__(self, planner: WaypointPlanner) -> None:
+        self.dig_azimuth, self.dump_target = planner.dig_azimuth, planner.dump_target
         self.reports: list[CycleReport] = []
         self.phase = OperatorPhase.REACH
         self.start_time: float | None = None
@@ -50,8 +52,7 @@ def dig_cycles(monkeypatch: pytest.MonkeyPatch) -> list[FakeDigCycle]:
     created: list[FakeDigCycle] = []
 
     def create(planner: WaypointPlanner) -> FakeDigCycle:
-        dump = planner.dump_target.aim(observation())
-        created.append(FakeDigCycle(planner.dig_azimuth, dump.azimuth))
+        created.append(FakeDigCycle(planner))
         return created[-1]
 
     monkeypatch.setattr("dig_operator.dig_task.DigCycle", create)
@@ -65,13 +66,16 @@ class KinematicDrive:
         self.task = DigTask(MACHINE, BehaviourParams(), DigTaskParams(**params))  # type: ignore[arg-type]
         self.yaw, self.distance, self.time = yaw, 0.0, start_time
         self.moving_until = 0.0
+        self.others: tuple[ObservedMachine, ...] = ()
         self.phases: list[OperatorPhase] = []
         self.last = Command(np.zeros(4), np.zeros(2))
 
     def step(self) -> Command:
         x, y = self.distance * math.cos(self.yaw), self.distance * math.sin(self.yaw)
         observed = observation(position=(x, y, 0.0), rotation=tilted(yaw=self.yaw), time=self.time)
-        observed = replace(observed, is_soil_moving=self.time < self.moving_until)
+        observed = replace(
+            observed, is_soil_moving=self.time < self.moving_until, others=self.others
+        )
         self.last = self.task.command(observed, DT)
         if not self.phases or self.phases[-1] != self.task.phase:
             self.phases.append(self.task.phase)
@@ -122,7 +126,7 @@ def test_dig_is_ahead_and_dump_at_its_angle(dig_cycles: list[FakeDigCycle]) -> N
     drive.run_until(OperatorPhase.DIG)
     (dig_cycle,) = dig_cycles
     assert dig_cycle.dig_azimuth == pytest.approx(0.4)
-    assert dig_cycle.dump_azimuth == pytest.approx(0.4 - math.pi / 3)
+    assert dig_cycle.dump_target.aim(observation()).azimuth == pytest.approx(0.4 - math.pi / 3)
 
 
 def test_cycles_are_numbered_from_1_to_the_last(dig_cycles: list[FakeDigCycle]) -> None:
@@ -180,6 +184,40 @@ def test_task_is_aborted_where_the_machine_cannot_reach(dig_cycles: list[FakeDig
     assert not drive.last.joints.any()
     drive.run_until(OperatorPhase.DONE)
     assert drive.phases[-2:] == ["settle", "done"]
+
+
+def truck_at(x: float, y: float, fill: float = 0.0) -> ObservedMachine:
+    spec = load_shipped_machine("dumper")
+    return ObservedMachine("truck", spec, np.array([x, y, 0.0]), np.eye(3), spec.home, fill=fill)
+
+
+def test_approach_stops_before_another_machine(dig_cycles: list[FakeDigCycle]) -> None:
+    drive = KinematicDrive(approach_distance=3.0)
+    drive.others = (truck_at(12.0, 0.0),)
+    assert drive.step().tracks.any()
+    drive.others = (truck_at(5.5, 0.0),)
+    assert not drive.step().tracks.any()
+    assert "truck" in drive.task.wait_reason
+    drive.others = ()
+    drive.run_until(OperatorPhase.BRACE)
+    assert drive.task.wait_reason == ""
+
+
+def test_task_with_a_truck_ends_with_its_loads_and_not_its_cycles(
+    dig_cycles: list[FakeDigCycle],
+) -> None:
+    drive = KinematicDrive(cycles=2, loads=1, truck="truck", approach_distance=0.0)  # type: ignore[arg-type]
+    drive.others = (truck_at(0.0, 5.8),)
+    drive.run_until(OperatorPhase.DIG)
+    for _ in range(250):
+        drive.step()
+    (dig_cycle,) = dig_cycles
+    assert len(drive.task.reports) > 2
+    assert drive.task.phase is OperatorPhase.DIG
+    full = replace(observation(), others=(truck_at(0.0, 5.8, fill=0.8),))
+    dig_cycle.dump_target.count_dump(full)
+    drive.run_until(OperatorPhase.DONE)
+    assert drive.task.abort_reason == ""
 
 
 def test_task_moves_the_joints_in_the_dig_cycle() -> None:

@@ -126,6 +126,19 @@ def test_full_dumper_leaves_only_when_nothing_is_above_it() -> None:
 
 
 def test_dumper_does_not_turn_into_a_machine_beside_it() -> None:
+    turning = KinematicDumper()
+    turning.x, turning.y, turning.yaw = -9.0, 5.8, 1.0  # where the approach to the spot begins
+    while turning.task.phase == "approach" and turning.yaw < 1.2:
+        turning.step()
+    turning.others = (digger_at(-9.0, 8.8),)
+    for _ in range(200):
+        turning.step()
+    assert turning.task.phase == "approach"
+    assert turning.yaw < 1.8
+    assert "digger" in turning.task.wait_reason
+
+
+def test_dumper_does_not_start_to_turn_beside_a_machine() -> None:
     beside = KinematicDumper()
     beside.x, beside.y, beside.yaw = -2.0, 5.8, 0.0
     beside.others = (digger_at(-2.0, 8.6),)

@@ -49,10 +49,10 @@ def test_machine_is_missing_until_all_its_messages_and_its_file_are_known() -> N
     others = OtherMachines([TRUCK], "/")
     assert others.unseen() == (TRUCK,)
     others.add_base(TRUCK, 4, BASE)
-    others.add_payload(TRUCK, 4, PAYLOAD)
     others.set_config(TRUCK, CONFIG)
-    assert others.missing(4) == (TRUCK,)
     others.add_joints(TRUCK, 4, [0.0])
+    assert others.missing(4) == others.unseen() == (TRUCK,), "without its payload"
+    others.add_payload(TRUCK, 4, PAYLOAD)
     assert others.missing(4) == others.unseen() == ()
     assert others.missing(6) == (TRUCK,)
     others.start_run()

@@ -164,6 +164,11 @@ class KinematicDig:
             self._step()
         return self
 
+    def step(self, *, ticks: int) -> None:
+        """Run a number of ticks."""
+        for _ in range(ticks):
+            self._step()
+
     def _step(self) -> None:
         phase = self.dig_cycle.phase
         if phase == "dig" and (not self.steps or self.steps[-1].phase != "dig"):

@@ -18,7 +18,10 @@ def test_bed_contains_points_below_its_opening():
     # The opening slopes from 1.0 m at the front to 0.5 m at the rear.
     area = 0.5 * (0.5 + 1.0) * 3.5 - 0.5 * 0.5 * 0.5
     assert BED.struck_capacity == pytest.approx(2.0 * area)
-    assert BED.heaped_capacity > BED.struck_capacity
+    # ISO 6483: a hip roof with slopes of 2:1 on an opening of 2 m by its length.
+    length = math.hypot(3.5, 0.5)
+    heap = 0.5 * 2.0**2 * (3.0 * length - 2.0) / 12.0
+    assert BED.heaped_capacity == pytest.approx(BED.struck_capacity + heap)
     inside = BED.contains([[1.5, 0.0, 0.3], [1.5, 1.1, 0.3], [1.5, 0.0, -0.1], [1.5, 0.0, 1.0]])
     assert inside.tolist() == [True, False, False, False]
     assert BED.indices_in_heap(np.array([[1.5, 0.0, 1.0]]), np.eye(3), np.zeros(3)).size == 1
