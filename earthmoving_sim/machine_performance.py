@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from machine_sim.machine import EXCAVATOR_JOINTS, MachineSpec
 from machine_sim.machine.reference_machine import FIGURE_UNITS
+from machine_sim.machine.tools.open_container import OpenContainer
 from machine_sim.params import MachineSimParams
 from machine_sim.simulated_machine import Placement
 from machine_sim.simulation import MachineSim
@@ -51,6 +52,13 @@ def machine_figures(spec: MachineSpec) -> dict[str, float]:
         figures["main_relief_pressure"] = 1e-6 * spec.supply.main_relief_pressure
     if spec.tracks.motor is not None:
         figures["travel_relief_pressure"] = 1e-6 * spec.tracks.motor.relief_pressure
+    capacities = [
+        tool.shape.heaped_capacity
+        for tool in spec.tools.values()
+        if isinstance(tool.shape, OpenContainer)
+    ]
+    if capacities:
+        figures["heaped_capacity"] = sum(capacities)
     if spec.joint_names == EXCAVATOR_JOINTS:
         figures |= _excavator_figures(spec)
     return {name: figures[name] for name in FIGURE_UNITS if name in figures}

@@ -110,7 +110,10 @@ def _comparison_lines(machine: "MachineSpec") -> Iterator[str]:
 
     names = [reference.name for reference in machine.references]
     yield f"  {'figure':<24}{'unit':<7}{machine.name:>10}" + "".join(f"{n:>22}" for n in names)
+    published_figures = {figure for reference in machine.references for figure in reference.figures}
     for figure, value in machine_figures(machine).items():
+        if figure not in published_figures:
+            continue
         cells = ""
         for reference in machine.references:
             published = reference.figures.get(figure)

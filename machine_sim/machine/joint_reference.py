@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from machine_sim.machine.joint_table import (
     ANGLE,
     COMMAND,
+    END_DECELERATION,
     HAS_MOTOR,
     IS_HOLDING,
     LOWER,
@@ -128,13 +129,13 @@ def advance_references(dt, joints):  # type: ignore[no-untyped-def]
         rate, angle = joints[TARGET_RATE, i], joints[TARGET_ANGLE, i]
         actual, max_velocity = joints[ANGLE, i], joints[MAX_VELOCITY, i]
         lower, upper = joints[LOWER, i], joints[UPPER, i]
-        step = joints[MAX_ACCELERATION, i] * dt
+        step, end_step = joints[MAX_ACCELERATION, i] * dt, joints[END_DECELERATION, i] * dt
         target_rate = min(max(joints[COMMAND, i], -max_velocity), max_velocity)
         rate = min(max(target_rate, rate - step), rate + step)
         if rate > 0.0:
-            rate = min(rate, _max_stopping_rate(upper - angle, step, dt))
+            rate = min(rate, _max_stopping_rate(upper - angle, end_step, dt))
         elif rate < 0.0:
-            rate = max(rate, -_max_stopping_rate(angle - lower, step, dt))
+            rate = max(rate, -_max_stopping_rate(angle - lower, end_step, dt))
         if joints[HAS_MOTOR, i] and not (joints[IS_HOLDING, i] and rate == 0.0):
             actual_rate = joints[RATE, i]
             rate = min(max(rate, actual_rate - MAX_RATE_LEAD), actual_rate + MAX_RATE_LEAD)

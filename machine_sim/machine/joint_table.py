@@ -17,6 +17,7 @@ __all__ = [
     "ANGLE",
     "COMMAND",
     "EFFORT",
+    "END_DECELERATION",
     "HAS_MOTOR",
     "IS_HOLDING",
     "LOWER",
@@ -51,7 +52,10 @@ TARGET_ANGLE, TARGET_RATE, TORQUE_LIMIT = range(10, 13)
 IS_HOLDING = 13
 """Row of 1.0 for a joint whose motor has come to rest and holds its angle, else 0.0."""
 
-_NUM_SLOTS = 14
+END_DECELERATION = 14
+"""Row of the maximum deceleration before an angle limit [rad/s^2]."""
+
+_NUM_SLOTS = 15
 
 
 def joint_table(limits: Sequence[JointLimits], motor_joints: Sequence[int] = ()) -> Array:
@@ -70,6 +74,7 @@ def joint_table(limits: Sequence[JointLimits], motor_joints: Sequence[int] = ())
             limit.max_acceleration,
             limit.max_effort,
         )
+        table[END_DECELERATION, i] = limit.end_deceleration
     table[HAS_MOTOR, list(motor_joints)] = 1.0
     table[IS_HOLDING] = 1.0
     return table

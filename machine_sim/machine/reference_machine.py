@@ -17,6 +17,7 @@ FIGURE_UNITS: Mapping[str, str] = {
     "swing_torque": "kN m",
     "swing_speed": "rpm",
     "travel_speed": "km/h",
+    "heaped_capacity": "m3",
     "drawbar_pull": "kN",
     "bucket_force": "kN",
     "arm_force": "kN",

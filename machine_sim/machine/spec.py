@@ -76,6 +76,7 @@ class JointLimits:
             maximum over its range.
         max_velocity: maximum angular speed [rad/s].
         max_acceleration: maximum rate of change of the commanded speed [rad/s^2].
+        end_deceleration: maximum deceleration before an angle limit [rad/s^2].
     """
 
     lower: float
@@ -83,6 +84,7 @@ class JointLimits:
     max_effort: float
     max_velocity: float
     max_acceleration: float
+    end_deceleration: float
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,11 @@ from soil_sim.soils.params import SoilParams
 EXCAVATOR = excavator()
 VOLUME = 4_000_000
 """Bank volume of a particle [mm^3]."""
-REACH, HEIGHT, PITCH = 5.5, 2.2, 2.85
-"""Lip's distance from the swing axis and height [m], and pitch of the bucket [rad]: its opening is
-about level and clear of the ground."""
+REACH, HEIGHT, PITCH = 5.5, 1.0, 2.95
+"""Lip's distance from the swing axis and height [m], and pitch of the bucket [rad], where it is
+filled: its opening is about level and clear of the ground."""
+LIFT = 0.8
+"""Rise of the bucket with the lever of the boom at its end [m]; it runs on by half as much."""
 RELEASE_ANGLE = math.radians(37.0)
 """Swing angle at which the lever is released, for a swing of about 90 degrees."""
 STILL = np.zeros(2)
@@ -36,7 +38,7 @@ def loose_soil(name: str, moisture: int) -> LooseSoil:
 
 
 def loaded_excavator(soil: LooseSoil, seed: int = 1) -> MachineSim:
-    """Return an excavator on firm ground whose bucket was heaped from above and is at rest.
+    """Return an excavator on firm ground whose bucket was heaped from above and lifted.
 
     Args:
         soil: soil in the bucket.
@@ -77,7 +79,22 @@ def loaded_excavator(soil: LooseSoil, seed: int = 1) -> MachineSim:
             sim.step()
     for _ in range(150):
         sim.step()
+    lift(sim)
     return sim
+
+
+def lift(sim: MachineSim) -> None:
+    """Lift the bucket at full lever at constant pitch, and wait until loose soil has slid off."""
+    machine = sim.machine
+    start, pitch = machine.tool.pose[1][2], sum(machine.joint_positions[1:])
+    boom = -EXCAVATOR.joints["boom"].max_velocity
+    for _ in range(300):
+        if machine.tool.pose[1][2] - start > LIFT:
+            boom = 0.0
+        curl = 4.0 * (pitch - sum(machine.joint_positions[1:])) - machine.joint_velocities[1]
+        sim.command(np.array([0.0, boom, 0.0, curl]), STILL)
+        sim.step()
+    assert machine.tool.pose[1][2] - start == pytest.approx(1.5 * LIFT, abs=0.3)
 
 
 def swing_by_90_degrees(sim: MachineSim) -> float:

@@ -73,8 +73,23 @@ def read_joints(
             max_effort = joint.number("max_effort", positive=True)
         max_velocity = joint.number("max_velocity", positive=True)
         max_acceleration = joint.number("max_acceleration", positive=True)
+        # Cushions at the ends of a stroke may brake harder than a valve that closes.
+        end_deceleration = (
+            joint.number("end_deceleration", low=max_acceleration)
+            if joint.has("end_deceleration")
+            else max_acceleration
+        )
         joints[name] = Joint(
-            lower, upper, max_effort, max_velocity, max_acceleration, parent, child, origin, axis
+            lower,
+            upper,
+            max_effort,
+            max_velocity,
+            max_acceleration,
+            end_deceleration,
+            parent,
+            child,
+            origin,
+            axis,
         )
         joint.reject_unknown_keys()
     return joints, cylinders, motors

@@ -13,9 +13,9 @@ from machine_sim.machine.joint_reference import JointReference
 
 PHYSICS_STEP = 0.005
 LIMITS = {
-    "swing": JointLimits(-math.inf, math.inf, 1.0, 1.1, 1.5),
-    "boom": JointLimits(-1.05, 0.85, 1.0, 0.45, 1.5),
-    "arm": JointLimits(0.55, 2.6, 1.0, 1.1, 3.0),
+    "swing": JointLimits(-math.inf, math.inf, 1.0, 1.1, 1.5, 1.5),
+    "boom": JointLimits(-1.05, 0.85, 1.0, 0.45, 1.5, 1.5),
+    "arm": JointLimits(0.55, 2.6, 1.0, 1.1, 3.0, 3.0),
 }
 
 
