@@ -2,10 +2,12 @@
 
     python -m benchmarks.real_time_load                        # 1 and 2 machines, all cores
     python -m benchmarks.real_time_load --machines 1 --cores 1 # soil and machine on one core
+    python -m benchmarks.real_time_load --machines 1 --drive --track-model dynamic
 
 A soil node and machine nodes are separate processes. Each machine repeats a scripted dig cycle of
-8 s: it drags its bucket through the ground, lifts it, swings, dumps and swings back. A tick is late
-if it ended more than half a period after its time, or if the clock was slowed down for it.
+8 s: it drags its bucket through the ground, lifts it, swings, dumps and swings back. With `--drive`
+it stands on rough ground and drives between its digs: ahead, on the spot, back, in a curve. A tick
+is late if it ended more than half a period after its time, or if the clock was slowed down for it.
 """
 
 from __future__ import annotations
@@ -26,13 +28,16 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 
 from benchmarks.result_table import Column, ResultTable, describe_load, make_parser
 from earthmoving_sim.multi_process.node_process import NodeProcess, stop_all
 from machine_sim.machine import MachineSpec, load_machine_spec
 from machine_sim.machine.arm_kinematics import arm_geometry, solve_arm_angles
+from machine_sim.machine.tracks.track_model import TRACK_MODELS, TrackModel
 from msg_bridge.codec import qos
 from msg_bridge.config_files import find_config
+from msg_bridge.contract import topics
 from msg_bridge.dds_profile import use_shipped_profile
 
 COLUMNS = (
@@ -50,6 +55,10 @@ START_TIMEOUT = 180.0
 """Maximum wall time until the first tick, compilation included [s]."""
 CYCLE_TIME = 8.0
 """Simulation time of a dig cycle [s]."""
+DRIVE_TIMES = (3.5, 7.5)
+"""Start and end of driving in a cycle [s]."""
+TRACK_SPEEDS = ((0.8, 0.8), (-0.5, 0.5), (-0.8, -0.8), (0.6, 0.2))
+"""Speeds of the left and the right track in successive cycles [m/s]."""
 
 
 class LoadResult(NamedTuple):
@@ -75,6 +84,10 @@ def main() -> None:
     parser = make_parser(__doc__, runs=3)
     parser.add_argument("--machines", type=int, nargs="+", default=[1, 2], help="machine nodes")
     parser.add_argument("--seconds", type=float, default=24.0, help="wall time of a run (24)")
+    parser.add_argument("--drive", action="store_true", help="rough ground, drive between digs")
+    parser.add_argument(
+        "--track-model", choices=TRACK_MODELS, default="kinematic", help="model of the tracks"
+    )
     parser.add_argument("--cores", type=int, help="number of cores for all nodes (all)")
     options = parser.parse_args()
     if options.cores:
@@ -83,16 +96,30 @@ def main() -> None:
     table.print_note(f"{describe_load()}; medians of {options.runs} runs")
     table.print_header("machines")
     for count in options.machines:
-        results = [run_machines(count, options.seconds) for _ in range(options.runs)]
+        results = [
+            run_machines(count, options.seconds, options.track_model, drives=options.drive)
+            for _ in range(options.runs)
+        ]
         medians = [statistics.median(values) for values in zip(*results, strict=True)]
         late = ", ".join(f"{result.late_percent:.1f}" for result in results)
         table.print_row(f"{count} x excavator", medians, remark=f"late: {late}")
 
 
-def run_machines(count: int, seconds: float) -> LoadResult:
-    """Run a soil node and some machine nodes that dig, for some seconds of wall time."""
+def run_machines(
+    count: int, seconds: float, track_model: TrackModel = "kinematic", *, drives: bool = False
+) -> LoadResult:
+    """Run a soil node and some machine nodes that dig, for some seconds of wall time.
+
+    Args:
+        count: number of machines.
+        seconds: wall time [s].
+        track_model: model of their tracks.
+        drives: whether they drive between digs, on rough ground.
+    """
     with tempfile.TemporaryDirectory() as folder:
-        run = DiggingNodes(Path(folder), count)
+        script = DriveAndDigScript if drives else DigScript
+        terrain = "rough" if drives else "flat"
+        run = DiggingNodes(Path(folder), count, script, terrain=terrain, track_model=track_model)
         try:
             run.spin_until(lambda: run.sim_time > 2.0, START_TIMEOUT)
             before = run.sample()
@@ -135,6 +162,9 @@ class DiggingNodes:
         folder: Path,
         count: int,
         make_script: Callable[[MachineSpec], DigScript] | None = None,
+        *,
+        terrain: str = "flat",
+        track_model: TrackModel = "kinematic",
     ) -> None:
         """Start soil and machines.
 
@@ -142,12 +172,15 @@ class DiggingNodes:
             folder: folder for parameters and logs.
             count: number of machines.
             make_script: makes the script of a machine; None: a `DigScript`.
+            terrain: terrain of the soil node.
+            track_model: model of the tracks.
         """
         make_script = make_script or DigScript
         spec = load_machine_spec(find_config("machines/excavator.yaml"))
         names = [f"excavator_{k + 1}" for k in range(count)]
         parameters = folder / "parameters.yaml"
-        parameters.write_text(yaml.safe_dump(_parameters(spec, names, folder)))
+        content = _parameters(spec, names, folder, terrain, track_model)
+        parameters.write_text(yaml.safe_dump(content))
         use_shipped_profile()
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.sim_time = self._max_particles = 0.0
@@ -211,11 +244,15 @@ class DiggingNodes:
     def _command(self, name: str, script: DigScript) -> None:
         """Command a machine by a script whenever it publishes its state."""
         publisher = self._node.create_publisher(JointState, f"/{name}/joint_commands", qos.STATE)
+        tracks = self._node.create_publisher(
+            Float64MultiArray, f"/{name}/{topics.TRACK_VELOCITY_COMMANDS}", qos.STATE
+        )
 
         def command(state: JointState) -> None:
             self.sim_time = state.header.stamp.sec + 1e-9 * state.header.stamp.nanosec
             goal = script.goal(self.sim_time).tolist()
             publisher.publish(JointState(name=["swing", "boom", "arm", "bucket"], position=goal))
+            tracks.publish(Float64MultiArray(data=script.track_speeds(self.sim_time)))
 
         self._node.create_subscription(JointState, f"/{name}/joint_states", command, qos.STATE)
 
@@ -259,8 +296,25 @@ class DigScript:
         phase = sim_time % CYCLE_TIME
         return np.array([np.interp(phase, self._times, angles) for angles in self._poses.T])
 
+    def track_speeds(self, sim_time: float) -> list[float]:
+        """Return the speeds of the left and the right track [m/s]."""
+        return [0.0, 0.0]
 
-def _parameters(spec: MachineSpec, names: list[str], folder: Path) -> dict[str, object]:
+
+class DriveAndDigScript(DigScript):
+    """The dig cycle; the machine drives while the arm swings back."""
+
+    def track_speeds(self, sim_time: float) -> list[float]:
+        """Return the speeds of the left and the right track [m/s]."""
+        cycle, phase = divmod(sim_time, CYCLE_TIME)
+        if not DRIVE_TIMES[0] < phase < DRIVE_TIMES[1]:
+            return [0.0, 0.0]
+        return list(TRACK_SPEEDS[int(cycle) % len(TRACK_SPEEDS)])
+
+
+def _parameters(
+    spec: MachineSpec, names: list[str], folder: Path, terrain: str, track_model: TrackModel
+) -> dict[str, object]:
     """Return the parameters of all nodes."""
     content = yaml.safe_load(find_config("machines/excavator.yaml").read_text())
     home = dict(zip(spec.joints, map(float, DigScript(spec).goal(0.0)), strict=True))
@@ -270,7 +324,7 @@ def _parameters(spec: MachineSpec, names: list[str], folder: Path) -> dict[str, 
         "sync": "realtime",
         "expected_machines": [k + 1 for k in range(len(names))],
         "machine_timeout": 60.0,
-        "site": {"terrain": "flat", "num_points": 257, "cell": 0.2},
+        "site": {"terrain": terrain, "num_points": 257, "cell": 0.2},
     }
     nodes = {"/soil_sim": soil}
     for k, name in enumerate(names):
@@ -279,6 +333,7 @@ def _parameters(spec: MachineSpec, names: list[str], folder: Path) -> dict[str, 
             "machine_id": k + 1,
             "y": (k - 0.5 * (len(names) - 1)) * SPACING,
             "state_rate": 1.0 / COMMAND_PERIOD,
+            "stepping": {"track_model": track_model},
         }
     return {name: {"ros__parameters": values} for name, values in nodes.items()}
 

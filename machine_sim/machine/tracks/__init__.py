@@ -8,8 +8,8 @@ In the order in which a step uses them:
 - `track_base`: what both models share
 - `kinematic`, `kinematic_step`: one degree of freedom for each belt, shoes on their path
 - `dynamic`, `dynamic_step`: rigid shoes, hinged and driven by the sprocket
-- `undercarriage`, `axle_support`: rail, carriers, flanges and brake of the dynamic tracks, and
-  their support below the axles
+- `undercarriage`, `rail_support`, `axle_support`: rail, carriers, flanges and brake of the dynamic
+  tracks, and their stiff support on the ground below rail and axles
 - `running_gear`, `shoe_chain`: sprockets, idlers and shoes of the dynamic tracks in pybullet
 - `rigid_body`: vectors, rotations and wrenches in kernels
 - `bristle_contact`: depth, bristle force and sliding of one contact point

@@ -1,9 +1,10 @@
 """Support of the dynamic tracks below their axles: contact points fixed to the base.
 
-A shoe is too light for a spring as stiff as the ground under a steel wheel. A machine that tips
-would stand on a few soft shoes and fall too early; so each axle has two more contact points, fixed
-to the base, that reach the ground when the shoes below it are pressed deeper than when the machine
-stands. Their normal force acts on the base, their friction on the shoe below the axle.
+The ground under a steel wheel is stiffer than that under a shoe. A machine that tips would stand on
+the last shoes and fall too early; so each axle has two more contact points, fixed to the base, that
+reach the ground when the soles below it are pressed deeper than when the machine stands. Their
+normal force acts on the base, their friction on the shoe below the axle. They act on rigid ground
+only: on deformable soil the area under the track is that of the shoes.
 """
 
 from __future__ import annotations
@@ -87,7 +88,7 @@ def _add_forces_at_axle(  # type: ignore[no-untyped-def]
     sole = dimensions.axle_height - radius - dimensions.half_thickness + axles.clearance
     (r00, _, _), (r10, _, _), (r20, _, _) = base.rotation
     speed = state.speed[side]
-    area = radius * dimensions.half_width  # half a shoe
+    area = 0.0  # on deformable soil, see above
     com_x, com_y, com_z = dimensions.base_com
     for edge in range(2):
         i = 4 * side + (sign + 1) + edge

@@ -95,8 +95,24 @@ class DynamicTracks(TrackBase):
             forces=np.zeros((2 * count, 6)),
             path_deviations=np.zeros(2),
         )
-        self._axle_coefficients = tuple(axle_coefficients(self.spec, _MAX_STIFF_AXLE_LOAD))
+        self._rail_coefficients = tuple(  # four contact points share those of the shoe
+            ContactCoefficients(
+                normal_stiffness=0.25 * tracks.normal_stiffness,
+                normal_damping=0.25 * tracks.normal_damping,
+                tangential_stiffness=0.25 * tracks.tangential_stiffness,
+                tangential_damping=0.25 * tracks.tangential_damping,
+                friction=tracks.friction,
+            )
+        )
         self._axle_contacts = ContactPoints.inactive(NUM_AXLE_POINTS)
+        load = 0.5 * spec.mass * GRAVITY * tracks.sprocket_radius / tracks.axle_distance
+        self._axle_support = tuple(
+            AxleSupport(
+                clearance=load / tracks.normal_stiffness,
+                coefficients=tuple(axle_coefficients(self.spec, _MAX_STIFF_AXLE_LOAD)),
+                points=tuple(self._axle_contacts),
+            )
+        )
         self._base_wrench: Array = np.zeros(6)
         self._body_wrench: Array = np.zeros(6)
         self._belt_speeds = [0.0, 0.0]  # reference speeds of the belts [m/s]
@@ -141,9 +157,10 @@ class DynamicTracks(TrackBase):
             self._dimensions,
             tuple(supports),
             tuple(coefficients),
+            self._rail_coefficients,
             self._soil,
             self._points,
-            tuple(self._axle_support(supports, coefficients)),
+            self._axle_support,
             (self._belt_speeds[0] == 0.0, self._belt_speeds[1] == 0.0),
             tuple(bodies),
             self._base_wrench,
@@ -182,7 +199,6 @@ class DynamicTracks(TrackBase):
             rail_stiffness=2.0 * stiffness,
             rail_damping=max_damping,
             max_brake_force=2.0 * tracks.max_tractive_effort / num_braked_shoes,
-            sole_damping=tracks.normal_damping - damping,
         )
         coefficients = ContactCoefficients(  # four contact points share those of the shoe
             normal_stiffness=0.25 * stiffness,
@@ -192,25 +208,6 @@ class DynamicTracks(TrackBase):
             friction=tracks.friction,
         )
         return supports, coefficients
-
-    def _axle_support(
-        self, supports: UndercarriageSupport, coefficients: ContactCoefficients
-    ) -> AxleSupport:
-        """Return the contact points below the axles, out of reach of a machine that stands level.
-
-        Args:
-            supports, coefficients: of a shoe and of one of its contact points.
-        """
-        tracks = self.spec.tracks
-        load = 0.5 * self.spec.mass * GRAVITY * tracks.sprocket_radius / tracks.axle_distance
-        clearance = load / supports.rail_stiffness + load / (
-            POINTS_PER_SHOE * coefficients.normal_stiffness
-        )
-        return AxleSupport(
-            clearance,
-            self._axle_coefficients,
-            tuple(self._axle_contacts),
-        )
 
     def _drive(self, dt: float) -> None:
         """Drive the sprockets so that the belts follow the command; zero brakes and holds."""

@@ -1,8 +1,8 @@
 """Kernel of the dynamic tracks: forces of ground and undercarriage on rigid shoes.
 
 Sprockets and idlers are simulated by the physics engine. The undercarriage guides the shoes between
-them (`undercarriage`), and the ground acts on four contact points of each shoe (`shoe_contact`) and
-on two below each axle (`axle_support`).
+them (`undercarriage`). The ground acts on four contact points of each shoe (`shoe_contact`), on the
+base above them (`rail_support`) and on two points below each axle (`axle_support`).
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from machine_sim.machine.box import Vec3
 from machine_sim.machine.tracks.axle_support import AxleSupport, add_axle_forces
+from machine_sim.machine.tracks.rail_support import add_rail_load
 from machine_sim.machine.tracks.rigid_body import (
     FORCE_X,
     FORCE_Y,
@@ -37,7 +38,8 @@ from machine_sim.machine.tracks.shoe_contact import (
     CONTACT_WIDTH_FRACTION,
     MAX_OUTWARD_Z,
     mean_depth,
-    sole_force,
+    normal_load,
+    shear_force,
 )
 from machine_sim.machine.tracks.terramechanics import SoilPatch
 from machine_sim.machine.tracks.track_slip import update_mean_speeds
@@ -110,6 +112,7 @@ def dynamic_track_step(  # type: ignore[no-untyped-def]
     dimensions,
     supports,
     coefficients,
+    rail_coefficients,
     soil,
     points,
     axles,
@@ -127,7 +130,8 @@ def dynamic_track_step(  # type: ignore[no-untyped-def]
         motion: `MachineMotion`.
         dimensions: `TrackDimensions`.
         supports: `UndercarriageSupport`.
-        coefficients: `ContactCoefficients` of one contact point.
+        coefficients: `ContactCoefficients` of one contact point of a shoe.
+        rail_coefficients: those of one of a sole pressed against the rail.
         soil: `SoilPatch` under the shoes; its `max_sinkage` is updated.
         points: `ContactPoints` of the shoes, `POINTS_PER_SHOE` each, left track first; updated.
         axles: `AxleSupport`; its contact points are updated.
@@ -140,6 +144,7 @@ def dynamic_track_step(  # type: ignore[no-untyped-def]
     """
     motion, dimensions = MachineMotion(*motion), TrackDimensions(*dimensions)
     supports, coefficients = UndercarriageSupport(*supports), ContactCoefficients(*coefficients)
+    rail_coefficients = ContactCoefficients(*rail_coefficients)
     soil, points, shoes = SoilPatch(*soil), ContactPoints(*points), ShoeBodies(*shoes)
     state, axles = TrackState(*state), AxleSupport(*axles)
     base = base_frame(motion)
@@ -161,7 +166,7 @@ def dynamic_track_step(  # type: ignore[no-untyped-def]
             if is_on_run:
                 num_running += 1
                 sum_speed += dot(relative_velocity, shoe.forward)
-            support, is_on_rail = support_force(
+            support = support_force(
                 local,
                 to_base(base.rotation, relative_velocity),
                 dimensions,
@@ -179,17 +184,20 @@ def dynamic_track_step(  # type: ignore[no-untyped-def]
             load, load_depth = _add_sole_forces(
                 shoe,
                 i,
+                local,
+                max(-support[2], 0.0),
+                base,
                 dimensions,
                 coefficients,
+                rail_coefficients,
                 soil,
                 points,
                 shoe_wrench,
+                base_wrench,
                 state.wrench,
                 load_depth,
             )
             total_load += load
-            if is_on_rail and load > 0.0:
-                load += _add_sole_damping(shoe, base, supports, load, base_wrench, state.wrench)
             state.shoe_loads[side, k] = load
         state.speed[side] = sum_speed / max(num_running, 1)
         add_axle_forces(dt, side, base, dimensions, axles, soil, shoes.forces, base_wrench, state)
@@ -251,20 +259,48 @@ def _path_deviation(local, dimensions):  # type: ignore[no-untyped-def]
     return math.sqrt(radial * radial + y * y), past_axle == 0.0
 
 
+# An argument for each wrench and each part of the ground.
 @helper(forceinline=True)
 def _add_sole_forces(  # type: ignore[no-untyped-def]
-    shoe, i, dimensions, coefficients, soil, points, shoe_wrench, ground_wrench, load_depth
+    shoe,
+    i,
+    local,
+    rail_force,
+    base,
+    dimensions,
+    coefficients,
+    rail_coefficients,
+    soil,
+    points,
+    shoe_wrench,
+    base_wrench,
+    ground_wrench,
+    load_depth,
 ):
-    """Add the ground's forces on a shoe to its wrench and to that on the machine.
+    """Add the ground's forces at a shoe to the wrenches on it, on the base and on the machine.
+
+    Args:
+        shoe: `_Shoe`.
+        i: index of the shoe.
+        local: position of the shoe as from `_local_position` [m].
+        rail_force: force of the shoe on the rail [N].
+        base: `BaseFrame`.
+        dimensions: `TrackDimensions`.
+        coefficients, rail_coefficients, soil, points: as for `dynamic_track_step`.
+        shoe_wrench: wrench on the shoe about its centre; updated.
+        base_wrench, ground_wrench: wrenches on base and machine about the base's centre of mass;
+            updated.
+        load_depth: sum of load times depth [N m].
 
     Returns:
-        Normal load of the shoe [N], and `load_depth` with the load times depth of its contact
+        Normal load at the shoe [N], and `load_depth` with the load times depth of its contact
         points added [N m].
     """
-    load = 0.0
+    total_load = 0.0
     length, half_width = dimensions.sprocket_radius, dimensions.half_width
     half_thickness = dimensions.half_thickness
     area = 0.5 * length * half_width  # of one contact point
+    is_below = local[2] < dimensions.axle_height
     (px, py, pz), (ax, ay, az) = shoe.position, shoe.arm
     (fx, fy, fz), (lx, ly, lz), (nx, ny, nz) = shoe.forward, shoe.left, shoe.outward
     for corner in range(POINTS_PER_SHOE):
@@ -281,34 +317,40 @@ def _add_sole_forces(  # type: ignore[no-untyped-def]
         rx = u * fx + w * lx + half_thickness * nx
         ry = u * fy + w * ly + half_thickness * ny
         rz = u * fz + w * lz + half_thickness * nz
-        point = (px + rx, py + ry, pz + rz)
-        force, point_load, depth = sole_force(
-            point,
-            point,
-            point_velocity(shoe.velocity, shoe.angular_velocity, (rx, ry, rz)),
-            coefficients,
-            area,
-            soil,
-            points,
-            c,
+        point, arm = (px + rx, py + ry, pz + rz), (ax + rx, ay + ry, az + rz)
+        velocity = point_velocity(shoe.velocity, shoe.angular_velocity, (rx, ry, rz))
+        soft_load, depth, normal = normal_load(point, velocity, coefficients, area, soil)
+        load = soft_load
+        if is_below:
+            rail_load, rail_depth = add_rail_load(
+                arm,
+                local[0],
+                soft_load,
+                rail_force / POINTS_PER_SHOE,
+                base,
+                dimensions,
+                rail_coefficients,
+                area,
+                soil,
+                base_wrench,
+                ground_wrench,
+            )
+            load = soft_load + rail_load
+            if rail_load > 0.0:
+                depth = rail_depth
+        if not load > 0.0:
+            points.is_active[c] = False
+            continue
+        total_load += load
+        load_depth += load * depth
+        tx, ty, tz = shear_force(
+            point, point, velocity, normal, load, coefficients, area, soil, points, c
         )
-        if point_load > 0.0:
-            load += point_load
-            load_depth += point_load * depth
-            add_wrench(shoe_wrench, force, (rx, ry, rz))
-            add_wrench(ground_wrench, force, (ax + rx, ay + ry, az + rz))
-    return load, load_depth
-
-
-@helper(forceinline=True)
-def _add_sole_damping(shoe, base, supports, load, base_wrench, ground_wrench):  # type: ignore[no-untyped-def]
-    """Add the ground's damping of the base above a loaded shoe on the rail; return its force [N].
-
-    It acts on the base, because as much damping of the light shoe would make it oscillate.
-    """
-    up = base.rotation[0][2], base.rotation[1][2], base.rotation[2][2]
-    damping = max(-supports.sole_damping * dot(shoe.base_velocity, up), -load)
-    force = (damping * up[0], damping * up[1], damping * up[2])
-    add_wrench(base_wrench, force, shoe.arm)
-    add_wrench(ground_wrench, force, shoe.arm)
-    return damping
+        force = (
+            tx + soft_load * normal[0],
+            ty + soft_load * normal[1],
+            tz + soft_load * normal[2],
+        )
+        add_wrench(shoe_wrench, force, (rx, ry, rz))
+        add_wrench(ground_wrench, force, arm)
+    return total_load, load_depth

@@ -21,7 +21,14 @@ from machine_sim.machine.tracks.terramechanics import (
 )
 from msg_bridge.kernels import helper
 
-__all__ = ["CONTACT_WIDTH_FRACTION", "MAX_OUTWARD_Z", "mean_depth", "sole_force"]
+__all__ = [
+    "CONTACT_WIDTH_FRACTION",
+    "MAX_OUTWARD_Z",
+    "mean_depth",
+    "normal_load",
+    "shear_force",
+    "sole_force",
+]
 
 CONTACT_WIDTH_FRACTION = 0.9
 """Lateral distance of the contact points from the middle of the shoe, in half widths."""
@@ -48,10 +55,30 @@ def sole_force(point, attachment, velocity, coefficients, area, soil, points, i)
     Returns:
         Force (fx, fy, fz) [N], map frame, normal load [N] and depth [m]; zeros without contact.
     """
-    depth, normal = contact_depth(soil.undisturbed_surface, soil.frame, point)
-    if not depth > 0.0:
+    load, depth, normal = normal_load(point, velocity, coefficients, area, soil)
+    if not load > 0.0:
         points.is_active[i] = False
         return (0.0, 0.0, 0.0), 0.0, 0.0
+    (fx, fy, fz), (nx, ny, nz) = (
+        shear_force(point, attachment, velocity, normal, load, coefficients, area, soil, points, i),
+        normal,
+    )
+    return (fx + load * nx, fy + load * ny, fz + load * nz), load, depth
+
+
+@helper(forceinline=True)
+def normal_load(point, velocity, coefficients, area, soil):  # type: ignore[no-untyped-def]
+    """Return the ground's normal force on a contact point [N], its depth [m] and the unit normal.
+
+    Args:
+        point, velocity, coefficients, area, soil: as for `sole_force`.
+
+    Returns:
+        Load, depth and normal (map frame); load and depth are 0 without contact.
+    """
+    depth, normal = contact_depth(soil.undisturbed_surface, soil.frame, point)
+    if not depth > 0.0:
+        return 0.0, 0.0, normal
     row, col = nearest_cell(soil, point)
     kind, moisture, table = soil.soil[row, col], soil.moisture[row, col], soil.coefficients
     stiffness, max_depth = coefficients.normal_stiffness, 0.0
@@ -68,12 +95,28 @@ def sole_force(point, attachment, velocity, coefficients, area, soil, points, i)
         )
     load = spring - coefficients.normal_damping * dot(velocity, normal)
     if not (spring > 0.0 and load > 0.0):  # the sole rises faster than the soil can follow
-        points.is_active[i] = False
-        return (0.0, 0.0, 0.0), 0.0, 0.0
-    force, deflection = bristle_force(attachment, velocity, normal, coefficients, points, i)
-    max_force, displacement = coefficients.friction * load, 0.0
+        return 0.0, 0.0, normal
     if is_deformable:
         soil.max_sinkage[row, col] = max_depth
+    return load, depth, normal
+
+
+@helper(forceinline=True)
+def shear_force(  # type: ignore[no-untyped-def]
+    point, attachment, velocity, normal, load, coefficients, area, soil, points, i
+):
+    """Return the ground's force on a loaded contact point along the ground [N], map frame.
+
+    Args:
+        point, attachment, velocity, coefficients, area, soil, points, i: as for `sole_force`.
+        normal: unit normal of the ground, map frame.
+        load: normal load [N].
+    """
+    row, col = nearest_cell(soil, point)
+    kind, moisture, table = soil.soil[row, col], soil.moisture[row, col], soil.coefficients
+    force, deflection = bristle_force(attachment, velocity, normal, coefficients, points, i)
+    max_force, displacement = coefficients.friction * load, 0.0
+    if table[kind, moisture, BEKKER_MODULUS] > 0.0:
         displacement = points.shear_displacement[i] + deflection
         max_force = shear_strength(
             displacement,
@@ -90,8 +133,7 @@ def sole_force(point, attachment, velocity, coefficients, area, soil, points, i)
     if is_sliding:
         elastic = max_force / coefficients.tangential_stiffness
         points.shear_displacement[i] = max(displacement - elastic, 0.0)
-    (fx, fy, fz), (nx, ny, nz) = force, normal
-    return (fx + load * nx, fy + load * ny, fz + load * nz), load, depth
+    return force
 
 
 @helper(forceinline=True)

@@ -29,7 +29,6 @@ class UndercarriageSupport(NamedTuple):
         stiffness, damping: flanges, carriers and brake [N/m], [N s/m].
         rail_stiffness, rail_damping: rail [N/m], [N s/m].
         max_brake_force: maximum force of the brake [N].
-        sole_damping: damping between the base and the ground under a shoe below the rail [N s/m].
     """
 
     stiffness: float
@@ -37,14 +36,13 @@ class UndercarriageSupport(NamedTuple):
     rail_stiffness: float
     rail_damping: float
     max_brake_force: float
-    sole_damping: float
 
 
 @helper(forceinline=True)
 def support_force(  # type: ignore[no-untyped-def]
     position, velocity, dimensions, supports, is_braked, brake_anchors, side, k
 ):
-    """Return the force of the undercarriage on a shoe [N], and whether it is on the rail.
+    """Return the force of the undercarriage on a shoe [N].
 
     Args:
         position, velocity: of the shoe relative to the base [m], [m/s]; base frame with y from the
@@ -56,7 +54,7 @@ def support_force(  # type: ignore[no-untyped-def]
     """
     x, y, z = position
     vx, vy, vz = velocity
-    fx, fy, fz, is_on_rail = 0.0, 0.0, 0.0, False
+    fx, fy, fz = 0.0, 0.0, 0.0
     is_between_axles = abs(x) <= dimensions.half_axle_distance
     bevel = _BEVEL_SLOPE * max(
         abs(x) - dimensions.half_axle_distance + _BEVEL_START * dimensions.sprocket_radius, 0.0
@@ -65,7 +63,6 @@ def support_force(  # type: ignore[no-untyped-def]
         fy = -supports.stiffness * y - supports.damping * vy
         penetration = z - (dimensions.axle_height - dimensions.sprocket_radius + bevel)
         if is_between_axles and penetration > 0.0:
-            is_on_rail = True
             fz = -max(supports.rail_stiffness * penetration + supports.rail_damping * vz, 0.0)
     elif is_between_axles:
         offset = z - dimensions.axle_height - dimensions.sprocket_radius
@@ -85,4 +82,4 @@ def support_force(  # type: ignore[no-untyped-def]
             brake_anchors[side, k] = x + fx / supports.stiffness
     else:
         brake_anchors[side, k] = math.nan
-    return (fx, fy, fz), is_on_rail
+    return fx, fy, fz

@@ -47,12 +47,22 @@ def steady_slip(s, pull):
 
 
 @pytest.mark.parametrize("soil", [SAND, MUD])
-@pytest.mark.parametrize(("tracks", "within"), [("kinematic", 0.04), ("dynamic", 0.18)])
+@pytest.mark.parametrize(("tracks", "within"), [("kinematic", 0.04), ("dynamic", 0.14)])
 def test_static_sinkage_is_bekkers(scene, spec, soil, tracks, within):
     s = scene(tracks=tracks, soil=soil)
     s.run(3.0)
     assert s.machine.tracks.sinkage == pytest.approx(bekker_depth(soil, spec), rel=within)
     assert s.position[2] == pytest.approx(-bekker_depth(soil, spec), abs=0.025)
+
+
+def test_both_track_models_sink_alike_in_firm_soil(scene):
+    """The shoes of dynamic tracks are too light for springs as stiff as this soil."""
+    sinkage = []
+    for tracks in ("kinematic", "dynamic"):
+        s = scene(tracks=tracks, soil=load_soil_types()["loam"].loose_soil)
+        s.run(2.0)
+        sinkage.append(s.machine.tracks.sinkage)
+    assert sinkage[1] == pytest.approx(sinkage[0], rel=0.15)
 
 
 def test_pressure_on_each_sole_is_bekkers_at_its_depth(scene):
@@ -115,8 +125,8 @@ def test_slip_grows_with_pull(scene, spec, tracks):
         for pull in pulls
     ]
     assert abs(slips[0]) < 0.01
-    assert 0.004 < slips[1] < 0.03
-    assert 0.03 < slips[2] < 0.12
+    assert 0.004 < slips[1] - slips[0] < 0.03
+    assert 0.03 < slips[2] - slips[0] < 0.12
 
 
 @pytest.mark.parametrize("tracks", ["kinematic", "dynamic"])
