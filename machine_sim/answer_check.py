@@ -9,22 +9,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from enum import IntEnum
+from typing import NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
-from machine_sim.dem import SoilEngine
+from machine_sim.dem import ParticleError, SoilEngine
 from machine_sim.ground.contact_surface import Ground
 from machine_sim.tool_soil.coupling import ToolSoilCoupling
 from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.rows import (
-    FORCE,
-    FORCE_VECTORS,
     MAX_MILLING_WORK,
     ConversionKind,
     Rows,
     SoilReaction,
 )
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = ["check_conversions", "check_excavation", "check_forces", "check_map_updates"]
 
@@ -40,9 +41,6 @@ _MAX_COORDINATE = 1e5
 _MAX_WRENCH = 1e9
 """Largest component of a force [N] or torque [N m], far above what breaks every tool."""
 
-_MAX_FORCE_VALUES = np.array([_MAX_COORDINATE] * 3 + [_MAX_WRENCH] * 6)
-"""Largest values of `FORCE_VECTORS`."""
-
 _MAX_MOISTURE = 100
 """Largest moisture [% of saturation]."""
 
@@ -50,6 +48,52 @@ _EXCAVATION_MARGIN = 1.0
 """Allowance for the position of excavated soil beside a tool, and for its depth [m].
 
 Other machines and slope failures may have changed the column since the last answer."""
+
+
+class _Fault(IntEnum):
+    """What is wrong with a row."""
+
+    NONE = 0
+    OFF_MAP = 1
+    COORDINATE = 2
+    VOLUME = 3
+    SOIL = 4
+    MOISTURE = 5
+    TOOL = 6
+    REACTION = 7
+    WRENCH = 8
+    WORK = 9
+    KIND = 10
+
+
+_FAULT_MESSAGES = {
+    _Fault.OFF_MAP: "it lies outside of the columns of the terrain",
+    _Fault.COORDINATE: f"a coordinate is not finite or beyond {_MAX_COORDINATE:g} m",
+    _Fault.VOLUME: "its volume is not finite, or the volume of excavated soil is 0",
+    _Fault.SOIL: "the run has no soil with its id",
+    _Fault.MOISTURE: f"its moisture is above {_MAX_MOISTURE} %",
+    _Fault.TOOL: "this node has no tool with its id",
+    _Fault.REACTION: f"its reaction is not {min(SoilReaction):d} to {max(SoilReaction):d}",
+    _Fault.WRENCH: f"its force or torque is not finite or beyond {_MAX_WRENCH:g} N and N m",
+    _Fault.WORK: f"its work is not between 0 and {MAX_MILLING_WORK:g} J",
+    _Fault.KIND: f"its kind is not {min(ConversionKind):d} to {max(ConversionKind):d}",
+}
+
+_NO_FAULT, _OFF_MAP, _COORDINATE, _VOLUME, _SOIL, _MOISTURE = (
+    int(_Fault.NONE),
+    int(_Fault.OFF_MAP),
+    int(_Fault.COORDINATE),
+    int(_Fault.VOLUME),
+    int(_Fault.SOIL),
+    int(_Fault.MOISTURE),
+)
+_TOOL, _REACTION, _WRENCH, _WORK, _KIND = (
+    int(_Fault.TOOL),
+    int(_Fault.REACTION),
+    int(_Fault.WRENCH),
+    int(_Fault.WORK),
+    int(_Fault.KIND),
+)
 
 
 def check_map_updates(map_updates: Rows, ground: Ground) -> None:
@@ -60,16 +104,9 @@ def check_map_updates(map_updates: Rows, ground: Ground) -> None:
     """
     if map_updates.size == 0:
         return
-    num_rows, num_cols = ground.grid.shape
-    if map_updates["row"].max() >= num_rows or map_updates["col"].max() >= num_cols:
-        raise ExchangeError(
-            f"a map update lies outside of the {num_rows} x {num_cols} columns of the terrain",
-            ErrorCode.OFF_MAP,
-        )
-    _check_magnitude(map_updates, ("z",), _MAX_COORDINATE, "height of a map update")
-    if not np.isfinite(map_updates["volume_mm3"]).all():
-        raise ExchangeError("the volume of a map update is not finite", ErrorCode.VALUE)
-    _check_soil(map_updates, ground, "map update")
+    fault, n = _find_map_update_fault(map_updates, ground.grid.shape, len(ground.soils))
+    if fault != _NO_FAULT:
+        _reject("MAP_UPDATE", map_updates[n], fault)
 
 
 def check_forces(forces: Rows, num_tools: int) -> None:
@@ -84,32 +121,9 @@ def check_forces(forces: Rows, num_tools: int) -> None:
     """
     if forces.size == 0:
         return
-    if forces["tool"].max() >= num_tools:
-        raise ExchangeError(
-            f"a force acts on tool {forces['tool'].max()}; this node has {num_tools} tools",
-            ErrorCode.VALUE,
-        )
-    if forces["reaction"].max() > _MAX_REACTION:
-        raise ExchangeError(
-            f"a force has the reaction {forces['reaction'].max()}; give {min(SoilReaction):d} to"
-            f" {max(SoilReaction):d}",
-            ErrorCode.VALUE,
-        )
-    values = np.abs(forces.view(FORCE_VECTORS)["values"]).max(axis=0)
-    if not (values <= _MAX_FORCE_VALUES).all():  # NaN compares false
-        names = (FORCE.names or ())[: values.size]
-        raise ExchangeError(
-            "the point and wrench of a force have the magnitudes"
-            f" {dict(zip(names, values.tolist(), strict=True))}; give at most"
-            f" {_MAX_COORDINATE:g} m, and {_MAX_WRENCH:g} N and N m",
-            ErrorCode.VALUE,
-        )
-    work = forces["work"]
-    if not ((work >= 0.0) & (work <= MAX_MILLING_WORK)).all():
-        raise ExchangeError(
-            f"the work of a FORCE row is not between 0 and {MAX_MILLING_WORK:g} J",
-            ErrorCode.VALUE,
-        )
+    fault, n = _find_force_fault(forces, num_tools)
+    if fault != _NO_FAULT:
+        _reject("FORCE", forces[n], fault)
 
 
 def check_conversions(
@@ -124,23 +138,23 @@ def check_conversions(
         can_dig: whether this node has a tool that excavates.
 
     Raises:
-        ExchangeError: VALUE, OFF_MAP, or PARTICLE: an answer to a request that was not made.
+        ExchangeError: VALUE, OFF_MAP, EXCAVATION: soil that no tool of this node can have
+            excavated; PARTICLE: an answer to a request that was not made.
     """
     if conversions.size == 0:
         return
-    kind = conversions["kind"]
-    if kind.max() > _MAX_KIND:
+    fault, n = _find_conversion_fault(conversions, ground.grid.shape, len(ground.soils))
+    if fault != _NO_FAULT:
+        _reject("CONVERSION", conversions[n], fault)
+    is_answer = conversions["kind"] != _EXCAVATE
+    num_answers = np.count_nonzero(is_answer)
+    if num_answers < conversions.size and not can_dig:
         raise ExchangeError(
-            f"a conversion has the kind {kind.max()}; give {min(ConversionKind):d} to"
-            f" {max(ConversionKind):d}",
-            ErrorCode.VALUE,
+            "soil was excavated, but no machine of this node has a digging tool",
+            ErrorCode.EXCAVATION,
         )
-    is_excavated = kind == _EXCAVATE
-    excavated, answers = conversions[is_excavated], conversions[~is_excavated]
-    if excavated.size:
-        _check_excavated_soil(excavated, ground, can_dig=can_dig)
-    if answers.size:
-        _check_deposit_answers(answers, particles)
+    if num_answers:
+        _check_deposit_answers(conversions, is_answer, particles)
 
 
 def check_excavation(
@@ -160,26 +174,26 @@ def check_excavation(
     Raises:
         ExchangeError: EXCAVATION.
     """
-    excavated = conversions[conversions["kind"] == _EXCAVATE]
-    if excavated.size == 0:
+    is_excavated = conversions["kind"] == _EXCAVATE
+    if not is_excavated.any():
         return
-    is_near = np.zeros(excavated.size, dtype=np.bool_)
-    # A column of one row is contiguous, that of several is not: as a copy one kernel serves both.
-    x, y = (np.array(excavated[name], dtype=np.float64) for name in "xy")
+    is_near = ~is_excavated  # of other rows the position does not count
     lowest = np.inf
     margin = ground.grid.cell + _EXCAVATION_MARGIN
     for coupling in couplings:
         # The sweep of a tick begins at the pose at the end of the tick before.
         frames = (*coupling.frame_at(ticks_ago), *coupling.frame_at(ticks_ago + 1))
-        lowest = min(lowest, _mark_near(coupling.key_points, *frames, x, y, margin, is_near))
+        lowest = min(lowest, _mark_near(coupling.key_points, *frames, conversions, margin, is_near))
     if not is_near.all():
         raise ExchangeError(
             "soil was excavated where no tool of this node has been", ErrorCode.EXCAVATION
         )
     volume_of_column = 1e9 * ground.grid.cell**2
     # Usually all rows together have less than what may leave any one column.
-    if excavated["volume_mm3"].sum(dtype=np.int64) <= volume_of_column * _EXCAVATION_MARGIN:
+    total = conversions["volume_mm3"][is_excavated].sum(dtype=np.int64)
+    if total <= volume_of_column * _EXCAVATION_MARGIN:
         return
+    excavated = conversions[is_excavated]
     columns, index = np.unique(
         excavated["row"].astype(np.int64) * ground.grid.cols + excavated["col"],
         return_inverse=True,
@@ -198,14 +212,14 @@ def check_excavation(
 
 @kernel
 def _mark_near(  # type: ignore[no-untyped-def]
-    key_points, rotation, origin, earlier_rotation, earlier_origin, x, y, margin, is_near
+    key_points, rotation, origin, earlier_rotation, earlier_origin, rows, margin, is_near
 ):
-    """Mark the positions beside a tool, and return the height of its lowest key point [m].
+    """Mark the rows beside a tool, and return the height of its lowest key point [m].
 
     Args:
         key_points: [m], tool frame, shape (n, 3), n >= 1.
         rotation, origin, earlier_rotation, earlier_origin: two poses of the tool.
-        x, y: positions [m], map frame, shape (rows,).
+        rows: rows with a position (x, y) [m], map frame, shape (rows,).
         margin: distance from the circle around the key points that counts as beside [m].
         is_near: marks, shape (rows,); updated.
     """
@@ -224,69 +238,115 @@ def _mark_near(  # type: ignore[no-untyped-def]
     for i in range(2 * count):
         reach = max(reach, math.hypot(points[i, 0] - centre_x, points[i, 1] - centre_y))
         lowest = min(lowest, points[i, 2])
-    for n in range(x.size):
-        is_near[n] |= math.hypot(x[n] - centre_x, y[n] - centre_y) <= reach + margin
+    for n in range(rows.size):
+        x, y = np.float64(rows[n].x), np.float64(rows[n].y)
+        is_near[n] |= math.hypot(x - centre_x, y - centre_y) <= reach + margin
     return lowest
 
 
-def _check_excavated_soil(excavated: Rows, ground: Ground, *, can_dig: bool) -> None:
-    if not can_dig:
-        raise ExchangeError(
-            "soil was excavated, but no machine of this node has a digging tool",
-            ErrorCode.EXCAVATION,
-        )
-    num_rows, num_cols = ground.grid.shape
-    if excavated["row"].max() >= num_rows or excavated["col"].max() >= num_cols:
-        raise ExchangeError(
-            f"soil was excavated outside of the {num_rows} x {num_cols} columns of the terrain",
-            ErrorCode.OFF_MAP,
-        )
-    _check_magnitude(excavated, ("x", "y", "z"), _MAX_COORDINATE, "position of excavated soil")
-    if excavated["volume_mm3"].min() == 0:
-        raise ExchangeError("an excavated parcel has no volume", ErrorCode.VALUE)
-    _check_soil(excavated, ground, "conversion")
-
-
-def _check_deposit_answers(answers: Rows, particles: SoilEngine) -> None:
+def _check_deposit_answers(
+    conversions: Rows, is_answer: NDArray[np.bool_], particles: SoilEngine
+) -> None:
     """Check that each row answers a request: a frozen particle, once, with its volume."""
-    order = np.argsort(particles.ids)
-    ids = particles.ids[order]
-    at = np.searchsorted(ids, answers["particle_id"])
-    is_known = at < ids.size
-    is_known[is_known] = ids[at[is_known]] == answers["particle_id"][is_known]
-    rows = order[at[is_known]]
-    if not is_known.all() or not particles.is_frozen[rows].all():
+    try:
+        rows = particles.rows_of(conversions["particle_id"][is_answer])
+    except ParticleError as error:
+        raise ExchangeError(
+            f"a conversion answers no deposit request: {error}", ErrorCode.PARTICLE
+        ) from error
+    if not particles.is_frozen[rows].all():
         raise ExchangeError(
             "a conversion answers a deposit request that this node has not made",
             ErrorCode.PARTICLE,
         )
-    if np.unique(rows).size < rows.size:
-        raise ExchangeError("two conversions answer one deposit request", ErrorCode.PARTICLE)
-    if (particles.volumes_mm3[rows] != answers["volume_mm3"]).any():
+    if (particles.volumes_mm3[rows] != conversions["volume_mm3"][is_answer]).any():
         raise ExchangeError(
             "a conversion answers a deposit request with another volume than was requested",
             ErrorCode.PARTICLE,
         )
 
 
-def _check_soil(rows: Rows, ground: Ground, of: str) -> None:
-    if rows["soil"].max() >= len(ground.soils):
-        raise ExchangeError(
-            f"a {of} has the soil id {rows['soil'].max()}; the run has {len(ground.soils)} soils",
-            ErrorCode.VALUE,
-        )
-    if rows["moisture"].max() > _MAX_MOISTURE:
-        raise ExchangeError(
-            f"a {of} has a moisture of {rows['moisture'].max()} %; give at most {_MAX_MOISTURE} %",
-            ErrorCode.VALUE,
-        )
+def _reject(name: str, row: np.void, fault: int) -> NoReturn:
+    """Raise the error of a row with a fault."""
+    code = ErrorCode.OFF_MAP if fault == _Fault.OFF_MAP else ErrorCode.VALUE
+    raise ExchangeError(f"a {name} row is invalid, {_FAULT_MESSAGES[_Fault(fault)]}: {row}", code)
 
 
-def _check_magnitude(rows: Rows, names: Sequence[str], limit: float, of: str) -> None:
-    """Check that fields are finite and at most `limit` in magnitude."""
-    for name in names:
-        value = np.abs(rows[name]).max()
-        if not value <= limit:  # NaN compares false
-            raise ExchangeError(
-                f"the {of}, {name}, is {value}; give at most {limit:g}", ErrorCode.VALUE
-            )
+@kernel
+def _find_map_update_fault(rows, shape, num_soils):  # type: ignore[no-untyped-def]
+    """Return the first `_Fault` of MAP_UPDATE rows, and the index of its row.
+
+    Args:
+        rows: MAP_UPDATE rows.
+        shape: numbers of rows and columns of the terrain.
+        num_soils: number of soils of the run.
+    """
+    for n in range(rows.size):
+        row = rows[n]
+        fault = _find_column_fault(row, shape, num_soils)
+        if fault != _NO_FAULT:
+            return fault, n
+        if not abs(row.z) <= _MAX_COORDINATE:  # NaN compares false
+            return _COORDINATE, n
+        if not np.isfinite(row.volume_mm3):
+            return _VOLUME, n
+    return _NO_FAULT, 0
+
+
+@kernel
+def _find_force_fault(rows, num_tools):  # type: ignore[no-untyped-def]
+    """Return the first `_Fault` of FORCE rows, and the index of its row."""
+    for n in range(rows.size):
+        row = rows[n]
+        if row.tool >= num_tools:
+            return _TOOL, n
+        if row.reaction > _MAX_REACTION:
+            return _REACTION, n
+        for coordinate in (row.x, row.y, row.z):
+            if not abs(coordinate) <= _MAX_COORDINATE:  # NaN compares false
+                return _COORDINATE, n
+        for component in (row.fx, row.fy, row.fz, row.tx, row.ty, row.tz):
+            if not abs(component) <= _MAX_WRENCH:
+                return _WRENCH, n
+        if not 0.0 <= row.work <= MAX_MILLING_WORK:
+            return _WORK, n
+    return _NO_FAULT, 0
+
+
+@kernel
+def _find_conversion_fault(rows, shape, num_soils):  # type: ignore[no-untyped-def]
+    """Return the first `_Fault` of CONVERSION rows, and the index of its row.
+
+    Of answers to deposit requests only the kind is checked: the machine has the particle.
+
+    Args:
+        rows: CONVERSION rows.
+        shape, num_soils: as for `_find_map_update_fault`.
+    """
+    for n in range(rows.size):
+        row = rows[n]
+        if row.kind > _MAX_KIND:
+            return _KIND, n
+        if row.kind != _EXCAVATE:
+            continue
+        fault = _find_column_fault(row, shape, num_soils)
+        if fault != _NO_FAULT:
+            return fault, n
+        for coordinate in (row.x, row.y, row.z):
+            if not abs(coordinate) <= _MAX_COORDINATE:  # NaN compares false
+                return _COORDINATE, n
+        if row.volume_mm3 == 0:
+            return _VOLUME, n
+    return _NO_FAULT, 0
+
+
+@helper
+def _find_column_fault(row, shape, num_soils):  # type: ignore[no-untyped-def]
+    """Return the first `_Fault` of the column and the soil of a row."""
+    if row.row >= shape[0] or row.col >= shape[1]:
+        return _OFF_MAP
+    if row.soil >= num_soils:
+        return _SOIL
+    if row.moisture > _MAX_MOISTURE:
+        return _MOISTURE
+    return _NO_FAULT

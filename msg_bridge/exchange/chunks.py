@@ -15,6 +15,8 @@ def split_into_chunks(
     run_id: int, stream: Stream, rows: Rows, *, machine_id: int = 0, session_id: int = 0
 ) -> list[RowChunk]:
     """Return chunks of at most MAX_ROWS_PER_CHUNK rows; none if there are no rows."""
+    if rows.size == 0:
+        return []
     return [
         RowChunk(run_id, stream, machine_id, session_id, rows[first : first + MAX_ROWS_PER_CHUNK])
         for first in range(0, rows.size, MAX_ROWS_PER_CHUNK)

@@ -181,9 +181,8 @@ class LedgerAccounts:
                 f" {account.volume} mm^3",
                 ErrorCode.DEPOSIT_VOLUME,
             )
-        ids = deposit_requests["particle_id"]
-        is_repeated = np.unique(ids).size < ids.size
-        if is_repeated or np.isin(ids, account.deposited_particles).any():
+        ids = set(deposit_requests["particle_id"].tolist())
+        if len(ids) < deposit_requests.size or ids & account.deposited_particles:
             raise ExchangeError(
                 f"machine {machine_id} requests to deposit a particle twice",
                 ErrorCode.DEPOSIT_VOLUME,

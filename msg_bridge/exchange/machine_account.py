@@ -17,6 +17,10 @@ _SIGNS = np.array([1, -1, -1, 0], dtype=np.int64)
 """Sign of the volume of a row in flight, by its ConversionKind."""
 
 
+_DEPOSITED_KINDS = (int(ConversionKind.DEPOSIT), int(ConversionKind.OUTSIDE))
+"""Kinds of rows whose particle exists no more."""
+
+
 def signed_volume(conversions: Rows) -> int:
     """Return the volume that rows put in flight [mm^3]: excavated +, deposited and outside -."""
     return int(np.dot(_SIGNS[conversions["kind"]], conversions["volume_mm3"]))
@@ -41,6 +45,8 @@ class _InFlightRows(NamedTuple):
 
     def select(self, begin: int, end: int | None = None) -> _InFlightRows:
         """Return the rows begin to end - 1."""
+        if begin == 0 and (end is None or end >= self.rows.size):
+            return self
         rows = self.rows[begin:end]
         return _InFlightRows(self.numbers[begin:end], rows, signed_volume(rows))
 
@@ -108,14 +114,16 @@ class MachineAccount:
         return join_rows([flight.rows for flight in self._in_flight_rows], CONVERSION)
 
     @property
-    def deposited_particles(self) -> NDArray[np.uint32]:
-        """Ids of the particles deposited by rows that are not acknowledged, shape (n,)."""
-        rows = self.backlog
-        is_deposited = (rows["kind"] == ConversionKind.DEPOSIT) | (
-            rows["kind"] == ConversionKind.OUTSIDE
-        )
-        ids: NDArray[np.uint32] = rows["particle_id"][is_deposited]
-        return ids
+    def deposited_particles(self) -> set[int]:
+        """Ids of the particles deposited by rows that are not acknowledged."""
+        return {
+            particle_id
+            for flight in self._in_flight_rows
+            for particle_id, kind in zip(
+                flight.rows["particle_id"].tolist(), flight.rows["kind"].tolist(), strict=True
+            )
+            if kind in _DEPOSITED_KINDS
+        }
 
     def add_in_flight(self, numbers: NDArray[np.int64], rows: Rows) -> None:
         """Add published rows."""

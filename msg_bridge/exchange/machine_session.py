@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 
-import numpy as np
-
 from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.messages import (
     MachineHeader,
@@ -17,8 +15,8 @@ from msg_bridge.contract.messages import (
     Stream,
     Verb,
 )
-from msg_bridge.contract.rows import Rows
-from msg_bridge.exchange.row_digest import check_row_digest, row_digest
+from msg_bridge.contract.rows import Rows, machine_ids_in
+from msg_bridge.exchange.row_digest import check_row_digest
 from msg_bridge.exchange.stream_buffers import (
     PIPELINE_DEPTH,
     ReceiveBuffer,
@@ -51,9 +49,9 @@ class MachineSession:
         self.session_id = session_id
         self.last_tick = self._first_tick = tick
         self.backlog = SendBuffer(Stream.BACKLOG)
-        numbered_backlog, backlog_range = self.backlog.append(backlog)
+        _, backlog_range = self.backlog.append(backlog)
         self.num_backlog_rows = backlog_range.count
-        self._backlog_digest = row_digest(numbered_backlog)
+        self._backlog_digest = backlog_range.digest
         self._sweeps = ReceiveBuffer(Stream.SWEEP)
         self._deposit_requests = ReceiveBuffer(Stream.DEPOSIT_REQUEST)
         self._receive_buffers = {
@@ -145,8 +143,8 @@ class MachineSession:
             raise ExchangeError(
                 f"machines do not send {chunk.stream.name} rows", ErrorCode.STREAM_DIRECTION
             )
-        names = chunk.rows.dtype.names or ()
-        if "machine_id" in names and np.count_nonzero(chunk.rows["machine_id"] != chunk.machine_id):
+        buffer.check_type(chunk.rows)
+        if any(machine_id != chunk.machine_id for machine_id in machine_ids_in(chunk.rows)):
             raise ExchangeError(
                 f"machine {chunk.machine_id} sends rows with another machine id",
                 ErrorCode.SENDER_MISMATCH,

@@ -14,7 +14,6 @@ from msg_bridge.contract.messages import (
 )
 from msg_bridge.contract.rows import Rows
 from msg_bridge.exchange.chunks import split_into_chunks
-from msg_bridge.exchange.row_digest import row_digest
 from msg_bridge.exchange.session_key import SessionKey
 from msg_bridge.exchange.stream_buffers import SendBuffer
 
@@ -45,7 +44,8 @@ class MachineStreams:
         """
         self._key = key
         self._send_buffers = {
-            stream: SendBuffer(stream) for stream in (Stream.SWEEP, Stream.DEPOSIT_REQUEST)
+            stream: SendBuffer(stream, machine_id=key.machine_id)
+            for stream in (Stream.SWEEP, Stream.DEPOSIT_REQUEST)
         }
 
     @property
@@ -55,8 +55,9 @@ class MachineStreams:
 
     def append_tick(self, sweeps: Rows, deposit_requests: Rows) -> SentRows:
         """Number a copy of the rows of a tick, set their machine id, and keep them."""
-        sweeps, sweep_range = self._append(Stream.SWEEP, sweeps)
-        deposit_requests, request_range = self._append(Stream.DEPOSIT_REQUEST, deposit_requests)
+        buffers = self._send_buffers
+        sweeps, sweep_range = buffers[Stream.SWEEP].append(sweeps)
+        deposit_requests, request_range = buffers[Stream.DEPOSIT_REQUEST].append(deposit_requests)
         chunks = self._chunks(Stream.SWEEP, sweeps)
         chunks += self._chunks(Stream.DEPOSIT_REQUEST, deposit_requests)
         return SentRows(sweep_range, request_range, chunks)
@@ -79,12 +80,6 @@ class MachineStreams:
         if receipt is not None:
             received = receipt.deposit_requests_received
             self._send_buffers[Stream.DEPOSIT_REQUEST].discard_through(received)
-
-    def _append(self, stream: Stream, rows: Rows) -> tuple[Rows, RowRange]:
-        numbered, span = self._send_buffers[stream].append(rows)
-        if numbered.size:
-            numbered["machine_id"] = self._key.machine_id
-        return numbered, RowRange(span.first, span.count, row_digest(numbered))
 
     def _chunks(self, stream: Stream, rows: Rows) -> list[Message]:
         run_id, machine_id, session_id = self._key

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 
-import numpy as np
-
 from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.messages import RowRange, Stream
 from msg_bridge.contract.rows import Rows
@@ -20,7 +18,7 @@ def row_digest(rows: Rows) -> int:
     """Return the SHA-256 digest of numbered rows, cut to an int64; 0 without rows."""
     if rows.size == 0:
         return 0
-    digest = hashlib.sha256(np.ascontiguousarray(rows).data).digest()
+    digest = hashlib.sha256(rows.tobytes()).digest()
     return int.from_bytes(digest[:_SIZE], "little", signed=True)
 
 

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Mapping
 from msg_bridge.contract.messages import Message, RetransmitRequest, RowRange, SoilHeader, Stream
 from msg_bridge.contract.rows import Rows
 from msg_bridge.exchange.chunks import split_into_chunks
-from msg_bridge.exchange.row_digest import row_digest
 from msg_bridge.exchange.stream_buffers import SendBuffer
 
 __all__ = ["SoilStreams"]
@@ -40,14 +39,7 @@ class SoilStreams:
 
     def append(self, rows: Mapping[Stream, Rows]) -> dict[Stream, tuple[Rows, RowRange]]:
         """Number the rows of each stream; return the numbered rows, and their range with digest."""
-        numbered = {}
-        for stream in _STREAMS:
-            stream_rows, span = self._send_buffers[stream].append(rows[stream])
-            numbered[stream] = (
-                stream_rows,
-                RowRange(span.first, span.count, row_digest(stream_rows)),
-            )
-        return numbered
+        return {stream: self._send_buffers[stream].append(rows[stream]) for stream in _STREAMS}
 
     def publish(self, header: SoilHeader, rows: Mapping[Stream, Rows]) -> list[Message]:
         """Keep a header, and return the messages of its tick.
@@ -56,10 +48,10 @@ class SoilStreams:
         """
         self.last_header = header
         self._recent_headers.append(header)
-        return [
-            *(chunk for stream in _STREAMS for chunk in self._chunks(stream, rows[stream])),
-            header,
-        ]
+        messages: list[Message] = []
+        for stream in _STREAMS:
+            messages += self._chunks(stream, rows[stream])
+        return [*messages, header]
 
     def retransmit(self, request: RetransmitRequest) -> list[Message]:
         """Return the kept headers or rows that a request names.
