@@ -35,13 +35,14 @@ def compact(columns: Columns, pairs: SweptPairs) -> NDArray[np.int64]:
     """
     if pairs.has_plate.size == 0:  # as with a machine that has no tracks
         return np.zeros(0, dtype=np.int64)
-    compacted: NDArray[np.int64] = _compact(*pairs, columns.arrays, columns.frame)
+    compacted: NDArray[np.int64] = _compact(*pairs, columns.boxed_arrays, columns.frame)
     return np.unique(compacted) if compacted.size else compacted
 
 
 @kernel
-def _compact(points, has_plate, columns, frame):  # type: ignore[no-untyped-def]
+def _compact(points, has_plate, boxed_columns, frame):  # type: ignore[no-untyped-def]
     """Compact soil as `compact`; return a column once for each triangle that compacts it."""
+    columns = boxed_columns.table
     compacted, count = np.empty(64, dtype=np.int64), np.int64(0)
     for n in range(points.shape[0] - 1):
         if not has_plate[n]:

@@ -30,7 +30,7 @@ from msg_bridge.exchange.tick_input import TickInput
 from soil_sim.soil import Soil, SoilStepResult
 from soil_sim.soil_inventory import SoilInventory
 from soil_sim.sweep_limits import SweepLimits
-from soil_sim.tool_sweeps import rows_of_first_tools
+from soil_sim.tool_sweeps import positions_of_first_tools
 
 __all__ = ["SoilEndpoint", "SoilTickResult", "split_into_deposit_requests"]
 
@@ -163,7 +163,9 @@ class SoilEndpoint:
             self._sweep_limits.update_sessions(self.exchange.session_ids)
             sweeps, rejected = self._sweep_limits.check(tick.tick, sweeps)
         self._record_tool_positions(sweeps)
-        deposit_requests = join_rows([tick.deposit_requests, self._release()], DEPOSIT_REQUEST)
+        deposit_requests = tick.deposit_requests
+        if self._machines_to_release or self._ended_to_release:
+            deposit_requests = join_rows([deposit_requests, self._release()], DEPOSIT_REQUEST)
         step = self.soil.step(tick.tick, sweeps, deposit_requests)
         if not rejected:
             return step
@@ -172,12 +174,11 @@ class SoilEndpoint:
     def _record_tool_positions(self, sweeps: Rows) -> None:
         """Record the position of the first tool of each machine."""
         accounts = self.exchange.accounts.joined_accounts
-        for k in rows_of_first_tools(sweeps).tolist():
-            row = sweeps[k]
-            position = (float(row["x1"]), float(row["y1"]), float(row["z1"]))
+        machine_ids, positions = positions_of_first_tools(sweeps)
+        for machine_id, position in zip(machine_ids.tolist(), positions.tolist(), strict=True):
             # Rows are validated later; a position that is not finite cannot take soil.
             if all(map(math.isfinite, position)):
-                self._tool_positions[accounts[int(row["machine_id"])]] = position
+                self._tool_positions[accounts[machine_id]] = position
 
     def _update_ended_accounts(self) -> None:
         """Merge positions and inventories of merged accounts; discard those of discarded ones.

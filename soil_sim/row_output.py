@@ -50,12 +50,14 @@ def convert_deposit_requests(
     """
     if deposit_requests.size == 0:  # as in most ticks
         return empty_rows(CONVERSION)
-    particle_key = (
-        deposit_requests["machine_id"].astype(np.uint64) << np.uint64(32)
-        | deposit_requests["particle_id"]
+    machine_ids, particle_ids = (
+        deposit_requests[name].tolist() for name in ("machine_id", "particle_id")
     )
+    first: dict[tuple[int, int], int] = {}  # index of the first row of each particle
+    for n, particle in enumerate(zip(machine_ids, particle_ids, strict=True)):
+        first.setdefault(particle, n)
     is_first = np.zeros(deposit_requests.size, dtype=np.bool_)
-    is_first[np.unique(particle_key, return_index=True)[1]] = True
+    is_first[list(first.values())] = True
     conversions: Rows = _convert_requests(deposit_requests, is_first, tick, num_soil_types, frame)
     return conversions
 

@@ -226,6 +226,7 @@ class Soil:
             excavation_rows(soil, tick, machine.machine_id, self.grid.cols)
             for machine, soils in zip(machines, removed, strict=True)
             for soil in soils
+            if soil.size
         ]
         return join_rows(parts, CONVERSION), displaced, millings
 

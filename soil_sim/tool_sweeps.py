@@ -26,7 +26,7 @@ __all__ = [
     "ValidSweeps",
     "group_by_machine",
     "interpolate_key_point",
-    "rows_of_first_tools",
+    "positions_of_first_tools",
     "validate_sweeps",
 ]
 
@@ -164,9 +164,10 @@ def validate_sweeps(sweeps: Rows) -> tuple[ValidSweeps, tuple[str, ...]]:
         (valid sweeps, a message for each rejected tool).
     """
     rows = sweeps
-    if not _is_sorted(sweeps):  # as they are from one machine
+    points, first_row, faults, is_sorted = _parse_tools(rows)
+    if not is_sorted:  # as they are from one machine
         rows = sweeps[np.lexsort((sweeps["tool"], sweeps["machine_id"]))]
-    points, first_row, faults = _parse_tools(rows)
+        points, first_row, faults, _ = _parse_tools(rows)
     if not faults.any():
         return ValidSweeps(rows, points, first_row), ()
     rejected = tuple(
@@ -175,7 +176,7 @@ def validate_sweeps(sweeps: Rows) -> tuple[ValidSweeps, tuple[str, ...]]:
         for n in np.flatnonzero(faults)
     )
     rows = rows[np.repeat(faults == 0, np.diff(first_row, append=rows.size))]
-    points, first_row, _ = _parse_tools(rows)
+    points, first_row, *_ = _parse_tools(rows)
     return ValidSweeps(rows, points, first_row), rejected
 
 
@@ -186,8 +187,9 @@ def group_by_machine(sweeps: ValidSweeps) -> list[MachineSweeps]:
     while start < sweeps.rows.size:
         cut_pairs, press_pairs, left, end = _split_machine(sweeps.rows, sweeps.points, start)
         rows = sweeps.rows[start:end]
-        cuts = _split_tools(sweeps.rows, cut_pairs, left)
-        groups.append(MachineSweeps(int(rows["machine_id"][0]), rows, cuts, press_pairs))
+        cuts = _split_tools(sweeps.rows, SweptPairs(*cut_pairs), left)
+        machine_id = int(rows["machine_id"][0])
+        groups.append(MachineSweeps(machine_id, rows, cuts, SweptPairs(*press_pairs)))
         start = end
     return groups
 
@@ -214,13 +216,26 @@ def _cut_sweep(first: np.void, pairs: SweptPairs) -> CutSweep:
 
 
 @kernel
-def rows_of_first_tools(rows):  # type: ignore[no-untyped-def]
-    """Return the indices of the rows of pair 0 of tool 0 of each machine, ascending."""
-    found, count = np.empty(rows.size, dtype=np.int64), 0
+def positions_of_first_tools(rows):  # type: ignore[no-untyped-def]
+    """Return the end positions of pair 0 of tool 0 of each machine, in the order of the rows.
+
+    Args:
+        rows: SWEEP rows.
+
+    Returns:
+        (machine ids, shape (n,), int64; positions at the end of the tick [m], shape (n, 3)).
+    """
+    machine_ids = np.empty(rows.size, dtype=np.int64)
+    positions = np.empty((rows.size, 3))
+    count = 0
     for n in range(rows.size):
-        found[count] = n
-        count += rows[n].pair == 0 and rows[n].tool == 0
-    return found[:count]
+        row = rows[n]
+        if row.pair == 0 and row.tool == 0:
+            machine_ids[count] = row.machine_id
+            positions[count, 0], positions[count, 1] = row.x1, row.y1
+            positions[count, 2] = row.z1
+            count += 1
+    return machine_ids[:count], positions[:count]
 
 
 @helper(inline="always")
@@ -237,7 +252,7 @@ def interpolate_key_point(points, which, t):  # type: ignore[no-untyped-def]
     )
 
 
-@kernel
+@helper
 def _is_sorted(rows):  # type: ignore[no-untyped-def]
     """Return whether SWEEP rows are sorted by machine and tool."""
     for n in range(1, rows.size):
@@ -254,10 +269,11 @@ def _parse_tools(rows):  # type: ignore[no-untyped-def]
     """Return key points, first rows and faults of tools.
 
     Args:
-        rows: SWEEP rows sorted by machine and tool.
+        rows: SWEEP rows.
 
     Returns:
-        (points and first rows as in `ValidSweeps`, `SweepFault` of each tool, shape (tools,)).
+        (points and first rows as in `ValidSweeps`, `SweepFault` of each tool, shape (tools,),
+        whether the rows are sorted by machine and tool: the others are of use only then).
     """
     points = np.empty((rows.size, 2, 3))
     first_row = np.empty(rows.size, dtype=np.int64)
@@ -274,7 +290,7 @@ def _parse_tools(rows):  # type: ignore[no-untyped-def]
     for n in range(tools):
         end = first_row[n + 1] if n + 1 < tools else rows.size
         faults[n] = _find_fault(rows, points, first_row[n], end)
-    return points, first_row, faults
+    return points, first_row, faults, _is_sorted(rows)
 
 
 @helper
@@ -320,7 +336,7 @@ def _split_machine(rows, points, start):  # type: ignore[no-untyped-def]
 
     Returns:
         (pairs that cut, pairs that compact, first rows of the pairs that cut, index after the last
-        row).
+        row); the pairs as plain tuples, which are converted to Python in half the time.
     """
     end = start
     while end < rows.size and rows[end].machine_id == rows[start].machine_id:
@@ -355,4 +371,4 @@ def _select_pairs(rows, points, start, end, compacting):  # type: ignore[no-unty
         if k > 0:
             row, previous = rows[left[k]], rows[left[k - 1]]
             has_plate[k - 1] = row.tool == previous.tool and row.pair == previous.pair + 1
-    return SweptPairs(ends, has_plate), left[:count].copy()
+    return (ends, has_plate), left[:count].copy()

@@ -16,7 +16,7 @@ from msg_bridge.contract.rows import (
 from soil_sim.soil import Soil
 from soil_sim.soil_inventory import SoilInventory
 from soil_sim.soils.params import SoilParams
-from soil_sim.tool_sweeps import rows_of_first_tools
+from soil_sim.tool_sweeps import positions_of_first_tools
 
 __all__ = ["warm_up"]
 
@@ -46,7 +46,7 @@ def warm_up(params: SoilParams) -> None:
         cut["room_mm3"] = 100_000_000 if tick == 1 else 1_000_000  # then pushes the rest ahead
         track = cut.copy()
         track["tool"], track["action"] = 1, SweepAction.COMPACT
-        rows_of_first_tools(cut)
+        positions_of_first_tools(cut)
         drum = cut.copy()
         drum["tool"], drum["action"], drum["work"] = 2, SweepAction.MILL, 100.0
         parked_drum = _closed_ring()

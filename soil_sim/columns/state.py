@@ -210,8 +210,9 @@ class Columns:
     def pop_touched(self) -> NDArray[np.int64]:
         """Return the flat indices of the columns touched since the last call, unsorted."""
         touched = self._touched[1 : 1 + self._touched[0]].copy()
-        self._is_touched[touched] = 0
-        self._touched[0] = 0
+        if touched.size:
+            self._is_touched[touched] = 0
+            self._touched[0] = 0
         return touched
 
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from msg_bridge.kernels import helper, kernel
 from soil_sim.excavation.rasterize import apply_height_changes, rasterize_sweep
+from soil_sim.excavation.rasterize_triangle import raster_in_tick
 from soil_sim.excavation.refined_columns import (
     MOMENT_X,
     MOMENT_Y,
@@ -69,22 +70,26 @@ the soil (3), point (3), bearing capacity, penetration; and that volume."""
 
 
 @kernel
-def mill_sweep(points, has_plate, work, raster, count, columns, strength, contacts):  # type: ignore[no-untyped-def]
+def mill_sweep(  # type: ignore[no-untyped-def]
+    points, has_plate, work, boxed_raster, tick, count, boxed_columns, strength, contacts
+):
     """Lower subcolumns to the surface that a drum sweeps, as far as its work suffices.
 
     Args:
         points: key points at both times and ends, shape (pairs, 2 times, 2 ends, 3), map frame [m].
         has_plate: whether a plate joins each pair to the next one, shape (pairs,).
         work: work that the drum can deliver [J].
-        raster: the `Raster`; its refined columns are changed.
+        boxed_raster: `RasterTables`, boxed; their refined columns are changed.
+        tick: number of the tick.
         count: number of refined columns.
-        columns: `ColumnArrays` of the terrain.
+        boxed_columns: `ColumnArrays` of the terrain, boxed.
         strength: `strength_table` of its kinds of soil.
         contacts: see `Milling`, zero; set.
 
     Returns:
         (Number of refined columns, work that removed soil [J]).
     """
+    raster, columns = raster_in_tick(boxed_raster.table, tick), boxed_columns.table
     apply_height_changes(raster, count)
     known = raster.subcolumn_height[:count].copy()
     num_known = count

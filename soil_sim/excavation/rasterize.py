@@ -32,14 +32,15 @@ _BOUNDS_TOLERANCE = 1e-3
 
 
 @kernel
-def max_columns_touched(points, has_plate, grid):  # type: ignore[no-untyped-def]
+def max_columns_touched(points, has_plate, boxed_raster):  # type: ignore[no-untyped-def]
     """Return an upper bound of the number of columns that pairs and plates touch in the tick.
 
     Args:
         points: key points at both times and ends, shape (pairs, 2 times, 2 ends, 3), map frame [m].
         has_plate: whether a plate joins each pair to the next one, shape (pairs,).
-        grid: layout of the map.
+        boxed_raster: `RasterTables`, boxed.
     """
+    grid = boxed_raster.table.grid
     total = 0.0
     for n in range(points.shape[0]):
         end = n + 2 if has_plate[n] else n + 1
@@ -84,6 +85,7 @@ def rasterize_sweep(points, has_plate, raster, count):  # type: ignore[no-untype
         The number of refined columns.
     """
     apply_height_changes(raster, count)
+    raster.removed_moments[:count] = 0.0  # slots not in use are cleared when they are allocated
     for n in range(points.shape[0]):
         end = n + 2 if has_plate[n] else n + 1
         if _is_airborne(points, n, end, raster):

@@ -15,7 +15,14 @@ from soil_sim.excavation.refined_columns import (
     REMOVED_HEIGHT,
 )
 
-__all__ = ["Raster", "SubcolumnGrid", "rasterize_quad", "refine_column"]
+__all__ = [
+    "Raster",
+    "RasterTables",
+    "SubcolumnGrid",
+    "raster_in_tick",
+    "rasterize_quad",
+    "refine_column",
+]
 
 _SAMPLE_OFFSET_U, _SAMPLE_OFFSET_V = 1e-3, 1.7e-3
 """Offset of the sample points from the centres of the subcolumns [subcolumns]. An edge along a row
@@ -72,6 +79,39 @@ class Raster(NamedTuple):
     removed_moments: NDArray[np.float64]
     grid: SubcolumnGrid
     tick: int
+
+
+class RasterTables(NamedTuple):
+    """The fields of a `Raster` but the tick, to be boxed: they change only with the allocation."""
+
+    height: NDArray[np.float64]
+    floor: float
+    slot_of: NDArray[np.int64]
+    cells: NDArray[np.int64]
+    last_tick: NDArray[np.int64]
+    subcolumn_height: NDArray[np.float64]
+    mean_height: NDArray[np.float64]
+    initial_height: NDArray[np.float64]
+    removed_moments: NDArray[np.float64]
+    grid: SubcolumnGrid
+
+
+@helper
+def raster_in_tick(tables, tick):  # type: ignore[no-untyped-def]
+    """Return the `Raster` of some `RasterTables` in a tick."""
+    return Raster(
+        tables.height,
+        tables.floor,
+        tables.slot_of,
+        tables.cells,
+        tables.last_tick,
+        tables.subcolumn_height,
+        tables.mean_height,
+        tables.initial_height,
+        tables.removed_moments,
+        tables.grid,
+        tick,
+    )
 
 
 @helper

@@ -85,20 +85,22 @@ class RefinedColumns:
         """Number of slots."""
         return self.arrays.cells.size
 
-    def reserve(self, more: int) -> None:
-        """Allocate slots for `more` columns to refine, at most all columns of the map."""
+    def reserve(self, more: int) -> bool:
+        """Allocate slots for `more` columns to refine, at most all columns of the map.
+
+        Returns:
+            Whether the tables were replaced by larger ones.
+        """
         old, used = self.arrays, self.count
         more = min(more, old.slot_of.size - used)
-        if used + more > self.capacity:
-            slots = max(used + more, 2 * self.capacity)
-            new = _allocate(old.slot_of, slots, self.subcolumns_per_side)
-            for table, previous in zip(_slot_tables(new), _slot_tables(old), strict=True):
-                table[:used] = previous[:used]
-            self.arrays, self.boxed_arrays = new, box_table(new)
-
-    def begin_sweep(self) -> None:
-        """Reset what the current sweep removed; slots not in use are cleared when allocated."""
-        self.arrays.removed_moments[: self.count] = 0.0
+        if used + more <= self.capacity:
+            return False
+        slots = max(used + more, 2 * self.capacity)
+        new = _allocate(old.slot_of, slots, self.subcolumns_per_side)
+        for table, previous in zip(_slot_tables(new), _slot_tables(old), strict=True):
+            table[:used] = previous[:used]
+        self.arrays, self.boxed_arrays = new, box_table(new)
+        return True
 
     def end_tick(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """End the tick: free the slots of columns that no tool was in.
@@ -106,12 +108,12 @@ class RefinedColumns:
         Returns:
             (columns still refined, columns freed), flat indices; the latter sorted.
         """
-        if self.count == 0:
-            freed = np.zeros(0, dtype=np.int64)
-        else:
+        freed: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+        if self.count:
             self.count, freed = _free_unused_slots(self.boxed_arrays, self.count, self.tick)
+            freed.sort()
         self.tick += 1
-        return self.arrays.cells[: self.count].copy(), np.sort(freed)
+        return self.arrays.cells[: self.count].copy(), freed
 
 
 def _allocate(slot_of: NDArray[np.int64], slots: int, subcolumns_per_side: int) -> RefinedArrays:

@@ -23,14 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.rows import UNLIMITED_ROOM
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import BoxedTable, box_table, helper, kernel
 from soil_sim.columns.occupancy import FREE, TOOL_INSIDE
 from soil_sim.columns.operations import mix_moisture, remove_from_column
 from soil_sim.columns.state import Columns
 from soil_sim.excavation.displacement import Displacement, split_by_room
 from soil_sim.excavation.milled_cut import Milling, mill_sweep
 from soil_sim.excavation.rasterize import max_columns_touched, rasterize_sweep
-from soil_sim.excavation.rasterize_triangle import Raster, SubcolumnGrid
+from soil_sim.excavation.rasterize_triangle import RasterTables, SubcolumnGrid, raster_in_tick
 from soil_sim.excavation.refined_columns import (
     MOMENT_X,
     MOMENT_Y,
@@ -76,6 +76,7 @@ class SweptCut:
         subcolumns_per_side = max(2, int(np.ceil(columns.grid.cell / resolution - 1e-9)))
         self._grid = SubcolumnGrid(*columns.frame, subcolumns_per_side)
         self._refined = RefinedColumns(columns.height.size, subcolumns_per_side)
+        self._raster = self._box_raster()
         self._displacement = Displacement(columns, occupied, reach)
 
     @property
@@ -85,9 +86,9 @@ class SweptCut:
 
     def reserve(self, sweeps: Iterable[CutSweep]) -> None:
         """Allocate memory for all sweeps of a tick, before the first of them cuts."""
-        self._refined.reserve(
-            sum(int(max_columns_touched(*sweep.pairs, self._grid)) for sweep in sweeps)
-        )
+        num_columns = sum(int(max_columns_touched(*sweep.pairs, self._raster)) for sweep in sweeps)
+        if self._refined.reserve(num_columns):
+            self._raster = self._box_raster()
 
     def excavate(self, sweep: CutSweep) -> RemovedSoil:
         """Cut the sweep of one tool in a tick.
@@ -98,9 +99,10 @@ class SweptCut:
             The soil that the tool takes in, a record for each column.
         """
         pairs, room = sweep.pairs, sweep.room_mm3
-        self._refined.begin_sweep()
-        self._refined.count = rasterize_sweep(*pairs, self._raster(), self._refined.count)
-        removed = self._remove()
+        refined = self._refined
+        refined.count, removed = _cut_sweep(
+            *pairs, self._raster, self._columns.boxed_arrays, refined.tick, refined.count
+        )
         if room == UNLIMITED_ROOM or removed.size == 0:
             return removed
         if np.abs(pairs.points[:, 1] - pairs.points[:, 0]).max() < _MIN_DISPLACEMENT:
@@ -125,32 +127,28 @@ class SweptCut:
             (The removed soil, a record for each column; what the drum engaged).
         """
         refined = self._refined
-        refined.begin_sweep()
         contacts = np.zeros((2, 2, 3))
         refined.count, used = mill_sweep(
             *sweep.pairs,
             work,
-            self._raster(),
+            self._raster,
+            refined.tick,
             refined.count,
-            self._columns.arrays,
+            self._columns.boxed_arrays,
             strength,
             contacts,
         )
-        return self._remove(), Milling(sweep.machine_id, sweep.tool, used, contacts)
-
-    def _raster(self) -> Raster:
-        """Return the arrays that a sweep is rasterized to."""
-        refined, columns = self._refined, self._columns.arrays
-        return Raster(columns.height, columns.floor, *refined.arrays, self._grid, refined.tick)
-
-    def _remove(self) -> RemovedSoil:
-        """Remove what the subcolumns lost in a sweep from the columns."""
-        if self._refined.count == 0:  # all tools are in the air
-            return np.zeros(0, dtype=REMOVED_SOIL)
-        removed: RemovedSoil = _remove_from_columns(
-            self._columns.boxed_arrays, self._refined.boxed_arrays, self._refined.count
+        removed = _remove_from_columns(
+            self._columns.boxed_arrays, refined.boxed_arrays, refined.count
         )
-        return removed
+        return removed, Milling(sweep.machine_id, sweep.tool, used, contacts)
+
+    def _box_raster(self) -> BoxedTable:
+        """Return the arrays that sweeps are rasterized to, until they are allocated again."""
+        columns = self._columns.arrays
+        return box_table(
+            RasterTables(columns.height, columns.floor, *self._refined.arrays, self._grid)
+        )
 
     def end_tick(self) -> tuple[ColumnShares | None, NDArray[np.int64]]:
         """End the tick: occupy the columns that a tool was in, and level and free the others.
@@ -160,11 +158,30 @@ class SweptCut:
             tools have left, sorted).
         """
         refined, freed = self._refined.end_tick()
-        occupied = self.occupied.reshape(-1)
-        occupied[freed] = FREE
-        occupied[refined] = TOOL_INSIDE
+        if refined.size or freed.size:  # not all tools are in the air
+            occupied = self.occupied.reshape(-1)
+            occupied[freed] = FREE
+            occupied[refined] = TOOL_INSIDE
         displaced, left = self._displacement.end_tick()
         return displaced, np.union1d(freed, left) if left.size else freed
+
+
+@kernel
+def _cut_sweep(points, has_plate, boxed_raster, boxed_columns, tick, count):  # type: ignore[no-untyped-def]
+    """Rasterize the sweep of a tool, and remove what the subcolumns lose from the columns.
+
+    Args:
+        points, has_plate: fields of its `SweptPairs`.
+        boxed_raster, boxed_columns: `RasterTables` and `ColumnArrays`, boxed; changed.
+        tick: number of the tick.
+        count: number of refined columns.
+
+    Returns:
+        (Number of refined columns, `REMOVED_SOIL` records).
+    """
+    raster = raster_in_tick(boxed_raster.table, tick)
+    count = rasterize_sweep(points, has_plate, raster, count)
+    return count, _remove(boxed_columns.table, raster, count)
 
 
 @kernel
@@ -178,7 +195,12 @@ def _remove_from_columns(boxed_columns, boxed_refined, num_refined):  # type: ig
     Returns:
         `REMOVED_SOIL` records.
     """
-    columns, refined = boxed_columns.table, boxed_refined.table
+    return _remove(boxed_columns.table, boxed_refined.table, num_refined)
+
+
+@helper
+def _remove(columns, refined, num_refined):  # type: ignore[no-untyped-def]
+    """Remove soil as `_remove_from_columns`; `refined` has the fields of `RefinedArrays`."""
     moments, subcolumn_height = refined.removed_moments, refined.subcolumn_height
     cells, mean_height = refined.cells, refined.mean_height
     num_subcolumns = subcolumn_height.shape[1]

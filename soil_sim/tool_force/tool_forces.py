@@ -86,10 +86,10 @@ class ToolForces:
             sweeps: validated sweeps of all tools.
         """
         rows, points, first = sweeps
-        wrenches, has_drums = _blade_wrenches(rows, points, first, self._ground)
+        forces: Rows
+        forces, wrenches, has_drums = _blade_forces(rows, points, first, self._ground)
         if has_drums:  # in a separate kernel, to save compile time: few machines have a drum
-            _add_stationary_drum_wrenches(rows, points, first, self._ground, wrenches)
-        forces: Rows = _force_rows(rows, first, wrenches)
+            forces = _stationary_drum_forces(rows, points, first, self._ground, wrenches)
         return forces
 
 
@@ -130,6 +130,13 @@ def set_milling_forces(forces: Rows, millings: Sequence[Milling]) -> Rows:
 
 
 @kernel
+def _blade_forces(rows, points, first, ground):  # type: ignore[no-untyped-def]
+    """Return the FORCE rows without those of drums, and the results of `_blade_wrenches`."""
+    wrenches, has_drums = _blade_wrenches(rows, points, first, ground)
+    return _force_rows(rows, first, wrenches), wrenches, has_drums
+
+
+@helper
 def _blade_wrenches(rows, points, first, ground):  # type: ignore[no-untyped-def]
     """Return the wrenches of all tools but drums, and whether there are drums that do not mill.
 
@@ -166,8 +173,12 @@ def _blade_wrenches(rows, points, first, ground):  # type: ignore[no-untyped-def
 
 
 @kernel
-def _add_stationary_drum_wrenches(rows, points, first, ground, wrenches):  # type: ignore[no-untyped-def]
-    """Write the wrenches of drums that are not driven into the result of `_blade_wrenches`."""
+def _stationary_drum_forces(rows, points, first, ground, wrenches):  # type: ignore[no-untyped-def]
+    """Write the wrenches of drums that are not driven into the result of `_blade_wrenches`.
+
+    Returns:
+        FORCE rows of all tools.
+    """
     columns, grid_layout, strength = ground.table
     sums = np.empty(NUM_SUMS)
     for n in range(first.size):
@@ -178,9 +189,10 @@ def _add_stationary_drum_wrenches(rows, points, first, ground, wrenches):  # typ
             sums[:] = 0.0
             add_stationary_drum_force(own, origin, columns, grid_layout, strength, sums)
             reduce_wrench(sums, origin, wrenches[1, n])
+    return _force_rows(rows, first, wrenches)
 
 
-@kernel
+@helper
 def _force_rows(rows, first, wrenches):  # type: ignore[no-untyped-def]
     """Return FORCE rows: cutting or milling of each tool, then bearing where it is not zero."""
     tools = first.size
