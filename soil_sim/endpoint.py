@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,8 +38,7 @@ _ORIGIN = (0.0, 0.0, 0.0)
 """Position of the soil of a machine whose tools never had a valid sweep."""
 
 
-@dataclass(frozen=True)
-class SoilTickResult:
+class SoilTickResult(NamedTuple):
     """Result of one tick.
 
     Attributes:
@@ -169,7 +168,7 @@ class SoilEndpoint:
         step = self.soil.step(tick.tick, sweeps, deposit_requests)
         if not rejected:
             return step
-        return replace(step, rejected_tools=(*rejected, *step.rejected_tools))
+        return step._replace(rejected_tools=(*rejected, *step.rejected_tools))
 
     def _record_tool_positions(self, sweeps: Rows) -> None:
         """Record the position of the first tool of each machine."""

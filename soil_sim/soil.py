@@ -12,7 +12,8 @@ than that of the terrain. The exchange (`msg_bridge.exchange`) numbers the rows 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +36,7 @@ from soil_sim.tool_sweeps import MachineSweeps, ValidSweeps, group_by_machine, v
 __all__ = ["Soil", "SoilStepResult"]
 
 
-@dataclass(frozen=True)
-class SoilStepResult:
+class SoilStepResult(NamedTuple):
     """Result of one tick; rows are not numbered yet (`seq` 0).
 
     Attributes:

@@ -230,7 +230,8 @@ def rows_of_machine(rows: Rows, machine_id: int) -> Rows:
     machine_ids = rows["machine_id"]
     if machine_ids.tolist().count(machine_id) == rows.size:  # for a few rows faster than NumPy
         return rows
-    return rows[machine_ids == machine_id]
+    own: Rows = rows[machine_ids == machine_id]
+    return own
 
 
 def empty_rows(dtype: np.dtype[np.void], count: int = 0) -> Rows:

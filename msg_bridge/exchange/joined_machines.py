@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from msg_bridge.contract.messages import (
     MachineReceipt,
@@ -11,7 +11,6 @@ from msg_bridge.contract.messages import (
     SoilHeader,
     Stream,
 )
-from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, Rows, join_rows
 from msg_bridge.exchange.machine_session import MachineSession
 from msg_bridge.exchange.session_key import SessionKey
 
@@ -78,14 +77,6 @@ class JoinedMachines:
     def remove(self, machine_id: int) -> None:
         """Remove the session of a machine that takes part."""
         del self._sessions[machine_id]
-
-    def tick_rows(self, machine_ids: Iterable[int]) -> tuple[Rows, Rows]:
-        """Return the SWEEP and DEPOSIT_REQUEST rows of complete parts of a tick."""
-        parts = [self._sessions[n].tick_rows() for n in machine_ids]
-        return (
-            join_rows([sweeps for sweeps, _ in parts], SWEEP),
-            join_rows([requests for _, requests in parts], DEPOSIT_REQUEST),
-        )
 
     def record_published(self, header: SoilHeader) -> None:
         """Record a published header in all sessions."""

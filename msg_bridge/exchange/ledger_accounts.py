@@ -128,8 +128,7 @@ class LedgerAccounts:
     def add_in_flight(self, span: RowRange, conversions: Rows) -> None:
         """Add published rows to the rows in flight, and count the soil that left the map."""
         if conversions.size:
-            outside = conversions["kind"] == ConversionKind.OUTSIDE
-            self._outside += int(conversions["volume_mm3"][outside].sum(dtype=np.int64))
+            self._outside += _outside_volume(conversions)
             numbers = np.arange(span.first, span.first + span.count, dtype=np.int64)
             machine_ids = machine_ids_in(conversions)
             for machine_id in machine_ids:
@@ -336,3 +335,11 @@ class LedgerAccounts:
             total = self._released.get(machine_id, 0) + sum(released.values())
             self._released[machine_id] = total
         return released
+
+
+def _outside_volume(conversions: Rows) -> int:
+    """Return the volume of the OUTSIDE rows [mm^3]."""
+    is_outside = conversions["kind"] == ConversionKind.OUTSIDE
+    if not is_outside.any():  # as in most ticks
+        return 0
+    return int(conversions["volume_mm3"][is_outside].sum(dtype=np.int64))

@@ -41,6 +41,8 @@ class _InFlightRows(NamedTuple):
 
     def count_through(self, number: int) -> int:
         """Return how many rows have numbers up to and including `number`."""
+        if number >= self.numbers[-1]:  # the usual case
+            return self.numbers.size
         return int(np.searchsorted(self.numbers, number, side="right"))
 
     def select(self, begin: int, end: int | None = None) -> _InFlightRows:

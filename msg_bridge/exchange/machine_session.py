@@ -187,18 +187,6 @@ class MachineSession:
             or self._deposit_requests.missing(header.deposit_requests)
         )
 
-    def check_row_digests(self) -> None:
-        """Check the rows of a complete tick against its header.
-
-        Raises:
-            ExchangeError: ROW_DIGEST.
-        """
-        header = self.header
-        assert header is not None
-        sweeps, deposit_requests = self.tick_rows()
-        check_row_digest(sweeps, header.sweeps, Stream.SWEEP)
-        check_row_digest(deposit_requests, header.deposit_requests, Stream.DEPOSIT_REQUEST)
-
     def discard_unprocessed(self) -> None:
         """Discard the rows and headers that are not processed yet, so that they are requested
         again: one of them is invalid, and it is unknown which."""
@@ -207,13 +195,18 @@ class MachineSession:
         self._deposit_requests.clear()
 
     def tick_rows(self) -> tuple[Rows, Rows]:
-        """Return the SWEEP and the DEPOSIT_REQUEST rows of a complete tick."""
+        """Return the SWEEP and the DEPOSIT_REQUEST rows of a complete tick.
+
+        Raises:
+            ExchangeError: ROW_DIGEST: they are not those that its header states.
+        """
         header = self.header
         assert header is not None
-        return (
-            self._sweeps.rows(header.sweeps),
-            self._deposit_requests.rows(header.deposit_requests),
-        )
+        sweeps = self._sweeps.rows(header.sweeps)
+        deposit_requests = self._deposit_requests.rows(header.deposit_requests)
+        check_row_digest(sweeps, header.sweeps, Stream.SWEEP)
+        check_row_digest(deposit_requests, header.deposit_requests, Stream.DEPOSIT_REQUEST)
+        return sweeps, deposit_requests
 
     def complete_tick(self) -> MachineHeader:
         """Discard the rows and the header of a tick that was processed; return the header."""

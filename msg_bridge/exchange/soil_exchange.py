@@ -31,7 +31,7 @@ from msg_bridge.contract.messages import (
     Stream,
     Verb,
 )
-from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, Rows, empty_rows
+from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, Rows, empty_rows, join_rows
 from msg_bridge.exchange.join_admission import JoinAdmission
 from msg_bridge.exchange.joined_machines import JoinedMachines
 from msg_bridge.exchange.ledger_accounts import LedgerAccounts
@@ -190,10 +190,13 @@ class SoilExchange:
         if wait and (late or not (self._machines or self._admission.waiting)):
             return None
         in_tick = tuple(n for n in self.joined if n not in late)
-        for machine_id in in_tick:
-            self._check_rows(self._machines[machine_id])
+        parts = [self._checked_rows(self._machines[machine_id]) for machine_id in in_tick]
         self._machines_in_tick = in_tick
-        return TickInput(self.tick + 1, *self._machines.tick_rows(self._machines_in_tick))
+        return TickInput(
+            self.tick + 1,
+            join_rows([sweeps for sweeps, _ in parts], SWEEP),
+            join_rows([requests for _, requests in parts], DEPOSIT_REQUEST),
+        )
 
     def answer(
         self, conversions: Rows, forces: Rows, map_updates: Rows, *, revision: int, terrain_mm3: int
@@ -214,15 +217,13 @@ class SoilExchange:
         """
         self.accounts.check(conversions)
         self.tick += 1
-        numbered = self._streams.append(
+        rows, spans = self._streams.append(
             {
                 Stream.CONVERSION: conversions,
                 Stream.MAP_UPDATE: map_updates,
                 Stream.FORCE: forces,
             }
         )
-        rows = {stream: each for stream, (each, _) in numbered.items()}
-        spans = {stream: span for stream, (_, span) in numbered.items()}
         conversion_range = spans[Stream.CONVERSION]
         self.accounts.add_in_flight(conversion_range, rows[Stream.CONVERSION])
         for machine_id in self._machines_in_tick:
@@ -328,19 +329,19 @@ class SoilExchange:
             self.accounts.check_totals(header)
             session.add_header(header)
 
-    def _check_rows(self, session: MachineSession) -> None:
-        """Check the rows of a complete tick of a machine.
+    def _checked_rows(self, session: MachineSession) -> tuple[Rows, Rows]:
+        """Return the SWEEP and the DEPOSIT_REQUEST rows of a complete tick of a machine.
 
         Raises:
             ExchangeError: ROW_DIGEST or DEPOSIT_VOLUME; see `poll`.
         """
         try:
-            session.check_row_digests()
-            _, deposit_requests = session.tick_rows()
+            sweeps, deposit_requests = session.tick_rows()
             self.accounts.check_deposit_requests(session.machine_id, deposit_requests)
         except ExchangeError:
             session.discard_unprocessed()
             raise
+        return sweeps, deposit_requests
 
     def _complete_tick(self, machine_id: int) -> None:
         """Account the totals and acknowledgement of a machine, and discard its rows."""

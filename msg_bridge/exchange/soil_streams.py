@@ -37,9 +37,14 @@ class SoilStreams:
         """Number of rows kept."""
         return sum(buffer.num_buffered_rows for buffer in self._send_buffers.values())
 
-    def append(self, rows: Mapping[Stream, Rows]) -> dict[Stream, tuple[Rows, RowRange]]:
+    def append(
+        self, rows: Mapping[Stream, Rows]
+    ) -> tuple[dict[Stream, Rows], dict[Stream, RowRange]]:
         """Number the rows of each stream; return the numbered rows, and their range with digest."""
-        return {stream: self._send_buffers[stream].append(rows[stream]) for stream in _STREAMS}
+        numbered, spans = {}, {}
+        for stream in _STREAMS:
+            numbered[stream], spans[stream] = self._send_buffers[stream].append(rows[stream])
+        return numbered, spans
 
     def publish(self, header: SoilHeader, rows: Mapping[Stream, Rows]) -> list[Message]:
         """Keep a header, and return the messages of its tick.
@@ -77,7 +82,8 @@ class SoilStreams:
         """
         spans = list(acknowledged)
         for stream in (Stream.MAP_UPDATE, Stream.FORCE):
-            self._send_buffers[stream].discard_through(min(each[stream].last for each in spans))
+            last = min([each[stream].last for each in spans])
+            self._send_buffers[stream].discard_through(last)
         self._send_buffers[Stream.CONVERSION].discard_through(last_conversion)
 
     def _chunks(self, stream: Stream, rows: Rows) -> list[Message]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from msg_bridge.contract.map_updates import map_updates_after
 from msg_bridge.contract.messages import Stream
@@ -19,8 +19,7 @@ from msg_bridge.exchange.ticks_in_flight import CompletedTick
 __all__ = ["TickAnswer"]
 
 
-@dataclass(frozen=True)
-class TickAnswer:
+class TickAnswer(NamedTuple):
     """The soil's complete answer to a tick. The rows must not be modified.
 
     Attributes:

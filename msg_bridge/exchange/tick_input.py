@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from msg_bridge.contract.rows import Rows
 
 __all__ = ["TickInput"]
 
 
-@dataclass(frozen=True)
-class TickInput:
+class TickInput(NamedTuple):
     """Everything the machines sent for one tick. The rows must not be modified.
 
     Attributes:

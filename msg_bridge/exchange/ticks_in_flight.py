@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import (
@@ -35,8 +36,7 @@ class _Tick:
     answer: SoilHeader | None = None
 
 
-@dataclass(frozen=True)
-class CompletedTick:
+class CompletedTick(NamedTuple):
     """A tick with its complete answer.
 
     Attributes:

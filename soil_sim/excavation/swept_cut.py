@@ -76,7 +76,7 @@ class SweptCut:
         subcolumns_per_side = max(2, int(np.ceil(columns.grid.cell / resolution - 1e-9)))
         self._grid = SubcolumnGrid(*columns.frame, subcolumns_per_side)
         self._refined = RefinedColumns(columns.height.size, subcolumns_per_side)
-        self._raster = self._box_raster()
+        self._raster: BoxedTable = self._box_raster()
         self._displacement = Displacement(columns, occupied, reach)
 
     @property
@@ -98,8 +98,8 @@ class SweptCut:
         Returns:
             The soil that the tool takes in, a record for each column.
         """
-        pairs, room = sweep.pairs, sweep.room_mm3
-        refined = self._refined
+        pairs, room, refined = sweep.pairs, sweep.room_mm3, self._refined
+        removed: RemovedSoil
         refined.count, removed = _cut_sweep(
             *pairs, self._raster, self._columns.boxed_arrays, refined.tick, refined.count
         )
@@ -138,7 +138,7 @@ class SweptCut:
             strength,
             contacts,
         )
-        removed = _remove_from_columns(
+        removed: RemovedSoil = _remove_from_columns(
             self._columns.boxed_arrays, refined.boxed_arrays, refined.count
         )
         return removed, Milling(sweep.machine_id, sweep.tool, used, contacts)
@@ -146,9 +146,10 @@ class SweptCut:
     def _box_raster(self) -> BoxedTable:
         """Return the arrays that sweeps are rasterized to, until they are allocated again."""
         columns = self._columns.arrays
-        return box_table(
+        boxed: BoxedTable = box_table(
             RasterTables(columns.height, columns.floor, *self._refined.arrays, self._grid)
         )
+        return boxed
 
     def end_tick(self) -> tuple[ColumnShares | None, NDArray[np.int64]]:
         """End the tick: occupy the columns that a tool was in, and level and free the others.
