@@ -91,7 +91,7 @@ class BucketKinematics:
             self._machine, observation.base_position, observation.base_rotation, observation.joints
         )
         # On a base that rolls, the azimuth of the pin differs from that of the upper body.
-        x, y, _ = (pin - self._swing_axis(observation)).tolist()
+        x, y, _ = (pin - self.swing_axis(observation)).tolist()
         attitude = float(observation.joints[1:].sum()) - self.nose_up_angle(observation)
         return BucketPose(math.atan2(y, x), math.hypot(x, y), float(pin[2]), attitude)
 
@@ -112,7 +112,7 @@ class BucketKinematics:
         return self._solve_joint_angles(observation, pose)
 
     def _solve_joint_angles(self, observation: Observation, pose: BucketPose) -> Array:
-        axis = self._swing_axis(observation)
+        axis = self.swing_axis(observation)
         cos_azimuth, sin_azimuth = math.cos(pose.azimuth), math.sin(pose.azimuth)
         target = [
             axis[0] + pose.radius * cos_azimuth,
@@ -138,7 +138,7 @@ class BucketKinematics:
             observation.base_rotation @ rotation_about_z(float(observation.joints[0]))
         )
 
-    def _swing_axis(self, observation: Observation) -> Array:
+    def swing_axis(self, observation: Observation) -> Array:
         """Return the origin of the swing joint [m], map frame, shape (3,)."""
         return np.asarray(
             observation.base_position + observation.base_rotation @ self._swing_offset,

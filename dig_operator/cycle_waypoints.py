@@ -61,9 +61,9 @@ class Motion(Protocol):
 class WaypointPlanner:
     """Plans the waypoints of each phase from the observed terrain.
 
-    `reach`, `dig`, `curl`, `lift`, `swing` and `dump` have one signature, so that `DigCycle` can
-    call them by phase: the observation, and the pose of the bucket at the start of the phase. Those
-    that only follow the plan or turn the bucket do not use the observation.
+    `reach`, `dig`, `curl`, `lift`, `swing`, `dump` and `stow` have one signature, so that
+    `DigCycle` can call them by phase: the observation, and the pose of the bucket at the start of
+    the phase. Those that only follow the plan or turn the bucket do not use the observation.
 
     Attributes:
         params: behaviour of the operator.
@@ -71,6 +71,7 @@ class WaypointPlanner:
         dump_target: where to dump.
         kinematics: kinematics of the bucket.
         plan: plan of the present pass.
+        plan_fraction: volume of the plan, as a fraction of what the pass should sweep.
     """
 
     def __init__(
@@ -89,7 +90,7 @@ class WaypointPlanner:
             dump_target: where to dump.
         """
         self.kinematics = BucketKinematics(machine)
-        self.plan = DigPlan.without_waypoints()
+        self.plan, self.plan_fraction = DigPlan.without_waypoints(), 0.0
         self.params = params
         self._survey = TerrainSurvey(self.kinematics, params, machine.bucket)
         self._capacity = machine.bucket.heaped_capacity
@@ -117,7 +118,9 @@ class WaypointPlanner:
             self._pass_azimuth = self._survey.highest_ground_azimuth(observation, self.dig_azimuth)
         reach = self._survey.dig_reach(observation, self._pass_azimuth, self._entry_attitude)
         radius, surface = self._survey.surface_profile(observation, self._pass_azimuth)
-        self.plan = plan_dig(radius, surface, reach, self._capacity * target_fill)
+        volume = self._capacity * target_fill
+        self.plan = plan_dig(radius, surface, reach, volume)
+        self.plan_fraction = self.plan.volume / volume
         self._attitudes = self._plan_attitudes()
 
     def reach(self, observation: Observation, pose: BucketPose) -> Motion:
@@ -131,6 +134,22 @@ class WaypointPlanner:
         )
         lifted = pose._replace(height=max(pose.height, float(heights.max())))
         return self._timed_motion(pose, [lifted, above])
+
+    def stow(self, observation: Observation, pose: BucketPose) -> Motion:
+        """Move the bucket ahead of the machine, above the ground that a retreat leads it over."""
+        heights = self._survey.swing_clearance_heights(
+            observation, self.dig_azimuth, self.dig_azimuth, self.kinematics.tip_length
+        )
+        near = self._survey.ground_height_near(observation, self.dig_azimuth)
+        clear = near + self.kinematics.tip_length + self.params.clearance
+        radius = 0.5 * (self.params.min_radius + self.params.max_radius)
+        stowed = BucketPose(
+            self.dig_azimuth,
+            radius,
+            max(float(heights.max()), clear),
+            self.kinematics.level_attitude,
+        )
+        return self._swing_motion(observation, pose, stowed)
 
     def dig(self, observation: Observation, pose: BucketPose) -> Motion:
         """Lower the lip to the ground, and drag it along the plan."""

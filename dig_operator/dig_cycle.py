@@ -27,6 +27,7 @@ _NEXT_PHASE = {
     OperatorPhase.WAIT: OperatorPhase.SWING,
     OperatorPhase.SWING: OperatorPhase.DUMP,
     OperatorPhase.DUMP: OperatorPhase.REACH,
+    OperatorPhase.STOW: OperatorPhase.STOW,  # until `resume`
 }
 
 _LOADED_PHASES = (OperatorPhase.LIFT, OperatorPhase.WAIT, OperatorPhase.SWING)
@@ -38,7 +39,7 @@ _SPILL_VELOCITY = np.array([0.0, 0.0, 0.0, -0.4])
 _TARGET_PHASES = (OperatorPhase.WAIT, OperatorPhase.SWING, OperatorPhase.DUMP)
 """Phases in which the place to dump at must be ready."""
 
-_PHASES_ENDING_AT_REST = (OperatorPhase.REACH, OperatorPhase.SWING)
+_PHASES_ENDING_AT_REST = (OperatorPhase.REACH, OperatorPhase.SWING, OperatorPhase.STOW)
 """Phases that end only when the machine is at rest."""
 
 _REST_SPEED = 0.05
@@ -81,10 +82,11 @@ class DigCycle:
 
     Attributes:
         params: behaviour of the operator.
-        phase: `REACH`, `DIG`, `CURL`, `LIFT`, `WAIT`, `SWING` or `DUMP`.
+        phase: `REACH`, `DIG`, `CURL`, `LIFT`, `WAIT`, `SWING`, `DUMP` or `STOW`.
         cycle: number of the present cycle, from 1.
         reports: one report per finished cycle.
         wait_reason: what it waits for in the phase `WAIT`, for the user; else empty.
+        is_stowed: whether the bucket has been stowed, so that the machine can drive.
     """
 
     def __init__(self, planner: WaypointPlanner) -> None:
@@ -97,6 +99,7 @@ class DigCycle:
         self.cycle = 1
         self.reports: list[CycleReport] = []
         self.wait_reason = ""
+        self.is_stowed = False
         self._planner = planner
         self._plan_motion: dict[OperatorPhase, Callable[[Observation, BucketPose], Motion]] = {
             OperatorPhase.REACH: self._planner.reach,
@@ -105,6 +108,7 @@ class DigCycle:
             OperatorPhase.LIFT: self._planner.lift,
             OperatorPhase.SWING: self._planner.swing,
             OperatorPhase.DUMP: self._planner.dump,
+            OperatorPhase.STOW: self._planner.stow,
         }
         self._motion: Motion | None = None
         self._base_filter = BaseFilter(self.params.base_filter_time)
@@ -150,6 +154,24 @@ class DigCycle:
         if is_overfull or (is_done and self._is_settled):
             self._end_phase(observation, dt)
         return Command(self._joint_velocities.copy(), np.zeros(2))
+
+    @property
+    def plan_fraction(self) -> float | None:
+        """Volume of the plan of a cycle's first pass, as a fraction of what the pass should sweep,
+        while the bucket moves to where it begins; else None."""
+        is_first = self.phase is OperatorPhase.REACH and self._num_passes == 1
+        return self._planner.plan_fraction if is_first else None
+
+    def stow(self) -> None:
+        """Begin to lift the bucket ahead of the machine instead of digging; call `resume` later."""
+        self.phase, self._motion, self.is_stowed = OperatorPhase.STOW, None, False
+
+    def resume(self) -> None:
+        """Begin a cycle where the machine stands now."""
+        self.phase, self._motion, self.is_stowed = OperatorPhase.REACH, None, False
+        self._num_passes, self._cycle_start_time = 0, None
+        self._joint_velocities = np.zeros(4)
+        self._base_filter = BaseFilter(self.params.base_filter_time)
 
     def _is_tipping(self, observation: Observation) -> bool:
         """Return whether the load pitches the machine forward too far, compared with the dig."""
@@ -205,6 +227,9 @@ class DigCycle:
                 self._carried_fill = observation.fill
                 obstacle = self._planner.dump_target.find_obstacle(observation, is_swinging=False)
                 next_phase = OperatorPhase.WAIT if obstacle else OperatorPhase.SWING
+        elif self.phase is OperatorPhase.STOW:
+            self.is_stowed = True
+            return
         elif self.phase is OperatorPhase.SWING:
             if not self._has_arrived:  # a dump that was interrupted began with more
                 self._delivered_fill = observation.fill

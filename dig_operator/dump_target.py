@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dig_operator.bed import bed_joint, bed_of, has_bed
+from dig_operator.bucket_kinematics import BucketKinematics
 from dig_operator.observation import Observation
 from dig_operator.observed_machine import ObservedMachine
 from machine_sim.machine.tools.bed import BedShape
@@ -30,6 +31,9 @@ _MAX_LOWERED_ANGLE = 0.06
 _MAX_AGE = 0.5
 """Age of the last state of a machine from which on it is not known where it is [s]."""
 
+_EMPTY_FILL = 0.02
+"""Fill of a bed at which it counts as empty; as for the operator of a dumper."""
+
 _EMPTIED_FRACTION = 0.5
 """Fraction of the maximum fill below which a bed has been emptied, and a new load begins; some soil
 may stick to it."""
@@ -39,8 +43,8 @@ class DumpPoint(NamedTuple):
     """Where to open the bucket.
 
     Attributes:
-        azimuth: direction from the base [rad], map frame.
-        radius: radius of the bucket's pin [m].
+        azimuth: direction from the swing axis [rad], map frame.
+        radius: distance of the bucket's pin from there [m].
     """
 
     azimuth: float
@@ -75,7 +79,7 @@ class HeapTarget:
     def __init__(self, azimuth: float, radius: float) -> None:
         """
         Args:
-            azimuth: direction from the base [rad], map frame.
+            azimuth: direction from the swing axis [rad], map frame.
             radius: radius of the bucket's pin over the dump [m].
         """
         self._point = DumpPoint(azimuth, radius)
@@ -103,21 +107,33 @@ class BedTarget:
 
     Attributes:
         num_loads: number of loads: a bed that is full, or is driven out of reach after a dump.
+        is_loading: whether a load has begun and is not counted yet.
     """
 
-    def __init__(self, name: str, *, min_radius: float, max_radius: float, full_fill: float):
+    def __init__(
+        self,
+        name: str,
+        kinematics: BucketKinematics,
+        *,
+        min_radius: float,
+        max_radius: float,
+        full_fill: float,
+    ) -> None:
         """
         Args:
             name: namespace of the machine.
+            kinematics: kinematics of the bucket, from the swing axis.
             min_radius, max_radius: radii at which the bucket can be dumped [m].
             full_fill: fill of the bed from which on it counts as full.
         """
         self._name, self._full_fill = name, full_fill
+        self._swing_axis = kinematics.swing_axis
         self._min_radius, self._max_radius = min_radius, max_radius
         self._num_dumps = 0  # into the present load
         self._is_counted = False  # the present load
         self._max_fill = 0.0  # of the present load
-        self.num_loads = 0
+        self._dump_position: NDArray[np.float64] | None = None  # of the machine at the last dump
+        self.num_loads, self.is_loading = 0, False
 
     def watch(self, observation: Observation) -> None:
         """Count a load that is driven away."""
@@ -127,8 +143,9 @@ class BedTarget:
         self._max_fill = max(self._max_fill, truck.fill)
         if truck.fill < _EMPTIED_FRACTION * self._max_fill:
             self._num_dumps, self._is_counted, self._max_fill = 0, False, 0.0
-        if self._num_dumps > 0 and not self._is_in_reach(observation, truck):
+        if self._has_left(observation, truck):
             self._count_load()
+        self.is_loading = not self._is_counted and truck.fill > _EMPTY_FILL
 
     def find_obstacle(self, observation: Observation, *, is_swinging: bool) -> str:
         """Return why the bucket cannot be dumped into the bed now; empty if it can."""
@@ -150,7 +167,7 @@ class BedTarget:
             radius = self._bed_point(observation, truck, 0.0).radius
             return (
                 f"{self._name}, whose bed is {radius:.1f} m away; it must be"
-                f" {self._min_radius:g} to {self._max_radius:g} m from the excavator's base"
+                f" {self._min_radius:g} to {self._max_radius:g} m from the excavator's swing axis"
             )
         if not is_swinging and truck.fill >= self._full_fill:
             return f"{self._name}, which is full"
@@ -174,6 +191,7 @@ class BedTarget:
         """Note that a bucket has been dumped; a bed that is full now is a load."""
         self._num_dumps += 1
         truck = self._find(observation)
+        self._dump_position = None if truck is None else truck.base_position
         if truck is not None and truck.fill >= self._full_fill:
             self._count_load()
 
@@ -182,6 +200,14 @@ class BedTarget:
         if self._num_dumps > 0 and not self._is_counted:
             self.num_loads += 1
             self._is_counted = True
+
+    def _has_left(self, observation: Observation, truck: ObservedMachine) -> bool:
+        """Return whether the machine has been driven away since the last dump, and not only this
+        one, or both along the dig."""
+        if self._num_dumps == 0 or self._dump_position is None:
+            return False
+        distance = float(np.linalg.norm(truck.base_position - self._dump_position))
+        return distance > self._max_radius and not self._is_in_reach(observation, truck)
 
     def _is_in_reach(self, observation: Observation, truck: ObservedMachine) -> bool:
         radius = self._bed_point(observation, truck, 0.0).radius
@@ -199,7 +225,7 @@ class BedTarget:
         x, z = _bed_middle(shape)
         length = float(np.ptp(shape.profile[:, 0]))
         middle = origin + rotation @ np.array([x + offset * length, 0.0, z])
-        dx, dy = (middle - observation.base_position)[:2].tolist()
+        dx, dy = (middle - self._swing_axis(observation))[:2].tolist()
         return DumpPoint(math.atan2(dy, dx), math.hypot(dx, dy))
 
 

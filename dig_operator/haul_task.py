@@ -4,7 +4,8 @@
 
 It reverses to both places, so that its bed is where it is filled and where it empties. It leaves
 the place of loading when it is full and nothing is above it, and stops before other machines. It
-pulls forward while the raised bed empties, since the heap behind it would block the soil.
+pulls forward while the raised bed empties, since the heap behind it would block the soil. Where the
+machine that loads it moves along, it follows. It ends when there is no place left to tip at.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from dig_operator.bed import bed_joint
 from dig_operator.haul_params import HaulTaskParams
 from dig_operator.observation import Command, Observation
 from dig_operator.phases import OperatorPhase
+from dig_operator.tip_area import Place, TipArea
 from dig_operator.track_drive import Line, TrackDrive
 from machine_sim.machine import MachineSpec
 
@@ -44,6 +46,12 @@ _MAX_IDLE_TIME = 60.0
 
 _JOINT_TOLERANCE = 0.02
 """Error of the bed that has reached its target [rad]."""
+
+_MAX_SPOT_SHIFT = 1.0
+"""Distance of the place of loading from the dumper above which it follows [m]."""
+
+_EMPTY_PHASES = (OperatorPhase.APPROACH, OperatorPhase.SPOT, OperatorPhase.LOAD)
+"""Phases in which the task may end without a load."""
 
 
 @dataclass(frozen=True)
@@ -98,9 +106,12 @@ class HaulTask:
         self._lowered_angle = home
         self._raised_angle = max((joint.lower, joint.upper), key=lambda angle: abs(angle - home))
         self._bed_speed = joint.max_velocity
+        self._tip_area: TipArea | None = None  # once the map is known
         self._lines: list[Line] = []  # left to drive in the present phase
         self._start_time: float | None = None
-        self._round_start_time = self._phase_start_time = self._leave_time = 0.0
+        self._round_start_time = self._phase_start_time = 0.0
+        self._loading_since: float | None = None  # in the present round
+        self._loading_time = 0.0
         self._is_full = False  # since it is being loaded; the soil settles afterwards
         self._loaded_fill, self._loaded_time = 0.0, 0.0  # when soil fell into the bed last
         self._fill, self._hauled_volume = 0.0, 0.0  # when it left
@@ -137,12 +148,15 @@ class HaulTask:
         """Return the command for the next `dt` [s]; zero velocities once the task has ended."""
         if self._start_time is None:
             self._start_time = self._round_start_time = observation.time
-            self._enter(OperatorPhase.APPROACH, observation)
+            self._tip_area = TipArea(self._params, observation.grid)
+            self._begin_round(observation)
         elapsed = observation.time - self._start_time
-        if not self.done and elapsed > self._params.timeout:
-            self.abort(
-                f"the task was not finished within {self._params.timeout:g} s of simulation time"
-            )
+        timeout = self._params.duration + self._params.timeout
+        if not self.done and elapsed > timeout:
+            self.abort(f"the task was not finished within {timeout:g} s of simulation time")
+        is_late = 0.0 < self._params.duration <= elapsed
+        if is_late and self.phase in _EMPTY_PHASES and observation.fill <= _EMPTY_FILL:
+            self.phase = OperatorPhase.DONE
         self.wait_reason = ""
         if self.done:
             return self._command(0.0, np.zeros(2))
@@ -154,44 +168,57 @@ class HaulTask:
         params, position = self._params, observation.base_position[:2]
         via = list(zip(params.via[::2], params.via[1::2], strict=True))
         if phase is OperatorPhase.APPROACH:
-            self._lines = _polyline(position, [*reversed(via), self._approach(self._spot)])
+            start = self._spot(observation).approach_start
+            self._lines = _polyline(position, [*reversed(via), start])
         elif phase is OperatorPhase.HAUL:
-            self._lines = _polyline(position, [*via, self._approach(self._tip_place)])
+            self._lines = _polyline(position, [*via, self._tip_place.approach_start])
         elif phase is OperatorPhase.LOAD:
+            if self._loading_since is None:
+                self._loading_since = observation.time
             self._is_full = False
             self._loaded_fill, self._loaded_time = observation.fill, observation.time
         elif phase is OperatorPhase.SPOT:
-            x, y, yaw, _ = self._spot
-            self._lines = [Line((x, y), yaw + math.pi, is_reverse=True)]
+            self._lines = [_line_to(self._spot(observation), position)]
         elif phase is OperatorPhase.BACK:
-            x, y, yaw, _ = self._tip_place
-            self._lines = [Line((x, y), yaw + math.pi, is_reverse=True)]
+            self._lines = [_line_to(self._tip_place, position)]
         elif phase is OperatorPhase.PULL_OFF:
             x, y = position.tolist()
             c, s = math.cos(observation.yaw), math.sin(observation.yaw)
             end = (x + _PULL_OFF_DISTANCE * c, y + _PULL_OFF_DISTANCE * s)
             self._lines = [Line(end, observation.yaw)]
 
-    @property
-    def _spot(self) -> tuple[float, float, float, float]:
-        """Position [m] and heading [rad] of the loading, and the length of its approach [m]."""
+    def _begin_round(self, observation: Observation) -> None:
+        """Return for a load, if there is a place to tip it at."""
+        self._round_start_time, self._loading_since = observation.time, None
+        assert self._tip_area is not None
+        area = self._tip_area
+        if area.place(len(self.reports)) is None:
+            left_out = area.num_planned - area.num_places
+            off_map = f", {left_out} others are not on the map" if left_out else ""
+            self.abort(
+                f"the tip area is full: it has {area.num_places} places{off_map}; set"
+                " haul.tip_columns and haul.tip_rows"
+            )
+        else:
+            self._enter(OperatorPhase.APPROACH, observation)
+
+    def _spot(self, observation: Observation) -> Place:
+        """Return the place of loading, beside the machine that loads if it is named."""
         params = self._params
-        yaw = math.radians(params.spot_yaw)
-        return params.spot_x, params.spot_y, yaw, params.spot_approach
+        x, y, yaw = params.spot_x, params.spot_y, math.radians(params.spot_yaw)
+        for machine in observation.others:
+            if machine.name == params.loader:
+                x += float(machine.base_position[0])
+                y += float(machine.base_position[1])
+        return Place(x, y, yaw, params.spot_approach)
 
     @property
-    def _tip_place(self) -> tuple[float, float, float, float]:
-        """Position [m] and heading [rad] of the present tip, and the length of its approach [m]."""
-        params = self._params
-        yaw, left = math.radians(params.tip_yaw), params.tip_spacing * len(self.reports)
-        x, y = params.tip_x - left * math.sin(yaw), params.tip_y + left * math.cos(yaw)
-        return x, y, yaw, params.tip_approach
-
-    @staticmethod
-    def _approach(place: tuple[float, float, float, float]) -> tuple[float, float]:
-        """Return where the approach to a place starts (x, y) [m]."""
-        x, y, yaw, length = place
-        return x + length * math.cos(yaw), y + length * math.sin(yaw)
+    def _tip_place(self) -> Place:
+        """Place of the present tip."""
+        assert self._tip_area is not None
+        place = self._tip_area.place(len(self.reports))
+        assert place is not None, "a round begins only with a place to tip at"
+        return place
 
     def _drive_ahead(self, observation: Observation, dt: float) -> Command:
         """Drive to the start of an approach, and turn to its heading."""
@@ -201,10 +228,10 @@ class HaulTask:
                 self._lines.pop(0)
             return self._command(0.0, tracks)
         is_returning = self.phase is OperatorPhase.APPROACH
-        _, _, yaw, _ = self._spot if is_returning else self._tip_place
+        place = self._spot(observation) if is_returning else self._tip_place
         if self._must_stop(observation, None):
             return self._command(0.0, self._drive.stop(dt))
-        tracks, is_done = self._drive.turn(observation, yaw, dt)
+        tracks, is_done = self._drive.turn(observation, place.yaw, dt)
         if is_done:
             self._enter(OperatorPhase.SPOT if is_returning else OperatorPhase.BACK, observation)
         return self._command(0.0, tracks)
@@ -226,13 +253,21 @@ class HaulTask:
                 self.wait_reason = f"{name}, whose bucket is above the bed"
             else:
                 self._fill, self._hauled_volume = observation.fill, observation.bank_m3
-                self._leave_time = observation.time - self._phase_start_time
+                assert self._loading_since is not None, "it is being loaded"
+                self._loading_time = observation.time - self._loading_since
                 self._enter(OperatorPhase.HAUL, observation)
+        elif self._is_left_behind(observation) and not self._must_stop(observation, None):
+            self._enter(OperatorPhase.SPOT, observation)
         elif abs(observation.fill - self._loaded_fill) > _MIN_FILL_CHANGE:
             self._loaded_fill, self._loaded_time = observation.fill, observation.time
         elif observation.time - self._loaded_time > _MAX_IDLE_TIME:
             self.wait_reason = "soil; does an excavator load this machine?"
         return self._command(0.0, self._drive.stop(dt))
+
+    def _is_left_behind(self, observation: Observation) -> bool:
+        """Return whether the machine that loads has moved along, and the place of loading too."""
+        distance = _distance_ahead(self._spot(observation), observation.base_position)
+        return bool(self._params.loader) and abs(distance) > _MAX_SPOT_SHIFT
 
     def _tip(self, observation: Observation, dt: float) -> Command:
         """Raise the bed."""
@@ -256,6 +291,10 @@ class HaulTask:
         velocity = self._bed_velocity(observation, self._lowered_angle)
         if velocity == 0.0:
             self._finish_round(observation)
+        elif observation.time - self._phase_start_time > self._params.tip_timeout:
+            self.abort(
+                f"the bed was not lowered within {self._params.tip_timeout:g} s; what is below it?"
+            )
         return self._command(velocity, self._drive.stop(dt))
 
     def _finish_round(self, observation: Observation) -> None:
@@ -265,13 +304,14 @@ class HaulTask:
                 fill=self._fill,
                 hauled_volume=self._hauled_volume,
                 moved_volume=self._hauled_volume - observation.bank_m3,
-                loading_time=self._leave_time,
+                loading_time=self._loading_time,
                 duration=observation.time - self._round_start_time,
             )
         )
-        self._round_start_time = observation.time
-        is_last = len(self.reports) >= self._params.loads
-        self._enter(OperatorPhase.DONE if is_last else OperatorPhase.APPROACH, observation)
+        if len(self.reports) >= self._params.loads:
+            self._enter(OperatorPhase.DONE, observation)
+        else:
+            self._begin_round(observation)
 
     def _follow(self, observation: Observation, speed: float, dt: float) -> tuple[Array, bool]:
         """Follow the first line; stop while another machine is in the way."""
@@ -298,6 +338,19 @@ class HaulTask:
         joints = np.zeros(self._num_joints)
         joints[self._joint_index] = bed_velocity
         return Command(joints, tracks)
+
+
+def _distance_ahead(place: Place, position: Array) -> float:
+    """Return how far a place lies before a position, along the heading at the place [m]."""
+    dx, dy = place.x - float(position[0]), place.y - float(position[1])
+    return dx * math.cos(place.yaw) + dy * math.sin(place.yaw)
+
+
+def _line_to(place: Place, position: Array) -> Line:
+    """Return the line to a place with its heading: in reverse unless it lies ahead."""
+    if _distance_ahead(place, position) > 0.0:
+        return Line((place.x, place.y), place.yaw)
+    return Line((place.x, place.y), place.yaw + math.pi, is_reverse=True)
 
 
 def _polyline(start: Array, points: list[tuple[float, float]]) -> list[Line]:

@@ -104,6 +104,10 @@ class DigOperatorNode(SimNode):
             raise ParameterError(
                 f"task.truck is {self._task_params.truck!r}; add it to other_machines"
             )
+        if self._haul_params.loader not in ("", *self._others.names):
+            raise ParameterError(
+                f"haul.loader is {self._haul_params.loader!r}; add it to other_machines"
+            )
         self.diagnostics = Diagnostics(self, "dig_operator", simulation_namespace=simulation)
         self._facts: RunFacts | None = None
         self._peers = PeerMonitor()

@@ -140,12 +140,26 @@ class DigTaskParams(Parameters):
     loads: int = parameter(
         2, "number of times to fill the truck, instead of cycles", low=1, high=1000
     )
+    duration: float = parameter(
+        0.0, "time after which no other load is begun; 0: no limit", unit="s", low=0.0, high=1e6
+    )
+    stations: int = parameter(
+        1, "number of places to dig from, one behind the other", low=1, high=1000
+    )
+    station_spacing: float = parameter(
+        2.4, "distance driven backward from one to the next", unit="m", low=0.2, high=20.0
+    )
+    min_plan_fraction: float = parameter(
+        0.75, "volume that the ground in reach has for a pass, as a fraction of what a pass should"
+        " sweep, below which the next station is driven to", low=0.1, high=1.0,
+    )  # fmt: skip
     full_fill: float = parameter(
         0.75, "fill of the truck's bed at which it counts as full", low=0.05, high=1.0
     )
     timeout: float = parameter(
         900.0,
-        "duration of the task, without waiting for a truck, after which it is aborted",
+        "duration of the task, without waiting for a truck, or time beyond `duration`, after"
+        " which it is aborted",
         unit="s",
         low=1.0,
         high=1e6,

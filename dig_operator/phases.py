@@ -21,6 +21,10 @@ class OperatorPhase(str, enum.Enum):
     WAIT = "wait"  # with a full bucket, until the dump is ready
     SWING = "swing"
     DUMP = "dump"
+    # Excavator, `DigTask`, between two cycles: lift the bucket, and drive to the next station;
+    # then `BRACE`.
+    STOW = "stow"
+    RETREAT = "retreat"
     # Excavator, `DigTask`: wait until all soil is at rest.
     SETTLE = "settle"
     # Road header, `FaceCuttingTask`.

@@ -107,6 +107,16 @@ class TerrainSurvey:
         near_heights = np.maximum(np.maximum(padded[:-2], padded[2:]), heights)
         return np.asarray(near_heights + depth + self._params.clearance)
 
+    def ground_height_near(self, observation: Observation, azimuth: float) -> float:
+        """Return the maximum height of the ground between the machine and its reach [m].
+
+        Args:
+            observation: the terrain.
+            azimuth: direction from the machine [rad].
+        """
+        radius = np.linspace(0.0, self._params.min_radius, 12)
+        return observation.max_strip_height(azimuth, radius, 2.0 * self._bucket.width)
+
     def dump_clearance_height(
         self, observation: Observation, azimuth: float, pin_radius: float
     ) -> float:

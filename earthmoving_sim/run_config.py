@@ -130,7 +130,7 @@ def load_run_config(
 def _common_haul(
     task: DigTaskParams, haul: HaulTaskParams, named: Mapping[str, Any]
 ) -> HaulTaskParams:
-    """Return the dumper's task with the loads and the fill of the excavator's.
+    """Return the dumper's task with loads, fill and duration of the excavator's.
 
     Args:
         task: task of the excavator.
@@ -144,13 +144,17 @@ def _common_haul(
         raise ParameterError(
             f"task.truck is {task.truck!r}; a run has the namespaces {_SITE}digger and {_SITE}NAME"
         )
-    for name in ("loads", "full_fill"):
+    if haul.loader not in ("", f"{_SITE}digger"):
+        raise ParameterError(
+            f"haul.loader is {haul.loader!r}; the excavator of a run is {_SITE}digger"
+        )
+    for name in ("loads", "full_fill", "duration"):
         if name in named and getattr(haul, name) != getattr(task, name):
             raise ParameterError(
                 f"haul.{name} is {getattr(haul, name)} and task.{name} {getattr(task, name)}; leave"
                 f" out haul.{name}, which is that of the task"
             )
-    return replace(haul, loads=task.loads, full_fill=task.full_fill)
+    return replace(haul, loads=task.loads, full_fill=task.full_fill, duration=task.duration)
 
 
 def _override_layer(overrides: Mapping[str, Any]) -> ConfigLayer:

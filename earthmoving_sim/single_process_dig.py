@@ -193,7 +193,8 @@ class SingleProcessDig:
         ledger = self.world.ledger
         haul = self.haul_task
         total = "" if haul else f"/{self.config.task.cycles}"
-        truck = f" truck {haul.cycle}/{self.config.haul.loads} {haul.phase:<8}" if haul else ""
+        loads = "" if self.config.haul.duration else f"/{self.config.haul.loads}"
+        truck = f" truck {haul.cycle}{loads} {haul.phase:<8}" if haul else ""
         line = (
             f"cycle {self.task.cycle}{total}"
             f"  {self.task.phase:<8}{truck}"

@@ -2,16 +2,17 @@
 
     ros2 launch earthmoving_sim dig.launch.py
 
-Arguments: `sync:=lockstep`, `operator:=false` (drive yourself), `record:=false`, `terrain:=FILE`;
-with another machine file also the namespace of its node, and that of the operated machine:
+Arguments: those of `soil.launch.py`, and `operator:=false` (drive yourself); with another machine
+file also the namespace of its node, and that of the operated machine:
 
     ros2 launch earthmoving_sim dig.launch.py \\
         machines:=config/site_machines.yaml namespace:=/site operated_machine:=/site/digger
 """
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
 from launch.conditions import IfCondition
+from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
@@ -26,13 +27,16 @@ def parameters(name: str) -> PathJoinSubstitution:
     return PathJoinSubstitution([FindPackageShare(PACKAGE), "config", f"{name}.yaml"])
 
 
+def include(name: str) -> IncludeLaunchDescription:
+    """Return the action that includes a shipped launch file, with the arguments given to this."""
+    path = PathJoinSubstitution([FindPackageShare(PACKAGE), "launch", f"{name}.launch.py"])
+    return IncludeLaunchDescription(PythonLaunchDescriptionSource([path]))
+
+
 def generate_launch_description() -> LaunchDescription:
     """Return the launch description for `ros2 launch`."""
     arguments = {
-        "sync": "realtime",
         "operator": "true",
-        "record": "true",
-        "terrain": "rough",
         "machines": parameters("machine_sim"),
         "namespace": "/excavator",
         "operated_machine": LaunchConfiguration("namespace"),
@@ -40,27 +44,13 @@ def generate_launch_description() -> LaunchDescription:
     # An operator looks for the soil one level above its machine, which for a machine of a node with
     # several, such as /site/digger, is the namespace of the node.
     operator = {"simulation_namespace": SIMULATION_NAMESPACE}
-    soil = {"sync": LaunchConfiguration("sync"), "site.terrain": LaunchConfiguration("terrain")}
     return LaunchDescription(
         [
             *(
                 DeclareLaunchArgument(name, default_value=value)
                 for name, value in arguments.items()
             ),
-            Node(
-                package=PACKAGE,
-                executable="exchange_recorder",
-                parameters=[parameters("exchange_recorder")],
-                condition=IfCondition(LaunchConfiguration("record")),
-                output="screen",
-            ),
-            Node(
-                package=PACKAGE,
-                executable="soil_sim",
-                namespace=SIMULATION_NAMESPACE,
-                parameters=[parameters("soil_sim"), soil],
-                output="screen",
-            ),
+            include("soil"),
             Node(
                 package=PACKAGE,
                 executable="machine_sim",

@@ -2,13 +2,14 @@
 
     ros2 launch earthmoving_sim loading.launch.py
 
-Arguments: `sync:=lockstep`, `record:=false`, `terrain:=FILE`, `loads:=5`; `digger:=false` or
-`hauler:=false` leave that machine to you.
+Arguments: those of `soil.launch.py`, and `loads:=5`; `digger:=false` or `hauler:=false` leave that
+machine to you.
 """
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
 from launch.conditions import IfCondition
+from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -41,37 +42,26 @@ def operator(machine: str, task: str, condition: str) -> Node:
     )
 
 
+def include(name: str) -> IncludeLaunchDescription:
+    """Return the action that includes a shipped launch file, with the arguments given to this."""
+    path = PathJoinSubstitution([FindPackageShare(PACKAGE), "launch", f"{name}.launch.py"])
+    return IncludeLaunchDescription(PythonLaunchDescriptionSource([path]))
+
+
 def generate_launch_description() -> LaunchDescription:
     """Return the launch description for `ros2 launch`."""
     arguments = {
-        "sync": "realtime",
-        "record": "true",
-        "terrain": "rough",
         "loads": "2",
         "digger": "true",
         "hauler": "true",
     }
-    soil = {"sync": LaunchConfiguration("sync"), "site.terrain": LaunchConfiguration("terrain")}
     return LaunchDescription(
         [
             *(
                 DeclareLaunchArgument(name, default_value=value)
                 for name, value in arguments.items()
             ),
-            Node(
-                package=PACKAGE,
-                executable="exchange_recorder",
-                parameters=[parameters("exchange_recorder")],
-                condition=IfCondition(LaunchConfiguration("record")),
-                output="screen",
-            ),
-            Node(
-                package=PACKAGE,
-                executable="soil_sim",
-                namespace="/",
-                parameters=[parameters("soil_sim"), soil],
-                output="screen",
-            ),
+            include("soil"),
             Node(
                 package=PACKAGE,
                 executable="machine_sim",

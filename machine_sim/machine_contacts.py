@@ -41,7 +41,11 @@ class MachineContact:
 
 
 class ContactMonitor:
-    """Follows the contacts of all pairs of bodies of which one at least is a machine."""
+    """Follows the contacts of all pairs of bodies of which one at least is a machine.
+
+    Attributes:
+        num_contacts: number of contacts that have begun.
+    """
 
     def __init__(
         self, client: int, machines: Sequence[int], bins: Sequence[Sequence[int]] = ()
@@ -61,6 +65,8 @@ class ContactMonitor:
         ]
         self._contacts: dict[tuple[int, int], MachineContact] = {}
         self._changes: list[MachineContact] = []
+        self._ended: list[MachineContact] = []  # since the last call of `take_recent`
+        self.num_contacts = 0
 
     def update(self, time: float) -> None:
         """Read the contacts of the last physics step, which ended at a time since the start [s]."""
@@ -76,6 +82,8 @@ class ContactMonitor:
                 self._record(pair, known, time, force, points)
             elif known is not None and time - known.end_time > _GAP_TIME:
                 self._changes.append(replace(known, is_over=True))
+                self._ended = [each for each in self._ended if each.pair != pair]
+                self._ended.append(self._changes[-1])
                 del self._contacts[pair]
 
     def take_changes(self) -> list[MachineContact]:
@@ -83,10 +91,12 @@ class ContactMonitor:
         changes, self._changes = self._changes, []
         return changes
 
-    @property
-    def present(self) -> list[MachineContact]:
-        """The contacts that have not ended."""
-        return list(self._contacts.values())
+    def take_recent(self) -> list[MachineContact]:
+        """Return the contacts that have not ended, and for each other pair the last one that has
+        ended since the last call."""
+        ended, self._ended = self._ended, []
+        present = list(self._contacts.values())
+        return [*present, *(each for each in ended if each.pair not in self._contacts)]
 
     def _record(
         self,
@@ -106,3 +116,4 @@ class ContactMonitor:
         self._contacts[pair] = contact
         if known is None:
             self._changes.append(contact)
+            self.num_contacts += 1

@@ -32,6 +32,9 @@ _PAGE_PORT = 8080
 _FOXGLOVE_PORT = 8765
 """Port of the Foxglove server, if it is free."""
 
+_MAX_LOADS = 1000
+"""Number of loads that a run of a given duration does not reach."""
+
 SUMMARY = "run an excavator that digs, carries and dumps; write a summary and pictures"
 
 
@@ -47,6 +50,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--load",
         action="store_true",
         help="load a dumper, which hauls two loads and tips them (config/demo_load.yaml)",
+    )
+    parser.add_argument("--loads", type=int, help="with --load: number of loads (default: 2)")
+    parser.add_argument(
+        "--minutes",
+        type=float,
+        help="with --load, instead of a number of loads: simulated time after which no other load"
+        " is begun",
     )
     parser.add_argument(
         "--soil", metavar="NAME", help="kind of soil, a name in config/soils.yaml such as loam"
@@ -118,13 +128,7 @@ def run(args: argparse.Namespace) -> int:
         raise EarthmovingError(
             f"the folder --out {args.out} cannot be created: {error}; name another"
         ) from error
-    if args.load and args.cycles is not None:
-        raise EarthmovingError(
-            "--cycles counts bucketfuls on the ground; with --load give `task: {loads: N}` in a"
-            " --config file"
-        )
-    options = {"cycles": args.cycles, "seed": args.seed}
-    overrides = {name: value for name, value in options.items() if value is not None}
+    overrides = _overrides(args)
     base = "demo_load.yaml" if args.load else "demo.yaml"
     config = load_run_config(args.config or base, overrides, soil=args.soil or "", base=base)
     if config.unused:
@@ -154,6 +158,28 @@ def run(args: argparse.Namespace) -> int:
 
         serve_bag(bag, view_port, open_browser=False)
     return 0 if outcome.is_successful else 1
+
+
+def _overrides(args: argparse.Namespace) -> dict[str, int | float]:
+    """Return the parameters of task and run that the options name.
+
+    Raises:
+        EarthmovingError: an option does not belong to the task, or two exclude each other.
+    """
+    if args.load and args.cycles is not None:
+        raise EarthmovingError(
+            "--cycles counts bucketfuls on the ground; with --load give --loads or --minutes"
+        )
+    if not args.load and (args.loads is not None or args.minutes is not None):
+        option = "--minutes" if args.loads is None else "--loads"
+        raise EarthmovingError(f"{option} is for a dumper that is loaded; add --load")
+    if args.loads is not None and args.minutes is not None:
+        raise EarthmovingError("--loads and --minutes both end the run; give one of them")
+    options = {"cycles": args.cycles, "loads": args.loads, "seed": args.seed}
+    overrides = {name: value for name, value in options.items() if value is not None}
+    if args.minutes is not None:
+        overrides |= {"duration": 60.0 * args.minutes, "loads": _MAX_LOADS}
+    return overrides
 
 
 def _run_in_process(config: RunConfig, site: HeightMap) -> DigOutcome:

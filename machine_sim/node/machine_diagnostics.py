@@ -151,8 +151,9 @@ class MachineDiagnostics:
         )
 
     def _report_contacts(self, run: MachineRun) -> None:
-        """Set or clear the problem of machines that touch each other."""
-        contacts = run.sim.contacts.present
+        """Set or clear the problem of machines that touch, or have touched since the last time."""
+        self._diagnostics.set("contacts", run.sim.contacts.num_contacts)
+        contacts = run.sim.contacts.take_recent()
         if not contacts:
             self._diagnostics.clear(_CONTACT_CONDITION)
             return
@@ -160,8 +161,9 @@ class MachineDiagnostics:
         for contact in contacts:
             first, second = (self._names[k] for k in contact.pair)
             x, y, z = contact.position
+            verb = "touched" if contact.is_over else "touch"
             texts.append(
-                f"{first} and {second} touch with up to {contact.max_force / 1e3:.0f} kN at"
+                f"{first} and {second} {verb} with up to {contact.max_force / 1e3:.0f} kN at"
                 f" ({x:.1f}, {y:.1f}, {z:.1f}) m"
             )
         self._diagnostics.problem("; ".join(texts), Level.WARN, condition=_CONTACT_CONDITION)

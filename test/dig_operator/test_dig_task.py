@@ -31,10 +31,17 @@ class FakeDigCycle:
         self.phase = OperatorPhase.REACH
         self.start_time: float | None = None
         self.failure_time = math.inf
+        self.plan_fraction, self.is_stowed = 1.0, False
 
     @property
     def cycle(self) -> int:
         return len(self.reports) + 1
+
+    def stow(self) -> None:
+        self.is_stowed = True
+
+    def resume(self) -> None:
+        self.is_stowed, self.plan_fraction = False, 1.0
 
     def command(self, observed: Observation, dt: float) -> Command:
         self.start_time = observed.time if self.start_time is None else self.start_time
@@ -68,6 +75,7 @@ class KinematicDrive:
         self.moving_until = 0.0
         self.others: tuple[ObservedMachine, ...] = ()
         self.phases: list[OperatorPhase] = []
+        self.track_speeds: list[float] = []
         self.last = Command(np.zeros(4), np.zeros(2))
 
     def step(self) -> Command:
@@ -79,6 +87,7 @@ class KinematicDrive:
         self.last = self.task.command(observed, DT)
         if not self.phases or self.phases[-1] != self.task.phase:
             self.phases.append(self.task.phase)
+        self.track_speeds.append(float(self.last.tracks.mean()))
         self.distance += float(self.last.tracks.mean()) * DT
         self.time += DT
         return self.last
@@ -189,6 +198,65 @@ def test_task_is_aborted_where_the_machine_cannot_reach(dig_cycles: list[FakeDig
 def truck_at(x: float, y: float, fill: float = 0.0) -> ObservedMachine:
     spec = load_shipped_machine("dumper")
     return ObservedMachine("truck", spec, np.array([x, y, 0.0]), np.eye(3), spec.home, fill=fill)
+
+
+def test_machine_moves_on_by_a_station_where_the_ground_is_dug_out(
+    dig_cycles: list[FakeDigCycle],
+) -> None:
+    drive = KinematicDrive(
+        yaw=0.3, cycles=4, approach_distance=0.0, stations=3, station_spacing=1.5
+    )
+    drive.run_until(OperatorPhase.DIG)
+    dig_cycles[0].plan_fraction = 0.5
+    drive.run_until(OperatorPhase.BRACE)
+    assert drive.distance == pytest.approx(-1.5, abs=0.05)
+    assert max(map(abs, drive.track_speeds)) <= 0.8
+    drive.run_until(OperatorPhase.DONE)
+    assert drive.phases == ["brace", "dig", "retreat", "brace", "dig", "settle", "done"]
+    assert drive.task.station == 1
+    assert len(dig_cycles) == 1
+    assert len(drive.task.reports) == 4
+
+
+def test_retreat_stops_before_another_machine(dig_cycles: list[FakeDigCycle]) -> None:
+    drive = KinematicDrive(cycles=9, approach_distance=0.0, stations=2, station_spacing=2.0)
+    drive.run_until(OperatorPhase.DIG)
+    dig_cycles[0].plan_fraction = 0.5
+    drive.others = (truck_at(-5.5, 0.0),)
+    drive.run_until(OperatorPhase.RETREAT)
+    for _ in range(200):
+        drive.step()
+    assert drive.task.phase is OperatorPhase.RETREAT
+    assert drive.distance > -1.0
+    assert "truck" in drive.task.wait_reason
+
+
+def test_last_station_is_dug_until_nothing_is_left(dig_cycles: list[FakeDigCycle]) -> None:
+    drive = KinematicDrive(cycles=100, approach_distance=0.0)
+    drive.run_until(OperatorPhase.DIG)
+    dig_cycles[0].plan_fraction = 0.3
+    for _ in range(200):
+        drive.step()
+    assert drive.task.phase is OperatorPhase.DIG
+    dig_cycles[0].plan_fraction = 0.05
+    drive.run_until(OperatorPhase.DONE)
+    assert "dug out" in drive.task.abort_reason
+
+
+def test_task_of_a_duration_ends_between_two_loads(dig_cycles: list[FakeDigCycle]) -> None:
+    drive = KinematicDrive(duration=3.0, loads=9, truck="truck", approach_distance=0.0)  # type: ignore[arg-type]
+    drive.others = (truck_at(0.0, 5.8, fill=0.4),)
+    drive.run_until(OperatorPhase.DIG)
+    target = dig_cycles[0].dump_target
+    target.count_dump(replace(observation(), others=drive.others))
+    for _ in range(250):
+        target.watch(replace(observation(), others=drive.others))
+        drive.step()
+    assert drive.task.phase is OperatorPhase.DIG, "the load is not full"
+    target.count_dump(replace(observation(), others=(truck_at(0.0, 5.8, fill=0.8),)))
+    target.watch(replace(observation(), others=(truck_at(0.0, 5.8, fill=0.8),)))
+    drive.run_until(OperatorPhase.DONE)
+    assert drive.task.abort_reason == ""
 
 
 def test_approach_stops_before_another_machine(dig_cycles: list[FakeDigCycle]) -> None:

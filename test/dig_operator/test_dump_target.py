@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.machine_scenes import load_shipped_machine
-from support.operator_scenes import observation, tilted
+from support.operator_scenes import ARM, observation, tilted
 
 from dig_operator import Observation
 from dig_operator.dump_target import BedTarget
@@ -34,13 +34,36 @@ def seen(*others: ObservedMachine) -> Observation:
 
 
 def target() -> BedTarget:
-    return BedTarget("truck", min_radius=4.4, max_radius=7.3, full_fill=0.8)
+    return BedTarget("truck", ARM, min_radius=4.4, max_radius=7.3, full_fill=0.8)
 
 
 def test_bucket_is_opened_over_the_bed() -> None:
     azimuth, radius = target().aim(seen(truck()))
     assert azimuth == pytest.approx(0.5 * math.pi, abs=0.1)
     assert radius == pytest.approx(5.8, abs=0.6)
+
+
+def test_bucket_is_opened_over_the_bed_from_a_tilted_base() -> None:
+    roll = math.radians(5.0)
+    upright = seen(truck())
+    leaning = replace(upright, base_rotation=tilted(roll=roll))
+    points = [target().aim(each) for each in (upright, leaning)]
+    bases = [ARM.swing_axis(each) for each in (upright, leaning)]
+    middles = [
+        base[:2] + point.radius * np.array([math.cos(point.azimuth), math.sin(point.azimuth)])
+        for base, point in zip(bases, points, strict=True)
+    ]
+    assert middles[1] == pytest.approx(middles[0], abs=1e-6)
+    assert np.linalg.norm(bases[1] - bases[0]) > 0.05, "the swing axis leans out"
+
+
+def test_load_is_not_counted_when_the_excavator_moves_along() -> None:
+    bed = target()
+    bed.count_dump(seen(truck(fill=0.4)))
+    moved = replace(seen(truck(fill=0.4)), base_position=np.array([-5.0, 0.0, 0.0]))
+    bed.watch(moved)
+    assert bed.num_loads == 0
+    assert bed.is_loading
 
 
 def test_successive_buckets_are_spread_along_the_bed() -> None:

@@ -13,9 +13,12 @@ from support.operator_scenes import observation, tilted
 from dig_operator import HaulTask, HaulTaskParams, Observation
 from dig_operator.observed_machine import ObservedMachine
 from machine_sim.machine.errors import MachineError
+from msg_bridge.contract.grid import Grid
 
 DT = 0.02
 DUMPER, DIGGER = load_shipped_machine("dumper"), load_shipped_machine("excavator")
+MAP = Grid(257, 257, 0.2)  # 51 m
+LEVEL = np.zeros(MAP.shape)
 GAUGE = DUMPER.tracks.gauge
 ROUND = ["approach", "spot", "load", "haul", "back", "tip", "pull_off", "lower"]
 
@@ -44,7 +47,7 @@ class KinematicDumper:
             fill=self.fill,
             time=self.time,
         )
-        return replace(seen, others=self.others, bank_m3=6.0 * self.fill)
+        return replace(seen, others=self.others, bank_m3=6.0 * self.fill, grid=MAP, elevation=LEVEL)
 
     def step(self) -> None:
         phase = str(self.task.phase)
@@ -85,6 +88,71 @@ def test_rounds_lead_to_both_places_and_back() -> None:
     assert first.fill == pytest.approx(0.8, abs=0.15)
     assert first.moved_volume == pytest.approx(first.hauled_volume)
     assert dumper.bed == pytest.approx(0.0, abs=0.03)
+
+
+def test_spot_follows_the_machine_that_loads() -> None:
+    dumper = KinematicDumper(loader="digger", spot_x=0.0)
+    dumper.filling_rate = 0.0
+    dumper.others = (digger_at(2.0, 0.0),)
+    dumper.run_until("load")
+    arrived = dumper.time
+    assert dumper.x == pytest.approx(2.0, abs=0.15)
+    dumper.others = (digger_at(1.5, 0.0),)
+    dumper.step()
+    assert dumper.task.phase == "load", "near enough"
+    dumper.others = (digger_at(-0.4, 0.0),)
+    start = dumper.time
+    dumper.run_until("spot").run_until("load")
+    assert (dumper.x, dumper.y) == pytest.approx((-0.4, 5.8), abs=0.15)
+    assert dumper.time - start < 8.0, "it pulls forward, and does not drive around"
+    dumper.filling_rate = 0.5
+    dumper.run_until("haul")
+    total = dumper.time - arrived
+    dumper.run_until("lower").run_until("approach")
+    assert dumper.task.reports[0].loading_time == pytest.approx(total, abs=0.1)
+
+
+def test_dumper_does_not_follow_below_a_bucket() -> None:
+    dumper = KinematicDumper(loader="digger")
+    dumper.filling_rate = 0.0
+    dumper.others = (digger_at(0.0, 0.0),)
+    dumper.run_until("load")
+    dumper.others = (digger_at(-2.4, 0.0, swing=0.4 * math.pi),)
+    for _ in range(100):
+        dumper.step()
+    assert dumper.task.phase == "load"
+    assert "digger" in dumper.task.wait_reason
+
+
+def test_task_ends_when_the_tip_area_is_full() -> None:
+    dumper = KinematicDumper(loads=5, tip_columns=1, tip_rows=2).run_until("done", 600.0)
+    assert len(dumper.task.reports) == 2
+    assert "2 places" in dumper.task.abort_reason
+    assert dumper.places["tip"][1] == pytest.approx(-0.5 + 4.5, abs=0.15)
+    assert dumper.bed == pytest.approx(0.0, abs=0.03)
+
+
+def test_empty_dumper_ends_after_the_duration_and_a_loaded_one_after_its_round() -> None:
+    dumper = KinematicDumper(loads=9, duration=20.0)
+    dumper.run_until("load")
+    dumper.run_until("done")
+    assert len(dumper.task.reports) == 1
+    assert dumper.task.abort_reason == ""
+    empty = KinematicDumper(loads=9, duration=20.0)
+    empty.filling_rate = 0.0
+    empty.run_until("done")
+    assert empty.task.reports == []
+    assert empty.time == pytest.approx(20.0, abs=0.1)
+
+
+def test_task_is_aborted_when_the_bed_is_not_lowered() -> None:
+    dumper = KinematicDumper().run_until("lower")
+    start = dumper.time
+    while not dumper.task.done:
+        dumper.bed = -0.5  # a heap below it
+        dumper.step()
+    assert "lowered" in dumper.task.abort_reason
+    assert dumper.time - start == pytest.approx(20.0, abs=0.1)
 
 
 def test_way_leads_over_the_points_between() -> None:

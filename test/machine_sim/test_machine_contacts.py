@@ -27,11 +27,11 @@ def test_contact_is_reported_when_it_begins_and_when_it_ends() -> None:
         np.zeros(GRID.shape),
     )
     step(sim, 50)
-    assert sim.contacts.present == []
+    assert sim.contacts.take_recent() == []
     sim.command(np.zeros(1), np.full(2, 0.8))
     for _ in range(300):
         step(sim, 1)
-        if sim.contacts.present:
+        if sim.contacts.take_recent():
             break
     (begun,) = sim.contacts.take_changes()
     assert begun.pair == (0, 1)
@@ -42,8 +42,10 @@ def test_contact_is_reported_when_it_begins_and_when_it_ends() -> None:
     sim.command(np.zeros(1), np.full(2, -0.8))
     step(sim, 200)
     (ended,) = sim.contacts.take_changes()
+    assert sim.contacts.take_recent() == [ended], "it has ended since the last call"
+    assert sim.contacts.take_recent() == []
+    assert sim.contacts.num_contacts == 1
     sim.close()
-    assert sim.contacts.present == []
     assert ended.is_over
     assert ended.start_time == begun.start_time
     assert ended.end_time > begun.end_time + 0.2

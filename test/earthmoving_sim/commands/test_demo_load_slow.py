@@ -1,4 +1,7 @@
-"""`earthmoving demo --load`: an excavator loads a dumper, which hauls, tips and returns."""
+"""`earthmoving demo --load`: an excavator moves along and loads a dumper, which hauls and tips.
+
+The excavator may dig only half a metre deep, so that it moves on to other stations within a load.
+"""
 
 from __future__ import annotations
 
@@ -23,13 +26,14 @@ LOAD = re.compile(
     re.MULTILINE,
 )
 SPILLED = re.compile(r"spilled +(-?[\d.]+) %")
-ONE_LOAD = "task: {loads: 1}\nhaul: {loads: 1}\n"
+SHALLOW = "behaviour: {max_dig_depth: 0.5}\n"
 
 
 def run_demo(folder: Path, domain: int, *options: str) -> str:
     """Return the output of a demo with one load."""
-    (folder / "one.yaml").write_text(ONE_LOAD)
-    command = [sys.executable, "-m", "earthmoving_sim", "demo", "--load", "--config", "one.yaml"]
+    (folder / "shallow.yaml").write_text(SHALLOW)
+    demo = [sys.executable, "-m", "earthmoving_sim", "demo", "--load", "--loads", "1"]
+    command = [*demo, "--config", "shallow.yaml"]
     env = {
         **os.environ,
         "ROS_DOMAIN_ID": str(domain),
@@ -60,6 +64,19 @@ def test_dumper_is_loaded_hauls_and_tips_all(nodes: tuple[str, Path]) -> None:
     # 1 to 3 % of what was dumped; a bucket that misses the bed once would be 15 %.
     (spilled,) = SPILLED.findall(nodes[0])
     assert abs(float(spilled)) < 6.0
+
+
+def test_excavator_moves_along_by_its_stations(nodes: tuple[str, Path]) -> None:
+    phases = [
+        json.loads(message.data)["phase"]
+        for _, _, message in BagReader(nodes[1]).messages(["/site/digger/operator/phase"])
+    ]
+    x = [
+        message.pose.pose.position.x
+        for _, _, message in BagReader(nodes[1]).messages(["/site/digger/odom"])
+    ]
+    assert phases.count("retreat") >= 2
+    assert x[0] - x[-1] == pytest.approx(2.4 * phases.count("retreat"), abs=0.6)
 
 
 def test_audit_of_the_bag_passes(nodes: tuple[str, Path]) -> None:

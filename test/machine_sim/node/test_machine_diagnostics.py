@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,6 +22,7 @@ class Scene:
 
     def __init__(self, *, realtime: bool = True) -> None:
         self.now, self.values, self.problems = 100.0, {}, {}
+        self.contacts: list[MachineContact] = []
         particles = SimpleNamespace(count=0, num_plate_tunnellings=0, num_ground_tunnellings=0)
         exchange = SimpleNamespace(join_state=JoinState.READY, joined=True)
         self.run: Any = SimpleNamespace(
@@ -31,7 +33,7 @@ class Scene:
                 particles=particles,
                 pending_mm3=0,
                 simulated_machines=[],
-                contacts=SimpleNamespace(present=[]),
+                contacts=SimpleNamespace(take_recent=lambda: self.contacts, num_contacts=0),
             ),
             endpoint=SimpleNamespace(exchange=exchange),
         )
@@ -103,12 +105,15 @@ def test_slow_lockstep_is_no_overload() -> None:
 def test_machines_that_touch_are_reported_with_their_force() -> None:
     scene = Scene()
     contact = MachineContact((0, 1), 1.0, 1.2, 853e3, (1.0, 2.0, 3.0))
-    scene.run.sim.contacts.present = [contact]
+    scene.contacts = [contact]
     scene.update()
     text, level = scene.problems["contacts"]
     assert "digger and truck" in text
     assert "853 kN" in text
     assert level is Level.WARN
-    scene.run.sim.contacts.present = []
+    scene.contacts = [replace(contact, is_over=True)]
+    scene.update()
+    assert "digger and truck touched" in scene.problems["contacts"][0]
+    scene.contacts = []
     scene.update()
     assert "contacts" not in scene.problems
