@@ -134,7 +134,9 @@ def test_task_ends_when_the_tip_area_is_full() -> None:
 
 def test_empty_dumper_ends_after_the_duration_and_a_loaded_one_after_its_round() -> None:
     dumper = KinematicDumper(loads=9, duration=20.0)
-    dumper.run_until("load")
+    dumper.filling_rate = 0.05
+    dumper.run_until("haul")
+    assert dumper.time > 22.0, "it was loaded when the time was over"
     dumper.run_until("done")
     assert len(dumper.task.reports) == 1
     assert dumper.task.abort_reason == ""
