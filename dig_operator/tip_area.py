@@ -1,7 +1,7 @@
 """TipArea: the places where a dumper tips its loads, in rows.
 
 The rows are filled one after the other, the farthest first, and each from its first place on to the
-left, so that the dumper never has a heap in its way::
+left, so that no heap blocks the dumper::
 
       heading of the dumper ->          approach
         row 0     row 1     row 2          |
