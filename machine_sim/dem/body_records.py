@@ -28,6 +28,7 @@ __all__ = [
     "DISPLACEMENT",
     "FORCE",
     "FORCE_RECORD_SIZE",
+    "FULL_RADIUS",
     "INVERSE_MASS",
     "LIMIT_WEIGHTED_ANGULAR_VELOCITY",
     "MASS_OVER_INERTIA",
@@ -52,6 +53,8 @@ INVERSE_MASS = 7
 """Inverse mass [1/kg]; 0 while asleep or frozen."""
 SURFACE_VELOCITY = 8
 """Angular velocity times contact radius, map axes [m/s] (3)."""
+FULL_RADIUS = 11
+"""Full radius [m]."""
 ANGULAR_VELOCITY = 12
 """Angular velocity, map axes [rad/s] (3)."""
 MASS_OVER_INERTIA = 15
@@ -118,7 +121,7 @@ def _load_chunk(  # type: ignore[no-untyped-def]
         store_row(body, i, VELOCITY, load_row(velocity, i, 0))
         store_row(body, i, SURFACE_VELOCITY, scale(turning, contact_radius[i]))
         store_row(body, i, ANGULAR_VELOCITY, turning)
-        body[i, CONTACT_RADIUS] = contact_radius[i]
+        body[i, CONTACT_RADIUS], body[i, FULL_RADIUS] = contact_radius[i], radius[i]
         body[i, INVERSE_MASS] = inverse_mass[i] if sleep_state[i] == AWAKE else _ZERO
         body[i, MASS_OVER_INERTIA] = _SPHERE_MASS_OVER_INERTIA / (radius[i] * radius[i])
         clear_force_sums(force_sums, i)

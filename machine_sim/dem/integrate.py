@@ -6,9 +6,12 @@ import numpy as np
 
 from machine_sim.dem.body_records import (
     ANGULAR_VELOCITY,
+    BODY_RECORD_SIZE,
     CONTACT_RADIUS,
     DISPLACEMENT,
     FORCE,
+    FORCE_RECORD_SIZE,
+    FULL_RADIUS,
     INVERSE_MASS,
     LIMIT_WEIGHTED_ANGULAR_VELOCITY,
     MASS_OVER_INERTIA,
@@ -18,19 +21,42 @@ from machine_sim.dem.body_records import (
     VELOCITY,
     clear_force_sums,
 )
+from machine_sim.dem.contacts.block_vectors import vector_access
+from machine_sim.dem.contacts.simd import (
+    GROUP_SIZE,
+    VECTOR_SIZE,
+    gather_records,
+    round_up,
+    scatter_records,
+)
 from machine_sim.dem.tools.pose import ANGULAR, LINEAR, ORIGIN
 from machine_sim.dem.vec3 import add, cross, dot, load_row, scale, store_row, subtract
 from msg_bridge.kernels import helper
 
-__all__ = ["advance_locked_loads", "integrate_bodies"]
+__all__ = ["SCRATCH_SIZE", "advance_locked_loads", "integrate_bodies", "pad_rows"]
 
+_BLOCK_SIZE = 64
+"""Particles that are integrated together, a multiple of the lanes of the widest vector."""
+SCRATCH_SIZE = (BODY_RECORD_SIZE + FORCE_RECORD_SIZE) * _BLOCK_SIZE
+"""Floats of working memory for a block."""
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
 _TINY = np.float32(1e-20)
 
+_load, _store = vector_access(_BLOCK_SIZE)
+
+
+@helper
+def pad_rows(rows):  # type: ignore[no-untyped-def]
+    """Return rows in whole groups of `GROUP_SIZE`, the last one repeated, uint32."""
+    padded = np.empty(round_up(rows.size, GROUP_SIZE), np.uint32)
+    for k in range(padded.size):
+        padded[k] = rows[min(k, rows.size - 1)]
+    return padded
+
 
 @helper(forceinline=True)
-def integrate_bodies(rows, body, force_sums, radius, gravity, dt):  # type: ignore[no-untyped-def]
+def integrate_bodies(rows, body, force_sums, gravity, dt, scratch):  # type: ignore[no-untyped-def]
     """Advance particles by one substep of semi-implicit Euler, and clear their force sums.
 
     Rolling resistance acts on the angular velocity of a particle relative to the mean angular
@@ -41,30 +67,57 @@ def integrate_bodies(rows, body, force_sums, radius, gravity, dt):  # type: igno
     within.
 
     Args:
-        rows: particles moved by forces, int64.
+        rows: particles moved by forces, in whole groups, see `pad_rows`.
         body, force_sums: see `body_records`; updated.
-        radius: full radius [m], shape (n,).
+        gravity: acceleration of gravity, downward [m/s^2].
+        dt: substep [s].
+        scratch: working memory, shape (SCRATCH_SIZE,), float32.
+    """
+    bodies = scratch[: BODY_RECORD_SIZE * _BLOCK_SIZE]
+    sums = scratch[BODY_RECORD_SIZE * _BLOCK_SIZE :]
+    for begin in range(0, rows.size, _BLOCK_SIZE):
+        count = min(rows.size - begin, _BLOCK_SIZE)
+        for s in range(0, count, GROUP_SIZE):
+            gather_records(body, rows, begin + s, bodies, _BLOCK_SIZE, s)
+            gather_records(force_sums, rows, begin + s, sums, _BLOCK_SIZE, s)
+        _integrate_block(round_up(count, VECTOR_SIZE), bodies, sums, gravity, dt)
+        # A row that is repeated in a group is written several times with the same values.
+        for s in range(0, count, GROUP_SIZE):
+            scatter_records(body, rows, begin + s, bodies, _BLOCK_SIZE, s)
+        for s in range(count):
+            clear_force_sums(force_sums, rows[begin + s])
+
+
+@helper
+def _integrate_block(count, bodies, sums, gravity, dt):  # type: ignore[no-untyped-def]
+    """Advance the first particles of a block.
+
+    Args:
+        count: their number, a multiple of `VECTOR_SIZE`.
+        bodies, sums: their body records and force sums, flat; column q of slot s is at
+            `q * _BLOCK_SIZE + s`.
         gravity: acceleration of gravity, downward [m/s^2].
         dt: substep [s].
     """
-    for i in rows:
-        inverse_mass = body[i, INVERSE_MASS]
-        if inverse_mass > _ZERO:
-            dt_over_mass = inverse_mass * dt
-            dvx, dvy, dvz = scale(load_row(force_sums, i, FORCE), dt_over_mass)
-            velocity = add(load_row(body, i, VELOCITY), (dvx, dvy, dvz - gravity * dt))
-            displacement = add(load_row(body, i, DISPLACEMENT), scale(velocity, dt))
-            angular_velocity = _integrate_rotation(
-                load_row(body, i, ANGULAR_VELOCITY), load_row(force_sums, i, TORQUE_OVER_RADIUS),
-                load_row(force_sums, i, LIMIT_WEIGHTED_ANGULAR_VELOCITY),
-                force_sums[i, ROLLING_LIMIT], body[i, CONTACT_RADIUS], radius[i],
-                dt_over_mass * body[i, MASS_OVER_INERTIA],
-            )  # fmt: skip
-            store_row(body, i, VELOCITY, velocity)
-            store_row(body, i, DISPLACEMENT, displacement)
-            store_row(body, i, ANGULAR_VELOCITY, angular_velocity)
-            store_row(body, i, SURFACE_VELOCITY, scale(angular_velocity, body[i, CONTACT_RADIUS]))
-        clear_force_sums(force_sums, i)
+    for s in range(np.uint64(count)):
+        dt_over_mass = bodies[INVERSE_MASS * _BLOCK_SIZE + s] * dt
+        contact_radius = bodies[CONTACT_RADIUS * _BLOCK_SIZE + s]
+        dvx, dvy, dvz = scale(_load(sums, FORCE * _BLOCK_SIZE, s), dt_over_mass)
+        velocity = add(_load(bodies, VELOCITY * _BLOCK_SIZE, s), (dvx, dvy, dvz - gravity * dt))
+        displacement = add(_load(bodies, DISPLACEMENT * _BLOCK_SIZE, s), scale(velocity, dt))
+        angular_velocity = _integrate_rotation(
+            _load(bodies, ANGULAR_VELOCITY * _BLOCK_SIZE, s),
+            _load(sums, TORQUE_OVER_RADIUS * _BLOCK_SIZE, s),
+            _load(sums, LIMIT_WEIGHTED_ANGULAR_VELOCITY * _BLOCK_SIZE, s),
+            sums[ROLLING_LIMIT * _BLOCK_SIZE + s],
+            contact_radius,
+            bodies[FULL_RADIUS * _BLOCK_SIZE + s],
+            dt_over_mass * bodies[MASS_OVER_INERTIA * _BLOCK_SIZE + s],
+        )
+        _store(bodies, VELOCITY * _BLOCK_SIZE, s, velocity)
+        _store(bodies, DISPLACEMENT * _BLOCK_SIZE, s, displacement)
+        _store(bodies, ANGULAR_VELOCITY * _BLOCK_SIZE, s, angular_velocity)
+        _store(bodies, SURFACE_VELOCITY * _BLOCK_SIZE, s, scale(angular_velocity, contact_radius))
 
 
 @helper(forceinline=True)

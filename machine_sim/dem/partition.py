@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from msg_bridge.kernels import helper, kernel
 
-__all__ = ["NUM_CHUNKS", "interleave", "partition_pairs", "row_chunk"]
+__all__ = ["NUM_CHUNKS", "aligned_bounds", "interleave", "partition_pairs", "row_chunk"]
 
 NUM_CHUNKS = 8
 """Number of chunks that rows are divided into."""
@@ -57,6 +57,14 @@ def partition_pairs(slabs: NDArray[np.int64], slabs_per_boundary: int) -> NDArra
 def row_chunk(rows, c):  # type: ignore[no-untyped-def]
     """Return chunk number `c` of some rows."""
     return rows[c * rows.size // NUM_CHUNKS : (c + 1) * rows.size // NUM_CHUNKS]
+
+
+@helper(forceinline=True)
+def aligned_bounds(count, c, size):  # type: ignore[no-untyped-def]
+    """Return begin and end of chunk number `c` of `count` items, in whole blocks of `size`."""
+    num_blocks = (count + size - 1) // size
+    begin, end = c * num_blocks // NUM_CHUNKS, (c + 1) * num_blocks // NUM_CHUNKS
+    return min(begin * size, count), min(end * size, count)
 
 
 @kernel(forceinline=True)

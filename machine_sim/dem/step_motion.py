@@ -16,7 +16,11 @@ from numpy.typing import NDArray
 
 from machine_sim.dem.body_records import load_body_records, store_body_records
 from machine_sim.dem.contacts.contact_law import ContactParameters
-from machine_sim.dem.contacts.ground_contacts import GroundContacts
+from machine_sim.dem.contacts.ground_contact_blocks import (
+    fill_ground_blocks,
+    store_ground_springs,
+)
+from machine_sim.dem.contacts.ground_contacts import GroundContacts, max_limited_overlap
 from machine_sim.dem.contacts.ground_recovery import recover_and_time_settling
 from machine_sim.dem.contacts.pair_contacts import (
     PairContactBlocks,
@@ -143,13 +147,17 @@ def move_particles(  # type: ignore[no-untyped-def]
     ground_contacts = GroundContacts(
         ground.contacts.row[:num_ground_contacts], ground.contacts.plane[:num_ground_contacts]
     )
+    fill_ground_blocks(
+        ground_contacts, particles, max_limited_overlap(params.surface), ground.blocks
+    )
     has_tools = tools.twist.shape[0] > 0
     before = _positions_of(rows if has_tools else rows[:0], position)
     run_substeps(
         params.substeps, params.pairs, params.surface, rows,
-        LockedRows(moving.locked, moving.locked_tool), body, force_sums, particles,
-        pairs.contacts, plate_contacts, ground_contacts, tools,
+        LockedRows(moving.locked, moving.locked_tool), body, force_sums, position,
+        pairs.contacts, plate_contacts, num_ground_contacts, ground.blocks, tools,
     )  # fmt: skip
+    store_ground_springs(ground_contacts.row, ground.blocks.block, particles.ground_spring)
     store_plate_history(
         num_plate_contacts, memory.slot, memory.blocks.block, plates.spring, plates.side
     )

@@ -7,8 +7,10 @@ In the order of the algorithm:
   particles that sank, and settle timers
 - `plate_contact_list`: particles and tool plates that may touch within a step
 - `boundary_contacts`: both lists in one call
-- `pair_contacts`, `plate_contacts`: contacts copied into blocks for vectorised evaluation
-- `pair_block`, `plate_block`: layouts of these blocks; `block_vectors`: access to them
+- `pair_contacts`, `plate_contacts`, `ground_contact_blocks`: contacts copied into blocks for
+  vectorised evaluation
+- `pair_block`, `plate_block`, `ground_block`: layouts of these blocks; `block_vectors`: access to
+  them
 - `simd`: vectorised gather and scatter between particle records and blocks
 - `pair_forces`, `plate_forces`, `ground_forces`: forces in each substep
 - `tunnelling`: count of particles that passed through a plate

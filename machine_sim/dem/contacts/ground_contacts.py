@@ -24,6 +24,10 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from machine_sim.dem.contacts.ground_contact_blocks import (
+    GroundContactBlocks,
+    allocate_ground_blocks,
+)
 from machine_sim.dem.partition import NUM_CHUNKS
 from machine_sim.dem.tools.plane import PLANE_NORMAL, PLANE_OFFSET, PLANE_SIZE
 from machine_sim.dem.vec3 import dot, load_row, store_row
@@ -71,13 +75,14 @@ class GroundData(NamedTuple):
         surface: contact surface [m], shape (rows, cols).
         frame: see `Ground.frame`.
         cell: size of a cell [m].
-        contacts: arrays with room for all contacts of a step.
+        contacts, blocks: arrays with room for all contacts of a step.
     """
 
     surface: NDArray[np.float64]
     frame: tuple[float, float, float]
     cell: float
     contacts: GroundContacts
+    blocks: GroundContactBlocks
 
 
 class GroundContactList:
@@ -104,7 +109,13 @@ class GroundContactList:
         ground = self._ground
         self._contacts = GroundContacts(np.zeros(count, np.int64), np.zeros((count, PLANE_SIZE)))
         self.boxed_data: BoxedTable = box_table(
-            GroundData(ground.surface, ground.frame, ground.grid.cell, self._contacts)
+            GroundData(
+                ground.surface,
+                ground.frame,
+                ground.grid.cell,
+                self._contacts,
+                allocate_ground_blocks(count),
+            )
         )
 
 

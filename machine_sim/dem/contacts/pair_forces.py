@@ -6,7 +6,13 @@ import numpy as np
 
 from machine_sim.dem.contacts import pair_block as pair
 from machine_sim.dem.contacts.contact_law import contact_force, contact_force_and_torque
-from machine_sim.dem.contacts.simd import GROUP_SIZE, gather_relative_motion, scatter_forces
+from machine_sim.dem.contacts.simd import (
+    GROUP_SIZE,
+    VECTOR_SIZE,
+    gather_relative_motion,
+    round_up,
+    scatter_forces,
+)
 from machine_sim.dem.vec3 import add, cross, dot, load_row, scale, subtract
 from msg_bridge.kernels import helper, kernel
 
@@ -36,11 +42,10 @@ def pair_forces(begin, size, contacts, body, force_sums, contact_params):  # typ
     first, second = contacts.first, contacts.second
     for at in range(begin, begin + size, pair.BLOCK_SIZE):
         block = contacts.block[at // pair.BLOCK_SIZE]
-        num_slots = min(begin + size - at, pair.BLOCK_SIZE)
-        num_slots = (num_slots + GROUP_SIZE - 1) // GROUP_SIZE * GROUP_SIZE
+        num_slots = round_up(min(begin + size - at, pair.BLOCK_SIZE), GROUP_SIZE)
         for s in range(0, num_slots, GROUP_SIZE):
             gather_relative_motion(body, first, second, at + s, scratch, pair.BLOCK_SIZE, s)
-        _evaluate_contacts(num_slots, block, scratch, contact_params)
+        _evaluate_contacts(round_up(num_slots, VECTOR_SIZE), block, scratch, contact_params)
         for s in range(0, num_slots, GROUP_SIZE):
             scatter_forces(body, force_sums, first, second, at + s, scratch, pair.BLOCK_SIZE, s)
 

@@ -12,7 +12,13 @@ import numpy as np
 from machine_sim.dem.body_records import FORCE, INVERSE_MASS
 from machine_sim.dem.contacts import plate_block as plate
 from machine_sim.dem.contacts.contact_law import contact_force, contact_force_and_torque
-from machine_sim.dem.contacts.simd import GROUP_SIZE, gather_relative_motion, scatter_forces
+from machine_sim.dem.contacts.simd import (
+    GROUP_SIZE,
+    VECTOR_SIZE,
+    gather_relative_motion,
+    round_up,
+    scatter_forces,
+)
 from machine_sim.dem.tools.plates import FRAME_N, FRAME_U, FRAME_V
 from machine_sim.dem.tools.pose import ANGULAR, LINEAR, ORIGIN, XX, XY, XZ, YX, YY, YZ, ZX, ZY, ZZ
 from machine_sim.dem.vec3 import add, cross, dot, load_row, scale, subtract
@@ -47,7 +53,8 @@ def plate_forces(blocks, body, force_sums, tools, step, contact_params):  # type
     for n in range(blocks.plate.size):
         k, begin, block = blocks.plate[n], n * plate.BLOCK_SIZE, blocks.block[n]
         t = tools.tool_of_plate[k]
-        num_slots = (blocks.size[n] + GROUP_SIZE - 1) // GROUP_SIZE * GROUP_SIZE
+        num_slots = round_up(blocks.size[n], GROUP_SIZE)
+        num_evaluated = round_up(num_slots, VECTOR_SIZE)
         for s in range(0, num_slots, GROUP_SIZE):
             gather_relative_motion(
                 body, blocks.tool_row, blocks.row, begin + s, scratch, plate.BLOCK_SIZE, s
@@ -62,16 +69,16 @@ def plate_forces(blocks, body, force_sums, tools, step, contact_params):  # type
         axes32 = _to_float32(axes[0]), _to_float32(axes[1]), _to_float32(axes[2])
         origin_shift = subtract(load_row(pose, t, ORIGIN), load_row(start, t, ORIGIN))
         _transform_to_plate_axes(
-            num_slots, block, scratch, axes32, axes_change, _to_float32(origin_shift),
+            num_evaluated, block, scratch, axes32, axes_change, _to_float32(origin_shift),
             _to_float32(load_row(tools.twist, t, LINEAR)),
             _to_float32(load_row(tools.twist, t, ANGULAR)),
         )  # fmt: skip
         _gather_accelerations(num_slots, blocks.row, begin, body, force_sums, axes32[2], scratch)
         _find_closest_points(
-            num_slots, scratch, tools.plates.corner[k], tools.plates.num_corners[k]
+            num_evaluated, scratch, tools.plates.corner[k], tools.plates.num_corners[k]
         )
-        _evaluate_contacts(num_slots, block, scratch, contact_params)
-        _transform_to_map_axes(num_slots, block, scratch, axes32)
+        _evaluate_contacts(num_evaluated, block, scratch, contact_params)
+        _transform_to_map_axes(num_evaluated, block, scratch, axes32)
         for s in range(0, num_slots, GROUP_SIZE):
             scatter_forces(
                 body, force_sums, blocks.tool_row, blocks.row, begin + s, scratch,

@@ -1,9 +1,9 @@
-"""Vectorised gather and scatter between particle records and scratch blocks of contacts.
+"""Vectorised gather and scatter between particle records and scratch blocks.
 
-The contact arithmetic needs each quantity of many contacts side by side, while particles are
-records, and the compiler does not vectorise the transposition between the two. Here four contacts
-at a time are transposed in registers. The code is written as LLVM vectors of 16 floats, which the
-compiler splits where the processor has narrower ones.
+The arithmetic of contacts and of the integration needs each quantity of many bodies side by side,
+while particles are records, and the compiler does not vectorise the transposition between the two.
+Here four contacts or bodies at a time are transposed in registers. The code is written as LLVM
+vectors of 16 floats, which the compiler splits where the processor has narrower ones.
 
 A record of 16 floats is treated as four *lanes* of four floats. The layouts of `body_records` are
 built in here:
@@ -24,6 +24,8 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
+from msg_bridge.kernels import helper
+
 __all__ = [
     "FORCE",
     "GROUP_SIZE",
@@ -32,18 +34,27 @@ __all__ = [
     "ROLLING_LIMIT",
     "SURFACE_VELOCITY_SUM",
     "TORQUE_OVER_RADIUS",
+    "VECTOR_SIZE",
+    "add_forces",
+    "gather_motion",
+    "gather_records",
     "gather_relative_motion",
+    "round_up",
     "scatter_forces",
+    "scatter_records",
 ]
 
 GROUP_SIZE = 4
-"""Contacts that are gathered or scattered together."""
+"""Contacts or bodies that are gathered or scattered together."""
+VECTOR_SIZE = 16
+"""Floats in the widest vector of a processor. Loops over slots run over whole vectors: what a loop
+computes in slots that are not in use is not read, and costs less than a remainder slot by slot."""
 
 # Quantities of a scratch block, each a float per slot; vectors take three in a row.
 RELATIVE_DISPLACEMENT, RELATIVE_VELOCITY, SURFACE_VELOCITY_SUM = 0, 3, 6
-"""Quantities that `gather_relative_motion` writes."""
+"""Quantities that `gather_relative_motion` and `gather_motion` write."""
 FORCE, TORQUE_OVER_RADIUS, ROLLING_LIMIT = 0, 3, 6
-"""Quantities that `scatter_forces` reads."""
+"""Quantities that `scatter_forces` and `add_forces` read."""
 
 _NUM_LANES = 4
 _RECORD_SIZE = 4 * _NUM_LANES
@@ -53,6 +64,12 @@ _RECORD_TYPE = ir.VectorType(_FLOAT_TYPE, _RECORD_SIZE)
 _INDEX_TYPE = ir.IntType(32)
 _FUSE = ("contract",)
 """The products may be fused with the sums, here and nowhere else."""
+
+
+@helper(forceinline=True)
+def round_up(count, size):  # type: ignore[no-untyped-def]
+    """Return the smallest multiple of `size` that is not below `count`."""
+    return (count + size - 1) // size * size
 
 
 @intrinsic
@@ -82,10 +99,104 @@ def gather_relative_motion(typing, body, first, second, contact, scratch, stride
             i = _record_pointer(builder, array(0), _load_row(builder, array(1), contact, k))
             j = _record_pointer(builder, array(0), _load_row(builder, array(2), contact, k))
             rows.append(_multiply_add(builder, _load(builder, i), sign, _load(builder, j)))
-        quantities = (RELATIVE_DISPLACEMENT, RELATIVE_VELOCITY, SURFACE_VELOCITY_SUM)
-        for component, column in enumerate(_transpose_lanes(builder, rows)[:3]):
-            for lane, quantity in enumerate(quantities):
-                _store(builder, _lane(builder, column, lane), out(quantity + component))
+        _store_motion(builder, rows, out)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def gather_motion(typing, body, row, contact, scratch, stride, slot):  # type: ignore[no-untyped-def]
+    """Write the motion of the bodies of four contacts with something at rest.
+
+    Args:
+        typing: typing context of Numba.
+        body: body records, shape (n, 16), float32.
+        row: row of the body of each contact, uint32.
+        contact, scratch, stride, slot: as for `gather_relative_motion`.
+    """
+    signature = types.void(body, row, contact, scratch, stride, slot)
+
+    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        array = _array_data(context, builder, signature, values)
+        out = _quantity_pointer(builder, array(3), values[4], values[5])
+        records = _record_pointers(builder, array(0), array(1), values[2])
+        _store_motion(builder, [_load(builder, each) for each in records], out)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def gather_records(typing, records, row, first, scratch, stride, slot):  # type: ignore[no-untyped-def]
+    """Write four records column by column, column q to `scratch[q * stride + slot]` and on.
+
+    Args:
+        typing: typing context of Numba.
+        records: body records or force sums, shape (n, 16), float32.
+        row: rows, uint32.
+        first: index in `row` of the first of the four records.
+        scratch: out, 16 quantities.
+        stride: distance between quantities in `scratch`.
+        slot: position of the first record in `scratch`.
+    """
+    signature = types.void(records, row, first, scratch, stride, slot)
+
+    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        array = _array_data(context, builder, signature, values)
+        out = _quantity_pointer(builder, array(3), values[4], values[5])
+        pointers = _record_pointers(builder, array(0), array(1), values[2])
+        rows = [_load(builder, each) for each in pointers]
+        for component, column in enumerate(_transpose_lanes(builder, rows)):
+            for lane in range(_NUM_LANES):
+                _store(builder, _lane(builder, column, lane), out(4 * lane + component))
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def scatter_records(typing, records, row, first, scratch, stride, slot):  # type: ignore[no-untyped-def]
+    """Write four records from `scratch`; the arguments are those of `gather_records`."""
+    signature = types.void(records, row, first, scratch, stride, slot)
+
+    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        array = _array_data(context, builder, signature, values)
+        source = _quantity_pointer(builder, array(3), values[4], values[5])
+        pointers = _record_pointers(builder, array(0), array(1), values[2])
+        columns = [
+            _concatenate_lanes(
+                builder,
+                *(_four_floats(builder, source(4 * lane + c)) for lane in range(_NUM_LANES)),
+            )
+            for c in range(4)
+        ]
+        for pointer, record in zip(pointers, _transpose_lanes(builder, columns), strict=True):
+            _store(builder, record, pointer)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def add_forces(typing, force_sums, row, contact, scratch, stride, slot):  # type: ignore[no-untyped-def]
+    """Add the forces of four contacts with something at rest to the sums of their bodies.
+
+    Args:
+        typing: typing context of Numba.
+        force_sums: updated, shape (n, 16), float32.
+        row: row of the body of each contact, uint32.
+        contact, scratch, stride, slot: as for `scatter_forces`.
+    """
+    signature = types.void(force_sums, row, contact, scratch, stride, slot)
+
+    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        array = _array_data(context, builder, signature, values)
+        source = _quantity_pointer(builder, array(3), values[4], values[5])
+        columns = _force_columns(builder, source, sums_rotation=False)
+        pointers = _record_pointers(builder, array(0), array(1), values[2])
+        for pointer, row in zip(pointers, _transpose_lanes(builder, columns), strict=True):
+            _store(builder, builder.fadd(_load(builder, pointer), row), pointer)
         return context.get_dummy_value()
 
     return signature, generate
@@ -115,17 +226,7 @@ def scatter_forces(typing, body, force_sums, first, second, contact, scratch, st
     def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
         array = _array_data(context, builder, signature, values)
         contact, source = values[4], _quantity_pointer(builder, array(5), values[6], values[7])
-
-        def four_floats(quantity: int) -> Any:
-            pointer = builder.bitcast(source(quantity), _LANE_TYPE.as_pointer())
-            return builder.load(pointer, align=4)
-
-        force = [four_floats(FORCE + component) for component in range(3)]
-        torque = [four_floats(TORQUE_OVER_RADIUS + component) for component in range(3)]
-        limit = four_floats(ROLLING_LIMIT)
-        zeros = ir.Constant(_LANE_TYPE, [0.0] * 4)
-        columns = [_concatenate_lanes(builder, force[c], torque[c], zeros, limit) for c in range(3)]
-        columns.append(_concatenate_lanes(builder, limit, zeros, zeros, zeros))
+        columns = _force_columns(builder, source, sums_rotation=True)
         angular_velocity = _blend_mask(range(12, 16))
         ones, signs = _constant([1.0] * 16), _constant([-1.0] * 3 + [1.0] * 13)
         for k, row in enumerate(_transpose_lanes(builder, columns)):
@@ -150,6 +251,44 @@ def _quantity_pointer(builder: Any, data: Any, stride: Any, slot: Any) -> Callab
     return lambda q: builder.gep(
         data, [builder.add(builder.mul(ir.Constant(stride.type, q), stride), slot)]
     )
+
+
+def _store_motion(builder: Any, records: Sequence[Any], out: Callable[[int], Any]) -> None:
+    """Write displacements, velocities and surface velocities of four records to a scratch block."""
+    quantities = (RELATIVE_DISPLACEMENT, RELATIVE_VELOCITY, SURFACE_VELOCITY_SUM)
+    for component, column in enumerate(_transpose_lanes(builder, records)[:3]):
+        for lane, quantity in enumerate(quantities):
+            _store(builder, _lane(builder, column, lane), out(quantity + component))
+
+
+def _force_columns(builder: Any, source: Callable[[int], Any], *, sums_rotation: bool) -> list[Any]:
+    """Return what four contacts add to the force sums, component by component of the lanes.
+
+    With `sums_rotation` the lane of the limit-weighted angular velocity has the rolling limits,
+    which are still to be multiplied by angular velocities; otherwise zeros.
+    """
+    force = [_four_floats(builder, source(FORCE + c)) for c in range(3)]
+    torque = [_four_floats(builder, source(TORQUE_OVER_RADIUS + c)) for c in range(3)]
+    limit = _four_floats(builder, source(ROLLING_LIMIT))
+    zeros = ir.Constant(_LANE_TYPE, [0.0] * 4)
+    weight = limit if sums_rotation else zeros
+    return [
+        *(_concatenate_lanes(builder, force[c], torque[c], zeros, weight) for c in range(3)),
+        _concatenate_lanes(builder, limit, zeros, zeros, zeros),
+    ]
+
+
+def _four_floats(builder: Any, pointer: Any) -> Any:
+    """Load four floats from a scratch block."""
+    return builder.load(builder.bitcast(pointer, _LANE_TYPE.as_pointer()), align=4)
+
+
+def _record_pointers(builder: Any, records: Any, rows: Any, first: Any) -> list[Any]:
+    """Return the pointers to the records of four rows."""
+    return [
+        _record_pointer(builder, records, _load_row(builder, rows, first, k))
+        for k in range(GROUP_SIZE)
+    ]
 
 
 def _load_row(builder: Any, rows: Any, contact: Any, k: int) -> Any:

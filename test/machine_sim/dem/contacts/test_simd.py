@@ -1,4 +1,4 @@
-"""Gather and scatter of four contacts at a time, compared with NumPy."""
+"""Gather and scatter of four contacts or bodies at a time, compared with NumPy."""
 
 import numpy as np
 from numba import njit
@@ -23,8 +23,12 @@ from machine_sim.dem.contacts.simd import (
     ROLLING_LIMIT,
     SURFACE_VELOCITY_SUM,
     TORQUE_OVER_RADIUS,
+    add_forces,
+    gather_motion,
+    gather_records,
     gather_relative_motion,
     scatter_forces,
+    scatter_records,
 )
 
 STRIDE = 12
@@ -38,6 +42,26 @@ def gather(body, first, second, contact, scratch, slot):
 @njit
 def scatter(body, force_sums, first, second, contact, scratch, slot):
     scatter_forces(body, force_sums, first, second, contact, scratch, STRIDE, slot)
+
+
+@njit
+def gather_one(body, row, contact, scratch, slot):
+    gather_motion(body, row, contact, scratch, STRIDE, slot)
+
+
+@njit
+def add_to_one(force_sums, row, contact, scratch, slot):
+    add_forces(force_sums, row, contact, scratch, STRIDE, slot)
+
+
+@njit
+def gather_all_columns(records, row, first, scratch, slot):
+    gather_records(records, row, first, scratch, STRIDE, slot)
+
+
+@njit
+def scatter_all_columns(records, row, first, scratch, slot):
+    scatter_records(records, row, first, scratch, STRIDE, slot)
 
 
 def vector(start):
@@ -87,3 +111,43 @@ def test_scatters_to_both_bodies_where_contacts_share_one():
             )
     scatter(body, sums, first, second, 0, scratch.reshape(-1), 4)
     np.testing.assert_allclose(sums, expected, rtol=1e-5, atol=1e-5)
+
+
+def test_gathers_and_adds_to_bodies_in_contact_with_something_at_rest():
+    body, row, _ = contacts()
+    scratch = np.zeros(9 * STRIDE, np.float32)
+    gather_one(body, row, 4, scratch, 8)
+    found = scratch.reshape(9, STRIDE)
+    own = body[row[4:]]
+    for quantity, column in (
+        (RELATIVE_DISPLACEMENT, DISPLACEMENT),
+        (RELATIVE_VELOCITY, VELOCITY),
+        (SURFACE_VELOCITY_SUM, SURFACE_VELOCITY),
+    ):
+        np.testing.assert_array_equal(found[vector(quantity), 8:], own[:, vector(column)].T)
+    assert not found[:, :8].any(), "written outside the slots of the group"
+
+    scratch = np.random.default_rng(2).normal(size=(7, STRIDE)).astype(np.float32)
+    sums = np.random.default_rng(3).normal(size=(6, FORCE_RECORD_SIZE)).astype(np.float32)
+    expected = sums.astype(np.float64)
+    for slot, i in enumerate(row[:GROUP_SIZE], start=4):  # three of them are the same body
+        expected[i, vector(FORCE_SUM)] += scratch[vector(FORCE), slot]
+        expected[i, ROLLING_LIMIT_SUM] += scratch[ROLLING_LIMIT, slot]
+        expected[i, vector(TORQUE_SUM)] += scratch[vector(TORQUE_OVER_RADIUS), slot]
+    add_to_one(sums, row, 0, scratch.reshape(-1), 4)
+    np.testing.assert_allclose(sums, expected, rtol=1e-5, atol=1e-5)
+
+
+def test_gathers_and_scatters_whole_records():
+    body, _, row = contacts()
+    scratch = np.zeros(BODY_RECORD_SIZE * STRIDE, np.float32)
+    gather_all_columns(body, row, 1, scratch, 4)
+    found = scratch.reshape(BODY_RECORD_SIZE, STRIDE)
+    np.testing.assert_array_equal(found[:, 4:8], body[row[1:5]].T)
+    outside = np.delete(found, slice(4, 8), axis=1)
+    assert not outside.any(), "written outside the slots of the group"
+    copy = np.zeros_like(body)
+    scatter_all_columns(copy, row, 1, scratch, 4)
+    expected = np.zeros_like(body)
+    expected[row[1:5]] = body[row[1:5]]
+    np.testing.assert_array_equal(copy, expected)
