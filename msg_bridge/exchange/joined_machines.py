@@ -41,6 +41,11 @@ class JoinedMachines:
         return tuple(sorted(self._sessions))
 
     @property
+    def complete(self) -> tuple[int, ...]:
+        """Ids of the machines whose part of the next tick is complete, ascending."""
+        return tuple([n for n in self.ids if self._sessions[n].is_complete()])
+
+    @property
     def late(self) -> tuple[int, ...]:
         """Ids of the machines whose part of the next tick is incomplete, ascending."""
         return tuple(n for n in self.ids if not self._sessions[n].is_complete())

@@ -66,7 +66,10 @@ class SessionKey(NamedTuple):
 
     def receipt(self, header: SoilHeader) -> MachineReceipt | None:
         """Return the receipt of this session in a soil header, None if there is none."""
-        return next((receipt for receipt in header.receipts if self.matches(receipt)), None)
+        for receipt in header.receipts:
+            if self.matches(receipt):
+                return receipt
+        return None
 
     def request(self, stream: Stream, span: RowRange) -> RetransmitRequest:
         """Return a request for rows of this session, or for headers from tick `span.first` on."""

@@ -186,10 +186,10 @@ class SoilExchange:
             if not self._expected <= self._admission.waiting:
                 return None
             return TickInput(0, empty_rows(SWEEP), empty_rows(DEPOSIT_REQUEST))
-        late = self.late
-        if wait and (late or not (self._machines or self._admission.waiting)):
+        in_tick = self._machines.complete
+        is_late = len(in_tick) < len(self._machines)
+        if wait and (is_late or not (self._machines or self._admission.waiting)):
             return None
-        in_tick = tuple(n for n in self.joined if n not in late)
         parts = [self._checked_rows(self._machines[machine_id]) for machine_id in in_tick]
         self._machines_in_tick = in_tick
         return TickInput(

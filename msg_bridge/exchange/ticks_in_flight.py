@@ -136,10 +136,12 @@ class TicksInFlight:
         answer = self._ticks[0].answer if self._ticks else None
         if answer is None:
             return None
-        spans = self._spans(answer)
-        if self._missing(spans):
-            return None
-        rows = {stream: self._receive_buffers[stream].rows(span) for stream, span in spans.items()}
+        rows = {}
+        for stream, span in self._spans(answer).items():
+            buffer = self._receive_buffers[stream]
+            if buffer.missing(span):
+                return None
+            rows[stream] = buffer.rows(span)
         return CompletedTick(self._ticks[0].sent, answer, rows)
 
     def check_row_digests(self, completed: CompletedTick) -> None:

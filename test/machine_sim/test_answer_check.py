@@ -93,6 +93,8 @@ def test_valid_answer_is_accepted(sim: MachineSim, answer: Answer) -> None:
         (break_field("forces", 0, "x", np.nan), ErrorCode.VALUE),
         (break_field("forces", 0, "tool", 9), ErrorCode.VALUE),
         (break_field("forces", 0, "reaction", 3), ErrorCode.VALUE),
+        (break_field("forces", 0, "work", np.nan), ErrorCode.VALUE),
+        (break_field("forces", 0, "work", -1.0), ErrorCode.VALUE),
         (break_field("conversions", 0, "kind", 4), ErrorCode.VALUE),
         (break_field("conversions", 0, "x", np.nan), ErrorCode.VALUE),
         (break_field("conversions", 0, "z", -np.inf), ErrorCode.VALUE),
