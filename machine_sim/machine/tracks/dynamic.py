@@ -47,6 +47,10 @@ __all__ = ["DynamicTracks"]
 _MAX_STIFF_AXLE_LOAD = 0.3
 """Load up to which the ground below an axle is stiff, see `axle_coefficients`."""
 
+_MAX_STIFF_RAIL_LOAD = 0.05
+"""Maximum load of a contact point of a sole below the rail on rigid ground, as a fraction of the
+machine's weight; more is an impact at a step."""
+
 _MAX_BELT_ACCELERATION = 2.0
 """Maximum acceleration of a belt [m/s^2]; above it the slack run buckles."""
 
@@ -102,6 +106,8 @@ class DynamicTracks(TrackBase):
                 tangential_stiffness=0.25 * tracks.tangential_stiffness,
                 tangential_damping=0.25 * tracks.tangential_damping,
                 friction=tracks.friction,
+                max_stiff_load=_MAX_STIFF_RAIL_LOAD * spec.mass * GRAVITY,
+                residual_stiffness=0.0,
             )
         )
         self._axle_contacts = ContactPoints.inactive(NUM_AXLE_POINTS)
@@ -282,10 +288,10 @@ class DynamicTracks(TrackBase):
         """
         limit = _MAX_PATH_DEVIATION * self.spec.tracks.sprocket_radius
         com, rotation, velocity, angular_velocity = motion
-        arm = rotation @ np.array(self.spec.links[BASE].center_of_mass)
         for side, deviation in enumerate(self._bodies.path_deviations.tolist()):
             if not deviation > limit:
                 continue
+            arm = rotation @ np.array(self.spec.links[BASE].center_of_mass)
             origin_velocity = velocity - np.cross(angular_velocity, arm)
             self._chains.place(side, com - arm, rotation, origin_velocity, angular_velocity)
             for joint in (self._sprockets[side], self._idlers[side]):

@@ -51,6 +51,11 @@ _HINGE_OFFSET_FACTOR = 0.83
 _MAX_CONSTRAINT_FORCE = 1e7
 """Maximum force of a constraint [N]; pybullet's default of 500 is too weak for the chain."""
 
+_NUM_SOLVER_ITERATIONS = 30
+"""Iterations of the constraint solver. With these, and friction in two directions, not in a cone, a
+step of the engine takes two thirds of its time with pybullet's defaults; hinges gape by 14 mm
+instead of 9 mm at most."""
+
 
 class ShoeChains:
     """The shoes of both tracks, left track first."""
@@ -66,6 +71,11 @@ class ShoeChains:
             position, rotation: pose of the base frame, map frame [m], shapes (3,) and (3, 3).
         """
         self._client, self._tracks = client, tracks
+        pybullet.setPhysicsEngineParameter(
+            numSolverIterations=_NUM_SOLVER_ITERATIONS,
+            enableConeFriction=0,
+            physicsClientId=client,
+        )
         self._shoes: list[int] = []
         joints = range(pybullet.getNumJoints(body, client))
         links = {pybullet.getJointInfo(body, i, client)[1].decode(): i for i in joints}
