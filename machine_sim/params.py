@@ -24,7 +24,7 @@ class MachineSimParams(Parameters):
     track_model: Literal["kinematic", "dynamic"] = parameter(
         "kinematic",
         "kinematic: shoes follow the path of the belt; dynamic: rigid shoes hinged to each other"
-        " and driven by the sprocket, 1 ms of computation per step",
+        " and driven by the sprocket, 0.6 ms of computation per step",
         choices=TRACK_MODELS,
     )
     max_releases_per_tick: int = parameter(

@@ -338,14 +338,18 @@ def _add_sole_forces(  # type: ignore[no-untyped-def]
             load = soft_load + rail_load
             if rail_load > 0.0:
                 depth = rail_depth
-        if not load > 0.0:
+        tx, ty, tz = 0.0, 0.0, 0.0
+        if load > 0.0:
+            total_load += load
+            load_depth += load * depth
+            tx, ty, tz = shear_force(
+                point, point, velocity, normal, load, coefficients, area, soil, points, c
+            )
+        else:
             points.is_active[c] = False
-            continue
-        total_load += load
-        load_depth += load * depth
-        tx, ty, tz = shear_force(
-            point, point, velocity, normal, load, coefficients, area, soil, points, c
-        )
+            if soft_load == 0.0:
+                continue
+        # The whole force of the ground on the shoe, also where the rail takes all of it off again.
         force = (
             tx + soft_load * normal[0],
             ty + soft_load * normal[1],

@@ -4,7 +4,8 @@ A shoe is too light for a spring as stiff as the ground: it would oscillate from
 the ground's force at a contact point of a shoe has two parts. The one on the shoe is that of a
 softer spring. The other one is what a sole pressed against the rail would carry in addition; it
 acts on the heavy base. Their sum is the load of a track on a rigid rail, which is straight from
-axle to axle, as long as the shoe is below the rail.
+axle to axle. Where the shoe carries more than that sole, the difference is taken off the base, but
+not more than the shoe presses on the rail there: the ground pushes, it does not pull.
 """
 
 from __future__ import annotations
