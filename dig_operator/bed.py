@@ -5,7 +5,10 @@ from __future__ import annotations
 from machine_sim.machine import MachineError, MachineSpec
 from machine_sim.machine.tools.bed import BedShape
 
-__all__ = ["bed_joint", "bed_of", "has_bed"]
+__all__ = ["EMPTY_FILL", "bed_joint", "bed_of", "has_bed"]
+
+EMPTY_FILL = 0.02
+"""Fill of a bed at which it counts as empty, and change of the fill that begins a load."""
 
 
 def has_bed(spec: MachineSpec) -> bool:

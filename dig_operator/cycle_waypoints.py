@@ -71,7 +71,8 @@ class WaypointPlanner:
         dump_target: where to dump.
         kinematics: kinematics of the bucket.
         plan: plan of the present pass.
-        plan_fraction: volume of the plan, as a fraction of what the pass should sweep.
+        plan_fraction: volume of the plan, as a fraction of what a pass should sweep by
+            `target_fill` of the behaviour, or of the adapted volume where that is less.
     """
 
     def __init__(
@@ -120,7 +121,10 @@ class WaypointPlanner:
         radius, surface = self._survey.surface_profile(observation, self._pass_azimuth)
         volume = self._capacity * target_fill
         self.plan = plan_dig(radius, surface, reach, volume)
-        self.plan_fraction = self.plan.volume / volume
+        # Undug ground may have less than an adapted volume: then it is not dug out.
+        self.plan_fraction = self.plan.volume / min(
+            volume, self._capacity * self.params.target_fill
+        )
         self._attitudes = self._plan_attitudes()
 
     def reach(self, observation: Observation, pose: BucketPose) -> Motion:

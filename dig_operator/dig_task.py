@@ -79,7 +79,7 @@ class DigTask:
         self.station = 0
         self._stations = DigStations(0.0, 0.0, 0.0, params.station_spacing, 1)
         self._first_report = 0  # of the present station
-        self._planned_cycle = 0  # of which the plan has been judged
+        self._planned_cycle = 0  # of which the plan has been judged; 0: none at this station
         self._dig_cycle: DigCycle | None = None
         self._target: DumpTarget | None = None
         self._drive = self._create_drive()
@@ -203,25 +203,32 @@ class DigTask:
         try:
             command = dig_cycle.command(observation, dt)
         except ReachError as error:
-            self._abort(str(error), observation)
+            is_reaching = dig_cycle.phase is OperatorPhase.REACH  # no ground is left in reach
+            if is_reaching and self._has_next_station(observation):
+                dig_cycle.stow()
+            else:
+                self._abort(str(error), observation)
             return _standstill()
         self.phase = dig_cycle.phase
-        self._judge_place(dig_cycle, observation)
+        self._stow_if_exhausted(dig_cycle, observation)
         if dig_cycle.is_stowed:
             self.station += 1
             self._first_report = len(dig_cycle.reports)
             self._drive = self._create_drive()
+            self._planned_cycle = 0
             self._enter_phase(OperatorPhase.RETREAT, observation)
         return command
 
-    def _judge_place(self, dig_cycle: DigCycle, observation: Observation) -> None:
+    def _has_next_station(self, observation: Observation) -> bool:
+        return self._stations.exists(self.station + 1, observation.grid)
+
+    def _stow_if_exhausted(self, dig_cycle: DigCycle, observation: Observation) -> None:
         """Once in each cycle, stow the bucket to move on if the ground in reach is dug out."""
         plan_fraction = dig_cycle.plan_fraction
         if plan_fraction is None or dig_cycle.cycle == self._planned_cycle:
             return
         self._planned_cycle = dig_cycle.cycle
-        has_next = self._stations.exists(self.station + 1, observation.grid)
-        if not has_next:
+        if not self._has_next_station(observation):
             if plan_fraction < _DUG_OUT_FRACTION:
                 self._abort(
                     f"the ground in reach of the last of {self.station + 1} stations is dug out",

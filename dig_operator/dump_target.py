@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dig_operator.bed import bed_joint, bed_of, has_bed
+from dig_operator.bed import EMPTY_FILL, bed_joint, bed_of, has_bed
 from dig_operator.bucket_kinematics import BucketKinematics
 from dig_operator.observation import Observation
 from dig_operator.observed_machine import ObservedMachine
@@ -30,9 +30,6 @@ _MAX_LOWERED_ANGLE = 0.06
 
 _MAX_AGE = 0.5
 """Age of the last state of a machine from which on it is not known where it is [s]."""
-
-_EMPTY_FILL = 0.02
-"""Fill of a bed at which it counts as empty; as for the operator of a dumper."""
 
 _EMPTIED_FRACTION = 0.5
 """Fraction of the maximum fill below which a bed has been emptied, and a new load begins; some soil
@@ -132,6 +129,7 @@ class BedTarget:
         self._num_dumps = 0  # into the present load
         self._is_counted = False  # the present load
         self._max_fill = 0.0  # of the present load
+        self._initial_fill = math.inf  # of the present load: what sticks to the bed
         self._dump_position: NDArray[np.float64] | None = None  # of the machine at the last dump
         self.num_loads, self.is_loading = 0, False
 
@@ -143,9 +141,11 @@ class BedTarget:
         self._max_fill = max(self._max_fill, truck.fill)
         if truck.fill < _EMPTIED_FRACTION * self._max_fill:
             self._num_dumps, self._is_counted, self._max_fill = 0, False, 0.0
+            self._initial_fill = truck.fill
+        self._initial_fill = min(self._initial_fill, truck.fill)
         if self._has_left(observation, truck):
             self._count_load()
-        self.is_loading = not self._is_counted and truck.fill > _EMPTY_FILL
+        self.is_loading = not self._is_counted and truck.fill > self._initial_fill + EMPTY_FILL
 
     def find_obstacle(self, observation: Observation, *, is_swinging: bool) -> str:
         """Return why the bucket cannot be dumped into the bed now; empty if it can."""
@@ -202,8 +202,10 @@ class BedTarget:
             self._is_counted = True
 
     def _has_left(self, observation: Observation, truck: ObservedMachine) -> bool:
-        """Return whether the machine has been driven away since the last dump, and not only this
-        one, or both along the dig."""
+        """Return whether the machine has been driven away since the last dump.
+
+        False if only the excavator moved, or both moved along the dig.
+        """
         if self._num_dumps == 0 or self._dump_position is None:
             return False
         distance = float(np.linalg.norm(truck.base_position - self._dump_position))

@@ -75,6 +75,13 @@ class HaulTaskParams(Parameters):
             raise ParameterError(
                 f"HaulTaskParams.via has {len(self.via)} numbers; give x and y of each point"
             )
+        num_places = self.tip_rows * self.tip_columns
+        if self.loads > num_places and self.duration == 0.0:
+            raise ParameterError(
+                f"HaulTaskParams.loads is {self.loads}, and the tip area has {num_places} places,"
+                f" {self.tip_rows} rows of {self.tip_columns}; increase tip_rows or tip_columns,"
+                " haul fewer loads, or set a duration"
+            )
         depth = self.tip_row_spacing * (self.tip_rows - 1)
         if depth > self.tip_approach:
             raise ParameterError(

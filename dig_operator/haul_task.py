@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dig_operator.bed import bed_joint
+from dig_operator.bed import EMPTY_FILL, bed_joint
 from dig_operator.haul_params import HaulTaskParams
 from dig_operator.observation import Command, Observation
 from dig_operator.phases import OperatorPhase
@@ -28,9 +28,6 @@ from machine_sim.machine import MachineSpec
 __all__ = ["HaulTask", "LoadReport"]
 
 Array = NDArray[np.float64]
-
-_EMPTY_FILL = 0.02
-"""Fill of the bed at which it counts as empty."""
 
 _PULL_OFF_SPEED = 0.6
 """Speed while the raised bed empties [m/s]."""
@@ -110,6 +107,7 @@ class HaulTask:
         self._lines: list[Line] = []  # left to drive in the present phase
         self._start_time: float | None = None
         self._round_start_time = self._phase_start_time = 0.0
+        self._initial_fill = 0.0  # of the present round: what sticks to the bed
         self._loading_since: float | None = None  # in the present round
         self._loading_time = 0.0
         self._is_full = False  # since it is being loaded; the soil settles afterwards
@@ -155,7 +153,7 @@ class HaulTask:
         if not self.done and elapsed > timeout:
             self.abort(f"the task was not finished within {timeout:g} s of simulation time")
         is_late = 0.0 < self._params.duration <= elapsed
-        if is_late and self.phase in _EMPTY_PHASES and observation.fill <= _EMPTY_FILL:
+        if is_late and self.phase in _EMPTY_PHASES and not self._is_loaded(observation):
             self.phase = OperatorPhase.DONE
         self.wait_reason = ""
         if self.done:
@@ -190,17 +188,24 @@ class HaulTask:
     def _begin_round(self, observation: Observation) -> None:
         """Return for a load, if there is a place to tip it at."""
         self._round_start_time, self._loading_since = observation.time, None
+        self._initial_fill = observation.fill
         assert self._tip_area is not None
         area = self._tip_area
-        if area.place(len(self.reports)) is None:
+        if area.place(len(self.reports)) is not None:
+            self._enter(OperatorPhase.APPROACH, observation)
+        elif self.reports and self._params.duration > 0.0:
+            self._enter(OperatorPhase.DONE, observation)
+        else:
             left_out = area.num_planned - area.num_places
             off_map = f", {left_out} others are not on the map" if left_out else ""
             self.abort(
                 f"the tip area is full: it has {area.num_places} places{off_map}; set"
                 " haul.tip_columns and haul.tip_rows"
             )
-        else:
-            self._enter(OperatorPhase.APPROACH, observation)
+
+    def _is_loaded(self, observation: Observation) -> bool:
+        """Return whether soil was loaded in this round."""
+        return observation.fill > self._initial_fill + EMPTY_FILL
 
     def _spot(self, observation: Observation) -> Place:
         """Return the place of loading, beside the machine that loads if it is named."""
@@ -273,7 +278,7 @@ class HaulTask:
         """Raise the bed."""
         velocity = self._bed_velocity(observation, self._raised_angle)
         is_late = observation.time - self._phase_start_time > self._params.tip_timeout
-        if velocity == 0.0 or is_late or observation.fill <= _EMPTY_FILL:
+        if velocity == 0.0 or is_late or observation.fill <= EMPTY_FILL:
             self._enter(OperatorPhase.PULL_OFF, observation)
         return self._command(velocity, self._drive.stop(dt))
 
@@ -281,7 +286,7 @@ class HaulTask:
         """Drive forward with the raised bed."""
         tracks, is_done = self._follow(observation, _PULL_OFF_SPEED, dt)
         elapsed = observation.time - self._phase_start_time
-        is_empty = observation.fill <= _EMPTY_FILL or elapsed > self._params.tip_timeout
+        is_empty = observation.fill <= EMPTY_FILL or elapsed > self._params.tip_timeout
         if is_done and is_empty:
             self._enter(OperatorPhase.LOWER, observation)
         return self._command(self._bed_velocity(observation, self._raised_angle), tracks)

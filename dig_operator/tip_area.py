@@ -48,7 +48,7 @@ class Place(NamedTuple):
 
 
 class TipArea:
-    """Places in rows; those of which place or approach is off the map are left out."""
+    """Places in rows. Places that, or whose approach, are off the map are left out."""
 
     def __init__(self, params: HaulTaskParams, grid: Grid) -> None:
         """

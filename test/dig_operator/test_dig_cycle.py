@@ -5,11 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.operator_scenes import ARM, MACHINE, KinematicDig, tilted
+from support.operator_scenes import ARM, MACHINE, KinematicDig, observation, tilted
 
 from dig_operator import BehaviourParams, DigCycle
 from dig_operator.cycle_waypoints import WaypointPlanner
 from dig_operator.dump_target import HeapTarget
+from dig_operator.params import DigTaskParams
 from machine_sim.machine.arm_kinematics import tool_pose
 
 DT = 0.02
@@ -108,6 +109,15 @@ def test_durations_do_not_include_the_time_before_the_first_cycle(good):
     durations = [report.duration for report in good.dig_cycle.reports]
     assert sum(durations) == pytest.approx(len(good.steps) * DT, abs=2 * DT)
     assert durations[1] == pytest.approx(durations[0], abs=5.0)
+
+
+@pytest.mark.parametrize("target_fill", [1.0, 1.6, 2.0])
+def test_undug_ground_is_enough_for_any_adapted_volume(target_fill):
+    planner = WaypointPlanner(
+        MACHINE, BehaviourParams(), dig_azimuth=0.0, dump_target=HeapTarget(1.5, 6.0)
+    )
+    planner.plan_pass(observation(), target_fill, is_first=True)
+    assert planner.plan_fraction > DigTaskParams().min_plan_fraction
 
 
 def test_bucket_that_is_not_full_digs_another_pass():

@@ -32,6 +32,7 @@ class FakeDigCycle:
         self.start_time: float | None = None
         self.failure_time = math.inf
         self.plan_fraction, self.is_stowed = 1.0, False
+        self.initial_plan_fraction = 1.0  # at each further station
 
     @property
     def cycle(self) -> int:
@@ -41,7 +42,8 @@ class FakeDigCycle:
         self.is_stowed = True
 
     def resume(self) -> None:
-        self.is_stowed, self.plan_fraction = False, 1.0
+        self.is_stowed, self.start_time = False, None
+        self.plan_fraction = self.initial_plan_fraction
 
     def command(self, observed: Observation, dt: float) -> Command:
         self.start_time = observed.time if self.start_time is None else self.start_time
@@ -218,6 +220,29 @@ def test_machine_moves_on_by_a_station_where_the_ground_is_dug_out(
     assert len(drive.task.reports) == 4
 
 
+def test_first_cycle_of_a_station_is_judged(dig_cycles: list[FakeDigCycle]) -> None:
+    drive = KinematicDrive(cycles=9, approach_distance=0.0, stations=3, station_spacing=1.5)
+    drive.run_until(OperatorPhase.DIG)
+    dig_cycles[0].plan_fraction = dig_cycles[0].initial_plan_fraction = 0.5
+    drive.run_until(OperatorPhase.RETREAT)
+    num_cycles = len(drive.task.reports)
+    drive.run_until(OperatorPhase.BRACE)
+    drive.run_until(OperatorPhase.RETREAT)
+    assert drive.task.station == 2
+    assert len(drive.task.reports) == num_cycles
+
+
+def test_machine_moves_on_where_no_ground_is_in_reach(dig_cycles: list[FakeDigCycle]) -> None:
+    drive = KinematicDrive(cycles=2, approach_distance=0.0, stations=2, station_spacing=1.5)
+    drive.run_until(OperatorPhase.DIG)
+    dig_cycles[0].phase, dig_cycles[0].failure_time = OperatorPhase.REACH, drive.time
+    drive.step()
+    dig_cycles[0].failure_time = math.inf
+    drive.run_until(OperatorPhase.DONE)
+    assert drive.task.abort_reason == ""
+    assert drive.task.station == 1
+
+
 def test_retreat_stops_before_another_machine(dig_cycles: list[FakeDigCycle]) -> None:
     drive = KinematicDrive(cycles=9, approach_distance=0.0, stations=2, station_spacing=2.0)
     drive.run_until(OperatorPhase.DIG)
@@ -249,6 +274,7 @@ def test_task_of_a_duration_ends_between_two_loads(dig_cycles: list[FakeDigCycle
     drive.run_until(OperatorPhase.DIG)
     target = dig_cycles[0].dump_target
     target.count_dump(replace(observation(), others=drive.others))
+    target.watch(replace(observation(), others=(truck_at(0.0, 5.8),)))
     for _ in range(250):
         target.watch(replace(observation(), others=drive.others))
         drive.step()

@@ -63,6 +63,14 @@ def test_load_is_not_counted_when_the_excavator_moves_along() -> None:
     moved = replace(seen(truck(fill=0.4)), base_position=np.array([-5.0, 0.0, 0.0]))
     bed.watch(moved)
     assert bed.num_loads == 0
+
+
+def test_load_begins_above_what_sticks_to_the_bed() -> None:
+    bed = target()
+    for fill, is_loading in [(0.0, False), (0.4, True), (0.8, True), (0.3, False), (0.1, False)]:
+        bed.watch(seen(truck(fill=fill)))
+        assert bed.is_loading is is_loading, fill
+    bed.watch(seen(truck(fill=0.2)))
     assert bed.is_loading
 
 

@@ -124,12 +124,19 @@ def test_dumper_does_not_follow_below_a_bucket() -> None:
     assert "digger" in dumper.task.wait_reason
 
 
-def test_task_ends_when_the_tip_area_is_full() -> None:
-    dumper = KinematicDumper(loads=5, tip_columns=1, tip_rows=2).run_until("done", 600.0)
+def test_task_is_aborted_when_the_part_of_the_tip_area_on_the_map_is_full() -> None:
+    dumper = KinematicDumper(loads=5, tip_columns=5, tip_spacing=10.0).run_until("done", 600.0)
     assert len(dumper.task.reports) == 2
-    assert "2 places" in dumper.task.abort_reason
-    assert dumper.places["tip"][1] == pytest.approx(-0.5 + 4.5, abs=0.15)
+    assert "2 places, 3 others" in dumper.task.abort_reason
     assert dumper.bed == pytest.approx(0.0, abs=0.03)
+
+
+def test_task_of_a_duration_ends_when_the_tip_area_is_full() -> None:
+    params = {"loads": 5, "duration": 1000.0, "tip_columns": 1, "tip_rows": 2}
+    dumper = KinematicDumper(**params).run_until("done", 600.0)
+    assert len(dumper.task.reports) == 2
+    assert dumper.task.abort_reason == ""
+    assert dumper.places["tip"][1] == pytest.approx(-0.5 + 4.5, abs=0.15)
 
 
 def test_empty_dumper_ends_after_the_duration_and_a_loaded_one_after_its_round() -> None:
@@ -145,6 +152,17 @@ def test_empty_dumper_ends_after_the_duration_and_a_loaded_one_after_its_round()
     empty.run_until("done")
     assert empty.task.reports == []
     assert empty.time == pytest.approx(20.0, abs=0.1)
+
+
+def test_dumper_with_soil_that_sticks_ends_after_the_duration() -> None:
+    dumper = KinematicDumper(loads=9, duration=80.0, tip_timeout=10.0)
+    dumper.run_until("haul")
+    while len(dumper.task.reports) < 1:
+        dumper.fill = max(dumper.fill, 0.1)
+        dumper.step()
+    dumper.filling_rate = 0.0
+    dumper.run_until("done")
+    assert len(dumper.task.reports) == 1
 
 
 def test_task_is_aborted_when_the_bed_is_not_lowered() -> None:

@@ -57,6 +57,12 @@ def test_heading_is_that_of_the_parameter() -> None:
     assert place.yaw == pytest.approx(-0.5 * math.pi)
 
 
+def test_loads_must_have_a_place_unless_the_duration_ends_them() -> None:
+    with pytest.raises(ParameterError, match=r"7.*6 places.*tip_rows"):
+        area(loads=7, tip_columns=3, tip_rows=2)
+    assert area(loads=7, tip_columns=3, tip_rows=2, duration=60.0).num_planned == 6
+
+
 def test_rows_must_fit_into_the_approach() -> None:
     with pytest.raises(ParameterError, match="approach"):
         area(tip_rows=4, tip_row_spacing=5.0)
