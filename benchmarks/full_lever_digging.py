@@ -3,13 +3,14 @@
     python -m benchmarks.full_lever_digging                 # all scenes, about 15 minutes
     python -m benchmarks.full_lever_digging --scenes swing  # the windrow of a swing
 
-Three scenes of the excavator on nearly level loam. `swing` lowers the bucket into the ground and
-swings it through 150 degrees. `stop` digs, and stops all levers when the bucket is filled in part.
-`joystick` moves each lever at random from end to end.
+Three scenes of the excavator on nearly level loam. `swing` lowers the bucket slowly to a depth, and
+swings it through the ground at full lever. `stop` digs, and stops all levers when the bucket is
+filled in part. `joystick` moves each lever at random from end to end.
 
 Prints a row for each run: the maximum fill; the speed of the fastest particle in excess of 1.5
 times that of the fastest point of the tool and of the free fall from its highest point in the last
-two seconds; the largest force of the soil on the tool; the soil cut, and where it is at the end.
+two seconds; the largest force of the particles and of the ground on the tool, the latter upward
+where the boom lifts the tracks and the machine stands on its bucket; the soil cut.
 """
 
 from __future__ import annotations
@@ -62,6 +63,9 @@ STOP_TILT = 0.35
 
 DEMO_SOIL = SoilParams(repose_angle=35.0, swell=0.15)
 """Loam without cohesion, as in `config/demo.yaml`: it resists least, and flows at once."""
+
+LOWERING_LEVER, SWING_DEPTH = 0.15, 0.4
+"""Lever of the boom, and depth [m], at which it is released, before a swing through the ground."""
 
 LEVERS_AT_REST = (0, 0, 0, 0)
 
@@ -148,12 +152,12 @@ class LeverRun:
     def _soil_params(self) -> SoilParams:
         return SoilParams(soil=self.soil) if self.soil else DEMO_SOIL
 
-    def hold(self, levers: tuple[int, ...], seconds: float) -> None:
+    def hold(self, levers: tuple[float, ...], seconds: float) -> None:
         """Hold levers, -1 to 1 for each joint, for a time."""
         self.hold_until(levers, lambda: False, seconds)
 
     def hold_until(
-        self, levers: tuple[int, ...], is_reached: Callable[[], bool], seconds: float
+        self, levers: tuple[float, ...], is_reached: Callable[[], bool], seconds: float
     ) -> bool:
         """Hold levers until a condition holds, at most for a time; return whether it does."""
         self.sim.command(self._velocities * levers, np.zeros(2))
@@ -210,10 +214,10 @@ class LeverRun:
 
 
 def swing(run: LeverRun, seconds: float) -> None:
-    """Fill the bucket in part, and swing it through the ground."""
-    run.hold_until((0, 1, 0, 0), lambda: run.depth > 0.35, 4.0)
-    run.hold_until((0, 0, 1, 0), lambda: run.sim.payload.fill > 0.6, 2.0)
-    run.hold((1, 0, 0, 0), min(seconds, 2.0))
+    """Lower the bucket into the ground, and swing it through it at full lever."""
+    run.hold_until((0, LOWERING_LEVER, 0, 0), lambda: run.depth > SWING_DEPTH, 10.0)
+    run.hold(LEVERS_AT_REST, 0.5)
+    run.hold((1, 0, 0, 0), min(seconds, 4.0))
     run.hold(LEVERS_AT_REST, 1.0)
 
 
