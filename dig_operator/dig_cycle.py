@@ -86,6 +86,7 @@ class DigCycle:
         cycle: number of the present cycle, from 1.
         reports: one report per finished cycle.
         wait_reason: what it waits for in the phase `WAIT`, for the user; else empty.
+        has_dug: whether the bucket has been lowered to the ground in the present cycle.
         is_stowed: whether the bucket has been stowed, so that the machine can drive.
     """
 
@@ -99,7 +100,7 @@ class DigCycle:
         self.cycle = 1
         self.reports: list[CycleReport] = []
         self.wait_reason = ""
-        self.is_stowed = False
+        self.has_dug = self.is_stowed = False
         self._planner = planner
         self._plan_motion: dict[OperatorPhase, Callable[[Observation, BucketPose], Motion]] = {
             OperatorPhase.REACH: self._planner.reach,
@@ -159,7 +160,7 @@ class DigCycle:
     def plan_fraction(self) -> float | None:
         """Volume of the plan of a cycle's first pass, as a fraction of what the pass should sweep,
         while the bucket moves to where it begins; else None."""
-        is_first = self.phase is OperatorPhase.REACH and self._num_passes == 1
+        is_first = self._num_passes == 1 and not self.has_dug and self.phase is OperatorPhase.REACH
         return self._planner.plan_fraction if is_first else None
 
     def stow(self) -> None:
@@ -168,6 +169,7 @@ class DigCycle:
 
     def resume(self) -> None:
         """Begin a cycle where the machine stands now."""
+        self.has_dug = False
         self.phase, self._motion, self.is_stowed = OperatorPhase.REACH, None, False
         self._num_passes, self._cycle_start_time = 0, None
         self._joint_velocities = np.zeros(4)
@@ -215,7 +217,7 @@ class DigCycle:
                 self._planned_volume = self._planner.plan.volume
             self._num_passes += 1
         elif self.phase is OperatorPhase.DIG:
-            self._dig_base_rotation = observation.base_rotation
+            self._dig_base_rotation, self.has_dug = observation.base_rotation, True
         return self._plan_motion[self.phase](observation, pose)
 
     def _end_phase(self, observation: Observation, dt: float) -> None:
@@ -264,7 +266,7 @@ class DigCycle:
             )
         )
         self._adapt_target_fill()
-        self._has_arrived = False
+        self._has_arrived = self.has_dug = False
         self.cycle += 1
         self._num_passes = 0
         self._cycle_start_time = observation.time

@@ -80,6 +80,7 @@ class DigTask:
         self._stations = DigStations(0.0, 0.0, 0.0, params.station_spacing, 1)
         self._first_report = 0  # of the present station
         self._planned_cycle = 0  # of which the plan has been judged; 0: none at this station
+        self._is_complete = False
         self._dig_cycle: DigCycle | None = None
         self._target: DumpTarget | None = None
         self._drive = self._create_drive()
@@ -185,8 +186,9 @@ class DigTask:
             return self._dig_cycle.wait_reason
         return ""
 
-    def _is_complete(self, dig_cycle: DigCycle, observation: Observation) -> bool:
-        """Whether all loads, or all cycles of a task without a truck, are done, or it is time."""
+    def _find_completion(self, dig_cycle: DigCycle, observation: Observation) -> bool:
+        """Whether all loads, or all cycles of a task without a truck, are done, or the duration has
+        passed and no load has begun."""
         params = self._params
         is_late = 0.0 < params.duration <= self._elapsed(observation)
         if isinstance(self._target, BedTarget):
@@ -195,9 +197,12 @@ class DigTask:
         return is_late or len(dig_cycle.reports) >= params.cycles
 
     def _dig(self, dig_cycle: DigCycle, observation: Observation, dt: float) -> Command:
+        # A load begins with the swing of its first bucket; WAIT comes before.
+        if not dig_cycle.has_dug or dig_cycle.phase is OperatorPhase.WAIT:
+            self._is_complete = self._find_completion(dig_cycle, observation)
         # Above a truck the bucket would be in the way.
         is_above_truck = bool(self._params.truck) and dig_cycle.phase in _PHASES_FROM_DUMP
-        if self._is_complete(dig_cycle, observation) and not is_above_truck:
+        if self._is_complete and not is_above_truck:
             self._enter_phase(OperatorPhase.SETTLE, observation)
             return _standstill()
         try:

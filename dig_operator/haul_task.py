@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dig_operator.bed import EMPTY_FILL, bed_joint
+from dig_operator.haul_lines import distance_left, line_to, polyline
 from dig_operator.haul_params import HaulTaskParams
 from dig_operator.observation import Command, Observation
 from dig_operator.phases import OperatorPhase
@@ -39,15 +40,21 @@ _MIN_FILL_CHANGE = 0.01
 """Change of the fill that shows that the bed is being loaded."""
 
 _MAX_IDLE_TIME = 60.0
-"""Time without soil after which the wait for it is reported [s]."""
+"""Time without soil after which the wait for it is reported, or ended after the duration [s]."""
 
 _JOINT_TOLERANCE = 0.02
 """Error of the bed that has reached its target [rad]."""
 
+_LOWER_TIME_FACTOR = 3.0
+"""Maximum time to lower the bed, as a multiple of that at full speed."""
+
 _MAX_SPOT_SHIFT = 1.0
 """Distance of the place of loading from the dumper above which it follows [m]."""
 
-_EMPTY_PHASES = (OperatorPhase.APPROACH, OperatorPhase.SPOT, OperatorPhase.LOAD)
+_MAX_LATERAL_SHIFT = 0.5
+"""The part of it across the heading above which it follows by a new approach [m]."""
+
+_RETURN_PHASES = (OperatorPhase.APPROACH, OperatorPhase.SPOT)
 """Phases in which the task may end without a load."""
 
 
@@ -103,7 +110,10 @@ class HaulTask:
         self._lowered_angle = home
         self._raised_angle = max((joint.lower, joint.upper), key=lambda angle: abs(angle - home))
         self._bed_speed = joint.max_velocity
+        angle = abs(self._raised_angle - home)
+        self._lower_timeout = _LOWER_TIME_FACTOR * angle / self._bed_speed
         self._tip_area: TipArea | None = None  # once the map is known
+        self._is_planned = False  # the way to the place of loading, in the present round
         self._lines: list[Line] = []  # left to drive in the present phase
         self._start_time: float | None = None
         self._round_start_time = self._phase_start_time = 0.0
@@ -152,8 +162,11 @@ class HaulTask:
         timeout = self._params.duration + self._params.timeout
         if not self.done and elapsed > timeout:
             self.abort(f"the task was not finished within {timeout:g} s of simulation time")
-        is_late = 0.0 < self._params.duration <= elapsed
-        if is_late and self.phase in _EMPTY_PHASES and not self._is_loaded(observation):
+        if (
+            self._is_late(observation)
+            and self.phase in _RETURN_PHASES
+            and not self._is_loaded(observation)
+        ):
             self.phase = OperatorPhase.DONE
         self.wait_reason = ""
         if self.done:
@@ -167,18 +180,20 @@ class HaulTask:
         via = list(zip(params.via[::2], params.via[1::2], strict=True))
         if phase is OperatorPhase.APPROACH:
             start = self._spot(observation).approach_start
-            self._lines = _polyline(position, [*reversed(via), start])
+            is_following = self._loading_since is not None  # the way from the tip is behind it
+            points = [start] if is_following else [*reversed(via), start]
+            self._lines, self._is_planned = polyline(position, points), True
         elif phase is OperatorPhase.HAUL:
-            self._lines = _polyline(position, [*via, self._tip_place.approach_start])
+            self._lines = polyline(position, [*via, self._tip_place.approach_start])
         elif phase is OperatorPhase.LOAD:
             if self._loading_since is None:
                 self._loading_since = observation.time
             self._is_full = False
             self._loaded_fill, self._loaded_time = observation.fill, observation.time
         elif phase is OperatorPhase.SPOT:
-            self._lines = [_line_to(self._spot(observation), position)]
+            self._lines = [line_to(self._spot(observation), position)]
         elif phase is OperatorPhase.BACK:
-            self._lines = [_line_to(self._tip_place, position)]
+            self._lines = [line_to(self._tip_place, position)]
         elif phase is OperatorPhase.PULL_OFF:
             x, y = position.tolist()
             c, s = math.cos(observation.yaw), math.sin(observation.yaw)
@@ -192,7 +207,7 @@ class HaulTask:
         assert self._tip_area is not None
         area = self._tip_area
         if area.place(len(self.reports)) is not None:
-            self._enter(OperatorPhase.APPROACH, observation)
+            self.phase, self._lines, self._is_planned = OperatorPhase.APPROACH, [], False
         elif self.reports and self._params.duration > 0.0:
             self._enter(OperatorPhase.DONE, observation)
         else:
@@ -203,12 +218,23 @@ class HaulTask:
                 " haul.tip_columns and haul.tip_rows"
             )
 
+    def _is_late(self, observation: Observation) -> bool:
+        """Return whether the duration has passed."""
+        assert self._start_time is not None, "the task has begun"
+        return 0.0 < self._params.duration <= observation.time - self._start_time
+
     def _is_loaded(self, observation: Observation) -> bool:
         """Return whether soil was loaded in this round."""
         return observation.fill > self._initial_fill + EMPTY_FILL
 
     def _spot(self, observation: Observation) -> Place:
-        """Return the place of loading, beside the machine that loads if it is named."""
+        """Return the place of loading, beside the machine that loads if it is named.
+
+        Raises:
+            LookupError: the state of that machine is not known; see `_is_spot_known`.
+        """
+        if not self._is_spot_known(observation):
+            raise LookupError(f"the state of {self._params.loader} is not known")
         params = self._params
         x, y, yaw = params.spot_x, params.spot_y, math.radians(params.spot_yaw)
         for machine in observation.others:
@@ -216,6 +242,11 @@ class HaulTask:
                 x += float(machine.base_position[0])
                 y += float(machine.base_position[1])
         return Place(x, y, yaw, params.spot_approach)
+
+    def _is_spot_known(self, observation: Observation) -> bool:
+        """Return whether the machine that loads, if it is named, has been observed."""
+        loader = self._params.loader
+        return not loader or any(machine.name == loader for machine in observation.others)
 
     @property
     def _tip_place(self) -> Place:
@@ -227,12 +258,16 @@ class HaulTask:
 
     def _drive_ahead(self, observation: Observation, dt: float) -> Command:
         """Drive to the start of an approach, and turn to its heading."""
+        is_returning = self.phase is OperatorPhase.APPROACH
+        if is_returning and not self._is_spot_known(observation):
+            return self._wait_for_loader(dt)
+        if is_returning and not self._is_planned:
+            self._enter(OperatorPhase.APPROACH, observation)
         if self._lines:
             tracks, is_done = self._follow(observation, self._params.drive_speed, dt)
             if is_done:
                 self._lines.pop(0)
             return self._command(0.0, tracks)
-        is_returning = self.phase is OperatorPhase.APPROACH
         place = self._spot(observation) if is_returning else self._tip_place
         if self._must_stop(observation, None):
             return self._command(0.0, self._drive.stop(dt))
@@ -250,8 +285,18 @@ class HaulTask:
         return self._command(0.0, tracks)
 
     def _load(self, observation: Observation, dt: float) -> Command:
-        """Stand until the bed is full and nothing is above it."""
+        """Stand until the bed is full and nothing is above it.
+
+        After the duration it stands only while soil arrives.
+        """
+        if abs(observation.fill - self._loaded_fill) > _MIN_FILL_CHANGE:
+            self._loaded_fill, self._loaded_time = observation.fill, observation.time
+        is_idle = observation.time - self._loaded_time > _MAX_IDLE_TIME
+        if is_idle and self._is_late(observation) and not self._is_loaded(observation):
+            self._enter(OperatorPhase.DONE, observation)
+            return self._command(0.0, np.zeros(2))
         self._is_full |= observation.fill >= self._params.full_fill
+        self._is_full |= is_idle and self._is_late(observation)
         if self._is_full:
             name = self._drive.find_obstacle(observation, None)
             if name:
@@ -261,18 +306,26 @@ class HaulTask:
                 assert self._loading_since is not None, "it is being loaded"
                 self._loading_time = observation.time - self._loading_since
                 self._enter(OperatorPhase.HAUL, observation)
+        elif not self._is_spot_known(observation):
+            return self._wait_for_loader(dt)
         elif self._is_left_behind(observation) and not self._must_stop(observation, None):
-            self._enter(OperatorPhase.SPOT, observation)
-        elif abs(observation.fill - self._loaded_fill) > _MIN_FILL_CHANGE:
-            self._loaded_fill, self._loaded_time = observation.fill, observation.time
-        elif observation.time - self._loaded_time > _MAX_IDLE_TIME:
+            lateral = distance_left(self._spot(observation), observation.base_position)
+            is_beside = abs(lateral) > _MAX_LATERAL_SHIFT
+            self._enter(OperatorPhase.APPROACH if is_beside else OperatorPhase.SPOT, observation)
+        elif is_idle:
             self.wait_reason = "soil; does an excavator load this machine?"
         return self._command(0.0, self._drive.stop(dt))
 
     def _is_left_behind(self, observation: Observation) -> bool:
         """Return whether the machine that loads has moved along, and the place of loading too."""
-        distance = _distance_ahead(self._spot(observation), observation.base_position)
-        return bool(self._params.loader) and abs(distance) > _MAX_SPOT_SHIFT
+        spot, position = self._spot(observation), observation.base_position
+        distance = math.hypot(spot.x - float(position[0]), spot.y - float(position[1]))
+        return bool(self._params.loader) and distance > _MAX_SPOT_SHIFT
+
+    def _wait_for_loader(self, dt: float) -> Command:
+        """Stand while it is not known where the machine that loads is."""
+        self.wait_reason = f"{self._params.loader}, whose state is not known"
+        return self._command(0.0, self._drive.stop(dt))
 
     def _tip(self, observation: Observation, dt: float) -> Command:
         """Raise the bed."""
@@ -296,9 +349,9 @@ class HaulTask:
         velocity = self._bed_velocity(observation, self._lowered_angle)
         if velocity == 0.0:
             self._finish_round(observation)
-        elif observation.time - self._phase_start_time > self._params.tip_timeout:
+        elif observation.time - self._phase_start_time > self._lower_timeout:
             self.abort(
-                f"the bed was not lowered within {self._params.tip_timeout:g} s; what is below it?"
+                f"the bed was not lowered within {self._lower_timeout:.0f} s; what is below it?"
             )
         return self._command(velocity, self._drive.stop(dt))
 
@@ -343,25 +396,3 @@ class HaulTask:
         joints = np.zeros(self._num_joints)
         joints[self._joint_index] = bed_velocity
         return Command(joints, tracks)
-
-
-def _distance_ahead(place: Place, position: Array) -> float:
-    """Return how far a place lies before a position, along the heading at the place [m]."""
-    dx, dy = place.x - float(position[0]), place.y - float(position[1])
-    return dx * math.cos(place.yaw) + dy * math.sin(place.yaw)
-
-
-def _line_to(place: Place, position: Array) -> Line:
-    """Return the line to a place with its heading: in reverse unless it lies ahead."""
-    if _distance_ahead(place, position) > 0.0:
-        return Line((place.x, place.y), place.yaw)
-    return Line((place.x, place.y), place.yaw + math.pi, is_reverse=True)
-
-
-def _polyline(start: Array, points: list[tuple[float, float]]) -> list[Line]:
-    """Return the lines that lead from a position over points (x, y) [m]."""
-    lines = []
-    for point in points:
-        lines.append(Line.from_to(start, point))
-        start = np.array(point)
-    return lines

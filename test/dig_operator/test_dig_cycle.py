@@ -51,6 +51,15 @@ def test_phases_follow_in_order(good):
     assert good.phases == [*PASS, "swing", "dump"] * 2
 
 
+def test_cycle_has_dug_from_its_first_drag_on():
+    dig = kinematic_dig(fills=(0.5, 0.9)).run_until("dig")
+    assert not dig.dig_cycle.has_dug
+    dig.run_until("reach")
+    assert dig.dig_cycle.has_dug, "another pass"
+    dig.run()
+    assert not dig.dig_cycle.has_dug
+
+
 def test_lip_is_drawn_inward_below_the_surface(good):
     lips = np.array([step.lip for step in good.during("dig")])
     assert lips[0, 0] > lips[-1, 0] + 1.5

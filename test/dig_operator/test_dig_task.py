@@ -29,6 +29,7 @@ class FakeDigCycle:
         self.dig_azimuth, self.dump_target = planner.dig_azimuth, planner.dump_target
         self.reports: list[CycleReport] = []
         self.phase = OperatorPhase.REACH
+        self.is_between_cycles = False
         self.start_time: float | None = None
         self.failure_time = math.inf
         self.plan_fraction, self.is_stowed = 1.0, False
@@ -37,6 +38,10 @@ class FakeDigCycle:
     @property
     def cycle(self) -> int:
         return len(self.reports) + 1
+
+    @property
+    def has_dug(self) -> bool:
+        return self.phase is not OperatorPhase.REACH and not self.is_between_cycles
 
     def stow(self) -> None:
         self.is_stowed = True
@@ -49,7 +54,8 @@ class FakeDigCycle:
         self.start_time = observed.time if self.start_time is None else self.start_time
         if observed.time >= self.failure_time:
             raise ReachError("the lip is out of reach")
-        if observed.time - self.start_time >= self.cycle - 1e-9:
+        self.is_between_cycles = observed.time - self.start_time >= self.cycle - 1e-9
+        if self.is_between_cycles:
             self.reports.append(CycleReport(self.cycle, 1, 1, 1, 1, 0, 1.0))
         self.phase = OperatorPhase.DIG
         return Command(np.ones(4), np.zeros(2))
@@ -283,6 +289,24 @@ def test_task_of_a_duration_ends_between_two_loads(dig_cycles: list[FakeDigCycle
     target.watch(replace(observation(), others=(truck_at(0.0, 5.8, fill=0.8),)))
     drive.run_until(OperatorPhase.DONE)
     assert drive.task.abort_reason == ""
+
+
+def test_duration_ends_no_cycle(dig_cycles: list[FakeDigCycle]) -> None:
+    drive = KinematicDrive(duration=2.8, cycles=9, approach_distance=0.0)
+    drive.run_until(OperatorPhase.SETTLE)
+    assert len(drive.task.reports) == 3
+    assert drive.time == pytest.approx(0.5 + 3.0, abs=0.1)
+
+
+def test_bucket_that_waits_for_a_truck_ends_after_the_duration(
+    dig_cycles: list[FakeDigCycle],
+) -> None:
+    drive = KinematicDrive(duration=2.8, truck="truck", approach_distance=0.0)  # type: ignore[arg-type]
+    drive.run_until(OperatorPhase.DIG)
+    dig_cycles[0].command = lambda observed, dt: Command(np.zeros(4), np.zeros(2))  # type: ignore[method-assign]
+    dig_cycles[0].phase = OperatorPhase.WAIT
+    drive.run_until(OperatorPhase.SETTLE)
+    assert drive.time == pytest.approx(2.8, abs=0.1)
 
 
 def test_approach_stops_before_another_machine(dig_cycles: list[FakeDigCycle]) -> None:

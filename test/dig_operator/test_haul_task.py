@@ -112,6 +112,27 @@ def test_spot_follows_the_machine_that_loads() -> None:
     assert dumper.task.reports[0].loading_time == pytest.approx(total, abs=0.1)
 
 
+def test_dumper_follows_across_its_heading_by_a_new_approach() -> None:
+    dumper = KinematicDumper(loader="digger", via=[-14.0, 9.0])
+    dumper.filling_rate = 0.0
+    dumper.others = (digger_at(0.0, 0.0),)
+    dumper.run_until("load")
+    dumper.others = (digger_at(0.0, -1.5),)
+    dumper.run_until("approach").run_until("load")
+    assert (dumper.x, dumper.y) == pytest.approx((0.0, 4.3), abs=0.15)
+
+
+def test_dumper_waits_until_it_is_known_where_the_machine_that_loads_is() -> None:
+    dumper = KinematicDumper(loader="digger")
+    for _ in range(50):
+        dumper.step()
+    assert (dumper.x, dumper.task.phase) == (-9.0, "approach")
+    assert "digger" in dumper.task.wait_reason
+    dumper.others = (digger_at(2.0, 0.0),)
+    dumper.run_until("load")
+    assert dumper.x == pytest.approx(2.0, abs=0.15)
+
+
 def test_dumper_does_not_follow_below_a_bucket() -> None:
     dumper = KinematicDumper(loader="digger")
     dumper.filling_rate = 0.0
@@ -149,9 +170,17 @@ def test_empty_dumper_ends_after_the_duration_and_a_loaded_one_after_its_round()
     assert dumper.task.abort_reason == ""
     empty = KinematicDumper(loads=9, duration=20.0)
     empty.filling_rate = 0.0
+    arrived = empty.run_until("load").time
     empty.run_until("done")
     assert empty.task.reports == []
-    assert empty.time == pytest.approx(20.0, abs=0.1)
+    assert empty.time == pytest.approx(arrived + 60.0, abs=0.1), "soil might have arrived"
+
+
+def test_dumper_leaves_with_what_it_has_when_no_soil_arrives_after_the_duration() -> None:
+    dumper = KinematicDumper(loads=9, duration=20.0).run_until("load")
+    dumper.filling_rate, dumper.fill = 0.0, 0.3
+    dumper.run_until("haul").run_until("done")
+    assert [report.fill for report in dumper.task.reports] == [0.3]
 
 
 def test_dumper_with_soil_that_sticks_ends_after_the_duration() -> None:
@@ -172,7 +201,9 @@ def test_task_is_aborted_when_the_bed_is_not_lowered() -> None:
         dumper.bed = -0.5  # a heap below it
         dumper.step()
     assert "lowered" in dumper.task.abort_reason
-    assert dumper.time - start == pytest.approx(20.0, abs=0.1)
+    joint = DUMPER.joints[DUMPER.joint_names[0]]
+    limit = 3.0 * (joint.upper - joint.lower) / joint.max_velocity
+    assert dumper.time - start == pytest.approx(limit, abs=0.1)
 
 
 def test_way_leads_over_the_points_between() -> None:
