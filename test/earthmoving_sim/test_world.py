@@ -11,7 +11,7 @@ from earthmoving_sim.world import World
 from machine_sim.machine.arm_kinematics import arm_geometry, solve_arm_angles
 from machine_sim.simulated_machine import Placement
 from machine_sim.simulation import MachineSim
-from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.errors import ErrorCode, ExchangeError, ParameterError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.rows import ConversionKind
@@ -91,25 +91,23 @@ def test_released_soil_becomes_terrain(dug) -> None:
     assert world.ledger.imbalance == 0
 
 
-def test_ledger_shows_a_parcel_that_lost_1_mm3() -> None:
+def test_machine_that_lost_1_mm3_is_noticed_at_once() -> None:
     world = World(level_soil(), {1: ready_to_dig()})
     machine = world.machines[1]
     original_apply = machine.apply
-    tampered = []
 
     def apply(conversions, *others, **kwargs) -> None:
         excavated = np.flatnonzero(conversions["kind"] == ConversionKind.EXCAVATE)
-        if excavated.size and not tampered:
-            conversions["volume_mm3"][excavated[0]] -= 1
-            tampered.append(True)
-        original_apply(conversions, *others, **kwargs)
+        tampered = conversions.copy()
+        tampered["volume_mm3"][excavated[:1]] -= 1
+        original_apply(tampered, *others, **kwargs)
 
     machine.apply = apply  # type: ignore[method-assign]
-    ledgers = drag(world, 120)
+    with pytest.raises(ExchangeError, match="machine 1 reports") as error:
+        drag(world, 120)
+    assert error.value.code is ErrorCode.VOLUME_MISMATCH
+    assert world.ledger.imbalance == 0
     world.close()
-    assert tampered
-    assert ledgers[0].imbalance == 0
-    assert ledgers[-1].imbalance == -1
 
 
 def test_runs_with_one_seed_end_in_equal_states() -> None:
