@@ -118,10 +118,8 @@ def gather_motion(typing, body, row, contact, scratch, stride, slot):  # type: i
     signature = types.void(body, row, contact, scratch, stride, slot)
 
     def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        array = _array_data(context, builder, signature, values)
-        out = _quantity_pointer(builder, array(3), values[4], values[5])
-        records = _record_pointers(builder, array(0), array(1), values[2])
-        _store_motion(builder, [_load(builder, each) for each in records], out)
+        pointers, out = _group_pointers(context, builder, signature, values)
+        _store_motion(builder, [_load(builder, each) for each in pointers], out)
         return context.get_dummy_value()
 
     return signature, generate
@@ -143,9 +141,7 @@ def gather_records(typing, records, row, first, scratch, stride, slot):  # type:
     signature = types.void(records, row, first, scratch, stride, slot)
 
     def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        array = _array_data(context, builder, signature, values)
-        out = _quantity_pointer(builder, array(3), values[4], values[5])
-        pointers = _record_pointers(builder, array(0), array(1), values[2])
+        pointers, out = _group_pointers(context, builder, signature, values)
         rows = [_load(builder, each) for each in pointers]
         for component, column in enumerate(_transpose_lanes(builder, rows)):
             for lane in range(_NUM_LANES):
@@ -161,9 +157,7 @@ def scatter_records(typing, records, row, first, scratch, stride, slot):  # type
     signature = types.void(records, row, first, scratch, stride, slot)
 
     def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        array = _array_data(context, builder, signature, values)
-        source = _quantity_pointer(builder, array(3), values[4], values[5])
-        pointers = _record_pointers(builder, array(0), array(1), values[2])
+        pointers, source = _group_pointers(context, builder, signature, values)
         columns = [
             _concatenate_lanes(
                 builder,
@@ -191,10 +185,8 @@ def add_forces(typing, force_sums, row, contact, scratch, stride, slot):  # type
     signature = types.void(force_sums, row, contact, scratch, stride, slot)
 
     def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        array = _array_data(context, builder, signature, values)
-        source = _quantity_pointer(builder, array(3), values[4], values[5])
+        pointers, source = _group_pointers(context, builder, signature, values)
         columns = _force_columns(builder, source, sums_rotation=False)
-        pointers = _record_pointers(builder, array(0), array(1), values[2])
         for pointer, row in zip(pointers, _transpose_lanes(builder, columns), strict=True):
             _store(builder, builder.fadd(_load(builder, pointer), row), pointer)
         return context.get_dummy_value()
@@ -283,12 +275,20 @@ def _four_floats(builder: Any, pointer: Any) -> Any:
     return builder.load(builder.bitcast(pointer, _LANE_TYPE.as_pointer()), align=4)
 
 
-def _record_pointers(builder: Any, records: Any, rows: Any, first: Any) -> list[Any]:
-    """Return the pointers to the records of four rows."""
-    return [
-        _record_pointer(builder, records, _load_row(builder, rows, first, k))
+def _group_pointers(
+    context: Any, builder: Any, signature: Any, values: Any
+) -> tuple[list[Any], Callable[[int], Any]]:
+    """Return pointers for the arguments records, row, first, scratch, stride, slot.
+
+    Returns:
+        The pointers to the records of four rows, and a function as of `_quantity_pointer`.
+    """
+    array, first = _array_data(context, builder, signature, values), values[2]
+    pointers = [
+        _record_pointer(builder, array(0), _load_row(builder, array(1), first, k))
         for k in range(GROUP_SIZE)
     ]
+    return pointers, _quantity_pointer(builder, array(3), values[4], values[5])
 
 
 def _load_row(builder: Any, rows: Any, contact: Any, k: int) -> Any:
