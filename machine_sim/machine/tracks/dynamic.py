@@ -72,8 +72,8 @@ _SPROCKET_GAIN = 0.2
 """Fraction of a sprocket's angle error that is corrected in one step."""
 
 _MAX_PATH_DEVIATION = 0.8
-"""Distance from its path at which a chain has come off, in sprocket radii. In a hollow of the
-ground the chain sags by half of that."""
+"""Distance from its path at which a chain has come off, in sprocket radii; see
+`chain_deviation`."""
 
 _MAX_STIFFNESS_FACTOR, _MAX_DAMPING_FACTOR = 0.27, 0.36
 """Bounds of a spring in mass / step^2 and of a damper in mass / step; above them a shoe, which is
@@ -152,6 +152,8 @@ class DynamicTracks(TrackBase):
     ) -> Array:
         """Apply the forces of ground, undercarriage and drive in the next step; see `Tracks`."""
         bodies = self._bodies
+        # Before the forces are found: those on a chain that has come off would act on the new one.
+        self._reseat_chains((com, rotation, velocity, angular_velocity))
         self._chains.read(bodies.states)
         if not np.isfinite(bodies.states).all():
             raise MachineError("the motion of the tracks is not finite; take a shorter time step")
@@ -182,7 +184,6 @@ class DynamicTracks(TrackBase):
         self._chains.apply_forces(bodies.forces, bodies.states[:, SHOE_POSITION:SHOE_QUATERNION])
         self._drive(dt)
         self._lock_idlers(dt)
-        self._reseat_chains((com, rotation, velocity, angular_velocity))
         return self._base_wrench + self._body_wrench
 
     def _step_coefficients(self, dt: float) -> tuple[UndercarriageSupport, ContactCoefficients]:
@@ -280,7 +281,9 @@ class DynamicTracks(TrackBase):
                 )
 
     def _reseat_chains(self, motion: tuple[Array, ...]) -> None:
-        """Put a chain that has come off back around its wheels, without tension and at rest.
+        """Put a chain that has come off back around its wheels, without tension.
+
+        It is at rest relative to the base.
 
         Args:
             motion: centre of mass of the base [m], its rotation matrix, velocity [m/s] and angular
@@ -296,7 +299,6 @@ class DynamicTracks(TrackBase):
             self._chains.place(side, com - arm, rotation, origin_velocity, angular_velocity)
             for joint in (self._sprockets[side], self._idlers[side]):
                 pybullet.resetJointState(self._body, joint, 0.0, 0.0, physicsClientId=self._client)
-            self._belt_speeds[side] = self._sprocket_angles[side] = 0.0
             self._bodies.brake_anchors[side] = math.nan
             self._shoe_contacts.release(side)
             self._axle_contacts.release(side)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from machine_sim.machine.box import Vec3
 from machine_sim.machine.tracks.axle_support import AxleSupport, add_axle_forces
+from machine_sim.machine.tracks.chain_deviation import chain_deviation, local_position
 from machine_sim.machine.tracks.rail_support import add_rail_load
 from machine_sim.machine.tracks.rigid_body import (
     FORCE_X,
@@ -75,7 +76,7 @@ class ShoeBodies(NamedTuple):
         brake_anchors: x in the base frame at which the brake holds each shoe [m], NaN where it does
             not, shape (2, N).
         forces: force [N] and torque about its centre [N m] on each shoe, map frame, shape (2 N, 6).
-        path_deviations: maximum distance of a shoe from its path on each side [m], shape (2,).
+        path_deviations: `chain_deviation` of each side [m], shape (2,).
     """
 
     states: Array
@@ -153,17 +154,15 @@ def dynamic_track_step(  # type: ignore[no-untyped-def]
     count = state.shoe_poses.shape[1]
     for side in range(2):
         y_track = dimensions.half_gauge if side == 0 else -dimensions.half_gauge
-        sum_speed, num_running, max_deviation = 0.0, 0, 0.0
+        sum_speed, num_running = 0.0, 0
         total_load, load_depth = 0.0, 0.0
         for k in range(count):
             i = side * count + k
             shoe = _shoe(shoes.states, i, base)
-            local = _local_position(shoe.arm, base, dimensions.base_com, y_track)
+            local = local_position(shoe.arm, base, dimensions.base_com, y_track)
             relative_velocity = _difference(shoe.velocity, shoe.base_velocity)
             _write_pose(state.shoe_poses, side, k, local, to_base(base.rotation, shoe.forward))
-            deviation, is_on_run = _path_deviation(local, dimensions)
-            max_deviation = max(max_deviation, deviation)
-            if is_on_run:
+            if abs(local[0]) <= dimensions.half_axle_distance:
                 num_running += 1
                 sum_speed += dot(relative_velocity, shoe.forward)
             support = support_force(
@@ -204,7 +203,8 @@ def dynamic_track_step(  # type: ignore[no-untyped-def]
         update_mean_speeds(
             state.mean_speeds, side, dt, state.speed[side], base, dimensions.base_com, y_track
         )
-        shoes.path_deviations[side] = max_deviation
+        chain = shoes.states[side * count : (side + 1) * count]
+        shoes.path_deviations[side] = chain_deviation(chain, base, dimensions, y_track)
         state.sinkage[side] = mean_depth(load_depth, total_load)
 
 
@@ -233,30 +233,11 @@ def _shoe(states, i, base):  # type: ignore[no-untyped-def]
 
 
 @helper(forceinline=True)
-def _local_position(arm, base, base_com, y_track):  # type: ignore[no-untyped-def]
-    """Return the position of a shoe [m], base frame with y from the middle of its track."""
-    x, y, z = to_base(base.rotation, arm)
-    return x + base_com[0], y + base_com[1] - y_track, z + base_com[2]
-
-
-@helper(forceinline=True)
 def _write_pose(shoe_poses, side, k, local, forward):  # type: ignore[no-untyped-def]
     """Write the pose of a shoe from its position and its direction of motion, base frame."""
     shoe_poses[side, k, SHOE_X] = local[0]
     shoe_poses[side, k, SHOE_Z] = local[2]
     shoe_poses[side, k, SHOE_PITCH] = math.atan2(-forward[2], forward[0])
-
-
-@helper(forceinline=True)
-def _path_deviation(local, dimensions):  # type: ignore[no-untyped-def]
-    """Return the distance of a shoe from its path [m], and whether it is between the axles."""
-    x, y, z = local
-    past_axle = max(abs(x) - dimensions.half_axle_distance, 0.0)
-    radial = (
-        math.sqrt(past_axle * past_axle + (z - dimensions.axle_height) ** 2)
-        - dimensions.sprocket_radius
-    )
-    return math.sqrt(radial * radial + y * y), past_axle == 0.0
 
 
 # An argument for each wrench and each part of the ground.
@@ -282,7 +263,7 @@ def _add_sole_forces(  # type: ignore[no-untyped-def]
     Args:
         shoe: `_Shoe`.
         i: index of the shoe.
-        local: position of the shoe as from `_local_position` [m].
+        local: position of the shoe as from `local_position` [m].
         rail_force: force of the shoe on the rail [N].
         base: `BaseFrame`.
         dimensions: `TrackDimensions`.

@@ -167,20 +167,82 @@ def test_machine_follows_ground_that_is_lowered(scene):
     assert s.position[2] - before == pytest.approx(-0.1, abs=0.01)
 
 
-def test_chain_that_has_come_off_is_put_back_and_drives(scene):
+SHOES_PER_SIDE = 24
+
+
+def move_shoes(s, shoes, displacement):
+    """Move shoes of the right track; `displacement` maps poses in the base frame to [m].
+
+    Args:
+        s: scene.
+        shoes: indices of the shoes.
+        displacement: displacement in the map frame for x, z of a shoe in the base frame.
+    """
+    poses = s.machine.tracks.shoe_poses[1]
+    for k in shoes:
+        shoe = s.machine.body + 1 + SHOES_PER_SIDE + k
+        position, quaternion = s.client.getBasePositionAndOrientation(shoe)
+        x, z, _ = poses[k]
+        s.client.resetBasePositionAndOrientation(
+            shoe, np.add(position, displacement(x, z)).tolist(), quaternion
+        )
+
+
+def one_up(x, z):
+    return [0.0, 0.0, 0.5]
+
+
+def sideways(x, z):
+    return [0.0, 0.3, 0.0]
+
+
+def below_rail(x, z):
+    """Move a shoe between the axles and below them, so that the wheels are bare."""
+    return [-0.3 * x, 0.0, -max(z, 0.0)]
+
+
+@pytest.mark.parametrize(
+    ("shoes", "displacement"),
+    [((12,), one_up), (range(SHOES_PER_SIDE), sideways), (range(SHOES_PER_SIDE), below_rail)],
+)
+def test_chain_that_comes_off_is_put_back_while_the_machine_drives_on(scene, shoes, displacement):
+    s = scene(tracks="dynamic", position=(-4.0, 0.0))
+    drive(s, [0.8, 0.8], 3.0)
+    start, speeds = s.position, []
+    move_shoes(s, shoes, displacement)
+    for _ in range(400):
+        s.step()
+        speeds.append(s.machine.base_velocity[0][0])
+    assert s.machine.tracks.num_reseats == [0, 1]
+    assert (s.position - start)[0] == pytest.approx(1.6, abs=0.1)
+    assert min(speeds) > 0.7
+
+
+def test_chain_that_was_put_back_is_tightened_within_a_second(scene):
+    s = scene(tracks="dynamic")
+    s.run(1.5)
+    idler = s.client.getNumJoints(s.machine.body) - 1  # of the right side
+    assert s.client.getJointInfo(s.machine.body, idler)[1] == b"idler_right"
+    move_shoes(s, (12,), one_up)
+    s.run(0.1)
+    assert s.machine.tracks.num_reseats == [0, 1]
+    assert s.client.getJointState(s.machine.body, idler)[0] < 0.015  # it moves at 0.1 m/s
+    s.run(1.2)
+    assert s.client.getJointState(s.machine.body, idler)[0] == pytest.approx(0.02, abs=0.002)
+
+
+def test_chain_that_hangs_off_the_rail_has_not_come_off(scene):
+    """Between the axles the chain sags by up to 0.3 m when the machine climbs backward."""
     s = scene(tracks="dynamic")
     s.run(0.5)
-    shoe = s.machine.body + 1 + 24 + 12  # of the right track, above
-    position, quaternion = s.client.getBasePositionAndOrientation(shoe)
-    s.client.resetBasePositionAndOrientation(
-        shoe, np.add(position, [0.0, 0.0, 0.5]).tolist(), quaternion
-    )
+    x, z, _ = s.machine.tracks.shoe_poses[1].T
+    lower = np.flatnonzero((z < 0.1) & (np.abs(x) < 0.5))
+    assert lower.size == 3
+    move_shoes(s, lower, lambda x, z: [0.0, 0.0, -0.4])
     s.run(2.0)
-    assert s.machine.tracks.num_reseats == [0, 1]
+    assert s.machine.tracks.num_reseats == [0, 0]
     start = s.position
-    s.machine.command([0.0] * 4, [0.8, 0.8])
-    s.run(3.0)
-    assert s.machine.tracks.num_reseats == [0, 1]
+    drive(s, [0.8, 0.8], 3.0)
     assert (s.position - start)[0] == pytest.approx(2.3, abs=0.2)
 
 
