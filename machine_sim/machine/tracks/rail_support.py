@@ -75,7 +75,7 @@ def add_rail_load(  # type: ignore[no-untyped-def]
         soil,
     )
     load *= length / (0.5 * dimensions.sprocket_radius)
-    load = max(load - soft_load, -min(rail_force, soft_load))
+    load = max(load - soft_load, -rail_force)
     force = (load * nx, load * ny, load * nz)
     add_wrench(base_wrench, force, sole_arm)
     add_wrench(ground_wrench, force, sole_arm)

@@ -106,6 +106,23 @@ def test_machine_slides_on_a_slope_steeper_than_friction(scene):
     assert s.position[0] < -0.3
 
 
+def test_arm_holds_while_the_machine_drives_over_a_sill(scene):
+    """A rail as stiff as the ground would hit the sill: the boom would move by 2 mrad."""
+
+    def sill(x, y):
+        return np.where(np.abs(x - 1.0) < 0.25, 0.15, 0.0)
+
+    s = scene(sill, tracks="dynamic", position=(-3.0, 0.0))
+    s.run(1.0)
+    home, motion = np.array(s.machine.joint_positions), 0.0
+    s.machine.command(STILL, [0.8, 0.8])
+    for _ in range(1200):
+        s.step()
+        motion = max(motion, np.abs(np.array(s.machine.joint_positions) - home).max())
+    assert s.position[0] > 1.5  # the axles are past it
+    assert motion < 5e-4
+
+
 def test_chains_stay_on_when_driven_from_the_first_step(scene, spec):
     top = spec.tracks.max_speed
     s = scene(tracks="dynamic", position=(-8.0, 0.0))
