@@ -150,7 +150,10 @@ def test_overturned_machine_is_reported(ros: Ros) -> None:
     assert "overturned" in node.diagnostics.report().message
 
 
-def test_track_off_its_wheels_is_reported_for_a_while(ros: Ros) -> None:
+def test_track_off_its_wheels_is_reported_for_a_while(
+    ros: Ros, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("machine_sim.node.machine_diagnostics._TRACK_WARN_TIME", 1.0)
     stepped = SteppedMachine(ros)
     node = stepped.machine
     stepped.scene.until_shown(node, "tracks_off_wheels", 0)
@@ -158,6 +161,8 @@ def test_track_off_its_wheels_is_reported_for_a_while(ros: Ros) -> None:
     node.run.sim.machine.tracks.num_reseats[1] += 1
     stepped.scene.until_shown(node, "tracks_off_wheels", 1)
     assert "come off its wheels" in node.diagnostics.report().message
+    stepped.scene.until_shown(node, "message", "ok")
+    assert stepped.scene.shown(node)["tracks_off_wheels"] == "1"
 
 
 def test_tracks_publish_slip_and_sinkage(ros: Ros) -> None:
