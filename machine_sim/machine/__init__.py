@@ -37,7 +37,7 @@ from machine_sim.machine.spec import (
     MachineSpec,
     TrackSpec,
 )
-from machine_sim.machine.spec_file import load_machine_spec
+from machine_sim.machine.spec_file import find_shapes_file, load_machine_spec
 from machine_sim.machine.tools.bucket import BucketShape
 from machine_sim.machine.tools.tool import Tool
 from machine_sim.machine.tracked_machine import TrackedMachine
@@ -67,6 +67,7 @@ __all__ = [
     "TrackedMachine",
     "Tracks",
     "arm_geometry",
+    "find_shapes_file",
     "load_machine_spec",
     "map_to_swing_frame",
     "rotation_matrix",

@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from machine_sim.commands import TRACK_NAMES, CommandArbiter, CommandParams
-from machine_sim.machine import MachineSpec, TrackModel, load_machine_spec, with_track_model
+from machine_sim.machine import (
+    MachineSpec,
+    TrackModel,
+    find_shapes_file,
+    load_machine_spec,
+    with_track_model,
+)
 from machine_sim.node.params import MachineInstanceParams
 from machine_sim.simulated_machine import Placement
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.input_files import InputFile, read_input_file
 
-__all__ = ["MachineInstance", "create_machine_instances", "describe_machines"]
+__all__ = [
+    "MachineInstance",
+    "create_machine_instances",
+    "describe_machines",
+    "find_input_files",
+    "load_machine",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +67,40 @@ class MachineInstance:
         return (*self.spec.joint_names, *TRACK_NAMES)
 
 
+def load_machine(params: MachineInstanceParams) -> MachineSpec:
+    """Read the machine file of a machine.
+
+    Raises:
+        ConfigError: a missing machine file.
+        MachineError: an invalid machine file.
+    """
+    return load_machine_spec(find_config(params.machine))
+
+
+def find_input_files(instances: Iterable[MachineInstance]) -> tuple[InputFile, ...]:
+    """Return the machine files of a node's machines, and the files of shapes that they name.
+
+    Raises:
+        ConfigError, MachineError: as `load_machine`.
+        OSError: a file cannot be read.
+    """
+    files = []
+    for instance in instances:
+        parameter = f"{instance.name}.machine" if instance.name else "machine"
+        path = find_config(instance.params.machine)
+        files.append(read_input_file(parameter, path))
+        shapes = find_shapes_file(path)
+        if shapes is not None:
+            files.append(read_input_file(f"{parameter}.shapes", shapes))
+    return tuple(files)
+
+
 def create_machine_instances(
-    params: Mapping[str, MachineInstanceParams], tracks: TrackModel, commands: CommandParams
+    params: Mapping[str, MachineInstanceParams],
+    tracks: TrackModel,
+    commands: CommandParams,
+    *,
+    load: Callable[[str, MachineInstanceParams], MachineSpec] = lambda _, each: load_machine(each),
 ) -> list[MachineInstance]:
     """Create the machines of a node from their files.
 
@@ -63,6 +108,7 @@ def create_machine_instances(
         params: parameters of each machine, by name.
         tracks: track model of all machines.
         commands: parameters of the command inputs.
+        load: returns the specification of a machine from its name and parameters.
 
     Raises:
         ConfigError: a missing machine file.
@@ -71,7 +117,7 @@ def create_machine_instances(
     """
     instances: list[MachineInstance] = []
     for name, machine_params in params.items():
-        spec = with_track_model(load_machine_spec(find_config(machine_params.machine)), tracks)
+        spec = with_track_model(load(name, machine_params), tracks)
         instance = MachineInstance(machine_params, spec, CommandArbiter(spec, commands), name)
         for other in instances:
             if other.placement.position == instance.placement.position:

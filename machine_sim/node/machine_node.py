@@ -25,6 +25,7 @@ from machine_sim.node.machine_diagnostics import MachineDiagnostics
 from machine_sim.node.machine_instance import (
     create_machine_instances,
     describe_machines,
+    find_input_files,
 )
 from machine_sim.node.machine_run import MachineRun
 from machine_sim.node.machine_transport import MachineTransport
@@ -40,7 +41,7 @@ from machine_sim.sensors import SensorParams
 from machine_sim.warm_up import warm_up
 from msg_bridge.codec import qos
 from msg_bridge.codec.machine_state import PayloadState
-from msg_bridge.codec.run_config import SESSION, RunFacts, parse_run_facts, to_config_yaml
+from msg_bridge.codec.run_config import SESSION, parse_run_facts, to_config_yaml
 from msg_bridge.codec.stamps import stamp_from_tick
 from msg_bridge.codec.state_hash import StateHash
 from msg_bridge.contract import topics
@@ -107,6 +108,7 @@ class MachineNode(SimNode):
         self.instances = create_machine_instances(
             params_of_machines or {"": self._params}, self._stepping.track_model, self._commands
         )
+        self._input_files = find_input_files(self.instances)
         self._bins = {
             name: declare_parameters(self, BinParams, f"{name}.") for name in self._params.bins
         }
@@ -253,7 +255,7 @@ class MachineNode(SimNode):
         self._published_session_id = -1
         for k, publishers in enumerate(self._machine_publishers):
             publishers.start_run(self._params.seed, k)
-        self._shared_publishers.publish_config(self._config(facts, session_id))
+        self._shared_publishers.publish_config(self._config(run, session_id))
         machines = describe_machines(self._params.machine_id, self.instances)
         self.get_logger().info(f"run {facts.run_id} started; joining as {machines}")
         self._membership.join(self.run)
@@ -363,11 +365,11 @@ class MachineNode(SimNode):
         """Return the simulation time at the end of a tick."""
         return stamp_from_tick(tick, run.facts.tick_period)
 
-    def _config(self, facts: RunFacts, session_id: int) -> str:
+    def _config(self, run: MachineRun, session_id: int) -> str:
         """Return all parameters of the node as YAML, with the id of its first session."""
         machines = {each.name: asdict(each.params) for each in self.instances if each.name}
         sections = {
-            SESSION: {"id": session_id},
+            SESSION: {"id": session_id, "terrain_revision": run.terrain_revision},
             "machine_sim": asdict(self._params),
             **({"machines": machines} if machines else {}),
             "bins": {name: asdict(params) for name, params in self._bins.items()},
@@ -376,7 +378,7 @@ class MachineNode(SimNode):
             "sensors": asdict(self._sensor_params),
             "commands": asdict(self._commands),
         }
-        return to_config_yaml(facts, sections)
+        return to_config_yaml(run.facts, sections, input_files=self._input_files)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""Write one MCAP file: chunks of messages, each with an index of its messages, and a summary.
+"""Write one MCAP file: chunks of messages with their index, attachments, and a summary.
 
 The writer of the library `mcap` gives offsets of groups that are empty, and it leaves a channel
 that was added after the last message out of the data section: validators report both as errors.
@@ -18,6 +18,8 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
+    Attachment,
+    AttachmentIndex,
     Channel,
     Chunk,
     ChunkIndex,
@@ -79,6 +81,7 @@ class McapFileWriter:
         self._channels: list[Channel] = []
         self._counts: Counter[int] = Counter()
         self._chunk_indices: list[ChunkIndex] = []
+        self._attachment_indices: list[AttachmentIndex] = []
         self._start_chunk()
         self._write(_MAGIC + _to_bytes([Header(profile, library)]))
 
@@ -151,6 +154,34 @@ class McapFileWriter:
         )
         self._write(_content(builder))
 
+    def add_attachment(self, name: str, media_type: str, data: bytes, time: int) -> None:
+        """Write a file into the MCAP file.
+
+        Args:
+            name: its name in the MCAP file.
+            media_type: such as `application/yaml`.
+            data: its content.
+            time: log time and time of creation [ns].
+        """
+        attachment = Attachment(
+            create_time=time, data=data, log_time=time, media_type=media_type, name=name
+        )
+        builder, offset = RecordBuilder(), self._stream.tell()
+        attachment.write(builder)
+        length = builder.count
+        self._write(_content(builder))
+        self._attachment_indices.append(
+            AttachmentIndex(
+                offset=offset,
+                length=length,
+                log_time=time,
+                create_time=time,
+                data_size=len(data),
+                name=name,
+                media_type=media_type,
+            )
+        )
+
     def finish(self) -> None:
         """Write the current chunk, the summary and the footer."""
         self.write_chunk()
@@ -163,6 +194,7 @@ class McapFileWriter:
             (Opcode.CHANNEL, self._channels),
             (Opcode.STATISTICS, [self._statistics()]),
             (Opcode.CHUNK_INDEX, self._chunk_indices),
+            (Opcode.ATTACHMENT_INDEX, self._attachment_indices),
         ]
         for opcode, records in groups:
             position = summary.count
@@ -186,7 +218,7 @@ class McapFileWriter:
     def _statistics(self) -> Statistics:
         chunks = self._chunk_indices
         return Statistics(
-            attachment_count=0,
+            attachment_count=len(self._attachment_indices),
             channel_count=len(self._channels),
             channel_message_counts=dict(self._counts),
             chunk_count=len(chunks),

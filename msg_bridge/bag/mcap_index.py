@@ -1,4 +1,4 @@
-"""Find the chunks and messages of an MCAP file without decompressing it.
+"""Find the chunks, messages and attachments of an MCAP file without decompressing it.
 
 The file is scanned record by record, so that one without a summary (its recorder was killed) is
 indexed like a finished one. Only where the summary is missing are the chunks decompressed, to count
@@ -8,26 +8,38 @@ their messages. Format: https://mcap.dev/spec.
 from __future__ import annotations
 
 import struct
+import zlib
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Message, Schema, Statistics
+from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import breakup_chunk
 
 from msg_bridge.contract.errors import EarthmovingError
 
-__all__ = ["BagReadError", "FileSegment", "McapFile", "damage", "index_file", "read_records"]
+__all__ = [
+    "AttachmentPlace",
+    "BagReadError",
+    "FileSegment",
+    "McapFile",
+    "damage",
+    "index_file",
+    "read_attachment",
+    "read_records",
+]
 
 _MAGIC = b"\x89MCAP0\r\n"
 _RECORD_HEADER = struct.Struct("<BQ")  # opcode, length of the content
 _CHUNK_TIMES = struct.Struct("<QQ")  # start of a chunk: log times of its first and last message
 _MESSAGE_HEADER = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+_ATTACHMENT_HEADER = struct.Struct("<QQI")  # log time, time of creation, length of the name
+_CHECKSUM = struct.Struct("<I")
 
 
 class BagReadError(EarthmovingError):
@@ -52,6 +64,17 @@ class FileSegment:
     is_chunk: bool
 
 
+class AttachmentPlace(NamedTuple):
+    """Position of an attachment.
+
+    Attributes:
+        offset, length: position of its record's content in the file [bytes].
+    """
+
+    offset: int
+    length: int
+
+
 @dataclass
 class McapFile:
     """Index of one MCAP file.
@@ -62,6 +85,7 @@ class McapFile:
         segments: its chunks and messages outside of chunks.
         schemas, channels: by id.
         counts: number of messages by channel id.
+        attachments: positions by name; the last one of several with the same name.
     """
 
     path: Path
@@ -70,6 +94,7 @@ class McapFile:
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     counts: Counter[int] = field(default_factory=Counter)
+    attachments: dict[str, AttachmentPlace] = field(default_factory=dict)
 
 
 def index_file(number: int, path: Path) -> McapFile:
@@ -143,6 +168,9 @@ def _scan_records(file: McapFile, number: int, stream: IO[bytes]) -> Statistics 
         elif opcode == Opcode.MESSAGE:
             _, _, start, _ = _MESSAGE_HEADER.unpack(stream.read(_MESSAGE_HEADER.size))
             file.segments.append(FileSegment(start, number, begin, length, is_chunk=False))
+        elif opcode == Opcode.ATTACHMENT:
+            name = _attachment_name(stream)
+            file.attachments[name] = AttachmentPlace(begin, length)
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             _add_record(file, _parse(opcode, stream.read(length)))
         elif opcode == Opcode.STATISTICS:
@@ -152,6 +180,33 @@ def _scan_records(file: McapFile, number: int, stream: IO[bytes]) -> Statistics 
             break
         stream.seek(end)
     return statistics
+
+
+def _attachment_name(stream: IO[bytes]) -> str:
+    """Return the name of the attachment whose content begins here, without reading its data."""
+    _, _, length = _ATTACHMENT_HEADER.unpack(stream.read(_ATTACHMENT_HEADER.size))
+    return stream.read(length).decode()
+
+
+def read_attachment(file: McapFile, name: str) -> bytes:
+    """Return the data of an attachment of a file.
+
+    Raises:
+        BagReadError: it is damaged, or the file cannot be read.
+    """
+    place = file.attachments[name]
+    try:
+        with file.path.open("rb") as stream:
+            stream.seek(place.offset)
+            content = stream.read(place.length)
+        attachment = Attachment.read(ReadDataStream(BytesIO(content)))
+        # The checksum is over all of the content before it; 0: there is none.
+        (checksum,) = _CHECKSUM.unpack(content[-_CHECKSUM.size :])
+        if checksum and checksum != zlib.crc32(content[: -_CHECKSUM.size]):
+            raise ValueError("its checksum is wrong")
+    except Exception as error:
+        raise damage(file.path, place.offset, error) from error
+    return bytes(attachment.data)
 
 
 def _count_messages(file: McapFile, stream: IO[bytes]) -> None:

@@ -23,7 +23,13 @@ from mcap.records import Channel, Message
 from msg_bridge.bag.bundled_types import BUNDLED_TYPES
 from msg_bridge.bag.legacy_messages import RecordedRun, upgrade_message
 from msg_bridge.bag.legacy_names import current_topic
-from msg_bridge.bag.mcap_index import BagReadError, McapFile, index_file, read_records
+from msg_bridge.bag.mcap_index import (
+    BagReadError,
+    McapFile,
+    index_file,
+    read_attachment,
+    read_records,
+)
 from msg_bridge.bag.message_index import MessageIndex
 from msg_bridge.contract import topics
 
@@ -144,6 +150,25 @@ class BagReader:
         """
         known = sorted(set(topics) & set(self.topics))
         return MessageIndex(self._files, self._topic_name, known)
+
+    @property
+    def attachment_names(self) -> frozenset[str]:
+        """Names of the attachments of all files."""
+        return frozenset(name for file in self._files for name in file.attachments)
+
+    def read_attachment(self, name: str) -> bytes:
+        """Return the data of an attachment, of the last one with that name.
+
+        Raises:
+            BagReadError: there is none, or it is damaged.
+        """
+        for file in reversed(self._files):
+            if name in file.attachments:
+                return read_attachment(file, name)
+        raise BagReadError(
+            f"{self.path} has no attachment {name}; it has"
+            f" {', '.join(sorted(self.attachment_names)) or 'none'}"
+        )
 
     def is_of_simulation(self, topic: str) -> bool:
         """Return whether a topic is not that of another simulation in a namespace below this."""

@@ -183,6 +183,14 @@ class BagWriter:
         self._first = log_time if self._first is None else min(self._first, log_time)
         self._last = max(self._last, log_time)
 
+    def attach(self, name: str, media_type: str, data: bytes, time: int) -> None:
+        """Add a file as an attachment, at once; arguments are as of `McapFileWriter`.
+
+        Raises:
+            BagError: the bag cannot be written.
+        """
+        self._mcap.add_attachment(name, media_type, data, time)
+
     def flush(self) -> None:
         """Write the current chunk to the file, so that it is not lost if the process is killed.
 

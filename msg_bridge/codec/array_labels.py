@@ -31,8 +31,8 @@ __all__ = [
     "label_positions",
 ]
 
-_OPTIONAL_SUFFIX = "digest"
-"""End of the labels that arrays of earlier versions, in bags, may lack; their value is 0 then."""
+_OPTIONAL_SUFFIXES = ("digest", "answered_tick")
+"""Ends of the labels that arrays of earlier versions, in bags, may lack; their value is 0 then."""
 
 ABSENT = -1
 """Position of an optional label that an array lacks."""
@@ -79,7 +79,8 @@ def label_positions(of: type, label: str) -> tuple[int, ...]:
     known = known_labels(of, _num_items(of, names))
     found = tuple(position.get(name, ABSENT) for name in known)
     is_complete = all(
-        k != ABSENT or name.endswith(_OPTIONAL_SUFFIX) for name, k in zip(known, found, strict=True)
+        k != ABSENT or name.endswith(_OPTIONAL_SUFFIXES)
+        for name, k in zip(known, found, strict=True)
     )
     present = [k for k in found if k != ABSENT]
     num_fixed = sum(k != ABSENT for k in found[: len(known_labels(of, 0))])

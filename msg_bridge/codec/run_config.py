@@ -1,8 +1,9 @@
 """The configuration of a run as YAML.
 
-`/sim/config` contains all parameters of the soil node, versions and seeds, so that a bag is
-self-contained. Machines read from it what they need to take part, so that it is set only once.
-Viewers read the names and colours of the soil types, whose ids are in maps and rows.
+`/sim/config` contains all parameters of the soil node, versions, seeds, and the digests of the
+files that the node has read, which the recorder adds to the bag: a bag is self-contained. Machines
+read from it what they need to take part, so that it is set only once. Viewers read the names and
+colours of the soil types, whose ids are in maps and rows.
 """
 
 from __future__ import annotations
@@ -18,12 +19,14 @@ import yaml
 
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.contract.errors import ErrorCode, ParameterError
+from msg_bridge.contract.input_files import InputFile
 from msg_bridge.contract.loose_soil import LooseSoil
 
 __all__ = [
     "SESSION",
     "RunFacts",
     "SoilKind",
+    "parse_input_files",
     "parse_run_facts",
     "parse_section",
     "parse_session",
@@ -40,10 +43,13 @@ _MAX_TEXT_LENGTH = 2**17
 _KINDS = "soil_kinds"
 """Name of the section of soil types."""
 
+_INPUT_FILES = "input_files"
+"""Name of the list of files that the node has read."""
 
 SESSION = "session"
 """Name of the section with the id of a machine node's first session of the run, `id`: it is another
-one after the process has been restarted."""
+one after the process has been restarted; and with the revision of the terrain on which the machines
+were placed, `terrain_revision`."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +103,10 @@ def _version(package: str) -> str:
 
 
 def to_config_yaml(
-    facts: RunFacts, sections: Mapping[str, Any], kinds: Sequence[SoilKind] = ()
+    facts: RunFacts,
+    sections: Mapping[str, Any],
+    kinds: Sequence[SoilKind] = (),
+    input_files: Sequence[InputFile] = (),
 ) -> str:
     """Encode the configuration as YAML.
 
@@ -105,6 +114,7 @@ def to_config_yaml(
         facts: the section `run`.
         sections: further sections, mappings of plain values by name.
         kinds: soil types by id; the section is left out if there are none.
+        input_files: files that the node has read.
     """
     run = {
         "run_id": facts.run_id,
@@ -114,7 +124,8 @@ def to_config_yaml(
         "soils": [_plain(asdict(soil)) for soil in facts.soils],
     }
     soils = {_KINDS: [{"id": n, **_plain(asdict(k))} for n, k in enumerate(kinds)]} if kinds else {}
-    content = {"run": run, **_plain(sections), **soils, "versions": versions()}
+    files = {_INPUT_FILES: [asdict(each) for each in input_files]}
+    content = {"run": run, **_plain(sections), **soils, **files, "versions": versions()}
     return str(yaml.safe_dump(content, sort_keys=False))
 
 
@@ -176,6 +187,32 @@ def parse_session(text: str) -> tuple[int, int]:
     except (yaml.YAMLError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise CodecError(
             f"the session of the machine cannot be read: {error!r}", ErrorCode.JSON
+        ) from error
+
+
+def parse_input_files(text: str) -> tuple[InputFile, ...]:
+    """Decode the files that a node has read; none in configurations of earlier versions.
+
+    Raises:
+        CodecError: JSON: they cannot be parsed.
+    """
+    try:
+        return tuple(
+            InputFile(
+                str(each["parameter"]), str(each["path"]), str(each["sha256"]), int(each["size"])
+            )
+            for each in _load(text).get(_INPUT_FILES, ())
+        )
+    except (
+        yaml.YAMLError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        ValueError,
+        OverflowError,
+    ) as error:
+        raise CodecError(
+            f"the input files of a configuration cannot be read: {error!r}", ErrorCode.JSON
         ) from error
 
 

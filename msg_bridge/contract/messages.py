@@ -118,6 +118,8 @@ class MachineHeader:
             [mm^3].
         previous_tick: the tick sent before this one, or that of the welcome. It shows whether a
             header is missing: in real time a late machine skips ticks.
+        answered_tick: tick of the newest answer of the soil that was applied before this tick, or
+            that of the welcome; with it a run can be repeated from its recording.
     """
 
     run_id: int
@@ -131,6 +133,7 @@ class MachineHeader:
     pending_mm3: int = 0
     particles_mm3: int = 0
     previous_tick: int = -1
+    answered_tick: int = 0
 
     @property
     def soil_mm3(self) -> int:

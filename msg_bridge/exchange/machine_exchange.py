@@ -30,7 +30,7 @@ from msg_bridge.contract.rows import CONVERSION, Rows, empty_rows
 from msg_bridge.exchange.join_handshake import JoinHandshake
 from msg_bridge.exchange.join_state import JoinState
 from msg_bridge.exchange.machine_streams import MachineStreams
-from msg_bridge.exchange.session_key import MAX_MACHINE_ID, MAX_SESSION_ID, SessionKey
+from msg_bridge.exchange.session_key import MAX_SESSION_ID, SessionKey
 from msg_bridge.exchange.stream_buffers import PIPELINE_DEPTH
 from msg_bridge.exchange.tick_answer import TickAnswer
 from msg_bridge.exchange.ticks_in_flight import CompletedTick, TicksInFlight
@@ -59,21 +59,15 @@ class MachineExchange:
         Args:
             machine_id: number of the machine, from 1.
             run_id: number of the run in which to take part.
-            session_id: a number below 2**32; sessions count from the next one on. A process that
-                may be restarted takes `random_session_id`: no session of this machine in this run
-                may have the id of another.
+            session_id: a number below 2**32; sessions count from the next one on, each with another
+                id: a process that may be restarted takes `random_session_id`.
 
         Raises:
             ExchangeError: ID_RANGE.
         """
-        if not 1 <= machine_id <= MAX_MACHINE_ID:
-            raise ExchangeError(
-                f"machine_id is {machine_id}; number machines from 1 to {MAX_MACHINE_ID}",
-                ErrorCode.ID_RANGE,
-            )
+        SessionKey(run_id, machine_id, session_id or 1).check()
         self.machine_id = machine_id
-        self.run_id = run_id
-        self.session_id = session_id
+        self.run_id, self.session_id = run_id, session_id
         self.join_state = JoinState.OUT
         self.tick = self.sent_tick = -1
         self._applied: int | None = None  # last conversion row applied; None before any welcome
@@ -98,6 +92,11 @@ class MachineExchange:
     def next_tick(self) -> int:
         """Number of the tick to send next; in real time missed numbers are skipped."""
         return max(self.tick, self.sent_tick) + 1
+
+    @property
+    def conversions_received(self) -> int:
+        """Last conversion row applied; 0 before the first welcome."""
+        return self._applied or 0
 
     @property
     def num_ticks_in_flight(self) -> int:
@@ -145,7 +144,7 @@ class MachineExchange:
             *self._key,
             self.tick,
             Verb.JOIN if self._applied is None else Verb.REJOIN,
-            conversions_received=self._applied or 0,
+            conversions_received=self.conversions_received,
             pending_mm3=pending_mm3,
             particles_mm3=particles_mm3,
         )
@@ -192,6 +191,7 @@ class MachineExchange:
             pending_mm3,
             particles_mm3,
             self.sent_tick,
+            self.tick,
         )
         self.sent_tick = self._sent.tick
         self._in_flight.add(self._sent)

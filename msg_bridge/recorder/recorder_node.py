@@ -240,10 +240,20 @@ class RecorderNode(Node):
 
     def _update_diagnostics(self) -> None:
         status = self.recording.status()
-        for key in ("path", "topics", "messages", "bytes", "bytes_on_disk", "num_lost"):
+        for key in (
+            "path",
+            "topics",
+            "messages",
+            "bytes",
+            "bytes_on_disk",
+            "num_lost",
+            "input_files",
+        ):
             self.diagnostics.set(key, status[key])
-        if status["num_lost"]:
-            self.diagnostics.problem(self.recording.loss_text())
+        problems = [self.recording.loss_text()] if status["num_lost"] else []
+        problems += filter(None, [self.recording.missing_files_text()])
+        if problems:
+            self.diagnostics.problem("; ".join(problems))
         else:
             self.diagnostics.clear()
 

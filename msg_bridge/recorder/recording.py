@@ -12,6 +12,7 @@ from msg_bridge.bag.message_loss import MessageLossCounter
 from msg_bridge.bag.metadata import OfferedQos
 from msg_bridge.bag.writer import BagWriter
 from msg_bridge.raw_topics.received_message import ReceivedMessage, TransientLocalHistory
+from msg_bridge.recorder.input_files import InputFileRecording
 
 __all__ = ["FORMAT_VERSION", "BagRecording"]
 
@@ -35,6 +36,7 @@ class BagRecording:
 
     Attributes:
         loss_counter: counts lost messages and rows.
+        input_files: adds the files that the nodes have read.
         messages, num_bytes: number and size of received messages, without repetitions.
     """
 
@@ -54,6 +56,7 @@ class BagRecording:
             now: a monotonic clock [s], for rates.
         """
         self.loss_counter = MessageLossCounter()
+        self.input_files = InputFileRecording(writer)
         self.messages = 0
         self.num_bytes = 0
         self._writer = writer
@@ -83,6 +86,7 @@ class BagRecording:
         """Add a topic, as `BagWriter.add_topic`."""
         self._writer.add_topic(topic, type_name, offered, type_hash)
         self.loss_counter.add_topic(topic, type_name)
+        self.input_files.add_topic(topic, type_name)
 
     def update_publishers(
         self, topic: str, publishers: frozenset[bytes], *, transient_local: bool
@@ -112,6 +116,7 @@ class BagRecording:
             BagError: the bag cannot be written.
         """
         self._write(message, log_time)
+        self.input_files.add_message(message, log_time)
         self.messages += 1
         self.num_bytes += len(message.data)
         self.loss_counter.add(message.topic, message.data, message.sequence_number)
@@ -173,6 +178,8 @@ class BagRecording:
         - `num_lost`: number of lost messages, or rows where rows are numbered
         - `lost`: the same by topic, of topics with losses
         - `uncounted`: topics with several publishers, whose losses cannot be counted
+        - `input_files`: number of files that the nodes have read and the bag has as attachments
+        - `missing_files`: path of each such file that the bag lacks, by parameter
         """
         return {
             "path": self.path,
@@ -183,6 +190,8 @@ class BagRecording:
             "num_lost": self.loss_counter.total,
             "lost": self.loss_counter.lost,
             "uncounted": self.loss_counter.uncounted,
+            "input_files": len(self.input_files.attached),
+            "missing_files": self.input_files.missing,
         }
 
     def progress(self) -> str:
@@ -204,6 +213,16 @@ class BagRecording:
         return (
             f"{self.path}: {self.messages} messages on {topics} topics, {size:.1f} MB on disk,"
             f" {self.loss_text()}"
+        )
+
+    def missing_files_text(self) -> str:
+        """Return which input files the bag lacks as text; empty if it has all."""
+        missing = ", ".join(f"{path} ({name})" for name, path in self.input_files.missing.items())
+        if not missing:
+            return ""
+        return (
+            f"the bag lacks {missing}: changed since the node read it, or on another computer; keep"
+            " it for a replay, or run the recorder on the computer of that node"
         )
 
     def loss_text(self) -> str:

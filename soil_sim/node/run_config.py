@@ -2,15 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 
 from msg_bridge.codec.run_config import RunFacts, SoilKind, to_config_yaml
+from msg_bridge.config_files import find_config
+from msg_bridge.contract.input_files import InputFile, read_input_file
 from soil_sim.node.params import SoilNodeParams
 from soil_sim.node.soil_run import SoilRun
 from soil_sim.site.site import Site, SiteParams
 from soil_sim.soils.params import SoilParams
 
-__all__ = ["run_config"]
+__all__ = ["find_input_files", "run_config"]
+
+
+def find_input_files(site: SiteParams, soil: SoilParams) -> tuple[InputFile, ...]:
+    """Return the files that site and soils were read from.
+
+    Raises:
+        ConfigError: there is no file of soils.
+        OSError: a file cannot be read.
+    """
+    files = [read_input_file(f"site.{name}", path) for name, path in site.files.items()]
+    if soil.is_named:
+        files.append(read_input_file("soil.soils", find_config(soil.soils)))
+    return tuple(files)
 
 
 def run_config(
@@ -19,6 +35,7 @@ def run_config(
     node_params: SoilNodeParams,
     site_params: SiteParams,
     soil_params: SoilParams,
+    input_files: Sequence[InputFile] = (),
 ) -> str:
     """Return the YAML text with all parameters of a run, its grid, georeference and soils."""
     soil, georeference = run.endpoint.soil, site.georeference
@@ -47,4 +64,4 @@ def run_config(
         )
         for name, kind in zip(names, soil.soil_types, strict=True)
     ]
-    return to_config_yaml(facts, sections, kinds)
+    return to_config_yaml(facts, sections, kinds, input_files)

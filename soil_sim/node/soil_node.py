@@ -35,7 +35,7 @@ from soil_sim.endpoint import SoilTickResult
 from soil_sim.node.imbalance_report import EXIT_IMBALANCE, ImbalanceReport
 from soil_sim.node.membership_log import MembershipLog
 from soil_sim.node.params import SoilNodeParams
-from soil_sim.node.run_config import run_config
+from soil_sim.node.run_config import find_input_files, run_config
 from soil_sim.node.services import SoilServices
 from soil_sim.node.soil_diagnostics import SoilDiagnostics
 from soil_sim.node.soil_publishers import SoilPublishers
@@ -97,6 +97,7 @@ class SoilNode(SimNode):
             check_no_other_node(self, [topics.SOIL_TICK], deadline, remedy=remedy)
         # Unix time: a restarted soil node begins a run with a higher id.
         self.run = SoilRun(self._site, self._soil_params, self._params, run_id=int(time.time()))
+        self._input_files = find_input_files(self._site_params, self._soil_params)
         self.run.waiting_for_subscribers = bool(self._params.required_subscribers)
         self.diagnostics = Diagnostics(self, "soil_sim", simulation_namespace=self.get_namespace())
         self._soil_diagnostics = SoilDiagnostics(self, self.diagnostics, self.run, self._params)
@@ -234,7 +235,12 @@ class SoilNode(SimNode):
             f" columns of {grid.cell:g} m, {self._params.sync}"
         )
         config = run_config(
-            self.run, self._site, self._params, self._site_params, self._soil_params
+            self.run,
+            self._site,
+            self._params,
+            self._site_params,
+            self._soil_params,
+            self._input_files,
         )
         self._soil_publishers.begin(self._terrain(), config, self._stamp())
         self._publish_cut_fill()

@@ -84,6 +84,23 @@ class SiteParams(Parameters):
         high=10.0,
     )
 
+    @property
+    def is_synthetic(self) -> bool:
+        """Whether the terrain is not read from a file."""
+        return self.terrain in ("flat", "rough")
+
+    @property
+    def files(self) -> dict[str, str]:
+        """Paths of the files that are read, by the name of their parameter."""
+        terrain = "" if self.is_synthetic else self.terrain
+        paths = {
+            "terrain": terrain,
+            "soil_map": self.soil_map,
+            "moisture_map": self.moisture_map,
+            "design": self.design,
+        }
+        return {name: path for name, path in paths.items() if path}
+
 
 @dataclass(frozen=True, eq=False)
 class Site:
@@ -159,8 +176,7 @@ def make_site(params: SiteParams) -> Site:
         TerrainError: a file is missing or invalid; the message begins with the parameter.
         ParameterError: a parameter applies to a file that is not given.
     """
-    is_synthetic = params.terrain in ("flat", "rough")
-    files = [name for name in ("" if is_synthetic else params.terrain, params.design) if name]
+    files = [path for name, path in params.files.items() if name in ("terrain", "design")]
     if params.vertical_scale != 1.0 and not files:
         raise ParameterError(
             f"site.vertical_scale is {params.vertical_scale} and no file has heights to scale;"
@@ -171,7 +187,7 @@ def make_site(params: SiteParams) -> Site:
             "site.png_min_height and site.png_max_height apply to a .png and no file is one; leave"
             " them out"
         )
-    if is_synthetic:
+    if params.is_synthetic:
         ground, layers = _synthetic_terrain(params), Layers()
     else:
         with _prefix_errors("site.terrain"):

@@ -94,6 +94,11 @@ class SoilParams(Parameters):
     )  # fmt: skip
     noise_seed: int = parameter(0, "seed of all noise", low=0, high=2**31)
 
+    @property
+    def is_named(self) -> bool:
+        """Whether a kind of soil is read from the file of soils."""
+        return bool(self.soil or self.additional_soils)
+
     def soil_types(self) -> tuple[SoilType, ...]:
         """Return the kinds of soil of the ground, in the order of their ids.
 
@@ -102,7 +107,7 @@ class SoilParams(Parameters):
                 with a name.
             ConfigError, SoilError: the file is missing or is not a file of soils.
         """
-        if not (self.soil or self.additional_soils):
+        if not self.is_named:
             return (_cohesionless_soil(self.repose_angle, self.swell),)
         known = load_soil_types(self.soils)
         for name in filter(None, (self.soil, *self.additional_soils)):

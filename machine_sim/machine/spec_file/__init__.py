@@ -10,6 +10,6 @@
 - `shapes`: visual shapes, materials and view points
 """
 
-from machine_sim.machine.spec_file.loader import load_machine_spec
+from machine_sim.machine.spec_file.loader import find_shapes_file, load_machine_spec
 
-__all__ = ["load_machine_spec"]
+__all__ = ["find_shapes_file", "load_machine_spec"]

@@ -27,19 +27,36 @@ from machine_sim.machine.track_wheels import track_wheels
 from machine_sim.machine.urdf import BASE_JOINTS
 from msg_bridge.config_files import ConfigError, find_config
 
-__all__ = ["load_machine_spec"]
+__all__ = ["find_shapes_file", "load_machine_spec"]
 
 _TRACK_COMMAND_NAMES = ("left_track", "right_track")
 
 
-def load_machine_spec(path: str | Path) -> MachineSpec:
+def load_machine_spec(path: str | Path, *, shapes_file: Path | None = None) -> MachineSpec:
     """Read a machine file.
 
+    Args:
+        path: the file.
+        shapes_file: file of shapes that replaces the one that the machine file names; None: the
+            one that it names.
+
     Raises:
-        MachineError: the file cannot be read, or a key is missing, unknown or out of range.
+        MachineError: a file cannot be read, or a key is missing, unknown or out of range.
     """
     path = Path(path)
-    return _build_spec(_read_yaml(path, "a machine file"), path.parent)
+    file = _read_yaml(path, "a machine file")
+    return _build_spec(file, shapes_file or _find_shapes_file(file, path.parent))
+
+
+def find_shapes_file(path: str | Path) -> Path | None:
+    """Return the file of shapes that a machine file names; None if it contains its shapes, or has
+    none.
+
+    Raises:
+        MachineError: a file is missing, or cannot be read.
+    """
+    path = Path(path)
+    return _find_shapes_file(_read_yaml(path, "a machine file"), path.parent)
 
 
 def _read_yaml(path: Path, what: str) -> Section:
@@ -55,16 +72,16 @@ def _read_yaml(path: Path, what: str) -> Section:
     return Section(values, f"{path.name}: ")
 
 
-def _shapes_section(file: Section, folder: Path) -> Section:
-    """Return the section `shapes`: a mapping, or the name of a file that contains it.
+def _find_shapes_file(file: Section, folder: Path) -> Path | None:
+    """Return the file that the section `shapes` names; None if it is a mapping, or missing.
 
-    The file is searched beside the machine file, then as `find_config` searches.
+    The file is searched beside the machine file, in `folder`, then as `find_config` searches.
 
     Raises:
         MachineError: there is no such file.
     """
-    if not file.is_text("shapes"):
-        return file.section("shapes")
+    if not (file.has("shapes") and file.is_text("shapes")):
+        return None
     name = file.text("shapes")
     path = folder / name
     if not path.is_file():
@@ -72,11 +89,18 @@ def _shapes_section(file: Section, folder: Path) -> Section:
             path = find_config(name)
         except ConfigError as error:
             raise MachineError(f"{file.key_path('shapes')}: {error}") from error
-    return _read_yaml(path, "a file of shapes")
+    return path
 
 
-def _build_spec(file: Section, folder: Path) -> MachineSpec:
-    """Build the specification from all sections of the file, which lies in `folder`."""
+def _shapes_section(file: Section, shapes_file: Path | None) -> Section:
+    """Return the section `shapes` of a machine file, or of the file that replaces it."""
+    if shapes_file is None:
+        return file.section("shapes")
+    return _read_yaml(shapes_file, "a file of shapes")
+
+
+def _build_spec(file: Section, shapes_file: Path | None) -> MachineSpec:
+    """Build the specification from all sections of the file, and from its file of shapes."""
     supply = read_supply(file.section("hydraulics")) if file.has("hydraulics") else None
     joints, cylinders, motors = read_joints(file.section("joints"), supply)
     links = read_links(file.section("links"), joints)
@@ -95,7 +119,7 @@ def _build_spec(file: Section, folder: Path) -> MachineSpec:
         if file.has("joystick_axes")
         else {},
         imus=read_imus(file.section("imus"), links) if file.has("imus") else (),
-        shapes=read_shapes(_shapes_section(file, folder), links)
+        shapes=read_shapes(_shapes_section(file, shapes_file), links)
         if file.has("shapes")
         else MachineShapes(),
         references=read_references(file.sections("references")) if file.has("references") else (),

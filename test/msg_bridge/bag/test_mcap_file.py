@@ -7,15 +7,19 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 from mcap.records import Channel, DataEnd, Footer, McapRecord, Schema, Statistics, SummaryOffset
 from mcap.stream_reader import StreamReader
 
 from msg_bridge.bag.writer import BagWriter
 
 MAGIC_SIZE = 8
+ATTACHMENTS = {"a/soils.yaml": b"loam: {}", "b/soils.yaml": b""}
 
 
-@pytest.fixture(params=["without topics", "without messages", "topic after the last message"])
+@pytest.fixture(
+    params=["without topics", "without messages", "topic after the last message", "attachments"]
+)
 def file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """A finished MCAP file."""
     writer = BagWriter(tmp_path / "dig", chunk_size=1000)
@@ -26,6 +30,9 @@ def file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
             writer.write("/early", bytes(100), 1000 - i, 0)
         writer.flush()
         writer.add_topic("/late", "std_msgs/msg/Bool")
+    if request.param == "attachments":
+        for name, data in ATTACHMENTS.items():
+            writer.attach(name, "application/yaml", data, 7)
     writer.close()
     return writer.file
 
@@ -74,6 +81,7 @@ def test_statistics_count_the_records_of_the_data_section(file: Path) -> None:
     assert statistics.message_count == counts["Message"]
     assert statistics.schema_count == counts["Schema"]
     assert statistics.channel_count == counts["Channel"]
+    assert statistics.attachment_count == counts["Attachment"]
     if counts["Message"]:
         assert (statistics.message_start_time, statistics.message_end_time) == (951, 1000)
 
@@ -83,3 +91,10 @@ def test_checksum_of_the_summary_is_correct(file: Path) -> None:
     data = file.read_bytes()
     end = len(data) - MAGIC_SIZE - 4  # the checksum is the last value of the footer
     assert footer.summary_crc == zlib.crc32(data[footer.summary_start : end])
+
+
+@pytest.mark.parametrize("file", ["attachments"], indirect=True)
+def test_attachments_are_found_by_the_mcap_library(file: Path) -> None:
+    with file.open("rb") as stream:
+        found = {each.name: each.data for each in make_reader(stream).iter_attachments()}
+    assert found == ATTACHMENTS

@@ -11,6 +11,7 @@ from std_msgs.msg import Int64MultiArray, String
 from support.recorded_messages import write_mcap
 
 from msg_bridge.bag.reader import BagReader, BagReadError, TopicInfo
+from msg_bridge.bag.writer import BagWriter
 
 
 def messages(count: int, *, first: int = 0) -> list[tuple[str, int, object]]:
@@ -213,3 +214,31 @@ def test_raw_messages_are_the_recorded_bytes_and_can_be_decoded(tmp_path: Path) 
     assert (topic, time) == ("/a", 1)
     assert data.endswith((7).to_bytes(8, "little"))
     assert reader.decode("/a", data).data.tolist() == [7]
+
+
+@pytest.mark.parametrize("finish", [True, False])
+def test_attachments_are_read_by_name(tmp_path: Path, finish: bool) -> None:
+    writer = BagWriter(tmp_path / "dig")
+    writer.add_topic("/a", "std_msgs/msg/String")
+    writer.write("/a", b"", 1, 1)
+    writer.attach("x/soils.yaml", "application/yaml", b"first", 1)
+    writer.attach("y/soils.yaml", "application/yaml", b"second", 1)
+    writer.flush()
+    if finish:
+        writer.close()
+    reader = BagReader(tmp_path / "dig")
+    assert reader.attachment_names == {"x/soils.yaml", "y/soils.yaml"}
+    assert reader.read_attachment("y/soils.yaml") == b"second"
+    with pytest.raises(BagReadError, match="has no attachment z"):
+        reader.read_attachment("z")
+
+
+def test_damaged_attachment_is_rejected(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / "dig")
+    writer.add_topic("/a", "std_msgs/msg/String")
+    writer.write("/a", b"", 1, 1)
+    writer.attach("soils.yaml", "application/yaml", b"repose_angle: 30", 1)
+    writer.close()
+    writer.file.write_bytes(writer.file.read_bytes().replace(b"angle: 30", b"angle: 35"))
+    with pytest.raises(BagReadError, match="damaged"):
+        BagReader(writer.file).read_attachment("soils.yaml")

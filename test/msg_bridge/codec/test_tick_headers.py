@@ -124,7 +124,7 @@ def test_labels_of_a_soil_header() -> None:
 
 
 def test_labels_of_a_machine_header() -> None:
-    header = MachineHeader(1, 2, 3, 4, Verb.STEP, RowRange(5, 6), RowRange(7, 8), 9, 11, 12, 3)
+    header = MachineHeader(1, 2, 3, 4, Verb.STEP, RowRange(5, 6), RowRange(7, 8), 9, 11, 12, 3, 2)
     assert read(to_multi_array(header)) == {
         "kind": ArrayKind.MACHINE_HEADER,
         "run_id": 1,
@@ -142,6 +142,7 @@ def test_labels_of_a_machine_header() -> None:
         "pending_mm3": 11,
         "particles_mm3": 12,
         "previous_tick": 3,
+        "answered_tick": 2,
     }
 
 

@@ -101,5 +101,7 @@ def test_status_and_diagnostics_report_losses(ros, recorder, tmp_path):
         "num_lost": 100,
         "lost": {"/t/texts": 100},
         "uncounted": [],
+        "input_files": 0,
+        "missing_files": {},
     }
     node.stop()
