@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from machine_sim.commands import TRACK_NAMES, CommandArbiter, CommandParams
@@ -25,7 +25,6 @@ __all__ = [
     "create_machine_instances",
     "describe_machines",
     "find_input_files",
-    "load_machine",
 ]
 
 
@@ -67,21 +66,12 @@ class MachineInstance:
         return (*self.spec.joint_names, *TRACK_NAMES)
 
 
-def load_machine(params: MachineInstanceParams) -> MachineSpec:
-    """Read the machine file of a machine.
-
-    Raises:
-        ConfigError: a missing machine file.
-        MachineError: an invalid machine file.
-    """
-    return load_machine_spec(find_config(params.machine))
-
-
 def find_input_files(instances: Iterable[MachineInstance]) -> tuple[InputFile, ...]:
     """Return the machine files of a node's machines, and the files of shapes that they name.
 
     Raises:
-        ConfigError, MachineError: as `load_machine`.
+        ConfigError: a missing machine file.
+        MachineError: an invalid machine file.
         OSError: a file cannot be read.
     """
     files = []
@@ -96,11 +86,7 @@ def find_input_files(instances: Iterable[MachineInstance]) -> tuple[InputFile, .
 
 
 def create_machine_instances(
-    params: Mapping[str, MachineInstanceParams],
-    tracks: TrackModel,
-    commands: CommandParams,
-    *,
-    load: Callable[[str, MachineInstanceParams], MachineSpec] = lambda _, each: load_machine(each),
+    params: Mapping[str, MachineInstanceParams], tracks: TrackModel, commands: CommandParams
 ) -> list[MachineInstance]:
     """Create the machines of a node from their files.
 
@@ -108,7 +94,6 @@ def create_machine_instances(
         params: parameters of each machine, by name.
         tracks: track model of all machines.
         commands: parameters of the command inputs.
-        load: returns the specification of a machine from its name and parameters.
 
     Raises:
         ConfigError: a missing machine file.
@@ -117,7 +102,7 @@ def create_machine_instances(
     """
     instances: list[MachineInstance] = []
     for name, machine_params in params.items():
-        spec = with_track_model(load(name, machine_params), tracks)
+        spec = with_track_model(load_machine_spec(find_config(machine_params.machine)), tracks)
         instance = MachineInstance(machine_params, spec, CommandArbiter(spec, commands), name)
         for other in instances:
             if other.placement.position == instance.placement.position:

@@ -34,7 +34,6 @@ class MachineRun:
         facts: parameters of the run, from the soil.
         endpoint: the machines and their end of the exchange.
         schedulers: command scheduler of each machine, in the order given.
-        instances: the machines, in the order given.
         terrain_revision: revision of the terrain on which the machines were placed.
         progress: number of ticks performed, and of ticks of simulation time that passed in the
             sessions of the node; greater by the skipped ones with `overload: skip_ticks`.
@@ -69,7 +68,7 @@ class MachineRun:
         self.facts = facts
         self.progress = TickProgress(0, 0)
         self._last_interval = 1  # ticks of simulation time in which the last tick was made
-        self.instances = tuple(instances)
+        self._instances = tuple(instances)
         self.terrain_revision = keyframe.revision
         sim = MachineSim(
             [instance.placement for instance in instances],
@@ -112,7 +111,7 @@ class MachineRun:
         """Minimum stamps of the commands that have not arrived yet [s], by machine."""
         stamps = {
             instance.name or instance.spec.name: scheduler.awaited_stamp
-            for instance, scheduler in zip(self.instances, self.schedulers, strict=True)
+            for instance, scheduler in zip(self._instances, self.schedulers, strict=True)
         }
         return {name: stamp for name, stamp in stamps.items() if stamp is not None}
 

@@ -32,20 +32,15 @@ __all__ = ["find_shapes_file", "load_machine_spec"]
 _TRACK_COMMAND_NAMES = ("left_track", "right_track")
 
 
-def load_machine_spec(path: str | Path, *, shapes_file: Path | None = None) -> MachineSpec:
-    """Read a machine file.
-
-    Args:
-        path: the file.
-        shapes_file: file of shapes that replaces the one that the machine file names; None: the
-            one that it names.
+def load_machine_spec(path: str | Path) -> MachineSpec:
+    """Read a machine file, and the file of shapes that it names.
 
     Raises:
         MachineError: a file cannot be read, or a key is missing, unknown or out of range.
     """
     path = Path(path)
     file = _read_yaml(path, "a machine file")
-    return _build_spec(file, shapes_file or _find_shapes_file(file, path.parent))
+    return _build_spec(file, _find_shapes_file(file, path.parent))
 
 
 def find_shapes_file(path: str | Path) -> Path | None:
@@ -93,7 +88,7 @@ def _find_shapes_file(file: Section, folder: Path) -> Path | None:
 
 
 def _shapes_section(file: Section, shapes_file: Path | None) -> Section:
-    """Return the section `shapes` of a machine file, or of the file that replaces it."""
+    """Return the section `shapes` of a machine file, or the content of the file that it names."""
     if shapes_file is None:
         return file.section("shapes")
     return _read_yaml(shapes_file, "a file of shapes")
