@@ -212,7 +212,6 @@ def test_machine_that_skips_ticks_reports_the_distance_over_the_time_that_passed
 ) -> None:
     skipping = dig(ros, ros_process, tmp_path, is_overloaded=True, overload="skip_ticks")
     soil, machine = skipping.statuses["soil_sim"], skipping.statuses["machine_sim"]
-    assert skipping.real_time_factor > 0.9
     assert values(machine, "skipped_ticks")[-1] > 0.2 * values(soil, "tick")[-1]
     assert velocity_error(skipping) < 0.01
     assert set(values(soil, "imbalance_mm3")) == {0.0}
