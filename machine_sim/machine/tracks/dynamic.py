@@ -159,23 +159,24 @@ class DynamicTracks(TrackBase):
             raise MachineError("the motion of the tracks is not finite; take a shorter time step")
         supports, coefficients = self._step_coefficients(dt)
         motion = (com, rotation, velocity, angular_velocity, math.cos(swing), math.sin(swing))
+        dimensions = tuple(self._dimensions)
         dynamic_track_step(
             dt,
             motion,
-            self._dimensions,
+            dimensions,
             tuple(supports),
             tuple(coefficients),
             self._rail_coefficients,
-            self._soil,
-            self._points,
+            tuple(self._soil),
+            tuple(self._shoe_contacts),
             self._axle_support,
             (self._belt_speeds[0] == 0.0, self._belt_speeds[1] == 0.0),
             tuple(bodies),
             self._base_wrench,
-            self._state,
+            tuple(self._state),
         )
         body_contact(
-            motion, self._dimensions, self._main_body, tuple(coefficients), self._body_wrench
+            motion, dimensions, tuple(self._main_body), tuple(coefficients), self._body_wrench
         )
         self.wrench += self._body_wrench
         tracks = self.spec.tracks

@@ -11,10 +11,15 @@ import math
 from machine_sim.ground.contact_surface import Ground
 from machine_sim.machine.spec import MachineSpec
 from machine_sim.machine.tracks.axle_contact import axle_coefficients
-from machine_sim.machine.tracks.kinematic_step import POINTS_PER_SHOE, kinematic_track_step
+from machine_sim.machine.tracks.kinematic_step import (
+    POINTS_PER_SHOE,
+    KinematicTables,
+    kinematic_track_step,
+)
 from machine_sim.machine.tracks.track_base import Array, TrackBase
 from machine_sim.machine.tracks.track_state import BeltDrive, ContactCoefficients
 from machine_sim.machine.urdf import urdf_text
+from msg_bridge.kernels import BoxedTable, box_table
 
 __all__ = ["KinematicTracks"]
 
@@ -33,22 +38,30 @@ class KinematicTracks(TrackBase):
         """
         super().__init__(spec, ground, POINTS_PER_SHOE)
         tracks = spec.tracks
-        self._coefficients = tuple(
-            ContactCoefficients(  # both contact points share those of the shoe
-                0.5 * tracks.normal_stiffness,
-                0.5 * tracks.normal_damping,
-                0.5 * tracks.tangential_stiffness,
-                0.5 * tracks.tangential_damping,
-                tracks.friction,
-            )
+        coefficients = ContactCoefficients(  # both contact points share those of the shoe
+            0.5 * tracks.normal_stiffness,
+            0.5 * tracks.normal_damping,
+            0.5 * tracks.tangential_stiffness,
+            0.5 * tracks.tangential_damping,
+            tracks.friction,
         )
-        self._axle_coefficients = tuple(axle_coefficients(spec, _MAX_STIFF_AXLE_LOAD))
-        self._belt_drive = tuple(
-            BeltDrive(
-                tracks.belt_mass,
-                tracks.max_acceleration,
-                tracks.max_deceleration,
-                tracks.max_tractive_effort,
+        drive = BeltDrive(
+            tracks.belt_mass,
+            tracks.max_acceleration,
+            tracks.max_deceleration,
+            tracks.max_tractive_effort,
+        )
+        self._tables: BoxedTable = box_table(
+            KinematicTables(
+                self._dimensions,
+                drive,
+                coefficients,
+                axle_coefficients(spec, _MAX_STIFF_AXLE_LOAD),
+                self._soil,
+                self._shoe_contacts,
+                self._main_body,
+                self.command,
+                self._state,
             )
         )
 
@@ -72,14 +85,6 @@ class KinematicTracks(TrackBase):
         kinematic_track_step(
             dt,
             (com, rotation, velocity, angular_velocity, math.cos(swing), math.sin(swing)),
-            self._dimensions,
-            self._belt_drive,
-            self._coefficients,
-            self._axle_coefficients,
-            self._soil,
-            self._points,
-            self._main_body,
-            self.command,
-            self._state,
+            self._tables,
         )
         return self.wrench

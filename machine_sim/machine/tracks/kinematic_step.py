@@ -10,6 +10,10 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from machine_sim.machine.tracks.body_contact import MainBody, add_body_contact
 from machine_sim.machine.tracks.rigid_body import (
@@ -40,7 +44,9 @@ from machine_sim.machine.tracks.track_state import (
 )
 from msg_bridge.kernels import helper, kernel
 
-__all__ = ["POINTS_PER_SHOE", "kinematic_track_step"]
+__all__ = ["POINTS_PER_SHOE", "KinematicTables", "kinematic_track_step"]
+
+Array = NDArray[np.float64]
 
 POINTS_PER_SHOE = 2
 """Contact points of a shoe: one near each end."""
@@ -52,45 +58,43 @@ _FIRST_LOWER_RUN, _UPPER_RUN, _SECOND_LOWER_RUN = (
 rounded as on the arcs, so that a shoe does not turn where an arc ends."""
 
 
-@kernel
-def kinematic_track_step(  # type: ignore[no-untyped-def]
-    dt,
-    motion,
-    dimensions,
-    drive,
-    coefficients,
-    axle_coefficients,
-    soil,
-    points,
-    body,
-    command,
-    state,
-):
-    """Advance both belts by one time step and find the ground's wrench on the machine.
+class KinematicTables(NamedTuple):
+    """Parameters and state of a pair of kinematic tracks.
 
-    The structures are plain tuples with the elements of the named ones; see `track_state`.
+    Attributes:
+        dimensions, drive: dimensions, and drive of one belt.
+        coefficients: coefficients of one contact point.
+        axle_coefficients: those of a contact point below an axle.
+        soil: soil under the shoes.
+        points: contact points of the shoes, `POINTS_PER_SHOE` each, left track first.
+        body: main body.
+        command: commanded belt speeds left, right [m/s], shape (2,).
+        state: state of the tracks.
+    """
+
+    dimensions: TrackDimensions
+    drive: BeltDrive
+    coefficients: ContactCoefficients
+    axle_coefficients: ContactCoefficients
+    soil: SoilPatch
+    points: ContactPoints
+    body: MainBody
+    command: Array
+    state: TrackState
+
+
+@kernel
+def kinematic_track_step(dt, motion, boxed):  # type: ignore[no-untyped-def]
+    """Advance both belts by one time step and find the ground's wrench on the machine.
 
     Args:
         dt: time step [s].
-        motion: `MachineMotion`.
-        dimensions: `TrackDimensions`.
-        drive: `BeltDrive`.
-        coefficients: `ContactCoefficients` of one contact point.
-        axle_coefficients: those of a contact point below an axle.
-        soil: `SoilPatch` under the shoes; its `max_sinkage` is updated.
-        points: `ContactPoints` of the shoes, `POINTS_PER_SHOE` each, left track first; updated.
-        body: `MainBody`; its contact points are updated.
-        command: commanded belt speeds left, right [m/s].
-        state: `TrackState`; updated.
+        motion: elements of `MachineMotion` as a plain tuple; see `track_state`.
+        boxed: boxed `KinematicTables`; the state, the contact points and the maximum sinkage of
+            the soil are updated.
     """
-    motion, dimensions, drive = (
-        MachineMotion(*motion),
-        TrackDimensions(*dimensions),
-        BeltDrive(*drive),
-    )
-    coefficients, soil = ContactCoefficients(*coefficients), SoilPatch(*soil)
-    axle_coefficients = ContactCoefficients(*axle_coefficients)
-    points, body, state = ContactPoints(*points), MainBody(*body), TrackState(*state)
+    motion, tables = MachineMotion(*motion), boxed.table
+    dimensions, coefficients, state = tables.dimensions, tables.coefficients, tables.state
     base = base_frame(motion)
     length = 4.0 * dimensions.half_axle_distance + 2.0 * math.pi * dimensions.sprocket_radius
     state.wrench[:] = 0.0
@@ -103,20 +107,20 @@ def kinematic_track_step(  # type: ignore[no-untyped-def]
             base,
             dimensions,
             coefficients,
-            axle_coefficients,
-            soil,
-            points,
+            tables.axle_coefficients,
+            tables.soil,
+            tables.points,
             state,
         )
         state.speed[side], state.drive_forces[side] = _driven_belt(
-            dt, state.speed[side], command[side], belt_force, drive
+            dt, state.speed[side], tables.command[side], belt_force, tables.drive
         )
         update_mean_speeds(
             state.mean_speeds, side, dt, state.speed[side], base, dimensions.base_com, y_track
         )
         state.travel[side] = (state.travel[side] + state.speed[side] * dt) % length
     swing = (motion.swing_cos, motion.swing_sin)
-    add_body_contact(base, swing, dimensions.base_com, body, coefficients, state.wrench)
+    add_body_contact(base, swing, dimensions.base_com, tables.body, coefficients, state.wrench)
 
 
 @helper(forceinline=True)

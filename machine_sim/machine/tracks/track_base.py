@@ -44,13 +44,11 @@ class TrackBase:
         self.drive_forces = state.drive_forces
         self.wrench = state.wrench
         self._mean_speeds = state.mean_speeds
-        # Plain tuples for the kernels, see `track_state`.
-        self._state = tuple(state)
-        self._dimensions = tuple(TrackDimensions.of(spec))
-        self._soil = tuple(soil_patch_under(ground, spec.tracks.shoe_width))
+        self._state = state
+        self._dimensions = TrackDimensions.of(spec)
+        self._soil = soil_patch_under(ground, spec.tracks.shoe_width)
         self._shoe_contacts = ContactPoints.inactive(2 * shoe_count * points_per_shoe)
-        self._points = tuple(self._shoe_contacts)
-        self._main_body = tuple(main_body_on(ground, spec))
+        self._main_body = main_body_on(ground, spec)
 
     @property
     def slip(self) -> Array:

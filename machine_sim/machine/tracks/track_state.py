@@ -1,8 +1,8 @@
 """Parameters and state of the tracks, as the track kernels take them.
 
-Python passes these structures to a kernel as plain tuples, and the kernel restores the names:
-Numba resolves the type of a plain tuple in C, but that of a `NamedTuple` in Python at every call,
-which takes about 0.5 us for each element.
+Python passes these structures to a kernel boxed (`msg_bridge.kernels.boxed`), or else as plain
+tuples whose names the kernel restores: Numba resolves the type of a plain tuple in C, but that of a
+`NamedTuple` in Python at every call, which takes about 0.5 us for each element.
 """
 
 from __future__ import annotations
