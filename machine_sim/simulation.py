@@ -231,9 +231,10 @@ class MachineSim:
             return
         kind = conversions["kind"]
         is_excavated = kind == _EXCAVATE
-        self._credit_excavated_soil(conversions[is_excavated], ticks_ago)
         if is_excavated.all():
+            self._credit_excavated_soil(conversions, ticks_ago)
             return
+        self._credit_excavated_soil(conversions[is_excavated], ticks_ago)
         particle_id, is_rejected = conversions["particle_id"], kind == _REJECT
         self.particles.remove(particle_id[~(is_excavated | is_rejected)])
         self.particles.unfreeze(particle_id[is_rejected])

@@ -146,7 +146,8 @@ class PendingSoil:
 
     def receive(self, conversions: Rows, pose: Pose, tick: int) -> None:
         """Credit the EXCAVATE rows among CONVERSION rows of a tool at a pose in a tick."""
-        rows = conversions[conversions["kind"] == _EXCAVATE]
+        is_excavated = conversions["kind"] == _EXCAVATE
+        rows = conversions if is_excavated.all() else conversions[is_excavated]
         rotation, origin = pose
         x, y, z = (rows[name] - origin[k] for k, name in enumerate("xyz"))
         # Component by component: the last bits of a matrix product depend on its number of rows.

@@ -108,30 +108,30 @@ class SoilResistance:
             MachineError: a wrench that is not finite; the previous wrenches stay in force.
         """
         wrenches = {}
-        reactions = rows["reaction"].tolist()
-        for reaction, values in zip(reactions, rows.view(FORCE_VECTORS)["values"], strict=True):
-            point, force, torque = values.astype(np.float64).reshape(3, 3)
-            if not math.isfinite(sum(values.tolist())):
+        vectors = rows.view(FORCE_VECTORS)["values"].tolist()
+        for reaction, values in zip(rows["reaction"].tolist(), vectors, strict=True):
+            if not math.isfinite(sum(values)):
                 raise MachineError(
                     f"the FORCE row of the tool has point, force and torque {values}; give finite"
                     " numbers [m, N, N m]"
                 )
-            if force.any():
+            if any(values[3:6]):
+                point, force, torque = np.array(values).reshape(3, 3)
                 wrenches[reaction] = (point, force, torque)
         self._ticks_since_update = 0
         self._receive_cut(wrenches.get(_CUT), pose)
         if _BEARING in wrenches:
             self.bearing.set_wrench(wrenches[_BEARING], pose)
-        elif self.bearing.distance_to_contact(pose) > _RELEASE_DISTANCE:
-            self.bearing.reset()
+        else:
+            _reset_if_released(self.bearing, pose)
 
     def _receive_cut(self, wrench: tuple[Array, Array, Array] | None, pose: Pose) -> None:
-        distance = self.cut.distance_to_contact(pose)
         if wrench is None:
-            if distance > _RELEASE_DISTANCE:
-                self.cut.reset()
-            return
-        if norm(wrench[1]) >= self.cut.max_force or distance >= _UPDATE_DISTANCE:
+            _reset_if_released(self.cut, pose)
+        elif (
+            norm(wrench[1]) >= self.cut.max_force
+            or self.cut.distance_to_contact(pose) >= _UPDATE_DISTANCE
+        ):
             self.cut.set_wrench(wrench, pose)
 
     def begin_tick(self) -> None:
@@ -159,6 +159,12 @@ class SoilResistance:
         cut, bearing = self.cut.step(pose, velocity, dt), self.bearing.step(pose, velocity, dt)
         wrench = np.array([a + b for a, b in zip(cut, bearing, strict=True)])
         return wrench[:3], wrench[3:]
+
+
+def _reset_if_released(contact: CappedSpringDamper, pose: Pose) -> None:
+    """Remove the wrench, if there is one, of a tool that has left the soil."""
+    if contact.max_force > 0.0 and contact.distance_to_contact(pose) > _RELEASE_DISTANCE:
+        contact.reset()
 
 
 def machine_contact(machine_mass: float, dt: float, slack: float = 0.0) -> CappedSpringDamper:

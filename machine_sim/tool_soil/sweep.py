@@ -25,9 +25,10 @@ from msg_bridge.contract.rows import (
     UNLIMITED_ROOM,
     Rows,
     SweepAction,
+    copy_rows,
     empty_rows,
 )
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper, kernel
 
 __all__ = ["DrumSweep", "PlateSweep", "TrackSweep"]
 
@@ -63,6 +64,10 @@ class _KeyPointStrip:
         self.rows["tool"], self.rows["room_mm3"] = tool_id, UNLIMITED_ROOM
         self.segments: NDArray[np.float32] = self.rows.view(SWEEP_SEGMENT)["ends"]
         self.displacements: NDArray[np.float64] = np.zeros((num_points, 3))
+
+    def copy(self) -> Rows:
+        """Return a copy of the rows, which the next tick does not overwrite."""
+        return copy_rows(self.rows, SWEEP)
 
     def move(self, points: NDArray[np.float64], start: Pose, end: Pose) -> float:
         """Move points of a tool frame from one pose to another.
@@ -103,9 +108,16 @@ class PlateSweep:
         """
         strip = self._key_points
         strip.rows["room_mm3"] = room_mm3
-        strip.move(self._points, start, end)
-        _classify_actions(strip.displacements, end[0], self._normals, self._action)
-        return strip.rows.copy()
+        _sweep_plates(
+            self._points,
+            self._normals,
+            *start,
+            *end,
+            strip.segments,
+            strip.displacements,
+            self._action,
+        )
+        return strip.copy()
 
 
 class DrumSweep:
@@ -132,7 +144,7 @@ class DrumSweep:
         strip.move(self._points, start, end)
         strip.rows["action"] = _MILL if is_driven else _COMPACT
         strip.rows["work"] = min(work, MAX_MILLING_WORK) if is_driven else 0.0
-        return strip.rows.copy()
+        return strip.copy()
 
 
 class TrackSweep:
@@ -177,7 +189,7 @@ class TrackSweep:
         strip = self._key_points
         if strip.move(self._points, start, end) < _MIN_TRACK_DISPLACEMENT:
             return empty_rows(SWEEP)
-        return strip.rows.copy()
+        return strip.copy()
 
 
 @kernel
@@ -208,6 +220,15 @@ def _move_points(  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _sweep_plates(  # type: ignore[no-untyped-def]
+    points, normals, rotation, origin, end_rotation, end_origin, segments, displacements, action
+):
+    """Move key points and find their actions; see `_move_points` and `_classify_actions`."""
+    _move_points(points, rotation, origin, end_rotation, end_origin, segments, displacements)
+    _classify_actions(displacements, end_rotation, normals, action)
+
+
+@helper
 def _classify_actions(displacements, rotation, normals, action):  # type: ignore[no-untyped-def]
     """Set the action of each pair: compact if both ends move along the outward normal, else cut.
 
