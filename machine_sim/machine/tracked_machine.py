@@ -114,6 +114,9 @@ class TrackedMachine:
             spec.tracks.motor,
             spec.supply,
         )
+        self._angles: tuple[float, ...] = ()
+        self._rates: tuple[float, ...] = ()
+        self._efforts: tuple[float, ...] = ()
         self._command = [0.0] * (len(self._limits) + 2)  # joints, then tracks
         self._valves = self._make_valves()
         motor_joints = [spec.joint_names.index(name) for name in spec.motors]
@@ -136,11 +139,9 @@ class TrackedMachine:
             )
             for name, mount in spec.tools.items()
         }
-        self._spinning_tools = {
-            children.index(mount.link): self.tools[name]
-            for name, mount in spec.tools.items()
-            if mount.shape.spins
-        }
+        self._moved_tools = [  # each tool, and the index of the joint that moves it
+            (self.tools[name], children.index(mount.link)) for name, mount in spec.tools.items()
+        ]
         self._main_body_joint = children.index(spec.main_body) if spec.main_body != BASE else None
         self.after_step()
 
@@ -167,8 +168,9 @@ class TrackedMachine:
             for velocity, limit in zip(joints, self._limits, strict=True)
         ]
         self._command += [min(max(speed, -max_speed), max_speed) for speed in tracks]
-        for joint, tool in self._spinning_tools.items():
-            tool.commanded_drum_speed = self._command[joint]
+        for tool, joint in self._moved_tools:
+            if tool.shape.spins:
+                tool.commanded_drum_speed = self._command[joint]
 
     def before_step(self, dt: float) -> None:
         """Apply forces and motor targets for the physics engine's next step of `dt` [s]."""
@@ -195,22 +197,19 @@ class TrackedMachine:
             MachineError: the state is not finite, so that the run cannot continue.
         """
         body, client = self.body, self.client_id
-        self._com_list, quaternion = pybullet.getBasePositionAndOrientation(body, client)
+        self._com_list, self._quaternion = pybullet.getBasePositionAndOrientation(body, client)
         velocity, angular_velocity = pybullet.getBaseVelocity(body, client)
-        # pybullet does not accept an empty list of joints.
-        states = pybullet.getJointStates(body, self._joints, client) if self._joints else ()
         self._com = np.array(self._com_list)
-        self._quaternion = np.array(quaternion)
-        self._rotation = rotation_of(*quaternion)
+        self._rotation = rotation_of(*self._quaternion)
         self._com_velocity = np.array(velocity)
         self._angular_velocity = np.array(angular_velocity)
-        self._angles = [angle for angle, _, _, _ in states]
-        self._rates = [rate for _, rate, _, _ in states]
-        self._efforts = [effort for _, _, _, effort in states]
-        self._joint_motion[:] = self._angles + self._rates + self._efforts
-        for tool in self.tools.values():
-            tool.after_step()
-        if not math.isfinite(sum(velocity) + sum(angular_velocity) + sum(self._rates)):
+        if self._joints:  # pybullet does not accept an empty list
+            states = pybullet.getJointStates(body, self._joints, client)
+            self._angles, self._rates, _, self._efforts = zip(*states, strict=True)
+            self._joint_motion[:] = self._angles + self._rates + self._efforts
+        for tool, joint in self._moved_tools:
+            tool.after_step(self._angles[joint], self._rates[joint])
+        if not math.isfinite(sum(velocity + angular_velocity + self._rates)):
             raise MachineError(
                 "the machine's motion is not finite; check for a tool wrench far above its"
                 " strength, or take a shorter time step"
@@ -240,7 +239,7 @@ class TrackedMachine:
     def base_pose(self) -> tuple[Array, Array]:
         """Origin of `base_link` [m], shape (3,), and quaternion x, y, z, w, map frame."""
         _, origin = self.base_frame
-        return origin, self._quaternion.copy()
+        return origin, np.array(self._quaternion)
 
     @property
     def base_frame(self) -> tuple[Array, Array]:

@@ -101,8 +101,12 @@ class Tool:
         pybullet.applyExternalTorque(body, link, torque, world, client)
         self._wrench = []
 
-    def after_step(self) -> None:
-        """Read the state after a step; every property has that state until the next call."""
+    def after_step(self, joint_angle: float, joint_rate: float) -> None:
+        """Read the state after a step; every property has that state until the next call.
+
+        Args:
+            joint_angle, joint_rate: angle [rad] and speed [rad/s] of the joint that moves the link.
+        """
         (_, _, _, _, self._origin_list, quaternion, self._com_velocity, self._angular_velocity) = (
             pybullet.getLinkState(self._body, self._link, 1, 1, self._client)
         )
@@ -110,10 +114,8 @@ class Tool:
         self._rotation = rotation_of(*quaternion)
         self._frame = self._rotation, self._origin
         if self.shape.spins:
-            angle, self.drum_speed, *_ = pybullet.getJointState(
-                self._body, self._link, self._client
-            )
-            s, c = math.sin(angle), math.cos(angle)
+            self.drum_speed = joint_rate
+            s, c = math.sin(joint_angle), math.cos(joint_angle)
             inverse = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
             self._frame = self._rotation @ inverse, self._origin
 
