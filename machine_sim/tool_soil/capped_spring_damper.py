@@ -20,6 +20,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from machine_sim.machine.box import Vec3
+
 __all__ = ["CappedSpringDamper", "norm"]
 
 Array = NDArray[np.float64]
@@ -33,6 +35,7 @@ class CappedSpringDamper:
         force: maximum force [N], map axes, shape (3,).
         torque: its torque about the contact point [N m], map axes, shape (3,).
         contact_point: position of the contact point when the wrench was set [m], map frame.
+        local_point: contact point in the tool frame [m]; `reset` leaves it.
         max_force: norm of the maximum force [N]; 0 without a wrench.
         active_fraction: fraction of the maximum force that acts, 0 to 1.
         displacement: of the contact point against the force since the soil yielded last [m].
@@ -47,7 +50,7 @@ class CappedSpringDamper:
                 back with it.
         """
         self._stiffness, self._damping, self._slack = stiffness, damping, slack
-        self._local_point: Array = np.zeros(3)  # contact point in the tool frame [m]
+        self.local_point: Array = np.zeros(3)
         self._clear()
 
     def reset(self) -> None:
@@ -69,7 +72,7 @@ class CappedSpringDamper:
             *self.force,
             *self.torque,
             *self.contact_point,
-            *self._local_point,
+            *self.local_point,
             self.displacement,
         )
 
@@ -83,13 +86,13 @@ class CappedSpringDamper:
         """
         self.contact_point, self.force, self.torque = wrench
         self.max_force = norm(self.force)
-        self._local_point = pose[0].T @ (self.contact_point - pose[1])
+        self.local_point = pose[0].T @ (self.contact_point - pose[1])
 
     def distance_to_contact(self, pose: Pose) -> float:
         """Return the distance [m] of the tool's contact point from where the wrench was set."""
-        return norm(pose[0] @ self._local_point + pose[1] - self.contact_point)
+        return norm(pose[0] @ self.local_point + pose[1] - self.contact_point)
 
-    def step(self, pose: Pose, velocity: tuple[Array, Array], dt: float) -> tuple[float, ...]:
+    def step(self, pose: Pose, velocity: tuple[Vec3, Vec3], dt: float) -> tuple[float, ...]:
         """Return the wrench that acts in the next step: fx, fy, fz [N], tx, ty, tz [N m].
 
         Args:
@@ -102,8 +105,8 @@ class CappedSpringDamper:
         """
         if self.max_force == 0.0:
             return (0.0,) * 6
-        ax, ay, az = (pose[0] @ self._local_point).tolist()
-        (vx, vy, vz), (wx, wy, wz) = velocity[0].tolist(), velocity[1].tolist()
+        ax, ay, az = (pose[0] @ self.local_point).tolist()
+        (vx, vy, vz), (wx, wy, wz) = velocity
         (fx, fy, fz), (tx, ty, tz) = self.force.tolist(), self.torque.tolist()
         # The velocity of the contact point is v + w x a.
         vx, vy, vz = vx + (wy * az - wz * ay), vy + (wz * ax - wx * az), vz + (wx * ay - wy * ax)

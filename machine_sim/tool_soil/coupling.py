@@ -23,7 +23,7 @@ __all__ = ["ToolSoilCoupling"]
 _NUM_FRAMES = 4
 """Number of past tool frames that are kept, one per tick: answers lag by at most three ticks."""
 
-_ZERO_WRENCH = (np.zeros(3), np.zeros(3))
+_ZERO_WRENCH = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 """No force and no torque."""
 
 
@@ -155,7 +155,7 @@ class ToolSoilCoupling:
         if self.resistance.is_active:
             self._resistance_wrench = self.resistance.step(self.tool.frame, self.tool.velocity, dt)
             force, torque = self._resistance_wrench
-            self.tool.add_wrench(force.tolist() + torque.tolist())
+            self.tool.add_wrench([*force, *torque])
 
     def end_tick(self) -> Rows:
         """End a tick and return its SWEEP rows."""
@@ -166,9 +166,7 @@ class ToolSoilCoupling:
         work = self.resistance.deliverable_work
         if work > 0.0 and not self._params.cutting_forces:
             work = MAX_MILLING_WORK  # nothing brakes the drum
-        return self._interaction.sweep(
-            ToolMotion(start, end, room, self.tool.is_driven, work)
-        )
+        return self._interaction.sweep(ToolMotion(start, end, room, self.tool.is_driven, work))
 
     def _free_mm3(self) -> float:
         """Return the bank volume that the tool can take in besides its pending soil [mm^3]."""

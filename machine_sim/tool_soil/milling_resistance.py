@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.machine import MachineError, Tool
-from machine_sim.machine.rotations import cross
+from machine_sim.machine.box import Vec3
 from machine_sim.machine.tools.drum import DrumShape
 from machine_sim.machine.tools.tool import MIN_DRUM_SPEED
 from machine_sim.params import MachineSimParams
@@ -46,6 +46,8 @@ __all__ = ["MillingResistance"]
 
 Array = NDArray[np.float64]
 Pose = tuple[Array, Array]
+
+_ZERO = (0.0, 0.0, 0.0)
 
 _THRUST_RATIO = 1.0
 """Ratio of the normal to the cutting force of a pick [-]: measured ratios of conical picks are
@@ -98,10 +100,9 @@ class MillingResistance:
         self.static_resistance = SoilResistance(tool.mass, machine_mass, params.physics_step)
         self.contact = machine_contact(machine_mass, params.physics_step)
         self._ticks_since_update = 0
-        self._local_point: Array = np.zeros(3)
         self.debt = 0.0
         self._power = 0.0  # at which the debt is paid in this tick [W]
-        self._picks = _Picks(np.zeros(3), shape.radius, np.zeros(3))  # in the last step
+        self._picks = _Picks(_ZERO, shape.radius, _ZERO)  # in the last step
         self._force = self._last_slip = 0.0  # of these picks [N], [m/s]
         self._pressed_force = 0.0  # of picks that are pressed into the soil [N]
 
@@ -130,7 +131,7 @@ class MillingResistance:
         """All values that the next steps depend on, for the state hash."""
         work = (self.debt, self._power, self._force, self._last_slip, self._pressed_force)
         parts = (
-            self._local_point,
+            self.contact.local_point,
             work,
             [self._ticks_since_update],
             self.contact.state,
@@ -189,7 +190,6 @@ class MillingResistance:
         if limit <= 0.0:
             self.contact.reset()
             return
-        self._local_point = pose[0].T @ (point - pose[1])
         self.contact.set_wrench((point, limit / strength * force, np.zeros(3)), pose)
 
     def _thrust(self, work: float) -> float:
@@ -210,7 +210,7 @@ class MillingResistance:
         self.static_resistance.reset()
         self.contact.reset()
 
-    def step(self, pose: Pose, velocity: tuple[Array, Array], dt: float) -> tuple[Array, Array]:
+    def step(self, pose: Pose, velocity: tuple[Vec3, Vec3], dt: float) -> tuple[Vec3, Vec3]:
         """Return the wrench of the next physics step.
 
         Args:
@@ -221,16 +221,18 @@ class MillingResistance:
         Returns:
             Force [N] and torque about the frame's origin [N m], map axes.
         """
-        axis = pose[0][:, 1]
-        spin = float(velocity[1] @ axis)
-        frame_velocity = velocity[0], velocity[1] - spin * axis
+        (_, ax, _), (_, ay, _), (_, az, _) = pose[0].tolist()
+        axis, (wx, wy, wz) = (ax, ay, az), velocity[1]
+        spin = _dot(velocity[1], axis)
+        frame_velocity = velocity[0], (wx - spin * ax, wy - spin * ay, wz - spin * az)
         # The work of the step that has ended: force times the mean of the slips at its ends.
         slip = self._picks.slip(spin, frame_velocity)
         self.debt -= self._force * 0.5 * abs(slip + self._last_slip) * dt
         self.debt = max(self.debt, -self._max_store)
-        static_force, static_torque = self.static_resistance.step(pose, frame_velocity, dt)
-        wrench = np.array(self.contact.step(pose, frame_velocity, dt))
-        self._picks = picks = _Picks.at(pose[0] @ self._local_point, axis, self._radius)
+        (fx, fy, fz), (tx, ty, tz) = self.static_resistance.step(pose, frame_velocity, dt)
+        contact = self.contact.step(pose, frame_velocity, dt)
+        point: Vec3 = tuple((pose[0] @ self.contact.local_point).tolist())
+        self._picks = picks = _Picks.at(point, axis, self._radius)
         self._last_slip = slip = picks.slip(spin, frame_velocity)
         target = self.contact.active_fraction * self.contact.max_force / _THRUST_RATIO
         travel = abs(slip) * dt / (picks.arm * self._pick_angle)
@@ -239,12 +241,17 @@ class MillingResistance:
         self._force = self._cutting_force(slip, picks.arm, dt)
         # The cutting force is against the slip. On a lever below the minimum arm it has less than
         # its torque; the rest is a pure torque.
-        cutting = -math.copysign(self._force, slip) * picks.direction
-        moment = cross(picks.point, cutting)
-        rest = -math.copysign(self._force * picks.arm, slip) - float(moment @ axis)
+        against_slip = -math.copysign(self._force, slip)
+        cx, cy, cz = (against_slip * component for component in picks.direction)
+        mx, my, mz = moment = _cross(picks.point, (cx, cy, cz))
+        rest = -math.copysign(self._force * picks.arm, slip) - _dot(moment, axis)
         return (
-            static_force + wrench[:3] + cutting,
-            static_torque + wrench[3:] + moment + rest * axis,
+            (fx + contact[0] + cx, fy + contact[1] + cy, fz + contact[2] + cz),
+            (
+                tx + contact[3] + mx + rest * ax,
+                ty + contact[4] + my + rest * ay,
+                tz + contact[5] + mz + rest * az,
+            ),
         )
 
     def _cutting_force(self, slip: float, arm: float, dt: float) -> float:
@@ -273,27 +280,43 @@ class _Picks(NamedTuple):
         direction: of their motion when the drum spins with a positive speed, map axes.
     """
 
-    point: Array
+    point: Vec3
     arm: float
-    direction: Array
+    direction: Vec3
 
     @classmethod
-    def at(cls, point: Array, axis: Array, radius: float) -> _Picks:
+    def at(cls, point: Vec3, axis: Vec3, radius: float) -> _Picks:
         """Return the picks at a point of a drum with an axis and a radius [m]."""
-        lever = point - float(point @ axis) * axis
-        distance = norm(lever)
+        along = _dot(point, axis)
+        (x, y, z), (ax, ay, az) = point, axis
+        lever = x - along * ax, y - along * ay, z - along * az
+        distance = math.sqrt(_dot(lever, lever))
         arm = max(distance, _MIN_LEVER_FRACTION * radius)
-        return cls(point, arm, cross(axis, lever) / distance if distance > 0.0 else np.zeros(3))
+        if distance == 0.0:
+            return cls(point, arm, _ZERO)
+        dx, dy, dz = _cross(axis, lever)
+        return cls(point, arm, (dx / distance, dy / distance, dz / distance))
 
-    def slip(self, spin: float, frame_velocity: tuple[Array, Array]) -> float:
+    def slip(self, spin: float, frame_velocity: tuple[Vec3, Vec3]) -> float:
         """Return the velocity of the picks over the soil [m/s].
 
         Args:
             spin: angular velocity of the drum about its axis [rad/s].
             frame_velocity: of its non-spinning frame: of the origin [m/s], angular [rad/s].
         """
-        motion = frame_velocity[0] + cross(frame_velocity[1], self.point)
-        return spin * self.arm + float(motion @ self.direction)
+        (vx, vy, vz), (wx, wy, wz) = frame_velocity[0], _cross(frame_velocity[1], self.point)
+        return spin * self.arm + _dot((vx + wx, vy + wy, vz + wz), self.direction)
+
+
+def _dot(a: Vec3, b: Vec3) -> float:
+    """Return the scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Vec3, b: Vec3) -> Vec3:
+    """Return the cross product."""
+    (ax, ay, az), (bx, by, bz) = a, b
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
 def _point_and_force(row: Rows) -> tuple[Array, Array]:

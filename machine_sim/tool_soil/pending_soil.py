@@ -22,8 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.dem import Pose, SoilEngine
+from machine_sim.machine.box import Vec3
 from machine_sim.machine.tools.shapes import CuttingShape
 from msg_bridge.contract.rows import MAX_ROW_VOLUME, ConversionKind, Rows
+from msg_bridge.kernels import kernel
 
 __all__ = ["PendingSoil", "coarse_graining_factor"]
 
@@ -148,10 +150,7 @@ class PendingSoil:
         """Credit the EXCAVATE rows among CONVERSION rows of a tool at a pose in a tick."""
         is_excavated = conversions["kind"] == _EXCAVATE
         rows = conversions if is_excavated.all() else conversions[is_excavated]
-        rotation, origin = pose
-        x, y, z = (rows[name] - origin[k] for k, name in enumerate("xyz"))
-        # Component by component: the last bits of a matrix product depend on its number of rows.
-        points = np.column_stack([x * a + y * b + z * c for a, b, c in rotation.T.tolist()])
+        points = _local_points(rows["x"], rows["y"], rows["z"], *pose)
         columns = (rows[name].tolist() for name in ("row", "col", "volume_mm3", "moisture", "soil"))
         for row, col, volume, moisture, soil, point in zip(*columns, points, strict=True):
             parcel = self._parcels.get((row, col))
@@ -172,7 +171,7 @@ class PendingSoil:
         particles: SoilEngine,
         pose: Pose,
         tick: int,
-        release_twist: tuple[Vector, Vector] | None = None,
+        release_twist: tuple[Vec3, Vec3] | None = None,
     ) -> int:
         """Release pending soil as particles, at most as many as the limit per tick.
 
@@ -277,7 +276,7 @@ class PendingSoil:
         particles: SoilEngine,
         pose: Pose,
         batch: _Batch,
-        release_twist: tuple[Vector, Vector] | None,
+        release_twist: tuple[Vec3, Vec3] | None,
     ) -> None:
         """Insert the particles of a batch into the engine; arguments as for `release`."""
         rotation, origin = pose
@@ -287,14 +286,10 @@ class PendingSoil:
         local = np.array(batch.points) + spread * self._rng.uniform(-1.0, 1.0, (volume.size, 3))
         local = self._shape.release_points(local, _CLEARANCE, rotation[2])
         lever_arm = local @ rotation.T
-        velocity = np.zeros_like(local)
-        if release_twist is not None:
-            (vx, vy, vz), (wx, wy, wz) = release_twist[0].tolist(), release_twist[1].tolist()
-            x, y, z = lever_arm.T
-            velocity = np.empty_like(local)
-            velocity[:, 0] = vx + (wy * z - wz * y)
-            velocity[:, 1] = vy + (wz * x - wx * z)
-            velocity[:, 2] = vz + (wx * y - wy * x)
+        if release_twist is None:
+            velocity = np.zeros_like(local)
+        else:
+            velocity = _point_velocities(lever_arm, *release_twist)
         particles.add(
             lever_arm + origin,
             velocity,
@@ -302,3 +297,35 @@ class PendingSoil:
             np.array(batch.soils, dtype=np.uint8),
             np.array(batch.moistures, dtype=np.uint8),
         )
+
+
+@kernel
+def _local_points(x, y, z, rotation, origin):  # type: ignore[no-untyped-def]
+    """Return points of the map frame [m] in the frame of a pose, shape (n, 3).
+
+    Component by component: the last bits of a matrix product depend on its number of rows.
+    """
+    points = np.empty((len(x), 3))
+    for i in range(len(x)):
+        a, b, c = x[i] - origin[0], y[i] - origin[1], z[i] - origin[2]
+        for k in range(3):
+            points[i, k] = a * rotation[0, k] + b * rotation[1, k] + c * rotation[2, k]
+    return points
+
+
+@kernel
+def _point_velocities(lever_arm, velocity, angular_velocity):  # type: ignore[no-untyped-def]
+    """Return the velocities of points of a rigid body [m/s], shape (n, 3).
+
+    Args:
+        lever_arm: points relative to the origin of the body [m], map axes, shape (n, 3).
+        velocity, angular_velocity: of the body at its origin [m/s], [rad/s].
+    """
+    velocities = np.empty_like(lever_arm)
+    (vx, vy, vz), (wx, wy, wz) = velocity, angular_velocity
+    for i in range(len(lever_arm)):
+        x, y, z = lever_arm[i, 0], lever_arm[i, 1], lever_arm[i, 2]
+        velocities[i, 0] = vx + (wy * z - wz * y)
+        velocities[i, 1] = vy + (wz * x - wx * z)
+        velocities[i, 2] = vz + (wx * y - wy * x)
+    return velocities

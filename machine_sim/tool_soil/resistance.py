@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.machine import MachineError
+from machine_sim.machine.box import Vec3
 from machine_sim.tool_soil.capped_spring_damper import CappedSpringDamper, norm
 from msg_bridge.contract.rows import FORCE_VECTORS, Rows, SoilReaction
 
@@ -145,7 +146,7 @@ class SoilResistance:
         self.cut.reset()
         self.bearing.reset()
 
-    def step(self, pose: Pose, velocity: tuple[Array, Array], dt: float) -> tuple[Array, Array]:
+    def step(self, pose: Pose, velocity: tuple[Vec3, Vec3], dt: float) -> tuple[Vec3, Vec3]:
         """Return the wrench of the next physics step.
 
         Args:
@@ -157,8 +158,8 @@ class SoilResistance:
             Force [N] on the tool and torque about its frame's origin [N m], map axes.
         """
         cut, bearing = self.cut.step(pose, velocity, dt), self.bearing.step(pose, velocity, dt)
-        wrench = np.array([a + b for a, b in zip(cut, bearing, strict=True)])
-        return wrench[:3], wrench[3:]
+        fx, fy, fz, tx, ty, tz = (a + b for a, b in zip(cut, bearing, strict=True))
+        return (fx, fy, fz), (tx, ty, tz)
 
 
 def _reset_if_released(contact: CappedSpringDamper, pose: Pose) -> None:

@@ -134,25 +134,31 @@ class DrumShape:
         """
         local = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         half_width = max(0.5 * self.width - clearance, 0.0)
-        lateral = self.offset + np.clip(local[:, 1] - self.offset, -half_width, half_width)
+        released = np.empty_like(local)
+        released[:, 1] = self.offset + _clip(local[:, 1] - self.offset, half_width)
         length = float(np.hypot(up[0], up[2]))
         # With a vertical axis no side of the drum is the upper one; any direction will do.
         upward = up[[0, 2]] / length if length > 1e-3 else np.array([0.0, 1.0])
         forward = np.array([upward[1], -upward[0]])
         section = local[:, [0, 2]]
         side = -1.0 if float((section @ forward).mean()) >= 0.0 else 1.0
-        height = np.clip(section @ upward / self.radius, -1.0, 1.0)
+        height = _clip(section @ upward / self.radius, 1.0)
         span = _MAX_RELEASE_SINE - _MIN_RELEASE_SINE
         sine = _MIN_RELEASE_SINE + 0.5 * span * (1.0 - height)
         direction = side * np.sqrt(1.0 - sine**2)[:, None] * forward - sine[:, None] * upward
-        released = (self.radius + clearance) * direction
-        return np.column_stack([released[:, 0], lateral, released[:, 1]])
+        released[:, [0, 2]] = (self.radius + clearance) * direction
+        return released
 
     def _rim(self, count: int, radius: float, side: int) -> Array:
         """Return points on the circle at one end, from x toward -z, shape (count, 3)."""
         angle = 2.0 * math.pi * np.arange(count) / count
         y = np.full(count, self.offset + 0.5 * side * self.width)
         return np.column_stack([radius * np.cos(angle), y, -radius * np.sin(angle)])
+
+
+def _clip(values: Array, limit: float) -> Array:
+    """Return the values limited to -limit to limit; faster than `numpy.clip` for a few of them."""
+    return np.minimum(np.maximum(values, -limit), limit)
 
 
 def _fan(rim: Array) -> list[Array]:

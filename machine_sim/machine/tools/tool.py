@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from machine_sim.machine.box import Vec3
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.rotations import cross, rotation_of
 from machine_sim.machine.spec import LinkSpec
@@ -135,9 +136,9 @@ class Tool:
         return self._frame
 
     @property
-    def velocity(self) -> tuple[Array, Array]:
+    def velocity(self) -> tuple[Vec3, Vec3]:
         """Velocity of the tool frame's origin [m/s] and angular velocity [rad/s], map frame."""
         (vx, vy, vz), (wx, wy, wz) = self._com_velocity, self._angular_velocity
         x, y, z = (self._rotation @ self._com).tolist()
         velocity = (vx - (wy * z - wz * y), vy - (wz * x - wx * z), vz - (wx * y - wy * x))
-        return np.array(velocity), np.array(self._angular_velocity)
+        return velocity, self._angular_velocity

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from machine_sim.dem import Pose, SoilEngine
 from machine_sim.machine import Tool
+from machine_sim.machine.box import Vec3
 from machine_sim.params import MachineSimParams
 from machine_sim.tool_soil.payload import Payload
 from msg_bridge.contract.rows import UNLIMITED_ROOM, Rows
@@ -26,11 +27,11 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-Twist = tuple[Array, Array]
-"""Velocity of a frame's origin [m/s] and angular velocity [rad/s], map axes, shape (3,) each."""
+Twist = tuple[Vec3, Vec3]
+"""Velocity of a frame's origin [m/s] and angular velocity [rad/s], map axes."""
 
-Wrench = tuple[Array, Array]
-"""Force [N] and torque about a frame's origin [N m], map axes, shape (3,) each."""
+Wrench = tuple[Vec3, Vec3]
+"""Force [N] and torque about a frame's origin [N m], map axes."""
 
 
 class ToolMotion(NamedTuple):
@@ -205,4 +206,4 @@ class NoResistance:
 
     def step(self, pose: Pose, velocity: Twist, dt: float) -> Wrench:
         """Return no force and no torque."""
-        return np.zeros(3), np.zeros(3)
+        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
