@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from dig_operator.observation import Observation
 from machine_sim.machine.arm_kinematics import arm_geometry, solve_bucket_pin_angles, tool_pose
+from machine_sim.machine.box import Vec3
 from machine_sim.machine.errors import ReachError
 from machine_sim.machine.rotations import rotation_about_z
 from machine_sim.machine.spec import MachineSpec
@@ -106,26 +107,26 @@ class BucketKinematics:
         """
         for reduction in _RADIUS_OFFSETS:
             with suppress(ReachError):
-                return self._solve_joint_angles(
-                    observation, pose._replace(radius=pose.radius - reduction)
-                )
-        return self._solve_joint_angles(observation, pose)
+                return self._solve_joint_angles(observation, pose, pose.radius - reduction)
+        return self._solve_joint_angles(observation, pose, pose.radius)
 
-    def _solve_joint_angles(self, observation: Observation, pose: BucketPose) -> Array:
-        axis = self.swing_axis(observation)
-        cos_azimuth, sin_azimuth = math.cos(pose.azimuth), math.sin(pose.azimuth)
-        target = [
-            axis[0] + pose.radius * cos_azimuth,
-            axis[1] + pose.radius * sin_azimuth,
-            pose.height,
-        ]
-        offset = np.array(target) - axis
-        x, y, _ = (offset @ observation.base_rotation).tolist()
+    def _solve_joint_angles(
+        self, observation: Observation, pose: BucketPose, radius: float
+    ) -> Array:
+        """Return the joint angles for a pose with another radius [m]; see `joint_angles`."""
+        axis_x, axis_y, axis_z = self.swing_axis(observation).tolist()
+        # From the swing axis to the pin, rounded as the position of the pin is.
+        offset = (
+            axis_x + radius * math.cos(pose.azimuth) - axis_x,
+            axis_y + radius * math.sin(pose.azimuth) - axis_y,
+            pose.height - axis_z,
+        )
+        x, y, _ = _in_frame(offset, observation.base_rotation)
         # Of the equivalent swing angles, whole turns apart, the one nearest to the present one.
         swing_now = float(observation.joints[0])
         swing = swing_now + math.remainder(math.atan2(y, x) - swing_now, 2 * math.pi)
         upper_rotation = observation.base_rotation @ rotation_about_z(swing)
-        reach, _, height = (offset @ upper_rotation).tolist()
+        reach, _, height = _in_frame(offset, upper_rotation)
         boom, arm = solve_bucket_pin_angles(self._machine, reach, height)
         limits = self._machine.joints["bucket"]
         bucket = pose.attitude + _nose_up_angle(upper_rotation) - boom - arm
@@ -144,6 +145,13 @@ class BucketKinematics:
             observation.base_position + observation.base_rotation @ self._swing_offset,
             dtype=np.float64,
         )
+
+
+def _in_frame(vector: Vec3, rotation: Array) -> Vec3:
+    """Return a vector of the map frame in a frame with a rotation to the map (3, 3)."""
+    x, y, z = vector
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
+    return x * xx + y * yx + z * zx, x * xy + y * yy + z * zy, x * xz + y * yz + z * zz
 
 
 def _nose_up_angle(upper_rotation: Array) -> float:
