@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from machine_sim.machine.rotations import cross
 from machine_sim.machine.shapes.outline import (
     arc_segments,
     inset,
@@ -245,14 +246,14 @@ def tube(
     steps /= np.linalg.norm(steps, axis=1, keepdims=True)
     tangents = np.vstack([steps[:1], steps[:-1] + steps[1:], steps[-1:]])
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
-    normal = np.cross(tangents[0], np.eye(3)[int(np.argmin(np.abs(tangents[0])))])
+    normal = cross(tangents[0], np.eye(3)[int(np.argmin(np.abs(tangents[0])))])
     angle = 2.0 * math.pi * np.arange(sides) / sides
     radii = np.linspace(radius, radius if end_radius is None else end_radius, count)
     rings = []
     for k in range(count):
         normal = normal - tangents[k] * (normal @ tangents[k])
         normal = normal / np.linalg.norm(normal)
-        binormal = np.cross(tangents[k], normal)
+        binormal = cross(tangents[k], normal)
         # Widen the ring at a sharp bend, so that the bar keeps its thickness.
         wide = 1.0 / max(float(tangents[k] @ steps[min(k, count - 2)]), 0.5)
         circle = np.outer(np.cos(angle), normal) + np.outer(np.sin(angle), binormal)
@@ -300,11 +301,11 @@ def _convex(points: Array, polygons: Sequence[Sequence[int]]) -> TriangleMesh:
     for polygon in polygons:
         corners = points[polygon]
         middle = corners.mean(axis=0)
-        normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+        normal = cross(corners[1] - corners[0], corners[2] - corners[0])
         if normal @ middle < 0.0:
             normal = -normal
         first = corners[0] - middle
-        second = np.cross(normal, first)
+        second = cross(normal, first)
         angle = np.arctan2((corners - middle) @ second / np.linalg.norm(second),
                            (corners - middle) @ first / np.linalg.norm(first))  # fmt: skip
         order = np.asarray(polygon)[np.argsort(angle)]
