@@ -30,7 +30,7 @@ class BucketInteraction(PlateCutting):
     def sweep(self, motion: ToolMotion) -> Rows:
         """Return the SWEEP rows of one tick."""
         room_mm3 = int(motion.room_mm3 * self._entering_fraction(motion))
-        return super().sweep(motion._replace(room_mm3=room_mm3))
+        return self._sweep.rows(motion.start, motion.end, room_mm3)
 
     def _entering_fraction(self, motion: ToolMotion) -> float:
         """Return the part of the motion of the cutting edge that is not sideways, from 0 to 1."""
