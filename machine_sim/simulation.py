@@ -344,7 +344,8 @@ class MachineSim:
             nearest = np.argmin(distances, axis=0)
             rows_of_tools = [excavated[nearest == k] for k in range(len(distances))]
         for coupling, rows in zip(self._digging_couplings, rows_of_tools, strict=True):
-            coupling.pending.receive(rows, coupling.frame_at(ticks_ago), self.tick)
+            if rows.size:
+                coupling.pending.receive(rows, coupling.frame_at(ticks_ago), self.tick)
 
     def _request_deposits(self) -> Rows:
         """Freeze settled particles, and return DEPOSIT_REQUEST rows for them."""

@@ -229,7 +229,9 @@ class MillingResistance:
         slip = self._picks.slip(spin, frame_velocity)
         self.debt -= self._force * 0.5 * abs(slip + self._last_slip) * dt
         self.debt = max(self.debt, -self._max_store)
-        (fx, fy, fz), (tx, ty, tz) = self.static_resistance.step(pose, frame_velocity, dt)
+        (fx, fy, fz), (tx, ty, tz) = _ZERO, _ZERO
+        if self.static_resistance.is_active:
+            (fx, fy, fz), (tx, ty, tz) = self.static_resistance.step(pose, frame_velocity, dt)
         contact = self.contact.step(pose, frame_velocity, dt)
         point: Vec3 = tuple((pose[0] @ self.contact.local_point).tolist())
         self._picks = picks = _Picks.at(point, axis, self._radius)

@@ -45,8 +45,6 @@ _MIN_VOLUME_FRACTION = 0.25
 _CLEARANCE = 0.02
 """Minimum distance of a released particle from the tool's plates [m]."""
 
-Vector = NDArray[np.float64]
-
 
 def coarse_graining_factor(count: int, capacity: int) -> float:
     """Return the volume of a particle over the nominal volume: 1 to 8 as the engine fills up.
@@ -70,7 +68,7 @@ class _Parcel:
         water: volume times moisture [mm^3 %].
         particle_volume: volume of the next particle without coarse-graining [mm^3].
         soil: soil id.
-        point: position of the newest row [m], tool frame, so that it moves with the tool.
+        point: position x, y, z of the newest row [m], tool frame, so that it moves with the tool.
         tick: number of the tick of the newest row.
     """
 
@@ -78,7 +76,7 @@ class _Parcel:
     water: int
     particle_volume: int
     soil: int
-    point: Vector
+    point: list[float]
     tick: int
 
     def withdraw(self, volume: int) -> int:
@@ -94,7 +92,7 @@ class _Batch:
     """Particles to insert, one entry each: volumes [mm^3], points in the tool frame [m]."""
 
     volumes: list[int] = field(default_factory=list)
-    points: list[Vector] = field(default_factory=list)
+    points: list[list[float]] = field(default_factory=list)
     soils: list[int] = field(default_factory=list)
     moistures: list[int] = field(default_factory=list)
 
@@ -117,7 +115,7 @@ class PendingSoil:
         self._nominal_mm3 = nominal_mm3
         self._max_per_tick = max_per_tick
         self._parcels: dict[tuple[int, int], _Parcel] = {}
-        self._remainder = _Parcel(0, 0, nominal_mm3, 0, np.zeros(3), 0)  # of idle columns
+        self._remainder = _Parcel(0, 0, nominal_mm3, 0, [0.0, 0.0, 0.0], 0)  # of idle columns
         self._rounding_error = 0  # water missing in particles [mm^3 %]; negative: excess
 
     @property
@@ -136,8 +134,8 @@ class PendingSoil:
         return self._rounding_error
 
     @property
-    def points(self) -> list[Vector]:
-        """Positions of the parcels [m], tool frame, shape (3,) each."""
+    def points(self) -> list[list[float]]:
+        """Positions x, y, z of the parcels [m], tool frame."""
         return [parcel.point for parcel in self._parcels.values()]
 
     @property
@@ -150,7 +148,7 @@ class PendingSoil:
         """Credit the EXCAVATE rows among CONVERSION rows of a tool at a pose in a tick."""
         is_excavated = conversions["kind"] == _EXCAVATE
         rows = conversions if is_excavated.all() else conversions[is_excavated]
-        points = _local_points(rows["x"], rows["y"], rows["z"], *pose)
+        points = _local_points(rows["x"], rows["y"], rows["z"], *pose).tolist()
         columns = (rows[name].tolist() for name in ("row", "col", "volume_mm3", "moisture", "soil"))
         for row, col, volume, moisture, soil, point in zip(*columns, points, strict=True):
             parcel = self._parcels.get((row, col))
@@ -164,7 +162,7 @@ class PendingSoil:
     def clear(self) -> None:
         """Remove all pending soil."""
         self._parcels.clear()
-        self._remainder = _Parcel(0, 0, self._nominal_mm3, 0, np.zeros(3), 0)
+        self._remainder = _Parcel(0, 0, self._nominal_mm3, 0, [0.0, 0.0, 0.0], 0)
 
     def release(
         self,

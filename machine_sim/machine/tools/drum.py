@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.machine.box import Box
 from machine_sim.machine.errors import MachineError
+from msg_bridge.kernels import kernel
 
 if TYPE_CHECKING:
     from machine_sim.machine.spec_file.section import Section
@@ -132,21 +133,15 @@ class DrumShape:
         soil that is cut there would be squeezed between the drum and the face. Each point keeps
         its position along the axis and its order in height.
         """
-        local = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-        half_width = max(0.5 * self.width - clearance, 0.0)
-        released = np.empty_like(local)
-        released[:, 1] = self.offset + _clip(local[:, 1] - self.offset, half_width)
-        length = float(np.hypot(up[0], up[2]))
-        # With a vertical axis no side of the drum is the upper one; any direction will do.
-        upward = up[[0, 2]] / length if length > 1e-3 else np.array([0.0, 1.0])
-        forward = np.array([upward[1], -upward[0]])
-        section = local[:, [0, 2]]
-        side = -1.0 if float((section @ forward).mean()) >= 0.0 else 1.0
-        height = _clip(section @ upward / self.radius, 1.0)
-        span = _MAX_RELEASE_SINE - _MIN_RELEASE_SINE
-        sine = _MIN_RELEASE_SINE + 0.5 * span * (1.0 - height)
-        direction = side * np.sqrt(1.0 - sine**2)[:, None] * forward - sine[:, None] * upward
-        released[:, [0, 2]] = (self.radius + clearance) * direction
+        released: Array = _release_points(
+            np.asarray(points, dtype=np.float64).reshape(-1, 3),
+            (float(up[0]), float(up[2])),
+            float(np.hypot(up[0], up[2])),
+            self.radius,
+            clearance,
+            self.offset,
+            max(0.5 * self.width - clearance, 0.0),
+        )
         return released
 
     def _rim(self, count: int, radius: float, side: int) -> Array:
@@ -156,9 +151,35 @@ class DrumShape:
         return np.column_stack([radius * np.cos(angle), y, -radius * np.sin(angle)])
 
 
-def _clip(values: Array, limit: float) -> Array:
-    """Return the values limited to -limit to limit; faster than `numpy.clip` for a few of them."""
-    return np.minimum(np.maximum(values, -limit), limit)
+@kernel
+def _release_points(points, up, length, radius, clearance, offset, half_width):  # type: ignore[no-untyped-def]
+    """Return `DrumShape.release_points`.
+
+    Args:
+        points: points [m], drum frame, shape (n, 3).
+        up: x and z of the vertical in the drum frame.
+        length: length of that vector.
+        radius, clearance: of the drum, and of the released points from it [m].
+        offset, half_width: middle and half length of the range along the axis [m].
+    """
+    # With a vertical axis no side of the drum is the upper one; any direction will do.
+    up_x, up_z = (up[0] / length, up[1] / length) if length > 1e-3 else (0.0, 1.0)
+    forward_x, forward_z = up_z, -up_x
+    total = 0.0
+    for i in range(len(points)):
+        total += points[i, 0] * forward_x + points[i, 2] * forward_z
+    side = -1.0 if total >= 0.0 else 1.0
+    span = _MAX_RELEASE_SINE - _MIN_RELEASE_SINE
+    released = np.empty_like(points)
+    for i in range(len(points)):
+        height = (points[i, 0] * up_x + points[i, 2] * up_z) / radius
+        height = min(max(height, -1.0), 1.0)
+        sine = _MIN_RELEASE_SINE + 0.5 * span * (1.0 - height)
+        cosine = side * math.sqrt(1.0 - sine * sine)
+        released[i, 0] = (radius + clearance) * (cosine * forward_x - sine * up_x)
+        released[i, 1] = offset + min(max(points[i, 1] - offset, -half_width), half_width)
+        released[i, 2] = (radius + clearance) * (cosine * forward_z - sine * up_z)
+    return released
 
 
 def _fan(rim: Array) -> list[Array]:

@@ -56,6 +56,7 @@ class Tool:
         self.inertia = link_spec.inertia[1]
         self._client, self._body, self._link = client, body, link
         self._com = np.array(link_spec.center_of_mass)
+        self._inverse_spin = np.eye(3)  # rotation matrix of minus the joint angle about y
         self.drum_speed = self.commanded_drum_speed = 0.0
         self.drum_torque = max_effort if shape.spins else 0.0
         self._wrench: list[float] = []  # force, and torque about the frame's origin; empty for none
@@ -117,7 +118,8 @@ class Tool:
         if self.shape.spins:
             self.drum_speed = joint_rate
             s, c = math.sin(joint_angle), math.cos(joint_angle)
-            inverse = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+            inverse = self._inverse_spin
+            inverse[0, 0], inverse[0, 2], inverse[2, 0], inverse[2, 2] = c, -s, s, c
             self._frame = self._rotation @ inverse, self._origin
 
     @property
