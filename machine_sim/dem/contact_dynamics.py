@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from machine_sim.dem.contacts.boundary_contacts import list_boundary_contacts
 from machine_sim.dem.contacts.contact_law import contact_parameters
-from machine_sim.dem.contacts.ground_contacts import GroundContactList, GroundContacts
-from machine_sim.dem.contacts.pair_contacts import PairContactBlocks, PairContacts
+from machine_sim.dem.contacts.ground_contacts import GroundContactList
+from machine_sim.dem.contacts.pair_contacts import PairContacts
 from machine_sim.dem.contacts.plate_contact_list import PlateContactList
 from machine_sim.dem.contacts.plate_contacts import PlateContacts
+from machine_sim.dem.contacts.step_contacts import BoundaryContacts, StepContactTables
 from machine_sim.dem.invalidation import (
     BODY_RECORDS,
     CONTACT_BLOCKS,
@@ -32,12 +33,11 @@ from machine_sim.dem.lifecycle.growth import (
 from machine_sim.dem.neighbours.cell_grid import spatial_order
 from machine_sim.dem.neighbours.verlet_list import VerletList
 from machine_sim.dem.params import ParticleParams
+from machine_sim.dem.sleep.sleep_state import MovingRows
 from machine_sim.dem.state import ParticleState
 from machine_sim.dem.step_buffers import StepBuffers
 from machine_sim.dem.step_motion import (
     MotionParams,
-    MovingRows,
-    PairData,
     StepState,
     move_particles,
 )
@@ -75,15 +75,9 @@ class ContactDynamics:
         self._plate_contacts = PlateContacts()
         self._ground_list = GroundContactList(ground)
         self._boxed_params: dict[float, BoxedTable] = {}  # of the last length of a step
-        self._boxed_pairs: BoxedTable | None = None
         self._buffers = StepBuffers()
         self._invalidation = Invalidation()
         self._num_growing = 0
-
-    @property
-    def pair_contacts(self) -> PairContactBlocks:
-        """Contacts of pairs in the last step."""
-        return self._pair_contacts.blocks
 
     # Changes.
 
@@ -140,17 +134,12 @@ class ContactDynamics:
         elif pairs.num_listed < state.count:
             pairs.insert(state, tracked_rows, dt)
 
-    def list_boundary_contacts(
-        self, dt: float, rows: NDArray[np.int64]
-    ) -> tuple[NDArray[np.int64], GroundContacts]:
-        """List the plates and the ground that particles may touch within a step.
+    def list_boundary_contacts(self, dt: float, rows: NDArray[np.int64]) -> BoundaryContacts:
+        """List the plates and the ground that `rows` may touch in a step of `dt` [s].
 
         Args:
-            dt: [s].
+            dt: length of the step [s].
             rows: rows that move by forces.
-
-        Returns:
-            (index of the tool that each row is in, `NO_TOOL` for none; the ground contacts).
         """
         state, tools, plate_list = self._state, self._tools, self.plate_list
         self._ground_list.reserve(rows.size)
@@ -167,7 +156,15 @@ class ContactDynamics:
                 break
             if plate_list.accept(num_plate_contacts):
                 break
-        return inside, self._ground_list.first(num_ground_contacts)
+        return BoundaryContacts(inside, plate_list.table.count, num_ground_contacts)
+
+    def contact_tables(self, contacts: BoundaryContacts) -> StepContactTables:
+        """Return all contacts of the step, with the `contacts` of it that were listed."""
+        return StepContactTables(
+            self._pair_contacts.boxed,
+            self.plate_list.table.boxed_arrays, contacts.num_plate_contacts,
+            self._ground_list.boxed_data, contacts.num_ground_contacts,
+        )  # fmt: skip
 
     def _motion_params(self, dt: float) -> BoxedTable:
         """Return the boxed `MotionParams` of steps of `dt` [s]."""
@@ -192,7 +189,7 @@ class ContactDynamics:
             )
         return boxed
 
-    def grow(self, dt: float, ground_contacts: GroundContacts) -> bool:
+    def grow(self, dt: float, num_ground_contacts: int) -> bool:
         """Set the contact radii of released particles, and grow those below the full radius.
 
         Returns:
@@ -205,21 +202,22 @@ class ContactDynamics:
         if self._invalidation.is_stale(INITIAL_RADII):
             set_initial_radii(
                 params.release_radius_fraction, first, second, view,
-                self.plate_list.table.candidates, self._tools.motion, ground_contacts,
+                self.plate_list.table.candidates, self._tools.motion,
+                self._ground_list.first(num_ground_contacts),
             )  # fmt: skip
             self._invalidation.mark_rebuilt(INITIAL_RADII)
         self._num_growing = grow_radii(growth_per_step(dt, params), first, second, view)
         return True
 
     def move(
-        self, dt: float, moving: MovingRows, ground_contacts: GroundContacts, radii_changed: bool
+        self, dt: float, moving: MovingRows, num_ground_contacts: int, radii_changed: bool
     ) -> tuple[int, int]:
         """Move the particles that move by forces, and advance their settle timers.
 
         Args:
             dt: [s].
             moving: rows that move.
-            ground_contacts: ground contacts of the step.
+            num_ground_contacts: number of listed contacts with the ground.
             radii_changed: whether contact radii have changed since the last step.
 
         Returns:
@@ -229,21 +227,18 @@ class ContactDynamics:
         tools, pairs, plates = self._tools, self.neighbour_list.pairs, self.plate_list.table
         loads_all = self._invalidation.is_stale(BODY_RECORDS)
         rebuilds_contacts = self._invalidation.is_stale(CONTACT_BLOCKS)
-        if rebuilds_contacts:  # as after each change of the pair list
-            contacts = self._pair_contacts
-            contacts.clear(pairs)
-            self._boxed_pairs = box_table(
-                PairData(pairs.arrays, pairs.bounds, contacts.blocks, contacts.source)
-            )
+        if rebuilds_contacts:
+            self._pair_contacts.clear(pairs)
         self._plate_contacts.reserve(plates, len(tools.tool_of_plate))
         num_tunnelled, num_recovered = move_particles.for_threads(self.neighbour_list.threads)(
             dt, self._motion_params(dt),
             StepState(
-                loads_all, rebuilds_contacts, radii_changed, plates.count, ground_contacts.row.size
+                loads_all, rebuilds_contacts, radii_changed, plates.count, num_ground_contacts
             ),
             moving, self._buffers.body_records, self._buffers.force_sums,
-            self._state.boxed_view(StepParticles), self._boxed_pairs, plates.boxed_arrays,
-            self._plate_contacts.boxed_memory, self._ground_list.boxed_data, tools.boxed_motion,
+            self._state.boxed_view(StepParticles), pairs.boxed, self._pair_contacts.boxed,
+            plates.boxed_arrays, self._plate_contacts.boxed_memory, self._ground_list.boxed_data,
+            tools.boxed_motion,
         )  # fmt: skip
         self._invalidation.mark_rebuilt(BODY_RECORDS, CONTACT_BLOCKS)
         return num_tunnelled, num_recovered

@@ -12,11 +12,10 @@ from machine_sim.dem.contacts.pair_forces import max_pair_overlap
 from machine_sim.dem.invalidation import Change
 from machine_sim.dem.neighbours.verlet_list import VerletList
 from machine_sim.dem.params import ParticleParams
-from machine_sim.dem.sleep.sleep_manager import SleepManager, StepContacts
-from machine_sim.dem.sleep.sleep_state import AWAKE, select_moving_rows
+from machine_sim.dem.sleep.sleep_manager import SleepManager
+from machine_sim.dem.sleep.sleep_state import AWAKE, MovingRows
 from machine_sim.dem.soil_engine import SoilEngine, read_only
 from machine_sim.dem.state import ParticleError
-from machine_sim.dem.step_motion import MovingRows
 from machine_sim.dem.tools.pose import Pose
 from machine_sim.dem.tools.rigid_tool import RigidTool
 from machine_sim.dem.tools.tool_set import ToolSet
@@ -181,34 +180,34 @@ class ParticleEngine(SoilEngine):
         state, tools = self.state, self._tools
         tools.begin_step(dt)
         self._dynamics.prepare_rows()
-        if self._sleep_manager.wake_disturbed(state, tools, self.ground, dt).size:
+        num_woken, moving = self._sleep_manager.wake_disturbed(state, tools, self.ground, dt)
+        if num_woken:
             self._dynamics.invalidate(Change.PARTICLES_WOKEN)
-        free, locked, locked_tool = select_moving_rows(state.sleep_state, state.frozen)
-        moving = MovingRows(free, locked, locked_tool, np.concatenate([free, locked]))
-        if free.size:
+        if moving.free.size:
             self._advance(dt, moving)
-        elif locked.size:
-            self._sleep_manager.move_locked_loads(state, tools, locked, locked_tool)
+        elif moving.locked.size:
+            self._sleep_manager.move_locked_loads(state, tools, moving)
         tools.end_step()
 
     def _advance(self, dt: float, moving: MovingRows) -> None:
         """Run the stages of a step in which particles move by forces."""
-        state, tools, rows = self.state, self._tools, moving.free
-        dynamics, plate_list = self._dynamics, self._dynamics.plate_list
+        state, tools, dynamics = self.state, self._tools, self._dynamics
         dynamics.update_neighbour_list(dt, moving)
-        inside, ground_contacts = dynamics.list_boundary_contacts(dt, rows)
-        radii_changed = dynamics.grow(dt, ground_contacts)
-        num_tunnelled, num_recovered = dynamics.move(dt, moving, ground_contacts, radii_changed)
+        contacts = dynamics.list_boundary_contacts(dt, moving.free)
+        radii_changed = dynamics.grow(dt, contacts.num_ground_contacts)
+        num_tunnelled, num_recovered = dynamics.move(
+            dt, moving, contacts.num_ground_contacts, radii_changed
+        )
         self.num_plate_tunnellings += num_tunnelled
         self.num_ground_tunnellings += num_recovered
         if moving.locked.size:
-            self._sleep_manager.move_locked_loads(state, tools, moving.locked, moving.locked_tool)
-        contacts = StepContacts(
-            dynamics.pair_contacts, plate_list.table.candidates, ground_contacts
+            self._sleep_manager.move_locked_loads(state, tools, moving)
+        num_woken, num_asleep = self._sleep_manager.update(
+            state, tools, moving.free, contacts.inside, dynamics.contact_tables(contacts), dt
         )
-        if self._sleep_manager.wake_touching(state, rows, contacts.pair_contacts):
+        if num_woken:
             dynamics.invalidate(Change.PARTICLES_WOKEN)
-        if self._sleep_manager.put_to_sleep(state, tools, rows, inside, contacts, dt).size:
+        if num_asleep:
             dynamics.invalidate(Change.PARTICLES_ASLEEP)
 
     # Present state.

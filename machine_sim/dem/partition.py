@@ -29,7 +29,7 @@ _MIN_PAIRS_PER_REGION = 8192
 """Minimum number of pairs in a region; with fewer, threads cost more than they save."""
 
 
-def partition_pairs(slabs: NDArray[np.int64], slabs_per_boundary: int) -> NDArray[np.int64]:
+def partition_pairs(slabs: NDArray[np.int64], slabs_per_boundary: int) -> list[int]:
     """Cut a pair list into regions with about the same number of pairs.
 
     Args:
@@ -38,7 +38,7 @@ def partition_pairs(slabs: NDArray[np.int64], slabs_per_boundary: int) -> NDArra
             next slab, 2 where it reaches into both adjacent slabs.
 
     Returns:
-        Bounds, shape (2 * regions,): region r has the pairs bounds[2r] to bounds[2r + 1], and the
+        Bounds, 2 for each region: region r has the pairs bounds[2r] to bounds[2r + 1], and the
         region boundary after it the pairs from there to bounds[2r + 2].
     """
     count = int(slabs[-1])
@@ -50,7 +50,7 @@ def partition_pairs(slabs: NDArray[np.int64], slabs_per_boundary: int) -> NDArra
             break
         bounds += [int(slabs[cut]), int(slabs[cut + slabs_per_boundary])]
         min_cut = cut + 2 * slabs_per_boundary
-    return np.array([*bounds, count], dtype=np.int64)
+    return [*bounds, count]
 
 
 @helper(forceinline=True)

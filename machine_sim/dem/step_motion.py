@@ -12,7 +12,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from machine_sim.dem.body_records import load_body_records, store_body_records
 from machine_sim.dem.contacts.contact_law import ContactParameters
@@ -22,19 +21,14 @@ from machine_sim.dem.contacts.ground_contact_blocks import (
 )
 from machine_sim.dem.contacts.ground_contacts import GroundContacts, max_limited_overlap
 from machine_sim.dem.contacts.ground_recovery import recover_and_time_settling
-from machine_sim.dem.contacts.pair_contacts import (
-    PairContactBlocks,
-    PairContactSource,
-    update_pair_contacts,
-)
+from machine_sim.dem.contacts.pair_contacts import update_pair_contacts
 from machine_sim.dem.contacts.plate_contact_list import PlateCandidates
 from machine_sim.dem.contacts.plate_contacts import fill_plate_blocks, store_plate_history
 from machine_sim.dem.contacts.tunnelling import count_tunnelled
-from machine_sim.dem.neighbours.pair_table import PairArrays
 from machine_sim.dem.substeps import LockedRows, SubstepParams, run_substeps
 from msg_bridge.kernels import helper, threaded_stages
 
-__all__ = ["MotionParams", "MovingRows", "PairData", "StepState", "move_particles"]
+__all__ = ["MotionParams", "StepState", "move_particles"]
 
 
 class MotionParams(NamedTuple):
@@ -50,36 +44,6 @@ class MotionParams(NamedTuple):
     pairs: ContactParameters
     surface: ContactParameters
     settle_speed: float
-
-
-class MovingRows(NamedTuple):
-    """Rows that move in a step.
-
-    Attributes:
-        free: rows that move by forces.
-        locked: rows that are locked to a tool.
-        locked_tool: tool index of each locked row.
-        all: free rows, then locked ones.
-    """
-
-    free: NDArray[np.int64]
-    locked: NDArray[np.int64]
-    locked_tool: NDArray[np.int64]
-    all: NDArray[np.int64]
-
-
-class PairData(NamedTuple):
-    """The pair list and its contacts.
-
-    Attributes:
-        listed, bounds: listed pairs, and the bounds of the parts of the list.
-        contacts, source: pair contacts, and the pairs that they are made from.
-    """
-
-    listed: PairArrays
-    bounds: NDArray[np.int64]
-    contacts: PairContactBlocks
-    source: PairContactSource
 
 
 class StepState(NamedTuple):
@@ -101,7 +65,7 @@ class StepState(NamedTuple):
 
 @threaded_stages
 def move_particles(  # type: ignore[no-untyped-def]
-    dt, boxed_params, step, moving, body, force_sums, boxed_particles, boxed_pairs,
+    dt, boxed_params, step, moving, body, force_sums, boxed_particles, boxed_list, boxed_pairs,
     boxed_plates, boxed_plate_memory, boxed_ground, boxed_tools,
 ):  # fmt: skip
     """Advance all particles that move by one step.
@@ -113,7 +77,8 @@ def move_particles(  # type: ignore[no-untyped-def]
         moving: `MovingRows`.
         body, force_sums: see `body_records`.
         boxed_particles: `StepParticles`; updated.
-        boxed_pairs: `PairData`; the contacts are updated.
+        boxed_list: `ListedPairs`.
+        boxed_pairs: `PairContactData`, updated.
         boxed_plates: `PlateContactArrays`; springs and sides are updated.
         boxed_plate_memory: `PlateContactMemory`.
         boxed_ground: `GroundData`.
@@ -122,7 +87,8 @@ def move_particles(  # type: ignore[no-untyped-def]
     Returns:
         (number of particles that passed through a plate, number that were put back on the ground).
     """
-    params, particles, pairs = boxed_params.table, boxed_particles.table, boxed_pairs.table
+    params, particles = boxed_params.table, boxed_particles.table
+    listed, pairs = boxed_list.table, boxed_pairs.table
     plates, memory = boxed_plates.table, boxed_plate_memory.table
     ground, tools = boxed_ground.table, boxed_tools.table
     position, velocity = particles.position, particles.velocity
@@ -133,7 +99,7 @@ def move_particles(  # type: ignore[no-untyped-def]
         particles.radius, particles.inverse_mass, particles.sleep_state,
     )  # fmt: skip
     update_pair_contacts(
-        np.float32(dt), pairs.listed, pairs.bounds, particles, body, pairs.contacts, pairs.source,
+        np.float32(dt), listed.arrays, listed.bounds, particles, body, pairs.blocks, pairs.source,
         step.rebuilds_contacts, step.radii_changed,
     )  # fmt: skip
     num_plate_contacts, num_ground_contacts = step.num_plate_contacts, step.num_ground_contacts
@@ -155,7 +121,7 @@ def move_particles(  # type: ignore[no-untyped-def]
     run_substeps(
         params.substeps, params.pairs, params.surface, rows,
         LockedRows(moving.locked, moving.locked_tool), body, force_sums, position,
-        pairs.contacts, plate_contacts, num_ground_contacts, ground.blocks, tools,
+        pairs.blocks, plate_contacts, num_ground_contacts, ground.blocks, tools,
     )  # fmt: skip
     store_ground_springs(ground_contacts.row, ground.blocks.block, particles.ground_spring)
     store_plate_history(

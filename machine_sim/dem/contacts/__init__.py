@@ -13,6 +13,7 @@ In the order of the algorithm:
   them
 - `simd`: vectorised gather and scatter between particle records and blocks
 - `pair_forces`, `plate_forces`, `ground_forces`: forces in each substep
+- `step_contacts`: all contacts of a step, for the stages after the substeps
 - `tunnelling`: count of particles that passed through a plate
 
 A contact with a plate stores on which side of the plate the particle is. The side changes only

@@ -23,9 +23,9 @@ from machine_sim.dem.contacts.pair_forces import BOND_RUPTURE_GAP
 from machine_sim.dem.contacts.simd import GROUP_SIZE
 from machine_sim.dem.neighbours.pair_table import PairTable
 from machine_sim.dem.vec3 import dot, load_row, subtract
-from msg_bridge.kernels import helper, threaded_helper, threaded_kernel
+from msg_bridge.kernels import BoxedTable, box_table, helper, threaded_helper, threaded_kernel
 
-__all__ = ["PairContactBlocks", "PairContactSource", "PairContacts", "update_pair_contacts"]
+__all__ = ["PairContactBlocks", "PairContactData", "PairContacts", "update_pair_contacts"]
 
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
@@ -69,34 +69,45 @@ class PairContactSource(NamedTuple):
     num_candidates: NDArray[np.int64]
 
 
+class PairContactData(NamedTuple):
+    """The contacts of a step, and the pairs that they are made from."""
+
+    blocks: PairContactBlocks
+    source: PairContactSource
+
+
 class PairContacts:
     """The contacts between particles, kept from step to step until the pair list is rebuilt.
 
     Attributes:
         blocks: the contacts, for kernels.
         source: the pairs that they are made from.
+        boxed: `PairContactData`, boxed.
     """
 
     def __init__(self) -> None:
-        no_pairs = np.zeros(0, np.uint32)
-        self.source = PairContactSource(no_pairs, no_pairs, np.zeros(1, np.int64))
-        self._reserve(32)
+        self._allocate(num_blocks=32, num_candidates=0, num_parts=1)
 
     @property
     def count(self) -> int:
         """Number of contacts."""
         return int(self.blocks.size.sum())
 
-    def _reserve(self, num_blocks: int) -> None:
+    def _allocate(self, num_blocks: int, num_candidates: int, num_parts: int) -> None:
         num_slots = num_blocks * pair.BLOCK_SIZE
-        self.source = self.source._replace(pair_index=np.zeros(num_slots, np.uint32))
         self.blocks = PairContactBlocks(
             first=np.zeros(num_slots, np.uint32),
             second=np.zeros(num_slots, np.uint32),
             block=np.zeros((num_blocks, pair.NUM_QUANTITIES * pair.BLOCK_SIZE), np.float32),
-            begin=np.zeros(1, np.int64),
-            size=np.zeros(1, np.int64),
+            begin=np.zeros(num_parts, np.int64),
+            size=np.zeros(num_parts, np.int64),
         )
+        self.source = PairContactSource(
+            pair_index=np.zeros(num_slots, np.uint32),
+            candidates=np.zeros(num_candidates, np.uint32),
+            num_candidates=np.zeros(num_parts, np.int64),
+        )
+        self.boxed: BoxedTable = box_table(PairContactData(self.blocks, self.source))
 
     def clear(self, pairs: PairTable) -> None:
         """Discard the contacts; each part of the pair list gets enough blocks for all its pairs.
@@ -108,17 +119,19 @@ class PairContacts:
         for low, high in pairwise(pairs.bounds.tolist()):
             begin.append(num_blocks * pair.BLOCK_SIZE)
             num_blocks += (high - low + pair.BLOCK_SIZE - 1) // pair.BLOCK_SIZE
-        if num_blocks > len(self.blocks.block):
-            self._reserve(2 * num_blocks)
-        self.blocks = self.blocks._replace(
-            begin=np.array(begin), size=np.zeros(len(begin), np.int64)
-        )
-        candidates = self.source.candidates
-        if pairs.count > len(candidates):
-            candidates = np.zeros(2 * pairs.count, np.uint32)
-        self.source = PairContactSource(
-            self.source.pair_index, candidates, np.zeros(len(begin), np.int64)
-        )
+        max_blocks, max_candidates = len(self.blocks.block), len(self.source.candidates)
+        if (
+            num_blocks > max_blocks
+            or pairs.count > max_candidates
+            or len(begin) != len(self.blocks.begin)
+        ):
+            self._allocate(
+                max_blocks if num_blocks <= max_blocks else 2 * num_blocks,
+                max_candidates if pairs.count <= max_candidates else 2 * pairs.count,
+                len(begin),
+            )
+        self.blocks.begin[:] = begin
+        self.blocks.size[:] = self.source.num_candidates[:] = 0
 
     def store_history(self, pairs: PairTable, threads: int) -> None:
         """Write the tangential springs back to the pair table."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PairArrays", "PairTable"]
+from msg_bridge.kernels import BoxedTable, box_table
+
+__all__ = ["ListedPairs", "PairArrays", "PairTable"]
 
 
 class PairArrays(NamedTuple):
@@ -17,6 +20,13 @@ class PairArrays(NamedTuple):
     second: NDArray[np.uint32]
     contact_flag: NDArray[np.uint8]
     spring: NDArray[np.float32]
+
+
+class ListedPairs(NamedTuple):
+    """A `PairTable` for kernels; see there."""
+
+    arrays: PairArrays
+    bounds: NDArray[np.int64]
 
 
 class PairTable:
@@ -31,6 +41,7 @@ class PairTable:
         arrays: the four above, for kernels.
         begin, end: range of the pairs whose `first` is a given row, int64, shape (rows,).
         bounds: first pair of each part of the list and the end, see `partition.partition_pairs`.
+        boxed: `ListedPairs`, boxed.
         count: number of pairs.
     """
 
@@ -42,8 +53,20 @@ class PairTable:
         self.arrays = PairArrays(self.first, self.second, self.contact_flag, self.spring)
         self.begin = np.zeros(rows, np.int64)
         self.end = np.zeros(rows, np.int64)
-        self.bounds = np.zeros(2, np.int64)
         self.count = 0
+        self._allocate_bounds(2)
+
+    def _allocate_bounds(self, size: int) -> None:
+        self.bounds = np.zeros(size, np.int64)
+        self.boxed: BoxedTable = box_table(ListedPairs(self.arrays, self.bounds))
+
+    def set_pairs(self, count: int, bounds: Sequence[int] | None = None) -> None:
+        """Set the number of pairs, and the bounds of the parts of the list if it has several."""
+        bounds = bounds or (0, count)
+        if len(bounds) != len(self.bounds):
+            self._allocate_bounds(len(bounds))
+        self.bounds[:] = bounds
+        self.count = count
 
     @property
     def is_partitioned(self) -> bool:

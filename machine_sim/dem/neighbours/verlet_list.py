@@ -94,8 +94,7 @@ class VerletList:
             self.is_stale = True
             return
         pairs, kept = self.pairs, kept[kept < self.num_listed]
-        pairs.count = remove_pairs(kept, self.num_listed, pairs.arrays, pairs.count)
-        pairs.bounds = np.array([0, pairs.count])
+        pairs.set_pairs(remove_pairs(kept, self.num_listed, pairs.arrays, pairs.count))
         self._active = self._active[kept]
         self._listed = ListedParticles(*(column[kept] for column in self._listed))
         state.pair_list_row[: kept.size] = np.arange(kept.size, dtype=np.int32)
@@ -134,8 +133,7 @@ class VerletList:
         if num_pairs < 0:
             self.build(state, tracked_rows, dt)
             return
-        pairs.count = num_pairs
-        pairs.bounds = np.array([0, num_pairs])
+        pairs.set_pairs(num_pairs)
         state.pair_list_row[num_listed:] = np.arange(num_listed, count, dtype=np.int32)
 
     def needs_rebuild(
@@ -238,22 +236,21 @@ class VerletList:
             new.begin, new.end = np.zeros(capacity, np.int64), np.zeros(capacity, np.int64)
         new.begin[: state.count] = new.end[: state.count] = 0
         slabs = np.zeros(grid.shape[1] + 1, np.int64)
-        new.count = find_pairs.for_threads(threads)(
+        count = find_pairs.for_threads(threads)(
             grid, fast_outliers, sparse, particles, new.first, new.second, new.begin, new.end, slabs
         )
-        if new.count < 0:
+        if count < 0:
             return False
         num_asleep = transfer_history.for_threads(threads)(
-            old.arrays, old.count, state.pair_list_row, particles.active, new.arrays, new.count,
+            old.arrays, old.count, state.pair_list_row, particles.active, new.arrays, count,
             new.begin, new.end,
         )  # fmt: skip
+        # A sparse list has pairs that reach into the slabs on both sides.
+        bounds = None if fast_outliers.size else partition_pairs(slabs, 2 if sparse else 1)
+        new.set_pairs(count, bounds)
         self.spring_history.restore(state, self._active, new)
         if num_asleep:
             self.spring_history.save(state, old, num_asleep)
-        # A sparse list has pairs that reach into the slabs on both sides.
-        new.bounds = partition_pairs(slabs, 2 if sparse else 1)
-        if fast_outliers.size:
-            new.bounds = np.array([0, new.count])
         return True
 
 

@@ -8,15 +8,18 @@ the tool, whose weight and inertia act on the tool.
 In the order of a step:
 
 - `sleep_state`: the values of `ParticleState.sleep_state`, and the columns that sleep kernels use
-- `apparent_gravity`: gravity minus acceleration in each tool, which wakes a tilted or shaken load
-- `wake_conditions`: what wakes a sleeping particle
-- `sleep_timers`: how long each awake particle has hardly moved
-- `support`: which particles rest on a tool, on something else, or on both
+- `wake_disturbed`: which particles wake before a step, and which rows then move
+    - `apparent_gravity`: gravity minus acceleration in each tool, which wakes a tilted or shaken
+      load
+    - `wake_conditions`: what wakes a sleeping particle
 - `locked_load`: motion of the soil that is locked to a tool
+- `fall_asleep`: which particles are touched awake in a step, and which fall asleep after it
+    - `sleep_timers`: how long each awake particle has hardly moved
+    - `support`: which particles rest on a tool, on something else, or on both
 - `sleep_manager`: all of it, as the engine calls it
 """
 
-from machine_sim.dem.sleep.sleep_manager import SleepManager, StepContacts
+from machine_sim.dem.sleep.sleep_manager import SleepManager
 from machine_sim.dem.sleep.sleep_state import (
     ASLEEP_ON_MAP,
     AWAKE,
@@ -30,7 +33,6 @@ __all__ = [
     "AWAKE",
     "FIRST_LOCKED_TOOL",
     "SleepManager",
-    "StepContacts",
     "locked_state",
     "locked_tool",
 ]

@@ -6,20 +6,39 @@ came to rest. Tilting and shaking the tool change it.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.dem.tools.pose import XX, YX, ZX, rotate_to_map_axes, velocity_at
 from machine_sim.dem.tools.rigid_tool import RigidTool
-from machine_sim.dem.tools.tool_set import SPHERE_CENTRE, ToolSet
+from machine_sim.dem.tools.tool_set import SPHERE_CENTRE
 from machine_sim.dem.vec3 import dot, load_row, subtract
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import BoxedTable, box_table, helper
 
-__all__ = ["ApparentGravity"]
+__all__ = ["ApparentGravity", "GravityInTools", "has_changed", "update_gravity"]
 
 _FILTER_TIME = 0.06
 """Time constant of the low-pass filter on a tool's acceleration [s]: jerks of a drive are not
 shaking."""
+
+
+class GravityInTools(NamedTuple):
+    """Apparent gravity of each tool, for kernels; one row per tool, shape (tools, 3).
+
+    Attributes:
+        current: apparent gravity at the centre of the tool [m/s^2], tool axes.
+        at_lock: the same when soil was locked to the tool last.
+        acceleration: filtered acceleration of the centre [m/s^2], map axes.
+        velocity: velocity of the centre in the step before [m/s], map axes.
+    """
+
+    current: NDArray[np.float64]
+    at_lock: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    velocity: NDArray[np.float64]
 
 
 class ApparentGravity:
@@ -27,77 +46,53 @@ class ApparentGravity:
 
     Attributes:
         gravity_vector: gravity [m/s^2], map axes, shape (3,).
-        current: apparent gravity at the centre of each tool [m/s^2], tool axes, shape (tools, 3).
-        at_lock: the same when soil was locked to the tool last, shape (tools, 3).
-        acceleration: filtered acceleration of the centre [m/s^2], map axes, shape (tools, 3).
+        in_tools, boxed: `GravityInTools`; kernels update it.
     """
 
     def __init__(self, gravity: float) -> None:
-        self._gravity = gravity
         self.gravity_vector = np.array([0.0, 0.0, -gravity])
-        self.current = np.zeros((0, 3))
-        self.at_lock = np.zeros((0, 3))
-        self.acceleration = np.zeros((0, 3))
-        self._velocity = np.zeros((0, 3))
+        self._set_rows(np.zeros((0, 3)) for _ in GravityInTools._fields)
+
+    def _set_rows(self, columns: Iterable[NDArray[np.float64]]) -> None:
+        self.in_tools = GravityInTools(*columns)
+        self.boxed: BoxedTable = box_table(self.in_tools)
 
     def add_tool(self, tool: RigidTool) -> None:
         """Append a tool that has been at rest at its pose so far."""
-        current = tool.start[0].T @ self.gravity_vector
-        self.current = np.vstack([self.current, current])
-        self.at_lock = np.vstack([self.at_lock, current])
-        self.acceleration = np.vstack([self.acceleration, np.zeros(3)])
-        self._velocity = np.vstack([self._velocity, np.zeros(3)])
+        current, at_rest = tool.start[0].T @ self.gravity_vector, np.zeros(3)
+        added = GravityInTools(current, current, acceleration=at_rest, velocity=at_rest)
+        self._set_rows(map(np.vstack, zip(self.in_tools, added, strict=True)))
 
     def remove_tool(self, index: int) -> None:
         """Remove a tool; the indices of later ones decrease by one."""
-        self.current = np.delete(self.current, index, axis=0)
-        self.at_lock = np.delete(self.at_lock, index, axis=0)
-        self.acceleration = np.delete(self.acceleration, index, axis=0)
-        self._velocity = np.delete(self._velocity, index, axis=0)
-
-    def update(self, tools: ToolSet, dt: float) -> None:
-        """Take over the motion of a step of `dt` [s] that `tools` have begun."""
-        if tools.tools:
-            _update(
-                tools.path[0], tools.twist, tools.sphere, self._gravity, dt, self._velocity,
-                self.acceleration, self.current,
-            )  # fmt: skip
-
-    def set_lock(self, index: int) -> None:
-        """Store the current value of a tool as the one under which its load was locked."""
-        self.at_lock[index] = self.current[index]
-
-    def changed_by(self, threshold: float) -> NDArray[np.bool_]:
-        """Return for which tools it has changed by more than `threshold` [m/s^2] since locking."""
-        changed = np.zeros(len(self.current), np.bool_)
-        _mark_changed(self.current, self.at_lock, threshold, changed)
-        return changed
+        self._set_rows(np.delete(column, index, axis=0) for column in self.in_tools)
 
 
-@kernel
-def _mark_changed(current, at_lock, threshold, changed):  # type: ignore[no-untyped-def]
-    """Mark the tools whose apparent gravity differs from that at locking by more than a threshold.
+@helper
+def has_changed(gravity, tool, threshold):  # type: ignore[no-untyped-def]
+    """Return whether the apparent gravity in a tool differs from that at locking.
 
     Args:
-        current, at_lock: [m/s^2], shape (tools, 3).
-        threshold: [m/s^2].
-        changed: out, shape (tools,).
+        gravity: `GravityInTools`.
+        tool: index of the tool.
+        threshold: minimum difference [m/s^2].
     """
-    for t in range(changed.size):
-        change = subtract(load_row(current, t, 0), load_row(at_lock, t, 0))
-        changed[t] = np.sqrt(dot(change, change)) > threshold
+    change = subtract(load_row(gravity.current, tool, 0), load_row(gravity.at_lock, tool, 0))
+    return np.sqrt(dot(change, change)) > threshold
 
 
-@kernel
-def _update(pose, twist, sphere, gravity, dt, velocity, acceleration, apparent_gravity):  # type: ignore[no-untyped-def]
+@helper
+def update_gravity(tools, standard, dt, gravity):  # type: ignore[no-untyped-def]
     """Filter the acceleration of each tool's centre, and rotate apparent gravity to tool axes.
 
     Args:
-        pose, twist, sphere: packed, of each tool, see `tools.pose` and `ToolSet`.
-        gravity: [m/s^2], downward.
-        dt: [s].
-        velocity, acceleration, apparent_gravity: shape (tools, 3), updated.
+        tools: `ToolMotion` of a step that has begun.
+        standard: acceleration of gravity, downward [m/s^2].
+        dt: length of the step [s].
+        gravity: `GravityInTools`, updated.
     """
+    pose, twist, sphere = tools.path[0], tools.twist, tools.sphere
+    velocity, acceleration, current = gravity.velocity, gravity.acceleration, gravity.current
     weight = dt / (_FILTER_TIME + dt)
     for t in range(pose.shape[0]):
         x, y, z = rotate_to_map_axes(
@@ -111,9 +106,9 @@ def _update(pose, twist, sphere, gravity, dt, velocity, acceleration, apparent_g
             new_acceleration = (new_velocity[axis] - velocity[t, axis]) / dt
             acceleration[t, axis] += weight * (new_acceleration - acceleration[t, axis])
             velocity[t, axis] = new_velocity[axis]
-        down = -gravity - acceleration[t, 2]
+        down = -standard - acceleration[t, 2]
         for axis in range(3):
-            apparent_gravity[t, axis] = (
+            current[t, axis] = (
                 pose[t, ZX + axis] * down
                 - pose[t, XX + axis] * acceleration[t, 0]
                 - pose[t, YX + axis] * acceleration[t, 1]

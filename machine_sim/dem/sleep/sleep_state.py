@@ -9,17 +9,20 @@ from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from machine_sim.dem.state import ASLEEP_ON_MAP, AWAKE
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper
 
 __all__ = [
     "ASLEEP_ON_MAP",
     "AWAKE",
     "FIRST_LOCKED_TOOL",
+    "MovingRows",
+    "SleepParams",
     "SleepView",
+    "is_loaded",
     "locked_state",
     "locked_tool",
-    "mark_loaded_tools",
     "select_moving_rows",
+    "wake",
 ]
 
 FIRST_LOCKED_TOOL = 2
@@ -52,29 +55,72 @@ class SleepView(NamedTuple):
     wake_reference: NDArray[np.float64]
 
 
-@kernel
-def select_moving_rows(sleep_state, frozen):  # type: ignore[no-untyped-def]
-    """Split the rows of particles that move.
+class MovingRows(NamedTuple):
+    """Rows that move in a step.
 
-    Returns:
-        Rows that move by forces, rows that are locked to a tool, and the tool index of each of
-        the latter, int64.
+    Attributes:
+        free: rows that move by forces.
+        locked: rows that are locked to a tool.
+        locked_tool: tool index of each locked row.
+        all: free rows, then locked ones.
     """
-    rows, locked_rows = np.empty(sleep_state.size, np.int64), np.empty(sleep_state.size, np.int64)
-    tools = np.empty(sleep_state.size, np.int64)
+
+    free: NDArray[np.int64]
+    locked: NDArray[np.int64]
+    locked_tool: NDArray[np.int64]
+    all: NDArray[np.int64]
+
+
+class SleepParams(NamedTuple):
+    """Parameters of sleep, for kernels.
+
+    Attributes:
+        gravity: acceleration of gravity, downward [m/s^2].
+        wake_gravity_change: change of the apparent gravity in a tool that wakes its load [m/s^2].
+        wake_speed: speed of a particle that wakes a locked one that it touches [m/s].
+        sleep_speed, sleep_time: speed below which a particle falls asleep [m/s] after a time [s].
+        allow_sleeping, allow_load_locking: whether particles sleep, and are locked to tools.
+    """
+
+    gravity: float
+    wake_gravity_change: float
+    wake_speed: float
+    sleep_speed: float
+    sleep_time: float
+    allow_sleeping: bool
+    allow_load_locking: bool
+
+
+@helper
+def is_loaded(tool, sleep_state):  # type: ignore[no-untyped-def]
+    """Return whether any particle is locked to a tool."""
+    return (sleep_state == locked_state(tool)).any()
+
+
+@helper(forceinline=True)
+def wake(row, particles):  # type: ignore[no-untyped-def]
+    """Wake a particle of a `SleepView`; it keeps the velocity of its carrier."""
+    particles.sleep_state[row] = AWAKE
+    particles.sleep_timer[row] = np.float32(0.0)
+    for axis in range(3):
+        particles.wake_reference[row, axis] = particles.position[row, axis]
+
+
+@helper
+def select_moving_rows(sleep_state, frozen):  # type: ignore[no-untyped-def]
+    """Return the `MovingRows` of some columns."""
+    n = sleep_state.size
+    rows, tools = np.empty(n, np.int64), np.empty(n, np.int64)
     num_free, num_locked = 0, 0
-    for i in range(sleep_state.size):
+    for i in range(n):
         rows[num_free] = i
         num_free += sleep_state[i] == AWAKE and not frozen[i]
-        locked_rows[num_locked], tools[num_locked] = i, locked_tool(sleep_state[i])
-        num_locked += sleep_state[i] >= FIRST_LOCKED_TOOL
-    return rows[:num_free], locked_rows[:num_locked], tools[:num_locked]
-
-
-@kernel
-def mark_loaded_tools(rows, sleep_state, has_load):  # type: ignore[no-untyped-def]
-    """Mark in `has_load`, by tool index, the tools that some of `rows` are locked to."""
-    for i in rows:
-        tool = locked_tool(sleep_state[i])
-        if tool >= 0:
-            has_load[tool] = True
+    for i in range(n):
+        if sleep_state[i] >= FIRST_LOCKED_TOOL:
+            rows[num_free + num_locked] = i
+            tools[num_locked] = locked_tool(sleep_state[i])
+            num_locked += 1
+    num_moving = num_free + num_locked
+    return MovingRows(
+        rows[:num_free], rows[num_free:num_moving], tools[:num_locked], rows[:num_moving]
+    )

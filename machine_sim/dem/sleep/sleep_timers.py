@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from machine_sim.dem.tools.pose import ANGULAR, ORIGIN, velocity_at
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper
 
 __all__ = ["update_sleep_timers"]
 
 
-@kernel
+@helper
 def update_sleep_timers(  # type: ignore[no-untyped-def]
     rows, inside, view, pose, twist, sleep_speed, sleep_time, dt, sleep_ready
 ):

@@ -16,11 +16,12 @@ from machine_sim.dem.sleep.sleep_state import (
     AWAKE,
     locked_state,
     locked_tool,
+    wake,
 )
 from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
 from machine_sim.dem.tools.pose import ORIGIN, to_tool_frame, velocity_at
 from machine_sim.dem.tools.tool_set import SPHERE_CENTRE, SPHERE_RADIUS
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import helper
 
 __all__ = [
     "WAKE_SPHERE_SIZE",
@@ -48,7 +49,7 @@ _LOOKAHEAD_STEPS = 4.0
 particles, or press those it woke against others that do not give way yet."""
 
 
-@kernel
+@helper
 def wake_touching(rows, pair_contacts, view, speed):  # type: ignore[no-untyped-def]
     """Wake the particles in contact with one that has left its wake reference.
 
@@ -91,10 +92,7 @@ def wake_touching(rows, pair_contacts, view, speed):  # type: ignore[no-untyped-
             else:
                 wakes = speed2 > speed * speed and now2 < reach * reach
             if wakes:
-                sleep_state[asleep] = AWAKE
-                view.sleep_timer[asleep] = np.float32(0.0)
-                for axis in range(3):
-                    wake_reference[asleep, axis] = position[asleep, axis]
+                wake(asleep, view)
                 num_woken += 1
     for i in rows:
         displacement2 = 0.0
@@ -106,7 +104,7 @@ def wake_touching(rows, pair_contacts, view, speed):  # type: ignore[no-untyped-
     return num_woken
 
 
-@kernel
+@helper
 def wake_in_spheres(rows, view, spheres, woken):  # type: ignore[no-untyped-def]
     """Mark the particles whose surface is inside one of some spheres.
 
@@ -148,7 +146,7 @@ def _is_outside_box(position, i, low, high, margin):  # type: ignore[no-untyped-
     return outside
 
 
-@kernel
+@helper
 def wake_on_changed_ground(rows, view, changed, ground, woken):  # type: ignore[no-untyped-def]
     """Mark the particles asleep on the map that are on a changed column or next to one.
 
@@ -176,7 +174,7 @@ def wake_on_changed_ground(rows, view, changed, ground, woken):  # type: ignore[
                 woken[k] |= changed[row, col]
 
 
-@kernel
+@helper
 def wake_near_moving_tools(dt, rows, view, is_moving, tools, woken, wake_load):  # type: ignore[no-untyped-def]
     """Mark the particles that a moving tool, or their own moving tool, brings near plates.
 
@@ -237,7 +235,7 @@ def _tool_velocity_at(position, row, pose, twist):  # type: ignore[no-untyped-de
     return velocity_at(twist, x, y, z)
 
 
-@kernel
+@helper
 def load_approaches_soil(dt, tool, tools, rows, view, woken):  # type: ignore[no-untyped-def]
     """Mark the particles asleep on the map that the locked load of a tool approaches.
 

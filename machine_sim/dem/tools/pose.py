@@ -32,6 +32,7 @@ __all__ = [
     "ZZ",
     "Pose",
     "interpolate_poses",
+    "is_moving",
     "pack_pose",
     "rotate_to_map_axes",
     "rotate_to_tool_axes",
@@ -63,6 +64,9 @@ _ERRORS = {
 }
 _ROTATION_TOLERANCE = 1e-6
 """Maximum error of the lengths and of the dot products of a rotation's axes."""
+
+_MAX_REST_TWIST = 1e-6
+"""Maximum component of the twist of a body at rest [m/s, rad/s]."""
 
 Pose = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Pose of a tool frame in the map frame: its axes as columns, (3, 3), and its origin [m], (3,)."""
@@ -264,3 +268,12 @@ def velocity_at(twist, x, y, z):  # type: ignore[no-untyped-def]
         twist[LINEAR + 1] + wz * x - wx * z,
         twist[LINEAR + 2] + wx * y - wy * x,
     )
+
+
+@helper
+def is_moving(twist):  # type: ignore[no-untyped-def]
+    """Return whether a body of a packed twist is not at rest."""
+    largest = 0.0
+    for k in range(TWIST_SIZE):
+        largest = max(largest, abs(twist[k]))
+    return largest > _MAX_REST_TWIST

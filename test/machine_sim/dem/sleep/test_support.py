@@ -10,7 +10,7 @@ from support.particle_scenes import LEVEL, STEP, square
 from machine_sim.dem.contacts.ground_contacts import GroundContacts
 from machine_sim.dem.contacts.pair_contacts import PairContactBlocks
 from machine_sim.dem.contacts.plate_contact_list import PlateCandidates
-from machine_sim.dem.sleep.sleep_manager import StepContacts
+from machine_sim.dem.contacts.step_contacts import StepContacts
 from machine_sim.dem.sleep.sleep_state import SleepView
 from machine_sim.dem.sleep.support import trace_support
 from machine_sim.dem.state import ParticleState

@@ -1,0 +1,58 @@
+"""All contacts of a step, as its last stages get them: sleep, for example."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machine_sim.dem.contacts.ground_contacts import GroundContacts
+from machine_sim.dem.contacts.pair_contacts import PairContactBlocks
+from machine_sim.dem.contacts.plate_contact_list import PlateCandidates
+from msg_bridge.kernels import BoxedTable
+
+__all__ = ["BoundaryContacts", "StepContactTables", "StepContacts"]
+
+
+class BoundaryContacts(NamedTuple):
+    """Contacts with plates and with the ground that were listed for a step.
+
+    Attributes:
+        inside: index of the tool that each row is in, `NO_TOOL` for none, int64, shape (rows,).
+        num_plate_contacts, num_ground_contacts: numbers of contacts.
+    """
+
+    inside: NDArray[np.int64]
+    num_plate_contacts: int
+    num_ground_contacts: int
+
+
+class StepContactTables(NamedTuple):
+    """Tables with the contacts of a step, for kernels.
+
+    Attributes:
+        pairs: `PairContactData`, boxed, as the others.
+        plates, num_plate_contacts: `PlateContactArrays`, and how many are in use.
+        ground, num_ground_contacts: `GroundData`, and how many of its contacts are in use.
+    """
+
+    pairs: BoxedTable
+    plates: BoxedTable
+    num_plate_contacts: int
+    ground: BoxedTable
+    num_ground_contacts: int
+
+
+class StepContacts(NamedTuple):
+    """Contacts of a step, for kernels.
+
+    Attributes:
+        pair_contacts: contacts of two particles.
+        plate_contacts: particles near plates.
+        ground_contacts: particles near the ground.
+    """
+
+    pair_contacts: PairContactBlocks
+    plate_contacts: PlateCandidates
+    ground_contacts: GroundContacts

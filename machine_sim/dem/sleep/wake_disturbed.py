@@ -1,0 +1,94 @@
+"""Before a step: which particles wake because something disturbs them, and which rows then move."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from machine_sim.dem.sleep.apparent_gravity import has_changed, update_gravity
+from machine_sim.dem.sleep.sleep_state import (
+    AWAKE,
+    is_loaded,
+    locked_tool,
+    select_moving_rows,
+    wake,
+)
+from machine_sim.dem.sleep.wake_conditions import (
+    load_approaches_soil,
+    wake_in_spheres,
+    wake_near_moving_tools,
+    wake_on_changed_ground,
+)
+from machine_sim.dem.tools.pose import is_moving
+from msg_bridge.kernels import helper, kernel
+
+__all__ = ["wake_disturbed"]
+
+
+@kernel
+def wake_disturbed(  # type: ignore[no-untyped-def]
+    dt, boxed_params, boxed_particles, boxed_tools, boxed_gravity, spheres, changed, frame
+):
+    """Wake the particles that are disturbed in the step to come, and select the rows that move.
+
+    Args:
+        dt: length of the step [s].
+        boxed_params: `SleepParams`, boxed, as the tables below.
+        boxed_particles: `SleepView`; particles that wake keep the velocity of their carrier.
+        boxed_tools: `ToolMotion` of the step, which has begun.
+        boxed_gravity: `GravityInTools`, updated.
+        spheres: particles that reach into these wake [m], map frame, shape (n, WAKE_SPHERE_SIZE).
+        changed: which columns of the terrain changed, shape (rows, cols), or (0, 0) for none.
+        frame: `Ground.frame`.
+
+    Returns:
+        (number of particles that woke; the rows of `MovingRows`).
+    """
+    params, particles, tools = boxed_params.table, boxed_particles.table, boxed_tools.table
+    gravity = boxed_gravity.table
+    update_gravity(tools, params.gravity, dt, gravity)
+    num_woken, rows = 0, _sleeping_rows(particles.sleep_state)
+    if rows.size > 0:
+        woken = np.zeros(rows.size, np.bool_)
+        if spheres.shape[0] > 0:
+            wake_in_spheres(rows, particles, spheres, woken)
+        if changed.size > 0:
+            wake_on_changed_ground(rows, particles, changed, frame, woken)
+        wake_load = _wake_by_tools(dt, rows, params, particles, tools, gravity, woken)
+        for k in range(rows.size):
+            i = rows[k]
+            tool = locked_tool(particles.sleep_state[i])
+            if woken[k] or (tool >= 0 and wake_load[tool]):
+                wake(i, particles)
+                num_woken += 1
+    return num_woken, select_moving_rows(particles.sleep_state, particles.frozen)
+
+
+@helper
+def _sleeping_rows(sleep_state):  # type: ignore[no-untyped-def]
+    """Return the rows of particles that are not awake."""
+    rows, count = np.empty(sleep_state.size, np.int64), 0
+    for i in range(sleep_state.size):
+        rows[count] = i
+        count += sleep_state[i] != AWAKE
+    return rows[:count]
+
+
+@helper
+def _wake_by_tools(dt, rows, params, particles, tools, gravity, woken):  # type: ignore[no-untyped-def]
+    """Mark the particles that moving tools disturb in `woken`, marks of `rows`.
+
+    Returns:
+        Which tools lose their locked load, shape (tools,).
+    """
+    num_tools = tools.twist.shape[0]
+    wake_load, moves = np.empty(num_tools, np.bool_), np.empty(num_tools, np.bool_)
+    for t in range(num_tools):
+        wake_load[t] = has_changed(gravity, t, params.wake_gravity_change)
+        moves[t] = is_moving(tools.twist[t])
+    if not moves.any():
+        return wake_load
+    wake_near_moving_tools(dt, rows, particles, moves, tools, woken, wake_load)
+    for t in range(num_tools):
+        if moves[t] and not wake_load[t] and is_loaded(t, particles.sleep_state):
+            wake_load[t] = load_approaches_soil(dt, t, tools, rows, particles, woken)
+    return wake_load
