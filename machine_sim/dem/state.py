@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Any, TypeVar
 
 import numpy as np
+from numba import literal_unroll
 from numpy.typing import ArrayLike, NDArray
 
 from msg_bridge.contract.errors import EarthmovingError
@@ -130,7 +131,7 @@ class ParticleState:
         self.capacity = capacity
         self.count = 0
         self.next_id = 1
-        self._columns = _allocate(min(capacity, _INITIAL_CAPACITY))
+        self._set_columns(_allocate(min(capacity, _INITIAL_CAPACITY)))
         self._rows_by_id: NDArray[np.intp] | None = None
         self._views: dict[type, Any] = {}
         self._boxed_views: dict[type, BoxedTable] = {}
@@ -169,10 +170,9 @@ class ParticleState:
         self.next_id += count
         self.count = end
         # The new ids are the largest, so that the order by id is known.
-        rows_by_id = self._rows_by_id
+        if self._rows_by_id is not None:
+            self._rows_by_id = np.concatenate([self._rows_by_id, np.arange(start, end)])
         self._update_views()
-        if rows_by_id is not None:
-            self._rows_by_id = np.concatenate([rows_by_id, np.arange(start, end)])
         return ids
 
     def rows(self, ids: ArrayLike) -> NDArray[np.intp]:
@@ -201,19 +201,19 @@ class ParticleState:
         Returns:
             Former rows of the remaining particles, ascending.
         """
-        keep = np.ones(self.count, dtype=np.bool_)
-        keep[rows] = False
-        kept = np.flatnonzero(keep)
-        rows_by_id = self._rows_by_id
-        self.reorder(kept)
-        if rows_by_id is not None:
-            self._rows_by_id = (np.cumsum(keep) - 1)[rows_by_id[keep[rows_by_id]]]
+        kept: NDArray[np.intp] = _other_rows(rows, self.count)
+        _move_rows_down(kept, self._scalar_columns, self._vector_columns)
+        if self._rows_by_id is not None:
+            self._rows_by_id = _keep_in_order(self._rows_by_id, kept)
+        self.count = kept.size
+        self._update_views()
         return kept
 
     def reorder(self, order: NDArray[np.intp]) -> None:
         """Make row `order[k]` row k; rows that are not named are removed."""
         for column in self._columns.values():
             column[: order.size] = column.take(order, axis=0)  # three times as fast as indexing
+        self._rows_by_id = None
         self.count = order.size
         self._update_views()
 
@@ -222,7 +222,12 @@ class ParticleState:
         columns = _allocate(capacity)
         for name, column in self._columns.items():
             columns[name][: self.count] = column[: self.count]
+        self._set_columns(columns)
+
+    def _set_columns(self, columns: dict[str, NDArray[Any]]) -> None:
         self._columns = columns
+        self._scalar_columns = tuple(each for each in columns.values() if each.ndim == 1)
+        self._vector_columns = tuple(each for each in columns.values() if each.ndim == 2)
 
     def view(self, fields: type[ViewT]) -> ViewT:
         """Return some columns as a named tuple, for kernels.
@@ -248,7 +253,6 @@ class ParticleState:
 
     def _update_views(self) -> None:
         """Make the attributes views of the rows in use."""
-        self._rows_by_id = None
         self._views.clear()
         self._boxed_views.clear()
         for name, column in self._columns.items():
@@ -284,6 +288,51 @@ def _find_rows(ids, particle_id, order, rows):  # type: ignore[no-untyped-def]
         is_found[low] = True
         rows[k] = order[low]
     return 0
+
+
+@kernel
+def _other_rows(rows, count):  # type: ignore[no-untyped-def]
+    """Return the rows, of `count`, that are not in `rows`, ascending."""
+    keep = np.ones(count, np.bool_)
+    for i in rows:
+        keep[i] = False
+    return np.flatnonzero(keep)
+
+
+@kernel
+def _move_rows_down(kept, scalar_columns, vector_columns):  # type: ignore[no-untyped-def]
+    """Make row `kept[k]` row k of every column, in place.
+
+    Args:
+        kept: rows, ascending.
+        scalar_columns, vector_columns: tuples of columns of shape (n,) and (n, 3).
+    """
+    for scalars in literal_unroll(scalar_columns):
+        for k in range(kept.size):
+            scalars[k] = scalars[kept[k]]
+    for vectors in literal_unroll(vector_columns):
+        for k in range(kept.size):
+            for axis in range(3):
+                vectors[k, axis] = vectors[kept[k], axis]
+
+
+@kernel
+def _keep_in_order(order, kept):  # type: ignore[no-untyped-def]
+    """Return an order of rows without those that were removed.
+
+    Args:
+        order: all rows, in some order.
+        kept: former numbers of the rows that are left, ascending; row k is `kept[k]` now.
+    """
+    new_row = np.full(order.size, -1, np.int64)
+    for k in range(kept.size):
+        new_row[kept[k]] = k
+    new_order, count = np.empty(kept.size, np.int64), 0
+    for i in order:
+        if new_row[i] >= 0:
+            new_order[count] = new_row[i]
+            count += 1
+    return new_order
 
 
 def _allocate(capacity: int) -> dict[str, NDArray[Any]]:

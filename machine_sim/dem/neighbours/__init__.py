@@ -7,6 +7,7 @@ In the order of the algorithm:
 - `pair_table`: the list as arrays
 - `pair_search`: pairs found cell by cell; `neighbourhood`: pairs of one particle
 - `history_transfer`: contact history carried over from the previous list
+- `list_build`: these stages, in one call
 - `spring_history`: springs of pairs asleep, which are not listed
 - `pair_updates`: insertion and removal of particles without a rebuild
 - `verlet_list`: the list, rebuilt when it expires

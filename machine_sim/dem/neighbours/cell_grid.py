@@ -42,7 +42,7 @@ def spatial_order(state: ParticleState) -> NDArray[np.intp]:
     return np.asarray(grid.order, dtype=np.intp)
 
 
-@kernel
+@helper
 def rows_in_box(position, moving, margin):  # type: ignore[no-untyped-def]
     """Return the rows of all particles in the bounding box of `moving` rows, enlarged by a margin.
 

@@ -60,6 +60,13 @@ class PairTable:
         self.bounds = np.zeros(size, np.int64)
         self.boxed: BoxedTable = box_table(ListedPairs(self.arrays, self.bounds))
 
+    def clear_rows(self, count: int) -> None:
+        """Clear the ranges of a number of rows."""
+        if len(self.begin) < count:
+            capacity = max(count, 2 * len(self.begin))
+            self.begin, self.end = np.zeros(capacity, np.int64), np.zeros(capacity, np.int64)
+        self.begin[:count] = self.end[:count] = 0
+
     def set_pairs(self, count: int, bounds: Sequence[int] | None = None) -> None:
         """Set the number of pairs, and the bounds of the parts of the list if it has several."""
         bounds = bounds or (0, count)

@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from machine_sim.dem.neighbours.skin_widths import ListedParticles
 from machine_sim.dem.vec3 import dot, load_row, subtract
 from msg_bridge.kernels import kernel
 
-__all__ = ["insert_rows", "mean_displacement", "remove_pairs"]
+__all__ = ["insert_rows", "keep_listed", "mean_displacement", "remove_pairs"]
 
 
 @kernel
@@ -44,6 +45,18 @@ def remove_pairs(kept, num_listed, pairs, num_pairs):  # type: ignore[no-untyped
             pairs.spring[count, axis] = pairs.spring[k, axis]
         count += 1
     return count
+
+
+@kernel
+def keep_listed(kept, active, listed):  # type: ignore[no-untyped-def]
+    """Return which rows are active, and `ListedParticles`, of the rows `kept` only."""
+    position = np.empty((kept.size, 3))
+    for k in range(kept.size):
+        for axis in range(3):
+            position[k, axis] = listed.position[kept[k], axis]
+    return active[kept], ListedParticles(
+        position, listed.skin_width[kept], listed.predicted_radius[kept]
+    )
 
 
 @kernel

@@ -56,18 +56,21 @@ class GrowthPrediction(NamedTuple):
 
 @threaded_kernel
 def any_skin_exceeded(  # type: ignore[no-untyped-def]
-    rows, tracks_all, position, velocity, contact_radius, radius, listed, growth, dt
+    rows, tracks_all, boxed_particles, listed, growth, dt
 ):
     """Return whether a particle may leave its skin or outgrow its predicted radius within a step.
 
     Args:
         rows: tracked rows.
         tracks_all: whether these are all particles: then displacements are relative to their mean.
-        position, velocity, contact_radius, radius: columns of `ParticleState`.
+        boxed_particles: `NeighbourView`, boxed.
         listed: `ListedParticles`.
         growth: `GrowthPrediction` of one step.
         dt: length of the step [s].
     """
+    particles = boxed_particles.table
+    position, velocity = particles.position, particles.velocity
+    contact_radius, radius = particles.contact_radius, particles.radius
     displacement = np.zeros((NUM_CHUNKS, 3))
     if tracks_all:
         for c in prange(NUM_CHUNKS):
@@ -134,7 +137,7 @@ def _grown_radius(contact_radius, radius, growth):  # type: ignore[no-untyped-de
     return min(present + growth.increase * radius, np.float64(radius))
 
 
-@kernel
+@helper
 def compute_skin_widths(  # type: ignore[no-untyped-def]
     rows, tracks_all, velocity, dt, base_width, max_width, max_fast_outliers, skin_width
 ):

@@ -17,18 +17,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.dem.lifecycle.growth import growth_per_step
-from machine_sim.dem.neighbours.cell_grid import CellGrid, rows_in_box, sort_into_cells
-from machine_sim.dem.neighbours.history_transfer import transfer_history
-from machine_sim.dem.neighbours.pair_search import SearchParticles, find_pairs
+from machine_sim.dem.neighbours.list_build import ListLimits, NeighbourView, build_list
+from machine_sim.dem.neighbours.pair_search import SearchParticles
 from machine_sim.dem.neighbours.pair_table import PairTable
-from machine_sim.dem.neighbours.pair_updates import insert_rows, mean_displacement, remove_pairs
+from machine_sim.dem.neighbours.pair_updates import (
+    insert_rows,
+    keep_listed,
+    mean_displacement,
+    remove_pairs,
+)
 from machine_sim.dem.neighbours.skin_widths import (
     ACCELERATION_MARGIN,
     LIST_LIFETIME_STEPS,
     GrowthPrediction,
     ListedParticles,
     any_skin_exceeded,
-    compute_skin_widths,
     predict_contact_radii,
 )
 from machine_sim.dem.neighbours.spring_history import SpringHistory
@@ -95,8 +98,7 @@ class VerletList:
             return
         pairs, kept = self.pairs, kept[kept < self.num_listed]
         pairs.set_pairs(remove_pairs(kept, self.num_listed, pairs.arrays, pairs.count))
-        self._active = self._active[kept]
-        self._listed = ListedParticles(*(column[kept] for column in self._listed))
+        self._active, self._listed = keep_listed(kept, self._active, self._listed)
         state.pair_list_row[: kept.size] = np.arange(kept.size, dtype=np.int32)
 
     def insert(self, state: ParticleState, tracked_rows: NDArray[np.int64], dt: float) -> None:
@@ -108,7 +110,7 @@ class VerletList:
             dt: length of the next steps [s].
         """
         num_listed, count, pairs = self.num_listed, state.count, self.pairs
-        active = _active_rows(state)
+        active = np.asarray((state.sleep_state == AWAKE) & ~state.frozen, dtype=np.bool_)
         listed_rows = tracked_rows[tracked_rows < num_listed]
         displacement, velocity = np.zeros(3), np.zeros(3)
         if tracked_rows.size == count and listed_rows.size:
@@ -157,8 +159,8 @@ class VerletList:
         rows = tracked_rows[tracked_rows < self.num_listed] if num_added else tracked_rows
         return rows.size > 0 and bool(
             any_skin_exceeded.for_threads(self.threads)(
-                rows, rows.size == self.num_listed, state.position, state.velocity,
-                state.contact_radius, state.radius, self._listed, self._predict_growth(dt, 1.0), dt,
+                rows, rows.size == self.num_listed, state.boxed_view(NeighbourView), self._listed,
+                self._predict_growth(dt, 1.0), dt,
             )
         )  # fmt: skip
 
@@ -187,73 +189,49 @@ class VerletList:
             tracked_rows: rows whose motion counts, at least one: all particles, or those that move.
             dt: length of the next steps [s].
         """
-        active = _active_rows(state)
-        listed = ListedParticles(
-            state.position.copy(), np.zeros(state.count), self._predict_radii(state, dt)
-        )
-        max_travel = 2.0 * _MAX_SKIN_DIAMETERS * float(state.radius.max())
-        max_fast_outliers = min(_MAX_BRUTE_FORCE_COMPARISONS // state.count, tracked_rows.size // 2)
-        if state.count > _MAX_COUNT_WITH_OUTLIERS:
-            max_fast_outliers = 0
-        max_skin_width, fast_outliers = compute_skin_widths(
-            tracked_rows, tracked_rows.size == state.count, state.velocity, dt,
-            self._base_skin_width(state), max_travel, max_fast_outliers, listed.skin_width,
+        limits = ListLimits(
+            self._base_skin_width(state), _MAX_SKIN_DIAMETERS,
+            self._max_fast_outliers(state.count, tracked_rows.size),
         )  # fmt: skip
-        cell_size = 2.0 * float(listed.predicted_radius.max()) + 2.0 * max_skin_width
-        sparse = int(np.count_nonzero(active)) * 2 < state.count
-        rows = np.arange(state.count)
-        if sparse:
-            rows = rows_in_box(state.position, tracked_rows, cell_size)
-        if fast_outliers.size:
-            in_cells = np.ones(state.count, np.bool_)
-            in_cells[fast_outliers] = False
-            rows = rows[in_cells[rows]]
-        particles = SearchParticles(
-            state.position, listed.predicted_radius + listed.skin_width, active
-        )
-        grid = sort_into_cells(rows, state.position, cell_size)
-        while not self._fill_spare(state, particles, grid, fast_outliers, sparse):
+        growth = self._predict_growth(dt, LIST_LIFETIME_STEPS)
+        while not self._fill_spare(state, tracked_rows, dt, limits, growth):
             self._spare = PairTable(2 * len(self._spare.first), 0)
         self.pairs, self._spare = self._spare, self.pairs
-        self._listed, self._active = listed, active
         state.pair_list_row[:] = np.arange(state.count, dtype=np.int32)
         self.num_builds += 1
-        self.builds_since_sort += not sparse
         self.is_stale = False
+
+    @staticmethod
+    def _max_fast_outliers(count: int, num_tracked: int) -> int:
+        if count > _MAX_COUNT_WITH_OUTLIERS:
+            return 0
+        return min(_MAX_BRUTE_FORCE_COMPARISONS // count, num_tracked // 2)
 
     def _fill_spare(
         self,
         state: ParticleState,
-        particles: SearchParticles,
-        grid: CellGrid,
-        fast_outliers: NDArray[np.int64],
-        sparse: bool,
+        tracked_rows: NDArray[np.int64],
+        dt: float,
+        limits: ListLimits,
+        growth: GrowthPrediction,
     ) -> bool:
         """Fill the spare table; return False where it is too small."""
-        old, new, threads = self.pairs, self._spare, self.threads
-        if len(new.begin) < state.count:
-            capacity = max(state.count, 2 * len(new.begin))
-            new.begin, new.end = np.zeros(capacity, np.int64), np.zeros(capacity, np.int64)
-        new.begin[: state.count] = new.end[: state.count] = 0
-        slabs = np.zeros(grid.shape[1] + 1, np.int64)
-        count = find_pairs.for_threads(threads)(
-            grid, fast_outliers, sparse, particles, new.first, new.second, new.begin, new.end, slabs
-        )
-        if count < 0:
-            return False
-        num_asleep = transfer_history.for_threads(threads)(
-            old.arrays, old.count, state.pair_list_row, particles.active, new.arrays, count,
-            new.begin, new.end,
+        old, new = self.pairs, self._spare
+        new.clear_rows(state.count)
+        num_pairs, num_asleep, sparse, num_outliers, slabs, active, listed = (
+            build_list.for_threads(self.threads)(
+                dt, limits, growth, tracked_rows, state.boxed_view(NeighbourView), old.boxed,
+                old.count, new.boxed, new.begin, new.end,
+            )
         )  # fmt: skip
+        if num_pairs < 0:
+            return False
         # A sparse list has pairs that reach into the slabs on both sides.
-        bounds = None if fast_outliers.size else partition_pairs(slabs, 2 if sparse else 1)
-        new.set_pairs(count, bounds)
+        bounds = None if num_outliers else partition_pairs(slabs, 2 if sparse else 1)
+        new.set_pairs(num_pairs, bounds)
         self.spring_history.restore(state, self._active, new)
         if num_asleep:
             self.spring_history.save(state, old, num_asleep)
+        self._listed, self._active = listed, active
+        self.builds_since_sort += not sparse
         return True
-
-
-def _active_rows(state: ParticleState) -> NDArray[np.bool_]:
-    """Return whether each row moves by forces, shape (n,); two that do not are no pair."""
-    return np.asarray((state.sleep_state == AWAKE) & ~state.frozen, dtype=np.bool_)

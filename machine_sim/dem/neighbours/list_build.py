@@ -1,0 +1,123 @@
+"""The stages of a build of the pair list, in one call.
+
+skin widths -> cells -> pairs -> history of contacts
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machine_sim.dem.neighbours.cell_grid import rows_in_box, sort_into_cells
+from machine_sim.dem.neighbours.history_transfer import transfer_history
+from machine_sim.dem.neighbours.pair_search import SearchParticles, find_pairs
+from machine_sim.dem.neighbours.skin_widths import (
+    ListedParticles,
+    compute_skin_widths,
+    predict_contact_radii,
+)
+from machine_sim.dem.state import AWAKE
+from msg_bridge.kernels import helper, threaded_stages
+
+__all__ = ["ListLimits", "NeighbourView", "build_list"]
+
+
+class NeighbourView(NamedTuple):
+    """Columns of `ParticleState` that a pair list depends on; see there for the units."""
+
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    radius: NDArray[np.float32]
+    contact_radius: NDArray[np.float32]
+    frozen: NDArray[np.bool_]
+    sleep_state: NDArray[np.int16]
+    pair_list_row: NDArray[np.int32]
+
+
+class ListLimits(NamedTuple):
+    """Limits of a pair list.
+
+    Attributes:
+        base_width: skin width of a particle at rest [m].
+        max_skin_diameters: maximum skin width of a particle in a cell, in maximum diameters, of a
+            list that is valid for more than one step.
+        max_fast_outliers: maximum number of fast outliers.
+    """
+
+    base_width: float
+    max_skin_diameters: float
+    max_fast_outliers: int
+
+
+@threaded_stages
+def build_list(  # type: ignore[no-untyped-def]
+    dt, limits, growth, tracked_rows, boxed_particles, boxed_old, old_count, boxed_new, begin, end
+):
+    """Fill a pair table, and carry the contact history over from the previous one.
+
+    Args:
+        dt: length of the next steps [s].
+        limits: `ListLimits`.
+        growth: `GrowthPrediction` of the lifetime of a list.
+        tracked_rows: rows whose motion counts, at least one: all particles, or those that move.
+        boxed_particles: `NeighbourView`, boxed.
+        boxed_old, old_count: `ListedPairs` of the previous table, boxed, and number of its pairs;
+            see `transfer_history`.
+        boxed_new: `ListedPairs` of the new table, boxed; the pairs are filled.
+        begin, end: out, ranges of the new pairs of each row, zeros.
+
+    Returns:
+        (number of pairs, -1 where the table is too small and the history was not carried over;
+        number of old pairs that are both asleep; whether active particles are few, so that pairs
+        reach into the slabs on both sides; number of fast outliers; first pair of each slab, and
+        the end; whether each row is active; `ListedParticles`).
+    """
+    particles, old, new = boxed_particles.table, boxed_old.table.arrays, boxed_new.table.arrays
+    position, count = particles.position, particles.radius.size
+    listed = ListedParticles(position.copy(), np.zeros(count), np.empty(count))
+    predict_contact_radii(
+        particles.contact_radius, particles.radius, growth, listed.predicted_radius
+    )
+    max_travel = 2.0 * limits.max_skin_diameters * np.float64(particles.radius.max())
+    max_skin_width, fast_outliers = compute_skin_widths(
+        tracked_rows, tracked_rows.size == count, particles.velocity, dt, limits.base_width,
+        max_travel, limits.max_fast_outliers, listed.skin_width,
+    )  # fmt: skip
+    cell_size = 2.0 * listed.predicted_radius.max() + 2.0 * max_skin_width
+    active = active_rows(particles.sleep_state, particles.frozen)
+    sparse = active.sum() * 2 < count
+    rows = rows_in_box(position, tracked_rows, cell_size) if sparse else np.arange(count)
+    rows = _without(fast_outliers, rows, count)
+    searched = SearchParticles(position, listed.predicted_radius + listed.skin_width, active)
+    grid = sort_into_cells(rows, position, cell_size)
+    slabs = np.zeros(grid.shape[1] + 1, np.int64)
+    num_pairs = find_pairs(
+        grid, fast_outliers, sparse, searched, new.first, new.second, begin, end, slabs
+    )
+    num_asleep = np.int64(0)
+    if num_pairs >= 0:
+        num_asleep = transfer_history(
+            old, old_count, particles.pair_list_row, active, new, num_pairs, begin, end
+        )
+    return num_pairs, num_asleep, sparse, fast_outliers.size, slabs, active, listed
+
+
+@helper
+def active_rows(sleep_state, frozen):  # type: ignore[no-untyped-def]
+    """Return whether each row moves by forces, shape (n,); two that do not are no pair."""
+    active = np.empty(frozen.size, np.bool_)
+    for i in range(frozen.size):
+        active[i] = sleep_state[i] == AWAKE and not frozen[i]
+    return active
+
+
+@helper
+def _without(excluded, rows, count):  # type: ignore[no-untyped-def]
+    """Return `rows`, all below `count`, without those that are excluded."""
+    if excluded.size == 0:
+        return rows
+    keep = np.ones(count, np.bool_)
+    keep[excluded] = False
+    return rows[keep[rows]]
