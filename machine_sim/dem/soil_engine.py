@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.dem.lifecycle.release_validation import ReleaseBatch, validate_release
-from machine_sim.dem.lifecycle.settling import settled_rows
+from machine_sim.dem.lifecycle.settling import settled_ids
 from machine_sim.dem.materials import ContactMaterials
 from machine_sim.dem.params import ParticleParams
 from machine_sim.dem.state import ParticleError, ParticleState
@@ -155,8 +155,7 @@ class SoilEngine(ABC):
 
     def settled(self) -> NDArray[np.uint32]:
         """Return the ids of the settled bodies, ascending; see `lifecycle.settling`."""
-        rows = settled_rows(self.state, self.ground, self._tools.tools, self.params)
-        return np.asarray(self.state.particle_id[rows], dtype=np.uint32)
+        return settled_ids(self.state, self.ground, self._tools, self.params)
 
     # Tools.
 

@@ -6,6 +6,6 @@
 """
 
 from machine_sim.dem.lifecycle.release_validation import ReleaseBatch, validate_release
-from machine_sim.dem.lifecycle.settling import settled_rows
+from machine_sim.dem.lifecycle.settling import settled_ids
 
-__all__ = ["ReleaseBatch", "settled_rows", "validate_release"]
+__all__ = ["ReleaseBatch", "settled_ids", "validate_release"]

@@ -135,9 +135,14 @@ class ToolSet:
             return
         for t, tool in enumerate(self.tools):
             pack_pose(tool.start, self._start[t])
-            pack_pose(tool.end, self._end[t])
-        interpolate_poses(self._start, self._end, dt, self.path, self.twist)
+        interpolate_poses(self._start, self.pack_end_poses(), dt, self.path, self.twist)
         self.wrench[:] = 0.0
+
+    def pack_end_poses(self) -> NDArray[np.float64]:
+        """Return the packed end poses of all tools, shape (tools, POSE_SIZE)."""
+        for t, tool in enumerate(self.tools):
+            pack_pose(tool.end, self._end[t])
+        return self._end
 
     def end_step(self) -> None:
         """Leave the tools at their end poses until they are moved again."""

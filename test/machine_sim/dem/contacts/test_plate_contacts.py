@@ -116,7 +116,7 @@ def test_plates_within_reach_are_listed_once(seed: int) -> None:
                 *(array[[plate]] for array in tools.plates[:3]), tools.plates.bounds[:, [plate]]
             )
             reach = SEARCH_RADIUS_FACTOR * state.radius[row] + 1.3 * STEP * np.linalg.norm(velocity)
-            if distance_to_plates(single, *local) <= reach:
+            if distance_to_plates(single, 0, 1, *local) <= reach:
                 expected.append((row, plate))
     listed = list(zip(table.row[: table.count], table.plate[: table.count], strict=True))
     assert listed == expected

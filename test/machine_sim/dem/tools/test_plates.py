@@ -37,9 +37,9 @@ def test_distance_to_a_plate_agrees_with_brute_force(seed, num_corners):
     point = centre + rng.normal(size=3)
     plates = RigidTool([polygon], pose()).plates
     expected = brute_force_distance(polygon, point)
-    assert distance_to_plates(plates, *point) == pytest.approx(expected, abs=0.01)
+    assert distance_to_plates(plates, 0, 1, *point) == pytest.approx(expected, abs=0.01)
     above = centre + 0.3 * np.cross(ring[0], ring[1]) @ rotation.T
-    assert distance_to_plates(plates, *above) <= np.linalg.norm(above - centre) + 1e-9
+    assert distance_to_plates(plates, 0, 1, *above) <= np.linalg.norm(above - centre) + 1e-9
 
 
 @pytest.mark.parametrize(
