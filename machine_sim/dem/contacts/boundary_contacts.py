@@ -6,7 +6,7 @@ import numpy as np
 
 from machine_sim.dem.contacts.ground_contacts import list_ground_contacts
 from machine_sim.dem.contacts.plate_contact_list import list_plate_contacts
-from machine_sim.dem.tools.near_tools import classify_near_tools, tool_frame_positions
+from machine_sim.dem.tools.near_tools import classify_near_tools, select_near_tools
 from msg_bridge.kernels import threaded_stages
 
 __all__ = ["list_boundary_contacts"]
@@ -32,12 +32,12 @@ def list_boundary_contacts(  # type: ignore[no-untyped-def]
         where the table is too small and nothing was changed; number of ground contacts).
     """
     particles, tools, ground = boxed_particles.table, boxed_tools.table, boxed_ground.table
-    positions = tool_frame_positions(rows, particles.position, tools.path[0])
-    inside, ground_masked, near = classify_near_tools(positions, tools, ground.cell)
+    near_tools = select_near_tools(dt, rows, particles, tools, ground.cell)
+    inside, ground_masked, near = classify_near_tools(near_tools, rows.size, tools, ground.cell)
     num_plate_contacts, num_ground_contacts = np.int64(0), np.int64(0)
     if tools.twist.shape[0] > 0:
         num_plate_contacts = list_plate_contacts(
-            dt, rows, positions, particles, tools, old_plates.table, new_plates.table
+            dt, rows, near_tools, particles, tools, old_plates.table, new_plates.table
         )
     if num_plate_contacts >= 0:
         num_ground_contacts = list_ground_contacts(

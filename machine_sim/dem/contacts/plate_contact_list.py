@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from machine_sim.dem.tools.near_tools import ACCELERATION_MARGIN, SEARCH_RADIUS_FACTOR
 from machine_sim.dem.tools.plates import (
     BOUNDS_CENTRE,
     BOUNDS_NORMAL,
@@ -25,17 +26,11 @@ from machine_sim.dem.vec3 import cross, dot, load_row, subtract
 from msg_bridge.kernels import BoxedTable, box_table, helper, kernel
 
 __all__ = [
-    "SEARCH_RADIUS_FACTOR",
     "PlateCandidates",
     "PlateContactList",
     "PlateContactTable",
     "list_plate_contacts",
 ]
-
-SEARCH_RADIUS_FACTOR = 1.2
-"""Distance from a plate at which a particle without relative motion is listed, in radii."""
-_ACCELERATION_MARGIN = 1.3
-"""Distance ahead that is searched, over the distance travelled in a step at constant velocity."""
 
 
 class PlateCandidates(NamedTuple):
@@ -137,13 +132,13 @@ class PlateContactList:
 
 
 @kernel
-def list_plate_contacts(dt, rows, tool_frame_positions, particles, tools, old, new):  # type: ignore[no-untyped-def]
+def list_plate_contacts(dt, rows, near_tools, particles, tools, old, new):  # type: ignore[no-untyped-def]
     """List all plates that one of `rows` may touch within a step, in the new table.
 
     Args:
         dt: length of the step [s].
         rows: particles moved by forces.
-        tool_frame_positions: of these, see `tools.near_tools`.
+        near_tools: which of these are near each tool, `NearTools`.
         particles: `StepParticles`; the row of each particle in the old table is replaced by that
             in the new one, -1 for none.
         tools: `ToolMotion`.
@@ -155,30 +150,34 @@ def list_plate_contacts(dt, rows, tool_frame_positions, particles, tools, old, n
     position, velocity, radius = particles.position, particles.velocity, particles.radius
     list_row = particles.plate_list_row
     plates, first_plate, num_tools = tools.plates, tools.first_plate, tools.twist.shape[0]
-    reach = np.empty((num_tools, rows.size))
-    is_close = np.zeros((num_tools, rows.size), np.bool_)
+    num_near, number = near_tools.number.size, near_tools.number
+    reach, is_close = np.empty(num_near), np.zeros(num_near, np.bool_)
+    is_close_to_any = np.zeros(rows.size, np.bool_)
     for t in range(num_tools):
+        low, high = near_tools.first[t], near_tools.first[t + 1]
         _search_radii(
-            dt, rows, position, velocity, radius, tools.path[0, t], tools.twist[t], reach[t]
-        )
-        _mark_close_to_plates(
-            tool_frame_positions[t], tools.sphere[t], plates.bounds, first_plate[t],
-            first_plate[t + 1], reach[t], is_close[t],
+            dt, rows, number[low:high], position, velocity, radius, tools.path[0, t],
+            tools.twist[t], reach[low:high],
         )  # fmt: skip
+        _mark_close_to_plates(
+            near_tools.x[low:high], near_tools.y[low:high], near_tools.z[low:high],
+            tools.sphere[t], plates.bounds, first_plate[t], first_plate[t + 1], reach[low:high],
+            is_close[low:high],
+        )  # fmt: skip
+        for k in range(low, high):
+            is_close_to_any[number[k]] |= is_close[k]
     row, plate, side, spring = new.row, new.plate, new.side, new.spring
     begin, end, old_begin, old_end = new.begin, new.end, old.begin, old.end
     old_plate, old_side, old_spring = old.plate, old.side, old.spring
-    count = 0
+    count, entry = 0, near_tools.first[:-1].copy()
     for n in range(rows.size):
         i = rows[n]
         begin[i] = count
-        for t in range(num_tools):
-            if not is_close[t, n]:
+        for t in range(num_tools if is_close_to_any[n] else 0):
+            e = entry[t] = _find_entry(n, number, entry[t], near_tools.first[t + 1])
+            if e == near_tools.first[t + 1] or number[e] != n or not is_close[e]:
                 continue
-            x = tool_frame_positions[t, 0, n]
-            y = tool_frame_positions[t, 1, n]
-            z = tool_frame_positions[t, 2, n]
-            max_distance = reach[t, n]
+            x, y, z, max_distance = near_tools.x[e], near_tools.y[e], near_tools.z[e], reach[e]
             for k in range(first_plate[t], first_plate[t + 1]):
                 a, b, h = plate_coordinates(plates, k, x, y, z)
                 if abs(h) > max_distance:
@@ -209,51 +208,58 @@ def list_plate_contacts(dt, rows, tool_frame_positions, particles, tools, old, n
 
 
 @helper(forceinline=True)
-def _search_radii(dt, rows, position, velocity, radius, pose, twist, reach):  # type: ignore[no-untyped-def]
+def _find_entry(n, number, low, high):  # type: ignore[no-untyped-def]
+    """Return the first entry from `low` on whose number is `n` or higher, `high` for none."""
+    while low < high and number[low] < n:
+        low += 1
+    return low
+
+
+@helper(forceinline=True)
+def _search_radii(dt, rows, number, position, velocity, radius, pose, twist, reach):  # type: ignore[no-untyped-def]
     """Compute the distance from a tool's plates within which each particle is listed [m].
 
     It is the radius with a margin plus the distance travelled in the step relative to the tool.
 
     Args:
         dt: length of the step [s].
-        rows: rows of the particles.
+        rows, number: rows of particles, and which of them are near the tool.
         position, velocity, radius: columns of `ParticleState`.
         pose, twist: packed pose and twist of the tool.
-        reach: out, shape (rows,).
+        reach: out, of those near the tool.
     """
     origin = pose[ORIGIN], pose[ORIGIN + 1], pose[ORIGIN + 2]
     linear = twist[LINEAR], twist[LINEAR + 1], twist[LINEAR + 2]
     angular = twist[ANGULAR], twist[ANGULAR + 1], twist[ANGULAR + 2]
-    for n in range(rows.size):
-        i = rows[n]
+    for n in range(number.size):
+        i = rows[number[n]]
         arm = subtract(load_row(position, i, 0), origin)
         relative = subtract(subtract(load_row(velocity, i, 0), linear), cross(angular, arm))
-        reach[n] = SEARCH_RADIUS_FACTOR * radius[i] + _ACCELERATION_MARGIN * dt * np.sqrt(
+        reach[n] = SEARCH_RADIUS_FACTOR * radius[i] + ACCELERATION_MARGIN * dt * np.sqrt(
             dot(relative, relative)
         )
 
 
 @helper(forceinline=True)
-def _mark_close_to_plates(tool_frame_positions, sphere, bounds, low, high, reach, is_close):  # type: ignore[no-untyped-def]
+def _mark_close_to_plates(x, y, z, sphere, bounds, low, high, reach, is_close):  # type: ignore[no-untyped-def]
     """Mark the particles within reach of the bounds of a range of plates.
 
     The loops are over particles, so that they are vectorised.
 
     Args:
-        tool_frame_positions: centres [m], shape (3, rows).
+        x, y, z: centres [m], tool frame.
         sphere: bounding sphere of the tool, see `ToolSet`.
         bounds: bounds of the plates, see `Plates`.
         low, high: first plate of the range and its end, which is excluded.
         reach: see `_search_radii`.
-        is_close: updated, shape (rows,).
+        is_close: updated, of each centre.
     """
     num_in_sphere = 0
     for n in range(np.uint64(reach.size)):
-        x = tool_frame_positions[0, n] - sphere[SPHERE_CENTRE]
-        y = tool_frame_positions[1, n] - sphere[SPHERE_CENTRE + 1]
-        z = tool_frame_positions[2, n] - sphere[SPHERE_CENTRE + 2]
+        dx, dy = x[n] - sphere[SPHERE_CENTRE], y[n] - sphere[SPHERE_CENTRE + 1]
+        dz = z[n] - sphere[SPHERE_CENTRE + 2]
         max_distance = sphere[SPHERE_RADIUS] + reach[n]
-        num_in_sphere += x * x + y * y + z * z <= max_distance * max_distance
+        num_in_sphere += dx * dx + dy * dy + dz * dz <= max_distance * max_distance
     if num_in_sphere == 0:
         return
     for k in range(low, high):
@@ -269,13 +275,8 @@ def _mark_close_to_plates(tool_frame_positions, sphere, bounds, low, high, reach
         )
         height, bounds_radius = bounds[BOUNDS_OFFSET, k], bounds[BOUNDS_RADIUS, k]
         for n in range(np.uint64(reach.size)):
-            x = tool_frame_positions[0, n]
-            y = tool_frame_positions[1, n]
-            z = tool_frame_positions[2, n]
-            above = abs(nx * x + ny * y + nz * z - height)
-            x -= cx
-            y -= cy
-            z -= cz
+            above = abs(nx * x[n] + ny * y[n] + nz * z[n] - height)
+            dx, dy, dz = x[n] - cx, y[n] - cy, z[n] - cz
             max_distance = bounds_radius + reach[n]
-            in_sphere = x * x + y * y + z * z <= max_distance * max_distance
+            in_sphere = dx * dx + dy * dy + dz * dz <= max_distance * max_distance
             is_close[n] |= (above <= reach[n]) & in_sphere

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machine_sim.dem.contacts.plate_contact_list import SEARCH_RADIUS_FACTOR
+from machine_sim.dem.tools.near_tools import SEARCH_RADIUS_FACTOR
 from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
 from machine_sim.dem.tools.pose import ORIGIN, XX, to_tool_frame
 from machine_sim.dem.tools.tool_set import SPHERE_CENTRE, SPHERE_RADIUS

@@ -20,7 +20,6 @@ from machine_sim.dem.body_records import (
 from machine_sim.dem.contacts.contact_law import contact_parameters
 from machine_sim.dem.contacts.plate_block import BLOCK_SIZE
 from machine_sim.dem.contacts.plate_contact_list import (
-    SEARCH_RADIUS_FACTOR,
     PlateContactList,
     list_plate_contacts,
 )
@@ -33,7 +32,7 @@ from machine_sim.dem.contacts.plate_forces import plate_forces
 from machine_sim.dem.contacts.tunnelling import count_tunnelled
 from machine_sim.dem.lifecycle.settling import distance_to_plates
 from machine_sim.dem.step_particles import StepParticles
-from machine_sim.dem.tools.near_tools import tool_frame_positions
+from machine_sim.dem.tools.near_tools import SEARCH_RADIUS_FACTOR, select_near_tools
 from machine_sim.dem.tools.pose import ANGULAR, ORIGIN
 
 CONTACT_PARAMS = contact_parameters(0.00125, 6.0, 0.3)
@@ -84,11 +83,11 @@ def list_contacts(world: ParticleEngine) -> PlateContactList:
     rows = np.arange(world.count)
     plate_list, tools = PlateContactList(), world.tools
     particles = world.state.view(StepParticles)
-    positions = tool_frame_positions(rows, world.state.position, tools.path[0])
+    near_tools = select_near_tools(STEP, rows, particles, tools.motion, 0.0)
     is_listed = False
     while not is_listed:
         count = list_plate_contacts(
-            STEP, rows, positions, particles, tools.motion, plate_list.table.arrays,
+            STEP, rows, near_tools, particles, tools.motion, plate_list.table.arrays,
             plate_list.next_table(world.count).arrays,
         )  # fmt: skip
         is_listed = plate_list.accept(count)
