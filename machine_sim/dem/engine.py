@@ -84,14 +84,10 @@ class ParticleEngine(SoilEngine):
             contact_radius=0.0 if grow else radius,
             mass=mass,
             inverse_mass=1.0 / mass,
-            friction=materials.friction[kind],
-            rolling_friction=materials.rolling_friction[kind],
-            cohesion=materials.cohesion[kind],
-            tool_friction=materials.tool_friction[kind],
-            tool_rolling_friction=materials.tool_rolling_friction[kind],
-            adhesion=materials.adhesion[kind],
+            **materials.coefficients(*kind)._asdict(),
         )
-        self._wake_near_rows(self.state.rows(ids))
+        first = self.state.count - len(ids)
+        self._wake_near_rows(np.arange(first, self.state.count))
         self._dynamics.include_added(len(ids), grow=grow)
         return ids
 

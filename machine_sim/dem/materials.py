@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from machine_sim.dem.state import ParticleError
 from msg_bridge.contract.constants import GRAVITY, MOISTURE_LEVELS
 from msg_bridge.contract.loose_soil import LooseSoil
 
-__all__ = ["ContactMaterials"]
+__all__ = ["ContactCoefficients", "ContactMaterials"]
 
 _REPOSE_ANGLE_TABLE = (
     (10.0, 0.03, 0.0),
@@ -45,17 +46,29 @@ _TOOL_ROLLING_FRICTION = 0.1
 """Rolling friction coefficient on steel."""
 
 
-class ContactMaterials:
-    """Tables of contact coefficients, by soil type and moisture.
-
-    Tables without a shape have shape (soils, MOISTURE_LEVELS), float32.
+class ContactCoefficients(NamedTuple):
+    """Contact coefficients of some particles, shape (n,) each, as in `ParticleState`.
 
     Attributes:
         friction, rolling_friction: coefficients between particles.
         cohesion: cohesion of two particles [Pa], on the cross section of the smaller one.
         tool_friction, tool_rolling_friction: coefficients at a tool.
         adhesion: adhesion to a tool [Pa], on a particle's cross section.
-        packing: packing fraction of a heap.
+    """
+
+    friction: NDArray[np.floating]
+    rolling_friction: NDArray[np.floating]
+    cohesion: NDArray[np.floating]
+    tool_friction: NDArray[np.floating]
+    tool_rolling_friction: NDArray[np.floating]
+    adhesion: NDArray[np.floating]
+
+
+class ContactMaterials:
+    """Tables of contact coefficients, by soil type and moisture.
+
+    Attributes:
+        packing: packing fraction of a heap, shape (soils, MOISTURE_LEVELS), float32.
         swell, density: of each soil type, shape (soils,), float64, see `LooseSoil`.
     """
 
@@ -73,13 +86,8 @@ class ContactMaterials:
         if not soils:
             raise ParticleError("particles need a soil type; give at least one")
         shape = (len(soils), MOISTURE_LEVELS)
-        self.friction = np.zeros(shape, np.float32)
-        self.rolling_friction = np.zeros(shape, np.float32)
         self.packing = np.zeros(shape, np.float32)
-        self.cohesion = np.zeros(shape, np.float32)
-        self.adhesion = np.zeros(shape, np.float32)
-        self.tool_friction = np.zeros(shape, np.float32)
-        self.tool_rolling_friction = np.full(shape, _TOOL_ROLLING_FRICTION, np.float32)
+        self._coefficients = np.zeros((*shape, len(ContactCoefficients._fields)), np.float32)
         self.swell = np.array([soil.swell for soil in soils])
         self.density = np.array([soil.density for soil in soils])
         for k, soil in enumerate(soils):
@@ -87,19 +95,35 @@ class ContactMaterials:
 
     def _fill_tables(self, k: int, soil: LooseSoil, nominal_volume: float) -> None:
         """Fill row `k` of the tables."""
-        self.tool_friction[k] = math.tan(math.radians(soil.tool_friction))
         repose_angle = np.array([soil.repose_angle(m) for m in range(MOISTURE_LEVELS)])
         strength = np.array([soil.moisture_strength_factor(m) for m in range(MOISTURE_LEVELS)])
         self.packing[k] = np.interp(repose_angle, *_columns(_PACKING_FRACTION_TABLE))
         # Cohesion and adhesion are measured on faces in full contact.
         contact = np.array([soil.contact_area(m) for m in range(MOISTURE_LEVELS)])
-        self.cohesion[k] = contact * soil.cohesion * strength
-        self.adhesion[k] = contact * (soil.normal_adhesion or soil.adhesion) * strength
-        bond_number = self._bond_numbers(k, 1e-9 * nominal_volume)
+        cohesion = np.asarray(contact * soil.cohesion * strength, dtype=np.float32)
+        bond_number = self._bond_numbers(k, 1e-9 * nominal_volume, cohesion)
         steepening = np.interp(bond_number, *_columns(_BOND_STEEPENING_TABLE))
         angle, friction, rolling_friction = _columns(_REPOSE_ANGLE_TABLE)
-        self.friction[k] = np.interp(repose_angle - steepening, angle, friction)
-        self.rolling_friction[k] = np.interp(repose_angle - steepening, angle, rolling_friction)
+        coefficients = ContactCoefficients(
+            friction=np.interp(repose_angle - steepening, angle, friction),
+            rolling_friction=np.interp(repose_angle - steepening, angle, rolling_friction),
+            cohesion=cohesion,
+            tool_friction=np.full(MOISTURE_LEVELS, math.tan(math.radians(soil.tool_friction))),
+            tool_rolling_friction=np.full(MOISTURE_LEVELS, _TOOL_ROLLING_FRICTION),
+            adhesion=contact * (soil.normal_adhesion or soil.adhesion) * strength,
+        )
+        for j, column in enumerate(coefficients):
+            self._coefficients[k, :, j] = column
+
+    def coefficients(
+        self, soil: NDArray[np.int64], moisture: NDArray[np.int64]
+    ) -> ContactCoefficients:
+        """Return the coefficients of particles, shape (n,) each, float32.
+
+        Args:
+            soil, moisture: soil types and moistures [% of saturation], shape (n,).
+        """
+        return ContactCoefficients(*self._coefficients[soil, moisture].T)
 
     def radius(
         self, bank: NDArray[np.floating], soil: NDArray[np.int64], moisture: NDArray[np.int64]
@@ -113,13 +137,15 @@ class ContactMaterials:
         bulk = bank * (1.0 + self.swell[soil])
         return np.asarray(np.cbrt(0.75 / math.pi * bulk * self.packing[soil, moisture]))
 
-    def _bond_numbers(self, soil: int, bank: float) -> NDArray[np.float64]:
-        """Return the bond numbers of particles of a bank volume [m^3], by moisture."""
+    def _bond_numbers(
+        self, soil: int, bank: float, cohesion: NDArray[np.float32]
+    ) -> NDArray[np.float64]:
+        """Return the bond numbers of particles of a bank volume [m^3] and a cohesion [Pa]."""
         moisture = np.arange(MOISTURE_LEVELS)
         soils = np.full_like(moisture, soil)
         area = math.pi * self.radius(np.full(moisture.size, bank), soils, moisture) ** 2
         weight = bank * self.density[soil] * GRAVITY
-        return np.asarray(area * self.cohesion[soil] / weight)
+        return np.asarray(area * cohesion / weight)
 
     def validate_soil_ids(self, soil: NDArray[np.integer]) -> None:
         """Check that soil types are in the tables.

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.dem.lifecycle.release_validation import ReleaseBatch, validate_release
 from machine_sim.dem.lifecycle.settling import settled_ids
-from machine_sim.dem.materials import ContactMaterials
+from machine_sim.dem.materials import ContactCoefficients, ContactMaterials
 from machine_sim.dem.params import ParticleParams
 from machine_sim.dem.state import ParticleError, ParticleState
 from machine_sim.dem.tools.pose import ANGULAR, Pose
@@ -23,17 +23,6 @@ __all__ = ["ContactCoefficients", "SoilEngine", "read_only"]
 
 _MAX_STEP = 0.1
 """Maximum time step [s]."""
-
-
-class ContactCoefficients(NamedTuple):
-    """Contact coefficients of each body, shape (n,), float32, as in `ParticleState`."""
-
-    friction: NDArray[np.float32]
-    rolling_friction: NDArray[np.float32]
-    cohesion: NDArray[np.float32]
-    tool_friction: NDArray[np.float32]
-    tool_rolling_friction: NDArray[np.float32]
-    adhesion: NDArray[np.float32]
 
 
 class SoilEngine(ABC):

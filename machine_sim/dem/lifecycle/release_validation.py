@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.dem.state import ParticleError
 from msg_bridge.contract.rows import MAX_ROW_VOLUME
+from msg_bridge.kernels import kernel
 
 __all__ = ["ReleaseBatch", "validate_release"]
 
@@ -16,6 +17,13 @@ _MAX_COORDINATE = 1e6
 """Maximum coordinate [m]."""
 _MAX_SPEED = 1e3
 """Maximum speed [m/s]; far above that of soil, far below where squares overflow in float32."""
+
+_NOT_FINITE, _TOO_FAR, _TOO_FAST = 1, 2, 3
+_ERRORS = {
+    _NOT_FINITE: "position and velocity must be finite",
+    _TOO_FAR: f"positions must be within {_MAX_COORDINATE:g} m of the map's origin",
+    _TOO_FAST: f"speeds must not exceed {_MAX_SPEED:g} m/s",
+}
 
 
 class ReleaseBatch(NamedTuple):
@@ -55,17 +63,29 @@ def validate_release(
         raise ParticleError(
             f"position has shape {x.shape} and velocity {v.shape}; give (n, 3) for both"
         )
-    if not (np.isfinite(x).all() and np.isfinite(v).all()):
-        raise ParticleError("position and velocity must be finite")
-    if n and np.abs(x).max() > _MAX_COORDINATE:
-        raise ParticleError(f"positions must be within {_MAX_COORDINATE:g} m of the map's origin")
-    # Components first: the square of a huge one overflows.
-    if n and (np.abs(v).max() > _MAX_SPEED or np.linalg.norm(v, axis=1).max() > _MAX_SPEED):
-        raise ParticleError(f"speeds must not exceed {_MAX_SPEED:g} m/s")
+    error = _motion_error(x.reshape(n, 3), v.reshape(n, 3))
+    if error:
+        raise ParticleError(_ERRORS[error])
     volume = _validate_integers("volume_mm3", volume_mm3, n, 1, MAX_ROW_VOLUME)
     soils = _validate_integers("soil", soil, n, 0, 255).astype(np.uint8)
     moistures = _validate_integers("moisture", moisture, n, 0, 255).astype(np.uint8)
     return ReleaseBatch(x.reshape(n, 3), v.reshape(n, 3), volume, soils, moistures)
+
+
+@kernel
+def _motion_error(position, velocity):  # type: ignore[no-untyped-def]
+    """Return the error code of some positions and velocities, 0 if all are valid."""
+    if not (np.isfinite(position).all() and np.isfinite(velocity).all()):
+        return _NOT_FINITE
+    for i in range(position.shape[0]):
+        speed2 = 0.0
+        for axis in range(3):
+            if abs(position[i, axis]) > _MAX_COORDINATE:
+                return _TOO_FAR
+            speed2 += velocity[i, axis] ** 2
+        if speed2 > _MAX_SPEED**2:
+            return _TOO_FAST
+    return 0
 
 
 def _validate_integers(
