@@ -53,6 +53,9 @@ class Verb(IntEnum):
     """The last tick of the session."""
 
 
+_TICK_VERBS = (Verb.STEP, Verb.LEAVE)
+
+
 class Stream(IntEnum):
     """What is numbered separately and can be requested again."""
 
@@ -134,6 +137,11 @@ class MachineHeader:
     particles_mm3: int = 0
     previous_tick: int = -1
     answered_tick: int = 0
+
+    @property
+    def is_tick(self) -> bool:
+        """Whether it reports a tick; else it requests to join."""
+        return self.verb in _TICK_VERBS
 
     @property
     def soil_mm3(self) -> int:

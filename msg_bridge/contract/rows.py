@@ -28,8 +28,10 @@ __all__ = [
     "Rows",
     "SoilReaction",
     "SweepAction",
+    "are_of_machine",
     "copy_rows",
     "empty_rows",
+    "has_kind",
     "join_rows",
     "machine_ids_in",
     "rows_of_machine",
@@ -205,7 +207,9 @@ def join_rows(parts: Sequence[Rows], dtype: np.dtype[np.void]) -> Rows:
     not_empty = [rows for rows in parts if rows.size]
     if len(not_empty) > 1:
         return _from_bytes(b"".join([_to_bytes(rows, dtype) for rows in not_empty]), dtype)
-    return not_empty[0] if not_empty else empty_rows(dtype)
+    if not_empty:
+        return not_empty[0]
+    return parts[0] if parts else empty_rows(dtype)
 
 
 def copy_rows(rows: Rows, dtype: np.dtype[np.void]) -> Rows:
@@ -227,11 +231,23 @@ def machine_ids_in(rows: Rows) -> list[int]:
 
 def rows_of_machine(rows: Rows, machine_id: int) -> Rows:
     """Return the rows of one machine; the same array, not a copy, if all rows are."""
-    machine_ids = rows["machine_id"]
-    if machine_ids.tolist().count(machine_id) == rows.size:  # for a few rows faster than NumPy
+    if are_of_machine(rows, machine_id):
         return rows
-    own: Rows = rows[machine_ids == machine_id]
+    own: Rows = rows[rows["machine_id"] == machine_id]
     return own
+
+
+def are_of_machine(rows: Rows, machine_id: int) -> bool:
+    """Return whether all rows are of one machine."""
+    if rows.size == 0:
+        return True
+    # For a few rows faster than NumPy.
+    return bool(rows["machine_id"].tolist().count(machine_id) == rows.size)
+
+
+def has_kind(conversions: Rows, kind: int) -> bool:
+    """Return whether any of some CONVERSION rows is of a `ConversionKind`."""
+    return kind in conversions["kind"].tobytes()  # a byte each; for a few rows faster than NumPy
 
 
 def empty_rows(dtype: np.dtype[np.void], count: int = 0) -> Rows:

@@ -17,6 +17,8 @@ def split_into_chunks(
     """Return chunks of at most MAX_ROWS_PER_CHUNK rows; none if there are no rows."""
     if rows.size == 0:
         return []
+    if rows.size <= MAX_ROWS_PER_CHUNK:  # the usual case
+        return [RowChunk(run_id, stream, machine_id, session_id, rows)]
     return [
         RowChunk(run_id, stream, machine_id, session_id, rows[first : first + MAX_ROWS_PER_CHUNK])
         for first in range(0, rows.size, MAX_ROWS_PER_CHUNK)

@@ -18,7 +18,7 @@ __all__ = ["JoinedMachines"]
 
 
 class JoinedMachines:
-    """One session of each joined machine."""
+    """One session of each joined machine, in the ascending order of their ids."""
 
     def __init__(self) -> None:
         self._sessions: dict[int, MachineSession] = {}
@@ -38,17 +38,17 @@ class JoinedMachines:
     @property
     def ids(self) -> tuple[int, ...]:
         """Machine ids, ascending."""
-        return tuple(sorted(self._sessions))
+        return tuple(self._sessions)
 
     @property
     def complete(self) -> tuple[int, ...]:
         """Ids of the machines whose part of the next tick is complete, ascending."""
-        return tuple([n for n in self.ids if self._sessions[n].is_complete()])
+        return tuple([n for n, session in self._sessions.items() if session.is_complete()])
 
     @property
     def late(self) -> tuple[int, ...]:
         """Ids of the machines whose part of the next tick is incomplete, ascending."""
-        return tuple(n for n in self.ids if not self._sessions[n].is_complete())
+        return tuple([n for n, session in self._sessions.items() if not session.is_complete()])
 
     @property
     def is_missing_rows(self) -> bool:
@@ -63,7 +63,7 @@ class JoinedMachines:
     @property
     def receipts(self) -> tuple[MachineReceipt, ...]:
         """Acknowledgements of the rows received, ordered by machine id."""
-        return tuple(self._sessions[n].receipt for n in self.ids)
+        return tuple([session.receipt for session in self])
 
     @property
     def acknowledged(self) -> list[dict[Stream, RowRange]]:
@@ -77,7 +77,8 @@ class JoinedMachines:
 
     def add(self, session: MachineSession) -> None:
         """Add the session of a machine that takes no part so far."""
-        self._sessions[session.machine_id] = session
+        sessions = {**self._sessions, session.machine_id: session}
+        self._sessions = dict(sorted(sessions.items()))
 
     def remove(self, machine_id: int) -> None:
         """Remove the session of a machine that takes part."""

@@ -24,6 +24,7 @@ from msg_bridge.contract.rows import (
     ENDED_SESSION,
     ConversionKind,
     Rows,
+    has_kind,
     machine_ids_in,
     rows_of_machine,
 )
@@ -339,7 +340,7 @@ class LedgerAccounts:
 
 def _outside_volume(conversions: Rows) -> int:
     """Return the volume of the OUTSIDE rows [mm^3]."""
-    is_outside = conversions["kind"] == ConversionKind.OUTSIDE
-    if not is_outside.any():  # as in most ticks
+    if not has_kind(conversions, ConversionKind.OUTSIDE):  # as in most ticks
         return 0
+    is_outside = conversions["kind"] == ConversionKind.OUTSIDE
     return int(conversions["volume_mm3"][is_outside].sum(dtype=np.int64))

@@ -98,7 +98,7 @@ class MachineAccount:
     @property
     def in_flight(self) -> int:
         """Signed volume of the rows not acknowledged [mm^3]."""
-        return sum(flight.volume for flight in self._in_flight_rows)
+        return sum([flight.volume for flight in self._in_flight_rows])
 
     @property
     def volume(self) -> int:
@@ -133,10 +133,12 @@ class MachineAccount:
 
     def volume_up_to(self, through: int) -> int:
         """Return the signed volume of the rows in flight up to number `through` [mm^3]."""
-        return sum(
-            flight.select(0, flight.count_through(through)).volume
-            for flight in self._in_flight_rows
-        )
+        volume = 0
+        for flight in self._in_flight_rows:
+            if flight.numbers[-1] > through:
+                return volume + flight.select(0, flight.count_through(through)).volume
+            volume += flight.volume
+        return volume
 
     def update_totals(self, pending: int, particles: int, through: int) -> None:
         """Set the totals as of conversion row `through`, which acknowledges the rows up to it."""

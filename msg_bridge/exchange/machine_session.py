@@ -13,9 +13,8 @@ from msg_bridge.contract.messages import (
     RowRange,
     SoilHeader,
     Stream,
-    Verb,
 )
-from msg_bridge.contract.rows import Rows, machine_ids_in
+from msg_bridge.contract.rows import Rows, are_of_machine
 from msg_bridge.exchange.row_digest import check_row_digest
 from msg_bridge.exchange.stream_buffers import (
     PIPELINE_DEPTH,
@@ -114,16 +113,12 @@ class MachineSession:
             ExchangeError: ROW_RANGE, VOLUME_RANGE or ACKNOWLEDGEMENT.
         """
         before = self._pending_headers[-1] if self._pending_headers else None
-        for buffer, span, span_before in (
-            (self._sweeps, header.sweeps, None if before is None else before.sweeps),
-            (
-                self._deposit_requests,
-                header.deposit_requests,
-                None if before is None else before.deposit_requests,
-            ),
-        ):
-            expected = buffer.expected if span_before is None else span_before.last + 1
-            check_row_range(span, buffer.stream, expected)
+        if before is None:
+            sweep, request = self._sweeps.expected, self._deposit_requests.expected
+        else:
+            sweep, request = before.sweeps.last + 1, before.deposit_requests.last + 1
+        check_row_range(header.sweeps, Stream.SWEEP, sweep)
+        check_row_range(header.deposit_requests, Stream.DEPOSIT_REQUEST, request)
         self._check_volumes(header)
         self._check_acknowledgement(header)
 
@@ -144,7 +139,7 @@ class MachineSession:
                 f"machines do not send {chunk.stream.name} rows", ErrorCode.STREAM_DIRECTION
             )
         buffer.check_type(chunk.rows)
-        if any(machine_id != chunk.machine_id for machine_id in machine_ids_in(chunk.rows)):
+        if not are_of_machine(chunk.rows, chunk.machine_id):
             raise ExchangeError(
                 f"machine {chunk.machine_id} sends rows with another machine id",
                 ErrorCode.SENDER_MISMATCH,
@@ -160,10 +155,9 @@ class MachineSession:
         if self.last_tick == self._first_tick:  # it may not have its welcome yet
             return True
         # Of older ticks the machine has the answer.
-        oldest_unanswered = list(self._recent_ticks)[-(PIPELINE_DEPTH + 1)]
+        oldest_unanswered = self._recent_ticks[-(PIPELINE_DEPTH + 1)]
         if isinstance(message, MachineHeader):
-            is_tick = message.verb in (Verb.STEP, Verb.LEAVE)
-            return is_tick and message.tick >= oldest_unanswered
+            return message.is_tick and message.tick >= oldest_unanswered
         if message.stream is Stream.HEADER:
             return message.first >= oldest_unanswered
         acknowledged = self.acknowledged.get(message.stream)

@@ -59,7 +59,8 @@ class MachineStreams:
         sweeps, sweep_range = buffers[Stream.SWEEP].append(sweeps)
         deposit_requests, request_range = buffers[Stream.DEPOSIT_REQUEST].append(deposit_requests)
         chunks = self._chunks(Stream.SWEEP, sweeps)
-        chunks += self._chunks(Stream.DEPOSIT_REQUEST, deposit_requests)
+        if deposit_requests.size:
+            chunks += self._chunks(Stream.DEPOSIT_REQUEST, deposit_requests)
         return SentRows(sweep_range, request_range, chunks)
 
     def retransmit(self, request: RetransmitRequest) -> list[Message]:

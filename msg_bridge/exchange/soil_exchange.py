@@ -152,11 +152,12 @@ class SoilExchange:
         """
         if message.run_id != self.run_id:
             return False
-        if isinstance(message, MachineHeader) and message.verb in (Verb.JOIN, Verb.REJOIN):
-            self._receive_join_request(message)
+        if isinstance(message, MachineHeader):
+            if not message.is_tick:
+                self._receive_join_request(message)
         elif isinstance(message, RetransmitRequest):
             self._retransmit(message)
-        if not isinstance(message, (MachineHeader, RowChunk, RetransmitRequest)):
+        elif not isinstance(message, RowChunk):
             return False
         session = self._machines.session(message.machine_id, message.session_id)
         if session is None:
@@ -323,8 +324,8 @@ class SoilExchange:
         Raises:
             ExchangeError: ROW_RANGE, VOLUME_RANGE, ACKNOWLEDGEMENT or VOLUME_MISMATCH.
         """
-        is_tick = header.verb in (Verb.STEP, Verb.LEAVE)
-        if is_tick and header.tick <= self.tick + 1 + PIPELINE_DEPTH and session.expects(header):
+        is_near = header.tick <= self.tick + 1 + PIPELINE_DEPTH
+        if header.is_tick and is_near and session.expects(header):
             session.check_header(header)
             self.accounts.check_totals(header)
             session.add_header(header)

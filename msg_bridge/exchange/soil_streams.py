@@ -55,8 +55,9 @@ class SoilStreams:
         self._recent_headers.append(header)
         messages: list[Message] = []
         for stream in _STREAMS:
-            messages += self._chunks(stream, rows[stream])
-        return [*messages, header]
+            messages += split_into_chunks(self._run_id, stream, rows[stream])
+        messages.append(header)
+        return messages
 
     def retransmit(self, request: RetransmitRequest) -> list[Message]:
         """Return the kept headers or rows that a request names.
@@ -69,7 +70,8 @@ class SoilStreams:
         if request.stream not in self._send_buffers:
             return []
         wanted = RowRange(request.first, request.count)
-        return self._chunks(request.stream, self._send_buffers[request.stream].kept_rows(wanted))
+        rows = self._send_buffers[request.stream].kept_rows(wanted)
+        return [*split_into_chunks(self._run_id, request.stream, rows)]
 
     def discard(
         self, acknowledged: Iterable[Mapping[Stream, RowRange]], last_conversion: int
@@ -85,6 +87,3 @@ class SoilStreams:
             last = min([each[stream].last for each in spans])
             self._send_buffers[stream].discard_through(last)
         self._send_buffers[Stream.CONVERSION].discard_through(last_conversion)
-
-    def _chunks(self, stream: Stream, rows: Rows) -> list[Message]:
-        return [*split_into_chunks(self._run_id, stream, rows)]

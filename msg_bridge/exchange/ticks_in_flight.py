@@ -62,6 +62,8 @@ class TicksInFlight:
         self._last_answer_tick = -1  # number of the last completed answer
         self._receive_buffers: dict[Stream, ReceiveBuffer] = {}
         self._num_failed_repairs = 0  # since the last completed answer
+        # The oldest tick with its rows, from `oldest_completed` until its answer changes.
+        self._completed: CompletedTick | None = None
 
     def __len__(self) -> int:
         return len(self._ticks)
@@ -126,6 +128,7 @@ class TicksInFlight:
                 self._num_failed_repairs += 1
                 raise
             tick.answer = header
+            self._completed = None
             if header.tick > receipt.tick:
                 # The soil does not wait: it may have discarded its answers to older ticks.
                 for older in list(self._ticks)[:k]:
@@ -133,6 +136,8 @@ class TicksInFlight:
 
     def oldest_completed(self) -> CompletedTick | None:
         """Return the oldest tick if its answer has arrived with all rows; else None."""
+        if self._completed is not None:
+            return self._completed
         answer = self._ticks[0].answer if self._ticks else None
         if answer is None:
             return None
@@ -142,7 +147,8 @@ class TicksInFlight:
             if buffer.missing(span):
                 return None
             rows[stream] = buffer.rows(span)
-        return CompletedTick(self._ticks[0].sent, answer, rows)
+        self._completed = CompletedTick(self._ticks[0].sent, answer, rows)
+        return self._completed
 
     def check_row_digests(self, completed: CompletedTick) -> None:
         """Check the rows of a completed tick against the header that answers it.
@@ -172,11 +178,13 @@ class TicksInFlight:
             self._receive_buffers[stream].discard_through(span.last)
         self._last_answer_tick = answer.tick
         self._num_failed_repairs = 0
+        self._completed = None
 
     def discard_answer(self) -> None:
         """Discard the answer to the oldest tick, and all rows received, so that they are requested
         again."""
         self._ticks[0].answer = None
+        self._completed = None
         self._num_failed_repairs += 1
         for buffer in self._receive_buffers.values():
             buffer.clear()
@@ -201,13 +209,14 @@ class TicksInFlight:
             ExchangeError: ROW_RANGE.
         """
         tick_before = self._last_answer_tick if before is None else before.tick
+        allow_gap = header.tick != tick_before + 1
         for stream, span in header.spans.items():
             expected = (
                 self._receive_buffers[stream].expected
                 if before is None
                 else before.spans[stream].last + 1
             )
-            check_row_range(span, stream, expected, allow_gap=header.tick != tick_before + 1)
+            check_row_range(span, stream, expected, allow_gap=allow_gap)
 
     def _missing(self, spans: dict[Stream, RowRange]) -> list[tuple[Stream, RowRange]]:
         return [
