@@ -87,6 +87,7 @@ class SoilEndpoint:
         )
         self._tool_positions: dict[int, Sequence[float]] = {}  # x, y, z [m] by account
         self._inventory = SoilInventory()  # by account
+        self._account_numbers: frozenset[int] = frozenset()  # at the end of the last tick
         # Machine ids of a requested release: whose soil, and whose ended accounts, are released.
         self._machines_to_release: tuple[int, ...] = ()
         self._ended_to_release: tuple[int, ...] = ()
@@ -123,12 +124,12 @@ class SoilEndpoint:
         tick = self.exchange.poll(wait=wait)
         if tick is None:
             return None
+        accounts = self.exchange.accounts.joined_accounts  # of the machines in this tick
         if tick.tick == 0:
             no_rows = (empty_rows(CONVERSION), empty_rows(FORCE), empty_rows(MAP_UPDATE))
             step = SoilStepResult(*no_rows, ())
         else:
-            step = self._step(tick)
-        accounts = self.exchange.accounts.joined_accounts  # of the machines in this tick
+            step = self._step(tick, accounts)
         ledger = self.exchange.answer(
             step.conversions,
             step.forces,
@@ -155,13 +156,14 @@ class SoilEndpoint:
         self._ended_to_release = self.exchange.machines_with_ended_accounts
         return tuple(sorted({*self._machines_to_release, *self.exchange.accounts.ended_volumes}))
 
-    def _step(self, tick: TickInput) -> SoilStepResult:
+    def _step(self, tick: TickInput, accounts: Mapping[int, int]) -> SoilStepResult:
+        """Compute a tick; `accounts` are those of the machines in it, by machine id."""
         sweeps = tick.sweeps
         rejected: tuple[str, ...] = ()
         if self._sweep_limits is not None:
             self._sweep_limits.update_sessions(self.exchange.session_ids)
             sweeps, rejected = self._sweep_limits.check(tick.tick, sweeps)
-        self._record_tool_positions(sweeps)
+        self._record_tool_positions(sweeps, accounts)
         deposit_requests = tick.deposit_requests
         if self._machines_to_release or self._ended_to_release:
             deposit_requests = join_rows([deposit_requests, self._release()], DEPOSIT_REQUEST)
@@ -170,14 +172,10 @@ class SoilEndpoint:
             return step
         return step._replace(rejected_tools=(*rejected, *step.rejected_tools))
 
-    def _record_tool_positions(self, sweeps: Rows) -> None:
+    def _record_tool_positions(self, sweeps: Rows, accounts: Mapping[int, int]) -> None:
         """Record the position of the first tool of each machine."""
-        accounts = self.exchange.accounts.joined_accounts
-        machine_ids, positions = positions_of_first_tools(sweeps)
-        for machine_id, position in zip(machine_ids.tolist(), positions.tolist(), strict=True):
-            # Rows are validated later; a position that is not finite cannot take soil.
-            if all(map(math.isfinite, position)):
-                self._tool_positions[accounts[machine_id]] = position
+        for machine_id, *position in positions_of_first_tools(sweeps).tolist():
+            self._tool_positions[accounts[int(machine_id)]] = position
 
     def _update_ended_accounts(self) -> None:
         """Merge positions and inventories of merged accounts; discard those of discarded ones.
@@ -189,6 +187,9 @@ class SoilEndpoint:
             if merged.number in self._tool_positions:
                 self._tool_positions[merged.target] = self._tool_positions.pop(merged.number)
         accounts = self.exchange.accounts.account_numbers
+        if accounts == self._account_numbers:  # as in most ticks
+            return
+        self._account_numbers = accounts
         self._inventory.retain(accounts)
         self._tool_positions = {
             n: each for n, each in self._tool_positions.items() if n in accounts

@@ -220,22 +220,22 @@ def positions_of_first_tools(rows):  # type: ignore[no-untyped-def]
     """Return the end positions of pair 0 of tool 0 of each machine, in the order of the rows.
 
     Args:
-        rows: SWEEP rows.
+        rows: SWEEP rows, not validated: positions that are not finite are left out.
 
     Returns:
-        (machine ids, shape (n,), int64; positions at the end of the tick [m], shape (n, 3)).
+        Machine id and position at the end of the tick x, y, z [m], shape (n, 4).
     """
-    machine_ids = np.empty(rows.size, dtype=np.int64)
-    positions = np.empty((rows.size, 3))
+    positions = np.empty((rows.size, 4))
     count = 0
     for n in range(rows.size):
         row = rows[n]
-        if row.pair == 0 and row.tool == 0:
-            machine_ids[count] = row.machine_id
-            positions[count, 0], positions[count, 1] = row.x1, row.y1
-            positions[count, 2] = row.z1
+        is_finite = np.isfinite(row.x1) and np.isfinite(row.y1) and np.isfinite(row.z1)
+        if row.pair == 0 and row.tool == 0 and is_finite:
+            positions[count, 0] = row.machine_id
+            positions[count, 1], positions[count, 2] = row.x1, row.y1
+            positions[count, 3] = row.z1
             count += 1
-    return machine_ids[:count], positions[:count]
+    return positions[:count]
 
 
 @helper(inline="always")

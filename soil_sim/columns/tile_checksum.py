@@ -28,6 +28,7 @@ class TileChecksums:
 
     Attributes:
         volume_mm3: bank volume of each tile [mm^3], shape (tile rows, tile cols), int64.
+        total_mm3: their sum, the bank volume of the terrain [mm^3].
     """
 
     def __init__(self, columns: Columns) -> None:
@@ -41,16 +42,12 @@ class TileChecksums:
             window = self._window(tile)
             volume = columns.firm[window].sum() + columns.loose[window].sum()
             self.volume_mm3[divmod(tile, self._shape[1])] = volume
-
-    @property
-    def total_mm3(self) -> int:
-        """Bank volume of the terrain [mm^3], summed over the tiles."""
-        return int(self.volume_mm3.sum())
+        self.total_mm3 = int(self.volume_mm3.sum())
 
     def apply_changes(self, cells: NDArray[np.int64], volume_change_mm3: NDArray[np.int64]) -> None:
         """Add volume changes [mm^3 bank] of touched columns (flat indices), shape (n,) each."""
         if cells.size:
-            _apply_changes(
+            self.total_mm3 += _apply_changes(
                 self.volume_mm3.reshape(-1),
                 self._is_stale,
                 cells,
@@ -89,8 +86,15 @@ class TileChecksums:
 
 @kernel
 def _apply_changes(volume, is_stale, cells, volume_change_mm3, cols, tile_cols):  # type: ignore[no-untyped-def]
-    """Add the volume changes of columns to their tiles, and mark those tiles as stale."""
+    """Add the volume changes of columns to their tiles, and mark those tiles as stale.
+
+    Returns:
+        The sum of the changes.
+    """
+    total = np.int64(0)
     for n in range(cells.size):
         tile = cells[n] // cols // TILE_SIZE * tile_cols + cells[n] % cols // TILE_SIZE
         volume[tile] += volume_change_mm3[n]
         is_stale[tile] = True
+        total += volume_change_mm3[n]
+    return total

@@ -158,7 +158,8 @@ class SlopeRelaxation:
         """
         remaining = _UNLIMITED if budget is None else budget
         spent = 0
-        while self.is_enabled and remaining > 0 and self.num_pending:
+        num_pending = self.num_pending
+        while self.is_enabled and remaining > 0 and num_pending:
             visits = 0
             if self._window_relaxation.is_running or self._is_window_cheaper():
                 visits = self._relax_window(remaining)
@@ -167,7 +168,8 @@ class SlopeRelaxation:
                 self._num_visits += visits
             spent += visits
             remaining -= visits
-        if not self.num_pending:
+            num_pending = self.num_pending
+        if not num_pending:
             self._num_visits = self._num_left_by_window = 0
         return spent
 
