@@ -113,7 +113,13 @@ class SendBuffer:
 
 
 class ReceiveBuffer:
-    """Rows received, each once and in order."""
+    """Rows received, each once and in order.
+
+    Attributes:
+        stream: the stream.
+        expected: number of the first row that is not discarded.
+        received: last number up to which no row is missing.
+    """
 
     def __init__(self, stream: Stream, first: int = 1) -> None:
         """
@@ -122,22 +128,12 @@ class ReceiveBuffer:
             first: number of the first row expected.
         """
         self.stream = stream
-        self._first = first
+        self.expected = first
         self._dtype = STREAM_DTYPE[stream]
         self._no_rows = empty_rows(self._dtype)
         self._ready: deque[Rows] = deque()  # rows from the first expected on, up to the first gap
-        self._received = first - 1
+        self.received = first - 1
         self._reorder_buffer = ReorderBuffer(self._dtype, first)  # rows beyond that gap
-
-    @property
-    def expected(self) -> int:
-        """Number of the first row that is not discarded."""
-        return self._first
-
-    @property
-    def received(self) -> int:
-        """Last number up to which no row is missing."""
-        return self._received
 
     @property
     def num_buffered_rows(self) -> int:
@@ -176,12 +172,12 @@ class ReceiveBuffer:
             self._append(rows)
             return rows.size
         # Of all numbers equal modulo 2**32, the nearest to the first one expected.
-        ahead = (rows["seq"].astype(np.int64) - self._first) % _MODULUS
-        numbers = self._first + np.where(ahead >= _MODULUS // 2, ahead - _MODULUS, ahead)
-        is_new = numbers > self._received
+        ahead = (rows["seq"].astype(np.int64) - self.expected) % _MODULUS
+        numbers = self.expected + np.where(ahead >= _MODULUS // 2, ahead - _MODULUS, ahead)
+        is_new = numbers > self.received
         if not is_new.any():
             return 0
-        furthest = int(numbers.max()) - self._first
+        furthest = int(numbers.max()) - self.expected
         if furthest >= MAX_ROWS_IN_FLIGHT:
             raise ExchangeError(
                 f"a {self.stream.name} row is {furthest} rows beyond the first one expected; its"
@@ -189,17 +185,17 @@ class ReceiveBuffer:
                 ErrorCode.SEQUENCE_NUMBER,
             )
         if not self._reorder_buffer:
-            self._reorder_buffer = ReorderBuffer(self._dtype, self._received + 1)
+            self._reorder_buffer = ReorderBuffer(self._dtype, self.received + 1)
         num_new = self._reorder_buffer.add(numbers[is_new], rows[is_new])
-        self._append(self._reorder_buffer.pop_contiguous(self._received + 1))
+        self._append(self._reorder_buffer.pop_contiguous(self.received + 1))
         return num_new
 
     def missing(self, span: RowRange) -> list[RowRange]:
         """Return the gaps in a range; discarded rows are no gaps."""
         last = span.last
-        if last <= self._received:  # the usual case, several times in a tick
+        if last <= self.received:  # the usual case, several times in a tick
             return []
-        first = max(span.first, self._received + 1)
+        first = max(span.first, self.received + 1)
         return self._reorder_buffer.missing(RowRange(first, last + 1 - first))
 
     def rows(self, span: RowRange) -> Rows:
@@ -208,16 +204,16 @@ class ReceiveBuffer:
         Raises:
             ExchangeError: MISSING_ROWS: the range has a gap or was discarded.
         """
-        if span.first < self._first or span.last > self._received:
+        if span.first < self.expected or span.last > self.received:
             raise ExchangeError(
                 f"{self.stream.name} rows {span.first}..{span.last} are incomplete or discarded",
                 ErrorCode.MISSING_ROWS,
             )
         if span.count == 0:
             return self._no_rows
-        if span.first == self._first and span.count == self._ready[0].size:  # the usual case
+        if span.first == self.expected and span.count == self._ready[0].size:  # the usual case
             return self._ready[0]
-        parts, number = [], self._first
+        parts, number = [], self.expected
         for rows in self._ready:
             if number > span.last:
                 break
@@ -227,33 +223,33 @@ class ReceiveBuffer:
 
     def discard_through(self, through: int) -> None:
         """Discard rows up to and including `through`; they count as duplicates from now on."""
-        drop = through + 1 - self._first
+        drop = through + 1 - self.expected
         if drop <= 0:
             return
-        self._first = through + 1
+        self.expected = through + 1
         while self._ready and self._ready[0].size <= drop:
             drop -= self._ready.popleft().size
         if self._ready:
             self._ready[0] = self._ready[0][drop:]
-        if through > self._received:
-            self._received = through
+        if through > self.received:
+            self.received = through
             self._append(self._reorder_buffer.pop_contiguous(through + 1))
 
     def clear(self) -> None:
         """Discard all rows that are not yet discarded; they are missing from now on."""
         self._ready.clear()
-        self._received = self._first - 1
-        self._reorder_buffer = ReorderBuffer(self._dtype, self._first)
+        self.received = self.expected - 1
+        self._reorder_buffer = ReorderBuffer(self._dtype, self.expected)
 
     def _continues(self, rows: Rows) -> bool:
         """Return whether rows are the next ones, in order."""
-        if self._received + rows.size - self._first >= MAX_ROWS_IN_FLIGHT:
+        if self.received + rows.size - self.expected >= MAX_ROWS_IN_FLIGHT:
             return False
-        first = (self._received + 1) % _MODULUS
+        first = (self.received + 1) % _MODULUS
         # For a few rows faster than NumPy; rows in which the numbers wrap are the unusual case.
         return bool(rows["seq"].tolist() == list(range(first, first + rows.size)))
 
     def _append(self, rows: Rows) -> None:
         if rows.size:
             self._ready.append(rows)
-            self._received += rows.size
+            self.received += rows.size
