@@ -216,7 +216,7 @@ class Soil:
         machines = group_by_machine(sweeps)
         millings: list[Milling] = []
         if self.params.cut_mode == "swept":
-            self._swept_cut.reserve(cut for machine in machines for cut in machine.cuts)
+            self._swept_cut.reserve([cut for machine in machines for cut in machine.cuts])
             removed = [self._cut_and_compact(machine, millings) for machine in machines]
         else:
             removed = [self._cut_at_key_points(machine) for machine in machines]

@@ -164,11 +164,11 @@ def validate_sweeps(sweeps: Rows) -> tuple[ValidSweeps, tuple[str, ...]]:
         (valid sweeps, a message for each rejected tool).
     """
     rows = sweeps
-    points, first_row, faults, is_sorted = _parse_tools(rows)
+    points, first_row, faults, are_valid, is_sorted = _parse_tools(rows)
     if not is_sorted:  # as they are from one machine
         rows = sweeps[np.lexsort((sweeps["tool"], sweeps["machine_id"]))]
-        points, first_row, faults, _ = _parse_tools(rows)
-    if not faults.any():
+        points, first_row, faults, are_valid, _ = _parse_tools(rows)
+    if are_valid:
         return ValidSweeps(rows, points, first_row), ()
     rejected = tuple(
         f"machine {rows['machine_id'][first_row[n]]}, tool {rows['tool'][first_row[n]]} is"
@@ -185,27 +185,17 @@ def group_by_machine(sweeps: ValidSweeps) -> list[MachineSweeps]:
     groups = []
     start = 0
     while start < sweeps.rows.size:
-        cut_pairs, press_pairs, left, end = _split_machine(sweeps.rows, sweeps.points, start)
+        (points, has_plate), press_pairs, tools, machine_id, end = _split_machine(
+            sweeps.rows, sweeps.points, start
+        )
+        cuts = [
+            _cut_sweep(sweeps.rows[row], SweptPairs(points[first:after], has_plate[first:after]))
+            for row, first, after in tools.tolist()
+        ]
         rows = sweeps.rows[start:end]
-        cuts = _split_tools(sweeps.rows, SweptPairs(*cut_pairs), left)
-        machine_id = int(rows["machine_id"][0])
         groups.append(MachineSweeps(machine_id, rows, cuts, SweptPairs(*press_pairs)))
         start = end
     return groups
-
-
-def _split_tools(rows: Rows, pairs: SweptPairs, left: NDArray[np.int64]) -> list[CutSweep]:
-    """Return the cutting pairs of one machine by tool; `left` are the first rows of the pairs."""
-    if left.size == 0:
-        return []
-    tools = rows["tool"][left].tolist()
-    if tools[0] == tools[-1]:  # the usual case: one tool, sorted by tool
-        return [_cut_sweep(rows[left[0]], pairs)]
-    starts = [k for k in range(left.size) if k == 0 or tools[k] != tools[k - 1]]
-    return [
-        _cut_sweep(rows[left[a]], SweptPairs(pairs.points[a:b], pairs.has_plate[a:b]))
-        for a, b in zip(starts, [*starts[1:], left.size], strict=True)
-    ]
 
 
 def _cut_sweep(first: np.void, pairs: SweptPairs) -> CutSweep:
@@ -273,7 +263,8 @@ def _parse_tools(rows):  # type: ignore[no-untyped-def]
 
     Returns:
         (points and first rows as in `ValidSweeps`, `SweepFault` of each tool, shape (tools,),
-        whether the rows are sorted by machine and tool: the others are of use only then).
+        whether no tool has a fault, whether the rows are sorted by machine and tool: the others are
+        of use only then).
     """
     points = np.empty((rows.size, 2, 3))
     first_row = np.empty(rows.size, dtype=np.int64)
@@ -287,10 +278,12 @@ def _parse_tools(rows):  # type: ignore[no-untyped-def]
             tools += 1
     first_row = first_row[:tools]
     faults = np.zeros(tools, dtype=np.int64)
+    are_valid = True
     for n in range(tools):
         end = first_row[n + 1] if n + 1 < tools else rows.size
         faults[n] = _find_fault(rows, points, first_row[n], end)
-    return points, first_row, faults, _is_sorted(rows)
+        are_valid = are_valid and faults[n] == _NO_FAULT
+    return points, first_row, faults, are_valid, _is_sorted(rows)
 
 
 @helper
@@ -335,8 +328,9 @@ def _split_machine(rows, points, start):  # type: ignore[no-untyped-def]
     """Split the rows of the machine that begin at `start`.
 
     Returns:
-        (pairs that cut, pairs that compact, first rows of the pairs that cut, index after the last
-        row); the pairs as plain tuples, which are converted to Python in half the time.
+        (pairs that cut, pairs that compact, tools of the pairs that cut, machine id, index after
+        the last row); the pairs as plain tuples, which are converted to Python in half the time,
+        and of each tool its first row, first pair and pair after the last, shape (tools, 3).
     """
     end = start
     while end < rows.size and rows[end].machine_id == rows[start].machine_id:
@@ -345,7 +339,20 @@ def _split_machine(rows, points, start):  # type: ignore[no-untyped-def]
     no, yes = np.bool_(False), np.bool_(True)
     cut_pairs, left = _select_pairs(rows, points, start, end, no)
     press_pairs, _ = _select_pairs(rows, points, start, end, yes)
-    return cut_pairs, press_pairs, left, end
+    return cut_pairs, press_pairs, _tools_of_pairs(rows, left), rows[start].machine_id, end
+
+
+@helper
+def _tools_of_pairs(rows, left):  # type: ignore[no-untyped-def]
+    """Return the tools of pairs as `_split_machine`; `left` are the first rows of the pairs."""
+    tools = np.empty((left.size, 3), dtype=np.int64)
+    count = 0
+    for k in range(left.size):
+        if k == 0 or rows[left[k]].tool != rows[left[k - 1]].tool:
+            tools[count, 0], tools[count, 1] = left[k], k
+            count += 1
+        tools[count - 1, 2] = k + 1
+    return tools[:count]
 
 
 @helper

@@ -86,7 +86,7 @@ class SweptCut:
 
     def reserve(self, sweeps: Iterable[CutSweep]) -> None:
         """Allocate memory for all sweeps of a tick, before the first of them cuts."""
-        num_columns = sum(int(max_columns_touched(*sweep.pairs, self._raster)) for sweep in sweeps)
+        num_columns = sum([max_columns_touched(*sweep.pairs, self._raster) for sweep in sweeps])
         if self._refined.reserve(num_columns):
             self._raster = self._box_raster()
 
