@@ -13,7 +13,6 @@ from enum import IntEnum
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from machine_sim.dem import ParticleError, SoilEngine
 from machine_sim.ground.contact_surface import Ground
@@ -24,6 +23,7 @@ from msg_bridge.contract.rows import (
     ConversionKind,
     Rows,
     SoilReaction,
+    has_kind,
 )
 from msg_bridge.kernels import helper, kernel
 
@@ -146,15 +146,12 @@ def check_conversions(
     fault, n = _find_conversion_fault(conversions, ground.grid.shape, len(ground.soils))
     if fault != _NO_FAULT:
         _reject("CONVERSION", conversions[n], fault)
-    is_answer = conversions["kind"] != _EXCAVATE
-    num_answers = np.count_nonzero(is_answer)
-    if num_answers < conversions.size and not can_dig:
+    if not can_dig and has_kind(conversions, _EXCAVATE):
         raise ExchangeError(
             "soil was excavated, but no machine of this node has a digging tool",
             ErrorCode.EXCAVATION,
         )
-    if num_answers:
-        _check_deposit_answers(conversions, is_answer, particles)
+    _check_deposit_answers(conversions, particles)
 
 
 def check_excavation(
@@ -174,9 +171,9 @@ def check_excavation(
     Raises:
         ExchangeError: EXCAVATION.
     """
-    is_excavated = conversions["kind"] == _EXCAVATE
-    if not is_excavated.any():
+    if not has_kind(conversions, _EXCAVATE):
         return
+    is_excavated = conversions["kind"] == _EXCAVATE
     is_near = ~is_excavated  # of other rows the position does not count
     lowest = np.inf
     margin = ground.grid.cell + _EXCAVATION_MARGIN
@@ -244,10 +241,11 @@ def _mark_near(  # type: ignore[no-untyped-def]
     return lowest
 
 
-def _check_deposit_answers(
-    conversions: Rows, is_answer: NDArray[np.bool_], particles: SoilEngine
-) -> None:
-    """Check that each row answers a request: a frozen particle, once, with its volume."""
+def _check_deposit_answers(conversions: Rows, particles: SoilEngine) -> None:
+    """Check that each answer is to a request: a frozen particle, once, with its volume."""
+    is_answer = conversions["kind"] != _EXCAVATE
+    if not is_answer.any():
+        return
     try:
         rows = particles.rows_of(conversions["particle_id"][is_answer])
     except ParticleError as error:
