@@ -135,9 +135,9 @@ class MachineAccount:
         """Return the signed volume of the rows in flight up to number `through` [mm^3]."""
         volume = 0
         for flight in self._in_flight_rows:
-            if flight.numbers[-1] > through:
-                return volume + flight.select(0, flight.count_through(through)).volume
-            volume += flight.volume
+            if flight.numbers[0] > through:
+                break
+            volume += flight.select(0, flight.count_through(through)).volume
         return volume
 
     def update_totals(self, pending: int, particles: int, through: int) -> None:
