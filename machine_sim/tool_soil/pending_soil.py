@@ -148,7 +148,9 @@ class PendingSoil:
         """Credit the EXCAVATE rows among CONVERSION rows of a tool at a pose in a tick."""
         is_excavated = conversions["kind"] == _EXCAVATE
         rows = conversions if is_excavated.all() else conversions[is_excavated]
-        points = _local_points(rows["x"], rows["y"], rows["z"], *pose).tolist()
+        # Contiguous, as one row is: a kernel is compiled for each memory layout.
+        coordinates = (np.ascontiguousarray(rows[axis]) for axis in "xyz")
+        points = _local_points(*coordinates, *pose).tolist()
         columns = (rows[name].tolist() for name in ("row", "col", "volume_mm3", "moisture", "soil"))
         for row, col, volume, moisture, soil, point in zip(*columns, points, strict=True):
             parcel = self._parcels.get((row, col))

@@ -33,8 +33,8 @@ class StepContactTables(NamedTuple):
 
     Attributes:
         pairs: `PairContactData`, boxed, as the others.
-        plates, num_plate_contacts: `PlateContactArrays`, and how many are in use.
-        ground, num_ground_contacts: `GroundData`, and how many of its contacts are in use.
+        plates, num_plate_contacts: `PlateContactArrays`, and the number of contacts in it.
+        ground, num_ground_contacts: `GroundData`, and the number of contacts in it.
     """
 
     pairs: BoxedTable
