@@ -6,6 +6,7 @@
 - `convex_hull`: half-spaces of the convex hull of a tool's corners
 - `rigid_tool`: one tool
 - `tool_set`: all tools of an engine in one step, as arrays for the kernels
+- `near_tools`: particles near each tool, in its frame, and those inside it
 """
 
 from machine_sim.dem.tools.plates import Plates

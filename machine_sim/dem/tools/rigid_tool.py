@@ -25,7 +25,7 @@ class RigidTool:
             `tools.plane`.
         centre: centre of its bounding sphere [m], tool frame, shape (3,).
         bounding_radius: radius of its bounding sphere [m].
-        is_digging: whether it enters the ground, see `ToolSet.classify_near_tools`.
+        is_digging: whether it enters the ground, see `near_tools.classify_near_tools`.
         start, end: pose at the start and at the end of a step.
     """
 
