@@ -87,6 +87,7 @@ class TicksInFlight:
     def begin(self, welcome: SoilHeader) -> None:
         """Begin to receive rows: those after the header that admits the machine."""
         self._last_answer_tick = welcome.tick
+        self._completed = None
         self._receive_buffers = {
             stream: ReceiveBuffer(stream, span.last + 1) for stream, span in welcome.spans.items()
         }

@@ -19,9 +19,9 @@ from machine_sim.dem.neighbours.skin_widths import (
     predict_contact_radii,
 )
 from machine_sim.dem.state import AWAKE
-from msg_bridge.kernels import helper, threaded_stages
+from msg_bridge.kernels import helper, kernel, threaded_stages
 
-__all__ = ["ListLimits", "NeighbourView", "build_list"]
+__all__ = ["ListLimits", "NeighbourView", "active_rows", "build_list"]
 
 
 class NeighbourView(NamedTuple):
@@ -104,7 +104,7 @@ def build_list(  # type: ignore[no-untyped-def]
     return num_pairs, num_asleep, sparse, fast_outliers.size, slabs, active, listed
 
 
-@helper
+@kernel
 def active_rows(sleep_state, frozen):  # type: ignore[no-untyped-def]
     """Return whether each row moves by forces, shape (n,); two that do not are no pair."""
     active = np.empty(frozen.size, np.bool_)

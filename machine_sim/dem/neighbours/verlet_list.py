@@ -17,7 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.dem.lifecycle.growth import growth_per_step
-from machine_sim.dem.neighbours.list_build import ListLimits, NeighbourView, build_list
+from machine_sim.dem.neighbours.list_build import (
+    ListLimits,
+    NeighbourView,
+    active_rows,
+    build_list,
+)
 from machine_sim.dem.neighbours.pair_search import SearchParticles
 from machine_sim.dem.neighbours.pair_table import PairTable
 from machine_sim.dem.neighbours.pair_updates import (
@@ -37,7 +42,7 @@ from machine_sim.dem.neighbours.skin_widths import (
 from machine_sim.dem.neighbours.spring_history import SpringHistory
 from machine_sim.dem.params import ParticleParams
 from machine_sim.dem.partition import partition_pairs
-from machine_sim.dem.state import AWAKE, ParticleState
+from machine_sim.dem.state import ParticleState
 from msg_bridge.kernels import use_threads
 
 __all__ = ["VerletList"]
@@ -110,7 +115,7 @@ class VerletList:
             dt: length of the next steps [s].
         """
         num_listed, count, pairs = self.num_listed, state.count, self.pairs
-        active = np.asarray((state.sleep_state == AWAKE) & ~state.frozen, dtype=np.bool_)
+        active = active_rows(state.sleep_state, state.frozen)
         listed_rows = tracked_rows[tracked_rows < num_listed]
         displacement, velocity = np.zeros(3), np.zeros(3)
         if tracked_rows.size == count and listed_rows.size:
