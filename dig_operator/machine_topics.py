@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Protocol
@@ -23,6 +24,9 @@ from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.topics import resolve
 
 __all__ = ["joint_angles", "subscribe_to_machines"]
+
+_MAX_EARLY_MESSAGES = 10
+"""Number of joint states of a machine that are kept until its configuration arrives."""
 
 
 class Subscribe(Protocol):
@@ -59,9 +63,17 @@ def subscribe_to_machines(
         tick_of: the tick that ended at a stamp; None while it cannot be known.
     """
 
+    # Joint states that arrived before the configuration, which names the joints: in lockstep they are
+    # not published again once the machine has gone on.
+    early: dict[str, deque[JointState]] = {
+        name: deque(maxlen=_MAX_EARLY_MESSAGES) for name in others.names
+    }
+
     def on_joints(name: str, msg: JointState) -> None:
         tick, names = tick_of(msg.header.stamp), others.joint_names(name)
-        if tick is not None and names:
+        if not names:
+            early[name].append(msg)
+        elif tick is not None:
             others.add_joints(name, tick, joint_angles(msg, names))
 
     def on_odom(name: str, msg: Odometry) -> None:
@@ -75,6 +87,8 @@ def subscribe_to_machines(
 
     def on_config(name: str, msg: String) -> None:
         others.set_config(name, msg.data)
+        while early[name]:
+            on_joints(name, early[name].popleft())
 
     for name in others.names:
         config_topic = resolve(topics.MACHINE_CONFIG, others.node_namespace(name))

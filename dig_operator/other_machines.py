@@ -154,6 +154,22 @@ class OtherMachines:
         """Return the names of the machines whose state at the end of a tick is not complete."""
         return tuple(name for name in self.names if tick not in self._complete_ticks(name))
 
+    @property
+    def first_tick(self) -> int:
+        """First tick of which the states of all machines can be known; 0 if there is no limit.
+
+        States arrive in the order of ticks: those before the first that arrived are lost, for
+        example because the connection was made after they were sent.
+        """
+        return max(
+            (
+                min(self._complete_ticks(name), default=0)
+                for name in self.names
+                if name not in self._last
+            ),
+            default=0,
+        )
+
     def unseen(self) -> tuple[str, ...]:
         """Return the names of the machines of which no state is known."""
         return tuple(

@@ -97,6 +97,12 @@ class SampleSynchronizer:
         complete = (tick for tick, sample in self._partial_samples.items() if sample.is_complete)
         return min(complete, default=None) if self._every_tick else max(complete, default=None)
 
+    def skip_to(self, tick: int) -> None:
+        """Drop the samples of ticks before `tick`."""
+        if tick > self._last_tick + 1:
+            self._last_tick = tick - 1
+            self._partial_samples = {t: s for t, s in self._partial_samples.items() if t >= tick}
+
     def pop_next(self, terrain_tick: int) -> SyncedSample | None:
         """Return the next sample and drop all older ones; None if it is not complete yet.
 

@@ -5,10 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import yaml
+from builtin_interfaces.msg import Time
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
+from dig_operator.machine_topics import subscribe_to_machines
 from dig_operator.other_machines import OtherMachines, check_other_machines
+from machine_sim.machine import load_machine_spec
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.machine_state import BaseState, PayloadState
+from msg_bridge.config_files import find_config
 from msg_bridge.contract.errors import ParameterError
 
 TRUCK = "/site/truck"
@@ -57,6 +63,32 @@ def test_machine_is_missing_until_all_its_messages_and_its_file_are_known() -> N
     assert others.missing(6) == (TRUCK,)
     others.start_run()
     assert others.unseen() == (TRUCK,)
+
+
+def test_ticks_before_the_first_state_of_each_machine_are_not_waited_for() -> None:
+    others = machines(4, 6)
+    assert others.first_tick == 4
+    others.observe(4, 0.01)
+    assert others.first_tick == 0, "no limit once a state was used"
+    assert machines().first_tick == 0, "no limit while none is known: it can still arrive"
+
+
+def test_joint_states_that_arrive_before_the_configuration_are_used() -> None:
+    others, callbacks = OtherMachines([TRUCK], "/"), {}
+    subscribe_to_machines(
+        others,
+        lambda kind, topic, profile, callback: callbacks.update({topic: callback}),
+        lambda stamp: stamp.sec,
+    )
+    stamp = Time(sec=8)
+    (joint,) = load_machine_spec(find_config("machines/dumper.yaml")).joint_names
+    joints = JointState(name=[joint], position=[0.25])
+    joints.header.stamp = stamp
+    callbacks[f"{TRUCK}/joint_states"](joints)
+    callbacks["/site/config"](String(data=CONFIG))
+    others.add_base(TRUCK, 8, BASE)
+    others.add_payload(TRUCK, 8, PAYLOAD)
+    assert others.missing(8) == ()
 
 
 def test_messages_that_cannot_be_used_are_not_collected_for_ever() -> None:

@@ -97,6 +97,19 @@ def test_every_sample_is_returned_in_order() -> None:
     assert synchronizer.pop_next(8) is None
 
 
+def test_samples_before_a_tick_are_skipped() -> None:
+    synchronizer = SampleSynchronizer(every_tick=True)
+    add(synchronizer, 0)
+    add(synchronizer, 2)
+    synchronizer.skip_to(2)
+    sample = synchronizer.pop_next(2)
+    assert sample is not None
+    assert sample.tick == 2
+    synchronizer.skip_to(0)
+    add(synchronizer, 2)
+    assert synchronizer.pop_next(2) is None, "no sample is returned twice"
+
+
 def test_newest_sample_is_returned_and_older_ones_are_dropped_in_real_time() -> None:
     synchronizer = SampleSynchronizer(every_tick=False)
     add(synchronizer, 4)
