@@ -14,7 +14,18 @@ from msg_bridge.contract.errors import EarthmovingError
 
 __all__ = ["SUBCOMMANDS", "build_parser", "main"]
 
-SUBCOMMANDS = ("demo", "view", "teleop", "check", "compile", "machine", "audit", "film", "figures")
+SUBCOMMANDS = (
+    "demo",
+    "view",
+    "teleop",
+    "check",
+    "compile",
+    "machine",
+    "audit",
+    "replay",
+    "film",
+    "figures",
+)
 
 EXIT_BAD_INPUT = 2  # as argparse does for a bad option
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells expect
@@ -29,6 +40,7 @@ examples:
   earthmoving view BAG             show a recording in the browser
   earthmoving machine check FILE   check a machine file
   earthmoving audit BAG            check that a recording accounts for every mm3 of soil
+  earthmoving replay BAG           run a recorded simulation again, and compare every tick
   earthmoving film BAG             make a film of a recording
   earthmoving figures              make pictures after the figures of the reference of 2014
 

@@ -1,5 +1,4 @@
-"""Subcommands of `earthmoving`, one module each: `demo`, `check`, `compile`,
-`machine`, `audit`.
+"""Subcommands of `earthmoving`, one module each.
 
 A module has
 

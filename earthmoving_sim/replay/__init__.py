@@ -1,0 +1,20 @@
+"""Replay: run a recorded simulation again, in one process, from its bag alone.
+
+The inputs of a run are the configurations of its nodes, the files that they have read
+(attachments), the commands that took effect in each tick (`<m>/applied_commands`), and the order in
+which soil and machines processed ticks, joins and departures (headers). The replay gives these
+inputs to the same soil, machine and exchange objects as the nodes have, and compares what comes out
+with what was recorded.
+
+Modules:
+
+- `run_survey`: which runs, sessions, configurations and state hashes a bag has
+- `topic_queues`: the messages of a bag by topic, in the order of each topic
+- `recorded_files`: the attached files of a run, in a folder
+- `node_parameters`: parameters of the nodes from their configurations, and changes of them
+- `recorded_node`: what a machine node did, tick by tick
+- `soil_tick_inputs`: which machines took part in a tick of the soil, and how
+- `replayed_soil`, `replayed_machines`: soil and machine nodes that do it again
+- `run_replay`: all of a run
+- `comparison`: the first difference from the recording
+"""

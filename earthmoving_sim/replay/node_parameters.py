@@ -1,0 +1,240 @@
+"""Parameters of soil and machine nodes from their recorded configurations, and changes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from machine_sim.dem import ParticleParams
+from machine_sim.node.params import BinParams, MachineInstanceParams, MachineNodeParams
+from machine_sim.params import MachineSimParams
+from msg_bridge.codec.run_config import parse_section
+from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.suggestions import suggestion
+from soil_sim.node.params import SoilNodeParams
+from soil_sim.site.site import SiteParams
+from soil_sim.soils.params import SoilParams
+
+__all__ = [
+    "MachineNodeSetup",
+    "ParameterChange",
+    "SoilNodeSetup",
+    "check_changes",
+    "machine_node_setup",
+    "parse_change",
+    "soil_node_setup",
+]
+
+_SOIL_TYPE_PARAMETERS = ("repose_angle", "swell")
+"""Parameters of a soil without a name; a named soil has its own."""
+
+
+@dataclass(frozen=True)
+class ParameterChange:
+    """Another value of a parameter of a node.
+
+    Attributes:
+        node: namespace of a machine node, or `soil_sim`; empty: the nodes that have the parameter.
+        name: name of the parameter as in a ROS parameter file, such as `soil.soil`.
+        value: its value.
+    """
+
+    node: str
+    name: str
+    value: Any
+
+    def __str__(self) -> str:
+        prefix = f"{self.node}:" if self.node else ""
+        return f"{prefix}{self.name}:={self.value}"
+
+
+def parse_change(text: str) -> ParameterChange:
+    """Parse `[NODE:]NAME:=VALUE`; the value is YAML.
+
+    Raises:
+        ParameterError: it has another form.
+    """
+    left, sign, right = text.partition(":=")
+    node, _, name = left.rpartition(":")
+    try:
+        value = yaml.safe_load(right)
+    except yaml.YAMLError as error:
+        raise ParameterError(f"the value in {text!r} is not YAML: {error}") from error
+    if not sign or not name or value is None:
+        raise ParameterError(
+            f"{text!r} is no change of a parameter; give NAME:=VALUE, for example"
+            ' soil.soil:="wet clay", or NODE:NAME:=VALUE'
+        )
+    return ParameterChange(node, name, value)
+
+
+@dataclass(frozen=True)
+class SoilNodeSetup:
+    """Parameters of a soil node.
+
+    Attributes:
+        node, site, soil: the parameters.
+        names: names of all parameters.
+        changes: the changes that were made.
+    """
+
+    node: SoilNodeParams
+    site: SiteParams
+    soil: SoilParams
+    names: tuple[str, ...]
+    changes: tuple[ParameterChange, ...]
+
+
+@dataclass(frozen=True)
+class MachineNodeSetup:
+    """Parameters of a machine node.
+
+    Attributes:
+        node: its own parameters.
+        machines: parameters of each machine by name; the name of an only machine is empty.
+        bins: parameters of each bin by name.
+        stepping, particles: physics.
+        names: names of all parameters.
+        changes: the changes that were made.
+    """
+
+    node: MachineNodeParams
+    machines: dict[str, MachineInstanceParams]
+    bins: dict[str, BinParams]
+    stepping: MachineSimParams
+    particles: ParticleParams
+    names: tuple[str, ...]
+    changes: tuple[ParameterChange, ...]
+
+
+class _Sections:
+    """Sections of a configuration as one flat mapping, whose names are those of the parameters."""
+
+    def __init__(self, sections: Mapping[str, Mapping[str, Any]]) -> None:
+        """
+        Args:
+            sections: values by prefix of their names: empty, or `soil.` for example.
+        """
+        self._sections = {prefix: dict(values) for prefix, values in sections.items()}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(prefix + name for prefix, values in self._sections.items() for name in values)
+
+    def section(self, prefix: str) -> dict[str, Any]:
+        return self._sections[prefix]
+
+    def set(self, full_name: str, value: Any) -> bool:
+        """Set a value; return False if there is no such parameter."""
+        for prefix, values in self._sections.items():
+            name = full_name.removeprefix(prefix)
+            if full_name.startswith(prefix) and name in values:
+                values[name] = value
+                return True
+        return False
+
+
+def soil_node_setup(
+    config: str, files: Mapping[str, Path], changes: Iterable[ParameterChange] = ()
+) -> SoilNodeSetup:
+    """Return the parameters of the soil node.
+
+    Args:
+        config: its configuration [YAML].
+        files: path of each file that it has read, by parameter; see `restore_files`.
+        changes: changes of parameters, of any node.
+
+    Raises:
+        ParameterError: a parameter that this version does not have, or an invalid value.
+        CodecError: the configuration cannot be read.
+    """
+    prefixes = {"": "soil_sim", "site.": "site", "soil.": "soil"}
+    sections = _Sections({p: parse_section(config, name) for p, name in prefixes.items()})
+    made = _change(sections, files, changes, "soil_sim")
+    if any(change.name == "soil.soil" for change in made):
+        for name in _SOIL_TYPE_PARAMETERS:
+            sections.set(f"soil.{name}", getattr(SoilParams(), name))
+    return SoilNodeSetup(
+        SoilNodeParams.from_mapping(sections.section("")),
+        SiteParams.from_mapping(sections.section("site.")),
+        SoilParams.from_mapping(sections.section("soil.")),
+        sections.names,
+        made,
+    )
+
+
+def machine_node_setup(
+    config: str, files: Mapping[str, Path], namespace: str, changes: Iterable[ParameterChange] = ()
+) -> MachineNodeSetup:
+    """Return the parameters of a machine node.
+
+    Args:
+        config, files, changes: as for `soil_node_setup`.
+        namespace: namespace of the node.
+
+    Raises: as `soil_node_setup`.
+    """
+    own = parse_section(config, "machine_sim")
+    names = list(own["machines"])
+    machines = parse_section(config, "machines") if names else {}
+    bins = parse_section(config, "bins")
+    sections = _Sections(
+        {
+            "": own,
+            **{f"{name}.": machines[name] for name in names},
+            **{f"{name}.": values for name, values in bins.items()},
+            "stepping.": parse_section(config, "stepping"),
+            "particles.": parse_section(config, "particles"),
+        }
+    )
+    made = _change(sections, files, changes, namespace)
+    node = MachineNodeParams.from_mapping(sections.section(""))
+    return MachineNodeSetup(
+        node,
+        {
+            name: MachineInstanceParams.from_mapping(sections.section(f"{name}."))
+            for name in names
+        }
+        or {"": node},
+        {name: BinParams.from_mapping(sections.section(f"{name}.")) for name in bins},
+        MachineSimParams.from_mapping(sections.section("stepping.")),
+        ParticleParams.from_mapping(sections.section("particles.")),
+        sections.names,
+        made,
+    )
+
+
+def check_changes(
+    changes: Iterable[ParameterChange], setups: Iterable[SoilNodeSetup | MachineNodeSetup]
+) -> None:
+    """Check that each change is one of a parameter that a node of the run has.
+
+    Raises:
+        ParameterError: one is not.
+    """
+    setups = list(setups)
+    names = {name for setup in setups for name in setup.names}
+    for change in changes:
+        if change.name == "tick_period":
+            raise ParameterError("tick_period cannot be changed: the commands are those of ticks")
+        if not any(change in setup.changes for setup in setups):
+            raise ParameterError(
+                f"no node of the run has the parameter of {change}{suggestion(change.name, names)}"
+            )
+
+
+def _change(
+    sections: _Sections, files: Mapping[str, Path], changes: Iterable[ParameterChange], node: str
+) -> tuple[ParameterChange, ...]:
+    """Set the files that a node has read, then the changes of its parameters; return the latter."""
+    for name, path in files.items():
+        sections.set(name, str(path))  # a file that another one names has no parameter
+    return tuple(
+        change
+        for change in changes
+        if change.node in ("", node) and sections.set(change.name, change.value)
+    )

@@ -1,0 +1,131 @@
+"""What a machine node did, in its order: join requests, and ticks with the commands in force."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from earthmoving_sim.replay.run_survey import SessionId
+from earthmoving_sim.replay.topic_queues import TopicQueues
+from msg_bridge.codec.errors import CodecError
+from msg_bridge.codec.stamps import tick_from_stamp
+from msg_bridge.codec.tick_headers import from_multi_array
+from msg_bridge.contract import topics
+from msg_bridge.contract.errors import EarthmovingError
+from msg_bridge.contract.messages import MachineHeader
+from msg_bridge.contract.topics import resolve
+
+__all__ = ["NodeAction", "RecordedNode", "ReplayError"]
+
+
+class ReplayError(EarthmovingError):
+    """A bag lacks what a replay needs."""
+
+
+@dataclass(frozen=True, eq=False)
+class NodeAction:
+    """A join request, or a tick.
+
+    Attributes:
+        header: its header.
+        commands: velocities of the joints [rad/s], then of the tracks [m/s], of each machine of the
+            node; empty for a join request.
+    """
+
+    header: MachineHeader
+    commands: tuple[NDArray[np.float64], ...] = ()
+
+    @property
+    def session(self) -> SessionId:
+        """The session that it belongs to."""
+        return SessionId(self.header.machine_id, self.header.session_id)
+
+
+class RecordedNode:
+    """The actions of one machine node in all runs of a bag.
+
+    Attributes:
+        namespace: namespace of the node.
+    """
+
+    def __init__(
+        self, queues: TopicQueues, namespace: str, machines: Sequence[str], tick_period: float
+    ) -> None:
+        """
+        Args:
+            queues: messages of the bag.
+            namespace: namespace of the node.
+            machines: names of its machines; one empty name for the only machine of a node.
+            tick_period: tick period of the run [s].
+        """
+        self.namespace = namespace
+        self._queues, self._period = queues, tick_period
+        self._header_topic = resolve(topics.MACHINE_TICK, namespace)
+        self._command_topics = command_topics(namespace, machines)
+        self._newest: MachineHeader | None = None
+
+    def next_action(self) -> NodeAction | None:
+        """Return the next action; None at the end of the bag. Repeated headers are left out.
+
+        Raises:
+            ReplayError: a command is missing.
+            BagReadError: the bag is damaged.
+        """
+        while True:
+            message = self._queues.next(self._header_topic)
+            if message is None:
+                return None
+            header = _machine_header(message)
+            if header is None or self._is_repeated(header):
+                continue
+            self._newest = header
+            if not header.is_tick:
+                return NodeAction(header)
+            return NodeAction(
+                header, tuple(self._command(topic, header.tick) for topic in self._command_topics)
+            )
+
+    def _is_repeated(self, header: MachineHeader) -> bool:
+        newest = self._newest
+        if newest is None or newest.run_id != header.run_id:
+            return False
+        if newest.session_id != header.session_id:
+            return header.is_tick  # a tick of a session that is over
+        return not header.is_tick or (newest.is_tick and header.tick <= newest.tick)
+
+    def _command(self, topic: str, tick: int) -> NDArray[np.float64]:
+        """Return the command that a machine applied in a tick.
+
+        Each tick of each machine has one message, so those of ticks that no header names are
+        skipped.
+        """
+        while (message := self._queues.next(topic)) is not None:
+            try:
+                if tick_from_stamp(message.header.stamp, self._period) == tick:
+                    return np.array(message.velocity, dtype=np.float64)
+            except CodecError:
+                continue
+        raise ReplayError(
+            f"the bag lacks the command of tick {tick} on {topic}; record {topics.APPLIED_COMMANDS}"
+            " of every machine without loss"
+        )
+
+
+def command_topics(namespace: str, machines: Sequence[str]) -> list[str]:
+    """Return the topic of the applied commands of each machine of a node."""
+    return [
+        resolve(f"{name}/{topics.APPLIED_COMMANDS}" if name else topics.APPLIED_COMMANDS, namespace)
+        for name in machines
+    ]
+
+
+def _machine_header(message: Any) -> MachineHeader | None:
+    try:
+        header = from_multi_array(message)
+    except CodecError:
+        return None
+    return header if isinstance(header, MachineHeader) else None

@@ -1,0 +1,161 @@
+"""A machine node of a run in its replay."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from earthmoving_sim.replay.node_parameters import MachineNodeSetup
+from earthmoving_sim.replay.recorded_node import NodeAction, ReplayError
+from machine_sim.commands import CommandParams
+from machine_sim.node.machine_instance import create_machine_instances
+from machine_sim.node.machine_run import MachineRun
+from machine_sim.warm_up import warm_up
+from msg_bridge.codec.run_config import RunFacts
+from msg_bridge.contract.messages import Keyframe, MachineHeader, Message, Verb
+from msg_bridge.exchange.join_state import JoinState
+
+__all__ = ["ReplayedMachines"]
+
+
+class ReplayedMachines:
+    """The machines of one process of a machine node, and their end of the exchange.
+
+    Attributes:
+        namespace: namespace of the node.
+        run: the machines.
+    """
+
+    def __init__(
+        self,
+        namespace: str,
+        setup: MachineNodeSetup,
+        facts: RunFacts,
+        keyframe: Keyframe,
+        on_state: Callable[[ReplayedMachines], None] = lambda machines: None,
+    ) -> None:
+        """
+        Args:
+            namespace: namespace of the node.
+            setup: its parameters.
+            facts: parameters of the run, from the soil.
+            keyframe: terrain on which the machines are placed.
+            on_state: called before each tick, when the answers that it is based on are applied.
+
+        Raises:
+            EarthmovingError: a machine file is invalid, or the machines have no place.
+        """
+        self.namespace = namespace
+        instances = create_machine_instances(
+            setup.machines, setup.stepping.track_model, CommandParams()
+        )
+        warm_up([each.spec for each in instances], setup.stepping, setup.particles)
+        self.instances = instances
+        self.run = MachineRun(
+            instances,
+            setup.node,
+            setup.stepping,
+            setup.particles,
+            facts,
+            keyframe,
+            bins=[params.spec for params in setup.bins.values()],
+            session_id=0,
+        )
+        self._on_state = on_state
+        self._inbox: deque[tuple[int, Message]] = deque()  # with the tick of the soil
+        self._outbox: list[Message] = []
+
+    @property
+    def machine_names(self) -> list[str]:
+        """Names of the machines."""
+        return [each.name or each.spec.name for each in self.instances]
+
+    def receive(self, tick: int, messages: Iterable[Message]) -> None:
+        """Receive what the soil sent in a tick; it is processed when the recording says so."""
+        self._inbox.extend((tick, message) for message in messages)
+
+    def perform(self, action: NodeAction) -> MachineHeader:
+        """Do what the node did, and return the header that it sends.
+
+        Raises:
+            ReplayError: it cannot be done: the recording is incomplete.
+            ExchangeError: a message violates the protocol.
+        """
+        if action.header.is_tick:
+            self._step(action)
+        else:
+            self._join(action.header)
+        sent = self.run.endpoint.drain_outbox()
+        self._outbox += sent
+        header = sent[-1]
+        assert isinstance(header, MachineHeader), "the header comes after its rows"
+        return header
+
+    @property
+    def unsent_messages(self) -> list[Message]:
+        """The messages to the soil that are not taken yet, in order."""
+        return list(self._outbox)
+
+    def take_messages(self) -> list[Message]:
+        """Return the messages to the soil, in order, and remove them."""
+        messages, self._outbox = self._outbox, []
+        return messages
+
+    def finish(self) -> None:
+        """Apply the last answer that has arrived."""
+        self._process_inbox(np.iinfo(np.int64).max)
+        exchange = self.run.endpoint.exchange
+        if exchange.waiting and self.run.endpoint.poll() is not None:
+            self._on_state(self)
+
+    def close(self) -> None:
+        """Release the physics engine."""
+        self.run.close()
+
+    def _join(self, header: MachineHeader) -> None:
+        endpoint = self.run.endpoint
+        exchange = endpoint.exchange
+        self._apply_answer(header.tick)
+        if exchange.join_state is not JoinState.OUT:
+            exchange.abandon_session()
+        if header.verb is Verb.JOIN and exchange.tick >= 0:
+            endpoint.discard_soil()
+        exchange.session_id = header.session_id - 1  # the session before, from which it counts on
+        endpoint.join()
+
+    def _step(self, action: NodeAction) -> None:
+        header = action.header
+        self._process_inbox(header.answered_tick)
+        self._apply_answer(header.answered_tick)
+        endpoint = self.run.endpoint
+        if not endpoint.is_ready:
+            raise ReplayError(
+                f"{self.namespace} cannot make tick {header.tick}: it is"
+                f" {endpoint.exchange.join_state.value}, and lacks answers of the soil; the bag is"
+                " incomplete"
+            )
+        self._on_state(self)
+        simulated = self.run.sim.simulated_machines
+        for each, values in zip(simulated, action.commands, strict=True):
+            num_joints = each.machine.joint_positions.size
+            if values.size != num_joints + 2:
+                raise ReplayError(
+                    f"a command of {self.namespace} in tick {header.tick} has {values.size} values,"
+                    f" and its machine has {num_joints} joints and 2 tracks"
+                )
+            each.machine.command(values[:num_joints], values[num_joints:])
+        self.run.step(leave=header.verb is Verb.LEAVE)
+
+    def _apply_answer(self, tick: int) -> None:
+        """Apply the answer of the soil's tick `tick`, unless it is applied."""
+        endpoint = self.run.endpoint
+        if tick > endpoint.exchange.tick and endpoint.exchange.joined:
+            self._process_inbox(tick)
+            endpoint.poll()
+
+    def _process_inbox(self, tick: int) -> None:
+        """Process the messages that the soil sent up to a tick."""
+        while self._inbox and self._inbox[0][0] <= tick:
+            self.run.endpoint.receive(self._inbox.popleft()[1])

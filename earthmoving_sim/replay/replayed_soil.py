@@ -1,0 +1,92 @@
+"""The soil node of a run in its replay."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+
+from earthmoving_sim.replay.node_parameters import SoilNodeSetup
+from earthmoving_sim.replay.recorded_node import ReplayError
+from earthmoving_sim.replay.soil_tick_inputs import SoilTickInputs
+from msg_bridge.contract.messages import Keyframe, Message
+from soil_sim.endpoint import SoilEndpoint, SoilTickResult
+from soil_sim.site.cut_fill import CutFill
+from soil_sim.site.site import make_site
+from soil_sim.soil import Soil
+
+__all__ = ["ReplayedSoil"]
+
+
+class ReplayedSoil:
+    """The soil and its end of the exchange.
+
+    Attributes:
+        site: initial terrain.
+        soil: the terrain.
+        keyframes: the terrain at the wanted revisions, by revision.
+    """
+
+    def __init__(
+        self, setup: SoilNodeSetup, run_id: int, wanted_revisions: Collection[int]
+    ) -> None:
+        """
+        Args:
+            setup: parameters of the node.
+            run_id: number of the run.
+            wanted_revisions: revisions of the terrain on which machines are placed.
+
+        Raises:
+            EarthmovingError: site or soils are invalid.
+        """
+        self.site = make_site(setup.site)
+        self.soil: Soil = self.site.make_soil(setup.soil)
+        self.keyframes: dict[int, Keyframe] = {}
+        self._wanted_revisions = frozenset(wanted_revisions)
+        self.endpoint = SoilEndpoint(
+            self.soil,
+            expected=setup.node.expected_machines,
+            admit_others=setup.node.admit_other_machines,
+            max_tool_displacement=setup.node.max_tool_speed * setup.node.tick_period,
+            run_id=run_id,
+        )
+        self._keep_keyframe()
+
+    @property
+    def cut_fill(self) -> CutFill | None:
+        """Difference of the terrain from the design; None without one."""
+        return self.site.cut_fill(self.soil.columns.height)
+
+    def step(
+        self, inputs: SoilTickInputs, messages: Iterable[Message], *, release: bool
+    ) -> SoilTickResult:
+        """Compute the next tick.
+
+        Args:
+            inputs: which machines take part.
+            messages: what they have sent.
+            release: whether absent soil is released.
+
+        Raises:
+            ExchangeError: a message violates the protocol.
+            ReplayError: an expected machine has not joined.
+        """
+        for session in inputs.dropped:
+            self.endpoint.exchange.drop(session.machine_id)
+        if release:
+            self.endpoint.release_absent_soil()
+        for message in messages:
+            self.endpoint.receive(message)
+        done = self.endpoint.advance(wait=False)
+        if done is None:
+            raise ReplayError("the recorded run began without a machine that it expects")
+        self._keep_keyframe()
+        return done
+
+    def keyframe(self) -> Keyframe:
+        """Return a copy of the present terrain."""
+        soil = self.soil
+        surface = (soil.grid, soil.columns.height.copy(), *soil.layers)
+        return Keyframe(self.endpoint.exchange.run_id, soil.revision, *surface)
+
+    def _keep_keyframe(self) -> None:
+        if self.soil.revision in self._wanted_revisions - self.keyframes.keys():
+            self.keyframes[self.soil.revision] = self.keyframe()

@@ -1,0 +1,381 @@
+"""Run one recorded run again, and compare it with the recording."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from earthmoving_sim.replay.comparison import (
+    Difference,
+    find_header_difference,
+    find_ledger_difference,
+)
+from earthmoving_sim.replay.node_parameters import (
+    MachineNodeSetup,
+    ParameterChange,
+    check_changes,
+    machine_node_setup,
+    soil_node_setup,
+)
+from earthmoving_sim.replay.recorded_files import restore_files
+from earthmoving_sim.replay.recorded_node import (
+    NodeAction,
+    RecordedNode,
+    ReplayError,
+    command_topics,
+)
+from earthmoving_sim.replay.replayed_machines import ReplayedMachines
+from earthmoving_sim.replay.replayed_soil import ReplayedSoil
+from earthmoving_sim.replay.run_survey import RunSurvey, SessionId
+from earthmoving_sim.replay.soil_tick_inputs import SoilTickInputs, find_inputs
+from earthmoving_sim.replay.topic_queues import TopicQueues
+from msg_bridge.bag.reader import BagReader
+from msg_bridge.codec.errors import CodecError
+from msg_bridge.codec.run_config import parse_run_facts, parse_section, versions
+from msg_bridge.codec.tick_headers import from_multi_array
+from msg_bridge.contract import topics
+from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.messages import MachineHeader, Message, SoilHeader, Verb
+from msg_bridge.contract.topics import resolve
+from soil_sim.endpoint import SoilTickResult
+from soil_sim.warm_up import warm_up as warm_up_soil
+
+__all__ = ["Observer", "ReplayResult", "RunReplay"]
+
+_SOIL_TICK = f"/{topics.SOIL_TICK}"
+_LEDGER = f"/{topics.SOIL_LEDGER}"
+_SOIL_HASH = f"/{topics.SOIL_STATE_HASH}"
+_SOIL = "soil"
+
+
+class Observer(Protocol):
+    """What follows a replay, for example to write it down."""
+
+    def on_soil_tick(
+        self, header: SoilHeader, done: SoilTickResult, messages: Sequence[Message]
+    ) -> None:
+        """Follow a tick of the soil and what the soil sends in it."""
+
+    def on_action(
+        self, machines: ReplayedMachines, action: NodeAction, messages: Sequence[Message]
+    ) -> None:
+        """Follow a join request or a tick of a machine node, and what it sends."""
+
+
+@dataclass
+class ReplayResult:
+    """What a replay found.
+
+    Attributes:
+        last_tick: last tick of the soil that was computed.
+        simulated_time: simulated time [s].
+        wall_time: wall time of the replay [s], without its preparation.
+        num_hashes: number of equal state hashes by topic.
+        difference: the first difference; None without one.
+        ended_early: why the recording cannot be replayed further; empty if it was replayed to its
+            end.
+    """
+
+    last_tick: int = -1
+    simulated_time: float = 0.0
+    wall_time: float = 0.0
+    num_hashes: dict[str, int] = field(default_factory=dict)
+    difference: Difference | None = None
+    ended_early: str = ""
+
+    @property
+    def is_identical(self) -> bool:
+        """Whether the replay reached the end of the recording without a difference."""
+        return self.difference is None and not self.ended_early
+
+
+class _Different(Exception):
+    """The replay differs from the recording."""
+
+    def __init__(self, difference: Difference) -> None:
+        super().__init__(str(difference))
+        self.difference = difference
+
+
+class RunReplay:
+    """The replay of one run.
+
+    Attributes:
+        survey: what the bag has of the run.
+        facts: parameters of the run.
+        soil: the soil.
+        machines: the machine nodes that have joined, by machine id.
+        result: what was found so far.
+    """
+
+    def __init__(
+        self,
+        reader: BagReader,
+        survey: RunSurvey,
+        *,
+        changes: Sequence[ParameterChange] = (),
+        observer: Observer | None = None,
+    ) -> None:
+        """
+        Args:
+            reader: the bag.
+            survey: what it has of the run.
+            changes: parameters with other values than recorded; with any, nothing is compared.
+            observer: follows the replay.
+
+        Raises:
+            ReplayError: the bag does not contain the begin of the run, or lacks a topic.
+            RecordedFileError: a file that the run depends on is missing.
+            ParameterError: a change is of no parameter, or has an invalid value.
+            EarthmovingError: another invalid parameter or file.
+        """
+        self.survey, self.facts = survey, parse_run_facts(survey.config)
+        self.machines: dict[int, ReplayedMachines] = {}
+        self.result = ReplayResult()
+        self._compares, self._observer = not changes, observer
+        self._stack = ExitStack()
+        folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
+        soil_files = restore_files(reader, survey.config, folder / "soil")
+        soil_setup = soil_node_setup(survey.config, soil_files, changes)
+        self._setups = self._machine_setups(reader, folder, changes)
+        check_changes(changes, [soil_setup, *self._setups.values()])
+        revisions = {start.terrain_revision for start in survey.starts.values()}
+        self.soil = ReplayedSoil(soil_setup, survey.run_id, revisions)
+        warm_up_soil(soil_setup.soil)
+        self._queues = TopicQueues(reader, self._topics())
+        self._nodes = {
+            machine_id: RecordedNode(
+                self._queues, namespace, self._machine_names(namespace), self.facts.tick_period
+            )
+            for machine_id, namespace in survey.nodes.items()
+        }
+        self._volumes: dict[SessionId, int] = {}  # last reported soil [mm^3]
+        self._before: tuple[SoilHeader, Ledger] | None = None
+
+    def close(self) -> None:
+        """Release the physics engines and the restored files."""
+        for each in self.machines.values():
+            each.close()
+        self.machines.clear()
+        self._stack.close()
+
+    @property
+    def other_versions(self) -> dict[str, tuple[str, str]]:
+        """Software of another version than recorded: (recorded, here), by name."""
+        recorded = parse_section(self.survey.config, "versions")
+        here = versions()
+        return {
+            name: (str(recorded[name]), here[name])
+            for name in here
+            if name in recorded and str(recorded[name]) != here[name]
+        }
+
+    def run(self, progress: Callable[[int], None] | None = None) -> ReplayResult:
+        """Replay to the end of the recording, or to the first difference.
+
+        Args:
+            progress: called after each tick of the soil with its number.
+
+        Raises:
+            ReplayError: the bag lacks the begin of the run, or a message.
+            BagReadError: the bag is damaged.
+        """
+        start = time.perf_counter()
+        try:
+            while (recorded := self._next_tick()) is not None:
+                self._step(*recorded)
+                if progress is not None:
+                    progress(self.result.last_tick)
+            for machines in self.machines.values():
+                machines.finish()
+        except _Different as found:
+            self.result.difference = found.difference
+        except ReplayError as error:
+            if self.result.last_tick < 0:
+                raise
+            self.result.ended_early = str(error)
+        self.result.wall_time = time.perf_counter() - start
+        self.result.simulated_time = max(self.result.last_tick, 0) * self.facts.tick_period
+        return self.result
+
+    # What the bag has.
+
+    def _machine_setups(
+        self, reader: BagReader, folder: Path, changes: Sequence[ParameterChange]
+    ) -> dict[SessionId, MachineNodeSetup]:
+        """Return the parameters of each process of a machine node, by its first session."""
+        setups = {}
+        for k, (session, begin) in enumerate(self.survey.starts.items()):
+            files = restore_files(reader, begin.config, folder / f"machines_{k}")
+            setups[session] = machine_node_setup(begin.config, files, begin.namespace, changes)
+        return setups
+
+    def _machine_names(self, namespace: str) -> list[str]:
+        """Return the names of the machines of a node; one empty name for an only machine."""
+        for session, begin in self.survey.starts.items():
+            if begin.namespace == namespace:
+                return list(self._setups[session].machines)
+        raise ReplayError(
+            f"the bag lacks the configuration of {namespace} in run {self.survey.run_id}; record"
+            f" {resolve(topics.MACHINE_CONFIG, namespace)} from the begin of the run, with a"
+            " version that writes session and terrain_revision"
+        )
+
+    def _topics(self) -> list[str]:
+        names = [_SOIL_TICK, _LEDGER]
+        for namespace in self.survey.nodes.values():
+            names.append(resolve(topics.MACHINE_TICK, namespace))
+            names += command_topics(namespace, self._machine_names(namespace))
+        return names
+
+    def _next_tick(self) -> tuple[SoilHeader, Ledger] | None:
+        """Return the next header of the soil and its ledger; None at the end of the run."""
+        header = self._next_array(_SOIL_TICK, SoilHeader)
+        if header is None:
+            return None
+        last = -1 if self._before is None else self._before[0].tick
+        if header.tick != last + 1:
+            raise ReplayError(
+                f"the bag lacks tick {last + 1} of run {self.survey.run_id} on {_SOIL_TICK}; record"
+                " from the begin of the run, without loss"
+            )
+        while (ledger := self._next_array(_LEDGER, Ledger)) is not None:
+            if ledger.tick == header.tick:
+                return header, ledger
+        if self._before is None:
+            raise ReplayError(f"the bag lacks {_LEDGER}; record it")
+        return None  # a recorder that was killed loses the end of some topics
+
+    def _next_array(self, topic: str, kind: type[Any]) -> Any | None:
+        """Return the next header or ledger of the run, without repeated ones."""
+        last = -1 if self._before is None else self._before[0].tick
+        while (message := self._queues.next(topic)) is not None:
+            try:
+                found = from_multi_array(message)
+            except CodecError:
+                continue
+            if isinstance(found, kind) and found.run_id == self.survey.run_id and found.tick > last:
+                return found
+        return None
+
+    # The ticks.
+
+    def _step(self, recorded: SoilHeader, ledger: Ledger) -> None:
+        before = None if self._before is None else self._before[0]
+        inputs = find_inputs(before, recorded, self.survey.last_ticks)
+        # Of what was reported before this tick.
+        absent = sum(self._volumes.get(session, 0) for session in inputs.dropped)
+        for session, tick in inputs.processed.items():
+            self._volumes[session] = self._perform_through(session, tick).soil_mm3
+        joins = [self._perform_through(session, None) for session in inputs.joined]
+        if self._before is not None:
+            absent += self._before[1].absent
+        # In a tick with a rejoin, soil that is not absent any more went with the machine.
+        is_rejoin = any(header.verb is Verb.REJOIN for header in joins)
+        releases = ledger.absent < absent and not is_rejoin
+        messages = [
+            message for each in self.machines.values() for message in each.take_messages()
+        ]
+        done = self.soil.step(inputs, messages, release=releases)
+        sent = self.soil.endpoint.drain_outbox()
+        header = next(each for each in sent if isinstance(each, SoilHeader))
+        for machines in self.machines.values():
+            machines.receive(header.tick, sent)
+        if self._observer is not None:
+            self._observer.on_soil_tick(header, done, sent)
+        self._before = recorded, ledger
+        self._compare(
+            find_header_difference(recorded, header, _SOIL),
+            find_ledger_difference(ledger, done.ledger),
+        )
+        self._compare_hash(_SOIL_HASH, header.tick, self.soil.soil.state_hash)
+        self.result.last_tick = header.tick
+
+    def _perform_through(self, session: SessionId, tick: int | None) -> MachineHeader:
+        """Let a machine node do what it did up to a tick of a session, or up to its join.
+
+        Returns:
+            The recorded header of that tick or join request.
+
+        Raises:
+            ReplayError: the bag lacks it.
+        """
+        machine_id = session.machine_id
+        while True:
+            action = self._nodes[machine_id].next_action()
+            what = "join request" if tick is None else f"tick {tick}"
+            if action is None or action.header.run_id > self.survey.run_id:
+                raise ReplayError(
+                    f"the bag lacks the {what} of machine {machine_id} in session"
+                    f" {session.session_id} on its topic {topics.MACHINE_TICK}"
+                )
+            if action.header.run_id < self.survey.run_id:
+                continue
+            if not action.header.is_tick and action.session != session:
+                if action.session in self.survey.starts:
+                    self._start_node(action.session)
+                continue  # the request was rejected, and changed nothing
+            self._perform(action)
+            is_join = tick is None and not action.header.is_tick
+            if action.session == session and (is_join or action.header.tick == tick):
+                return action.header
+
+    def _perform(self, action: NodeAction) -> None:
+        header, machine_id = action.header, action.header.machine_id
+        start = self.survey.starts.get(action.session)
+        if not header.is_tick and start is not None:
+            self._start_node(action.session)
+        machines = self.machines.get(machine_id)
+        if machines is None:
+            raise ReplayError(
+                f"machine {machine_id} joined before the recording began; record from the begin of"
+                " the run"
+            )
+        replayed = machines.perform(action)
+        if self._observer is not None:
+            self._observer.on_action(machines, action, machines.unsent_messages)
+        self._compare(find_header_difference(header, replayed, machines.namespace))
+
+    def _start_node(self, session: SessionId) -> None:
+        """Create the machines of a process of a machine node."""
+        start = self.survey.starts[session]
+        keyframe = self.soil.keyframes.get(start.terrain_revision)
+        if keyframe is None:
+            raise ReplayError(
+                f"{start.namespace} was placed on revision {start.terrain_revision} of the terrain,"
+                f" which has {self.soil.soil.revision} so far; the bag is incomplete, or of an"
+                " older version"
+            )
+        before = self.machines.pop(session.machine_id, None)
+        if before is not None:
+            before.close()
+        self.machines[session.machine_id] = ReplayedMachines(
+            start.namespace, self._setups[session], self.facts, keyframe, self._compare_machines
+        )
+
+    # The comparison.
+
+    def _compare(self, *differences: Difference | None) -> None:
+        if self._compares:
+            for difference in filter(None, differences):
+                raise _Different(difference)
+
+    def _compare_machines(self, machines: ReplayedMachines) -> None:
+        topic = resolve(topics.MACHINE_STATE_HASH, machines.namespace)
+        self._compare_hash(topic, machines.run.tick, machines.run.sim.state_hash)
+
+    def _compare_hash(self, topic: str, tick: int, state_hash: Callable[[], str]) -> None:
+        recorded = self.survey.hashes.get(topic, {}).get(tick)
+        if recorded is None or not self._compares:
+            return
+        replayed = state_hash()
+        if replayed != recorded:
+            where = topic.rpartition("/")[0]
+            text = f"the state hash is {recorded[:12]} recorded, {replayed[:12]} replayed"
+            raise _Different(Difference(tick, _SOIL if where == "/soil" else where, text))
+        self.result.num_hashes[topic] = self.result.num_hashes.get(topic, 0) + 1

@@ -1,0 +1,47 @@
+"""The messages of a bag by topic: each topic in its own order, whatever the order between topics."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from typing import Any
+
+from msg_bridge.bag.reader import BagReader
+
+__all__ = ["TopicQueues"]
+
+
+class TopicQueues:
+    """Queues of the messages of some topics, filled from the bag as far as they are needed.
+
+    Memory holds the messages by which topics lag behind one another in the bag.
+    """
+
+    def __init__(self, reader: BagReader, topics: Iterable[str]) -> None:
+        """
+        Args:
+            reader: the bag.
+            topics: names of topics; those that the bag lacks have no messages.
+        """
+        known = [topic for topic in topics if topic in reader.topics]
+        self._reader = reader
+        self._queues: dict[str, deque[tuple[int, bytes]]] = {topic: deque() for topic in known}
+        self._messages = reader.raw_messages(known) if known else iter(())
+
+    def next(self, topic: str) -> Any | None:
+        """Return the next message of a topic and remove it; None at the end of the bag.
+
+        Raises:
+            BagReadError: the bag is damaged, or the message cannot be decoded.
+        """
+        queue = self._queues.get(topic)
+        if queue is None:
+            return None
+        while not queue:
+            found = next(self._messages, None)
+            if found is None:
+                return None
+            name, time, data = found
+            self._queues[name].append((time, data))
+        time, data = queue.popleft()
+        return self._reader.decode(topic, data, time)
