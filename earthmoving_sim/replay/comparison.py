@@ -97,8 +97,8 @@ def describe_rows(recorded: Rows, replayed: Rows) -> str:
         if names:
             name = names[0]
             place = _place({each: recorded[k][each] for each in recorded.dtype.names or ()})
-            return f"row {k + 1}{place}: {name} {recorded[k][name]!r} recorded, " + (
-                f"{replayed[k][name]!r} replayed"
+            return f"row {k + 1}{place}: {name} {recorded[k][name].item()} recorded, " + (
+                f"{replayed[k][name].item()} replayed"
             )
     if recorded.size != replayed.size:
         return f"row {min(recorded.size, replayed.size) + 1} is in one of them only"

@@ -6,7 +6,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -15,6 +15,7 @@ from earthmoving_sim.replay.comparison import (
     find_header_difference,
     find_ledger_difference,
 )
+from earthmoving_sim.replay.difference_details import joint_detail, row_detail
 from earthmoving_sim.replay.node_parameters import (
     MachineNodeSetup,
     ParameterChange,
@@ -75,6 +76,7 @@ class ReplayResult:
         last_tick: last tick of the soil that was computed.
         simulated_time: simulated time [s].
         wall_time: wall time of the replay [s], without its preparation.
+        num_ledgers: number of ledgers that the recording has.
         num_hashes: number of equal state hashes by topic.
         difference: the first difference; None without one.
         ended_early: why the recording cannot be replayed further; empty if it was replayed to its
@@ -84,6 +86,7 @@ class ReplayResult:
     last_tick: int = -1
     simulated_time: float = 0.0
     wall_time: float = 0.0
+    num_ledgers: int = 0
     num_hashes: dict[str, int] = field(default_factory=dict)
     difference: Difference | None = None
     ended_early: str = ""
@@ -97,9 +100,22 @@ class ReplayResult:
 class _Different(Exception):
     """The replay differs from the recording."""
 
-    def __init__(self, difference: Difference) -> None:
+    def __init__(
+        self,
+        difference: Difference,
+        machines: ReplayedMachines | None = None,
+        session: SessionId | None = None,
+        sent: Sequence[Message] = (),
+    ) -> None:
+        """
+        Args:
+            difference: the difference.
+            machines, session: the machines that differ and their session; None for the soil.
+            sent: messages of the replay in that tick.
+        """
         super().__init__(str(difference))
-        self.difference = difference
+        self.difference, self.machines, self.session = difference, machines, session
+        self.sent = sent
 
 
 class RunReplay:
@@ -134,6 +150,7 @@ class RunReplay:
             ParameterError: a change is of no parameter, or has an invalid value.
             EarthmovingError: another invalid parameter or file.
         """
+        self._reader = reader
         self.survey, self.facts = survey, parse_run_facts(survey.config)
         self.machines: dict[int, ReplayedMachines] = {}
         self.result = ReplayResult()
@@ -155,7 +172,9 @@ class RunReplay:
             for machine_id, namespace in survey.nodes.items()
         }
         self._volumes: dict[SessionId, int] = {}  # last reported soil [mm^3]
-        self._before: tuple[SoilHeader, Ledger] | None = None
+        self._before: SoilHeader | None = None
+        self._absent = 0  # in the last recorded ledger [mm^3]
+        self._next_ledger: Ledger | None = None  # read, and not before the present tick
 
     def close(self) -> None:
         """Release the physics engines and the restored files."""
@@ -194,7 +213,7 @@ class RunReplay:
             for machines in self.machines.values():
                 machines.finish()
         except _Different as found:
-            self.result.difference = found.difference
+            self.result.difference = self._with_detail(found)
         except ReplayError as error:
             if self.result.last_tick < 0:
                 raise
@@ -233,27 +252,30 @@ class RunReplay:
             names += command_topics(namespace, self._machine_names(namespace))
         return names
 
-    def _next_tick(self) -> tuple[SoilHeader, Ledger] | None:
+    def _next_tick(self) -> tuple[SoilHeader, Ledger | None] | None:
         """Return the next header of the soil and its ledger; None at the end of the run."""
         header = self._next_array(_SOIL_TICK, SoilHeader)
         if header is None:
             return None
-        last = -1 if self._before is None else self._before[0].tick
+        last = -1 if self._before is None else self._before.tick
         if header.tick != last + 1:
             raise ReplayError(
                 f"the bag lacks tick {last + 1} of run {self.survey.run_id} on {_SOIL_TICK}; record"
                 " from the begin of the run, without loss"
             )
-        while (ledger := self._next_array(_LEDGER, Ledger)) is not None:
-            if ledger.tick == header.tick:
-                return header, ledger
-        if self._before is None:
-            raise ReplayError(f"the bag lacks {_LEDGER}; record it")
-        return None  # a recorder that was killed loses the end of some topics
+        return header, self._ledger_of(header.tick)
+
+    def _ledger_of(self, tick: int) -> Ledger | None:
+        """Return the ledger of a tick; None if the bag lacks it."""
+        while self._next_ledger is None or self._next_ledger.tick < tick:
+            self._next_ledger = self._next_array(_LEDGER, Ledger)
+            if self._next_ledger is None:
+                return None
+        return self._next_ledger if self._next_ledger.tick == tick else None
 
     def _next_array(self, topic: str, kind: type[Any]) -> Any | None:
         """Return the next header or ledger of the run, without repeated ones."""
-        last = -1 if self._before is None else self._before[0].tick
+        last = -1 if self._before is None else self._before.tick
         while (message := self._queues.next(topic)) is not None:
             try:
                 found = from_multi_array(message)
@@ -265,19 +287,16 @@ class RunReplay:
 
     # The ticks.
 
-    def _step(self, recorded: SoilHeader, ledger: Ledger) -> None:
-        before = None if self._before is None else self._before[0]
-        inputs = find_inputs(before, recorded, self.survey.last_ticks)
+    def _step(self, recorded: SoilHeader, ledger: Ledger | None) -> None:
+        inputs = find_inputs(self._before, recorded, self.survey.last_ticks)
         # Of what was reported before this tick.
-        absent = sum(self._volumes.get(session, 0) for session in inputs.dropped)
+        absent = self._absent + sum(self._volumes.get(each, 0) for each in inputs.dropped)
         for session, tick in inputs.processed.items():
             self._volumes[session] = self._perform_through(session, tick).soil_mm3
         joins = [self._perform_through(session, None) for session in inputs.joined]
-        if self._before is not None:
-            absent += self._before[1].absent
         # In a tick with a rejoin, soil that is not absent any more went with the machine.
         is_rejoin = any(header.verb is Verb.REJOIN for header in joins)
-        releases = ledger.absent < absent and not is_rejoin
+        releases = ledger is not None and ledger.absent < absent and not is_rejoin
         messages = [
             message for each in self.machines.values() for message in each.take_messages()
         ]
@@ -288,11 +307,14 @@ class RunReplay:
             machines.receive(header.tick, sent)
         if self._observer is not None:
             self._observer.on_soil_tick(header, done, sent)
-        self._before = recorded, ledger
-        self._compare(
-            find_header_difference(recorded, header, _SOIL),
-            find_ledger_difference(ledger, done.ledger),
-        )
+        self._before = recorded
+        difference = find_header_difference(recorded, header, _SOIL)
+        if ledger is not None:
+            self._absent = ledger.absent
+            self.result.num_ledgers += 1
+            difference = difference or find_ledger_difference(ledger, done.ledger)
+        if difference is not None and self._compares:
+            raise _Different(difference, sent=sent)
         self._compare_hash(_SOIL_HASH, header.tick, self.soil.soil.state_hash)
         self.result.last_tick = header.tick
 
@@ -337,9 +359,12 @@ class RunReplay:
                 " the run"
             )
         replayed = machines.perform(action)
+        sent = machines.unsent_messages
         if self._observer is not None:
-            self._observer.on_action(machines, action, machines.unsent_messages)
-        self._compare(find_header_difference(header, replayed, machines.namespace))
+            self._observer.on_action(machines, action, sent)
+        difference = find_header_difference(header, replayed, machines.namespace)
+        if difference is not None and self._compares:
+            raise _Different(difference, machines, action.session, sent)
 
     def _start_node(self, session: SessionId) -> None:
         """Create the machines of a process of a machine node."""
@@ -360,22 +385,35 @@ class RunReplay:
 
     # The comparison.
 
-    def _compare(self, *differences: Difference | None) -> None:
-        if self._compares:
-            for difference in filter(None, differences):
-                raise _Different(difference)
-
     def _compare_machines(self, machines: ReplayedMachines) -> None:
         topic = resolve(topics.MACHINE_STATE_HASH, machines.namespace)
-        self._compare_hash(topic, machines.run.tick, machines.run.sim.state_hash)
+        state_hash = machines.run.sim.state_hash
+        self._compare_hash(topic, machines.run.tick, state_hash, machines)
 
-    def _compare_hash(self, topic: str, tick: int, state_hash: Callable[[], str]) -> None:
+    def _compare_hash(
+        self,
+        topic: str,
+        tick: int,
+        state_hash: Callable[[], str],
+        machines: ReplayedMachines | None = None,
+    ) -> None:
         recorded = self.survey.hashes.get(topic, {}).get(tick)
         if recorded is None or not self._compares:
             return
         replayed = state_hash()
         if replayed != recorded:
-            where = topic.rpartition("/")[0]
+            where = _SOIL if machines is None else machines.namespace
             text = f"the state hash is {recorded[:12]} recorded, {replayed[:12]} replayed"
-            raise _Different(Difference(tick, _SOIL if where == "/soil" else where, text))
+            raise _Different(Difference(tick, where, text), machines)
         self.result.num_hashes[topic] = self.result.num_hashes.get(topic, 0) + 1
+
+    def _with_detail(self, found: _Different) -> Difference:
+        """Return a difference with the first row and the joint that differ, where they are known."""
+        difference, machines = found.difference, found.machines
+        details = [
+            row_detail(self._reader, self.survey.run_id, found.session, difference, found.sent)
+        ]
+        if machines is not None:
+            period = self.facts.tick_period
+            details.append(joint_detail(self._reader, machines, difference.tick, period))
+        return replace(difference, text="; ".join([difference.text, *filter(None, details)]))
