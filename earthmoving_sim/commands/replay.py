@@ -3,7 +3,8 @@
 The bag contains all that the run depended on: parameters, seeds, files, the commands in force in
 each tick, joins and departures. Soil and machines are computed again in one process and compared
 with the recording: all headers with the digests of their rows, the ledger, and the state hashes.
-Exits with 0 if all ticks are identical, else with 1.
+Exits with 0 if all ticks are identical, else with 1. With `--what-if` the same commands are given
+to other soil or another machine, and the outcomes of both runs are compared.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ import argparse
 import json
 import sys
 import time
+from contextlib import ExitStack
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,33 +33,88 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `earthmoving replay`."""
     parser.add_argument("bag", type=Path, help="folder of a bag, or an .mcap file")
     parser.add_argument(
+        "--what-if",
+        action="append",
+        default=[],
+        metavar="[NODE:]NAME:=VALUE",
+        help='give a parameter another value, as soil.soil:="wet clay" or'
+        " /excavator:machine:=my.yaml; the same commands then act under other conditions, nothing"
+        " is compared tick by tick, and volumes and cycles of both runs are printed",
+    )
+    parser.add_argument("--until", type=int, metavar="TICK", help="last tick to replay")
+    parser.add_argument(
+        "--record",
+        type=Path,
+        metavar="FOLDER",
+        help="record the replay into a bag (with --what-if: bags/what-if-<time> by default)",
+    )
+    parser.add_argument(
+        "--run",
+        type=int,
+        metavar="ID",
+        dest="run_id",
+        help="replay only this run of a bag with several",
+    )
+    parser.add_argument(
         "--namespace", help="namespace of the simulation; needed if the bag has several"
     )
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Replay all runs of the bag and print the result; return 0 if all are identical, else 1."""
+    """Replay the runs of the bag and print the result; return 0 if all are identical, else 1."""
+    from earthmoving_sim.replay.node_parameters import parse_change
+    from earthmoving_sim.replay.replay_recording import ReplayRecording
+    from earthmoving_sim.replay.run_figures import compare_figures, read_figures
     from earthmoving_sim.replay.run_replay import RunReplay
     from earthmoving_sim.replay.run_survey import survey_runs
     from msg_bridge.bag.reader import BagReader
+    from msg_bridge.contract.errors import EarthmovingError
 
+    changes = [parse_change(text) for text in args.what_if]
     reader = BagReader(args.bag, namespace=args.namespace)
+    surveys = survey_runs(reader)
+    if args.run_id is not None:
+        surveys = [each for each in surveys if each.run_id == args.run_id]
+    folder = args.record or (_default_folder() if changes else None)
+    if not surveys or (folder is not None and len(surveys) > 1):
+        known = ", ".join(str(each.run_id) for each in survey_runs(reader)) or "none"
+        raise EarthmovingError(
+            f"{args.bag} has the runs {known}; choose one by --run"
+            if surveys or args.run_id is not None
+            else f"{args.bag} has no configuration on /sim/config; record it from the begin"
+        )
     reports = []
-    for survey in survey_runs(reader):
-        replay = RunReplay(reader, survey)
-        try:
+    for survey in surveys:
+        replay = RunReplay(reader, survey, changes)
+        with ExitStack() as stack:
+            stack.callback(replay.close)
+            if folder is not None:
+                recording = ReplayRecording(folder, reader.namespace)
+                stack.callback(recording.close)
+                replay.follow(recording)
             if not args.json:
                 print(f"{args.bag}: run {survey.run_id}, {_describe(replay)}", flush=True)
-            result = replay.run(_Progress(replay) if sys.stderr.isatty() else None)
-        finally:
-            replay.close()
+            progress = _Progress(replay) if sys.stderr.isatty() else None
+            replay.run(progress, until=args.until)
         reports.append(_report(replay))
         if not args.json:
-            print("\n".join(_lines(replay)))
+            print("\n".join(_lines(replay, is_what_if=bool(changes))))
+            if folder is not None:
+                print(f"  recorded into {folder}")
+    if changes and folder is not None:
+        replayed = BagReader(folder, namespace=None)
+        run_id = surveys[0].run_id
+        figures = read_figures(reader, run_id), read_figures(replayed, run_id)
+        if not args.json:
+            print("\n".join(compare_figures(*figures, "what if")))
     if args.json:
         print(json.dumps({"path": str(args.bag), "runs": reports}, indent=2))
     return 0 if all(each["identical"] for each in reports) else 1
+
+
+def _default_folder() -> Path:
+    return Path("bags") / f"what-if-{datetime.now(timezone.utc):%Y-%m-%dT%H-%M-%SZ}"
 
 
 class _Progress:
@@ -109,7 +167,7 @@ def _report(replay: RunReplay) -> dict[str, Any]:
     }
 
 
-def _lines(replay: RunReplay) -> list[str]:
+def _lines(replay: RunReplay, *, is_what_if: bool) -> list[str]:
     """Return the lines of the printed result."""
     result = replay.result
     lines = [
@@ -120,6 +178,8 @@ def _lines(replay: RunReplay) -> list[str]:
         lines.append(f"  ✗ first difference: {result.difference}")
     elif result.ended_early:
         lines.append(f"  ✗ replayed up to tick {result.last_tick}: {result.ended_early}")
+    elif is_what_if:
+        lines.append(f"  the same commands over {result.last_tick:,} ticks, not compared")
     else:
         hashes = ", ".join(f"{count} of {name}" for name, count in result.num_hashes.items())
         lines.append(

@@ -22,6 +22,9 @@ _ROW_STREAMS = {
 """Stream of the rows that a field of a header counts."""
 
 
+_NO_ROWS = RowRange()
+
+
 @dataclass(frozen=True)
 class Difference:
     """A difference of a replay from its recording.
@@ -38,7 +41,7 @@ class Difference:
     where: str
     text: str
     stream: Stream | None = None
-    recorded_rows: RowRange = RowRange()
+    recorded_rows: RowRange = _NO_ROWS
 
     def __str__(self) -> str:
         return f"tick {self.tick}, {self.where}: {self.text}"

@@ -12,7 +12,7 @@ from earthmoving_sim.replay.run_survey import SessionId
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.row_chunks import from_chunk_cloud
-from msg_bridge.codec.stamps import tick_from_stamp
+from msg_bridge.codec.stamps import stamp_from_tick
 from msg_bridge.contract import topics
 from msg_bridge.contract.messages import Message, RowChunk, RowRange, Stream
 from msg_bridge.contract.rows import Rows, empty_rows
@@ -50,7 +50,7 @@ def row_detail(
 def joint_detail(
     reader: BagReader, machines: ReplayedMachines, tick: int, tick_period: float
 ) -> str:
-    """Return the joint that differs most at the end of a tick; empty if none does, or none is known.
+    """Return the joint that differs most at the end of a tick; empty if none is known to differ.
 
     Args:
         reader: the bag.
@@ -114,14 +114,12 @@ def _recorded_rows(
 def _recorded_joints(
     reader: BagReader, topic: str, tick: int, tick_period: float
 ) -> Mapping[str, float]:
-    """Return the joint angles at the end of a tick by name [rad]; empty if they are not recorded."""
+    """Return the joint angles at the end of a tick by name [rad]; empty if the bag lacks them."""
     if topic not in reader.topics:
         return {}
+    stamp = stamp_from_tick(tick, tick_period)
     found: Mapping[str, float] = {}
     for _, _, message in reader.messages([topic]):
-        try:
-            if tick_from_stamp(message.header.stamp, tick_period) == tick:
-                found = dict(zip(message.name, message.position, strict=False))
-        except CodecError:
-            continue
+        if message.header.stamp == stamp:
+            found = dict(zip(message.name, message.position, strict=False))
     return found

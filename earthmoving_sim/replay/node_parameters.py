@@ -9,9 +9,11 @@ from typing import Any
 
 import yaml
 
+from machine_sim.commands import CommandParams
 from machine_sim.dem import ParticleParams
 from machine_sim.node.params import BinParams, MachineInstanceParams, MachineNodeParams
 from machine_sim.params import MachineSimParams
+from machine_sim.sensors import SensorParams
 from msg_bridge.codec.run_config import parse_section
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.suggestions import suggestion
@@ -98,6 +100,8 @@ class MachineNodeSetup:
         machines: parameters of each machine by name; the name of an only machine is empty.
         bins: parameters of each bin by name.
         stepping, particles: physics.
+        sensors: rate and errors of the sensors.
+        commands: parameters of the command inputs; a replay does not use them.
         names: names of all parameters.
         changes: the changes that were made.
     """
@@ -107,6 +111,8 @@ class MachineNodeSetup:
     bins: dict[str, BinParams]
     stepping: MachineSimParams
     particles: ParticleParams
+    sensors: SensorParams
+    commands: CommandParams
     names: tuple[str, ...]
     changes: tuple[ParameterChange, ...]
 
@@ -189,20 +195,20 @@ def machine_node_setup(
             **{f"{name}.": values for name, values in bins.items()},
             "stepping.": parse_section(config, "stepping"),
             "particles.": parse_section(config, "particles"),
+            "sensors.": parse_section(config, "sensors"),
         }
     )
     made = _change(sections, files, changes, namespace)
     node = MachineNodeParams.from_mapping(sections.section(""))
     return MachineNodeSetup(
         node,
-        {
-            name: MachineInstanceParams.from_mapping(sections.section(f"{name}."))
-            for name in names
-        }
+        {name: MachineInstanceParams.from_mapping(sections.section(f"{name}.")) for name in names}
         or {"": node},
         {name: BinParams.from_mapping(sections.section(f"{name}.")) for name in bins},
         MachineSimParams.from_mapping(sections.section("stepping.")),
         ParticleParams.from_mapping(sections.section("particles.")),
+        SensorParams.from_mapping(sections.section("sensors.")),
+        CommandParams.from_mapping(parse_section(config, "commands")),
         sections.names,
         made,
     )

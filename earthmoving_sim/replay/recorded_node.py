@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from earthmoving_sim.replay.run_survey import SessionId
 from earthmoving_sim.replay.topic_queues import TopicQueues
 from msg_bridge.codec.errors import CodecError
-from msg_bridge.codec.stamps import tick_from_stamp
+from msg_bridge.codec.stamps import stamp_from_tick
 from msg_bridge.codec.tick_headers import from_multi_array
 from msg_bridge.contract import topics
 from msg_bridge.contract.errors import EarthmovingError
@@ -103,15 +103,12 @@ class RecordedNode:
         Each tick of each machine has one message, so those of ticks that no header names are
         skipped.
         """
+        stamp = stamp_from_tick(tick, self._period)
         while (message := self._queues.next(topic)) is not None:
-            try:
-                if tick_from_stamp(message.header.stamp, self._period) == tick:
-                    return np.array(message.velocity, dtype=np.float64)
-            except CodecError:
-                continue
+            if message.header.stamp == stamp:
+                return np.array(message.velocity, dtype=np.float64)
         raise ReplayError(
-            f"the bag lacks the command of tick {tick} on {topic}; record {topics.APPLIED_COMMANDS}"
-            " of every machine without loss"
+            f"the bag lacks the command of tick {tick} on {topic}; record it without loss"
         )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from earthmoving_sim.replay.node_parameters import MachineNodeSetup
 from earthmoving_sim.replay.recorded_node import NodeAction, ReplayError
-from machine_sim.commands import CommandParams
+from machine_sim.commands import AppliedCommand, CommandSource
 from machine_sim.node.machine_instance import create_machine_instances
 from machine_sim.node.machine_run import MachineRun
 from machine_sim.warm_up import warm_up
@@ -49,7 +49,7 @@ class ReplayedMachines:
         """
         self.namespace = namespace
         instances = create_machine_instances(
-            setup.machines, setup.stepping.track_model, CommandParams()
+            setup.machines, setup.stepping.track_model, setup.commands
         )
         warm_up([each.spec for each in instances], setup.stepping, setup.particles)
         self.instances = instances
@@ -73,7 +73,7 @@ class ReplayedMachines:
         return [each.name or each.spec.name for each in self.instances]
 
     def receive(self, tick: int, messages: Iterable[Message]) -> None:
-        """Receive what the soil sent in a tick; it is processed when the recording says so."""
+        """Receive what the soil sent in a tick; it is processed when it was in the recording."""
         self._inbox.extend((tick, message) for message in messages)
 
     def perform(self, action: NodeAction) -> MachineHeader:
@@ -97,6 +97,26 @@ class ReplayedMachines:
     def unsent_messages(self) -> list[Message]:
         """The messages to the soil that are not taken yet, in order."""
         return list(self._outbox)
+
+    def applied_commands(self, action: NodeAction) -> list[AppliedCommand]:
+        """Return the command of each machine in a tick; its source is not known.
+
+        Raises:
+            ReplayError: a command has values for another number of joints than the machine has.
+        """
+        commands = []
+        for instance, values in zip(self.instances, action.commands, strict=True):
+            num_joints = len(instance.spec.joint_names)
+            if values.size != num_joints + 2:
+                raise ReplayError(
+                    f"a command of {self.namespace} in tick {action.header.tick} has {values.size}"
+                    f" values, and its machine has {num_joints} joints and 2 tracks"
+                )
+            joints, tracks = values[:num_joints], values[num_joints:]
+            unknown: CommandSource = "none"
+            sources = (unknown,) * num_joints, (unknown,) * 2
+            commands.append(AppliedCommand(joints, tracks, *sources))
+        return commands
 
     def take_messages(self) -> list[Message]:
         """Return the messages to the soil, in order, and remove them."""
@@ -138,14 +158,8 @@ class ReplayedMachines:
             )
         self._on_state(self)
         simulated = self.run.sim.simulated_machines
-        for each, values in zip(simulated, action.commands, strict=True):
-            num_joints = each.machine.joint_positions.size
-            if values.size != num_joints + 2:
-                raise ReplayError(
-                    f"a command of {self.namespace} in tick {header.tick} has {values.size} values,"
-                    f" and its machine has {num_joints} joints and 2 tracks"
-                )
-            each.machine.command(values[:num_joints], values[num_joints:])
+        for each, command in zip(simulated, self.applied_commands(action), strict=True):
+            each.machine.command(command.joints, command.tracks)
         self.run.step(leave=header.verb is Verb.LEAVE)
 
     def _apply_answer(self, tick: int) -> None:

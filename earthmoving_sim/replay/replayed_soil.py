@@ -7,8 +7,10 @@ from collections.abc import Collection, Iterable
 from earthmoving_sim.replay.node_parameters import SoilNodeSetup
 from earthmoving_sim.replay.recorded_node import ReplayError
 from earthmoving_sim.replay.soil_tick_inputs import SoilTickInputs
+from msg_bridge.contract.input_files import InputFile
 from msg_bridge.contract.messages import Keyframe, Message
 from soil_sim.endpoint import SoilEndpoint, SoilTickResult
+from soil_sim.node.run_config import find_input_files, run_config
 from soil_sim.site.cut_fill import CutFill
 from soil_sim.site.site import make_site
 from soil_sim.soil import Soil
@@ -20,6 +22,7 @@ class ReplayedSoil:
     """The soil and its end of the exchange.
 
     Attributes:
+        setup: parameters of the node.
         site: initial terrain.
         soil: the terrain.
         keyframes: the terrain at the wanted revisions, by revision.
@@ -37,6 +40,7 @@ class ReplayedSoil:
         Raises:
             EarthmovingError: site or soils are invalid.
         """
+        self.setup = setup
         self.site = make_site(setup.site)
         self.soil: Soil = self.site.make_soil(setup.soil)
         self.keyframes: dict[int, Keyframe] = {}
@@ -49,6 +53,17 @@ class ReplayedSoil:
             run_id=run_id,
         )
         self._keep_keyframe()
+
+    @property
+    def input_files(self) -> tuple[InputFile, ...]:
+        """The files that the soil has read."""
+        return find_input_files(self.setup.site, self.setup.soil)
+
+    def config(self) -> str:
+        """Return the configuration of the soil node [YAML]."""
+        setup = self.setup
+        params = (setup.node, setup.site, setup.soil)
+        return run_config(self.endpoint, self.site, *params, self.input_files)
 
     @property
     def cut_fill(self) -> CutFill | None:

@@ -6,9 +6,8 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
 
 from earthmoving_sim.replay.comparison import (
     Difference,
@@ -23,6 +22,7 @@ from earthmoving_sim.replay.node_parameters import (
     machine_node_setup,
     soil_node_setup,
 )
+from earthmoving_sim.replay.observer import Observer
 from earthmoving_sim.replay.recorded_files import restore_files
 from earthmoving_sim.replay.recorded_node import (
     NodeAction,
@@ -30,74 +30,28 @@ from earthmoving_sim.replay.recorded_node import (
     ReplayError,
     command_topics,
 )
+from earthmoving_sim.replay.recorded_soil import LEDGER_TOPIC, SOIL_TICK_TOPIC, RecordedSoil
+from earthmoving_sim.replay.replay_result import ReplayResult
 from earthmoving_sim.replay.replayed_machines import ReplayedMachines
 from earthmoving_sim.replay.replayed_soil import ReplayedSoil
 from earthmoving_sim.replay.run_survey import RunSurvey, SessionId
-from earthmoving_sim.replay.soil_tick_inputs import SoilTickInputs, find_inputs
+from earthmoving_sim.replay.soil_tick_inputs import find_inputs
 from earthmoving_sim.replay.topic_queues import TopicQueues
 from msg_bridge.bag.reader import BagReader
-from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.run_config import parse_run_facts, parse_section, versions
-from msg_bridge.codec.tick_headers import from_multi_array
 from msg_bridge.contract import topics
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import MachineHeader, Message, SoilHeader, Verb
 from msg_bridge.contract.topics import resolve
-from soil_sim.endpoint import SoilTickResult
 from soil_sim.warm_up import warm_up as warm_up_soil
 
-__all__ = ["Observer", "ReplayResult", "RunReplay"]
+__all__ = ["RunReplay"]
 
-_SOIL_TICK = f"/{topics.SOIL_TICK}"
-_LEDGER = f"/{topics.SOIL_LEDGER}"
 _SOIL_HASH = f"/{topics.SOIL_STATE_HASH}"
 _SOIL = "soil"
 
 
-class Observer(Protocol):
-    """What follows a replay, for example to write it down."""
-
-    def on_soil_tick(
-        self, header: SoilHeader, done: SoilTickResult, messages: Sequence[Message]
-    ) -> None:
-        """Follow a tick of the soil and what the soil sends in it."""
-
-    def on_action(
-        self, machines: ReplayedMachines, action: NodeAction, messages: Sequence[Message]
-    ) -> None:
-        """Follow a join request or a tick of a machine node, and what it sends."""
-
-
-@dataclass
-class ReplayResult:
-    """What a replay found.
-
-    Attributes:
-        last_tick: last tick of the soil that was computed.
-        simulated_time: simulated time [s].
-        wall_time: wall time of the replay [s], without its preparation.
-        num_ledgers: number of ledgers that the recording has.
-        num_hashes: number of equal state hashes by topic.
-        difference: the first difference; None without one.
-        ended_early: why the recording cannot be replayed further; empty if it was replayed to its
-            end.
-    """
-
-    last_tick: int = -1
-    simulated_time: float = 0.0
-    wall_time: float = 0.0
-    num_ledgers: int = 0
-    num_hashes: dict[str, int] = field(default_factory=dict)
-    difference: Difference | None = None
-    ended_early: str = ""
-
-    @property
-    def is_identical(self) -> bool:
-        """Whether the replay reached the end of the recording without a difference."""
-        return self.difference is None and not self.ended_early
-
-
-class _Different(Exception):
+class _DifferenceError(Exception):
     """The replay differs from the recording."""
 
     def __init__(
@@ -130,22 +84,16 @@ class RunReplay:
     """
 
     def __init__(
-        self,
-        reader: BagReader,
-        survey: RunSurvey,
-        *,
-        changes: Sequence[ParameterChange] = (),
-        observer: Observer | None = None,
+        self, reader: BagReader, survey: RunSurvey, changes: Sequence[ParameterChange] = ()
     ) -> None:
         """
         Args:
             reader: the bag.
             survey: what it has of the run.
             changes: parameters with other values than recorded; with any, nothing is compared.
-            observer: follows the replay.
 
         Raises:
-            ReplayError: the bag does not contain the begin of the run, or lacks a topic.
+            ReplayError: the bag lacks the configuration of a node.
             RecordedFileError: a file that the run depends on is missing.
             ParameterError: a change is of no parameter, or has an invalid value.
             EarthmovingError: another invalid parameter or file.
@@ -154,27 +102,41 @@ class RunReplay:
         self.survey, self.facts = survey, parse_run_facts(survey.config)
         self.machines: dict[int, ReplayedMachines] = {}
         self.result = ReplayResult()
-        self._compares, self._observer = not changes, observer
-        self._stack = ExitStack()
-        folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
-        soil_files = restore_files(reader, survey.config, folder / "soil")
-        soil_setup = soil_node_setup(survey.config, soil_files, changes)
-        self._setups = self._machine_setups(reader, folder, changes)
+        self._compares = not changes
+        self._observer: Observer | None = None
+        self._before: SoilHeader | None = None
+        self._absent = 0  # in the last recorded ledger [mm^3]
+        self._volumes: dict[SessionId, int] = {}  # last reported soil [mm^3]
+        with ExitStack() as stack:  # closed at once if anything fails
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+            self._set_up(folder, changes)
+            self._stack = stack.pop_all()
+
+    def _set_up(self, folder: Path, changes: Sequence[ParameterChange]) -> None:
+        """Restore files and parameters, and create the soil; `folder` is an empty one."""
+        survey = self.survey
+        files = restore_files(self._reader, survey.config, folder / "soil")
+        soil_setup = soil_node_setup(survey.config, files, changes)
+        self._setups = self._machine_setups(folder, changes)
         check_changes(changes, [soil_setup, *self._setups.values()])
         revisions = {start.terrain_revision for start in survey.starts.values()}
         self.soil = ReplayedSoil(soil_setup, survey.run_id, revisions)
+        if changes:  # machines read soils from the configuration of the soil node
+            self.facts = parse_run_facts(self.soil.config())
         warm_up_soil(soil_setup.soil)
-        self._queues = TopicQueues(reader, self._topics())
+        queues = TopicQueues(self._reader, self._topics())
+        self._recorded_soil = RecordedSoil(queues, survey.run_id)
         self._nodes = {
             machine_id: RecordedNode(
-                self._queues, namespace, self._machine_names(namespace), self.facts.tick_period
+                queues, namespace, self._machine_names(namespace), self.facts.tick_period
             )
             for machine_id, namespace in survey.nodes.items()
         }
-        self._volumes: dict[SessionId, int] = {}  # last reported soil [mm^3]
-        self._before: SoilHeader | None = None
-        self._absent = 0  # in the last recorded ledger [mm^3]
-        self._next_ledger: Ledger | None = None  # read, and not before the present tick
+
+    def follow(self, observer: Observer) -> None:
+        """Let an observer follow the replay, which has not begun."""
+        self._observer = observer
+        observer.start_soil(self.soil)
 
     def close(self) -> None:
         """Release the physics engines and the restored files."""
@@ -194,10 +156,13 @@ class RunReplay:
             if name in recorded and str(recorded[name]) != here[name]
         }
 
-    def run(self, progress: Callable[[int], None] | None = None) -> ReplayResult:
+    def run(
+        self, progress: Callable[[int], None] | None = None, *, until: int | None = None
+    ) -> ReplayResult:
         """Replay to the end of the recording, or to the first difference.
 
         Args:
+            until: last tick to replay; None: all.
             progress: called after each tick of the soil with its number.
 
         Raises:
@@ -206,13 +171,20 @@ class RunReplay:
         """
         start = time.perf_counter()
         try:
-            while (recorded := self._next_tick()) is not None:
+            while (recorded := self._recorded_soil.next_tick()) is not None:
                 self._step(*recorded)
                 if progress is not None:
                     progress(self.result.last_tick)
+                if until is not None and self.result.last_tick >= until:
+                    break
+            if self._before is None:
+                raise ReplayError(
+                    f"the bag lacks the ticks of run {self.survey.run_id} on {SOIL_TICK_TOPIC};"
+                    " record all topics"
+                )
             for machines in self.machines.values():
                 machines.finish()
-        except _Different as found:
+        except _DifferenceError as found:
             self.result.difference = self._with_detail(found)
         except ReplayError as error:
             if self.result.last_tick < 0:
@@ -225,12 +197,12 @@ class RunReplay:
     # What the bag has.
 
     def _machine_setups(
-        self, reader: BagReader, folder: Path, changes: Sequence[ParameterChange]
+        self, folder: Path, changes: Sequence[ParameterChange]
     ) -> dict[SessionId, MachineNodeSetup]:
         """Return the parameters of each process of a machine node, by its first session."""
         setups = {}
         for k, (session, begin) in enumerate(self.survey.starts.items()):
-            files = restore_files(reader, begin.config, folder / f"machines_{k}")
+            files = restore_files(self._reader, begin.config, folder / f"machines_{k}")
             setups[session] = machine_node_setup(begin.config, files, begin.namespace, changes)
         return setups
 
@@ -246,44 +218,11 @@ class RunReplay:
         )
 
     def _topics(self) -> list[str]:
-        names = [_SOIL_TICK, _LEDGER]
+        names = [SOIL_TICK_TOPIC, LEDGER_TOPIC]
         for namespace in self.survey.nodes.values():
             names.append(resolve(topics.MACHINE_TICK, namespace))
             names += command_topics(namespace, self._machine_names(namespace))
         return names
-
-    def _next_tick(self) -> tuple[SoilHeader, Ledger | None] | None:
-        """Return the next header of the soil and its ledger; None at the end of the run."""
-        header = self._next_array(_SOIL_TICK, SoilHeader)
-        if header is None:
-            return None
-        last = -1 if self._before is None else self._before.tick
-        if header.tick != last + 1:
-            raise ReplayError(
-                f"the bag lacks tick {last + 1} of run {self.survey.run_id} on {_SOIL_TICK}; record"
-                " from the begin of the run, without loss"
-            )
-        return header, self._ledger_of(header.tick)
-
-    def _ledger_of(self, tick: int) -> Ledger | None:
-        """Return the ledger of a tick; None if the bag lacks it."""
-        while self._next_ledger is None or self._next_ledger.tick < tick:
-            self._next_ledger = self._next_array(_LEDGER, Ledger)
-            if self._next_ledger is None:
-                return None
-        return self._next_ledger if self._next_ledger.tick == tick else None
-
-    def _next_array(self, topic: str, kind: type[Any]) -> Any | None:
-        """Return the next header or ledger of the run, without repeated ones."""
-        last = -1 if self._before is None else self._before.tick
-        while (message := self._queues.next(topic)) is not None:
-            try:
-                found = from_multi_array(message)
-            except CodecError:
-                continue
-            if isinstance(found, kind) and found.run_id == self.survey.run_id and found.tick > last:
-                return found
-        return None
 
     # The ticks.
 
@@ -297,9 +236,7 @@ class RunReplay:
         # In a tick with a rejoin, soil that is not absent any more went with the machine.
         is_rejoin = any(header.verb is Verb.REJOIN for header in joins)
         releases = ledger is not None and ledger.absent < absent and not is_rejoin
-        messages = [
-            message for each in self.machines.values() for message in each.take_messages()
-        ]
+        messages = [message for each in self.machines.values() for message in each.take_messages()]
         done = self.soil.step(inputs, messages, release=releases)
         sent = self.soil.endpoint.drain_outbox()
         header = next(each for each in sent if isinstance(each, SoilHeader))
@@ -314,7 +251,7 @@ class RunReplay:
             self.result.num_ledgers += 1
             difference = difference or find_ledger_difference(ledger, done.ledger)
         if difference is not None and self._compares:
-            raise _Different(difference, sent=sent)
+            raise _DifferenceError(difference, sent=sent)
         self._compare_hash(_SOIL_HASH, header.tick, self.soil.soil.state_hash)
         self.result.last_tick = header.tick
 
@@ -364,7 +301,7 @@ class RunReplay:
             self._observer.on_action(machines, action, sent)
         difference = find_header_difference(header, replayed, machines.namespace)
         if difference is not None and self._compares:
-            raise _Different(difference, machines, action.session, sent)
+            raise _DifferenceError(difference, machines, action.session, sent)
 
     def _start_node(self, session: SessionId) -> None:
         """Create the machines of a process of a machine node."""
@@ -379,13 +316,18 @@ class RunReplay:
         before = self.machines.pop(session.machine_id, None)
         if before is not None:
             before.close()
-        self.machines[session.machine_id] = ReplayedMachines(
-            start.namespace, self._setups[session], self.facts, keyframe, self._compare_machines
+        machines = ReplayedMachines(
+            start.namespace, self._setups[session], self.facts, keyframe, self._on_state
         )
+        self.machines[session.machine_id] = machines
+        if self._observer is not None:
+            self._observer.start_machines(machines, self._setups[session], session.session_id)
 
     # The comparison.
 
-    def _compare_machines(self, machines: ReplayedMachines) -> None:
+    def _on_state(self, machines: ReplayedMachines) -> None:
+        if self._observer is not None:
+            self._observer.on_state(machines)
         topic = resolve(topics.MACHINE_STATE_HASH, machines.namespace)
         state_hash = machines.run.sim.state_hash
         self._compare_hash(topic, machines.run.tick, state_hash, machines)
@@ -404,11 +346,11 @@ class RunReplay:
         if replayed != recorded:
             where = _SOIL if machines is None else machines.namespace
             text = f"the state hash is {recorded[:12]} recorded, {replayed[:12]} replayed"
-            raise _Different(Difference(tick, where, text), machines)
+            raise _DifferenceError(Difference(tick, where, text), machines)
         self.result.num_hashes[topic] = self.result.num_hashes.get(topic, 0) + 1
 
-    def _with_detail(self, found: _Different) -> Difference:
-        """Return a difference with the first row and the joint that differ, where they are known."""
+    def _with_detail(self, found: _DifferenceError) -> Difference:
+        """Return a difference with the first row and the joint that differ, where known."""
         difference, machines = found.difference, found.machines
         details = [
             row_detail(self._reader, self.survey.run_id, found.session, difference, found.sent)

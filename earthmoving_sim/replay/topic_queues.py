@@ -1,4 +1,4 @@
-"""The messages of a bag by topic: each topic in its own order, whatever the order between topics."""
+"""The messages of a bag by topic: each in its own order, for any order between topics."""
 
 from __future__ import annotations
 

@@ -27,9 +27,10 @@ Modules:
 - `run_membership`: joining, rejoining, and requests for missing messages
 - `machine_transport`: the exchange with the soil over topics
 - `command_subscriptions`, `command_scheduler`: commands
-- `machine_publishers`: publications of one machine, each at its rate; `state_publishers` and
-  `sensor_publishers`: its topics, created by `publisher_factory`; `shared_publishers`: those of the
-  node
+- `node_publishers`: all publications of the node, each at its rate; `machine_publishers`: those of
+  one machine; `state_publishers` and `sensor_publishers`: its topics, created by
+  `publisher_factory`; `shared_publishers`: those of the node
+- `run_config`: the configuration that it publishes
 - `machine_diagnostics`: diagnostics of the node and its machines
 
 Only the modules with topics import ROS.

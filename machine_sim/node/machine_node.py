@@ -9,7 +9,6 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterable
-from dataclasses import asdict
 from functools import partial
 from typing import Any
 
@@ -30,20 +29,18 @@ from machine_sim.node.machine_instance import (
 from machine_sim.node.machine_run import MachineRun
 from machine_sim.node.machine_transport import MachineTransport
 from machine_sim.node.machine_waits import SoilContact, find_machine_waits
+from machine_sim.node.node_publishers import NodePublishers
 from machine_sim.node.params import BinParams, MachineInstanceParams, MachineNodeParams
-from machine_sim.node.publisher_factory import create_machine_publishers
+from machine_sim.node.run_config import run_config
 from machine_sim.node.run_membership import RunMembership
 from machine_sim.node.session_log import SessionLog
-from machine_sim.node.shared_publishers import SharedPublishers
 from machine_sim.node.usage import USAGE
 from machine_sim.params import MachineSimParams
 from machine_sim.sensors import SensorParams
 from machine_sim.warm_up import warm_up
 from msg_bridge.codec import qos
-from msg_bridge.codec.machine_state import PayloadState
-from msg_bridge.codec.run_config import SESSION, parse_run_facts, to_config_yaml
+from msg_bridge.codec.run_config import parse_run_facts
 from msg_bridge.codec.stamps import stamp_from_tick
-from msg_bridge.codec.state_hash import StateHash
 from msg_bridge.contract import topics
 from msg_bridge.contract.errors import EarthmovingError, ExchangeError
 from msg_bridge.contract.messages import Keyframe, Message
@@ -128,15 +125,9 @@ class MachineNode(SimNode):
         self._machine_diagnostics = MachineDiagnostics(
             self.diagnostics, self.instances, bins=tuple(self._bins)
         )
-        self._shared_publishers = SharedPublishers(
-            self,
-            {name: params.spec for name, params in self._bins.items()},
-            machines=[each.name or each.spec.name for each in self.instances],
+        self._node_publishers = NodePublishers(
+            self, self.instances, self._bins, self._params, self._sensor_params
         )
-        self._machine_publishers = [
-            create_machine_publishers(self, each, self._params, self._sensor_params)
-            for each in self.instances
-        ]
         missing_subscribers = partial(unmatched_topics, self, self._params.required_subscribers)
         self._membership = RunMembership(
             missing_subscribers, self._send, self.diagnostics, self.get_logger()
@@ -253,9 +244,7 @@ class MachineNode(SimNode):
         self.run = run
         self._machine_diagnostics.start_run(self.run)
         self._published_session_id = -1
-        for k, publishers in enumerate(self._machine_publishers):
-            publishers.start_run(self._params.seed, k)
-        self._shared_publishers.publish_config(self._config(run, session_id))
+        self._node_publishers.start_run(self._config(run, session_id), self._params.seed)
         machines = describe_machines(self._params.machine_id, self.instances)
         self.get_logger().info(f"run {facts.run_id} started; joining as {machines}")
         self._membership.join(self.run)
@@ -278,11 +267,11 @@ class MachineNode(SimNode):
         has_answer = self._apply_answer(run)
         self._poller.set_polling(exchange.is_missing_rows)
         if has_answer and run.is_due(run.tick, self._params.hash_rate):
-            self._publish_state_hash(run)
+            self._node_publishers.publish_state_hash(run)
         if run.endpoint.is_ready and exchange.session_id != self._published_session_id:
             self._session_log.log_joined(run, is_first=self._published_session_id < 0)
             self._published_session_id = exchange.session_id
-            self._publish_state(run, run.tick)
+            self._node_publishers.publish_state(run, self._params)
         if run.endpoint.is_ready:
             self._command_poller.take_all()  # commands that have arrived by now apply
             self._emergency_stops.take_all()
@@ -304,17 +293,12 @@ class MachineNode(SimNode):
         start = time.perf_counter()
         stamp = self._stamp(run, run.endpoint.next_tick)
         # Published before the step, without its computing time as delay.
-        for publishers, command in zip(
-            self._machine_publishers, run.apply_commands(time.monotonic()), strict=True
-        ):
-            publishers.publish_applied_command(command, stamp)
+        commands = run.apply_commands(time.monotonic())
+        self._node_publishers.publish_applied_commands(commands, stamp)
         run.step(leave=self._leaving)
         self._send(run)
-        # The simulation counts its own ticks; the run may have begun before, or have skipped some.
-        offset = (run.tick - run.sim.tick) * run.facts.tick_period
-        for contact in run.sim.contacts.take_changes():
-            self._shared_publishers.publish_contact(contact, offset)
-        self._publish_state(run, run.tick)
+        self._node_publishers.publish_contacts(run)
+        self._node_publishers.publish_state(run, self._params)
         self._machine_diagnostics.record_tick(time.perf_counter() - start)
 
     def _send(self, run: MachineRun) -> None:
@@ -327,39 +311,12 @@ class MachineNode(SimNode):
         if run is None or (self._leaving and not run.endpoint.exchange.joined):
             return
         if run.endpoint.exchange.join_state is JoinState.READY and not run.can_step:
-            self._publish_state(run, run.tick)  # for a controller that has just started
-            self._publish_state_hash(run)
+            # For a controller that has just started.
+            self._node_publishers.publish_state(run, self._params)
+            self._node_publishers.publish_state_hash(run)
         self._membership.recover(run, time.monotonic())
         if self._membership.facts is not None and self._membership.facts.run_id != run.facts.run_id:
             self._try_new_run()
-
-    # Publications.
-
-    def _publish_state_hash(self, run: MachineRun) -> None:
-        """Publish the state hash of the last tick."""
-        stamp, digest = self._stamp(run, run.tick), run.sim.state_hash()
-        self._shared_publishers.publish_state_hash(
-            StateHash(run.facts.run_id, run.tick, stamp, digest)
-        )
-
-    def _publish_state(self, run: MachineRun, tick: int) -> None:
-        """Publish those parts of the state at the end of a tick that are due."""
-        sim, stamp = run.sim, self._stamp(run, tick)
-        is_due = partial(run.is_due, tick)
-        sim_time = tick * run.facts.tick_period
-        for publishers, simulated in zip(
-            self._machine_publishers, sim.simulated_machines, strict=True
-        ):
-            publishers.publish(simulated, self._params, is_due, run.progress, sim_time, stamp)
-        if is_due(self._params.state_rate):
-            for name, each in zip(self._bins, sim.bins, strict=True):
-                payload = PayloadState(**asdict(each.payload), time_s=sim_time)
-                self._shared_publishers.publish_payload(name, payload)
-        if is_due(self._params.marker_rate):
-            for name, each in zip(self._bins, sim.bins, strict=True):
-                self._shared_publishers.publish_bin_markers(name, each, stamp)
-        if is_due(self._params.particle_rate):
-            self._shared_publishers.publish_particles(sim.particles, stamp)
 
     def _stamp(self, run: MachineRun, tick: int) -> Time:
         """Return the simulation time at the end of a tick."""
@@ -367,18 +324,18 @@ class MachineNode(SimNode):
 
     def _config(self, run: MachineRun, session_id: int) -> str:
         """Return all parameters of the node as YAML, with the id of its first session."""
-        machines = {each.name: asdict(each.params) for each in self.instances if each.name}
-        sections = {
-            SESSION: {"id": session_id, "terrain_revision": run.terrain_revision},
-            "machine_sim": asdict(self._params),
-            **({"machines": machines} if machines else {}),
-            "bins": {name: asdict(params) for name, params in self._bins.items()},
-            "stepping": asdict(self._stepping),
-            "particles": asdict(self._particles),
-            "sensors": asdict(self._sensor_params),
-            "commands": asdict(self._commands),
-        }
-        return to_config_yaml(run.facts, sections, input_files=self._input_files)
+        return run_config(
+            run,
+            session_id,
+            node=self._params,
+            machines={each.name: each.params for each in self.instances},
+            bins=self._bins,
+            stepping=self._stepping,
+            particles=self._particles,
+            sensors=self._sensor_params,
+            commands=self._commands,
+            input_files=self._input_files,
+        )
 
 
 def main(args: list[str] | None = None) -> int:

@@ -17,7 +17,7 @@ from msg_bridge.contract import topics
 from msg_bridge.contract.input_files import InputFile
 from msg_bridge.raw_topics.received_message import ReceivedMessage
 
-__all__ = ["InputFileRecording"]
+__all__ = ["InputFileRecording", "media_type"]
 
 _CONFIG_NAMES = (f"/{topics.SIM_CONFIG}", f"/{topics.MACHINE_CONFIG}")
 _TYPE = "std_msgs/msg/String"
@@ -81,9 +81,13 @@ class InputFileRecording:
         if content is None:
             self.missing[file.parameter] = file.path
             return
-        media_type = _MEDIA_TYPES.get(Path(file.path).suffix.lower(), _OTHER_MEDIA_TYPE)
-        self._writer.attach(file.attachment_name, media_type, content, log_time)
+        self._writer.attach(file.attachment_name, media_type(file.path), content, log_time)
         self.attached.append(file.attachment_name)
+
+
+def media_type(path: str) -> str:
+    """Return the media type of an input file by its suffix."""
+    return _MEDIA_TYPES.get(Path(path).suffix.lower(), _OTHER_MEDIA_TYPE)
 
 
 def _read(file: InputFile) -> bytes | None:

@@ -8,8 +8,8 @@ from dataclasses import asdict
 from msg_bridge.codec.run_config import RunFacts, SoilKind, to_config_yaml
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.input_files import InputFile, read_input_file
+from soil_sim.endpoint import SoilEndpoint
 from soil_sim.node.params import SoilNodeParams
-from soil_sim.node.soil_run import SoilRun
 from soil_sim.site.site import Site, SiteParams
 from soil_sim.soils.params import SoilParams
 
@@ -30,7 +30,7 @@ def find_input_files(site: SiteParams, soil: SoilParams) -> tuple[InputFile, ...
 
 
 def run_config(
-    run: SoilRun,
+    endpoint: SoilEndpoint,
     site: Site,
     node_params: SoilNodeParams,
     site_params: SiteParams,
@@ -38,9 +38,9 @@ def run_config(
     input_files: Sequence[InputFile] = (),
 ) -> str:
     """Return the YAML text with all parameters of a run, its grid, georeference and soils."""
-    soil, georeference = run.endpoint.soil, site.georeference
+    soil, georeference = endpoint.soil, site.georeference
     facts = RunFacts(
-        run_id=run.endpoint.exchange.run_id,
+        run_id=endpoint.exchange.run_id,
         tick_period=node_params.tick_period,
         realtime=node_params.sync == "realtime",
         cell=soil.grid.cell,

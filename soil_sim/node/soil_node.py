@@ -235,7 +235,7 @@ class SoilNode(SimNode):
             f" columns of {grid.cell:g} m, {self._params.sync}"
         )
         config = run_config(
-            self.run,
+            self.run.endpoint,
             self._site,
             self._params,
             self._site_params,

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
-import time
+import itertools
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from support.node_scenes import Scene, dig, machine_file, ready_to_dig
 
-from earthmoving_sim.replay.run_replay import ReplayResult, RunReplay
+from earthmoving_sim.cli import main
+from earthmoving_sim.replay.replay_result import ReplayResult
+from earthmoving_sim.replay.run_replay import RunReplay
 from earthmoving_sim.replay.run_survey import survey_runs
 from machine_sim.node.machine_node import MachineNode
+from msg_bridge.audit.bag_audit import audit_bag
 from msg_bridge.bag.reader import BagReader
+from msg_bridge.bag.writer import BagWriter
 from msg_bridge.recorder.recorder_node import RecorderNode
 from msg_bridge.testing.ros_context import Ros
 
 COMMAND_TIMEOUT = 60.0
+COMMANDS = "/excavator/applied_commands"
 
 
 class RecordedScene(Scene):
@@ -37,7 +44,10 @@ class RecordedScene(Scene):
             namespace,
             machine=machine_file(self._folder, ready_to_dig()),
             hash_rate=20.0,
-            **{"commands.command_timeout": COMMAND_TIMEOUT, "required_subscribers": ["exchange_recorder"]},
+            **{
+                "commands.command_timeout": COMMAND_TIMEOUT,
+                "required_subscribers": ["exchange_recorder"],
+            },
             **parameters,
         )
         machine_id = int(parameters.get("machine_id", 1))
@@ -76,14 +86,65 @@ def check_identical(results: Sequence[ReplayResult], topics: Sequence[str]) -> N
             assert result.num_hashes[topic] > 5
 
 
-def test_dig_in_lockstep_is_identical(ros: Ros, tmp_path: Path) -> None:
-    scene = RecordedScene(ros, tmp_path)
+def record_dig(ros: Ros, folder: Path) -> Path:
+    """Return the bag of a short dig in lockstep."""
+    scene = RecordedScene(ros, folder)
     machine = scene.digger()
     dig(scene, machine, lambda ledger: ledger.particles > 10**8)
     scene.leave(machine)
-    (result,) = replay(scene.finish())
-    check_identical([result], ["/soil/state_hash", "/excavator/state_hash"])
-    assert result.last_tick >= scene.ledgers[-1].tick - 1
+    return scene.finish()
+
+
+def copy_with_other_command(bag: Path, copy: Path, number: int) -> None:
+    """Copy a bag with another velocity of the boom in one applied command, counted from 0."""
+    reader, writer = BagReader(bag), BagWriter(copy)
+    for topic, info in reader.topics.items():
+        writer.add_topic(topic, info.type)
+    for name in reader.attachment_names:
+        writer.attach(name, "application/yaml", reader.read_attachment(name), 0)
+    numbers = itertools.count()
+    for topic, log_time, data in reader.raw_messages():
+        if topic == COMMANDS and next(numbers) == number:
+            message = reader.decode(topic, data)
+            message.velocity[message.name.index("boom")] += 0.5
+            data = serialize_message(message)
+        writer.write(topic, data, log_time, log_time)
+    writer.close()
+
+
+def test_dig_in_lockstep_is_identical(
+    ros: Ros, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = record_dig(ros, tmp_path)
+    check_identical(replay(bag), ["/soil/state_hash", "/excavator/state_hash"])
+    (tmp_path / "ready.yaml").unlink()
+    assert main(["replay", str(bag)]) == 0, "the machine file is in the bag"
+    assert "identical over" in capsys.readouterr().out
+
+
+def test_first_difference_names_tick_and_joint(ros: Ros, tmp_path: Path) -> None:
+    bag = record_dig(ros, tmp_path)
+    copy_with_other_command(bag, tmp_path / "other", 20)
+    (result,) = replay(tmp_path / "other")
+    difference = result.difference
+    assert difference is not None
+    assert difference.where == "/excavator"
+    assert difference.tick > 20
+    assert "rows of sweeps" in difference.text
+    assert "row 1, tool 0" in difference.text
+
+
+def test_other_soil_with_the_same_commands(
+    ros: Ros, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, other = record_dig(ros, tmp_path), tmp_path / "other"
+    change = ["--what-if", 'soil.soil:="wet clay"', "--record", str(other)]
+    assert main(["replay", str(bag), *change]) == 0
+    assert re.search(r"excavated \[m3\] +0\.\d+ +0\.\d+ +[-+]", capsys.readouterr().out)
+    assert audit_bag(other).passed
+    check_identical(replay(other), ["/soil/state_hash", "/excavator/state_hash"])
+    assert main(["replay", str(bag), "--what-if", "soil.sol:=loam"]) == 2
+    assert "did you mean 'soil.soil'" in capsys.readouterr().err
 
 
 def test_machines_that_come_and_go_in_real_time(ros: Ros, tmp_path: Path) -> None:

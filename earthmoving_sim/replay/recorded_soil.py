@@ -1,0 +1,77 @@
+"""The ticks of the soil in one run of a bag: its headers and ledgers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from earthmoving_sim.replay.recorded_node import ReplayError
+from earthmoving_sim.replay.topic_queues import TopicQueues
+from msg_bridge.codec.errors import CodecError
+from msg_bridge.codec.tick_headers import from_multi_array
+from msg_bridge.contract import topics
+from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.messages import SoilHeader
+
+__all__ = ["LEDGER_TOPIC", "SOIL_TICK_TOPIC", "RecordedSoil"]
+
+SOIL_TICK_TOPIC = f"/{topics.SOIL_TICK}"
+LEDGER_TOPIC = f"/{topics.SOIL_LEDGER}"
+
+
+class RecordedSoil:
+    """The ticks of one run, in order.
+
+    Attributes:
+        tick: last tick that was read; -1 before the first.
+    """
+
+    def __init__(self, queues: TopicQueues, run_id: int) -> None:
+        """
+        Args:
+            queues: messages of the bag.
+            run_id: number of the run.
+        """
+        self._queues, self._run_id = queues, run_id
+        self.tick = -1
+        self._ledger: Ledger | None = None  # read, and not before the present tick
+
+    def next_tick(self) -> tuple[SoilHeader, Ledger | None] | None:
+        """Return the header of the next tick, and its ledger unless the bag lacks it.
+
+        Returns:
+            None at the end of the run.
+
+        Raises:
+            ReplayError: the bag lacks the header.
+            BagReadError: the bag is damaged.
+        """
+        header = self._next(SOIL_TICK_TOPIC, SoilHeader, self.tick + 1)
+        if header is None:
+            return None
+        if header.tick != self.tick + 1:
+            raise ReplayError(
+                f"the bag lacks tick {self.tick + 1} of run {self._run_id} on {SOIL_TICK_TOPIC};"
+                " record from the begin of the run, without loss"
+            )
+        self.tick = header.tick
+        while self._ledger is None or self._ledger.tick < header.tick:
+            self._ledger = self._next(LEDGER_TOPIC, Ledger, header.tick)
+            if self._ledger is None:
+                return header, None
+        return header, self._ledger if self._ledger.tick == header.tick else None
+
+    def _next(self, topic: str, kind: type[Any], first_tick: int) -> Any | None:
+        """Return the next header or ledger of the run that is not of an earlier tick: those are
+        repeated ones."""
+        while (message := self._queues.next(topic)) is not None:
+            try:
+                found = from_multi_array(message)
+            except CodecError:
+                continue
+            if (
+                isinstance(found, kind)
+                and found.run_id == self._run_id
+                and found.tick >= first_tick
+            ):
+                return found
+        return None

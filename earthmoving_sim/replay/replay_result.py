@@ -1,0 +1,38 @@
+"""What a replay found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from earthmoving_sim.replay.comparison import Difference
+
+__all__ = ["ReplayResult"]
+
+
+@dataclass
+class ReplayResult:
+    """What a replay found.
+
+    Attributes:
+        last_tick: last tick of the soil that was computed.
+        simulated_time: simulated time [s].
+        wall_time: wall time of the replay [s], without its preparation.
+        num_ledgers: number of ledgers that the recording has.
+        num_hashes: number of equal state hashes by topic.
+        difference: the first difference; None without one.
+        ended_early: why the recording cannot be replayed further; empty if it was replayed to its
+            end.
+    """
+
+    last_tick: int = -1
+    simulated_time: float = 0.0
+    wall_time: float = 0.0
+    num_ledgers: int = 0
+    num_hashes: dict[str, int] = field(default_factory=dict)
+    difference: Difference | None = None
+    ended_early: str = ""
+
+    @property
+    def is_identical(self) -> bool:
+        """Whether the replay reached the end of the recording without a difference."""
+        return self.difference is None and not self.ended_early
