@@ -8,7 +8,6 @@ else with 1.
 
 import argparse
 import json
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,20 +31,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Audit the bag and print the report; return 0 if it passed, else 1."""
+    from earthmoving_sim.reading_progress import reading_progress
     from msg_bridge.audit.bag_audit import audit_bag
 
-    progress = _print_progress if sys.stderr.isatty() else None
-    report = audit_bag(args.bag, progress, namespace=args.namespace)
+    report = audit_bag(args.bag, reading_progress(), namespace=args.namespace)
     if args.json:
         print(json.dumps(report.to_dict(), indent=2))
     else:
         print("\n".join(_lines(report)))
     return 0 if report.passed else 1
-
-
-def _print_progress(fraction: float) -> None:
-    end = "\n" if fraction >= 1.0 else "\r"
-    print(f"  reading {100.0 * fraction:3.0f} %", end=end, file=sys.stderr, flush=True)
 
 
 def _lines(report: "AuditReport") -> Iterator[str]:

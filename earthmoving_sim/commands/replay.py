@@ -63,6 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay the runs of the bag and print the result; return 0 if all are identical, else 1."""
+    from earthmoving_sim.reading_progress import reading_progress
     from earthmoving_sim.replay.node_parameters import parse_change
     from earthmoving_sim.replay.replay_recording import ReplayRecording
     from earthmoving_sim.replay.run_figures import compare_figures, read_figures
@@ -73,15 +74,15 @@ def run(args: argparse.Namespace) -> int:
 
     changes = [parse_change(text) for text in args.what_if]
     reader = BagReader(args.bag, namespace=args.namespace)
-    surveys = survey_runs(reader)
+    known = surveys = survey_runs(reader, reading_progress())
     if args.run_id is not None:
         surveys = [each for each in surveys if each.run_id == args.run_id]
     folder = args.record or (_default_folder() if changes else None)
     if not surveys or (folder is not None and len(surveys) > 1):
-        known = ", ".join(str(each.run_id) for each in survey_runs(reader)) or "none"
+        ids = ", ".join(str(each.run_id) for each in known)
         raise EarthmovingError(
-            f"{args.bag} has the runs {known}; choose one by --run"
-            if surveys or args.run_id is not None
+            f"{args.bag} has the runs {ids}; choose one by --run"
+            if known
             else f"{args.bag} has no configuration on /sim/config; record it from the begin"
         )
     reports = []

@@ -115,6 +115,13 @@ class RunReplay:
     def _set_up(self, folder: Path, changes: Sequence[ParameterChange]) -> None:
         """Restore files and parameters, and create the soil; `folder` is an empty one."""
         survey = self.survey
+        for start in survey.starts.values():
+            if start.terrain_revision < 0:
+                raise ReplayError(
+                    f"{self._reader.path} was recorded by an older version: the configuration of"
+                    f" {start.namespace} lacks terrain_revision, and the bag the files that the run"
+                    " depends on; record the run again"
+                )
         files = restore_files(self._reader, survey.config, folder / "soil")
         soil_setup = soil_node_setup(survey.config, files, changes)
         self._setups = self._machine_setups(folder, changes)

@@ -6,6 +6,7 @@ example, shows only in what follows.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -25,6 +26,9 @@ _SOIL_HASH = f"/{topics.SOIL_STATE_HASH}"
 _MACHINE_TICK = f"/{topics.MACHINE_TICK}"
 _MACHINE_CONFIG = f"/{topics.MACHINE_CONFIG}"
 _MACHINE_HASH = f"/{topics.MACHINE_STATE_HASH}"
+
+_PROGRESS_STEPS = 100
+"""Number of calls to report the progress of reading a bag."""
 
 
 class SessionId(NamedTuple):
@@ -69,8 +73,14 @@ class RunSurvey:
     hashes: dict[str, dict[int, str]] = field(default_factory=dict)
 
 
-def survey_runs(reader: BagReader) -> list[RunSurvey]:
+def survey_runs(
+    reader: BagReader, progress: Callable[[float], None] | None = None
+) -> list[RunSurvey]:
     """Return what a bag has of each run, in the order of the runs.
+
+    Args:
+        reader: the bag.
+        progress: called now and then with the fraction read [0..1].
 
     Raises:
         BagReadError: the bag is damaged.
@@ -85,7 +95,12 @@ def survey_runs(reader: BagReader) -> list[RunSurvey]:
     for node in machine_nodes:
         wanted |= {node + suffix for suffix in (_MACHINE_TICK, _MACHINE_CONFIG, _MACHINE_HASH)}
     handlers = {_MACHINE_TICK: _add_header, _MACHINE_HASH: _add_hash, _MACHINE_CONFIG: _add_config}
-    for topic, _, message in reader.messages(wanted & reader.topics.keys()):
+    wanted &= reader.topics.keys()
+    total = sum(reader.topics[name].count for name in wanted)
+    step = max(1, total // _PROGRESS_STEPS)
+    for number, (topic, _, message) in enumerate(reader.messages(wanted), 1):
+        if progress is not None and number % step == 0:
+            progress(number / total)
         handler = handlers.get(topic[topic.rindex("/") :], _add_hash)
         try:
             handler(runs, topic, message)

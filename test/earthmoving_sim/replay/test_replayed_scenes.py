@@ -187,3 +187,10 @@ def test_reset_begins_another_run(ros: Ros, tmp_path: Path) -> None:
     results = replay(scene.finish())
     assert len(results) == 2
     check_identical(results, ["/soil/state_hash", "/excavator/state_hash"])
+
+
+def test_bag_of_an_older_version_is_refused_with_the_reason(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["replay", "bags/format_2"]) == 2
+    assert "older version" in capsys.readouterr().err
