@@ -63,8 +63,8 @@ def subscribe_to_machines(
         tick_of: the tick that ended at a stamp; None while it cannot be known.
     """
 
-    # Joint states that arrived before the configuration, which names the joints: in lockstep they are
-    # not published again once the machine has gone on.
+    # Joint states that arrived before the configuration, which names the joints: in lockstep they
+    # are not published again once the machine has made another tick.
     early: dict[str, deque[JointState]] = {
         name: deque(maxlen=_MAX_EARLY_MESSAGES) for name in others.names
     }

@@ -304,7 +304,7 @@ class DigOperatorNode(SimNode):
             return
         while not self.finished:
             if self._lockstep:
-                # The machine may have gone on by its command delay before all was connected.
+                # The machine makes ticks of its command delay before all topics are connected.
                 self._synchronizer.skip_to(self._others.first_tick)
                 next_tick = self._synchronizer.next_tick or 0
                 follower.advance_to(next_tick)

@@ -115,12 +115,13 @@ class RunReplay:
     def _set_up(self, folder: Path, changes: Sequence[ParameterChange]) -> None:
         """Restore files and parameters, and create the soil; `folder` is an empty one."""
         survey = self.survey
-        for start in survey.starts.values():
-            if start.terrain_revision < 0:
+        placed = {s.namespace for s in survey.starts.values() if s.terrain_revision >= 0}
+        for namespace in survey.nodes.values():
+            if namespace not in placed:
                 raise ReplayError(
-                    f"{self._reader.path} was recorded by an older version: the configuration of"
-                    f" {start.namespace} lacks terrain_revision, and the bag the files that the run"
-                    " depends on; record the run again"
+                    f"{self._reader.path} lacks the configuration of {namespace} in run"
+                    f" {survey.run_id} with session and terrain_revision; it was recorded by an"
+                    " older version, or not from the begin of the run: record it again"
                 )
         files = restore_files(self._reader, survey.config, folder / "soil")
         soil_setup = soil_node_setup(survey.config, files, changes)
@@ -215,14 +216,9 @@ class RunReplay:
 
     def _machine_names(self, namespace: str) -> list[str]:
         """Return the names of the machines of a node; one empty name for an only machine."""
-        for session, begin in self.survey.starts.items():
-            if begin.namespace == namespace:
-                return list(self._setups[session].machines)
-        raise ReplayError(
-            f"the bag lacks the configuration of {namespace} in run {self.survey.run_id}; record"
-            f" {resolve(topics.MACHINE_CONFIG, namespace)} from the begin of the run, with a"
-            " version that writes session and terrain_revision"
-        )
+        starts = self.survey.starts.items()
+        session = next(each for each, begin in starts if begin.namespace == namespace)
+        return list(self._setups[session].machines)
 
     def _topics(self) -> list[str]:
         names = [SOIL_TICK_TOPIC, LEDGER_TOPIC]
