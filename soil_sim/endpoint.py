@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import Message
@@ -27,6 +28,7 @@ from msg_bridge.contract.rows import (
 )
 from msg_bridge.exchange.soil_exchange import SoilExchange
 from msg_bridge.exchange.tick_input import TickInput
+from msg_bridge.exchange.welcome import Layers
 from soil_sim.soil import Soil, SoilStepResult
 from soil_sim.soil_inventory import SoilInventory
 from soil_sim.sweep_limits import SweepLimits
@@ -79,8 +81,8 @@ class SoilEndpoint:
         self.soil = soil
         self.exchange = SoilExchange(
             soil.grid,
-            lambda: soil.columns.height,
-            layers=lambda: soil.layers,
+            self._elevation,
+            layers=self._layers,
             expected=expected,
             admit_others=admit_others,
             run_id=run_id,
@@ -94,6 +96,12 @@ class SoilEndpoint:
         self._sweep_limits = (
             SweepLimits(max_tool_displacement) if math.isfinite(max_tool_displacement) else None
         )
+
+    def _elevation(self) -> NDArray[np.float64]:
+        return self.soil.columns.height
+
+    def _layers(self) -> Layers:
+        return self.soil.layers
 
     @property
     def tick(self) -> int:

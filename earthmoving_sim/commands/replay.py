@@ -43,6 +43,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--until", type=int, metavar="TICK", help="last tick to replay")
     parser.add_argument(
+        "--save", type=Path, metavar="STATE", help="write the state after the last tick to a file"
+    )
+    parser.add_argument(
+        "--from",
+        type=Path,
+        metavar="STATE",
+        dest="state",
+        help="continue from a state that was saved, in place of the begin of the run; use only"
+        " files of your own: they can contain programs",
+    )
+    parser.add_argument(
         "--record",
         type=Path,
         metavar="FOLDER",
@@ -77,8 +88,14 @@ def run(args: argparse.Namespace) -> int:
     known = surveys = survey_runs(reader, reading_progress())
     if args.run_id is not None:
         surveys = [each for each in surveys if each.run_id == args.run_id]
+    if args.state is not None and (changes or args.record is not None):
+        raise EarthmovingError(
+            "--from continues a run as it was recorded; leave out --what-if and --record, which"
+            " need it from its begin"
+        )
     folder = args.record or (_default_folder() if changes else None)
-    if not surveys or (folder is not None and len(surveys) > 1):
+    is_of_one_run = not (folder is args.save is args.state is None)
+    if not surveys or (is_of_one_run and len(surveys) > 1):
         ids = ", ".join(str(each.run_id) for each in known)
         raise EarthmovingError(
             f"{args.bag} has the runs {ids}; choose one by --run"
@@ -94,15 +111,21 @@ def run(args: argparse.Namespace) -> int:
                 recording = ReplayRecording(folder, reader.namespace)
                 stack.callback(recording.close)
                 replay.follow(recording)
+            if args.state is not None:
+                replay.restore(args.state)
             if not args.json:
                 print(f"{args.bag}: run {survey.run_id}, {_describe(replay)}", flush=True)
             progress = _Progress(replay) if sys.stderr.isatty() else None
             replay.run(progress, until=args.until)
+            if args.save is not None:
+                replay.save(args.save)
         reports.append(_report(replay))
         if not args.json:
             print("\n".join(_lines(replay, is_what_if=bool(changes))))
             if folder is not None:
                 print(f"  recorded into {folder}")
+            if args.save is not None:
+                print(f"  state after tick {replay.result.last_tick} written to {args.save}")
     if changes and folder is not None:
         replayed = BagReader(folder, namespace=None)
         run_id = surveys[0].run_id
@@ -122,7 +145,7 @@ class _Progress:
     """Prints a line of progress now and then."""
 
     def __init__(self, replay: RunReplay) -> None:
-        self._period = replay.facts.tick_period
+        self._period, self._first_tick = replay.facts.tick_period, replay.result.first_tick
         self._start = self._last = time.monotonic()
 
     def __call__(self, tick: int) -> None:
@@ -131,7 +154,7 @@ class _Progress:
         if now - self._last < _PROGRESS_PERIOD:
             return
         self._last = now
-        simulated = tick * self._period
+        simulated = (tick - self._first_tick) * self._period
         factor = simulated / (now - self._start)
         print(
             f"  tick {tick}, {simulated:.1f} s, {factor:.1f} x real time ",
@@ -156,6 +179,7 @@ def _report(replay: RunReplay) -> dict[str, Any]:
     return {
         "run_id": replay.survey.run_id,
         "identical": result.is_identical,
+        "first_tick": result.first_tick,
         "last_tick": result.last_tick,
         "hashes": result.num_hashes,
         "difference": None
@@ -175,17 +199,18 @@ def _lines(replay: RunReplay, *, is_what_if: bool) -> list[str]:
         f"  recorded with {name} {recorded}, replayed with {here}"
         for name, (recorded, here) in replay.other_versions.items()
     ]
+    begin = f" from tick {result.first_tick:,} on" if result.first_tick else ""
     if result.difference is not None:
         lines.append(f"  ✗ first difference: {result.difference}")
     elif result.ended_early:
         lines.append(f"  ✗ replayed up to tick {result.last_tick}: {result.ended_early}")
     elif is_what_if:
-        lines.append(f"  the same commands over {result.last_tick:,} ticks, not compared")
+        lines.append(f"  the same commands over {result.num_ticks:,} ticks, not compared")
     else:
         hashes = ", ".join(f"{count} of {name}" for name, count in result.num_hashes.items())
         lines.append(
-            f"  ✓ identical over {result.last_tick:,} ticks: all headers, digests of rows and"
-            f" ledgers; state hashes: {hashes or 'none recorded'}"
+            f"  ✓ identical over {result.num_ticks:,} ticks{begin}: all headers, digests of rows"
+            f" and ledgers; state hashes: {hashes or 'none recorded'}"
         )
     factor = result.simulated_time / max(result.wall_time, 1e-9)
     lines.append(

@@ -16,6 +16,7 @@ Modules:
 - `soil_tick_inputs`: which machines took part in a tick of the soil, and how
 - `replayed_soil`, `replayed_machines`: soil and machine nodes that do it again
 - `run_replay`: all of a run; its `replay_result`
+- `saved_state`: its state after a tick, from which it continues
 - `comparison`, `difference_details`: the first difference from the recording
 - `observer`: what follows a replay; `replay_recording` records it through a `bag_node`
 - `run_figures`: volumes and `payload_cycles`, by which two runs are compared

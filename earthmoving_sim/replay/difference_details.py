@@ -18,7 +18,28 @@ from msg_bridge.contract.messages import Message, RowChunk, RowRange, Stream
 from msg_bridge.contract.rows import Rows, empty_rows
 from msg_bridge.contract.topics import STREAM_TOPICS, resolve
 
-__all__ = ["joint_detail", "row_detail"]
+__all__ = ["DifferenceError", "joint_detail", "row_detail"]
+
+
+class DifferenceError(Exception):
+    """The replay differs from the recording."""
+
+    def __init__(
+        self,
+        difference: Difference,
+        machines: ReplayedMachines | None = None,
+        session: SessionId | None = None,
+        sent: Sequence[Message] = (),
+    ) -> None:
+        """
+        Args:
+            difference: the difference.
+            machines, session: the machines that differ and their session; None for the soil.
+            sent: messages of the replay in that tick.
+        """
+        super().__init__(str(difference))
+        self.difference, self.machines, self.session = difference, machines, session
+        self.sent = sent
 
 
 def row_detail(

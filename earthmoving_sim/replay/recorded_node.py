@@ -67,6 +67,16 @@ class RecordedNode:
         self._header_topic = resolve(topics.MACHINE_TICK, namespace)
         self._command_topics = command_topics(namespace, machines)
         self._newest: MachineHeader | None = None
+        self._is_skipping = False
+
+    @property
+    def newest_header(self) -> MachineHeader | None:
+        """Header of the last action."""
+        return self._newest
+
+    def skip_through(self, header: MachineHeader) -> None:
+        """Leave out all actions up to the one with a header."""
+        self._newest, self._is_skipping = header, True
 
     def next_action(self) -> NodeAction | None:
         """Return the next action; None at the end of the bag. Repeated headers are left out.
@@ -80,7 +90,12 @@ class RecordedNode:
             if message is None:
                 return None
             header = _machine_header(message)
-            if header is None or self._is_repeated(header):
+            if header is None:
+                continue
+            if self._is_skipping:
+                self._is_skipping = header != self._newest
+                continue
+            if self._is_repeated(header):
                 continue
             self._newest = header
             if not header.is_tick:

@@ -35,6 +35,10 @@ class RecordedSoil:
         self.tick = -1
         self._ledger: Ledger | None = None  # read, and not before the present tick
 
+    def skip_through(self, tick: int) -> None:
+        """Leave out the ticks up to one."""
+        self.tick = tick
+
     def next_tick(self) -> tuple[SoilHeader, Ledger | None] | None:
         """Return the header of the next tick, and its ledger unless the bag lacks it.
 

@@ -14,6 +14,7 @@ class ReplayResult:
     """What a replay found.
 
     Attributes:
+        first_tick: tick of the state with which the replay began; 0: the begin of the run.
         last_tick: last tick of the soil that was computed.
         simulated_time: simulated time [s].
         wall_time: wall time of the replay [s], without its preparation.
@@ -24,6 +25,7 @@ class ReplayResult:
             end.
     """
 
+    first_tick: int = 0
     last_tick: int = -1
     simulated_time: float = 0.0
     wall_time: float = 0.0
@@ -36,3 +38,8 @@ class ReplayResult:
     def is_identical(self) -> bool:
         """Whether the replay reached the end of the recording without a difference."""
         return self.difference is None and not self.ended_early
+
+    @property
+    def num_ticks(self) -> int:
+        """Number of ticks that were computed."""
+        return max(self.last_tick - self.first_tick, 0)

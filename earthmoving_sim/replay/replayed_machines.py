@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,14 @@ from msg_bridge.codec.run_config import RunFacts
 from msg_bridge.contract.messages import Keyframe, MachineHeader, Message, Verb
 from msg_bridge.exchange.join_state import JoinState
 
-__all__ = ["ReplayedMachines"]
+__all__ = ["OnState", "ReplayedMachines"]
+
+OnState = Callable[["ReplayedMachines"], None]
+"""What is called before each tick of machines."""
+
+
+def _ignore(machines: ReplayedMachines) -> None:
+    """Do nothing."""
 
 
 class ReplayedMachines:
@@ -34,7 +42,7 @@ class ReplayedMachines:
         setup: MachineNodeSetup,
         facts: RunFacts,
         keyframe: Keyframe,
-        on_state: Callable[[ReplayedMachines], None] = lambda machines: None,
+        on_state: OnState = _ignore,
     ) -> None:
         """
         Args:
@@ -67,10 +75,22 @@ class ReplayedMachines:
         self._inbox: deque[tuple[int, Message]] = deque()  # with the tick of the soil
         self._outbox: list[Message] = []
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but what follows the machines, for a saved state."""
+        return {name: each for name, each in vars(self).items() if name != "_on_state"}
+
+    def continue_with(self, on_state: OnState) -> None:
+        """Continue from a saved state.
+
+        Args:
+            on_state: as for `__init__`.
+        """
+        self._on_state = on_state
+
     @property
-    def machine_names(self) -> list[str]:
-        """Names of the machines."""
-        return [each.name or each.spec.name for each in self.instances]
+    def client_id(self) -> int:
+        """Id of the physics client of the machines."""
+        return self.run.sim.machine.client_id
 
     def receive(self, tick: int, messages: Iterable[Message]) -> None:
         """Receive what the soil sent in a tick; it is processed when it was in the recording."""

@@ -14,7 +14,7 @@ from earthmoving_sim.replay.comparison import (
     find_header_difference,
     find_ledger_difference,
 )
-from earthmoving_sim.replay.difference_details import joint_detail, row_detail
+from earthmoving_sim.replay.difference_details import DifferenceError, joint_detail, row_detail
 from earthmoving_sim.replay.node_parameters import (
     MachineNodeSetup,
     ParameterChange,
@@ -35,13 +35,15 @@ from earthmoving_sim.replay.replay_result import ReplayResult
 from earthmoving_sim.replay.replayed_machines import ReplayedMachines
 from earthmoving_sim.replay.replayed_soil import ReplayedSoil
 from earthmoving_sim.replay.run_survey import RunSurvey, SessionId
+from earthmoving_sim.replay.saved_state import SavedMachines, SavedState
 from earthmoving_sim.replay.soil_tick_inputs import find_inputs
 from earthmoving_sim.replay.topic_queues import TopicQueues
 from msg_bridge.bag.reader import BagReader
+from msg_bridge.checkpoint.state_file import load_state_file, save_state_file
 from msg_bridge.codec.run_config import parse_run_facts, parse_section, versions
 from msg_bridge.contract import topics
 from msg_bridge.contract.ledger import Ledger
-from msg_bridge.contract.messages import MachineHeader, Message, SoilHeader, Verb
+from msg_bridge.contract.messages import MachineHeader, SoilHeader, Verb
 from msg_bridge.contract.topics import resolve
 from soil_sim.warm_up import warm_up as warm_up_soil
 
@@ -49,27 +51,6 @@ __all__ = ["RunReplay"]
 
 _SOIL_HASH = f"/{topics.SOIL_STATE_HASH}"
 _SOIL = "soil"
-
-
-class _DifferenceError(Exception):
-    """The replay differs from the recording."""
-
-    def __init__(
-        self,
-        difference: Difference,
-        machines: ReplayedMachines | None = None,
-        session: SessionId | None = None,
-        sent: Sequence[Message] = (),
-    ) -> None:
-        """
-        Args:
-            difference: the difference.
-            machines, session: the machines that differ and their session; None for the soil.
-            sent: messages of the replay in that tick.
-        """
-        super().__init__(str(difference))
-        self.difference, self.machines, self.session = difference, machines, session
-        self.sent = sent
 
 
 class RunReplay:
@@ -107,6 +88,7 @@ class RunReplay:
         self._before: SoilHeader | None = None
         self._absent = 0  # in the last recorded ledger [mm^3]
         self._volumes: dict[SessionId, int] = {}  # last reported soil [mm^3]
+        self._first_sessions: dict[int, SessionId] = {}  # of the machines, by machine id
         with ExitStack() as stack:  # closed at once if anything fails
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             self._set_up(folder, changes)
@@ -145,6 +127,42 @@ class RunReplay:
         """Let an observer follow the replay, which has not begun."""
         self._observer = observer
         observer.start_soil(self.soil)
+
+    def save(self, path: Path) -> None:
+        """Write the state after the last tick, from which `restore` continues.
+
+        Raises:
+            ReplayError: no tick was replayed.
+            StateFileError: the file cannot be written.
+        """
+        if self._before is None:
+            raise ReplayError("there is no state before the first tick; replay some ticks first")
+        machines = {}
+        for machine_id, each in self.machines.items():
+            header = self._nodes[machine_id].newest_header
+            assert header is not None, "a node that has joined has sent a header"
+            machines[machine_id] = SavedMachines.of(each, self._first_sessions[machine_id], header)
+        state = SavedState(self.soil, machines, self._before, self._absent, self._volumes)
+        about = {"run_id": self.survey.run_id}
+        save_state_file(path, state, about)
+
+    def restore(self, path: Path) -> None:
+        """Continue from a saved state of the run, before the first tick is replayed.
+
+        Raises:
+            StateFileError: it is no state of this run, or of another version.
+        """
+        saved: SavedState = load_state_file(path, {"run_id": self.survey.run_id})
+        self.soil, self._before = saved.soil, saved.header
+        self._absent, self._volumes = saved.absent, saved.volumes
+        self._recorded_soil.skip_through(saved.header.tick)
+        self.result.last_tick = self.result.first_tick = saved.header.tick
+        for machine_id, each in saved.machines.items():
+            session = self._first_sessions[machine_id] = each.first_session
+            keyframe = self.soil.keyframes[self.survey.starts[session].terrain_revision]
+            setup = self._setups[session]
+            self.machines[machine_id] = each.restore(setup, self.facts, keyframe, self._on_state)
+            self._nodes[machine_id].skip_through(each.newest_header)
 
     def close(self) -> None:
         """Release the physics engines and the restored files."""
@@ -185,22 +203,27 @@ class RunReplay:
                     progress(self.result.last_tick)
                 if until is not None and self.result.last_tick >= until:
                     break
+            else:
+                self._finish()
             if self._before is None:
                 raise ReplayError(
                     f"the bag lacks the ticks of run {self.survey.run_id} on {SOIL_TICK_TOPIC};"
                     " record all topics"
                 )
-            for machines in self.machines.values():
-                machines.finish()
-        except _DifferenceError as found:
+        except DifferenceError as found:
             self.result.difference = self._with_detail(found)
         except ReplayError as error:
             if self.result.last_tick < 0:
                 raise
             self.result.ended_early = str(error)
         self.result.wall_time = time.perf_counter() - start
-        self.result.simulated_time = max(self.result.last_tick, 0) * self.facts.tick_period
+        self.result.simulated_time = self.result.num_ticks * self.facts.tick_period
         return self.result
+
+    def _finish(self) -> None:
+        """Apply the last answers that the machines have received."""
+        for machines in self.machines.values():
+            machines.finish()
 
     # What the bag has.
 
@@ -254,7 +277,7 @@ class RunReplay:
             self.result.num_ledgers += 1
             difference = difference or find_ledger_difference(ledger, done.ledger)
         if difference is not None and self._compares:
-            raise _DifferenceError(difference, sent=sent)
+            raise DifferenceError(difference, sent=sent)
         self._compare_hash(_SOIL_HASH, header.tick, self.soil.soil.state_hash)
         self.result.last_tick = header.tick
 
@@ -304,7 +327,7 @@ class RunReplay:
             self._observer.on_action(machines, action, sent)
         difference = find_header_difference(header, replayed, machines.namespace)
         if difference is not None and self._compares:
-            raise _DifferenceError(difference, machines, action.session, sent)
+            raise DifferenceError(difference, machines, action.session, sent)
 
     def _start_node(self, session: SessionId) -> None:
         """Create the machines of a process of a machine node."""
@@ -323,6 +346,7 @@ class RunReplay:
             start.namespace, self._setups[session], self.facts, keyframe, self._on_state
         )
         self.machines[session.machine_id] = machines
+        self._first_sessions[session.machine_id] = session
         if self._observer is not None:
             self._observer.start_machines(machines, self._setups[session], session.session_id)
 
@@ -349,10 +373,10 @@ class RunReplay:
         if replayed != recorded:
             where = _SOIL if machines is None else machines.namespace
             text = f"the state hash is {recorded[:12]} recorded, {replayed[:12]} replayed"
-            raise _DifferenceError(Difference(tick, where, text), machines)
+            raise DifferenceError(Difference(tick, where, text), machines)
         self.result.num_hashes[topic] = self.result.num_hashes.get(topic, 0) + 1
 
-    def _with_detail(self, found: _DifferenceError) -> Difference:
+    def _with_detail(self, found: DifferenceError) -> Difference:
         """Return a difference with the first row and the joint that differ, where known."""
         difference, machines = found.difference, found.machines
         details = [

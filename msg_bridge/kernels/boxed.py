@@ -33,13 +33,28 @@ class BoxedTable(structref.StructRefProxy):
     """A NamedTuple of arrays for kernels, which get it by the attribute `table`.
 
     It refers to the arrays, and must be made again when one of them is replaced.
+
+    Attributes:
+        source: the NamedTuple.
     """
+
+    source: Any
+
+    def __reduce__(self) -> tuple[Any, tuple[Any]]:
+        """Pickle as the NamedTuple of arrays: of the memory only addresses are known here."""
+        return box_table, (self.source,)
 
 
 _define_proxy(BoxedTable, _BoxedTableType, ["table"])
 
 
-@kernel
-def box_table(table):  # type: ignore[no-untyped-def]
+def box_table(table: Any) -> BoxedTable:
     """Return the `BoxedTable` of a NamedTuple of arrays and numbers, nested ones included."""
+    boxed: BoxedTable = _box_table(table)
+    boxed.source = table
+    return boxed
+
+
+@kernel
+def _box_table(table):  # type: ignore[no-untyped-def]
     return BoxedTable(table)  # type: ignore[no-untyped-call]

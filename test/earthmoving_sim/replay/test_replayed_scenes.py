@@ -134,6 +134,20 @@ def test_first_difference_names_tick_and_joint(ros: Ros, tmp_path: Path) -> None
     assert "row 1, tool 0" in difference.text
 
 
+def test_saved_state_continues_to_the_last_bit(
+    ros: Ros, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, state = str(record_dig(ros, tmp_path)), tmp_path / "state"
+    assert main(["replay", bag, "--until", "45", "--save", str(state)]) == 0
+    assert main(["replay", bag, "--from", str(state)]) == 0
+    assert "from tick 45 on" in capsys.readouterr().out
+    damaged = bytearray(state.read_bytes())
+    damaged[-5] ^= 1
+    state.write_bytes(damaged)
+    assert main(["replay", bag, "--from", str(state)]) == 2
+    assert "truncated or damaged" in capsys.readouterr().err
+
+
 def test_other_soil_with_the_same_commands(
     ros: Ros, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -189,7 +203,7 @@ def test_reset_begins_another_run(ros: Ros, tmp_path: Path) -> None:
     check_identical(results, ["/soil/state_hash", "/excavator/state_hash"])
 
 
-def test_bag_of_an_older_version_is_refused_with_the_reason(
+def test_bag_of_an_older_version_is_rejected_with_the_reason(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["replay", "bags/format_2"]) == 2

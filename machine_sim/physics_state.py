@@ -1,0 +1,64 @@
+"""The state of a physics client as bytes: positions, velocities and cached contacts of bodies."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pybullet
+
+__all__ = ["dump_physics", "next_client", "restore_physics"]
+
+_MAX_CLIENTS = 64
+
+
+def dump_physics(client: int) -> bytes:
+    """Return the state of a client.
+
+    Args:
+        client: its id.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "state.bullet"
+        pybullet.saveBullet(str(path), physicsClientId=client)
+        return path.read_bytes()
+
+
+def restore_physics(client: int, data: bytes) -> None:
+    """Give a client the state of another one that has the same bodies, made in the same order.
+
+    Commands of motors and forces are not part of it: a machine sets them in each step.
+
+    Args:
+        client: its id.
+        data: the state.
+
+    Raises:
+        pybullet.error: the bodies are others.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "state.bullet"
+        path.write_bytes(data)
+        pybullet.restoreState(fileName=str(path), physicsClientId=client)
+
+
+@contextmanager
+def next_client(client: int) -> Iterator[None]:
+    """Let the next client that is made in this context have an id, which objects know it by.
+
+    Raises:
+        ValueError: the id is taken.
+    """
+    fillers = []
+    try:
+        while (made := pybullet.connect(pybullet.DIRECT)) < client and made < _MAX_CLIENTS:
+            fillers.append(made)
+        pybullet.disconnect(made)
+        if made != client:
+            raise ValueError(f"the physics client {client} is in use")
+        yield
+    finally:
+        for each in fillers:
+            pybullet.disconnect(each)
