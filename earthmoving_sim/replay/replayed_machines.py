@@ -11,17 +11,31 @@ import numpy as np
 from earthmoving_sim.replay.node_parameters import MachineNodeSetup
 from earthmoving_sim.replay.recorded_node import NodeAction, ReplayError
 from machine_sim.commands import AppliedCommand, CommandSource
-from machine_sim.node.machine_instance import create_machine_instances
+from machine_sim.node.machine_instance import MachineInstance, create_machine_instances
 from machine_sim.node.machine_run import MachineRun
 from machine_sim.warm_up import warm_up
 from msg_bridge.codec.run_config import RunFacts
 from msg_bridge.contract.messages import Keyframe, MachineHeader, Message, Verb
 from msg_bridge.exchange.join_state import JoinState
 
-__all__ = ["OnState", "ReplayedMachines"]
+__all__ = ["OnState", "ReplayedMachines", "compile_kernels"]
 
 OnState = Callable[["ReplayedMachines"], None]
 """What is called before each tick of machines."""
+
+
+def compile_kernels(setup: MachineNodeSetup) -> None:
+    """Compile, or load, the kernels of the machines of a node.
+
+    Raises:
+        EarthmovingError: a machine file is invalid.
+    """
+    specs = [each.spec for each in _instances(setup)]
+    warm_up(specs, setup.stepping, setup.particles)
+
+
+def _instances(setup: MachineNodeSetup) -> list[MachineInstance]:
+    return create_machine_instances(setup.machines, setup.stepping.track_model, setup.commands)
 
 
 def _ignore(machines: ReplayedMachines) -> None:
@@ -56,11 +70,7 @@ class ReplayedMachines:
             EarthmovingError: a machine file is invalid, or the machines have no place.
         """
         self.namespace = namespace
-        instances = create_machine_instances(
-            setup.machines, setup.stepping.track_model, setup.commands
-        )
-        warm_up([each.spec for each in instances], setup.stepping, setup.particles)
-        self.instances = instances
+        instances = self.instances = _instances(setup)
         self.run = MachineRun(
             instances,
             setup.node,

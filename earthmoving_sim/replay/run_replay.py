@@ -32,7 +32,7 @@ from earthmoving_sim.replay.recorded_node import (
 )
 from earthmoving_sim.replay.recorded_soil import LEDGER_TOPIC, SOIL_TICK_TOPIC, RecordedSoil
 from earthmoving_sim.replay.replay_result import ReplayResult
-from earthmoving_sim.replay.replayed_machines import ReplayedMachines
+from earthmoving_sim.replay.replayed_machines import ReplayedMachines, compile_kernels
 from earthmoving_sim.replay.replayed_soil import ReplayedSoil
 from earthmoving_sim.replay.run_survey import RunSurvey, SessionId
 from earthmoving_sim.replay.saved_state import SavedMachines, SavedState
@@ -114,6 +114,8 @@ class RunReplay:
         if changes:  # machines read soils from the configuration of the soil node
             self.facts = parse_run_facts(self.soil.config())
         warm_up_soil(soil_setup.soil)
+        for setup in self._setups.values():
+            compile_kernels(setup)
         queues = TopicQueues(self._reader, self._topics())
         self._recorded_soil = RecordedSoil(queues, survey.run_id)
         self._nodes = {
@@ -132,7 +134,8 @@ class RunReplay:
         """Write the state after the last tick, from which `restore` continues.
 
         Raises:
-            ReplayError: no tick was replayed.
+            ReplayError: no tick was replayed, or particles are cubes.
+            MachineError: machines touch, or have dynamic tracks: see `dump_physics`.
             StateFileError: the file cannot be written.
         """
         if self._before is None:
@@ -141,6 +144,8 @@ class RunReplay:
         for machine_id, each in self.machines.items():
             header = self._nodes[machine_id].newest_header
             assert header is not None, "a node that has joined has sent a header"
+            if self._setups[self._first_sessions[machine_id]].particles.mode == "cubes":
+                raise ReplayError("a state with particles.mode cubes cannot be saved")
             machines[machine_id] = SavedMachines.of(each, self._first_sessions[machine_id], header)
         state = SavedState(self.soil, machines, self._before, self._absent, self._volumes)
         about = {"run_id": self.survey.run_id}
