@@ -188,7 +188,7 @@ def _report(replay: RunReplay) -> dict[str, Any]:
         "ended_early": result.ended_early,
         "simulated_time": result.simulated_time,
         "wall_time": result.wall_time,
-        "other_versions": replay.other_versions,
+        "other_versions": replay.survey.other_versions,
     }
 
 
@@ -197,7 +197,7 @@ def _lines(replay: RunReplay, *, is_what_if: bool) -> list[str]:
     result = replay.result
     lines = [
         f"  recorded with {name} {recorded}, replayed with {here}"
-        for name, (recorded, here) in replay.other_versions.items()
+        for name, (recorded, here) in replay.survey.other_versions.items()
     ]
     begin = f" from tick {result.first_tick:,} on" if result.first_tick else ""
     if result.difference is not None:

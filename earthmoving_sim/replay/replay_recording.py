@@ -114,7 +114,8 @@ class ReplayRecording:
         """Record a join request or a tick of a machine node, and what it sends."""
         recorded, run = self._nodes[action.header.machine_id], machines.run
         stamp = stamp_from_tick(max(run.tick, 0), self._period)
-        self._bag.time = _nanoseconds(stamp)
+        if action.header.is_tick:  # a join request is of the present tick of the soil
+            self._bag.time = _nanoseconds(stamp)
         for message in messages:
             if isinstance(message, RowChunk):
                 self._rows[message.stream].publish(chunk_to_cdr(message, MAP_FRAME, stamp))

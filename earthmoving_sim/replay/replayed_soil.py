@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 
 from earthmoving_sim.replay.node_parameters import SoilNodeSetup
 from earthmoving_sim.replay.recorded_node import ReplayError
@@ -25,17 +25,13 @@ class ReplayedSoil:
         setup: parameters of the node.
         site: initial terrain.
         soil: the terrain.
-        keyframes: the terrain at the wanted revisions, by revision.
     """
 
-    def __init__(
-        self, setup: SoilNodeSetup, run_id: int, wanted_revisions: Collection[int]
-    ) -> None:
+    def __init__(self, setup: SoilNodeSetup, run_id: int) -> None:
         """
         Args:
             setup: parameters of the node.
             run_id: number of the run.
-            wanted_revisions: revisions of the terrain on which machines are placed.
 
         Raises:
             EarthmovingError: site or soils are invalid.
@@ -43,8 +39,6 @@ class ReplayedSoil:
         self.setup = setup
         self.site = make_site(setup.site)
         self.soil: Soil = self.site.make_soil(setup.soil)
-        self.keyframes: dict[int, Keyframe] = {}
-        self._wanted_revisions = frozenset(wanted_revisions)
         self.endpoint = SoilEndpoint(
             self.soil,
             expected=setup.node.expected_machines,
@@ -52,7 +46,6 @@ class ReplayedSoil:
             max_tool_displacement=setup.node.max_tool_speed * setup.node.tick_period,
             run_id=run_id,
         )
-        self._keep_keyframe()
 
     @property
     def input_files(self) -> tuple[InputFile, ...]:
@@ -93,7 +86,6 @@ class ReplayedSoil:
         done = self.endpoint.advance(wait=False)
         if done is None:
             raise ReplayError("the recorded run began without a machine that it expects")
-        self._keep_keyframe()
         return done
 
     def keyframe(self) -> Keyframe:
@@ -101,7 +93,3 @@ class ReplayedSoil:
         soil = self.soil
         surface = (soil.grid, soil.columns.height.copy(), *soil.layers)
         return Keyframe(self.endpoint.exchange.run_id, soil.revision, *surface)
-
-    def _keep_keyframe(self) -> None:
-        if self.soil.revision in self._wanted_revisions - self.keyframes.keys():
-            self.keyframes[self.soil.revision] = self.keyframe()

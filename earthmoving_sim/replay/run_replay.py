@@ -40,10 +40,10 @@ from earthmoving_sim.replay.soil_tick_inputs import find_inputs
 from earthmoving_sim.replay.topic_queues import TopicQueues
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.checkpoint.state_file import load_state_file, save_state_file
-from msg_bridge.codec.run_config import parse_run_facts, parse_section, versions
+from msg_bridge.codec.run_config import parse_run_facts
 from msg_bridge.contract import topics
 from msg_bridge.contract.ledger import Ledger
-from msg_bridge.contract.messages import MachineHeader, SoilHeader, Verb
+from msg_bridge.contract.messages import Keyframe, MachineHeader, SoilHeader, Verb
 from msg_bridge.contract.topics import resolve
 from soil_sim.warm_up import warm_up as warm_up_soil
 
@@ -89,6 +89,7 @@ class RunReplay:
         self._absent = 0  # in the last recorded ledger [mm^3]
         self._volumes: dict[SessionId, int] = {}  # last reported soil [mm^3]
         self._first_sessions: dict[int, SessionId] = {}  # of the machines, by machine id
+        self._keyframes: dict[int, Keyframe] = {}  # by the recorded revision of the terrain
         with ExitStack() as stack:  # closed at once if anything fails
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             self._set_up(folder, changes)
@@ -109,8 +110,8 @@ class RunReplay:
         soil_setup = soil_node_setup(survey.config, files, changes)
         self._setups = self._machine_setups(folder, changes)
         check_changes(changes, [soil_setup, *self._setups.values()])
-        revisions = {start.terrain_revision for start in survey.starts.values()}
-        self.soil = ReplayedSoil(soil_setup, survey.run_id, revisions)
+        self.soil = ReplayedSoil(soil_setup, survey.run_id)
+        self._keep_keyframe(0)
         if changes:  # machines read soils from the configuration of the soil node
             self.facts = parse_run_facts(self.soil.config())
         warm_up_soil(soil_setup.soil)
@@ -147,7 +148,8 @@ class RunReplay:
             if self._setups[self._first_sessions[machine_id]].particles.mode == "cubes":
                 raise ReplayError("a state with particles.mode cubes cannot be saved")
             machines[machine_id] = SavedMachines.of(each, self._first_sessions[machine_id], header)
-        state = SavedState(self.soil, machines, self._before, self._absent, self._volumes)
+        progress = self._before, self._absent, self._volumes
+        state = SavedState(self.soil, machines, self._keyframes, *progress)
         about = {"run_id": self.survey.run_id}
         save_state_file(path, state, about)
 
@@ -159,12 +161,13 @@ class RunReplay:
         """
         saved: SavedState = load_state_file(path, {"run_id": self.survey.run_id})
         self.soil, self._before = saved.soil, saved.header
+        self._keyframes = saved.keyframes
         self._absent, self._volumes = saved.absent, saved.volumes
         self._recorded_soil.skip_through(saved.header.tick)
         self.result.last_tick = self.result.first_tick = saved.header.tick
         for machine_id, each in saved.machines.items():
             session = self._first_sessions[machine_id] = each.first_session
-            keyframe = self.soil.keyframes[self.survey.starts[session].terrain_revision]
+            keyframe = self._keyframes[self.survey.starts[session].terrain_revision]
             setup = self._setups[session]
             self.machines[machine_id] = each.restore(setup, self.facts, keyframe, self._on_state)
             self._nodes[machine_id].skip_through(each.newest_header)
@@ -175,17 +178,6 @@ class RunReplay:
             each.close()
         self.machines.clear()
         self._stack.close()
-
-    @property
-    def other_versions(self) -> dict[str, tuple[str, str]]:
-        """Software of another version than recorded: (recorded, here), by name."""
-        recorded = parse_section(self.survey.config, "versions")
-        here = versions()
-        return {
-            name: (str(recorded[name]), here[name])
-            for name in here
-            if name in recorded and str(recorded[name]) != here[name]
-        }
 
     def run(
         self, progress: Callable[[int], None] | None = None, *, until: int | None = None
@@ -276,6 +268,7 @@ class RunReplay:
         if self._observer is not None:
             self._observer.on_soil_tick(header, done, sent)
         self._before = recorded
+        self._keep_keyframe(recorded.revision)
         difference = find_header_difference(recorded, header, _SOIL)
         if ledger is not None:
             self._absent = ledger.absent
@@ -334,14 +327,24 @@ class RunReplay:
         if difference is not None and self._compares:
             raise DifferenceError(difference, machines, action.session, sent)
 
+    def _keep_keyframe(self, revision: int) -> None:
+        """Keep the present terrain if machines are placed on it.
+
+        Args:
+            revision: its revision in the recording; with other parameters it has another one.
+        """
+        wanted = {start.terrain_revision for start in self.survey.starts.values()}
+        if revision in wanted and revision not in self._keyframes:
+            self._keyframes[revision] = self.soil.keyframe()
+
     def _start_node(self, session: SessionId) -> None:
         """Create the machines of a process of a machine node."""
         start = self.survey.starts[session]
-        keyframe = self.soil.keyframes.get(start.terrain_revision)
+        keyframe = self._keyframes.get(start.terrain_revision)
         if keyframe is None:
             raise ReplayError(
                 f"{start.namespace} was placed on revision {start.terrain_revision} of the terrain,"
-                f" which has {self.soil.soil.revision} so far; the bag is incomplete, or of an"
+                " which it did not have then; the bag is incomplete, or of an"
                 " older version"
             )
         before = self.machines.pop(session.machine_id, None)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.codec.errors import CodecError
-from msg_bridge.codec.run_config import parse_run_facts, parse_section, parse_session
+from msg_bridge.codec.run_config import parse_run_facts, parse_section, parse_session, versions
 from msg_bridge.codec.state_hash import from_state_hash_string
 from msg_bridge.codec.tick_headers import from_multi_array
 from msg_bridge.contract import topics
@@ -71,6 +71,17 @@ class RunSurvey:
     starts: dict[SessionId, NodeStart] = field(default_factory=dict)
     last_ticks: dict[SessionId, int] = field(default_factory=dict)
     hashes: dict[str, dict[int, str]] = field(default_factory=dict)
+
+    @property
+    def other_versions(self) -> dict[str, tuple[str, str]]:
+        """Software of another version than recorded: (recorded, here), by name."""
+        recorded = parse_section(self.config, "versions")
+        here = versions()
+        return {
+            name: (str(recorded[name]), here[name])
+            for name in here
+            if name in recorded and str(recorded[name]) != here[name]
+        }
 
 
 def survey_runs(

@@ -64,6 +64,7 @@ class SavedState(NamedTuple):
     Attributes:
         soil: the soil.
         machines: the machine nodes that have joined, by machine id.
+        keyframes: terrain on which machines are placed, by its recorded revision.
         header: recorded header of the last tick.
         absent: absent soil in the recorded ledger [mm^3].
         volumes: last reported soil by session [mm^3].
@@ -71,6 +72,7 @@ class SavedState(NamedTuple):
 
     soil: ReplayedSoil
     machines: dict[int, SavedMachines]
+    keyframes: dict[int, Keyframe]
     header: SoilHeader
     absent: int
     volumes: dict[SessionId, int]

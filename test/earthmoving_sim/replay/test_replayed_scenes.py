@@ -197,8 +197,12 @@ def test_machines_that_come_and_go_in_real_time(ros: Ros, tmp_path: Path) -> Non
     scene.more_ticks(20)
     scene.leave(second)
     scene.more_ticks(10)
-    results = replay(scene.finish())
-    check_identical(results, ["/soil/state_hash", "/excavator/state_hash", "/late/state_hash"])
+    bag = scene.finish()
+    check_identical(replay(bag), ["/soil/state_hash", "/excavator/state_hash", "/late/state_hash"])
+    change = ["--what-if", "soil.swell:=0.3", "--record", str(tmp_path / "other")]
+    assert main(["replay", str(bag), *change]) == 0
+    assert audit_bag(tmp_path / "other").passed
+    check_identical(replay(tmp_path / "other"), ["/soil/state_hash", "/late/state_hash"])
 
 
 def test_reset_begins_another_run(ros: Ros, tmp_path: Path) -> None:
