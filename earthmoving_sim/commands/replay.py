@@ -13,6 +13,7 @@ import argparse
 import json
 import sys
 import time
+from collections.abc import Iterable
 from contextlib import ExitStack
 from datetime import datetime, timezone
 from pathlib import Path
@@ -121,15 +122,15 @@ def run(args: argparse.Namespace) -> int:
                 replay.save(args.save)
         reports.append(_report(replay))
         if not args.json:
-            print("\n".join(_lines(replay, is_what_if=bool(changes))))
+            print("\n".join(_lines(replay, reader.truncated, is_what_if=bool(changes))))
             if folder is not None:
                 print(f"  recorded into {folder}")
             if args.save is not None:
                 print(f"  state after tick {replay.result.last_tick} written to {args.save}")
     if changes and folder is not None:
         replayed = BagReader(folder, namespace=None)
-        run_id = surveys[0].run_id
-        figures = read_figures(reader, run_id), read_figures(replayed, run_id)
+        end = (replay.result.last_tick + 0.5) * replay.facts.tick_period
+        figures = [read_figures(each, survey.run_id, end) for each in (reader, replayed)]
         if not args.json:
             print("\n".join(compare_figures(*figures, "what if")))
     if args.json:
@@ -181,6 +182,7 @@ def _report(replay: RunReplay) -> dict[str, Any]:
         "identical": result.is_identical,
         "first_tick": result.first_tick,
         "last_tick": result.last_tick,
+        "ledgers": result.num_ledgers,
         "hashes": result.num_hashes,
         "difference": None
         if difference is None
@@ -192,7 +194,7 @@ def _report(replay: RunReplay) -> dict[str, Any]:
     }
 
 
-def _lines(replay: RunReplay, *, is_what_if: bool) -> list[str]:
+def _lines(replay: RunReplay, truncated: Iterable[str], *, is_what_if: bool) -> list[str]:
     """Return the lines of the printed result."""
     result = replay.result
     lines = [
@@ -208,10 +210,12 @@ def _lines(replay: RunReplay, *, is_what_if: bool) -> list[str]:
         lines.append(f"  the same commands over {result.num_ticks:,} ticks, not compared")
     else:
         hashes = ", ".join(f"{count} of {name}" for name, count in result.num_hashes.items())
-        lines.append(
-            f"  ✓ identical over {result.num_ticks:,} ticks{begin}: all headers, digests of rows"
-            f" and ledgers; state hashes: {hashes or 'none recorded'}"
-        )
+        lines += [
+            f"  ✓ identical over {result.num_ticks:,} ticks{begin}: all headers and digests of"
+            f" rows, {result.num_ledgers:,} ledgers",
+            f"    state hashes: {hashes or 'none recorded'}",
+        ]
+    lines += [f"  {name} has no end; what came after its last chunk is lost" for name in truncated]
     factor = result.simulated_time / max(result.wall_time, 1e-9)
     lines.append(
         f"  {result.simulated_time:.1f} s replayed in {result.wall_time:.1f} s:"

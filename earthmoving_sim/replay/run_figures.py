@@ -14,6 +14,7 @@ from msg_bridge.bag.reader import BagReader
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.machine_state import from_payload_array
 from msg_bridge.codec.row_chunks import from_chunk_cloud
+from msg_bridge.codec.stamps import seconds_from_stamp
 from msg_bridge.codec.terrain import from_terrain_cloud
 from msg_bridge.contract import topics
 from msg_bridge.contract.messages import RowChunk, Stream
@@ -49,8 +50,13 @@ class RunFigures:
     cycles: dict[str, list[PayloadCycle]] = field(default_factory=dict)
 
 
-def read_figures(reader: BagReader, run_id: int) -> RunFigures:
+def read_figures(reader: BagReader, run_id: int, end: float) -> RunFigures:
     """Return the figures of a run in a bag; those of topics that it lacks are 0.
+
+    Args:
+        reader: the bag.
+        run_id: number of the run.
+        end: simulation time up to which it counts [s].
 
     Raises:
         BagReadError: the bag is damaged.
@@ -68,8 +74,10 @@ def read_figures(reader: BagReader, run_id: int) -> RunFigures:
                 volumes.add_map(message)
             elif topic.endswith(_PAYLOAD):
                 state = from_payload_array(message)
+                if state.time_s > end:
+                    continue
                 payloads[topic.removesuffix(_PAYLOAD)].append((state.time_s, state.bank_m3))
-            else:
+            elif seconds_from_stamp(message.header.stamp) <= end:
                 is_conversion = topic == _CONVERSIONS
                 stream = Stream.CONVERSION if is_conversion else Stream.MAP_UPDATE
                 volumes.add_rows(from_chunk_cloud(message, stream))

@@ -42,6 +42,7 @@ from msg_bridge.bag.reader import BagReader
 from msg_bridge.checkpoint.state_file import load_state_file, save_state_file
 from msg_bridge.codec.run_config import parse_run_facts
 from msg_bridge.contract import topics
+from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import Keyframe, MachineHeader, SoilHeader, Verb
 from msg_bridge.contract.topics import resolve
@@ -189,8 +190,8 @@ class RunReplay:
             progress: called after each tick of the soil with its number.
 
         Raises:
-            ReplayError: the bag lacks the begin of the run, or a message.
-            BagReadError: the bag is damaged.
+            EarthmovingError: the first tick cannot be replayed: the bag is damaged, or lacks the
+                begin of the run or a message. Of a later tick, it is `ended_early`.
         """
         start = time.perf_counter()
         try:
@@ -209,7 +210,7 @@ class RunReplay:
                 )
         except DifferenceError as found:
             self.result.difference = self._with_detail(found)
-        except ReplayError as error:
+        except EarthmovingError as error:
             if self.result.last_tick < 0:
                 raise
             self.result.ended_early = str(error)
@@ -290,7 +291,8 @@ class RunReplay:
         """
         machine_id = session.machine_id
         while True:
-            action = self._nodes[machine_id].next_action()
+            node = self._nodes.get(machine_id)
+            action = None if node is None else node.next_action()
             what = "join request" if tick is None else f"tick {tick}"
             if action is None or action.header.run_id > self.survey.run_id:
                 raise ReplayError(
