@@ -132,7 +132,7 @@ def run(args: argparse.Namespace) -> int:
         end = (replay.result.last_tick + 0.5) * replay.facts.tick_period
         figures = [read_figures(each, survey.run_id, end) for each in (reader, replayed)]
         if not args.json:
-            print("\n".join(compare_figures(*figures, "what if")))
+            print("\n".join(compare_figures(figures[0], figures[1], "what if")))
     if args.json:
         print(json.dumps({"path": str(args.bag), "runs": reports}, indent=2))
     return 0 if all(each["identical"] for each in reports) else 1
