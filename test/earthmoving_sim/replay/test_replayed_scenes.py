@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import itertools
+import json
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from support.node_scenes import Scene, dig, machine_file, ready_to_dig
 
 from earthmoving_sim.cli import main
@@ -95,8 +98,10 @@ def record_dig(ros: Ros, folder: Path, **parameters: object) -> Path:
     return scene.finish()
 
 
-def copy_with_other_command(bag: Path, copy: Path, number: int) -> None:
-    """Copy a bag with another velocity of the boom in one applied command, counted from 0."""
+def copy_with_change(
+    bag: Path, copy: Path, changed_topic: str, number: int, change: Callable[[Any], None]
+) -> None:
+    """Copy a bag with a change of one message of a topic, counted from 0."""
     reader, writer = BagReader(bag), BagWriter(copy)
     for topic, info in reader.topics.items():
         writer.add_topic(topic, info.type)
@@ -104,12 +109,21 @@ def copy_with_other_command(bag: Path, copy: Path, number: int) -> None:
         writer.attach(name, "application/yaml", reader.read_attachment(name), 0)
     numbers = itertools.count()
     for topic, log_time, data in reader.raw_messages():
-        if topic == COMMANDS and next(numbers) == number:
+        if topic == changed_topic and next(numbers) == number:
             message = reader.decode(topic, data)
-            message.velocity[message.name.index("boom")] += 0.5
-            data = serialize_message(message)
+            change(message)
+            data = serialize_message(message)  # noqa: PLW2901
         writer.write(topic, data, log_time, log_time)
     writer.close()
+
+
+def push_boom(message: JointState) -> None:
+    message.velocity[message.name.index("boom")] += 0.5
+
+
+def change_hash(message: String) -> None:
+    state = json.loads(message.data)
+    message.data = json.dumps({**state, "sha256": 64 * "0"})
 
 
 def test_dig_in_lockstep_is_identical(
@@ -122,16 +136,20 @@ def test_dig_in_lockstep_is_identical(
     assert "identical over" in capsys.readouterr().out
 
 
-def test_first_difference_names_tick_and_joint(ros: Ros, tmp_path: Path) -> None:
+def test_first_difference_names_tick_and_what_differs(ros: Ros, tmp_path: Path) -> None:
     bag = record_dig(ros, tmp_path)
-    copy_with_other_command(bag, tmp_path / "other", 20)
-    (result,) = replay(tmp_path / "other")
-    difference = result.difference
+    copy_with_change(bag, tmp_path / "command", COMMANDS, 20, push_boom)
+    difference = replay(tmp_path / "command")[0].difference
     assert difference is not None
     assert difference.where == "/excavator"
     assert difference.tick > 20
     assert "rows of sweeps" in difference.text
     assert "row 1, tool 0" in difference.text
+    copy_with_change(bag, tmp_path / "hash", "/excavator/state_hash", 3, change_hash)
+    difference = replay(tmp_path / "hash")[0].difference
+    assert difference is not None
+    assert difference.where == "/excavator"
+    assert "the state hash is 000000000000 recorded" in difference.text
 
 
 def test_state_that_cannot_be_restored_exactly_is_not_saved(
