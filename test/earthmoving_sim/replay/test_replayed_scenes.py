@@ -112,7 +112,7 @@ def copy_with_change(
         if topic == changed_topic and next(numbers) == number:
             message = reader.decode(topic, data)
             change(message)
-            data = serialize_message(message)  # noqa: PLW2901
+            data = serialize_message(message)
         writer.write(topic, data, log_time, log_time)
     writer.close()
 
